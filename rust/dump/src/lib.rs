@@ -1,0 +1,1 @@
+//! The path dump: segments of light-free paths, pixel by pixel, and the AOVs.

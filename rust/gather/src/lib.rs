@@ -1,0 +1,1 @@
+//! Sums lights over a dump: dump + lights -> image; denoising.

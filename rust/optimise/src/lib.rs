@@ -1,0 +1,1 @@
+//! Solves light parameters by gradients through a relighter.

@@ -1,0 +1,69 @@
+use glam::{Affine3A, Vec2};
+
+/// A Blender camera: looks down its local -z, +x right, +y up.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Camera {
+    /// Object name, for messages and files.
+    pub name: String,
+    /// Rigid transform (scale removed) of the camera object.
+    pub world_from_camera: Affine3A,
+    /// How the film maps to rays.
+    pub projection: Projection,
+    /// Film size in pixels, after resolution percentage.
+    pub width: usize,
+    /// See `width`.
+    pub height: usize,
+    /// Lower left corner of the film window on the plane z = -1 (perspective) or in metres (orthographic), in
+    /// camera space; shift, sensor fit and pixel aspect are already applied.
+    pub window_min: Vec2,
+    /// Upper right corner, see `window_min`.
+    pub window_max: Vec2,
+    /// Rays start at this distance along -z, in metres.
+    pub clip_start: f32,
+    /// Rays end at this distance along -z, in metres.
+    pub clip_end: f32,
+    /// Thin lens, if used.
+    pub depth_of_field: Option<DepthOfField>,
+}
+
+/// The kind of projection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Projection {
+    /// All rays leave the camera's position (or lens).
+    Perspective,
+    /// Parallel rays along -z.
+    Orthographic,
+}
+
+/// Thin lens parameters as Cycles uses them.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct DepthOfField {
+    /// Radius of the lens in metres: focal length / (2 f-number), or half the inverse f-number for orthographic.
+    pub aperture_radius: f32,
+    /// Distance of the plane in focus along -z, in metres.
+    pub focus_distance: f32,
+    /// Number of blades; below 3 the lens is a disk.
+    pub blades: u32,
+    /// Rotation of the blades, radians.
+    pub rotation_rad: f32,
+    /// Anamorphic ratio: the lens is `1 / ratio` wide.
+    pub ratio: f32,
+}
+
+impl Default for Camera {
+    fn default() -> Self {
+        Self {
+            name: "Camera".into(),
+            world_from_camera: Affine3A::IDENTITY,
+            projection: Projection::Perspective,
+            width: 64,
+            height: 64,
+            window_min: Vec2::splat(-0.5),
+            window_max: Vec2::splat(0.5),
+            clip_start: 0.0,
+            clip_end: f32::INFINITY,
+            depth_of_field: None,
+        }
+    }
+}

@@ -1,0 +1,45 @@
+//! What is rendered: camera, meshes, instances, materials, textures, world and lights, in physical units.
+//!
+//! World space is Blender's: right-handed, z up, metres. Colours are scene-linear in the working space of the
+//! file that the scene came from ([`Scene::working_space`]). Nothing here traces a ray or reads a light's effect.
+
+mod camera;
+mod light;
+mod material;
+mod mesh;
+mod texture;
+mod world;
+
+pub use camera::{Camera, DepthOfField, Projection};
+pub use glam;
+pub use light::{Light, LightShape, LobeFactors, ReceiverSet};
+pub use material::{
+    Alpha, BlendMode, Curve, Distribution, Input, MapRangeKind, MappingKind, Material, MathOp, MixData, Node,
+    NodeId, NormalSpace, Output, TexCoord, VectorMathOp,
+};
+pub use mesh::{Instance, Mesh, UvMap};
+pub use texture::{ColorEncoding, Extension, Interpolation, Texels, Texture};
+pub use world::World;
+
+/// Everything that the tracer needs, and the lights that the file came with.
+#[derive(Clone, Debug, Default)]
+pub struct Scene {
+    /// The one camera that is baked.
+    pub camera: Camera,
+    /// Each evaluated mesh once.
+    pub meshes: Vec<Mesh>,
+    /// Where meshes stand.
+    pub instances: Vec<Instance>,
+    /// Shader graphs, referred to by [`Instance::materials`].
+    pub materials: Vec<Material>,
+    /// Images, referred to by [`Node::ImageTexture`] and [`World`].
+    pub textures: Vec<Texture>,
+    /// What rays that leave the scene see.
+    pub world: World,
+    /// The lights of the file; the tracer never looks at them.
+    pub lights: Vec<Light>,
+    /// Name of the scene-linear space of all colours, e.g. `"Linear Rec.709"`.
+    pub working_space: String,
+    /// Part of the scene that could not be represented, in words for the user: object, material, node.
+    pub warnings: Vec<String>,
+}

@@ -1,0 +1,113 @@
+use glam::Vec3;
+
+/// One virtual light: rays cross it unchanged and collect its radiance (paper, section 3.1).
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Light {
+    /// Object name.
+    pub name: String,
+    /// Where it is and how its radiance varies over position and direction.
+    pub shape: LightShape,
+    /// Radiance where the shape's profile is 1, RGB, scene-linear, W / (sr m2) in Cycles' units. The image of the
+    /// light is this times its unit image.
+    pub radiance: [f32; 3],
+    /// Factors by the lobe that made a segment.
+    #[serde(default)]
+    pub lobes: LobeFactors,
+    /// Objects that receive it (light linking); all if absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub receivers: Option<ReceiverSet>,
+}
+
+/// Geometry and emission profile of a light, for radiance 1. Lengths in metres, angles in radians, directions
+/// unit length, all in world space.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case")]
+pub enum LightShape {
+    /// Point light without soft falloff: a sphere that radiates 1 in all directions.
+    Sphere {
+        /// Centre.
+        center: Vec3,
+        /// Radius, above 0.
+        radius: f32,
+    },
+    /// Point light with soft falloff (Blender's default): a disk that always faces the origin of the segment.
+    FacingDisk {
+        /// Centre.
+        center: Vec3,
+        /// Radius, above 0.
+        radius: f32,
+    },
+    /// Spot light: a sphere or facing disk with a cone.
+    Spot {
+        /// Centre.
+        center: Vec3,
+        /// Radius, above 0.
+        radius: f32,
+        /// Axis of the cone, away from the light.
+        axis: Vec3,
+        /// Half of the spot size.
+        half_angle: f32,
+        /// Blend, 0..1.
+        blend: f32,
+        /// Facing disk instead of sphere.
+        soft_falloff: bool,
+    },
+    /// Area light, square or rectangle: emits on the side of `cross(axis_u, axis_v)`.
+    Quad {
+        /// Centre.
+        center: Vec3,
+        /// Full edge: direction times width.
+        edge_u: Vec3,
+        /// Full edge: direction times height, perpendicular to `edge_u`.
+        edge_v: Vec3,
+        /// Spread; pi is a Lambertian emitter.
+        spread: f32,
+    },
+    /// Area light, disk or ellipse: inscribed in the quad of the same edges.
+    Ellipse {
+        /// Centre.
+        center: Vec3,
+        /// Full diameter along u.
+        edge_u: Vec3,
+        /// Full diameter along v.
+        edge_v: Vec3,
+        /// Spread; pi is a Lambertian emitter.
+        spread: f32,
+    },
+    /// Sun: a disk at infinity.
+    Sun {
+        /// Towards the sun.
+        direction: Vec3,
+        /// Half of its angular diameter, above 0.
+        half_angle: f32,
+    },
+}
+
+/// Factors on a light by the lobe that made the segment that crosses it.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default)]
+pub struct LobeFactors {
+    /// Camera rays, also through transparent surfaces. Blender's lights are invisible to them by default.
+    pub camera: f32,
+    /// Diffuse reflection.
+    pub diffuse: f32,
+    /// Glossy reflection.
+    pub glossy: f32,
+    /// Any transmission.
+    pub transmission: f32,
+    /// Volume scattering.
+    pub volume: f32,
+}
+
+impl Default for LobeFactors {
+    fn default() -> Self {
+        Self { camera: 0.0, diffuse: 1.0, glossy: 1.0, transmission: 1.0, volume: 1.0 }
+    }
+}
+
+/// A set of receiver numbers ([`crate::Instance::receiver`]).
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct ReceiverSet {
+    /// Sorted receiver numbers that are lit.
+    pub receivers: Vec<u16>,
+}

@@ -1,0 +1,79 @@
+use glam::{Affine3A, Vec2, Vec3};
+
+/// A triangle mesh in object space. Corner `3 t + c` is corner `c` of triangle `t`.
+#[derive(Clone, Debug, Default)]
+pub struct Mesh {
+    /// Name of the Blender mesh or OBJ group, for messages.
+    pub name: String,
+    /// Vertex positions in metres.
+    pub positions: Vec<Vec3>,
+    /// Vertex indices, `[triangle][corner]`.
+    pub triangles: Vec<[u32; 3]>,
+    /// Shading normals, one a corner, unit length; empty if every face is flat.
+    pub corner_normals: Vec<Vec3>,
+    /// UV maps, the active render one first.
+    pub uv_maps: Vec<UvMap>,
+    /// Material slot of each triangle, an index into [`Instance::materials`]; empty if all are slot 0.
+    pub material_slots: Vec<u16>,
+}
+
+/// A named set of texture coordinates.
+#[derive(Clone, Debug, Default)]
+pub struct UvMap {
+    /// Name of the UV layer.
+    pub name: String,
+    /// One a corner.
+    pub coords: Vec<Vec2>,
+}
+
+/// A mesh placed in the world.
+#[derive(Clone, Debug)]
+pub struct Instance {
+    /// Object name, for messages.
+    pub name: String,
+    /// Index into [`crate::Scene::meshes`].
+    pub mesh: usize,
+    /// Object transform, may mirror and scale.
+    pub world_from_object: Affine3A,
+    /// Material of each slot: indices into [`crate::Scene::materials`]; a missing slot uses the last one.
+    pub materials: Vec<usize>,
+    /// Number that the dump keeps with each segment for light linking, below [`Instance::RECEIVER_LIMIT`].
+    pub receiver: u16,
+    /// Object colour (Object Info).
+    pub color: [f32; 4],
+    /// Pass index (Object Info).
+    pub pass_index: u32,
+    /// Random number in 0..1 (Object Info).
+    pub random: f32,
+    /// Seen by camera rays.
+    pub visible_camera: bool,
+    /// Seen by diffuse rays.
+    pub visible_diffuse: bool,
+    /// Seen by glossy rays.
+    pub visible_glossy: bool,
+    /// Seen by transmission rays.
+    pub visible_transmission: bool,
+}
+
+impl Instance {
+    /// Receivers are stored in 11 bits of a segment.
+    pub const RECEIVER_LIMIT: usize = 2048;
+
+    /// An instance with Blender's defaults.
+    pub fn new(name: impl Into<String>, mesh: usize, world_from_object: Affine3A, materials: Vec<usize>) -> Self {
+        Self {
+            name: name.into(),
+            mesh,
+            world_from_object,
+            materials,
+            receiver: 0,
+            color: [1.0; 4],
+            pass_index: 0,
+            random: 0.0,
+            visible_camera: true,
+            visible_diffuse: true,
+            visible_glossy: true,
+            visible_transmission: true,
+        }
+    }
+}

@@ -1,0 +1,1 @@
+//! Wires the stages: bake, train, relight, optimise; progress and cancel.

@@ -1,0 +1,1 @@
+//! Light-free path tracing: BVH, BSDFs, samplers; scene -> dump.
