@@ -14,8 +14,8 @@ pub use camera::{Camera, DepthOfField, Projection};
 pub use glam;
 pub use light::{Light, LightShape, LobeFactors, ReceiverSet};
 pub use material::{
-    Alpha, BlendMode, Curve, Distribution, Input, MapRangeKind, MappingKind, Material, MathOp, MixData, Node,
-    NodeId, NormalSpace, Output, TexCoord, VectorMathOp,
+    Alpha, BlendMode, ColorMode, Curve, Distribution, Input, MapRangeKind, MappingKind, Material, MathOp,
+    MixData, Node, NodeId, NormalSpace, Output, TexCoord, VectorMathOp,
 };
 pub use mesh::{Instance, Mesh, UvMap};
 pub use texture::{ColorEncoding, Extension, Interpolation, Texels, Texture};

@@ -60,7 +60,12 @@ impl Instance {
     pub const RECEIVER_LIMIT: usize = 2048;
 
     /// An instance with Blender's defaults.
-    pub fn new(name: impl Into<String>, mesh: usize, world_from_object: Affine3A, materials: Vec<usize>) -> Self {
+    pub fn new(
+        name: impl Into<String>,
+        mesh: usize,
+        world_from_object: Affine3A,
+        materials: Vec<usize>,
+    ) -> Self {
         Self {
             name: name.into(),
             mesh,
