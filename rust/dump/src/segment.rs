@@ -1,0 +1,39 @@
+use glam::Vec3;
+
+/// The lobe that made a segment, as Cycles labels rays. Decides per-light factors and camera visibility.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[repr(u8)]
+pub enum Lobe {
+    /// A camera ray, also where it continues through transparent surfaces.
+    Camera = 0,
+    /// Diffuse reflection.
+    Diffuse = 1,
+    /// Glossy reflection, singular included.
+    Glossy = 2,
+    /// Transmission, diffuse or not; not transparency, which keeps the lobe of the ray that meets it.
+    Transmission = 3,
+    /// Volume scattering.
+    Volume = 4,
+}
+
+/// Where a segment ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum End {
+    /// At the next path vertex, world space.
+    Vertex(Vec3),
+    /// Nowhere: the ray leaves the scene in this unit direction.
+    Escape(Vec3),
+}
+
+/// One segment of a path: from the end of the previous one (or the camera) to `end`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Segment {
+    /// Where it goes.
+    pub end: End,
+    /// `T_k`: RGB weight of what is emitted towards the path along this segment, Russian roulette included.
+    pub throughput: Vec3,
+    /// What made it.
+    pub lobe: Lobe,
+    /// Receiver number of the object it left (the `receiver` of its instance); 0 for camera rays.
+    pub receiver: u16,
+}
