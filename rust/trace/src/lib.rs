@@ -1,1 +1,4 @@
-//! Light-free path tracing: BVH, BSDFs, samplers; scene -> dump.
+//! Light-free path tracing: scene -> dump.
+
+pub mod bsdf;
+pub mod shading;

@@ -1,0 +1,43 @@
+use glam::{Vec2, Vec3};
+
+/// What a ray met.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// Index into [`relume_scene::Scene::instances`].
+    pub instance: u32,
+    /// Triangle of the instance's mesh.
+    pub triangle: u32,
+    /// Weights of the triangle's second and third corner.
+    pub barycentrics: [f32; 2],
+    /// Distance along the unit ray direction, metres.
+    pub distance: f32,
+}
+
+/// A point on a surface, in world space, as the shader graphs see it.
+#[derive(Clone, Copy, Debug)]
+pub struct SurfacePoint {
+    /// Where.
+    pub position: Vec3,
+    /// Unit normal of the triangle, on the side of `wo`.
+    pub geometric_normal: Vec3,
+    /// Interpolated unit normal, flipped together with `geometric_normal`.
+    pub shading_normal: Vec3,
+    /// Unit direction back along the ray.
+    pub wo: Vec3,
+    /// Whether the ray hit the back of the triangle, so that both normals were flipped.
+    pub backfacing: bool,
+    /// See [`Hit::instance`].
+    pub instance: u32,
+    /// Index into [`relume_scene::Scene::meshes`].
+    pub mesh: u32,
+    /// See [`Hit::triangle`].
+    pub triangle: u32,
+    /// See [`Hit::barycentrics`].
+    pub barycentrics: [f32; 2],
+    /// Length of the ray, metres.
+    pub ray_length: f32,
+    /// Radius of the ray's footprint on the surface, metres (Cycles' compact differential `dP`).
+    pub footprint: f32,
+    /// Position on the film, 0..1, of the camera path.
+    pub film: Vec2,
+}
