@@ -1,0 +1,233 @@
+use serde::{Deserialize, Serialize};
+
+use crate::{LightKind, ProxyError, SizeRange};
+
+/// Everything that decides a training, besides its features, its targets and its seed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TrainConfig {
+    /// The network.
+    pub network: NetworkConfig,
+    /// Where training lights are put.
+    pub placement: LightPlacement,
+    /// Sizes of training lights.
+    pub size: SizeRange,
+    /// Where target values come from.
+    pub targets: TargetMode,
+    /// Samples (pixel and light) of the whole training; the learning rate and the batch follow the share done.
+    pub samples: u64,
+    /// Samples a step at the start, a multiple of 1,024.
+    pub batch_start: usize,
+    /// Samples a step at the end; doubles on the way.
+    pub batch_end: usize,
+    /// Different lights for which each drawn pixel is gathered; 4 is a good value.
+    pub lights_per_pixel: usize,
+    /// Learning rates.
+    pub rates: LearningRates,
+    /// Use Muon (orthogonalised momentum) for hidden matrices; Adam for all if false.
+    pub muon: bool,
+    /// Decay of the running mean of weights that proxies are made of; 0 uses the last weights.
+    pub ema_decay: f32,
+    /// Held-out lights on which PSNR and SMAPE are measured.
+    pub held_out: usize,
+}
+
+/// Peak learning rates; all fall to `final_fraction` of it along a cosine.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LearningRates {
+    /// Weights and biases under Adam.
+    pub adam: f32,
+    /// Root mean square of a step of the hidden matrices under Muon.
+    pub muon: f32,
+    /// Hash grid.
+    pub grid: f32,
+    /// Share of the peak that is left at the end.
+    pub final_fraction: f32,
+}
+
+/// The network.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case")]
+pub enum NetworkConfig {
+    /// The paper's (section 4.3): grid, albedo, depth, normal and light parameters into one plain ReLU network.
+    Reference {
+        /// Neurons of a hidden layer.
+        width: usize,
+        /// Hidden layers.
+        layers: usize,
+        /// Encoding of the pixel coordinates.
+        grid: GridConfig,
+    },
+    /// Factorised: trunk per pixel, encoder per light, modulated head per pixel and light.
+    Fast {
+        /// Neurons of a hidden layer of trunk, encoder and head.
+        width: usize,
+        /// Hidden matrices of the head.
+        layers: usize,
+        /// Encoding of the pixel coordinates.
+        grid: GridConfig,
+    },
+}
+
+/// Multiresolution hash grid over the image (Mueller et al. 2022, "Instant Neural Graphics Primitives").
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct GridConfig {
+    /// Resolutions, at most 32.
+    pub levels: usize,
+    /// Values an entry, a power of two up to 8.
+    pub features_per_level: usize,
+    /// Largest number of entries of a level; finer levels are hashed.
+    pub log2_hashmap_size: u32,
+    /// Cells of the coarsest level along the longer side of the image.
+    pub base_resolution: usize,
+    /// Cells of the finest level along the longer side, as a share of its pixels.
+    pub finest_cells_per_pixel: f32,
+}
+
+impl Default for GridConfig {
+    fn default() -> Self {
+        Self {
+            levels: 8,
+            features_per_level: 2,
+            log2_hashmap_size: 16,
+            base_resolution: 8,
+            finest_cells_per_pixel: 0.5,
+        }
+    }
+}
+
+/// Where training lights are put (paper, section 4.4).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case")]
+pub enum LightPlacement {
+    /// Uniformly on a random segment of a random pixel.
+    Segments,
+    /// Uniformly in the box of visible positions.
+    Bounds,
+    /// Segments, but this share of the lights in the box.
+    Mixed {
+        /// 0..1.
+        bounds_fraction: f32,
+    },
+}
+
+/// Where target values come from.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case")]
+pub enum TargetMode {
+    /// Each sample is gathered for itself, without denoising.
+    Raw,
+    /// A pool of whole images, from which each sample draws (paper, section 4.4).
+    Pool {
+        /// Images in the pool; 300 in the paper.
+        size: usize,
+        /// Images replaced at a time; 2 in the paper.
+        replace: usize,
+        /// Steps between replacements; 5 in the paper.
+        every: u64,
+        /// Denoise them.
+        denoised: bool,
+    },
+}
+
+impl TrainConfig {
+    /// The default: the fast network on raw targets.
+    pub fn fast(size: SizeRange) -> Self {
+        Self {
+            network: NetworkConfig::Fast { width: 64, layers: 2, grid: GridConfig::default() },
+            placement: LightPlacement::Segments,
+            size,
+            targets: TargetMode::Raw,
+            samples: 32 << 20,
+            batch_start: 4096,
+            batch_end: 16_384,
+            lights_per_pixel: 4,
+            rates: LearningRates { adam: 8e-3, muon: 8e-3, grid: 1e-2, final_fraction: 0.01 },
+            muon: true,
+            ema_decay: 0.99,
+            held_out: 8,
+        }
+    }
+
+    /// The paper's network and recipe, at a batch that a CPU can do.
+    pub fn reference(size: SizeRange) -> Self {
+        Self {
+            network: NetworkConfig::Reference {
+                width: 256,
+                layers: 8,
+                grid: GridConfig { levels: 16, ..GridConfig::default() },
+            },
+            targets: TargetMode::Pool { size: 300, replace: 2, every: 5, denoised: true },
+            rates: LearningRates { adam: 2e-3, muon: 0.0, grid: 1e-2, final_fraction: 0.01 },
+            muon: false,
+            ema_decay: 0.0,
+            ..Self::fast(size)
+        }
+    }
+
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// [`ProxyError::Config`] names the field and what it may be.
+    pub fn validate(&self, kind: LightKind) -> Result<(), ProxyError> {
+        let (width, layers, grid) = match &self.network {
+            NetworkConfig::Reference { width, layers, grid }
+            | NetworkConfig::Fast { width, layers, grid } => (*width, *layers, grid),
+        };
+        let checks = [
+            ((1..=2048).contains(&width), "network width must be 1 to 2048"),
+            ((1..=64).contains(&layers), "network layers must be 1 to 64"),
+            ((1..=32).contains(&grid.levels), "grid levels must be 1 to 32"),
+            (
+                matches!(grid.features_per_level, 1 | 2 | 4 | 8),
+                "grid features_per_level must be 1, 2, 4 or 8",
+            ),
+            ((4..=24).contains(&grid.log2_hashmap_size), "grid log2_hashmap_size must be 4 to 24"),
+            ((1..=65_536).contains(&grid.base_resolution), "grid base_resolution must be 1 to 65536"),
+            (
+                in_range(grid.finest_cells_per_pixel, 1e-3, 4.0),
+                "grid finest_cells_per_pixel must be 0.001 to 4",
+            ),
+            (in_range(self.size.min, 1e-6, self.size.max), "size.min must be above 0 and at most size.max"),
+            (self.size.max.is_finite(), "size.max must be finite"),
+            (self.samples > 0, "samples must be above 0"),
+            ((1..=64).contains(&self.lights_per_pixel), "lights_per_pixel must be 1 to 64"),
+            (batch_ok(self.batch_start) && batch_ok(self.batch_end), "batches must be 1024 to 4194304"),
+            (self.batch_start <= self.batch_end, "batch_start must not be above batch_end"),
+            (in_range(self.rates.adam, 0.0, 1.0), "rates.adam must be 0 to 1"),
+            (in_range(self.rates.muon, 0.0, 1.0), "rates.muon must be 0 to 1"),
+            (in_range(self.rates.grid, 0.0, 1.0), "rates.grid must be 0 to 1"),
+            (in_range(self.rates.final_fraction, 0.0, 1.0), "rates.final_fraction must be 0 to 1"),
+            (self.ema_decay >= 0.0 && self.ema_decay < 1.0, "ema_decay must be 0 to below 1"),
+            (self.pool_ok(), "a pool needs size, replace and every above 0, and replace at most size"),
+            (self.placement_ok(), "bounds_fraction must be 0 to 1"),
+        ];
+        match checks.iter().find(|(ok, _)| !ok) {
+            Some((_, message)) => Err(ProxyError::Config(format!("{message} ({kind} lights)"))),
+            None => Ok(()),
+        }
+    }
+
+    fn pool_ok(&self) -> bool {
+        match self.targets {
+            TargetMode::Raw => true,
+            TargetMode::Pool { size, replace, every, .. } => {
+                size > 0 && replace > 0 && replace <= size && every > 0 && size <= 100_000
+            }
+        }
+    }
+
+    fn placement_ok(&self) -> bool {
+        match self.placement {
+            LightPlacement::Mixed { bounds_fraction } => in_range(bounds_fraction, 0.0, 1.0),
+            _ => true,
+        }
+    }
+}
+
+fn in_range(x: f32, low: f32, high: f32) -> bool {
+    x >= low && x <= high
+}
+
+fn batch_ok(batch: usize) -> bool {
+    (1024..=4_194_304).contains(&batch)
+}

@@ -1,0 +1,213 @@
+use glam::{Mat3, Vec3};
+use relume_scene::LightShape;
+use serde::{Deserialize, Serialize};
+
+use crate::Rng;
+
+/// Largest number of parameters of a light kind.
+pub const MAX_PARAMS: usize = 9;
+
+/// A type of light, for which one proxy is trained (paper, section 3.2).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LightKind {
+    /// [`LightShape::Sphere`]: centre (3), radius.
+    Sphere,
+    /// [`LightShape::FacingDisk`], Blender's default point light: centre (3), radius.
+    FacingDisk,
+    /// [`LightShape::Quad`] with the spread of a Lambertian emitter: centre (3), edge u (3), edge v (3).
+    ///
+    /// The paper counts eight parameters (position, normal, width, height), which leaves the roll about the normal
+    /// open. Two perpendicular edges say the same and the roll, and are differentiable everywhere.
+    Quad,
+}
+
+impl std::fmt::Display for LightKind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Sphere => "sphere",
+            Self::FacingDisk => "facing-disk",
+            Self::Quad => "quad",
+        })
+    }
+}
+
+impl LightKind {
+    /// Number of parameters.
+    pub fn param_count(self) -> usize {
+        match self {
+            Self::Sphere | Self::FacingDisk => 4,
+            Self::Quad => 9,
+        }
+    }
+
+    /// Names of the parameters, in order.
+    pub fn param_names(self) -> &'static [&'static str] {
+        match self {
+            Self::Sphere | Self::FacingDisk => &["center_x", "center_y", "center_z", "radius"],
+            Self::Quad => &[
+                "center_x", "center_y", "center_z", "edge_u_x", "edge_u_y", "edge_u_z", "edge_v_x",
+                "edge_v_y", "edge_v_z",
+            ],
+        }
+    }
+
+    /// The kind of this shape, if one is learned for it.
+    pub fn of(shape: &LightShape) -> Option<Self> {
+        match shape {
+            LightShape::Sphere { .. } => Some(Self::Sphere),
+            LightShape::FacingDisk { .. } => Some(Self::FacingDisk),
+            LightShape::Quad { spread, .. } if *spread >= std::f32::consts::PI - 1e-4 => Some(Self::Quad),
+            _ => None,
+        }
+    }
+}
+
+/// The parameters of one light, metres in world space, in the order of [`LightKind::param_names`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LightParams {
+    kind: LightKind,
+    values: [f32; MAX_PARAMS],
+}
+
+impl LightParams {
+    /// A sphere or facing disk.
+    pub fn round(kind: LightKind, center: Vec3, radius: f32) -> Self {
+        let mut values = [0.0; MAX_PARAMS];
+        values[..3].copy_from_slice(&center.to_array());
+        values[3] = radius;
+        Self { kind, values }
+    }
+
+    /// A quad.
+    pub fn quad(center: Vec3, edge_u: Vec3, edge_v: Vec3) -> Self {
+        let mut values = [0.0; MAX_PARAMS];
+        for (to, from) in values.chunks_exact_mut(3).zip([center, edge_u, edge_v]) {
+            to.copy_from_slice(&from.to_array());
+        }
+        Self { kind: LightKind::Quad, values }
+    }
+
+    /// From as many values as the kind has parameters.
+    pub fn from_slice(kind: LightKind, params: &[f32]) -> Option<Self> {
+        let mut values = [0.0; MAX_PARAMS];
+        if params.len() != kind.param_count() {
+            return None;
+        }
+        values[..params.len()].copy_from_slice(params);
+        Some(Self { kind, values })
+    }
+
+    /// The parameters of a shape, if a kind is learned for it.
+    pub fn from_shape(shape: &LightShape) -> Option<Self> {
+        let kind = LightKind::of(shape)?;
+        Some(match *shape {
+            LightShape::Sphere { center, radius } | LightShape::FacingDisk { center, radius } => {
+                Self::round(kind, center, radius)
+            }
+            LightShape::Quad { center, edge_u, edge_v, .. } => Self::quad(center, edge_u, edge_v),
+            _ => return None,
+        })
+    }
+
+    /// The shape with these parameters.
+    pub fn shape(&self) -> LightShape {
+        let center = self.center();
+        match self.kind {
+            LightKind::Sphere => LightShape::Sphere { center, radius: self.values[3] },
+            LightKind::FacingDisk => LightShape::FacingDisk { center, radius: self.values[3] },
+            LightKind::Quad => LightShape::Quad {
+                center,
+                edge_u: self.vec3(3),
+                edge_v: self.vec3(6),
+                spread: std::f32::consts::PI,
+            },
+        }
+    }
+
+    /// The kind.
+    pub fn kind(&self) -> LightKind {
+        self.kind
+    }
+
+    /// The values, `kind().param_count()` of them.
+    pub fn as_slice(&self) -> &[f32] {
+        &self.values[..self.kind.param_count()]
+    }
+
+    /// The centre.
+    pub fn center(&self) -> Vec3 {
+        self.vec3(0)
+    }
+
+    fn vec3(&self, start: usize) -> Vec3 {
+        Vec3::from_slice(&self.values[start..start + 3])
+    }
+}
+
+/// Sizes of the lights that a proxy learns, metres: radius, or width and height; drawn log-uniformly.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SizeRange {
+    /// Smallest, above 0.
+    pub min: f32,
+    /// Largest.
+    pub max: f32,
+}
+
+impl SizeRange {
+    fn draw(&self, rng: &mut Rng) -> f32 {
+        (self.min.ln() + rng.next_f32() * (self.max / self.min).ln()).exp()
+    }
+}
+
+/// A random light at `center`: sizes log-uniform in `size`, orientation uniform.
+pub(crate) fn random_light(kind: LightKind, center: Vec3, size: SizeRange, rng: &mut Rng) -> LightParams {
+    match kind {
+        LightKind::Sphere | LightKind::FacingDisk => LightParams::round(kind, center, size.draw(rng)),
+        LightKind::Quad => {
+            let frame = random_rotation(rng);
+            LightParams::quad(center, frame.x_axis * size.draw(rng), frame.y_axis * size.draw(rng))
+        }
+    }
+}
+
+/// A uniform rotation: four normal deviates make a uniform unit quaternion.
+fn random_rotation(rng: &mut Rng) -> Mat3 {
+    let q = std::array::from_fn(|_| rng.next_normal());
+    let q = glam::Quat::from_array(q);
+    Mat3::from_quat(if q.length() > 1e-6 { q.normalize() } else { glam::Quat::IDENTITY })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shapes_survive_the_way_there_and_back() {
+        let mut rng = Rng::stream(1, 2, 3);
+        for kind in [LightKind::Sphere, LightKind::FacingDisk, LightKind::Quad] {
+            let size = SizeRange { min: 0.1, max: 2.0 };
+            let light = random_light(kind, Vec3::new(1.0, 2.0, 3.0), size, &mut rng);
+            assert_eq!(LightParams::from_shape(&light.shape()), Some(light));
+            assert_eq!(LightParams::from_slice(kind, light.as_slice()), Some(light));
+            assert_eq!(light.as_slice().len(), kind.param_names().len());
+        }
+    }
+
+    #[test]
+    fn random_quads_are_rectangles_within_range() {
+        let mut rng = Rng::stream(1, 2, 4);
+        for _ in 0..100 {
+            let light = random_light(LightKind::Quad, Vec3::ZERO, SizeRange { min: 0.1, max: 2.0 }, &mut rng);
+            let (u, v) = (light.vec3(3), light.vec3(6));
+            assert!(u.dot(v).abs() < 1e-5 * u.length() * v.length() + 1e-6);
+            assert!(u.length() > 0.0999 && u.length() < 2.001, "width {}", u.length());
+        }
+    }
+
+    #[test]
+    fn narrow_area_lights_are_left_to_gather() {
+        let shape = LightShape::Quad { center: Vec3::ZERO, edge_u: Vec3::X, edge_v: Vec3::Y, spread: 1.0 };
+        assert_eq!(LightParams::from_shape(&shape), None);
+    }
+}
