@@ -1,0 +1,31 @@
+use std::io;
+use std::path::PathBuf;
+
+/// What can go wrong with image files. Each message names the file and what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum ImageError {
+    /// The file could not be created or written; nothing is left at its place.
+    #[error("cannot write the image: {source}; check the folder's permissions and free space: {}", path.display())]
+    Write {
+        /// Where the file was to go.
+        path: PathBuf,
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// The file could not be opened or read.
+    #[error("cannot read the image: {source}: {}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// The file is damaged or of a kind that is not read here.
+    #[error("not a usable image: {reason}: {}", path.display())]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+}
