@@ -3,13 +3,22 @@
 //! World space is Blender's: right-handed, z up, metres. Colours are scene-linear in the working space of the
 //! file that the scene came from ([`Scene::working_space`]). Nothing here traces a ray or reads a light's effect.
 
+mod blender_camera;
+mod blender_light;
+mod builder;
 mod camera;
 mod light;
 mod material;
 mod mesh;
+mod polygon;
 mod texture;
 mod world;
 
+pub use blender_camera::{BlenderCamera, BlenderDepthOfField, CameraError, SensorFit};
+pub use blender_light::{
+    AreaShape, BlenderLight, BlenderLightKind, LightError, MIN_SIZE, MIN_SUN_HALF_ANGLE,
+};
+pub use builder::{BuildError, SceneBuilder};
 pub use camera::{Camera, DepthOfField, Projection};
 pub use glam;
 pub use light::{Light, LightShape, LobeFactors, ReceiverSet};
@@ -18,6 +27,7 @@ pub use material::{
     MixData, Node, NodeId, NormalSpace, Output, TexCoord, VectorMathOp,
 };
 pub use mesh::{Instance, Mesh, UvMap};
+pub use polygon::{PolygonError, PolygonMesh, PolygonNormals};
 pub use texture::{ColorEncoding, Extension, Interpolation, Texels, Texture};
 pub use world::World;
 

@@ -1,0 +1,41 @@
+# Everything a checkout needs is made on demand: system packages and virtual environments by scripts/setup.
+
+DEV := $(CURDIR)/.venv-4.2
+PYTHON := $(DEV)/bin/python
+# Blender versions that the tests run on; those whose Python is not here are skipped with a message.
+BLENDERS ?= 4.2 4.5 5.2
+WHEELS := $(CURDIR)/build/wheels
+SCENES := $(or $(RELUME_SCENES),$(CURDIR)/../shared/scenes)
+
+# The build of rust/gather links against OIDN; tests and the command line load it from the same place.
+export OIDN_DIR := $(DEV)/lib/python3.11/site-packages/pyoidn/oidn
+CARGO := LD_LIBRARY_PATH=$(OIDN_DIR)/lib cargo
+
+.PHONY: setup wheel test test-rust test-python test-blender demo parity quality bench clean
+
+setup:
+	@scripts/setup
+
+wheel: setup
+	@scripts/build-wheel "$(WHEELS)"
+
+test: test-rust test-python test-blender
+
+test-rust: setup
+	$(CARGO) fmt --all --check
+	$(CARGO) clippy --workspace --all-targets -- -D warnings
+	$(CARGO) test --workspace
+
+test-python: wheel
+	@scripts/install-wheel "$(WHEELS)" 4.2
+	$(PYTHON) -m ruff check addon blend_tests tests rust/python scripts
+	$(PYTHON) -m mypy
+	$(PYTHON) -m pytest tests
+
+test-blender: wheel
+	@scripts/setup $(BLENDERS)
+	@scripts/install-wheel "$(WHEELS)" $(BLENDERS)
+	@scripts/test-blender $(BLENDERS)
+
+clean:
+	rm -rf build out target

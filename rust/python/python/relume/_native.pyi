@@ -1,0 +1,101 @@
+"""Lengths are metres, colours scene-linear, angles radians. Every method raises ValueError for bad input and names
+the object; work runs without the GIL."""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+__version__: str
+
+Matrix3 = Sequence[Sequence[float]]
+Matrix4 = Sequence[Sequence[float]]
+
+class RelumeError(RuntimeError):
+    """What failed, and what to do."""
+
+class SceneBuilder:
+    """Collects a scene; parts are referred to by the numbers that the add_ methods return."""
+
+    def __init__(self, working_space: str = "Linear Rec.709") -> None: ...
+    def add_mesh(
+        self,
+        name: str,
+        positions: NDArray[np.float32],
+        corner_verts: NDArray[np.int32],
+        face_starts: NDArray[np.int32],
+        *,
+        vertex_normals: NDArray[np.float32] | None = None,
+        corner_normals: NDArray[np.float32] | None = None,
+        sharp_faces: NDArray[np.bool_] | None = None,
+        uv_maps: dict[str, NDArray[np.float32]] | None = None,
+        material_slots: NDArray[np.int32] | None = None,
+    ) -> int:
+        """A polygon mesh in object space: positions [V, 3], vertex of each corner [C], first corner of each face
+        [F], normals [V, 3] or [C, 3] (flat without), UV maps [C, 2] with the render one first, slots [F]."""
+
+    def add_instance(
+        self,
+        name: str,
+        mesh: int,
+        world_from_object: Matrix4,
+        materials: Sequence[int],
+        *,
+        receiver: int = 0,
+        color: Sequence[float] = (1.0, 1.0, 1.0, 1.0),
+        pass_index: int = 0,
+        random: float = 0.0,
+        visibility: Sequence[bool] = (True, True, True, True),
+    ) -> None:
+        """Places a mesh; matrices are rows, one material a slot, visibility to camera, diffuse, glossy and
+        transmission rays."""
+
+    def add_material(self, json: str) -> int:
+        """A shader graph in the JSON form of `relume_scene::Material`."""
+
+    def add_texture(
+        self,
+        name: str,
+        texels: NDArray[np.uint8] | NDArray[np.float32],
+        *,
+        encoding: Literal["srgb", "linear"] = "srgb",
+        alpha: Literal["straight", "premultiplied", "channel_packed", "none"] = "straight",
+    ) -> int:
+        """RGBA texels [height, width, 4], bottom row first."""
+
+    def set_camera(self, json: str) -> None:
+        """A Blender camera in the JSON form of `relume_scene::BlenderCamera`."""
+
+    def set_world(
+        self,
+        color: Sequence[float],
+        *,
+        texture: int | None = None,
+        texture_from_world: Matrix3 = ...,
+        visible_camera: bool = True,
+    ) -> None:
+        """Background radiance, or factor on an equirectangular texture."""
+
+    def add_light(self, json: str) -> None:
+        """A Blender light in the JSON form of `relume_scene::BlenderLight`."""
+
+    def warn(self, message: str) -> None:
+        """Keeps a message for the user, once."""
+
+    def build(self) -> Scene:
+        """The finished scene; the builder is empty afterwards."""
+
+class Scene:
+    """A finished scene."""
+
+    @property
+    def warnings(self) -> list[str]: ...
+    @property
+    def working_space(self) -> str: ...
+    @property
+    def resolution(self) -> tuple[int, int]:
+        """Width and height in pixels."""
+
+    def summary(self) -> str:
+        """Camera, lights, materials and sizes as JSON."""

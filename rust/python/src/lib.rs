@@ -1,0 +1,15 @@
+//! The native half of the Python module `relume`: translates and does nothing else.
+
+mod array;
+mod error;
+mod scene;
+
+use pyo3::prelude::*;
+
+#[pymodule]
+fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add("RelumeError", module.py().get_type::<error::RelumeError>())?;
+    module.add_class::<scene::PySceneBuilder>()?;
+    module.add_class::<scene::PyScene>()
+}

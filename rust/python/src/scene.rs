@@ -1,0 +1,237 @@
+//! `SceneBuilder` and `Scene`.
+
+use crate::array::{Array, affine_from_rows, mat3_from_rows};
+use crate::error::{enter_native, invalid};
+use glam::{Vec2, Vec3};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use relume_scene as scene;
+use std::sync::Arc;
+
+/// Collects a scene; see the stubs for shapes and units.
+#[pyclass(name = "SceneBuilder", module = "relume")]
+pub struct PySceneBuilder {
+    builder: scene::SceneBuilder,
+}
+
+#[pymethods]
+impl PySceneBuilder {
+    #[new]
+    #[pyo3(signature = (working_space="Linear Rec.709"))]
+    fn new(working_space: &str) -> Self {
+        Self { builder: scene::SceneBuilder::new(working_space) }
+    }
+
+    #[pyo3(signature = (name, positions, corner_verts, face_starts, *, vertex_normals=None, corner_normals=None,
+        sharp_faces=None, uv_maps=None, material_slots=None))]
+    fn add_mesh(
+        &mut self,
+        py: Python<'_>,
+        name: &str,
+        positions: &Bound<'_, PyAny>,
+        corner_verts: &Bound<'_, PyAny>,
+        face_starts: &Bound<'_, PyAny>,
+        vertex_normals: Option<&Bound<'_, PyAny>>,
+        corner_normals: Option<&Bound<'_, PyAny>>,
+        sharp_faces: Option<&Bound<'_, PyAny>>,
+        uv_maps: Option<&Bound<'_, PyDict>>,
+        material_slots: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<usize> {
+        let positions = Array::<f32>::borrow("positions", positions)?;
+        let corner_verts = Array::<i32>::borrow("corner_verts", corner_verts)?;
+        let face_starts = Array::<i32>::borrow("face_starts", face_starts)?;
+        let optional = |name, object: Option<_>| object.map(|o| Array::<f32>::borrow(name, o)).transpose();
+        let vertex_normals = optional("vertex_normals", vertex_normals)?;
+        let corner_normals = optional("corner_normals", corner_normals)?;
+        let sharp_faces = sharp_faces.map(|o| Array::<bool>::borrow("sharp_faces", o)).transpose()?;
+        let material_slots = material_slots.map(|o| Array::<i32>::borrow("material_slots", o)).transpose()?;
+        let mut coords = Vec::new();
+        for (name, map) in uv_maps.into_iter().flatten() {
+            coords.push((name.extract::<String>()?, Array::<f32>::borrow("uv_maps", &map)?));
+        }
+        let polygons = scene::PolygonMesh {
+            name,
+            positions: positions.cast::<Vec3>()?,
+            corner_verts: corner_verts.cast()?,
+            face_starts: face_starts.cast()?,
+            normals: match (&corner_normals, &vertex_normals) {
+                (Some(normals), _) => scene::PolygonNormals::Corner(normals.cast()?),
+                (None, Some(normals)) => scene::PolygonNormals::Vertex(normals.cast()?),
+                (None, None) => scene::PolygonNormals::Flat,
+            },
+            sharp_faces: sharp_faces.as_ref().map_or(Ok(&[][..]), Array::values)?,
+            uv_maps: coords
+                .iter()
+                .map(|(name, map)| Ok((name.clone(), map.cast::<Vec2>()?)))
+                .collect::<PyResult<_>>()?,
+            material_slots: material_slots.as_ref().map_or(Ok(&[][..]), Array::cast)?,
+        };
+        let mesh = enter_native(py, || polygons.triangulate())?;
+        enter_native(py, || self.builder.add_mesh(mesh))
+    }
+
+    #[pyo3(signature = (name, mesh, world_from_object, materials, *, receiver=0, color=[1.0; 4], pass_index=0,
+        random=0.0, visibility=[true; 4]))]
+    fn add_instance(
+        &mut self,
+        py: Python<'_>,
+        name: &str,
+        mesh: usize,
+        world_from_object: [[f32; 4]; 4],
+        materials: Vec<usize>,
+        receiver: u16,
+        color: [f32; 4],
+        pass_index: u32,
+        random: f32,
+        visibility: [bool; 4],
+    ) -> PyResult<()> {
+        let [visible_camera, visible_diffuse, visible_glossy, visible_transmission] = visibility;
+        let instance = scene::Instance {
+            receiver,
+            color,
+            pass_index,
+            random,
+            visible_camera,
+            visible_diffuse,
+            visible_glossy,
+            visible_transmission,
+            ..scene::Instance::new(name, mesh, affine_from_rows(world_from_object), materials)
+        };
+        enter_native(py, || self.builder.add_instance(instance))
+    }
+
+    fn add_material(&mut self, py: Python<'_>, json: &str) -> PyResult<usize> {
+        enter_native(py, || self.builder.add_material_json(json))
+    }
+
+    #[pyo3(signature = (name, texels, *, encoding="srgb", alpha="straight"))]
+    fn add_texture(
+        &mut self,
+        py: Python<'_>,
+        name: &str,
+        texels: &Bound<'_, PyAny>,
+        encoding: &str,
+        alpha: &str,
+    ) -> PyResult<usize> {
+        let (size, texels) = if let Ok(bytes) = Array::<u8>::borrow("texels", texels) {
+            ([bytes.size(0), bytes.size(1)], scene::Texels::Byte(bytes.cast()?.to_vec()))
+        } else {
+            let floats = Array::<f32>::borrow("texels (uint8 or float32)", texels)?;
+            ([floats.size(0), floats.size(1)], scene::Texels::Float(floats.cast()?.to_vec()))
+        };
+        let named = |what, value: &str| format!("{what} '{value}' is not known");
+        let texture = scene::Texture {
+            name: name.into(),
+            width: size[1],
+            height: size[0],
+            texels,
+            encoding: from_name(encoding).ok_or_else(|| invalid(named("encoding", encoding)))?,
+            alpha: from_name(alpha).ok_or_else(|| invalid(named("alpha", alpha)))?,
+        };
+        enter_native(py, || self.builder.add_texture(texture))
+    }
+
+    fn set_camera(&mut self, py: Python<'_>, json: &str) -> PyResult<()> {
+        enter_native(py, || -> Result<(), crate::error::NativeError> {
+            let camera: scene::BlenderCamera = serde_json::from_str(json)?;
+            self.builder.set_camera(camera.to_camera()?);
+            Ok(())
+        })
+    }
+
+    #[pyo3(signature = (color, *, texture=None, texture_from_world=[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        visible_camera=true))]
+    fn set_world(
+        &mut self,
+        py: Python<'_>,
+        color: [f32; 3],
+        texture: Option<usize>,
+        texture_from_world: [[f32; 3]; 3],
+        visible_camera: bool,
+    ) -> PyResult<()> {
+        let texture_from_world = mat3_from_rows(texture_from_world);
+        let world = scene::World { color, texture, texture_from_world, visible_camera };
+        enter_native(py, || self.builder.set_world(world))
+    }
+
+    fn add_light(&mut self, py: Python<'_>, json: &str) -> PyResult<()> {
+        enter_native(py, || -> Result<(), crate::error::NativeError> {
+            let light: scene::BlenderLight = serde_json::from_str(json)?;
+            let (light, notes) = light.to_light()?;
+            self.builder.add_light(light);
+            notes.into_iter().for_each(|note| self.builder.warn(note));
+            Ok(())
+        })
+    }
+
+    fn warn(&mut self, message: &str) {
+        self.builder.warn(message);
+    }
+
+    fn build(&mut self, py: Python<'_>) -> PyResult<PyScene> {
+        let builder = std::mem::take(&mut self.builder);
+        let scene = enter_native(py, || builder.build())?;
+        Ok(PyScene { scene: Arc::new(scene) })
+    }
+}
+
+/// A finished scene.
+#[pyclass(name = "Scene", module = "relume", frozen)]
+pub struct PyScene {
+    /// Shared with running work.
+    pub scene: Arc<scene::Scene>,
+}
+
+#[pymethods]
+impl PyScene {
+    #[getter]
+    fn warnings(&self) -> Vec<String> {
+        self.scene.warnings.clone()
+    }
+
+    #[getter]
+    fn working_space(&self) -> &str {
+        &self.scene.working_space
+    }
+
+    #[getter]
+    fn resolution(&self) -> (usize, usize) {
+        (self.scene.camera.width, self.scene.camera.height)
+    }
+
+    /// Counts and parts as JSON, for tests and `info`.
+    fn summary(&self, py: Python<'_>) -> PyResult<String> {
+        enter_native(py, || serde_json::to_string(&summary(&self.scene)))
+    }
+}
+
+fn summary(scene: &scene::Scene) -> serde_json::Value {
+    let triangles = |instance: &scene::Instance| scene.meshes[instance.mesh].triangles.len();
+    serde_json::json!({
+        "camera": scene.camera,
+        "lights": scene.lights,
+        "materials": scene.materials,
+        "meshes": scene.meshes.iter().map(|m| serde_json::json!({
+            "name": m.name, "triangles": m.triangles.len(), "smooth": !m.corner_normals.is_empty(),
+            "uv_maps": m.uv_maps.iter().map(|map| &map.name).collect::<Vec<_>>(),
+        })).collect::<Vec<_>>(),
+        "instances": scene.instances.iter().map(|i| serde_json::json!({
+            "name": i.name, "mesh": i.mesh, "materials": i.materials, "receiver": i.receiver,
+            "world_from_object": i.world_from_object, "color": i.color, "pass_index": i.pass_index,
+            "random": i.random,
+            "visibility": [i.visible_camera, i.visible_diffuse, i.visible_glossy, i.visible_transmission],
+        })).collect::<Vec<_>>(),
+        "textures": scene.textures.iter().map(|t| serde_json::json!({
+            "name": t.name, "width": t.width, "height": t.height, "encoding": t.encoding, "alpha": t.alpha,
+            "float": matches!(t.texels, scene::Texels::Float(_)),
+        })).collect::<Vec<_>>(),
+        "world": {"color": scene.world.color, "texture": scene.world.texture,
+            "texture_from_world": scene.world.texture_from_world, "visible_camera": scene.world.visible_camera},
+        "instanced_triangles": scene.instances.iter().map(triangles).sum::<usize>(),
+        "warnings": scene.warnings,
+    })
+}
+
+fn from_name<T: serde::de::DeserializeOwned>(name: &str) -> Option<T> {
+    serde_json::from_value(serde_json::Value::from(name)).ok()
+}

@@ -1,0 +1,311 @@
+//! Blender's light parameters to radiance and shape, as Cycles means them.
+//!
+//! Checked against Cycles 4.2, 4.5 and 5.2 with an irradiance probe below each light (`blend_tests/test_lights.py`).
+//! With `P = energy * 2^exposure * color * temperature * emission`:
+//!
+//! | light | radiance | not normalised |
+//! |---|---|---|
+//! | point, spot of radius r | `P / (4 pi^2 r^2)`: intensity `P / (4 pi)`, whatever the radius or the cone | `P / pi` |
+//! | sun of half angle a | `P / (pi sin^2 a)`: irradiance `P` | `P` |
+//! | area of area A | `P / (pi A)`, A with the object's scale | `P / pi` |
+
+use crate::{Light, LightShape, LobeFactors, ReceiverSet};
+use glam::{Mat3, Vec3};
+use std::f32::consts::PI;
+
+/// A light object of Blender with its light data. Read from a file or from a JSON light set.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BlenderLight {
+    /// Object name.
+    pub name: String,
+    /// Rows of the object's world matrix.
+    pub world_from_object: [[f32; 4]; 4],
+    /// Type and what belongs to it.
+    pub kind: BlenderLightKind,
+    /// `Light.energy`: watts; sun: W/m2.
+    pub energy: f32,
+    /// `Light.color`.
+    #[serde(default = "white")]
+    pub color: [f32; 3],
+    /// `Light.exposure` (Blender 4.5 and later), stops.
+    #[serde(default)]
+    pub exposure: f32,
+    /// `Light.temperature_color`, or white where `use_temperature` is off.
+    #[serde(default = "white")]
+    pub temperature_color: [f32; 3],
+    /// Colour times strength of the light's Emission node, or white without nodes.
+    #[serde(default = "white")]
+    pub emission: [f32; 3],
+    /// `Light.normalize` (Blender 4.5 and later): power does not depend on size.
+    #[serde(default = "yes")]
+    pub normalize: bool,
+    /// Ray visibility, 0 or 1 each in Blender.
+    #[serde(default)]
+    pub lobes: LobeFactors,
+    /// Receivers of light linking.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub receivers: Option<ReceiverSet>,
+}
+
+/// What differs between Blender's light types. Lengths in metres, angles in radians.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(tag = "type", rename_all = "SCREAMING_SNAKE_CASE", deny_unknown_fields)]
+pub enum BlenderLightKind {
+    /// Shines everywhere.
+    Point {
+        /// `shadow_soft_size`; the object's scale does not touch it.
+        radius: f32,
+        /// `use_soft_falloff`.
+        #[serde(default = "yes")]
+        soft_falloff: bool,
+    },
+    /// Shines in a cone along its local -z.
+    Spot {
+        /// `shadow_soft_size`.
+        radius: f32,
+        /// `use_soft_falloff`.
+        #[serde(default = "yes")]
+        soft_falloff: bool,
+        /// `spot_size`, the full angle.
+        spot_size: f32,
+        /// `spot_blend`, 0..1.
+        spot_blend: f32,
+    },
+    /// Shines along its local -z from infinity.
+    Sun {
+        /// `angle`, the full angular diameter.
+        angle: f32,
+    },
+    /// Shines along its local -z from a flat shape in its local xy plane.
+    Area {
+        /// `shape`.
+        shape: AreaShape,
+        /// `size`.
+        size: f32,
+        /// `size_y`, for rectangle and ellipse.
+        #[serde(default)]
+        size_y: f32,
+        /// `spread`.
+        #[serde(default = "lambertian")]
+        spread: f32,
+    },
+}
+
+/// Blender's area light shapes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
+#[expect(missing_docs, reason = "the names of Blender's enum")]
+pub enum AreaShape {
+    Square,
+    Rectangle,
+    Disk,
+    Ellipse,
+}
+
+fn white() -> [f32; 3] {
+    [1.0; 3]
+}
+
+fn yes() -> bool {
+    true
+}
+
+fn lambertian() -> f32 {
+    PI
+}
+
+/// A light that cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("light '{light}': {reason}")]
+pub struct LightError {
+    /// Object name.
+    pub light: String,
+    /// What is wrong and what to do.
+    pub reason: String,
+}
+
+/// Smallest point or spot radius and smallest edge of an area light, metres: paths meet a smaller light too rarely.
+pub const MIN_SIZE: f32 = 0.01;
+
+/// Smallest half angle of a sun, radians: about half of the real sun's.
+pub const MIN_SUN_HALF_ANGLE: f32 = 0.0025;
+
+impl BlenderLight {
+    /// The light in physical units, and what had to be changed, in words for the user.
+    pub fn to_light(&self) -> Result<(Light, Vec<String>), LightError> {
+        self.validate()?;
+        let mut notes = Vec::new();
+        let (shape, radiance_per_power) = match self.kind {
+            BlenderLightKind::Point { radius, soft_falloff } => {
+                let sphere = self.sphere(radius, &mut notes);
+                (point_shape(self.origin(), sphere.radius, soft_falloff), sphere.radiance_per_power)
+            }
+            BlenderLightKind::Spot { radius, soft_falloff, spot_size, spot_blend } => {
+                let sphere = self.sphere(radius, &mut notes);
+                let shape = LightShape::Spot {
+                    center: self.origin(),
+                    radius: sphere.radius,
+                    axis: self.emission_direction()?,
+                    half_angle: self.cone_half_angle(spot_size, &mut notes),
+                    blend: spot_blend.clamp(0.0, 1.0),
+                    soft_falloff,
+                };
+                (shape, sphere.radiance_per_power)
+            }
+            BlenderLightKind::Sun { angle } => self.sun(angle, &mut notes)?,
+            BlenderLightKind::Area { shape, size, size_y, spread } => {
+                self.area(shape, size, size_y, spread, &mut notes)?
+            }
+        };
+        let light = Light {
+            name: self.name.clone(),
+            shape,
+            radiance: self.power().map(|power| power * radiance_per_power),
+            lobes: self.lobes,
+            receivers: self.receivers.clone(),
+        };
+        Ok((light, notes))
+    }
+
+    /// `P` of the table above, RGB.
+    fn power(&self) -> [f32; 3] {
+        let scale = self.energy * self.exposure.exp2();
+        std::array::from_fn(|c| scale * self.color[c] * self.temperature_color[c] * self.emission[c])
+    }
+
+    fn sphere(&self, radius: f32, notes: &mut Vec<String>) -> SphereSize {
+        let used = radius.max(MIN_SIZE);
+        if used > radius {
+            notes.push(format!("light '{}': radius {radius} m is taken as {MIN_SIZE} m", self.name));
+        }
+        // Cycles gives a point without radius the intensity of a disk of unit area.
+        let area = if radius > 0.0 { PI * radius * radius } else { 1.0 };
+        let intensity_per_power = if self.normalize { 1.0 / (4.0 * PI) } else { area / PI };
+        SphereSize { radius: used, radiance_per_power: intensity_per_power / (PI * used * used) }
+    }
+
+    fn sun(&self, angle: f32, notes: &mut Vec<String>) -> Result<(LightShape, f32), LightError> {
+        let half_angle = (0.5 * angle).clamp(MIN_SUN_HALF_ANGLE, 0.5 * PI);
+        if half_angle > 0.5 * angle {
+            let degrees = (2.0 * MIN_SUN_HALF_ANGLE).to_degrees();
+            notes.push(format!("light '{}': the sun's angle is taken as {degrees:.2} degrees", self.name));
+        }
+        let irradiance_per_power = |half_angle: f32| PI * half_angle.sin().powi(2);
+        let radiance_per_power = match self.normalize || angle <= 0.0 {
+            true => 1.0 / irradiance_per_power(half_angle),
+            false => irradiance_per_power(0.5 * angle) / irradiance_per_power(half_angle),
+        };
+        let direction = -self.emission_direction()?;
+        Ok((LightShape::Sun { direction, half_angle }, radiance_per_power))
+    }
+
+    fn area(
+        &self,
+        shape: AreaShape,
+        size: f32,
+        size_y: f32,
+        spread: f32,
+        notes: &mut Vec<String>,
+    ) -> Result<(LightShape, f32), LightError> {
+        let size_y = if matches!(shape, AreaShape::Square | AreaShape::Disk) { size } else { size_y };
+        let axes = self.axes();
+        let (true_u, true_v) = (axes.x_axis * size, axes.y_axis * size_y);
+        let mut edge_of = |edge: Vec3, axis: Vec3| {
+            if edge.length() < MIN_SIZE {
+                notes.push(format!("light '{}': an edge is taken as {MIN_SIZE} m", self.name));
+                return axis.try_normalize().map(|axis| axis * MIN_SIZE);
+            }
+            Some(edge)
+        };
+        let (Some(edge_u), Some(mut edge_v)) = (edge_of(true_u, axes.x_axis), edge_of(true_v, axes.y_axis))
+        else {
+            return Err(self.error("its scale is zero; set a scale above zero"));
+        };
+        // Shapes emit along cross(u, v), Blender's along -z, also where the matrix mirrors.
+        if edge_u.cross(edge_v).dot(self.emission_direction()?) < 0.0 {
+            edge_v = -edge_v;
+        }
+        let round = matches!(shape, AreaShape::Disk | AreaShape::Ellipse);
+        let fill = if round { 0.25 * PI } else { 1.0 };
+        let area_of = |u: Vec3, v: Vec3| u.length() * v.length() * fill;
+        let (area, true_area) = (area_of(edge_u, edge_v), area_of(true_u, true_v));
+        let radiance_per_power = if self.normalize { 1.0 / (PI * area) } else { true_area / (PI * area) };
+        let (center, spread) = (self.origin(), spread.clamp(1e-3, PI));
+        let shape = match round {
+            true => LightShape::Ellipse { center, edge_u, edge_v, spread },
+            false => LightShape::Quad { center, edge_u, edge_v, spread },
+        };
+        Ok((shape, radiance_per_power))
+    }
+
+    /// Half of the cone in world space: Cycles measures it in the spot's own, scaled space.
+    fn cone_half_angle(&self, spot_size: f32, notes: &mut Vec<String>) -> f32 {
+        let axes = self.axes();
+        let [x, y, z] = [axes.x_axis.length(), axes.y_axis.length(), axes.z_axis.length()];
+        if (x - y).abs() > 1e-3 * x.max(y) {
+            notes.push(format!("light '{}': the elliptical cone is taken as round", self.name));
+        }
+        let half = (0.5 * spot_size).clamp(0.0, 0.5 * PI);
+        let widening = (x * y).sqrt() / z;
+        if half >= 0.499 * PI || (widening - 1.0).abs() < 1e-4 {
+            half
+        } else {
+            (half.tan() * widening).atan()
+        }
+    }
+
+    fn axes(&self) -> Mat3 {
+        let column = |c: usize| Vec3::from_array(std::array::from_fn(|row| self.world_from_object[row][c]));
+        Mat3::from_cols(column(0), column(1), column(2))
+    }
+
+    fn origin(&self) -> Vec3 {
+        Vec3::from_array(std::array::from_fn(|row| self.world_from_object[row][3]))
+    }
+
+    fn emission_direction(&self) -> Result<Vec3, LightError> {
+        (-self.axes().z_axis)
+            .try_normalize()
+            .ok_or_else(|| self.error("its scale is zero; set a scale above zero"))
+    }
+
+    fn validate(&self) -> Result<(), LightError> {
+        let sizes = match self.kind {
+            BlenderLightKind::Point { radius, .. } => [radius, 0.0, 0.0],
+            BlenderLightKind::Spot { radius, spot_size, spot_blend, .. } => [radius, spot_size, spot_blend],
+            BlenderLightKind::Sun { angle } => [angle, 0.0, 0.0],
+            BlenderLightKind::Area { size, size_y, spread, .. } => [size, size_y, spread],
+        };
+        let colors = [self.color, self.temperature_color, self.emission];
+        let mut numbers =
+            self.world_from_object.iter().flatten().chain(colors.iter().flatten()).chain(&sizes);
+        if !(numbers.all(|n| n.is_finite()) && self.power().iter().all(|p| p.is_finite())) {
+            return Err(self.error("a value is not a finite number; reset its transform and settings"));
+        }
+        if sizes.iter().any(|size| *size < 0.0) {
+            return Err(self.error("a size is negative; make it positive"));
+        }
+        Ok(())
+    }
+
+    fn error(&self, reason: &str) -> LightError {
+        LightError { light: self.name.clone(), reason: reason.into() }
+    }
+}
+
+struct SphereSize {
+    radius: f32,
+    radiance_per_power: f32,
+}
+
+fn point_shape(center: Vec3, radius: f32, soft_falloff: bool) -> LightShape {
+    match soft_falloff {
+        true => LightShape::FacingDisk { center, radius },
+        false => LightShape::Sphere { center, radius },
+    }
+}
+
+#[cfg(test)]
+#[path = "blender_light_tests.rs"]
+mod tests;

@@ -1,0 +1,258 @@
+//! Builds a [`Scene`] piece by piece and refuses what the tracer could trip over.
+
+use crate::{Camera, Instance, Light, Material, Mesh, Node, Scene, Texels, Texture, World};
+use serde_json::Value;
+
+/// Collects a scene. Parts are referred to by the numbers that the `add_` functions return.
+#[derive(Clone, Debug, Default)]
+pub struct SceneBuilder {
+    scene: Scene,
+    has_camera: bool,
+}
+
+/// Why a scene was refused.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum BuildError {
+    /// No camera was set.
+    #[error("the scene has no camera; add one and make it the scene's camera, or name one")]
+    NoCamera,
+    /// No instance was added.
+    #[error("the scene has nothing to render; check that objects are enabled for renders")]
+    Empty,
+    /// A part is damaged.
+    #[error("{part} '{name}': {reason}")]
+    Part {
+        /// What kind of part.
+        part: &'static str,
+        /// Its name.
+        name: String,
+        /// What is wrong.
+        reason: String,
+    },
+}
+
+fn part(part: &'static str, name: &str, reason: impl Into<String>) -> BuildError {
+    BuildError::Part { part, name: name.into(), reason: reason.into() }
+}
+
+impl SceneBuilder {
+    /// An empty scene whose colours are in `working_space`.
+    pub fn new(working_space: impl Into<String>) -> Self {
+        let scene = Scene { working_space: working_space.into(), ..Scene::default() };
+        Self { scene, has_camera: false }
+    }
+
+    /// Sets the camera.
+    pub fn set_camera(&mut self, camera: Camera) {
+        self.scene.camera = camera;
+        self.has_camera = true;
+    }
+
+    /// Sets the world; its texture must have been added before.
+    pub fn set_world(&mut self, world: World) -> Result<(), BuildError> {
+        if world.texture.is_some_and(|texture| texture >= self.scene.textures.len()) {
+            return Err(part("world", "World", "its texture does not exist"));
+        }
+        if !(world.color.iter().all(|c| c.is_finite()) && world.texture_from_world.is_finite()) {
+            return Err(part("world", "World", "a value is not a finite number"));
+        }
+        self.scene.world = world;
+        Ok(())
+    }
+
+    /// Adds an image and returns its number.
+    pub fn add_texture(&mut self, texture: Texture) -> Result<usize, BuildError> {
+        let found = match &texture.texels {
+            Texels::Byte(texels) => texels.len(),
+            Texels::Float(texels) => texels.len(),
+        };
+        let expected = texture.width.checked_mul(texture.height).and_then(|n| n.checked_mul(4));
+        if expected != Some(found) || found == 0 {
+            let size = format!("{} x {}", texture.width, texture.height);
+            return Err(part(
+                "image",
+                &texture.name,
+                format!("{found} values do not make {size} RGBA pixels"),
+            ));
+        }
+        self.scene.textures.push(texture);
+        Ok(self.scene.textures.len() - 1)
+    }
+
+    /// Adds a material from its JSON form and returns its number; its textures must have been added before.
+    pub fn add_material_json(&mut self, json: &str) -> Result<usize, BuildError> {
+        let unreadable = |error: serde_json::Error| part("material", "(JSON)", error.to_string());
+        let value: Value = serde_json::from_str(json).map_err(unreadable)?;
+        let material: Material = serde_json::from_value(value.clone()).map_err(unreadable)?;
+        check_links(&value).map_err(|reason| part("material", &material.name, reason))?;
+        for node in &material.nodes {
+            if let Node::ImageTexture { texture, .. } = node
+                && *texture >= self.scene.textures.len()
+            {
+                return Err(part("material", &material.name, format!("image {texture} does not exist")));
+            }
+        }
+        self.scene.materials.push(material);
+        Ok(self.scene.materials.len() - 1)
+    }
+
+    /// Adds a mesh and returns its number.
+    pub fn add_mesh(&mut self, mesh: Mesh) -> Result<usize, BuildError> {
+        let (corners, vertices) = (3 * mesh.triangles.len(), mesh.positions.len());
+        let bad_index = mesh.triangles.iter().flatten().any(|vertex| *vertex as usize >= vertices);
+        let wrong = |len: usize, expected: usize| len != 0 && len != expected;
+        let reason = if bad_index {
+            "a triangle refers to a vertex that does not exist"
+        } else if wrong(mesh.corner_normals.len(), corners)
+            || wrong(mesh.material_slots.len(), mesh.triangles.len())
+            || mesh.uv_maps.iter().any(|map| map.coords.len() != corners)
+        {
+            "its arrays differ in length"
+        } else if !mesh.positions.iter().all(|p| p.is_finite()) {
+            "a vertex is not a finite number"
+        } else {
+            self.scene.meshes.push(mesh);
+            return Ok(self.scene.meshes.len() - 1);
+        };
+        Err(part("mesh", &mesh.name, reason))
+    }
+
+    /// Places a mesh.
+    pub fn add_instance(&mut self, instance: Instance) -> Result<(), BuildError> {
+        let reason = if instance.mesh >= self.scene.meshes.len() {
+            "its mesh does not exist"
+        } else if instance.materials.iter().any(|material| *material >= self.scene.materials.len()) {
+            "its material does not exist"
+        } else if usize::from(instance.receiver) >= Instance::RECEIVER_LIMIT {
+            "its receiver number is above 2047"
+        } else if !instance.world_from_object.is_finite() {
+            "its transform is not finite; clear its transform"
+        } else {
+            // An object scaled to nothing is invisible and has no inverse transform.
+            if instance.world_from_object.matrix3.determinant() != 0.0 {
+                self.scene.instances.push(instance);
+            }
+            return Ok(());
+        };
+        Err(part("object", &instance.name, reason))
+    }
+
+    /// Adds a light of the file.
+    pub fn add_light(&mut self, light: Light) {
+        self.scene.lights.push(light);
+    }
+
+    /// Keeps a message for the user, once.
+    pub fn warn(&mut self, warning: impl Into<String>) {
+        let warning = warning.into();
+        if !self.scene.warnings.contains(&warning) {
+            self.scene.warnings.push(warning);
+        }
+    }
+
+    /// The finished scene.
+    pub fn build(self) -> Result<Scene, BuildError> {
+        if !self.has_camera {
+            return Err(BuildError::NoCamera);
+        }
+        if self.scene.instances.is_empty() {
+            return Err(BuildError::Empty);
+        }
+        Ok(self.scene)
+    }
+}
+
+/// Node numbers must point backwards and `surface` must exist.
+fn check_links(material: &Value) -> Result<(), String> {
+    let nodes = material["nodes"].as_array().map(Vec::as_slice).unwrap_or_default();
+    for (number, node) in nodes.iter().enumerate() {
+        let shader = matches!(node["type"].as_str(), Some("mix_shader" | "add_shader"));
+        for (socket, value) in node.as_object().into_iter().flatten() {
+            let target = match value {
+                Value::Object(link) => link.get("node"),
+                Value::Number(_) if shader && (socket == "a" || socket == "b") => Some(value),
+                _ => None,
+            };
+            if target.is_some_and(|target| target.as_u64().is_none_or(|target| target >= number as u64)) {
+                return Err(format!("node {number} has a link at '{socket}' that does not point backwards"));
+            }
+        }
+    }
+    match &material["surface"] {
+        Value::Null => Ok(()),
+        surface if surface.as_u64().is_some_and(|node| node < nodes.len() as u64) => Ok(()),
+        _ => Err("its surface node does not exist".into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{Affine3A, Mat3A, Vec3};
+
+    fn triangle() -> Mesh {
+        Mesh {
+            name: "Tri".into(),
+            positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y],
+            triangles: vec![[0, 1, 2]],
+            ..Mesh::default()
+        }
+    }
+
+    #[test]
+    fn scene_without_camera_or_mesh_is_refused() {
+        let mut builder = SceneBuilder::new("Linear Rec.709");
+        assert_eq!(builder.clone().build().unwrap_err(), BuildError::NoCamera);
+        builder.set_camera(Camera::default());
+        assert_eq!(builder.clone().build().unwrap_err(), BuildError::Empty);
+        let mesh = builder.add_mesh(triangle()).unwrap();
+        builder.add_instance(Instance::new("Object", mesh, Affine3A::IDENTITY, vec![])).unwrap();
+        assert_eq!(builder.build().unwrap().instances.len(), 1);
+    }
+
+    #[test]
+    fn links_must_point_backwards() {
+        let mut builder = SceneBuilder::default();
+        let material = |color: &str, surface: &str| {
+            format!(
+                r#"{{"name": "M", "nodes": [{{"type": "geometry"}}, {{"type": "diffuse", "color": {color},
+                    "roughness": 0.0, "normal": null}}], "surface": {surface}}}"#
+            )
+        };
+        assert!(builder.add_material_json(&material(r#"{"node": 0, "output": "normal"}"#, "1")).is_ok());
+        for (color, surface) in [(r#"{"node": 1, "output": "normal"}"#, "1"), ("[1, 1, 1]", "2")] {
+            let error = builder.add_material_json(&material(color, surface)).unwrap_err();
+            assert!(error.to_string().contains("'M'"), "{error}");
+        }
+        let mix = r#"{"name": "M", "nodes": [{"type": "add_shader", "a": 0, "b": null}], "surface": 0}"#;
+        assert!(builder.add_material_json(mix).is_err());
+    }
+
+    #[test]
+    fn wrong_sizes_are_refused_by_name() {
+        let mut builder = SceneBuilder::default();
+        let texture = Texture {
+            name: "Brick".into(),
+            width: 2,
+            height: 2,
+            texels: Texels::Byte(vec![0; 15]),
+            encoding: crate::ColorEncoding::Srgb,
+            alpha: crate::Alpha::Straight,
+        };
+        assert!(builder.add_texture(texture).unwrap_err().to_string().contains("'Brick'"));
+        let mesh = Mesh { triangles: vec![[0, 1, 3]], ..triangle() };
+        assert!(builder.add_mesh(mesh).unwrap_err().to_string().contains("'Tri'"));
+        let nowhere = Instance::new("Object", 4, Affine3A::IDENTITY, vec![]);
+        assert!(builder.add_instance(nowhere).unwrap_err().to_string().contains("'Object'"));
+    }
+
+    #[test]
+    fn objects_scaled_to_nothing_are_left_out() {
+        let mut builder = SceneBuilder::default();
+        let mesh = builder.add_mesh(triangle()).unwrap();
+        let flat = Affine3A { matrix3: Mat3A::ZERO, ..Affine3A::IDENTITY };
+        builder.add_instance(Instance::new("Object", mesh, flat, vec![])).unwrap();
+        builder.set_camera(Camera::default());
+        assert_eq!(builder.build().unwrap_err(), BuildError::Empty);
+    }
+}
