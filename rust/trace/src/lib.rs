@@ -1,4 +1,5 @@
 //! Light-free path tracing: scene -> dump.
 
 pub mod bsdf;
+pub mod bvh;
 pub mod shading;

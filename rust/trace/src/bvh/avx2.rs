@@ -1,0 +1,132 @@
+//! The kernel with AVX2 and FMA: a node is six loads and one comparison, a block one Moeller-Trumbore test of eight
+//! triangles at once (Moeller and Trumbore, "Fast, Minimum Storage Ray/Triangle Intersection", 1997).
+
+use std::{arch::x86_64::*, mem::MaybeUninit};
+
+use super::{
+    Ray,
+    traverse::{BlockHits, EDGE_SLACK, EXIT_SLACK, Found, Kernel, LocalRay, MAX_EDGE_SLACK, traverse},
+    tree::{Block, Lanes, Node, Tree, WIDTH},
+};
+
+/// [`traverse`] compiled for AVX2.
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt")]
+pub(super) fn traverse_avx2<const ANY: bool>(
+    tree: &Tree,
+    ray: &Ray,
+    stack: &mut [MaybeUninit<u64>],
+    accept: impl Fn(u32, u32) -> bool,
+    enter_placement: impl Fn(u32) -> bool,
+) -> Option<Found> {
+    traverse::<Avx2, ANY>(tree, ray, stack, accept, enter_placement)
+}
+
+/// A ray with each coordinate in all lanes. Only made within [`traverse_avx2`].
+#[derive(Clone, Copy)]
+struct Avx2 {
+    origin: [__m256; 3],
+    direction: [__m256; 3],
+    inverse: [__m256; 3],
+}
+
+type V3 = [__m256; 3];
+
+#[inline(always)]
+fn load(lanes: &Lanes) -> __m256 {
+    // SAFETY: `Lanes` is 32 bytes, aligned to 32; the caller runs with AVX2.
+    unsafe { _mm256_load_ps(lanes.0.as_ptr()) }
+}
+
+#[inline(always)]
+fn store(value: __m256) -> Lanes {
+    let mut lanes = Lanes([0.0; WIDTH]);
+    // SAFETY: as for `load`.
+    unsafe { _mm256_store_ps(lanes.0.as_mut_ptr(), value) };
+    lanes
+}
+
+#[inline(always)]
+fn splat(vector: glam::Vec3) -> V3 {
+    // SAFETY: the caller runs with AVX2.
+    unsafe { [_mm256_set1_ps(vector.x), _mm256_set1_ps(vector.y), _mm256_set1_ps(vector.z)] }
+}
+
+#[inline(always)]
+fn cross(a: V3, b: V3) -> V3 {
+    // SAFETY: the caller runs with AVX2 and FMA.
+    unsafe {
+        [
+            _mm256_fmsub_ps(a[1], b[2], _mm256_mul_ps(a[2], b[1])),
+            _mm256_fmsub_ps(a[2], b[0], _mm256_mul_ps(a[0], b[2])),
+            _mm256_fmsub_ps(a[0], b[1], _mm256_mul_ps(a[1], b[0])),
+        ]
+    }
+}
+
+#[inline(always)]
+fn dot(a: V3, b: V3) -> __m256 {
+    // SAFETY: the caller runs with AVX2 and FMA.
+    unsafe { _mm256_fmadd_ps(a[0], b[0], _mm256_fmadd_ps(a[1], b[1], _mm256_mul_ps(a[2], b[2]))) }
+}
+
+impl Kernel for Avx2 {
+    #[inline(always)]
+    fn new(ray: &LocalRay) -> Self {
+        Self { origin: splat(ray.origin), direction: splat(ray.direction), inverse: splat(ray.inverse) }
+    }
+
+    #[inline(always)]
+    fn enter(&self, ray: &LocalRay, node: &Node, t_min: f32, t_max: f32) -> (u32, Lanes) {
+        // SAFETY: the caller runs with AVX2; plane indices are below 6 by construction of `LocalRay`.
+        unsafe {
+            let distance = |plane: usize, axis: usize| {
+                let planes = load(node.planes.get_unchecked(plane));
+                _mm256_mul_ps(_mm256_sub_ps(planes, self.origin[axis]), self.inverse[axis])
+            };
+            let near = _mm256_max_ps(
+                _mm256_max_ps(distance(ray.near[0], 0), distance(ray.near[1], 1)),
+                _mm256_max_ps(distance(ray.near[2], 2), _mm256_set1_ps(t_min)),
+            );
+            let far = _mm256_min_ps(
+                _mm256_min_ps(distance(ray.far[0], 0), distance(ray.far[1], 1)),
+                distance(ray.far[2], 2),
+            );
+            let far = _mm256_min_ps(_mm256_mul_ps(far, _mm256_set1_ps(EXIT_SLACK)), _mm256_set1_ps(t_max));
+            let inside = _mm256_cmp_ps::<_CMP_LE_OQ>(near, far);
+            (_mm256_movemask_ps(inside) as u32, store(near))
+        }
+    }
+
+    #[inline(always)]
+    fn hit(&self, block: &Block, t_min: f32, t_max: f32) -> BlockHits {
+        let vector = |lanes: &[Lanes; 3]| [load(&lanes[0]), load(&lanes[1]), load(&lanes[2])];
+        let (edge_1, edge_2) = (vector(&block.edge_1), vector(&block.edge_2));
+        let corner = vector(&block.corner);
+        // SAFETY: the caller runs with AVX2 and FMA.
+        unsafe {
+            let to_origin = [0, 1, 2].map(|axis| _mm256_sub_ps(self.origin[axis], corner[axis]));
+            let p = cross(self.direction, edge_2);
+            let q = cross(to_origin, edge_1);
+            let inverse_det = _mm256_div_ps(_mm256_set1_ps(1.0), dot(edge_1, p));
+            let u = _mm256_mul_ps(dot(to_origin, p), inverse_det);
+            let v = _mm256_mul_ps(dot(self.direction, q), inverse_det);
+            let t = _mm256_mul_ps(dot(edge_2, q), inverse_det);
+            let reach = load(&block.reach);
+            let sign = _mm256_set1_ps(-0.0);
+            let span =
+                _mm256_mul_ps(_mm256_set1_ps(EDGE_SLACK), _mm256_add_ps(_mm256_andnot_ps(sign, t), reach));
+            let slack = _mm256_mul_ps(span, _mm256_mul_ps(reach, _mm256_andnot_ps(sign, inverse_det)));
+            let slack = _mm256_min_ps(slack, _mm256_set1_ps(MAX_EDGE_SLACK));
+            let inside = _mm256_and_ps(
+                _mm256_cmp_ps::<_CMP_GE_OQ>(_mm256_add_ps(_mm256_min_ps(u, v), slack), _mm256_setzero_ps()),
+                _mm256_cmp_ps::<_CMP_LE_OQ>(_mm256_sub_ps(_mm256_add_ps(u, v), slack), _mm256_set1_ps(1.0)),
+            );
+            let in_range = _mm256_and_ps(
+                _mm256_cmp_ps::<_CMP_GT_OQ>(t, _mm256_set1_ps(t_min)),
+                _mm256_cmp_ps::<_CMP_LT_OQ>(t, _mm256_set1_ps(t_max)),
+            );
+            let mask = _mm256_movemask_ps(_mm256_and_ps(inside, in_range)) as u32;
+            BlockHits { mask, t: store(t), u: store(u), v: store(v) }
+        }
+    }
+}

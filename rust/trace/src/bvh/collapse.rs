@@ -1,0 +1,205 @@
+//! From obvhs's binary tree to ours of eight children a node.
+//!
+//! Which inner nodes disappear is chosen by dynamic programming over the surface area cost, as for the wide trees
+//! of Ylitie, Karras and Laine (2017), "Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs",
+//! section 3: `cost(n, k)` is the least cost of the subtree `n` as a forest of at most `k` trees. Testing a block
+//! costs the same for one triangle as for eight, so leaves become as full as the areas allow.
+
+use glam::Vec3;
+use obvhs::bvh2::{Bvh2, node::Bvh2Node};
+
+use super::tree::{Block, Child, Node, Tree, WIDTH};
+
+/// Cost of testing a node's eight boxes.
+const NODE_COST: f32 = 1.0;
+/// Cost of testing a block's eight triangles, relative to [`NODE_COST`].
+const BLOCK_COST: f32 = 1.3;
+
+/// What the primitives of the binary tree are.
+pub(super) trait Primitives {
+    /// The corners and the number of a triangle, or nothing if the primitive is a placement.
+    fn triangle(&self, primitive: u32) -> Option<([Vec3; 3], u32)>;
+    /// The entry for a primitive that is not a triangle.
+    fn placement(&self, primitive: u32) -> Child;
+}
+
+/// How a subtree is cut: `cost[k - 1]` for at most `k` trees, and how many of them the left child gets.
+#[derive(Clone, Copy, Default)]
+struct Cut {
+    cost: [f32; WIDTH],
+    /// Trees for the left child when the subtree becomes `k` trees; 0 means: as for `k - 1`.
+    left: [u8; WIDTH],
+    /// Whether the whole subtree becomes one block.
+    is_leaf: bool,
+    /// Triangles below, at most [`WIDTH`] + 1; 0 if there is a placement.
+    triangles: u8,
+}
+
+/// Appends the tree of `binary` to `tree` and returns its root and the depth of its stack.
+pub(super) fn collapse(
+    binary: &mut Bvh2,
+    primitives: &impl Primitives,
+    tree: &mut Tree,
+) -> Option<(Child, usize)> {
+    if binary.nodes.is_empty() || binary.primitive_indices.is_empty() {
+        return None;
+    }
+    binary.reorder_in_stack_traversal_order();
+    let cuts = plan(binary, primitives);
+    let mut emitter = Emitter { binary, primitives, cuts: &cuts, tree, deepest: 0 };
+    let root = emitter.emit_root();
+    Some((root, emitter.deepest * (WIDTH - 1) + 1))
+}
+
+/// Bottom-up: children come after their parents in the array.
+fn plan(binary: &Bvh2, primitives: &impl Primitives) -> Vec<Cut> {
+    let mut cuts = vec![Cut::default(); binary.nodes.len()];
+    for index in (0..binary.nodes.len()).rev() {
+        let node = &binary.nodes[index];
+        cuts[index] = if node.is_leaf() {
+            let is_triangle = primitives.triangle(leaf_primitive(binary, node)).is_some();
+            Cut {
+                cost: [node.aabb().half_area() * BLOCK_COST; WIDTH],
+                left: [0; WIDTH],
+                is_leaf: true,
+                triangles: u8::from(is_triangle),
+            }
+        } else {
+            let first = node.first_index as usize;
+            inner_cut(node.aabb().half_area(), &cuts[first], &cuts[first + 1])
+        };
+    }
+    cuts
+}
+
+fn inner_cut(area: f32, left: &Cut, right: &Cut) -> Cut {
+    let mut cut = Cut::default();
+    if left.triangles > 0 && right.triangles > 0 {
+        cut.triangles = (left.triangles + right.triangles).min(WIDTH as u8 + 1);
+    }
+    // For k trees, k - 1 of them shared out between the children.
+    let share = |k: usize| {
+        (1..k)
+            .map(|left_share| (left.cost[left_share - 1] + right.cost[k - left_share - 1], left_share as u8))
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .unwrap_or((f32::INFINITY, 0))
+    };
+    let (opened, opened_left) = share(WIDTH);
+    let as_node = opened + area * NODE_COST;
+    let as_leaf = area * BLOCK_COST;
+    cut.is_leaf = cut.triangles > 0 && usize::from(cut.triangles) <= WIDTH && as_leaf <= as_node;
+    cut.cost[0] = if cut.is_leaf { as_leaf } else { as_node };
+    cut.left[0] = opened_left;
+    for k in 2..=WIDTH {
+        let (cost, left_share) = share(k);
+        let keep = cut.cost[k - 2] <= cost;
+        cut.cost[k - 1] = if keep { cut.cost[k - 2] } else { cost };
+        cut.left[k - 1] = if keep { 0 } else { left_share };
+    }
+    cut
+}
+
+fn leaf_primitive(binary: &Bvh2, node: &Bvh2Node) -> u32 {
+    binary.primitive_indices[node.first_index as usize]
+}
+
+struct Emitter<'a, P> {
+    binary: &'a Bvh2,
+    primitives: &'a P,
+    cuts: &'a [Cut],
+    tree: &'a mut Tree,
+    deepest: usize,
+}
+
+impl<P: Primitives> Emitter<'_, P> {
+    fn emit_root(&mut self) -> Child {
+        let index = self.tree.nodes.len();
+        self.tree.nodes.push(Node::empty());
+        if self.cuts[0].is_leaf {
+            let child = self.emit_leaf(0);
+            self.fill(index, 0, 0, child);
+            self.deepest = 1;
+        } else {
+            self.emit_node(index, 0, 1);
+        }
+        Child::node(index)
+    }
+
+    /// Fills the node `index` with the forest of eight trees below `source`. Nodes that are siblings lie side
+    /// by side.
+    fn emit_node(&mut self, index: usize, source: usize, depth: usize) {
+        self.deepest = self.deepest.max(depth);
+        let first = self.binary.nodes[source].first_index as usize;
+        let mut roots = Vec::with_capacity(WIDTH);
+        let left = usize::from(self.cuts[source].left[0]);
+        self.gather_roots(first, left, &mut roots);
+        self.gather_roots(first + 1, WIDTH - left, &mut roots);
+
+        let mut inner = Vec::with_capacity(WIDTH);
+        for (slot, &root) in roots.iter().enumerate() {
+            let child = if self.cuts[root].is_leaf {
+                self.emit_leaf(root)
+            } else {
+                let node = self.tree.nodes.len();
+                self.tree.nodes.push(Node::empty());
+                inner.push((node, root));
+                Child::node(node)
+            };
+            self.fill(index, slot, root, child);
+        }
+        for (node, root) in inner {
+            self.emit_node(node, root, depth + 1);
+        }
+    }
+
+    /// The roots of the forest of at most `k` trees that `source` is cut into.
+    fn gather_roots(&self, source: usize, mut k: usize, roots: &mut Vec<usize>) {
+        let cut = &self.cuts[source];
+        while k > 1 && cut.left[k - 1] == 0 {
+            k -= 1;
+        }
+        if k == 1 {
+            roots.push(source);
+        } else {
+            let first = self.binary.nodes[source].first_index as usize;
+            let left = usize::from(cut.left[k - 1]);
+            self.gather_roots(first, left, roots);
+            self.gather_roots(first + 1, k - left, roots);
+        }
+    }
+
+    fn fill(&mut self, node: usize, slot: usize, source: usize, child: Child) {
+        let bounds = self.binary.nodes[source].aabb();
+        let [min, max] = [bounds.min, bounds.max].map(|v| Vec3::from_array(v.to_array()));
+        self.tree.nodes[node].set(slot, min, max, child);
+    }
+
+    fn emit_leaf(&mut self, source: usize) -> Child {
+        let mut found = Vec::with_capacity(WIDTH);
+        self.gather_primitives(source, &mut found);
+        if self.cuts[source].triangles == 0 {
+            return self.primitives.placement(found[0]);
+        }
+        // Spatial splits refer to one triangle from several leaves.
+        found.sort_unstable();
+        found.dedup();
+        let mut block = Block::empty();
+        for (lane, primitive) in found.into_iter().enumerate() {
+            if let Some((corners, id)) = self.primitives.triangle(primitive) {
+                block.set(lane, corners, id);
+            }
+        }
+        self.tree.blocks.push(block);
+        Child::block(self.tree.blocks.len() - 1)
+    }
+
+    fn gather_primitives(&self, source: usize, found: &mut Vec<u32>) {
+        let node = &self.binary.nodes[source];
+        if node.is_leaf() {
+            found.push(leaf_primitive(self.binary, node));
+        } else {
+            self.gather_primitives(node.first_index as usize, found);
+            self.gather_primitives(node.first_index as usize + 1, found);
+        }
+    }
+}

@@ -1,0 +1,175 @@
+//! Where a ray meets the scene.
+//!
+//! [`SceneBvh`] holds one tree of the whole scene: triangles of meshes that are used once (or are small) stand in it
+//! in world space, meshes that are used more often have a tree of their own that the world's tree refers to. obvhs
+//! builds, we collapse to eight children a node and walk with AVX2.
+
+mod build;
+mod collapse;
+mod scalar;
+#[cfg(test)]
+mod tests;
+mod traverse;
+mod tree;
+
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+
+use std::mem::MaybeUninit;
+
+use glam::Vec3;
+use relume_dump::Lobe;
+use relume_scene::{Instance, Scene};
+
+use crate::shading::Hit;
+use traverse::{Found, STACK, traverse};
+use tree::Tree;
+
+/// A tree that could not be built.
+#[derive(Debug, thiserror::Error)]
+pub enum BvhError {
+    /// More triangles than a triangle number can count.
+    #[error("the scene has more than {limit} triangles; simplify its meshes or share them between objects")]
+    TooManyTriangles {
+        /// Most triangles that fit.
+        limit: usize,
+    },
+}
+
+/// A ray, and what it may meet.
+#[derive(Clone, Copy, Debug)]
+pub struct Ray {
+    /// Start, world space, metres.
+    pub origin: Vec3,
+    /// Unit direction.
+    pub direction: Vec3,
+    /// Hits are farther than this.
+    pub t_min: f32,
+    /// Hits are nearer than this.
+    pub t_max: f32,
+    /// What made it; objects can be invisible to a kind of ray.
+    pub lobe: Lobe,
+    /// Instance and triangle that it leaves, which it cannot meet again at once (as in Cycles).
+    pub from: Option<(u32, u32)>,
+}
+
+impl Ray {
+    /// An unlimited ray that meets what cameras see.
+    pub fn new(origin: Vec3, direction: Vec3) -> Self {
+        Self { origin, direction, t_min: 0.0, t_max: f32::INFINITY, lobe: Lobe::Camera, from: None }
+    }
+}
+
+/// All geometry of a scene, ready for rays.
+#[derive(Clone, Debug)]
+pub struct SceneBvh {
+    tree: Tree,
+    /// Bit per [`Lobe`] for each instance.
+    visibility: Vec<u8>,
+    /// Whether any instance is invisible to any lobe.
+    any_hidden: bool,
+    use_avx2: bool,
+}
+
+impl SceneBvh {
+    /// Builds the trees. The scene's indices have to be valid ([`Scene::validate`]); triangles without area are left
+    /// out.
+    pub fn new(scene: &Scene) -> Result<Self, BvhError> {
+        let visibility: Vec<u8> = scene.instances.iter().map(visibility_bits).collect();
+        let any_hidden = visibility.iter().any(|bits| *bits != ALL_VISIBLE);
+        Ok(Self { tree: build::build(scene)?, visibility, any_hidden, use_avx2: has_avx2() })
+    }
+
+    /// The nearest hit.
+    pub fn intersect(&self, ray: &Ray) -> Option<Hit> {
+        self.walk::<false>(ray).map(|found| self.hit(&found))
+    }
+
+    /// Whether anything is hit.
+    pub fn is_blocked(&self, ray: &Ray) -> bool {
+        self.walk::<true>(ray).is_some()
+    }
+
+    fn walk<const ANY: bool>(&self, ray: &Ray) -> Option<Found> {
+        let mut on_stack = [const { MaybeUninit::uninit() }; STACK];
+        if self.tree.stack_depth <= STACK {
+            self.walk_with::<ANY>(ray, &mut on_stack)
+        } else {
+            self.walk_with::<ANY>(ray, &mut vec![MaybeUninit::uninit(); self.tree.stack_depth])
+        }
+    }
+
+    fn walk_with<const ANY: bool>(&self, ray: &Ray, stack: &mut [MaybeUninit<u64>]) -> Option<Found> {
+        let lobe = 1 << ray.lobe as u8;
+        let (from_placed, from_id) = self.departure(ray);
+        let sees = |instance: u32| !self.any_hidden || self.visibility[instance as usize] & lobe != 0;
+        let placed_instance = |placement: u32| self.tree.placements[placement as usize].instance;
+        let accept = |placement: u32, id: u32| {
+            if placement == u32::MAX {
+                (id != from_id || from_placed != u32::MAX)
+                    && (!self.any_hidden || sees(self.tree.instance_of[id as usize]))
+            } else {
+                id != from_id || placed_instance(placement) != from_placed
+            }
+        };
+        let enter = |placement: u32| sees(placed_instance(placement));
+        #[cfg(target_arch = "x86_64")]
+        if self.use_avx2 {
+            // SAFETY: `use_avx2` is set only where the processor has all features that the function enables.
+            return unsafe { avx2::traverse_avx2::<ANY>(&self.tree, ray, stack, accept, enter) };
+        }
+        traverse::<scalar::Scalar, ANY>(&self.tree, ray, stack, accept, enter)
+    }
+
+    /// Instance of the primitive that the ray leaves if it is a placed one, and the primitive's number.
+    fn departure(&self, ray: &Ray) -> (u32, u32) {
+        let Some((instance, triangle)) = ray.from else { return (u32::MAX, u32::MAX) };
+        let id = self.tree.first_ids[instance as usize] + triangle;
+        if self.tree.instance_of.get(id as usize) == Some(&instance) {
+            (u32::MAX, id)
+        } else {
+            (instance, triangle)
+        }
+    }
+
+    fn hit(&self, found: &Found) -> Hit {
+        let (instance, triangle) = if found.placement == u32::MAX {
+            let instance = self.tree.instance_of[found.id as usize];
+            (instance, found.id - self.tree.first_ids[instance as usize])
+        } else {
+            (self.tree.placements[found.placement as usize].instance, found.id)
+        };
+        // Widened edges (`EDGE_SLACK`) let a hit lie slightly outside.
+        let (u, v) = (found.u.clamp(0.0, 1.0), found.v.clamp(0.0, 1.0));
+        Hit { instance, triangle, barycentrics: [u.min(1.0 - v), v], distance: found.t }
+    }
+}
+
+const ALL_VISIBLE: u8 = 0b1_1111;
+
+/// Volume scattering counts as diffuse, as in Cycles (`path_state_ray_visibility`).
+fn visibility_bits(instance: &Instance) -> u8 {
+    [
+        (instance.visible_camera, Lobe::Camera),
+        (instance.visible_diffuse, Lobe::Diffuse),
+        (instance.visible_glossy, Lobe::Glossy),
+        (instance.visible_transmission, Lobe::Transmission),
+        (instance.visible_diffuse, Lobe::Volume),
+    ]
+    .into_iter()
+    .fold(0, |bits, (visible, lobe)| bits | u8::from(visible) << lobe as u8)
+}
+
+#[cfg(target_arch = "x86_64")]
+fn has_avx2() -> bool {
+    std::is_x86_feature_detected!("avx2")
+        && std::is_x86_feature_detected!("fma")
+        && std::is_x86_feature_detected!("bmi1")
+        && std::is_x86_feature_detected!("bmi2")
+        && std::is_x86_feature_detected!("lzcnt")
+}
+
+#[cfg(not(target_arch = "x86_64"))]
+fn has_avx2() -> bool {
+    false
+}

@@ -1,0 +1,199 @@
+//! Walks the tree front to back with a stack sorted by distance. The arithmetic on eight lanes is a [`Kernel`]:
+//! AVX2 where the processor has it, plain Rust elsewhere.
+
+use std::mem::MaybeUninit;
+
+use glam::Vec3;
+
+use super::{
+    Ray,
+    tree::{Block, Child, Kind, Lanes, Node, Tree, WIDTH},
+};
+
+/// Entries on the stack of traversal; deeper trees are walked with one on the heap.
+pub(super) const STACK: usize = 256;
+
+/// A ray as a kernel likes it, in world or object space; distances are the same in both.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LocalRay {
+    pub origin: Vec3,
+    pub direction: Vec3,
+    /// Finite also where the direction is 0.
+    pub inverse: Vec3,
+    /// Plane of [`Node::planes`] that the ray crosses first, for each axis.
+    pub near: [usize; 3],
+    pub far: [usize; 3],
+}
+
+impl LocalRay {
+    #[inline(always)]
+    pub fn new(origin: Vec3, direction: Vec3) -> Self {
+        let inverse = direction.map(|d| if d.abs() > 1e-18 { 1.0 / d } else { 1e18_f32.copysign(d) });
+        let pick = |axis: usize| if inverse[axis] < 0.0 { axis + 3 } else { axis };
+        let near = [pick(0), pick(1), pick(2)];
+        let far = [3 - near[0], 5 - near[1], 7 - near[2]];
+        Self { origin, direction, inverse, near, far }
+    }
+}
+
+/// What lanes of a block were hit.
+pub(super) struct BlockHits {
+    /// Bit per lane.
+    pub mask: u32,
+    pub t: Lanes,
+    pub u: Lanes,
+    pub v: Lanes,
+}
+
+/// Tests of one ray against eight boxes or triangles.
+pub(super) trait Kernel: Copy {
+    /// Spreads a ray over the lanes.
+    fn new(ray: &LocalRay) -> Self;
+    /// Bit per child whose box the ray is inside of within `t_min..=t_max`, and where it enters.
+    fn enter(&self, ray: &LocalRay, node: &Node, t_min: f32, t_max: f32) -> (u32, Lanes);
+    /// Triangles hit with `t_min < t < t_max`.
+    fn hit(&self, block: &Block, t_min: f32, t_max: f32) -> BlockHits;
+}
+
+/// Rounding moves a barycentric coordinate by up to about this times
+/// `distance to the first corner * longer edge / |determinant|`; triangles are widened by it, so that no ray slips
+/// between two neighbours.
+pub(super) const EDGE_SLACK: f32 = 2.0 * f32::EPSILON;
+
+/// Most by which a triangle is widened: at grazing incidence the bound above grows without limit.
+pub(super) const MAX_EDGE_SLACK: f32 = 1e-3;
+
+/// Boxes are left this much later than computed: three roundings of the slab test.
+pub(super) const EXIT_SLACK: f32 = 1.0 + 4.0 * f32::EPSILON;
+
+/// The nearest hit so far.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Found {
+    pub t: f32,
+    pub u: f32,
+    pub v: f32,
+    pub id: u32,
+    /// Index into [`Tree::placements`]; `u32::MAX` in the world.
+    pub placement: u32,
+}
+
+/// One entry of the stack: distance in the upper half, so that integers sort by distance.
+#[inline(always)]
+fn entry(t: f32, child: Child) -> u64 {
+    u64::from(t.to_bits()) << 32 | u64::from(child.0)
+}
+
+/// Nearest hit, or the first one met if `ANY`. `accept(placement, id)` says whether a triangle counts.
+#[inline(always)]
+pub(super) fn traverse<K: Kernel, const ANY: bool>(
+    tree: &Tree,
+    ray: &Ray,
+    stack: &mut [MaybeUninit<u64>],
+    accept: impl Fn(u32, u32) -> bool,
+    enter_placement: impl Fn(u32) -> bool,
+) -> Option<Found> {
+    let world = LocalRay::new(ray.origin, ray.direction);
+    let world_kernel = K::new(&world);
+    let (mut local, mut kernel) = (world, world_kernel);
+    let mut found = Found { t: ray.t_max, u: 0.0, v: 0.0, id: u32::MAX, placement: u32::MAX };
+    let mut placement = u32::MAX;
+    let mut top = 0;
+    let mut current = tree.root?;
+    loop {
+        match current.kind() {
+            Kind::Node(index) => {
+                let node = &tree.nodes[index];
+                let (mask, entries) = kernel.enter(&local, node, ray.t_min, found.t);
+                if mask != 0 {
+                    current = push_children(node, mask, &entries, stack, &mut top);
+                    continue;
+                }
+            }
+            Kind::Block(index) => {
+                let block = &tree.blocks[index];
+                let hits = kernel.hit(block, ray.t_min, found.t);
+                let mut mask = hits.mask;
+                while mask != 0 {
+                    let lane = mask.trailing_zeros() as usize % WIDTH;
+                    mask &= mask - 1;
+                    if hits.t.0[lane] < found.t && accept(placement, block.ids[lane]) {
+                        let [t, u, v] = [&hits.t, &hits.u, &hits.v].map(|lanes| lanes.0[lane]);
+                        found = Found { t, u, v, id: block.ids[lane], placement };
+                        if ANY {
+                            return Some(found);
+                        }
+                    }
+                }
+            }
+            Kind::Placement(index) => {
+                let target = &tree.placements[index];
+                if enter_placement(index as u32) {
+                    stack[top].write(entry(0.0, Child::LEAVE));
+                    top += 1;
+                    local = LocalRay::new(
+                        target.object_from_world.transform_point3(ray.origin),
+                        target.object_from_world.transform_vector3(ray.direction),
+                    );
+                    kernel = K::new(&local);
+                    placement = index as u32;
+                    current = target.root;
+                    continue;
+                }
+            }
+            Kind::Leave => {
+                (local, kernel, placement) = (world, world_kernel, u32::MAX);
+            }
+        }
+        // The next entry that is still in reach.
+        loop {
+            if top == 0 {
+                return (found.id != u32::MAX).then_some(found);
+            }
+            top -= 1;
+            // SAFETY: entries below `top` were written by a push.
+            let next = unsafe { stack[top].assume_init() };
+            if f32::from_bits((next >> 32) as u32) < found.t {
+                current = Child(next as u32);
+                break;
+            }
+        }
+    }
+}
+
+/// Returns the nearest child and leaves the others on the stack, farthest first.
+#[inline(always)]
+fn push_children(
+    node: &Node,
+    mut mask: u32,
+    entries: &Lanes,
+    stack: &mut [MaybeUninit<u64>],
+    top: &mut usize,
+) -> Child {
+    let mut take = || {
+        let lane = mask.trailing_zeros() as usize % WIDTH;
+        mask &= mask - 1;
+        (entry(entries.0[lane], node.children[lane]), mask != 0)
+    };
+    let (mut nearest, mut more) = take();
+    let base = *top;
+    while more {
+        let next;
+        (next, more) = take();
+        // Insertion sort: a node's few children, most of them already in place.
+        let far = nearest.max(next);
+        nearest = nearest.min(next);
+        let mut slot = *top;
+        while slot > base {
+            // SAFETY: slots between `base` and `top` were written by this loop.
+            let below = unsafe { stack[slot - 1].assume_init() };
+            if below >= far {
+                break;
+            }
+            stack[slot].write(below);
+            slot -= 1;
+        }
+        stack[slot].write(far);
+        *top += 1;
+    }
+    Child(nearest as u32)
+}

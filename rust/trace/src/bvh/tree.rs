@@ -1,0 +1,145 @@
+//! Layout of the wide tree: nodes of eight boxes and blocks of eight triangles, both structure-of-arrays, so that
+//! one instruction tests a ray against all eight.
+
+use glam::{Affine3A, Vec3};
+
+/// Children of a node and triangles of a block.
+pub(super) const WIDTH: usize = 8;
+
+/// Eight values, one a child or triangle, aligned for one vector load.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(32))]
+pub(super) struct Lanes(pub [f32; WIDTH]);
+
+/// What a slot of a node or an entry of the traversal stack refers to: two bits of kind, thirty of index.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(transparent)]
+pub(super) struct Child(pub u32);
+
+/// Largest index that a [`Child`] holds.
+pub(super) const INDEX_LIMIT: usize = 1 << 30;
+
+/// A decoded [`Child`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// Index into [`Tree::nodes`].
+    Node(usize),
+    /// Index into [`Tree::blocks`].
+    Block(usize),
+    /// Index into [`Tree::placements`].
+    Placement(usize),
+    /// Back from an instance to the world; only on the stack.
+    Leave,
+}
+
+impl Child {
+    /// Marks the way back from an instance on the stack.
+    pub const LEAVE: Self = Self(3 << 30);
+
+    pub fn node(index: usize) -> Self {
+        Self(index as u32)
+    }
+
+    pub fn block(index: usize) -> Self {
+        Self(index as u32 | 1 << 30)
+    }
+
+    pub fn placement(index: usize) -> Self {
+        Self(index as u32 | 2 << 30)
+    }
+
+    #[inline(always)]
+    pub fn kind(self) -> Kind {
+        let index = (self.0 & (INDEX_LIMIT as u32 - 1)) as usize;
+        match self.0 >> 30 {
+            0 => Kind::Node(index),
+            1 => Kind::Block(index),
+            2 => Kind::Placement(index),
+            _ => Kind::Leave,
+        }
+    }
+}
+
+/// Up to eight children. Empty slots have an inverted, infinite box that no ray enters.
+#[derive(Clone, Debug)]
+#[repr(C, align(32))]
+pub(super) struct Node {
+    /// min x, min y, min z, max x, max y, max z of each child.
+    pub planes: [Lanes; 6],
+    pub children: [Child; WIDTH],
+}
+
+impl Node {
+    pub fn empty() -> Self {
+        let (min, max) = (Lanes([f32::INFINITY; WIDTH]), Lanes([f32::NEG_INFINITY; WIDTH]));
+        Self { planes: [min, min, min, max, max, max], children: [Child::LEAVE; WIDTH] }
+    }
+
+    pub fn set(&mut self, slot: usize, min: Vec3, max: Vec3, child: Child) {
+        for axis in 0..3 {
+            self.planes[axis].0[slot] = min[axis];
+            self.planes[axis + 3].0[slot] = max[axis];
+        }
+        self.children[slot] = child;
+    }
+}
+
+/// Up to eight triangles. Empty lanes have edges of length zero, which no ray hits.
+#[derive(Clone, Debug)]
+#[repr(C, align(32))]
+pub(super) struct Block {
+    /// First corner: x, y, z.
+    pub corner: [Lanes; 3],
+    /// From the first to the second corner.
+    pub edge_1: [Lanes; 3],
+    /// From the first to the third corner.
+    pub edge_2: [Lanes; 3],
+    /// Length of the longer of the two edges.
+    pub reach: Lanes,
+    /// Number of the triangle: [`Tree::first_ids`] of its instance plus its index in the mesh in world space, the
+    /// index in the mesh alone in object space.
+    pub ids: [u32; WIDTH],
+}
+
+impl Block {
+    pub fn empty() -> Self {
+        let zero = [Lanes([0.0; WIDTH]); 3];
+        Self { corner: zero, edge_1: zero, edge_2: zero, reach: zero[0], ids: [u32::MAX; WIDTH] }
+    }
+
+    pub fn set(&mut self, lane: usize, [a, b, c]: [Vec3; 3], id: u32) {
+        for axis in 0..3 {
+            self.corner[axis].0[lane] = a[axis];
+            self.edge_1[axis].0[lane] = b[axis] - a[axis];
+            self.edge_2[axis].0[lane] = c[axis] - a[axis];
+        }
+        self.reach.0[lane] = (b - a).length().max((c - a).length());
+        self.ids[lane] = id;
+    }
+}
+
+/// A mesh that stands in the world by reference, because several instances share it.
+#[derive(Clone, Debug)]
+pub(super) struct Placement {
+    pub object_from_world: Affine3A,
+    /// Root of the mesh's own tree.
+    pub root: Child,
+    /// Index into [`relume_scene::Scene::instances`].
+    pub instance: u32,
+}
+
+/// All trees of a scene in one pool: the world's, and one for each mesh that is used more than once.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Tree {
+    pub nodes: Vec<Node>,
+    pub blocks: Vec<Block>,
+    pub placements: Vec<Placement>,
+    /// Root of the world's tree; none if there is nothing to hit.
+    pub root: Option<Child>,
+    /// Number of the first triangle of each instance whose triangles are in the world's tree.
+    pub first_ids: Vec<u32>,
+    /// Instance of each triangle number.
+    pub instance_of: Vec<u32>,
+    /// Most entries that traversal pushes on its stack.
+    pub stack_depth: usize,
+}
