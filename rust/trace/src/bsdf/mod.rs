@@ -1,5 +1,31 @@
 //! Closures and the choice between them: sampling, evaluation and densities of a surface's scattering.
+//!
+//! The models and their parameters are those of Cycles 4.x, so that the same material looks the same in both; each
+//! file names the papers. Directions point away from the surface: `wo` back along the ray, `wi` to where the path
+//! goes on. Values include the cosine: `f |cos|`.
 
+mod ashikhmin;
+mod closure;
+mod diffuse;
+mod distribution;
+mod energy;
+mod frame;
+mod fresnel;
+mod microfacet;
+mod normal;
+mod sheen;
 mod surface;
+#[cfg(test)]
+mod tests;
 
-pub use surface::{BsdfSample, Closure, Surface};
+pub use ashikhmin::AshikhminShirley;
+pub use closure::{Closure, Scatter};
+pub use diffuse::OrenNayar;
+pub use distribution::{Distribution, Shape};
+pub use energy::Compensation;
+pub use frame::Frame;
+pub use fresnel::{F82, dielectric, dielectric_mean, f0_from_ior, ior_from_f0};
+pub use microfacet::{Fresnel, Interface, Microfacet};
+pub use normal::ensure_valid_reflection;
+pub use sheen::Sheen;
+pub use surface::{BsdfSample, Surface};

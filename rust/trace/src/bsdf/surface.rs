@@ -1,24 +1,13 @@
-use std::f32::consts::PI;
-
 use glam::Vec3;
 use relume_dump::Lobe;
 
+use super::closure::{Closure, Scatter};
 use crate::shading::SurfacePoint;
 
 /// Most closures that one point keeps; further ones are dropped.
 const MAX_CLOSURES: usize = 16;
-
-/// One way in which a surface scatters.
-#[derive(Clone, Copy, Debug)]
-pub enum Closure {
-    /// Lambert's.
-    Diffuse {
-        /// Albedo.
-        weight: Vec3,
-        /// Shading normal.
-        normal: Vec3,
-    },
-}
+/// Closures with a smaller mean weight are dropped (Cycles' `CLOSURE_WEIGHT_CUTOFF`).
+pub const WEIGHT_CUTOFF: f32 = 1e-5;
 
 /// A sampled direction.
 #[derive(Clone, Copy, Debug)]
@@ -27,7 +16,8 @@ pub struct BsdfSample {
     pub wi: Vec3,
     /// `f |cos| / pdf` of the whole surface: multiply the throughput by it.
     pub weight: Vec3,
-    /// Density of `wi` over solid angle, all closures together; [`BsdfSample::SINGULAR_PDF`] for singular ones.
+    /// Density of `wi` over solid angle, all closures together; [`BsdfSample::SINGULAR_PDF`] times the probability
+    /// of the choice for singular ones.
     pub pdf: f32,
     /// Class of the sampled closure. Of no meaning where `transparent` is set: the segment keeps the class of the
     /// ray that met the surface.
@@ -38,7 +28,7 @@ pub struct BsdfSample {
     pub transparent: bool,
     /// Whether `wi` is on the other side of the surface.
     pub transmitted: bool,
-    /// Roughness (square root of alpha) of the sampled closure; 1 for diffuse ones.
+    /// Perceptual roughness (square root of alpha) of the sampled closure; 1 for diffuse ones.
     pub roughness: f32,
 }
 
@@ -47,12 +37,13 @@ impl BsdfSample {
     pub const SINGULAR_PDF: f32 = 1e6;
 }
 
-/// The closures and the emission of one surface point. Reused from hit to hit.
+/// The closures and the emission of one surface point. Reused from hit to hit: nothing is allocated.
 #[derive(Clone, Debug)]
 pub struct Surface {
     closures: Vec<Closure>,
     wo: Vec3,
     geometric_normal: Vec3,
+    shading_normal: Vec3,
     emission: Vec3,
     transparency: Vec3,
 }
@@ -63,6 +54,7 @@ impl Default for Surface {
             closures: Vec::with_capacity(MAX_CLOSURES),
             wo: Vec3::Z,
             geometric_normal: Vec3::Z,
+            shading_normal: Vec3::Z,
             emission: Vec3::ZERO,
             transparency: Vec3::ZERO,
         }
@@ -75,15 +67,48 @@ impl Surface {
         self.closures.clear();
         self.wo = point.wo;
         self.geometric_normal = point.geometric_normal;
+        self.shading_normal = point.shading_normal;
         self.emission = Vec3::ZERO;
         self.transparency = Vec3::ZERO;
     }
 
-    /// Adds a closure.
-    pub fn add(&mut self, closure: Closure) {
-        if self.closures.len() < MAX_CLOSURES {
-            self.closures.push(closure);
+    /// Adds a closure unless its weight is negligible or the surface is full; returns it as it was added, with
+    /// negative weights removed.
+    pub fn add(&mut self, weight: Vec3, normal: Vec3, scatter: Scatter) -> Option<&Closure> {
+        let weight = weight.max(Vec3::ZERO);
+        let mean = weight.element_sum() / 3.0;
+        if !mean.is_finite() || mean < WEIGHT_CUTOFF || self.closures.len() == MAX_CLOSURES {
+            return None;
         }
+        let mut closure = Closure { weight, sample_weight: mean, normal, scatter };
+        if let Scatter::Microfacet(_) = scatter {
+            closure.sample_weight = closure.albedo(self.wo).element_sum() / 3.0;
+        }
+        self.closures.push(closure);
+        self.closures.last()
+    }
+
+    /// Adds light that goes straight through.
+    pub fn add_transparent(&mut self, weight: Vec3) {
+        let weight = weight.max(Vec3::ZERO);
+        let mean = weight.element_sum() / 3.0;
+        if !mean.is_finite() || mean < WEIGHT_CUTOFF {
+            return;
+        }
+        self.transparency += weight;
+        let existing =
+            self.closures.iter_mut().find(|closure| matches!(closure.scatter, Scatter::Transparent));
+        if let Some(closure) = existing {
+            closure.weight += weight;
+            closure.sample_weight += mean;
+        } else {
+            self.add(weight, self.shading_normal, Scatter::Transparent);
+        }
+    }
+
+    /// Adds emitted radiance.
+    pub fn add_emission(&mut self, radiance: Vec3) {
+        self.emission += radiance;
     }
 
     /// Radiance emitted towards `wo`.
@@ -96,59 +121,104 @@ impl Surface {
         self.transparency
     }
 
-    /// Chooses a closure and a direction from three numbers in 0..1; nothing if the path ends here.
+    /// Chooses a closure and a direction from three numbers in 0..1; nothing if the path ends here. The density and
+    /// the value are those of all closures together (one-sample model with the balance heuristic).
     pub fn sample(&self, u: [f32; 3]) -> Option<BsdfSample> {
-        let Closure::Diffuse { normal, .. } = *self.closures.first()?;
-        let (x, y) = normal.any_orthonormal_pair();
-        let (sin_phi, cos_phi) = (2.0 * PI * u[1]).sin_cos();
-        let sin = u[0].sqrt();
-        let wi = x * (sin * cos_phi) + y * (sin * sin_phi) + normal * (1.0 - u[0]).max(0.0).sqrt();
-        if wi.dot(self.geometric_normal) <= 0.0 {
+        let total: f32 = self.closures.iter().map(|closure| closure.sample_weight).sum();
+        let (index, remapped) = self.choose(u[2], total)?;
+        let closure = &self.closures[index];
+        let probability = closure.sample_weight / total;
+        let choice =
+            closure.sample(self.geometric_normal, self.shading_normal, self.wo, [u[0], u[1], remapped])?;
+        let (value, pdf) = if choice.singular {
+            let pdf = choice.pdf * probability;
+            (closure.weight * choice.value / pdf, pdf * BsdfSample::SINGULAR_PDF)
+        } else {
+            let mut value = closure.weight * choice.value;
+            let mut pdf = choice.pdf * probability;
+            for (other, closure) in self.closures.iter().enumerate() {
+                if other != index {
+                    let (f, density) = closure.eval(self.shading_normal, self.wo, choice.wi);
+                    value += closure.weight * f;
+                    pdf += density * (closure.sample_weight / total);
+                }
+            }
+            (value / pdf, pdf)
+        };
+        let is_valid = value.is_finite() && value.max_element() > 0.0 && pdf > 0.0;
+        if !is_valid {
             return None;
         }
-        let (value, pdf) = self.eval(wi);
-        (pdf > 0.0).then(|| BsdfSample {
-            wi,
-            weight: value / pdf,
+        Some(BsdfSample {
+            wi: choice.wi,
+            weight: value,
             pdf,
-            lobe: Lobe::Diffuse,
-            singular: false,
-            transparent: false,
-            transmitted: false,
-            roughness: 1.0,
+            lobe: choice.lobe,
+            singular: choice.singular,
+            transparent: matches!(closure.scatter, Scatter::Transparent),
+            transmitted: choice.lobe == Lobe::Transmission,
+            roughness: if choice.singular { 0.0 } else { closure.roughness() },
         })
     }
 
     /// `f |cos|` of all closures that are not singular for light from `wi`, and the density with which
-    /// [`Surface::sample`] chooses `wi`.
+    /// [`Surface::sample`] chooses `wi` (before it rejects directions on the wrong side of the geometry).
     pub fn eval(&self, wi: Vec3) -> (Vec3, f32) {
-        match self.closures.first() {
-            Some(Closure::Diffuse { weight, normal }) if wi.dot(self.geometric_normal) > 0.0 => {
-                let pdf = normal.dot(wi).max(0.0) / PI;
-                (*weight * pdf, pdf)
-            }
-            _ => (Vec3::ZERO, 0.0),
+        let total: f32 = self.closures.iter().map(|closure| closure.sample_weight).sum();
+        let mut sum = (Vec3::ZERO, 0.0);
+        if total == 0.0 {
+            return sum;
         }
+        for closure in &self.closures {
+            let (f, density) = closure.eval(self.shading_normal, self.wo, wi);
+            sum.0 += closure.weight * f;
+            sum.1 += density * (closure.sample_weight / total);
+        }
+        sum
     }
 
     /// Estimate of the surface's albedo, for the denoiser.
     pub fn albedo(&self) -> Vec3 {
-        self.closures.iter().map(|Closure::Diffuse { weight, .. }| *weight).sum::<Vec3>().min(Vec3::ONE)
+        self.closures.iter().map(|closure| closure.albedo(self.wo)).sum::<Vec3>().min(Vec3::ONE)
     }
 
     /// Mean shading normal of the closures, for the denoiser.
     pub fn normal(&self) -> Vec3 {
-        match self.closures.first() {
-            Some(Closure::Diffuse { normal, .. }) => *normal,
-            None => self.geometric_normal,
+        let sum: Vec3 = self.closures.iter().map(|closure| closure.normal * closure.sample_weight).sum();
+        sum.normalize_or(self.shading_normal)
+    }
+
+    /// Whether what is seen is mostly a mirror or clear glass, so that the denoiser should look behind it: three
+    /// quarters or more of the weight scatter with an alpha below 0.075, as Cycles decides for its denoising passes.
+    pub fn is_specular(&self) -> bool {
+        let mut total = 0.0;
+        let mut rough = 0.0;
+        for closure in &self.closures {
+            total += closure.sample_weight;
+            if closure.roughness().powi(2) > 0.075 {
+                rough += closure.sample_weight;
+            }
+        }
+        total > 0.0 && rough * 4.0 <= total
+    }
+
+    /// Makes glossy closures at least as wide as `alpha` (Cycles' Filter Glossy).
+    pub fn blur(&mut self, alpha: f32) {
+        for closure in &mut self.closures {
+            closure.widen(alpha);
         }
     }
 
-    /// Whether what is seen is mostly a mirror or clear glass, so that the denoiser should look behind it.
-    pub fn is_specular(&self) -> bool {
-        false
+    /// The closure that `u` falls on, and `u` stretched over it to 0..1.
+    fn choose(&self, u: f32, total: f32) -> Option<(usize, f32)> {
+        let mut rest = u * total;
+        let last = self.closures.len().checked_sub(1)?;
+        for (index, closure) in self.closures.iter().enumerate() {
+            if rest < closure.sample_weight || index == last {
+                return Some((index, (rest / closure.sample_weight).clamp(0.0, 1.0 - f32::EPSILON)));
+            }
+            rest -= closure.sample_weight;
+        }
+        None
     }
-
-    /// Makes glossy closures at least as rough as `roughness` (Cycles' Filter Glossy).
-    pub fn blur(&mut self, _roughness: f32) {}
 }

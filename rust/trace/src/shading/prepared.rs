@@ -2,7 +2,7 @@ use glam::{Mat3A, Vec2, Vec3};
 use relume_scene::{Input, Node, Scene};
 
 use super::{Hit, SurfacePoint};
-use crate::bsdf::{Closure, Surface};
+use crate::bsdf::{Scatter, Surface};
 
 /// Everything about materials that does not depend on the hit.
 #[derive(Debug)]
@@ -75,7 +75,7 @@ impl PreparedMaterials {
             .get(point.triangle as usize)
             .map_or(0, |slot| usize::from(*slot));
         let Some(material) = instance.materials.get(slot).or(instance.materials.last()) else {
-            surface.add(Closure::Diffuse { weight: Vec3::splat(0.8), normal: point.shading_normal });
+            surface.add(Vec3::splat(0.8), point.shading_normal, Scatter::Diffuse);
             return;
         };
         for node in &scene.materials[*material].nodes {
@@ -85,7 +85,7 @@ impl PreparedMaterials {
                         Input::Rgb(rgb) => Vec3::from(*rgb),
                         _ => Vec3::splat(0.5),
                     };
-                    surface.add(Closure::Diffuse { weight, normal: point.shading_normal });
+                    surface.add(weight, point.shading_normal, Scatter::Diffuse);
                 }
                 _ => {}
             }

@@ -1,0 +1,168 @@
+use glam::Vec3;
+use relume_dump::Lobe;
+
+use super::frame::{cosine_pdf, sample_cosine};
+use super::normal::bump_shadowing;
+use super::{AshikhminShirley, Microfacet, OrenNayar, Sheen};
+
+/// One way in which a surface scatters, and how much of it there is.
+#[derive(Clone, Copy, Debug)]
+pub struct Closure {
+    /// Factor on the model's value.
+    pub weight: Vec3,
+    /// Relative probability of being sampled: the mean of `weight`, times what the model reflects or transmits.
+    pub sample_weight: f32,
+    /// Unit normal of the model.
+    pub normal: Vec3,
+    /// The model.
+    pub scatter: Scatter,
+}
+
+/// Scattering models, white.
+#[derive(Clone, Copy, Debug)]
+pub enum Scatter {
+    /// Lambert's diffuse reflection.
+    Diffuse,
+    /// Rough diffuse reflection.
+    OrenNayar(OrenNayar),
+    /// Lambert's law on the other side.
+    Translucent,
+    /// Straight through.
+    Transparent,
+    /// Reflection and refraction by facets.
+    Microfacet(Microfacet),
+    /// Phong-like reflection.
+    AshikhminShirley(AshikhminShirley),
+    /// Cloth.
+    Sheen(Sheen),
+}
+
+/// A direction that one closure chose. `value` is its `f |cos|` without the closure's weight and `pdf` its density;
+/// for a `singular` one, the closure's reflectance and the probability of the choice.
+#[derive(Clone, Copy, Debug)]
+pub struct ClosureSample {
+    /// Unit direction.
+    pub wi: Vec3,
+    /// See above.
+    pub value: Vec3,
+    /// See above.
+    pub pdf: f32,
+    /// Whether the direction has no density.
+    pub singular: bool,
+    /// Class of the direction.
+    pub lobe: Lobe,
+}
+
+impl Closure {
+    /// `f |cos|` without the weight, and density. `smooth` is the surface's shading normal before any bump.
+    pub fn eval(&self, smooth: Vec3, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
+        match &self.scatter {
+            Scatter::Diffuse => {
+                let pdf = cosine_pdf(self.normal.dot(wi));
+                (Vec3::splat(pdf * self.shadowing(smooth, wi)), pdf)
+            }
+            Scatter::OrenNayar(model) => {
+                (model.eval(wo, wi) * self.shadowing(smooth, wi), cosine_pdf(self.normal.dot(wi)))
+            }
+            Scatter::Translucent => {
+                let pdf = cosine_pdf(-self.normal.dot(wi));
+                (Vec3::splat(pdf), pdf)
+            }
+            Scatter::Transparent => (Vec3::ZERO, 0.0),
+            Scatter::Microfacet(model) => model.eval(wo, wi),
+            Scatter::AshikhminShirley(model) => {
+                let (value, pdf) = model.eval(wo, wi);
+                (Vec3::splat(value), pdf)
+            }
+            Scatter::Sheen(model) => {
+                let pdf = model.pdf(wi);
+                (Vec3::splat(pdf * self.shadowing(smooth, wi)), pdf)
+            }
+        }
+    }
+
+    /// Chooses a direction; nothing if it is on the wrong side of the surface.
+    pub fn sample(
+        &self,
+        geometric_normal: Vec3,
+        smooth: Vec3,
+        wo: Vec3,
+        u: [f32; 3],
+    ) -> Option<ClosureSample> {
+        let (wi, lobe, singular) = match &self.scatter {
+            Scatter::Microfacet(model) => return model.sample(wo, geometric_normal, u),
+            Scatter::Transparent => {
+                return Some(ClosureSample {
+                    wi: -wo,
+                    value: Vec3::ONE,
+                    pdf: 1.0,
+                    singular: true,
+                    lobe: Lobe::Transmission,
+                });
+            }
+            Scatter::Diffuse | Scatter::OrenNayar(_) => {
+                (sample_cosine(self.normal, [u[0], u[1]]), Lobe::Diffuse, false)
+            }
+            Scatter::Translucent => (sample_cosine(-self.normal, [u[0], u[1]]), Lobe::Transmission, false),
+            Scatter::AshikhminShirley(model) => {
+                (model.sample(wo, [u[0], u[1]])?, Lobe::Glossy, model.is_singular())
+            }
+            Scatter::Sheen(model) => (model.sample([u[0], u[1]]), Lobe::Diffuse, false),
+        };
+        let is_transmission = lobe == Lobe::Transmission;
+        if (geometric_normal.dot(wi) < 0.0) != is_transmission {
+            return None;
+        }
+        if singular {
+            return Some(ClosureSample { wi, value: Vec3::ONE, pdf: 1.0, singular, lobe });
+        }
+        let (value, pdf) = self.eval(smooth, wo, wi);
+        (pdf > 0.0).then_some(ClosureSample { wi, value, pdf, singular, lobe })
+    }
+
+    /// Estimate of the light that the closure reflects out of uniform light, weight included.
+    pub fn reflected_albedo(&self, wo: Vec3) -> Vec3 {
+        match &self.scatter {
+            Scatter::Microfacet(model) => self.weight * model.albedo(self.normal.dot(wo)).0,
+            Scatter::Transparent | Scatter::Translucent => Vec3::ZERO,
+            _ => self.weight,
+        }
+    }
+
+    /// Estimate of the light that the closure reflects and transmits out of uniform light, weight included.
+    pub fn albedo(&self, wo: Vec3) -> Vec3 {
+        match &self.scatter {
+            Scatter::Microfacet(model) => {
+                let (reflected, transmitted) = model.albedo(self.normal.dot(wo));
+                self.weight * (reflected + transmitted)
+            }
+            _ => self.weight,
+        }
+    }
+
+    /// Perceptual roughness: 1 for diffuse closures, 0 for what does not blur.
+    pub fn roughness(&self) -> f32 {
+        match &self.scatter {
+            Scatter::Microfacet(model) => model.roughness(),
+            Scatter::AshikhminShirley(model) => model.roughness(),
+            Scatter::Transparent => 0.0,
+            _ => 1.0,
+        }
+    }
+
+    /// Widens glossy models to at least `alpha`.
+    pub fn widen(&mut self, alpha: f32) {
+        match &mut self.scatter {
+            Scatter::Microfacet(model) => {
+                model.distribution.alpha_x = model.distribution.alpha_x.max(alpha);
+                model.distribution.alpha_y = model.distribution.alpha_y.max(alpha);
+            }
+            Scatter::AshikhminShirley(model) => model.widen(alpha),
+            _ => {}
+        }
+    }
+
+    fn shadowing(&self, smooth: Vec3, wi: Vec3) -> f32 {
+        bump_shadowing(smooth, self.normal, wi)
+    }
+}

@@ -1,0 +1,80 @@
+//! What shading normals need so that they do not show as artefacts.
+
+use glam::Vec3;
+
+/// Bends `normal` towards the geometric normal until the mirror direction of `wo` is above the surface. Cycles'
+/// construction: with the geometric normal as z and the shading normal in the x-z plane, the requirement that the
+/// mirror direction has height `t` is a quadratic equation in the square of the new normal's z.
+pub fn ensure_valid_reflection(geometric_normal: Vec3, wo: Vec3, normal: Vec3) -> Vec3 {
+    let mirrored = normal * (2.0 * normal.dot(wo)) - wo;
+    let wo_z = wo.dot(geometric_normal);
+    // Reflections may always be as shallow as the ray.
+    let threshold = (0.9 * wo_z).min(0.01);
+    if geometric_normal.dot(mirrored) >= threshold {
+        return normal;
+    }
+    let x = (normal - geometric_normal * normal.dot(geometric_normal)).normalize_or(normal);
+    let wo_x = wo.dot(x);
+    let a = wo_x * wo_x + wo_z * wo_z;
+    let b = 2.0 * (a + wo_z * threshold);
+    let c = (threshold + wo_z) * (threshold + wo_z);
+    let root = (b * b - 4.0 * a * c).max(0.0).sqrt();
+    // The root whose square root has the sign of the equation before squaring.
+    let z_squared = 0.25 * (if wo_x < 0.0 { b + root } else { b - root }) / a;
+    x * (1.0 - z_squared).max(0.0).sqrt() + geometric_normal * z_squared.max(0.0).sqrt()
+}
+
+/// Softens the terminator that a bent `normal` moves, for diffuse closures: Chiang, Li and Burley, "Taming the
+/// Shadow Terminator" (2019), relative to the unbent shading normal `smooth`.
+pub fn bump_shadowing(smooth: Vec3, normal: Vec3, wi: Vec3) -> f32 {
+    if smooth == normal {
+        return 1.0;
+    }
+    let cos = normal.dot(wi);
+    let smooth = if cos < 0.0 { -smooth } else { smooth };
+    let denominator = cos * smooth.dot(normal);
+    let g = if denominator == 0.0 { 0.0 } else { smooth.dot(wi) / denominator };
+    if g >= 1.0 {
+        1.0
+    } else if g < 0.0 {
+        0.0
+    } else {
+        g + g * g * (1.0 - g)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bent_normals_reflect_above_the_surface() {
+        for tilt in [0.3f32, 0.8, 1.2, -0.9] {
+            for view in [0.2f32, 0.9, 1.4] {
+                let wo = Vec3::new(view.sin(), 0.0, view.cos());
+                let normal = Vec3::new(tilt.sin() * 0.8, tilt.sin() * 0.6, tilt.cos()).normalize();
+                let valid = ensure_valid_reflection(Vec3::Z, wo, normal);
+                let mirrored = valid * (2.0 * valid.dot(wo)) - wo;
+                assert!((valid.length() - 1.0).abs() < 1e-4);
+                assert!(mirrored.z >= (0.9 * wo.z).min(0.01) - 1e-3, "{tilt} {view}: {mirrored}");
+            }
+        }
+    }
+
+    #[test]
+    fn valid_normals_stay() {
+        let normal = Vec3::new(0.1, 0.2, 1.0).normalize();
+        assert_eq!(ensure_valid_reflection(Vec3::Z, Vec3::Z, normal), normal);
+    }
+
+    #[test]
+    fn shadowing_is_one_without_bump_and_never_above() {
+        assert_eq!(bump_shadowing(Vec3::Z, Vec3::Z, Vec3::X), 1.0);
+        let normal = Vec3::new(0.6, 0.0, 0.8);
+        for i in 0..=20 {
+            let angle = i as f32 / 20.0 * std::f32::consts::PI;
+            let g = bump_shadowing(Vec3::Z, normal, Vec3::new(angle.cos(), 0.0, angle.sin()));
+            assert!((0.0..=1.0).contains(&g));
+        }
+    }
+}

@@ -1,0 +1,58 @@
+//! Sheen of cloth: Zeltner, Burley and Chiang, "Practical Multiple-Scattering Sheen Using Linearly Transformed
+//! Cosines" (SIGGRAPH 2022 talks). Cycles reads their 32x32 tables; here are the closed-form fits to the same tables
+//! that MaterialX publishes (`mx_zeltner_sheen_*`).
+
+use std::f32::consts::{FRAC_1_PI, TAU};
+
+use glam::Vec3;
+
+use super::frame::{Frame, sample_disk};
+
+/// A linearly transformed cosine about the direction of view.
+#[derive(Clone, Copy, Debug)]
+pub struct Sheen {
+    frame: Frame,
+    a: f32,
+    b: f32,
+}
+
+impl Sheen {
+    /// Sheen of perceptual `roughness` 0..1 seen from `wo`, and its albedo. Nothing if seen from behind.
+    pub fn new(normal: Vec3, roughness: f32, wo: Vec3) -> Option<(Self, f32)> {
+        let x = normal.dot(wo);
+        if x <= 0.0 {
+            return None;
+        }
+        let x = x.min(1.0);
+        // The fits hold above roughness 0.01 only.
+        let y = roughness.clamp(0.01, 1.0);
+        let a = (2.58126 * x + 0.813_703 * y) * y / (1.0 + 0.310_327 * x * x + 2.60994 * x * y);
+        let b = (1.0 - x).sqrt() * (y - 1.0) * y * y * y
+            / (0.000_025_405_3 + 1.71228 * x - 1.71506 * x * y + 1.34174 * y * y);
+        let width = y * (0.020_660_7 + 1.58491 * y) / (0.037_942_4 + y * (1.32227 + y));
+        let middle = y * (-0.193_854 + y * (-1.14885 + y * (1.7932 - 0.95943 * y * y))) / (0.046_391 + y);
+        let offset =
+            y * (0.000_654_023 + (-0.020_781_8 + 0.119_681 * y) * y) / (1.26264 + y * (-1.92021 + y));
+        let distance = (x - middle) / width;
+        let albedo = (-0.5 * distance * distance).exp() / (width * TAU.sqrt()) + offset;
+        Some((Self { frame: Frame::from_tangent(normal, wo), a, b }, albedo.clamp(0.0, 1.0)))
+    }
+
+    /// Density over solid angle, which is also `f |cos|` for albedo 1.
+    pub fn pdf(&self, wi: Vec3) -> f32 {
+        let wi = self.frame.local(wi);
+        if wi.z <= 0.0 {
+            return 0.0;
+        }
+        let transformed = Vec3::new(self.a * wi.x + self.b * wi.z, self.a * wi.y, wi.z);
+        let ratio = self.a / transformed.length_squared();
+        FRAC_1_PI * wi.z * ratio * ratio
+    }
+
+    /// A direction with density [`Self::pdf`].
+    pub fn sample(&self, u: [f32; 2]) -> Vec3 {
+        let (x, y) = sample_disk(u);
+        let z = (1.0 - u[0]).max(0.0).sqrt();
+        self.frame.world(Vec3::new((x - z * self.b) / self.a, y / self.a, z).normalize_or(Vec3::Z))
+    }
+}
