@@ -16,6 +16,11 @@ pub enum Lobe {
     Volume = 4,
 }
 
+impl Lobe {
+    /// Every lobe; the index is its code.
+    pub const ALL: [Self; 5] = [Self::Camera, Self::Diffuse, Self::Glossy, Self::Transmission, Self::Volume];
+}
+
 /// Where a segment ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum End {
@@ -34,6 +39,7 @@ pub struct Segment {
     pub throughput: Vec3,
     /// What made it.
     pub lobe: Lobe,
-    /// Receiver number of the object it left (the `receiver` of its instance); 0 for camera rays.
+    /// Receiver number of the object it left (the `receiver` of its instance), below
+    /// [`crate::RECEIVER_LIMIT`]; 0 for camera rays.
     pub receiver: u16,
 }

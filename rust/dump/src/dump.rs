@@ -1,0 +1,224 @@
+use std::path::Path;
+use std::sync::Arc;
+
+use relume_image::Image;
+
+use crate::samples::{AOV_CHANNELS, aov_channel};
+use crate::{DumpError, Manifest, Shard, ShardHeader};
+
+/// A path dump: the shards that there are so far. Cloning shares them.
+#[derive(Clone, Debug)]
+pub struct Dump {
+    manifest: Arc<Manifest>,
+    /// By tile, then by pass.
+    shards: Vec<Vec<Option<Arc<Shard>>>>,
+}
+
+/// Per-pixel features, averaged over all samples so far.
+#[derive(Clone, Debug)]
+pub struct Aovs {
+    /// RGB.
+    pub albedo: Image,
+    /// World space, 3 channels; shorter than 1 where it varies within the pixel.
+    pub normal: Image,
+    /// Distance to the first hit in metres, 1 channel; 0 where nothing was hit.
+    pub depth: Image,
+    /// Radiance of the scene's own emitters, RGB.
+    pub emission: Image,
+    /// Radiance of the baked world, RGB.
+    pub world: Image,
+    /// Film alpha, 1 channel.
+    pub alpha: Image,
+}
+
+impl Dump {
+    /// A dump without shards, for samples that stay in memory.
+    ///
+    /// # Errors
+    /// If the manifest is invalid.
+    pub fn in_memory(manifest: Manifest) -> Result<Self, DumpError> {
+        manifest.check()?;
+        let shards = vec![vec![None; manifest.passes.len()]; manifest.tile_count()];
+        Ok(Self { manifest: Arc::new(manifest), shards })
+    }
+
+    /// Opens a folder and maps the shards that there are; an unfinished dump is fine, see [`Dump::missing`].
+    ///
+    /// # Errors
+    /// If the manifest or the structure of a shard is damaged, or a shard belongs to another bake. The content is
+    /// not read: see [`Dump::validate`].
+    pub fn open(dir: &Path) -> Result<Self, DumpError> {
+        let mut dump = Self::in_memory(Manifest::read(dir)?)?;
+        for (tile, pass) in dump.missing() {
+            let path = Manifest::shard_path(dir, tile, pass);
+            if path.exists() {
+                dump.insert(tile, pass, Arc::new(Shard::open(&path)?))?;
+            }
+        }
+        Ok(dump)
+    }
+
+    /// Adds a shard.
+    ///
+    /// # Errors
+    /// If it is of another bake, tile or pass.
+    pub fn insert(&mut self, tile: usize, pass: usize, shard: Arc<Shard>) -> Result<(), DumpError> {
+        check_membership(&self.manifest, tile, pass, shard.header())
+            .map_err(|reason| DumpError::damaged(shard.path(), reason))?;
+        self.shards[tile][pass] = Some(shard);
+        Ok(())
+    }
+
+    /// What the dump is of.
+    pub fn manifest(&self) -> &Manifest {
+        &self.manifest
+    }
+
+    /// The shards of a tile, in the order of the passes.
+    pub fn tile(&self, tile: usize) -> impl Iterator<Item = &Arc<Shard>> + Clone {
+        self.shards[tile].iter().flatten()
+    }
+
+    /// All shards, tile by tile.
+    pub fn shards(&self) -> impl Iterator<Item = &Arc<Shard>> {
+        self.shards.iter().flatten().flatten()
+    }
+
+    /// Tile and pass of every shard that is not there yet.
+    pub fn missing(&self) -> Vec<(usize, usize)> {
+        let all = self.shards.iter().enumerate().flat_map(|(tile, passes)| {
+            passes.iter().enumerate().map(move |(pass, shard)| (tile, pass, shard))
+        });
+        all.filter(|(_, _, shard)| shard.is_none()).map(|(tile, pass, _)| (tile, pass)).collect()
+    }
+
+    /// Whether a tile of a pass is there.
+    pub fn has(&self, tile: usize, pass: usize) -> bool {
+        self.shards.get(tile).and_then(|passes| passes.get(pass)).is_some_and(Option::is_some)
+    }
+
+    /// Samples per pixel of a tile so far.
+    pub fn tile_samples(&self, tile: usize) -> u32 {
+        self.tile(tile).map(|shard| shard.samples()).sum()
+    }
+
+    /// Number of records over all shards.
+    pub fn record_count(&self) -> usize {
+        self.shards().map(|shard| shard.record_count()).sum()
+    }
+
+    /// The tile of an image pixel, and the number of the pixel in it.
+    pub fn locate(&self, x: usize, y: usize) -> (usize, usize) {
+        let size = self.manifest.tile_size;
+        let tile = y / size * self.manifest.tiles_x() + x / size;
+        (tile, y % size * self.manifest.tile_rect(tile).width + x % size)
+    }
+
+    /// The shards that hold samples of an image pixel, with the number of the pixel in each.
+    pub fn pixel(&self, x: usize, y: usize) -> impl Iterator<Item = (&Arc<Shard>, usize)> + Clone {
+        let (tile, pixel) = self.locate(x, y);
+        self.tile(tile).map(move |shard| (shard, pixel))
+    }
+
+    /// Averages the AOVs over all samples; black where there are none.
+    pub fn aovs(&self) -> Aovs {
+        let Manifest { width, height, .. } = *self.manifest;
+        let image = |channels| Image::new(width, height, channels);
+        let mut aovs = Aovs {
+            albedo: image(3),
+            normal: image(3),
+            depth: image(1),
+            emission: image(3),
+            world: image(3),
+            alpha: image(1),
+        };
+        for tile in 0..self.manifest.tile_count() {
+            let rect = self.manifest.tile_rect(tile);
+            let scale = 1.0 / self.tile_samples(tile).max(1) as f32;
+            for pixel in 0..rect.pixel_count() {
+                let target = (rect.y + pixel / rect.width) * width + rect.x + pixel % rect.width;
+                aovs.set(target, &self.aov_sums(tile, pixel), scale);
+            }
+        }
+        aovs
+    }
+
+    fn aov_sums(&self, tile: usize, pixel: usize) -> [f32; AOV_CHANNELS] {
+        let mut sums = [0.0; AOV_CHANNELS];
+        for shard in self.tile(tile) {
+            for (sum, value) in sums.iter_mut().zip(shard.aov()[pixel]) {
+                *sum += value;
+            }
+        }
+        sums
+    }
+
+    /// Reads everything and lists all that is wrong, in words, each with its file; an empty list means sound and
+    /// complete.
+    pub fn validate(&self) -> Vec<String> {
+        let mut problems: Vec<_> = self
+            .missing()
+            .iter()
+            .map(|(tile, pass)| format!("tile {tile}, pass {pass} is missing"))
+            .collect();
+        for shard in self.shards() {
+            let found = shard.problems(self.manifest.receivers.len());
+            problems
+                .extend(found.into_iter().map(|problem| format!("{}: {problem}", shard.path().display())));
+        }
+        problems
+    }
+
+    /// As [`Dump::validate`] for a folder, but goes on past shards that cannot be opened.
+    pub fn validate_dir(dir: &Path) -> Result<Vec<String>, DumpError> {
+        let mut dump = Self::in_memory(Manifest::read(dir)?)?;
+        let mut problems = Vec::new();
+        for (tile, pass) in dump.missing() {
+            let path = Manifest::shard_path(dir, tile, pass);
+            if path.exists() {
+                let result = Shard::open(&path).and_then(|shard| dump.insert(tile, pass, Arc::new(shard)));
+                problems.extend(result.err().map(|error| error.to_string()));
+            }
+        }
+        problems.extend(dump.validate());
+        Ok(problems)
+    }
+}
+
+impl Aovs {
+    fn set(&mut self, pixel: usize, sums: &[f32; AOV_CHANNELS], scale: f32) {
+        let copy = |image: &mut Image, first: usize, scale: f32| {
+            for channel in 0..image.channels {
+                image.data[pixel * image.channels + channel] = sums[first + channel] * scale;
+            }
+        };
+        copy(&mut self.albedo, aov_channel::ALBEDO, scale);
+        copy(&mut self.normal, aov_channel::NORMAL, scale);
+        copy(&mut self.depth, aov_channel::DEPTH, 1.0 / sums[aov_channel::HITS].max(1.0));
+        copy(&mut self.emission, aov_channel::EMISSION, scale);
+        copy(&mut self.world, aov_channel::WORLD, scale);
+        copy(&mut self.alpha, aov_channel::ALPHA, scale);
+    }
+}
+
+/// Whether a shard is of this bake, tile and pass.
+pub(crate) fn check_membership(
+    manifest: &Manifest,
+    tile: usize,
+    pass: usize,
+    header: &ShardHeader,
+) -> Result<(), String> {
+    if header.bake_id != manifest.bake_id() {
+        return Err("it belongs to another bake".into());
+    }
+    if tile >= manifest.tile_count() || header.rect != manifest.tile_rect(tile) {
+        return Err(format!("it is not tile {tile}"));
+    }
+    if manifest.passes.get(pass) != Some(&header.pass) {
+        return Err(format!("it is not pass {pass}"));
+    }
+    if header.camera_position != manifest.camera_position {
+        return Err("its camera position is not the manifest's".into());
+    }
+    Ok(())
+}

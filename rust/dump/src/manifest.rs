@@ -1,0 +1,198 @@
+use std::fs::File;
+use std::io::{BufReader, Write};
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use crate::DumpError;
+
+/// Version of the manifest and of the shards; a reader refuses any other.
+pub const FORMAT_VERSION: u32 = 1;
+
+/// What a dump is of: written once as `manifest.json`, the same for all machines that bake tiles of it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Manifest {
+    /// [`FORMAT_VERSION`].
+    pub format_version: u32,
+    /// Hash of the exported scene, hex.
+    pub scene_hash: String,
+    /// Image width in pixels.
+    pub width: usize,
+    /// Image height in pixels.
+    pub height: usize,
+    /// Edge of the square tiles in pixels; tiles at the right and lower edge are cut off.
+    pub tile_size: usize,
+    /// Sampling passes over the image, in order, without gaps.
+    pub passes: Vec<Pass>,
+    /// Seed of the sampler.
+    pub seed: u64,
+    /// The camera, as the session serialises it.
+    pub camera: serde_json::Value,
+    /// Where every path of a pinhole camera starts, world space, metres; absent if paths carry their own camera
+    /// vertex (depth of field, orthographic, clip start).
+    pub camera_position: Option<[f32; 3]>,
+    /// Object names by receiver number (light linking); may be empty.
+    pub receivers: Vec<String>,
+    /// Settings that made the dump: bounces, clamps and so on.
+    pub settings: serde_json::Value,
+    /// Name of the scene-linear space of all colours.
+    pub working_space: String,
+}
+
+/// A range of samples of every pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Pass {
+    /// First sample number.
+    pub first_sample: u32,
+    /// Samples, that is paths, per pixel; at least 1.
+    pub samples: u32,
+}
+
+/// A rectangle of pixels; x to the right, y downwards from the top left pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct TileRect {
+    /// Left column.
+    pub x: usize,
+    /// Top row.
+    pub y: usize,
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+}
+
+impl TileRect {
+    /// Number of pixels.
+    pub fn pixel_count(&self) -> usize {
+        self.width * self.height
+    }
+}
+
+impl Manifest {
+    /// File name of the manifest in the dump's folder.
+    pub const FILE: &'static str = "manifest.json";
+
+    /// Columns of tiles.
+    pub fn tiles_x(&self) -> usize {
+        self.width.div_ceil(self.tile_size)
+    }
+
+    /// Number of tiles.
+    pub fn tile_count(&self) -> usize {
+        self.tiles_x() * self.height.div_ceil(self.tile_size)
+    }
+
+    /// Pixels of a tile; tiles count row by row from the top left.
+    pub fn tile_rect(&self, tile: usize) -> TileRect {
+        let x = tile % self.tiles_x() * self.tile_size;
+        let y = tile / self.tiles_x() * self.tile_size;
+        let (width, height) = (self.tile_size.min(self.width - x), self.tile_size.min(self.height - y));
+        TileRect { x, y, width, height }
+    }
+
+    /// Samples per pixel over all passes.
+    pub fn samples(&self) -> u32 {
+        self.passes.iter().map(|pass| pass.samples).sum()
+    }
+
+    /// File of a shard in the dump's folder.
+    pub fn shard_path(dir: &Path, tile: usize, pass: usize) -> PathBuf {
+        dir.join(format!("tile_{tile:04}_pass_{pass:04}.safetensors"))
+    }
+
+    /// Refuses values that no dump can have.
+    pub fn check(&self) -> Result<(), DumpError> {
+        const SIZE_LIMIT: usize = 1 << 16;
+        let fail = |reason: String| Err(DumpError::Manifest(reason));
+        if self.format_version != FORMAT_VERSION {
+            return fail(format!(
+                "format version {} instead of {FORMAT_VERSION}; use the Relume that wrote it or bake again",
+                self.format_version
+            ));
+        }
+        for (name, size) in [("width", self.width), ("height", self.height), ("tile size", self.tile_size)] {
+            if size == 0 || size > SIZE_LIMIT {
+                return fail(format!("{name} is {size}, must be 1 to {SIZE_LIMIT} pixels"));
+            }
+        }
+        let mut next = self.passes.first().map_or(0, |pass| pass.first_sample);
+        for (index, pass) in self.passes.iter().enumerate() {
+            let end = pass.first_sample.checked_add(pass.samples);
+            if pass.samples == 0 || pass.first_sample != next || end.is_none() {
+                return fail(format!("pass {index} has no samples or does not follow the one before"));
+            }
+            next = pass.first_sample + pass.samples;
+        }
+        if self.passes.is_empty() {
+            return fail("no passes".into());
+        }
+        if self.camera_position.is_some_and(|p| !p.iter().all(|v| v.is_finite())) {
+            return fail("the camera position is not finite".into());
+        }
+        if self.receivers.len() > usize::from(crate::RECEIVER_LIMIT) {
+            return fail(format!("more than {} receivers", crate::RECEIVER_LIMIT));
+        }
+        Ok(())
+    }
+
+    /// The first thing in which `other` is a bake of something else; more or fewer passes are the same bake as
+    /// long as the common ones agree.
+    pub fn difference(&self, other: &Self) -> Option<&'static str> {
+        let common = self.passes.len().min(other.passes.len());
+        [
+            ("format version", self.format_version == other.format_version),
+            ("scene", self.scene_hash == other.scene_hash),
+            ("image size", (self.width, self.height) == (other.width, other.height)),
+            ("tile size", self.tile_size == other.tile_size),
+            ("sample range of a pass", self.passes[..common] == other.passes[..common]),
+            ("seed", self.seed == other.seed),
+            ("camera", (&self.camera, self.camera_position) == (&other.camera, other.camera_position)),
+            ("receiver list", self.receivers == other.receivers),
+            ("settings", self.settings == other.settings),
+            ("working space", self.working_space == other.working_space),
+        ]
+        .into_iter()
+        .find_map(|(name, same)| (!same).then_some(name))
+    }
+
+    /// Hash of everything but the passes, hex; every shard carries it, so that files of different bakes cannot mix.
+    pub fn bake_id(&self) -> String {
+        let without_passes = Self { passes: Vec::new(), ..self.clone() };
+        let json = serde_json::to_vec(&without_passes).expect("plain data with string keys");
+        blake3::hash(&json).to_hex().to_string()
+    }
+
+    /// Reads and checks the manifest of a folder.
+    pub fn read(dir: &Path) -> Result<Self, DumpError> {
+        let path = dir.join(Self::FILE);
+        let file = File::open(&path).map_err(DumpError::io("read the dump's manifest", &path))?;
+        let manifest: Self = serde_json::from_reader(BufReader::new(file))
+            .map_err(|error| DumpError::damaged(&path, error.to_string()))?;
+        manifest.check().map_err(|error| DumpError::damaged(&path, error.to_string()))?;
+        Ok(manifest)
+    }
+
+    /// Writes the manifest atomically.
+    pub fn write(&self, dir: &Path) -> Result<(), DumpError> {
+        let mut json = serde_json::to_vec_pretty(self).expect("plain data with string keys");
+        json.push(b'\n');
+        write_atomically(&dir.join(Self::FILE), &json)
+    }
+}
+
+/// Writes a whole file or nothing: to a temporary file in the same folder, then renamed.
+pub(crate) fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), DumpError> {
+    let dir = path.parent().unwrap_or(Path::new("."));
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".relume-").suffix(".tmp");
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        // What a plain `File::create` gives (the umask applies), so that other users of a farm can read it.
+        builder.permissions(std::fs::Permissions::from_mode(0o666));
+    }
+    let mut file = builder.tempfile_in(dir).map_err(DumpError::io("create a file", path))?;
+    file.write_all(bytes).map_err(DumpError::io("write", path))?;
+    file.persist(path).map_err(|error| DumpError::io("rename into place", path)(error.error))?;
+    Ok(())
+}

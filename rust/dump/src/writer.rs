@@ -1,0 +1,157 @@
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use crate::dump::check_membership;
+use crate::manifest::write_atomically;
+use crate::{Dump, DumpError, Manifest, Shard, TileSamples};
+
+/// Where a tracer puts its tiles. Many threads may write at the same time, each its own tile and pass.
+pub trait ShardSink: Sync {
+    /// What is being baked.
+    fn manifest(&self) -> &Manifest;
+
+    /// Whether a tile of a pass is already there, so that it need not be traced again.
+    fn is_complete(&self, tile: usize, pass: usize) -> bool;
+
+    /// Stores a tile of a pass.
+    ///
+    /// # Errors
+    /// If the samples do not fit the manifest, or the file cannot be written; then no file is left.
+    fn write(&self, tile: usize, pass: usize, samples: &TileSamples) -> Result<(), DumpError>;
+}
+
+/// Writes a dump into a folder.
+#[derive(Debug)]
+pub struct DumpWriter {
+    dir: PathBuf,
+    manifest: Manifest,
+    /// By tile, then pass: found when resuming.
+    found: Vec<Vec<bool>>,
+}
+
+impl DumpWriter {
+    /// Starts a dump in a folder, which is made if it is not there.
+    ///
+    /// # Errors
+    /// If the folder holds a dump already or cannot be written, or the manifest is invalid.
+    pub fn create(dir: &Path, manifest: Manifest) -> Result<Self, DumpError> {
+        if dir.join(Manifest::FILE).exists() {
+            return Err(DumpError::Exists { path: dir.to_owned() });
+        }
+        Self::start(dir, manifest)
+    }
+
+    /// Goes on with the dump in a folder: complete shards stay, damaged ones are removed, to be baked again. Starts
+    /// one if there is none. The manifest may have more passes than the dump has.
+    ///
+    /// # Errors
+    /// If the folder holds a dump of something else, cannot be written, or the manifest is invalid.
+    pub fn resume(dir: &Path, manifest: Manifest) -> Result<Self, DumpError> {
+        if dir.join(Manifest::FILE).exists() {
+            let existing = Manifest::read(dir)?;
+            if let Some(difference) = existing.difference(&manifest) {
+                return Err(DumpError::OtherBake { path: dir.to_owned(), difference });
+            }
+        }
+        let mut writer = Self::start(dir, manifest)?;
+        for tile in 0..writer.found.len() {
+            for pass in 0..writer.found[tile].len() {
+                writer.found[tile][pass] = writer.keep_or_remove(tile, pass)?;
+            }
+        }
+        Ok(writer)
+    }
+
+    fn start(dir: &Path, manifest: Manifest) -> Result<Self, DumpError> {
+        manifest.check()?;
+        fs::create_dir_all(dir).map_err(DumpError::io("create the folder", dir))?;
+        manifest.write(dir)?;
+        let found = vec![vec![false; manifest.passes.len()]; manifest.tile_count()];
+        Ok(Self { dir: dir.to_owned(), manifest, found })
+    }
+
+    fn keep_or_remove(&self, tile: usize, pass: usize) -> Result<bool, DumpError> {
+        let path = Manifest::shard_path(&self.dir, tile, pass);
+        if !path.exists() {
+            return Ok(false);
+        }
+        let sound = match Shard::open(&path) {
+            Ok(shard) => {
+                check_membership(&self.manifest, tile, pass, shard.header()).is_ok()
+                    && shard.problems(self.manifest.receivers.len()).is_empty()
+            }
+            Err(DumpError::Damaged { .. }) => false,
+            Err(other) => return Err(other),
+        };
+        if !sound {
+            fs::remove_file(&path).map_err(DumpError::io("remove the damaged file", &path))?;
+        }
+        Ok(sound)
+    }
+
+    /// Opens what was written.
+    ///
+    /// # Errors
+    /// As [`Dump::open`].
+    pub fn finish(self) -> Result<Dump, DumpError> {
+        Dump::open(&self.dir)
+    }
+}
+
+impl ShardSink for DumpWriter {
+    fn manifest(&self) -> &Manifest {
+        &self.manifest
+    }
+
+    fn is_complete(&self, tile: usize, pass: usize) -> bool {
+        self.found.get(tile).and_then(|passes| passes.get(pass)).is_some_and(|&found| found)
+    }
+
+    fn write(&self, tile: usize, pass: usize, samples: &TileSamples) -> Result<(), DumpError> {
+        let shard = Shard::encode(&self.manifest, tile, pass, samples)?;
+        write_atomically(&Manifest::shard_path(&self.dir, tile, pass), shard.as_bytes())
+    }
+}
+
+/// Collects a dump in memory; [`MemoryWriter::snapshot`] gives what is there so far at any time.
+#[derive(Debug)]
+pub struct MemoryWriter {
+    manifest: Manifest,
+    dump: Mutex<Dump>,
+}
+
+impl MemoryWriter {
+    /// An empty dump.
+    ///
+    /// # Errors
+    /// If the manifest is invalid.
+    pub fn new(manifest: Manifest) -> Result<Self, DumpError> {
+        Ok(Self { dump: Mutex::new(Dump::in_memory(manifest.clone())?), manifest })
+    }
+
+    /// The dump so far; shards are shared, not copied.
+    pub fn snapshot(&self) -> Dump {
+        self.lock().clone()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Dump> {
+        // A dump is whole between calls, whatever a panicking thread was doing.
+        self.dump.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl ShardSink for MemoryWriter {
+    fn manifest(&self) -> &Manifest {
+        &self.manifest
+    }
+
+    fn is_complete(&self, tile: usize, pass: usize) -> bool {
+        self.lock().has(tile, pass)
+    }
+
+    fn write(&self, tile: usize, pass: usize, samples: &TileSamples) -> Result<(), DumpError> {
+        let shard = Arc::new(Shard::encode(&self.manifest, tile, pass, samples)?);
+        self.lock().insert(tile, pass, shard)
+    }
+}
