@@ -10,6 +10,7 @@ mod camera;
 mod light;
 mod material;
 mod mesh;
+mod obj;
 mod polygon;
 mod texture;
 mod world;
@@ -27,6 +28,7 @@ pub use material::{
     MixData, Node, NodeId, NormalSpace, Output, TexCoord, VectorMathOp,
 };
 pub use mesh::{Instance, Mesh, UvMap};
+pub use obj::{ObjError, UpAxis, load_obj};
 pub use polygon::{PolygonError, PolygonMesh, PolygonNormals};
 pub use texture::{ColorEncoding, Extension, Interpolation, Texels, Texture};
 pub use world::World;
