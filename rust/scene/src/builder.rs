@@ -106,6 +106,7 @@ impl SceneBuilder {
         } else if wrong(mesh.corner_normals.len(), corners)
             || wrong(mesh.material_slots.len(), mesh.triangles.len())
             || mesh.uv_maps.iter().any(|map| map.coords.len() != corners)
+            || mesh.color_attributes.iter().any(|attribute| attribute.colors.len() != corners)
         {
             "its arrays differ in length"
         } else if !mesh.positions.iter().all(|p| p.is_finite()) {

@@ -27,7 +27,7 @@ pub use material::{
     Alpha, BlendMode, ColorMode, Curve, Distribution, Input, MapRangeKind, MappingKind, Material, MathOp,
     MixData, Node, NodeId, NormalSpace, Output, TexCoord, VectorMathOp,
 };
-pub use mesh::{Instance, Mesh, UvMap};
+pub use mesh::{ColorAttribute, Instance, Mesh, UvMap};
 pub use obj::{ObjError, UpAxis, load_obj};
 pub use polygon::{PolygonError, PolygonMesh, PolygonNormals};
 pub use texture::{ColorEncoding, Extension, Interpolation, Texels, Texture};

@@ -400,10 +400,14 @@ pub enum Node {
         strength: Input,
         color: Input,
     },
+    /// `filter_width` is the step of the finite differences in pixels (the socket of Blender 5.0; before that, the
+    /// width was fixed).
     Bump {
         invert: bool,
         strength: Input,
         distance: Input,
+        #[serde(default = "default_filter_width")]
+        filter_width: Input,
         height: Input,
         normal: Option<Input>,
     },
@@ -506,6 +510,111 @@ pub enum Node {
     },
     Geometry,
     ObjectInfo,
+}
+
+fn default_filter_width() -> Input {
+    Input::Float(0.1)
+}
+
+impl Node {
+    /// Calls `visit` for every input socket.
+    pub fn for_each_input(&mut self, mut visit: impl FnMut(&mut Input)) {
+        let mut all = |inputs: &mut [&mut Input]| inputs.iter_mut().for_each(|input| visit(input));
+        match self {
+            Self::Principled {
+                base_color,
+                metallic,
+                roughness,
+                diffuse_roughness,
+                ior,
+                alpha,
+                normal,
+                subsurface_weight,
+                specular_ior_level,
+                specular_tint,
+                anisotropic,
+                anisotropic_rotation,
+                tangent,
+                transmission_weight,
+                coat_weight,
+                coat_roughness,
+                coat_ior,
+                coat_tint,
+                coat_normal,
+                sheen_weight,
+                sheen_roughness,
+                sheen_tint,
+                emission_color,
+                emission_strength,
+                distribution: _,
+            } => {
+                all(&mut [base_color, metallic, roughness, diffuse_roughness, ior, alpha, subsurface_weight]);
+                all(&mut [specular_ior_level, specular_tint, anisotropic, anisotropic_rotation]);
+                all(&mut [transmission_weight, coat_weight, coat_roughness, coat_ior, coat_tint]);
+                all(&mut [sheen_weight, sheen_roughness, sheen_tint, emission_color, emission_strength]);
+                [normal, tangent, coat_normal].into_iter().flatten().for_each(visit);
+            }
+            Self::Diffuse { color, roughness, normal } => {
+                all(&mut [color, roughness]);
+                normal.iter_mut().for_each(visit);
+            }
+            Self::Glossy { color, roughness, anisotropy, rotation, normal, tangent, distribution: _ } => {
+                all(&mut [color, roughness, anisotropy, rotation]);
+                [normal, tangent].into_iter().flatten().for_each(visit);
+            }
+            Self::Glass { color, roughness, ior, normal, distribution: _ }
+            | Self::Refraction { color, roughness, ior, normal, distribution: _ } => {
+                all(&mut [color, roughness, ior]);
+                normal.iter_mut().for_each(visit);
+            }
+            Self::Translucent { color, normal } => {
+                all(&mut [color]);
+                normal.iter_mut().for_each(visit);
+            }
+            Self::Transparent { color } => all(&mut [color]),
+            Self::Emission { color, strength } => all(&mut [color, strength]),
+            Self::MixShader { factor, a: _, b: _ } => all(&mut [factor]),
+            Self::AddShader { .. }
+            | Self::TextureCoordinate { .. }
+            | Self::UvMap { .. }
+            | Self::ColorAttribute { .. }
+            | Self::Geometry
+            | Self::ObjectInfo => {}
+            Self::ImageTexture { vector, .. } => vector.iter_mut().for_each(visit),
+            Self::Mapping { kind: _, vector, location, rotation, scale } => {
+                all(&mut [vector, location, rotation, scale]);
+            }
+            Self::NormalMap { space: _, uv_map: _, strength, color } => all(&mut [strength, color]),
+            Self::Bump { invert: _, strength, distance, filter_width, height, normal } => {
+                all(&mut [strength, distance, filter_width, height]);
+                normal.iter_mut().for_each(visit);
+            }
+            Self::Mix { factor, a, b, .. } => all(&mut [factor, a, b]),
+            Self::Math { a, b, c, .. } => all(&mut [a, b, c]),
+            Self::VectorMath { operation: _, a, b, c, scale } => all(&mut [a, b, c, scale]),
+            Self::MapRange { value, from_min, from_max, to_min, to_max, steps, .. } => {
+                all(&mut [value, from_min, from_max, to_min, to_max, steps]);
+            }
+            Self::Clamp { range: _, value, min, max } => all(&mut [value, min, max]),
+            Self::ColorRamp { factor, ramp: _ } => all(&mut [factor]),
+            Self::RgbCurves { factor, color, curves: _ } | Self::Invert { factor, color } => {
+                all(&mut [factor, color]);
+            }
+            Self::HueSaturation { hue, saturation, value, factor, color } => {
+                all(&mut [hue, saturation, value, factor, color]);
+            }
+            Self::BrightContrast { color, bright, contrast } => all(&mut [color, bright, contrast]),
+            Self::Gamma { color, gamma } => all(&mut [color, gamma]),
+            Self::SeparateColor { mode: _, color } => all(&mut [color]),
+            Self::CombineColor { mode: _, a, b, c } => all(&mut [a, b, c]),
+            Self::SeparateXyz { vector } => all(&mut [vector]),
+            Self::CombineXyz { x, y, z } => all(&mut [x, y, z]),
+            Self::Fresnel { ior, normal } | Self::LayerWeight { blend: ior, normal } => {
+                all(&mut [ior]);
+                normal.iter_mut().for_each(visit);
+            }
+        }
+    }
 }
 
 /// Colour model of Separate and Combine Color.

@@ -13,6 +13,8 @@ pub struct Mesh {
     pub corner_normals: Vec<Vec3>,
     /// UV maps, the active render one first.
     pub uv_maps: Vec<UvMap>,
+    /// Colour attributes, the active render one first.
+    pub color_attributes: Vec<ColorAttribute>,
     /// Material slot of each triangle, an index into [`Instance::materials`]; empty if all are slot 0.
     pub material_slots: Vec<u16>,
 }
@@ -24,6 +26,15 @@ pub struct UvMap {
     pub name: String,
     /// One a corner.
     pub coords: Vec<Vec2>,
+}
+
+/// A named set of scene-linear colours.
+#[derive(Clone, Debug, Default)]
+pub struct ColorAttribute {
+    /// Name of the attribute.
+    pub name: String,
+    /// RGBA, one a corner.
+    pub colors: Vec<[f32; 4]>,
 }
 
 /// A mesh placed in the world.

@@ -3,7 +3,7 @@
 
 use std::f32::consts::PI;
 
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 
 use super::*;
 use crate::shading::SurfacePoint;
@@ -38,7 +38,6 @@ fn facing(wo: Vec3) -> Surface {
         barycentrics: [0.3, 0.3],
         ray_length: 1.0,
         footprint: 1e-3,
-        film: Vec2::ZERO,
     };
     let mut surface = Surface::default();
     surface.reset(&point);

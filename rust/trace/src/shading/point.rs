@@ -1,4 +1,4 @@
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 
 /// What a ray met.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,6 +38,4 @@ pub struct SurfacePoint {
     pub ray_length: f32,
     /// Radius of the ray's footprint on the surface, metres (Cycles' compact differential `dP`).
     pub footprint: f32,
-    /// Position on the film, 0..1, of the camera path.
-    pub film: Vec2,
 }

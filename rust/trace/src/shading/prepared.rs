@@ -1,4 +1,4 @@
-use glam::{Mat3A, Vec2, Vec3};
+use glam::{Mat3A, Vec3};
 use relume_scene::{Input, Node, Scene};
 
 use super::{Hit, SurfacePoint};
@@ -23,7 +23,7 @@ impl PreparedMaterials {
     }
 
     /// The point that a ray from `origin` along the unit `direction` hit. `footprint` is the radius of the ray's
-    /// cone there, `film` the position of the path's pixel on the film, 0..1.
+    /// cone there.
     pub fn surface_point(
         &self,
         scene: &Scene,
@@ -31,7 +31,6 @@ impl PreparedMaterials {
         origin: Vec3,
         direction: Vec3,
         footprint: f32,
-        film: Vec2,
     ) -> SurfacePoint {
         let instance = &scene.instances[hit.instance as usize];
         let mesh = &scene.meshes[instance.mesh];
@@ -62,7 +61,6 @@ impl PreparedMaterials {
             barycentrics: hit.barycentrics,
             ray_length: hit.distance,
             footprint,
-            film,
         }
     }
 
