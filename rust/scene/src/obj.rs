@@ -107,6 +107,7 @@ fn mesh(model: &tobj::Model, up: UpAxis) -> Mesh {
         } else {
             Vec::new()
         },
+        color_attributes: Vec::new(),
         material_slots: Vec::new(),
     }
 }
