@@ -1,0 +1,1 @@
+"""Work with the native module, which nothing else imports."""

@@ -1,0 +1,64 @@
+"""Reads a camera object; `relume_scene::BlenderCamera` gives the numbers their meaning."""
+
+from __future__ import annotations
+
+import json
+
+import bpy
+
+
+class UnsupportedCamera(Exception):
+    """A projection that Relume does not have."""
+
+
+def camera_json(camera: bpy.types.Object, scene: bpy.types.Scene, percentage: int | None = None) -> str:
+    """The JSON form of `BlenderCamera` for an evaluated camera object."""
+    data, render = camera.data, scene.render
+    if data.type not in {"PERSP", "ORTHO"}:
+        raise UnsupportedCamera(
+            f"camera '{camera.name}': {data.type.lower()} projection is not supported; use perspective or orthographic"
+        )
+    percentage = percentage or render.resolution_percentage
+    return json.dumps(
+        {
+            "name": camera.name,
+            "world_from_object": [list(row) for row in camera.matrix_world],
+            "projection": "perspective" if data.type == "PERSP" else "orthographic",
+            "resolution": [
+                max(1, edge * percentage // 100) for edge in (render.resolution_x, render.resolution_y)
+            ],
+            "pixel_aspect": [render.pixel_aspect_x, render.pixel_aspect_y],
+            "sensor_fit": data.sensor_fit,
+            "sensor": [data.sensor_width, data.sensor_height],
+            "lens": data.lens,
+            "ortho_scale": data.ortho_scale,
+            "shift": [data.shift_x, data.shift_y],
+            "clip_start": data.clip_start,
+            "clip_end": data.clip_end,
+            "depth_of_field": _depth_of_field(camera) if data.dof.use_dof else None,
+        }
+    )
+
+
+def _depth_of_field(camera: bpy.types.Object) -> dict[str, float]:
+    dof = camera.data.dof
+    return {
+        "fstop": max(dof.aperture_fstop, 1e-5),
+        "focus_distance": max(_focus_distance(camera), 1e-4),
+        "blades": dof.aperture_blades,
+        "rotation": dof.aperture_rotation,
+        "ratio": dof.aperture_ratio,
+    }
+
+
+def _focus_distance(camera: bpy.types.Object) -> float:
+    """Distance along the view axis; of the focus object, or of its bone, if one is set."""
+    dof = camera.data.dof
+    if dof.focus_object is None:
+        return dof.focus_distance
+    target = dof.focus_object.matrix_world
+    bones = dof.focus_object.pose.bones if dof.focus_object.pose else {}
+    if dof.focus_subtarget and dof.focus_subtarget in bones:
+        target = target @ bones[dof.focus_subtarget].matrix
+    view_axis = camera.matrix_world.to_3x3().col[2].normalized()
+    return abs(view_axis.dot(target.translation - camera.matrix_world.translation))

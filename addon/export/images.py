@@ -1,0 +1,75 @@
+"""Images: pixels in bulk, with what is needed to read them as Cycles does."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+
+ALPHA = {"STRAIGHT": "straight", "PREMUL": "premultiplied", "CHANNEL_PACKED": "channel_packed", "NONE": "none"}
+LINEAR_SPACES = {"Non-Color", "Raw", "Linear Rec.709", "Linear", "scene_linear", "Generic Data"}
+SRGB_SPACES = {"sRGB", "Utility - sRGB - Texture"}
+MAGENTA = np.array([[[255, 0, 255, 255]]], np.uint8)
+
+
+class ImageExporter:
+    """Exports each image once and remembers its number."""
+
+    def __init__(self, builder: Any):
+        self.builder = builder
+        self.numbers: dict[str, int] = {}
+
+    def number(self, image: bpy.types.Image, user: str) -> int:
+        """Number of an image; `user` names who asks, for messages."""
+        if image.name_full not in self.numbers:
+            self.numbers[image.name_full] = self._export(image, user)
+        return self.numbers[image.name_full]
+
+    def missing(self, user: str) -> int:
+        """Blender's magenta, for a texture node without an image file."""
+        return self.builder.add_texture(user, MAGENTA, encoding="linear", alpha="none")
+
+    def _export(self, image: bpy.types.Image, user: str) -> int:
+        texels = self._texels(image)
+        if texels is None:
+            path = bpy.path.abspath(image.filepath, library=image.library) or image.name
+            self.builder.warn(f"{user}: image '{image.name}' could not be read from {path}; shown magenta")
+            return self.missing(image.name)
+        if image.source in {"MOVIE", "SEQUENCE", "TILED"}:
+            self.builder.warn(
+                f"{user}: image '{image.name}' is a {image.source.lower()}; its first tile or present frame is used"
+            )
+        return self.builder.add_texture(
+            image.name, texels, encoding=self._encoding(image, user), alpha=ALPHA.get(image.alpha_mode, "straight")
+        )
+
+    def _texels(self, image: bpy.types.Image) -> np.ndarray | None:
+        """RGBA [height, width, 4], bottom row first; None if there are no pixels."""
+        width, height = image.size
+        if width == 0 or height == 0 or image.channels == 0:
+            return None
+        values = np.empty(width * height * image.channels, np.float32)
+        image.pixels.foreach_get(values)
+        values = _as_rgba(values.reshape(height, width, image.channels))
+        if image.is_float:
+            return values
+        return np.rint(values * 255.0).astype(np.uint8)
+
+    def _encoding(self, image: bpy.types.Image, user: str) -> str:
+        space = image.colorspace_settings.name
+        # Blender has already converted float pixels to the scene's linear space.
+        if image.is_float or space in LINEAR_SPACES:
+            return "linear"
+        if space not in SRGB_SPACES:
+            self.builder.warn(f"{user}: colour space '{space}' of image '{image.name}' is taken as sRGB")
+        return "srgb"
+
+
+def _as_rgba(values: np.ndarray) -> np.ndarray:
+    height, width, channels = values.shape
+    if channels == 4:
+        return values
+    rgba = np.ones((height, width, 4), np.float32)
+    rgba[..., :3] = values[..., :3] if channels == 3 else values[..., :1]
+    return rgba

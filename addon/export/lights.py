@@ -1,0 +1,116 @@
+"""Reads light objects; `relume_scene::BlenderLight` gives the numbers their meaning."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import bpy
+
+from .linking import LightLinking
+from .materials.graph import Source, constant_value, resolve
+
+WHITE = [1.0, 1.0, 1.0]
+
+
+class LightExporter:
+    """Adds every light that can be represented and names the others."""
+
+    def __init__(self, builder: Any, linking: LightLinking):
+        self.builder = builder
+        self.linking = linking
+        self.names: dict[str, int] = {}
+
+    def export(self, obj: bpy.types.Object, world_from_object: Any) -> None:
+        """Adds one light or one instance of a light."""
+        light = obj.data
+        if light.type == "AREA" and getattr(light, "cycles", None) and light.cycles.is_portal:
+            return
+        emission = self._emission(obj)
+        if emission is None:
+            return
+        self._warn(obj)
+        description = {
+            "name": self._unique_name(obj.name),
+            "world_from_object": [list(row) for row in world_from_object],
+            "kind": light_kind(light),
+            "energy": light.energy,
+            "color": list(light.color),
+            "exposure": getattr(light, "exposure", 0.0),
+            "temperature_color": temperature_color(light),
+            "emission": emission,
+            "normalize": getattr(light, "normalize", True),
+            "lobes": {
+                "camera": float(obj.visible_camera),
+                "diffuse": float(obj.visible_diffuse),
+                "glossy": float(obj.visible_glossy),
+                "transmission": float(obj.visible_transmission),
+                "volume": float(obj.visible_volume_scatter),
+            },
+        }
+        receivers = self.linking.receivers(obj)
+        if receivers is not None:
+            description["receivers"] = {"receivers": receivers}
+        self.builder.add_light(json.dumps(description))
+
+    def _unique_name(self, name: str) -> str:
+        count = self.names.get(name, 0)
+        self.names[name] = count + 1
+        return name if count == 0 else f"{name}#{count + 1}"
+
+    def _warn(self, obj: bpy.types.Object) -> None:
+        light, warn = obj.data, self.builder.warn
+        if not light.use_shadow:
+            warn(f"light '{obj.name}': a light without shadow is not representable; it casts shadows")
+        if obj.light_linking.blocker_collection is not None:
+            warn(f"light '{obj.name}': shadow linking is not representable; every object blocks it")
+
+    def _emission(self, obj: bpy.types.Object) -> list[float] | None:
+        """Colour times strength of the light's nodes; None if it has nodes and they are not one constant."""
+        tree = obj.data.node_tree
+        if not obj.data.use_nodes or tree is None:
+            return WHITE
+        output = tree.get_output_node("CYCLES")
+        source = resolve(output.inputs["Surface"], ()) if output else None
+        if source is None:
+            self.builder.warn(f"light '{obj.name}': its nodes emit nothing; left out")
+            return None
+        if source.node.bl_idname == "ShaderNodeEmission":
+            emission = _constant_emission(source)
+            if emission is not None:
+                return emission
+        self.builder.warn(
+            f"light '{obj.name}': its node '{source.node.name}' is not one constant emission (IES, gobo or texture); "
+            "left out"
+        )
+        return None
+
+
+def _constant_emission(source: Source) -> list[float] | None:
+    color = constant_value(source.node.inputs["Color"], source.context)
+    strength = constant_value(source.node.inputs["Strength"], source.context)
+    if color is None or strength is None:
+        return None
+    strength = strength if isinstance(strength, float) else sum(strength) / 3.0
+    color = color if isinstance(color, list) else [color] * 3
+    return [channel * strength for channel in color]
+
+
+def light_kind(light: bpy.types.Light) -> dict[str, Any]:
+    """The JSON form of `BlenderLightKind`."""
+    if light.type == "SUN":
+        return {"type": "SUN", "angle": light.angle}
+    if light.type == "AREA":
+        size_y = light.size_y if light.shape in {"RECTANGLE", "ELLIPSE"} else light.size
+        return {"type": "AREA", "shape": light.shape, "size": light.size, "size_y": size_y, "spread": light.spread}
+    kind = {"type": light.type, "radius": light.shadow_soft_size, "soft_falloff": light.use_soft_falloff}
+    if light.type == "SPOT":
+        kind |= {"spot_size": light.spot_size, "spot_blend": light.spot_blend}
+    return kind
+
+
+def temperature_color(light: bpy.types.Light) -> list[float]:
+    """Blackbody tint of Blender 4.5 and later; white before and where it is off."""
+    if getattr(light, "use_temperature", False):
+        return list(light.temperature_color)
+    return WHITE

@@ -1,0 +1,55 @@
+"""Light linking: which objects a light shines on."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+RECEIVER_LIMIT = 2048
+
+
+class LightLinking:
+    """Gives every object a receiver number. Objects beyond the limit share the last one."""
+
+    def __init__(self, builder: Any, depsgraph: bpy.types.Depsgraph):
+        self.builder = builder
+        self.numbers = {obj.name_full: number for number, obj in enumerate(depsgraph.scene.objects)}
+        self.objects = list(depsgraph.scene.objects)
+
+    def receiver_number(self, obj: bpy.types.Object, owner: bpy.types.Object) -> int:
+        """Number of the object that an instance belongs to: its instancer where it has one."""
+        number = self.numbers.get(owner.name_full, self.numbers.get(obj.name_full, RECEIVER_LIMIT - 1))
+        return min(number, RECEIVER_LIMIT - 1)
+
+    def receivers(self, light: bpy.types.Object) -> list[int] | None:
+        """Sorted receiver numbers of a light; None if it shines on everything."""
+        collection = light.light_linking.receiver_collection
+        if collection is None:
+            return None
+        states = _link_states(collection.original)
+        if len(self.objects) > RECEIVER_LIMIT:
+            self.builder.warn(
+                f"light '{light.name}': light linking is exact for the first {RECEIVER_LIMIT} objects only; "
+                "the others are lit together"
+            )
+        # Without any included object, everything that is not excluded is lit.
+        exclude_only = "INCLUDE" not in states.values()
+        lit = (
+            self.numbers[obj.name_full]
+            for obj in self.objects
+            if states.get(obj.name_full, "INCLUDE" if exclude_only else "EXCLUDE") == "INCLUDE"
+        )
+        return sorted({min(number, RECEIVER_LIMIT - 1) for number in lit})
+
+
+def _link_states(collection: bpy.types.Collection) -> dict[str, str]:
+    """INCLUDE or EXCLUDE of each object named by a receiver collection; nested collections first, so that the
+    state of an object itself wins."""
+    states: dict[str, str] = {}
+    for entry, child in zip(collection.collection_children, collection.children, strict=True):
+        state = entry.light_linking.link_state
+        states.update({obj.name_full: state for obj in child.all_objects})
+    for entry, obj in zip(collection.collection_objects, collection.objects, strict=True):
+        states[obj.name_full] = entry.light_linking.link_state
+    return states

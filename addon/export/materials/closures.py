@@ -1,0 +1,154 @@
+"""Closure nodes. Each function translates one node and returns its number."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import bpy
+
+    from .exporter import Translation
+    from .graph import Context
+
+Translate = Callable[["Translation", "bpy.types.Node", "Context"], "int | None"]
+
+WHITE = [1.0, 1.0, 1.0]
+
+# JSON field, socket name, value where this Blender has no such socket.
+PRINCIPLED = (
+    ("base_color", "Base Color", [0.8, 0.8, 0.8]),
+    ("metallic", "Metallic", 0.0),
+    ("roughness", "Roughness", 0.5),
+    ("diffuse_roughness", "Diffuse Roughness", 0.0),
+    ("ior", "IOR", 1.5),
+    ("alpha", "Alpha", 1.0),
+    ("normal", "Normal", None),
+    ("subsurface_weight", "Subsurface Weight", 0.0),
+    ("specular_ior_level", "Specular IOR Level", 0.5),
+    ("specular_tint", "Specular Tint", WHITE),
+    ("anisotropic", "Anisotropic", 0.0),
+    ("anisotropic_rotation", "Anisotropic Rotation", 0.0),
+    ("tangent", "Tangent", None),
+    ("transmission_weight", "Transmission Weight", 0.0),
+    ("coat_weight", "Coat Weight", 0.0),
+    ("coat_roughness", "Coat Roughness", 0.03),
+    ("coat_ior", "Coat IOR", 1.5),
+    ("coat_tint", "Coat Tint", WHITE),
+    ("coat_normal", "Coat Normal", None),
+    ("sheen_weight", "Sheen Weight", 0.0),
+    ("sheen_roughness", "Sheen Roughness", 0.5),
+    ("sheen_tint", "Sheen Tint", WHITE),
+    ("emission_color", "Emission Color", WHITE),
+    ("emission_strength", "Emission Strength", 0.0),
+)
+
+
+def _principled(t: Translation, node: bpy.types.Node, context: Context) -> int:
+    fields = {field: t.value(node, socket, context, default) for field, socket, default in PRINCIPLED}
+    if fields["subsurface_weight"] != 0.0:
+        t.name(f"node '{node.name}': subsurface scattering is not supported yet; taken as diffuse")
+    if t.value(node, "Thin Film Thickness", context, 0.0) != 0.0:
+        t.name(f"node '{node.name}': thin film is not supported yet; left out")
+    if t.value(node, "Thin Wall", context, 0.0) != 0.0:
+        t.name(f"node '{node.name}': thin walls are not supported yet; taken as solid")
+    return t.emit({"type": "principled", **fields, "distribution": distribution(t, node)})
+
+
+def distribution(t: Translation, node: bpy.types.Node) -> str:
+    """The microfacet distribution of a node."""
+    known = {"GGX": "ggx", "MULTI_GGX": "multi_ggx", "BECKMANN": "beckmann", "ASHIKHMIN_SHIRLEY": "ashikhmin_shirley"}
+    name = getattr(node, "distribution", "GGX")
+    if name not in known:
+        t.name(f"node '{node.name}': distribution {name} is not supported; taken as GGX")
+    return known.get(name, "ggx")
+
+
+def _simple(kind: str, *fields: tuple[str, str, Any], microfacet: bool = False) -> Translate:
+    """A closure whose fields are sockets."""
+
+    def translate(t: Translation, node: bpy.types.Node, context: Context) -> int:
+        values = {field: t.value(node, socket, context, default) for field, socket, default in fields}
+        extra = {"distribution": distribution(t, node)} if microfacet else {}
+        return t.emit({"type": kind, **values, **extra})
+
+    return translate
+
+
+COLOR = ("color", "Color", [0.8, 0.8, 0.8])
+NORMAL = ("normal", "Normal", None)
+ROUGHNESS = ("roughness", "Roughness", 0.0)
+IOR = ("ior", "IOR", 1.5)
+
+
+def _mix(t: Translation, node: bpy.types.Node, context: Context) -> int:
+    factor = t.value(node, 0, context, 0.5)
+    a, b = t.shader(node.inputs[1], context), t.shader(node.inputs[2], context)
+    return t.emit({"type": "mix_shader", "factor": factor, "a": a, "b": b})
+
+
+def _add(t: Translation, node: bpy.types.Node, context: Context) -> int:
+    a, b = t.shader(node.inputs[0], context), t.shader(node.inputs[1], context)
+    return t.emit({"type": "add_shader", "a": a, "b": b})
+
+
+_diffuse = _simple("diffuse", COLOR, ROUGHNESS, NORMAL)
+
+
+def _smooth_diffuse(t: Translation, node: bpy.types.Node, context: Context) -> int:
+    """The nearest sensible thing for closures that mostly scatter their colour."""
+    color, normal = t.value(node, "Color", context, [0.8, 0.8, 0.8]), t.value(node, "Normal", context, None)
+    return t.emit({"type": "diffuse", "color": color, "roughness": 0.0, "normal": normal})
+
+
+def _nothing(_t: Translation, _node: bpy.types.Node, _context: Context) -> None:
+    return None
+
+
+def _metallic(t: Translation, node: bpy.types.Node, context: Context) -> int:
+    fields = (
+        ("color", "Base Color", [0.6, 0.6, 0.6]),
+        ROUGHNESS,
+        ("anisotropy", "Anisotropy", 0.0),
+        ("rotation", "Rotation", 0.0),
+        NORMAL,
+        ("tangent", "Tangent", None),
+    )
+    return _simple("glossy", *fields, microfacet=True)(t, node, context)
+
+
+CLOSURES: dict[str, Translate] = {
+    "ShaderNodeBsdfPrincipled": _principled,
+    "ShaderNodeBsdfDiffuse": _diffuse,
+    "ShaderNodeBsdfAnisotropic": _simple(
+        "glossy",
+        COLOR,
+        ROUGHNESS,
+        ("anisotropy", "Anisotropy", 0.0),
+        ("rotation", "Rotation", 0.0),
+        NORMAL,
+        ("tangent", "Tangent", None),
+        microfacet=True,
+    ),
+    "ShaderNodeBsdfGlass": _simple("glass", COLOR, ROUGHNESS, IOR, NORMAL, microfacet=True),
+    "ShaderNodeBsdfRefraction": _simple("refraction", COLOR, ROUGHNESS, IOR, NORMAL, microfacet=True),
+    "ShaderNodeBsdfTranslucent": _simple("translucent", COLOR, NORMAL),
+    "ShaderNodeBsdfTransparent": _simple("transparent", ("color", "Color", WHITE)),
+    "ShaderNodeEmission": _simple("emission", ("color", "Color", WHITE), ("strength", "Strength", 1.0)),
+    "ShaderNodeMixShader": _mix,
+    "ShaderNodeAddShader": _add,
+}
+
+FALLBACK_CLOSURES: dict[str, tuple[str, Translate]] = {
+    "ShaderNodeBsdfMetallic": ("glossy in its base colour", _metallic),
+    "ShaderNodeSubsurfaceScattering": ("diffuse", _smooth_diffuse),
+    "ShaderNodeBsdfSheen": ("diffuse", _smooth_diffuse),
+    "ShaderNodeBsdfToon": ("diffuse", _smooth_diffuse),
+    "ShaderNodeBsdfHair": ("diffuse", _smooth_diffuse),
+    "ShaderNodeBsdfHairPrincipled": ("diffuse", _smooth_diffuse),
+    "ShaderNodeBsdfRayPortal": ("black", _nothing),
+    "ShaderNodeHoldout": ("black", _nothing),
+    "ShaderNodeVolumePrincipled": ("black", _nothing),
+    "ShaderNodeVolumeScatter": ("black", _nothing),
+    "ShaderNodeVolumeAbsorption": ("black", _nothing),
+}

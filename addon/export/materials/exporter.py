@@ -1,0 +1,144 @@
+"""One material: finds its surface and hands its nodes to the tables of closures and values."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import bpy
+
+from ..images import ImageExporter
+from .closures import CLOSURES, FALLBACK_CLOSURES
+from .graph import Context, Source, Unlinked, convert, node_constant, resolve, socket_default, trace
+from .values import VALUES
+
+DEFAULT_SURFACE = {"type": "diffuse", "color": [0.8, 0.8, 0.8], "roughness": 0.0, "normal": None}
+
+
+class MaterialExporter:
+    """Exports each material once and remembers its number."""
+
+    def __init__(self, builder: Any, images: ImageExporter):
+        self.builder = builder
+        self.images = images
+        self.numbers: dict[str | None, int] = {}
+
+    def number(self, material: bpy.types.Material | None, object_name: str) -> int:
+        """Number of a material; None is Cycles' grey default. `object_name` is for messages."""
+        key = material.name_full if material else None
+        if key not in self.numbers:
+            description = Translation(self.builder, self.images, material, object_name).run()
+            self.numbers[key] = self.builder.add_material(json.dumps(description))
+        return self.numbers[key]
+
+
+class Translation:
+    """The graph of one material under construction. Node tables receive it to translate their inputs."""
+
+    def __init__(
+        self, builder: Any, images: ImageExporter, material: bpy.types.Material | None, object_name: str
+    ):
+        self.builder = builder
+        self.images = images
+        self.material = material
+        self.owner = f"object '{object_name}', material '{material.name}'" if material else f"object '{object_name}'"
+        self.nodes: list[dict[str, Any]] = []
+        self.done: dict[tuple[int, ...], Any] = {}
+
+    def run(self) -> dict[str, Any]:
+        """The JSON form of the material."""
+        surface = self._surface()
+        name = self.material.name if self.material else "Default"
+        return {"name": name, "nodes": self.nodes, "surface": surface}
+
+    def _surface(self) -> int | None:
+        material = self.material
+        if material is None:
+            return self.emit(DEFAULT_SURFACE)
+        tree = material.node_tree
+        if not material.use_nodes or tree is None:
+            return self.emit(DEFAULT_SURFACE | {"color": list(material.diffuse_color)[:3]})
+        output = tree.get_output_node("CYCLES")
+        if output is None:
+            return None
+        for socket, kind in (("Volume", "volume"), ("Displacement", "displacement")):
+            if resolve(output.inputs[socket], ()) is not None:
+                self.name(f"{kind} is not supported yet; left out")
+        return self.shader(output.inputs["Surface"], ())
+
+    def emit(self, node: dict[str, Any]) -> int:
+        """Appends a node and returns its number."""
+        self.nodes.append(node)
+        return len(self.nodes) - 1
+
+    def name(self, what: str) -> None:
+        """Tells the user what of this material could not be represented."""
+        self.builder.warn(f"{self.owner}: {what}")
+
+    def shader(self, socket: bpy.types.NodeSocket, context: Context) -> int | None:
+        """Number of the closure node that feeds a shader socket."""
+        source = resolve(socket, context)
+        if source is None:
+            return None
+        key = _key(source)
+        if key not in self.done:
+            self.done[key] = self._closure(source)
+        return self.done[key]
+
+    def _closure(self, source: Source) -> int | None:
+        kind = source.node.bl_idname
+        if kind in CLOSURES:
+            return CLOSURES[kind](self, source.node, source.context)
+        if kind in FALLBACK_CLOSURES:
+            self.name(f"node '{source.node.name}' is not supported yet; taken as {FALLBACK_CLOSURES[kind][0]}")
+            return FALLBACK_CLOSURES[kind][1](self, source.node, source.context)
+        self.name(f"node '{source.node.name}' ({source.node.bl_label}) is not supported yet; taken as grey diffuse")
+        return self.emit(DEFAULT_SURFACE)
+
+    def value(self, node: bpy.types.Node, socket: str | int, context: Context, default: Any = 0.0) -> Any:
+        """An input as JSON: a number, three numbers or a link. `default` stands for a socket that this Blender
+        does not have, or that shows no value."""
+        try:
+            target = node.inputs[socket]
+        except (KeyError, IndexError):
+            return default
+        return self.socket_value(target, context, default)
+
+    def socket_value(self, target: bpy.types.NodeSocket, context: Context, default: Any = 0.0) -> Any:
+        """See `value`."""
+        source = trace(target, context)
+        if source is None:
+            return convert([0.0, 0.0, 0.0], target, is_color=True)
+        if isinstance(source, Unlinked):
+            value = socket_default(source.socket)
+            return default if value is None else convert(value, target, source.socket.type == "RGBA")
+        if source.node.bl_idname == "ShaderNodeObjectInfo" and source.socket.identifier == "Material Index":
+            return convert(float(self.material.pass_index), target, is_color=False)
+        constant = node_constant(source)
+        if constant is None:
+            constant = self._output(source)
+        if isinstance(constant, dict):
+            return constant
+        return convert(constant, target, source.socket.type == "RGBA")
+
+    def _output(self, source: Source) -> Any:
+        """A link to the translated node, or a constant in place of a node that is not known."""
+        translate = VALUES.get(source.node.bl_idname)
+        if translate is None:
+            neutral = 0.5 if source.socket.type in {"VALUE", "RGBA"} else [0.0, 0.0, 0.0]
+            self.name(
+                f"node '{source.node.name}' ({source.node.bl_label}) is not supported yet; taken as constant {neutral}"
+            )
+            return neutral
+        return translate(self, source)
+
+    def once(self, source: Source, description: Any) -> int:
+        """Number of a node that several outputs share; `description` makes it the first time."""
+        key = _key(source)
+        if key not in self.done:
+            self.done[key] = self.emit(description())
+        return self.done[key]
+
+
+def _key(source: Source) -> tuple[int, ...]:
+    return (source.node.as_pointer(), *(group.as_pointer() for group in source.context))

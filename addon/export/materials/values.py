@@ -1,0 +1,362 @@
+"""Value nodes: textures, coordinates, colour and maths. Each function translates the node of a source and returns a
+link `{"node", "output"}` or a constant."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from .graph import convert
+from .tables import color_ramp, float_curve, rgb_curves
+
+if TYPE_CHECKING:
+    from .exporter import Translation
+    from .graph import Source
+
+Translate = Callable[["Translation", "Source"], Any]
+Field = tuple[str, str | int, Any]
+
+UP = [0.0, 0.0, 1.0]
+INTERPOLATION = {"Linear": "linear", "Closest": "closest", "Cubic": "cubic", "Smart": "cubic"}
+
+
+def _simple(kind: str, output: str, *fields: Field, properties: dict[str, tuple[str, Any]] | None = None) -> Translate:
+    """A node whose fields are sockets, and properties given as field -> (attribute, conversion)."""
+
+    def translate(t: Translation, source: Source) -> Any:
+        node = source.node
+
+        def description() -> dict[str, Any]:
+            values = {field: t.value(node, socket, source.context, default) for field, socket, default in fields}
+            settings = {
+                field: convert(getattr(node, attribute))
+                for field, (attribute, convert) in (properties or {}).items()
+            }
+            return {"type": kind, **settings, **values}
+
+        return {"node": t.once(source, description), "output": output}
+
+    return translate
+
+
+def _outputs(translate: Translate, names: dict[str, str]) -> Translate:
+    """The same node with an output of its own for each socket identifier."""
+
+    def with_output(t: Translation, source: Source) -> Any:
+        return {**translate(t, source), "output": names[source.socket.identifier]}
+
+    return with_output
+
+
+def _image_texture(t: Translation, source: Source) -> Any:
+    node, user = source.node, f"{t.owner}, node '{source.node.name}'"
+
+    def description() -> dict[str, Any]:
+        if node.projection != "FLAT":
+            t.name(f"node '{node.name}': {node.projection.lower()} projection is not supported yet; taken as flat")
+        if node.image is None:
+            texture = t.images.missing(user)
+        else:
+            texture = t.images.number(node.image, user)
+        return {
+            "type": "image_texture",
+            "texture": texture,
+            "vector": t.value(node, "Vector", source.context, None),
+            "interpolation": INTERPOLATION.get(node.interpolation, "linear"),
+            "extension": node.extension.lower(),
+        }
+
+    output = "alpha" if source.socket.identifier == "Alpha" else "color"
+    return {"node": t.once(source, description), "output": output}
+
+
+def _texture_coordinate(t: Translation, source: Source) -> Any:
+    kind = source.socket.identifier.lower()
+    if source.node.object is not None and kind == "object":
+        t.name(f"node '{source.node.name}': coordinates of another object are not supported yet; own ones are used")
+    return {"node": t.emit({"type": "texture_coordinate", "kind": kind}), "output": "vector"}
+
+
+def _uv_map(t: Translation, source: Source) -> Any:
+    return {"node": t.emit({"type": "uv_map", "name": source.node.uv_map}), "output": "vector"}
+
+
+def _mix(t: Translation, source: Source) -> Any:
+    """The Mix node: which sockets count depends on its data type."""
+    node = source.node
+    suffix, output = {"FLOAT": ("Float", "value"), "VECTOR": ("Vector", "vector"), "RGBA": ("Color", "color")}.get(
+        node.data_type, ("Color", "color")
+    )
+    if node.data_type not in {"FLOAT", "VECTOR", "RGBA"}:
+        t.name(f"node '{node.name}': mixing of {node.data_type.lower()} is not supported; taken as black")
+        return [0.0, 0.0, 0.0]
+    per_component = node.data_type == "VECTOR" and node.factor_mode == "NON_UNIFORM"
+    data = "vector_non_uniform" if per_component else output.replace("value", "float")
+
+    def socket(identifier: str) -> Any:
+        found = next(socket for socket in node.inputs if socket.identifier == identifier)
+        return t.socket_value(found, source.context)
+
+    def description() -> dict[str, Any]:
+        return {
+            "type": "mix",
+            "data": data,
+            "blend": node.blend_type if node.data_type == "RGBA" else "MIX",
+            "clamp_factor": node.clamp_factor,
+            "clamp_result": node.clamp_result and node.data_type == "RGBA",
+            "factor": socket("Factor_Vector" if per_component else "Factor_Float"),
+            "a": socket(f"A_{suffix}"),
+            "b": socket(f"B_{suffix}"),
+        }
+
+    return {"node": t.once(source, description), "output": output}
+
+
+def _mix_rgb(t: Translation, source: Source) -> Any:
+    """The Mix node of files saved before Blender 3.4."""
+    node = source.node
+
+    def description() -> dict[str, Any]:
+        factor, a, b = (t.value(node, index, source.context) for index in range(3))
+        settings = {"blend": node.blend_type, "clamp_factor": True, "clamp_result": node.use_clamp}
+        return {"type": "mix", "data": "color", **settings, "factor": factor, "a": a, "b": b}
+
+    return {"node": t.once(source, description), "output": "color"}
+
+
+VECTOR_OPERATIONS = {
+    *("ADD", "SUBTRACT", "MULTIPLY", "DIVIDE", "MULTIPLY_ADD", "CROSS_PRODUCT", "PROJECT", "REFLECT"),
+    *("DOT_PRODUCT", "DISTANCE", "LENGTH", "SCALE", "NORMALIZE", "ABSOLUTE", "MINIMUM", "MAXIMUM", "FLOOR"),
+    *("CEIL", "FRACTION", "MODULO", "SNAP", "SINE", "COSINE", "TANGENT"),
+}
+
+
+def _vector_math(t: Translation, source: Source) -> Any:
+    node = source.node
+    if node.operation not in VECTOR_OPERATIONS:
+        t.name(f"node '{node.name}': operation {node.operation.lower()} is not supported yet; its first input is used")
+        return t.value(node, 0, source.context)
+
+    def description() -> dict[str, Any]:
+        a, b, c = (t.value(node, index, source.context) for index in range(3))
+        scale = t.value(node, "Scale", source.context, 1.0)
+        return {"type": "vector_math", "operation": node.operation, "a": a, "b": b, "c": c, "scale": scale}
+
+    output = "value" if source.socket.identifier == "Value" else "vector"
+    return {"node": t.once(source, description), "output": output}
+
+
+def _map_range(t: Translation, source: Source) -> Any:
+    node = source.node
+    if node.data_type != "FLOAT":
+        t.name(f"node '{node.name}': a vector Map Range is not supported yet; its input is used")
+        return t.value(node, "Vector", source.context)
+    names = ("Value", "From Min", "From Max", "To Min", "To Max")
+    fields = tuple((name.lower().replace(" ", "_"), name, 0.0) for name in names)
+    settings = {"interpolation": ("interpolation_type", str), "clamp": ("clamp", bool)}
+    return _simple("map_range", "value", *fields, ("steps", "Steps", 4.0), properties=settings)(t, source)
+
+
+def _separate(mode: str | None, *names: str) -> Translate:
+    """Separate nodes: the color models of old and new ones, and their output sockets in order."""
+
+    def translate(t: Translation, source: Source) -> Any:
+        description = {"mode": mode or source.node.mode.lower(), "color": t.value(source.node, 0, source.context)}
+        number = t.once(source, lambda: {"type": "separate_color", **description})
+        return {"node": number, "output": "xyz"[names.index(source.socket.identifier)]}
+
+    return translate
+
+
+def _combine(mode: str | None) -> Translate:
+    def translate(t: Translation, source: Source) -> Any:
+        def description() -> dict[str, Any]:
+            a, b, c = (t.value(source.node, index, source.context) for index in range(3))
+            return {"type": "combine_color", "mode": mode or source.node.mode.lower(), "a": a, "b": b, "c": c}
+
+        return {"node": t.once(source, description), "output": "color"}
+
+    return translate
+
+
+def _geometry(t: Translation, source: Source) -> Any:
+    outputs = {
+        "Position": "position",
+        "Normal": "normal",
+        "Tangent": "tangent",
+        "True Normal": "true_normal",
+        "Incoming": "incoming",
+        "Backfacing": "backfacing",
+    }
+    name = source.socket.identifier
+    if name not in outputs:
+        t.name(f"node '{source.node.name}': output {name} is not supported yet; taken as constant 0.5")
+        return 0.5
+    return {"node": t.once(source, lambda: {"type": "geometry"}), "output": outputs[name]}
+
+
+def _object_info(t: Translation, source: Source) -> Any:
+    outputs = {
+        "Location": "location",
+        "Color": "color",
+        "Alpha": "alpha",
+        "Object Index": "object_index",
+        "Random": "random",
+    }
+    name = outputs[source.socket.identifier]
+    return {"node": t.once(source, lambda: {"type": "object_info"}), "output": name}
+
+
+def _light_path(t: Translation, source: Source) -> Any:
+    """Paths are traced once for all rays, so tricks by ray type have no place: every ray is a first one."""
+    is_camera = source.socket.identifier == "Is Camera Ray"
+    t.name(f"node '{source.node.name}': light path '{source.socket.name}' is not supported yet; as for a camera ray")
+    return 1.0 if is_camera else 0.0
+
+
+def _color_ramp(t: Translation, source: Source) -> Any:
+    node = source.node
+
+    def description() -> dict[str, Any]:
+        factor = t.value(node, "Fac" if "Fac" in node.inputs else 0, source.context, 0.5)
+        return {"type": "color_ramp", "factor": factor, "ramp": color_ramp(node.color_ramp)}
+
+    output = "alpha" if source.socket.identifier == "Alpha" else "color"
+    return {"node": t.once(source, description), "output": output}
+
+
+def _rgb_curves(t: Translation, source: Source) -> Any:
+    node = source.node
+
+    def description() -> dict[str, Any]:
+        factor, color = t.value(node, 0, source.context, 1.0), t.value(node, 1, source.context)
+        return {"type": "rgb_curves", "factor": factor, "color": color, "curves": rgb_curves(node.mapping)}
+
+    return {"node": t.once(source, description), "output": "color"}
+
+
+def _float_curve(t: Translation, source: Source) -> Any:
+    """A curve of one value is a grey RGB curve."""
+    node = source.node
+
+    def description() -> dict[str, Any]:
+        factor, value = t.value(node, 0, source.context, 1.0), t.value(node, 1, source.context)
+        return {"type": "rgb_curves", "factor": factor, "color": value, "curves": float_curve(node.mapping)}
+
+    return {"node": t.once(source, description), "output": "color"}
+
+
+def _rgb_to_bw(t: Translation, source: Source) -> Any:
+    """The implicit conversion from colour to float, made explicit by adding nothing."""
+
+    def description() -> dict[str, Any]:
+        color = t.value(source.node, 0, source.context)
+        color = color if isinstance(color, dict) else convert(color, source.socket, is_color=True)
+        return {"type": "math", "operation": "ADD", "clamp": False, "a": color, "b": 0.0, "c": 0.0}
+
+    return {"node": t.once(source, description), "output": "value"}
+
+
+def _bevel(t: Translation, source: Source) -> Any:
+    t.name(f"node '{source.node.name}': bevel is not supported yet; left out")
+    return t.value(source.node, "Normal", source.context, None)
+
+
+def _first_input(what: str) -> Translate:
+    """Nodes that change their input in a way that is not supported: the input itself is the nearest thing."""
+
+    def translate(t: Translation, source: Source) -> Any:
+        t.name(f"node '{source.node.name}': {what} is not supported yet; its input is used")
+        return t.value(source.node, 0, source.context)
+
+    return translate
+
+
+VALUES: dict[str, Translate] = {
+    "ShaderNodeTexImage": _image_texture,
+    "ShaderNodeTexCoord": _texture_coordinate,
+    "ShaderNodeUVMap": _uv_map,
+    "ShaderNodeMapping": _simple(
+        "mapping",
+        "vector",
+        ("vector", "Vector", [0.0] * 3),
+        ("location", "Location", [0.0] * 3),
+        ("rotation", "Rotation", [0.0] * 3),
+        ("scale", "Scale", [1.0] * 3),
+        properties={"kind": ("vector_type", str.lower)},
+    ),
+    "ShaderNodeNormalMap": _simple(
+        "normal_map",
+        "normal",
+        ("strength", "Strength", 1.0),
+        ("color", "Color", [0.5, 0.5, 1.0]),
+        properties={"space": ("space", str.lower), "uv_map": ("uv_map", str)},
+    ),
+    "ShaderNodeBump": _simple(
+        "bump",
+        "normal",
+        ("strength", "Strength", 1.0),
+        ("distance", "Distance", 1.0),
+        ("height", "Height", 1.0),
+        ("normal", "Normal", None),
+        properties={"invert": ("invert", bool)},
+    ),
+    "ShaderNodeMix": _mix,
+    "ShaderNodeMixRGB": _mix_rgb,
+    "ShaderNodeMath": _simple(
+        "math",
+        "value",
+        ("a", 0, 0.0),
+        ("b", 1, 0.0),
+        ("c", 2, 0.0),
+        properties={"operation": ("operation", str), "clamp": ("use_clamp", bool)},
+    ),
+    "ShaderNodeVectorMath": _vector_math,
+    "ShaderNodeMapRange": _map_range,
+    "ShaderNodeClamp": _simple(
+        "clamp",
+        "value",
+        ("value", "Value", 0.0),
+        ("min", "Min", 0.0),
+        ("max", "Max", 1.0),
+        properties={"range": ("clamp_type", lambda kind: kind == "RANGE")},
+    ),
+    "ShaderNodeValToRGB": _color_ramp,
+    "ShaderNodeRGBCurve": _rgb_curves,
+    "ShaderNodeFloatCurve": _float_curve,
+    "ShaderNodeHueSaturation": _simple(
+        "hue_saturation",
+        "color",
+        ("hue", "Hue", 0.5),
+        ("saturation", "Saturation", 1.0),
+        ("value", "Value", 1.0),
+        ("factor", "Fac", 1.0),
+        ("color", "Color", [0.8] * 3),
+    ),
+    "ShaderNodeBrightContrast": _simple(
+        "bright_contrast", "color", ("color", "Color", [1.0] * 3), ("bright", 1, 0.0), ("contrast", "Contrast", 0.0)
+    ),
+    "ShaderNodeGamma": _simple("gamma", "color", ("color", "Color", [1.0] * 3), ("gamma", "Gamma", 1.0)),
+    "ShaderNodeInvert": _simple("invert", "color", ("factor", 0, 1.0), ("color", "Color", [0.0] * 3)),
+    "ShaderNodeRGBToBW": _rgb_to_bw,
+    "ShaderNodeSeparateColor": _separate(None, "Red", "Green", "Blue"),
+    "ShaderNodeSeparateRGB": _separate("rgb", "R", "G", "B"),
+    "ShaderNodeSeparateHSV": _separate("hsv", "H", "S", "V"),
+    "ShaderNodeCombineColor": _combine(None),
+    "ShaderNodeCombineRGB": _combine("rgb"),
+    "ShaderNodeCombineHSV": _combine("hsv"),
+    "ShaderNodeSeparateXYZ": _outputs(
+        _simple("separate_xyz", "x", ("vector", "Vector", [0.0] * 3)), {"X": "x", "Y": "y", "Z": "z"}
+    ),
+    "ShaderNodeCombineXYZ": _simple("combine_xyz", "vector", ("x", "X", 0.0), ("y", "Y", 0.0), ("z", "Z", 0.0)),
+    "ShaderNodeFresnel": _simple("fresnel", "value", ("ior", "IOR", 1.5), ("normal", "Normal", None)),
+    "ShaderNodeLayerWeight": _outputs(
+        _simple("layer_weight", "facing", ("blend", "Blend", 0.5), ("normal", "Normal", None)),
+        {"Fresnel": "fresnel", "Facing": "facing"},
+    ),
+    "ShaderNodeNewGeometry": _geometry,
+    "ShaderNodeObjectInfo": _object_info,
+    "ShaderNodeLightPath": _light_path,
+    "ShaderNodeAmbientOcclusion": _first_input("ambient occlusion"),
+    "ShaderNodeBevel": _bevel,
+}

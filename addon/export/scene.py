@@ -1,0 +1,139 @@
+"""Walks a render-mode depsgraph: every instance once, every evaluated mesh once."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import bpy
+
+from .camera import camera_json
+from .geometry import GeometryExporter
+from .images import ImageExporter
+from .lights import LightExporter
+from .linking import LightLinking
+from .materials import MaterialExporter
+from .world import export_world
+
+GEOMETRY_TYPES = {"MESH", "CURVE", "SURFACE", "FONT", "META"}
+UNSUPPORTED_TYPES = {
+    "VOLUME": "volumes",
+    "CURVES": "hair curves",
+    "POINTCLOUD": "point clouds",
+    "GREASEPENCIL": "grease pencil",
+    "GPENCIL": "grease pencil",
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class ExportOptions:
+    """What to export."""
+
+    camera: str | None = None
+    """Name of the camera object; the scene's own if None."""
+    resolution_percentage: int | None = None
+    """Overrides the scene's resolution percentage."""
+
+
+class ExportError(Exception):
+    """The scene cannot be exported; the message says why and what to do."""
+
+
+def export_scene(builder: Any, depsgraph: bpy.types.Depsgraph, options: ExportOptions) -> None:
+    """Feeds `builder` (a `relume.SceneBuilder`) with everything that `depsgraph` renders."""
+    if depsgraph.mode != "RENDER":
+        raise ExportError("the scene must be evaluated for rendering; start the export from a render engine")
+    scene = depsgraph.scene_eval
+    builder.set_camera(camera_json(_camera_object(depsgraph, options), scene, options.resolution_percentage))
+    _SceneExporter(builder, depsgraph).run()
+
+
+def _camera_object(depsgraph: bpy.types.Depsgraph, options: ExportOptions) -> bpy.types.Object:
+    scene = depsgraph.scene
+    camera = scene.objects.get(options.camera) if options.camera else scene.camera
+    if camera is None or camera.type != "CAMERA":
+        cameras = [obj.name for obj in scene.objects if obj.type == "CAMERA"]
+        wanted = f"camera '{options.camera}' is not in scene '{scene.name}'" if options.camera else "no camera is set"
+        have = f"its cameras are: {', '.join(cameras)}" if cameras else "add a camera"
+        raise ExportError(f"{wanted}; {have}")
+    return camera.evaluated_get(depsgraph)
+
+
+class _SceneExporter:
+    def __init__(self, builder: Any, depsgraph: bpy.types.Depsgraph):
+        self.builder = builder
+        self.depsgraph = depsgraph
+        self.view_layer = depsgraph.view_layer
+        self.images = ImageExporter(builder)
+        self.materials = MaterialExporter(builder, self.images)
+        self.linking = LightLinking(builder, depsgraph)
+        self.lights = LightExporter(builder, self.linking)
+        self.geometry = GeometryExporter(builder, depsgraph)
+
+    def run(self) -> None:
+        self._warn_about_settings()
+        for instance in self.depsgraph.object_instances:
+            obj = instance.object
+            self._warn_about_object(obj)
+            if not instance.show_self:
+                continue
+            if obj.type == "LIGHT":
+                self.lights.export(obj, instance.matrix_world)
+            elif obj.type in GEOMETRY_TYPES:
+                self._export_geometry(instance)
+        export_world(self.builder, self.images, self.depsgraph.scene_eval)
+
+    def _export_geometry(self, instance: bpy.types.DepsgraphObjectInstance) -> None:
+        obj = instance.object
+        mesh = self.geometry.mesh_number(obj)
+        if mesh is None:
+            return
+        original = instance.parent.original if instance.is_instance and instance.parent else obj.original
+        self.builder.add_instance(
+            obj.name,
+            mesh,
+            [tuple(row) for row in instance.matrix_world],
+            self._materials(obj),
+            receiver=self.linking.receiver_number(obj.original, original),
+            color=tuple(obj.color),
+            pass_index=obj.pass_index,
+            random=(instance.random_id & 0xFFFFFFFF) / 0xFFFFFFFF,
+            visibility=self._visibility(obj),
+        )
+
+    def _materials(self, obj: bpy.types.Object) -> list[int]:
+        override = self.view_layer.material_override
+        if override is not None:
+            return [self.materials.number(override, obj.name)]
+        slots = [slot.material for slot in obj.material_slots]
+        if not slots:
+            slots = list(getattr(obj.data, "materials", ())) or [None]
+        return [self.materials.number(material, obj.name) for material in slots]
+
+    def _visibility(self, obj: bpy.types.Object) -> tuple[bool, bool, bool, bool]:
+        camera = obj.visible_camera and not obj.original.indirect_only_get(view_layer=self.view_layer)
+        return (camera, obj.visible_diffuse, obj.visible_glossy, obj.visible_transmission)
+
+    def _warn_about_object(self, obj: bpy.types.Object) -> None:
+        warn, name = self.builder.warn, obj.name
+        if obj.type in UNSUPPORTED_TYPES:
+            warn(f"object '{name}': {UNSUPPORTED_TYPES[obj.type]} are not supported yet; left out")
+        if obj.type not in GEOMETRY_TYPES:
+            return
+        if obj.is_holdout or obj.original.holdout_get(view_layer=self.view_layer):
+            warn(f"object '{name}': holdout is not supported yet; rendered as an ordinary object")
+        if obj.is_shadow_catcher:
+            warn(f"object '{name}': shadow catcher is not supported yet; rendered as an ordinary object")
+        if not obj.visible_shadow:
+            warn(f"object '{name}': an object without shadow is not supported; it blocks light")
+        for system in obj.particle_systems:
+            if system.settings.type == "HAIR" and system.settings.render_type == "PATH":
+                warn(f"object '{name}': hair of particle system '{system.name}' is not supported yet; left out")
+
+    def _warn_about_settings(self) -> None:
+        scene, warn = self.depsgraph.scene, self.builder.warn
+        if scene.render.use_motion_blur:
+            warn(f"scene '{scene.name}': motion blur is not supported yet; the frame is baked without it")
+        cycles = getattr(scene, "cycles", None)
+        if cycles and (cycles.sample_clamp_direct > 0.0 or cycles.sample_clamp_indirect > 0.0):
+            warn(f"scene '{scene.name}': clamping of samples is not representable; set both clamps to 0 to compare")

@@ -1,0 +1,71 @@
+"""Tests that need Blender, as the `bpy` module. One process for one Blender version; an empty scene for each test."""
+
+import os
+import sys
+from pathlib import Path
+
+import bpy
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(REPOSITORY))
+bpy.ops.preferences.addon_enable(module="cycles")
+
+_results = {"collected": 0, "reported": 0}
+
+
+@pytest.fixture(autouse=True)
+def scene():
+    """An empty scene with Cycles and a camera 5 m above the origin that looks down."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    scene.render.engine = "CYCLES"
+    scene.render.resolution_x, scene.render.resolution_y = 64, 48
+    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    camera.location = (0.0, 0.0, 5.0)
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    return scene
+
+
+@pytest.fixture(scope="session")
+def scenes_folder():
+    """Real scenes made by others; skips without them."""
+    folder = Path(os.environ.get("RELUME_SCENES", REPOSITORY.parent / "shared" / "scenes"))
+    if not (folder / "cornell_box.blend").exists():
+        pytest.skip(f"the real scenes are not in {folder}; set RELUME_SCENES")
+    return folder
+
+
+def pytest_report_header():
+    """Which Blender this is."""
+    return f"Blender {bpy.app.version_string}, Python {sys.version.split()[0]}"
+
+
+def pytest_collection_modifyitems(items):
+    """Counts what should run."""
+    _results["collected"] = len(items)
+
+
+def pytest_runtest_logfinish():
+    """Counts what ran."""
+    _results["reported"] += 1
+
+
+def pytest_sessionfinish(session, exitstatus):
+    """Nothing collected, or a test that never ran, is a failure."""
+    if _results["collected"] == 0 or (exitstatus == 0 and _results["reported"] != _results["collected"]):
+        session.exitstatus = 3
+
+
+def pytest_unconfigure(config):
+    """Leaves without Blender's own exit, which can crash before 5.0 after all tests have passed."""
+    session = getattr(config, "_relume_session", None)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(int(session.exitstatus) if session else 3)
+
+
+def pytest_sessionstart(session):
+    """Remembers the session for its exit status."""
+    session.config._relume_session = session
