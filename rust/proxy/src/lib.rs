@@ -20,11 +20,24 @@
 //!
 //! Units are metres and radiance 1: the caller multiplies a unit image by the light's radiance and factors.
 
+mod analytic;
 mod config;
+mod encoding;
 mod error;
+mod features;
+mod gradient;
+mod grid;
+mod head;
 mod light;
+mod loss;
+mod mlp;
+mod network;
+mod params;
 mod pixels;
 mod rng;
+mod scene_cache;
+mod simd;
+pub mod synthetic;
 mod target;
 
 pub use config::{GridConfig, LearningRates, LightPlacement, NetworkConfig, TargetMode, TrainConfig};

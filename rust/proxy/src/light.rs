@@ -178,6 +178,22 @@ fn random_rotation(rng: &mut Rng) -> Mat3 {
     Mat3::from_quat(if q.length() > 1e-6 { q.normalize() } else { glam::Quat::IDENTITY })
 }
 
+/// A light that looks down: at floors below it no feature has a kink.
+#[cfg(test)]
+pub(crate) fn random_light_facing_down(
+    kind: LightKind,
+    center: Vec3,
+    size: SizeRange,
+    rng: &mut Rng,
+) -> LightParams {
+    if kind != LightKind::Quad {
+        return random_light(kind, center, size, rng);
+    }
+    let tilt = Vec3::new(0.2 * rng.next_normal(), 0.2 * rng.next_normal(), -1.0).normalize();
+    let u = tilt.any_orthonormal_vector();
+    LightParams::quad(center, u * size.draw(rng), tilt.cross(u) * size.draw(rng))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

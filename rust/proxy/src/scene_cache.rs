@@ -1,0 +1,112 @@
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
+
+use crate::PixelFeatures;
+use crate::analytic::{Lanes, Surface};
+use crate::simd::LANES;
+
+/// How pixel features and light parameters are brought into the range of a network.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Normalisation {
+    /// Centre of the visible positions, metres.
+    pub center: [f32; 3],
+    /// Half the diagonal of their box, metres.
+    pub scale: f32,
+    /// Mean depth of the pixels that hit something, metres.
+    pub depth: f32,
+}
+
+impl Normalisation {
+    /// From the visible positions and depths.
+    pub fn of(features: &PixelFeatures) -> Self {
+        let (low, high) = features.visible_bounds();
+        let hits = features.depth.iter().filter(|d| **d > 0.0);
+        let (sum, count) = hits.fold((0.0f64, 0usize), |(sum, n), d| (sum + f64::from(*d), n + 1));
+        Self {
+            center: ((low + high) * 0.5).to_array(),
+            scale: (high - low).length().mul_add(0.5, 1e-6),
+            depth: if count > 0 { (sum / count as f64) as f32 } else { 1.0 },
+        }
+    }
+}
+
+/// Inputs of a network that come straight from the pixel: albedo (3), normal (3), depth, then position (3) and wo (3).
+pub(crate) const AUX: usize = 13;
+/// Of these, the paper's: albedo, normal, depth.
+pub(crate) const AUX_PAPER: usize = 7;
+/// Rows of a tile of surfaces: position, normal, mirror direction.
+pub(crate) const SURFACE: usize = 9;
+
+/// Pixel features as the networks read them.
+#[derive(Clone, Debug)]
+pub(crate) struct SceneCache {
+    pub normalisation: Normalisation,
+    aux: Vec<[f32; AUX]>,
+    surfaces: Vec<[f32; SURFACE]>,
+}
+
+impl SceneCache {
+    /// Normalises all pixels.
+    pub fn new(features: &PixelFeatures, normalisation: Normalisation) -> Self {
+        let rows = (0..features.pixel_count()).map(|i| pixel_rows(features, &normalisation, i));
+        let (aux, surfaces) = rows.unzip();
+        Self { normalisation, aux, surfaces }
+    }
+
+    /// Writes the first `rows` aux inputs of some pixels into a tile.
+    pub fn aux_tile(&self, pixels: &[u32], rows: usize, out: &mut [f32]) {
+        for (lane, &pixel) in pixels.iter().enumerate() {
+            for (row, value) in self.aux[pixel as usize][..rows].iter().enumerate() {
+                out[row * LANES + lane] = *value;
+            }
+        }
+    }
+
+    /// Writes the surfaces of some pixels into a tile of [`SURFACE`] rows.
+    pub fn surface_tile(&self, pixels: &[u32], out: &mut [f32]) {
+        for (lane, &pixel) in pixels.iter().enumerate() {
+            for (row, value) in self.surfaces[pixel as usize].iter().enumerate() {
+                out[row * LANES + lane] = *value;
+            }
+        }
+    }
+}
+
+/// Eight lanes of a tile of surfaces.
+#[inline(always)]
+pub(crate) fn surface_lanes(tile: &[f32], lane: usize) -> Surface<Lanes> {
+    let row = |row: usize| {
+        let mut lanes = [0.0; 8];
+        lanes.copy_from_slice(&tile[row * LANES + lane..row * LANES + lane + 8]);
+        Lanes(lanes)
+    };
+    Surface {
+        position: [row(0), row(1), row(2)],
+        normal: [row(3), row(4), row(5)],
+        mirror: [row(6), row(7), row(8)],
+    }
+}
+
+fn pixel_rows(features: &PixelFeatures, n: &Normalisation, i: usize) -> ([f32; AUX], [f32; SURFACE]) {
+    let normal = Vec3::from(features.normal[i]);
+    let wo = Vec3::from(features.wo[i]);
+    let position = (Vec3::from(features.position[i]) - Vec3::from(n.center)) / n.scale;
+    let mirror = if normal == Vec3::ZERO { -wo } else { 2.0 * normal.dot(wo) * normal - wo };
+    let depth = features.depth[i].max(0.0);
+    let mut aux = [0.0; AUX];
+    aux[..3].copy_from_slice(&features.albedo[i]);
+    aux[3..6].copy_from_slice(&features.normal[i]);
+    aux[6] = depth / (depth + n.depth);
+    aux[7..10].copy_from_slice(&squashed(position));
+    aux[10..].copy_from_slice(&features.wo[i]);
+    let mut surface = [0.0; SURFACE];
+    for (to, from) in surface.chunks_exact_mut(3).zip([position, normal, mirror]) {
+        to.copy_from_slice(&from.to_array());
+    }
+    (aux, surface)
+}
+
+/// Keeps far background points from swamping the input: the identity near 0, bounded by 2.
+fn squashed(p: Vec3) -> [f32; 3] {
+    p.to_array().map(|x| x / (1.0 + 0.5 * x.abs()))
+}

@@ -1,0 +1,265 @@
+/// Writes the kernels of one instruction set. The module that calls it defines `V`, `WIDTH` (lanes of `V`), `WIDE`
+/// (vectors in a tile's row), `load`, `store`, `splat`, `fma`, `relu`, `keep_positive` and `transpose_block` (8 x 8),
+/// and hands in the attributes that its functions carry.
+macro_rules! define_kernels {
+    ($(#[$attribute:meta])*) => {
+        use super::{DenseJob, LANES, PAD, ROWS};
+
+        /// See [`super::dense`].
+        $(#[$attribute])*
+        pub(super) unsafe fn dense(job: &DenseJob) {
+            let mut row = 0;
+            while row < job.outputs {
+                // SAFETY: the job's pointers cover whole tiles and blocks, checked by the caller.
+                unsafe {
+                    match job.outputs - row {
+                        1 => dense_rows::<1, WIDE>(job, row),
+                        2 => dense_rows::<2, WIDE>(job, row),
+                        3 => dense_rows::<3, WIDE>(job, row),
+                        4 => dense_rows::<4, 2>(job, row),
+                        5 => dense_rows::<5, 2>(job, row),
+                        _ => dense_rows::<6, 2>(job, row),
+                    }
+                }
+                row += ROWS;
+            }
+        }
+
+        #[inline]
+        $(#[$attribute])*
+        unsafe fn dense_rows<const R: usize, const C: usize>(job: &DenseJob, row: usize) {
+            let mut lane = 0;
+            while lane < LANES {
+                // SAFETY: as in `dense`.
+                unsafe { dense_block::<R, C>(job, row, lane) };
+                lane += C * WIDTH;
+            }
+        }
+
+        #[inline]
+        $(#[$attribute])*
+        unsafe fn dense_block<const R: usize, const C: usize>(job: &DenseJob, row: usize, lane: usize) {
+            // SAFETY: `row < outputs` and `lane + C * WIDTH <= LANES`, so that every address below lies in a tile or
+            // in a packed block, which hold `outputs` rows and a multiple of `ROWS` outputs.
+            unsafe {
+                let mut sums = [[splat(0.0); C]; R];
+                for r in 0..R {
+                    for c in 0..C {
+                        if job.from_output {
+                            sums[r][c] = load(job.y.add((row + r) * LANES + lane + c * WIDTH));
+                        } else if !job.bias.is_null() {
+                            sums[r][c] = splat(*job.bias.add(row + r));
+                        }
+                    }
+                }
+                let mut w = job.weights.add(row * job.inputs);
+                let mut x = job.x.add(lane);
+                for _ in 0..job.inputs {
+                    let mut values = [splat(0.0); C];
+                    for c in 0..C {
+                        values[c] = load(x.add(c * WIDTH));
+                    }
+                    for r in 0..R {
+                        let weight = splat(*w.add(r));
+                        for c in 0..C {
+                            sums[r][c] = fma(weight, values[c], sums[r][c]);
+                        }
+                    }
+                    w = w.add(ROWS);
+                    x = x.add(LANES);
+                }
+                for r in 0..R {
+                    for c in 0..C {
+                        let at = (row + r) * LANES + lane + c * WIDTH;
+                        let mut value = sums[r][c];
+                        if job.relu {
+                            value = relu(value);
+                        }
+                        if !job.mask.is_null() {
+                            value = keep_positive(value, load(job.mask.add(at)));
+                        }
+                        store(job.y.add(at), value);
+                    }
+                }
+            }
+        }
+
+        /// See [`super::outer`].
+        $(#[$attribute])*
+        pub(super) unsafe fn outer(
+            tiles: usize,
+            rows: usize,
+            stride: usize,
+            a: *const f32,
+            b: *const f32,
+            out: *mut f32,
+        ) {
+            let mut column = 0;
+            while column < stride {
+                let mut row = 0;
+                while row < rows {
+                    // SAFETY: `column + PAD <= stride` and `row < rows`; the caller has checked the lengths.
+                    unsafe {
+                        let (a, b) = (a.add(row * LANES), b.add(column));
+                        let out = out.add(row * stride + column);
+                        match rows - row {
+                            1 => outer_block::<1>(tiles, rows, stride, a, b, out),
+                            2 => outer_block::<2>(tiles, rows, stride, a, b, out),
+                            3 => outer_block::<3>(tiles, rows, stride, a, b, out),
+                            4 => outer_block::<4>(tiles, rows, stride, a, b, out),
+                            5 => outer_block::<5>(tiles, rows, stride, a, b, out),
+                            _ => outer_block::<6>(tiles, rows, stride, a, b, out),
+                        }
+                    }
+                    row += ROWS;
+                }
+                column += PAD;
+            }
+        }
+
+        #[inline]
+        $(#[$attribute])*
+        unsafe fn outer_block<const R: usize>(
+            tiles: usize,
+            rows: usize,
+            stride: usize,
+            a: *const f32,
+            b: *const f32,
+            out: *mut f32,
+        ) {
+            const C: usize = PAD / WIDTH;
+            // SAFETY: see `outer`; `a`, `b` and `out` point at the block's first value.
+            unsafe {
+                let mut sums = [[splat(0.0); C]; R];
+                for r in 0..R {
+                    for c in 0..C {
+                        sums[r][c] = load(out.add(r * stride + c * WIDTH));
+                    }
+                }
+                for tile in 0..tiles {
+                    let a = a.add(tile * rows * LANES);
+                    let b = b.add(tile * LANES * stride);
+                    for s in 0..LANES {
+                        let mut values = [splat(0.0); C];
+                        for c in 0..C {
+                            values[c] = load(b.add(s * stride + c * WIDTH));
+                        }
+                        for r in 0..R {
+                            let weight = splat(*a.add(r * LANES + s));
+                            for c in 0..C {
+                                sums[r][c] = fma(weight, values[c], sums[r][c]);
+                            }
+                        }
+                    }
+                }
+                for r in 0..R {
+                    for c in 0..C {
+                        store(out.add(r * stride + c * WIDTH), sums[r][c]);
+                    }
+                }
+            }
+        }
+
+        /// See [`super::transpose`].
+        $(#[$attribute])*
+        pub(super) unsafe fn transpose(features: usize, stride: usize, x: *const f32, out: *mut f32) {
+            let whole = features / 8 * 8;
+            // SAFETY: blocks and single values lie in the tile and, as `features <= stride`, in the transposed tile.
+            unsafe {
+                for feature in (0..whole).step_by(8) {
+                    for s in (0..LANES).step_by(8) {
+                        transpose_block(x.add(feature * LANES + s), LANES, out.add(s * stride + feature), stride);
+                    }
+                }
+                for s in 0..LANES {
+                    for feature in whole..features {
+                        *out.add(s * stride + feature) = *x.add(feature * LANES + s);
+                    }
+                    for feature in features..stride {
+                        *out.add(s * stride + feature) = 0.0;
+                    }
+                }
+            }
+        }
+
+        /// See [`super::row_sums`].
+        $(#[$attribute])*
+        pub(super) unsafe fn row_sums(x: &[f32], sums: &mut [f32]) {
+            for (sum, row) in sums.iter_mut().zip(x.chunks_exact(LANES)) {
+                *sum += lane_sum(row, |s| row[s]);
+            }
+        }
+
+        /// See [`super::modulate`].
+        $(#[$attribute])*
+        pub(super) unsafe fn modulate(z: &[f32], gamma: &[f32], beta: &[f32], relu: bool, h: &mut [f32]) {
+            let floor = if relu { 0.0 } else { f32::NEG_INFINITY };
+            let rows = z.chunks_exact(LANES).zip(h.chunks_exact_mut(LANES));
+            for ((z, h), (gamma, beta)) in rows.zip(gamma.iter().zip(beta)) {
+                for s in 0..LANES {
+                    h[s] = (z[s] * gamma + beta).max(floor);
+                }
+            }
+        }
+
+        /// See [`super::modulate_backward`].
+        $(#[$attribute])*
+        pub(super) unsafe fn modulate_backward(
+            z: &[f32],
+            gamma: &[f32],
+            d: &mut [f32],
+            d_gamma: &mut [f32],
+            d_beta: &mut [f32],
+        ) {
+            let rows = z.chunks_exact(LANES).zip(d.chunks_exact_mut(LANES));
+            for (((z, d), gamma), (d_gamma, d_beta)) in rows.zip(gamma).zip(d_gamma.iter_mut().zip(d_beta)) {
+                *d_gamma += lane_sum(d, |s| d[s] * z[s]);
+                *d_beta += lane_sum(d, |s| d[s]);
+                for value in d.iter_mut() {
+                    *value *= gamma;
+                }
+            }
+        }
+
+        /// Sum of a tile's row in eight partial sums, which vectorise.
+        #[inline(always)]
+        fn lane_sum(row: &[f32], value: impl Fn(usize) -> f32) -> f32 {
+            assert_eq!(row.len(), LANES, "row of a tile");
+            let mut partial = [0.0f32; 8];
+            for s in (0..LANES).step_by(8) {
+                for lane in 0..8 {
+                    partial[lane] += value(s + lane);
+                }
+            }
+            let [a, b, c, d, e, f, g, h] = partial;
+            ((a + e) + (b + f)) + ((c + g) + (d + h))
+        }
+
+        /// See [`super::peak`].
+        $(#[$attribute])*
+        pub(super) unsafe fn peak(rounds: usize) -> f32 {
+            let (scale, offset) = (splat(0.999), splat(0.001));
+            // Different starts, hidden from the compiler, keep it from merging the twelve chains.
+            let start: [f32; 12] = std::hint::black_box(std::array::from_fn(|i| i as f32));
+            let mut sums = [splat(0.0); 12];
+            for i in 0..12 {
+                sums[i] = splat(start[i]);
+            }
+            for _ in 0..rounds * 8 * (LANES / WIDTH) {
+                for sum in &mut sums {
+                    *sum = fma(*sum, scale, offset);
+                }
+            }
+            let mut total = [0.0f32; WIDTH];
+            let mut result = 0.0;
+            for sum in sums {
+                // SAFETY: `total` holds one vector.
+                unsafe { store(total.as_mut_ptr(), sum) };
+                result += total.iter().sum::<f32>();
+            }
+            result
+        }
+    };
+}
+
+pub(super) use define_kernels;
