@@ -56,6 +56,7 @@ def mesh_arrays(mesh: bpy.types.Mesh) -> dict[str, Any]:
             for layer in sorted(mesh.uv_layers, key=lambda layer: not layer.active_render)
         },
     }
+    arrays["color_attributes"] = _color_attributes(mesh, arrays["corner_verts"])
     if _has_attribute(mesh, "material_index", "INT", "FACE"):
         arrays["material_slots"] = _attribute(mesh, "material_index", "value", faces, np.int32)
     if mesh.normals_domain == "POINT":
@@ -65,6 +66,17 @@ def mesh_arrays(mesh: bpy.types.Mesh) -> dict[str, Any]:
         if _has_attribute(mesh, "sharp_face", "BOOLEAN", "FACE"):
             arrays["sharp_faces"] = _attribute(mesh, "sharp_face", "value", faces, np.bool_)
     return arrays
+
+
+def _color_attributes(mesh: bpy.types.Mesh, corner_verts: np.ndarray) -> dict[str, np.ndarray]:
+    """Scene-linear colours [C, 4], the one that renders first."""
+    attributes = mesh.color_attributes
+    first = attributes.render_color_index
+    colors = {}
+    for _, attribute in sorted(enumerate(attributes), key=lambda entry: entry[0] != first):
+        values = _collection(attribute.data, "color", (len(attribute.data), 4), np.float32)
+        colors[attribute.name] = values[corner_verts] if attribute.domain == "POINT" else values
+    return colors
 
 
 def _has_attribute(mesh: bpy.types.Mesh, name: str, data_type: str, domain: str) -> bool:

@@ -6,6 +6,8 @@ from typing import Any, NamedTuple
 
 import bpy
 
+from ...core.blackbody import blackbody_color
+
 Context = tuple[bpy.types.Node, ...]
 """The group nodes around a node, outermost first."""
 
@@ -106,18 +108,6 @@ def convert(value: Value, to: bpy.types.NodeSocket, is_color: bool) -> Value:
         weights = LUMINANCE if is_color else (1.0 / 3.0,) * 3
         return sum(weight * channel for weight, channel in zip(weights, value, strict=True))
     return value
-
-
-def blackbody_color(kelvin: float) -> list[float] | None:
-    """Linear Rec.709 colour of a black body as Blender shows it; None where this Blender cannot tell."""
-    light = bpy.data.lights.new("relume-blackbody", "POINT")
-    try:
-        if not hasattr(light, "temperature_color"):
-            return None
-        light.temperature = kelvin
-        return list(light.temperature_color)
-    finally:
-        bpy.data.lights.remove(light)
 
 
 def _group_output(group: bpy.types.Node) -> Any:

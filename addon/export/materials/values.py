@@ -161,9 +161,11 @@ def _separate(mode: str | None, *names: str) -> Translate:
     """Separate nodes: the color models of old and new ones, and their output sockets in order."""
 
     def translate(t: Translation, source: Source) -> Any:
-        description = {"mode": mode or source.node.mode.lower(), "color": t.value(source.node, 0, source.context)}
-        number = t.once(source, lambda: {"type": "separate_color", **description})
-        return {"node": number, "output": "xyz"[names.index(source.socket.identifier)]}
+        def description() -> dict[str, Any]:
+            color = t.value(source.node, 0, source.context)
+            return {"type": "separate_color", "mode": mode or source.node.mode.lower(), "color": color}
+
+        return {"node": t.once(source, description), "output": "xyz"[names.index(source.socket.identifier)]}
 
     return translate
 
@@ -218,7 +220,7 @@ def _color_ramp(t: Translation, source: Source) -> Any:
     node = source.node
 
     def description() -> dict[str, Any]:
-        factor = t.value(node, "Fac" if "Fac" in node.inputs else 0, source.context, 0.5)
+        factor = t.value(node, 0, source.context, 0.5)
         return {"type": "color_ramp", "factor": factor, "ramp": color_ramp(node.color_ramp)}
 
     output = "alpha" if source.socket.identifier == "Alpha" else "color"
@@ -244,6 +246,35 @@ def _float_curve(t: Translation, source: Source) -> Any:
         return {"type": "rgb_curves", "factor": factor, "color": value, "curves": float_curve(node.mapping)}
 
     return {"node": t.once(source, description), "output": "color"}
+
+
+def _attribute(t: Translation, source: Source) -> Any:
+    """Color Attribute, and Attribute where it names one."""
+    node = source.node
+    if getattr(node, "attribute_type", "GEOMETRY") != "GEOMETRY":
+        t.name(f"node '{node.name}': attributes of the {node.attribute_type.lower()} are not supported yet; black")
+        return [0.0, 0.0, 0.0]
+    name = node.layer_name if node.bl_idname == "ShaderNodeVertexColor" else node.attribute_name
+    output = "alpha" if source.socket.identifier == "Alpha" else "color"
+    return {"node": t.once(source, lambda: {"type": "color_attribute", "name": name}), "output": output}
+
+
+def _bump(t: Translation, source: Source) -> Any:
+    node = source.node
+
+    def description() -> dict[str, Any]:
+        fields = (
+            ("strength", "Strength", 1.0),
+            ("distance", "Distance", 1.0),
+            ("height", "Height", 1.0),
+            ("normal", "Normal", None),
+        )
+        values = {field: t.value(node, socket, source.context, default) for field, socket, default in fields}
+        if "Filter Width" in node.inputs:
+            values["filter_width"] = t.value(node, "Filter Width", source.context)
+        return {"type": "bump", "invert": node.invert, **values}
+
+    return {"node": t.once(source, description), "output": "normal"}
 
 
 def _rgb_to_bw(t: Translation, source: Source) -> Any:
@@ -292,15 +323,9 @@ VALUES: dict[str, Translate] = {
         ("color", "Color", [0.5, 0.5, 1.0]),
         properties={"space": ("space", str.lower), "uv_map": ("uv_map", str)},
     ),
-    "ShaderNodeBump": _simple(
-        "bump",
-        "normal",
-        ("strength", "Strength", 1.0),
-        ("distance", "Distance", 1.0),
-        ("height", "Height", 1.0),
-        ("normal", "Normal", None),
-        properties={"invert": ("invert", bool)},
-    ),
+    "ShaderNodeBump": _bump,
+    "ShaderNodeVertexColor": _attribute,
+    "ShaderNodeAttribute": _attribute,
     "ShaderNodeMix": _mix,
     "ShaderNodeMixRGB": _mix_rgb,
     "ShaderNodeMath": _simple(
@@ -330,7 +355,7 @@ VALUES: dict[str, Translate] = {
         ("hue", "Hue", 0.5),
         ("saturation", "Saturation", 1.0),
         ("value", "Value", 1.0),
-        ("factor", "Fac", 1.0),
+        ("factor", 3, 1.0),
         ("color", "Color", [0.8] * 3),
     ),
     "ShaderNodeBrightContrast": _simple(

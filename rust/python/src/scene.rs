@@ -23,7 +23,7 @@ impl PySceneBuilder {
     }
 
     #[pyo3(signature = (name, positions, corner_verts, face_starts, *, vertex_normals=None, corner_normals=None,
-        sharp_faces=None, uv_maps=None, material_slots=None))]
+        sharp_faces=None, uv_maps=None, color_attributes=None, material_slots=None))]
     fn add_mesh(
         &mut self,
         py: Python<'_>,
@@ -35,6 +35,7 @@ impl PySceneBuilder {
         corner_normals: Option<&Bound<'_, PyAny>>,
         sharp_faces: Option<&Bound<'_, PyAny>>,
         uv_maps: Option<&Bound<'_, PyDict>>,
+        color_attributes: Option<&Bound<'_, PyDict>>,
         material_slots: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<usize> {
         let positions = Array::<f32>::borrow("positions", positions)?;
@@ -45,10 +46,8 @@ impl PySceneBuilder {
         let corner_normals = optional("corner_normals", corner_normals)?;
         let sharp_faces = sharp_faces.map(|o| Array::<bool>::borrow("sharp_faces", o)).transpose()?;
         let material_slots = material_slots.map(|o| Array::<i32>::borrow("material_slots", o)).transpose()?;
-        let mut coords = Vec::new();
-        for (name, map) in uv_maps.into_iter().flatten() {
-            coords.push((name.extract::<String>()?, Array::<f32>::borrow("uv_maps", &map)?));
-        }
+        let coords = named_arrays("uv_maps", uv_maps)?;
+        let colors = named_arrays("color_attributes", color_attributes)?;
         let polygons = scene::PolygonMesh {
             name,
             positions: positions.cast::<Vec3>()?,
@@ -60,10 +59,8 @@ impl PySceneBuilder {
                 (None, None) => scene::PolygonNormals::Flat,
             },
             sharp_faces: sharp_faces.as_ref().map_or(Ok(&[][..]), Array::values)?,
-            uv_maps: coords
-                .iter()
-                .map(|(name, map)| Ok((name.clone(), map.cast::<Vec2>()?)))
-                .collect::<PyResult<_>>()?,
+            uv_maps: regrouped::<Vec2>(&coords)?,
+            color_attributes: regrouped::<[f32; 4]>(&colors)?,
             material_slots: material_slots.as_ref().map_or(Ok(&[][..]), Array::cast)?,
         };
         let mesh = enter_native(py, || polygons.triangulate())?;
@@ -205,6 +202,23 @@ impl PyScene {
     }
 }
 
+/// The arrays of a dictionary, in its order.
+fn named_arrays<'py>(
+    argument: &'static str,
+    arrays: Option<&Bound<'py, PyDict>>,
+) -> PyResult<Vec<(String, Array<'py, f32>)>> {
+    let entry = |(name, array): (Bound<'py, PyAny>, Bound<'py, PyAny>)| {
+        Ok((name.extract()?, Array::borrow(argument, &array)?))
+    };
+    arrays.into_iter().flatten().map(entry).collect()
+}
+
+fn regrouped<'a, T: bytemuck::AnyBitPattern>(
+    arrays: &'a [(String, Array<'_, f32>)],
+) -> PyResult<Vec<(String, &'a [T])>> {
+    arrays.iter().map(|(name, array)| Ok((name.clone(), array.cast()?))).collect()
+}
+
 fn summary(scene: &scene::Scene) -> serde_json::Value {
     let triangles = |instance: &scene::Instance| scene.meshes[instance.mesh].triangles.len();
     serde_json::json!({
@@ -213,6 +227,7 @@ fn summary(scene: &scene::Scene) -> serde_json::Value {
         "materials": scene.materials,
         "meshes": scene.meshes.iter().map(|m| serde_json::json!({
             "name": m.name, "triangles": m.triangles.len(), "smooth": !m.corner_normals.is_empty(),
+            "color_attributes": m.color_attributes.iter().map(|a| &a.name).collect::<Vec<_>>(),
             "uv_maps": m.uv_maps.iter().map(|map| &map.name).collect::<Vec<_>>(),
         })).collect::<Vec<_>>(),
         "instances": scene.instances.iter().map(|i| serde_json::json!({

@@ -1,6 +1,6 @@
 //! Blender's polygon meshes to triangles, with the result of Blender's own tessellation.
 
-use crate::{Mesh, UvMap};
+use crate::{ColorAttribute, Mesh, UvMap};
 use earcut::Earcut;
 use glam::{Vec2, Vec3};
 
@@ -21,6 +21,8 @@ pub struct PolygonMesh<'a> {
     pub sharp_faces: &'a [bool],
     /// UV layers, one coordinate a corner, the active render one first.
     pub uv_maps: Vec<(String, &'a [Vec2])>,
+    /// Colour attributes, scene-linear RGBA, one a corner, the active render one first.
+    pub color_attributes: Vec<(String, &'a [[f32; 4]])>,
     /// Material slot of each face; empty if all are slot 0.
     pub material_slots: &'a [i32],
 }
@@ -93,6 +95,11 @@ impl PolygonMesh<'_> {
                 .iter()
                 .map(|(name, _)| UvMap { name: name.clone(), coords: Vec::new() })
                 .collect(),
+            color_attributes: self
+                .color_attributes
+                .iter()
+                .map(|(name, _)| ColorAttribute { name: name.clone(), colors: Vec::new() })
+                .collect(),
             ..Mesh::default()
         };
         out.triangles.reserve(self.corner_verts.len().saturating_sub(2 * self.face_starts.len()));
@@ -139,6 +146,9 @@ impl PolygonMesh<'_> {
         for (map, (_, coords)) in out.uv_maps.iter_mut().zip(&self.uv_maps) {
             map.coords.extend(corners.map(|c| coords[c]));
         }
+        for (attribute, (_, colors)) in out.color_attributes.iter_mut().zip(&self.color_attributes) {
+            attribute.colors.extend(corners.map(|c| colors[c]));
+        }
         if let Some(slot) = self.material_slots.get(face) {
             out.material_slots.push((*slot).clamp(0, u16::MAX.into()) as u16);
         }
@@ -183,6 +193,9 @@ impl PolygonMesh<'_> {
         for (name, coords) in &self.uv_maps {
             self.check_length(&format!("UV map '{name}'"), coords.len(), corners)?;
             self.check_finite(&format!("UV map '{name}' corner"), coords.iter().map(|uv| uv.is_finite()))?;
+        }
+        for (name, colors) in &self.color_attributes {
+            self.check_length(&format!("colour attribute '{name}'"), colors.len(), corners)?;
         }
         for (array, length) in
             [("material_index", self.material_slots.len()), ("sharp_face", self.sharp_faces.len())]
@@ -280,6 +293,7 @@ mod tests {
             normals: PolygonNormals::Flat,
             sharp_faces: &[],
             uv_maps: Vec::new(),
+            color_attributes: Vec::new(),
             material_slots: &[],
         }
     }

@@ -30,10 +30,12 @@ class SceneBuilder:
         corner_normals: NDArray[np.float32] | None = None,
         sharp_faces: NDArray[np.bool_] | None = None,
         uv_maps: dict[str, NDArray[np.float32]] | None = None,
+        color_attributes: dict[str, NDArray[np.float32]] | None = None,
         material_slots: NDArray[np.int32] | None = None,
     ) -> int:
         """A polygon mesh in object space: positions [V, 3], vertex of each corner [C], first corner of each face
-        [F], normals [V, 3] or [C, 3] (flat without), UV maps [C, 2] with the render one first, slots [F]."""
+        [F], normals [V, 3] or [C, 3] (flat without), UV maps [C, 2] and linear colours [C, 4] with
+        the render one first, slots [F]."""
 
     def add_instance(
         self,

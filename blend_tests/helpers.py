@@ -1,0 +1,81 @@
+"""Small builders and the exported scene as plain data."""
+
+import json
+
+import bpy
+import numpy as np
+from addon.engine.scene import load_scene
+from addon.export import ExportOptions
+from mathutils import Matrix
+
+
+def exported(scene, **options):
+    """The summary of the exported scene."""
+    return json.loads(load_scene(scene, ExportOptions(**options)).summary())
+
+
+def add(scene, name, data):
+    """A linked object."""
+    obj = bpy.data.objects.new(name, data)
+    scene.collection.objects.link(obj)
+    return obj
+
+
+def add_quad(scene, name="Plane", size=2.0, material=None):
+    """A square in the xy plane, with a UV map."""
+    half = size / 2
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata([(-half, -half, 0), (half, -half, 0), (half, half, 0), (-half, half, 0)], [], [(0, 1, 2, 3)])
+    uv = mesh.uv_layers.new(name="UVMap")
+    uv.uv.foreach_set("vector", [0, 0, 1, 0, 1, 1, 0, 1])
+    if material:
+        mesh.materials.append(material)
+    return add(scene, name, mesh)
+
+
+def add_light(scene, kind, name="Lamp", location=(0, 0, 2), **settings):
+    """A light 2 m above the origin, pointing down, of 100 W unless told otherwise."""
+    light = bpy.data.lights.new(name, kind)
+    light.energy = 100.0
+    for key, value in settings.items():
+        setattr(light, key, value)
+    obj = add(scene, name, light)
+    obj.location = location
+    return obj
+
+
+def add_material(name="Material"):
+    """A material with an empty tree; returns it, its tree and its output node."""
+    material = bpy.data.materials.new(name)
+    if bpy.app.version < (5, 0, 0):
+        material.use_nodes = True
+    tree = material.node_tree
+    tree.nodes.clear()
+    return material, tree, tree.nodes.new("ShaderNodeOutputMaterial")
+
+
+def affine(columns):
+    """4 x 4 matrix from the 12 numbers of a glam `Affine3A`."""
+    matrix = np.eye(4)
+    matrix[:3, :] = np.array(columns).reshape(4, 3).T
+    return Matrix(matrix.tolist())
+
+
+def render_cycles(scene, samples=64, **settings):
+    """Scene-linear pixels of a plain Cycles render, [height, width, 3], bottom row first."""
+    cycles = scene.cycles
+    cycles.samples, cycles.device = samples, "CPU"
+    cycles.use_adaptive_sampling = cycles.use_denoising = False
+    cycles.light_sampling_threshold = 0.0
+    for key, value in settings.items():
+        setattr(cycles, key, value)
+    scene.render.image_settings.file_format = "OPEN_EXR"
+    scene.render.image_settings.color_depth = "32"
+    scene.render.filepath = bpy.app.tempdir + "cycles.exr"
+    bpy.ops.render.render(write_still=True)
+    image = bpy.data.images.load(scene.render.filepath)
+    pixels = np.empty(len(image.pixels), np.float32)
+    image.pixels.foreach_get(pixels)
+    width, height = image.size
+    bpy.data.images.remove(image)
+    return pixels.reshape(height, width, -1)[..., :3]

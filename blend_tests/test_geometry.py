@@ -1,0 +1,157 @@
+"""Meshes, instances and what they carry."""
+
+import time
+
+import bpy
+import numpy as np
+import pytest
+from helpers import add, add_material, add_quad, affine, exported
+
+
+def names(summary):
+    return sorted(instance["name"] for instance in summary["instances"])
+
+
+def test_render_settings_count_not_viewport_ones(scene):
+    cube = add_quad(scene, "Shown")
+    modifier = cube.modifiers.new("Subdivision", "SUBSURF")
+    modifier.levels, modifier.render_levels = 1, 3
+    only_render = add_quad(scene, "RenderOnly")
+    only_render.hide_viewport = True
+    only_viewport = add_quad(scene, "ViewportOnly")
+    only_viewport.hide_render = True
+    out = exported(scene)
+    assert names(out) == ["RenderOnly", "Shown"]
+    assert sorted(mesh["triangles"] for mesh in out["meshes"]) == [2, 2 * 4**3]
+
+
+def test_linked_duplicates_share_their_mesh(scene):
+    first = add_quad(scene, "First")
+    second = add(scene, "Second", first.data)
+    second.location, second.scale = (1, 2, 3), (-1, 2, 1)
+    out = exported(scene)
+    assert len(out["meshes"]) == 1 and len(out["instances"]) == 2
+    placed = next(instance for instance in out["instances"] if instance["name"] == "Second")
+    assert affine(placed["world_from_object"]) == second.matrix_world
+
+
+def test_collection_instances_are_exported_once(scene):
+    hidden = bpy.data.collections.new("Library")
+    mesh = add_quad(scene, "Part").data
+    bpy.data.objects.remove(bpy.data.objects["Part"])
+    hidden.objects.link(bpy.data.objects.new("Part", mesh))
+    for index in range(5):
+        empty = add(scene, f"Instance{index}", None)
+        empty.instance_type, empty.instance_collection = "COLLECTION", hidden
+        empty.location = (index, 0, 0)
+    out = exported(scene)
+    assert len(out["meshes"]) == 1 and len(out["instances"]) == 5
+    places = sorted(affine(instance["world_from_object"]).translation.x for instance in out["instances"])
+    assert places == [0, 1, 2, 3, 4]
+    assert len({instance["random"] for instance in out["instances"]}) == 5
+    assert len({instance["receiver"] for instance in out["instances"]}) == 5
+
+
+@pytest.mark.parametrize("kind", ["CURVE", "FONT", "META"])
+def test_curves_text_and_metaballs_become_meshes(scene, kind):
+    if kind == "CURVE":
+        data = bpy.data.curves.new("Thing", "CURVE")
+        data.dimensions, data.bevel_depth = "3D", 0.1
+        spline = data.splines.new("POLY")
+        spline.points.add(2)
+        for index, point in enumerate(spline.points):
+            point.co = (index, 0, 0, 1)
+    elif kind == "FONT":
+        data = bpy.data.curves.new("Thing", "FONT")
+        data.body = "Relume"
+    else:
+        data = bpy.data.metaballs.new("Thing")
+        data.elements.new().radius = 1.0
+    add(scene, "Thing", data)
+    out = exported(scene)
+    assert len(out["instances"]) == 1 and out["instanced_triangles"] > 20
+
+
+def test_flat_smooth_and_mixed_shading(scene):
+    for name, smooth in (("Flat", (False, False)), ("Smooth", (True, True)), ("Mixed", (True, False))):
+        mesh = bpy.data.meshes.new(name)
+        vertices = [(0, 0, 0), (1, 0, 0), (1, 1, 0.5), (0, 1, 0.5), (2, 0, 0.3), (2, 1, 0.3)]
+        mesh.from_pydata(vertices, [], [(0, 1, 2, 3), (1, 4, 5, 2)])
+        mesh.polygons.foreach_set("use_smooth", smooth)
+        add(scene, name, mesh)
+    out = exported(scene)
+    assert {mesh["name"]: mesh["smooth"] for mesh in out["meshes"]} == {"Flat": False, "Smooth": True, "Mixed": True}
+
+
+def test_render_uv_map_comes_first(scene):
+    mesh = add_quad(scene).data
+    second = mesh.uv_layers.new(name="Second")
+    second.active_render = True
+    colors = mesh.color_attributes.new("Paint", "FLOAT_COLOR", "POINT")
+    colors.data.foreach_set("color", np.ones(16, np.float32))
+    out = exported(scene)
+    assert out["meshes"][0]["uv_maps"] == ["Second", "UVMap"]
+    assert out["meshes"][0]["color_attributes"] == ["Paint"]
+
+
+def test_slots_and_visibility(scene):
+    red, _, _ = add_material("Red")
+    plane = add_quad(scene, "Plane", material=red)
+    plane.data.materials.append(None)
+    plane.visible_camera, plane.visible_glossy = False, False
+    plane.pass_index, plane.color = 7, (0.1, 0.2, 0.3, 0.4)
+    instance = exported(scene)["instances"][0]
+    assert len(instance["materials"]) == 2
+    assert instance["visibility"] == [False, True, False, True]
+    assert instance["pass_index"] == 7
+    assert instance["color"] == pytest.approx([0.1, 0.2, 0.3, 0.4])
+
+
+def test_unsupported_things_are_named(scene):
+    add_quad(scene, "Ghost").is_holdout = True
+    add_quad(scene, "Catcher").is_shadow_catcher = True
+    add(scene, "Smoke", bpy.data.volumes.new("Smoke"))
+    add(scene, "Fur", bpy.data.hair_curves.new("Fur"))
+    scene.render.use_motion_blur = True
+    warnings = " ".join(exported(scene)["warnings"])
+    for text in ("'Ghost': holdout", "'Catcher': shadow catcher", "'Smoke': volumes", "'Fur': hair", "motion blur"):
+        assert text in warnings
+
+
+def test_nan_vertex_is_refused_by_name(scene):
+    mesh = add_quad(scene, "Broken").data
+    mesh.vertices[1].co.x = float("nan")
+    with pytest.raises(ValueError, match="mesh 'Broken': vertex 1 is not a finite number"):
+        exported(scene)
+
+
+def test_empty_scene_is_refused(scene):
+    with pytest.raises(ValueError, match="nothing to render"):
+        exported(scene)
+
+
+def test_a_million_triangles_export_quickly(scene):
+    """The limit is generous for slow machines; the printed time is what counts."""
+    steps = 708
+    axis = np.linspace(0.0, 1.0, steps, dtype=np.float32)
+    x, y = np.meshgrid(axis, axis)
+    positions = np.stack([x, y, 0.1 * np.sin(20 * x)], axis=-1).reshape(-1, 3).astype(np.float32)
+    corner = (np.arange(steps - 1)[:, None] * steps + np.arange(steps - 1)).reshape(-1)
+    quads = np.stack([corner, corner + 1, corner + steps + 1, corner + steps], axis=-1).astype(np.int32)
+    mesh = bpy.data.meshes.new("Million")
+    mesh.vertices.add(len(positions))
+    mesh.vertices.foreach_set("co", positions.reshape(-1))
+    mesh.loops.add(quads.size)
+    mesh.loops.foreach_set("vertex_index", quads.reshape(-1))
+    mesh.polygons.add(len(quads))
+    mesh.polygons.foreach_set("loop_start", np.arange(0, quads.size, 4, dtype=np.int32))
+    mesh.update(calc_edges=True)
+    mesh.uv_layers.new(name="UVMap")
+    mesh.polygons.foreach_set("use_smooth", np.ones(len(quads), bool))
+    add(scene, "Million", mesh)
+    bpy.context.view_layer.update()
+    start = time.perf_counter()
+    out = exported(scene)
+    seconds = time.perf_counter() - start
+    print(f"export of {out['instanced_triangles']} triangles: {seconds:.2f} s, Blender's evaluation included")
+    assert out["instanced_triangles"] == 2 * (steps - 1) ** 2

@@ -1,0 +1,149 @@
+"""Every light type reaches the native scene with Cycles' meaning."""
+
+import math
+
+import bpy
+import numpy as np
+import pytest
+from helpers import add_light, add_material, add_quad, exported, render_cycles
+
+VERSION = bpy.app.version
+# Light settings, and whether they need Blender 4.5.
+CASES = {
+    "point": ("POINT", {"shadow_soft_size": 0.3, "use_soft_falloff": False}),
+    "point soft": ("POINT", {"shadow_soft_size": 0.3, "use_soft_falloff": True}),
+    "sun": ("SUN", {"angle": 0.5, "energy": 3.0}),
+    "square": ("AREA", {"shape": "SQUARE", "size": 1.5}),
+    "rectangle": ("AREA", {"shape": "RECTANGLE", "size": 2.0, "size_y": 0.5}),
+    "disk": ("AREA", {"shape": "DISK", "size": 1.0}),
+    "ellipse": ("AREA", {"shape": "ELLIPSE", "size": 1.0, "size_y": 2.0}),
+    "point, 4.5": ("POINT", {"shadow_soft_size": 0.3, "normalize": False, "exposure": 1.0, "use_soft_falloff": False}),
+    "area, 4.5": ("AREA", {"size": 2.0, "normalize": False, "use_temperature": True, "temperature": 3000.0}),
+    "sun, 4.5": ("SUN", {"angle": 1.0, "normalize": False}),
+}
+
+
+def irradiance_over_pi(light):
+    """Of an unoccluded light right above the origin, by the shapes' closed forms (all aligned with z)."""
+    shape, radiance = light["shape"], np.array(light["radiance"])
+    if shape["type"] == "sun":
+        return radiance * math.sin(shape["half_angle"]) ** 2
+    height = shape["center"][2]
+    if shape["type"] == "sphere":
+        return radiance * (shape["radius"] / height) ** 2
+    if shape["type"] == "facing_disk":
+        return radiance * shape["radius"] ** 2 / (height**2 + shape["radius"] ** 2)
+    u, v = (np.linalg.norm(shape[edge]) / 2 for edge in ("edge_u", "edge_v"))
+    steps = (np.arange(400) + 0.5) / 200 - 1
+    x, y = np.meshgrid(steps * u, steps * v)
+    inside = 1.0 if shape["type"] == "quad" else (x / u) ** 2 + (y / v) ** 2 < 1
+    form = inside * height**2 / (x**2 + y**2 + height**2) ** 2
+    return radiance * form.mean() * 4 * u * v / math.pi
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_radiance_matches_a_cycles_probe(scene, name):
+    kind, settings = CASES[name]
+    if name.endswith("4.5") and VERSION < (4, 5, 0):
+        pytest.skip("the setting exists from Blender 4.5 on")
+    material, tree, output = add_material("White")
+    diffuse = tree.nodes.new("ShaderNodeBsdfDiffuse")
+    diffuse.inputs["Color"].default_value = (1, 1, 1, 1)
+    tree.links.new(diffuse.outputs[0], output.inputs["Surface"])
+    add_quad(scene, size=100.0, material=material)
+    add_light(scene, kind, **{"color": (1.0, 0.5, 0.25), **settings})
+    scene.camera.data.type, scene.camera.data.ortho_scale = "ORTHO", 0.05
+    scene.render.resolution_x = scene.render.resolution_y = 8
+    expected = irradiance_over_pi(exported(scene)["lights"][0])
+    found = render_cycles(scene, samples=256, max_bounces=0).mean(axis=(0, 1))
+    assert found == pytest.approx(expected, rel=5e-3)
+
+
+def test_spot_keeps_its_cone(scene):
+    add_quad(scene)
+    spot = add_light(scene, "SPOT", spot_size=1.0, spot_blend=0.25, shadow_soft_size=0.2)
+    spot.rotation_euler = (math.pi / 2, 0, 0)
+    shape = exported(scene)["lights"][0]["shape"]
+    assert shape["type"] == "spot" and shape["soft_falloff"]
+    assert (shape["half_angle"], shape["blend"]) == (0.5, 0.25)
+    assert shape["axis"] == pytest.approx([0, 1, 0], abs=1e-6)
+
+
+def test_area_light_emits_along_its_local_minus_z(scene):
+    add_quad(scene)
+    light = add_light(scene, "AREA", shape="RECTANGLE", size=2.0, size_y=1.0, spread=1.0)
+    light.rotation_euler, light.scale = (0.3, 0.8, 0.2), (1.0, -3.0, 1.0)
+    shape = exported(scene)["lights"][0]["shape"]
+    normal = np.cross(shape["edge_u"], shape["edge_v"])
+    axis = np.array(light.matrix_world.to_3x3().col[2])
+    assert normal @ -axis > 0.99 * np.linalg.norm(normal) * np.linalg.norm(axis)
+    assert np.linalg.norm(shape["edge_v"]) == pytest.approx(3.0)
+    assert shape["spread"] == pytest.approx(1.0)
+
+
+def test_ray_visibility_becomes_lobe_factors(scene):
+    add_quad(scene)
+    light = add_light(scene, "POINT", diffuse_factor=0.1)
+    light.visible_camera, light.visible_glossy = True, False
+    lobes = exported(scene)["lights"][0]["lobes"]
+    assert lobes == {"camera": 1, "diffuse": 1, "glossy": 0, "transmission": 1, "volume": 1}
+
+
+def test_emission_node_tints_and_textures_are_named(scene):
+    add_quad(scene)
+    for name in ("Tinted", "Gobo"):
+        light = add_light(scene, "POINT", name=name, color=(1, 1, 1)).data
+        if VERSION < (5, 2, 0):
+            light.use_nodes = True
+        emission = next(node for node in light.node_tree.nodes if node.bl_idname == "ShaderNodeEmission")
+        emission.inputs["Color"].default_value = (0.5, 0.25, 1.0, 1.0)
+        emission.inputs["Strength"].default_value = 2.0
+        if name == "Gobo":
+            texture = light.node_tree.nodes.new("ShaderNodeTexChecker")
+            light.node_tree.links.new(texture.outputs["Color"], emission.inputs["Color"])
+    out = exported(scene)
+    (light,) = out["lights"]
+    assert light["name"] == "Tinted"
+    assert np.array(light["radiance"]) / light["radiance"][0] == pytest.approx([1.0, 0.5, 2.0])
+    assert any("'Gobo'" in warning and "not one constant emission" in warning for warning in out["warnings"])
+
+
+def test_light_linking_lists_receivers(scene):
+    inside, outside = add_quad(scene, "Inside"), add_quad(scene, "Outside")
+    light = add_light(scene, "POINT")
+    linked = bpy.data.collections.new("Receivers")
+    linked.objects.link(inside)
+    light.light_linking.receiver_collection = linked
+    out = exported(scene)
+    receiver = {instance["name"]: instance["receiver"] for instance in out["instances"]}
+    assert out["lights"][0]["receivers"]["receivers"] == [receiver["Inside"]]
+    linked.collection_objects[0].light_linking.link_state = "EXCLUDE"
+    receivers = exported(scene)["lights"][0]["receivers"]["receivers"]
+    assert receiver["Inside"] not in receivers and receiver["Outside"] in receivers
+    assert outside.name == "Outside"
+
+
+def test_what_a_light_cannot_do_is_named(scene):
+    add_quad(scene)
+    light = add_light(scene, "POINT", name="Bare", use_shadow=False)
+    light.light_linking.blocker_collection = bpy.data.collections.new("Blockers")
+    portal = add_light(scene, "AREA", name="Portal")
+    portal.data.cycles.is_portal = True
+    out = exported(scene)
+    assert [light["name"] for light in out["lights"]] == ["Bare"]
+    warnings = " ".join(out["warnings"])
+    assert "'Bare': a light without shadow" in warnings and "'Bare': shadow linking" in warnings
+
+
+def test_instanced_lights_are_lights_of_their_own(scene):
+    add_quad(scene)
+    library = bpy.data.collections.new("Library")
+    library.objects.link(bpy.data.objects.new("Bulb", bpy.data.lights.new("Bulb", "POINT")))
+    for index in range(3):
+        empty = bpy.data.objects.new(f"Lamp{index}", None)
+        empty.instance_type, empty.instance_collection = "COLLECTION", library
+        empty.location = (index, 0, 0)
+        scene.collection.objects.link(empty)
+    lights = exported(scene)["lights"]
+    assert sorted(light["name"] for light in lights) == ["Bulb", "Bulb#2", "Bulb#3"]
+    assert sorted(light["shape"]["center"][0] for light in lights) == [0, 1, 2]
