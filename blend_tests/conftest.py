@@ -20,6 +20,7 @@ def scene():
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
+    scene.cycles.sample_clamp_indirect = 0.0
     scene.render.resolution_x, scene.render.resolution_y = 64, 48
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     camera.location = (0.0, 0.0, 5.0)

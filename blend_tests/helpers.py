@@ -47,7 +47,7 @@ def add_light(scene, kind, name="Lamp", location=(0, 0, 2), **settings):
 def add_material(name="Material"):
     """A material with an empty tree; returns it, its tree and its output node."""
     material = bpy.data.materials.new(name)
-    if bpy.app.version < (5, 0, 0):
+    if bpy.app.version < (5, 2, 0):
         material.use_nodes = True
     tree = material.node_tree
     tree.nodes.clear()

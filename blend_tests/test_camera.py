@@ -16,7 +16,7 @@ SETTINGS = {
     "shift": {"shift_x": 0.2, "shift_y": -0.35},
     "pixel aspect": {"aspect": (2.0, 1.0), "shift_x": 0.1},
     "tall pixels": {"aspect": (1.0, 3.0), "shift_y": 0.1},
-    "percentage": {"percentage": 37},
+    "percentage": {"percentage": 50},
     "orthographic": {"type": "ORTHO", "ortho_scale": 3.0, "shift_x": 0.25},
     "orthographic portrait": {"type": "ORTHO", "ortho_scale": 3.0, "shift_y": 0.25, "resolution": (30, 60)},
     "scaled": {"scale": (2.0, 2.0, 0.5)},

@@ -113,8 +113,16 @@ def test_unsupported_things_are_named(scene):
     add(scene, "Smoke", bpy.data.volumes.new("Smoke"))
     add(scene, "Fur", bpy.data.hair_curves.new("Fur"))
     scene.render.use_motion_blur = True
+    scene.cycles.sample_clamp_indirect = 10.0
     warnings = " ".join(exported(scene)["warnings"])
-    for text in ("'Ghost': holdout", "'Catcher': shadow catcher", "'Smoke': volumes", "'Fur': hair", "motion blur"):
+    for text in (
+        "'Ghost': holdout",
+        "'Catcher': shadow catcher",
+        "'Smoke': volumes",
+        "'Fur': hair",
+        "motion blur",
+        "clamping",
+    ):
         assert text in warnings
 
 

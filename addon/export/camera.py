@@ -24,9 +24,7 @@ def camera_json(camera: bpy.types.Object, scene: bpy.types.Scene, percentage: in
             "name": camera.name,
             "world_from_object": [list(row) for row in camera.matrix_world],
             "projection": "perspective" if data.type == "PERSP" else "orthographic",
-            "resolution": [
-                max(1, edge * percentage // 100) for edge in (render.resolution_x, render.resolution_y)
-            ],
+            "resolution": [max(1, edge * percentage // 100) for edge in (render.resolution_x, render.resolution_y)],
             "pixel_aspect": [render.pixel_aspect_x, render.pixel_aspect_y],
             "sensor_fit": data.sensor_fit,
             "sensor": [data.sensor_width, data.sensor_height],

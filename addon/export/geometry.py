@@ -11,36 +11,18 @@ import numpy as np
 class GeometryExporter:
     """Exports each evaluated mesh once and remembers its number."""
 
-    def __init__(self, builder: Any, depsgraph: bpy.types.Depsgraph):
+    def __init__(self, builder: Any):
         self.builder = builder
-        self.depsgraph = depsgraph
         self.numbers: dict[int, int | None] = {}
 
-    def mesh_number(self, obj: bpy.types.Object) -> int | None:
-        """Number of the object's evaluated mesh; None if it has no faces."""
-        key = _geometry_key(obj)
+    def mesh_number(self, mesh: bpy.types.Mesh) -> int | None:
+        """Number of an evaluated mesh; None if it has no faces. Evaluated meshes are shared by all instances of one
+        evaluated object and by linked duplicates without modifiers."""
+        key = mesh.as_pointer()
         if key not in self.numbers:
-            self.numbers[key] = self._export(obj)
+            has_faces = len(mesh.polygons) > 0
+            self.numbers[key] = self.builder.add_mesh(mesh.name, **mesh_arrays(mesh)) if has_faces else None
         return self.numbers[key]
-
-    def _export(self, obj: bpy.types.Object) -> int | None:
-        if obj.type == "MESH":
-            return self._add(obj.data)
-        mesh = obj.to_mesh(preserve_all_data_layers=False, depsgraph=self.depsgraph)
-        try:
-            return self._add(mesh)
-        finally:
-            obj.to_mesh_clear()
-
-    def _add(self, mesh: bpy.types.Mesh | None) -> int | None:
-        if mesh is None or len(mesh.polygons) == 0:
-            return None
-        return self.builder.add_mesh(mesh.name, **mesh_arrays(mesh))
-
-
-def _geometry_key(obj: bpy.types.Object) -> int:
-    """Evaluated data is shared by all instances of one evaluated object and by linked duplicates."""
-    return obj.data.as_pointer() if obj.type == "MESH" else obj.as_pointer()
 
 
 def mesh_arrays(mesh: bpy.types.Mesh) -> dict[str, Any]:

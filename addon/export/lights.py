@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 
 from .linking import LightLinking
-from .materials.graph import Source, constant_value, resolve
+from .materials.graph import Source, constant_value, resolve, used_tree
 
 WHITE = [1.0, 1.0, 1.0]
 
@@ -67,8 +67,8 @@ class LightExporter:
 
     def _emission(self, obj: bpy.types.Object) -> list[float] | None:
         """Colour times strength of the light's nodes; None if it has nodes and they are not one constant."""
-        tree = obj.data.node_tree
-        if not obj.data.use_nodes or tree is None:
+        tree = used_tree(obj.data)
+        if tree is None:
             return WHITE
         output = tree.get_output_node("CYCLES")
         source = resolve(output.inputs["Surface"], ()) if output else None

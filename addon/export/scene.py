@@ -15,7 +15,6 @@ from .linking import LightLinking
 from .materials import MaterialExporter
 from .world import export_world
 
-GEOMETRY_TYPES = {"MESH", "CURVE", "SURFACE", "FONT", "META"}
 UNSUPPORTED_TYPES = {
     "VOLUME": "volumes",
     "CURVES": "hair curves",
@@ -68,7 +67,7 @@ class _SceneExporter:
         self.materials = MaterialExporter(builder, self.images)
         self.linking = LightLinking(builder, depsgraph)
         self.lights = LightExporter(builder, self.linking)
-        self.geometry = GeometryExporter(builder, depsgraph)
+        self.geometry = GeometryExporter(builder)
 
     def run(self) -> None:
         self._warn_about_settings()
@@ -79,13 +78,13 @@ class _SceneExporter:
                 continue
             if obj.type == "LIGHT":
                 self.lights.export(obj, instance.matrix_world)
-            elif obj.type in GEOMETRY_TYPES:
+            elif obj.type == "MESH":  # Curves, text and metaballs appear as meshes of their own.
                 self._export_geometry(instance)
         export_world(self.builder, self.images, self.depsgraph.scene_eval)
 
     def _export_geometry(self, instance: bpy.types.DepsgraphObjectInstance) -> None:
         obj = instance.object
-        mesh = self.geometry.mesh_number(obj)
+        mesh = self.geometry.mesh_number(obj.data)
         if mesh is None:
             return
         original = instance.parent.original if instance.is_instance and instance.parent else obj.original
@@ -118,7 +117,7 @@ class _SceneExporter:
         warn, name = self.builder.warn, obj.name
         if obj.type in UNSUPPORTED_TYPES:
             warn(f"object '{name}': {UNSUPPORTED_TYPES[obj.type]} are not supported yet; left out")
-        if obj.type not in GEOMETRY_TYPES:
+        if obj.type != "MESH":
             return
         if obj.is_holdout or obj.original.holdout_get(view_layer=self.view_layer):
             warn(f"object '{name}': holdout is not supported yet; rendered as an ordinary object")

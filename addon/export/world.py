@@ -8,7 +8,7 @@ import bpy
 from mathutils import Euler, Matrix
 
 from .images import ImageExporter
-from .materials.graph import Source, constant_value, resolve
+from .materials.graph import Source, constant_value, resolve, used_tree
 
 BLACK = [0.0, 0.0, 0.0]
 
@@ -31,8 +31,8 @@ class _WorldExporter:
         self.visible_camera = True if visibility is None else visibility.camera
 
     def run(self) -> None:
-        tree = self.world.node_tree
-        if not self.world.use_nodes or tree is None:
+        tree = used_tree(self.world)
+        if tree is None:
             self._set(list(self.world.color))
             return
         output = tree.get_output_node("CYCLES")
@@ -88,7 +88,8 @@ class _WorldExporter:
         }
         rotation = Euler(values["Rotation"] or BLACK, "XYZ").to_matrix()
         scale = Matrix.Diagonal(values["Scale"] or (1.0, 1.0, 1.0))
-        if mapping.vector_type in {"POINT", "TEXTURE"} and any(values["Location"] or BLACK):
+        moves = values["Location"] not in (None, BLACK)
+        if moves and mapping.vector_type in {"POINT", "TEXTURE"}:
             self._name(f"node '{mapping.name}' moves the environment texture; only its rotation and scale are used")
         match mapping.vector_type:
             case "TEXTURE":
@@ -100,9 +101,7 @@ class _WorldExporter:
 
     def _set(self, color: list[float], texture: int | None = None, matrix: Matrix | None = None) -> None:
         rows = [list(row) for row in (matrix or Matrix.Identity(3))]
-        self.builder.set_world(
-            color, texture=texture, texture_from_world=rows, visible_camera=self.visible_camera
-        )
+        self.builder.set_world(color, texture=texture, texture_from_world=rows, visible_camera=self.visible_camera)
 
     def _name(self, what: str) -> None:
         self.builder.warn(f"world '{self.world.name}': {what}")

@@ -105,7 +105,7 @@ def _nothing(_t: Translation, _node: bpy.types.Node, _context: Context) -> None:
     return None
 
 
-def _metallic(t: Translation, node: bpy.types.Node, context: Context) -> int:
+def _metallic(t: Translation, node: bpy.types.Node, context: Context) -> int | None:
     fields = (
         ("color", "Base Color", [0.6, 0.6, 0.6]),
         ROUGHNESS,

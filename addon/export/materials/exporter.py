@@ -9,7 +9,7 @@ import bpy
 
 from ..images import ImageExporter
 from .closures import CLOSURES, FALLBACK_CLOSURES
-from .graph import Context, Source, Unlinked, convert, node_constant, resolve, socket_default, trace
+from .graph import Context, Source, Unlinked, convert, node_constant, resolve, socket_default, trace, used_tree
 from .values import VALUES
 
 DEFAULT_SURFACE = {"type": "diffuse", "color": [0.8, 0.8, 0.8], "roughness": 0.0, "normal": None}
@@ -35,9 +35,7 @@ class MaterialExporter:
 class Translation:
     """The graph of one material under construction. Node tables receive it to translate their inputs."""
 
-    def __init__(
-        self, builder: Any, images: ImageExporter, material: bpy.types.Material | None, object_name: str
-    ):
+    def __init__(self, builder: Any, images: ImageExporter, material: bpy.types.Material | None, object_name: str):
         self.builder = builder
         self.images = images
         self.material = material
@@ -55,8 +53,8 @@ class Translation:
         material = self.material
         if material is None:
             return self.emit(DEFAULT_SURFACE)
-        tree = material.node_tree
-        if not material.use_nodes or tree is None:
+        tree = used_tree(material)
+        if tree is None:
             return self.emit(DEFAULT_SURFACE | {"color": list(material.diffuse_color)[:3]})
         output = tree.get_output_node("CYCLES")
         if output is None:
@@ -113,7 +111,8 @@ class Translation:
             value = socket_default(source.socket)
             return default if value is None else convert(value, target, source.socket.type == "RGBA")
         if source.node.bl_idname == "ShaderNodeObjectInfo" and source.socket.identifier == "Material Index":
-            return convert(float(self.material.pass_index), target, is_color=False)
+            index = self.material.pass_index if self.material else 0
+            return convert(float(index), target, is_color=False)
         constant = node_constant(source)
         if constant is None:
             constant = self._output(source)

@@ -17,6 +17,14 @@ LUMINANCE = (0.2126, 0.7152, 0.0722)
 Value = float | list[float]
 
 
+def used_tree(block: bpy.types.ID) -> bpy.types.NodeTree | None:
+    """The node tree of a material, light or world, if it counts. From Blender 5.2 on it always does, and asking
+    `use_nodes` is deprecated."""
+    if bpy.app.version < (5, 2, 0) and not block.use_nodes:
+        return None
+    return block.node_tree
+
+
 class Source(NamedTuple):
     """An output socket of a node that is no reroute, group or muted node."""
 

@@ -29,8 +29,7 @@ def _simple(kind: str, output: str, *fields: Field, properties: dict[str, tuple[
         def description() -> dict[str, Any]:
             values = {field: t.value(node, socket, source.context, default) for field, socket, default in fields}
             settings = {
-                field: convert(getattr(node, attribute))
-                for field, (attribute, convert) in (properties or {}).items()
+                field: convert(getattr(node, attribute)) for field, (attribute, convert) in (properties or {}).items()
             }
             return {"type": kind, **settings, **values}
 
