@@ -4,9 +4,10 @@ import json
 
 import bpy
 import numpy as np
+from mathutils import Matrix
+
 from addon.engine.scene import load_scene
 from addon.export import ExportOptions
-from mathutils import Matrix
 
 
 def exported(scene, **options):

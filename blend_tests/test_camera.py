@@ -3,10 +3,11 @@
 import bpy
 import numpy as np
 import pytest
-from addon.export.camera import UnsupportedCamera
 from bpy_extras.object_utils import world_to_camera_view
-from helpers import add, add_quad, affine, exported
 from mathutils import Euler, Vector
+
+from addon.export.camera import UnsupportedCameraError
+from helpers import add, add_quad, affine, exported
 
 SETTINGS = {
     "plain": {},
@@ -77,5 +78,5 @@ def test_what_cannot_be_is_refused_by_name(scene):
     with pytest.raises(Exception, match="camera 'Nope' is not in scene 'Scene'; its cameras are: Camera"):
         exported(scene, camera="Nope")
     scene.camera.data.type = "PANO"
-    with pytest.raises(UnsupportedCamera, match="camera 'Camera': pano projection is not supported"):
+    with pytest.raises(UnsupportedCameraError, match="camera 'Camera': pano projection is not supported"):
         exported(scene)

@@ -5,6 +5,7 @@ import time
 import bpy
 import numpy as np
 import pytest
+
 from helpers import add, add_material, add_quad, affine, exported
 
 

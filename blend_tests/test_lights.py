@@ -5,6 +5,7 @@ import math
 import bpy
 import numpy as np
 import pytest
+
 from helpers import add_light, add_material, add_quad, exported, render_cycles
 
 VERSION = bpy.app.version

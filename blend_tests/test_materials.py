@@ -3,6 +3,7 @@
 import bpy
 import numpy as np
 import pytest
+
 from helpers import add_material, add_quad, exported
 
 LINK = "link"

@@ -3,8 +3,9 @@
 import bpy
 import numpy as np
 import pytest
-from helpers import add_quad, exported
 from mathutils import Euler
+
+from helpers import add_quad, exported
 
 
 def world_tree(scene):

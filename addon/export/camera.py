@@ -7,7 +7,7 @@ import json
 import bpy
 
 
-class UnsupportedCamera(Exception):
+class UnsupportedCameraError(Exception):
     """A projection that Relume does not have."""
 
 
@@ -15,7 +15,7 @@ def camera_json(camera: bpy.types.Object, scene: bpy.types.Scene, percentage: in
     """The JSON form of `BlenderCamera` for an evaluated camera object."""
     data, render = camera.data, scene.render
     if data.type not in {"PERSP", "ORTHO"}:
-        raise UnsupportedCamera(
+        raise UnsupportedCameraError(
             f"camera '{camera.name}': {data.type.lower()} projection is not supported; use perspective or orthographic"
         )
     percentage = percentage or render.resolution_percentage

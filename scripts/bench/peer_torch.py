@@ -4,6 +4,7 @@ Inference is the forward pass without gradients; training is forward, relative L
 """
 
 import argparse
+import itertools
 import json
 import time
 
@@ -14,7 +15,7 @@ def network(inputs, width, layers):
     """`layers` hidden layers of `width`, ReLU, three outputs: the paper's `width/layers` network."""
     sizes = [inputs] + [width] * layers
     parts = []
-    for fan_in, fan_out in zip(sizes, sizes[1:]):
+    for fan_in, fan_out in itertools.pairwise(sizes):
         parts += [torch.nn.Linear(fan_in, fan_out), torch.nn.ReLU(inplace=True)]
     return torch.nn.Sequential(*parts, torch.nn.Linear(width, 3))
 

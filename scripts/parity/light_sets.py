@@ -77,7 +77,7 @@ def add_light_set(scene, seed):
     """One light of every kind; returns the new objects."""
     rng = random.Random(seed)
     places = visible_points(scene, rng, len(KINDS))
-    return [add_light(scene, kind, *place, rng) for kind, place in zip(KINDS, places)]
+    return [add_light(scene, kind, *place, rng) for kind, place in zip(KINDS, places, strict=True)]
 
 
 def remove(objects):
