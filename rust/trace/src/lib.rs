@@ -2,4 +2,7 @@
 
 pub mod bsdf;
 pub mod bvh;
+pub mod camera;
+pub mod filter;
+pub mod sampler;
 pub mod shading;

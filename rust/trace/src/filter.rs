@@ -1,0 +1,102 @@
+//! Pixel filters, sampled by importance so that every path has weight 1.
+
+use std::f32::consts::TAU;
+
+/// How far a path may start from the centre of its pixel, and how often.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case")]
+pub enum PixelFilter {
+    /// Uniform over a square of one pixel.
+    Box,
+    /// Cycles' Blackman-Harris; offsets reach `width` pixels to each side.
+    BlackmanHarris {
+        /// Blender's filter width, pixels.
+        width: f32,
+    },
+}
+
+impl Default for PixelFilter {
+    fn default() -> Self {
+        Self::BlackmanHarris { width: 1.5 }
+    }
+}
+
+/// Entries of the inverted distribution, as many as in Cycles.
+const TABLE_SIZE: usize = 1024;
+
+/// Offsets of one axis by their quantile.
+#[derive(Clone, Debug)]
+pub(crate) struct FilterTable {
+    offsets: Vec<f32>,
+}
+
+impl FilterTable {
+    pub fn new(filter: PixelFilter) -> Self {
+        let quantile = |index: usize| index as f64 / (TABLE_SIZE - 1) as f64;
+        let offsets = match filter {
+            PixelFilter::Box => vec![-0.5, 0.5],
+            PixelFilter::BlackmanHarris { width } => (0..TABLE_SIZE)
+                .map(|index| 2.0 * width * (invert_blackman_harris(quantile(index)) as f32 - 0.5))
+                .collect(),
+        };
+        Self { offsets }
+    }
+
+    /// Offset from the pixel's centre for a number in 0..1.
+    #[inline]
+    pub fn sample(&self, u: f32) -> f32 {
+        let position = u * (self.offsets.len() - 1) as f32;
+        let below = (position as usize).min(self.offsets.len() - 2);
+        let fraction = position - below as f32;
+        self.offsets[below] + (self.offsets[below + 1] - self.offsets[below]) * fraction
+    }
+}
+
+/// Where in 0..1 the integral of the window reaches `quantile` of its total, by bisection. The coefficients are those
+/// of the four-term Blackman-Harris window (Harris 1978), as in Cycles' `scene/film.cpp`.
+fn invert_blackman_harris(quantile: f64) -> f64 {
+    const COEFFICIENTS: [f64; 4] = [0.35875, -0.48829, 0.14128, -0.01168];
+    let integral = |x: f64| {
+        let waves = (1..4).map(|k| {
+            let frequency = f64::from(TAU) * k as f64;
+            COEFFICIENTS[k] * (frequency * x).sin() / frequency
+        });
+        COEFFICIENTS[0] * x + waves.sum::<f64>()
+    };
+    let (mut low, mut high) = (0.0, 1.0);
+    for _ in 0..50 {
+        let middle = 0.5 * (low + high);
+        if integral(middle) < quantile * COEFFICIENTS[0] { low = middle } else { high = middle }
+    }
+    0.5 * (low + high)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn offsets_are_symmetric_and_stay_within_the_width() {
+        let table = FilterTable::new(PixelFilter::BlackmanHarris { width: 1.5 });
+        for step in 0..=1000 {
+            let u = step as f32 / 1000.0;
+            assert!((table.sample(u) + table.sample(1.0 - u)).abs() < 1e-4);
+            assert!(table.sample(u).abs() <= 1.5);
+        }
+        assert_eq!(FilterTable::new(PixelFilter::Box).sample(0.25), -0.25);
+    }
+
+    #[test]
+    fn variance_is_that_of_the_window() {
+        let table = FilterTable::new(PixelFilter::BlackmanHarris { width: 1.5 });
+        let variance = (0..100_000).map(|i| table.sample((i as f32 + 0.5) / 1e5).powi(2)).sum::<f32>() / 1e5;
+        // Second moment of the window over a support of 3 pixels, by summation.
+        let window = |x: f64| {
+            let v = std::f64::consts::TAU * (x / 3.0 + 0.5);
+            0.35875 - 0.48829 * v.cos() + 0.14128 * (2.0 * v).cos() - 0.01168 * (3.0 * v).cos()
+        };
+        let samples = (0..30_000).map(|i| (f64::from(i) + 0.5) / 1e4 - 1.5);
+        let (moment, weight) = samples.fold((0.0, 0.0), |(m, w), x| (m + x * x * window(x), w + window(x)));
+        assert!((f64::from(variance) - moment / weight).abs() < 1e-3, "{variance} {}", moment / weight);
+    }
+}
