@@ -102,6 +102,11 @@ impl TileSamples {
         self.aov.len()
     }
 
+    /// Records so far, all pixels together.
+    pub fn record_count(&self) -> usize {
+        self.records.len()
+    }
+
     /// Starts the next pixel.
     pub fn begin_pixel(&mut self) {
         self.path_is_empty = false;

@@ -7,12 +7,14 @@ mod blender_camera;
 mod blender_light;
 mod builder;
 mod camera;
+mod hash;
 mod light;
 mod material;
 mod mesh;
 mod obj;
 mod polygon;
 mod texture;
+mod validate;
 mod world;
 
 pub use blender_camera::{BlenderCamera, BlenderDepthOfField, CameraError, SensorFit};
@@ -31,6 +33,7 @@ pub use mesh::{ColorAttribute, Instance, Mesh, UvMap};
 pub use obj::{ObjError, UpAxis, load_obj};
 pub use polygon::{PolygonError, PolygonMesh, PolygonNormals};
 pub use texture::{ColorEncoding, Extension, Interpolation, Texels, Texture};
+pub use validate::Problem;
 pub use world::World;
 
 /// Everything that the tracer needs, and the lights that the file came with.

@@ -23,8 +23,6 @@ pub struct CameraRay {
     pub footprint: f32,
     /// Growth of the footprint per metre (Cycles' compact `dD`).
     pub spread: f32,
-    /// Position on the film, 0..1 from the lower left corner.
-    pub film: Vec2,
 }
 
 /// A camera ready to make rays.
@@ -93,7 +91,6 @@ impl CameraSampler {
             start,
             footprint,
             spread,
-            film,
         }
     }
 

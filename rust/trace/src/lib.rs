@@ -1,8 +1,24 @@
 //! Light-free path tracing: scene -> dump.
+//!
+//! [`Tracer`] (or [`trace`]) samples camera paths by the BSDFs alone and hands them, tile by tile and pass by pass, to
+//! a [`relume_dump::ShardSink`]. What the scene itself emits goes to static layers, so that any virtual light can be
+//! added up from the paths later.
 
 pub mod bsdf;
 pub mod bvh;
 pub mod camera;
+mod distribution;
+mod emitters;
+mod environment;
 pub mod filter;
+mod integrator;
+mod path;
+mod render;
 pub mod sampler;
+pub mod settings;
 pub mod shading;
+mod static_light;
+
+pub use integrator::{PathSink, Scratch};
+pub use render::{Control, Outcome, Progress, TraceError, Tracer, manifest, trace};
+pub use settings::TraceSettings;

@@ -1,0 +1,258 @@
+use std::fmt;
+
+use crate::{Instance, Material, Mesh, Node, Scene, Texels, Texture};
+
+/// Something that makes a scene untraceable: which part, and what to do about it.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub struct Problem {
+    /// Kind of the part: `"mesh"`, `"object"`, `"material"`, `"image"`, `"camera"`, `"world"` or `"scene"`.
+    pub part: &'static str,
+    /// Its name.
+    pub name: String,
+    /// What is wrong, with the next step.
+    pub reason: String,
+}
+
+impl fmt::Display for Problem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} '{}': {}", self.part, self.name, self.reason)
+    }
+}
+
+impl Scene {
+    /// Whether the tracer can take the scene: all indices in range, all numbers finite, something to see and a camera
+    /// to see it with. Triangles without area are no problem, the tracer leaves them out
+    /// ([`Scene::flat_triangles`]).
+    ///
+    /// # Errors
+    /// All problems found, at most one for each part.
+    pub fn validate(&self) -> Result<(), Vec<Problem>> {
+        let mut problems = Vec::new();
+        let mut check = |part, name: &str, reason: Option<String>| {
+            problems.extend(reason.map(|reason| Problem { part, name: name.to_owned(), reason }));
+        };
+        check("camera", &self.camera.name, self.camera_problem());
+        let is_empty = self
+            .instances
+            .iter()
+            .all(|instance| self.meshes.get(instance.mesh).is_none_or(|mesh| mesh.triangles.is_empty()));
+        check(
+            "scene",
+            &self.camera.name,
+            is_empty.then(|| "it has no surfaces; enable objects for rendering".to_owned()),
+        );
+        for mesh in &self.meshes {
+            check("mesh", &mesh.name, mesh_problem(mesh, self));
+        }
+        for instance in &self.instances {
+            check("object", &instance.name, self.instance_problem(instance));
+        }
+        for material in &self.materials {
+            check("material", &material.name, self.material_problem(material));
+        }
+        for texture in &self.textures {
+            check("image", &texture.name, texture_problem(texture));
+        }
+        check("world", "World", self.world_problem());
+        if problems.is_empty() { Ok(()) } else { Err(problems) }
+    }
+
+    /// Number of triangles without area, by mesh: the tracer cannot meet them. For a note to the user.
+    pub fn flat_triangles(&self) -> Vec<(String, usize)> {
+        let count = |mesh: &Mesh| {
+            mesh.triangles
+                .iter()
+                .filter(|triangle| {
+                    let [a, b, c] = triangle.map(|vertex| mesh.positions[vertex as usize]);
+                    (b - a).cross(c - a).length_squared() == 0.0
+                })
+                .count()
+        };
+        self.meshes
+            .iter()
+            .map(|mesh| (mesh.name.clone(), count(mesh)))
+            .filter(|(_, count)| *count > 0)
+            .collect()
+    }
+
+    /// Object names by receiver number, for light linking.
+    pub fn receiver_names(&self) -> Vec<String> {
+        let count =
+            self.instances.iter().map(|instance| usize::from(instance.receiver) + 1).max().unwrap_or(0);
+        let mut names = vec![String::new(); count];
+        for instance in &self.instances {
+            names[usize::from(instance.receiver)].clone_from(&instance.name);
+        }
+        names
+    }
+
+    fn camera_problem(&self) -> Option<String> {
+        const SIZE_LIMIT: usize = 1 << 16;
+        let camera = &self.camera;
+        let in_range = |size: usize| (1..=SIZE_LIMIT).contains(&size);
+        let window = camera.window_max - camera.window_min;
+        let lens_is_sound = camera.depth_of_field.as_ref().is_none_or(|lens| {
+            lens.aperture_radius >= 0.0
+                && lens.aperture_radius.is_finite()
+                && lens.focus_distance > 0.0
+                && lens.ratio > 0.0
+        });
+        if !in_range(camera.width) || !in_range(camera.height) {
+            Some(format!("its picture of {} x {} pixels is empty or too large", camera.width, camera.height))
+        } else if !camera.world_from_camera.is_finite()
+            || camera.world_from_camera.matrix3.determinant() == 0.0
+        {
+            Some("its transform is not finite or flat; clear its transform".to_owned())
+        } else if !window.is_finite() || window.x == 0.0 || window.y == 0.0 {
+            Some("its view is empty; check sensor, focal length and scale".to_owned())
+        } else if !(camera.clip_start >= 0.0 && camera.clip_start < camera.clip_end) {
+            Some("its clip range is empty; set the end above the start".to_owned())
+        } else if !lens_is_sound {
+            Some("its depth of field has no positive focus distance or aperture".to_owned())
+        } else {
+            None
+        }
+    }
+
+    fn instance_problem(&self, instance: &Instance) -> Option<String> {
+        if instance.mesh >= self.meshes.len() {
+            Some("its mesh does not exist".to_owned())
+        } else if instance.materials.iter().any(|material| *material >= self.materials.len()) {
+            Some("its material does not exist".to_owned())
+        } else if usize::from(instance.receiver) >= Instance::RECEIVER_LIMIT {
+            Some(format!("its receiver number is above {}", Instance::RECEIVER_LIMIT - 1))
+        } else if !instance.world_from_object.is_finite() {
+            Some("its transform is not finite; clear its transform".to_owned())
+        } else {
+            None
+        }
+    }
+
+    fn material_problem(&self, material: &Material) -> Option<String> {
+        let missing = material.nodes.iter().find_map(|node| match node {
+            Node::ImageTexture { texture, .. } => {
+                Some(*texture).filter(|texture| *texture >= self.textures.len())
+            }
+            _ => None,
+        });
+        if let Some(texture) = missing {
+            return Some(format!("its image number {texture} does not exist"));
+        }
+        let surface = material.surface.filter(|surface| *surface as usize >= material.nodes.len());
+        surface.map(|_| "its surface node does not exist".to_owned())
+    }
+
+    fn world_problem(&self) -> Option<String> {
+        if self.world.texture.is_some_and(|texture| texture >= self.textures.len()) {
+            Some("its image does not exist".to_owned())
+        } else if !self.world.color.iter().all(|value| value.is_finite())
+            || !self.world.texture_from_world.is_finite()
+        {
+            Some("its colour or mapping is not a finite number".to_owned())
+        } else {
+            None
+        }
+    }
+}
+
+/// The first vertex that is no number is named with the objects that use the mesh, since those are what the user sees.
+fn mesh_problem(mesh: &Mesh, scene: &Scene) -> Option<String> {
+    let (corners, vertices) = (3 * mesh.triangles.len(), mesh.positions.len());
+    let differs = |length: usize, expected: usize| length != 0 && length != expected;
+    if let Some(vertex) = mesh.positions.iter().position(|position| !position.is_finite()) {
+        let users: Vec<&str> = scene
+            .instances
+            .iter()
+            .filter(|instance| scene.meshes.get(instance.mesh).is_some_and(|used| std::ptr::eq(used, mesh)))
+            .map(|instance| instance.name.as_str())
+            .take(3)
+            .collect();
+        Some(format!(
+            "vertex {vertex} is not a finite number (used by {}); remove it or the modifier that made it",
+            if users.is_empty() { "no object".to_owned() } else { users.join(", ") }
+        ))
+    } else if mesh.triangles.iter().flatten().any(|vertex| *vertex as usize >= vertices) {
+        Some("a triangle refers to a vertex that does not exist; validate the mesh".to_owned())
+    } else if differs(mesh.corner_normals.len(), corners)
+        || differs(mesh.material_slots.len(), mesh.triangles.len())
+        || mesh.uv_maps.iter().any(|map| map.coords.len() != corners)
+        || mesh.color_attributes.iter().any(|attribute| attribute.colors.len() != corners)
+    {
+        Some("its arrays differ in length; validate the mesh".to_owned())
+    } else {
+        None
+    }
+}
+
+fn texture_problem(texture: &Texture) -> Option<String> {
+    let values = match &texture.texels {
+        Texels::Byte(texels) => texels.len(),
+        Texels::Float(texels) => texels.len(),
+    };
+    let expected = texture.width.checked_mul(texture.height).and_then(|count| count.checked_mul(4));
+    (expected != Some(values) || values == 0)
+        .then(|| format!("{values} values do not make {} x {} pixels", texture.width, texture.height))
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{Affine3A, Vec3};
+
+    use super::*;
+
+    fn scene() -> Scene {
+        Scene {
+            meshes: vec![Mesh {
+                name: "Plane".into(),
+                positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y],
+                triangles: vec![[0, 1, 2]],
+                ..Mesh::default()
+            }],
+            instances: vec![Instance::new("Floor", 0, Affine3A::IDENTITY, vec![])],
+            ..Scene::default()
+        }
+    }
+
+    fn reason(change: impl FnOnce(&mut Scene)) -> String {
+        let mut scene = scene();
+        change(&mut scene);
+        scene.validate().unwrap_err().iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
+    }
+
+    #[test]
+    fn a_sound_scene_passes() {
+        assert_eq!(scene().validate(), Ok(()));
+    }
+
+    #[test]
+    fn vertices_that_are_no_numbers_are_named_with_mesh_and_object() {
+        let found = reason(|scene| scene.meshes[0].positions[1].y = f32::NAN);
+        assert!(found.contains("Plane") && found.contains("vertex 1") && found.contains("Floor"), "{found}");
+    }
+
+    #[test]
+    fn bad_references_are_named() {
+        assert!(reason(|scene| scene.meshes[0].triangles[0][2] = 3).contains("Plane"));
+        assert!(reason(|scene| scene.instances[0].mesh = 1).contains("Floor"));
+        assert!(reason(|scene| scene.instances[0].materials = vec![0]).contains("Floor"));
+        assert!(reason(|scene| scene.world.texture = Some(0)).contains("world"));
+        assert!(reason(|scene| scene.meshes[0].corner_normals = vec![Vec3::Z]).contains("Plane"));
+    }
+
+    #[test]
+    fn scenes_with_nothing_to_see_and_broken_cameras_are_refused() {
+        assert!(reason(|scene| scene.instances.clear()).contains("no surfaces"));
+        assert!(reason(|scene| scene.meshes[0].triangles.clear()).contains("no surfaces"));
+        assert!(reason(|scene| scene.camera.width = 0).contains("pixels"));
+        assert!(reason(|scene| scene.camera.clip_end = 0.0).contains("clip"));
+        assert!(reason(|scene| scene.camera.window_max = scene.camera.window_min).contains("view"));
+    }
+
+    #[test]
+    fn flat_triangles_are_counted_by_mesh() {
+        let mut scene = scene();
+        scene.meshes[0].triangles.push([0, 1, 1]);
+        assert_eq!(scene.validate(), Ok(()));
+        assert_eq!(scene.flat_triangles(), [("Plane".to_owned(), 1)]);
+    }
+}

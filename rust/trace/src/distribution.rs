@@ -1,0 +1,60 @@
+//! A discrete distribution by its cumulative sums.
+
+/// Indices with probabilities in proportion to weights.
+#[derive(Clone, Debug)]
+pub(crate) struct Distribution {
+    /// Cumulative probability up to and including each index; the last is 1.
+    cumulative: Vec<f32>,
+}
+
+impl Distribution {
+    /// Nothing if no weight is above 0. Negative and non-finite weights count as 0.
+    pub fn new(weights: &[f32]) -> Option<Self> {
+        let usable = |weight: f32| if weight.is_finite() { f64::from(weight.max(0.0)) } else { 0.0 };
+        let total: f64 = weights.iter().map(|weight| usable(*weight)).sum();
+        if total <= 0.0 || !total.is_finite() {
+            return None;
+        }
+        let mut sum = 0.0;
+        let mut cumulative: Vec<f32> = weights
+            .iter()
+            .map(|weight| {
+                sum += usable(*weight);
+                (sum / total) as f32
+            })
+            .collect();
+        if let Some(last) = cumulative.last_mut() {
+            *last = 1.0;
+        }
+        Some(Self { cumulative })
+    }
+
+    /// The index whose range of 0..1 holds `u`.
+    pub fn sample(&self, u: f32) -> usize {
+        self.cumulative.partition_point(|sum| *sum <= u).min(self.cumulative.len() - 1)
+    }
+
+    /// Probability of an index.
+    pub fn probability(&self, index: usize) -> f32 {
+        let before = if index == 0 { 0.0 } else { self.cumulative[index - 1] };
+        self.cumulative[index] - before
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn indices_come_as_often_as_their_weights() {
+        let distribution = Distribution::new(&[0.0, 1.0, f32::NAN, 3.0, 0.0]).unwrap();
+        let mut counts = [0; 5];
+        for step in 0..1000 {
+            counts[distribution.sample((step as f32 + 0.5) / 1000.0)] += 1;
+        }
+        assert_eq!(counts, [0, 250, 0, 750, 0]);
+        assert!((distribution.probability(3) - 0.75).abs() < 1e-6);
+        assert!(Distribution::new(&[0.0, -1.0]).is_none());
+        assert!(Distribution::new(&[]).is_none());
+    }
+}

@@ -1,0 +1,268 @@
+//! Light-free paths: sampled by the BSDFs alone, recorded segment by segment (paper, sections 3.1 and 4.1).
+
+use glam::Vec3;
+use relume_dump::{AovSample, End, Lobe, Segment, TileSamples};
+use relume_scene::Scene;
+
+use crate::{
+    bsdf::Surface,
+    bvh::{Ray, SceneBvh},
+    camera::CameraSampler,
+    environment::Environment,
+    path::PathState,
+    sampler::PixelSampler,
+    settings::PathSettings,
+    shading::{PreparedMaterials, SurfacePoint},
+    static_light::{LastBounce, Lookup, StaticLights, StaticSample, offset_origin},
+};
+
+/// Receives paths as they are traced: a shard in the making, or training that streams fresh paths.
+pub trait PathSink {
+    /// A path starts; at `camera_vertex`, or at the camera's position if that is the same for all paths.
+    fn begin_path(&mut self, camera_vertex: Option<Vec3>);
+    /// The path's next segment.
+    fn push(&mut self, segment: Segment);
+    /// The path has ended.
+    fn end_path(&mut self, aovs: AovSample);
+}
+
+impl PathSink for TileSamples {
+    fn begin_path(&mut self, camera_vertex: Option<Vec3>) {
+        Self::begin_path(self, camera_vertex);
+    }
+
+    fn push(&mut self, segment: Segment) {
+        Self::push(self, segment);
+    }
+
+    fn end_path(&mut self, aovs: AovSample) {
+        self.add_aov(aovs);
+    }
+}
+
+/// Memory that one thread reuses from path to path.
+#[derive(Debug, Default)]
+pub struct Scratch {
+    surface: Surface,
+    shadow: Surface,
+}
+
+/// Everything that paths are traced in.
+#[derive(Debug)]
+pub(crate) struct Integrator<'a> {
+    pub scene: &'a Scene,
+    pub bvh: SceneBvh,
+    pub materials: PreparedMaterials,
+    pub camera: CameraSampler,
+    pub environment: Environment,
+    pub lights: Option<StaticLights>,
+    pub settings: PathSettings,
+}
+
+/// Groups of the sampler: the camera takes the first, each surface of a path two.
+const CAMERA_GROUP: u32 = 0;
+const GROUPS_PER_SURFACE: u32 = 2;
+
+/// The AOVs of one path while it is traced.
+struct Features {
+    sample: AovSample,
+    /// Product of the mirrors and glass crossed so far; nothing once the denoiser's surface was found.
+    tint: Option<Vec3>,
+}
+
+impl Integrator<'_> {
+    /// Traces path number `sample` of pixel `x`, `y`.
+    pub fn trace(
+        &self,
+        (x, y): (usize, usize),
+        sampler: PixelSampler,
+        sample: u32,
+        scratch: &mut Scratch,
+        sink: &mut impl PathSink,
+    ) {
+        let camera = self.camera.ray(x, y, sampler.draw(sample, CAMERA_GROUP));
+        sink.begin_path((!self.camera.is_pinhole()).then_some(camera.origin));
+        let mut path = PathState::new();
+        let mut features =
+            Features { sample: AovSample { alpha: 1.0, ..AovSample::default() }, tint: Some(Vec3::ONE) };
+        let mut ray = Ray { t_max: camera.length, ..Ray::new(camera.origin, camera.direction) };
+        let mut footprint = camera.footprint;
+        let mut receiver = 0;
+        let mut last = None;
+        for surface_number in 0.. {
+            let Some(hit) = self.bvh.intersect(&ray) else {
+                self.escape(&path, ray.direction, receiver, last, &mut features, sink);
+                break;
+            };
+            footprint += camera.spread * hit.distance;
+            let point = self.materials.surface_point(self.scene, &hit, ray.origin, ray.direction, footprint);
+            sink.push(Segment {
+                end: End::Vertex(point.position),
+                throughput: path.throughput,
+                lobe: path.lobe,
+                receiver,
+            });
+            self.materials.evaluate(self.scene, &point, &mut scratch.surface);
+            if surface_number == 0 {
+                features.sample.depth = Some(camera.start + hit.distance);
+            }
+            self.collect_emission(&path, &point, last, &scratch.surface, &mut features);
+
+            let group = CAMERA_GROUP + 1 + GROUPS_PER_SURFACE * surface_number;
+            let u = sampler.draw(sample, group);
+            let survival = path.survival(&self.settings.bounces);
+            if u[3] >= survival {
+                features.meet(&scratch.surface);
+                break;
+            }
+            path.throughput /= survival;
+            if !self.leave(
+                &mut path,
+                &point,
+                [u[0], u[1], u[2]],
+                &mut ray,
+                scratch,
+                &mut features,
+                &mut last,
+                || sampler.draw(sample, group + 1),
+            ) {
+                break;
+            }
+            ray.from = Some((hit.instance, hit.triangle));
+            receiver = self.scene.instances[hit.instance as usize].receiver;
+        }
+        sink.end_path(features.sample);
+    }
+
+    /// The path leaves the scene.
+    fn escape(
+        &self,
+        path: &PathState,
+        direction: Vec3,
+        receiver: u16,
+        last: Option<LastBounce>,
+        features: &mut Features,
+        sink: &mut impl PathSink,
+    ) {
+        sink.push(Segment {
+            end: End::Escape(direction),
+            throughput: path.throughput,
+            lobe: path.lobe,
+            receiver,
+        });
+        let is_camera = path.lobe == Lobe::Camera;
+        if is_camera {
+            features.sample.alpha = 1.0 - path.throughput.element_sum() / 3.0;
+        }
+        let radiance = self.environment.radiance(self.scene, direction, is_camera);
+        if radiance != Vec3::ZERO {
+            let weight = self
+                .lights
+                .as_ref()
+                .map_or(1.0, |lights| lights.world_weight(last, &self.environment, direction));
+            features.sample.world += path.throughput * radiance * weight;
+        }
+    }
+
+    fn collect_emission(
+        &self,
+        path: &PathState,
+        point: &SurfacePoint,
+        last: Option<LastBounce>,
+        surface: &Surface,
+        features: &mut Features,
+    ) {
+        let emission = surface.emission();
+        if emission != Vec3::ZERO {
+            let weight = self.lights.as_ref().map_or(1.0, |lights| lights.emission_weight(last, point));
+            features.sample.emission += path.throughput * emission * weight;
+        }
+    }
+
+    /// Sends the path on from a surface, or says that it ends there.
+    #[expect(clippy::too_many_arguments, reason = "the parts of one path's state")]
+    fn leave(
+        &self,
+        path: &mut PathState,
+        point: &SurfacePoint,
+        u: [f32; 3],
+        ray: &mut Ray,
+        scratch: &mut Scratch,
+        features: &mut Features,
+        last: &mut Option<LastBounce>,
+        light_numbers: impl FnOnce() -> [f32; 4],
+    ) -> bool {
+        let limits = &self.settings.bounces;
+        let surface = &mut scratch.surface;
+        if path.is_last_surface() {
+            let through = surface.transparency();
+            features.meet(surface);
+            path.pass_through(through, limits);
+            ray.origin = offset_origin(point, ray.direction);
+            ray.t_max = f32::INFINITY;
+            return through.max_element() > 0.0;
+        }
+        self.filter_glossy(path, surface);
+        if let Some(lights) = &self.lights {
+            let lookup = Lookup {
+                scene: self.scene,
+                bvh: &self.bvh,
+                materials: &self.materials,
+                environment: &self.environment,
+            };
+            match lights.sample(&lookup, point, surface, &mut scratch.shadow, light_numbers()) {
+                Some(StaticSample::Emission(light)) => features.sample.emission += path.throughput * light,
+                Some(StaticSample::World(light)) => features.sample.world += path.throughput * light,
+                None => {}
+            }
+        }
+        let Some(sample) = surface.sample(u) else {
+            features.meet(surface);
+            return false;
+        };
+        if sample.transparent {
+            features.pass(sample.weight);
+            path.pass_through(sample.weight, limits);
+        } else {
+            if surface.is_specular() {
+                features.pass(sample.weight);
+            } else {
+                features.meet(surface);
+            }
+            path.scatter(&sample, limits);
+            *last = (!sample.singular).then_some(LastBounce { position: point.position, pdf: sample.pdf });
+        }
+        ray.direction = sample.wi;
+        ray.origin = offset_origin(point, sample.wi);
+        ray.lobe = path.lobe;
+        ray.t_max = f32::INFINITY;
+        true
+    }
+
+    /// Blurs what the path is unlikely to have found (Cycles' `surface_shader_prepare_closures`).
+    fn filter_glossy(&self, path: &PathState, surface: &mut Surface) {
+        if self.settings.filter_glossy > 0.0 {
+            let blur_pdf = path.min_pdf / self.settings.filter_glossy;
+            if blur_pdf < 1.0 {
+                surface.blur((1.0 - blur_pdf).sqrt() * 0.5);
+            }
+        }
+    }
+}
+
+impl Features {
+    /// The path goes on behind a mirror, glass or a transparent surface.
+    fn pass(&mut self, weight: Vec3) {
+        if let Some(tint) = &mut self.tint {
+            *tint *= weight;
+        }
+    }
+
+    /// Takes albedo and normal from the first surface that is not specular.
+    fn meet(&mut self, surface: &Surface) {
+        if let Some(tint) = self.tint.take() {
+            self.sample.albedo = (tint * surface.albedo()).clamp(Vec3::ZERO, Vec3::ONE);
+            self.sample.normal = surface.normal();
+        }
+    }
+}

@@ -1,0 +1,153 @@
+//! What a path remembers from bounce to bounce, with the rules of Cycles' `kernel/integrator/path_state.h`.
+
+use glam::Vec3;
+use relume_dump::Lobe;
+
+use crate::{bsdf::BsdfSample, settings::BounceLimits};
+
+/// State of one path.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PathState {
+    /// `T_k` of the current segment.
+    pub throughput: Vec3,
+    /// What made the current segment; transparent surfaces do not change it.
+    pub lobe: Lobe,
+    /// Smallest density of the path's directions so far (Filter Glossy).
+    pub min_pdf: f32,
+    bounces: u32,
+    diffuse: u32,
+    glossy: u32,
+    transmission: u32,
+    transparent: u32,
+    /// Whether the current segment left a transparent surface.
+    through_transparent: bool,
+    /// The next surface only emits and lets through.
+    last_surface: bool,
+    /// The next surface only emits.
+    ends_on_surface: bool,
+}
+
+impl PathState {
+    /// A path that leaves the camera.
+    pub fn new() -> Self {
+        Self {
+            throughput: Vec3::ONE,
+            lobe: Lobe::Camera,
+            min_pdf: f32::INFINITY,
+            bounces: 0,
+            diffuse: 0,
+            glossy: 0,
+            transmission: 0,
+            transparent: 0,
+            through_transparent: false,
+            last_surface: false,
+            ends_on_surface: false,
+        }
+    }
+
+    /// Whether a bounce limit was reached: the surface that the path is on can emit and be transparent, no more.
+    pub fn is_last_surface(&self) -> bool {
+        self.last_surface
+    }
+
+    /// Probability to go on from the surface that the path is on (`path_state_continuation_probability`).
+    pub fn survival(&self, limits: &BounceLimits) -> f32 {
+        if self.ends_on_surface {
+            return 0.0;
+        }
+        // Cycles counts its minima one higher than the settings show.
+        let is_early = if self.through_transparent {
+            self.transparent <= limits.min_transparent + 1
+        } else {
+            self.bounces <= limits.min_total + 1
+        };
+        if is_early { 1.0 } else { self.throughput.abs().max_element().sqrt().min(1.0) }
+    }
+
+    /// Goes straight through a surface.
+    pub fn pass_through(&mut self, weight: Vec3, limits: &BounceLimits) {
+        self.throughput *= weight;
+        self.transparent += 1;
+        self.through_transparent = true;
+        self.ends_on_surface |= self.transparent > limits.transparent;
+    }
+
+    /// Scatters at a surface (`path_state_next`). Cycles' kernel limits are the settings plus one, so that a light is
+    /// still met by the segment after the last bounce that the settings allow, as by Cycles' direct light there.
+    pub fn scatter(&mut self, sample: &BsdfSample, limits: &BounceLimits) {
+        self.throughput *= sample.weight;
+        self.min_pdf = self.min_pdf.min(sample.pdf);
+        self.lobe = sample.lobe;
+        self.through_transparent = false;
+        self.bounces += 1;
+        let (count, limit) = match sample.lobe {
+            Lobe::Diffuse => (&mut self.diffuse, limits.diffuse),
+            Lobe::Transmission => (&mut self.transmission, limits.transmission),
+            _ => (&mut self.glossy, limits.glossy),
+        };
+        *count += 1;
+        self.last_surface |= *count > limit || self.bounces > limits.total;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn bounce(lobe: Lobe) -> BsdfSample {
+        BsdfSample {
+            wi: Vec3::Z,
+            weight: Vec3::splat(0.25),
+            pdf: 1.0,
+            lobe,
+            singular: false,
+            transparent: false,
+            transmitted: false,
+            roughness: 1.0,
+        }
+    }
+
+    #[test]
+    fn direct_light_only_still_has_the_segment_after_the_first_surface() {
+        let limits = BounceLimits { total: 0, ..BounceLimits::default() };
+        let mut path = PathState::new();
+        assert!(!path.is_last_surface());
+        path.scatter(&bounce(Lobe::Diffuse), &limits);
+        assert!(path.is_last_surface());
+    }
+
+    #[test]
+    fn each_kind_has_its_own_limit() {
+        let limits = BounceLimits { diffuse: 1, glossy: 2, transmission: 3, ..BounceLimits::default() };
+        for (lobe, allowed) in [(Lobe::Diffuse, 2), (Lobe::Glossy, 3), (Lobe::Transmission, 4)] {
+            let mut path = PathState::new();
+            let bounces = (1..10).find(|_| {
+                path.scatter(&bounce(lobe), &limits);
+                path.is_last_surface()
+            });
+            assert_eq!(bounces, Some(allowed), "{lobe:?}");
+        }
+    }
+
+    #[test]
+    fn transparent_surfaces_keep_the_lobe_and_count_apart() {
+        let limits = BounceLimits { total: 0, transparent: 2, ..BounceLimits::default() };
+        let mut path = PathState::new();
+        for _ in 0..3 {
+            assert!(path.survival(&limits) > 0.0);
+            path.pass_through(Vec3::ONE, &limits);
+            assert!(path.lobe == Lobe::Camera && !path.is_last_surface());
+        }
+        assert_eq!(path.survival(&limits), 0.0);
+    }
+
+    #[test]
+    fn roulette_starts_after_the_second_bounce_with_the_root_of_the_throughput() {
+        let limits = BounceLimits::default();
+        let mut path = PathState::new();
+        path.scatter(&bounce(Lobe::Diffuse), &limits);
+        assert_eq!(path.survival(&limits), 1.0);
+        path.scatter(&bounce(Lobe::Diffuse), &limits);
+        assert_eq!(path.survival(&limits), 0.25);
+    }
+}

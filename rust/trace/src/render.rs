@@ -1,0 +1,295 @@
+//! From a scene to a path dump: all passes, all tiles, all cores.
+
+use std::sync::{
+    Mutex, PoisonError,
+    atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering},
+};
+
+use relume_dump::{DumpError, FORMAT_VERSION, Manifest, Pass, ShardSink, TileRect, TileSamples};
+use relume_scene::Scene;
+
+use crate::{
+    bvh::{BvhError, SceneBvh},
+    camera::CameraSampler,
+    environment::Environment,
+    integrator::{Integrator, PathSink, Scratch},
+    sampler::PixelSampler,
+    settings::TraceSettings,
+    shading::PreparedMaterials,
+    static_light::StaticLights,
+};
+
+/// Why a scene could not be traced.
+#[derive(Debug, thiserror::Error)]
+pub enum TraceError {
+    /// The scene's trees could not be built.
+    #[error(transparent)]
+    Bvh(#[from] BvhError),
+    /// A shard could not be stored.
+    #[error(transparent)]
+    Dump(#[from] DumpError),
+    /// The dump is of another size, seed or division than the settings say.
+    #[error("the dump's {0} differs from the trace settings; make its manifest with Tracer::manifest")]
+    Mismatch(&'static str),
+    /// Worker threads could not be started.
+    #[error("cannot start {threads} worker threads; ask for fewer")]
+    Threads {
+        /// How many were asked for.
+        threads: usize,
+        /// What the system said.
+        source: rayon::ThreadPoolBuildError,
+    },
+}
+
+/// How a trace ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// All shards are there.
+    Complete,
+    /// Stopped by [`Control::cancel`]; the shards that are there are whole.
+    Cancelled,
+}
+
+/// What has been done so far.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Progress {
+    /// Paths traced or found in the dump.
+    pub paths: u64,
+    /// Paths in all.
+    pub paths_total: u64,
+    /// Segments traced in this run.
+    pub segments: u64,
+    /// Shards stored or found.
+    pub shards: usize,
+    /// Shards in all.
+    pub shards_total: usize,
+}
+
+/// Talks to a running trace from other threads.
+#[derive(Default)]
+pub struct Control<'a> {
+    /// Set to stop; looked at after every pixel.
+    pub cancel: AtomicBool,
+    /// Called after every shard, one call at a time.
+    pub on_progress: Option<Box<dyn Fn(Progress) + Sync + Send + 'a>>,
+}
+
+/// A scene made ready for tracing.
+#[derive(Debug)]
+pub struct Tracer<'a> {
+    integrator: Integrator<'a>,
+    settings: TraceSettings,
+    warnings: Vec<String>,
+}
+
+/// Traces all of a scene's paths into `sink`, whose manifest comes from [`Tracer::manifest`].
+///
+/// # Errors
+/// If the scene is too large, or a shard cannot be stored.
+pub fn trace(
+    scene: &Scene,
+    settings: &TraceSettings,
+    sink: &dyn ShardSink,
+    control: &Control<'_>,
+) -> Result<Outcome, TraceError> {
+    Tracer::new(scene, settings)?.trace(sink, control)
+}
+
+impl<'a> Tracer<'a> {
+    /// Builds trees, materials and light tables. The scene has to be valid ([`Scene::validate`]).
+    ///
+    /// # Errors
+    /// If the scene has too many triangles.
+    pub fn new(scene: &'a Scene, settings: &TraceSettings) -> Result<Self, TraceError> {
+        let (materials, warnings) = PreparedMaterials::new(scene);
+        let environment = Environment::new(scene);
+        let paths = settings.paths.clone();
+        let lights = if paths.sample_static_lights {
+            StaticLights::new(scene, &materials, &environment, paths.bounces.transparent)
+        } else {
+            None
+        };
+        let integrator = Integrator {
+            scene,
+            bvh: SceneBvh::new(scene)?,
+            camera: CameraSampler::new(&scene.camera, paths.filter),
+            materials,
+            environment,
+            lights,
+            settings: paths,
+        };
+        Ok(Self { integrator, settings: settings.clone(), warnings })
+    }
+
+    /// What of the materials could not be represented, in words for the user.
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
+    }
+
+    /// The manifest of a dump of this scene with these settings.
+    pub fn manifest(&self) -> Manifest {
+        manifest(self.integrator.scene, &self.settings)
+    }
+
+    /// Traces every shard that `sink` does not have yet. What is traced depends on the scene, the seed and the path
+    /// settings alone, not on threads, tiles or passes.
+    ///
+    /// # Errors
+    /// If `sink` is for a dump of another shape, or cannot store a shard.
+    pub fn trace(&self, sink: &dyn ShardSink, control: &Control<'_>) -> Result<Outcome, TraceError> {
+        let manifest = sink.manifest();
+        if let Some(difference) = self.manifest().difference(manifest) {
+            return Err(TraceError::Mismatch(difference));
+        }
+        let threads = self.settings.threads;
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .map_err(|source| TraceError::Threads { threads, source })?;
+        let run = Run::new(self, manifest, sink, control);
+        pool.broadcast(|_| run.work());
+        run.finish()
+    }
+
+    /// Traces the paths of one pixel into `sink`.
+    pub fn trace_pixel(
+        &self,
+        x: usize,
+        y: usize,
+        pass: Pass,
+        scratch: &mut Scratch,
+        sink: &mut impl PathSink,
+    ) {
+        let sampler = PixelSampler::new(self.settings.seed, x as u32, y as u32);
+        for sample in pass.first_sample..pass.first_sample + pass.samples {
+            self.integrator.trace((x, y), sampler, sample, scratch, sink);
+        }
+    }
+}
+
+/// The manifest of a dump of `scene`.
+pub fn manifest(scene: &Scene, settings: &TraceSettings) -> Manifest {
+    let camera = &scene.camera;
+    let is_pinhole = CameraSampler::new(camera, settings.paths.filter).is_pinhole();
+    Manifest {
+        format_version: FORMAT_VERSION,
+        scene_hash: scene.hash(),
+        width: camera.width,
+        height: camera.height,
+        tile_size: settings.tile_size,
+        passes: settings.passes.passes(settings.samples),
+        seed: settings.seed,
+        camera: serde_json::to_value(camera).unwrap_or_default(),
+        camera_position: is_pinhole.then(|| camera.world_from_camera.translation.to_array()),
+        receivers: scene.receiver_names(),
+        settings: serde_json::to_value(&settings.paths).unwrap_or_default(),
+        working_space: scene.working_space.clone(),
+    }
+}
+
+/// One run over all shards: a queue of (pass, tile) that the workers take from in order, so that the first picture
+/// comes first and no worker waits for the others at the end of a pass.
+struct Run<'a> {
+    tracer: &'a Tracer<'a>,
+    manifest: &'a Manifest,
+    sink: &'a dyn ShardSink,
+    control: &'a Control<'a>,
+    next: AtomicUsize,
+    segments: AtomicU64,
+    /// Paths and shards done.
+    done: Mutex<(u64, usize)>,
+    failure: Mutex<Option<DumpError>>,
+}
+
+impl<'a> Run<'a> {
+    fn new(
+        tracer: &'a Tracer<'a>,
+        manifest: &'a Manifest,
+        sink: &'a dyn ShardSink,
+        control: &'a Control<'a>,
+    ) -> Self {
+        Self {
+            tracer,
+            manifest,
+            sink,
+            control,
+            next: AtomicUsize::new(0),
+            segments: AtomicU64::new(0),
+            done: Mutex::new((0, 0)),
+            failure: Mutex::new(None),
+        }
+    }
+
+    fn shard_count(&self) -> usize {
+        self.manifest.tile_count() * self.manifest.passes.len()
+    }
+
+    /// What each thread does until nothing is left.
+    fn work(&self) {
+        let mut scratch = Scratch::default();
+        let mut samples = TileSamples::new(TileRect { x: 0, y: 0, width: 0, height: 0 });
+        let tiles = self.manifest.tile_count();
+        while !self.control.cancel.load(Ordering::Relaxed) {
+            let index = self.next.fetch_add(1, Ordering::Relaxed);
+            if index >= self.shard_count() {
+                break;
+            }
+            let (pass, tile) = (index / tiles, index % tiles);
+            if !self.sink.is_complete(tile, pass) {
+                if !self.trace_tile(tile, self.manifest.passes[pass], &mut scratch, &mut samples) {
+                    break;
+                }
+                if let Err(error) = self.sink.write(tile, pass, &samples) {
+                    self.failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+                    // The other workers find nothing left to do.
+                    self.next.store(self.shard_count(), Ordering::Relaxed);
+                    break;
+                }
+            }
+            self.report(tile, pass);
+        }
+    }
+
+    /// False if cancelled half-way.
+    fn trace_tile(&self, tile: usize, pass: Pass, scratch: &mut Scratch, samples: &mut TileSamples) -> bool {
+        let rect = self.manifest.tile_rect(tile);
+        samples.reset(rect);
+        for y in rect.y..rect.y + rect.height {
+            for x in rect.x..rect.x + rect.width {
+                if self.control.cancel.load(Ordering::Relaxed) {
+                    return false;
+                }
+                samples.begin_pixel();
+                self.tracer.trace_pixel(x, y, pass, scratch, samples);
+            }
+        }
+        self.segments.fetch_add(samples.record_count() as u64, Ordering::Relaxed);
+        true
+    }
+
+    fn report(&self, tile: usize, pass: usize) {
+        let mut done = self.done.lock().unwrap_or_else(PoisonError::into_inner);
+        let paths = self.manifest.tile_rect(tile).pixel_count() as u64;
+        done.0 += paths * u64::from(self.manifest.passes[pass].samples);
+        done.1 += 1;
+        if let Some(on_progress) = &self.control.on_progress {
+            let pixels = (self.manifest.width * self.manifest.height) as u64;
+            on_progress(Progress {
+                paths: done.0,
+                paths_total: pixels * u64::from(self.manifest.samples()),
+                segments: self.segments.load(Ordering::Relaxed),
+                shards: done.1,
+                shards_total: self.shard_count(),
+            });
+        }
+    }
+
+    fn finish(self) -> Result<Outcome, TraceError> {
+        if let Some(error) = self.failure.into_inner().unwrap_or_else(PoisonError::into_inner) {
+            return Err(error.into());
+        }
+        let done = self.done.into_inner().unwrap_or_else(PoisonError::into_inner).1;
+        let all = self.manifest.tile_count() * self.manifest.passes.len();
+        Ok(if done == all { Outcome::Complete } else { Outcome::Cancelled })
+    }
+}

@@ -1,0 +1,159 @@
+//! How paths are traced. Defaults are those of a new Blender file.
+
+use relume_dump::Pass;
+
+use crate::filter::PixelFilter;
+
+/// All settings of a bake.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TraceSettings {
+    /// Paths per pixel.
+    pub samples: u32,
+    /// Seed of all random numbers.
+    pub seed: u64,
+    /// Edge of the square tiles, pixels.
+    pub tile_size: usize,
+    /// How the samples are divided into passes over the image.
+    pub passes: PassSchedule,
+    /// Worker threads; 0 for one a core. Does not change the result.
+    pub threads: usize,
+    /// What the paths are; everything that changes the dump but for the samples.
+    pub paths: PathSettings,
+}
+
+impl Default for TraceSettings {
+    fn default() -> Self {
+        Self {
+            samples: 1024,
+            seed: 0,
+            tile_size: 64,
+            passes: PassSchedule::default(),
+            threads: 0,
+            paths: PathSettings::default(),
+        }
+    }
+}
+
+/// Settings of a single path.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PathSettings {
+    /// Bounce limits.
+    pub bounces: BounceLimits,
+    /// Blender's Filter Glossy; 0 for none.
+    pub filter_glossy: f32,
+    /// Whether glossy reflection is seen by diffuse rays.
+    pub caustics_reflective: bool,
+    /// Whether refraction is seen by diffuse rays.
+    pub caustics_refractive: bool,
+    /// Pixel filter.
+    pub filter: PixelFilter,
+    /// Whether the scene's own emitters and the world are also sampled directly. Changes only the noise of the static
+    /// layers, never a path.
+    pub sample_static_lights: bool,
+}
+
+impl Default for PathSettings {
+    fn default() -> Self {
+        Self {
+            bounces: BounceLimits::default(),
+            filter_glossy: 1.0,
+            caustics_reflective: true,
+            caustics_refractive: true,
+            filter: PixelFilter::default(),
+            sample_static_lights: true,
+        }
+    }
+}
+
+/// Blender's Light Paths panel, with its meaning: 0 bounces is direct light only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct BounceLimits {
+    /// All kinds but transparent.
+    pub total: u32,
+    /// Diffuse reflection.
+    pub diffuse: u32,
+    /// Glossy reflection.
+    pub glossy: u32,
+    /// Transmission.
+    pub transmission: u32,
+    /// Surfaces that a path goes straight through.
+    pub transparent: u32,
+    /// Bounces before Russian roulette may end a path.
+    pub min_total: u32,
+    /// Transparent surfaces before Russian roulette may end a path.
+    pub min_transparent: u32,
+}
+
+impl Default for BounceLimits {
+    fn default() -> Self {
+        Self {
+            total: 12,
+            diffuse: 4,
+            glossy: 4,
+            transmission: 12,
+            transparent: 8,
+            min_total: 0,
+            min_transparent: 0,
+        }
+    }
+}
+
+/// Passes of growing size: a first picture at once, few files later.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PassSchedule {
+    /// Samples of the first pass; each later one has as many as all before it together.
+    pub first: u32,
+    /// Most samples of a pass; bounds the memory of an open tile.
+    pub largest: u32,
+}
+
+impl Default for PassSchedule {
+    fn default() -> Self {
+        Self { first: 1, largest: 64 }
+    }
+}
+
+impl PassSchedule {
+    /// The passes that make up `samples`. Passes start at multiples of their size, so that each is stratified.
+    pub fn passes(&self, samples: u32) -> Vec<Pass> {
+        let largest = self.largest.max(1);
+        let mut passes = Vec::new();
+        let mut first_sample = 0;
+        while first_sample < samples {
+            let wanted = if first_sample == 0 { self.first.max(1) } else { first_sample };
+            let count = wanted.min(largest).min(samples - first_sample);
+            passes.push(Pass { first_sample, samples: count });
+            first_sample += count;
+        }
+        passes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn passes_double_up_to_the_largest_and_cover_all_samples() {
+        let sizes = |samples, first, largest| -> Vec<u32> {
+            PassSchedule { first, largest }.passes(samples).iter().map(|pass| pass.samples).collect()
+        };
+        assert_eq!(sizes(100, 1, 16), [1, 1, 2, 4, 8, 16, 16, 16, 16, 16, 4]);
+        assert_eq!(sizes(5, 8, 16), [5]);
+        assert_eq!(sizes(3, 0, 0), [1, 1, 1]);
+        assert!(sizes(0, 1, 16).is_empty());
+        let passes = PassSchedule::default().passes(1000);
+        assert!(passes.windows(2).all(|pair| pair[0].first_sample + pair[0].samples == pair[1].first_sample));
+    }
+
+    #[test]
+    fn unknown_settings_are_refused_and_missing_ones_are_blenders() {
+        let settings: TraceSettings = serde_json::from_str(r#"{"samples": 7}"#).unwrap();
+        assert_eq!(settings, TraceSettings { samples: 7, ..TraceSettings::default() });
+        assert!(serde_json::from_str::<TraceSettings>(r#"{"sample": 7}"#).is_err());
+    }
+}

@@ -1,0 +1,208 @@
+//! Direct sampling of what the scene itself emits, for the static layers only: the paths of the dump never use it.
+//!
+//! Both ways to meet an emitter (a light sample here, the BSDF's own direction in the path) are weighted by the power
+//! heuristic (Veach 1997, section 9.2.4). A shadow ray goes straight through transparent surfaces.
+
+use glam::Vec3;
+use relume_dump::Lobe;
+use relume_scene::Scene;
+
+use crate::{
+    bsdf::Surface,
+    bvh::{Ray, SceneBvh},
+    emitters::{Emitters, may_be_transparent},
+    environment::Environment,
+    shading::{Hit, PreparedMaterials, SurfacePoint},
+};
+
+/// Emitters and the environment, with how likely each is sampled.
+#[derive(Debug)]
+pub(crate) struct StaticLights {
+    emitters: Option<Emitters>,
+    samples_environment: bool,
+    /// For each instance: whether any of its materials lets light through.
+    transparent: Vec<bool>,
+    any_transparent: bool,
+    transparent_limit: u32,
+}
+
+/// What a light sample adds to the static layers, before the path's throughput.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum StaticSample {
+    Emission(Vec3),
+    World(Vec3),
+}
+
+/// Where the last non-transparent bounce was, and how likely its direction: what the weight of a hit needs.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LastBounce {
+    pub position: Vec3,
+    pub pdf: f32,
+}
+
+impl StaticLights {
+    /// Nothing if there is nothing to sample.
+    pub fn new(
+        scene: &Scene,
+        materials: &PreparedMaterials,
+        environment: &Environment,
+        transparent_limit: u32,
+    ) -> Option<Self> {
+        let emitters = Emitters::new(scene, materials);
+        let samples_environment = environment.can_sample();
+        let by_material: Vec<bool> = scene.materials.iter().map(may_be_transparent).collect();
+        let transparent: Vec<bool> = scene
+            .instances
+            .iter()
+            .map(|instance| instance.materials.iter().any(|m| by_material.get(*m) == Some(&true)))
+            .collect();
+        let any_transparent = transparent.contains(&true);
+        (emitters.is_some() || samples_environment).then_some(Self {
+            emitters,
+            samples_environment,
+            transparent,
+            any_transparent,
+            transparent_limit,
+        })
+    }
+
+    /// Probability to sample the environment rather than an emitter.
+    fn environment_share(&self) -> f32 {
+        match (self.samples_environment, &self.emitters) {
+            (false, _) => 0.0,
+            (true, Some(_)) => 0.5,
+            (true, None) => 1.0,
+        }
+    }
+
+    /// Weight of emission that the path met on a triangle.
+    pub fn emission_weight(&self, last: Option<LastBounce>, point: &SurfacePoint) -> f32 {
+        let (Some(last), Some(emitters)) = (last, &self.emitters) else { return 1.0 };
+        let towards = point.position - last.position;
+        let cos = point.geometric_normal.dot(point.wo).abs();
+        let density = emitters.area_density(point.instance, point.triangle)
+            * (1.0 - self.environment_share())
+            * towards.length_squared()
+            / cos.max(f32::MIN_POSITIVE);
+        power_heuristic(last.pdf, density)
+    }
+
+    /// Weight of the world that the path met in `direction`.
+    pub fn world_weight(&self, last: Option<LastBounce>, environment: &Environment, direction: Vec3) -> f32 {
+        let Some(last) = last.filter(|_| self.samples_environment) else { return 1.0 };
+        power_heuristic(last.pdf, environment.density(direction) * self.environment_share())
+    }
+
+    /// One light sample for `surface` at `point`.
+    pub fn sample(
+        &self,
+        tracer: &Lookup<'_>,
+        point: &SurfacePoint,
+        surface: &Surface,
+        scratch: &mut Surface,
+        u: [f32; 4],
+    ) -> Option<StaticSample> {
+        let share = self.environment_share();
+        if u[3] < share {
+            let (direction, density) = tracer.environment.sample([u[0], u[1], u[2]])?;
+            let factor = weighted(surface, point, direction, density * share)?;
+            let radiance = tracer.environment.radiance(tracer.scene, direction, false);
+            let through = self.transmittance(tracer, point, direction, None, scratch)?;
+            return Some(StaticSample::World(factor * radiance * through));
+        }
+        let target = self.emitters.as_ref()?.sample([u[0], u[1], u[2]]);
+        let towards = target.position - point.position;
+        let distance_squared = towards.length_squared();
+        let direction = towards.try_normalize()?;
+        let cos = target.normal.dot(direction).abs();
+        let density = target.area_density * (1.0 - share) * distance_squared / cos;
+        let factor = weighted(surface, point, direction, density)?;
+        let goal = (target.instance, target.triangle);
+        let through = self.transmittance(tracer, point, direction, Some(goal), scratch)?;
+        Some(StaticSample::Emission(factor * through * scratch.emission()))
+    }
+
+    /// Share of light that comes straight from the emitter `goal`, or from outside, to `point`; nothing if something is
+    /// in between. Leaves the emitter's surface in `scratch`.
+    fn transmittance(
+        &self,
+        tracer: &Lookup<'_>,
+        point: &SurfacePoint,
+        direction: Vec3,
+        goal: Option<(u32, u32)>,
+        scratch: &mut Surface,
+    ) -> Option<Vec3> {
+        let mut through = Vec3::ONE;
+        let mut ray = Ray {
+            lobe: Lobe::Diffuse,
+            from: Some((point.instance, point.triangle)),
+            ..Ray::new(offset_origin(point, direction), direction)
+        };
+        if goal.is_none() && !self.any_transparent {
+            return (!tracer.bvh.is_blocked(&ray)).then_some(through);
+        }
+        for _ in 0..=self.transparent_limit {
+            let Some(hit) = tracer.bvh.intersect(&ray) else {
+                return goal.is_none().then_some(through);
+            };
+            let met = (hit.instance, hit.triangle);
+            if goal != Some(met) && !self.transparent[hit.instance as usize] {
+                return None;
+            }
+            let surface_point = tracer.shade(&ray, &hit, scratch);
+            if goal == Some(met) {
+                return Some(through);
+            }
+            through *= scratch.transparency();
+            if through.max_element() <= 0.0 {
+                return None;
+            }
+            ray.origin = offset_origin(&surface_point, direction);
+            ray.from = Some(met);
+        }
+        None
+    }
+}
+
+/// What a shadow ray looks things up in.
+pub(crate) struct Lookup<'a> {
+    pub scene: &'a Scene,
+    pub bvh: &'a SceneBvh,
+    pub materials: &'a PreparedMaterials,
+    pub environment: &'a Environment,
+}
+
+impl Lookup<'_> {
+    fn shade(&self, ray: &Ray, hit: &Hit, surface: &mut Surface) -> SurfacePoint {
+        let point = self.materials.surface_point(self.scene, hit, ray.origin, ray.direction, 0.0);
+        self.materials.evaluate(self.scene, &point, surface);
+        point
+    }
+}
+
+/// `f |cos| / density`, weighted against BSDF sampling; nothing if the surface sends no light that way.
+fn weighted(surface: &Surface, point: &SurfacePoint, direction: Vec3, density: f32) -> Option<Vec3> {
+    // Directions between the true and the shading surface, which BSDF sampling rejects as well.
+    if point.geometric_normal.dot(direction) * point.shading_normal.dot(direction) <= 0.0 {
+        return None;
+    }
+    let (value, pdf) = surface.eval(direction);
+    let factor = value * (power_heuristic(density, pdf) / density);
+    (factor.is_finite() && factor.max_element() > 0.0).then_some(factor)
+}
+
+fn power_heuristic(this: f32, other: f32) -> f32 {
+    if other == 0.0 {
+        return 1.0;
+    }
+    let ratio = other / this;
+    1.0 / (1.0 + ratio * ratio)
+}
+
+/// Start of a ray that leaves `point` towards `direction`: a few roundings of the coordinates off the surface, so that
+/// neighbours in the same plane are not met. The triangle itself is left out by [`Ray::from`].
+pub(crate) fn offset_origin(point: &SurfacePoint, direction: Vec3) -> Vec3 {
+    let scale = point.position.abs().max_element().max(point.ray_length);
+    let side = if point.geometric_normal.dot(direction) < 0.0 { -1.0 } else { 1.0 };
+    point.position + point.geometric_normal * (side * scale * (8.0 * f32::EPSILON))
+}

@@ -1,0 +1,158 @@
+//! The purpose of it all: lights added up from the paths equal lights that were there while tracing.
+
+use relume_dump::{End, Lobe};
+use relume_scene::{
+    Scene,
+    glam::{Affine3A, DVec3, Vec3},
+};
+use relume_trace::{TraceSettings, settings::BounceLimits};
+
+use crate::support::*;
+
+const LIGHT_CENTER: Vec3 = Vec3::new(0.25, -0.1, 0.45);
+const LIGHT_RADIUS: f32 = 0.25;
+const ALBEDO: f32 = 0.6;
+
+/// A box without its front (-y) side, so that paths leave it.
+fn open_box() -> Scene {
+    let mut mesh = cube();
+    mesh.triangles.retain(|triangle| !triangle.iter().all(|v| mesh.positions[*v as usize].y < -0.99));
+    let mut scene = Scene::default();
+    add(&mut scene, mesh, Affine3A::IDENTITY, diffuse(ALBEDO));
+    scene.camera = look_at_origin(Vec3::new(0.0, -4.0, 0.0), 6, 0.5);
+    scene
+}
+
+/// Whether the sphere light is crossed on the way from `origin` along the unit `direction` up to `length`.
+fn crosses(origin: Vec3, direction: Vec3, length: f32) -> bool {
+    let to_center = LIGHT_CENTER - origin;
+    let along = to_center.dot(direction);
+    let reach = LIGHT_RADIUS * LIGHT_RADIUS - (to_center - direction * along).length_squared();
+    if reach < 0.0 {
+        return false;
+    }
+    let (enter, exit) = (along - reach.sqrt(), along + reach.sqrt());
+    (enter > 0.0 && enter < length) || (exit > 0.0 && exit < length)
+}
+
+/// Radiance 1 of the light, collected from a path (paper, equation 1); invisible to the camera.
+fn gather(start: Vec3, path: &Path) -> Vec3 {
+    let mut origin = start;
+    let mut sum = Vec3::ZERO;
+    for segment in &path.segments {
+        let (direction, length, next) = match segment.end {
+            End::Vertex(end) => ((end - origin).normalize_or(Vec3::Z), origin.distance(end), end),
+            End::Escape(direction) => (direction, f32::INFINITY, origin),
+        };
+        if segment.lobe != Lobe::Camera && crosses(origin, direction, length) {
+            sum += segment.throughput;
+        }
+        origin = next;
+    }
+    sum
+}
+
+/// An independent tracer of the same scene with the same light, in double precision: the light is sampled by its cone
+/// at each surface and hit by nothing else.
+struct Direct {
+    state: u64,
+}
+
+impl Direct {
+    fn random(&mut self) -> f64 {
+        self.state = self.state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (self.state >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// The inner wall that a ray from inside (or from the open side) meets: its point and normal.
+    fn wall(origin: DVec3, direction: DVec3) -> Option<(f64, DVec3)> {
+        let mut nearest: Option<(f64, DVec3)> = None;
+        for axis in 0..3 {
+            for side in [-1.0, 1.0] {
+                if axis == 1 && side < 0.0 {
+                    continue;
+                }
+                let t = (side - origin[axis]) / direction[axis];
+                let point = origin + direction * t;
+                let inside = (0..3).all(|other| other == axis || point[other].abs() <= 1.0);
+                if t > 1e-9 && inside && nearest.is_none_or(|(best, _)| t < best) {
+                    let mut normal = DVec3::ZERO;
+                    normal[axis] = -side;
+                    nearest = Some((t, normal));
+                }
+            }
+        }
+        nearest
+    }
+
+    fn around(&mut self, axis: DVec3, cos: f64) -> DVec3 {
+        let (x, y) = axis.any_orthonormal_pair();
+        let (sin_phi, cos_phi) = (std::f64::consts::TAU * self.random()).sin_cos();
+        let sin = (1.0 - cos * cos).max(0.0).sqrt();
+        x * (sin * cos_phi) + y * (sin * sin_phi) + axis * cos
+    }
+
+    /// Radiance along a camera ray, with light met after up to `bounces` surfaces.
+    fn radiance(&mut self, mut origin: DVec3, mut direction: DVec3, bounces: u32) -> f64 {
+        let (mut throughput, mut sum) = (1.0, 0.0);
+        for _ in 0..bounces {
+            let Some((t, normal)) = Self::wall(origin, direction) else { break };
+            origin += direction * t;
+            throughput *= f64::from(ALBEDO);
+            let to_center = LIGHT_CENTER.as_dvec3() - origin;
+            let sin2 = f64::from(LIGHT_RADIUS).powi(2) / to_center.length_squared();
+            let cos_max = (1.0 - sin2).sqrt();
+            let cos = 1.0 - self.random() * (1.0 - cos_max);
+            let towards = self.around(to_center.normalize(), cos);
+            let facing = normal.dot(towards);
+            // The walls are convex and the light stands free of them, so that nothing blocks it.
+            if facing > 0.0 {
+                sum += throughput * facing / std::f64::consts::PI * std::f64::consts::TAU * (1.0 - cos_max);
+            }
+            let cos = self.random().sqrt();
+            direction = self.around(normal, cos);
+        }
+        sum
+    }
+}
+
+#[test]
+fn gather_equals_direct_trace_of_the_same_light() {
+    let scene = open_box();
+    let mut settings = TraceSettings { samples: 4096, ..TraceSettings::default() };
+    settings.paths.bounces = BounceLimits { total: 3, diffuse: 3, ..BounceLimits::default() };
+    let camera = scene.camera.world_from_camera.translation.into();
+    let gathered = mean(&image_paths(&scene, &settings), |path| gather(camera, path)).x;
+
+    // The filter of the tracer reaches beyond the picture, so the direct tracer uses the same rays.
+    let rays = relume_trace::camera::CameraSampler::new(&scene.camera, settings.paths.filter);
+    let mut direct = Direct { state: 1 };
+    let (mut sum, mut count) = (0.0, 0);
+    for pixel in 0..36 {
+        for _ in 0..8192 {
+            let u = [(); 4].map(|()| direct.random() as f32);
+            let ray = rays.ray(pixel % 6, pixel / 6, u);
+            sum += direct.radiance(ray.origin.as_dvec3(), ray.direction.as_dvec3(), 4);
+            count += 1;
+        }
+    }
+    let expected = (sum / f64::from(count)) as f32;
+    assert!((gathered / expected - 1.0).abs() < 0.015, "gathered {gathered}, direct {expected}");
+}
+
+#[test]
+fn escaped_segments_carry_the_throughput_of_the_world() {
+    let mut scene = open_box();
+    scene.world.color = [1.0, 2.0, 4.0];
+    let mut settings = TraceSettings { samples: 8, ..TraceSettings::default() };
+    settings.paths.sample_static_lights = false;
+    for path in image_paths(&scene, &settings).iter().flatten() {
+        let collected: Vec3 = path
+            .segments
+            .iter()
+            .filter(|segment| matches!(segment.end, End::Escape(_)))
+            .map(|segment| segment.throughput)
+            .sum();
+        assert_eq!(path.aovs.world, collected * Vec3::new(1.0, 2.0, 4.0));
+    }
+}

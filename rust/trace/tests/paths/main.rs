@@ -1,0 +1,7 @@
+//! Whole paths in small scenes with known answers.
+
+mod determinism;
+mod furnace;
+mod lights;
+mod limits;
+mod support;
