@@ -1,0 +1,22 @@
+/// Why lights could not be gathered or an image denoised.
+#[derive(Debug, thiserror::Error)]
+pub enum GatherError {
+    /// A light that has no image.
+    #[error("light '{name}' cannot be gathered: {reason}; correct it or leave the light out")]
+    Light {
+        /// Object name.
+        name: String,
+        /// What is wrong.
+        reason: &'static str,
+    },
+    /// An environment texture whose size and texels disagree.
+    #[error("environment image '{name}' has {found} values instead of {expected}; reload the image")]
+    Environment {
+        /// Image name.
+        name: String,
+        /// Values that there are.
+        found: usize,
+        /// Values that the size needs.
+        expected: usize,
+    },
+}

@@ -1,0 +1,214 @@
+use glam::Vec3;
+use rayon::prelude::*;
+use relume_dump::{Dump, Shard};
+use relume_image::Image;
+use relume_scene::Light;
+
+use crate::kernel::{self, Block, Isa, Sink};
+use crate::light::PreparedLight;
+use crate::{GatherError, Half};
+
+/// Sums lights over a dump (paper, sections 3.1 and 4.2): for every segment that crosses a light, throughput times
+/// radiance. Exact, and noisy where few segments cross the light.
+///
+/// All images are *unit images*: of radiance 1, to be weighted with the lights' radiances afterwards ([`crate::relight`]).
+/// Results do not depend on the number of threads or the instruction set.
+#[derive(Clone, Debug)]
+pub struct Gather {
+    dump: Dump,
+    floor: f32,
+    isa: Isa,
+}
+
+impl Gather {
+    /// The radius floor ([`PreparedLight::new`]) is four steps of the coarsest position grid: positions are not known well
+    /// enough for smaller lights.
+    pub fn new(dump: Dump) -> Self {
+        let step = dump.shards().map(|shard| shard.grid().step().max_element()).fold(0.0, f32::max);
+        Self { dump, floor: 4.0 * step, isa: Isa::detect() }
+    }
+
+    /// Raises the radius floor, in metres: less noise from tiny lights, at the price of a wider penumbra.
+    #[must_use]
+    pub fn with_radius_floor(self, floor: f32) -> Self {
+        Self { floor: self.floor.max(floor), ..self }
+    }
+
+    /// Uses other instructions than the best of this processor.
+    #[must_use]
+    pub fn with_isa(self, isa: Isa) -> Self {
+        Self { isa, ..self }
+    }
+
+    /// The dump.
+    pub fn dump(&self) -> &Dump {
+        &self.dump
+    }
+
+    /// Smallest radius that is gathered as it is, metres.
+    pub fn radius_floor(&self) -> f32 {
+        self.floor
+    }
+
+    /// Makes a light ready; once per change of its shape, factors or receivers.
+    ///
+    /// # Errors
+    /// As [`PreparedLight::new`].
+    pub fn prepare(&self, light: &Light) -> Result<PreparedLight, GatherError> {
+        PreparedLight::new(light, self.floor)
+    }
+
+    /// [`Gather::prepare`] for many.
+    ///
+    /// # Errors
+    /// For the first light that cannot be gathered.
+    pub fn prepare_all(&self, lights: &[Light]) -> Result<Vec<PreparedLight>, GatherError> {
+        lights.iter().map(|light| self.prepare(light)).collect()
+    }
+
+    /// One unit image per light, RGB, in one pass over the dump on all threads of the current pool. Tiles without
+    /// samples are black.
+    pub fn unit_images(&self, lights: &[PreparedLight], half: Half) -> Vec<Image> {
+        let manifest = self.dump.manifest();
+        let tiles: Vec<_> =
+            (0..manifest.tile_count()).into_par_iter().map(|tile| self.tile(tile, lights, half)).collect();
+        let image = |light: usize| {
+            let mut image = Image::new(manifest.width, manifest.height, 3);
+            for (tile, sums) in tiles.iter().enumerate() {
+                let rect = manifest.tile_rect(tile);
+                let pixels = &sums[light * rect.pixel_count()..][..rect.pixel_count()];
+                for (row, pixels) in pixels.chunks_exact(rect.width).enumerate() {
+                    let start = ((rect.y + row) * manifest.width + rect.x) * 3;
+                    image.data[start..start + rect.width * 3].copy_from_slice(pixels.as_flattened());
+                }
+            }
+            image
+        };
+        (0..lights.len()).into_par_iter().map(image).collect()
+    }
+
+    /// Unit values of a tile, light by light, then pixel by pixel.
+    fn tile(&self, tile: usize, lights: &[PreparedLight], half: Half) -> Vec<[f32; 3]> {
+        let pixels = self.dump.manifest().tile_rect(tile).pixel_count();
+        let mut sums = vec![[0.0; 3]; lights.len() * pixels];
+        let mut block = Block::default();
+        for shard in self.dump.tile(tile) {
+            let mut sink =
+                TileSink { offsets: shard.pixel_offsets(), sums: &mut sums, first: 0, pixel: 0, light: 0 };
+            for records in half.shard_records(shard) {
+                kernel::visit(self.isa, shard, records, &mut block, lights, &mut sink);
+            }
+        }
+        let scale = 1.0 / half.tile_samples(&self.dump, tile).max(1) as f32;
+        sums.as_flattened_mut().iter_mut().for_each(|sum| *sum *= scale);
+        sums
+    }
+
+    /// Unit values of one pixel, one per light.
+    pub fn pixel(&self, x: usize, y: usize, lights: &[PreparedLight], half: Half) -> Vec<[f32; 3]> {
+        let mut values = vec![[0.0; 3]; lights.len()];
+        self.pixel_into(x, y, lights, half, &mut Scratch::default(), &mut values);
+        values
+    }
+
+    /// [`Gather::pixel`] without allocation, for the inner loop of a training: `values` is as long as `lights`.
+    pub fn pixel_into(
+        &self,
+        x: usize,
+        y: usize,
+        lights: &[PreparedLight],
+        half: Half,
+        scratch: &mut Scratch,
+        values: &mut [[f32; 3]],
+    ) {
+        let (tile, pixel) = self.dump.locate(x, y);
+        values.fill([0.0; 3]);
+        for shard in self.dump.tile(tile) {
+            let records = half.records(shard, pixel);
+            let mut sink = PixelSink { values, light: 0 };
+            kernel::visit(self.isa, shard, records, &mut scratch.0, lights, &mut sink);
+        }
+        let scale = 1.0 / half.tile_samples(&self.dump, tile).max(1) as f32;
+        values.as_flattened_mut().iter_mut().for_each(|value| *value *= scale);
+    }
+
+    /// Bounding box, corner to corner, of what the camera sees: the ends of camera segments, of lights behind glass and
+    /// mirrors nothing. `None` if the camera sees nothing.
+    pub fn visible_bounds(&self) -> Option<(Vec3, Vec3)> {
+        let seen = |shard: &std::sync::Arc<Shard>| {
+            let pixels = 0..shard.rect().pixel_count();
+            let segments = pixels.flat_map(|pixel| shard.segments(pixel));
+            segments
+                .filter_map(|segment| match segment.end {
+                    relume_dump::End::Vertex(vertex)
+                        if segment.flags.lobe() == Some(relume_dump::Lobe::Camera) =>
+                    {
+                        Some((vertex, vertex))
+                    }
+                    _ => None,
+                })
+                .reduce(join)
+        };
+        let shards: Vec<_> = self.dump.shards().collect();
+        shards.into_par_iter().filter_map(seen).reduce_with(join)
+    }
+}
+
+fn join(a: (Vec3, Vec3), b: (Vec3, Vec3)) -> (Vec3, Vec3) {
+    (a.0.min(b.0), a.1.max(b.1))
+}
+
+/// Working memory of [`Gather::pixel_into`], one per thread.
+#[derive(Debug, Default)]
+pub struct Scratch(Block);
+
+struct TileSink<'a> {
+    offsets: &'a [u32],
+    /// Light by light, then pixel by pixel.
+    sums: &'a mut [[f32; 3]],
+    /// Pixel of the block's first record.
+    first: usize,
+    pixel: usize,
+    light: usize,
+}
+
+impl Sink for TileSink<'_> {
+    fn begin_block(&mut self, first_record: usize) {
+        self.first = self.offsets.partition_point(|&offset| offset as usize <= first_record) - 1;
+    }
+
+    fn begin_light(&mut self, light: usize) {
+        (self.light, self.pixel) = (light, self.first);
+    }
+
+    fn add(&mut self, record: usize, contribution: Vec3) {
+        while self.offsets[self.pixel + 1] as usize <= record {
+            self.pixel += 1;
+        }
+        let pixels = self.offsets.len() - 1;
+        add(&mut self.sums[self.light * pixels + self.pixel], contribution);
+    }
+}
+
+struct PixelSink<'a> {
+    values: &'a mut [[f32; 3]],
+    light: usize,
+}
+
+impl Sink for PixelSink<'_> {
+    fn begin_block(&mut self, _first_record: usize) {}
+
+    fn begin_light(&mut self, light: usize) {
+        self.light = light;
+    }
+
+    fn add(&mut self, _record: usize, contribution: Vec3) {
+        add(&mut self.values[self.light], contribution);
+    }
+}
+
+fn add(sum: &mut [f32; 3], contribution: Vec3) {
+    for (sum, value) in sum.iter_mut().zip(contribution.to_array()) {
+        *sum += value;
+    }
+}

@@ -1,0 +1,293 @@
+//! Lights made ready for crossing tests: the exact profiles of Cycles.
+//!
+//! A segment goes from `origin` along `edge` (not normalised) to the next vertex; an escaped one is [`FAR`] long. Each
+//! crossing counts once, with the conditions of Cycles' ray-light intersection (`intern/cycles/kernel/light`,
+//! Blender 4.2 to 5.2): a sphere that the segment starts in counts where the segment leaves it; spots, areas and facing disks are
+//! one-sided; a light behind the end of the segment is not hit.
+
+use glam::Vec3;
+use relume_dump::{Lobe, RECEIVER_LIMIT};
+use relume_scene::{Light, LightShape, LobeFactors};
+
+use crate::GatherError;
+
+/// Length of escaped segments in metres: beyond every light, and harmless in `f32`.
+pub const FAR: f32 = 1e8;
+
+/// Narrowest sun and area spread that is gathered, radians: four times the error of stored directions.
+const MIN_ANGLE: f32 = 4e-4;
+
+/// A light in the form that the kernels use. Its image is that of radiance 1.
+#[derive(Clone, Debug)]
+pub struct PreparedLight {
+    pub(crate) profile: Profile,
+    pub(crate) reach: Reach,
+    /// By lobe code of the flags, the scale of the radius floor included; 0 for what is not a segment.
+    factors: [f32; 8],
+    /// Bit set of receivers that are lit; all if absent.
+    receivers: Option<Box<[u64; RECEIVER_LIMIT as usize / 64]>>,
+}
+
+/// Geometry and emission profile.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Profile {
+    Sphere(Ball),
+    FacingDisk(Ball),
+    Spot { ball: Ball, axis: Vec3, cos_half_angle: f32, inverse_blend: f32, soft_falloff: bool },
+    Area { plane: Plane, spread: Option<Spread> },
+    Sun { direction: Vec3, chord2: f32 },
+}
+
+/// A region that every crossing segment touches, for the fast test.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Reach {
+    Ball(Ball),
+    Plane(Plane),
+    /// Escaped segments within a chord (squared) of a direction.
+    Cone {
+        direction: Vec3,
+        chord2: f32,
+    },
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Ball {
+    pub center: Vec3,
+    pub radius: f32,
+}
+
+/// A rectangle or an ellipse inscribed in it, seen from the side of its normal.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Plane {
+    pub center: Vec3,
+    pub normal: Vec3,
+    /// Edges divided by their squared length: dot products with them are -1/2..1/2 inside.
+    pub inverse_u: Vec3,
+    pub inverse_v: Vec3,
+    pub is_ellipse: bool,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Spread {
+    tan_half: f32,
+    normalisation: f32,
+}
+
+impl PreparedLight {
+    /// Prepares a light; `floor` is the smallest radius, and half of the smallest edge, that is gathered, in metres.
+    /// A smaller light is gathered at that size and scaled by the ratio of areas: the same power with a wider
+    /// penumbra.
+    ///
+    /// # Errors
+    /// If a number is not finite, or a size or direction is zero.
+    pub fn new(light: &Light, floor: f32) -> Result<Self, GatherError> {
+        let fail = |reason| GatherError::Light { name: light.name.clone(), reason };
+        let (profile, scale) = profile(&light.shape, floor).map_err(fail)?;
+        let LobeFactors { camera, diffuse, glossy, transmission, volume } = light.lobes;
+        let mut factors = [0.0; 8];
+        for (lobe, factor) in Lobe::ALL.into_iter().zip([camera, diffuse, glossy, transmission, volume]) {
+            if !factor.is_finite() {
+                return Err(fail("a lobe factor is not finite"));
+            }
+            factors[lobe as usize] = factor * scale;
+        }
+        let receivers = light.receivers.as_ref().map(|set| {
+            let mut bits = Box::new([0; RECEIVER_LIMIT as usize / 64]);
+            for &receiver in set.receivers.iter().filter(|&&receiver| receiver < RECEIVER_LIMIT) {
+                bits[usize::from(receiver / 64)] |= 1 << (receiver % 64);
+            }
+            bits
+        });
+        Ok(Self { reach: profile.reach(), profile, factors, receivers })
+    }
+
+    /// What a segment of this lobe and receiver is weighted with; 0 if the light leaves it out.
+    pub(crate) fn factor(&self, flags: relume_dump::Flags) -> f32 {
+        let lit = self.receivers.as_ref().is_none_or(|bits| {
+            // Camera rays leave no object; light linking does not concern them.
+            flags.lobe() == Some(Lobe::Camera)
+                || bits[usize::from(flags.receiver() / 64)] >> (flags.receiver() % 64) & 1 != 0
+        });
+        if lit { self.factors[usize::from(flags.lobe_code())] } else { 0.0 }
+    }
+}
+
+type Prepared = Result<(Profile, f32), &'static str>;
+
+fn profile(shape: &LightShape, floor: f32) -> Prepared {
+    match *shape {
+        LightShape::Sphere { center, radius } => {
+            let (ball, scale) = ball(center, radius, floor)?;
+            Ok((Profile::Sphere(ball), scale))
+        }
+        LightShape::FacingDisk { center, radius } => {
+            let (ball, scale) = ball(center, radius, floor)?;
+            Ok((Profile::FacingDisk(ball), scale))
+        }
+        LightShape::Spot { center, radius, axis, half_angle, blend, soft_falloff } => {
+            let (ball, scale) = ball(center, radius, floor)?;
+            let axis = axis.try_normalize().ok_or("its axis is not a direction")?;
+            if !(half_angle.is_finite() && blend.is_finite()) {
+                return Err("its cone is not finite");
+            }
+            // Cycles, `scene/light.cpp`: spot_smooth.
+            let cos_half_angle = half_angle.cos();
+            let inverse_blend = 1.0 / ((1.0 - cos_half_angle) * blend).max(f32::EPSILON);
+            Ok((Profile::Spot { ball, axis, cos_half_angle, inverse_blend, soft_falloff }, scale))
+        }
+        LightShape::Quad { center, edge_u, edge_v, spread } => {
+            area(center, edge_u, edge_v, spread, false, floor)
+        }
+        LightShape::Ellipse { center, edge_u, edge_v, spread } => {
+            area(center, edge_u, edge_v, spread, true, floor)
+        }
+        LightShape::Sun { direction, half_angle } => sun(direction, half_angle),
+    }
+}
+
+fn ball(center: Vec3, radius: f32, floor: f32) -> Result<(Ball, f32), &'static str> {
+    if !center.is_finite() || !(radius > 0.0 && radius.is_finite()) {
+        return Err("its position or radius is not finite, or the radius is not above 0");
+    }
+    let gathered = radius.max(floor);
+    Ok((Ball { center, radius: gathered }, (radius / gathered).powi(2)))
+}
+
+fn area(center: Vec3, edge_u: Vec3, edge_v: Vec3, spread: f32, is_ellipse: bool, floor: f32) -> Prepared {
+    let normal = edge_u.cross(edge_v).try_normalize();
+    let (Some(normal), true, true) = (normal, center.is_finite(), spread > 0.0) else {
+        return Err("its position or edges are not finite, or an edge or the spread is 0");
+    };
+    let inverse = |edge: Vec3| {
+        let (length, gathered) = (edge.length(), edge.length().max(2.0 * floor));
+        (edge / length / gathered, length / gathered)
+    };
+    let ((inverse_u, scale_u), (inverse_v, scale_v)) = (inverse(edge_u), inverse(edge_v));
+    let plane = Plane { center, normal, inverse_u, inverse_v, is_ellipse };
+    Ok((Profile::Area { plane, spread: Spread::new(spread) }, scale_u * scale_v))
+}
+
+fn sun(direction: Vec3, half_angle: f32) -> Prepared {
+    let direction = direction.try_normalize().ok_or("its direction is not a direction")?;
+    if !(half_angle > 0.0 && half_angle.is_finite()) {
+        return Err("its angle is not above 0");
+    }
+    // A cone of half angle a holds the directions within the chord 2 sin(a / 2) of its axis, and spans the solid
+    // angle 4 pi sin^2(a / 2).
+    let chord2 = |angle: f32| 4.0 * (0.5 * angle).sin().powi(2);
+    let gathered = half_angle.clamp(MIN_ANGLE, std::f32::consts::PI);
+    Ok((Profile::Sun { direction, chord2: chord2(gathered) }, chord2(half_angle) / chord2(gathered)))
+}
+
+impl Spread {
+    /// None for a Lambertian emitter.
+    fn new(spread: f32) -> Option<Self> {
+        if spread >= std::f32::consts::PI - 1e-4 {
+            return None;
+        }
+        let half = f64::from(0.5 * spread.max(MIN_ANGLE));
+        // tan(x) - x cancels for small x; its series is exact to 1e-8 there.
+        let difference =
+            if half < 1e-2 { half.powi(3) / 3.0 + half.powi(5) / 7.5 } else { half.tan() - half };
+        Some(Self { tan_half: half.tan() as f32, normalisation: (1.0 / difference) as f32 })
+    }
+
+    /// The soft-box grid of Blender's D10594: the share of light that passes between slats at this angle.
+    fn attenuation(&self, cos: f32) -> f32 {
+        let tan = (1.0 - cos * cos).max(0.0).sqrt() / cos;
+        ((self.tan_half - tan) * self.normalisation).max(0.0)
+    }
+}
+
+impl Profile {
+    fn reach(&self) -> Reach {
+        match *self {
+            Self::Sphere(ball) | Self::FacingDisk(ball) | Self::Spot { ball, .. } => Reach::Ball(ball),
+            Self::Area { plane, .. } => Reach::Plane(plane),
+            Self::Sun { direction, chord2 } => Reach::Cone { direction, chord2 },
+        }
+    }
+
+    /// Radiance that a segment collects from the light; 0 if it does not cross it.
+    pub fn evaluate(&self, origin: Vec3, edge: Vec3, escaped: bool) -> f32 {
+        let hit = |hit: bool| if hit { 1.0 } else { 0.0 };
+        match self {
+            Self::Sphere(ball) => hit(ball.sphere_is_crossed(origin, edge)),
+            Self::FacingDisk(ball) => hit(ball.facing_disk_is_crossed(origin, edge)),
+            Self::Spot { ball, axis, cos_half_angle, inverse_blend, soft_falloff } => {
+                let crossed = match soft_falloff {
+                    true => ball.facing_disk_is_crossed(origin, edge),
+                    // One-sided: not seen by segments that go away from the centre.
+                    false => edge.dot(ball.center - origin) > 0.0 && ball.sphere_is_crossed(origin, edge),
+                };
+                if !crossed || origin.distance_squared(ball.center) <= ball.radius * ball.radius {
+                    return hit(crossed);
+                }
+                // Cycles evaluates the cone for the direction of the segment, not that of the light's centre.
+                smoothstep((-edge.dot(*axis) / edge.length() - cos_half_angle) * inverse_blend)
+            }
+            Self::Area { plane, spread } => match plane.crossing_cosine(origin, edge) {
+                Some(cos) => spread.map_or(1.0, |spread| spread.attenuation(cos / edge.length())),
+                None => 0.0,
+            },
+            Self::Sun { direction, chord2 } => {
+                hit(escaped && (edge * (1.0 / FAR) - *direction).length_squared() <= *chord2)
+            }
+        }
+    }
+}
+
+impl Ball {
+    fn sphere_is_crossed(&self, origin: Vec3, edge: Vec3) -> bool {
+        let to_center = self.center - origin;
+        let (radius2, length2) = (self.radius * self.radius, edge.length_squared());
+        let (distance2, along) = (to_center.length_squared(), to_center.dot(edge));
+        let outside = distance2 > radius2;
+        if outside && along <= 0.0 {
+            return false;
+        }
+        // Distance of the centre from the line as a vector: squares of coordinates would cancel for small spheres.
+        let perpendicular2 = (to_center - edge * (along / length2)).length_squared();
+        // Phrased so that the NaN of a segment without length is no hit.
+        if !(perpendicular2 <= radius2) {
+            return false;
+        }
+        let (length, half_chord) = (length2.sqrt(), (radius2 - perpendicular2).sqrt());
+        let foot = along / length;
+        let distance = if outside { foot - half_chord } else { foot + half_chord };
+        distance > 0.0 && distance < length
+    }
+
+    /// The disk lies through the centre, perpendicular to the line from the origin: with the centre at distance d,
+    /// the segment meets its plane at the share `d^2 / (to_center . edge)` of its length.
+    fn facing_disk_is_crossed(&self, origin: Vec3, edge: Vec3) -> bool {
+        let to_center = self.center - origin;
+        let (distance2, along) = (to_center.length_squared(), to_center.dot(edge));
+        if !(along > distance2 && distance2 > 0.0) {
+            return false;
+        }
+        (edge * (distance2 / along) - to_center).length_squared() <= self.radius * self.radius
+    }
+}
+
+impl Plane {
+    /// Cosine between the normal and the way back times the length of `edge`, if the segment crosses from the side of
+    /// the normal. The kernels' fast test does these very operations, so that both agree.
+    fn crossing_cosine(&self, origin: Vec3, edge: Vec3) -> Option<f32> {
+        let to_center = self.center - origin;
+        let (height, slope) = (to_center.dot(self.normal), edge.dot(self.normal));
+        if !(slope < 0.0 && height < 0.0 && slope < height) {
+            return None;
+        }
+        let in_plane = edge * (height / slope) - to_center;
+        let (u, v) = (in_plane.dot(self.inverse_u), in_plane.dot(self.inverse_v));
+        let inside = if self.is_ellipse { u * u + v * v <= 0.25 } else { u.abs() <= 0.5 && v.abs() <= 0.5 };
+        inside.then_some(-slope)
+    }
+}
+
+/// 0 below 0, 1 above 1, a cubic between.
+fn smoothstep(x: f32) -> f32 {
+    let x = x.clamp(0.0, 1.0);
+    x * x * (3.0 - 2.0 * x)
+}

@@ -1,0 +1,229 @@
+//! Every way of gathering gives the same numbers, and factors and sets select what they name.
+
+use glam::Vec3;
+use relume_dump::{Dump, End, Lobe, Segment, TileSamples};
+use relume_scene::{Light, LightShape, LobeFactors, ReceiverSet};
+
+use super::{Random, dump, light, manifest, segment};
+use crate::kernel::Isa;
+use crate::light::FAR;
+use crate::{Gather, Half};
+
+/// 6 x 6 pixels, passes of 1, 3 and 4 samples, up to 5 random segments a path.
+fn random_dump() -> Dump {
+    let mut random = Random(3);
+    dump(manifest(6, &[1, 3, 4]), |_, _, samples: &mut TileSamples| {
+        for depth in 0..1 + (random.next() * 5.0) as usize {
+            let lobe = Lobe::ALL[if depth == 0 { 0 } else { 1 + (random.next() * 4.0) as usize }];
+            let throughput = Vec3::new(random.next(), random.next(), random.next());
+            let receiver = (random.next() * 5.0) as u16;
+            let escapes = random.next() < 0.2;
+            let end = match escapes {
+                true => End::Escape(random.point(1.0).normalize()),
+                false => End::Vertex(random.point(3.0)),
+            };
+            samples.push(Segment { end, throughput, lobe, receiver });
+            if escapes {
+                break;
+            }
+        }
+    })
+}
+
+fn random_lights() -> Vec<Light> {
+    let mut random = Random(4);
+    let mut lights = Vec::new();
+    for kind in 0..60 {
+        let (center, radius) = (random.point(2.0), random.range(0.3, 1.5));
+        let (edge_u, direction) = (random.point(3.0), random.point(1.0).normalize());
+        let edge_v = edge_u.cross(direction);
+        let spread = random.range(0.5, 4.0);
+        let shape = match kind % 6 {
+            0 => LightShape::Sphere { center, radius },
+            1 => LightShape::FacingDisk { center, radius },
+            2 => LightShape::Spot {
+                center,
+                radius,
+                axis: direction,
+                half_angle: random.range(0.2, 1.5),
+                blend: random.next(),
+                soft_falloff: kind % 4 == 0,
+            },
+            3 => LightShape::Quad { center, edge_u, edge_v, spread },
+            4 => LightShape::Ellipse { center, edge_u, edge_v, spread },
+            _ => LightShape::Sun { direction, half_angle: random.range(0.1, 1.5) },
+        };
+        let lobes = LobeFactors { camera: random.next(), glossy: 0.5, ..LobeFactors::default() };
+        let receivers = (kind % 5 == 0).then(|| ReceiverSet { receivers: vec![0, 3] });
+        lights.push(Light { lobes, receivers, ..light(shape) });
+    }
+    lights
+}
+
+#[test]
+fn portable_and_avx2_and_one_by_one_are_equal_bit_by_bit() {
+    let detected = Gather::new(random_dump());
+    let portable = detected.clone().with_isa(Isa::Portable);
+    let lights = detected.prepare_all(&random_lights()).unwrap();
+    for half in [Half::All, Half::First, Half::Second] {
+        let many = detected.unit_images(&lights, half);
+        assert_eq!(many, portable.unit_images(&lights, half));
+        for (light, image) in lights.iter().zip(&many) {
+            assert_eq!(&detected.unit_images(std::slice::from_ref(light), half)[0], image);
+        }
+        for (x, y) in [(0, 0), (5, 5), (3, 4)] {
+            let pixel = detected.pixel(x, y, &lights, half);
+            let expected: Vec<_> = many.iter().map(|image| image.pixel(x, y).to_vec()).collect();
+            assert_eq!(pixel.iter().map(|rgb| rgb.to_vec()).collect::<Vec<_>>(), expected);
+        }
+    }
+}
+
+#[test]
+fn the_kernel_equals_a_plain_loop_over_decoded_segments() {
+    let dump = random_dump();
+    let gather = Gather::new(dump.clone());
+    let lights = gather.prepare_all(&random_lights()).unwrap();
+    let images = gather.unit_images(&lights, Half::All);
+    let mut lit = 0;
+    for (light, image) in lights.iter().zip(&images) {
+        for (x, y) in (0..6).flat_map(|y| (0..6).map(move |x| (x, y))) {
+            let mut sum = Vec3::ZERO;
+            for (shard, pixel) in dump.pixel(x, y) {
+                for s in shard.segments(pixel) {
+                    let edge = match s.end {
+                        End::Vertex(vertex) => vertex - s.origin,
+                        End::Escape(direction) => direction * FAR,
+                    };
+                    let crossed = light.profile.evaluate(s.origin, edge, s.flags.escaped());
+                    sum += s.throughput * (light.factor(s.flags) * crossed);
+                }
+            }
+            let expected = (sum * 0.125).to_array();
+            let found = image.pixel(x, y);
+            assert!(
+                found.iter().zip(expected).all(|(a, b)| (a - b).abs() <= 1e-5 * b),
+                "{found:?} {expected:?}"
+            );
+            lit += usize::from(sum != Vec3::ZERO);
+        }
+    }
+    assert!(lit > 500, "only {lit} of 2160 values are lit: the test shows nothing");
+}
+
+#[test]
+fn results_do_not_depend_on_the_number_of_threads() {
+    let gather = Gather::new(random_dump());
+    let lights = gather.prepare_all(&random_lights()).unwrap();
+    let images = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| gather.unit_images(&lights, Half::All))
+    };
+    assert_eq!(images(1), images(3));
+}
+
+#[test]
+fn the_halves_share_no_path_and_make_up_the_whole() {
+    let gather = Gather::new(random_dump());
+    let lights = gather.prepare_all(&random_lights()).unwrap();
+    let [all, first, second] =
+        [Half::All, Half::First, Half::Second].map(|half| gather.unit_images(&lights, half));
+    let samples = |half: Half| half.tile_samples(gather.dump(), 0) as f32;
+    // Passes of 1, 3 and 4: 0 + 2 + 2 and 1 + 1 + 2.
+    assert_eq!([Half::First, Half::Second, Half::All].map(samples), [4.0, 4.0, 8.0]);
+    for ((all, first), second) in all.iter().zip(&first).zip(&second) {
+        for ((all, first), second) in all.data.iter().zip(&first.data).zip(&second.data) {
+            assert!((all - 0.5 * (first + second)).abs() <= 1e-5 * all.abs());
+        }
+    }
+    assert_ne!(first, second);
+}
+
+/// One path of four segments through the light at the origin, with different lobes and receivers.
+fn crossing_dump() -> Dump {
+    dump(manifest(1, &[1]), |_, _, samples: &mut TileSamples| {
+        for (index, lobe) in Lobe::ALL.into_iter().enumerate() {
+            let end = Vec3::new(0.0, 0.0, if index % 2 == 0 { -5.0 } else { 5.0 });
+            let throughput = Vec3::splat(f32::from(1u8 << index));
+            let receiver = index as u16;
+            samples.push(Segment { end: End::Vertex(end), throughput, lobe, receiver });
+        }
+        samples.push(segment(End::Escape(Vec3::X), Lobe::Diffuse));
+    })
+}
+
+fn crossing_value(edit: impl FnOnce(&mut Light)) -> f32 {
+    let mut lamp = light(LightShape::Sphere { center: Vec3::ZERO, radius: 1.0 });
+    lamp.lobes.camera = 1.0;
+    edit(&mut lamp);
+    let gather = Gather::new(crossing_dump());
+    gather.pixel(0, 0, &[gather.prepare(&lamp).unwrap()], Half::All)[0][0]
+}
+
+#[test]
+fn each_crossing_counts_once_with_the_factor_of_its_lobe() {
+    assert_eq!(crossing_value(|_| ()), 1.0 + 2.0 + 4.0 + 8.0 + 16.0);
+    let only = |lobes| crossing_value(|lamp| lamp.lobes = lobes);
+    let none = LobeFactors { camera: 0.0, diffuse: 0.0, glossy: 0.0, transmission: 0.0, volume: 0.0 };
+    assert_eq!(only(LobeFactors { camera: 1.0, ..none }), 1.0);
+    assert_eq!(only(LobeFactors { diffuse: 0.5, ..none }), 1.0);
+    assert_eq!(only(LobeFactors { glossy: 1.0, ..none }), 4.0);
+    assert_eq!(only(LobeFactors { transmission: 1.0, ..none }), 8.0);
+    assert_eq!(only(LobeFactors { volume: 2.0, ..none }), 32.0);
+    assert_eq!(only(LobeFactors::default()), 30.0);
+}
+
+#[test]
+fn light_linking_selects_receivers_but_not_camera_rays() {
+    let linked = |receivers: &[u16]| {
+        crossing_value(|lamp| lamp.receivers = Some(ReceiverSet { receivers: receivers.to_vec() }))
+    };
+    assert_eq!(linked(&[]), 1.0);
+    assert_eq!(linked(&[2, 4]), 1.0 + 4.0 + 16.0);
+    assert_eq!(linked(&[1, 2047, 65535]), 1.0 + 2.0);
+}
+
+#[test]
+fn origin_records_start_segments_and_are_none() {
+    let mut camera_vertices = manifest(1, &[2]);
+    camera_vertices.camera_position = None;
+    let mut samples = TileSamples::new(camera_vertices.tile_rect(0));
+    samples.begin_pixel();
+    for x in [0.0, 10.0] {
+        samples.begin_path(Some(Vec3::new(x, 0.0, 5.0)));
+        samples.push(segment(End::Vertex(Vec3::new(x, 0.0, -5.0)), Lobe::Diffuse));
+    }
+    let mut dump = Dump::in_memory(camera_vertices.clone()).unwrap();
+    let shard = relume_dump::Shard::encode(&camera_vertices, 0, 0, &samples).unwrap();
+    dump.insert(0, 0, std::sync::Arc::new(shard)).unwrap();
+    let gather = Gather::new(dump);
+    let value = |center| {
+        let lamp = light(LightShape::Sphere { center, radius: 0.5 });
+        gather.pixel(0, 0, &[gather.prepare(&lamp).unwrap()], Half::All)[0][0]
+    };
+    assert_eq!(value(Vec3::ZERO), 0.5);
+    assert_eq!(value(Vec3::new(10.0, 0.0, 0.0)), 0.5);
+    // On the line from the end of the first path to the start of the second, and from the world's origin.
+    assert_eq!(value(Vec3::new(5.0, 0.0, 0.0)), 0.0);
+    assert_eq!(value(Vec3::new(5.0, 0.0, 2.5)), 0.0);
+}
+
+#[test]
+fn lights_that_are_none_are_refused_by_name() {
+    let gather = Gather::new(crossing_dump());
+    for shape in [
+        LightShape::Sphere { center: Vec3::NAN, radius: 1.0 },
+        LightShape::FacingDisk { center: Vec3::ZERO, radius: 0.0 },
+        LightShape::Quad { center: Vec3::ZERO, edge_u: Vec3::X, edge_v: Vec3::X, spread: 1.0 },
+        LightShape::Ellipse { center: Vec3::ZERO, edge_u: Vec3::X, edge_v: Vec3::Y, spread: f32::NAN },
+        LightShape::Sun { direction: Vec3::ZERO, half_angle: 0.1 },
+    ] {
+        assert!(gather.prepare(&light(shape)).unwrap_err().to_string().contains("light 'Lamp'"));
+    }
+}
+
+#[test]
+fn visible_bounds_hold_what_camera_segments_reach() {
+    let (min, max) = Gather::new(crossing_dump()).visible_bounds().unwrap();
+    assert!(min.distance(Vec3::new(0.0, 0.0, -5.0)) < 1e-3 && max.distance(min) < 1e-3, "{min} {max}");
+}
