@@ -1,4 +1,4 @@
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 use relume_dump::Lobe;
 
 use super::closure::{Closure, Scatter};
@@ -46,6 +46,8 @@ pub struct Surface {
     shading_normal: Vec3,
     emission: Vec3,
     transparency: Vec3,
+    /// Scratch for the values of shader nodes.
+    values: Vec<Vec4>,
 }
 
 impl Default for Surface {
@@ -57,6 +59,7 @@ impl Default for Surface {
             shading_normal: Vec3::Z,
             emission: Vec3::ZERO,
             transparency: Vec3::ZERO,
+            values: Vec::new(),
         }
     }
 }
@@ -104,6 +107,25 @@ impl Surface {
         } else {
             self.add(weight, self.shading_normal, Scatter::Transparent);
         }
+    }
+
+    /// Unit direction back along the ray.
+    pub fn wo(&self) -> Vec3 {
+        self.wo
+    }
+
+    /// Hands out the scratch for `count` values of shader nodes, of undefined content.
+    pub(crate) fn take_values(&mut self, count: usize) -> Vec<Vec4> {
+        let mut values = std::mem::take(&mut self.values);
+        if values.len() < count {
+            values.resize(count, Vec4::ZERO);
+        }
+        values
+    }
+
+    /// Takes back what [`Self::take_values`] gave.
+    pub(crate) fn give_values(&mut self, values: Vec<Vec4>) {
+        self.values = values;
     }
 
     /// Adds emitted radiance.

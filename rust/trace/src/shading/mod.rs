@@ -1,10 +1,22 @@
 //! From "a ray hit this triangle of this instance" to the closures of the surface there.
 //!
-//! [`PreparedMaterials`] compiles every shader graph of a scene once; [`PreparedMaterials::evaluate`] runs one for
-//! a [`SurfacePoint`] and fills a caller-owned [`Surface`], without allocation.
+//! [`PreparedMaterials`] makes every shader graph of a scene ready once; [`PreparedMaterials::evaluate`] runs one for
+//! a [`SurfacePoint`] and fills a caller-owned [`Surface`](crate::bsdf::Surface), without allocation.
 
+mod closures;
+mod color;
+mod coordinates;
+mod evaluate;
+mod graph;
+mod math;
 mod point;
 mod prepared;
+mod principled;
+mod tangents;
+#[cfg(test)]
+mod tests;
+mod texture;
+mod values;
 
 pub use point::{Hit, SurfacePoint};
 pub use prepared::PreparedMaterials;

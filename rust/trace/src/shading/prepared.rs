@@ -1,25 +1,75 @@
-use glam::{Mat3A, Vec3};
-use relume_scene::{Input, Node, Scene};
+use glam::{Affine3A, Mat3A, Vec3, Vec4};
+use relume_scene::{Extension, Interpolation, Mesh, Scene};
 
+use super::closures::shade;
+use super::evaluate::Context;
+use super::graph::{Graph, Names};
+use super::tangents::corner_tangents;
+use super::texture::{PreparedTexture, equirectangular};
 use super::{Hit, SurfacePoint};
 use crate::bsdf::{Scatter, Surface};
 
-/// Everything about materials that does not depend on the hit.
+/// Everything about materials, textures and transforms that does not depend on the hit.
 #[derive(Debug)]
 pub struct PreparedMaterials {
-    /// For each instance: world-space normals from object-space ones, before normalising.
-    normal_transforms: Vec<Mat3A>,
+    graphs: Vec<Graph>,
+    pub(super) textures: Vec<PreparedTexture>,
+    transforms: Vec<Transforms>,
+    /// Lower corner and size of each mesh's bounding box.
+    pub(super) bounds: Vec<(Vec3, Vec3)>,
+    attributes: Vec<Attributes>,
+}
+
+/// Transforms of one instance.
+#[derive(Clone, Copy, Debug)]
+struct Transforms {
+    object_from_world: Affine3A,
+    /// World-space normals from object-space ones, before normalising.
+    world_from_object_normal: Mat3A,
+    /// The inverse, likewise.
+    object_from_world_normal: Mat3A,
+}
+
+/// Which of a mesh's arrays the graphs mean by their names.
+#[derive(Clone, Debug)]
+struct Attributes {
+    uv_maps: Vec<Option<usize>>,
+    /// Corner tangents by UV map name.
+    tangents: Vec<Option<Vec<Vec4>>>,
+    colors: Vec<Option<usize>>,
 }
 
 impl PreparedMaterials {
-    /// Compiles the graphs of `scene`. The second value says in words what could not be represented.
+    /// Prepares `scene`. The second value says in words what could not be represented.
     pub fn new(scene: &Scene) -> (Self, Vec<String>) {
-        let normal_transforms = scene
-            .instances
+        // Name 0 is the active UV map, which image textures without a vector use.
+        let mut names = Names { uv_maps: vec![String::new()], ..Names::default() };
+        let mut warnings = Vec::new();
+        let graphs = scene
+            .materials
             .iter()
-            .map(|instance| instance.world_from_object.matrix3.inverse().transpose())
+            .map(|material| {
+                let (graph, found) = Graph::new(material, &mut names);
+                warnings.extend(found);
+                graph
+            })
             .collect();
-        (Self { normal_transforms }, Vec::new())
+        let prepared = Self {
+            graphs,
+            textures: scene.textures.iter().map(PreparedTexture::new).collect(),
+            transforms: scene
+                .instances
+                .iter()
+                .map(|instance| Transforms {
+                    object_from_world: instance.world_from_object.inverse(),
+                    world_from_object_normal: instance.world_from_object.matrix3.inverse().transpose(),
+                    object_from_world_normal: instance.world_from_object.matrix3.transpose(),
+                })
+                .collect(),
+            bounds: scene.meshes.iter().map(bounds).collect(),
+            attributes: scene.meshes.iter().map(|mesh| find_attributes(mesh, &names)).collect(),
+        };
+        (prepared, warnings)
     }
 
     /// The point that a ray from `origin` along the unit `direction` hit. `footprint` is the radius of the ray's
@@ -35,8 +85,8 @@ impl PreparedMaterials {
         let instance = &scene.instances[hit.instance as usize];
         let mesh = &scene.meshes[instance.mesh];
         let [a, b, c] = mesh.triangles[hit.triangle as usize].map(|vertex| mesh.positions[vertex as usize]);
-        let normal_transform = self.normal_transforms[hit.instance as usize];
-        let front = (normal_transform * (b - a).cross(c - a)).normalize_or(-direction);
+        let normal_matrix = self.transforms[hit.instance as usize].world_from_object_normal;
+        let front = (normal_matrix * (b - a).cross(c - a)).normalize_or(-direction);
         let smooth = if mesh.corner_normals.is_empty() {
             front
         } else {
@@ -45,7 +95,7 @@ impl PreparedMaterials {
             let interpolated = mesh.corner_normals[corner] * (1.0 - u - v)
                 + mesh.corner_normals[corner + 1] * u
                 + mesh.corner_normals[corner + 2] * v;
-            (normal_transform * interpolated).normalize_or(front)
+            (normal_matrix * interpolated).normalize_or(front)
         };
         let backfacing = front.dot(direction) > 0.0;
         let side = if backfacing { -1.0 } else { 1.0 };
@@ -68,25 +118,89 @@ impl PreparedMaterials {
     pub fn evaluate(&self, scene: &Scene, point: &SurfacePoint, surface: &mut Surface) {
         surface.reset(point);
         let instance = &scene.instances[point.instance as usize];
-        let slot = scene.meshes[instance.mesh]
+        let slot = scene.meshes[point.mesh as usize]
             .material_slots
             .get(point.triangle as usize)
             .map_or(0, |slot| usize::from(*slot));
         let Some(material) = instance.materials.get(slot).or(instance.materials.last()) else {
+            // Blender's default surface.
             surface.add(Vec3::splat(0.8), point.shading_normal, Scatter::Diffuse);
             return;
         };
-        for node in &scene.materials[*material].nodes {
-            match node {
-                Node::Principled { base_color: color, .. } | Node::Diffuse { color, .. } => {
-                    let weight = match color {
-                        Input::Rgb(rgb) => Vec3::from(*rgb),
-                        _ => Vec3::splat(0.5),
-                    };
-                    surface.add(weight, point.shading_normal, Scatter::Diffuse);
-                }
-                _ => {}
-            }
+        let graph = &self.graphs[*material];
+        if let Some(root) = graph.surface {
+            let context = Context { prepared: self, scene, graph, point };
+            let mut values = surface.take_values(2 * graph.nodes.len());
+            let (own, scratch) = values.split_at_mut(graph.nodes.len());
+            shade(&context, root, 1.0, own, scratch, surface);
+            surface.give_values(values);
         }
     }
+
+    /// Radiance of the world along the unit `direction` of a ray that leaves the scene.
+    pub fn world_radiance(&self, scene: &Scene, direction: Vec3) -> Vec3 {
+        let color = Vec3::from(scene.world.color);
+        let Some(index) = scene.world.texture else { return color };
+        let uv = equirectangular(scene.world.texture_from_world * direction);
+        let texture = &scene.textures[index];
+        let texel = self.textures[index].sample(texture, uv, Interpolation::Linear, Extension::Repeat, false);
+        color * texel.truncate()
+    }
+
+    /// Index of the UV map with this name number in a mesh.
+    pub(super) fn uv_map(&self, mesh: u32, name: usize) -> Option<usize> {
+        self.attributes[mesh as usize].uv_maps[name]
+    }
+
+    /// Index of the colour attribute with this name number in a mesh.
+    pub(super) fn color_attribute(&self, mesh: u32, name: usize) -> Option<usize> {
+        self.attributes[mesh as usize].colors[name]
+    }
+
+    /// Corner tangents of the UV map with this name number.
+    pub(super) fn tangents(&self, mesh: u32, name: usize) -> Option<&[Vec4]> {
+        self.attributes[mesh as usize].tangents[name].as_deref()
+    }
+
+    pub(super) fn object_position(&self, instance: u32, world: Vec3) -> Vec3 {
+        self.transforms[instance as usize].object_from_world.transform_point3(world)
+    }
+
+    /// A unit object-space normal from a world-space one.
+    pub(super) fn object_normal(&self, instance: u32, world: Vec3) -> Vec3 {
+        (self.transforms[instance as usize].object_from_world_normal * world).normalize_or_zero()
+    }
+
+    /// A unit world-space normal from an object-space one.
+    pub(super) fn world_normal(&self, instance: u32, object: Vec3) -> Vec3 {
+        (self.transforms[instance as usize].world_from_object_normal * object).normalize_or_zero()
+    }
+}
+
+fn bounds(mesh: &Mesh) -> (Vec3, Vec3) {
+    let min = mesh.positions.iter().copied().fold(Vec3::INFINITY, Vec3::min);
+    let max = mesh.positions.iter().copied().fold(Vec3::NEG_INFINITY, Vec3::max);
+    (min, max - min)
+}
+
+/// Finds named attributes; the empty name is the first one.
+fn find_attributes(mesh: &Mesh, names: &Names) -> Attributes {
+    let find = |name: &String, known: &mut dyn Iterator<Item = &String>| {
+        let mut known = known.peekable();
+        if name.is_empty() { known.peek().map(|_| 0) } else { known.position(|other| other == name) }
+    };
+    let uv_maps: Vec<_> =
+        names.uv_maps.iter().map(|name| find(name, &mut mesh.uv_maps.iter().map(|map| &map.name))).collect();
+    let tangents = (0..uv_maps.len())
+        .map(|number| {
+            let map = uv_maps[number].filter(|_| names.tangents.contains(&number))?;
+            Some(corner_tangents(mesh, &mesh.uv_maps[map]))
+        })
+        .collect();
+    let colors = names
+        .colors
+        .iter()
+        .map(|name| find(name, &mut mesh.color_attributes.iter().map(|attribute| &attribute.name)))
+        .collect();
+    Attributes { uv_maps, tangents, colors }
 }

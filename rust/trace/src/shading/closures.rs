@@ -1,0 +1,202 @@
+//! From closure nodes to closures, with Cycles' mixing and layering.
+
+use std::f32::consts::TAU;
+
+use glam::{Quat, Vec3, Vec4};
+use relume_scene::{Distribution as Model, Node, NodeId};
+
+use super::evaluate::{Context, Known};
+use super::principled;
+use super::values::Inputs;
+use crate::bsdf::{
+    AshikhminShirley, Compensation, Distribution, Frame, Fresnel, Interface, Microfacet, OrenNayar, Scatter,
+    Shape, Surface, ensure_valid_reflection, f0_from_ior,
+};
+
+/// Adds the closures of `node` and of those below it, `weight` of them.
+pub fn shade(
+    context: &Context,
+    node: NodeId,
+    weight: f32,
+    values: &mut [Vec4],
+    scratch: &mut [Vec4],
+    surface: &mut Surface,
+) {
+    context.run(&context.graph.needs[node as usize], values, scratch);
+    let known = Known { context, values };
+    match &context.graph.nodes[node as usize] {
+        Node::MixShader { factor, a, b } => {
+            let factor = known.float(factor).clamp(0.0, 1.0);
+            if let Some(a) = a
+                && factor < 1.0
+            {
+                shade(context, *a, weight * (1.0 - factor), values, scratch, surface);
+            }
+            if let Some(b) = b
+                && factor > 0.0
+            {
+                shade(context, *b, weight * factor, values, scratch, surface);
+            }
+        }
+        Node::AddShader { a, b } => {
+            for child in [a, b].into_iter().flatten() {
+                shade(context, *child, weight, values, scratch, surface);
+            }
+        }
+        Node::Principled { .. } => {
+            let inputs = principled::Parameters::read(&context.graph.nodes[node as usize], &known);
+            if let Some(inputs) = inputs {
+                principled::add(context, &inputs, weight, surface);
+            }
+        }
+        simple => add_simple(context, simple, weight, &known, surface),
+    }
+}
+
+fn add_simple(context: &Context, node: &Node, weight: f32, known: &Known, surface: &mut Surface) {
+    let point = context.point;
+    match node {
+        Node::Diffuse { color, roughness, normal } => {
+            let (color, roughness) = (known.vector(color), known.float(roughness));
+            let normal = known.normal(normal);
+            surface.add(color * weight, normal, diffuse(normal, roughness, color, point.wo));
+        }
+        Node::Glossy { color, roughness, anisotropy, rotation, normal, tangent, distribution } => {
+            let color = known.vector(color).max(Vec3::ZERO);
+            let alpha = known.float(roughness).clamp(0.0, 1.0).powi(2);
+            let normal = context.specular_normal(known.normal(normal));
+            let anisotropy = known.float(anisotropy).clamp(-0.99, 0.99);
+            let (frame, alphas) = if anisotropy.abs() <= 1e-4 {
+                (Frame::from_normal(normal), (alpha, alpha))
+            } else {
+                let tangent = turned(known.tangent(tangent), normal, known.float(rotation));
+                let stretch = if anisotropy < 0.0 { 1.0 / (1.0 + anisotropy) } else { 1.0 - anisotropy };
+                (Frame::from_tangent(normal, tangent), (alpha * stretch, alpha / stretch))
+            };
+            add_glossy(surface, color, weight, *distribution, normal, frame, alphas);
+        }
+        Node::Glass { color, roughness, ior, normal, distribution } => {
+            let color = known.vector(color).max(Vec3::ZERO);
+            let ior = known.float(ior).max(1e-5);
+            let alpha = known.float(roughness).clamp(0.0, 1.0).powi(2);
+            let normal = context.specular_normal(known.normal(normal));
+            let fresnel =
+                Fresnel::Tinted { f0: Vec3::splat(f0_from_ior(ior)), reflection: color, transmission: color };
+            let ior = if point.backfacing { 1.0 / ior } else { ior };
+            let model = Microfacet {
+                distribution: isotropic(*distribution, alpha),
+                interface: Interface::Glass,
+                ior,
+                fresnel,
+                frame: Frame::from_normal(normal),
+                energy_scale: 1.0,
+            };
+            let mean = (*distribution == Model::MultiGgx).then_some(color);
+            add_microfacet(surface, Vec3::splat(weight), normal, model, mean);
+        }
+        Node::Refraction { color, roughness, ior, normal, distribution } => {
+            let ior = known.float(ior).max(1e-5);
+            let normal = context.specular_normal(known.normal(normal));
+            let model = Microfacet {
+                distribution: isotropic(*distribution, known.float(roughness).powi(2).clamp(0.0, 1.0)),
+                interface: Interface::Refraction,
+                ior: if point.backfacing { 1.0 / ior } else { ior },
+                fresnel: Fresnel::None,
+                frame: Frame::from_normal(normal),
+                energy_scale: 1.0,
+            };
+            add_microfacet(surface, known.vector(color) * weight, normal, model, None);
+        }
+        Node::Translucent { color, normal } => {
+            let normal = context.specular_normal(known.normal(normal));
+            surface.add(known.vector(color) * weight, normal, Scatter::Translucent);
+        }
+        Node::Transparent { color } => surface.add_transparent(known.vector(color) * weight),
+        Node::Emission { color, strength } => {
+            surface.add_emission(known.vector(color) * (known.float(strength) * weight));
+        }
+        _ => {}
+    }
+}
+
+fn add_glossy(
+    surface: &mut Surface,
+    color: Vec3,
+    weight: f32,
+    distribution: Model,
+    normal: Vec3,
+    frame: Frame,
+    (alpha_x, alpha_y): (f32, f32),
+) {
+    if distribution == Model::AshikhminShirley {
+        let model = AshikhminShirley::new(frame, alpha_x, alpha_y);
+        surface.add(color * weight, normal, Scatter::AshikhminShirley(model));
+        return;
+    }
+    let (alpha_x, alpha_y) = (alpha_x.clamp(0.0, 1.0), alpha_y.clamp(0.0, 1.0));
+    let model = Microfacet {
+        distribution: Distribution { alpha_x, alpha_y, ..isotropic(distribution, 0.0) },
+        interface: Interface::Reflection,
+        ior: 1.0,
+        fresnel: Fresnel::None,
+        frame,
+        energy_scale: 1.0,
+    };
+    let mean = (distribution == Model::MultiGgx).then_some(color);
+    add_microfacet(surface, color * weight, normal, model, mean);
+}
+
+/// Adds a microfacet closure, with the energy of multiple scattering if `mean`, the mean colour of a bounce, is given;
+/// returns its reflected albedo, or 0 if it was dropped.
+pub fn add_microfacet(
+    surface: &mut Surface,
+    weight: Vec3,
+    normal: Vec3,
+    mut model: Microfacet,
+    mean: Option<Vec3>,
+) -> Vec3 {
+    let mut weight = weight;
+    if let Some(mean) = mean {
+        let cos = normal.dot(surface.wo());
+        let roughness = model.roughness();
+        let mean = mean.clamp(Vec3::ZERO, Vec3::ONE);
+        let compensation = match model.interface {
+            Interface::Glass => Compensation::glass(roughness, cos, model.ior, mean),
+            _ => Compensation::reflection(roughness, cos, mean),
+        };
+        model.energy_scale = compensation.scale;
+        weight *= compensation.darkening;
+    }
+    let wo = surface.wo();
+    surface
+        .add(weight, normal, Scatter::Microfacet(model))
+        .map_or(Vec3::ZERO, |closure| closure.reflected_albedo(wo))
+}
+
+/// Diffuse reflection of the given roughness.
+pub fn diffuse(normal: Vec3, roughness: f32, color: Vec3, wo: Vec3) -> Scatter {
+    if roughness < 1e-5 {
+        Scatter::Diffuse
+    } else {
+        Scatter::OrenNayar(OrenNayar::new(normal, roughness, color, wo))
+    }
+}
+
+/// A distribution of the node's shape.
+pub fn isotropic(distribution: Model, alpha: f32) -> Distribution {
+    let shape = if distribution == Model::Beckmann { Shape::Beckmann } else { Shape::Ggx };
+    Distribution { shape, alpha_x: alpha, alpha_y: alpha }
+}
+
+/// A tangent turned about the normal by a number of full turns.
+pub fn turned(tangent: Vec3, normal: Vec3, turns: f32) -> Vec3 {
+    if turns == 0.0 { tangent } else { Quat::from_axis_angle(normal, turns * TAU) * tangent }
+}
+
+impl Context<'_> {
+    /// A normal for closures that reflect: bent so that the mirror direction is above the surface.
+    pub fn specular_normal(&self, normal: Vec3) -> Vec3 {
+        let geometric = self.point.geometric_normal;
+        if normal == geometric { normal } else { ensure_valid_reflection(geometric, self.point.wo, normal) }
+    }
+}

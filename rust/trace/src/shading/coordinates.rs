@@ -1,0 +1,78 @@
+//! Texture coordinates, their mapping, and the points about a hit where bump heights are taken.
+
+use glam::{Mat3, Vec2, Vec3};
+use relume_scene::{MappingKind, Projection, TexCoord};
+
+use super::SurfacePoint;
+use super::evaluate::Context;
+use super::math::safe_divide_vector;
+
+/// The outputs of the Texture Coordinate node.
+pub fn coordinate(context: &Context, kind: TexCoord) -> Vec3 {
+    let point = context.point;
+    match kind {
+        TexCoord::Uv => context.active_uv(),
+        TexCoord::Object => context.prepared.object_position(point.instance, point.position),
+        TexCoord::Generated => generated(context),
+        TexCoord::Normal => context.prepared.object_normal(point.instance, point.shading_normal),
+        TexCoord::Camera => {
+            let camera = context.scene.camera.world_from_camera.inverse();
+            // Cycles' camera looks along +z.
+            camera.transform_point3(point.position) * Vec3::new(1.0, 1.0, -1.0)
+        }
+        TexCoord::Window => window(context),
+        TexCoord::Reflection => point.shading_normal * (2.0 * point.shading_normal.dot(point.wo)) - point.wo,
+    }
+}
+
+/// Position in 0..1 of the mesh's bounding box; the middle along flat directions.
+pub fn generated(context: &Context) -> Vec3 {
+    let (min, size) = context.prepared.bounds[context.point.mesh as usize];
+    let position = context.prepared.object_position(context.point.instance, context.point.position);
+    let relative = position - min;
+    Vec3::select(size.cmpgt(Vec3::ZERO), relative / size, Vec3::splat(0.5))
+}
+
+/// Position on the film, 0..1 from the lower left corner.
+fn window(context: &Context) -> Vec3 {
+    let camera = &context.scene.camera;
+    let position = camera.world_from_camera.inverse().transform_point3(context.point.position);
+    let film = match camera.projection {
+        Projection::Perspective => position.truncate() / -position.z,
+        Projection::Orthographic => position.truncate(),
+    };
+    let size: Vec2 = camera.window_max - camera.window_min;
+    ((film - camera.window_min) / size).extend(0.0)
+}
+
+/// The Mapping node.
+pub fn mapping(kind: MappingKind, vector: Vec3, location: Vec3, rotation: Mat3, scale: Vec3) -> Vec3 {
+    match kind {
+        MappingKind::Point => rotation * (vector * scale) + location,
+        MappingKind::Texture => safe_divide_vector(rotation.transpose() * (vector - location), scale),
+        MappingKind::Vector => rotation * (vector * scale),
+        MappingKind::Normal => (rotation * safe_divide_vector(vector, scale)).normalize_or_zero(),
+    }
+}
+
+/// The two directions along which Cycles shifts points to take differences.
+pub fn footprint_axes(normal: Vec3) -> (Vec3, Vec3) {
+    let x = Vec3::ONE.cross(normal).try_normalize();
+    let x = x.unwrap_or_else(|| Vec3::new(-1.0, 1.0, 1.0).cross(normal).normalize_or(Vec3::X));
+    (x, normal.cross(x))
+}
+
+/// The point moved by a vector in the plane of its triangle.
+pub fn shifted(context: &Context, offset: Vec3) -> SurfacePoint {
+    let point = context.point;
+    let mesh = context.mesh();
+    let matrix = context.instance().world_from_object.matrix3;
+    let [a, b, c] = mesh.triangles[point.triangle as usize].map(|vertex| mesh.positions[vertex as usize]);
+    let (along_u, along_v) = (matrix * (b - a), matrix * (c - a));
+    let normal = along_u.cross(along_v);
+    let scale = normal.length_squared().recip();
+    let scale = if scale.is_finite() { scale } else { 0.0 };
+    let u = point.barycentrics[0] + offset.cross(along_v).dot(normal) * scale;
+    let v = point.barycentrics[1] + along_u.cross(offset).dot(normal) * scale;
+    SurfacePoint { position: point.position + offset, barycentrics: [u, v], ..*point }
+}

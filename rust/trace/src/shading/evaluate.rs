@@ -1,0 +1,255 @@
+//! Values of nodes at a surface point.
+
+use glam::{Vec2, Vec3, Vec4};
+use relume_scene::{Input, Instance, Mesh, Node, NodeId, NormalSpace, Output, Scene};
+
+use super::coordinates;
+use super::graph::{Aid, Graph, rotation};
+use super::values::{Inputs, evaluate_pure};
+use super::{PreparedMaterials, SurfacePoint};
+use crate::bsdf;
+
+/// Where a graph is evaluated.
+#[derive(Clone, Copy)]
+pub struct Context<'a> {
+    pub prepared: &'a PreparedMaterials,
+    pub scene: &'a Scene,
+    pub graph: &'a Graph,
+    pub point: &'a SurfacePoint,
+}
+
+/// A context with the values known so far.
+pub struct Known<'a, 'v> {
+    pub context: &'a Context<'a>,
+    pub values: &'v [Vec4],
+}
+
+impl Inputs for Known<'_, '_> {
+    fn link(&self, node: NodeId, output: Output) -> Vec4 {
+        let (context, point) = (self.context, self.context.point);
+        let instance = context.instance();
+        match output {
+            Output::Position => point.position.extend(1.0),
+            Output::TrueNormal => point.geometric_normal.extend(1.0),
+            Output::Incoming => point.wo.extend(1.0),
+            Output::Backfacing => Vec4::splat(f32::from(point.backfacing)),
+            Output::Tangent => context.tangent().extend(1.0),
+            Output::Location => Vec3::from(instance.world_from_object.translation).extend(1.0),
+            Output::ObjectIndex => Vec4::splat(instance.pass_index as f32),
+            // Materials carry no pass index yet; Blender's default is 0.
+            Output::MaterialIndex => Vec4::ZERO,
+            Output::Random => Vec4::splat(instance.random),
+            _ => self.values[node as usize],
+        }
+    }
+}
+
+impl Known<'_, '_> {
+    /// A normal input: unit length, the shading normal if there is none.
+    pub fn normal(&self, input: &Option<Input>) -> Vec3 {
+        let smooth = self.context.point.shading_normal;
+        input.as_ref().map_or(smooth, |input| self.vector(input).normalize_or(smooth))
+    }
+
+    /// A tangent input; the radial tangent if there is none.
+    pub fn tangent(&self, input: &Option<Input>) -> Vec3 {
+        input.as_ref().map_or_else(|| self.context.tangent(), |input| self.vector(input))
+    }
+}
+
+impl<'a> Context<'a> {
+    pub fn instance(&self) -> &'a Instance {
+        &self.scene.instances[self.point.instance as usize]
+    }
+
+    pub fn mesh(&self) -> &'a Mesh {
+        &self.scene.meshes[self.point.mesh as usize]
+    }
+
+    /// Evaluates `nodes` in order. `scratch` holds values of bump heights at shifted points.
+    pub fn run(&self, nodes: &[NodeId], values: &mut [Vec4], scratch: &mut [Vec4]) {
+        for &node in nodes {
+            values[node as usize] = self.evaluate(node as usize, values, scratch);
+        }
+    }
+
+    fn evaluate(&self, index: usize, values: &[Vec4], scratch: &mut [Vec4]) -> Vec4 {
+        let node = &self.graph.nodes[index];
+        let known = Known { context: self, values };
+        if let Some(value) = evaluate_pure(node, &known) {
+            return value;
+        }
+        let vector = match node {
+            Node::ImageTexture { texture, vector, interpolation, extension } => {
+                let uv = vector.as_ref().map_or_else(|| self.uv(0), |vector| known.vector(vector));
+                let straight = matches!(self.graph.aids[index], Aid::StraightColor);
+                return self.prepared.textures[*texture].sample(
+                    &self.scene.textures[*texture],
+                    [uv.x, uv.y],
+                    *interpolation,
+                    *extension,
+                    straight,
+                );
+            }
+            Node::TextureCoordinate { kind } => coordinates::coordinate(self, *kind),
+            Node::UvMap { .. } => self.uv(self.attribute(index)),
+            Node::ColorAttribute { .. } => return self.color(self.attribute(index)),
+            Node::Mapping { kind, vector, location, rotation: angles, scale } => {
+                let rotation = match &self.graph.aids[index] {
+                    Aid::Rotation(rotation) => *rotation,
+                    _ => rotation(known.vector(angles)),
+                };
+                let (location, scale) = (known.vector(location), known.vector(scale));
+                coordinates::mapping(*kind, known.vector(vector), location, rotation, scale)
+            }
+            Node::NormalMap { space, strength, color, .. } => {
+                let color = known.vector(color) * 2.0 - 1.0;
+                self.normal_map(*space, self.attribute(index), known.float(strength), color)
+            }
+            Node::Bump { .. } => self.bump(index, values, scratch),
+            Node::Geometry => self.point.shading_normal,
+            Node::ObjectInfo => return Vec4::from(self.instance().color),
+            Node::Fresnel { ior, normal } => {
+                let ior = known.float(ior).max(1e-5);
+                let eta = if self.point.backfacing { 1.0 / ior } else { ior };
+                return Vec4::splat(bsdf::dielectric(known.normal(normal).dot(self.point.wo), eta).0);
+            }
+            Node::LayerWeight { blend, normal } => {
+                return self.layer_weight(known.float(blend), known.normal(normal));
+            }
+            _ => Vec3::ZERO,
+        };
+        vector.extend(1.0)
+    }
+
+    fn attribute(&self, node: usize) -> usize {
+        match self.graph.aids[node] {
+            Aid::Attribute(number) => number,
+            _ => 0,
+        }
+    }
+
+    /// UV coordinates of the active map.
+    pub fn active_uv(&self) -> Vec3 {
+        self.uv(0)
+    }
+
+    /// UV coordinates of the named map with this number; 0 where the mesh lacks it.
+    fn uv(&self, name: usize) -> Vec3 {
+        let Some(map) = self.prepared.uv_map(self.point.mesh, name) else { return Vec3::ZERO };
+        let coords = &self.mesh().uv_maps[map].coords;
+        let uv: Vec2 = self.interpolate(|corner| coords[corner]);
+        uv.extend(0.0)
+    }
+
+    fn color(&self, name: usize) -> Vec4 {
+        let Some(map) = self.prepared.color_attribute(self.point.mesh, name) else { return Vec4::ZERO };
+        let colors = &self.mesh().color_attributes[map].colors;
+        self.interpolate(|corner| Vec4::from(colors[corner]))
+    }
+
+    fn interpolate<T>(&self, at_corner: impl Fn(usize) -> T) -> T
+    where
+        T: std::ops::Mul<f32, Output = T> + std::ops::Add<Output = T>,
+    {
+        let corner = 3 * self.point.triangle as usize;
+        let [u, v] = self.point.barycentrics;
+        at_corner(corner) * (1.0 - u - v) + at_corner(corner + 1) * u + at_corner(corner + 2) * v
+    }
+
+    /// World-space tangent about the z axis of the object's bounding box, as Blender has it without a UV map.
+    fn tangent(&self) -> Vec3 {
+        let generated = coordinates::generated(self);
+        let about_z = Vec3::new(0.5 - generated.y, generated.x - 0.5, 0.0);
+        let normal = self.point.shading_normal;
+        let tangent = self.prepared.world_normal(self.point.instance, about_z);
+        normal.cross(tangent.cross(normal).normalize_or_zero())
+    }
+
+    fn normal_map(&self, space: NormalSpace, uv_map: usize, strength: f32, color: Vec3) -> Vec3 {
+        let point = self.point;
+        let side = if point.backfacing { -1.0 } else { 1.0 };
+        let normal = match space {
+            NormalSpace::Tangent => {
+                let Some(tangents) = self.prepared.tangents(point.mesh, uv_map) else {
+                    return point.shading_normal;
+                };
+                let tangent = self.interpolate(|corner| tangents[corner].truncate());
+                let sign = self.interpolate(|corner| tangents[corner].w);
+                let normal = self.object_normal();
+                let bent = tangent * color.x + normal.cross(tangent) * (sign * color.y) + normal * color.z;
+                self.prepared.world_normal(point.instance, bent)
+            }
+            NormalSpace::Object => self.prepared.world_normal(point.instance, color),
+            NormalSpace::World => color.normalize_or_zero(),
+            NormalSpace::BlenderObject => {
+                self.prepared.world_normal(point.instance, color * Vec3::new(1.0, -1.0, -1.0))
+            }
+            NormalSpace::BlenderWorld => (color * Vec3::new(1.0, -1.0, -1.0)).normalize_or_zero(),
+        };
+        let normal = normal * side;
+        let smooth = point.shading_normal;
+        smooth.lerp(normal, strength.max(0.0)).normalize_or(smooth)
+    }
+
+    /// Interpolated object-space normal, not normalised, on the front whatever the side of the ray.
+    fn object_normal(&self) -> Vec3 {
+        let normals = &self.mesh().corner_normals;
+        if normals.is_empty() {
+            let side = if self.point.backfacing { -1.0 } else { 1.0 };
+            self.prepared.object_normal(self.point.instance, self.point.geometric_normal * side)
+        } else {
+            self.interpolate(|corner| normals[corner])
+        }
+    }
+
+    /// Mikkelsen, "Bump Mapping Unparametrized Surfaces on the GPU" (2010), with heights at points shifted by
+    /// `filter_width` times the ray's footprint.
+    fn bump(&self, index: usize, values: &[Vec4], scratch: &mut [Vec4]) -> Vec3 {
+        let known = Known { context: self, values };
+        let Node::Bump { invert, strength, distance, filter_width, height, normal } =
+            &self.graph.nodes[index]
+        else {
+            return self.point.shading_normal;
+        };
+        let normal = known.normal(normal);
+        let Aid::Height(needed) = &self.graph.aids[index] else { return normal };
+        // Heights within heights would need values of their own; none of Blender's graphs bumps a height.
+        if scratch.is_empty() || needed.is_empty() {
+            return normal;
+        }
+        let step = known.float(filter_width).max(1e-4) * self.point.footprint;
+        let (x, y) = coordinates::footprint_axes(self.point.geometric_normal);
+        let (dx, dy) = (x * step, y * step);
+        let here = known.float(height);
+        let mut height_at = |offset: Vec3| {
+            let point = coordinates::shifted(self, offset);
+            let shifted = Context { point: &point, ..*self };
+            shifted.run(needed, scratch, &mut []);
+            Known { context: &shifted, values: scratch }.float(height)
+        };
+        let (along_x, along_y) = (height_at(dx) - here, height_at(dy) - here);
+        let (rx, ry) = (dy.cross(normal), normal.cross(dx));
+        let determinant = dx.dot(rx);
+        let gradient = (rx * along_x + ry * along_y) * determinant.signum();
+        let distance = known.float(distance) * if *invert { -1.0 } else { 1.0 };
+        let bumped = (normal * determinant.abs() - gradient * distance).normalize_or_zero();
+        if bumped == Vec3::ZERO {
+            return normal;
+        }
+        normal.lerp(bumped, known.float(strength).max(0.0)).normalize_or(normal)
+    }
+
+    fn layer_weight(&self, blend: f32, normal: Vec3) -> Vec4 {
+        let cos = normal.dot(self.point.wo);
+        let eta = (1.0 - blend).max(1e-5);
+        let eta = if self.point.backfacing { eta } else { 1.0 / eta };
+        let fresnel = bsdf::dielectric(cos, eta).0;
+        let exponent = match blend.clamp(0.0, 1.0 - 1e-5) {
+            blend if blend < 0.5 => 2.0 * blend,
+            blend => 0.5 / (1.0 - blend),
+        };
+        let facing = 1.0 - cos.abs().powf(exponent);
+        Vec4::new(fresnel, facing, 0.0, 1.0)
+    }
+}

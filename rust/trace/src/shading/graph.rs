@@ -1,0 +1,262 @@
+//! Shader graphs made ready: constants folded, dead branches cut, and for each closure the list of value nodes that
+//! must be evaluated on the way to it.
+
+use std::collections::BTreeSet;
+
+use glam::{Mat3, Vec3, Vec4};
+use relume_scene::{Input, Material, Node, NodeId, Output};
+
+use super::values::{Inputs, component, evaluate_pure};
+
+/// Most closures that one graph may mix, shared ones counted as often as they are used.
+const MAX_CLOSURE_VISITS: usize = 256;
+
+/// A graph ready to run.
+#[derive(Clone, Debug, Default)]
+pub struct Graph {
+    /// The material's nodes with constant inputs in place of links to constants.
+    pub nodes: Vec<Node>,
+    /// The root closure.
+    pub surface: Option<NodeId>,
+    /// For each closure node, the value nodes to evaluate before it, in order.
+    pub needs: Vec<Vec<NodeId>>,
+    /// What of a node can be computed beforehand.
+    pub aids: Vec<Aid>,
+}
+
+/// Precomputed part of a node.
+#[derive(Clone, Debug, Default)]
+pub enum Aid {
+    /// Nothing.
+    #[default]
+    None,
+    /// Rotation of a Mapping node with a constant one.
+    Rotation(Mat3),
+    /// Number of a named attribute, see [`Names`].
+    Attribute(usize),
+    /// The value nodes that a Bump node's height depends on, in order.
+    Height(Vec<NodeId>),
+    /// Whether an Image Texture node's alpha is in use, so that its colour must not be multiplied by it.
+    StraightColor,
+}
+
+/// Names of attributes that graphs ask for; meshes are searched for each once.
+#[derive(Debug, Default)]
+pub struct Names {
+    /// UV maps; the empty name is the active one.
+    pub uv_maps: Vec<String>,
+    /// UV maps whose tangents are needed: indices into `uv_maps`.
+    pub tangents: BTreeSet<usize>,
+    /// Colour attributes; the empty name is the active one.
+    pub colors: Vec<String>,
+}
+
+fn number_of(names: &mut Vec<String>, name: &str) -> usize {
+    names.iter().position(|known| known == name).unwrap_or_else(|| {
+        names.push(name.into());
+        names.len() - 1
+    })
+}
+
+impl Graph {
+    /// Prepares `material`; links that do not point backwards are cut and named in the second value.
+    pub fn new(material: &Material, names: &mut Names) -> (Self, Vec<String>) {
+        let mut warnings = Vec::new();
+        let mut nodes = material.nodes.clone();
+        cut_forward_links(&mut nodes, &material.name, &mut warnings);
+        fold_constants(&mut nodes);
+        let surface = material.surface.filter(|surface| (*surface as usize) < nodes.len());
+        let scatters_below = |node: &Node| matches!(node, Node::Principled { subsurface_weight, .. } if !is_zero(subsurface_weight));
+        if nodes.iter().any(scatters_below) {
+            warnings.push(format!(
+                "material '{}': subsurface scattering is rendered as diffuse reflection of the same colour",
+                material.name
+            ));
+        }
+        let mut graph = Self { surface, needs: vec![Vec::new(); nodes.len()], aids: Vec::new(), nodes };
+        if let Some(surface) = surface
+            && graph.plan(surface, &BTreeSet::new(), &mut 0).is_none()
+        {
+            warnings.push(format!(
+                "material '{}': more than {MAX_CLOSURE_VISITS} shaders are mixed; it is left black",
+                material.name
+            ));
+            graph.surface = None;
+        }
+        graph.aids = (0..graph.nodes.len()).map(|node| graph.aid(node, names)).collect();
+        (graph, warnings)
+    }
+
+    /// The value nodes that `input` depends on, itself included.
+    fn collect(&self, input: &Input, found: &mut BTreeSet<NodeId>) {
+        if let Input::Link { node, .. } = input
+            && found.insert(*node)
+        {
+            for input in inputs_of(&self.nodes[*node as usize]) {
+                self.collect(&input, found);
+            }
+        }
+    }
+
+    /// The value nodes that a closure and those below it depend on.
+    fn collect_below(&self, closure: NodeId) -> BTreeSet<NodeId> {
+        let mut found = BTreeSet::new();
+        let mut seen = BTreeSet::from([closure]);
+        let mut open = vec![closure];
+        while let Some(closure) = open.pop() {
+            let node = &self.nodes[closure as usize];
+            for input in inputs_of(node) {
+                self.collect(&input, &mut found);
+            }
+            open.extend(children_of(node).into_iter().flatten().filter(|child| seen.insert(*child)));
+        }
+        found
+    }
+
+    /// Decides at which closure each value node is evaluated: where it is used, or where the two sides of a mix that
+    /// both use it part. `available` are those evaluated on the way. Nothing if there are too many.
+    fn plan(&mut self, closure: NodeId, available: &BTreeSet<NodeId>, visits: &mut usize) -> Option<()> {
+        *visits += 1;
+        if *visits > MAX_CLOSURE_VISITS {
+            return None;
+        }
+        let node = &self.nodes[closure as usize];
+        let mut own = BTreeSet::new();
+        for input in inputs_of(node) {
+            self.collect(&input, &mut own);
+        }
+        let children = children_of(node);
+        if let [Some(a), Some(b)] = children {
+            let (below_a, below_b) = (self.collect_below(a), self.collect_below(b));
+            own.extend(below_a.intersection(&below_b));
+        }
+        let mut needs: BTreeSet<NodeId> = own.difference(available).copied().collect();
+        // A closure that is reached in two ways evaluates what either way lacks.
+        needs.extend(&self.needs[closure as usize]);
+        self.needs[closure as usize] = needs.into_iter().collect();
+        let available: BTreeSet<NodeId> = available.union(&own).copied().collect();
+        for child in children.into_iter().flatten() {
+            self.plan(child, &available, visits)?;
+        }
+        Some(())
+    }
+
+    fn aid(&self, node: usize, names: &mut Names) -> Aid {
+        match &self.nodes[node] {
+            Node::Mapping { rotation: Input::Rgb(angles), .. } => {
+                Aid::Rotation(rotation(Vec3::from(*angles)))
+            }
+            Node::Mapping { rotation: Input::Float(angle), .. } => {
+                Aid::Rotation(rotation(Vec3::splat(*angle)))
+            }
+            Node::UvMap { name } => Aid::Attribute(number_of(&mut names.uv_maps, name)),
+            Node::ColorAttribute { name } => Aid::Attribute(number_of(&mut names.colors, name)),
+            Node::NormalMap { uv_map, .. } => {
+                let number = number_of(&mut names.uv_maps, uv_map);
+                names.tangents.insert(number);
+                Aid::Attribute(number)
+            }
+            Node::Bump { height, .. } => {
+                let mut found = BTreeSet::new();
+                self.collect(height, &mut found);
+                Aid::Height(found.into_iter().collect())
+            }
+            Node::ImageTexture { .. } if self.is_used(node as NodeId, Output::Alpha) => Aid::StraightColor,
+            _ => Aid::None,
+        }
+    }
+
+    fn is_used(&self, wanted: NodeId, wanted_output: Output) -> bool {
+        self.nodes.iter().any(|node| {
+            inputs_of(node).iter().any(|input| {
+                matches!(input, Input::Link { node, output } if *node == wanted && *output == wanted_output)
+            })
+        })
+    }
+}
+
+/// Blender's XYZ Euler rotation.
+pub fn rotation(angles: Vec3) -> Mat3 {
+    Mat3::from_rotation_z(angles.z) * Mat3::from_rotation_y(angles.y) * Mat3::from_rotation_x(angles.x)
+}
+
+fn is_zero(input: &Input) -> bool {
+    matches!(input, Input::Float(value) if *value == 0.0)
+}
+
+fn inputs_of(node: &Node) -> Vec<Input> {
+    let mut inputs = Vec::new();
+    node.clone().for_each_input(|input| inputs.push(*input));
+    inputs
+}
+
+fn children_of(node: &Node) -> [Option<NodeId>; 2] {
+    match node {
+        Node::MixShader { factor: Input::Float(factor), a, .. } if *factor <= 0.0 => [*a, None],
+        Node::MixShader { factor: Input::Float(factor), b, .. } if *factor >= 1.0 => [None, *b],
+        Node::MixShader { a, b, .. } | Node::AddShader { a, b } => [*a, *b],
+        _ => [None, None],
+    }
+}
+
+fn cut_forward_links(nodes: &mut [Node], material: &str, warnings: &mut Vec<String>) {
+    for (index, node) in nodes.iter_mut().enumerate() {
+        let mut is_cut = false;
+        node.for_each_input(|input| {
+            if matches!(input, Input::Link { node, .. } if *node as usize >= index) {
+                *input = Input::Float(0.0);
+                is_cut = true;
+            }
+        });
+        if let Node::MixShader { a, b, .. } | Node::AddShader { a, b } = node {
+            for child in [a, b] {
+                if child.is_some_and(|child| child as usize >= index) {
+                    *child = None;
+                    is_cut = true;
+                }
+            }
+        }
+        if is_cut {
+            warnings.push(format!(
+                "material '{material}': node {index} refers to a later node; export it in topological order"
+            ));
+        }
+    }
+}
+
+/// Replaces links to nodes whose inputs are all constant by their values.
+fn fold_constants(nodes: &mut [Node]) {
+    let mut constants: Vec<Option<Vec4>> = vec![None; nodes.len()];
+    for index in 0..nodes.len() {
+        let mut is_constant = true;
+        nodes[index].for_each_input(|input| {
+            if let Input::Link { node, output } = input {
+                match constants[*node as usize].and_then(|value| constant(value, *output)) {
+                    Some(value) => *input = value,
+                    None => is_constant = false,
+                }
+            }
+        });
+        if is_constant {
+            constants[index] = evaluate_pure(&nodes[index], &NoLinks);
+        }
+    }
+}
+
+/// The value of an output as a constant input. Vectors are left to be evaluated, since a constant does not remember
+/// that its conversion to a float is the mean and not the luminance.
+fn constant(value: Vec4, output: Output) -> Option<Input> {
+    match output {
+        Output::Vector | Output::Normal => None,
+        Output::Color => Some(Input::Rgb(value.truncate().to_array())),
+        _ => component(value, output).map(Input::Float),
+    }
+}
+
+struct NoLinks;
+
+impl Inputs for NoLinks {
+    fn link(&self, _node: NodeId, _output: Output) -> Vec4 {
+        Vec4::ZERO
+    }
+}

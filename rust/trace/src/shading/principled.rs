@@ -1,0 +1,265 @@
+//! The Principled BSDF, version 2 (Blender 4.0 and later): layers from sheen down to diffuse, each keeping from those
+//! below what its albedo estimate says.
+
+use glam::Vec3;
+use relume_scene::{Distribution as Model, Node};
+
+use super::closures::{add_microfacet, diffuse, turned};
+use super::evaluate::{Context, Known};
+use super::values::Inputs;
+use crate::bsdf::{
+    Distribution, F82, Frame, Fresnel, Interface, Microfacet, Scatter, Shape, Sheen, Surface, WEIGHT_CUTOFF,
+    dielectric_mean, f0_from_ior, ior_from_f0,
+};
+
+/// The node's inputs at a point, clamped as Cycles clamps them.
+pub struct Parameters {
+    base_color: Vec3,
+    metallic: f32,
+    roughness: f32,
+    diffuse_roughness: f32,
+    ior: f32,
+    alpha: f32,
+    normal: Vec3,
+    subsurface_weight: f32,
+    specular_ior_level: f32,
+    specular_tint: Vec3,
+    anisotropic: f32,
+    tangent: Vec3,
+    transmission_weight: f32,
+    coat_weight: f32,
+    coat_roughness: f32,
+    coat_ior: f32,
+    coat_tint: Vec3,
+    coat_normal: Vec3,
+    sheen_weight: f32,
+    sheen_roughness: f32,
+    sheen_tint: Vec3,
+    emission: Vec3,
+    is_multi_ggx: bool,
+}
+
+impl Parameters {
+    /// Reads the inputs of `node`; nothing if it is another node.
+    pub fn read(node: &Node, known: &Known) -> Option<Self> {
+        let Node::Principled {
+            base_color,
+            metallic,
+            roughness,
+            diffuse_roughness,
+            ior,
+            alpha,
+            normal,
+            subsurface_weight,
+            specular_ior_level,
+            specular_tint,
+            anisotropic,
+            anisotropic_rotation,
+            tangent,
+            transmission_weight,
+            coat_weight,
+            coat_roughness,
+            coat_ior,
+            coat_tint,
+            coat_normal,
+            sheen_weight,
+            sheen_roughness,
+            sheen_tint,
+            emission_color,
+            emission_strength,
+            distribution,
+        } = node
+        else {
+            return None;
+        };
+        let unit = |input| known.float(input).clamp(0.0, 1.0);
+        let positive = |input| known.float(input).max(0.0);
+        let color = |input| known.vector(input).max(Vec3::ZERO);
+        let normal = known.normal(normal);
+        let anisotropic = unit(anisotropic);
+        let tangent = if anisotropic > 0.0 {
+            turned(known.tangent(tangent), normal, known.float(anisotropic_rotation))
+        } else {
+            Vec3::ZERO
+        };
+        Some(Self {
+            base_color: color(base_color),
+            metallic: unit(metallic),
+            roughness: unit(roughness),
+            diffuse_roughness: unit(diffuse_roughness),
+            ior: known.float(ior).max(1e-5),
+            alpha: unit(alpha),
+            normal,
+            subsurface_weight: unit(subsurface_weight),
+            specular_ior_level: positive(specular_ior_level),
+            specular_tint: color(specular_tint),
+            anisotropic,
+            tangent,
+            transmission_weight: unit(transmission_weight),
+            coat_weight: positive(coat_weight),
+            coat_roughness: unit(coat_roughness),
+            coat_ior: known.float(coat_ior).max(1.0),
+            coat_tint: color(coat_tint),
+            coat_normal: known.normal(coat_normal),
+            sheen_weight: positive(sheen_weight),
+            sheen_roughness: unit(sheen_roughness),
+            sheen_tint: color(sheen_tint),
+            emission: known.vector(emission_color) * known.float(emission_strength),
+            is_multi_ggx: *distribution == Model::MultiGgx,
+        })
+    }
+
+    /// Base colour within 0..1, for closures in which more would create energy.
+    fn reflectance(&self) -> Vec3 {
+        self.base_color.min(Vec3::ONE)
+    }
+
+    /// Tangents and the widths along them.
+    fn facets(&self, normal: Vec3) -> (Frame, Distribution) {
+        let alpha = self.roughness * self.roughness;
+        if self.anisotropic > 0.0 {
+            let aspect = (1.0 - self.anisotropic * 0.9).sqrt();
+            let distribution = Distribution {
+                shape: Shape::Ggx,
+                alpha_x: (alpha / aspect).min(1.0),
+                alpha_y: alpha * aspect,
+            };
+            (Frame::from_tangent(normal, self.tangent), distribution)
+        } else {
+            (Frame::from_normal(normal), Distribution { shape: Shape::Ggx, alpha_x: alpha, alpha_y: alpha })
+        }
+    }
+}
+
+/// What is left for the layers below one that reflects `albedo` out of `weight`.
+fn below(albedo: Vec3, weight: Vec3) -> Vec3 {
+    let share = Vec3::select(weight.cmpgt(Vec3::ZERO), albedo / weight, Vec3::ZERO);
+    weight * (1.0 - share.max_element()).clamp(0.0, 1.0)
+}
+
+/// Adds the closures of the node, `weight` of them.
+pub fn add(context: &Context, p: &Parameters, weight: f32, surface: &mut Surface) {
+    let mut weight = Vec3::splat(weight);
+    if p.alpha < 1.0 {
+        surface.add_transparent(weight * (1.0 - p.alpha));
+        weight *= p.alpha;
+    }
+    if p.sheen_weight > WEIGHT_CUTOFF {
+        weight = add_sheen(p, weight, surface);
+    }
+    if p.coat_weight > WEIGHT_CUTOFF {
+        weight = add_coat(context, p, weight, surface);
+    }
+    if p.emission != Vec3::ZERO {
+        surface.add_emission(p.emission * weight);
+    }
+    let normal = context.specular_normal(p.normal);
+    if p.metallic > WEIGHT_CUTOFF {
+        add_metal(p, weight * p.metallic, normal, surface);
+        weight *= 1.0 - p.metallic;
+    }
+    if p.transmission_weight > WEIGHT_CUTOFF {
+        add_glass(context, p, weight * p.transmission_weight, normal, surface);
+        weight *= 1.0 - p.transmission_weight;
+    }
+    if weight.max_element() <= 0.0 {
+        return;
+    }
+    weight = add_specular(p, weight, normal, surface);
+    // Subsurface scattering is taken for diffuse reflection of the same albedo.
+    let color = p.base_color.lerp(p.reflectance(), p.subsurface_weight);
+    let scatter = diffuse(p.normal, p.diffuse_roughness, p.base_color, context.point.wo);
+    surface.add(color * weight, p.normal, scatter);
+}
+
+fn add_sheen(p: &Parameters, weight: Vec3, surface: &mut Surface) -> Vec3 {
+    let normal = p.normal.lerp(p.coat_normal, p.coat_weight.clamp(0.0, 1.0)).normalize_or(p.normal);
+    let Some((sheen, albedo)) = Sheen::new(normal, p.sheen_roughness, surface.wo()) else { return weight };
+    let own = weight * p.sheen_tint * (p.sheen_weight * albedo);
+    match surface.add(own, normal, Scatter::Sheen(sheen)) {
+        Some(closure) => below(closure.weight, weight),
+        None => weight,
+    }
+}
+
+fn add_coat(context: &Context, p: &Parameters, weight: Vec3, surface: &mut Surface) -> Vec3 {
+    let normal = context.specular_normal(p.coat_normal);
+    let alpha = p.coat_roughness * p.coat_roughness;
+    let model = Microfacet {
+        distribution: Distribution { shape: Shape::Ggx, alpha_x: alpha, alpha_y: alpha },
+        interface: Interface::Reflection,
+        ior: p.coat_ior,
+        fresnel: Fresnel::Dielectric,
+        frame: Frame::from_normal(normal),
+        energy_scale: 1.0,
+    };
+    let mean = Vec3::splat(dielectric_mean(p.coat_ior));
+    let albedo = add_microfacet(surface, weight * p.coat_weight, normal, model, Some(mean));
+    let weight = below(albedo, weight);
+    if p.coat_tint == Vec3::ONE {
+        return weight;
+    }
+    // Beer's law for a layer whose tint is given for the perpendicular path.
+    let cos = context.point.wo.dot(normal);
+    let cos_inside = (1.0 - (1.0 - cos * cos) / (p.coat_ior * p.coat_ior)).max(1e-6).sqrt();
+    let absorbed = p.coat_tint.powf(1.0 / cos_inside);
+    weight * Vec3::ONE.lerp(absorbed, p.coat_weight)
+}
+
+fn add_metal(p: &Parameters, weight: Vec3, normal: Vec3, surface: &mut Surface) {
+    let (frame, distribution) = p.facets(normal);
+    let metal = F82::new(p.reflectance(), p.specular_tint.min(Vec3::ONE));
+    let model = Microfacet {
+        distribution,
+        interface: Interface::Reflection,
+        ior: 1.0,
+        fresnel: Fresnel::Metal(metal),
+        frame,
+        energy_scale: 1.0,
+    };
+    add_microfacet(surface, weight, normal, model, p.is_multi_ggx.then(|| metal.mean()));
+}
+
+fn add_glass(context: &Context, p: &Parameters, weight: Vec3, normal: Vec3, surface: &mut Surface) {
+    let alpha = p.roughness * p.roughness;
+    let tint = p.reflectance().map(f32::sqrt);
+    let f0 = (p.specular_tint * f0_from_ior(p.ior)).clamp(Vec3::ZERO, Vec3::ONE);
+    let model = Microfacet {
+        distribution: Distribution { shape: Shape::Ggx, alpha_x: alpha, alpha_y: alpha },
+        interface: Interface::Glass,
+        ior: if context.point.backfacing { 1.0 / p.ior } else { p.ior },
+        fresnel: Fresnel::Tinted { f0, reflection: Vec3::ONE, transmission: tint },
+        frame: Frame::from_normal(normal),
+        energy_scale: 1.0,
+    };
+    add_microfacet(surface, weight, normal, model, p.is_multi_ggx.then_some(tint));
+}
+
+fn add_specular(p: &Parameters, weight: Vec3, normal: Vec3, surface: &mut Surface) -> Vec3 {
+    let mut eta = p.ior;
+    let mut f0 = f0_from_ior(eta);
+    if p.specular_ior_level != 0.5 {
+        f0 *= 2.0 * p.specular_ior_level;
+        eta = ior_from_f0(f0);
+        if p.ior < 1.0 {
+            eta = 1.0 / eta;
+        }
+    }
+    if eta == 1.0 {
+        return weight;
+    }
+    let f0 = (p.specular_tint * f0).clamp(Vec3::ZERO, Vec3::ONE);
+    let (frame, distribution) = p.facets(normal);
+    let model = Microfacet {
+        distribution,
+        interface: Interface::Reflection,
+        ior: eta,
+        fresnel: Fresnel::Tinted { f0, reflection: Vec3::ONE, transmission: Vec3::ZERO },
+        frame,
+        energy_scale: 1.0,
+    };
+    let real_f0 = f0_from_ior(eta);
+    let rise = ((dielectric_mean(eta) - real_f0) / (1.0 - real_f0)).clamp(0.0, 1.0);
+    let mean = f0 + (1.0 - f0) * rise;
+    below(add_microfacet(surface, weight, normal, model, p.is_multi_ggx.then_some(mean)), weight)
+}

@@ -1,0 +1,136 @@
+//! Values of nodes that depend on nothing but their inputs, and how inputs are read.
+
+use glam::{Vec3, Vec4};
+use relume_scene::{Input, MixData, Node, NodeId, Output};
+
+use super::{color, math};
+
+/// A node's outputs in four numbers: colour or vector in xyz and alpha in w. A float is in every component, Layer
+/// Weight has its Fresnel and facing outputs in x and y.
+pub trait Inputs {
+    /// The four numbers of a linked node. Outputs that are read from the geometry have them in place of the node's.
+    fn link(&self, node: NodeId, output: Output) -> Vec4;
+
+    /// An input read as a float, with Blender's conversions.
+    fn float(&self, input: &Input) -> f32 {
+        match input {
+            Input::Float(value) => *value,
+            Input::Rgb(rgb) => color::luminance(Vec3::from(*rgb)),
+            Input::Link { node, output } => {
+                let value = self.link(*node, *output);
+                component(value, *output).unwrap_or_else(|| match output {
+                    Output::Color => color::luminance(value.truncate()),
+                    _ => value.truncate().element_sum() / 3.0,
+                })
+            }
+        }
+    }
+
+    /// An input read as a colour or vector.
+    fn vector(&self, input: &Input) -> Vec3 {
+        match input {
+            Input::Float(value) => Vec3::splat(*value),
+            Input::Rgb(rgb) => Vec3::from(*rgb),
+            Input::Link { node, output } => {
+                let value = self.link(*node, *output);
+                component(value, *output).map_or(value.truncate(), Vec3::splat)
+            }
+        }
+    }
+}
+
+/// The float that an output is; nothing if it is a colour or a vector.
+pub fn component(value: Vec4, output: Output) -> Option<f32> {
+    match output {
+        Output::Value
+        | Output::Fresnel
+        | Output::X
+        | Output::Backfacing
+        | Output::ObjectIndex
+        | Output::MaterialIndex
+        | Output::Random => Some(value.x),
+        Output::Facing | Output::Y => Some(value.y),
+        Output::Z => Some(value.z),
+        Output::Alpha => Some(value.w),
+        Output::Color
+        | Output::Vector
+        | Output::Normal
+        | Output::Position
+        | Output::TrueNormal
+        | Output::Incoming
+        | Output::Tangent
+        | Output::Location => None,
+    }
+}
+
+fn clamp_if(condition: bool, value: Vec3) -> Vec3 {
+    if condition { value.clamp(Vec3::ZERO, Vec3::ONE) } else { value }
+}
+
+/// The value of a node that depends on its inputs alone; nothing for other nodes and for closures.
+pub fn evaluate_pure(node: &Node, inputs: &impl Inputs) -> Option<Vec4> {
+    let float = |input| inputs.float(input);
+    let vector = |input| inputs.vector(input);
+    let saturated = |value: f32| Vec4::splat(value.clamp(0.0, 1.0));
+    let value = match node {
+        Node::Mix { data, blend, clamp_factor, clamp_result, factor, a, b } => match data {
+            MixData::VectorNonUniform => {
+                let t = clamp_if(*clamp_factor, vector(factor));
+                (vector(a) * (1.0 - t) + vector(b) * t).extend(1.0)
+            }
+            _ => {
+                let t = float(factor);
+                let t = if *clamp_factor { t.clamp(0.0, 1.0) } else { t };
+                match data {
+                    MixData::Float => Vec4::splat(float(a) * (1.0 - t) + float(b) * t),
+                    MixData::Color => {
+                        clamp_if(*clamp_result, color::blend(*blend, t, vector(a), vector(b))).extend(1.0)
+                    }
+                    _ => vector(a).lerp(vector(b), t).extend(1.0),
+                }
+            }
+        },
+        Node::Math { operation, clamp, a, b, c } => {
+            let value = math::math(*operation, float(a), float(b), float(c));
+            if *clamp { saturated(value) } else { Vec4::splat(value) }
+        }
+        Node::VectorMath { operation, a, b, c, scale } => {
+            let value = math::vector_math(*operation, vector(a), vector(b), vector(c), float(scale));
+            value.extend(value.x)
+        }
+        Node::MapRange { interpolation, clamp, value, from_min, from_max, to_min, to_max, steps } => {
+            let from = [float(from_min), float(from_max)];
+            let to = [float(to_min), float(to_max)];
+            Vec4::splat(math::map_range(*interpolation, *clamp, float(value), from, to, float(steps)))
+        }
+        Node::Clamp { range, value, min, max } => {
+            let (min, max) = (float(min), float(max));
+            let (min, max) = if *range { (min.min(max), min.max(max)) } else { (min, max) };
+            Vec4::splat(float(value).max(min).min(max))
+        }
+        Node::ColorRamp { factor, ramp } => color::lookup(ramp, float(factor)),
+        Node::RgbCurves { factor, color, curves } => {
+            color::curves(curves, float(factor), vector(color)).extend(1.0)
+        }
+        Node::HueSaturation { hue, saturation, value, factor, color } => {
+            color::hue_saturation(vector(color), float(hue), float(saturation), float(value), float(factor))
+                .extend(1.0)
+        }
+        Node::BrightContrast { color, bright, contrast } => {
+            color::bright_contrast(vector(color), float(bright), float(contrast)).extend(1.0)
+        }
+        Node::Gamma { color, gamma } => color::gamma(vector(color), float(gamma)).extend(1.0),
+        Node::Invert { factor, color } => {
+            let color = vector(color);
+            color.lerp(1.0 - color, float(factor)).extend(1.0)
+        }
+        Node::SeparateColor { mode, color } => color::separate(*mode, vector(color)).extend(1.0),
+        Node::CombineColor { mode, a, b, c } => {
+            color::combine(*mode, Vec3::new(float(a), float(b), float(c))).extend(1.0)
+        }
+        Node::SeparateXyz { vector: v } => vector(v).extend(1.0),
+        Node::CombineXyz { x, y, z } => Vec4::new(float(x), float(y), float(z), 1.0),
+        _ => return None,
+    };
+    Some(value)
+}
