@@ -107,8 +107,9 @@ struct Image<'a> {
 
 impl Image<'_> {
     fn filter(&self, uv: [f32; 2], interpolation: Interpolation) -> Vec4 {
-        // Coordinates far outside lose their fraction anyway; the bound keeps indices in range.
-        let place = |x: f32, size: usize| (x * size as f32).clamp(-1e9, 1e9);
+        // Coordinates far outside lose their fraction anyway; the bounds keep indices in range and end what is not a
+        // number.
+        let place = |x: f32, size: usize| (x * size as f32).max(-1e9).min(1e9);
         let (x, y) = (place(uv[0], self.width), place(uv[1], self.height));
         match interpolation {
             Interpolation::Closest => self.texel(x.floor() as i64, y.floor() as i64),
