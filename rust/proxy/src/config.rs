@@ -19,8 +19,10 @@ pub struct TrainConfig {
     pub batch_start: usize,
     /// Samples a step at the end; doubles on the way.
     pub batch_end: usize,
-    /// Different lights for which each drawn pixel is gathered; 4 is a good value.
+    /// Different lights for which each drawn pixel is gathered: 1, 2, 4, 8, 16 or 32.
     pub lights_per_pixel: usize,
+    /// Let outputs follow the light's area, so that small lights count as much as large ones in the loss.
+    pub scale_by_area: bool,
     /// Learning rates.
     pub rates: LearningRates,
     /// Use Muon (orthogonalised momentum) for hidden matrices; Adam for all if false.
@@ -140,7 +142,8 @@ impl TrainConfig {
             samples: 32 << 20,
             batch_start: 4096,
             batch_end: 16_384,
-            lights_per_pixel: 4,
+            lights_per_pixel: 8,
+            scale_by_area: true,
             rates: LearningRates { adam: 8e-3, muon: 8e-3, grid: 1e-2, final_fraction: 0.01 },
             muon: true,
             ema_decay: 0.99,
@@ -158,6 +161,7 @@ impl TrainConfig {
             },
             targets: TargetMode::Pool { size: 300, replace: 2, every: 5, denoised: true },
             rates: LearningRates { adam: 2e-3, muon: 0.0, grid: 1e-2, final_fraction: 0.01 },
+            scale_by_area: false,
             muon: false,
             ema_decay: 0.0,
             ..Self::fast(size)
@@ -190,7 +194,10 @@ impl TrainConfig {
             (in_range(self.size.min, 1e-6, self.size.max), "size.min must be above 0 and at most size.max"),
             (self.size.max.is_finite(), "size.max must be finite"),
             (self.samples > 0, "samples must be above 0"),
-            ((1..=64).contains(&self.lights_per_pixel), "lights_per_pixel must be 1 to 64"),
+            (
+                matches!(self.lights_per_pixel, 1 | 2 | 4 | 8 | 16 | 32),
+                "lights_per_pixel must be 1, 2, 4, 8, 16 or 32",
+            ),
             (batch_ok(self.batch_start) && batch_ok(self.batch_end), "batches must be 1024 to 4194304"),
             (self.batch_start <= self.batch_end, "batch_start must not be above batch_end"),
             (in_range(self.rates.adam, 0.0, 1.0), "rates.adam must be 0 to 1"),
