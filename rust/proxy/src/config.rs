@@ -131,6 +131,32 @@ pub enum TargetMode {
     },
 }
 
+impl NetworkConfig {
+    /// Checks every field; the message names it and what it may be.
+    pub(crate) fn validate(&self) -> Result<(), String> {
+        let (Self::Reference { width, layers, grid } | Self::Fast { width, layers, grid }) = self;
+        let checks = [
+            ((1..=2048).contains(width), "network width must be 1 to 2048"),
+            ((1..=64).contains(layers), "network layers must be 1 to 64"),
+            ((1..=32).contains(&grid.levels), "grid levels must be 1 to 32"),
+            (
+                matches!(grid.features_per_level, 1 | 2 | 4 | 8),
+                "grid features_per_level must be 1, 2, 4 or 8",
+            ),
+            ((4..=24).contains(&grid.log2_hashmap_size), "grid log2_hashmap_size must be 4 to 24"),
+            ((1..=65_536).contains(&grid.base_resolution), "grid base_resolution must be 1 to 65536"),
+            (
+                in_range(grid.finest_cells_per_pixel, 1e-3, 4.0),
+                "grid finest_cells_per_pixel must be 0.001 to 4",
+            ),
+        ];
+        match checks.iter().find(|(ok, _)| !ok) {
+            Some((_, message)) => Err((*message).to_owned()),
+            None => Ok(()),
+        }
+    }
+}
+
 impl TrainConfig {
     /// The default: the fast network on raw targets.
     pub fn fast(size: SizeRange) -> Self {
@@ -173,24 +199,8 @@ impl TrainConfig {
     /// # Errors
     /// [`ProxyError::Config`] names the field and what it may be.
     pub fn validate(&self, kind: LightKind) -> Result<(), ProxyError> {
-        let (width, layers, grid) = match &self.network {
-            NetworkConfig::Reference { width, layers, grid }
-            | NetworkConfig::Fast { width, layers, grid } => (*width, *layers, grid),
-        };
+        self.network.validate().map_err(ProxyError::Config)?;
         let checks = [
-            ((1..=2048).contains(&width), "network width must be 1 to 2048"),
-            ((1..=64).contains(&layers), "network layers must be 1 to 64"),
-            ((1..=32).contains(&grid.levels), "grid levels must be 1 to 32"),
-            (
-                matches!(grid.features_per_level, 1 | 2 | 4 | 8),
-                "grid features_per_level must be 1, 2, 4 or 8",
-            ),
-            ((4..=24).contains(&grid.log2_hashmap_size), "grid log2_hashmap_size must be 4 to 24"),
-            ((1..=65_536).contains(&grid.base_resolution), "grid base_resolution must be 1 to 65536"),
-            (
-                in_range(grid.finest_cells_per_pixel, 1e-3, 4.0),
-                "grid finest_cells_per_pixel must be 0.001 to 4",
-            ),
             (in_range(self.size.min, 1e-6, self.size.max), "size.min must be above 0 and at most size.max"),
             (self.size.max.is_finite(), "size.max must be finite"),
             (self.samples > 0, "samples must be above 0"),

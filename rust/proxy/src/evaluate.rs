@@ -112,10 +112,10 @@ impl<N: Network> Evaluator<N> {
                         self.collect(pixels, encoded);
                         let mut d_of = |y: &[f32], d: &mut [f32]| {
                             for (lane, d_pixel) in d_pixels.iter().enumerate() {
-                                for channel in 0..3 {
+                                for (channel, d_value) in d_pixel.iter().enumerate() {
                                     let at = channel * LANES + lane;
-                                    d[at] = scale * d_pixel[channel];
-                                    by_scale += y[at].max(0.0) * d_pixel[channel];
+                                    d[at] = scale * d_value;
+                                    by_scale += y[at].max(0.0) * d_value;
                                 }
                             }
                         };

@@ -130,7 +130,7 @@ fn orthogonalise(isa: Isa, x: &mut AlignedVec, size: usize) {
     const B: f32 = -4.7750;
     const C: f32 = 2.0315;
     let norm = x.iter().map(|x| x * x).sum::<f32>().sqrt();
-    if !(norm > 1e-30) {
+    if norm.is_nan() || norm < 1e-30 {
         x.fill(0.0);
         return;
     }

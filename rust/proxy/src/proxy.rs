@@ -23,7 +23,7 @@ pub struct ProxyInfo {
     pub image: [usize; 2],
     /// Sizes of the training lights, metres.
     pub size: SizeRange,
-    /// Least and greatest value of each light parameter seen in training.
+    /// Least and greatest value of each light parameter seen in training; empty before the first step.
     pub trained_ranges: Vec<[f32; 2]>,
     /// How inputs are normalised.
     pub normalisation: Normalisation,
@@ -68,8 +68,8 @@ impl std::fmt::Debug for Proxy {
 }
 
 enum Engine {
-    Reference(Evaluator<ReferenceNetwork>),
-    Fast(Evaluator<FastNetwork>),
+    Reference(Box<Evaluator<ReferenceNetwork>>),
+    Fast(Box<Evaluator<FastNetwork>>),
 }
 
 macro_rules! with_evaluator {
@@ -90,11 +90,11 @@ impl Proxy {
         let engine = match &info.network {
             NetworkConfig::Reference { width, layers, grid } => {
                 let network = ReferenceNetwork::new(*width, *layers, grid, info.image, light);
-                Engine::Reference(Evaluator::new(network, params, scene, count, isa))
+                Engine::Reference(Box::new(Evaluator::new(network, params, scene, count, isa)))
             }
             NetworkConfig::Fast { width, layers, grid } => {
                 let network = FastNetwork::new(*width, *layers, grid, info.image, light);
-                Engine::Fast(Evaluator::new(network, params, scene, count, isa))
+                Engine::Fast(Box::new(Evaluator::new(network, params, scene, count, isa)))
             }
         };
         Self { info: Arc::new(info), features, engine: Arc::new(engine) }

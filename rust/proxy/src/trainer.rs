@@ -105,7 +105,7 @@ impl Trainer {
             samples: 0,
             pool_made: 0,
             output_scale: None,
-            trained_ranges: vec![[f32::INFINITY, f32::NEG_INFINITY]; kind.param_count()],
+            trained_ranges: Vec::new(),
             scores: None,
         };
         Ok(Self {
@@ -221,9 +221,13 @@ impl Trainer {
 
     /// The proxy as it stands, from the running mean of weights.
     pub fn proxy(&self) -> Proxy {
+        Proxy::new(self.info(), Arc::clone(&self.features), self.proxy_params().to_vec())
+    }
+
+    /// The weights that a proxy is made of.
+    pub(crate) fn proxy_params(&self) -> &[f32] {
         let averaged = self.config.ema_decay > 0.0 && self.state.step >= EMA_EVERY;
-        let params = if averaged { &self.state.mean } else { &self.state.params };
-        Proxy::new(self.info(), Arc::clone(&self.features), params.clone())
+        if averaged { &self.state.mean } else { &self.state.params }
     }
 
     /// Measures the proxy as it stands on lights that training never sees, whose images are gathered (and denoised, if
@@ -252,7 +256,7 @@ impl Trainer {
         }
         scores.psnr /= scores.lights as f32;
         scores.smape /= scores.lights as f32;
-        self.state.scores = Some(scores);
+        self.state.scores = (scores.psnr.is_finite() && scores.smape.is_finite()).then_some(scores);
         Ok(scores)
     }
 
@@ -312,6 +316,9 @@ impl Trainer {
     }
 
     fn widen_ranges(&mut self, lights: &[LightParams]) {
+        if self.state.trained_ranges.is_empty() {
+            self.state.trained_ranges = lights[0].as_slice().iter().map(|value| [*value; 2]).collect();
+        }
         for light in lights {
             for (range, value) in self.state.trained_ranges.iter_mut().zip(light.as_slice()) {
                 *range = [range[0].min(*value), range[1].max(*value)];
@@ -370,3 +377,6 @@ fn middling_area(kind: LightKind, config: &TrainConfig) -> f32 {
     };
     emitting_area(&light).value
 }
+
+#[cfg(test)]
+mod tests;
