@@ -1,7 +1,7 @@
 //! From a scene to a path dump: all passes, all tiles, all cores.
 
 use std::sync::{
-    Mutex, PoisonError,
+    Arc, Mutex, PoisonError,
     atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering},
 };
 
@@ -69,7 +69,7 @@ pub struct Progress {
 #[derive(Default)]
 pub struct Control<'a> {
     /// Set to stop; looked at after every pixel.
-    pub cancel: AtomicBool,
+    pub cancel: Arc<AtomicBool>,
     /// Called after every shard, one call at a time.
     pub on_progress: Option<Box<dyn Fn(Progress) + Sync + Send + 'a>>,
 }

@@ -1,7 +1,6 @@
 //! Tests on hand-built dumps.
 
 mod closed_form;
-mod images;
 mod kernels;
 
 use glam::Vec3;

@@ -1,0 +1,58 @@
+use std::path::PathBuf;
+
+/// Why a stage stopped. Each message names the file, object or option, and what to do next.
+#[derive(Debug, thiserror::Error)]
+pub enum SessionError {
+    /// The caller asked to stop; what is complete has been kept.
+    #[error("stopped; start it again with --resume to go on")]
+    Cancelled,
+    /// A file or folder could not be read or written.
+    #[error("cannot {action}: {source} ({})", path.display())]
+    Io {
+        /// What was tried, in words.
+        action: &'static str,
+        /// File or folder.
+        path: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// A light set cannot be used.
+    #[error("light set {}: {reason}", path.display())]
+    Lights {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+    /// A setting cannot be used.
+    #[error("{0}")]
+    Settings(String),
+    /// Tracer.
+    #[error(transparent)]
+    Trace(#[from] relume_trace::TraceError),
+    /// Dump.
+    #[error(transparent)]
+    Dump(#[from] relume_dump::DumpError),
+    /// Picture.
+    #[error(transparent)]
+    Image(#[from] relume_image::ImageError),
+    /// Proxy.
+    #[error(transparent)]
+    Proxy(#[from] relume_proxy::ProxyError),
+    /// Solver.
+    #[error(transparent)]
+    Optimise(#[from] relume_optimise::OptimiseError),
+    /// OBJ file.
+    #[error(transparent)]
+    Obj(#[from] relume_scene::ObjError),
+    /// Scene.
+    #[error(transparent)]
+    Scene(#[from] relume_scene::BuildError),
+}
+
+impl SessionError {
+    pub(crate) fn io(action: &'static str, path: &std::path::Path) -> impl FnOnce(std::io::Error) -> Self {
+        let path = path.to_path_buf();
+        move |source| Self::Io { action, path, source }
+    }
+}

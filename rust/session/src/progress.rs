@@ -1,0 +1,204 @@
+use serde::Serialize;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Instant;
+
+/// What is being done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Stage {
+    /// Preparing the scene: BVH, textures.
+    Prepare,
+    /// Tracing paths.
+    Trace,
+    /// Summing lights over the dump.
+    Gather,
+    /// Training a proxy.
+    Train,
+    /// Measuring a proxy against gathers.
+    Measure,
+    /// Writing pictures.
+    Write,
+    /// Solving lights.
+    Optimise,
+    /// Checking files.
+    Validate,
+    /// Measuring speed.
+    Bench,
+}
+
+/// One report of a running stage.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Progress {
+    /// What is being done.
+    pub stage: Stage,
+    /// Units done, of `total`.
+    pub done: u64,
+    /// All units of the stage.
+    pub total: u64,
+    /// Seconds since the stage began.
+    pub elapsed_s: f64,
+    /// Seconds to the end at the pace so far; none before there is a pace.
+    pub remaining_s: Option<f64>,
+    /// What to tell the user; may be empty.
+    pub message: String,
+}
+
+/// A request to stop, shared by all who hold a clone. Work ends after its current unit, with all complete units kept.
+#[derive(Clone, Debug, Default)]
+pub struct Cancel(Arc<AtomicBool>);
+
+impl Cancel {
+    /// Asks to stop.
+    pub fn request(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether it has been asked.
+    pub fn requested(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+
+    /// The flag itself, for signal handlers and other crates.
+    pub fn flag(&self) -> &Arc<AtomicBool> {
+        &self.0
+    }
+}
+
+/// Receives reports and warnings; called from worker threads.
+pub trait Listener: Send + Sync {
+    /// A stage went on.
+    fn progress(&self, progress: &Progress);
+    /// Something was left out or replaced; in words for the user.
+    fn warning(&self, message: &str);
+}
+
+/// Tells nobody.
+struct Silence;
+
+impl Listener for Silence {
+    fn progress(&self, _: &Progress) {}
+    fn warning(&self, _: &str) {}
+}
+
+/// How long work talks to its caller: it reports to a listener and obeys a cancel flag.
+#[derive(Clone)]
+pub struct Monitor {
+    listener: Arc<dyn Listener>,
+    cancel: Cancel,
+}
+
+impl Default for Monitor {
+    fn default() -> Self {
+        Self::new(Arc::new(Silence), Cancel::default())
+    }
+}
+
+impl Monitor {
+    /// Reports to `listener`, stops on `cancel`.
+    pub fn new(listener: Arc<dyn Listener>, cancel: Cancel) -> Self {
+        Self { listener, cancel }
+    }
+
+    /// The cancel flag.
+    pub fn cancel(&self) -> &Cancel {
+        &self.cancel
+    }
+
+    /// Whether to stop.
+    pub fn cancelled(&self) -> bool {
+        self.cancel.requested()
+    }
+
+    /// Passes a warning on.
+    pub fn warn(&self, message: &str) {
+        self.listener.warning(message);
+    }
+
+    /// Starts a stage of `total` units, of which `done` were there before (resumed work does not count for the pace).
+    pub fn stage(&self, stage: Stage, done: u64, total: u64) -> StageProgress {
+        let progress = StageProgress {
+            monitor: self.clone(),
+            stage,
+            total,
+            first: done,
+            done: AtomicU64::new(done),
+            start: Instant::now(),
+        };
+        progress.report("");
+        progress
+    }
+}
+
+/// A running stage. Shared by worker threads.
+pub struct StageProgress {
+    monitor: Monitor,
+    stage: Stage,
+    total: u64,
+    first: u64,
+    done: AtomicU64,
+    start: Instant,
+}
+
+impl StageProgress {
+    /// Some more units are done.
+    pub fn advance(&self, units: u64, message: &str) {
+        self.done.fetch_add(units, Ordering::Relaxed);
+        self.report(message);
+    }
+
+    /// So many units are done now.
+    pub fn set(&self, done: u64, message: &str) {
+        self.done.store(done, Ordering::Relaxed);
+        self.report(message);
+    }
+
+    fn report(&self, message: &str) {
+        let done = self.done.load(Ordering::Relaxed);
+        let elapsed_s = self.start.elapsed().as_secs_f64();
+        let fresh = done.saturating_sub(self.first);
+        let left = self.total.saturating_sub(done);
+        let remaining_s = (fresh > 0).then(|| elapsed_s * left as f64 / fresh as f64);
+        let (stage, total) = (self.stage, self.total);
+        let progress = Progress { stage, done, total, elapsed_s, remaining_s, message: message.into() };
+        self.monitor.listener.progress(&progress);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::Mutex;
+
+    #[derive(Default)]
+    struct Record(Mutex<Vec<Progress>>);
+
+    impl Listener for Record {
+        fn progress(&self, progress: &Progress) {
+            self.0.lock().unwrap().push(progress.clone());
+        }
+        fn warning(&self, _: &str) {}
+    }
+
+    #[test]
+    fn resumed_units_do_not_make_the_rest_look_quick() {
+        let record = Arc::new(Record::default());
+        let stage = Monitor::new(record.clone(), Cancel::default()).stage(Stage::Trace, 90, 100);
+        std::thread::sleep(std::time::Duration::from_millis(20));
+        stage.advance(1, "tile 91");
+        let reports = record.0.lock().unwrap();
+        assert_eq!((reports[0].done, reports[0].remaining_s), (90, None));
+        let remaining = reports[1].remaining_s.unwrap();
+        // One unit took the elapsed time, nine are left.
+        assert!((remaining / reports[1].elapsed_s - 9.0).abs() < 1e-6 && remaining >= 0.18);
+    }
+
+    #[test]
+    fn clones_share_the_cancel_flag() {
+        let cancel = Cancel::default();
+        let monitor = Monitor::new(Arc::new(Silence), cancel.clone());
+        assert!(!monitor.cancelled());
+        cancel.request();
+        assert!(monitor.cancelled());
+    }
+}
