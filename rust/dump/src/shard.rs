@@ -273,23 +273,26 @@ impl Shard {
 
     /// The segments of one pixel, decoded one by one: clear, not fast. Records with illegal flags are left out.
     pub fn segments(&self, pixel: usize) -> impl Iterator<Item = DecodedSegment> + '_ {
-        let camera = self.camera_position();
-        let mut origin = camera;
         let mut paths = 0u32;
         self.pixel(pixel).filter_map(move |record| {
-            let (end, flags) = self.decode(record);
-            if flags.path_start() {
-                origin = camera;
-                paths += 1;
-            }
-            let start = origin;
-            if let End::Vertex(vertex) = end {
-                origin = vertex;
-            }
-            flags.lobe()?;
-            let throughput = packing::decode_rgb9e5(self.throughput()[record]);
-            Some(DecodedSegment { origin: start, end, throughput, flags, path: paths.saturating_sub(1) })
+            paths += u32::from(self.decode(record).1.path_start());
+            let segment = self.segment(record)?;
+            Some(DecodedSegment { path: paths.saturating_sub(1), ..segment })
         })
+    }
+
+    /// The segment of a record, with `path` 0; `None` for origin records and illegal flags.
+    pub fn segment(&self, record: usize) -> Option<DecodedSegment> {
+        let (end, flags) = self.decode(record);
+        flags.lobe()?;
+        let before = (!flags.path_start() && record > 0).then(|| self.decode(record - 1).0);
+        let origin = match before {
+            Some(End::Vertex(vertex)) => vertex,
+            // Only in a damaged shard does a path go on after it has escaped.
+            Some(End::Escape(_)) | None => self.camera_position(),
+        };
+        let throughput = packing::decode_rgb9e5(self.throughput()[record]);
+        Some(DecodedSegment { origin, end, throughput, flags, path: 0 })
     }
 
     fn decode(&self, record: usize) -> (End, Flags) {

@@ -1,6 +1,6 @@
 use glam::Vec3;
 use rayon::prelude::*;
-use relume_dump::{Dump, Shard};
+use relume_dump::Dump;
 use relume_image::Image;
 use relume_scene::Light;
 
@@ -15,7 +15,9 @@ use crate::{GatherError, Half};
 /// Results do not depend on the number of threads or the instruction set.
 #[derive(Clone, Debug)]
 pub struct Gather {
-    dump: Dump,
+    pub(crate) dump: Dump,
+    /// Box around all vertices.
+    pub(crate) bounds: (Vec3, Vec3),
     floor: f32,
     isa: Isa,
 }
@@ -25,7 +27,9 @@ impl Gather {
     /// enough for smaller lights.
     pub fn new(dump: Dump) -> Self {
         let step = dump.shards().map(|shard| shard.grid().step().max_element()).fold(0.0, f32::max);
-        Self { dump, floor: 4.0 * step, isa: Isa::detect() }
+        let boxes = dump.shards().map(|shard| (shard.grid().min, shard.grid().max));
+        let bounds = boxes.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or_default();
+        Self { dump, bounds, floor: 4.0 * step, isa: Isa::detect() }
     }
 
     /// Raises the radius floor, in metres: less noise from tiny lights, at the price of a wider penumbra.
@@ -72,19 +76,22 @@ impl Gather {
         let manifest = self.dump.manifest();
         let tiles: Vec<_> =
             (0..manifest.tile_count()).into_par_iter().map(|tile| self.tile(tile, lights, half)).collect();
-        let image = |light: usize| {
-            let mut image = Image::new(manifest.width, manifest.height, 3);
-            for (tile, sums) in tiles.iter().enumerate() {
-                let rect = manifest.tile_rect(tile);
-                let pixels = &sums[light * rect.pixel_count()..][..rect.pixel_count()];
-                for (row, pixels) in pixels.chunks_exact(rect.width).enumerate() {
-                    let start = ((rect.y + row) * manifest.width + rect.x) * 3;
-                    image.data[start..start + rect.width * 3].copy_from_slice(pixels.as_flattened());
-                }
+        (0..lights.len()).into_par_iter().map(|light| self.assemble(&tiles, light)).collect()
+    }
+
+    /// The image of one of several lights from the values of all tiles, light by light, then pixel by pixel.
+    pub(crate) fn assemble(&self, tiles: &[Vec<[f32; 3]>], light: usize) -> Image {
+        let manifest = self.dump.manifest();
+        let mut image = Image::new(manifest.width, manifest.height, 3);
+        for (tile, values) in tiles.iter().enumerate() {
+            let rect = manifest.tile_rect(tile);
+            let pixels = &values[light * rect.pixel_count()..][..rect.pixel_count()];
+            for (row, pixels) in pixels.chunks_exact(rect.width).enumerate() {
+                let start = ((rect.y + row) * manifest.width + rect.x) * 3;
+                image.data[start..start + rect.width * 3].copy_from_slice(pixels.as_flattened());
             }
-            image
-        };
-        (0..lights.len()).into_par_iter().map(image).collect()
+        }
+        image
     }
 
     /// Unit values of a tile, light by light, then pixel by pixel.
@@ -131,31 +138,6 @@ impl Gather {
         let scale = 1.0 / half.tile_samples(&self.dump, tile).max(1) as f32;
         values.as_flattened_mut().iter_mut().for_each(|value| *value *= scale);
     }
-
-    /// Bounding box, corner to corner, of what the camera sees: the ends of camera segments, of lights behind glass and
-    /// mirrors nothing. `None` if the camera sees nothing.
-    pub fn visible_bounds(&self) -> Option<(Vec3, Vec3)> {
-        let seen = |shard: &std::sync::Arc<Shard>| {
-            let pixels = 0..shard.rect().pixel_count();
-            let segments = pixels.flat_map(|pixel| shard.segments(pixel));
-            segments
-                .filter_map(|segment| match segment.end {
-                    relume_dump::End::Vertex(vertex)
-                        if segment.flags.lobe() == Some(relume_dump::Lobe::Camera) =>
-                    {
-                        Some((vertex, vertex))
-                    }
-                    _ => None,
-                })
-                .reduce(join)
-        };
-        let shards: Vec<_> = self.dump.shards().collect();
-        shards.into_par_iter().filter_map(seen).reduce_with(join)
-    }
-}
-
-fn join(a: (Vec3, Vec3), b: (Vec3, Vec3)) -> (Vec3, Vec3) {
-    (a.0.min(b.0), a.1.max(b.1))
 }
 
 /// Working memory of [`Gather::pixel_into`], one per thread.
@@ -207,7 +189,7 @@ impl Sink for PixelSink<'_> {
     }
 }
 
-fn add(sum: &mut [f32; 3], contribution: Vec3) {
+pub(crate) fn add(sum: &mut [f32; 3], contribution: Vec3) {
     for (sum, value) in sum.iter_mut().zip(contribution.to_array()) {
         *sum += value;
     }

@@ -1,17 +1,22 @@
 //! Sums lights over a dump: dump + lights -> image; denoising.
 
+mod environment;
 mod error;
 mod gather;
 mod half;
 mod kernel;
 mod lanes;
 mod light;
+mod positions;
+mod relight;
 
+pub use environment::Environment;
 pub use error::GatherError;
 pub use gather::{Gather, Scratch};
 pub use half::Half;
 pub use kernel::Isa;
 pub use light::PreparedLight;
+pub use relight::{Noise, relight};
 
 #[cfg(test)]
 mod tests;

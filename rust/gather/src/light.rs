@@ -146,7 +146,7 @@ fn profile(shape: &LightShape, floor: f32) -> Prepared {
 }
 
 fn ball(center: Vec3, radius: f32, floor: f32) -> Result<(Ball, f32), &'static str> {
-    if !center.is_finite() || !(radius > 0.0 && radius.is_finite()) {
+    if !center.is_finite() || !radius.is_finite() || radius <= 0.0 {
         return Err("its position or radius is not finite, or the radius is not above 0");
     }
     let gathered = radius.max(floor);
@@ -248,8 +248,8 @@ impl Ball {
         }
         // Distance of the centre from the line as a vector: squares of coordinates would cancel for small spheres.
         let perpendicular2 = (to_center - edge * (along / length2)).length_squared();
-        // Phrased so that the NaN of a segment without length is no hit.
-        if !(perpendicular2 <= radius2) {
+        // The NaN of a segment without length is no hit, either.
+        if perpendicular2 > radius2 || perpendicular2.is_nan() {
             return false;
         }
         let (length, half_chord) = (length2.sqrt(), (radius2 - perpendicular2).sqrt());

@@ -19,8 +19,10 @@ pub struct TrainConfig {
     pub batch_start: usize,
     /// Samples a step at the end; doubles on the way.
     pub batch_end: usize,
-    /// Different lights for which each drawn pixel is gathered; 4 is a good value.
+    /// Different lights for which each drawn pixel is gathered: 1, 2, 4, 8, 16 or 32.
     pub lights_per_pixel: usize,
+    /// Let outputs follow the light's area, so that small lights count as much as large ones in the loss.
+    pub scale_by_area: bool,
     /// Learning rates.
     pub rates: LearningRates,
     /// Use Muon (orthogonalised momentum) for hidden matrices; Adam for all if false.
@@ -129,6 +131,32 @@ pub enum TargetMode {
     },
 }
 
+impl NetworkConfig {
+    /// Checks every field; the message names it and what it may be.
+    pub(crate) fn validate(&self) -> Result<(), String> {
+        let (Self::Reference { width, layers, grid } | Self::Fast { width, layers, grid }) = self;
+        let checks = [
+            ((1..=2048).contains(width), "network width must be 1 to 2048"),
+            ((1..=64).contains(layers), "network layers must be 1 to 64"),
+            ((1..=32).contains(&grid.levels), "grid levels must be 1 to 32"),
+            (
+                matches!(grid.features_per_level, 1 | 2 | 4 | 8),
+                "grid features_per_level must be 1, 2, 4 or 8",
+            ),
+            ((4..=24).contains(&grid.log2_hashmap_size), "grid log2_hashmap_size must be 4 to 24"),
+            ((1..=65_536).contains(&grid.base_resolution), "grid base_resolution must be 1 to 65536"),
+            (
+                in_range(grid.finest_cells_per_pixel, 1e-3, 4.0),
+                "grid finest_cells_per_pixel must be 0.001 to 4",
+            ),
+        ];
+        match checks.iter().find(|(ok, _)| !ok) {
+            Some((_, message)) => Err((*message).to_owned()),
+            None => Ok(()),
+        }
+    }
+}
+
 impl TrainConfig {
     /// The default: the fast network on raw targets.
     pub fn fast(size: SizeRange) -> Self {
@@ -140,7 +168,8 @@ impl TrainConfig {
             samples: 32 << 20,
             batch_start: 4096,
             batch_end: 16_384,
-            lights_per_pixel: 4,
+            lights_per_pixel: 8,
+            scale_by_area: true,
             rates: LearningRates { adam: 8e-3, muon: 8e-3, grid: 1e-2, final_fraction: 0.01 },
             muon: true,
             ema_decay: 0.99,
@@ -158,6 +187,7 @@ impl TrainConfig {
             },
             targets: TargetMode::Pool { size: 300, replace: 2, every: 5, denoised: true },
             rates: LearningRates { adam: 2e-3, muon: 0.0, grid: 1e-2, final_fraction: 0.01 },
+            scale_by_area: false,
             muon: false,
             ema_decay: 0.0,
             ..Self::fast(size)
@@ -169,28 +199,15 @@ impl TrainConfig {
     /// # Errors
     /// [`ProxyError::Config`] names the field and what it may be.
     pub fn validate(&self, kind: LightKind) -> Result<(), ProxyError> {
-        let (width, layers, grid) = match &self.network {
-            NetworkConfig::Reference { width, layers, grid }
-            | NetworkConfig::Fast { width, layers, grid } => (*width, *layers, grid),
-        };
+        self.network.validate().map_err(ProxyError::Config)?;
         let checks = [
-            ((1..=2048).contains(&width), "network width must be 1 to 2048"),
-            ((1..=64).contains(&layers), "network layers must be 1 to 64"),
-            ((1..=32).contains(&grid.levels), "grid levels must be 1 to 32"),
-            (
-                matches!(grid.features_per_level, 1 | 2 | 4 | 8),
-                "grid features_per_level must be 1, 2, 4 or 8",
-            ),
-            ((4..=24).contains(&grid.log2_hashmap_size), "grid log2_hashmap_size must be 4 to 24"),
-            ((1..=65_536).contains(&grid.base_resolution), "grid base_resolution must be 1 to 65536"),
-            (
-                in_range(grid.finest_cells_per_pixel, 1e-3, 4.0),
-                "grid finest_cells_per_pixel must be 0.001 to 4",
-            ),
             (in_range(self.size.min, 1e-6, self.size.max), "size.min must be above 0 and at most size.max"),
             (self.size.max.is_finite(), "size.max must be finite"),
             (self.samples > 0, "samples must be above 0"),
-            ((1..=64).contains(&self.lights_per_pixel), "lights_per_pixel must be 1 to 64"),
+            (
+                matches!(self.lights_per_pixel, 1 | 2 | 4 | 8 | 16 | 32),
+                "lights_per_pixel must be 1, 2, 4, 8, 16 or 32",
+            ),
             (batch_ok(self.batch_start) && batch_ok(self.batch_end), "batches must be 1024 to 4194304"),
             (self.batch_start <= self.batch_end, "batch_start must not be above batch_end"),
             (in_range(self.rates.adam, 0.0, 1.0), "rates.adam must be 0 to 1"),

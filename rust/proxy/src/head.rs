@@ -43,7 +43,6 @@ pub(crate) struct PackedHead {
 
 /// Activations and gradients of some tiles.
 pub(crate) struct HeadScratch {
-    width: usize,
     features: AlignedVec,
     /// `h_0` to `h_layers`.
     activations: Vec<AlignedVec>,
@@ -105,7 +104,6 @@ impl Head {
         let wide = || AlignedVec::zeros(tiles * self.width * LANES);
         let widest = padded(self.width.max(FEATURES));
         HeadScratch {
-            width: self.width,
             features: AlignedVec::zeros(tiles * FEATURES * LANES),
             activations: (0..=self.hidden.len()).map(|_| wide()).collect(),
             products: (0..self.hidden.len()).map(|_| wide()).collect(),

@@ -3,27 +3,42 @@
 //! A trainer asks a [`TargetSource`] what lights do to pixels; it never sees a dump. Who wires the stages implements
 //! that trait and builds [`PixelFeatures`] from the AOVs and the camera:
 //!
-//! ```text
-//! let config = TrainConfig::fast(SizeRange { min: 0.05, max: 0.5 });
-//! let mut trainer = Trainer::new(Arc::new(features), LightKind::Sphere, config, seed)?;   // checks everything
-//! while !trainer.done() {                                                                 // cancel between steps
-//!     let report = trainer.step(&source)?;           // StepReport { step, samples, loss, learning-rate share }
+//! ```
+//! # use std::sync::Arc;
+//! # use relume_proxy::{LightKind, LightParams, Proxy, ProxyError, SizeRange, TrainConfig, Trainer};
+//! # fn main() -> Result<(), ProxyError> {
+//! # let source = relume_proxy::synthetic::SyntheticRoom::new(32, 20);
+//! # let features = source.features();
+//! # let folder = std::env::temp_dir();
+//! # let (path, proxy_path) = (folder.join("doc.training.safetensors"), folder.join("doc.safetensors"));
+//! let config = TrainConfig { samples: 8192, ..TrainConfig::fast(SizeRange { min: 0.05, max: 0.5 }) };
+//! let mut trainer = Trainer::new(Arc::new(features), LightKind::Sphere, config, 1)?;
+//! while !trainer.done() {
+//!     let report = trainer.step(&source)?; // step, samples, progress, loss; cancel or save in between
 //! }
-//! let scores = trainer.validate(&source)?;           // Scores { psnr, smape } on held-out lights
-//! let proxy: Proxy = trainer.proxy();                // usable at any moment
-//! proxy.forward(&light, &mut rgb)?;                  // rgb: &mut [[f32; 3]], a whole unit image
-//! proxy.forward_pixels(&pixels, &light, &mut rgb)?;  // or some pixels
-//! let d_light = proxy.backward(&pixels, &light, &d_rgb)?;   // Vec<f32>, d loss / d LightParams::as_slice()
-//! trainer.save(&path)?;   Trainer::resume(&path, features)?;   // bit-identical to never having stopped
-//! proxy.save(&path)?;     Proxy::open(&path)?;
+//! let scores = trainer.validate(&source)?; // PSNR and SMAPE on lights that training never sees
+//! trainer.save(&path)?;
+//! let trainer = Trainer::resume(&path)?; // goes on bit for bit as if it had never stopped
+//!
+//! let proxy: Proxy = trainer.proxy(); // usable at any moment; cheap to clone
+//! let light = LightParams::round(LightKind::Sphere, glam::Vec3::new(0.0, 0.0, 1.0), 0.2);
+//! let image = proxy.unit_image(&light)?; // or forward(&light, &mut rgb), forward_pixels(&pixels, ..)
+//! let pixels = [5, 17];
+//! let d_light = proxy.backward(&pixels, &light, &[[1.0; 3]; 2])?; // by LightParams::as_slice()
+//! proxy.save(&proxy_path)?;
+//! let proxy = Proxy::open(&proxy_path)?;
+//! # Ok(())
+//! # }
 //! ```
 //!
-//! Units are metres and radiance 1: the caller multiplies a unit image by the light's radiance and factors.
+//! Lengths are metres and unit images are for radiance 1: the caller multiplies by the light's radiance and factors.
 
 mod analytic;
+mod checkpoint;
 mod config;
 mod encoding;
 mod error;
+mod evaluate;
 mod features;
 mod gradient;
 mod grid;
@@ -32,17 +47,29 @@ mod light;
 mod loss;
 mod mlp;
 mod network;
+mod optim;
 mod params;
 mod pixels;
+mod pool;
+mod proxy;
 mod rng;
+mod sampling;
 mod scene_cache;
+mod schedule;
 mod simd;
 pub mod synthetic;
 mod target;
+mod trainer;
 
+pub use checkpoint::{fuzz_open, read_info};
 pub use config::{GridConfig, LearningRates, LightPlacement, NetworkConfig, TargetMode, TrainConfig};
+pub use encoding::OutputScale;
 pub use error::ProxyError;
 pub use light::{LightKind, LightParams, MAX_PARAMS, SizeRange};
 pub use pixels::PixelFeatures;
+pub use proxy::{Proxy, ProxyInfo, Scores};
 pub use rng::Rng;
+pub use scene_cache::Normalisation;
+pub use simd::Isa;
 pub use target::{PixelQueries, TargetSource};
+pub use trainer::{StepReport, Trainer};

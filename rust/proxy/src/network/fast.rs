@@ -5,7 +5,7 @@ use crate::features::{feature_tile, features_backward};
 use crate::grid::HashGrid;
 use crate::head::{FoldedHead, Head, HeadScratch, Modulation, PackedHead};
 use crate::loss::{TILE, relative_l2};
-use crate::mlp::{Mlp, MlpScratch, PackedMlp, tile_of, tile_of_mut};
+use crate::mlp::{Mlp, MlpScratch, PackedMlp, tile_of};
 use crate::params::ParamLayout;
 use crate::scene_cache::{AUX, SURFACE};
 use crate::simd::{AlignedVec, Isa, LANES, padded, transpose};

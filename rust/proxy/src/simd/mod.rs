@@ -170,7 +170,7 @@ pub(crate) fn outer(isa: Isa, a: &[f32], b: &[f32], rows: usize, stride: usize, 
 /// Transposes a tile `[features][LANES]` into `[LANES][stride]`, zero beyond the features.
 pub(crate) fn transpose(isa: Isa, x: &[f32], stride: usize, out: &mut [f32]) {
     let features = x.len() / LANES;
-    assert!(features <= stride && stride % PAD == 0, "stride");
+    assert!(features <= stride && stride.is_multiple_of(PAD), "stride");
     assert_eq!(out.len(), LANES * stride, "transposed tile");
     dispatch!(isa, transpose(features, stride, x.as_ptr(), out.as_mut_ptr()));
 }

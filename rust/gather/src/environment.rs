@@ -1,0 +1,137 @@
+use glam::{Mat3, Vec3};
+use rayon::prelude::*;
+use relume_dump::{Flags, Lobe, decode_direction, decode_rgb9e5};
+use relume_image::Image;
+use relume_scene::{ColorEncoding, Texels, Texture, World};
+
+use crate::{Gather, GatherError, Half};
+
+/// A world to relight with: what escaped segments see.
+#[derive(Clone, Debug)]
+pub struct Environment {
+    color: Vec3,
+    map: Option<Map>,
+    texture_from_world: Mat3,
+    visible_camera: bool,
+}
+
+/// Linear RGB; row 0 is the bottom.
+#[derive(Clone, Debug)]
+struct Map {
+    width: usize,
+    height: usize,
+    texels: Vec<Vec3>,
+}
+
+impl Environment {
+    /// Takes a world; `textures` is the list that its index refers to.
+    ///
+    /// # Errors
+    /// If the texture's size and texels disagree.
+    pub fn new(world: &World, textures: &[Texture]) -> Result<Self, GatherError> {
+        let texture = world.texture.and_then(|index| textures.get(index));
+        Ok(Self {
+            color: world.color.into(),
+            map: texture.map(Map::new).transpose()?,
+            texture_from_world: world.texture_from_world,
+            visible_camera: world.visible_camera,
+        })
+    }
+
+    /// Radiance from a unit direction, RGB, scene-linear.
+    pub fn radiance(&self, direction: Vec3) -> Vec3 {
+        let texel = |map: &Map| map.lookup(self.texture_from_world * direction);
+        self.map.as_ref().map_or(self.color, |map| self.color * texel(map))
+    }
+}
+
+impl Map {
+    fn new(texture: &Texture) -> Result<Self, GatherError> {
+        let (found, expected) = match &texture.texels {
+            Texels::Byte(values) => (values.len(), texture.width * texture.height * 4),
+            Texels::Float(values) => (values.len(), texture.width * texture.height * 4),
+        };
+        if found != expected || expected == 0 {
+            return Err(GatherError::Environment { name: texture.name.clone(), found, expected });
+        }
+        let from_byte = |value: u8| match texture.encoding {
+            ColorEncoding::Srgb => linear_from_srgb(f32::from(value) / 255.0),
+            ColorEncoding::Linear => f32::from(value) / 255.0,
+        };
+        let texels = match &texture.texels {
+            Texels::Byte(values) => {
+                let table: Vec<_> = (0..=255).map(from_byte).collect();
+                let linear = |value: u8| table[usize::from(value)];
+                values
+                    .as_chunks::<4>()
+                    .0
+                    .iter()
+                    .map(|&[r, g, b, _]| Vec3::from([r, g, b].map(linear)))
+                    .collect()
+            }
+            Texels::Float(values) => {
+                values.as_chunks::<4>().0.iter().map(|&[r, g, b, _]| Vec3::new(r, g, b)).collect()
+            }
+        };
+        Ok(Self { width: texture.width, height: texture.height, texels })
+    }
+
+    /// Bilinear, repeated in both directions as Cycles does.
+    fn lookup(&self, direction: Vec3) -> Vec3 {
+        let [u, v] = equirectangular(direction);
+        let (x, y) = (u * self.width as f32 - 0.5, v * self.height as f32 - 0.5);
+        let (x0, y0) = (x.floor(), y.floor());
+        let texel = |dx: isize, dy: isize| {
+            let column = (x0 as isize + dx).rem_euclid(self.width as isize) as usize;
+            let row = (y0 as isize + dy).rem_euclid(self.height as isize) as usize;
+            self.texels[row * self.width + column]
+        };
+        let lower = texel(0, 0).lerp(texel(1, 0), x - x0);
+        let upper = texel(0, 1).lerp(texel(1, 1), x - x0);
+        lower.lerp(upper, y - y0)
+    }
+}
+
+/// Blender's equirectangular map: u = 1/2 towards +x and falls towards +y, v = 1 straight up
+/// (`direction_to_equirectangular` of `intern/cycles/kernel/camera/projection.h`).
+fn equirectangular(direction: Vec3) -> [f32; 2] {
+    use std::f32::consts::{PI, TAU};
+    let elevation = (direction.z / direction.length()).clamp(-1.0, 1.0).acos();
+    [0.5 - direction.y.atan2(direction.x) / TAU, 1.0 - elevation / PI]
+}
+
+/// IEC 61966-2-1.
+fn linear_from_srgb(value: f32) -> f32 {
+    if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
+}
+
+impl Gather {
+    /// What the world gives to the image, RGB, from the escaped segments.
+    pub fn world_image(&self, environment: &Environment, half: Half) -> Image {
+        let tiles: Vec<_> = (0..self.dump.manifest().tile_count())
+            .into_par_iter()
+            .map(|tile| self.world_tile(tile, environment, half))
+            .collect();
+        self.assemble(&tiles, 0)
+    }
+
+    fn world_tile(&self, tile: usize, environment: &Environment, half: Half) -> Vec<[f32; 3]> {
+        let mut sums = vec![Vec3::ZERO; self.dump.manifest().tile_rect(tile).pixel_count()];
+        for shard in self.dump.tile(tile) {
+            let (xy, z_flags, throughput) =
+                (shard.position_xy(), shard.position_z_flags(), shard.throughput());
+            for (pixel, sum) in sums.iter_mut().enumerate() {
+                for record in half.records(shard, pixel) {
+                    let flags = Flags((z_flags[record] >> 16) as u16);
+                    let hidden = flags.lobe() == Some(Lobe::Camera) && !environment.visible_camera;
+                    if flags.escaped() && !hidden && flags.lobe().is_some() {
+                        let radiance = environment.radiance(decode_direction(xy[record]));
+                        *sum += decode_rgb9e5(throughput[record]) * radiance;
+                    }
+                }
+            }
+        }
+        let scale = 1.0 / half.tile_samples(&self.dump, tile).max(1) as f32;
+        sums.into_iter().map(|sum| (sum * scale).to_array()).collect()
+    }
+}

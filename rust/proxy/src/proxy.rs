@@ -1,0 +1,230 @@
+use std::sync::Arc;
+
+use relume_image::Image;
+use relume_scene::LightShape;
+use serde::{Deserialize, Serialize};
+
+use crate::encoding::{LightEncoding, OutputScale};
+use crate::evaluate::Evaluator;
+use crate::network::{FastNetwork, Network, ReferenceNetwork};
+use crate::params::ParamLayout;
+use crate::scene_cache::{Normalisation, SceneCache};
+use crate::simd::Isa;
+use crate::{LightKind, LightParams, NetworkConfig, PixelFeatures, ProxyError, SizeRange};
+
+/// What is known of a proxy besides its weights and pixels.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ProxyInfo {
+    /// The lights that it learned.
+    pub kind: LightKind,
+    /// The network.
+    pub network: NetworkConfig,
+    /// Pixels per row and rows.
+    pub image: [usize; 2],
+    /// Sizes of the training lights, metres.
+    pub size: SizeRange,
+    /// Least and greatest value of each light parameter seen in training; empty before the first step.
+    pub trained_ranges: Vec<[f32; 2]>,
+    /// How inputs are normalised.
+    pub normalisation: Normalisation,
+    /// How outputs are scaled.
+    pub output_scale: OutputScale,
+    /// Steps and samples trained.
+    pub steps: u64,
+    /// Samples trained.
+    pub samples: u64,
+    /// Error on lights never trained on, when last measured.
+    pub held_out: Option<Scores>,
+    /// Hash of the scene, as its owner makes it.
+    pub scene_hash: String,
+}
+
+/// Mean error over the held-out lights.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Scores {
+    /// Peak signal-to-noise ratio of Reinhard-mapped values, decibels; each image exposed to a mean of 0.5.
+    pub psnr: f32,
+    /// Symmetric mean absolute percentage error, 0..2 (lower is better).
+    pub smape: f32,
+    /// Lights measured.
+    pub lights: usize,
+    /// Samples trained at that time.
+    pub samples: u64,
+}
+
+/// A trained network for one image and one light kind, ready to relight. Cloning is cheap; all methods use all cores and
+/// may be called from several threads.
+#[derive(Clone)]
+pub struct Proxy {
+    info: Arc<ProxyInfo>,
+    features: Arc<PixelFeatures>,
+    engine: Arc<Engine>,
+}
+
+impl std::fmt::Debug for Proxy {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_tuple("Proxy").field(&self.info).finish()
+    }
+}
+
+enum Engine {
+    Reference(Box<Evaluator<ReferenceNetwork>>),
+    Fast(Box<Evaluator<FastNetwork>>),
+}
+
+macro_rules! with_evaluator {
+    ($proxy:expr, $evaluator:ident => $body:expr) => {
+        match &*$proxy.engine {
+            Engine::Reference($evaluator) => $body,
+            Engine::Fast($evaluator) => $body,
+        }
+    };
+}
+
+impl Proxy {
+    /// From weights in the order of the network's layout.
+    pub(crate) fn new(info: ProxyInfo, features: Arc<PixelFeatures>, params: Vec<f32>) -> Self {
+        let scene = SceneCache::new(&features, info.normalisation);
+        let light = LightEncoding::new(info.kind, info.normalisation, info.size);
+        let (count, isa) = (features.pixel_count(), Isa::detect());
+        let engine = match &info.network {
+            NetworkConfig::Reference { width, layers, grid } => {
+                let network = ReferenceNetwork::new(*width, *layers, grid, info.image, light);
+                Engine::Reference(Box::new(Evaluator::new(network, params, scene, count, isa)))
+            }
+            NetworkConfig::Fast { width, layers, grid } => {
+                let network = FastNetwork::new(*width, *layers, grid, info.image, light);
+                Engine::Fast(Box::new(Evaluator::new(network, params, scene, count, isa)))
+            }
+        };
+        Self { info: Arc::new(info), features, engine: Arc::new(engine) }
+    }
+
+    /// What is known of it.
+    pub fn info(&self) -> &ProxyInfo {
+        &self.info
+    }
+
+    /// The pixels that it was trained for.
+    pub fn features(&self) -> &Arc<PixelFeatures> {
+        &self.features
+    }
+
+    pub(crate) fn params(&self) -> &[f32] {
+        with_evaluator!(self, e => e.params())
+    }
+
+    pub(crate) fn layout(&self) -> &ParamLayout {
+        with_evaluator!(self, e => e.network().layout())
+    }
+
+    /// Multiply-adds of one pixel.
+    pub fn multiply_adds(&self) -> usize {
+        with_evaluator!(self, e => e.multiply_adds())
+    }
+
+    /// Whether this proxy answers for such a light: its kind, and sizes within the trained range (with a tenth of
+    /// slack). Positions are not checked.
+    pub fn covers(&self, shape: &LightShape) -> bool {
+        let sizes = match *shape {
+            LightShape::Sphere { radius, .. } | LightShape::FacingDisk { radius, .. } => [radius, radius],
+            LightShape::Quad { edge_u, edge_v, .. } => [edge_u.length(), edge_v.length()],
+            _ => return false,
+        };
+        let SizeRange { min, max } = self.info.size;
+        LightKind::of(shape) == Some(self.info.kind)
+            && sizes.iter().all(|size| (0.9 * min..=1.1 * max).contains(size))
+    }
+
+    /// The unit image of a light.
+    ///
+    /// # Errors
+    /// [`ProxyError::WrongKind`] if the proxy was trained for other lights.
+    pub fn unit_image(&self, light: &LightParams) -> Result<Image, ProxyError> {
+        let mut image = Image::new(self.info.image[0], self.info.image[1], 3);
+        self.forward(light, bytemuck::cast_slice_mut(&mut image.data))?;
+        Ok(image)
+    }
+
+    /// The unit image of a light into `out`, row-major, as long as the image has pixels.
+    ///
+    /// # Errors
+    /// [`ProxyError::WrongKind`] or [`ProxyError::Length`].
+    pub fn forward(&self, light: &LightParams, out: &mut [[f32; 3]]) -> Result<(), ProxyError> {
+        self.check_kind(light)?;
+        check_length("out", self.features.pixel_count(), out.len())?;
+        let (scale, _) = self.info.output_scale.of(light);
+        with_evaluator!(self, e => e.forward(light, scale, out));
+        Ok(())
+    }
+
+    /// The unit image of a light at some pixels (row-major numbers) into `out`.
+    ///
+    /// # Errors
+    /// [`ProxyError::WrongKind`], [`ProxyError::Length`] or [`ProxyError::PixelOutside`].
+    pub fn forward_pixels(
+        &self,
+        pixels: &[u32],
+        light: &LightParams,
+        out: &mut [[f32; 3]],
+    ) -> Result<(), ProxyError> {
+        self.check_kind(light)?;
+        self.check_pixels(pixels)?;
+        check_length("out", pixels.len(), out.len())?;
+        let (scale, _) = self.info.output_scale.of(light);
+        with_evaluator!(self, e => e.forward_pixels(pixels, light, scale, out));
+        Ok(())
+    }
+
+    /// Pixels of a coarser image, every `stride`-th in both directions starting at half of it, and that image's size:
+    /// the input of [`Proxy::forward_pixels`] for a quick preview.
+    pub fn coarse_pixels(&self, stride: usize) -> (Vec<u32>, [usize; 2]) {
+        let [width, height] = self.info.image;
+        let stride = stride.clamp(1, width.min(height));
+        let along = |size: usize| (stride / 2..size).step_by(stride);
+        let pixels = along(height).flat_map(|y| along(width).map(move |x| (y * width + x) as u32)).collect();
+        (pixels, [along(width).count(), along(height).count()])
+    }
+
+    /// Gradient of a loss by the light's parameters (in the order of [`LightParams::as_slice`]), from its gradient
+    /// `d_out` by the values that [`Proxy::forward_pixels`] gives for `pixels`. Where the network's output is clamped to
+    /// zero, the gradient is that of the output before the clamp.
+    ///
+    /// # Errors
+    /// [`ProxyError::WrongKind`], [`ProxyError::Length`] or [`ProxyError::PixelOutside`].
+    pub fn backward(
+        &self,
+        pixels: &[u32],
+        light: &LightParams,
+        d_out: &[[f32; 3]],
+    ) -> Result<Vec<f32>, ProxyError> {
+        self.check_kind(light)?;
+        self.check_pixels(pixels)?;
+        check_length("d_out", pixels.len(), d_out.len())?;
+        let scale = self.info.output_scale.of(light);
+        let gradient = with_evaluator!(self, e => e.backward(pixels, light, scale, d_out));
+        Ok(gradient[..light.as_slice().len()].to_vec())
+    }
+
+    fn check_kind(&self, light: &LightParams) -> Result<(), ProxyError> {
+        if light.kind() != self.info.kind {
+            return Err(ProxyError::WrongKind { trained: self.info.kind, asked: light.kind() });
+        }
+        Ok(())
+    }
+
+    fn check_pixels(&self, pixels: &[u32]) -> Result<(), ProxyError> {
+        let count = with_evaluator!(self, e => e.pixel_count());
+        match pixels.iter().find(|p| **p as usize >= count) {
+            Some(&pixel) => Err(ProxyError::PixelOutside { pixel, count }),
+            None => Ok(()),
+        }
+    }
+}
+
+fn check_length(what: &'static str, expected: usize, found: usize) -> Result<(), ProxyError> {
+    if expected != found {
+        return Err(ProxyError::Length { what, expected, found });
+    }
+    Ok(())
+}

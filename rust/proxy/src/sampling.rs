@@ -1,0 +1,140 @@
+use glam::Vec3;
+use relume_scene::LightShape;
+
+use crate::encoding::OutputScale;
+use crate::gradient::Batch;
+use crate::light::random_light;
+use crate::loss::TILE;
+use crate::pool::Pool;
+use crate::simd::LANES;
+use crate::{LightKind, LightParams, LightPlacement, PixelQueries, ProxyError, Rng, SizeRange, TargetSource};
+
+/// Tries before a light is put into the box instead, when pixels have no finite segment.
+const SEGMENT_TRIES: usize = 16;
+
+/// Draws training lights and pixels.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sampler {
+    pub kind: LightKind,
+    pub size: SizeRange,
+    pub placement: LightPlacement,
+    pub pixel_count: u32,
+}
+
+impl Sampler {
+    /// A light on a segment of one of `pixels`, or in the box (paper, section 4.4).
+    pub fn light(&self, source: &dyn TargetSource, pixels: &[u32], rng: &mut Rng) -> LightParams {
+        let in_box = match self.placement {
+            LightPlacement::Segments => false,
+            LightPlacement::Bounds => true,
+            LightPlacement::Mixed { bounds_fraction } => rng.next_f32() < bounds_fraction,
+        };
+        let on_segment = |rng: &mut Rng| {
+            (0..SEGMENT_TRIES).find_map(|_| {
+                let pixel = pixels[rng.below(pixels.len() as u32) as usize];
+                source.segment_point(pixel, rng).filter(|p| p.is_finite())
+            })
+        };
+        let center = if in_box { None } else { on_segment(rng) }.unwrap_or_else(|| {
+            let (low, high) = source.bounds();
+            low + (high - low) * Vec3::new(rng.next_f32(), rng.next_f32(), rng.next_f32())
+        });
+        random_light(self.kind, center, self.size, rng)
+    }
+
+    /// A light on a segment of any pixel.
+    pub fn light_anywhere(&self, source: &dyn TargetSource, rng: &mut Rng) -> LightParams {
+        let pixels: [u32; SEGMENT_TRIES] = std::array::from_fn(|_| rng.below(self.pixel_count));
+        self.light(source, &pixels, rng)
+    }
+
+    /// A random batch: groups of 32 pixels, each seen under `slots` lights. Gathers its targets, or takes lights and
+    /// targets from the pool.
+    pub fn batch(
+        &self,
+        source: &dyn TargetSource,
+        pool: Option<&Pool>,
+        scale: &OutputScale,
+        (samples, slots): (usize, usize),
+        (seed, step): (u64, u64),
+    ) -> Result<Batch, ProxyError> {
+        let groups = samples / (slots * LANES);
+        let mut batch = Batch { slots, ..Batch::default() };
+        let mut images = Vec::new();
+        for group in 0..groups {
+            let mut rng = Rng::stream(seed, step, group as u64);
+            let start = batch.pixels.len();
+            batch.pixels.extend((0..LANES).map(|_| rng.below(self.pixel_count)));
+            for _ in 0..slots {
+                match pool {
+                    Some(pool) => {
+                        let entry = pool.draw(&mut rng);
+                        batch.lights.push(entry.light);
+                        images.push(&entry.image);
+                    }
+                    None => batch.lights.push(self.light(source, &batch.pixels[start..], &mut rng)),
+                }
+            }
+        }
+        batch.targets = vec![0.0; groups * slots * TILE];
+        if pool.is_some() {
+            fill_targets(&mut batch, scale, |tile, _, pixel| {
+                let at = pixel as usize * 3;
+                std::array::from_fn(|channel| images[tile].data[at + channel])
+            });
+        } else {
+            let values = gather(source, &batch)?;
+            fill_targets(&mut batch, scale, |tile, lane, _| {
+                let (group, slot) = (tile / slots, tile % slots);
+                values[(group * LANES + lane) * slots + slot]
+            });
+        }
+        Ok(batch)
+    }
+
+    /// The scale that brings the mean of a few thousand targets to 1.
+    pub fn calibrate(
+        &self,
+        source: &dyn TargetSource,
+        area: Option<f32>,
+        seed: u64,
+    ) -> Result<OutputScale, ProxyError> {
+        let unit = OutputScale { factor: 1.0, area };
+        let batch = self.batch(source, None, &unit, (8192, 4), (seed, CALIBRATION_STREAM))?;
+        let mean = batch.targets.iter().map(|t| f64::from(*t)).sum::<f64>() / batch.targets.len() as f64;
+        let factor = if mean.is_finite() && mean > 1e-30 { mean as f32 } else { 1.0 };
+        Ok(OutputScale { factor, area })
+    }
+}
+
+/// Counter of the random streams that belong to no step.
+const CALIBRATION_STREAM: u64 = 1 << 63;
+
+/// Asks the source for all samples of a batch, pixel by pixel.
+fn gather(source: &dyn TargetSource, batch: &Batch) -> Result<Vec<[f32; 3]>, ProxyError> {
+    let shapes: Vec<LightShape> = batch.lights.iter().map(LightParams::shape).collect();
+    let lights: Vec<LightShape> = (0..batch.pixels.len())
+        .flat_map(|i| {
+            let group = i / LANES;
+            shapes[group * batch.slots..(group + 1) * batch.slots].iter().copied()
+        })
+        .collect();
+    let mut values = vec![[0.0; 3]; lights.len()];
+    let queries = PixelQueries { pixels: &batch.pixels, lights_per_pixel: batch.slots, lights: &lights };
+    source.pixel_targets(&queries, &mut values)?;
+    Ok(values)
+}
+
+/// Writes the targets of all tiles from `value(tile, lane, pixel)`, in units of the network's output.
+fn fill_targets(batch: &mut Batch, scale: &OutputScale, value: impl Fn(usize, usize, u32) -> [f32; 3]) {
+    let Batch { pixels, slots, lights, targets } = batch;
+    for (tile, (light, target)) in lights.iter().zip(targets.chunks_exact_mut(TILE)).enumerate() {
+        let inverse = 1.0 / scale.of(light).0;
+        let group = tile / *slots;
+        for (lane, pixel) in pixels[group * LANES..(group + 1) * LANES].iter().enumerate() {
+            for (channel, x) in value(tile, lane, *pixel).into_iter().enumerate() {
+                target[channel * LANES + lane] = x * inverse;
+            }
+        }
+    }
+}

@@ -1,0 +1,382 @@
+use std::sync::Arc;
+
+use relume_image::{Image, metrics};
+
+use crate::encoding::{LightEncoding, OutputScale, emitting_area};
+use crate::gradient::{Batch, GradientBuffers, batch_gradient};
+use crate::network::{Context, FastNetwork, Network, ReferenceNetwork};
+use crate::optim::Optimiser;
+use crate::params::ParamLayout;
+use crate::pool::{Pool, images_of};
+use crate::proxy::{ProxyInfo, Scores};
+use crate::sampling::Sampler;
+use crate::scene_cache::{Normalisation, SceneCache};
+use crate::schedule::{batch_size, progress, rates};
+use crate::simd::Isa;
+use crate::{
+    LightKind, LightParams, NetworkConfig, PixelFeatures, Proxy, ProxyError, Rng, TargetSource, TrainConfig,
+};
+
+/// Steps between updates of the running mean of weights.
+const EMA_EVERY: u64 = 8;
+/// Counter of the random streams of held-out lights.
+const HELD_OUT_STREAM: u64 = (1 << 63) + 2;
+
+/// Trains one proxy, step by step. Between steps the caller may cancel, save, measure or take a [`Proxy`].
+///
+/// The same seed and the same answers of the source give the same weights, whatever the number of threads, and whether
+/// or not the training was saved and resumed on the way (on machines with the same instruction set).
+pub struct Trainer {
+    pub(crate) config: TrainConfig,
+    pub(crate) kind: LightKind,
+    pub(crate) seed: u64,
+    pub(crate) features: Arc<PixelFeatures>,
+    pub(crate) state: TrainState,
+    pub(crate) scene_hash: String,
+    scene: SceneCache,
+    isa: Isa,
+    core: Core,
+    pool: Option<Pool>,
+    held_out: Option<(Vec<LightParams>, Vec<Image>)>,
+}
+
+/// All that a resumed training needs besides its configuration.
+#[derive(Clone, Debug)]
+pub(crate) struct TrainState {
+    pub params: Vec<f32>,
+    pub optimiser: Optimiser,
+    /// Running mean of the weights.
+    pub mean: Vec<f32>,
+    pub step: u64,
+    pub samples: u64,
+    pub pool_made: u64,
+    pub output_scale: Option<OutputScale>,
+    pub trained_ranges: Vec<[f32; 2]>,
+    pub scores: Option<Scores>,
+}
+
+/// The network being trained and its buffers.
+enum Core {
+    Reference(Box<CoreOf<ReferenceNetwork>>),
+    Fast(Box<CoreOf<FastNetwork>>),
+}
+
+struct CoreOf<N: Network> {
+    network: N,
+    buffers: GradientBuffers<N>,
+}
+
+/// What a step did.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StepReport {
+    /// Steps done.
+    pub step: u64,
+    /// Samples done.
+    pub samples: u64,
+    /// Share of the configured training that is done, 0..1.
+    pub progress: f32,
+    /// Mean loss of this batch; `None` if the step only gathered images for the pool.
+    pub loss: Option<f64>,
+    /// Images that the pool still misses before training goes on.
+    pub pool_missing: usize,
+}
+
+impl Trainer {
+    /// Starts a training.
+    ///
+    /// # Errors
+    /// [`ProxyError::Features`] or [`ProxyError::Config`].
+    pub fn new(
+        features: Arc<PixelFeatures>,
+        kind: LightKind,
+        config: TrainConfig,
+        seed: u64,
+    ) -> Result<Self, ProxyError> {
+        features.validate()?;
+        config.validate(kind)?;
+        let normalisation = Normalisation::of(&features);
+        let core = Core::new(&config, kind, normalisation, [features.width, features.height]);
+        let params = core.layout().start_values(seed);
+        let state = TrainState {
+            optimiser: Optimiser::new(core.layout(), config.muon),
+            mean: params.clone(),
+            params,
+            step: 0,
+            samples: 0,
+            pool_made: 0,
+            output_scale: None,
+            trained_ranges: Vec::new(),
+            scores: None,
+        };
+        Ok(Self {
+            scene: SceneCache::new(&features, normalisation),
+            pool: Pool::new(config.targets, 0),
+            isa: Isa::detect(),
+            scene_hash: String::new(),
+            held_out: None,
+            config,
+            kind,
+            seed,
+            features,
+            state,
+            core,
+        })
+    }
+
+    /// Replaces the state, when resuming.
+    pub(crate) fn restore(&mut self, state: TrainState) {
+        self.pool = Pool::new(self.config.targets, state.pool_made);
+        self.state = state;
+    }
+
+    /// Names the scene in the files that are written.
+    pub fn set_scene_hash(&mut self, hash: impl Into<String>) {
+        self.scene_hash = hash.into();
+    }
+
+    /// The configuration.
+    pub fn config(&self) -> &TrainConfig {
+        &self.config
+    }
+
+    /// Changes the number of samples of the whole training, which stretches or shortens the rest of the schedule.
+    pub fn set_samples(&mut self, samples: u64) {
+        self.config.samples = samples.max(1);
+    }
+
+    /// Steps done.
+    pub fn steps(&self) -> u64 {
+        self.state.step
+    }
+
+    /// Samples done.
+    pub fn samples(&self) -> u64 {
+        self.state.samples
+    }
+
+    /// Whether the configured number of samples is done. Further steps are possible, at the final rates.
+    pub fn done(&self) -> bool {
+        self.state.samples >= self.config.samples
+    }
+
+    /// Scores of the last [`Trainer::validate`].
+    pub fn scores(&self) -> Option<Scores> {
+        self.state.scores
+    }
+
+    /// One step: gathers or draws a batch, and moves the weights along its gradient. While the pool is not full, a call
+    /// adds a few images to it instead.
+    ///
+    /// # Errors
+    /// [`ProxyError::Diverged`], with the weights as before the step, or the failure of the source.
+    pub fn step(&mut self, source: &dyn TargetSource) -> Result<StepReport, ProxyError> {
+        let sampler = self.sampler();
+        let scale = self.calibrated(&sampler, source)?;
+        if let Some(pool) = &mut self.pool {
+            if pool.missing() > 0 {
+                pool.fill(&sampler, source, self.seed)?;
+                self.state.pool_made = pool.made();
+                return Ok(self.report(None));
+            }
+            pool.refresh(self.state.step, &sampler, source, self.seed)?;
+            self.state.pool_made = pool.made();
+        }
+        let done = progress(&self.config, self.state.samples);
+        let samples = batch_size(&self.config, done);
+        let key = (self.seed, self.state.step);
+        let batch = sampler.batch(
+            source,
+            self.pool.as_ref(),
+            &scale,
+            (samples, self.config.lights_per_pixel),
+            key,
+        )?;
+        let loss = self.descend(&batch, done)?;
+        self.state.samples += samples as u64;
+        self.widen_ranges(&batch.lights);
+        Ok(self.report(Some(loss)))
+    }
+
+    /// Moves the weights along the gradient of a batch.
+    fn descend(&mut self, batch: &Batch, done: f32) -> Result<f64, ProxyError> {
+        let state = &mut self.state;
+        let context = Context { isa: self.isa, scene: &self.scene, params: &state.params };
+        let (loss, layout, gradient) = self.core.gradient(context, batch);
+        if !loss.is_finite() || !gradient.iter().all(|g| g.is_finite()) {
+            return Err(ProxyError::Diverged { step: state.step });
+        }
+        state.step += 1;
+        let rates = rates(&self.config, done);
+        state.optimiser.update(self.isa, layout, &mut state.params, gradient, rates, state.step);
+        if self.config.ema_decay > 0.0 && state.step.is_multiple_of(EMA_EVERY) {
+            // Early on the mean must forget the start values faster than its decay would.
+            let turns = (state.step / EMA_EVERY) as f32;
+            let decay = self.config.ema_decay.powi(EMA_EVERY as i32).min((turns - 1.0) / (turns + 1.0));
+            for (mean, param) in state.mean.iter_mut().zip(&state.params) {
+                *mean += (1.0 - decay) * (param - *mean);
+            }
+        }
+        Ok(loss)
+    }
+
+    /// The proxy as it stands, from the running mean of weights.
+    pub fn proxy(&self) -> Proxy {
+        Proxy::new(self.info(), Arc::clone(&self.features), self.proxy_params().to_vec())
+    }
+
+    /// The weights that a proxy is made of.
+    pub(crate) fn proxy_params(&self) -> &[f32] {
+        let averaged = self.config.ema_decay > 0.0 && self.state.step >= EMA_EVERY;
+        if averaged { &self.state.mean } else { &self.state.params }
+    }
+
+    /// Measures the proxy as it stands on lights that training never sees, whose images are gathered (and denoised, if
+    /// the source can) at the first call.
+    ///
+    /// # Errors
+    /// The failure of the source.
+    pub fn validate(&mut self, source: &dyn TargetSource) -> Result<Scores, ProxyError> {
+        let sampler = self.sampler();
+        self.calibrated(&sampler, source)?;
+        if self.held_out.is_none() {
+            let draw = |i| sampler.light_anywhere(source, &mut Rng::stream(self.seed, HELD_OUT_STREAM, i));
+            let lights: Vec<LightParams> = (0..self.config.held_out.max(1) as u64).map(draw).collect();
+            let images = images_of(source, &lights, true, self.features.pixel_count())?;
+            self.held_out = Some((lights, images));
+        }
+        let proxy = self.proxy();
+        let (lights, references) = self.held_out.as_ref().expect("filled above");
+        let mut scores = Scores { psnr: 0.0, smape: 0.0, lights: 0, samples: self.state.samples };
+        for (light, reference) in lights.iter().zip(references) {
+            let image = proxy.unit_image(light)?;
+            // Equal pictures have no finite PSNR.
+            scores.psnr += metrics::psnr_reinhard(&image, reference).min(100.0) as f32;
+            scores.smape += metrics::smape(&image, reference) as f32;
+            scores.lights += 1;
+        }
+        scores.psnr /= scores.lights as f32;
+        scores.smape /= scores.lights as f32;
+        self.state.scores = (scores.psnr.is_finite() && scores.smape.is_finite()).then_some(scores);
+        Ok(scores)
+    }
+
+    pub(crate) fn info(&self) -> ProxyInfo {
+        let output_scale = self.state.output_scale.unwrap_or(OutputScale { factor: 1.0, area: None });
+        ProxyInfo {
+            kind: self.kind,
+            network: self.config.network.clone(),
+            image: [self.features.width, self.features.height],
+            size: self.config.size,
+            trained_ranges: self.state.trained_ranges.clone(),
+            normalisation: self.scene.normalisation,
+            output_scale,
+            steps: self.state.step,
+            samples: self.state.samples,
+            held_out: self.state.scores,
+            scene_hash: self.scene_hash.clone(),
+        }
+    }
+
+    pub(crate) fn layout(&self) -> &ParamLayout {
+        self.core.layout()
+    }
+
+    fn report(&self, loss: Option<f64>) -> StepReport {
+        StepReport {
+            step: self.state.step,
+            samples: self.state.samples,
+            progress: progress(&self.config, self.state.samples),
+            loss,
+            pool_missing: self.pool.as_ref().map_or(0, Pool::missing),
+        }
+    }
+
+    fn sampler(&self) -> Sampler {
+        Sampler {
+            kind: self.kind,
+            size: self.config.size,
+            placement: self.config.placement,
+            pixel_count: self.features.pixel_count() as u32,
+        }
+    }
+
+    /// The output scale, measured at the first call.
+    fn calibrated(
+        &mut self,
+        sampler: &Sampler,
+        source: &dyn TargetSource,
+    ) -> Result<OutputScale, ProxyError> {
+        if let Some(scale) = self.state.output_scale {
+            return Ok(scale);
+        }
+        let area = self.config.scale_by_area.then(|| middling_area(self.kind, &self.config));
+        let scale = sampler.calibrate(source, area, self.seed)?;
+        self.state.output_scale = Some(scale);
+        Ok(scale)
+    }
+
+    fn widen_ranges(&mut self, lights: &[LightParams]) {
+        if self.state.trained_ranges.is_empty() {
+            self.state.trained_ranges = lights[0].as_slice().iter().map(|value| [*value; 2]).collect();
+        }
+        for light in lights {
+            for (range, value) in self.state.trained_ranges.iter_mut().zip(light.as_slice()) {
+                *range = [range[0].min(*value), range[1].max(*value)];
+            }
+        }
+    }
+}
+
+impl Core {
+    fn new(config: &TrainConfig, kind: LightKind, normalisation: Normalisation, size: [usize; 2]) -> Self {
+        let light = LightEncoding::new(kind, normalisation, config.size);
+        match &config.network {
+            NetworkConfig::Reference { width, layers, grid } => {
+                Self::Reference(CoreOf::new(ReferenceNetwork::new(*width, *layers, grid, size, light)))
+            }
+            NetworkConfig::Fast { width, layers, grid } => {
+                Self::Fast(CoreOf::new(FastNetwork::new(*width, *layers, grid, size, light)))
+            }
+        }
+    }
+
+    fn layout(&self) -> &ParamLayout {
+        match self {
+            Self::Reference(core) => core.network.layout(),
+            Self::Fast(core) => core.network.layout(),
+        }
+    }
+
+    fn gradient(&mut self, context: Context<'_>, batch: &Batch) -> (f64, &ParamLayout, &[f32]) {
+        match self {
+            Self::Reference(core) => core.gradient(context, batch),
+            Self::Fast(core) => core.gradient(context, batch),
+        }
+    }
+}
+
+impl<N: Network> CoreOf<N> {
+    fn new(network: N) -> Box<Self> {
+        let buffers = GradientBuffers::new(&network);
+        Box::new(Self { network, buffers })
+    }
+
+    fn gradient(&mut self, context: Context<'_>, batch: &Batch) -> (f64, &ParamLayout, &[f32]) {
+        let packed = self.network.pack(context.params);
+        let loss = batch_gradient(&self.network, &packed, context, batch, &mut self.buffers);
+        (loss, self.network.layout(), &self.buffers.total)
+    }
+}
+
+/// Area of a light of the geometric mean size.
+fn middling_area(kind: LightKind, config: &TrainConfig) -> f32 {
+    let size = (config.size.min * config.size.max).sqrt();
+    let light = match kind {
+        LightKind::Sphere | LightKind::FacingDisk => LightParams::round(kind, glam::Vec3::ZERO, size),
+        LightKind::Quad => LightParams::quad(glam::Vec3::ZERO, glam::Vec3::X * size, glam::Vec3::Y * size),
+    };
+    emitting_area(&light).value
+}
+
+#[cfg(test)]
+mod tests;

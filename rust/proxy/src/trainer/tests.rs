@@ -1,0 +1,202 @@
+use super::*;
+use crate::synthetic::SyntheticRoom;
+use crate::{GridConfig, LightPlacement, PixelQueries, SizeRange, TargetMode};
+
+fn config(samples: u64) -> TrainConfig {
+    let grid = GridConfig { levels: 4, ..GridConfig::default() };
+    TrainConfig {
+        network: NetworkConfig::Fast { width: 32, layers: 2, grid },
+        batch_start: 2048,
+        batch_end: 4096,
+        samples,
+        held_out: 4,
+        ..TrainConfig::fast(SizeRange { min: 0.1, max: 0.5 })
+    }
+}
+
+fn trained(config: TrainConfig, kind: LightKind, room: &SyntheticRoom) -> Trainer {
+    let mut trainer =
+        Trainer::new(Arc::new(room.features()), kind, config, 3).expect("a valid configuration");
+    while !trainer.done() {
+        trainer.step(room).expect("a step");
+    }
+    trainer
+}
+
+#[test]
+fn fast_network_learns_the_room_for_every_kind_of_light() {
+    let room = SyntheticRoom::new(48, 32).with_noise(0.2);
+    for kind in [LightKind::Sphere, LightKind::FacingDisk, LightKind::Quad] {
+        let mut start = Trainer::new(Arc::new(room.features()), kind, config(1), 3).expect("valid");
+        let before = start.validate(&room).expect("scores");
+        let after = trained(config(400_000), kind, &room).validate(&room).expect("scores");
+        assert!(after.psnr > 20.0 && after.psnr > before.psnr + 8.0, "{kind}: {before:?} to {after:?}");
+    }
+}
+
+#[test]
+fn reference_network_learns_from_a_pool() {
+    let room = SyntheticRoom::new(48, 32);
+    let config = TrainConfig {
+        network: NetworkConfig::Reference { width: 32, layers: 3, grid: GridConfig::default() },
+        targets: TargetMode::Pool { size: 60, replace: 2, every: 5, denoised: true },
+        muon: false,
+        scale_by_area: false,
+        ..config(400_000)
+    };
+    let after = trained(config, LightKind::Sphere, &room).validate(&room).expect("scores");
+    assert!(after.psnr > 14.0, "{after:?}");
+}
+
+#[test]
+fn training_does_not_depend_on_the_number_of_threads() {
+    let room = SyntheticRoom::new(24, 16).with_noise(0.2);
+    let weights = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a thread pool");
+        pool.install(|| trained(config(40_000), LightKind::Sphere, &room).state.params)
+    };
+    assert!(weights(1) == weights(3), "three threads change the weights");
+}
+
+#[test]
+fn lights_in_bounds_and_ranges_are_reported() {
+    let room = SyntheticRoom::new(24, 16);
+    let config = TrainConfig { placement: LightPlacement::Bounds, ..config(20_000) };
+    let trainer = trained(config, LightKind::Sphere, &room);
+    let (low, high) = room.bounds();
+    let ranges = trainer.proxy().info().trained_ranges.clone();
+    for axis in 0..3 {
+        let [least, greatest] = ranges[axis];
+        assert!(least >= low[axis] && greatest <= high[axis] && least < greatest, "axis {axis}: {ranges:?}");
+    }
+    assert!(ranges[3][0] >= 0.0999 && ranges[3][1] <= 0.5001, "radius: {ranges:?}");
+}
+
+/// Answers NaN from some call on.
+struct Failing(SyntheticRoom, std::sync::atomic::AtomicU32);
+
+impl TargetSource for Failing {
+    fn bounds(&self) -> (glam::Vec3, glam::Vec3) {
+        self.0.bounds()
+    }
+    fn segment_point(&self, _pixel: u32, _rng: &mut Rng) -> Option<glam::Vec3> {
+        None
+    }
+    fn pixel_targets(&self, queries: &PixelQueries<'_>, out: &mut [[f32; 3]]) -> Result<(), ProxyError> {
+        self.0.pixel_targets(queries, out)?;
+        match self.1.fetch_add(1, std::sync::atomic::Ordering::Relaxed) {
+            0..=2 => Ok(()),
+            3 => {
+                out[17] = [f32::NAN; 3];
+                Ok(())
+            }
+            _ => Err(ProxyError::targets("the disk is gone")),
+        }
+    }
+    fn images(
+        &self,
+        _lights: &[relume_scene::LightShape],
+        _denoised: bool,
+    ) -> Result<Vec<Image>, ProxyError> {
+        Ok(Vec::new())
+    }
+}
+
+#[test]
+fn bad_targets_stop_training_with_the_weights_of_the_step_before() {
+    let source = Failing(SyntheticRoom::new(24, 16), Default::default());
+    let features = Arc::new(source.0.features());
+    let mut trainer = Trainer::new(features, LightKind::Sphere, config(20_000), 3).expect("valid");
+    trainer.step(&source).expect("first step");
+    trainer.step(&source).expect("second step");
+    let before = trainer.state.params.clone();
+    let error = trainer.step(&source).expect_err("NaN").to_string();
+    assert!(error.contains("diverged at step 2"), "{error}");
+    assert_eq!((trainer.steps(), &trainer.state.params), (2, &before));
+    assert!(trainer.step(&source).expect_err("no targets").to_string().contains("the disk is gone"));
+    assert!(trainer.validate(&source).expect_err("no images").to_string().contains("target images"));
+    let light = LightParams::round(LightKind::Sphere, glam::Vec3::Z, 0.2);
+    assert!(trainer.proxy().unit_image(&light).expect("still usable").data.iter().all(|x| x.is_finite()));
+}
+
+#[test]
+fn senseless_configurations_and_features_are_refused() {
+    let room = SyntheticRoom::new(24, 16);
+    let new = |config: TrainConfig, features: PixelFeatures| {
+        Trainer::new(Arc::new(features), LightKind::Sphere, config, 3).err().expect("refused").to_string()
+    };
+    let bad = TrainConfig { lights_per_pixel: 3, ..config(1) };
+    assert!(new(bad, room.features()).contains("lights_per_pixel must be"));
+    let bad = TrainConfig { size: SizeRange { min: 0.0, max: f32::NAN }, ..config(1) };
+    assert!(new(bad, room.features()).contains("size.min must be"));
+    let mut features = room.features();
+    features.normal[5][1] = f32::NAN;
+    assert!(new(config(1), features).contains("normal of pixel 5"));
+    let mut features = room.features();
+    features.depth.pop();
+    assert!(new(config(1), features).contains("depth holds 383 pixels instead of 384"));
+}
+
+#[test]
+fn proxies_refuse_other_lights_and_wrong_lengths() {
+    let room = SyntheticRoom::new(24, 16);
+    let proxy =
+        Trainer::new(Arc::new(room.features()), LightKind::Sphere, config(1), 3).expect("valid").proxy();
+    let sphere = LightParams::round(LightKind::Sphere, glam::Vec3::Z, 0.2);
+    let quad = LightParams::quad(glam::Vec3::Z, glam::Vec3::X, glam::Vec3::Y);
+    assert!(
+        proxy
+            .unit_image(&quad)
+            .expect_err("quad")
+            .to_string()
+            .contains("trained for sphere lights, not for quad")
+    );
+    assert!(matches!(proxy.forward(&sphere, &mut []), Err(ProxyError::Length { expected: 384, .. })));
+    let outside = proxy.forward_pixels(&[384], &sphere, &mut [[0.0; 3]]);
+    assert!(matches!(outside, Err(ProxyError::PixelOutside { pixel: 384, count: 384 })));
+    assert_eq!(proxy.backward(&[], &sphere, &[]).expect("nothing to do"), vec![0.0; 4]);
+    assert!(proxy.covers(&sphere.shape()) && !proxy.covers(&quad.shape()));
+}
+
+#[test]
+fn subsets_and_coarse_images_show_the_same_pixels() {
+    let room = SyntheticRoom::new(37, 19);
+    let proxy = trained(config(8_000), LightKind::Sphere, &room).proxy();
+    let light = LightParams::round(LightKind::Sphere, glam::Vec3::Z, 0.2);
+    let whole = proxy.unit_image(&light).expect("image");
+    for stride in [1, 2, 5] {
+        let (pixels, [width, height]) = proxy.coarse_pixels(stride);
+        assert_eq!(pixels.len(), width * height);
+        let mut some = vec![[f32::NAN; 3]; pixels.len()];
+        proxy.forward_pixels(&pixels, &light, &mut some).expect("pixels");
+        for (pixel, value) in pixels.iter().zip(some) {
+            let start = *pixel as usize * 3;
+            assert_eq!(value[..], whole.data[start..start + 3], "stride {stride}, pixel {pixel}");
+        }
+    }
+}
+
+#[test]
+fn proxy_gradients_follow_the_scale_with_area() {
+    let room = SyntheticRoom::new(32, 20);
+    let proxy = trained(config(200_000), LightKind::Sphere, &room).proxy();
+    let light = LightParams::round(LightKind::Sphere, glam::Vec3::new(-0.3, -0.6, 1.5), 0.3);
+    let pixels: Vec<u32> = (320..480).collect();
+    let loss = |light: &LightParams| {
+        let mut out = vec![[0.0; 3]; pixels.len()];
+        proxy.forward_pixels(&pixels, light, &mut out).expect("pixels");
+        out.iter().flatten().map(|x| f64::from(*x)).sum::<f64>()
+    };
+    let gradient = proxy.backward(&pixels, &light, &vec![[1.0; 3]; pixels.len()]).expect("gradient");
+    for index in 0..4 {
+        let moved = |step: f32| {
+            let mut params = light.as_slice().to_vec();
+            params[index] += step;
+            loss(&LightParams::from_slice(LightKind::Sphere, &params).expect("four"))
+        };
+        let found = (moved(2e-3) - moved(-2e-3)) / 4e-3;
+        let largest = gradient.iter().fold(0.0f64, |m, g| m.max(f64::from(g.abs())));
+        let error = (found - f64::from(gradient[index])).abs();
+        assert!(error < 0.05 * largest, "parameter {index}: quotient {found}, gradient {gradient:?}");
+    }
+}
