@@ -45,11 +45,6 @@ impl<N: Network> Evaluator<N> {
         &self.network
     }
 
-    /// Multiply-adds of one pixel.
-    pub fn multiply_adds(&self) -> usize {
-        self.network.multiply_adds(1).1
-    }
-
     fn context(&self) -> Context<'_> {
         Context { isa: self.isa, scene: &self.scene, params: &self.params }
     }

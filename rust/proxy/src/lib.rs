@@ -34,6 +34,7 @@
 //! Lengths are metres and unit images are for radiance 1: the caller multiplies by the light's radiance and factors.
 
 mod analytic;
+pub mod bench;
 mod checkpoint;
 mod config;
 mod encoding;

@@ -118,11 +118,6 @@ impl Proxy {
         with_evaluator!(self, e => e.network().layout())
     }
 
-    /// Multiply-adds of one pixel.
-    pub fn multiply_adds(&self) -> usize {
-        with_evaluator!(self, e => e.multiply_adds())
-    }
-
     /// Whether this proxy answers for such a light: its kind, and sizes within the trained range (with a tenth of
     /// slack). Positions are not checked.
     pub fn covers(&self, shape: &LightShape) -> bool {

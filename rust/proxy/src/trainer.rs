@@ -171,7 +171,7 @@ impl Trainer {
     /// [`ProxyError::Diverged`], with the weights as before the step, or the failure of the source.
     pub fn step(&mut self, source: &dyn TargetSource) -> Result<StepReport, ProxyError> {
         let sampler = self.sampler();
-        let scale = self.calibrated(&sampler, source)?;
+        self.calibrated(&sampler, source)?;
         if let Some(pool) = &mut self.pool {
             if pool.missing() > 0 {
                 pool.fill(&sampler, source, self.seed)?;
@@ -183,14 +183,7 @@ impl Trainer {
         }
         let done = progress(&self.config, self.state.samples);
         let samples = batch_size(&self.config, done);
-        let key = (self.seed, self.state.step);
-        let batch = sampler.batch(
-            source,
-            self.pool.as_ref(),
-            &scale,
-            (samples, self.config.lights_per_pixel),
-            key,
-        )?;
+        let batch = self.random_batch(source, samples)?;
         let loss = self.descend(&batch, done)?;
         self.state.samples += samples as u64;
         self.widen_ranges(&batch.lights);
@@ -198,7 +191,7 @@ impl Trainer {
     }
 
     /// Moves the weights along the gradient of a batch.
-    fn descend(&mut self, batch: &Batch, done: f32) -> Result<f64, ProxyError> {
+    pub(crate) fn descend(&mut self, batch: &Batch, done: f32) -> Result<f64, ProxyError> {
         let state = &mut self.state;
         let context = Context { isa: self.isa, scene: &self.scene, params: &state.params };
         let (loss, layout, gradient) = self.core.gradient(context, batch);
@@ -279,6 +272,27 @@ impl Trainer {
 
     pub(crate) fn layout(&self) -> &ParamLayout {
         self.core.layout()
+    }
+
+    /// Multiply-adds of one sample in training (forward only) and in inference.
+    pub(crate) fn multiply_adds(&self) -> (usize, usize) {
+        let slots = self.config.lights_per_pixel;
+        match &self.core {
+            Core::Reference(core) => core.network.multiply_adds(slots),
+            Core::Fast(core) => core.network.multiply_adds(slots),
+        }
+    }
+
+    /// A batch of the current step with its targets gathered.
+    pub(crate) fn random_batch(
+        &mut self,
+        source: &dyn TargetSource,
+        samples: usize,
+    ) -> Result<Batch, ProxyError> {
+        let sampler = self.sampler();
+        let scale = self.calibrated(&sampler, source)?;
+        let key = (self.seed, self.state.step);
+        sampler.batch(source, self.pool.as_ref(), &scale, (samples, self.config.lights_per_pixel), key)
     }
 
     fn report(&self, loss: Option<f64>) -> StepReport {

@@ -1,0 +1,106 @@
+//! Speed of the kernels against the fused-multiply-add peak of one core, measured in the same process. Time is that of
+//! the thread, which other processes disturb less than the clock on the wall.
+
+use std::hint::black_box;
+use std::sync::Arc;
+
+use cpu_time::ThreadTime;
+use serde::Serialize;
+
+use crate::simd::{Isa, peak};
+use crate::synthetic::SyntheticRoom;
+use crate::{
+    GridConfig, LightKind, LightParams, NetworkConfig, ProxyError, SizeRange, TargetMode, TrainConfig,
+    Trainer,
+};
+
+/// One measured figure.
+#[derive(Clone, Debug, Serialize)]
+pub struct Record {
+    /// What was measured.
+    pub name: String,
+    /// The figure.
+    pub value: f64,
+    /// Its unit.
+    pub unit: &'static str,
+    /// The limit in the same unit: what the peak of the core would allow.
+    pub limit: f64,
+    /// `value / limit`.
+    pub share_of_limit: f64,
+}
+
+/// Rounds of which the best counts; the peak is measured again in each, so that both see the same clock.
+const ROUNDS: usize = 7;
+
+/// Inference and training (forward, backward, optimiser) of the usual networks on one thread, in samples per second.
+///
+/// # Errors
+/// Does not fail unless the configurations in here are wrong.
+pub fn kernels() -> Result<Vec<Record>, ProxyError> {
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .build()
+        .map_err(|error| ProxyError::Config(format!("no thread for the benchmark: {error}")))?;
+    pool.install(|| {
+        let grid = GridConfig::default();
+        let networks = [
+            ("reference 64/4", NetworkConfig::Reference { width: 64, layers: 4, grid }, 8192),
+            ("reference 128/8", NetworkConfig::Reference { width: 128, layers: 8, grid }, 4096),
+            ("reference 256/8", NetworkConfig::Reference { width: 256, layers: 8, grid }, 2048),
+            ("fast 64x2", NetworkConfig::Fast { width: 64, layers: 2, grid }, 16_384),
+            ("fast 128x2", NetworkConfig::Fast { width: 128, layers: 2, grid }, 8192),
+        ];
+        let mut records = Vec::new();
+        for (name, network, batch) in networks {
+            records.extend(measure(name, network, batch)?);
+        }
+        Ok(records)
+    })
+}
+
+/// Peak of one core, multiply-adds per second.
+fn peak_rate(isa: Isa) -> f64 {
+    let rounds = 20_000;
+    let start = ThreadTime::now();
+    black_box(peak(isa, rounds));
+    (rounds * 96 * 32) as f64 / start.elapsed().as_secs_f64()
+}
+
+fn measure(name: &str, network: NetworkConfig, batch: usize) -> Result<[Record; 2], ProxyError> {
+    let isa = Isa::detect();
+    let room = SyntheticRoom::new(160, 96);
+    let config = TrainConfig {
+        muon: matches!(network, NetworkConfig::Fast { .. }),
+        network,
+        batch_start: batch,
+        batch_end: batch,
+        targets: TargetMode::Raw,
+        ..TrainConfig::fast(SizeRange { min: 0.1, max: 0.5 })
+    };
+    let mut trainer = Trainer::new(Arc::new(room.features()), LightKind::Sphere, config, 1)?;
+    trainer.step(&room)?;
+    let proxy = trainer.proxy();
+    let light = LightParams::round(LightKind::Sphere, glam::Vec3::new(0.3, -0.5, 1.0), 0.2);
+    let mut pixels = vec![[0.0; 3]; room.features().pixel_count()];
+    let fixed = trainer.random_batch(&room, batch)?;
+    let (mut peak, mut infer, mut train) = (0.0f64, 0.0f64, 0.0f64);
+    for _ in 0..ROUNDS {
+        peak = peak.max(peak_rate(isa));
+        let start = ThreadTime::now();
+        proxy.forward(&light, black_box(&mut pixels))?;
+        infer = infer.max(pixels.len() as f64 / start.elapsed().as_secs_f64());
+        let start = ThreadTime::now();
+        trainer.descend(black_box(&fixed), 0.5)?;
+        train = train.max(batch as f64 / start.elapsed().as_secs_f64());
+    }
+    let (train_cost, infer_cost) = trainer.multiply_adds();
+    let record = |task: &str, value: f64, cost: f64| Record {
+        name: format!("{task} {name}, one thread, {}", isa.name()),
+        value,
+        unit: "samples/s",
+        limit: peak / cost,
+        share_of_limit: value * cost / peak,
+    };
+    // Backward costs a product for the inputs and one for the weights.
+    Ok([record("inference", infer, infer_cost as f64), record("training", train, 3.0 * train_cost as f64)])
+}
