@@ -28,6 +28,12 @@ fn splat(x: f32) -> V {
 
 #[inline]
 #[target_feature(enable = "avx2,fma")]
+fn add(a: V, b: V) -> V {
+    _mm256_add_ps(a, b)
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma")]
 fn fma(a: V, b: V, c: V) -> V {
     _mm256_fmadd_ps(a, b, c)
 }

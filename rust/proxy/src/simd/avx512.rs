@@ -30,6 +30,12 @@ fn splat(x: f32) -> V {
 
 #[inline]
 #[target_feature(enable = "avx512f,avx2,fma")]
+fn add(a: V, b: V) -> V {
+    _mm512_add_ps(a, b)
+}
+
+#[inline]
+#[target_feature(enable = "avx512f,avx2,fma")]
 fn fma(a: V, b: V, c: V) -> V {
     _mm512_fmadd_ps(a, b, c)
 }

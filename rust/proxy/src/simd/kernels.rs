@@ -1,5 +1,5 @@
 /// Writes the kernels of one instruction set. The module that calls it defines `V`, `WIDTH` (lanes of `V`), `WIDE`
-/// (vectors in a tile's row), `load`, `store`, `splat`, `fma`, `relu`, `keep_positive` and `transpose_block` (8 x 8),
+/// (vectors in a tile's row), `load`, `store`, `splat`, `add`, `fma`, `relu`, `keep_positive` and `transpose_block` (8 x 8),
 /// and hands in the attributes that its functions carry.
 macro_rules! define_kernels {
     ($(#[$attribute:meta])*) => {
@@ -186,18 +186,27 @@ macro_rules! define_kernels {
         $(#[$attribute])*
         pub(super) unsafe fn row_sums(x: &[f32], sums: &mut [f32]) {
             for (sum, row) in sums.iter_mut().zip(x.chunks_exact(LANES)) {
-                *sum += lane_sum(row, |s| row[s]);
+                let mut partial = splat(0.0);
+                for s in (0..LANES).step_by(WIDTH) {
+                    // SAFETY: `s + WIDTH <= LANES`, the length of `row`.
+                    partial = add(partial, unsafe { load(row.as_ptr().add(s)) });
+                }
+                *sum += total(partial);
             }
         }
 
         /// See [`super::modulate`].
         $(#[$attribute])*
-        pub(super) unsafe fn modulate(z: &[f32], gamma: &[f32], beta: &[f32], relu: bool, h: &mut [f32]) {
-            let floor = if relu { 0.0 } else { f32::NEG_INFINITY };
+        pub(super) unsafe fn modulate(z: &[f32], gamma: &[f32], beta: &[f32], activate: bool, h: &mut [f32]) {
             let rows = z.chunks_exact(LANES).zip(h.chunks_exact_mut(LANES));
             for ((z, h), (gamma, beta)) in rows.zip(gamma.iter().zip(beta)) {
-                for s in 0..LANES {
-                    h[s] = (z[s] * gamma + beta).max(floor);
+                let (gamma, beta) = (splat(*gamma), splat(*beta));
+                for s in (0..LANES).step_by(WIDTH) {
+                    // SAFETY: `s + WIDTH <= LANES`, the length of `z` and `h`.
+                    unsafe {
+                        let value = fma(load(z.as_ptr().add(s)), gamma, beta);
+                        store(h.as_mut_ptr().add(s), if activate { relu(value) } else { value });
+                    }
                 }
             }
         }
@@ -213,26 +222,37 @@ macro_rules! define_kernels {
         ) {
             let rows = z.chunks_exact(LANES).zip(d.chunks_exact_mut(LANES));
             for (((z, d), gamma), (d_gamma, d_beta)) in rows.zip(gamma).zip(d_gamma.iter_mut().zip(d_beta)) {
-                *d_gamma += lane_sum(d, |s| d[s] * z[s]);
-                *d_beta += lane_sum(d, |s| d[s]);
-                for value in d.iter_mut() {
-                    *value *= gamma;
+                let gamma = splat(*gamma);
+                let (mut by_gamma, mut by_beta) = (splat(0.0), splat(0.0));
+                for s in (0..LANES).step_by(WIDTH) {
+                    // SAFETY: `s + WIDTH <= LANES`, the length of `z` and `d`.
+                    unsafe {
+                        let value = load(d.as_ptr().add(s));
+                        by_gamma = fma(value, load(z.as_ptr().add(s)), by_gamma);
+                        by_beta = add(by_beta, value);
+                        store(d.as_mut_ptr().add(s), fma(value, gamma, splat(0.0)));
+                    }
                 }
+                *d_gamma += total(by_gamma);
+                *d_beta += total(by_beta);
             }
         }
 
-        /// Sum of a tile's row in eight partial sums, which vectorise.
-        #[inline(always)]
-        fn lane_sum(row: &[f32], value: impl Fn(usize) -> f32) -> f32 {
-            assert_eq!(row.len(), LANES, "row of a tile");
-            let mut partial = [0.0f32; 8];
-            for s in (0..LANES).step_by(8) {
-                for lane in 0..8 {
-                    partial[lane] += value(s + lane);
+        /// Sum of all lanes.
+        #[inline]
+        $(#[$attribute])*
+        fn total(x: V) -> f32 {
+            let mut lanes = [0.0f32; WIDTH];
+            // SAFETY: `lanes` holds one vector.
+            unsafe { store(lanes.as_mut_ptr(), x) };
+            let mut width = WIDTH / 2;
+            while width > 0 {
+                for lane in 0..width {
+                    lanes[lane] += lanes[lane + width];
                 }
+                width /= 2;
             }
-            let [a, b, c, d, e, f, g, h] = partial;
-            ((a + e) + (b + f)) + ((c + g) + (d + h))
+            lanes[0]
         }
 
         /// See [`super::peak`].

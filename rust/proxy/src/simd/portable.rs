@@ -22,6 +22,11 @@ fn splat(x: f32) -> V {
 }
 
 #[inline(always)]
+fn add(a: V, b: V) -> V {
+    std::array::from_fn(|i| a[i] + b[i])
+}
+
+#[inline(always)]
 fn fma(a: V, b: V, c: V) -> V {
     std::array::from_fn(|i| a[i] * b[i] + c[i])
 }
