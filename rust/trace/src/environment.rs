@@ -3,9 +3,13 @@
 use std::f32::consts::{PI, TAU};
 
 use glam::{Mat3, Vec2, Vec3};
-use relume_scene::{ColorEncoding, Scene, Texels, Texture};
+use rayon::prelude::*;
+use relume_scene::Scene;
 
-use crate::distribution::Distribution;
+use crate::{
+    distribution::Distribution,
+    shading::{PreparedMaterials, equirectangular},
+};
 
 /// Most columns of the grid that directions are sampled from.
 const GRID_COLUMNS: usize = 1024;
@@ -13,9 +17,7 @@ const GRID_COLUMNS: usize = 1024;
 /// Radiance by direction.
 #[derive(Debug)]
 pub(crate) struct Environment {
-    color: Vec3,
-    /// Index into [`Scene::textures`].
-    texture: Option<usize>,
+    is_black: bool,
     texture_from_world: Mat3,
     visible_camera: bool,
     grid: Option<Grid>,
@@ -30,39 +32,34 @@ struct Grid {
 }
 
 impl Environment {
-    pub fn new(scene: &Scene) -> Self {
+    pub fn new(scene: &Scene, materials: &PreparedMaterials) -> Self {
         let world = &scene.world;
-        let texture = world.texture.filter(|index| *index < scene.textures.len());
         let transform = world.texture_from_world;
+        let is_black = world.color == [0.0; 3];
         // Densities are computed for rotations (and mirrored ones) only; others are left to BSDF sampling.
         let is_rotation = (transform * transform.transpose()).abs_diff_eq(Mat3::IDENTITY, 1e-4);
-        let grid = texture.filter(|_| is_rotation).and_then(|index| Grid::new(&scene.textures[index]));
-        Self {
-            color: Vec3::from(world.color),
-            texture,
-            texture_from_world: transform,
-            visible_camera: world.visible_camera,
-            grid,
-        }
-    }
-
-    pub fn is_black(&self) -> bool {
-        self.color == Vec3::ZERO
+        let texture = world.texture.filter(|_| is_rotation && !is_black);
+        let grid = texture.and_then(|index| Grid::new(scene, materials, index));
+        Self { is_black, texture_from_world: transform, visible_camera: world.visible_camera, grid }
     }
 
     /// Radiance from the unit `direction`, for camera rays or others.
-    pub fn radiance(&self, scene: &Scene, direction: Vec3, is_camera: bool) -> Vec3 {
-        if self.is_black() || (is_camera && !self.visible_camera) {
+    pub fn radiance(
+        &self,
+        scene: &Scene,
+        materials: &PreparedMaterials,
+        direction: Vec3,
+        is_camera: bool,
+    ) -> Vec3 {
+        if self.is_black || (is_camera && !self.visible_camera) {
             return Vec3::ZERO;
         }
-        let Some(index) = self.texture else { return self.color };
-        let coords = equirectangular((self.texture_from_world * direction).normalize_or(Vec3::Z));
-        self.color * bilinear(&scene.textures[index], coords)
+        materials.world_radiance(scene, direction)
     }
 
     /// Whether sampling directions directly is worth it: a world of one colour is as well met by BSDF sampling.
     pub fn can_sample(&self) -> bool {
-        self.grid.is_some() && !self.is_black()
+        self.grid.is_some()
     }
 
     /// A direction and its density over solid angle.
@@ -80,7 +77,7 @@ impl Environment {
     /// Density of [`Environment::sample`].
     pub fn density(&self, direction: Vec3) -> f32 {
         let Some(grid) = &self.grid else { return 0.0 };
-        let coords = equirectangular((self.texture_from_world * direction).normalize_or(Vec3::Z));
+        let coords = Vec2::from(equirectangular((self.texture_from_world * direction).normalize_or(Vec3::Z)));
         let column = ((coords.x * grid.columns as f32) as usize).min(grid.columns - 1);
         let row = ((coords.y * grid.rows as f32) as usize).min(grid.rows - 1);
         grid.density(row * grid.columns + column, coords.y)
@@ -88,21 +85,36 @@ impl Environment {
 }
 
 impl Grid {
-    fn new(texture: &Texture) -> Option<Self> {
-        if texture.width == 0 || texture.height == 0 {
+    fn new(scene: &Scene, materials: &PreparedMaterials, texture: usize) -> Option<Self> {
+        let (width, height) = (scene.textures[texture].width, scene.textures[texture].height);
+        let (columns, rows) = (width.min(GRID_COLUMNS), height.min(GRID_COLUMNS / 2));
+        if columns == 0 || rows == 0 {
             return None;
         }
-        let columns = texture.width.min(GRID_COLUMNS);
-        let rows = texture.height.min(GRID_COLUMNS / 2);
-        let mut weights = vec![0.0; columns * rows];
-        for y in 0..texture.height {
-            let row = y * rows / texture.height;
-            let elevation = PI * ((y as f32 + 0.5) / texture.height as f32 - 0.5);
-            for x in 0..texture.width {
-                let brightness = texel(texture, x, y).max_element().clamp(0.0, 1e6);
-                weights[row * columns + x * columns / texture.width] += brightness * elevation.cos();
+        // Each texel counts, so that a sun of one texel is not missed.
+        let row_weights = |row: usize| {
+            let mut weights = vec![0.0; columns];
+            for y in row * height / rows..(row + 1) * height / rows {
+                let v = (y as f32 + 0.5) / height as f32;
+                for x in 0..width {
+                    let u = (x as f32 + 0.5) / width as f32;
+                    let brightness = materials.texel(scene, texture, [u, v]).max_element().clamp(0.0, 1e6);
+                    weights[x * columns / width] += brightness * (PI * (v - 0.5)).cos();
+                }
             }
-        }
+            weights
+        };
+        let mut weights: Vec<f32> = (0..rows).into_par_iter().flat_map_iter(row_weights).collect();
+        // Interpolation spreads an eighth of a texel's light into each neighbour.
+        let (spread_x, spread_y) = (columns as f32 / width as f32 / 8.0, rows as f32 / height as f32 / 8.0);
+        weights = spread(&weights, spread_x, |cell, step| {
+            let x = (cell % columns + columns).wrapping_add_signed(step) % columns;
+            cell - cell % columns + x
+        });
+        weights = spread(&weights, spread_y, |cell, step| {
+            let y = (cell / columns).saturating_add_signed(step).min(rows - 1);
+            y * columns + cell % columns
+        });
         Some(Self { cells: Distribution::new(&weights)?, columns, rows })
     }
 
@@ -116,11 +128,10 @@ impl Grid {
     }
 }
 
-/// Texture coordinates of a direction, as in Cycles (`direction_to_equirectangular`).
-fn equirectangular(direction: Vec3) -> Vec2 {
-    let u = -direction.y.atan2(direction.x) / TAU + 0.5;
-    let v = direction.z.atan2(direction.x.hypot(direction.y)) / PI + 0.5;
-    Vec2::new(u, v)
+/// Gives `share` of each cell to both of its neighbours.
+fn spread(weights: &[f32], share: f32, neighbour: impl Fn(usize, isize) -> usize) -> Vec<f32> {
+    let around = |cell: usize| weights[neighbour(cell, -1)] + weights[neighbour(cell, 1)];
+    (0..weights.len()).map(|cell| weights[cell] * (1.0 - 2.0 * share) + around(cell) * share).collect()
 }
 
 /// Inverse of [`equirectangular`].
@@ -130,45 +141,9 @@ fn from_equirectangular(coords: Vec2) -> Vec3 {
     Vec3::new(cos_v * cos_u, cos_v * sin_u, sin_v)
 }
 
-/// Linear interpolation; the texture repeats around and ends at the poles.
-fn bilinear(texture: &Texture, coords: Vec2) -> Vec3 {
-    if texture.width == 0 || texture.height == 0 {
-        return Vec3::ZERO;
-    }
-    let position = coords * Vec2::new(texture.width as f32, texture.height as f32) - 0.5;
-    let base = position.floor();
-    let fraction = position - base;
-    let columns = [0, 1].map(|step| (base.x as i64 + step).rem_euclid(texture.width as i64) as usize);
-    let rows = [0, 1].map(|step| (base.y as i64 + step).clamp(0, texture.height as i64 - 1) as usize);
-    let row = |y: usize| texel(texture, columns[0], y).lerp(texel(texture, columns[1], y), fraction.x);
-    row(rows[0]).lerp(row(rows[1]), fraction.y)
-}
-
-/// Scene-linear colour of a texel; black outside the data.
-fn texel(texture: &Texture, x: usize, y: usize) -> Vec3 {
-    let start = 4 * (y * texture.width + x);
-    match &texture.texels {
-        Texels::Float(values) => values.get(start..start + 3).map_or(Vec3::ZERO, Vec3::from_slice),
-        Texels::Byte(values) => {
-            let color = values.get(start..start + 3).map_or(Vec3::ZERO, |rgb| {
-                Vec3::new(f32::from(rgb[0]), f32::from(rgb[1]), f32::from(rgb[2])) / 255.0
-            });
-            match texture.encoding {
-                ColorEncoding::Linear => color,
-                ColorEncoding::Srgb => color.map(linear_from_srgb),
-            }
-        }
-    }
-}
-
-/// IEC 61966-2-1.
-fn linear_from_srgb(value: f32) -> f32 {
-    if value <= 0.040_45 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
-}
-
 #[cfg(test)]
 mod tests {
-    use relume_scene::{Alpha, World};
+    use relume_scene::{Alpha, ColorEncoding, Texels, Texture, World};
 
     use super::*;
 
@@ -203,42 +178,40 @@ mod tests {
     #[test]
     fn directions_survive_the_round_trip() {
         for coords in [Vec2::new(0.1, 0.2), Vec2::new(0.7, 0.9), Vec2::new(0.5, 0.5)] {
-            assert!((equirectangular(from_equirectangular(coords)) - coords).length() < 1e-5);
+            assert!((Vec2::from(equirectangular(from_equirectangular(coords))) - coords).length() < 1e-5);
         }
-        // +x is the middle of the image, +y a quarter to the left of it, +z the top row.
-        assert!((equirectangular(Vec3::X) - Vec2::new(0.5, 0.5)).length() < 1e-6);
-        assert!((equirectangular(Vec3::Y) - Vec2::new(0.25, 0.5)).length() < 1e-6);
-        assert!((equirectangular(Vec3::Z).y - 1.0).abs() < 1e-6);
     }
 
     #[test]
     fn sampled_and_uniform_estimates_of_the_irradiance_agree() {
         let scene = scene();
-        let environment = Environment::new(&scene);
+        let materials = PreparedMaterials::new(&scene).0;
+        let environment = Environment::new(&scene, &materials);
         assert!(environment.can_sample());
         let (mut sampled, mut uniform, mut differing) = (0.0_f64, 0.0_f64, 0);
         let count = 400_000;
         for i in 0..count {
-            let u = [
-                (i as f32 + 0.5) / count as f32,
-                (i as f32 * 0.754_877_7).fract(),
-                (i as f32 * 0.569_84).fract(),
-            ];
+            let step = f64::from(i);
+            let u =
+                [(step + 0.5) / f64::from(count), (step * 0.754_877_7).fract(), (step * 0.569_84).fract()];
+            let u = u.map(|u| u as f32);
             // A number may round onto a pole, which has no density.
             let Some((direction, density)) = environment.sample(u) else { continue };
             let listed = environment.density(direction);
             differing += i32::from((density - listed).abs() > 1e-3 * density);
-            sampled += f64::from(environment.radiance(&scene, direction, false).x / density);
+            sampled += f64::from(environment.radiance(&scene, &materials, direction, false).x / density);
             let z = 1.0 - 2.0 * u[0];
             let flat = Vec2::from_angle(TAU * u[1]) * (1.0 - z * z).sqrt();
-            uniform +=
-                f64::from(environment.radiance(&scene, flat.extend(z), false).x) * 4.0 * std::f64::consts::PI;
+            uniform += f64::from(environment.radiance(&scene, &materials, flat.extend(z), false).x)
+                * 4.0
+                * std::f64::consts::PI;
         }
+        assert!(differing < 20, "{differing} directions round into a neighbouring cell");
         assert!(
             (sampled / uniform - 1.0).abs() < 0.02,
             "{} {}",
-            sampled / count as f64,
-            uniform / count as f64
+            sampled / f64::from(count),
+            uniform / f64::from(count)
         );
     }
 
@@ -246,8 +219,9 @@ mod tests {
     fn a_world_hidden_from_the_camera_is_black_to_it_alone() {
         let mut scene = scene();
         scene.world.visible_camera = false;
-        let environment = Environment::new(&scene);
-        assert_eq!(environment.radiance(&scene, Vec3::X, true), Vec3::ZERO);
-        assert!(environment.radiance(&scene, Vec3::X, false).x > 0.0);
+        let materials = PreparedMaterials::new(&scene).0;
+        let environment = Environment::new(&scene, &materials);
+        assert_eq!(environment.radiance(&scene, &materials, Vec3::X, true), Vec3::ZERO);
+        assert!(environment.radiance(&scene, &materials, Vec3::X, false).x > 0.0);
     }
 }

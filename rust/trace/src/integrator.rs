@@ -154,7 +154,7 @@ impl Integrator<'_> {
         if is_camera {
             features.sample.alpha = 1.0 - path.throughput.element_sum() / 3.0;
         }
-        let radiance = self.environment.radiance(self.scene, direction, is_camera);
+        let radiance = self.environment.radiance(self.scene, &self.materials, direction, is_camera);
         if radiance != Vec3::ZERO {
             let weight = self
                 .lights
@@ -202,7 +202,7 @@ impl Integrator<'_> {
             ray.t_max = f32::INFINITY;
             return through.max_element() > 0.0;
         }
-        self.filter_glossy(path, surface);
+        self.filter_closures(path, surface);
         if let Some(lights) = &self.lights {
             let lookup = Lookup {
                 scene: self.scene,
@@ -239,10 +239,14 @@ impl Integrator<'_> {
         true
     }
 
-    /// Blurs what the path is unlikely to have found (Cycles' `surface_shader_prepare_closures`).
-    fn filter_glossy(&self, path: &PathState, surface: &mut Surface) {
-        if self.settings.filter_glossy > 0.0 {
-            let blur_pdf = path.min_pdf / self.settings.filter_glossy;
+    /// Caustics options and Filter Glossy (Cycles' `surface_shader_prepare_closures`).
+    fn filter_closures(&self, path: &PathState, surface: &mut Surface) {
+        let PathSettings { caustics_reflective, caustics_refractive, filter_glossy, .. } = self.settings;
+        if path.lobe == Lobe::Diffuse && !(caustics_reflective && caustics_refractive) {
+            surface.filter_caustics(caustics_reflective, caustics_refractive);
+        }
+        if filter_glossy > 0.0 {
+            let blur_pdf = path.min_pdf / filter_glossy;
             if blur_pdf < 1.0 {
                 surface.blur((1.0 - blur_pdf).sqrt() * 0.5);
             }

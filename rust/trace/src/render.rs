@@ -102,7 +102,7 @@ impl<'a> Tracer<'a> {
     /// If the scene has too many triangles.
     pub fn new(scene: &'a Scene, settings: &TraceSettings) -> Result<Self, TraceError> {
         let (materials, warnings) = PreparedMaterials::new(scene);
-        let environment = Environment::new(scene);
+        let environment = Environment::new(scene, &materials);
         let paths = settings.paths.clone();
         let lights = if paths.sample_static_lights {
             StaticLights::new(scene, &materials, &environment, paths.bounces.transparent)

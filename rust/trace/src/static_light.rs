@@ -106,7 +106,7 @@ impl StaticLights {
         if u[3] < share {
             let (direction, density) = tracer.environment.sample([u[0], u[1], u[2]])?;
             let factor = weighted(surface, point, direction, density * share)?;
-            let radiance = tracer.environment.radiance(tracer.scene, direction, false);
+            let radiance = tracer.environment.radiance(tracer.scene, tracer.materials, direction, false);
             let through = self.transmittance(tracer, point, direction, None, scratch)?;
             return Some(StaticSample::World(factor * radiance * through));
         }

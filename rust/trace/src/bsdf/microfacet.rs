@@ -62,6 +62,20 @@ pub struct Microfacet {
 }
 
 impl Microfacet {
+    /// Blackens a side of glass, with the split between the sides unchanged.
+    pub fn keep_sides(&mut self, reflection: bool, transmission: bool) {
+        let (f0, old_reflection, old_transmission) = match self.fresnel {
+            Fresnel::Tinted { f0, reflection, transmission } => (f0, reflection, transmission),
+            _ => (Vec3::splat(fresnel::f0_from_ior(self.ior)), Vec3::ONE, Vec3::ONE),
+        };
+        let keep = |keep: bool, tint: Vec3| if keep { tint } else { Vec3::ZERO };
+        self.fresnel = Fresnel::Tinted {
+            f0,
+            reflection: keep(reflection, old_reflection),
+            transmission: keep(transmission, old_transmission),
+        };
+    }
+
     /// Perceptual roughness, the square root of the mean width.
     pub fn roughness(&self) -> f32 {
         (self.distribution.alpha_x * self.distribution.alpha_y).sqrt().sqrt()

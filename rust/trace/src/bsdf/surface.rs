@@ -1,6 +1,7 @@
 use glam::{Vec3, Vec4};
 use relume_dump::Lobe;
 
+use super::Interface;
 use super::closure::{Closure, Scatter};
 use crate::shading::SurfacePoint;
 
@@ -222,6 +223,25 @@ impl Surface {
             }
         }
         total > 0.0 && rough * 4.0 <= total
+    }
+
+    /// Leaves out what Cycles does not let diffuse rays see where its caustics options are off: `reflective` keeps
+    /// glossy reflection, `refractive` refraction.
+    pub fn filter_caustics(&mut self, reflective: bool, refractive: bool) {
+        let wo = self.wo;
+        self.closures.retain_mut(|closure| match &mut closure.scatter {
+            Scatter::AshikhminShirley(_) => reflective,
+            Scatter::Microfacet(facets) => match facets.interface {
+                Interface::Reflection => reflective,
+                Interface::Refraction => refractive,
+                Interface::Glass => {
+                    facets.keep_sides(reflective, refractive);
+                    closure.sample_weight = closure.albedo(wo).element_sum() / 3.0;
+                    closure.sample_weight >= WEIGHT_CUTOFF
+                }
+            },
+            _ => true,
+        });
     }
 
     /// Makes glossy closures at least as wide as `alpha` (Cycles' Filter Glossy).

@@ -20,3 +20,4 @@ mod values;
 
 pub use point::{Hit, SurfacePoint};
 pub use prepared::PreparedMaterials;
+pub(crate) use texture::equirectangular;

@@ -147,6 +147,12 @@ impl PreparedMaterials {
         color * texel.truncate()
     }
 
+    /// Scene-linear colour of the texel of an image at `uv`.
+    pub(crate) fn texel(&self, scene: &Scene, texture: usize, uv: [f32; 2]) -> Vec3 {
+        let image = &scene.textures[texture];
+        self.textures[texture].sample(image, uv, Interpolation::Closest, Extension::Repeat, false).truncate()
+    }
+
     /// Index of the UV map with this name number in a mesh.
     pub(super) fn uv_map(&self, mesh: u32, name: usize) -> Option<usize> {
         self.attributes[mesh as usize].uv_maps[name]

@@ -1,7 +1,9 @@
 //! Whole paths in small scenes with known answers.
 
 mod determinism;
+mod emission;
 mod furnace;
 mod lights;
 mod limits;
 mod support;
+mod surfaces;

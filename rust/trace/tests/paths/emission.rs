@@ -1,0 +1,118 @@
+//! Static layers: light that the scene itself emits.
+
+use relume_scene::{
+    Alpha, ColorEncoding, Input, Material, Node, Scene, Texels, Texture,
+    glam::{Affine3A, Vec3},
+};
+use relume_trace::{TraceSettings, settings::BounceLimits};
+
+use crate::support::*;
+
+fn emission(color: [f32; 3], strength: f32) -> Node {
+    Node::Emission { color: Input::Rgb(color), strength: Input::Float(strength) }
+}
+
+/// A wall that reflects `albedo` and emits 1.
+fn glowing(albedo: f32) -> Material {
+    let mut material = diffuse(albedo);
+    material.nodes.push(emission([1.0; 3], 1.0));
+    material.nodes.push(Node::AddShader { a: Some(0), b: Some(1) });
+    material.surface = Some(2);
+    material
+}
+
+fn settings(samples: u32, sample_static_lights: bool) -> TraceSettings {
+    let mut settings = TraceSettings { samples, ..TraceSettings::default() };
+    settings.paths.sample_static_lights = sample_static_lights;
+    settings.paths.bounces =
+        BounceLimits { total: 200, diffuse: 200, glossy: 200, ..BounceLimits::default() };
+    settings
+}
+
+/// Mean variance of a value among the paths of a pixel.
+fn noise(paths: &[Vec<Path>], value: impl Fn(&Path) -> f32) -> f32 {
+    let variance = |pixel: &Vec<Path>| {
+        let mean = pixel.iter().map(&value).sum::<f32>() / pixel.len() as f32;
+        pixel.iter().map(|path| (value(path) - mean).powi(2)).sum::<f32>() / pixel.len() as f32
+    };
+    paths.iter().map(variance).sum::<f32>() / paths.len() as f32
+}
+
+/// Both ways to find the emitters give the same mean, to within four standard errors, and sampling them directly at
+/// least `gain` times less variance.
+fn check_gain(by_bsdf: &[Vec<Path>], sampled: &[Vec<Path>], value: impl Fn(&Path) -> f32, gain: f32) {
+    let count: usize = sampled.iter().map(Vec::len).sum();
+    let [noise_a, noise_b] = [by_bsdf, sampled].map(|paths| noise(paths, &value));
+    let [a, b] = [by_bsdf, sampled].map(|paths| mean(paths, |path| Vec3::splat(value(path))).x);
+    let error = ((noise_a + noise_b) / count as f32).sqrt();
+    println!("by BSDF {a} (variance {noise_a}), sampled {b} (variance {noise_b})");
+    assert!((a - b).abs() < 4.0 * error, "by BSDF {a}, sampled {b}, standard error {error}");
+    assert!(noise_b * gain < noise_a, "variance by BSDF {noise_a}, sampled {noise_b}");
+}
+
+#[test]
+fn closed_glowing_box_sums_the_geometric_series() {
+    for albedo in [0.0, 0.5, 0.8] {
+        for sampled in [false, true] {
+            let mut scene = Scene::default();
+            add(&mut scene, cube(), Affine3A::IDENTITY, glowing(albedo));
+            scene.camera = look_at_origin(Vec3::new(0.3, -0.8, 0.1), 8, 1.0);
+            let paths = image_paths(&scene, &settings(256, sampled));
+            let what = format!("albedo {albedo}, emitters sampled: {sampled}");
+            assert_close(mean(&paths, |path| path.aovs.emission), 1.0 / (1.0 - albedo), 0.015, &what);
+            assert_eq!(mean(&paths, |path| path.aovs.world), Vec3::ZERO);
+        }
+    }
+}
+
+/// A box with a small lamp below the ceiling and a tinted, transparent pane under it.
+fn room_with_lamp() -> Scene {
+    let mut scene = Scene::default();
+    add(&mut scene, cube(), Affine3A::IDENTITY, diffuse(0.6));
+    let lamp = Affine3A::from_translation(Vec3::Z * 0.9) * Affine3A::from_scale(Vec3::splat(0.15));
+    add(&mut scene, square(0.0), lamp, material(emission([1.0, 0.8, 0.6], 20.0)));
+    let pane = Affine3A::from_translation(Vec3::Z * 0.5) * Affine3A::from_scale(Vec3::splat(0.5));
+    add(&mut scene, square(0.0), pane, material(Node::Transparent { color: Input::Rgb([0.5, 0.9, 0.2]) }));
+    scene.camera = look_at_origin(Vec3::new(0.1, -0.9, -0.2), 8, 1.0);
+    scene
+}
+
+#[test]
+fn sampled_emitters_keep_the_mean_and_cut_the_noise() {
+    let scene = room_with_lamp();
+    let limited = |sampled| {
+        let mut settings = settings(2048, sampled);
+        settings.paths.bounces = BounceLimits::default();
+        image_paths(&scene, &settings)
+    };
+    let (by_bsdf, sampled) = (limited(false), limited(true));
+    check_gain(&by_bsdf, &sampled, |path| path.aovs.emission.x, 5.0);
+    // The dump itself never depends on it.
+    for (a, b) in by_bsdf.iter().flatten().zip(sampled.iter().flatten()) {
+        assert_eq!(a.segments, b.segments);
+    }
+}
+
+#[test]
+fn a_sampled_sky_keeps_the_mean_and_cuts_the_noise() {
+    let (width, height) = (64, 32);
+    let mut texels = vec![0.2; width * height * 4];
+    let sun = 4 * (26 * width + 20);
+    texels[sun..sun + 3].copy_from_slice(&[4000.0, 3000.0, 2000.0]);
+    let mut scene = Scene::default();
+    scene.textures.push(Texture {
+        name: "sky".into(),
+        width,
+        height,
+        texels: Texels::Float(texels),
+        encoding: ColorEncoding::Linear,
+        alpha: Alpha::None,
+    });
+    scene.world.color = [1.0; 3];
+    scene.world.texture = Some(0);
+    add(&mut scene, square(0.0), Affine3A::from_scale(Vec3::splat(20.0)), diffuse(0.5));
+    add(&mut scene, sphere(), Affine3A::from_translation(Vec3::Z), diffuse(0.5));
+    scene.camera = look_at_origin(Vec3::new(2.0, -6.0, 3.0), 8, 0.6);
+    let [by_bsdf, sampled] = [false, true].map(|sampled| image_paths(&scene, &settings(2048, sampled)));
+    check_gain(&by_bsdf, &sampled, |path| path.aovs.world.x, 20.0);
+}

@@ -1,0 +1,154 @@
+//! Transparency, mirrors and what they do to alpha and the AOVs.
+
+use relume_dump::{End, Lobe};
+use relume_scene::{
+    Distribution, Input, Instance, Material, Node, Scene,
+    glam::{Affine3A, Vec3},
+};
+use relume_trace::TraceSettings;
+
+use crate::support::*;
+
+fn transparent(color: f32) -> Material {
+    material(Node::Transparent { color: Input::Rgb([color; 3]) })
+}
+
+/// Half diffuse, half transparent.
+fn half_transparent() -> Material {
+    let mut material = diffuse(0.8);
+    material.nodes.push(Node::Transparent { color: Input::Rgb([1.0; 3]) });
+    material.nodes.push(Node::MixShader { factor: Input::Float(0.5), a: Some(0), b: Some(1) });
+    material.surface = Some(2);
+    material
+}
+
+fn mirror(color: [f32; 3]) -> Material {
+    material(Node::Glossy {
+        color: Input::Rgb(color),
+        roughness: Input::Float(0.0),
+        anisotropy: Input::Float(0.0),
+        rotation: Input::Float(0.0),
+        normal: None,
+        tangent: None,
+        distribution: Distribution::Ggx,
+    })
+}
+
+/// Squares above each other, seen from above.
+fn stack(materials: Vec<Material>) -> Scene {
+    let mut scene = Scene::default();
+    for (index, material) in materials.into_iter().enumerate() {
+        add(&mut scene, square(-0.1 * index as f32), Affine3A::IDENTITY, material);
+    }
+    scene.camera = look_at_origin(Vec3::Z * 3.0, 4, 0.1);
+    scene
+}
+
+fn settings(samples: u32) -> TraceSettings {
+    TraceSettings { samples, ..TraceSettings::default() }
+}
+
+#[test]
+fn transparent_surfaces_keep_the_camera_ray_and_open_the_film() {
+    let mut scene = stack(vec![half_transparent()]);
+    scene.world.color = [1.0; 3];
+    let paths = image_paths(&scene, &settings(1024));
+    let alpha = mean(&paths, |path| Vec3::splat(path.aovs.alpha));
+    assert_close(alpha, 0.5, 0.02, "alpha");
+    let world = mean(&paths, |path| path.aovs.world);
+    assert_close(world, 0.5 + 0.5 * 0.8, 0.02, "world behind and reflected");
+    for path in paths.iter().flatten().filter(|path| path.aovs.alpha == 0.0) {
+        assert_eq!(path.segments.iter().map(|segment| segment.lobe).collect::<Vec<_>>(), [Lobe::Camera; 2]);
+        assert!(matches!(path.segments[1].end, End::Escape(direction) if direction.z < -0.9));
+    }
+}
+
+#[test]
+fn transparent_bounces_end_at_their_own_limit() {
+    let scene = stack(vec![transparent(1.0); 12]);
+    for limit in [0, 3, 8] {
+        let mut settings = settings(2);
+        settings.paths.bounces.transparent = limit;
+        let paths = image_paths(&scene, &settings);
+        // Past `limit + 1` surfaces the path ends on the next one.
+        assert!(
+            paths.iter().flatten().all(|path| path.segments.len() == limit as usize + 2),
+            "limit {limit}"
+        );
+    }
+    let paths = image_paths(&scene, &TraceSettings { samples: 1, ..TraceSettings::default() });
+    assert!(paths.iter().flatten().all(|path| path.aovs.alpha == 1.0));
+}
+
+#[test]
+fn a_world_hidden_from_the_camera_still_lights() {
+    let mut scene = stack(vec![half_transparent()]);
+    scene.world.color = [1.0; 3];
+    scene.world.visible_camera = false;
+    let world = mean(&image_paths(&scene, &settings(1024)), |path| path.aovs.world);
+    assert_close(world, 0.5 * 0.8, 0.02, "reflected world alone");
+}
+
+#[test]
+fn features_look_into_mirrors_with_their_tint() {
+    let mut scene = stack(vec![mirror([0.5, 1.0, 0.25])]);
+    // A ceiling above the camera, which the mirror shows.
+    add(&mut scene, square(0.0), Affine3A::from_translation(Vec3::Z * 5.0), diffuse(0.8));
+    let paths = image_paths(&scene, &settings(16));
+    for path in paths.iter().flatten() {
+        assert!((path.aovs.albedo - Vec3::new(0.4, 0.8, 0.2)).length() < 0.02, "{}", path.aovs.albedo);
+        assert!((path.aovs.normal - Vec3::NEG_Z).length() < 1e-3, "{}", path.aovs.normal);
+        assert!((path.aovs.depth.unwrap() - 3.0).abs() < 0.02, "depth of the mirror itself");
+        assert_eq!(path.segments[1].lobe, Lobe::Glossy);
+    }
+}
+
+#[test]
+fn segments_name_the_object_that_they_left() {
+    let mut scene = stack(vec![diffuse(0.5)]);
+    add(&mut scene, square(0.0), Affine3A::from_translation(Vec3::Z * 0.5), transparent(1.0));
+    scene.instances[0].receiver = 7;
+    scene.instances[1].receiver = 9;
+    for path in image_paths(&scene, &settings(4)).iter().flatten() {
+        let receivers: Vec<u16> = path.segments.iter().map(|segment| segment.receiver).collect();
+        // From the camera, through the pane, off the floor.
+        assert_eq!(receivers[..3], [0, 9, 7]);
+    }
+}
+
+#[test]
+fn caustics_can_be_switched_off() {
+    // A diffuse floor below a mirror: diffuse rays may not see the mirror's reflection.
+    let mut scene = stack(vec![diffuse(0.5)]);
+    add(&mut scene, square(0.0), Affine3A::from_translation(Vec3::Z * 4.0), mirror([1.0; 3]));
+    let glossy = |caustics| {
+        let mut settings = settings(256);
+        settings.paths.caustics_reflective = caustics;
+        let paths = image_paths(&scene, &settings);
+        paths.iter().flatten().flat_map(|path| &path.segments).filter(|s| s.lobe == Lobe::Glossy).count()
+    };
+    assert!(glossy(true) > 50);
+    assert_eq!(glossy(false), 0);
+}
+
+#[test]
+fn instances_give_the_paths_of_copied_meshes() {
+    let places = [Affine3A::from_translation(Vec3::X), Affine3A::from_scale(Vec3::new(0.5, -1.0, 0.7))];
+    let mut shared = Scene::default();
+    shared.world.color = [1.0; 3];
+    shared.materials.push(diffuse(0.7));
+    shared.camera = look_at_origin(Vec3::new(2.0, -3.0, 2.0), 8, 1.0);
+    let mut copied = shared.clone();
+    shared.meshes.push(sphere());
+    for place in places {
+        shared.instances.push(Instance::new("shared", 0, place, vec![0]));
+        copied.instances.push(Instance::new("copied", copied.meshes.len(), place, vec![0]));
+        copied.meshes.push(sphere());
+    }
+    let [a, b] = [&shared, &copied].map(|scene| image_paths(scene, &settings(64)));
+    let same =
+        a.iter().flatten().zip(b.iter().flatten()).filter(|(a, b)| a.segments.len() == b.segments.len());
+    assert!(same.count() > 64 * 64 * 99 / 100, "more than rounding differs");
+    let [a, b] = [&a, &b].map(|paths| mean(paths, |path| path.aovs.world).x);
+    assert!((a - b).abs() < 0.005, "{a} {b}");
+}
