@@ -14,7 +14,10 @@ use crate::lanes::{Lanes, Portable, Vec3x, WIDTH};
 use crate::light::{Ball, FAR, Plane, PreparedLight, Reach};
 
 /// Records decoded at a time: 14 KiB.
-const BLOCK: usize = 512;
+const BLOCK: usize = GROUPS * WIDTH;
+const GROUPS: usize = 64;
+/// How many groups ahead records are fetched: about a block, which is what is computed while they come.
+const PREFETCH: usize = GROUPS;
 
 /// Which instructions the kernels use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,39 +53,27 @@ pub trait Sink {
 /// Decoded segments; kept between calls to save its allocation.
 #[derive(Debug)]
 pub struct Block {
-    origin: [Vec<[f32; WIDTH]>; 3],
-    edge: [Vec<[f32; WIDTH]>; 3],
-    inverse_length2: Vec<[f32; WIDTH]>,
+    groups: Box<[Group; GROUPS]>,
+    /// Segments that may cross the light at hand, a bit each.
+    candidates: [u8; GROUPS],
     first: usize,
     len: usize,
 }
 
-impl Default for Block {
-    fn default() -> Self {
-        let lanes = || vec![[0.0; WIDTH]; BLOCK / WIDTH];
-        let vector = || [lanes(), lanes(), lanes()];
-        Self { origin: vector(), edge: vector(), inverse_length2: lanes(), first: 0, len: 0 }
-    }
+/// Eight segments.
+#[derive(Clone, Copy, Debug)]
+#[repr(align(32))]
+struct Group {
+    origin: [[f32; WIDTH]; 3],
+    edge: [[f32; WIDTH]; 3],
+    inverse_length2: [f32; WIDTH],
 }
 
-impl Block {
-    fn scalar(stream: &[Vec<[f32; WIDTH]>; 3], index: usize) -> Vec3 {
-        let at = |axis: usize| stream[axis][index / WIDTH][index % WIDTH];
-        Vec3::new(at(0), at(1), at(2))
-    }
-
-    #[inline(always)]
-    fn load<L: Lanes>(stream: &[Vec<[f32; WIDTH]>; 3], group: usize) -> Vec3x<L> {
-        let at = |axis: usize| &stream[axis][group];
-        Vec3x { x: L::load(at(0)), y: L::load(at(1)), z: L::load(at(2)) }
-    }
-
-    #[inline(always)]
-    fn store<L: Lanes>(stream: &mut [Vec<[f32; WIDTH]>; 3], group: usize, v: Vec3x<L>) {
-        let [x, y, z] = stream;
-        v.x.store(&mut x[group]);
-        v.y.store(&mut y[group]);
-        v.z.store(&mut z[group]);
+impl Default for Block {
+    fn default() -> Self {
+        let group =
+            Group { origin: [[0.0; WIDTH]; 3], edge: [[0.0; WIDTH]; 3], inverse_length2: [0.0; WIDTH] };
+        Self { groups: Box::new([group; GROUPS]), candidates: [0; GROUPS], first: 0, len: 0 }
     }
 }
 
@@ -146,119 +137,145 @@ fn decode<L: Lanes>(shard: &Shard, records: Range<usize>, block: &mut Block, bef
     (block.first, block.len) = (records.start, records.len());
     let (xy_groups, xy_rest) = xy.as_chunks::<WIDTH>();
     let (z_groups, z_rest) = z_flags.as_chunks::<WIDTH>();
-    for (group, (xy, z_flags)) in xy_groups.iter().zip(z_groups).enumerate() {
-        decode_group(shard, xy, z_flags, block, group, before);
+    let decoder = Decoder::<L> {
+        step: Vec3x::splat(shard.grid().step()),
+        min: Vec3x::splat(shard.grid().min),
+        camera: Vec3x::splat(shard.camera_position()),
+    };
+    let mut end = *before;
+    for ((xy, z_flags), group) in xy_groups.iter().zip(z_groups).zip(block.groups.iter_mut()) {
+        L::prefetch(xy, PREFETCH);
+        L::prefetch(z_flags, PREFETCH);
+        end = decoder.decode(xy, z_flags, end, group);
     }
     if !xy_rest.is_empty() {
         let [mut xy, mut z_flags] = [[0; WIDTH]; 2];
         xy[..xy_rest.len()].copy_from_slice(xy_rest);
         z_flags[..z_rest.len()].copy_from_slice(z_rest);
-        decode_group(shard, &xy, &z_flags, block, xy_groups.len(), before);
+        end = decoder.decode(&xy, &z_flags, end, &mut block.groups[xy_groups.len()]);
     }
-}
-
-#[inline(always)]
-fn decode_group<L: Lanes>(
-    shard: &Shard,
-    xy: &[u32; WIDTH],
-    z_flags: &[u32; WIDTH],
-    block: &mut Block,
-    group: usize,
-    before: &mut Vec3x<L>,
-) {
-    /// Bits of the flags in `position_z_flags`.
-    const PATH_START: u32 = 16;
-    const ESCAPED: u32 = 17;
-    let ((x, y), (z, _)) = (L::unpack(xy), L::unpack(z_flags));
-    let end = Vec3x { x, y, z }.mul(Vec3x::splat(shard.grid().step())).add(Vec3x::splat(shard.grid().min));
-    let camera = Vec3x::splat(shard.camera_position());
-    // An origin record has no segment of its own: what starts at the camera is evaluated to nothing by its lobe.
-    let origin = Vec3x::select(L::bit(z_flags, PATH_START), camera, end.shift_in(*before));
     *before = end;
-    let mut edge = end.sub(origin);
-    let escaped = L::bit(z_flags, ESCAPED);
-    if escaped.sign_bits() != 0 {
-        let far = direction::<L>(x, y).scale(L::splat(FAR));
-        edge = Vec3x::select(escaped, far, edge);
-    }
-    let length2 = edge.dot(edge).max(L::splat(f32::MIN_POSITIVE));
-    Block::store(&mut block.origin, group, origin);
-    Block::store(&mut block.edge, group, edge);
-    L::splat(1.0).div(length2).store(&mut block.inverse_length2[group]);
 }
 
-/// [`relume_dump::decode_direction`], the same operations.
+struct Decoder<L> {
+    step: Vec3x<L>,
+    min: Vec3x<L>,
+    camera: Vec3x<L>,
+}
+
+impl<L: Lanes> Decoder<L> {
+    /// Returns the ends.
+    #[inline(always)]
+    fn decode(
+        &self,
+        xy: &[u32; WIDTH],
+        z_flags: &[u32; WIDTH],
+        before: Vec3x<L>,
+        group: &mut Group,
+    ) -> Vec3x<L> {
+        /// Bits of the flags in `position_z_flags`.
+        const PATH_START: u32 = 16;
+        const ESCAPED: u32 = 17;
+        let ((x, y), (z, _)) = (L::unpack(xy), L::unpack(z_flags));
+        let end = Vec3x { x, y, z }.mul(self.step).add(self.min);
+        // An origin record has no segment of its own: its lobe makes nothing of what it seems to cross.
+        let origin = Vec3x::select(L::bit::<PATH_START>(z_flags), self.camera, end.shift_in(before));
+        // Without a branch: escapes come in no order that a processor could predict.
+        let far = octahedral::<L>(x, y);
+        let edge = Vec3x::select(L::bit::<ESCAPED>(z_flags), far, end.sub(origin));
+        let length2 = edge.dot_fused(edge).max(L::splat(f32::MIN_POSITIVE));
+        origin.store(&mut group.origin);
+        edge.store(&mut group.edge);
+        L::splat(1.0).div(length2).store(&mut group.inverse_length2);
+        end
+    }
+}
+
+/// [`FAR`] times the octahedral direction of [`relume_dump::decode_direction`] before it is normalised: its length, 0.57 to
+/// 1, does not matter there.
 #[inline(always)]
-fn direction<L: Lanes>(low: L, high: L) -> Vec3x<L> {
-    let (one, scale) = (L::splat(1.0), L::splat(2.0 / 65535.0));
-    let (u, v) = (low.mul(scale).sub(one), high.mul(scale).sub(one));
-    let z = one.sub(u.abs()).sub(v.abs());
-    let fold = L::splat(0.0).sub(z).max(L::splat(0.0));
-    let d = Vec3x { x: u.sub(fold.with_sign_of(u)), y: v.sub(fold.with_sign_of(v)), z };
-    let length = d.dot(d).sqrt();
-    Vec3x { x: d.x.div(length), y: d.y.div(length), z: d.z.div(length) }
+fn octahedral<L: Lanes>(low: L, high: L) -> Vec3x<L> {
+    let (far, scale) = (L::splat(FAR), L::splat(FAR * 2.0 / 65535.0));
+    let (u, v) = (low.mul(scale).sub(far), high.mul(scale).sub(far));
+    let z = far.sub(u.abs()).sub(v.abs());
+    let fold = z.min(L::splat(0.0));
+    Vec3x { x: u.add(fold.flip_sign_by(u)), y: v.add(fold.flip_sign_by(v)), z }
 }
 
 #[inline(always)]
 fn cross<L: Lanes>(
     shard: &Shard,
-    block: &Block,
+    block: &mut Block,
     light: &PreparedLight,
     magnitude: f32,
     sink: &mut impl Sink,
 ) {
-    for group in 0..block.len.div_ceil(WIDTH) {
-        let mut candidates = match &light.reach {
-            Reach::Ball(ball) => near_ball::<L>(block, group, ball, magnitude),
-            Reach::Plane(plane) => through_plane::<L>(block, group, plane),
-            Reach::Cone { direction, chord2 } => along::<L>(block, group, *direction, *chord2),
-        };
-        while candidates != 0 {
-            let index = group * WIDTH + candidates.trailing_zeros() as usize;
-            candidates &= candidates - 1;
-            if index < block.len {
-                evaluate(shard, block, index, light, sink);
-            }
+    let count = block.len.div_ceil(WIDTH);
+    let groups = block.groups[..count].iter().zip(&mut block.candidates[..count]);
+    match &light.reach {
+        Reach::Ball(ball) => near_ball::<L>(groups, ball, magnitude),
+        Reach::Plane(plane) => through_plane::<L>(groups, plane),
+        Reach::Cone { direction, chord2 } => along::<L>(groups, *direction, *chord2),
+    }
+    // The lanes beyond the last record.
+    block.candidates[count - 1] &= u8::MAX >> (count * WIDTH - block.len);
+    for (chunk, bytes) in block.candidates[..count].chunks(8).enumerate() {
+        let mut word = [0; 8];
+        word[..bytes.len()].copy_from_slice(bytes);
+        let mut bits = u64::from_le_bytes(word);
+        while bits != 0 {
+            evaluate(shard, block, chunk * 64 + bits.trailing_zeros() as usize, light, sink);
+            bits &= bits - 1;
         }
     }
 }
 
+type Tested<'a> = std::iter::Zip<std::slice::Iter<'a, Group>, std::slice::IterMut<'a, u8>>;
+
 /// The segments that come within the radius of the centre, and some more for rounding.
 #[inline(always)]
-fn near_ball<L: Lanes>(block: &Block, group: usize, ball: &Ball, magnitude: f32) -> u8 {
+fn near_ball<L: Lanes>(groups: Tested<'_>, ball: &Ball, magnitude: f32) {
     // The distances here and in the exact test are off by a few units in the last place of the coordinates.
     let radius = ball.radius * 1.000_01 + 4e-6 * (magnitude + ball.center.abs().max_element());
-    let edge = Block::load::<L>(&block.edge, group);
-    let to_center = Vec3x::splat(ball.center).sub(Block::load::<L>(&block.origin, group));
-    let share = to_center.dot_fused(edge).mul(L::load(&block.inverse_length2[group]));
-    let share = share.max(L::splat(0.0)).min(L::splat(1.0));
-    let nearest = to_center.sub(edge.scale(share));
-    nearest.dot_fused(nearest).le(L::splat(radius * radius)).sign_bits()
+    let (center, radius2) = (Vec3x::<L>::splat(ball.center), L::splat(radius * radius));
+    let (zero, one) = (L::splat(0.0), L::splat(1.0));
+    for (group, candidates) in groups {
+        let edge = Vec3x::<L>::load(&group.edge);
+        let to_center = center.sub(Vec3x::load(&group.origin));
+        let share = to_center.dot_fused(edge).mul(L::load(&group.inverse_length2)).max(zero).min(one);
+        let nearest = to_center.sub_scaled(edge, share);
+        *candidates = nearest.dot_fused(nearest).le(radius2).sign_bits();
+    }
 }
 
 /// The segments that cross a rectangle from its front: the operations of `Plane::crossing_cosine`.
 #[inline(always)]
-fn through_plane<L: Lanes>(block: &Block, group: usize, plane: &Plane) -> u8 {
-    let edge = Block::load::<L>(&block.edge, group);
-    let to_center = Vec3x::splat(plane.center).sub(Block::load::<L>(&block.origin, group));
-    let (height, slope) = (to_center.dot(Vec3x::splat(plane.normal)), edge.dot(Vec3x::splat(plane.normal)));
-    let zero = L::splat(0.0);
-    let passed = slope.lt(zero).and(height.lt(zero)).and(slope.lt(height));
-    if passed.sign_bits() == 0 {
-        return 0;
+fn through_plane<L: Lanes>(groups: Tested<'_>, plane: &Plane) {
+    let (center, normal) = (Vec3x::<L>::splat(plane.center), Vec3x::splat(plane.normal));
+    let (inverse_u, inverse_v) = (Vec3x::splat(plane.inverse_u), Vec3x::splat(plane.inverse_v));
+    let (zero, half) = (L::splat(0.0), L::splat(0.5));
+    for (group, candidates) in groups {
+        let edge = Vec3x::<L>::load(&group.edge);
+        let to_center = center.sub(Vec3x::load(&group.origin));
+        let (height, slope) = (to_center.dot(normal), edge.dot(normal));
+        let passed = slope.lt(zero).and(height.lt(zero)).and(slope.lt(height));
+        let in_plane = edge.scale(height.div(slope)).sub(to_center);
+        let (u, v) = (in_plane.dot(inverse_u), in_plane.dot(inverse_v));
+        *candidates = passed.and(u.abs().le(half)).and(v.abs().le(half)).sign_bits();
     }
-    let in_plane = edge.scale(height.div(slope)).sub(to_center);
-    let (u, v) = (in_plane.dot(Vec3x::splat(plane.inverse_u)), in_plane.dot(Vec3x::splat(plane.inverse_v)));
-    let half = L::splat(0.5);
-    passed.and(u.abs().le(half)).and(v.abs().le(half)).sign_bits()
 }
 
-/// The segments whose edge, measured in [`FAR`], ends within a chord of a direction: the operations of the sun's profile,
-/// which also checks that they escape.
+/// The segments within a chord of a direction: the operations of the sun's profile, which also checks that they escape.
 #[inline(always)]
-fn along<L: Lanes>(block: &Block, group: usize, direction: Vec3, chord2: f32) -> u8 {
-    let apart = Block::load::<L>(&block.edge, group).scale(L::splat(1.0 / FAR)).sub(Vec3x::splat(direction));
-    apart.dot(apart).le(L::splat(chord2)).sign_bits()
+fn along<L: Lanes>(groups: Tested<'_>, direction: Vec3, chord2: f32) {
+    let (direction, chord2) = (Vec3x::<L>::splat(direction), L::splat(chord2));
+    for (group, candidates) in groups {
+        let edge = Vec3x::<L>::load(&group.edge);
+        let length = edge.dot(edge).sqrt();
+        let apart =
+            Vec3x { x: edge.x.div(length), y: edge.y.div(length), z: edge.z.div(length) }.sub(direction);
+        *candidates = apart.dot(apart).le(chord2).sign_bits();
+    }
 }
 
 fn evaluate(shard: &Shard, block: &Block, index: usize, light: &PreparedLight, sink: &mut impl Sink) {
@@ -268,8 +285,9 @@ fn evaluate(shard: &Shard, block: &Block, index: usize, light: &PreparedLight, s
     if factor == 0.0 {
         return;
     }
-    let (origin, edge) = (Block::scalar(&block.origin, index), Block::scalar(&block.edge, index));
-    let weight = factor * light.profile.evaluate(origin, edge, flags.escaped());
+    let (group, lane) = (&block.groups[index / WIDTH], index % WIDTH);
+    let (origin, edge) = (group.origin.map(|axis| axis[lane]), group.edge.map(|axis| axis[lane]));
+    let weight = factor * light.profile.evaluate(origin.into(), edge.into(), flags.escaped());
     if weight != 0.0 {
         sink.add(record, decode_rgb9e5(shard.throughput()[record]) * weight);
     }

@@ -12,10 +12,12 @@ pub trait Lanes: Copy {
     fn load(values: &[f32; WIDTH]) -> Self;
     /// To memory.
     fn store(self, values: &mut [f32; WIDTH]);
+    /// Hints that the words `groups` groups further on, if there are any, will be read soon.
+    fn prefetch(words: &[u32; WIDTH], groups: usize);
     /// The low and the high 16 bits of each word as numbers.
     fn unpack(words: &[u32; WIDTH]) -> (Self, Self);
     /// Mask of a bit, 0..31, of each word.
-    fn bit(words: &[u32; WIDTH], bit: u32) -> Self;
+    fn bit<const BIT: u32>(words: &[u32; WIDTH]) -> Self;
     /// `self + other`.
     fn add(self, other: Self) -> Self;
     /// `self - other`.
@@ -26,6 +28,8 @@ pub trait Lanes: Copy {
     fn div(self, other: Self) -> Self;
     /// `self * b + c`, rounded once or twice: only for tests that allow for it.
     fn mul_add(self, b: Self, c: Self) -> Self;
+    /// `c - self * b`, as [`Lanes::mul_add`].
+    fn negated_mul_add(self, b: Self, c: Self) -> Self;
     /// Smaller of both.
     fn min(self, other: Self) -> Self;
     /// Larger of both.
@@ -34,8 +38,8 @@ pub trait Lanes: Copy {
     fn sqrt(self) -> Self;
     /// Absolute value.
     fn abs(self) -> Self;
-    /// `self` with the sign of `sign`; `self` must not be negative.
-    fn with_sign_of(self, sign: Self) -> Self;
+    /// `-self` where `sign` is negative.
+    fn flip_sign_by(self, sign: Self) -> Self;
     /// Mask of `self < other`.
     fn lt(self, other: Self) -> Self;
     /// Mask of `self <= other`.
@@ -85,12 +89,14 @@ impl Lanes for Portable {
         *values = self.0;
     }
     #[inline(always)]
+    fn prefetch(_words: &[u32; WIDTH], _groups: usize) {}
+    #[inline(always)]
     fn unpack(words: &[u32; WIDTH]) -> (Self, Self) {
         (Self(words.map(|w| (w & 0xffff) as f32)), Self(words.map(|w| (w >> 16) as f32)))
     }
     #[inline(always)]
-    fn bit(words: &[u32; WIDTH], bit: u32) -> Self {
-        Self(words.map(|w| f32::from_bits(w << (31 - bit))))
+    fn bit<const BIT: u32>(words: &[u32; WIDTH]) -> Self {
+        Self(words.map(|w| f32::from_bits(w << (31 - BIT))))
     }
     #[inline(always)]
     fn add(self, other: Self) -> Self {
@@ -113,6 +119,10 @@ impl Lanes for Portable {
         self.mul(b).add(c)
     }
     #[inline(always)]
+    fn negated_mul_add(self, b: Self, c: Self) -> Self {
+        c.sub(self.mul(b))
+    }
+    #[inline(always)]
     fn min(self, other: Self) -> Self {
         self.zip(other, |a, b| if a < b { a } else { b })
     }
@@ -129,8 +139,8 @@ impl Lanes for Portable {
         self.map(f32::abs)
     }
     #[inline(always)]
-    fn with_sign_of(self, sign: Self) -> Self {
-        self.zip(sign, f32::copysign)
+    fn flip_sign_by(self, sign: Self) -> Self {
+        self.zip(sign, |value, sign| if sign.is_sign_negative() { -value } else { value })
     }
     #[inline(always)]
     fn lt(self, other: Self) -> Self {
@@ -190,6 +200,12 @@ mod avx2 {
             unsafe { _mm256_storeu_ps(values.as_mut_ptr(), self.0) }
         }
         #[inline(always)]
+        fn prefetch(words: &[u32; WIDTH], groups: usize) {
+            // A prefetch of any address is allowed, so the pointer may leave its array.
+            let address = words.as_ptr().wrapping_add(groups * WIDTH);
+            unsafe { _mm_prefetch::<_MM_HINT_T0>(address.cast()) }
+        }
+        #[inline(always)]
         fn unpack(words: &[u32; WIDTH]) -> (Self, Self) {
             unsafe {
                 let words = _mm256_loadu_si256(words.as_ptr().cast());
@@ -199,10 +215,10 @@ mod avx2 {
             }
         }
         #[inline(always)]
-        fn bit(words: &[u32; WIDTH], bit: u32) -> Self {
+        fn bit<const BIT: u32>(words: &[u32; WIDTH]) -> Self {
             unsafe {
                 let words = _mm256_loadu_si256(words.as_ptr().cast());
-                let shifted = _mm256_sll_epi32(words, _mm_cvtsi32_si128(31 - bit as i32));
+                let shifted = _mm256_sll_epi32(words, _mm_cvtsi32_si128(31 - BIT as i32));
                 Self(_mm256_castsi256_ps(shifted))
             }
         }
@@ -227,6 +243,10 @@ mod avx2 {
             Self(unsafe { _mm256_fmadd_ps(self.0, b.0, c.0) })
         }
         #[inline(always)]
+        fn negated_mul_add(self, b: Self, c: Self) -> Self {
+            Self(unsafe { _mm256_fnmadd_ps(self.0, b.0, c.0) })
+        }
+        #[inline(always)]
         fn min(self, other: Self) -> Self {
             Self(unsafe { _mm256_min_ps(self.0, other.0) })
         }
@@ -243,8 +263,8 @@ mod avx2 {
             Self(unsafe { _mm256_andnot_ps(_mm256_set1_ps(-0.0), self.0) })
         }
         #[inline(always)]
-        fn with_sign_of(self, sign: Self) -> Self {
-            Self(unsafe { _mm256_or_ps(self.0, _mm256_and_ps(_mm256_set1_ps(-0.0), sign.0)) })
+        fn flip_sign_by(self, sign: Self) -> Self {
+            Self(unsafe { _mm256_xor_ps(self.0, _mm256_and_ps(_mm256_set1_ps(-0.0), sign.0)) })
         }
         #[inline(always)]
         fn lt(self, other: Self) -> Self {
@@ -290,6 +310,30 @@ pub struct Vec3x<L> {
 }
 
 impl<L: Lanes> Vec3x<L> {
+    /// From memory.
+    #[inline(always)]
+    pub fn load([x, y, z]: &[[f32; WIDTH]; 3]) -> Self {
+        Self { x: L::load(x), y: L::load(y), z: L::load(z) }
+    }
+
+    /// To memory.
+    #[inline(always)]
+    pub fn store(self, [x, y, z]: &mut [[f32; WIDTH]; 3]) {
+        self.x.store(x);
+        self.y.store(y);
+        self.z.store(z);
+    }
+
+    /// `self - v * factor`, fused where that is possible.
+    #[inline(always)]
+    pub fn sub_scaled(self, v: Self, factor: L) -> Self {
+        Self {
+            x: v.x.negated_mul_add(factor, self.x),
+            y: v.y.negated_mul_add(factor, self.y),
+            z: v.z.negated_mul_add(factor, self.z),
+        }
+    }
+
     /// All lanes the same.
     #[inline(always)]
     pub fn splat(v: glam::Vec3) -> Self {

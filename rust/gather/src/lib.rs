@@ -1,5 +1,6 @@
 //! Sums lights over a dump: dump + lights -> image; denoising.
 
+pub mod bench;
 mod environment;
 mod error;
 mod gather;

@@ -1,6 +1,6 @@
 //! Lights made ready for crossing tests: the exact profiles of Cycles.
 //!
-//! A segment goes from `origin` along `edge` (not normalised) to the next vertex; an escaped one is [`FAR`] long. Each
+//! A segment goes from `origin` along `edge` (not normalised) to the next vertex; an escaped one is about [`FAR`] long. Each
 //! crossing counts once, with the conditions of Cycles' ray-light intersection (`intern/cycles/kernel/light`,
 //! Blender 4.2 to 5.2): a sphere that the segment starts in counts where the segment leaves it; spots, areas and facing disks are
 //! one-sided; a light behind the end of the segment is not hit.
@@ -11,7 +11,7 @@ use relume_scene::{Light, LightShape, LobeFactors};
 
 use crate::GatherError;
 
-/// Length of escaped segments in metres: beyond every light, and harmless in `f32`.
+/// Length of escaped segments in metres, up to a factor of 0.57: beyond every light, and harmless in `f32`.
 pub const FAR: f32 = 1e8;
 
 /// Narrowest sun and area spread that is gathered, radians: four times the error of stored directions.
@@ -231,7 +231,7 @@ impl Profile {
                 None => 0.0,
             },
             Self::Sun { direction, chord2 } => {
-                hit(escaped && (edge * (1.0 / FAR) - *direction).length_squared() <= *chord2)
+                hit(escaped && (edge / edge.length() - *direction).length_squared() <= *chord2)
             }
         }
     }

@@ -1,0 +1,221 @@
+//! Speed of the gather against what the machine can do, measured in the same process just before: one thread, best of
+//! several, on a made-up room that does not fit into the caches.
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use glam::Vec3;
+use relume_dump::{
+    Dump, DumpError, End, FORMAT_VERSION, Lobe, Manifest, MemoryWriter, Pass, Segment, ShardSink, TileSamples,
+};
+use relume_scene::{Light, LightShape, LobeFactors};
+
+use crate::{Gather, Half, Isa, Scratch};
+
+/// One figure.
+#[derive(Clone, Debug)]
+pub struct Measurement {
+    /// What was measured.
+    pub name: String,
+    /// The figure.
+    pub value: f64,
+    /// Its unit.
+    pub unit: &'static str,
+    /// What the machine could do at best, in the same unit, if known.
+    pub limit: Option<f64>,
+}
+
+impl Measurement {
+    /// `value / limit`.
+    pub fn share_of_limit(&self) -> Option<f64> {
+        self.limit.map(|limit| self.value / limit)
+    }
+}
+
+/// Bytes of a segment that are read where no light is hit.
+const POSITION_BYTES: f64 = 8.0;
+/// Repetitions, of which the best counts.
+const REPEATS: usize = 7;
+const TILE: usize = 16;
+const SEGMENTS_PER_PATH: usize = 4;
+
+/// Measures gathers for 1 and many lights. `megabytes` is the size of the made-up positions; 256 is well beyond caches.
+///
+/// # Errors
+/// If the made-up dump cannot be packed, which would be a fault of this crate.
+pub fn measure(megabytes: usize) -> Result<Vec<Measurement>, DumpError> {
+    let gather = Gather::new(room(megabytes)?);
+    let (records, tiles) = (gather.dump().record_count() as f64, gather.dump().manifest().tile_count());
+    let read = records / best_seconds(tiles, |tile| read_positions(gather.dump(), tile));
+    let mut measurements = vec![Measurement {
+        name: "plain read of positions, 1 thread".into(),
+        value: read * POSITION_BYTES * 1e-9,
+        unit: "GB/s",
+        limit: None,
+    }];
+    for (kind, shape) in [("sphere", sphere as fn(usize) -> LightShape), ("quad", quad)] {
+        for count in [1, 16] {
+            let lights: Vec<_> = (0..count).map(|index| light(shape(index))).collect();
+            let Ok(lights) = gather.prepare_all(&lights) else { continue };
+            let seconds = best_seconds(tiles, |tile| drop(black_box(gather.tile(tile, &lights, Half::All))));
+            measurements.push(Measurement {
+                name: format!("gather of {count} {kind} light(s), 1 thread"),
+                value: records * count as f64 / seconds * 1e-9,
+                unit: "G segments/s",
+                // Many lights share one pass over the bytes: no limit by reading.
+                limit: (count == 1).then_some(read * 1e-9),
+            });
+        }
+    }
+    measurements.push(pixel_targets(&gather));
+    Ok(measurements)
+}
+
+/// What a training asks for: a few lights at single pixels.
+fn pixel_targets(gather: &Gather) -> Measurement {
+    const LIGHTS: usize = 4;
+    let lights: Vec<_> = (0..LIGHTS).map(|index| light(sphere(index))).collect();
+    let lights = gather.prepare_all(&lights).unwrap_or_default();
+    let (mut scratch, mut values) = (Scratch::default(), vec![[0.0; 3]; lights.len()]);
+    let seconds = best_seconds(TILE, |y| {
+        for x in 0..TILE {
+            gather.pixel_into(x, y, &lights, Half::All, &mut scratch, &mut values);
+            black_box(&values);
+        }
+    });
+    let segments = gather.dump().pixel(0, 0).map(|(shard, pixel)| shard.pixel(pixel).len()).sum::<usize>();
+    Measurement {
+        name: format!("pixel targets, {LIGHTS} lights a pixel, {segments} segments a pixel, 1 thread"),
+        value: (TILE * TILE * lights.len()) as f64 / seconds,
+        unit: "targets/s",
+        limit: None,
+    }
+}
+
+/// Sum over the parts of the best time of each: short parts make it likely that nothing else ran on the core meanwhile. The
+/// parts take turns, so that none finds its data in a cache.
+fn best_seconds(parts: usize, mut work: impl FnMut(usize)) -> f64 {
+    let mut best = vec![f64::INFINITY; parts];
+    for _ in 0..REPEATS {
+        for (part, best) in best.iter_mut().enumerate() {
+            let start = Instant::now();
+            work(part);
+            *best = best.min(start.elapsed().as_secs_f64());
+        }
+    }
+    best.into_iter().sum()
+}
+
+fn read_positions(dump: &Dump, tile: usize) {
+    let mut sum = 0;
+    for shard in dump.tile(tile) {
+        for stream in [shard.position_xy(), shard.position_z_flags()] {
+            sum ^= xor(stream);
+        }
+    }
+    black_box(sum);
+}
+
+fn xor(words: &[u32]) -> u32 {
+    match Isa::detect() {
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: AVX2 has been detected.
+        Isa::Avx2 => unsafe { xor_avx2(words) },
+        Isa::Portable => xor_lanes(words),
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn xor_avx2(words: &[u32]) -> u32 {
+    xor_lanes(words)
+}
+
+/// Wide enough that the loads, not the sums, are the limit.
+#[inline(always)]
+fn xor_lanes(words: &[u32]) -> u32 {
+    let mut sums = [0; 64];
+    for chunk in words.as_chunks::<64>().0 {
+        for (sum, word) in sums.iter_mut().zip(chunk) {
+            *sum ^= word;
+        }
+    }
+    sums.into_iter().fold(0, |a, b| a ^ b)
+}
+
+fn light(shape: LightShape) -> Light {
+    let lobes = LobeFactors::default();
+    Light { name: "bench".into(), shape, radiance: [1.0; 3], lobes, receivers: None }
+}
+
+/// Lights of the size of lamps in a room of 8 x 8 x 8 m.
+fn sphere(index: usize) -> LightShape {
+    let mut random = Random(100 + index as u64);
+    LightShape::Sphere { center: random.point(3.0), radius: 0.2 }
+}
+
+fn quad(index: usize) -> LightShape {
+    let center = Random(200 + index as u64).point(3.0);
+    LightShape::Quad { center, edge_u: Vec3::X * 0.5, edge_v: Vec3::Y * 0.5, spread: std::f32::consts::PI }
+}
+
+/// Paths between random points on the walls of a room, a few of which escape.
+fn room(megabytes: usize) -> Result<Dump, DumpError> {
+    const SAMPLES: usize = 256;
+    let bytes_per_tile = TILE * TILE * SAMPLES * SEGMENTS_PER_PATH * POSITION_BYTES as usize;
+    let tiles = (megabytes << 20).div_ceil(bytes_per_tile).max(1);
+    let manifest = Manifest {
+        format_version: FORMAT_VERSION,
+        scene_hash: "bench".into(),
+        width: TILE * tiles,
+        height: TILE,
+        tile_size: TILE,
+        passes: vec![Pass { first_sample: 0, samples: SAMPLES as u32 }],
+        seed: 0,
+        camera: Default::default(),
+        camera_position: Some([0.0; 3]),
+        receivers: Vec::new(),
+        settings: Default::default(),
+        working_space: String::new(),
+    };
+    let writer = MemoryWriter::new(manifest.clone())?;
+    let mut random = Random(1);
+    for tile in 0..tiles {
+        let mut samples = TileSamples::new(manifest.tile_rect(tile));
+        for _ in 0..TILE * TILE {
+            samples.begin_pixel();
+            for _ in 0..SAMPLES {
+                samples.begin_path(None);
+                for depth in 0..SEGMENTS_PER_PATH {
+                    let last = depth + 1 == SEGMENTS_PER_PATH && random.next() < 0.25;
+                    let wall = random.point(1.0);
+                    let end = match last {
+                        true => End::Escape(wall.normalize_or(Vec3::Z)),
+                        false => End::Vertex(wall / wall.abs().max_element().max(1e-3) * 4.0),
+                    };
+                    let lobe = if depth == 0 { Lobe::Camera } else { Lobe::Diffuse };
+                    samples.push(Segment { end, throughput: Vec3::splat(0.5), lobe, receiver: 0 });
+                }
+            }
+        }
+        writer.write(tile, 0, &samples)?;
+    }
+    Ok(writer.snapshot())
+}
+
+/// SplitMix64.
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> f32 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ z >> 31) >> 40) as f32 / 16_777_216.0
+    }
+
+    fn point(&mut self, extent: f32) -> Vec3 {
+        Vec3::from([(); 3].map(|()| (2.0 * self.next() - 1.0) * extent))
+    }
+}
