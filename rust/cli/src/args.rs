@@ -34,6 +34,18 @@ pub struct Global {
 pub enum Command {
     /// Trace the paths of an OBJ scene into a bake folder.
     Trace(TraceArgs),
+    /// Sum lights over a bake, without a proxy.
+    Gather(GatherArgs),
+    /// Train a proxy on a bake.
+    Train(TrainArgs),
+    /// Relight a bake, or proxies without their bake, into an EXR and a PNG.
+    Relight(RelightArgs),
+    /// Find sphere lights that make a target picture, through a proxy.
+    Optimise(OptimiseArgs),
+    /// Say what a bake folder, proxy or light set is.
+    Info(PathArgs),
+    /// Check a bake folder, proxy or light set for damage.
+    Validate(PathArgs),
 }
 
 #[derive(Args, Debug)]
@@ -105,6 +117,172 @@ impl std::str::FromStr for Triple {
 
 fn three() -> String {
     "give three numbers like 0,-2.5,1".into()
+}
+
+/// Where pictures go, and how.
+#[derive(Args, Debug)]
+pub struct PictureArgs {
+    /// Multi-layer EXR to write; the PNG goes beside it.
+    #[arg(long, short)]
+    pub out: PathBuf,
+    /// Light set (JSON); default is the lights that the scene came with.
+    #[arg(long)]
+    pub lights: Option<PathBuf>,
+    /// Do not denoise what is gathered.
+    #[arg(long)]
+    pub no_denoise: bool,
+    /// 32-bit floats in the EXR instead of 16-bit ones.
+    #[arg(long)]
+    pub float: bool,
+    /// 16 bits in the PNG instead of 8.
+    #[arg(long)]
+    pub sixteen_bit: bool,
+    /// View table for the PNG (N*N by N pixels); default is the one of the bake, or else the sRGB curve.
+    #[arg(long)]
+    pub view: Option<PathBuf>,
+}
+
+#[derive(Args, Debug)]
+pub struct GatherArgs {
+    /// Bake folder.
+    pub bake: PathBuf,
+    #[command(flatten)]
+    pub picture: PictureArgs,
+}
+
+#[derive(Args, Debug)]
+pub struct RelightArgs {
+    /// Bake folder, or a folder of proxies.
+    pub bake: PathBuf,
+    /// What makes each light's picture.
+    #[arg(long = "with", value_enum, default_value = "auto")]
+    pub with: With,
+    #[command(flatten)]
+    pub picture: PictureArgs,
+}
+
+/// What makes a light's picture.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum With {
+    /// Whichever has the lower measured error for this type of light.
+    Auto,
+    /// The bake.
+    Gather,
+    /// The proxy; lights of a type without proxy are gathered.
+    Proxy,
+}
+
+#[derive(Args, Debug)]
+pub struct TrainArgs {
+    /// Bake folder.
+    pub bake: PathBuf,
+    /// Type of light.
+    #[arg(long = "type", value_enum, default_value = "sphere")]
+    pub kind: Kind,
+    /// Network.
+    #[arg(long, value_enum, default_value = "fast")]
+    pub network: Network,
+    /// Folder for the proxy; default is the bake folder.
+    #[arg(long, short)]
+    pub out: Option<PathBuf>,
+    /// Go on with an interrupted training.
+    #[arg(long)]
+    pub resume: bool,
+    /// Millions of samples (pixel and light) to train on.
+    #[arg(long, default_value_t = 32.0)]
+    pub million_samples: f64,
+    /// Stop after so many seconds with what is there.
+    #[arg(long)]
+    pub seconds: Option<f64>,
+    /// Smallest radius or edge to learn, metres; default is 1/200 of the visible scene.
+    #[arg(long)]
+    pub size_min: Option<f32>,
+    /// Largest radius or edge to learn, metres; default is 1/10 of the visible scene.
+    #[arg(long)]
+    pub size_max: Option<f32>,
+    /// Where training lights are put.
+    #[arg(long, value_enum, default_value = "segments")]
+    pub placement: Placement,
+    /// Neurons of a hidden layer; default is the network's own.
+    #[arg(long)]
+    pub neurons: Option<usize>,
+    /// Hidden layers; default is the network's own.
+    #[arg(long)]
+    pub layers: Option<usize>,
+    /// Use all paths as targets, also those that the error is measured on.
+    #[arg(long)]
+    pub all_paths: bool,
+}
+
+/// Light types that a proxy can learn.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Kind {
+    /// Point light without soft falloff.
+    Sphere,
+    /// Point light with soft falloff, Blender's default.
+    FacingDisk,
+    /// Rectangular area light.
+    Quad,
+}
+
+/// Networks.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Network {
+    /// Factorised, with analytic features.
+    Fast,
+    /// The paper's.
+    Reference,
+}
+
+/// Where training lights are put.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Placement {
+    /// On random path segments.
+    Segments,
+    /// In the box of all visible positions.
+    Bounds,
+}
+
+#[derive(Args, Debug)]
+pub struct OptimiseArgs {
+    /// Folder with a sphere proxy.
+    pub bake: PathBuf,
+    /// Picture to match: EXR (scene-linear) or PNG (sRGB), of the bake's size.
+    #[arg(long)]
+    pub target: PathBuf,
+    /// Light set to start from; its sphere lights are solved, others stay as they are.
+    #[arg(long)]
+    pub lights: Option<PathBuf>,
+    /// Lights to find from random starts, if no light set is given.
+    #[arg(long, default_value_t = 1)]
+    pub count: usize,
+    /// Random starts, of which the best is kept.
+    #[arg(long, default_value_t = 8)]
+    pub starts: usize,
+    /// Steps of each start.
+    #[arg(long, default_value_t = 500)]
+    pub iterations: usize,
+    /// Share of the pixels that each step looks at.
+    #[arg(long, default_value_t = 0.05)]
+    pub pixel_fraction: f32,
+    /// Keep positions as they are.
+    #[arg(long)]
+    pub lock_center: bool,
+    /// Keep radii as they are.
+    #[arg(long)]
+    pub lock_radius: bool,
+    /// Keep colours and strengths as they are.
+    #[arg(long)]
+    pub lock_radiance: bool,
+    /// Light set to write.
+    #[arg(long, short)]
+    pub out: PathBuf,
+}
+
+#[derive(Args, Debug)]
+pub struct PathArgs {
+    /// Bake folder, proxy or light set.
+    pub path: PathBuf,
 }
 
 #[cfg(test)]

@@ -40,6 +40,12 @@ fn run(cli: Cli, console: &Arc<Console>) -> anyhow::Result<()> {
     let context = commands::Context { console, monitor: &monitor, global: &cli.global };
     match cli.command {
         Command::Trace(args) => commands::trace(&args, &context),
+        Command::Gather(args) => commands::gather(&args, &context),
+        Command::Train(args) => commands::train(&args, &context),
+        Command::Relight(args) => commands::relight(&args, &context),
+        Command::Optimise(args) => commands::optimise(&args, &context),
+        Command::Info(args) => commands::info(&args, &context),
+        Command::Validate(args) => commands::validate(&args, &context),
     }
 }
 

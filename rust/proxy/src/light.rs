@@ -161,7 +161,7 @@ impl SizeRange {
 }
 
 /// A random light at `center`: sizes log-uniform in `size`, orientation uniform.
-pub(crate) fn random_light(kind: LightKind, center: Vec3, size: SizeRange, rng: &mut Rng) -> LightParams {
+pub fn random_light(kind: LightKind, center: Vec3, size: SizeRange, rng: &mut Rng) -> LightParams {
     match kind {
         LightKind::Sphere | LightKind::FacingDisk => LightParams::round(kind, center, size.draw(rng)),
         LightKind::Quad => {

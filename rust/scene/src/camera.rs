@@ -21,6 +21,7 @@ pub struct Camera {
     /// Rays start at this distance along -z, in metres.
     pub clip_start: f32,
     /// Rays end at this distance along -z, in metres.
+    #[serde(deserialize_with = "null_as_infinity")]
     pub clip_end: f32,
     /// Thin lens, if used.
     pub depth_of_field: Option<DepthOfField>,
@@ -51,6 +52,12 @@ pub struct DepthOfField {
     pub ratio: f32,
 }
 
+/// JSON has no infinity and writes null for it.
+fn null_as_infinity<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<f32, D::Error> {
+    let value: Option<f32> = serde::Deserialize::deserialize(deserializer)?;
+    Ok(value.unwrap_or(f32::INFINITY))
+}
+
 impl Default for Camera {
     fn default() -> Self {
         Self {
@@ -65,5 +72,16 @@ impl Default for Camera {
             clip_end: f32::INFINITY,
             depth_of_field: None,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unlimited_camera_survives_json() {
+        let json = serde_json::to_string(&Camera::default()).unwrap();
+        assert_eq!(serde_json::from_str::<Camera>(&json).unwrap(), Camera::default());
     }
 }

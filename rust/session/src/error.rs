@@ -33,6 +33,9 @@ pub enum SessionError {
     /// Dump.
     #[error(transparent)]
     Dump(#[from] relume_dump::DumpError),
+    /// Gather.
+    #[error(transparent)]
+    Gather(#[from] relume_gather::GatherError),
     /// Picture.
     #[error(transparent)]
     Image(#[from] relume_image::ImageError),

@@ -1,12 +1,20 @@
 //! One file per command.
 
+mod inspect;
+mod optimise;
+mod relight;
 mod trace;
+mod train;
 
 use crate::args::Global;
 use crate::console::Console;
 use relume_session::Monitor;
 
+pub use inspect::{info, validate};
+pub use optimise::optimise;
+pub use relight::{gather, relight};
 pub use trace::trace;
+pub use train::train;
 
 /// What every command is given.
 pub struct Context<'a> {

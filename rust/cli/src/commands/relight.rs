@@ -1,0 +1,83 @@
+use super::Context;
+use crate::args::{self, GatherArgs, PictureArgs, RelightArgs};
+use relume_session::image::{BitDepth, Precision, ViewTransform};
+use relume_session::{LightSet, Maker, RelightOptions, Relighter, Stage, With};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+#[derive(Serialize)]
+struct Written {
+    exr: PathBuf,
+    png: PathBuf,
+    lights: Vec<WrittenLight>,
+}
+
+#[derive(Serialize)]
+struct WrittenLight {
+    name: String,
+    maker: Maker,
+}
+
+/// Sums lights over a bake, without a proxy.
+pub fn gather(args: &GatherArgs, context: &Context) -> anyhow::Result<()> {
+    write_picture(&args.bake, With::Gather, &args.picture, context)
+}
+
+/// Relights a bake or proxies.
+pub fn relight(args: &RelightArgs, context: &Context) -> anyhow::Result<()> {
+    let with = match args.with {
+        args::With::Auto => With::Auto,
+        args::With::Gather => With::Gather,
+        args::With::Proxy => With::Proxy,
+    };
+    write_picture(&args.bake, with, &args.picture, context)
+}
+
+fn write_picture(bake: &Path, with: With, args: &PictureArgs, context: &Context) -> anyhow::Result<()> {
+    let relighter = Relighter::open(bake)?;
+    let view = match &args.view {
+        Some(path) => ViewTransform::read_lut(path)?,
+        None => relighter.view()?,
+    };
+    let set = light_set(args.lights.as_deref(), &relighter, context)?;
+    let options = RelightOptions { with, denoise: !args.no_denoise };
+    let relit = relighter.relight(&set.lights, &options, context.monitor)?;
+
+    let png = args.out.with_extension("png");
+    let stage = context.monitor.stage(Stage::Write, 0, 2);
+    relit.write_exr(&args.out, if args.float { Precision::Float } else { Precision::Half })?;
+    stage.advance(1, "");
+    relit.write_png(&png, &view, if args.sixteen_bit { BitDepth::Sixteen } else { BitDepth::Eight })?;
+    stage.advance(1, "");
+
+    let lights: Vec<WrittenLight> = relit
+        .lights
+        .iter()
+        .map(|light| WrittenLight { name: light.name.clone(), maker: light.maker })
+        .collect();
+    let made = |maker| lights.iter().filter(|light| light.maker == maker).count();
+    let text = format!(
+        "{} and {}: {} lights, {} of them by proxy",
+        args.out.display(),
+        png.display(),
+        lights.len(),
+        made(Maker::Proxy)
+    );
+    context.console.result(&text, &Written { exr: args.out.clone(), png, lights });
+    Ok(())
+}
+
+/// The light set of a file, or the scene's own.
+fn light_set(path: Option<&Path>, relighter: &Relighter, context: &Context) -> anyhow::Result<LightSet> {
+    let set = match path {
+        Some(path) => LightSet::read(path)?,
+        None => relighter.scene_lights()?,
+    };
+    set.notes.iter().for_each(|note| context.monitor.warn(note));
+    if set.lights.is_empty() {
+        context
+            .monitor
+            .warn("there are no lights; only the scene's own emission and world are seen (see --lights)");
+    }
+    Ok(set)
+}

@@ -1,0 +1,72 @@
+use super::Context;
+use crate::args::{Kind, Network, Placement, TrainArgs};
+use relume_session::proxy::{LightKind, LightPlacement, NetworkConfig, SizeRange, TrainConfig};
+use relume_session::{Relighter, TrainSettings, pixel_features, train as train_proxy};
+
+/// Trains a proxy on a bake.
+pub fn train(args: &TrainArgs, context: &Context) -> anyhow::Result<()> {
+    let settings = TrainSettings {
+        kind: match args.kind {
+            Kind::Sphere => LightKind::Sphere,
+            Kind::FacingDisk => LightKind::FacingDisk,
+            Kind::Quad => LightKind::Quad,
+        },
+        config: config(args)?,
+        seed: context.global.seed,
+        seconds: args.seconds,
+        half_for_measuring: !args.all_paths,
+    };
+    let out = args.out.as_deref().unwrap_or(&args.bake);
+    let report = train_proxy(&args.bake, out, &settings, args.resume, context.monitor)?;
+    let m = &report.measured;
+    let text = format!(
+        "{}: {} steps, {:.1} M samples, {:.1} s; on {} held-out lights proxy {:.1} dB (SMAPE {:.3}), gather of {} \
+         samples {:.1} dB ({:.3}), denoised {:.1} dB ({:.3})",
+        report.proxy.display(),
+        report.steps,
+        report.samples as f64 / 1e6,
+        report.seconds,
+        m.lights,
+        m.proxy.psnr,
+        m.proxy.smape,
+        m.samples,
+        m.gather.psnr,
+        m.gather.smape,
+        m.gather_denoised.psnr,
+        m.gather_denoised.smape,
+    );
+    context.console.result(&text, &report);
+    Ok(())
+}
+
+fn config(args: &TrainArgs) -> anyhow::Result<TrainConfig> {
+    let size = sizes(args)?;
+    let mut config = match args.network {
+        Network::Fast => TrainConfig::fast(size),
+        Network::Reference => TrainConfig::reference(size),
+    };
+    config.samples = (args.million_samples * 1e6) as u64;
+    config.placement = match args.placement {
+        Placement::Segments => LightPlacement::Segments,
+        Placement::Bounds => LightPlacement::Bounds,
+    };
+    let (NetworkConfig::Fast { width, layers, .. } | NetworkConfig::Reference { width, layers, .. }) =
+        &mut config.network;
+    *width = args.neurons.unwrap_or(*width);
+    *layers = args.layers.unwrap_or(*layers);
+    Ok(config)
+}
+
+/// Sizes from the options, or as shares of the visible scene.
+fn sizes(args: &TrainArgs) -> anyhow::Result<SizeRange> {
+    if let (Some(min), Some(max)) = (args.size_min, args.size_max) {
+        return Ok(SizeRange { min, max });
+    }
+    let relighter = Relighter::open(&args.bake)?;
+    let (low, high) = pixel_features(relighter.aovs(), relighter.camera()).visible_bounds();
+    let extent = low.distance(high);
+    Ok(SizeRange {
+        min: args.size_min.unwrap_or(extent / 200.0),
+        max: args.size_max.unwrap_or(extent / 10.0),
+    })
+}

@@ -1,0 +1,132 @@
+use crate::bake::LIGHTS_FILE;
+use crate::progress::{Monitor, Stage};
+use crate::proxies::{Measured, Proxies};
+use crate::{LightSet, SessionError};
+use relume_dump::{Dump, Manifest};
+use relume_proxy::{Proxy, ProxyInfo};
+use serde::Serialize;
+use std::path::Path;
+
+/// What a file or folder is.
+#[derive(Clone, Debug, Serialize)]
+#[serde(tag = "type", rename_all = "snake_case")]
+pub enum Info {
+    /// A bake folder.
+    Bake {
+        /// Its manifest.
+        manifest: Box<Manifest>,
+        /// Tiles and passes that are there, of all.
+        shards: [usize; 2],
+        /// Records of all shards.
+        records: usize,
+        /// Bytes of all shards.
+        bytes: u64,
+        /// Names of the scene's lights.
+        lights: Vec<String>,
+        /// Its proxies.
+        proxies: Vec<ProxySummary>,
+    },
+    /// A folder of proxies without their bake.
+    Proxies {
+        /// The proxies.
+        proxies: Vec<ProxySummary>,
+    },
+    /// A proxy.
+    Proxy {
+        /// What is known of it.
+        info: Box<ProxyInfo>,
+    },
+    /// A light set.
+    Lights {
+        /// Its name.
+        name: String,
+        /// Its lights.
+        lights: Vec<relume_scene::Light>,
+        /// What was changed on reading.
+        notes: Vec<String>,
+    },
+}
+
+/// A proxy of a folder.
+#[derive(Clone, Debug, Serialize)]
+pub struct ProxySummary {
+    /// What is known of it.
+    pub info: ProxyInfo,
+    /// How it compares with gathering.
+    pub measured: Option<Measured>,
+}
+
+/// Says what a bake folder, proxy or light set is.
+///
+/// # Errors
+/// If it is none of these, or damaged.
+pub fn info(path: &Path) -> Result<Info, SessionError> {
+    if path.is_dir() {
+        return if path.join(Manifest::FILE).exists() { bake_info(path) } else { proxies_info(path) };
+    }
+    match extension(path).as_str() {
+        "json" => {
+            let LightSet { name, lights, notes } = LightSet::read(path)?;
+            Ok(Info::Lights { name, lights, notes })
+        }
+        "safetensors" => Ok(Info::Proxy { info: Box::new(Proxy::open(path)?.info().clone()) }),
+        _ => Err(unknown(path)),
+    }
+}
+
+fn bake_info(folder: &Path) -> Result<Info, SessionError> {
+    let dump = Dump::open(folder)?;
+    let manifest = dump.manifest();
+    let all = manifest.tile_count() * manifest.passes.len();
+    let lights = folder.join(LIGHTS_FILE);
+    let lights = if lights.exists() { LightSet::read(&lights)? } else { LightSet::default() };
+    Ok(Info::Bake {
+        shards: [all - dump.missing().len(), all],
+        records: dump.record_count(),
+        bytes: dump.shards().map(|shard| shard.as_bytes().len() as u64).sum(),
+        lights: lights.lights.into_iter().map(|light| light.name).collect(),
+        proxies: summaries(&Proxies::open(folder, &manifest.scene_hash)?),
+        manifest: Box::new(manifest.clone()),
+    })
+}
+
+fn proxies_info(folder: &Path) -> Result<Info, SessionError> {
+    let base = crate::base_layers::read(folder)?;
+    Ok(Info::Proxies { proxies: summaries(&Proxies::open(folder, &base.scene_hash)?) })
+}
+
+fn summaries(proxies: &Proxies) -> Vec<ProxySummary> {
+    let summary =
+        |p: &crate::TrainedProxy| ProxySummary { info: p.proxy.info().clone(), measured: p.measured };
+    proxies.iter().map(summary).collect()
+}
+
+/// Everything that is wrong with a bake folder, proxy or light set, in words; reads all of it.
+///
+/// # Errors
+/// If it is none of these or cannot be read at all.
+pub fn validate(path: &Path, monitor: &Monitor) -> Result<Vec<String>, SessionError> {
+    let stage = monitor.stage(Stage::Validate, 0, 1);
+    let mut problems = Vec::new();
+    if path.is_dir() && path.join(Manifest::FILE).exists() {
+        problems = Dump::validate_dir(path)?;
+    }
+    // The rest of a folder, and single files, are checked whole by their readers.
+    if let Err(error) = info(path) {
+        let text = error.to_string();
+        if !problems.contains(&text) {
+            problems.push(text);
+        }
+    }
+    stage.advance(1, "");
+    Ok(problems)
+}
+
+fn extension(path: &Path) -> String {
+    path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default()
+}
+
+fn unknown(path: &Path) -> SessionError {
+    let reason = if path.exists() { "is no bake folder, proxy or light set" } else { "does not exist" };
+    SessionError::Settings(format!("{} {reason}", path.display()))
+}

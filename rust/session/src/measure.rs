@@ -1,0 +1,67 @@
+use crate::SessionError;
+use crate::progress::{Monitor, Stage};
+use crate::proxies::{MeanQuality, Measured};
+use crate::targets::DumpTargets;
+use relume_gather::{Gather, Half};
+use relume_image::metrics::{Quality, quality};
+use relume_proxy::{LightParams, Proxy, Rng, TargetSource, random_light};
+
+/// Stream of the random numbers that choose the lights; training uses others.
+const STREAM: u64 = 0x6d65_6173;
+
+/// Compares a proxy with gathering on lights that it was not trained on. The reference is gathered and denoised from the
+/// second of `halves`, what is compared from the first, so that neither knows the other's noise.
+pub(crate) fn measure(
+    proxy: &Proxy,
+    gather: &Gather,
+    halves: (Half, Half),
+    held_out: &DumpTargets,
+    count: usize,
+    seed: u64,
+    monitor: &Monitor,
+) -> Result<Measured, SessionError> {
+    let stage = monitor.stage(Stage::Measure, 0, count as u64);
+    let compared = DumpTargets::new(gather, halves.0, held_out.bounds(), held_out.denoise());
+    let (mut by_proxy, mut by_gather, mut by_denoised) = (Vec::new(), Vec::new(), Vec::new());
+    for i in 0..count {
+        if monitor.cancelled() {
+            return Err(SessionError::Cancelled);
+        }
+        let Some(params) = held_out_light(proxy, held_out, &mut Rng::stream(seed, STREAM, i as u64)) else {
+            continue;
+        };
+        let shape = [params.shape()];
+        let reference = &held_out.images(&shape, true)?[0];
+        by_proxy.push(quality(&proxy.unit_image(&params)?, reference));
+        by_gather.push(quality(&compared.images(&shape, false)?[0], reference));
+        by_denoised.push(quality(&compared.images(&shape, true)?[0], reference));
+        stage.advance(1, "");
+    }
+    Ok(Measured {
+        lights: by_proxy.len(),
+        samples: halves.0.tile_samples(gather.dump(), 0),
+        proxy: mean(&by_proxy),
+        gather: mean(&by_gather),
+        gather_denoised: mean(&by_denoised),
+    })
+}
+
+/// A light at a random point of a random pixel's paths, of a random size that was trained.
+fn held_out_light(proxy: &Proxy, targets: &DumpTargets, rng: &mut Rng) -> Option<LightParams> {
+    let info = proxy.info();
+    let pixels = (info.image[0] * info.image[1]) as u32;
+    let center = (0..64).find_map(|_| targets.segment_point(rng.below(pixels), rng))?;
+    Some(random_light(info.kind, center, info.size, rng))
+}
+
+fn mean(list: &[Quality]) -> MeanQuality {
+    let count = list.len().max(1) as f64;
+    let sum = |f: fn(&Quality) -> f64| list.iter().map(f).sum::<f64>() / count;
+    // Equal pictures have an infinite PSNR, which no mean survives.
+    MeanQuality {
+        psnr: sum(|q| q.psnr.min(100.0)),
+        smape: sum(|q| q.smape),
+        ssim: sum(|q| q.ssim),
+        flip: sum(|q| q.flip),
+    }
+}

@@ -1,0 +1,120 @@
+use crate::SessionError;
+use relume_proxy::{LightKind, Proxy};
+use relume_scene::{Light, LobeFactors};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// Mean errors over some lights, against independent gathers of the other half of the paths.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MeanQuality {
+    /// dB, tonemapped ([`relume_image::metrics::psnr_reinhard`]).
+    pub psnr: f64,
+    /// [`relume_image::metrics::smape`].
+    pub smape: f64,
+    /// [`relume_image::metrics::ssim`], tonemapped.
+    pub ssim: f64,
+    /// [`relume_image::metrics::flip`], tonemapped.
+    pub flip: f64,
+}
+
+/// How a proxy compares with gathering as many samples, on the same held-out lights.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Measured {
+    /// Held-out lights.
+    pub lights: usize,
+    /// Paths per pixel of the gathers that were compared.
+    pub samples: u32,
+    /// The proxy.
+    pub proxy: MeanQuality,
+    /// Gathering.
+    pub gather: MeanQuality,
+    /// Gathering and denoising.
+    pub gather_denoised: MeanQuality,
+}
+
+/// A proxy and how it was measured.
+pub struct TrainedProxy {
+    /// The proxy.
+    pub proxy: Proxy,
+    /// The comparison at the end of its training, if there was one.
+    pub measured: Option<Measured>,
+}
+
+impl TrainedProxy {
+    /// Whether its measured error is below that of gathering. Unmeasured proxies do not beat anything.
+    pub fn beats_gather(&self, denoised: bool) -> bool {
+        self.measured.is_some_and(|m| {
+            let gather = if denoised { m.gather_denoised } else { m.gather };
+            m.proxy.smape < gather.smape
+        })
+    }
+}
+
+/// The proxies of a folder, at most one for each kind of light.
+#[derive(Default)]
+pub struct Proxies {
+    list: Vec<TrainedProxy>,
+}
+
+impl Proxies {
+    /// Opens all proxies of a folder that are of this scene.
+    ///
+    /// # Errors
+    /// If one is damaged or of another scene.
+    pub fn open(folder: &Path, scene_hash: &str) -> Result<Self, SessionError> {
+        let mut list = Vec::new();
+        for kind in [LightKind::Sphere, LightKind::FacingDisk, LightKind::Quad] {
+            let path = proxy_path(folder, kind);
+            if !path.exists() {
+                continue;
+            }
+            let proxy = Proxy::open(&path)?;
+            if proxy.info().scene_hash != scene_hash {
+                let reason = format!("{} is of another scene; train it again on this bake", path.display());
+                return Err(SessionError::Settings(reason));
+            }
+            list.push(TrainedProxy { proxy, measured: read_measured(&measured_path(folder, kind))? });
+        }
+        Ok(Self { list })
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.list.is_empty()
+    }
+
+    /// All of them.
+    pub fn iter(&self) -> impl Iterator<Item = &TrainedProxy> {
+        self.list.iter()
+    }
+
+    /// The proxy for a kind of light.
+    pub fn of(&self, kind: LightKind) -> Option<&TrainedProxy> {
+        self.list.iter().find(|trained| trained.proxy.info().kind == kind)
+    }
+
+    /// The proxy that answers for a light: it learned this kind and size, and Blender's default ray visibility.
+    pub fn covering(&self, light: &Light) -> Option<&TrainedProxy> {
+        let usual = light.lobes == LobeFactors::default() && light.receivers.is_none();
+        self.list.iter().find(|trained| usual && trained.proxy.covers(&light.shape))
+    }
+}
+
+/// File of a proxy in its folder.
+pub fn proxy_path(folder: &Path, kind: LightKind) -> PathBuf {
+    folder.join(format!("proxy_{kind}.safetensors"))
+}
+
+/// File with [`Measured`] beside a proxy.
+pub(crate) fn measured_path(folder: &Path, kind: LightKind) -> PathBuf {
+    folder.join(format!("proxy_{kind}.json"))
+}
+
+fn read_measured(path: &Path) -> Result<Option<Measured>, SessionError> {
+    if !path.exists() {
+        return Ok(None);
+    }
+    let text = std::fs::read_to_string(path).map_err(SessionError::io("read", path))?;
+    let damaged = |error| SessionError::Settings(format!("{}: {error}; train again", path.display()));
+    serde_json::from_str(&text).map(Some).map_err(damaged)
+}

@@ -1,0 +1,259 @@
+use crate::bake::{LIGHTS_FILE, VIEW_FILE};
+use crate::denoise::Denoise;
+use crate::progress::{Monitor, Stage};
+use crate::proxies::{Proxies, TrainedProxy};
+use crate::relit::{Relit, RelitLight};
+use crate::unit_cache::UnitCache;
+use crate::{LightSet, SessionError, base_layers};
+use relume_dump::{Aovs, Dump, Manifest};
+use relume_gather::{Gather, Half};
+use relume_image::{Image, ViewTransform};
+use relume_proxy::LightParams;
+use relume_scene::{Camera, Light};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// What makes a light's picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum With {
+    /// For each type of light whichever had the lower error when the proxy was measured; gather where there is no proxy.
+    #[default]
+    Auto,
+    /// The dump.
+    Gather,
+    /// The proxy; lights that no proxy covers are gathered.
+    Proxy,
+}
+
+/// How to relight.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RelightOptions {
+    /// What makes the pictures.
+    pub with: With,
+    /// Denoise what is gathered, and the static layers.
+    pub denoise: bool,
+}
+
+impl Default for RelightOptions {
+    fn default() -> Self {
+        Self { with: With::Auto, denoise: true }
+    }
+}
+
+/// What a picture of a light was made by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Maker {
+    /// Summed over the dump.
+    Gather,
+    /// Summed over the dump and denoised.
+    GatherDenoised,
+    /// A proxy.
+    Proxy,
+}
+
+/// Turns lights into pictures: from a bake folder with its dump and proxies, or from proxies alone. Keeps each light's
+/// unit image, so that colour, strength and mute only sum anew.
+pub struct Relighter {
+    folder: PathBuf,
+    scene_hash: String,
+    camera: Camera,
+    aovs: Aovs,
+    gather: Option<Gather>,
+    proxies: Proxies,
+    denoise: Denoise,
+    cache: UnitCache,
+}
+
+impl Relighter {
+    /// Opens a bake folder, or a folder with proxies and their base layers.
+    ///
+    /// # Errors
+    /// If the folder is neither, or a file in it is damaged.
+    pub fn open(folder: &Path) -> Result<Self, SessionError> {
+        if folder.join(Manifest::FILE).exists() {
+            return Self::from_dump(Dump::open(folder)?, folder);
+        }
+        let base = base_layers::read(folder)?;
+        let proxies = Proxies::open(folder, &base.scene_hash)?;
+        if proxies.is_empty() {
+            let reason =
+                format!("{} holds neither a bake nor a proxy; bake or train first", folder.display());
+            return Err(SessionError::Settings(reason));
+        }
+        Ok(Self::new(folder, base.scene_hash, base.camera, base.aovs, None, proxies))
+    }
+
+    /// Relights from a dump, also one that is still growing, and from the proxies of a folder.
+    ///
+    /// # Errors
+    /// If the dump has no camera or a proxy is damaged.
+    pub fn from_dump(dump: Dump, folder: &Path) -> Result<Self, SessionError> {
+        let manifest = dump.manifest();
+        let (camera, scene_hash) = (camera(manifest)?, manifest.scene_hash.clone());
+        let proxies = Proxies::open(folder, &scene_hash)?;
+        let aovs = dump.aovs();
+        Ok(Self::new(folder, scene_hash, camera, aovs, Some(Gather::new(dump)), proxies))
+    }
+
+    fn new(
+        folder: &Path,
+        scene_hash: String,
+        camera: Camera,
+        aovs: Aovs,
+        gather: Option<Gather>,
+        proxies: Proxies,
+    ) -> Self {
+        let denoise = Denoise::new(&aovs);
+        let cache = UnitCache::default();
+        Self { folder: folder.to_path_buf(), scene_hash, camera, aovs, gather, proxies, denoise, cache }
+    }
+
+    /// The camera that was baked.
+    pub fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    /// Per-pixel features and static layers.
+    pub fn aovs(&self) -> &Aovs {
+        &self.aovs
+    }
+
+    /// The dump, if there is one.
+    pub fn gather(&self) -> Option<&Gather> {
+        self.gather.as_ref()
+    }
+
+    /// The proxies.
+    pub fn proxies(&self) -> &Proxies {
+        &self.proxies
+    }
+
+    /// The lights that the scene came with; none if the folder does not hold them.
+    ///
+    /// # Errors
+    /// If their file is damaged.
+    pub fn scene_lights(&self) -> Result<LightSet, SessionError> {
+        let path = self.folder.join(LIGHTS_FILE);
+        if path.exists() { LightSet::read(&path) } else { Ok(LightSet::default()) }
+    }
+
+    /// The scene's view transform; the sRGB curve if the folder holds none.
+    ///
+    /// # Errors
+    /// If its file is damaged.
+    pub fn view(&self) -> Result<ViewTransform, SessionError> {
+        let path = self.folder.join(VIEW_FILE);
+        if path.exists() { Ok(ViewTransform::read_lut(&path)?) } else { Ok(ViewTransform::Standard) }
+    }
+
+    /// Relights.
+    ///
+    /// # Errors
+    /// If a light needs the dump and there is none, or cannot be gathered, or denoising fails.
+    pub fn relight(
+        &self,
+        lights: &[Light],
+        options: &RelightOptions,
+        monitor: &Monitor,
+    ) -> Result<Relit, SessionError> {
+        let units = self.unit_images(lights, options, monitor)?;
+        let lights = lights.iter().zip(units);
+        let lights = lights.map(|(light, (unit, maker))| {
+            let mut image = Image::new(unit.width, unit.height, 3);
+            image.add_scaled(&unit, &light.radiance);
+            RelitLight { name: light.name.clone(), image, maker }
+        });
+        let layer =
+            |image: &Image| if options.denoise { self.denoise.image(image) } else { Ok(image.clone()) };
+        Ok(Relit {
+            lights: lights.collect(),
+            static_light: layer(&self.aovs.emission)?,
+            world: layer(&self.aovs.world)?,
+            albedo: self.aovs.albedo.clone(),
+            normal: self.aovs.normal.clone(),
+            depth: self.aovs.depth.clone(),
+            alpha: self.aovs.alpha.clone(),
+            scene_hash: self.scene_hash.clone(),
+            samples: self.gather.as_ref().map_or(0, |gather| gather.dump().manifest().samples()),
+        })
+    }
+
+    /// Each light's picture for radiance 1, from the cache or made anew; all that are gathered in one pass.
+    ///
+    /// # Errors
+    /// As [`Relighter::relight`].
+    pub fn unit_images(
+        &self,
+        lights: &[Light],
+        options: &RelightOptions,
+        monitor: &Monitor,
+    ) -> Result<Vec<(Arc<Image>, Maker)>, SessionError> {
+        let makers = lights.iter().map(|light| self.maker(light, options)).collect::<Result<Vec<_>, _>>()?;
+        let mut units: Vec<Option<Arc<Image>>> =
+            lights.iter().zip(&makers).map(|(light, maker)| self.cache.get(light, *maker)).collect();
+        let missing: Vec<usize> = (0..lights.len()).filter(|i| units[*i].is_none()).collect();
+        let stage = monitor.stage(Stage::Gather, 0, missing.len() as u64);
+        let (proxied, gathered): (Vec<usize>, Vec<usize>) =
+            missing.into_iter().partition(|i| makers[*i] == Maker::Proxy);
+        for i in proxied {
+            units[i] = Some(self.cache.insert(&lights[i], makers[i], self.proxy_image(&lights[i])?));
+            stage.advance(1, &lights[i].name);
+        }
+        // A few at a time, so that progress shows and memory stays bounded.
+        for group in gathered.chunks(8) {
+            if monitor.cancelled() {
+                return Err(SessionError::Cancelled);
+            }
+            let group_lights: Vec<Light> = group.iter().map(|i| lights[*i].clone()).collect();
+            for (i, image) in group.iter().zip(self.gather_images(&group_lights)?) {
+                let denoised = makers[*i] == Maker::GatherDenoised;
+                let image = if denoised { self.denoise.image(&image)? } else { image };
+                units[*i] = Some(self.cache.insert(&lights[*i], makers[*i], image));
+                stage.advance(1, &lights[*i].name);
+            }
+        }
+        Ok(units.into_iter().flatten().zip(makers).collect())
+    }
+
+    fn maker(&self, light: &Light, options: &RelightOptions) -> Result<Maker, SessionError> {
+        let proxy = self.proxies.covering(light).filter(|proxy| match options.with {
+            With::Gather => false,
+            With::Proxy => true,
+            With::Auto => self.gather.is_none() || proxy.beats_gather(options.denoise),
+        });
+        match (proxy, &self.gather, options.denoise) {
+            (Some(_), _, _) => Ok(Maker::Proxy),
+            (None, Some(_), true) => Ok(Maker::GatherDenoised),
+            (None, Some(_), false) => Ok(Maker::Gather),
+            (None, None, _) => Err(SessionError::Settings(format!(
+                "light '{}' is of a type, size or visibility that no proxy in {} covers; relight from its bake",
+                light.name,
+                self.folder.display()
+            ))),
+        }
+    }
+
+    fn proxy_image(&self, light: &Light) -> Result<Image, SessionError> {
+        let proxy: Option<&TrainedProxy> = self.proxies.covering(light);
+        match (proxy, LightParams::from_shape(&light.shape)) {
+            (Some(proxy), Some(params)) => Ok(proxy.proxy.unit_image(&params)?),
+            _ => Err(SessionError::Settings(format!("light '{}' has no proxy", light.name))),
+        }
+    }
+
+    fn gather_images(&self, lights: &[Light]) -> Result<Vec<Image>, SessionError> {
+        match &self.gather {
+            Some(gather) => Ok(gather.unit_images(&gather.prepare_all(lights)?, Half::All)),
+            None => Ok(Vec::new()),
+        }
+    }
+}
+
+/// The camera of a dump.
+pub(crate) fn camera(manifest: &Manifest) -> Result<Camera, SessionError> {
+    serde_json::from_value(manifest.camera.clone()).map_err(|error| {
+        SessionError::Settings(format!("the bake's camera cannot be read: {error}; bake again"))
+    })
+}

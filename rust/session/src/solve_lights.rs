@@ -1,0 +1,192 @@
+use crate::progress::{Monitor, Stage};
+use crate::relighter::{RelightOptions, Relighter};
+use crate::{LightSet, SessionError};
+use glam::Vec3;
+use relume_image::Image;
+use relume_optimise::{
+    Bounds, Locks, Problem, Relight, RelightError, Settings, Solution, SphereLight, random_starts, solve,
+};
+use relume_proxy::{LightKind, LightParams, Proxy};
+use relume_scene::{Light, LightShape, LobeFactors};
+use std::ops::ControlFlow;
+
+/// A proxy of round lights, as the optimiser sees it.
+pub struct ProxyRelight<'a> {
+    proxy: &'a Proxy,
+}
+
+impl<'a> ProxyRelight<'a> {
+    /// None unless the proxy is of spheres or facing disks.
+    pub fn new(proxy: &'a Proxy) -> Option<Self> {
+        matches!(proxy.info().kind, LightKind::Sphere | LightKind::FacingDisk).then_some(Self { proxy })
+    }
+
+    fn params(&self, center: Vec3, radius: f32) -> LightParams {
+        LightParams::round(self.proxy.info().kind, center, radius)
+    }
+}
+
+impl Relight for ProxyRelight<'_> {
+    fn size(&self) -> (usize, usize) {
+        let [width, height] = self.proxy.info().image;
+        (width, height)
+    }
+
+    fn forward(
+        &self,
+        center: Vec3,
+        radius: f32,
+        pixels: &[u32],
+        out: &mut [[f32; 3]],
+    ) -> Result<(), RelightError> {
+        Ok(self.proxy.forward_pixels(pixels, &self.params(center, radius), out)?)
+    }
+
+    fn backward(
+        &self,
+        center: Vec3,
+        radius: f32,
+        pixels: &[u32],
+        d_out: &[[f32; 3]],
+    ) -> Result<[f32; 4], RelightError> {
+        let gradient = self.proxy.backward(pixels, &self.params(center, radius), d_out)?;
+        Ok(std::array::from_fn(|i| gradient.get(i).copied().unwrap_or(0.0)))
+    }
+}
+
+/// What to solve.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OptimiseOptions {
+    /// Steps, learning rate, pixel subsets, seed.
+    pub settings: Settings,
+    /// What stays as it is; the same for all lights.
+    pub locks: Locks,
+    /// Lights to find from random starts; not used if start lights are given.
+    pub count: usize,
+    /// Random starts, of which the best is kept; with start lights, starts beside them.
+    pub starts: usize,
+}
+
+impl Default for OptimiseOptions {
+    fn default() -> Self {
+        Self { settings: Settings::default(), locks: Locks::default(), count: 1, starts: 8 }
+    }
+}
+
+/// Solved lights.
+#[derive(Clone, Debug)]
+pub struct Optimised {
+    /// The start lights with the solved ones in their places, or the found lights.
+    pub lights: LightSet,
+    /// How it went.
+    pub solution: Solution,
+}
+
+/// Finds round lights that make a target picture, through a proxy (paper, section 5.3). Without start lights, `count`
+/// lights are found from random starts over the static layers; with them, those that the proxy covers are solved and
+/// the others stay as they are.
+///
+/// # Errors
+/// If there is no proxy of round lights, or the target does not fit.
+pub fn optimise(
+    relighter: &Relighter,
+    target: &Image,
+    start: Option<&LightSet>,
+    options: &OptimiseOptions,
+    monitor: &Monitor,
+) -> Result<Optimised, SessionError> {
+    let no_proxy =
+        || SessionError::Settings("there is no proxy of point lights here; train one first".into());
+    let kinds = [LightKind::Sphere, LightKind::FacingDisk];
+    let wanted = |kind: &LightKind| {
+        start.is_none_or(|set| set.lights.iter().any(|light| LightKind::of(&light.shape) == Some(*kind)))
+    };
+    let mut trained =
+        kinds.iter().filter(|kind| wanted(kind)).filter_map(|kind| relighter.proxies().of(*kind));
+    let proxy = &trained.next().ok_or_else(no_proxy)?.proxy;
+    let relight = ProxyRelight::new(proxy).ok_or_else(no_proxy)?;
+
+    let kept = start.map(|set| set.lights.clone()).unwrap_or_default();
+    let (solved, fixed): (Vec<usize>, Vec<usize>) = (0..kept.len()).partition(|i| {
+        LightKind::of(&kept[*i].shape) == Some(proxy.info().kind)
+            && relighter.proxies().covering(&kept[*i]).is_some()
+    });
+    let fixed_lights: Vec<Light> = fixed.iter().map(|i| kept[*i].clone()).collect();
+    let base = relighter.relight(&fixed_lights, &RelightOptions::default(), monitor)?.combined();
+
+    let count = if start.is_some() { solved.len() } else { options.count };
+    let locks = vec![options.locks; count];
+    let problem = Problem { relight: &relight, target, base: &base, bounds: bounds(proxy), locks };
+    let mut starts = Vec::new();
+    if start.is_some() {
+        starts.push(solved.iter().filter_map(|i| sphere(&kept[*i])).collect());
+    }
+    let any_locks = options.locks != Locks::default();
+    if !(start.is_some() && any_locks) {
+        // A random start does not know what the locks are to hold.
+        let more = options.starts.saturating_sub(starts.len()).max(usize::from(starts.is_empty()));
+        starts.extend(random_starts(&problem, more, options.settings.seed)?);
+    }
+    let solution = run(&problem, &starts, options, monitor)?;
+    let lights = merged(&kept, &solved, &solution.lights, proxy.info().kind);
+    let name = start.map(|set| set.name.clone()).unwrap_or_else(|| "Solved".into());
+    Ok(Optimised { lights: LightSet { name, lights, notes: Vec::new() }, solution })
+}
+
+fn run(
+    problem: &Problem,
+    starts: &[Vec<SphereLight>],
+    options: &OptimiseOptions,
+    monitor: &Monitor,
+) -> Result<Solution, SessionError> {
+    let iterations = options.settings.iterations;
+    let stage = monitor.stage(Stage::Optimise, 0, (starts.len() * iterations) as u64);
+    let solution = solve(problem, starts, &options.settings, &mut |step| {
+        let done = (step.start * iterations + step.iteration + 1) as u64;
+        stage.set(done, &format!("start {} of {}, loss {:.2e}", step.start + 1, starts.len(), step.loss));
+        if monitor.cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    })?;
+    if solution.cancelled { Err(SessionError::Cancelled) } else { Ok(solution) }
+}
+
+/// Centres that the proxy has seen in training, radii that it was trained for.
+fn bounds(proxy: &Proxy) -> Bounds {
+    let info = proxy.info();
+    let corner = |end: usize| Vec3::from_array(std::array::from_fn(|i| info.trained_ranges[i][end]));
+    Bounds {
+        center_min: corner(0),
+        center_max: corner(1),
+        radius_min: info.size.min,
+        radius_max: info.size.max,
+    }
+}
+
+fn sphere(light: &Light) -> Option<SphereLight> {
+    match light.shape {
+        LightShape::Sphere { center, radius } | LightShape::FacingDisk { center, radius } => {
+            Some(SphereLight { center, radius, radiance: light.radiance })
+        }
+        _ => None,
+    }
+}
+
+/// The start lights with solved values, or new ones.
+fn merged(kept: &[Light], solved: &[usize], found: &[SphereLight], kind: LightKind) -> Vec<Light> {
+    let mut lights = kept.to_vec();
+    for (i, found) in found.iter().enumerate() {
+        let shape = LightParams::round(kind, found.center, found.radius).shape();
+        match solved.get(i) {
+            Some(place) => {
+                lights[*place] = Light { shape, radiance: found.radiance, ..lights[*place].clone() }
+            }
+            None => lights.push(Light {
+                name: format!("Solved {}", i + 1),
+                shape,
+                radiance: found.radiance,
+                lobes: LobeFactors::default(),
+                receivers: None,
+            }),
+        }
+    }
+    lights
+}

@@ -1,0 +1,239 @@
+use crate::denoise::Denoise;
+use crate::measure::measure;
+use crate::progress::{Monitor, Stage, StageProgress};
+use crate::proxies::{Measured, measured_path, proxy_path};
+use crate::relighter::camera;
+use crate::targets::DumpTargets;
+use crate::{SessionError, base_layers, pixel_features};
+use relume_dump::Dump;
+use relume_gather::{Gather, Half};
+use relume_image::write_atomically;
+use relume_proxy::{LightKind, TrainConfig, Trainer, read_info};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// What to train, and for how long.
+#[derive(Clone, Debug)]
+pub struct TrainSettings {
+    /// Type of light.
+    pub kind: LightKind,
+    /// Network, targets, rates, number of samples.
+    pub config: TrainConfig,
+    /// Seed of weights, lights and batches.
+    pub seed: u64,
+    /// Stop after so many seconds of training with what is there; a later resume goes on.
+    pub seconds: Option<f64>,
+    /// Train on the earlier half of each pixel's paths and measure on the later half, which is independent of it;
+    /// otherwise all paths serve both.
+    pub half_for_measuring: bool,
+}
+
+/// The error of a proxy as training went on.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct CurvePoint {
+    /// Seconds of training (without measuring) in this run.
+    pub seconds: f64,
+    /// Samples trained.
+    pub samples: u64,
+    /// dB on held-out lights.
+    pub psnr: f32,
+    /// SMAPE on held-out lights.
+    pub smape: f32,
+}
+
+/// What a training did.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TrainReport {
+    /// The proxy's file.
+    pub proxy: PathBuf,
+    /// Steps in all.
+    pub steps: u64,
+    /// Samples in all.
+    pub samples: u64,
+    /// Seconds of training in this run, without measuring.
+    pub seconds: f64,
+    /// Whether the configured number of samples was reached.
+    pub complete: bool,
+    /// Held-out error on the way.
+    pub curve: Vec<CurvePoint>,
+    /// The proxy against gathering.
+    pub measured: Measured,
+}
+
+/// Seconds between checkpoints.
+const CHECKPOINT: Duration = Duration::from_secs(60);
+/// Times that the held-out error is measured on the way.
+const CURVE_POINTS: u64 = 10;
+/// Lights of the final comparison.
+const MEASURED_LIGHTS: usize = 16;
+
+/// Trains a proxy on a bake and writes it into `out`, with all that relighting without the bake needs. With `resume` it
+/// goes on where a stopped training was, and ends as if it had never stopped.
+///
+/// # Errors
+/// [`SessionError::Cancelled`] if stopped, with a checkpoint and a usable proxy written.
+pub fn train(
+    bake: &Path,
+    out: &Path,
+    settings: &TrainSettings,
+    resume: bool,
+    monitor: &Monitor,
+) -> Result<TrainReport, SessionError> {
+    let dump = Dump::open(bake)?;
+    if let Some((tile, pass)) = dump.missing().first() {
+        let reason = format!(
+            "the bake in {} is unfinished (tile {tile}, pass {pass}); resume it first",
+            bake.display()
+        );
+        return Err(SessionError::Settings(reason));
+    }
+    std::fs::create_dir_all(out).map_err(SessionError::io("create the folder", out))?;
+    let (camera, aovs) = (camera(dump.manifest())?, dump.aovs());
+    let scene_hash = dump.manifest().scene_hash.clone();
+    if out != bake {
+        copy_companions(bake, out)?;
+    }
+    base_layers::write(out, &aovs, &camera, &scene_hash)?;
+
+    let features = Arc::new(pixel_features(&aovs, &camera));
+    let (denoise, bounds) = (Denoise::new(&aovs), features.visible_bounds());
+    let gather = Gather::new(dump);
+    let halves =
+        if settings.half_for_measuring { (Half::First, Half::Second) } else { (Half::All, Half::All) };
+    let training = DumpTargets::new(&gather, halves.0, bounds, &denoise);
+    let held_out = DumpTargets::new(&gather, halves.1, bounds, &denoise);
+
+    let state = state_path(out, settings.kind);
+    let trainer = if resume && state.exists() {
+        resumed(&state, settings, &scene_hash)?
+    } else {
+        let mut trainer = Trainer::new(features, settings.kind, settings.config.clone(), settings.seed)?;
+        trainer.set_scene_hash(scene_hash);
+        trainer
+    };
+    let mut run = Run { trainer, settings, out, state, trained: Duration::ZERO, curve: Vec::new() };
+    run.steps(&training, &held_out, monitor)?;
+    // The last figures belong to the last weights, wherever the training was interrupted.
+    if run.trainer.done() {
+        run.trainer.validate(&held_out)?;
+    }
+    run.save()?;
+    if monitor.cancelled() {
+        return Err(SessionError::Cancelled);
+    }
+    let measured =
+        measure(&run.trainer.proxy(), &gather, halves, &held_out, MEASURED_LIGHTS, settings.seed, monitor)?;
+    let path = measured_path(out, settings.kind);
+    write_atomically(&path, |writer| Ok(serde_json::to_writer_pretty(writer, &measured)?))?;
+    Ok(TrainReport {
+        proxy: proxy_path(out, settings.kind),
+        steps: run.trainer.steps(),
+        samples: run.trainer.samples(),
+        seconds: run.trained.as_secs_f64(),
+        complete: run.trainer.done(),
+        curve: run.curve,
+        measured,
+    })
+}
+
+/// Goes on with a training of the same scene and settings, but for the number of samples.
+fn resumed(state: &Path, settings: &TrainSettings, scene_hash: &str) -> Result<Trainer, SessionError> {
+    let other = |what: &str| {
+        let reason = format!("{} was started with another {what}; train without --resume", state.display());
+        SessionError::Settings(reason)
+    };
+    if read_info(state)?.scene_hash != scene_hash {
+        return Err(other("scene"));
+    }
+    let mut trainer = Trainer::resume(state)?;
+    trainer.set_samples(settings.config.samples);
+    if *trainer.config() != settings.config {
+        return Err(other("network or schedule"));
+    }
+    Ok(trainer)
+}
+
+/// File with the state of an unfinished or finished training.
+fn state_path(out: &Path, kind: LightKind) -> PathBuf {
+    out.join(format!("training_{kind}.safetensors"))
+}
+
+/// Lights and view transform belong to a folder of proxies too.
+fn copy_companions(bake: &Path, out: &Path) -> Result<(), SessionError> {
+    for name in [crate::LIGHTS_FILE, crate::VIEW_FILE] {
+        let from = bake.join(name);
+        if from.exists() {
+            std::fs::copy(&from, out.join(name))
+                .map_err(SessionError::io("copy into the proxy's folder", &from))?;
+        }
+    }
+    Ok(())
+}
+
+struct Run<'a> {
+    trainer: Trainer,
+    settings: &'a TrainSettings,
+    out: &'a Path,
+    state: PathBuf,
+    trained: Duration,
+    curve: Vec<CurvePoint>,
+}
+
+impl Run<'_> {
+    fn steps(
+        &mut self,
+        training: &DumpTargets,
+        held_out: &DumpTargets,
+        monitor: &Monitor,
+    ) -> Result<(), SessionError> {
+        let total = self.settings.config.samples;
+        let stage = monitor.stage(Stage::Train, self.trainer.samples(), total);
+        let mut saved = Instant::now();
+        let interval = (total / CURVE_POINTS).max(1);
+        let mut next_measure = (self.trainer.samples() / interval + 1) * interval;
+        while !self.trainer.done() && !monitor.cancelled() && !self.out_of_time() {
+            let start = Instant::now();
+            let report = self.trainer.step(training)?;
+            self.trained += start.elapsed();
+            let message = match report.loss {
+                Some(loss) => format!("loss {loss:.4}{}", self.last_scores()),
+                None => format!("{} pool images to gather", report.pool_missing),
+            };
+            stage.set(report.samples, &message);
+            if report.samples >= next_measure {
+                next_measure = (report.samples / interval + 1) * interval;
+                self.add_curve_point(held_out, &stage)?;
+            }
+            if saved.elapsed() > CHECKPOINT {
+                self.save()?;
+                saved = Instant::now();
+            }
+        }
+        Ok(())
+    }
+
+    fn out_of_time(&self) -> bool {
+        self.settings.seconds.is_some_and(|seconds| self.trained.as_secs_f64() >= seconds)
+    }
+
+    fn add_curve_point(&mut self, held_out: &DumpTargets, stage: &StageProgress) -> Result<(), SessionError> {
+        let scores = self.trainer.validate(held_out)?;
+        let (seconds, samples) = (self.trained.as_secs_f64(), self.trainer.samples());
+        self.curve.push(CurvePoint { seconds, samples, psnr: scores.psnr, smape: scores.smape });
+        stage.set(samples, &format!("held out {:.1} dB, SMAPE {:.3}", scores.psnr, scores.smape));
+        Ok(())
+    }
+
+    fn last_scores(&self) -> String {
+        let scores = self.trainer.scores();
+        scores.map(|s| format!(", held out {:.1} dB, SMAPE {:.3}", s.psnr, s.smape)).unwrap_or_default()
+    }
+
+    /// The checkpoint and the proxy as it is now.
+    fn save(&self) -> Result<(), SessionError> {
+        self.trainer.save(&self.state)?;
+        Ok(self.trainer.proxy().save(&proxy_path(self.out, self.settings.kind))?)
+    }
+}
