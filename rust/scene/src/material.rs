@@ -400,8 +400,7 @@ pub enum Node {
         strength: Input,
         color: Input,
     },
-    /// `filter_width` is the step of the finite differences in pixels (the socket of Blender 5.0; before that, the
-    /// width was fixed).
+    /// `filter_width` is the step of the finite differences in pixels: a socket in recent versions, 1 in Blender 4.2.
     Bump {
         invert: bool,
         strength: Input,
@@ -513,7 +512,7 @@ pub enum Node {
 }
 
 fn default_filter_width() -> Input {
-    Input::Float(0.1)
+    Input::Float(1.0)
 }
 
 impl Node {

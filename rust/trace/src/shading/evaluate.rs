@@ -169,27 +169,26 @@ impl<'a> Context<'a> {
     fn normal_map(&self, space: NormalSpace, uv_map: usize, strength: f32, color: Vec3) -> Vec3 {
         let point = self.point;
         let side = if point.backfacing { -1.0 } else { 1.0 };
+        let smooth = point.shading_normal;
+        let blender_axes = Vec3::new(1.0, -1.0, -1.0);
         let normal = match space {
             NormalSpace::Tangent => {
-                let Some(tangents) = self.prepared.tangents(point.mesh, uv_map) else {
-                    return point.shading_normal;
-                };
+                let Some(tangents) = self.prepared.tangents(point.mesh, uv_map) else { return smooth };
                 let tangent = self.interpolate(|corner| tangents[corner].truncate());
                 let sign = self.interpolate(|corner| tangents[corner].w);
                 let normal = self.object_normal();
-                let bent = tangent * color.x + normal.cross(tangent) * (sign * color.y) + normal * color.z;
-                self.prepared.world_normal(point.instance, bent)
+                let up = 1.0 + (color.z - 1.0) * strength.clamp(0.0, 1.0);
+                let bent = tangent * (color.x * strength)
+                    + normal.cross(tangent) * (sign * color.y * strength)
+                    + normal * up;
+                return (self.prepared.world_normal(point.instance, bent) * side).normalize_or(smooth);
             }
             NormalSpace::Object => self.prepared.world_normal(point.instance, color),
             NormalSpace::World => color.normalize_or_zero(),
-            NormalSpace::BlenderObject => {
-                self.prepared.world_normal(point.instance, color * Vec3::new(1.0, -1.0, -1.0))
-            }
-            NormalSpace::BlenderWorld => (color * Vec3::new(1.0, -1.0, -1.0)).normalize_or_zero(),
+            NormalSpace::BlenderObject => self.prepared.world_normal(point.instance, color * blender_axes),
+            NormalSpace::BlenderWorld => (color * blender_axes).normalize_or_zero(),
         };
-        let normal = normal * side;
-        let smooth = point.shading_normal;
-        smooth.lerp(normal, strength.max(0.0)).normalize_or(smooth)
+        smooth.lerp(normal * side, strength.max(0.0)).normalize_or(smooth)
     }
 
     /// Interpolated object-space normal, not normalised, on the front whatever the side of the ray.

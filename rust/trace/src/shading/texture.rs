@@ -107,9 +107,8 @@ struct Image<'a> {
 
 impl Image<'_> {
     fn filter(&self, uv: [f32; 2], interpolation: Interpolation) -> Vec4 {
-        // Coordinates far outside lose their fraction anyway; the bounds keep indices in range and end what is not a
-        // number.
-        let place = |x: f32, size: usize| (x * size as f32).max(-1e9).min(1e9);
+        // Coordinates far outside have no fraction left, and those that are not numbers no place: both read at 0.
+        let place = |x: f32, size: usize| Some(x * size as f32).filter(|x| x.abs() < 1e9).unwrap_or(0.0);
         let (x, y) = (place(uv[0], self.width), place(uv[1], self.height));
         match interpolation {
             Interpolation::Closest => self.texel(x.floor() as i64, y.floor() as i64),

@@ -1,0 +1,377 @@
+"""Measures closures and node values in Cycles and writes them beside this file, for `cycles_reference.rs`.
+
+Run with a Python that has the `bpy` module: `python generate.py`. A square of side 2 lies in the plane z = 0 about the
+origin, its UV map is (x + 1) / 2, (y + 1) / 2. An orthographic camera looks at it along `direction`. For closures, the
+world's radiance is a polynomial of the direction, see `WORLD`, and the mean over the square is recorded. For values,
+the nodes' result is emitted and recorded at the centres of 4 x 4 pixels seen from above.
+"""
+
+import json
+import math
+import os
+import tempfile
+
+import bpy
+import mathutils
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+
+PRINCIPLED = {
+    "type": "principled", "base_color": [0.8, 0.5, 0.2], "metallic": 0.0, "roughness": 0.5, "diffuse_roughness": 0.0,
+    "ior": 1.5, "alpha": 1.0, "normal": None, "subsurface_weight": 0.0, "specular_ior_level": 0.5,
+    "specular_tint": [1.0, 1.0, 1.0], "anisotropic": 0.0, "anisotropic_rotation": 0.0, "tangent": None,
+    "transmission_weight": 0.0, "coat_weight": 0.0, "coat_roughness": 0.03, "coat_ior": 1.5,
+    "coat_tint": [1.0, 1.0, 1.0], "coat_normal": None, "sheen_weight": 0.0, "sheen_roughness": 0.5,
+    "sheen_tint": [1.0, 1.0, 1.0], "emission_color": [1.0, 1.0, 1.0], "emission_strength": 0.0,
+    "distribution": "multi_ggx",
+}  # fmt: skip
+
+SHADERS = {
+    "principled": "ShaderNodeBsdfPrincipled", "diffuse": "ShaderNodeBsdfDiffuse", "glossy": "ShaderNodeBsdfAnisotropic",
+    "glass": "ShaderNodeBsdfGlass", "refraction": "ShaderNodeBsdfRefraction",
+    "translucent": "ShaderNodeBsdfTranslucent", "transparent": "ShaderNodeBsdfTransparent",
+    "emission": "ShaderNodeEmission", "mix_shader": "ShaderNodeMixShader", "add_shader": "ShaderNodeAddShader",
+}  # fmt: skip
+VALUES = {
+    "uv_map": "ShaderNodeUVMap", "math": "ShaderNodeMath", "vector_math": "ShaderNodeVectorMath", "mix": "ShaderNodeMix",
+    "separate_xyz": "ShaderNodeSeparateXYZ", "combine_xyz": "ShaderNodeCombineXYZ",
+    "hue_saturation": "ShaderNodeHueSaturation", "bright_contrast": "ShaderNodeBrightContrast",
+    "gamma": "ShaderNodeGamma", "invert": "ShaderNodeInvert", "fresnel": "ShaderNodeFresnel",
+    "layer_weight": "ShaderNodeLayerWeight", "map_range": "ShaderNodeMapRange", "clamp": "ShaderNodeClamp",
+    "mapping": "ShaderNodeMapping", "normal_map": "ShaderNodeNormalMap", "bump": "ShaderNodeBump",
+    "texture_coordinate": "ShaderNodeTexCoord", "geometry": "ShaderNodeNewGeometry",
+    "separate_color": "ShaderNodeSeparateColor", "combine_color": "ShaderNodeCombineColor",
+}  # fmt: skip
+PROPERTIES = {
+    "distribution": "distribution", "operation": "operation", "clamp": "use_clamp", "data": "data_type",
+    "blend": "blend_type", "clamp_factor": "clamp_factor", "clamp_result": "clamp_result", "kind": "vector_type",
+    "mode": "mode", "space": "space", "invert": "invert", "interpolation": "interpolation_type",
+}  # fmt: skip
+OUTPUTS = {
+    "color": "Color", "value": "Value", "vector": "Vector", "normal": "Normal", "fresnel": "Fresnel",
+    "facing": "Facing", "x": "X", "y": "Y", "z": "Z", "tangent": "Tangent", "incoming": "Incoming",
+}  # fmt: skip
+
+
+def principled(**changes):
+    return [{**PRINCIPLED, **changes}]
+
+
+def socket_name(field):
+    special = {"ior": "IOR", "specular_ior_level": "Specular IOR Level", "coat_ior": "Coat IOR", "factor": "Fac"}
+    return special.get(field, field.replace("_", " ").title())
+
+
+def output_of(node, name):
+    if node.bl_idname == "ShaderNodeMix":
+        return next(o for o in node.outputs if o.enabled)
+    if node.bl_idname in ("ShaderNodeSeparateColor",):
+        return node.outputs["XYZ".index(name.upper())]
+    if node.bl_idname == "ShaderNodeUVMap":
+        return node.outputs["UV"]
+    if node.bl_idname == "ShaderNodeMapRange":
+        return node.outputs["Result"]
+    if node.bl_idname in ("ShaderNodeClamp",):
+        return node.outputs["Result"]
+    if node.bl_idname == "ShaderNodeFresnel":
+        return node.outputs[0]
+    if node.bl_idname == "ShaderNodeTexCoord":
+        return node.outputs[node["kind"]]
+    return node.outputs[OUTPUTS[name]]
+
+
+def input_of(node, field):
+    if node.bl_idname == "ShaderNodeMix":
+        wanted = {"factor": "Factor", "a": "A", "b": "B"}[field]
+        return next(i for i in node.inputs if i.enabled and i.name == wanted)
+    if node.bl_idname in ("ShaderNodeMath", "ShaderNodeVectorMath", "ShaderNodeCombineColor") and field in "abc":
+        return node.inputs["abc".index(field)]
+    if node.bl_idname in ("ShaderNodeMixShader", "ShaderNodeAddShader") and field in "ab":
+        return [i for i in node.inputs if i.type == "SHADER"]["ab".index(field)]
+    if node.bl_idname == "ShaderNodeBrightContrast" and field == "bright":
+        return node.inputs["Bright"]
+    return node.inputs[socket_name(field)]
+
+
+def set_property(node, field, value):
+    name = PROPERTIES[field]
+    if node.bl_idname == "ShaderNodeTexCoord":
+        node["kind"] = {"uv": "UV"}.get(value, value.title())
+    elif node.bl_idname == "ShaderNodeMix" and field == "data":
+        node.data_type = {"color": "RGBA", "float": "FLOAT", "vector": "VECTOR"}[value]
+    elif node.bl_idname == "ShaderNodeMapRange" and field == "clamp":
+        node.clamp = value
+    elif node.bl_idname == "ShaderNodeClamp":
+        node.clamp_type = "RANGE" if value else "MINMAX"
+    else:
+        setattr(node, name, value.upper() if isinstance(value, str) else value)
+
+
+def build(tree, nodes):
+    """Blender's nodes for a graph; returns the last one."""
+    made = []
+    for spec in nodes:
+        node = tree.nodes.new({**SHADERS, **VALUES}[spec["type"]])
+        for field, value in spec.items():
+            if field in PROPERTIES and not (field == "clamp" and spec["type"] == "clamp"):
+                set_property(node, field, value)
+        for field, value in spec.items():
+            if field in PROPERTIES or field in ("type", "name", "uv_map", "range", "filter_width") or value is None:
+                continue
+            # Blender hides sockets that the node's mode does not use.
+            if field in ("diffuse_roughness", "scale", "steps", "location") and socket_name(field) not in node.inputs:
+                continue
+            socket = input_of(node, field)
+            if field in "ab" and spec["type"] in ("mix_shader", "add_shader"):
+                tree.links.new(made[value].outputs[0], socket)
+            elif isinstance(value, dict):
+                tree.links.new(output_of(made[value["node"]], value["output"]), socket)
+            elif hasattr(socket.default_value, "__len__"):
+                value = [value] * 3 if isinstance(value, float) else value
+                socket.default_value = value + [1.0] * (len(socket.default_value) - 3)
+            else:
+                socket.default_value = value
+        made.append(node)
+    return made[-1]
+
+
+def world(tree):
+    """Radiance ((1 + x) / 2)^8, 1, ((1 + z) / 2)^8 in red, green, blue."""
+    direction = tree.nodes.new("ShaderNodeTexCoord").outputs["Generated"]
+    parts = tree.nodes.new("ShaderNodeSeparateXYZ")
+    tree.links.new(direction, parts.inputs[0])
+    combine = tree.nodes.new("ShaderNodeCombineXYZ")
+    combine.inputs[1].default_value = 1.0
+    for axis in (0, 2):
+        half = tree.nodes.new("ShaderNodeMath")
+        half.operation = "MULTIPLY_ADD"
+        half.inputs[1].default_value = half.inputs[2].default_value = 0.5
+        tree.links.new(parts.outputs[axis], half.inputs[0])
+        power = tree.nodes.new("ShaderNodeMath")
+        power.operation = "POWER"
+        power.inputs[1].default_value = 8.0
+        tree.links.new(half.outputs[0], power.inputs[0])
+        tree.links.new(power.outputs[0], combine.inputs[axis])
+    background = tree.nodes["Background"]
+    tree.links.new(combine.outputs[0], background.inputs["Color"])
+
+
+def scene(nodes, direction, extent, samples, pixels):
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    mesh = bpy.data.meshes.new("square")
+    mesh.from_pydata([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], [], [(0, 1, 2, 3)])
+    uv = mesh.uv_layers.new(name="UVMap")
+    for loop, coords in zip(uv.data, [(0, 0), (1, 0), (1, 1), (0, 1)]):
+        loop.uv = coords
+    square = bpy.data.objects.new("square", mesh)
+    scene.collection.objects.link(square)
+    material = bpy.data.materials.new("test")
+    material.use_nodes = True
+    material.node_tree.nodes.clear()
+    output = material.node_tree.nodes.new("ShaderNodeOutputMaterial")
+    material.node_tree.links.new(build(material.node_tree, nodes).outputs[0], output.inputs["Surface"])
+    mesh.materials.append(material)
+    camera = bpy.data.cameras.new("camera")
+    camera.type = "ORTHO"
+    camera.ortho_scale = extent
+    view = bpy.data.objects.new("camera", camera)
+    direction = mathutils.Vector(direction)
+    view.rotation_euler = direction.to_track_quat("-Z", "Y").to_euler()
+    view.location = -3 * direction
+    scene.collection.objects.link(view)
+    scene.camera = view
+    scene.world = bpy.data.worlds.new("world")
+    scene.world.use_nodes = True
+    scene.render.engine = "CYCLES"
+    scene.cycles.samples = samples
+    scene.cycles.use_denoising = False
+    scene.cycles.use_adaptive_sampling = False
+    scene.cycles.blur_glossy = 0.0
+    scene.cycles.sample_clamp_indirect = 0.0
+    scene.cycles.filter_width = 0.01
+    scene.render.resolution_x = scene.render.resolution_y = pixels
+    scene.render.resolution_percentage = 100
+    scene.view_settings.view_transform = "Raw"
+    scene.world.node_tree.nodes["Background"].inputs["Color"].default_value = (0, 0, 0, 1)
+    return scene
+
+
+def render(scene, pixels):
+    path = os.path.join(tempfile.mkdtemp(), "out.exr")
+    scene.render.image_settings.file_format = "OPEN_EXR"
+    scene.render.image_settings.color_depth = "32"
+    scene.render.filepath = path
+    bpy.ops.render.render(write_still=True)
+    image = bpy.data.images.load(path)
+    values = list(image.pixels)
+    return [values[4 * i : 4 * i + 3] for i in range(pixels * pixels)]
+
+
+def closure_graphs():
+    white = [1.0, 1.0, 1.0]
+    color = [0.8, 0.5, 0.2]
+    glossy = {"color": color, "anisotropy": 0.0, "rotation": 0.0, "normal": None, "tangent": None}
+    yield "diffuse", [{"type": "diffuse", "color": color, "roughness": 0.0, "normal": None}]
+    yield "translucent", [{"type": "translucent", "color": color, "normal": None}]
+    for distribution in ("ggx", "beckmann", "multi_ggx", "ashikhmin_shirley"):
+        for roughness in (0.3, 0.7):
+            spec = {"type": "glossy", **glossy, "roughness": roughness, "distribution": distribution}
+            yield f"glossy {distribution} {roughness}", [spec]
+    for distribution in ("ggx", "beckmann", "multi_ggx"):
+        for roughness in (0.0, 0.5):
+            spec = {"type": "glass", "color": color, "roughness": roughness, "ior": 1.45, "normal": None}
+            yield f"glass {distribution} {roughness}", [{**spec, "distribution": distribution}]
+    spec = {"type": "refraction", "color": color, "roughness": 0.4, "ior": 1.3, "normal": None}
+    yield "refraction", [{**spec, "distribution": "ggx"}]
+    yield "principled", principled()
+    yield "principled rough", principled(roughness=1.0)
+    yield "principled smooth", principled(roughness=0.1)
+    yield "principled specular", principled(specular_ior_level=1.0, specular_tint=[0.9, 0.2, 0.1])
+    yield "principled low ior", principled(ior=1.1, roughness=0.3)
+    yield "principled metal", principled(metallic=1.0, roughness=0.4, specular_tint=[0.7, 0.9, 0.3])
+    yield "principled rough metal", principled(metallic=1.0, roughness=1.0)
+    yield "principled half metal", principled(metallic=0.5, roughness=0.6)
+    yield "principled glass", principled(transmission_weight=1.0, roughness=0.3)
+    yield "principled frosted", principled(transmission_weight=0.6, roughness=0.8, specular_tint=[0.3, 0.6, 0.9])
+    yield "principled coat", principled(coat_weight=1.0, coat_roughness=0.2, roughness=0.7)
+    yield "principled tinted coat", principled(coat_weight=0.7, coat_tint=[0.3, 0.7, 0.9], coat_ior=1.8)
+    yield "principled sheen", principled(sheen_weight=1.0, sheen_roughness=0.5, sheen_tint=[0.9, 0.6, 0.8])
+    yield "principled rough sheen", principled(sheen_weight=0.8, sheen_roughness=1.0, base_color=[0.0] * 3)
+    yield "principled alpha", principled(alpha=0.4)
+    along = {"type": "combine_xyz", "x": 0.8, "y": 0.6, "z": 0.0}
+    tangent = {"node": 0, "output": "vector"}
+    stretched = {"anisotropic": 0.8, "anisotropic_rotation": 0.1, "tangent": tangent, "base_color": white}
+    yield "principled anisotropic", [along, {**PRINCIPLED, "metallic": 1.0, **stretched}]
+    for anisotropy in (0.6, -0.7):
+        spec = {"type": "glossy", **glossy, "roughness": 0.5, "distribution": "ggx", "anisotropy": anisotropy}
+        yield f"glossy anisotropic {anisotropy}", [along, {**spec, "rotation": 0.2, "tangent": tangent}]
+    yield "principled single scattering", principled(metallic=1.0, roughness=0.9, distribution="ggx")
+    bent = {"type": "normal_map", "space": "tangent", "uv_map": "", "strength": 1.0, "color": [0.8, 0.6, 0.85]}
+    normal = {"node": 0, "output": "normal"}
+    yield "bent diffuse", [bent, {"type": "diffuse", "color": color, "roughness": 0.0, "normal": normal}]
+    spec = {"type": "glossy", **glossy, "roughness": 0.4, "distribution": "ggx", "normal": normal}
+    yield "bent glossy", [bent, spec]
+    yield "bent principled", [bent, {**PRINCIPLED, "normal": normal}]
+    weak = {**bent, "strength": 0.5}
+    yield "weakly bent principled", [weak, {**PRINCIPLED, "normal": normal}]
+
+
+def link(node, output):
+    return {"node": node, "output": output}
+
+
+def value_graphs():
+    uv = {"type": "uv_map", "name": "UVMap"}
+    xyz = {"type": "separate_xyz", "vector": link(0, "vector")}
+    scaled = {"type": "vector_math", "operation": "MULTIPLY_ADD", "a": link(0, "vector"), "b": [4.0, 4.0, 1.0],
+              "c": [-1.91, -2.07, 0.3], "scale": 1.0}  # fmt: skip
+    parts = {"type": "separate_xyz", "vector": link(1, "vector")}
+    start = [uv, scaled, parts]
+    math_operations = (
+        "ADD SUBTRACT MULTIPLY DIVIDE MULTIPLY_ADD POWER LOGARITHM SQRT INVERSE_SQRT ABSOLUTE EXPONENT MINIMUM MAXIMUM "
+        "LESS_THAN GREATER_THAN SIGN COMPARE SMOOTH_MIN SMOOTH_MAX ROUND FLOOR CEIL TRUNC FRACT MODULO "
+        "FLOORED_MODULO WRAP SNAP PINGPONG SINE COSINE TANGENT ARCSINE ARCCOSINE ARCTANGENT ARCTAN2 SINH COSH TANH "
+        "RADIANS DEGREES"
+    )
+    for operation in math_operations.split():
+        spec = {"type": "math", "operation": operation, "clamp": False, "a": link(2, "x"), "b": link(2, "y"), "c": 0.4}
+        yield f"math {operation}", [*start, spec], "value"
+    vector_operations = (
+        "ADD SUBTRACT MULTIPLY DIVIDE CROSS_PRODUCT PROJECT REFLECT DOT_PRODUCT DISTANCE LENGTH SCALE NORMALIZE ABSOLUTE "
+        "MINIMUM MAXIMUM FLOOR CEIL FRACTION MODULO SNAP SINE COSINE TANGENT"
+    )
+    for operation in vector_operations.split():
+        spec = {"type": "vector_math", "operation": operation, "a": link(1, "vector"), "b": [0.7, -0.4, 0.9],
+                "c": [0.0, 0.0, 0.0], "scale": 1.7}  # fmt: skip
+        is_value = operation in ("DOT_PRODUCT", "DISTANCE", "LENGTH")
+        yield f"vector math {operation}", [*start, spec], "value" if is_value else "vector"
+    unit = [uv, {"type": "separate_xyz", "vector": link(0, "vector")},
+            {"type": "combine_xyz", "x": link(1, "x"), "y": link(1, "y"), "z": 0.6}]  # fmt: skip
+    modes = (
+        "MIX DARKEN MULTIPLY BURN LIGHTEN SCREEN DODGE ADD OVERLAY SOFT_LIGHT LINEAR_LIGHT DIFFERENCE EXCLUSION "
+        "SUBTRACT DIVIDE HUE SATURATION COLOR VALUE"
+    )
+    for mode in modes.split():
+        spec = {"type": "mix", "data": "color", "blend": mode, "clamp_factor": True, "clamp_result": False,
+                "factor": 0.7, "a": link(2, "vector"), "b": [0.3, 0.9, 0.5]}  # fmt: skip
+        yield f"mix {mode}", [*unit, spec], "color"
+    spec = {"type": "hue_saturation", "hue": 0.7, "saturation": 1.4, "value": 0.9, "factor": 0.8,
+            "color": link(2, "vector")}  # fmt: skip
+    yield "hue saturation", [*unit, spec], "color"
+    spec = {"type": "bright_contrast", "color": link(2, "vector"), "bright": 0.1, "contrast": 0.6}
+    yield "bright contrast", [*unit, spec], "color"
+    yield "gamma", [*unit, {"type": "gamma", "color": link(2, "vector"), "gamma": 1.7}], "color"
+    yield "invert", [*unit, {"type": "invert", "factor": 0.6, "color": link(2, "vector")}], "color"
+    for mode in ("hsv", "hsl"):
+        separate = {"type": "separate_color", "mode": mode, "color": link(2, "vector")}
+        xyz = {"type": "combine_xyz", "x": link(3, "x"), "y": link(3, "y"), "z": link(3, "z")}
+        yield f"separate {mode}", [*unit, separate, xyz], "vector"
+        combine = {"type": "combine_color", "mode": mode, "a": link(1, "x"), "b": link(1, "y"), "c": 0.6}
+        yield f"combine {mode}", [*unit, combine], "color"
+    for kind in ("LINEAR", "STEPPED", "SMOOTHSTEP", "SMOOTHERSTEP"):
+        spec = {"type": "map_range", "interpolation": kind, "clamp": True, "value": link(2, "x"), "from_min": -1.0,
+                "from_max": 1.2, "to_min": 3.0, "to_max": 0.5, "steps": 3.0}  # fmt: skip
+        yield f"map range {kind}", [*start, spec], "value"
+    for kind in ("point", "texture", "vector", "normal"):
+        spec = {"type": "mapping", "kind": kind, "vector": link(0, "vector"), "location": [0.1, 0.2, 0.3],
+                "rotation": [0.4, 0.5, 0.6], "scale": [2.0, 0.5, 3.0]}  # fmt: skip
+        if kind in ("vector", "normal"):
+            spec["location"] = [0.0, 0.0, 0.0]
+        yield f"mapping {kind}", [uv, spec], "vector"
+    plus_zero = {"type": "math", "operation": "ADD", "clamp": False, "b": 0.0, "c": 0.0}
+    gamma = {"type": "gamma", "color": link(2, "vector"), "gamma": 1.0}
+    yield "to float by luminance", [*unit, gamma, {**plus_zero, "a": link(3, "color")}], "value"
+    yield "to float by mean", [*unit, {**plus_zero, "a": link(2, "vector")}], "value"
+    for kind in ("uv", "object", "generated", "normal", "camera", "window", "reflection"):
+        yield f"coordinate {kind}", [{"type": "texture_coordinate", "kind": kind}], "vector"
+    yield "tangent", [{"type": "geometry"}], "tangent"
+    for space in ("tangent", "object", "world", "blender_object", "blender_world"):
+        for strength in (1.0, 0.4, 1.6):
+            spec = {"type": "normal_map", "space": space, "uv_map": "", "strength": strength,
+                    "color": link(2, "vector")}  # fmt: skip
+            yield f"normal map {space} {strength}", [*unit, spec], "normal"
+    sine = {"type": "math", "operation": "SINE", "clamp": False, "a": link(2, "x"), "b": 0.0, "c": 0.0}
+    for strength in (1.0, 0.4):
+        spec = {"type": "bump", "invert": strength != 1.0, "strength": strength, "distance": 0.2,
+                "height": link(3, "value"), "normal": None}  # fmt: skip
+        yield f"bump {strength}", [*start, sine, spec], "normal"
+
+
+def views():
+    for theta in (0.3, 1.2):
+        yield [-math.sin(theta) * 0.96, -math.sin(theta) * 0.28, -math.cos(theta)]
+
+
+def measure_closures():
+    for name, nodes in closure_graphs():
+        transmits = any(n["type"] in ("glass", "refraction") or n.get("transmission_weight") for n in nodes)
+        for direction in views():
+            for z in (1, -1) if transmits else (1,):
+                seen = [*direction[:2], z * direction[2]]
+                setup = scene(nodes, seen, 0.2, 4096, 8)
+                world(setup.world.node_tree)
+                values = render(setup, 8)
+                mean = [sum(v[i] for v in values) / len(values) for i in range(3)]
+                yield {"name": name, "nodes": nodes, "direction": seen, "mean": mean}
+
+
+def measure_values():
+    for name, nodes, output in value_graphs():
+        emission = {"type": "emission", "color": link(len(nodes) - 1, output), "strength": 1.0}
+        setup = scene([*nodes, emission], [0, 0, -1], 2.0, 1, 4)
+        yield {"name": name, "nodes": [*nodes, emission], "pixels": render(setup, 4)}
+
+
+def main():
+    result = {
+        "blender": bpy.app.version_string,
+        "closures": list(measure_closures()),
+        "values": list(measure_values()),
+    }
+    with open(os.path.join(HERE, "reference.json"), "w", encoding="utf-8") as file:
+        json.dump(result, file, indent=None, separators=(",", ":"))
+
+
+if __name__ == "__main__":
+    main()
