@@ -1,0 +1,93 @@
+//! From an OBJ file to a relit picture, and from a picture to the light that made it.
+
+mod common;
+
+use common::{data, result, run, trace_room};
+use relume_session::LightSet;
+use relume_session::image::{metrics, read_exr, read_picture};
+
+#[test]
+fn obj_becomes_relit_pictures_in_layers() {
+    let folder = tempfile::tempdir().unwrap();
+    let traced = trace_room(folder.path(), "--out bake --width 48 --height 40 --samples 64");
+    assert_eq!(traced["paths"], 48 * 40 * 64);
+    let lights = data("evening.json");
+    result(
+        folder.path(),
+        &format!("gather bake --lights {} --no-denoise --float --out lit.exr", lights.display()),
+    );
+
+    let exr = read_exr(&folder.path().join("lit.exr")).unwrap();
+    let layer = |name: &str| exr.get(name).unwrap_or_else(|| panic!("no layer {name}"));
+    for name in ["albedo", "normal", "depth", "world"] {
+        assert!(layer(name).data.iter().all(|v| v.is_finite()), "{name}");
+    }
+    // The picture is the sum of its lights; the room emits nothing and has no world.
+    let (key, rim) = (layer("Combined_Key"), layer("Combined_Rim_001"));
+    for (pixel, rgba) in layer("Combined").data.chunks_exact(4).enumerate() {
+        for c in 0..3 {
+            let sum = key.data[pixel * 3 + c] + rim.data[pixel * 3 + c];
+            assert!((rgba[c] - sum).abs() <= 1e-5 * sum.max(1.0), "pixel {pixel}: {rgba:?} for {sum}");
+        }
+    }
+    let mean =
+        |image: &relume_session::image::Image| image.data.iter().sum::<f32>() / image.data.len() as f32;
+    assert!(mean(key) > 0.05 && mean(rim) > 0.05, "{} {}", mean(key), mean(rim));
+    // Blue light on white walls is blue.
+    let channel = |c: usize| rim.data.iter().skip(c).step_by(3).sum::<f32>();
+    assert!(channel(2) > 1.3 * channel(0));
+    assert_eq!(read_picture(&folder.path().join("lit.png")).unwrap().width, 48);
+}
+
+#[test]
+fn hidden_light_is_found_again_from_its_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    trace_room(path, "--out bake --width 40 --height 36 --samples 128");
+    let sizes = "--size-min 0.15 --size-max 0.35";
+    let trained = result(path, &format!("train bake --million-samples 2 --neurons 32 {sizes} --out proxies"));
+    assert_eq!(trained["complete"], true);
+
+    let hidden = r#"[{"name": "Hidden", "shape": {"type": "sphere", "center": [0.3, -0.1, 1.3], "radius": 0.25},
+        "radiance": [9, 7, 4]}]"#;
+    std::fs::write(path.join("hidden.json"), hidden).unwrap();
+    result(path, "gather bake --lights hidden.json --no-denoise --float --out target.exr");
+    // The proxies alone are enough.
+    std::fs::rename(path.join("bake"), path.join("away")).unwrap();
+    let found =
+        result(path, "optimise proxies --target target.exr --starts 4 --iterations 300 --out found.json");
+    assert!(found["loss"].as_f64() < found["start_loss"].as_f64());
+
+    let light = &LightSet::read(&path.join("found.json")).unwrap().lights[0];
+    let relume_session::scene::LightShape::Sphere { center, .. } = light.shape else { panic!("{light:?}") };
+    let miss = center.distance([0.3, -0.1, 1.3].into());
+    assert!(miss < 0.25, "found {light:?}, {miss} m away");
+
+    result(path, "relight proxies --lights found.json --float --out found.exr");
+    let (found, target) = (path.join("found.exr"), path.join("target.exr"));
+    let psnr = metrics::psnr_reinhard(&read_picture(&found).unwrap(), &read_picture(&target).unwrap());
+    assert!(psnr > 20.0, "{psnr} dB");
+}
+
+#[test]
+fn info_and_validate_know_what_was_made() {
+    let folder = tempfile::tempdir().unwrap();
+    let lights = data("evening.json");
+    let options = format!("--out bake --width 16 --height 16 --samples 4 --lights {}", lights.display());
+    trace_room(folder.path(), &options);
+    let info = result(folder.path(), "info bake");
+    assert_eq!(info["type"], "bake");
+    assert_eq!(info["lights"], serde_json::json!(["Key", "Rim.001"]));
+    assert_eq!(result(folder.path(), "validate bake")["problems"], serde_json::json!([]));
+    // The scene's own lights are what an unnamed light set means.
+    let relit = result(folder.path(), "relight bake --no-denoise --out own.exr");
+    assert_eq!(relit["lights"].as_array().unwrap().len(), 2);
+}
+
+#[test]
+fn help_and_version_succeed() {
+    let folder = tempfile::tempdir().unwrap();
+    for arguments in ["--help", "--version", "relight --help"] {
+        assert!(run(folder.path(), arguments).status.success());
+    }
+}
