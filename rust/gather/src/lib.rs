@@ -1,6 +1,7 @@
 //! Sums lights over a dump: dump + lights -> image; denoising.
 
 pub mod bench;
+mod denoise;
 mod environment;
 mod error;
 mod gather;
@@ -11,6 +12,7 @@ mod light;
 mod positions;
 mod relight;
 
+pub use denoise::{DenoiseError, DenoiseQuality, Denoiser};
 pub use environment::Environment;
 pub use error::GatherError;
 pub use gather::{Gather, Scratch};

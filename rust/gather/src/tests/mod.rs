@@ -1,6 +1,7 @@
 //! Tests on hand-built dumps.
 
 mod closed_form;
+mod denoise;
 mod images;
 mod kernels;
 

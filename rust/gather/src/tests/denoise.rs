@@ -1,0 +1,82 @@
+//! Denoising; without OIDN the tests say so and pass.
+
+use relume_dump::Aovs;
+use relume_image::Image;
+
+use super::Random;
+use crate::{DenoiseError, DenoiseQuality, Denoiser};
+
+fn denoiser() -> Option<Denoiser> {
+    match Denoiser::new(Some(1)) {
+        Ok(denoiser) => Some(denoiser),
+        Err(error @ DenoiseError::NotBuilt) => {
+            println!("skipped: {error}");
+            None
+        }
+        Err(error) => panic!("{error}"),
+    }
+}
+
+/// Left half dark, right half bright.
+fn target(width: usize, height: usize) -> Image {
+    let value = |i: usize| if i / 3 % width < width / 2 { 0.1 } else { 4.0 };
+    Image { width, height, channels: 3, data: (0..width * height * 3).map(value).collect() }
+}
+
+fn features(width: usize, height: usize) -> Aovs {
+    let constant = |channels: usize, value: f32| {
+        let mut image = Image::new(width, height, channels);
+        image.data.fill(value);
+        image
+    };
+    Aovs {
+        albedo: constant(3, 0.5),
+        normal: constant(3, 0.577),
+        depth: constant(1, 1.0),
+        emission: constant(3, 0.0),
+        world: constant(3, 0.0),
+        alpha: constant(1, 1.0),
+    }
+}
+
+fn mean_square(a: &Image, b: &Image) -> f32 {
+    a.data.iter().zip(&b.data).map(|(a, b)| (a - b) * (a - b)).sum::<f32>() / a.data.len() as f32
+}
+
+#[test]
+fn denoising_brings_a_noisy_image_closer_to_the_clean_one() {
+    let Some(denoiser) = denoiser() else { return };
+    assert!(denoiser.version().starts_with("2."), "{}", denoiser.version());
+    let (clean, aovs) = (target(64, 48), features(64, 48));
+    let mut random = Random(2);
+    let mut noisy = clean.clone();
+    // An unbiased estimate: 4 times the value in one of four samples.
+    noisy.data.iter_mut().for_each(|value| *value = if random.next() < 0.25 { *value * 4.0 } else { 0.0 });
+    let before = mean_square(&noisy, &clean);
+    for quality in [DenoiseQuality::Fast, DenoiseQuality::Balanced, DenoiseQuality::High] {
+        let mut images = [noisy.clone(), clean.clone()];
+        denoiser.denoise(&mut images, &aovs, quality).unwrap();
+        let after = mean_square(&images[0], &clean);
+        assert!(after < before / 10.0, "{quality:?}: {before} to {after}");
+        assert!(mean_square(&images[1], &clean) < 0.05, "{quality:?}: a clean image stays");
+    }
+}
+
+#[test]
+fn values_that_are_no_radiance_do_not_spread() {
+    let Some(denoiser) = denoiser() else { return };
+    let mut image = target(32, 32);
+    image.data[1500] = f32::NAN;
+    image.data[1000] = f32::INFINITY;
+    image.data[500] = -5.0;
+    let mut images = [image];
+    denoiser.denoise(&mut images, &features(32, 32), DenoiseQuality::Fast).unwrap();
+    assert!(images[0].data.iter().all(|value| value.is_finite() && *value >= 0.0));
+}
+
+#[test]
+fn sizes_that_differ_are_one_error() {
+    let Some(denoiser) = denoiser() else { return };
+    let error = denoiser.denoise(&mut [target(32, 16)], &features(32, 32), DenoiseQuality::Fast).unwrap_err();
+    assert!(error.to_string().contains("32 x 16, 3 channels"), "{error}");
+}
