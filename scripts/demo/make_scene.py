@@ -97,7 +97,8 @@ def build():
 
     add_light("Key", "AREA", (2.2, -2.0, 3.0), (0, 0.3, 0.6), 160, (1.0, 0.86, 0.7), shape="RECTANGLE", size=1.4,
               size_y=0.8)
-    add_light("Lamp", "POINT", (-1.2, -1.2, 1.9), (0, 0, 0), 40, (0.55, 0.7, 1.0), shadow_soft_size=0.25)
+    add_light("Lamp", "POINT", (-1.2, -1.2, 1.9), (0, 0, 0), 40, (0.55, 0.7, 1.0), shadow_soft_size=0.25,
+              use_soft_falloff=False)
     add_light("Spot", "SPOT", (0.2, 1.4, 3.2), (0.1, 0.5, 0.6), 110, (1.0, 0.4, 0.3), shadow_soft_size=0.15,
               spot_size=math.radians(50), spot_blend=0.4)
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
