@@ -38,6 +38,8 @@ pub enum Command {
     Gather(GatherArgs),
     /// Train a proxy on a bake.
     Train(TrainArgs),
+    /// Measure proxies on lights they never saw, against an independent bake with many more samples.
+    Evaluate(EvaluateArgs),
     /// Relight a bake, or proxies without their bake, into an EXR and a PNG.
     Relight(RelightArgs),
     /// Find sphere lights that make a target picture, through a proxy.
@@ -191,7 +193,7 @@ pub struct TrainArgs {
     /// Millions of samples (pixel and light) to train on.
     #[arg(long, default_value_t = 32.0)]
     pub million_samples: f64,
-    /// Stop after so many seconds with what is there.
+    /// Train for so many seconds instead; the schedule is stretched to end with them.
     #[arg(long)]
     pub seconds: Option<f64>,
     /// Smallest radius or edge to learn, metres; default is 1/200 of the visible scene.
@@ -212,6 +214,18 @@ pub struct TrainArgs {
     /// Use all paths as targets, also those that the error is measured on.
     #[arg(long)]
     pub all_paths: bool,
+}
+
+#[derive(Args, Debug)]
+pub struct EvaluateArgs {
+    /// Proxy file.
+    pub proxy: PathBuf,
+    /// Bake folder of the same camera, of another seed and with many more samples.
+    #[arg(long)]
+    pub reference: PathBuf,
+    /// Held-out lights.
+    #[arg(long, default_value_t = 100)]
+    pub lights: usize,
 }
 
 /// Light types that a proxy can learn.

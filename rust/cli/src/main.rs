@@ -41,6 +41,7 @@ fn run(cli: Cli, console: &Arc<Console>) -> anyhow::Result<()> {
     match cli.command {
         Command::Trace(args) => commands::trace(&args, &context),
         Command::Gather(args) => commands::gather(&args, &context),
+        Command::Evaluate(args) => commands::evaluate(&args, &context),
         Command::Train(args) => commands::train(&args, &context),
         Command::Relight(args) => commands::relight(&args, &context),
         Command::Optimise(args) => commands::optimise(&args, &context),

@@ -1,13 +1,17 @@
-use crate::SessionError;
+use crate::denoise::Denoise;
 use crate::progress::{Monitor, Stage};
 use crate::proxies::{MeanQuality, Measured};
 use crate::targets::DumpTargets;
+use crate::{Relighter, SessionError, pixel_features};
 use relume_gather::{Gather, Half};
 use relume_image::metrics::{Quality, quality};
 use relume_proxy::{LightParams, Proxy, Rng, TargetSource, random_light};
 
 /// Stream of the random numbers that choose the lights; training uses others.
 const STREAM: u64 = 0x6d65_6173;
+
+/// Lights that one pass over a reference gathers.
+const LIGHTS_A_PASS: usize = 25;
 
 /// Compares a proxy with gathering on lights that it was not trained on. The reference is gathered and denoised from the
 /// second of `halves`, what is compared from the first, so that neither knows the other's noise.
@@ -44,6 +48,53 @@ pub(crate) fn measure(
         gather: mean(&by_gather),
         gather_denoised: mean(&by_denoised),
     })
+}
+
+/// Mean errors of a proxy against gathers of an independent bake of the same camera, which should have many more samples,
+/// on lights that no training sees. The lights depend on the reference, the proxy's range and `seed` alone.
+///
+/// # Errors
+/// If the bake cannot be read or its size is not the proxy's.
+pub fn evaluate(
+    proxy: &Proxy,
+    reference: &Relighter,
+    lights: usize,
+    seed: u64,
+    monitor: &Monitor,
+) -> Result<MeanQuality, SessionError> {
+    let gather = reference.gather().ok_or_else(|| {
+        SessionError::Settings("the reference is a folder of proxies; give one with a bake".into())
+    })?;
+    let camera = reference.camera();
+    if proxy.info().image != [camera.width, camera.height] {
+        let [width, height] = proxy.info().image;
+        let reason = format!(
+            "the proxy is for {width} x {height} pixels, the reference has {} x {}",
+            camera.width, camera.height
+        );
+        return Err(SessionError::Settings(reason));
+    }
+    let denoise = Denoise::new(reference.aovs());
+    let bounds = pixel_features(reference.aovs(), camera).visible_bounds();
+    let targets = DumpTargets::new(gather, Half::All, bounds, &denoise);
+    let stage = monitor.stage(Stage::Measure, 0, lights as u64);
+    let mut scores = Vec::new();
+    let all: Vec<u64> = (0..lights as u64).collect();
+    for some in all.chunks(LIGHTS_A_PASS) {
+        if monitor.cancelled() {
+            return Err(SessionError::Cancelled);
+        }
+        let params: Vec<LightParams> = some
+            .iter()
+            .filter_map(|i| held_out_light(proxy, &targets, &mut Rng::stream(seed, STREAM, *i)))
+            .collect();
+        let shapes: Vec<_> = params.iter().map(LightParams::shape).collect();
+        for (light, expected) in params.iter().zip(targets.images(&shapes, false)?) {
+            scores.push(quality(&proxy.unit_image(light)?, &expected));
+        }
+        stage.advance(some.len() as u64, "");
+    }
+    Ok(mean(&scores))
 }
 
 /// A light at a random point of a random pixel's paths, of a random size that was trained.

@@ -23,7 +23,7 @@ pub struct TrainSettings {
     pub config: TrainConfig,
     /// Seed of weights, lights and batches.
     pub seed: u64,
-    /// Stop after so many seconds of training with what is there; a later resume goes on.
+    /// Train for so many seconds instead of so many samples: the schedule is stretched to end with them.
     pub seconds: Option<f64>,
     /// Train on the earlier half of each pixel's paths and measure on the later half, which is independent of it;
     /// otherwise all paths serve both.
@@ -65,7 +65,9 @@ pub struct TrainReport {
 /// Seconds between checkpoints.
 const CHECKPOINT: Duration = Duration::from_secs(60);
 /// Times that the held-out error is measured on the way.
-const CURVE_POINTS: u64 = 10;
+const CURVE_POINTS: f64 = 10.0;
+/// Steps of the progress report.
+const TRAIN_UNITS: u64 = 1000;
 /// Lights of the final comparison.
 const MEASURED_LIGHTS: usize = 16;
 
@@ -113,7 +115,9 @@ pub fn train(
         trainer.set_scene_hash(scene_hash);
         trainer
     };
-    let mut run = Run { trainer, settings, out, state, trained: Duration::ZERO, curve: Vec::new() };
+    let samples_before = trainer.samples();
+    let (trained, filled) = (Duration::ZERO, Duration::ZERO);
+    let mut run = Run { trainer, settings, out, state, trained, filled, curve: Vec::new(), samples_before };
     run.steps(&training, &held_out, monitor)?;
     // The last figures belong to the last weights, wherever the training was interrupted.
     if run.trainer.done() {
@@ -178,7 +182,11 @@ struct Run<'a> {
     out: &'a Path,
     state: PathBuf,
     trained: Duration,
+    /// The part of `trained` before the first batch, when the pool of denoised images was filled.
+    filled: Duration,
     curve: Vec<CurvePoint>,
+    /// Samples that an interrupted run had done.
+    samples_before: u64,
 }
 
 impl Run<'_> {
@@ -188,22 +196,21 @@ impl Run<'_> {
         held_out: &DumpTargets,
         monitor: &Monitor,
     ) -> Result<(), SessionError> {
-        let total = self.settings.config.samples;
-        let stage = monitor.stage(Stage::Train, self.trainer.samples(), total);
+        let stage = monitor.stage(Stage::Train, 0, TRAIN_UNITS);
         let mut saved = Instant::now();
-        let interval = (total / CURVE_POINTS).max(1);
-        let mut next_measure = (self.trainer.samples() / interval + 1) * interval;
-        while !self.trainer.done() && !monitor.cancelled() && !self.out_of_time() {
+        let mut next_measure = self.progress() + 1.0 / CURVE_POINTS;
+        while !self.trainer.done() && !monitor.cancelled() {
             let start = Instant::now();
             let report = self.trainer.step(training)?;
             self.trained += start.elapsed();
+            self.fit_schedule_to_time();
             let message = match report.loss {
                 Some(loss) => format!("loss {loss:.4}{}", self.last_scores()),
                 None => format!("{} pool images to gather", report.pool_missing),
             };
-            stage.set(report.samples, &message);
-            if report.samples >= next_measure {
-                next_measure = (report.samples / interval + 1) * interval;
+            stage.set((self.progress() * TRAIN_UNITS as f64) as u64, &message);
+            if self.progress() >= next_measure {
+                next_measure += 1.0 / CURVE_POINTS;
                 self.add_curve_point(held_out, &stage)?;
             }
             if saved.elapsed() > CHECKPOINT {
@@ -214,15 +221,32 @@ impl Run<'_> {
         Ok(())
     }
 
-    fn out_of_time(&self) -> bool {
-        self.settings.seconds.is_some_and(|seconds| self.trained.as_secs_f64() >= seconds)
+    /// Share of the schedule that is done.
+    fn progress(&self) -> f64 {
+        self.trainer.samples() as f64 / self.trainer.config().samples as f64
+    }
+
+    /// With a time limit, the number of samples follows the speed so far, so that the rates are at their end when the
+    /// time is.
+    fn fit_schedule_to_time(&mut self) {
+        let Some(seconds) = self.settings.seconds else { return };
+        let (trained, samples) = (self.trained.as_secs_f64(), self.trainer.samples());
+        if samples == self.samples_before {
+            self.filled = self.trained;
+            return;
+        }
+        let rate = (samples - self.samples_before) as f64 / (trained - self.filled.as_secs_f64());
+        self.trainer.set_samples(samples + ((seconds - trained).max(0.0) * rate) as u64);
     }
 
     fn add_curve_point(&mut self, held_out: &DumpTargets, stage: &StageProgress) -> Result<(), SessionError> {
         let scores = self.trainer.validate(held_out)?;
         let (seconds, samples) = (self.trained.as_secs_f64(), self.trainer.samples());
         self.curve.push(CurvePoint { seconds, samples, psnr: scores.psnr, smape: scores.smape });
-        stage.set(samples, &format!("held out {:.1} dB, SMAPE {:.3}", scores.psnr, scores.smape));
+        stage.set(
+            (self.progress() * TRAIN_UNITS as f64) as u64,
+            &format!("held out {:.1} dB, SMAPE {:.3}", scores.psnr, scores.smape),
+        );
         Ok(())
     }
 

@@ -1,5 +1,6 @@
 //! One file per command.
 
+mod evaluate;
 mod inspect;
 mod optimise;
 mod relight;
@@ -10,6 +11,7 @@ use crate::args::Global;
 use crate::console::Console;
 use relume_session::Monitor;
 
+pub use evaluate::evaluate;
 pub use inspect::{info, validate};
 pub use optimise::optimise;
 pub use relight::{gather, relight};
