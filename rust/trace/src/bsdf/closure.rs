@@ -120,15 +120,6 @@ impl Closure {
         (pdf > 0.0).then_some(ClosureSample { wi, value, pdf, singular, lobe })
     }
 
-    /// Estimate of the light that the closure reflects out of uniform light, weight included.
-    pub fn reflected_albedo(&self, wo: Vec3) -> Vec3 {
-        match &self.scatter {
-            Scatter::Microfacet(model) => self.weight * model.albedo(self.normal.dot(wo)).0,
-            Scatter::Transparent | Scatter::Translucent => Vec3::ZERO,
-            _ => self.weight,
-        }
-    }
-
     /// Estimate of the light that the closure reflects and transmits out of uniform light, weight included.
     pub fn albedo(&self, wo: Vec3) -> Vec3 {
         match &self.scatter {

@@ -124,26 +124,22 @@ impl Microfacet {
     /// Estimates of the reflected and the transmitted part of uniform light, seen at `cos` to the normal, without
     /// the closure's weight.
     pub fn albedo(&self, cos: f32) -> (Vec3, Vec3) {
-        let (mut reflected, transmitted, _) = self.split(cos);
-        if reflected == Vec3::ZERO {
-            return (reflected, transmitted);
+        let transmitted =
+            if self.interface == Interface::Reflection { Vec3::ZERO } else { self.split(cos).1 };
+        if self.interface == Interface::Refraction {
+            return (Vec3::ZERO, transmitted);
         }
         let roughness = self.roughness();
-        match self.fresnel {
-            Fresnel::Tinted { f0, reflection, .. } => {
-                let rise = energy::dielectric_rise(roughness, cos, self.ior);
-                reflected = (f0 + (1.0 - f0) * rise) * reflection;
-            }
+        let rough_dielectric = |f0: Vec3| f0 + (1.0 - f0) * energy::dielectric_rise(roughness, cos, self.ior);
+        let reflected = match self.fresnel {
+            Fresnel::None => Vec3::ONE,
+            Fresnel::Tinted { f0, reflection, .. } => rough_dielectric(f0) * reflection,
             Fresnel::Dielectric if self.ior > 1.0 => {
-                let f0 = fresnel::f0_from_ior(self.ior);
-                let rise = energy::dielectric_rise(roughness, cos, self.ior);
-                reflected = Vec3::splat(f0 + (1.0 - f0) * rise);
+                rough_dielectric(Vec3::splat(fresnel::f0_from_ior(self.ior)))
             }
-            Fresnel::Metal(metal) => {
-                reflected = metal.f0 + (1.0 - metal.f0) * energy::schlick_rise(roughness, cos);
-            }
-            Fresnel::None | Fresnel::Dielectric => {}
-        }
+            Fresnel::Dielectric => Vec3::splat(fresnel::dielectric(cos, self.ior).0),
+            Fresnel::Metal(metal) => metal.f0 + (1.0 - metal.f0) * energy::schlick_rise(roughness, cos),
+        };
         (reflected, transmitted)
     }
 

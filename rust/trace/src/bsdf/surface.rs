@@ -76,20 +76,17 @@ impl Surface {
         self.transparency = Vec3::ZERO;
     }
 
-    /// Adds a closure unless its weight is negligible or the surface is full; returns it as it was added, with
-    /// negative weights removed.
-    pub fn add(&mut self, weight: Vec3, normal: Vec3, scatter: Scatter) -> Option<&Closure> {
+    /// Adds a closure unless its weight is negligible or the surface is full; negative weights are taken for none.
+    /// `albedo` is the model's own, see [`Closure::sample_weight`]. Returns whether it was added.
+    pub fn add(&mut self, weight: Vec3, albedo: Vec3, normal: Vec3, scatter: Scatter) -> bool {
         let weight = weight.max(Vec3::ZERO);
         let mean = weight.element_sum() / 3.0;
         if !mean.is_finite() || mean < WEIGHT_CUTOFF || self.closures.len() == MAX_CLOSURES {
-            return None;
+            return false;
         }
-        let mut closure = Closure { weight, sample_weight: mean, normal, scatter };
-        if let Scatter::Microfacet(_) = scatter {
-            closure.sample_weight = closure.albedo(self.wo).element_sum() / 3.0;
-        }
-        self.closures.push(closure);
-        self.closures.last()
+        let sample_weight = (weight * albedo).element_sum() / 3.0;
+        self.closures.push(Closure { weight, sample_weight, normal, scatter });
+        true
     }
 
     /// Adds light that goes straight through.
@@ -106,7 +103,7 @@ impl Surface {
             closure.weight += weight;
             closure.sample_weight += mean;
         } else {
-            self.add(weight, self.shading_normal, Scatter::Transparent);
+            self.add(weight, Vec3::ONE, self.shading_normal, Scatter::Transparent);
         }
     }
 

@@ -109,7 +109,7 @@ fn views() -> [Vec3; 3] {
 
 fn surface_of(build: Build, wo: Vec3) -> Surface {
     let mut surface = facing(wo);
-    surface.add(Vec3::ONE, Vec3::Z, build(wo)).expect("a white closure is kept");
+    assert!(surface.add(Vec3::ONE, Vec3::ONE, Vec3::Z, build(wo)));
     surface
 }
 
@@ -198,7 +198,7 @@ fn mixtures_follow_their_density() {
         let mut surface = facing(wo);
         for (name, build) in models() {
             if ["diffuse", "ggx", "glass", "sheen rough", "translucent"].contains(&name) {
-                surface.add(Vec3::new(0.3, 0.2, 0.1), Vec3::Z, build(wo));
+                surface.add(Vec3::new(0.3, 0.2, 0.1), Vec3::ONE, Vec3::Z, build(wo));
             }
         }
         assert_sampler_follows_density(&format!("mixture from {wo}"), &surface);
@@ -271,7 +271,7 @@ fn compensated_metal_returns_all() {
             };
             model.energy_scale = compensation.scale;
             let mut surface = facing(wo);
-            surface.add(compensation.darkening, Vec3::Z, Scatter::Microfacet(model));
+            surface.add(compensation.darkening, Vec3::ONE, Vec3::Z, Scatter::Microfacet(model));
             let returned = furnace(&surface, 100_000).x;
             assert!((returned - 1.0).abs() < 0.02, "roughness {roughness} from {wo}: {returned}");
         }
@@ -292,7 +292,7 @@ fn compensated_glass_returns_all() {
                 };
                 model.energy_scale = compensation.scale;
                 let mut surface = facing(wo);
-                surface.add(compensation.darkening, Vec3::Z, Scatter::Microfacet(model));
+                surface.add(compensation.darkening, Vec3::ONE, Vec3::Z, Scatter::Microfacet(model));
                 let returned = furnace(&surface, 100_000).x;
                 // The coarse table that Cycles has, and so have we, errs by some percent near the critical angle.
                 assert!((returned - 1.0).abs() < 0.05, "{roughness} {ior} from {wo}: {returned}");
@@ -330,7 +330,7 @@ fn refraction_is_reciprocal_up_to_the_squared_index() {
         let (from, to) = (from * flip, to * flip);
         let glass = microfacet(Shape::Ggx, Interface::Glass, (0.5, 0.5), ior, Fresnel::Dielectric);
         let mut surface = facing(from);
-        surface.add(Vec3::ONE, Vec3::Z, glass);
+        surface.add(Vec3::ONE, Vec3::ONE, Vec3::Z, glass);
         surface.eval(to).0.x / to.z.abs()
     };
     let (into, out) = (value(1.5, wo, wi), value(1.0 / 1.5, wi, wo));
@@ -343,7 +343,7 @@ fn mirrors_and_clear_glass_are_singular() {
     let wo = views()[1];
     let mut surface = facing(wo);
     let mirror = microfacet(Shape::Ggx, Interface::Reflection, (0.0, 0.0), 1.0, Fresnel::None);
-    surface.add(Vec3::new(0.9, 0.5, 0.1), Vec3::Z, mirror);
+    surface.add(Vec3::new(0.9, 0.5, 0.1), Vec3::ONE, Vec3::Z, mirror);
     let sample = surface.sample([0.2, 0.3, 0.4]).expect("a mirror reflects");
     assert!(sample.singular && surface.is_specular());
     assert!((sample.wi - Vec3::new(-wo.x, -wo.y, wo.z)).length() < 1e-5);
@@ -357,7 +357,7 @@ fn mirrors_and_clear_glass_are_singular() {
 fn alpha_passes_and_stops_in_proportion() {
     let mut surface = facing(views()[1]);
     surface.add_transparent(Vec3::splat(0.25));
-    surface.add(Vec3::splat(0.75), Vec3::Z, Scatter::Diffuse);
+    surface.add(Vec3::splat(0.75), Vec3::ONE, Vec3::Z, Scatter::Diffuse);
     let mut random = Random(1);
     let samples: Vec<_> = (0..20_000).filter_map(|_| surface.sample(random.next3())).collect();
     let passed = samples.iter().filter(|sample| sample.transparent).count();
@@ -369,8 +369,8 @@ fn alpha_passes_and_stops_in_proportion() {
 #[test]
 fn weights_that_are_not_numbers_are_dropped() {
     let mut surface = facing(Vec3::Z);
-    surface.add(Vec3::new(f32::NAN, 1.0, 1.0), Vec3::Z, Scatter::Diffuse);
-    surface.add(Vec3::splat(f32::INFINITY), Vec3::Z, Scatter::Diffuse);
+    surface.add(Vec3::new(f32::NAN, 1.0, 1.0), Vec3::ONE, Vec3::Z, Scatter::Diffuse);
+    surface.add(Vec3::splat(f32::INFINITY), Vec3::ONE, Vec3::Z, Scatter::Diffuse);
     surface.add_transparent(Vec3::splat(f32::NAN));
     let sample = surface.sample([0.5; 3]);
     assert!(sample.is_none_or(|sample| sample.weight.is_finite()));

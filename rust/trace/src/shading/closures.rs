@@ -59,7 +59,7 @@ fn add_simple(context: &Context, node: &Node, weight: f32, known: &Known, surfac
         Node::Diffuse { color, roughness, normal } => {
             let (color, roughness) = (known.vector(color), known.float(roughness));
             let normal = known.normal(normal);
-            surface.add(color * weight, normal, diffuse(normal, roughness, color, point.wo));
+            surface.add(color * weight, Vec3::ONE, normal, diffuse(normal, roughness, color, point.wo));
         }
         Node::Glossy { color, roughness, anisotropy, rotation, normal, tangent, distribution } => {
             let color = known.vector(color).max(Vec3::ZERO);
@@ -109,7 +109,7 @@ fn add_simple(context: &Context, node: &Node, weight: f32, known: &Known, surfac
         }
         Node::Translucent { color, normal } => {
             let normal = context.specular_normal(known.normal(normal));
-            surface.add(known.vector(color) * weight, normal, Scatter::Translucent);
+            surface.add(known.vector(color) * weight, Vec3::ONE, normal, Scatter::Translucent);
         }
         Node::Transparent { color } => surface.add_transparent(known.vector(color) * weight),
         Node::Emission { color, strength } => {
@@ -130,7 +130,7 @@ fn add_glossy(
 ) {
     if distribution == Model::AshikhminShirley {
         let model = AshikhminShirley::new(frame, alpha_x, alpha_y);
-        surface.add(color * weight, normal, Scatter::AshikhminShirley(model));
+        surface.add(color * weight, Vec3::ONE, normal, Scatter::AshikhminShirley(model));
         return;
     }
     let (alpha_x, alpha_y) = (alpha_x.clamp(0.0, 1.0), alpha_y.clamp(0.0, 1.0));
@@ -147,7 +147,7 @@ fn add_glossy(
 }
 
 /// Adds a microfacet closure, with the energy of multiple scattering if `mean`, the mean colour of a bounce, is given;
-/// returns its reflected albedo, or 0 if it was dropped.
+/// returns its reflected albedo, weight included, or 0 if it was dropped.
 pub fn add_microfacet(
     surface: &mut Surface,
     weight: Vec3,
@@ -156,8 +156,8 @@ pub fn add_microfacet(
     mean: Option<Vec3>,
 ) -> Vec3 {
     let mut weight = weight;
+    let cos = normal.dot(surface.wo());
     if let Some(mean) = mean {
-        let cos = normal.dot(surface.wo());
         let roughness = model.roughness();
         let mean = mean.clamp(Vec3::ZERO, Vec3::ONE);
         let compensation = match model.interface {
@@ -167,10 +167,12 @@ pub fn add_microfacet(
         model.energy_scale = compensation.scale;
         weight *= compensation.darkening;
     }
-    let wo = surface.wo();
-    surface
-        .add(weight, normal, Scatter::Microfacet(model))
-        .map_or(Vec3::ZERO, |closure| closure.reflected_albedo(wo))
+    let (reflected, transmitted) = model.albedo(cos);
+    if surface.add(weight, reflected + transmitted, normal, Scatter::Microfacet(model)) {
+        weight * reflected
+    } else {
+        Vec3::ZERO
+    }
 }
 
 /// Diffuse reflection of the given roughness.

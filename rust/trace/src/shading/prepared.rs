@@ -124,7 +124,7 @@ impl PreparedMaterials {
             .map_or(0, |slot| usize::from(*slot));
         let Some(material) = instance.materials.get(slot).or(instance.materials.last()) else {
             // Blender's default surface.
-            surface.add(Vec3::splat(0.8), point.shading_normal, Scatter::Diffuse);
+            surface.add(Vec3::splat(0.8), Vec3::ONE, point.shading_normal, Scatter::Diffuse);
             return;
         };
         let graph = &self.graphs[*material];

@@ -169,17 +169,14 @@ pub fn add(context: &Context, p: &Parameters, weight: f32, surface: &mut Surface
     // Subsurface scattering is taken for diffuse reflection of the same albedo.
     let color = p.base_color.lerp(p.reflectance(), p.subsurface_weight);
     let scatter = diffuse(p.normal, p.diffuse_roughness, p.base_color, context.point.wo);
-    surface.add(color * weight, p.normal, scatter);
+    surface.add(color * weight, Vec3::ONE, p.normal, scatter);
 }
 
 fn add_sheen(p: &Parameters, weight: Vec3, surface: &mut Surface) -> Vec3 {
     let normal = p.normal.lerp(p.coat_normal, p.coat_weight.clamp(0.0, 1.0)).normalize_or(p.normal);
     let Some((sheen, albedo)) = Sheen::new(normal, p.sheen_roughness, surface.wo()) else { return weight };
     let own = weight * p.sheen_tint * (p.sheen_weight * albedo);
-    match surface.add(own, normal, Scatter::Sheen(sheen)) {
-        Some(closure) => below(closure.weight, weight),
-        None => weight,
-    }
+    if surface.add(own, Vec3::ONE, normal, Scatter::Sheen(sheen)) { below(own, weight) } else { weight }
 }
 
 fn add_coat(context: &Context, p: &Parameters, weight: Vec3, surface: &mut Surface) -> Vec3 {

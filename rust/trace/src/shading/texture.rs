@@ -107,27 +107,30 @@ struct Image<'a> {
 
 impl Image<'_> {
     fn filter(&self, uv: [f32; 2], interpolation: Interpolation) -> Vec4 {
-        // Coordinates far outside have no fraction left, and those that are not numbers no place: both read at 0.
-        let place = |x: f32, size: usize| Some(x * size as f32).filter(|x| x.abs() < 1e9).unwrap_or(0.0);
-        let (x, y) = (place(uv[0], self.width), place(uv[1], self.height));
+        let x = self.reduce(uv[0]) * self.width as f32;
+        let y = self.reduce(uv[1]) * self.height as f32;
         match interpolation {
-            Interpolation::Closest => self.texel(x.floor() as i64, y.floor() as i64),
+            Interpolation::Closest => self.texel(self.column(x.floor() as i32), self.row(y.floor() as i32)),
             Interpolation::Linear => {
                 let (x, y) = (x - 0.5, y - 0.5);
-                let (x0, y0) = (x.floor() as i64, y.floor() as i64);
-                let (s, t) = (x - x0 as f32, y - y0 as f32);
-                let bottom = self.texel(x0, y0) * (1.0 - s) + self.texel(x0 + 1, y0) * s;
-                let top = self.texel(x0, y0 + 1) * (1.0 - s) + self.texel(x0 + 1, y0 + 1) * s;
+                let (x0, y0) = (x.floor(), y.floor());
+                let (s, t) = (x - x0, y - y0);
+                let (left, right) = (self.column(x0 as i32), self.column(x0 as i32 + 1));
+                let (below, above) = (self.row(y0 as i32), self.row(y0 as i32 + 1));
+                let bottom = self.texel(left, below) * (1.0 - s) + self.texel(right, below) * s;
+                let top = self.texel(left, above) * (1.0 - s) + self.texel(right, above) * s;
                 bottom * (1.0 - t) + top * t
             }
             Interpolation::Cubic => {
                 let (x, y) = (x - 0.5, y - 0.5);
-                let (x0, y0) = (x.floor() as i64, y.floor() as i64);
-                let (wx, wy) = (cubic_weights(x - x0 as f32), cubic_weights(y - y0 as f32));
+                let (x0, y0) = (x.floor(), y.floor());
+                let (across, along) = (cubic_weights(x - x0), cubic_weights(y - y0));
+                let columns = [-1, 0, 1, 2].map(|i| self.column(x0 as i32 + i));
+                let rows = [-1, 0, 1, 2].map(|i| self.row(y0 as i32 + i));
                 let mut sum = Vec4::ZERO;
-                for (row, weight) in (-1..).zip(wy) {
-                    for (column, across) in (-1..).zip(wx) {
-                        sum += self.texel(x0 + column, y0 + row) * (weight * across);
+                for (row, weight) in rows.into_iter().zip(along) {
+                    for (column, fraction) in columns.into_iter().zip(across) {
+                        sum += self.texel(column, row) * (weight * fraction);
                     }
                 }
                 sum
@@ -135,10 +138,45 @@ impl Image<'_> {
         }
     }
 
-    fn texel(&self, x: i64, y: i64) -> Vec4 {
-        let (Some(x), Some(y)) = (self.wrap(x, self.width), self.wrap(y, self.height)) else {
-            return Vec4::ZERO;
-        };
+    /// A coordinate brought close to 0..1 without a change of what is there; what is not a number reads at 0.
+    fn reduce(&self, u: f32) -> f32 {
+        if !u.is_finite() {
+            return 0.0;
+        }
+        match self.extension {
+            Extension::Repeat => u - u.floor(),
+            Extension::Mirror => u - 2.0 * (u * 0.5).floor(),
+            Extension::Extend | Extension::Clip => u.clamp(-4.0, 5.0),
+        }
+    }
+
+    fn column(&self, i: i32) -> Option<usize> {
+        self.wrap(i, self.width)
+    }
+
+    fn row(&self, i: i32) -> Option<usize> {
+        self.wrap(i, self.height)
+    }
+
+    fn wrap(&self, i: i32, size: usize) -> Option<usize> {
+        let count = size as i32;
+        if (0..count).contains(&i) {
+            return Some(i as usize);
+        }
+        match self.extension {
+            Extension::Repeat => Some(i.rem_euclid(count) as usize),
+            Extension::Extend => Some(i.clamp(0, count - 1) as usize),
+            Extension::Clip => None,
+            Extension::Mirror => {
+                let i = i.rem_euclid(2 * count);
+                Some(if i < count { i } else { 2 * count - 1 - i } as usize)
+            }
+        }
+    }
+
+    /// The texel at a place inside the image; nothing is transparent black.
+    fn texel(&self, x: Option<usize>, y: Option<usize>) -> Vec4 {
+        let (Some(x), Some(y)) = (x, y) else { return Vec4::ZERO };
         let index = 4 * (y * self.width + x);
         match self.texels {
             Grid::Byte(bytes) => {
@@ -146,19 +184,6 @@ impl Image<'_> {
                 Vec4::new(texel[0].into(), texel[1].into(), texel[2].into(), texel[3].into()) * (1.0 / 255.0)
             }
             Grid::Float(floats) => Vec4::from_slice(&floats[index..index + 4]),
-        }
-    }
-
-    fn wrap(&self, i: i64, size: usize) -> Option<usize> {
-        let count = size as i64;
-        match self.extension {
-            Extension::Repeat => Some(i.rem_euclid(count) as usize),
-            Extension::Extend => Some(i.clamp(0, count - 1) as usize),
-            Extension::Clip => (0..count).contains(&i).then_some(i as usize),
-            Extension::Mirror => {
-                let i = i.rem_euclid(2 * count);
-                Some(if i < count { i } else { 2 * count - 1 - i } as usize)
-            }
         }
     }
 }

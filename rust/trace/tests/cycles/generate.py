@@ -33,8 +33,9 @@ SHADERS = {
     "emission": "ShaderNodeEmission", "mix_shader": "ShaderNodeMixShader", "add_shader": "ShaderNodeAddShader",
 }  # fmt: skip
 VALUES = {
-    "uv_map": "ShaderNodeUVMap", "math": "ShaderNodeMath", "vector_math": "ShaderNodeVectorMath", "mix": "ShaderNodeMix",
-    "separate_xyz": "ShaderNodeSeparateXYZ", "combine_xyz": "ShaderNodeCombineXYZ",
+    "uv_map": "ShaderNodeUVMap", "math": "ShaderNodeMath", "vector_math": "ShaderNodeVectorMath",
+    "mix": "ShaderNodeMix", "separate_xyz": "ShaderNodeSeparateXYZ",
+    "combine_xyz": "ShaderNodeCombineXYZ",
     "hue_saturation": "ShaderNodeHueSaturation", "bright_contrast": "ShaderNodeBrightContrast",
     "gamma": "ShaderNodeGamma", "invert": "ShaderNodeInvert", "fresnel": "ShaderNodeFresnel",
     "layer_weight": "ShaderNodeLayerWeight", "map_range": "ShaderNodeMapRange", "clamp": "ShaderNodeClamp",
@@ -162,7 +163,7 @@ def scene(nodes, direction, extent, samples, pixels):
     mesh = bpy.data.meshes.new("square")
     mesh.from_pydata([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], [], [(0, 1, 2, 3)])
     uv = mesh.uv_layers.new(name="UVMap")
-    for loop, coords in zip(uv.data, [(0, 0), (1, 0), (1, 1), (0, 1)]):
+    for loop, coords in zip(uv.data, [(0, 0), (1, 0), (1, 1), (0, 1)], strict=True):
         loop.uv = coords
     square = bpy.data.objects.new("square", mesh)
     scene.collection.objects.link(square)
@@ -278,8 +279,8 @@ def value_graphs():
         spec = {"type": "math", "operation": operation, "clamp": False, "a": link(2, "x"), "b": link(2, "y"), "c": 0.4}
         yield f"math {operation}", [*start, spec], "value"
     vector_operations = (
-        "ADD SUBTRACT MULTIPLY DIVIDE CROSS_PRODUCT PROJECT REFLECT DOT_PRODUCT DISTANCE LENGTH SCALE NORMALIZE ABSOLUTE "
-        "MINIMUM MAXIMUM FLOOR CEIL FRACTION MODULO SNAP SINE COSINE TANGENT"
+        "ADD SUBTRACT MULTIPLY DIVIDE CROSS_PRODUCT PROJECT REFLECT DOT_PRODUCT DISTANCE LENGTH SCALE NORMALIZE "
+        "ABSOLUTE MINIMUM MAXIMUM FLOOR CEIL FRACTION MODULO SNAP SINE COSINE TANGENT"
     )
     for operation in vector_operations.split():
         spec = {"type": "vector_math", "operation": operation, "a": link(1, "vector"), "b": [0.7, -0.4, 0.9],
