@@ -48,6 +48,8 @@ pub enum Command {
     Info(PathArgs),
     /// Check a bake folder, proxy or light set for damage.
     Validate(PathArgs),
+    /// Measure the speed of tracer, gather and networks on this machine.
+    Bench(BenchArgs),
 }
 
 #[derive(Args, Debug)]
@@ -297,6 +299,13 @@ pub struct OptimiseArgs {
 pub struct PathArgs {
     /// Bake folder, proxy or light set.
     pub path: PathBuf,
+}
+
+#[derive(Args, Debug)]
+pub struct BenchArgs {
+    /// JSON file to write: a list of flat records.
+    #[arg(long, short)]
+    pub out: Option<PathBuf>,
 }
 
 #[cfg(test)]

@@ -47,6 +47,7 @@ fn run(cli: Cli, console: &Arc<Console>) -> anyhow::Result<()> {
         Command::Optimise(args) => commands::optimise(&args, &context),
         Command::Info(args) => commands::info(&args, &context),
         Command::Validate(args) => commands::validate(&args, &context),
+        Command::Bench(args) => commands::bench(&args, &context),
     }
 }
 

@@ -2,6 +2,7 @@
 
 mod bake;
 mod base_layers;
+pub mod bench;
 mod denoise;
 mod error;
 mod features;

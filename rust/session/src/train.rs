@@ -196,7 +196,7 @@ impl Run<'_> {
         held_out: &DumpTargets,
         monitor: &Monitor,
     ) -> Result<(), SessionError> {
-        let stage = monitor.stage(Stage::Train, 0, TRAIN_UNITS);
+        let stage = monitor.stage(Stage::Train, self.units_done(), TRAIN_UNITS);
         let mut saved = Instant::now();
         let mut next_measure = self.progress() + 1.0 / CURVE_POINTS;
         while !self.trainer.done() && !monitor.cancelled() {
@@ -208,7 +208,7 @@ impl Run<'_> {
                 Some(loss) => format!("loss {loss:.4}{}", self.last_scores()),
                 None => format!("{} pool images to gather", report.pool_missing),
             };
-            stage.set((self.progress() * TRAIN_UNITS as f64) as u64, &message);
+            stage.set(self.units_done(), &message);
             if self.progress() >= next_measure {
                 next_measure += 1.0 / CURVE_POINTS;
                 self.add_curve_point(held_out, &stage)?;
@@ -219,6 +219,10 @@ impl Run<'_> {
             }
         }
         Ok(())
+    }
+
+    fn units_done(&self) -> u64 {
+        (self.progress() * TRAIN_UNITS as f64) as u64
     }
 
     /// Share of the schedule that is done.
@@ -243,10 +247,7 @@ impl Run<'_> {
         let scores = self.trainer.validate(held_out)?;
         let (seconds, samples) = (self.trained.as_secs_f64(), self.trainer.samples());
         self.curve.push(CurvePoint { seconds, samples, psnr: scores.psnr, smape: scores.smape });
-        stage.set(
-            (self.progress() * TRAIN_UNITS as f64) as u64,
-            &format!("held out {:.1} dB, SMAPE {:.3}", scores.psnr, scores.smape),
-        );
+        stage.set(self.units_done(), &format!("held out {:.1} dB, SMAPE {:.3}", scores.psnr, scores.smape));
         Ok(())
     }
 

@@ -1,5 +1,6 @@
 //! One file per command.
 
+mod bench;
 mod evaluate;
 mod inspect;
 mod optimise;
@@ -11,6 +12,7 @@ use crate::args::Global;
 use crate::console::Console;
 use relume_session::Monitor;
 
+pub use bench::bench;
 pub use evaluate::evaluate;
 pub use inspect::{info, validate};
 pub use optimise::optimise;

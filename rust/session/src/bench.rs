@@ -1,0 +1,143 @@
+//! Speeds of this machine, collected from the crates that own the kernels.
+
+use crate::SessionError;
+use crate::progress::{Monitor, Stage};
+use glam::{Affine3A, Vec2, Vec3};
+use relume_dump::MemoryWriter;
+use relume_scene::{Camera, Input, Instance, Material, Mesh, Node, Scene, SceneBuilder};
+use relume_trace::{Control, TraceSettings, Tracer};
+use serde::Serialize;
+use std::time::Instant;
+
+/// One measured figure. Peers are other programs measured in the same run; limits are what the machine could do at best.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Record {
+    /// What was measured.
+    pub name: String,
+    /// The figure.
+    pub value: f64,
+    /// Its unit.
+    pub unit: String,
+    /// Name of the peer.
+    pub peer: Option<String>,
+    /// The peer's figure.
+    pub peer_value: Option<f64>,
+    /// `value / peer_value`.
+    pub ratio: Option<f64>,
+    /// The limit, in the same unit.
+    pub limit: Option<f64>,
+    /// `value / limit`.
+    pub share_of_limit: Option<f64>,
+}
+
+/// Megabytes of made-up positions that the gather reads: well beyond caches.
+const GATHER_MEGABYTES: usize = 256;
+
+/// Measures tracer, gather and networks, one after the other.
+///
+/// # Errors
+/// [`SessionError::Cancelled`] between two of them.
+pub fn bench(monitor: &Monitor) -> Result<Vec<Record>, SessionError> {
+    let parts: [(&str, fn() -> Result<Vec<Record>, SessionError>); 3] =
+        [("tracer", tracer), ("gather", gather), ("networks", networks)];
+    let stage = monitor.stage(Stage::Bench, 0, parts.len() as u64);
+    let mut records = Vec::new();
+    for (name, measure) in parts {
+        if monitor.cancelled() {
+            return Err(SessionError::Cancelled);
+        }
+        records.extend(measure()?);
+        stage.advance(1, name);
+    }
+    Ok(records)
+}
+
+fn gather() -> Result<Vec<Record>, SessionError> {
+    let record = |m: relume_gather::bench::Measurement| Record {
+        share_of_limit: m.share_of_limit(),
+        name: m.name,
+        value: m.value,
+        unit: m.unit.into(),
+        limit: m.limit,
+        ..Record::default()
+    };
+    Ok(relume_gather::bench::measure(GATHER_MEGABYTES)?.into_iter().map(record).collect())
+}
+
+fn networks() -> Result<Vec<Record>, SessionError> {
+    let record = |m: relume_proxy::bench::Record| Record {
+        name: m.name,
+        value: m.value,
+        unit: m.unit.into(),
+        limit: Some(m.limit),
+        share_of_limit: Some(m.share_of_limit),
+        ..Record::default()
+    };
+    Ok(relume_proxy::bench::kernels()?.into_iter().map(record).collect())
+}
+
+/// Paths and segments per second in a closed grey box, where no path escapes: the cost of a bounce without that of a scene.
+fn tracer() -> Result<Vec<Record>, SessionError> {
+    let scene = closed_box()?;
+    let settings = TraceSettings { samples: 64, ..TraceSettings::default() };
+    let tracer = Tracer::new(&scene, &settings)?;
+    let (mut best, mut segments) = (f64::INFINITY, 0);
+    const ROUNDS: usize = 3;
+    for _ in 0..ROUNDS {
+        let writer = MemoryWriter::new(tracer.manifest())?;
+        let start = Instant::now();
+        tracer.trace(&writer, &Control::default())?;
+        best = best.min(start.elapsed().as_secs_f64());
+        segments = writer.snapshot().record_count();
+    }
+    let paths = scene.camera.width * scene.camera.height * settings.samples as usize;
+    let record = |name: &str, count: usize, unit: &str| Record {
+        name: name.into(),
+        value: count as f64 / best,
+        unit: unit.into(),
+        ..Record::default()
+    };
+    Ok(vec![
+        record("trace, closed box, paths", paths, "paths/s"),
+        record("trace, closed box, segments", segments, "segments/s"),
+    ])
+}
+
+fn closed_box() -> Result<Scene, SessionError> {
+    let corner = |i: usize| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32) * 2.0 - Vec3::ONE;
+    let sides = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let mesh = Mesh {
+        name: "box".into(),
+        positions: (0..8).map(corner).collect(),
+        triangles: sides.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect(),
+        ..Mesh::default()
+    };
+    let diffuse = Node::Diffuse { color: Input::Rgb([0.7; 3]), roughness: Input::Float(0.0), normal: None };
+    let material = Material { name: "grey".into(), nodes: vec![diffuse], surface: Some(0) };
+    let mut builder = SceneBuilder::new("Linear Rec.709");
+    builder.set_camera(Camera {
+        width: 128,
+        height: 128,
+        window_min: Vec2::splat(-0.8),
+        window_max: Vec2::splat(0.8),
+        ..Camera::default()
+    });
+    let material = builder.add_material_json(&serde_json::to_string(&material).unwrap_or_default())?;
+    let mesh = builder.add_mesh(mesh)?;
+    builder.add_instance(Instance::new("box", mesh, Affine3A::IDENTITY, vec![material]))?;
+    Ok(builder.build()?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_path_leaves_the_closed_box() {
+        let scene = closed_box().unwrap();
+        let tracer = Tracer::new(&scene, &TraceSettings { samples: 1, ..TraceSettings::default() }).unwrap();
+        let writer = MemoryWriter::new(tracer.manifest()).unwrap();
+        tracer.trace(&writer, &Control::default()).unwrap();
+        assert!(writer.snapshot().aovs().depth.data.iter().all(|depth| *depth > 0.9));
+    }
+}
