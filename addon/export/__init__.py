@@ -1,6 +1,15 @@
 """Reads an evaluated Blender scene and feeds a scene builder. Never writes to the scene, never imports the native
 module: the builder is passed in."""
 
-from .scene import ExportOptions, export_scene
+from .scene import ExportError, ExportOptions, export_scene
+from .settings import trace_settings
+from .view_transform import is_standard, write_view_table
 
-__all__ = ["ExportOptions", "export_scene"]
+__all__ = [
+    "ExportError",
+    "ExportOptions",
+    "export_scene",
+    "is_standard",
+    "trace_settings",
+    "write_view_table",
+]

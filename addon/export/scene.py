@@ -133,6 +133,3 @@ class _SceneExporter:
         scene, warn = self.depsgraph.scene, self.builder.warn
         if scene.render.use_motion_blur:
             warn(f"scene '{scene.name}': motion blur is not supported yet; the frame is baked without it")
-        cycles = getattr(scene, "cycles", None)
-        if cycles and (cycles.sample_clamp_direct > 0.0 or cycles.sample_clamp_indirect > 0.0):
-            warn(f"scene '{scene.name}': clamping of samples is not representable; set both clamps to 0 to compare")

@@ -19,16 +19,16 @@ def export_world(builder: Any, images: ImageExporter, scene: bpy.types.Scene) ->
     if world is None:
         builder.set_world(BLACK)
         return
-    _WorldExporter(builder, images, world).run()
+    _WorldExporter(builder, images, world, scene.render.film_transparent).run()
 
 
 class _WorldExporter:
-    def __init__(self, builder: Any, images: ImageExporter, world: bpy.types.World):
+    def __init__(self, builder: Any, images: ImageExporter, world: bpy.types.World, film_transparent: bool):
         self.builder = builder
         self.images = images
         self.world = world
         visibility = getattr(world, "cycles_visibility", None)
-        self.visible_camera = True if visibility is None else visibility.camera
+        self.visible_camera = (visibility is None or visibility.camera) and not film_transparent
 
     def run(self) -> None:
         tree = used_tree(self.world)

@@ -1,0 +1,81 @@
+"""Arguments of the Blender command line: `blender -b shot.blend --command relume bake --out FOLDER`."""
+
+from __future__ import annotations
+
+import argparse
+
+PROGRAM = "relume"
+FORWARDED = {
+    "train": "train a proxy on a bake",
+    "gather": "sum lights over a bake, without a proxy",
+    "optimise": "find lights that make a target picture",
+    "info": "say what a bake folder, proxy or light set is",
+    "validate": "check a bake folder, proxy or light set for damage",
+}
+"""Commands that need no scene: their arguments go to the native command line as they are."""
+
+
+def parser() -> argparse.ArgumentParser:
+    """Parser of the commands that read the open scene, and list of the others."""
+    top = argparse.ArgumentParser(prog=PROGRAM, description="Relights finished shots.")
+    commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    _add_bake(commands)
+    _add_relight(commands)
+    for name, text in FORWARDED.items():
+        commands.add_parser(name, help=f"{text} (see `{PROGRAM} {name} --help`)", add_help=False)
+    return top
+
+
+def _add_bake(commands: argparse._SubParsersAction) -> None:
+    bake = commands.add_parser("bake", help="trace the paths of the open scene into a bake folder")
+    bake.add_argument("-o", "--out", required=True, metavar="FOLDER", help="bake folder to write")
+    _add_view(bake)
+    bake.add_argument("--samples", type=_positive, help="paths per pixel; default: the scene's")
+    bake.add_argument("--bounces", type=_count, help="most bounces of any kind; default: the scene's")
+    bake.add_argument("--tile", type=_positive, default=64, help="edge of the image tiles in pixels")
+    bake.add_argument("--seed", type=_count, help="seed of all random numbers; default: the scene's")
+    bake.add_argument("--resume", action="store_true", help="go on with an interrupted bake")
+    _add_run(bake)
+
+
+def _add_relight(commands: argparse._SubParsersAction) -> None:
+    relight = commands.add_parser(
+        "relight",
+        help="relight a bake by the lights of the open scene, into an EXR and a PNG",
+        epilog="Further options go to the native command line, see its own help.",
+    )
+    relight.add_argument("bake", help="bake folder")
+    relight.add_argument("-o", "--out", required=True, metavar="FILE", help="multi-layer EXR to write")
+    relight.add_argument("--lights", metavar="FILE", help="light set (JSON); default: the lights of the open scene")
+    _add_view(relight)
+    _add_run(relight)
+
+
+def _add_view(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--camera", metavar="NAME", help="camera object; default: the scene's camera")
+    command.add_argument("--frame", type=int, help="frame; default: the file's present one")
+    command.add_argument(
+        "--resolution-percentage", type=_positive, metavar="P", help="size in per cent; default: the scene's"
+    )
+
+
+def _add_run(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--device", choices=["auto", "cpu"], default="auto", help="where to compute")
+    command.add_argument("--threads", type=_count, default=0, help="worker threads; 0 for one a core")
+    output = command.add_mutually_exclusive_group()
+    output.add_argument("--quiet", action="store_true", help="print warnings and errors only")
+    output.add_argument("--json", action="store_true", help="print progress and results as JSON lines")
+
+
+def _positive(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError("must be at least 1")
+    return value
+
+
+def _count(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError("must not be negative")
+    return value

@@ -1,0 +1,68 @@
+"""Progress on standard output, for people or for machines."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from typing import Any, TextIO
+
+SECONDS_BETWEEN_LINES = 1.0
+
+
+class Reporter:
+    """Prints progress, at most one line a second for each stage; warnings and results always."""
+
+    def __init__(self, quiet: bool = False, as_json: bool = False, stream: TextIO | None = None):
+        self.quiet = quiet
+        self.as_json = as_json
+        self.stream = stream or sys.stdout
+        self.last: tuple[str, float] = ("", 0.0)
+
+    def progress(self, report: dict[str, Any]) -> None:
+        """Prints a report of the native module: stage, done, total, remaining_s, message."""
+        if self.quiet:
+            return
+        now, finished = time.monotonic(), report["done"] >= report["total"]
+        stage, printed = self.last
+        if stage == report["stage"] and now - printed < SECONDS_BETWEEN_LINES and not finished:
+            return
+        self.last = (report["stage"], now)
+        self._print({"event": "progress", **report} if self.as_json else progress_line(report))
+
+    def warning(self, message: str) -> None:
+        """Prints a warning."""
+        self._print({"event": "warning", "message": message} if self.as_json else f"Warning: {message}")
+
+    def result(self, result: dict[str, Any], text: str) -> None:
+        """Prints the end of a command."""
+        if self.as_json:
+            self._print({"event": "result", **result})
+        elif not self.quiet:
+            self._print(text)
+
+    def error(self, message: str) -> None:
+        """Prints why a command failed, on standard error."""
+        line = json.dumps({"event": "error", "message": message}) if self.as_json else f"Error: {message}"
+        print(line, file=sys.stderr, flush=True)
+
+    def _print(self, line: dict[str, Any] | str) -> None:
+        print(line if isinstance(line, str) else json.dumps(line), file=self.stream, flush=True)
+
+
+def progress_line(report: dict[str, Any]) -> str:
+    """For example `trace  42 %, 1:05 left, 12 of 30 tiles`."""
+    percent = 100 * report["done"] // max(report["total"], 1)
+    parts = [f"{report['stage']} {percent:3d} %"]
+    if report.get("remaining_s") is not None:
+        parts.append(f"{clock(report['remaining_s'])} left")
+    if report.get("message"):
+        parts.append(report["message"])
+    return ", ".join(parts)
+
+
+def clock(seconds: float) -> str:
+    """`m:ss`, or `h:mm:ss` from an hour on."""
+    minutes, seconds = divmod(int(seconds + 0.5), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{seconds:02d}" if hours else f"{minutes}:{seconds:02d}"

@@ -1,0 +1,48 @@
+"""Cycles' render settings in the JSON form of `relume_trace::TraceSettings`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import bpy
+
+
+def trace_settings(scene: bpy.types.Scene, warn: Callable[[str], None]) -> dict[str, Any]:
+    """What a final Cycles render of the scene would use; Blender's defaults where Cycles is not enabled. Names
+    through `warn` what paths without lights cannot represent."""
+    cycles = getattr(scene, "cycles", None)
+    if cycles is None:
+        warn(f"scene '{scene.name}': Cycles is not enabled; its default settings are used")
+        return {}
+    clamps = max(cycles.sample_clamp_direct, cycles.sample_clamp_indirect)
+    if clamps > 0.0:
+        warn(f"scene '{scene.name}': clamping of samples is not representable; set both clamps to 0 to compare")
+    return {
+        "samples": cycles.samples,
+        "seed": cycles.seed,
+        "paths": {
+            "bounces": {
+                "total": cycles.max_bounces,
+                "diffuse": cycles.diffuse_bounces,
+                "glossy": cycles.glossy_bounces,
+                "transmission": cycles.transmission_bounces,
+                "transparent": cycles.transparent_max_bounces,
+                "min_total": cycles.min_light_bounces,
+                "min_transparent": cycles.min_transparent_bounces,
+            },
+            "filter_glossy": cycles.blur_glossy,
+            "caustics_reflective": cycles.caustics_reflective,
+            "caustics_refractive": cycles.caustics_refractive,
+            "filter": _pixel_filter(scene, warn),
+        },
+    }
+
+
+def _pixel_filter(scene: bpy.types.Scene, warn: Callable[[str], None]) -> dict[str, Any]:
+    cycles = scene.cycles
+    if cycles.pixel_filter_type == "BOX":
+        return {"type": "box"}
+    if cycles.pixel_filter_type == "GAUSSIAN":
+        warn(f"scene '{scene.name}': the Gaussian pixel filter is taken as Blackman-Harris of the same width")
+    return {"type": "blackman_harris", "width": cycles.filter_width}
