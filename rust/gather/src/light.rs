@@ -220,7 +220,9 @@ impl Profile {
                     // One-sided: not seen by segments that go away from the centre.
                     false => edge.dot(ball.center - origin) > 0.0 && ball.sphere_is_crossed(origin, edge),
                 };
-                if !crossed || origin.distance_squared(ball.center) <= ball.radius * ball.radius {
+                // Cycles leaves the cone out for points inside of a sphere, but not of a facing disk's radius.
+                let inside = origin.distance_squared(ball.center) <= ball.radius * ball.radius;
+                if !crossed || (inside && !soft_falloff) {
                     return hit(crossed);
                 }
                 // Cycles evaluates the cone for the direction of the segment, not that of the light's centre.

@@ -221,4 +221,8 @@ fn a_segment_from_inside_a_sphere_sees_it_once_where_it_leaves() {
         soft_falloff: false,
     };
     assert_close(value(&lambert_plane(None), spot), 1.0);
+    // With soft falloff the cone counts within the radius, too: turned away, it is dark.
+    let LightShape::Spot { center, radius, axis, half_angle, blend, .. } = spot else { unreachable!() };
+    let soft = LightShape::Spot { center, radius, axis, half_angle, blend, soft_falloff: true };
+    assert_eq!(value(&lambert_plane(None), soft), 0.0);
 }
