@@ -4,6 +4,7 @@
 //! a [`relume_dump::ShardSink`]. What the scene itself emits goes to static layers, so that any virtual light can be
 //! added up from the paths later.
 
+pub mod bench;
 pub mod bsdf;
 pub mod bvh;
 pub mod camera;
