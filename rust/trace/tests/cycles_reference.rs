@@ -1,7 +1,7 @@
 //! Closures and nodes against Cycles: `cycles/reference.json` holds what `cycles/generate.py` measured there.
 
 use relume_scene::glam::{Affine3A, Vec2, Vec3};
-use relume_scene::{Camera, Instance, Material, Mesh, Node, Projection, Scene, UvMap};
+use relume_scene::{Camera, Instance, Material, Mesh, Node, Projection, Scene, Texels, Texture, UvMap};
 use relume_trace::bsdf::Surface;
 use relume_trace::shading::{Hit, PreparedMaterials};
 use serde_json::Value;
@@ -39,6 +39,19 @@ fn square(nodes: &Value) -> Scene {
         instances: vec![Instance::new("square", 0, Affine3A::IDENTITY, vec![0])],
         materials: vec![Material { name: "test".into(), nodes, surface }],
         ..Scene::default()
+    }
+}
+
+/// The image that a case reads.
+fn texture(value: &Value) -> Texture {
+    let read = |field: &str| value[field].clone();
+    Texture {
+        name: "test".into(),
+        width: 4,
+        height: 4,
+        texels: Texels::Byte(serde_json::from_value(read("texels")).expect("bytes")),
+        encoding: serde_json::from_value(read("encoding")).expect("an encoding"),
+        alpha: serde_json::from_value(read("alpha")).expect("an alpha mode"),
     }
 }
 
@@ -123,7 +136,8 @@ fn is_overestimated_by_cycles(case: &Value) -> bool {
 fn values_are_cycles_values() {
     let mut failures = Vec::new();
     for case in reference()["values"].as_array().expect("a list") {
-        let scene = square(&case["nodes"]);
+        let mut scene = square(&case["nodes"]);
+        scene.textures = case.get("texture").map(texture).into_iter().collect();
         let (prepared, _) = PreparedMaterials::new(&scene);
         for (pixel, cycles) in case["pixels"].as_array().expect("a list").iter().enumerate() {
             let at = Vec2::new((pixel % 4) as f32, (pixel / 4) as f32);

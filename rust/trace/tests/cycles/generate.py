@@ -3,7 +3,7 @@
 Run with a Python that has the `bpy` module: `python generate.py`. A square of side 2 lies in the plane z = 0 about the
 origin, its UV map is (x + 1) / 2, (y + 1) / 2. An orthographic camera looks at it along `direction`. For closures, the
 world's radiance is a polynomial of the direction, see `WORLD`, and the mean over the square is recorded. For values,
-the nodes' result is emitted and recorded at the centres of 4 x 4 pixels seen from above.
+the nodes' result is emitted and recorded at the centres of 4 x 4 pixels seen from above; some read a 4 x 4 image.
 """
 
 import json
@@ -41,16 +41,17 @@ VALUES = {
     "layer_weight": "ShaderNodeLayerWeight", "map_range": "ShaderNodeMapRange", "clamp": "ShaderNodeClamp",
     "mapping": "ShaderNodeMapping", "normal_map": "ShaderNodeNormalMap", "bump": "ShaderNodeBump",
     "texture_coordinate": "ShaderNodeTexCoord", "geometry": "ShaderNodeNewGeometry",
-    "separate_color": "ShaderNodeSeparateColor", "combine_color": "ShaderNodeCombineColor",
+    "image_texture": "ShaderNodeTexImage", "separate_color": "ShaderNodeSeparateColor", "combine_color": "ShaderNodeCombineColor",
 }  # fmt: skip
 PROPERTIES = {
     "distribution": "distribution", "operation": "operation", "clamp": "use_clamp", "data": "data_type",
     "blend": "blend_type", "clamp_factor": "clamp_factor", "clamp_result": "clamp_result", "kind": "vector_type",
     "mode": "mode", "space": "space", "invert": "invert", "interpolation": "interpolation_type",
+    "extension": "extension",
 }  # fmt: skip
 OUTPUTS = {
     "color": "Color", "value": "Value", "vector": "Vector", "normal": "Normal", "fresnel": "Fresnel",
-    "facing": "Facing", "x": "X", "y": "Y", "z": "Z", "tangent": "Tangent", "incoming": "Incoming",
+    "facing": "Facing", "alpha": "Alpha", "x": "X", "y": "Y", "z": "Z", "tangent": "Tangent", "incoming": "Incoming",
 }  # fmt: skip
 
 
@@ -102,6 +103,8 @@ def set_property(node, field, value):
         node.data_type = {"color": "RGBA", "float": "FLOAT", "vector": "VECTOR"}[value]
     elif node.bl_idname == "ShaderNodeMapRange" and field == "clamp":
         node.clamp = value
+    elif node.bl_idname == "ShaderNodeTexImage":
+        setattr(node, field, {"linear": "Linear", "closest": "Closest", "cubic": "Cubic"}.get(value, value.upper()))
     elif node.bl_idname == "ShaderNodeClamp":
         node.clamp_type = "RANGE" if value else "MINMAX"
     else:
@@ -117,7 +120,7 @@ def build(tree, nodes):
             if field in PROPERTIES and not (field == "clamp" and spec["type"] == "clamp"):
                 set_property(node, field, value)
         for field, value in spec.items():
-            if field in PROPERTIES or field in ("type", "name", "uv_map", "range", "filter_width") or value is None:
+            if field in PROPERTIES or field in ("type", "name", "uv_map", "range", "filter_width", "texture") or value is None:
                 continue
             # Blender hides sockets that the node's mode does not use.
             if field in ("diffuse_roughness", "scale", "steps", "location") and socket_name(field) not in node.inputs:
@@ -134,6 +137,20 @@ def build(tree, nodes):
                 socket.default_value = value
         made.append(node)
     return made[-1]
+
+
+TEXELS = [(37 * i + 90 * (i % 4)) % 256 if i % 4 < 3 else (i * 29) % 256 for i in range(64)]
+
+
+def image(encoding, alpha):
+    """The 4 x 4 image `TEXELS`."""
+    image = bpy.data.images.new("test", 4, 4, alpha=True)
+    image.colorspace_settings.name = {"srgb": "sRGB", "linear": "Non-Color"}[encoding]
+    image.alpha_mode = {"premultiplied": "PREMUL"}.get(alpha, alpha.upper())
+    image.pixels = [texel / 255 for texel in TEXELS]
+    image.update()
+    image.pack()
+    return image
 
 
 def world(tree):
@@ -348,13 +365,44 @@ def measure_closures():
     for name, nodes in closure_graphs():
         transmits = any(n["type"] in ("glass", "refraction") or n.get("transmission_weight") for n in nodes)
         for direction in views():
-            for z in (1, -1) if transmits else (1,):
+            for z in (1, -1) if transmits or "bent" in name else (1,):
                 seen = [*direction[:2], z * direction[2]]
                 setup = scene(nodes, seen, 0.2, 4096, 8)
                 world(setup.world.node_tree)
                 values = render(setup, 8)
                 mean = [sum(v[i] for v in values) / len(values) for i in range(3)]
                 yield {"name": name, "nodes": nodes, "direction": seen, "mean": mean}
+
+
+def texture_graphs():
+    uv = {"type": "uv_map", "name": "UVMap"}
+    scaled = {"type": "vector_math", "operation": "MULTIPLY_ADD", "a": link(0, "vector"), "b": [2.6, 2.3, 0.0],
+              "c": [-0.71, -0.62, 0.0], "scale": 1.0}  # fmt: skip
+    node = {"type": "image_texture", "texture": 0, "vector": link(1, "vector"), "interpolation": "linear",
+            "extension": "repeat"}  # fmt: skip
+    for interpolation in ("linear", "closest", "cubic"):
+        for extension in ("repeat", "extend", "clip", "mirror"):
+            spec = {**node, "interpolation": interpolation, "extension": extension}
+            yield f"{interpolation} {extension}", "linear", "channel_packed", [uv, scaled, spec], "color"
+    for encoding in ("srgb", "linear"):
+        for alpha in ("straight", "premultiplied", "channel_packed", "none"):
+            name = f"{encoding} {alpha}"
+            yield name, encoding, alpha, [uv, scaled, node], "color"
+            yield f"{name} alpha", encoding, alpha, [uv, scaled, node], "alpha"
+            both = {"type": "vector_math", "operation": "MULTIPLY", "a": link(2, "color"), "b": link(2, "alpha"),
+                    "c": [0.0, 0.0, 0.0], "scale": 1.0}  # fmt: skip
+            yield f"{name} both", encoding, alpha, [uv, scaled, node, both], "vector"
+
+
+def measure_textures():
+    for name, encoding, alpha, nodes, output in texture_graphs():
+        emission = {"type": "emission", "color": link(len(nodes) - 1, output), "strength": 1.0}
+        setup = scene([*nodes, emission], [0, 0, -1], 2.0, 1, 4)
+        for node in bpy.data.materials["test"].node_tree.nodes:
+            if node.bl_idname == "ShaderNodeTexImage":
+                node.image = image(encoding, alpha)
+        texture = {"encoding": encoding, "alpha": alpha, "texels": TEXELS}
+        yield {"name": name, "texture": texture, "nodes": [*nodes, emission], "pixels": render(setup, 4)}
 
 
 def measure_values():
@@ -368,7 +416,7 @@ def main():
     result = {
         "blender": bpy.app.version_string,
         "closures": list(measure_closures()),
-        "values": list(measure_values()),
+        "values": list(measure_values()) + list(measure_textures()),
     }
     with open(os.path.join(HERE, "reference.json"), "w", encoding="utf-8") as file:
         json.dump(result, file, indent=None, separators=(",", ":"))
