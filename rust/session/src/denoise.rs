@@ -1,25 +1,55 @@
 use crate::SessionError;
 use relume_dump::Aovs;
+use relume_gather::{DenoiseQuality, Denoiser};
 use relume_image::Image;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// A denoiser for pictures of one view, with its albedo and normals.
+/// A denoiser for pictures of one view, with its albedo and normals. The device starts when it is first needed.
 pub struct Denoise {
-    albedo: Image,
-    normal: Image,
+    aovs: Aovs,
+    device: Mutex<Device>,
+}
+
+enum Device {
+    NotStarted,
+    Ready(Denoiser),
+    Missing(String),
 }
 
 impl Denoise {
     /// For pictures with these features.
     pub fn new(aovs: &Aovs) -> Self {
-        Self { albedo: aovs.albedo.clone(), normal: aovs.normal.clone() }
+        Self { aovs: aovs.clone(), device: Mutex::new(Device::NotStarted) }
     }
 
-    /// The denoised picture, scene-linear RGB.
+    /// Why nothing can be denoised here, in words for the user; none if it can.
+    pub fn missing(&self) -> Option<String> {
+        match &*self.started() {
+            Device::Missing(reason) => Some(reason.clone()),
+            _ => None,
+        }
+    }
+
+    /// Denoises scene-linear RGB pictures in place; they stay as they are where there is no denoiser
+    /// ([`Denoise::missing`]).
     ///
     /// # Errors
-    /// If the denoiser cannot be loaded or fails.
-    pub fn image(&self, image: &Image) -> Result<Image, SessionError> {
-        let _ = (&self.albedo, &self.normal);
-        Ok(image.clone())
+    /// If the denoiser fails.
+    pub fn images(&self, images: &mut [Image], quality: DenoiseQuality) -> Result<(), SessionError> {
+        match &*self.started() {
+            Device::Ready(denoiser) => Ok(denoiser.denoise(images, &self.aovs, quality)?),
+            _ => Ok(()),
+        }
+    }
+
+    fn started(&self) -> MutexGuard<'_, Device> {
+        let mut device = self.device.lock().unwrap_or_else(PoisonError::into_inner);
+        if matches!(*device, Device::NotStarted) {
+            *device = match Denoiser::new(Some(rayon::current_num_threads())) {
+                Ok(denoiser) => Device::Ready(denoiser),
+                Err(error) => Device::Missing(error.to_string()),
+            };
+        }
+        device
     }
 }

@@ -36,6 +36,9 @@ pub enum SessionError {
     /// Gather.
     #[error(transparent)]
     Gather(#[from] relume_gather::GatherError),
+    /// Denoiser.
+    #[error(transparent)]
+    Denoise(#[from] relume_gather::DenoiseError),
     /// Picture.
     #[error(transparent)]
     Image(#[from] relume_image::ImageError),

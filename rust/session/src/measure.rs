@@ -3,7 +3,7 @@ use crate::progress::{Monitor, Stage};
 use crate::proxies::{MeanQuality, Measured};
 use crate::targets::DumpTargets;
 use crate::{Relighter, SessionError, pixel_features};
-use relume_gather::{Gather, Half};
+use relume_gather::{DenoiseQuality, Gather, Half};
 use relume_image::metrics::{Quality, quality};
 use relume_proxy::{LightParams, Proxy, Rng, TargetSource, random_light};
 
@@ -12,6 +12,9 @@ const STREAM: u64 = 0x6d65_6173;
 
 /// Lights that one pass over a reference gathers.
 const LIGHTS_A_PASS: usize = 25;
+
+/// Lights whose pictures, four each, are held at the same time when a proxy is compared with gathering.
+const LIGHTS_MEASURED_AT_ONCE: usize = 4;
 
 /// Compares a proxy with gathering on lights that it was not trained on. The reference is gathered and denoised from the
 /// second of `halves`, what is compared from the first, so that neither knows the other's noise.
@@ -27,19 +30,22 @@ pub(crate) fn measure(
     let stage = monitor.stage(Stage::Measure, 0, count as u64);
     let compared = DumpTargets::new(gather, halves.0, held_out.bounds(), held_out.denoise());
     let (mut by_proxy, mut by_gather, mut by_denoised) = (Vec::new(), Vec::new(), Vec::new());
-    for i in 0..count {
+    for some in (0..count as u64).collect::<Vec<_>>().chunks(LIGHTS_MEASURED_AT_ONCE) {
         if monitor.cancelled() {
             return Err(SessionError::Cancelled);
         }
-        let Some(params) = held_out_light(proxy, held_out, &mut Rng::stream(seed, STREAM, i as u64)) else {
-            continue;
-        };
-        let shape = [params.shape()];
-        let reference = &held_out.images(&shape, true)?[0];
-        by_proxy.push(quality(&proxy.unit_image(&params)?, reference));
-        by_gather.push(quality(&compared.images(&shape, false)?[0], reference));
-        by_denoised.push(quality(&compared.images(&shape, true)?[0], reference));
-        stage.advance(1, "");
+        let light = |i: &u64| held_out_light(proxy, held_out, &mut Rng::stream(seed, STREAM, *i));
+        let lights: Vec<LightParams> = some.iter().filter_map(light).collect();
+        let shapes: Vec<_> = lights.iter().map(LightParams::shape).collect();
+        let (references, gathered) = (held_out.images(&shapes, true)?, compared.images(&shapes, false)?);
+        let mut denoised = gathered.clone();
+        held_out.denoise().images(&mut denoised, DenoiseQuality::High)?;
+        for (i, light) in lights.iter().enumerate() {
+            by_proxy.push(quality(&proxy.unit_image(light)?, &references[i]));
+            by_gather.push(quality(&gathered[i], &references[i]));
+            by_denoised.push(quality(&denoised[i], &references[i]));
+        }
+        stage.advance(some.len() as u64, "");
     }
     Ok(Measured {
         lights: by_proxy.len(),

@@ -6,7 +6,7 @@ use crate::relit::{Relit, RelitLight};
 use crate::unit_cache::UnitCache;
 use crate::{LightSet, SessionError, base_layers};
 use relume_dump::{Aovs, Dump, Manifest};
-use relume_gather::{Gather, Half};
+use relume_gather::{DenoiseQuality, Gather, Half};
 use relume_image::{Image, ViewTransform};
 use relume_proxy::LightParams;
 use relume_scene::{Camera, Light};
@@ -31,7 +31,7 @@ pub enum With {
 pub struct RelightOptions {
     /// What makes the pictures.
     pub with: With,
-    /// Denoise what is gathered, and the static layers.
+    /// Denoise what is gathered, and the static layers; without a denoiser it is a warning.
     pub denoise: bool,
 }
 
@@ -158,6 +158,7 @@ impl Relighter {
         options: &RelightOptions,
         monitor: &Monitor,
     ) -> Result<Relit, SessionError> {
+        let options = &self.possible(options, monitor);
         let units = self.unit_images(lights, options, monitor)?;
         let lights = lights.iter().zip(units);
         let lights = lights.map(|(light, (unit, maker))| {
@@ -165,12 +166,15 @@ impl Relighter {
             image.add_scaled(&unit, &light.radiance);
             RelitLight { name: light.name.clone(), image, maker }
         });
-        let layer =
-            |image: &Image| if options.denoise { self.denoise.image(image) } else { Ok(image.clone()) };
+        let mut statics = [self.aovs.emission.clone(), self.aovs.world.clone()];
+        if options.denoise {
+            self.denoise.images(&mut statics, DenoiseQuality::High)?;
+        }
+        let [static_light, world] = statics;
         Ok(Relit {
             lights: lights.collect(),
-            static_light: layer(&self.aovs.emission)?,
-            world: layer(&self.aovs.world)?,
+            static_light,
+            world,
             albedo: self.aovs.albedo.clone(),
             normal: self.aovs.normal.clone(),
             depth: self.aovs.depth.clone(),
@@ -180,11 +184,17 @@ impl Relighter {
         })
     }
 
+    /// The options without denoising where there is no denoiser, which the user is told.
+    fn possible(&self, options: &RelightOptions, monitor: &Monitor) -> RelightOptions {
+        let missing = if options.denoise { self.denoise.missing() } else { None };
+        if let Some(reason) = &missing {
+            monitor.warn(reason);
+        }
+        RelightOptions { denoise: options.denoise && missing.is_none(), ..*options }
+    }
+
     /// Each light's picture for radiance 1, from the cache or made anew; all that are gathered in one pass.
-    ///
-    /// # Errors
-    /// As [`Relighter::relight`].
-    pub fn unit_images(
+    fn unit_images(
         &self,
         lights: &[Light],
         options: &RelightOptions,
@@ -207,9 +217,11 @@ impl Relighter {
                 return Err(SessionError::Cancelled);
             }
             let group_lights: Vec<Light> = group.iter().map(|i| lights[*i].clone()).collect();
-            for (i, image) in group.iter().zip(self.gather_images(&group_lights)?) {
-                let denoised = makers[*i] == Maker::GatherDenoised;
-                let image = if denoised { self.denoise.image(&image)? } else { image };
+            let mut images = self.gather_images(&group_lights)?;
+            if options.denoise {
+                self.denoise.images(&mut images, DenoiseQuality::High)?;
+            }
+            for (i, image) in group.iter().zip(images) {
                 units[*i] = Some(self.cache.insert(&lights[*i], makers[*i], image));
                 stage.advance(1, &lights[*i].name);
             }

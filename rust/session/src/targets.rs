@@ -1,6 +1,6 @@
 use glam::Vec3;
 use rayon::prelude::*;
-use relume_gather::{Gather, Half, PreparedLight, Scratch};
+use relume_gather::{DenoiseQuality, Gather, Half, PreparedLight, Scratch};
 use relume_image::Image;
 use relume_proxy::{PixelQueries, ProxyError, Rng, TargetSource};
 use relume_scene::{Light, LightShape, LobeFactors};
@@ -79,12 +79,10 @@ impl TargetSource for DumpTargets<'_> {
     fn images(&self, lights: &[LightShape], denoised: bool) -> Result<Vec<Image>, ProxyError> {
         let lights: Vec<PreparedLight> =
             lights.iter().map(|shape| self.prepare(shape)).collect::<Result<_, _>>()?;
-        let images = self.gather.unit_images(&lights, self.half);
-        match denoised {
-            true => {
-                images.iter().map(|image| self.denoise.image(image).map_err(ProxyError::targets)).collect()
-            }
-            false => Ok(images),
+        let mut images = self.gather.unit_images(&lights, self.half);
+        if denoised {
+            self.denoise.images(&mut images, DenoiseQuality::Fast).map_err(ProxyError::targets)?;
         }
+        Ok(images)
     }
 }
