@@ -5,6 +5,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use glam::Vec3;
+use rayon::prelude::*;
 use relume_dump::{
     Dump, DumpError, End, FORMAT_VERSION, Lobe, Manifest, MemoryWriter, Pass, Segment, ShardSink, TileSamples,
 };
@@ -59,7 +60,7 @@ pub fn measure(megabytes: usize) -> Result<Vec<Measurement>, DumpError> {
             let Ok(lights) = gather.prepare_all(&lights) else { continue };
             let seconds = best_seconds(tiles, |tile| drop(black_box(gather.tile(tile, &lights, Half::All))));
             measurements.push(Measurement {
-                name: format!("gather of {count} {kind} light(s), 1 thread"),
+                name: format!("gather of {count} {kind} lights, 1 thread"),
                 value: records * count as f64 / seconds * 1e-9,
                 unit: "G segments/s",
                 // Many lights share one pass over the bytes: no limit by reading.
@@ -67,8 +68,25 @@ pub fn measure(megabytes: usize) -> Result<Vec<Measurement>, DumpError> {
             });
         }
     }
+    measurements.push(all_threads(&gather));
     measurements.push(pixel_targets(&gather));
     Ok(measurements)
+}
+
+/// One light on all threads of the current pool, against a plain read by as many.
+fn all_threads(gather: &Gather) -> Measurement {
+    let (records, tiles) = (gather.dump().record_count() as f64, gather.dump().manifest().tile_count());
+    let lights = gather.prepare_all(&[light(sphere(0))]).unwrap_or_default();
+    let rate = |work: &(dyn Fn(usize) + Sync)| {
+        let seconds = best_seconds(1, |_| (0..tiles).into_par_iter().for_each(work));
+        records / seconds * 1e-9
+    };
+    Measurement {
+        name: format!("gather of 1 sphere light, {} threads", rayon::current_num_threads()),
+        value: rate(&|tile| drop(black_box(gather.tile(tile, &lights, Half::All)))),
+        unit: "G segments/s",
+        limit: Some(rate(&|tile| read_positions(gather.dump(), tile))),
+    }
 }
 
 /// What a training asks for: a few lights at single pixels.

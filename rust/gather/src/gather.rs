@@ -4,7 +4,7 @@ use relume_dump::Dump;
 use relume_image::Image;
 use relume_scene::Light;
 
-use crate::kernel::{self, Block, Isa, Sink};
+use crate::kernel::{self, Isa, Sink, Work};
 use crate::light::PreparedLight;
 use crate::{GatherError, Half};
 
@@ -98,12 +98,12 @@ impl Gather {
     pub(crate) fn tile(&self, tile: usize, lights: &[PreparedLight], half: Half) -> Vec<[f32; 3]> {
         let pixels = self.dump.manifest().tile_rect(tile).pixel_count();
         let mut sums = vec![[0.0; 3]; lights.len() * pixels];
-        let mut block = Block::default();
+        let mut work = Work::default();
         for shard in self.dump.tile(tile) {
             let mut sink =
                 TileSink { offsets: shard.pixel_offsets(), sums: &mut sums, first: 0, pixel: 0, light: 0 };
             for records in half.shard_records(shard) {
-                kernel::visit(self.isa, shard, records, &mut block, lights, &mut sink);
+                kernel::visit(self.isa, shard, records, &mut work, lights, &mut sink);
             }
         }
         let scale = 1.0 / half.tile_samples(&self.dump, tile).max(1) as f32;
@@ -142,7 +142,7 @@ impl Gather {
 
 /// Working memory of [`Gather::pixel_into`], one per thread.
 #[derive(Debug, Default)]
-pub struct Scratch(Block);
+pub struct Scratch(Work);
 
 struct TileSink<'a> {
     offsets: &'a [u32],

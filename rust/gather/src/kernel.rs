@@ -12,17 +12,19 @@ use relume_dump::{Flags, Grid, Shard, decode_rgb9e5};
 use crate::lanes::Avx2;
 use crate::lanes::{Lanes, Portable, Vec3x, WIDTH};
 use crate::light::{Ball, FAR, Plane, PreparedLight, Reach};
+#[cfg(target_arch = "x86_64")]
+use crate::sieve::{CHUNK, Sieve, SieveWork};
 
 /// Records decoded at a time: 14 KiB.
 const BLOCK: usize = GROUPS * WIDTH;
 const GROUPS: usize = 64;
-/// How many groups ahead records are fetched: about a block, which is what is computed while they come.
-const PREFETCH: usize = GROUPS;
+/// How many records ahead are fetched: a block, which is what is computed while they come.
+const AHEAD: usize = BLOCK;
 
 /// Which instructions the kernels use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Isa {
-    /// AVX2 and FMA.
+    /// AVX2, FMA, POPCNT and BMI1.
     #[cfg(target_arch = "x86_64")]
     Avx2,
     /// Whatever the compiler makes of plain arrays.
@@ -33,7 +35,11 @@ impl Isa {
     /// The best that this processor has.
     pub fn detect() -> Self {
         #[cfg(target_arch = "x86_64")]
-        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+        if is_x86_feature_detected!("avx2")
+            && is_x86_feature_detected!("fma")
+            && is_x86_feature_detected!("popcnt")
+            && is_x86_feature_detected!("bmi1")
+        {
             return Self::Avx2;
         }
         Self::Portable
@@ -50,14 +56,44 @@ pub trait Sink {
     fn add(&mut self, record: usize, contribution: Vec3);
 }
 
-/// Decoded segments; kept between calls to save its allocation.
+/// Working memory, to be kept between calls.
+#[derive(Debug, Default)]
+pub struct Work {
+    block: Block,
+    #[cfg(target_arch = "x86_64")]
+    sieve: SieveWork,
+}
+
+/// Decoded segments.
 #[derive(Debug)]
-pub struct Block {
+struct Block {
     groups: Box<[Group; GROUPS]>,
     /// Segments that may cross the light at hand, a bit each.
     candidates: [u8; GROUPS],
-    first: usize,
+    /// The numbers of those bits.
+    hits: Vec<u16>,
     len: usize,
+    records: Records,
+}
+
+/// Which records a block holds.
+#[derive(Debug)]
+enum Records {
+    /// Consecutive ones from this on.
+    From(usize),
+    /// Those with these numbers, rising.
+    #[cfg(target_arch = "x86_64")]
+    Listed(Vec<u32>),
+}
+
+impl Records {
+    fn number(&self, index: usize) -> usize {
+        match self {
+            Self::From(first) => first + index,
+            #[cfg(target_arch = "x86_64")]
+            Self::Listed(numbers) => numbers[index] as usize,
+        }
+    }
 }
 
 /// Eight segments.
@@ -73,7 +109,13 @@ impl Default for Block {
     fn default() -> Self {
         let group =
             Group { origin: [[0.0; WIDTH]; 3], edge: [[0.0; WIDTH]; 3], inverse_length2: [0.0; WIDTH] };
-        Self { groups: Box::new([group; GROUPS]), candidates: [0; GROUPS], first: 0, len: 0 }
+        Self {
+            groups: Box::new([group; GROUPS]),
+            candidates: [0; GROUPS],
+            hits: Vec::with_capacity(BLOCK),
+            len: 0,
+            records: Records::From(0),
+        }
     }
 }
 
@@ -82,28 +124,63 @@ pub fn visit(
     isa: Isa,
     shard: &Shard,
     records: Range<usize>,
-    block: &mut Block,
+    work: &mut Work,
     lights: &[PreparedLight],
     sink: &mut impl Sink,
 ) {
     match isa {
         #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Isa::detect` has found both features; nothing else makes this value outside tests that detect, too.
-        Isa::Avx2 => unsafe { visit_avx2(shard, records, block, lights, sink) },
-        Isa::Portable => visit_lanes::<Portable>(shard, records, block, lights, sink),
+        // SAFETY: only `Isa::detect` makes this value, after it has found the features.
+        Isa::Avx2 => unsafe { visit_avx2(shard, records, work, lights, sink) },
+        Isa::Portable => visit_lanes::<Portable>(shard, records, &mut work.block, lights, sink),
     }
 }
 
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma")]
+#[target_feature(enable = "avx2,fma,popcnt,bmi1")]
 fn visit_avx2(
     shard: &Shard,
     records: Range<usize>,
-    block: &mut Block,
+    work: &mut Work,
     lights: &[PreparedLight],
     sink: &mut impl Sink,
 ) {
-    visit_lanes::<Avx2>(shard, records, block, lights, sink);
+    // Sieving once for each light pays while it costs less than decoding for all.
+    const SIEVED: usize = 2;
+    let sieve = |light: &PreparedLight| {
+        Sieve::new(shard, &light.reach, ROUNDING * magnitude(shard, light.reach.center()))
+    };
+    let sieves: Vec<_> = lights.iter().take(SIEVED).filter_map(sieve).collect();
+    if lights.len() > SIEVED || sieves.len() < lights.len() {
+        return visit_lanes::<Avx2>(shard, records, &mut work.block, lights, sink);
+    }
+    for (index, (light, sieve)) in lights.iter().zip(&sieves).enumerate() {
+        visit_sieved(shard, records.clone(), work, (index, light), sieve, sink);
+    }
+}
+
+/// Decodes and tests only what a sieve leaves.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma,popcnt,bmi1")]
+fn visit_sieved(
+    shard: &Shard,
+    records: Range<usize>,
+    work: &mut Work,
+    (index, light): (usize, &PreparedLight),
+    sieve: &Sieve,
+    sink: &mut impl Sink,
+) {
+    for first in records.clone().step_by(CHUNK) {
+        let chunk = first..records.end.min(first + CHUNK);
+        let (xy, z_flags) = (&shard.position_xy()[chunk.clone()], &shard.position_z_flags()[chunk]);
+        let found = sieve.run(xy, z_flags, first as u32, first > records.start, &mut work.sieve);
+        for numbers in found.chunks(BLOCK) {
+            decode_listed::<Avx2>(shard, numbers, &mut work.block);
+            sink.begin_block(numbers[0] as usize);
+            sink.begin_light(index);
+            cross::<Avx2>(shard, &mut work.block, light, sink);
+        }
+    }
 }
 
 #[inline(always)]
@@ -114,47 +191,78 @@ fn visit_lanes<L: Lanes>(
     lights: &[PreparedLight],
     sink: &mut impl Sink,
 ) {
-    let Grid { min, max } = shard.grid();
-    let magnitude = min.abs().max(max.abs()).max(shard.camera_position().abs()).max_element();
     let mut before = Vec3x::<L>::splat(shard.camera_position());
-    let mut first = records.start;
-    while first < records.end {
+    for first in records.clone().step_by(BLOCK) {
         let next = records.end.min(first + BLOCK);
         decode::<L>(shard, first..next, block, &mut before);
         sink.begin_block(first);
         for (index, light) in lights.iter().enumerate() {
             sink.begin_light(index);
-            cross::<L>(shard, block, light, magnitude, sink);
+            cross::<L>(shard, block, light, sink);
         }
-        first = next;
     }
 }
 
-/// Decodes records; `before` holds the end of the last record in its lane 7.
+/// Error of computed distances relative to the coordinates: a few units in the last place.
+const ROUNDING: f32 = 4e-6;
+
+/// Largest coordinate that a test of this shard against a light at `center` meets.
+fn magnitude(shard: &Shard, center: Vec3) -> f32 {
+    let Grid { min, max } = shard.grid();
+    min.abs().max(max.abs()).max(shard.camera_position().abs()).max(center.abs()).max_element()
+}
+
+/// Decodes consecutive records; `before` holds the end of the last record in its lane 7.
 #[inline(always)]
 fn decode<L: Lanes>(shard: &Shard, records: Range<usize>, block: &mut Block, before: &mut Vec3x<L>) {
     let (xy, z_flags) = (&shard.position_xy()[records.clone()], &shard.position_z_flags()[records.clone()]);
-    (block.first, block.len) = (records.start, records.len());
+    (block.records, block.len) = (Records::From(records.start), records.len());
     let (xy_groups, xy_rest) = xy.as_chunks::<WIDTH>();
     let (z_groups, z_rest) = z_flags.as_chunks::<WIDTH>();
-    let decoder = Decoder::<L> {
-        step: Vec3x::splat(shard.grid().step()),
-        min: Vec3x::splat(shard.grid().min),
-        camera: Vec3x::splat(shard.camera_position()),
-    };
-    let mut end = *before;
+    let decoder = Decoder::<L>::new(shard);
+    let mut last = *before;
     for ((xy, z_flags), group) in xy_groups.iter().zip(z_groups).zip(block.groups.iter_mut()) {
-        L::prefetch(xy, PREFETCH);
-        L::prefetch(z_flags, PREFETCH);
-        end = decoder.decode(xy, z_flags, end, group);
+        L::prefetch(xy, AHEAD);
+        L::prefetch(z_flags, AHEAD);
+        let end = decoder.end(xy, z_flags);
+        decoder.decode(xy, z_flags, end.shift_in(last), group);
+        last = end;
     }
     if !xy_rest.is_empty() {
         let [mut xy, mut z_flags] = [[0; WIDTH]; 2];
         xy[..xy_rest.len()].copy_from_slice(xy_rest);
         z_flags[..z_rest.len()].copy_from_slice(z_rest);
-        end = decoder.decode(&xy, &z_flags, end, &mut block.groups[xy_groups.len()]);
+        let end = decoder.end(&xy, &z_flags);
+        decoder.decode(&xy, &z_flags, end.shift_in(last), &mut block.groups[xy_groups.len()]);
+        last = end;
     }
-    *before = end;
+    *before = last;
+}
+
+/// Decodes records by number.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+fn decode_listed<L: Lanes>(shard: &Shard, numbers: &[u32], block: &mut Block) {
+    let (xy, z_flags) = (shard.position_xy(), shard.position_z_flags());
+    let decoder = Decoder::<L>::new(shard);
+    for (numbers, group) in numbers.chunks(WIDTH).zip(block.groups.iter_mut()) {
+        let [mut xy_here, mut z_here, mut xy_before, mut z_before] = [[0; WIDTH]; 4];
+        for (lane, &number) in numbers.iter().enumerate() {
+            // The first record starts a path, so that what stands for its predecessor is not used.
+            let (number, before) = (number as usize, (number as usize).saturating_sub(1));
+            (xy_here[lane], z_here[lane]) = (xy[number], z_flags[number]);
+            (xy_before[lane], z_before[lane]) = (xy[before], z_flags[before]);
+        }
+        decoder.decode(&xy_here, &z_here, decoder.end(&xy_before, &z_before), group);
+    }
+    block.len = numbers.len();
+    match &mut block.records {
+        Records::Listed(list) => {
+            list.clear();
+            list.extend_from_slice(numbers);
+        }
+        other => *other = Records::Listed(numbers.to_vec()),
+    }
 }
 
 struct Decoder<L> {
@@ -164,30 +272,38 @@ struct Decoder<L> {
 }
 
 impl<L: Lanes> Decoder<L> {
-    /// Returns the ends.
     #[inline(always)]
-    fn decode(
-        &self,
-        xy: &[u32; WIDTH],
-        z_flags: &[u32; WIDTH],
-        before: Vec3x<L>,
-        group: &mut Group,
-    ) -> Vec3x<L> {
+    fn new(shard: &Shard) -> Self {
+        Self {
+            step: Vec3x::splat(shard.grid().step()),
+            min: Vec3x::splat(shard.grid().min),
+            camera: Vec3x::splat(shard.camera_position()),
+        }
+    }
+
+    /// Where records end that do not escape.
+    #[inline(always)]
+    fn end(&self, xy: &[u32; WIDTH], z_flags: &[u32; WIDTH]) -> Vec3x<L> {
+        let ((x, y), (z, _)) = (L::unpack(xy), L::unpack(z_flags));
+        Vec3x { x, y, z }.mul(self.step).add(self.min)
+    }
+
+    /// Decodes records; `before` holds the ends of their predecessors.
+    #[inline(always)]
+    fn decode(&self, xy: &[u32; WIDTH], z_flags: &[u32; WIDTH], before: Vec3x<L>, group: &mut Group) {
         /// Bits of the flags in `position_z_flags`.
         const PATH_START: u32 = 16;
         const ESCAPED: u32 = 17;
-        let ((x, y), (z, _)) = (L::unpack(xy), L::unpack(z_flags));
-        let end = Vec3x { x, y, z }.mul(self.step).add(self.min);
         // An origin record has no segment of its own: its lobe makes nothing of what it seems to cross.
-        let origin = Vec3x::select(L::bit::<PATH_START>(z_flags), self.camera, end.shift_in(before));
+        let origin = Vec3x::select(L::bit::<PATH_START>(z_flags), self.camera, before);
         // Without a branch: escapes come in no order that a processor could predict.
-        let far = octahedral::<L>(x, y);
-        let edge = Vec3x::select(L::bit::<ESCAPED>(z_flags), far, end.sub(origin));
+        let (low, high) = L::unpack(xy);
+        let edge = self.end(xy, z_flags).sub(origin);
+        let edge = Vec3x::select(L::bit::<ESCAPED>(z_flags), octahedral::<L>(low, high), edge);
         let length2 = edge.dot_fused(edge).max(L::splat(f32::MIN_POSITIVE));
         origin.store(&mut group.origin);
         edge.store(&mut group.edge);
         L::splat(1.0).div(length2).store(&mut group.inverse_length2);
-        end
     }
 }
 
@@ -203,29 +319,39 @@ fn octahedral<L: Lanes>(low: L, high: L) -> Vec3x<L> {
 }
 
 #[inline(always)]
-fn cross<L: Lanes>(
-    shard: &Shard,
-    block: &mut Block,
-    light: &PreparedLight,
-    magnitude: f32,
-    sink: &mut impl Sink,
-) {
+fn cross<L: Lanes>(shard: &Shard, block: &mut Block, light: &PreparedLight, sink: &mut impl Sink) {
     let count = block.len.div_ceil(WIDTH);
     let groups = block.groups[..count].iter().zip(&mut block.candidates[..count]);
     match &light.reach {
-        Reach::Ball(ball) => near_ball::<L>(groups, ball, magnitude),
+        Reach::Ball(ball) => near_ball::<L>(groups, ball, ROUNDING * magnitude(shard, ball.center)),
         Reach::Plane(plane) => through_plane::<L>(groups, plane),
         Reach::Cone { direction, chord2 } => along::<L>(groups, *direction, *chord2),
     }
     // The lanes beyond the last record.
     block.candidates[count - 1] &= u8::MAX >> (count * WIDTH - block.len);
-    for (chunk, bytes) in block.candidates[..count].chunks(8).enumerate() {
+    let mut hits = std::mem::take(&mut block.hits);
+    collect(&block.candidates[..count], &mut hits);
+    // Hits are rare and far apart: fetch what they need together, not one after the other.
+    for &index in hits.iter() {
+        L::prefetch(shard.throughput(), block.records.number(usize::from(index)));
+    }
+    for &index in hits.iter() {
+        evaluate(shard, block, usize::from(index), light, sink);
+    }
+    block.hits = hits;
+}
+
+/// Replaces `numbers` by the numbers of the bits that are set.
+#[inline(always)]
+fn collect(bits: &[u8], numbers: &mut Vec<u16>) {
+    numbers.clear();
+    for (chunk, bytes) in bits.chunks(8).enumerate() {
         let mut word = [0; 8];
         word[..bytes.len()].copy_from_slice(bytes);
-        let mut bits = u64::from_le_bytes(word);
-        while bits != 0 {
-            evaluate(shard, block, chunk * 64 + bits.trailing_zeros() as usize, light, sink);
-            bits &= bits - 1;
+        let mut word = u64::from_le_bytes(word);
+        while word != 0 {
+            numbers.push((chunk * 64) as u16 + word.trailing_zeros() as u16);
+            word &= word - 1;
         }
     }
 }
@@ -234,9 +360,8 @@ type Tested<'a> = std::iter::Zip<std::slice::Iter<'a, Group>, std::slice::IterMu
 
 /// The segments that come within the radius of the centre, and some more for rounding.
 #[inline(always)]
-fn near_ball<L: Lanes>(groups: Tested<'_>, ball: &Ball, magnitude: f32) {
-    // The distances here and in the exact test are off by a few units in the last place of the coordinates.
-    let radius = ball.radius * 1.000_01 + 4e-6 * (magnitude + ball.center.abs().max_element());
+fn near_ball<L: Lanes>(groups: Tested<'_>, ball: &Ball, slack: f32) {
+    let radius = ball.radius * 1.000_01 + slack;
     let (center, radius2) = (Vec3x::<L>::splat(ball.center), L::splat(radius * radius));
     let (zero, one) = (L::splat(0.0), L::splat(1.0));
     for (group, candidates) in groups {
@@ -279,7 +404,7 @@ fn along<L: Lanes>(groups: Tested<'_>, direction: Vec3, chord2: f32) {
 }
 
 fn evaluate(shard: &Shard, block: &Block, index: usize, light: &PreparedLight, sink: &mut impl Sink) {
-    let record = block.first + index;
+    let record = block.records.number(index);
     let flags = Flags((shard.position_z_flags()[record] >> 16) as u16);
     let factor = light.factor(flags);
     if factor == 0.0 {

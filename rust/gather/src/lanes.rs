@@ -12,8 +12,8 @@ pub trait Lanes: Copy {
     fn load(values: &[f32; WIDTH]) -> Self;
     /// To memory.
     fn store(self, values: &mut [f32; WIDTH]);
-    /// Hints that the words `groups` groups further on, if there are any, will be read soon.
-    fn prefetch(words: &[u32; WIDTH], groups: usize);
+    /// Hints that `words[index]`, if there is such a word, will be read soon.
+    fn prefetch(words: &[u32], index: usize);
     /// The low and the high 16 bits of each word as numbers.
     fn unpack(words: &[u32; WIDTH]) -> (Self, Self);
     /// Mask of a bit, 0..31, of each word.
@@ -89,7 +89,7 @@ impl Lanes for Portable {
         *values = self.0;
     }
     #[inline(always)]
-    fn prefetch(_words: &[u32; WIDTH], _groups: usize) {}
+    fn prefetch(_words: &[u32], _index: usize) {}
     #[inline(always)]
     fn unpack(words: &[u32; WIDTH]) -> (Self, Self) {
         (Self(words.map(|w| (w & 0xffff) as f32)), Self(words.map(|w| (w >> 16) as f32)))
@@ -200,9 +200,9 @@ mod avx2 {
             unsafe { _mm256_storeu_ps(values.as_mut_ptr(), self.0) }
         }
         #[inline(always)]
-        fn prefetch(words: &[u32; WIDTH], groups: usize) {
+        fn prefetch(words: &[u32], index: usize) {
             // A prefetch of any address is allowed, so the pointer may leave its array.
-            let address = words.as_ptr().wrapping_add(groups * WIDTH);
+            let address = words.as_ptr().wrapping_add(index);
             unsafe { _mm_prefetch::<_MM_HINT_T0>(address.cast()) }
         }
         #[inline(always)]

@@ -11,6 +11,8 @@ mod lanes;
 mod light;
 mod positions;
 mod relight;
+#[cfg(target_arch = "x86_64")]
+mod sieve;
 
 pub use denoise::{DenoiseError, DenoiseQuality, Denoiser};
 pub use environment::Environment;

@@ -50,6 +50,18 @@ pub(crate) enum Reach {
     },
 }
 
+impl Reach {
+    /// Centre of the region; the origin if it is everywhere.
+    #[cfg(target_arch = "x86_64")]
+    pub fn center(&self) -> Vec3 {
+        match self {
+            Self::Ball(ball) => ball.center,
+            Self::Plane(plane) => plane.center,
+            Self::Cone { .. } => Vec3::ZERO,
+        }
+    }
+}
+
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Ball {
     pub center: Vec3,
