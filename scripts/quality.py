@@ -44,7 +44,7 @@ class Quality:
 
     def relume(self, *words):
         """The result of a command: the last JSON line that it printed."""
-        command = [str(word) for word in (self.args.relume, "--json", *words)]
+        command = [str(word) for word in (sys.executable, "-m", "relume", "--json", *words)]
         output = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
         return json.loads(output.splitlines()[-1])
 
@@ -75,7 +75,6 @@ class Quality:
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=ROOT / "out")
-    parser.add_argument("--relume", type=Path, default=ROOT / "target/release/relume", help="the relume program")
     parser.add_argument("--scenes", nargs="+", default=["cornell_box", "kitchen", "modern_hall"])
     parser.add_argument("--types", nargs="+", default=["sphere", "quad"])
     parser.add_argument("--seconds", nargs="+", type=float, default=[60.0, 240.0, 900.0], help="training times")
