@@ -91,7 +91,7 @@ def main():
     records = kernels()
     networks(args.peers, records)
     if SCENES.is_dir():
-        for name, size in (("kitchen", (320, 180)), ("modern_hall", (240, 240)), ("coffee_maker", (240, 240))):
+        for name, size in (("kitchen", (320, 180)), ("modern_hall", (240, 240)), ("coffee_maker", (192, 240))):
             records += rendering(name, size, args.peers)
     else:
         print(f"bench: the scenes are not in {SCENES}; set RELUME_SCENES to compare renderers")
