@@ -3,6 +3,7 @@
 
 use relume_session::{Listener, Progress};
 use serde::Serialize;
+use serde_json::Value;
 use std::io::{IsTerminal, Write};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
@@ -21,17 +22,37 @@ pub struct Console {
     style: Style,
     terminal: bool,
     last: Mutex<Option<(relume_session::Stage, Instant)>>,
+    /// Keeps the result instead of printing it.
+    captured: Option<Mutex<Value>>,
 }
 
 impl Console {
     pub fn new(style: Style) -> Self {
-        Self { style, terminal: std::io::stderr().is_terminal(), last: Mutex::new(None) }
+        Self { style, terminal: std::io::stderr().is_terminal(), last: Mutex::new(None), captured: None }
+    }
+
+    /// Prints nothing and keeps the result.
+    pub fn capturing() -> Self {
+        let captured = Some(Mutex::new(Value::Null));
+        Self { captured, ..Self::new(Style { json: false, quiet: true }) }
+    }
+
+    /// The result that was kept; null if there was none.
+    pub fn into_captured(self) -> Value {
+        self.captured.map_or(Value::Null, |value| value.into_inner().unwrap_or_default())
     }
 
     /// The outcome of a command: `text` for people, `value` for programs.
     pub fn result<T: Serialize>(&self, text: &str, value: &T) {
         self.end_line();
-        if self.style.json { print_json("result", value) } else { say(text) }
+        match &self.captured {
+            Some(captured) => {
+                let kept = serde_json::to_value(value).unwrap_or_default();
+                *captured.lock().unwrap_or_else(std::sync::PoisonError::into_inner) = kept;
+            }
+            None if self.style.json => print_json("result", value),
+            None => say(text),
+        }
     }
 
     /// The one line that says what went wrong.

@@ -5,6 +5,7 @@
 
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
+use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 pyo3::create_exception!(_native, RelumeError, PyRuntimeError, "Relume could not do what was asked.");
@@ -33,7 +34,14 @@ native_errors! {
     relume_scene::CameraError => PyValueError,
     relume_scene::LightError => PyValueError,
     relume_scene::PolygonError => PyValueError,
+    relume_session::SessionError => RelumeError,
     serde_json::Error => PyValueError,
+}
+
+impl From<anyhow::Error> for NativeError {
+    fn from(error: anyhow::Error) -> Self {
+        Self(RelumeError::new_err(format!("{error:#}")))
+    }
 }
 
 /// A `ValueError` for arguments that only the binding sees.
@@ -51,11 +59,13 @@ where
     let outcome = py.detach(|| catch_unwind(AssertUnwindSafe(|| work().map_err(Into::into))));
     match outcome {
         Ok(result) => result.map_err(|error: NativeError| error.0),
-        Err(payload) => {
-            let text = payload.downcast_ref::<&str>().copied();
-            let text = text.or_else(|| payload.downcast_ref::<String>().map(String::as_str));
-            let text = text.unwrap_or("no message");
-            Err(RelumeError::new_err(format!("internal error, please report it: {text}")))
-        }
+        Err(payload) => Err(native_error(payload.as_ref())),
     }
+}
+
+/// The exception for a panic.
+pub fn native_error(payload: &(dyn Any + Send)) -> PyErr {
+    let text = payload.downcast_ref::<&str>().copied();
+    let text = text.or_else(|| payload.downcast_ref::<String>().map(String::as_str));
+    RelumeError::new_err(format!("internal error, please report it: {}", text.unwrap_or("no message")))
 }

@@ -2,6 +2,8 @@
 
 mod array;
 mod error;
+mod job;
+mod relighter;
 mod scene;
 
 use pyo3::prelude::*;
@@ -10,6 +12,10 @@ use pyo3::prelude::*;
 fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add("RelumeError", module.py().get_type::<error::RelumeError>())?;
+    module.add_function(wrap_pyfunction!(job::run_command_line, module)?)?;
+    module.add_function(wrap_pyfunction!(job::start_command, module)?)?;
+    module.add_class::<job::PyJob>()?;
+    module.add_class::<relighter::PyRelighter>()?;
     module.add_class::<scene::PySceneBuilder>()?;
     module.add_class::<scene::PyScene>()
 }

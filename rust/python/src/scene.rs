@@ -1,11 +1,14 @@
 //! `SceneBuilder` and `Scene`.
 
 use crate::array::{Array, affine_from_rows, mat3_from_rows};
-use crate::error::{enter_native, invalid};
+use crate::error::{NativeError, enter_native, invalid};
+use crate::job::PyJob;
 use glam::{Vec2, Vec3};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use relume_scene as scene;
+use relume_session::trace::TraceSettings;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Collects a scene; see the stubs for shapes and units.
@@ -129,7 +132,7 @@ impl PySceneBuilder {
     }
 
     fn set_camera(&mut self, py: Python<'_>, json: &str) -> PyResult<()> {
-        enter_native(py, || -> Result<(), crate::error::NativeError> {
+        enter_native(py, || -> Result<(), NativeError> {
             let camera: scene::BlenderCamera = serde_json::from_str(json)?;
             self.builder.set_camera(camera.to_camera()?);
             Ok(())
@@ -152,7 +155,7 @@ impl PySceneBuilder {
     }
 
     fn add_light(&mut self, py: Python<'_>, json: &str) -> PyResult<()> {
-        enter_native(py, || -> Result<(), crate::error::NativeError> {
+        enter_native(py, || -> Result<(), NativeError> {
             let light: scene::BlenderLight = serde_json::from_str(json)?;
             let (light, notes) = light.to_light()?;
             self.builder.add_light(light);
@@ -194,6 +197,21 @@ impl PyScene {
     #[getter]
     fn resolution(&self) -> (usize, usize) {
         (self.scene.camera.width, self.scene.camera.height)
+    }
+
+    #[pyo3(signature = (folder, settings="{}", *, resume=false))]
+    fn bake(&self, folder: PathBuf, settings: &str, resume: bool) -> PyResult<PyJob> {
+        let settings: TraceSettings = serde_json::from_str(settings).map_err(NativeError::from)?;
+        let scene = self.scene.clone();
+        PyJob::start(move |monitor| -> Result<_, NativeError> {
+            let report = relume_session::bake(&scene, &settings, &folder, resume, monitor)?;
+            Ok(serde_json::to_value(report)?)
+        })
+    }
+
+    /// The scene's lights as JSON, a light set.
+    fn lights(&self, py: Python<'_>) -> PyResult<String> {
+        enter_native(py, || serde_json::to_string(&self.scene.lights))
     }
 
     /// Counts and parts as JSON, for tests and `info`.

@@ -1,5 +1,20 @@
 """Relume: relights finished Blender shots with real materials and full global illumination."""
 
-from ._native import RelumeError, Scene, SceneBuilder, __version__
+from ._native import Relighter, RelumeError, Scene, SceneBuilder, __version__, run_command_line
+from .jobs import Job, bake, info, optimise, start, train, validate
 
-__all__ = ["RelumeError", "Scene", "SceneBuilder", "__version__"]
+__all__ = [
+    "Job",
+    "Relighter",
+    "RelumeError",
+    "Scene",
+    "SceneBuilder",
+    "__version__",
+    "bake",
+    "info",
+    "optimise",
+    "run_command_line",
+    "start",
+    "train",
+    "validate",
+]

@@ -1,8 +1,9 @@
 """Lengths are metres, colours scene-linear, angles radians. Every method raises ValueError for bad input and names
 the object; work runs without the GIL."""
 
+import os
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,5 +100,48 @@ class Scene:
     def resolution(self) -> tuple[int, int]:
         """Width and height in pixels."""
 
+    def bake(self, folder: str | os.PathLike[str], settings: str = "{}", *, resume: bool = False) -> Job:
+        """Traces the paths into a folder; settings in the JSON form of `relume_trace::TraceSettings`."""
+
+    def lights(self) -> str:
+        """The scene's lights, a light set in JSON."""
+
     def summary(self) -> str:
         """Camera, lights, materials and sizes as JSON."""
+
+class Relighter:
+    """An open bake folder, or a folder of proxies."""
+
+    def __init__(self, folder: str | os.PathLike[str]) -> None: ...
+    @property
+    def resolution(self) -> tuple[int, int]:
+        """Width and height in pixels."""
+
+    def scene_lights(self) -> str:
+        """The lights that the scene came with, a light set in JSON."""
+
+    def relight(
+        self,
+        lights: str | None = None,
+        *,
+        maker: Literal["auto", "gather", "proxy"] = "auto",
+        denoise: bool = True,
+    ) -> dict[str, Any]:
+        """Pictures under a light set (JSON; the scene's lights if None): scene-linear arrays [height, width, channels],
+        top row first: combined, static, world, albedo, normal, depth, alpha, and lights by name."""
+
+class Job:
+    """Running work; see `relume.Job`."""
+
+    @property
+    def done(self) -> bool: ...
+    def cancel(self) -> None: ...
+    def progress(self) -> str | None: ...
+    def warnings(self) -> list[str]: ...
+    def result(self) -> str: ...
+
+def start_command(args: list[str]) -> Job:
+    """Starts a command of the command line, without printing."""
+
+def run_command_line(args: list[str]) -> int:
+    """Runs the command line, prints as it goes and returns the exit code."""

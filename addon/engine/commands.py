@@ -1,0 +1,128 @@
+"""The Blender command line: `bake` and `relight` read the open scene, all other commands are the native ones."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ..core import command_line
+from ..core.progress import Reporter, clock
+from ..export import ExportOptions, is_standard, trace_settings, write_view_table
+from .native import native
+from .scene import load_scene
+
+STOPPED = 130
+"""Exit code of a run that was asked to stop: 128 + SIGINT, as shells report it."""
+
+
+class Stopped(BaseException):  # noqa: N818 -- like KeyboardInterrupt, it is no error
+    """SIGTERM was received."""
+
+
+def run(arguments: list[str]) -> int:
+    """Runs a command with the open file and returns the exit code."""
+    if arguments and arguments[0] in command_line.FORWARDED:
+        return native().run_command_line(arguments)
+    try:
+        options, rest = command_line.parser().parse_known_args(arguments)
+        if rest and options.command != "relight":
+            command_line.parser().error(f"unknown arguments: {' '.join(rest)}")
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    reporter = Reporter(options.quiet, options.json)
+    try:
+        with _stopped_by_sigterm():
+            return COMMANDS[options.command](options, rest, reporter)
+    except (KeyboardInterrupt, Stopped):
+        reporter.error("stopped; start it again with --resume to go on")
+        return STOPPED
+    except Exception as error:
+        reporter.error(str(error) or repr(error))
+        return 1
+
+
+@contextmanager
+def _stopped_by_sigterm() -> Iterator[None]:
+    def stop(_signal: int, _frame: Any) -> None:
+        raise Stopped
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def bake(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
+    """Traces the open scene into a folder, with its lights and its view transform beside the paths."""
+    folder = Path(options.out)
+    scene = _open_scene(options)
+    exported = load_scene(scene, _export_options(options))
+    settings = _settings(scene, options, reporter)
+    report = native().bake(exported, folder, settings, resume=options.resume).wait(reporter.progress, reporter.warning)
+    if not is_standard(scene):
+        write_view_table(scene, folder / "view.png")
+    reporter.result(
+        report,
+        f"{folder}: {report['width']} x {report['height']} pixels, {report['samples']} samples, "
+        f"{report['segments'] / 1e6:.1f} M segments, {report['bytes'] / 2**20:.0f} MiB in {clock(report['seconds'])}",
+    )
+    return 0
+
+
+def _settings(scene: bpy.types.Scene, options: argparse.Namespace, reporter: Reporter) -> dict[str, Any]:
+    """The scene's settings with what the options override."""
+    settings = trace_settings(scene, reporter.warning)
+    for name in ("samples", "seed"):
+        if getattr(options, name) is not None:
+            settings[name] = getattr(options, name)
+    if options.bounces is not None:
+        bounces = settings.setdefault("paths", {}).setdefault("bounces", {})
+        bounces["total"] = options.bounces
+    return settings | {"tile_size": options.tile, "threads": options.threads}
+
+
+def relight(options: argparse.Namespace, rest: list[str], reporter: Reporter) -> int:
+    """Relights a bake by the open scene's present lights, or by a light set."""
+    arguments = ["relight", options.bake, "--out", options.out, *rest, f"--threads={options.threads}"]
+    arguments += ["--quiet"] * options.quiet + ["--json"] * options.json
+    if options.lights:
+        return native().run_command_line([*arguments, "--lights", options.lights])
+    exported = load_scene(_open_scene(options), _export_options(options))
+    for warning in exported.warnings:
+        reporter.warning(warning)
+    with tempfile.TemporaryDirectory(prefix="relume-") as folder:
+        lights = Path(folder) / "scene.json"
+        lights.write_text(exported.lights())
+        return native().run_command_line([*arguments, "--lights", str(lights)])
+
+
+def _open_scene(options: argparse.Namespace) -> bpy.types.Scene:
+    scene = bpy.context.scene
+    if options.frame is not None:
+        scene.frame_set(options.frame)
+    return scene
+
+
+def _export_options(options: argparse.Namespace) -> ExportOptions:
+    return ExportOptions(camera=options.camera, resolution_percentage=options.resolution_percentage)
+
+
+COMMANDS = {"bake": bake, "relight": relight}
+
+
+def main(arguments: list[str]) -> int:
+    """As `run`, for callers that only see the standard streams: flushes them."""
+    try:
+        return run(arguments)
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()

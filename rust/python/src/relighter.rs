@@ -1,0 +1,87 @@
+//! `Relighter`: pictures of a bake as numpy arrays.
+
+use crate::error::{NativeError, enter_native, invalid};
+use numpy::{PyArray1, PyArray3, PyArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use relume_session::image::Image;
+use relume_session::{LightSet, Monitor, RelightOptions, Relighter, Relit, With};
+use std::path::PathBuf;
+
+/// An open bake folder, or a folder of proxies.
+#[pyclass(name = "Relighter", module = "relume", frozen)]
+pub struct PyRelighter {
+    relighter: Relighter,
+}
+
+#[pymethods]
+impl PyRelighter {
+    #[new]
+    fn new(py: Python<'_>, folder: PathBuf) -> PyResult<Self> {
+        let relighter = enter_native(py, || Relighter::open(&folder))?;
+        Ok(Self { relighter })
+    }
+
+    #[getter]
+    fn resolution(&self) -> (usize, usize) {
+        (self.relighter.camera().width, self.relighter.camera().height)
+    }
+
+    /// JSON of the lights that the scene came with.
+    fn scene_lights(&self, py: Python<'_>) -> PyResult<String> {
+        enter_native(py, || -> Result<String, NativeError> {
+            Ok(serde_json::to_string(&self.relighter.scene_lights()?.lights)?)
+        })
+    }
+
+    #[pyo3(signature = (lights=None, *, maker="auto", denoise=true))]
+    fn relight<'py>(
+        &self,
+        py: Python<'py>,
+        lights: Option<&str>,
+        maker: &str,
+        denoise: bool,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let with = match maker {
+            "auto" => With::Auto,
+            "gather" => With::Gather,
+            "proxy" => With::Proxy,
+            _ => return Err(invalid(format!("maker '{maker}' is not auto, gather or proxy")).into()),
+        };
+        let options = RelightOptions { with, denoise };
+        let relit = enter_native(py, || -> Result<Relit, NativeError> {
+            let lights = match lights {
+                Some(json) => LightSet::parse(json).map_err(invalid)?.lights,
+                None => self.relighter.scene_lights()?.lights,
+            };
+            Ok(self.relighter.relight(&lights, &options, &Monitor::default())?)
+        })?;
+        pictures(py, relit)
+    }
+}
+
+/// All layers of a relit picture, [height, width, channels], top row first.
+fn pictures(py: Python<'_>, relit: Relit) -> PyResult<Bound<'_, PyDict>> {
+    let (pictures, lights) = (PyDict::new(py), PyDict::new(py));
+    pictures.set_item("combined", array(py, relit.combined())?)?;
+    for light in relit.lights {
+        lights.set_item(light.name, array(py, light.image)?)?;
+    }
+    pictures.set_item("lights", lights)?;
+    let layers = [
+        ("static", relit.static_light),
+        ("world", relit.world),
+        ("albedo", relit.albedo),
+        ("normal", relit.normal),
+        ("depth", relit.depth),
+        ("alpha", relit.alpha),
+    ];
+    for (name, image) in layers {
+        pictures.set_item(name, array(py, image)?)?;
+    }
+    Ok(pictures)
+}
+
+fn array(py: Python<'_>, image: Image) -> PyResult<Bound<'_, PyArray3<f32>>> {
+    PyArray1::from_vec(py, image.data).reshape([image.height, image.width, image.channels])
+}
