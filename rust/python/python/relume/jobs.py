@@ -66,7 +66,7 @@ class Job:
 def start(command: str, *arguments: str | os.PathLike[str], **options: Any) -> Job:
     """Starts a command of the command line (`relume COMMAND --help` lists them): `start("train", folder,
     seconds=60, resume=True)`. Results are what `--json` prints."""
-    return Job(_native.start_command([command, *map(os.fspath, arguments), *_flags(options)]))
+    return Job(_native.start_command([command, *(os.fspath(argument) for argument in arguments), *_flags(options)]))
 
 
 def _flags(options: dict[str, Any]) -> list[str]:
