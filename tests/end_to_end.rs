@@ -70,6 +70,39 @@ fn hidden_light_is_found_again_from_its_picture() {
 }
 
 #[test]
+fn another_world_is_gathered_as_if_it_had_been_baked() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    trace_room(path, "--out dark --width 32 --height 28 --samples 64");
+    trace_room(path, "--out bright --width 32 --height 28 --samples 64 --world 0.5,1,2");
+    let dark = data("evening.json");
+    let gather = format!("--lights {} --no-denoise --float", dark.display());
+    result(path, &format!("gather dark {gather} --world 0.5,1,2 --out gathered.exr"));
+    result(path, &format!("gather bright {gather} --out baked.exr"));
+    // A grey environment map times the same colour is the same world.
+    let grey = relume_session::image::Image {
+        data: vec![1.0; 8 * 4 * 3],
+        ..relume_session::image::Image::new(8, 4, 3)
+    };
+    let map = relume_session::image::LayeredImage {
+        width: 8,
+        height: 4,
+        layers: vec![relume_session::image::Layer::color("Combined", grey)],
+        ..Default::default()
+    };
+    let precision = relume_session::image::Precision::Float;
+    relume_session::image::write_exr(&path.join("map.exr"), &map, precision).unwrap();
+    result(path, &format!("gather dark {gather} --world 0.5,1,2 --environment map.exr --out mapped.exr"));
+
+    let world = |file: &str| read_exr(&path.join(file)).unwrap().get("world").unwrap().clone();
+    let (gathered, baked, mapped) = (world("gathered.exr"), world("baked.exr"), world("mapped.exr"));
+    let mean =
+        |image: &relume_session::image::Image| image.data.iter().sum::<f32>() / image.data.len() as f32;
+    assert!((mean(&gathered) / mean(&baked) - 1.0).abs() < 0.03, "{} for {}", mean(&gathered), mean(&baked));
+    assert!((mean(&mapped) / mean(&gathered) - 1.0).abs() < 1e-4);
+}
+
+#[test]
 fn info_and_validate_know_what_was_made() {
     let folder = tempfile::tempdir().unwrap();
     let lights = data("evening.json");

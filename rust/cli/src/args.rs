@@ -132,6 +132,12 @@ pub struct PictureArgs {
     /// Light set (JSON); default is the lights that the scene came with.
     #[arg(long)]
     pub lights: Option<PathBuf>,
+    /// Radiance `r,g,b` of another world than the baked one, or factor on --environment.
+    #[arg(long)]
+    pub world: Option<Triple>,
+    /// Equirectangular EXR or PNG as another world than the baked one.
+    #[arg(long)]
+    pub environment: Option<PathBuf>,
     /// Do not denoise what is gathered.
     #[arg(long)]
     pub no_denoise: bool,

@@ -30,6 +30,8 @@ pub struct Record {
     pub share_of_limit: Option<f64>,
 }
 
+type Measure = fn() -> Result<Vec<Record>, SessionError>;
+
 /// Megabytes of made-up positions that the gather reads: well beyond caches.
 const GATHER_MEGABYTES: usize = 256;
 
@@ -38,8 +40,7 @@ const GATHER_MEGABYTES: usize = 256;
 /// # Errors
 /// [`SessionError::Cancelled`] between two of them.
 pub fn bench(monitor: &Monitor) -> Result<Vec<Record>, SessionError> {
-    let parts: [(&str, fn() -> Result<Vec<Record>, SessionError>); 3] =
-        [("tracer", tracer), ("gather", gather), ("networks", networks)];
+    let parts: [(&str, Measure); 3] = [("tracer", tracer), ("gather", gather), ("networks", networks)];
     let stage = monitor.stage(Stage::Bench, 0, parts.len() as u64);
     let mut records = Vec::new();
     for (name, measure) in parts {

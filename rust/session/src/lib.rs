@@ -4,6 +4,7 @@ mod bake;
 mod base_layers;
 pub mod bench;
 mod denoise;
+mod environment;
 mod error;
 mod features;
 mod inspect;
@@ -21,6 +22,7 @@ mod unit_cache;
 
 pub use bake::{BakeReport, LIGHTS_FILE, VIEW_FILE, bake};
 pub use denoise::Denoise;
+pub use environment::environment_texture;
 pub use error::SessionError;
 pub use features::{pixel_features, pixel_ray};
 pub use inspect::{Info, ProxySummary, info, validate};

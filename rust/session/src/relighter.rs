@@ -6,10 +6,10 @@ use crate::relit::{Relit, RelitLight};
 use crate::unit_cache::UnitCache;
 use crate::{LightSet, SessionError, base_layers};
 use relume_dump::{Aovs, Dump, Manifest};
-use relume_gather::{DenoiseQuality, Gather, Half};
+use relume_gather::{DenoiseQuality, Environment, Gather, Half};
 use relume_image::{Image, ViewTransform};
 use relume_proxy::LightParams;
-use relume_scene::{Camera, Light};
+use relume_scene::{Camera, Light, Texture, World};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -148,6 +148,21 @@ impl Relighter {
         if path.exists() { Ok(ViewTransform::read_lut(&path)?) } else { Ok(ViewTransform::Standard) }
     }
 
+    /// Replaces the baked world by another, gathered from the segments that left the scene.
+    ///
+    /// # Errors
+    /// Without a dump, or if the world's texture is damaged.
+    pub fn set_world(&mut self, world: &World, textures: &[Texture]) -> Result<(), SessionError> {
+        let gather = self.gather.as_ref().ok_or_else(|| {
+            let folder = self.folder.display();
+            SessionError::Settings(format!(
+                "{folder} holds no bake; only a bake can be relit by another world"
+            ))
+        })?;
+        self.aovs.world = gather.world_image(&Environment::new(world, textures)?, Half::All);
+        Ok(())
+    }
+
     /// Relights.
     ///
     /// # Errors
@@ -167,8 +182,10 @@ impl Relighter {
             RelitLight { name: light.name.clone(), image, maker }
         });
         let mut statics = [self.aovs.emission.clone(), self.aovs.world.clone()];
-        if options.denoise {
-            self.denoise.images(&mut statics, DenoiseQuality::High)?;
+        for image in
+            statics.iter_mut().filter(|image| options.denoise && image.data.iter().any(|v| *v != 0.0))
+        {
+            self.denoise.images(std::slice::from_mut(image), DenoiseQuality::High)?;
         }
         let [static_light, world] = statics;
         Ok(Relit {

@@ -1,7 +1,8 @@
 use super::Context;
 use crate::args::{self, GatherArgs, PictureArgs, RelightArgs};
 use relume_session::image::{BitDepth, Precision, ViewTransform};
-use relume_session::{LightSet, Maker, RelightOptions, Relighter, Stage, With};
+use relume_session::scene::World;
+use relume_session::{LightSet, Maker, RelightOptions, Relighter, Stage, With, environment_texture};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -34,7 +35,8 @@ pub fn relight(args: &RelightArgs, context: &Context) -> anyhow::Result<()> {
 }
 
 fn write_picture(bake: &Path, with: With, args: &PictureArgs, context: &Context) -> anyhow::Result<()> {
-    let relighter = Relighter::open(bake)?;
+    let mut relighter = Relighter::open(bake)?;
+    change_world(&mut relighter, args)?;
     let view = match &args.view {
         Some(path) => ViewTransform::read_lut(path)?,
         None => relighter.view()?,
@@ -65,6 +67,21 @@ fn write_picture(bake: &Path, with: With, args: &PictureArgs, context: &Context)
     );
     context.console.result(&text, &Written { exr: args.out.clone(), png, lights });
     Ok(())
+}
+
+/// Puts another world into its place, if one is asked for.
+fn change_world(relighter: &mut Relighter, args: &PictureArgs) -> anyhow::Result<()> {
+    if args.world.is_none() && args.environment.is_none() {
+        return Ok(());
+    }
+    let textures = args.environment.as_deref().map(environment_texture).transpose()?;
+    let world = World {
+        color: args.world.map_or([1.0; 3], |world| world.0),
+        texture: textures.as_ref().map(|_| 0),
+        ..World::default()
+    };
+    let textures: Vec<_> = textures.into_iter().collect();
+    Ok(relighter.set_world(&world, &textures)?)
 }
 
 /// The light set of a file, or the scene's own.
