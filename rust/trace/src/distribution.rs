@@ -5,6 +5,9 @@
 pub(crate) struct Distribution {
     /// Cumulative probability up to and including each index; the last is 1.
     cumulative: Vec<f32>,
+    /// First index that each of equal parts of 0..1 can give (Chen and Asau 1974, the guide table method), so that a
+    /// search takes a step or two.
+    guide: Vec<u32>,
 }
 
 impl Distribution {
@@ -26,12 +29,29 @@ impl Distribution {
         if let Some(last) = cumulative.last_mut() {
             *last = 1.0;
         }
-        Some(Self { cumulative })
+        let parts = cumulative.len();
+        let mut index = 0;
+        let guide = (0..parts)
+            .map(|part| {
+                while index + 1 < parts && cumulative[index] <= part as f32 / parts as f32 {
+                    index += 1;
+                }
+                index as u32
+            })
+            .collect();
+        Some(Self { cumulative, guide })
     }
 
     /// The index whose range of 0..1 holds `u`.
     pub fn sample(&self, u: f32) -> usize {
-        self.cumulative.partition_point(|sum| *sum <= u).min(self.cumulative.len() - 1)
+        let parts = self.guide.len();
+        let part = ((u * parts as f32) as usize).min(parts - 1);
+        // Rounding of the part may start one index late.
+        let mut index = self.guide[part].saturating_sub(1) as usize;
+        while index + 1 < parts && self.cumulative[index] <= u {
+            index += 1;
+        }
+        index
     }
 
     /// Probability of an index.

@@ -13,7 +13,8 @@ use relume_scene::{Instance, Mesh, Scene};
 use super::{
     BvhError,
     collapse::{Primitives, collapse},
-    tree::{Child, INDEX_LIMIT, Placement, Tree},
+    storage::Storage,
+    tree::{Child, Growing, INDEX_LIMIT, Placement, Tree},
 };
 
 /// Share of the nodes that obvhs tries to reinsert at better places: more costs build time and saves ray time.
@@ -32,13 +33,14 @@ pub(super) fn build(scene: &Scene) -> Result<Tree, BvhError> {
     let is_shared =
         |mesh: usize| uses[mesh] > 1 && scene.meshes[mesh].triangles.len() >= SHARED_MESH_TRIANGLES;
 
-    let mut tree = Tree::default();
+    let mut tree = Growing::default();
+    let (mut first_ids, mut instance_of) = (Vec::new(), Vec::new());
     let mut world = PrimitiveList::default();
     let mut shared_roots = vec![None; scene.meshes.len()];
     let mut depth_below = 0;
     for (index, instance) in scene.instances.iter().enumerate() {
         let mesh = &scene.meshes[instance.mesh];
-        tree.first_ids.push(tree.instance_of.len() as u32);
+        first_ids.push(instance_of.len() as u32);
         if is_shared(instance.mesh) {
             if shared_roots[instance.mesh].is_none() {
                 let mut list = PrimitiveList::default();
@@ -51,18 +53,24 @@ pub(super) fn build(scene: &Scene) -> Result<Tree, BvhError> {
                 world.add_placement(instance, index, root, bounds, &mut tree);
             }
         } else {
-            world.add_mesh(mesh, instance.world_from_object, tree.instance_of.len() as u32);
-            tree.instance_of.resize(tree.instance_of.len() + mesh.triangles.len(), index as u32);
+            world.add_mesh(mesh, instance.world_from_object, instance_of.len() as u32);
+            instance_of.resize(instance_of.len() + mesh.triangles.len(), index as u32);
         }
-        if tree.instance_of.len() >= INDEX_LIMIT {
+        if instance_of.len() >= INDEX_LIMIT {
             return Err(BvhError::TooManyTriangles { limit: INDEX_LIMIT });
         }
     }
     let root = world.build(&mut tree);
-    tree.root = root.map(|(root, _)| root);
-    // One entry more for the way back from an instance.
-    tree.stack_depth = root.map_or(0, |(_, depth)| depth) + depth_below + 1;
-    Ok(tree)
+    Ok(Tree {
+        nodes: Storage::new(tree.nodes),
+        blocks: Storage::new(tree.blocks),
+        placements: tree.placements,
+        root: root.map(|(root, _)| root),
+        first_ids,
+        instance_of,
+        // One entry more for the way back from an instance.
+        stack_depth: root.map_or(0, |(_, depth)| depth) + depth_below + 1,
+    })
 }
 
 /// What one binary tree is built of: triangles first, then placements.
@@ -96,7 +104,7 @@ impl PrimitiveList {
         index: usize,
         root: Child,
         bounds: Aabb,
-        tree: &mut Tree,
+        tree: &mut Growing,
     ) {
         let object_from_world = instance.world_from_object.inverse();
         if !object_from_world.is_finite() {
@@ -119,7 +127,7 @@ impl PrimitiveList {
         self.triangles.iter().fold(Aabb::INVALID, |bounds, triangle| bounds.union(&triangle.aabb()))
     }
 
-    fn build(&self, tree: &mut Tree) -> Option<(Child, usize)> {
+    fn build(&self, tree: &mut Growing) -> Option<(Child, usize)> {
         let mut binary = self.build_binary()?;
         collapse(&mut binary, self, tree)
     }

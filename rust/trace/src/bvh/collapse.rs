@@ -8,7 +8,7 @@
 use glam::Vec3;
 use obvhs::bvh2::{Bvh2, node::Bvh2Node};
 
-use super::tree::{Block, Child, Node, Tree, WIDTH};
+use super::tree::{Block, Child, Growing, Node, WIDTH};
 
 /// Cost of testing a node's eight boxes.
 const NODE_COST: f32 = 1.0;
@@ -39,7 +39,7 @@ struct Cut {
 pub(super) fn collapse(
     binary: &mut Bvh2,
     primitives: &impl Primitives,
-    tree: &mut Tree,
+    tree: &mut Growing,
 ) -> Option<(Child, usize)> {
     if binary.nodes.is_empty() || binary.primitive_indices.is_empty() {
         return None;
@@ -107,7 +107,7 @@ struct Emitter<'a, P> {
     binary: &'a Bvh2,
     primitives: &'a P,
     cuts: &'a [Cut],
-    tree: &'a mut Tree,
+    tree: &'a mut Growing,
     deepest: usize,
 }
 

@@ -7,6 +7,7 @@
 mod build;
 mod collapse;
 mod scalar;
+mod storage;
 #[cfg(test)]
 mod tests;
 mod traverse;
@@ -15,7 +16,7 @@ mod tree;
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 
-use std::mem::MaybeUninit;
+use std::{mem::MaybeUninit, sync::Arc};
 
 use glam::Vec3;
 use relume_dump::Lobe;
@@ -63,7 +64,7 @@ impl Ray {
 /// All geometry of a scene, ready for rays.
 #[derive(Clone, Debug)]
 pub struct SceneBvh {
-    tree: Tree,
+    tree: Arc<Tree>,
     /// Bit per [`Lobe`] for each instance.
     visibility: Vec<u8>,
     /// Whether any instance is invisible to any lobe.
@@ -77,7 +78,7 @@ impl SceneBvh {
     pub fn new(scene: &Scene) -> Result<Self, BvhError> {
         let visibility: Vec<u8> = scene.instances.iter().map(visibility_bits).collect();
         let any_hidden = visibility.iter().any(|bits| *bits != ALL_VISIBLE);
-        Ok(Self { tree: build::build(scene)?, visibility, any_hidden, use_avx2: has_avx2() })
+        Ok(Self { tree: Arc::new(build::build(scene)?), visibility, any_hidden, use_avx2: has_avx2() })
     }
 
     /// The nearest hit.

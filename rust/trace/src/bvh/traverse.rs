@@ -92,6 +92,7 @@ pub(super) fn traverse<K: Kernel, const ANY: bool>(
     accept: impl Fn(u32, u32) -> bool,
     enter_placement: impl Fn(u32) -> bool,
 ) -> Option<Found> {
+    let (nodes, blocks): (&[Node], &[Block]) = (&tree.nodes, &tree.blocks);
     let world = LocalRay::new(ray.origin, ray.direction);
     let world_kernel = K::new(&world);
     let (mut local, mut kernel) = (world, world_kernel);
@@ -102,7 +103,7 @@ pub(super) fn traverse<K: Kernel, const ANY: bool>(
     loop {
         match current.kind() {
             Kind::Node(index) => {
-                let node = &tree.nodes[index];
+                let node = &nodes[index];
                 let (mask, entries) = kernel.enter(&local, node, ray.t_min, found.t);
                 if mask != 0 {
                     current = push_children(node, mask, &entries, stack, &mut top);
@@ -110,7 +111,7 @@ pub(super) fn traverse<K: Kernel, const ANY: bool>(
                 }
             }
             Kind::Block(index) => {
-                let block = &tree.blocks[index];
+                let block = &blocks[index];
                 let hits = kernel.hit(block, ray.t_min, found.t);
                 let mut mask = hits.mask;
                 while mask != 0 {

@@ -1,18 +1,21 @@
 //! Layout of the wide tree: nodes of eight boxes and blocks of eight triangles, both structure-of-arrays, so that
 //! one instruction tests a ray against all eight.
 
+use bytemuck::{Pod, Zeroable};
 use glam::{Affine3A, Vec3};
+
+use super::storage::Storage;
 
 /// Children of a node and triangles of a block.
 pub(super) const WIDTH: usize = 8;
 
 /// Eight values, one a child or triangle, aligned for one vector load.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C, align(32))]
 pub(super) struct Lanes(pub [f32; WIDTH]);
 
 /// What a slot of a node or an entry of the traversal stack refers to: two bits of kind, thirty of index.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(transparent)]
 pub(super) struct Child(pub u32);
 
@@ -61,7 +64,7 @@ impl Child {
 }
 
 /// Up to eight children. Empty slots have an inverted, infinite box that no ray enters.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C, align(32))]
 pub(super) struct Node {
     /// min x, min y, min z, max x, max y, max z of each child.
@@ -85,7 +88,7 @@ impl Node {
 }
 
 /// Up to eight triangles. Empty lanes have edges of length zero, which no ray hits.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C, align(32))]
 pub(super) struct Block {
     /// First corner: x, y, z.
@@ -128,11 +131,19 @@ pub(super) struct Placement {
     pub instance: u32,
 }
 
-/// All trees of a scene in one pool: the world's, and one for each mesh that is used more than once.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Tree {
+/// Trees while they are built.
+#[derive(Debug, Default)]
+pub(super) struct Growing {
     pub nodes: Vec<Node>,
     pub blocks: Vec<Block>,
+    pub placements: Vec<Placement>,
+}
+
+/// All trees of a scene in one pool: the world's, and one for each mesh that is used more than once.
+#[derive(Debug, Default)]
+pub(super) struct Tree {
+    pub nodes: Storage<Node>,
+    pub blocks: Storage<Block>,
     pub placements: Vec<Placement>,
     /// Root of the world's tree; none if there is nothing to hit.
     pub root: Option<Child>,
