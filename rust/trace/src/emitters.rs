@@ -123,12 +123,7 @@ impl Emitter {
         let brightness: f32 = [normal, -normal]
             .into_iter()
             .map(|wo| {
-                let hit = Hit {
-                    instance: self.instance,
-                    triangle: self.triangle,
-                    barycentrics: [1.0 / 3.0; 2],
-                    distance: 1.0,
-                };
+                let hit = Hit::on(scene, [self.instance, self.triangle], [1.0 / 3.0; 2], 1.0);
                 let point = materials.surface_point(scene, &hit, middle + wo, -wo, 0.0);
                 materials.evaluate(scene, &point, surface);
                 surface.emission().max_element()

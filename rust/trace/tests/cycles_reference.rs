@@ -65,9 +65,9 @@ fn look(
 ) -> Surface {
     let coords = target * 0.5 + 0.5;
     let hit = if coords.x >= coords.y {
-        Hit { instance: 0, triangle: 0, barycentrics: [coords.x - coords.y, coords.y], distance: 3.0 }
+        Hit::on(scene, [0, 0], [coords.x - coords.y, coords.y], 3.0)
     } else {
-        Hit { instance: 0, triangle: 1, barycentrics: [coords.x, coords.y - coords.x], distance: 3.0 }
+        Hit::on(scene, [0, 1], [coords.x, coords.y - coords.x], 3.0)
     };
     let origin = target.extend(0.0) - direction * 3.0;
     let point = prepared.surface_point(scene, &hit, origin, direction, footprint);

@@ -69,6 +69,10 @@ pub struct SceneBvh {
     visibility: Vec<u8>,
     /// Whether any instance is invisible to any lobe.
     any_hidden: bool,
+    /// Instances whose transform swaps left and right, so that their triangles turn around in the world.
+    mirrored: Vec<bool>,
+    /// Instances that stand in the tree by reference.
+    placed: Vec<bool>,
     use_avx2: bool,
 }
 
@@ -78,7 +82,15 @@ impl SceneBvh {
     pub fn new(scene: &Scene) -> Result<Self, BvhError> {
         let visibility: Vec<u8> = scene.instances.iter().map(visibility_bits).collect();
         let any_hidden = visibility.iter().any(|bits| *bits != ALL_VISIBLE);
-        Ok(Self { tree: Arc::new(build::build(scene)?), visibility, any_hidden, use_avx2: has_avx2() })
+        let mirrored = scene
+            .instances
+            .iter()
+            .map(|instance| instance.world_from_object.matrix3.determinant() < 0.0)
+            .collect();
+        let tree = build::build(scene)?;
+        let mut placed = vec![false; scene.instances.len()];
+        tree.placements.iter().for_each(|placement| placed[placement.instance as usize] = true);
+        Ok(Self { tree: Arc::new(tree), visibility, any_hidden, mirrored, placed, use_avx2: has_avx2() })
     }
 
     /// The nearest hit.
@@ -125,24 +137,27 @@ impl SceneBvh {
     /// Instance of the primitive that the ray leaves if it is a placed one, and the primitive's number.
     fn departure(&self, ray: &Ray) -> (u32, u32) {
         let Some((instance, triangle)) = ray.from else { return (u32::MAX, u32::MAX) };
-        let id = self.tree.first_ids[instance as usize] + triangle;
-        if self.tree.instance_of.get(id as usize) == Some(&instance) {
-            (u32::MAX, id)
-        } else {
+        if self.placed[instance as usize] {
             (instance, triangle)
+        } else {
+            (u32::MAX, self.tree.first_ids[instance as usize] + triangle)
         }
     }
 
     fn hit(&self, found: &Found) -> Hit {
-        let (instance, triangle) = if found.placement == u32::MAX {
+        let cross = self.tree.blocks[found.block as usize].cross(found.lane as usize);
+        let (instance, triangle, front) = if found.placement == u32::MAX {
             let instance = self.tree.instance_of[found.id as usize];
-            (instance, found.id - self.tree.first_ids[instance as usize])
+            let front = if self.mirrored[instance as usize] { -cross } else { cross };
+            (instance, found.id - self.tree.first_ids[instance as usize], front)
         } else {
-            (self.tree.placements[found.placement as usize].instance, found.id)
+            let placement = &self.tree.placements[found.placement as usize];
+            let front = placement.object_from_world.matrix3.transpose() * cross;
+            (placement.instance, found.id, front)
         };
         // Widened edges (`EDGE_SLACK`) let a hit lie slightly outside.
         let (u, v) = (found.u.clamp(0.0, 1.0), found.v.clamp(0.0, 1.0));
-        Hit { instance, triangle, barycentrics: [u.min(1.0 - v), v], distance: found.t }
+        Hit { instance, triangle, barycentrics: [u.min(1.0 - v), v], distance: found.t, front }
     }
 }
 

@@ -73,6 +73,9 @@ pub(super) struct Found {
     pub u: f32,
     pub v: f32,
     pub id: u32,
+    /// Index into [`Tree::blocks`].
+    pub block: u32,
+    pub lane: u32,
     /// Index into [`Tree::placements`]; `u32::MAX` in the world.
     pub placement: u32,
 }
@@ -96,7 +99,8 @@ pub(super) fn traverse<K: Kernel, const ANY: bool>(
     let world = LocalRay::new(ray.origin, ray.direction);
     let world_kernel = K::new(&world);
     let (mut local, mut kernel) = (world, world_kernel);
-    let mut found = Found { t: ray.t_max, u: 0.0, v: 0.0, id: u32::MAX, placement: u32::MAX };
+    let mut found =
+        Found { t: ray.t_max, u: 0.0, v: 0.0, id: u32::MAX, block: 0, lane: 0, placement: u32::MAX };
     let mut placement = u32::MAX;
     let mut top = 0;
     let mut current = tree.root?;
@@ -119,7 +123,8 @@ pub(super) fn traverse<K: Kernel, const ANY: bool>(
                     mask &= mask - 1;
                     if hits.t.0[lane] < found.t && accept(placement, block.ids[lane]) {
                         let [t, u, v] = [&hits.t, &hits.u, &hits.v].map(|lanes| lanes.0[lane]);
-                        found = Found { t, u, v, id: block.ids[lane], placement };
+                        let (id, lane) = (block.ids[lane], lane as u32);
+                        found = Found { t, u, v, id, block: index as u32, lane, placement };
                         if ANY {
                             return Some(found);
                         }

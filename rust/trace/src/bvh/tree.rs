@@ -119,6 +119,12 @@ impl Block {
         self.reach.0[lane] = (b - a).length().max((c - a).length());
         self.ids[lane] = id;
     }
+
+    /// Normal of a triangle, twice as long as its area.
+    pub fn cross(&self, lane: usize) -> Vec3 {
+        let vector = |lanes: &[Lanes; 3]| Vec3::new(lanes[0].0[lane], lanes[1].0[lane], lanes[2].0[lane]);
+        vector(&self.edge_1).cross(vector(&self.edge_2))
+    }
 }
 
 /// A mesh that stands in the world by reference, because several instances share it.

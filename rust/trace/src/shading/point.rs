@@ -1,4 +1,5 @@
 use glam::Vec3;
+use relume_scene::Scene;
 
 /// What a ray met.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -11,6 +12,20 @@ pub struct Hit {
     pub barycentrics: [f32; 2],
     /// Distance along the unit ray direction, metres.
     pub distance: f32,
+    /// Normal of the triangle's front in world space, of any length.
+    pub front: Vec3,
+}
+
+impl Hit {
+    /// A hit on a triangle that is known without a ray.
+    pub fn on(scene: &Scene, [instance, triangle]: [u32; 2], barycentrics: [f32; 2], distance: f32) -> Self {
+        let placed = &scene.instances[instance as usize];
+        let mesh = &scene.meshes[placed.mesh];
+        let [a, b, c] = mesh.triangles[triangle as usize].map(|vertex| mesh.positions[vertex as usize]);
+        let normal_matrix = placed.world_from_object.matrix3.inverse().transpose();
+        let front = normal_matrix * (b - a).cross(c - a);
+        Self { instance, triangle, barycentrics, distance, front }
+    }
 }
 
 /// A point on a surface, in world space, as the shader graphs see it.

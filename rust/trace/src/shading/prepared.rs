@@ -84,9 +84,7 @@ impl PreparedMaterials {
     ) -> SurfacePoint {
         let instance = &scene.instances[hit.instance as usize];
         let mesh = &scene.meshes[instance.mesh];
-        let [a, b, c] = mesh.triangles[hit.triangle as usize].map(|vertex| mesh.positions[vertex as usize]);
-        let normal_matrix = self.transforms[hit.instance as usize].world_from_object_normal;
-        let front = (normal_matrix * (b - a).cross(c - a)).normalize_or(-direction);
+        let front = hit.front.normalize_or(-direction);
         let smooth = if mesh.corner_normals.is_empty() {
             front
         } else {
@@ -95,6 +93,7 @@ impl PreparedMaterials {
             let interpolated = mesh.corner_normals[corner] * (1.0 - u - v)
                 + mesh.corner_normals[corner + 1] * u
                 + mesh.corner_normals[corner + 2] * v;
+            let normal_matrix = self.transforms[hit.instance as usize].world_from_object_normal;
             (normal_matrix * interpolated).normalize_or(front)
         };
         let backfacing = front.dot(direction) > 0.0;

@@ -39,7 +39,7 @@ fn look_down(scene: &Scene) -> Surface {
 fn look(scene: &Scene, origin: Vec3, direction: Vec3, distance: f32) -> Surface {
     let (prepared, warnings) = PreparedMaterials::new(scene);
     assert!(warnings.is_empty(), "{warnings:?}");
-    let hit = Hit { instance: 0, triangle: 0, barycentrics: [0.25, 0.5], distance };
+    let hit = Hit::on(scene, [0, 0], [0.25, 0.5], distance);
     let point = prepared.surface_point(scene, &hit, origin, direction, 1e-3);
     let mut surface = Surface::default();
     prepared.evaluate(scene, &point, &mut surface);
