@@ -31,7 +31,7 @@ def _add_bake(commands: argparse._SubParsersAction) -> None:
     bake.add_argument("-o", "--out", required=True, metavar="FOLDER", help="bake folder to write")
     _add_view(bake)
     bake.add_argument("--samples", type=_positive, help="paths per pixel; default: the scene's")
-    bake.add_argument("--bounces", type=_count, help="most bounces of any kind; default: the scene's")
+    bake.add_argument("--bounces", type=_count, help="most bounces, in all and of each kind; default: the scene's")
     bake.add_argument("--tile", type=_positive, default=64, help="edge of the image tiles in pixels")
     bake.add_argument("--seed", type=_count, help="seed of all random numbers; default: the scene's")
     bake.add_argument("--resume", action="store_true", help="go on with an interrupted bake")
@@ -54,9 +54,11 @@ def _add_relight(commands: argparse._SubParsersAction) -> None:
 def _add_view(command: argparse.ArgumentParser) -> None:
     command.add_argument("--camera", metavar="NAME", help="camera object; default: the scene's camera")
     command.add_argument("--frame", type=int, help="frame; default: the file's present one")
-    command.add_argument(
+    size = command.add_mutually_exclusive_group()
+    size.add_argument(
         "--resolution-percentage", type=_positive, metavar="P", help="size in per cent; default: the scene's"
     )
+    size.add_argument("--resolution", type=_size, metavar="WxH", help="size in pixels; default: the scene's")
 
 
 def _add_run(command: argparse.ArgumentParser) -> None:
@@ -65,6 +67,11 @@ def _add_run(command: argparse.ArgumentParser) -> None:
     output = command.add_mutually_exclusive_group()
     output.add_argument("--quiet", action="store_true", help="print warnings and errors only")
     output.add_argument("--json", action="store_true", help="print progress and results as JSON lines")
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, height = text.split("x")
+    return _positive(width), _positive(height)
 
 
 def _positive(text: str) -> int:

@@ -86,7 +86,7 @@ def _settings(scene: bpy.types.Scene, options: argparse.Namespace, reporter: Rep
             settings[name] = getattr(options, name)
     if options.bounces is not None:
         bounces = settings.setdefault("paths", {}).setdefault("bounces", {})
-        bounces["total"] = options.bounces
+        bounces |= dict.fromkeys(("total", "diffuse", "glossy", "transmission"), options.bounces)
     return settings | {"tile_size": options.tile, "threads": options.threads}
 
 
@@ -113,7 +113,11 @@ def _open_scene(options: argparse.Namespace) -> bpy.types.Scene:
 
 
 def _export_options(options: argparse.Namespace) -> ExportOptions:
-    return ExportOptions(camera=options.camera, resolution_percentage=options.resolution_percentage)
+    return ExportOptions(
+        camera=options.camera,
+        resolution_percentage=options.resolution_percentage,
+        resolution=options.resolution,
+    )
 
 
 COMMANDS = {"bake": bake, "relight": relight}

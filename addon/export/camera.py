@@ -11,20 +11,26 @@ class UnsupportedCameraError(Exception):
     """A projection that Relume does not have."""
 
 
-def camera_json(camera: bpy.types.Object, scene: bpy.types.Scene, percentage: int | None = None) -> str:
-    """The JSON form of `BlenderCamera` for an evaluated camera object."""
+def film_size(render: bpy.types.RenderSettings, percentage: int | None = None) -> tuple[int, int]:
+    """Width and height in pixels, rounded down as Blender does; `percentage` overrides that of the scene."""
+    percentage = percentage or render.resolution_percentage
+    width, height = (max(1, edge * percentage // 100) for edge in (render.resolution_x, render.resolution_y))
+    return width, height
+
+
+def camera_json(camera: bpy.types.Object, scene: bpy.types.Scene, size: tuple[int, int]) -> str:
+    """The JSON form of `BlenderCamera` for an evaluated camera object and a film of `size` pixels."""
     data, render = camera.data, scene.render
     if data.type not in {"PERSP", "ORTHO"}:
         raise UnsupportedCameraError(
             f"camera '{camera.name}': {data.type.lower()} projection is not supported; use perspective or orthographic"
         )
-    percentage = percentage or render.resolution_percentage
     return json.dumps(
         {
             "name": camera.name,
             "world_from_object": [list(row) for row in camera.matrix_world],
             "projection": "perspective" if data.type == "PERSP" else "orthographic",
-            "resolution": [max(1, edge * percentage // 100) for edge in (render.resolution_x, render.resolution_y)],
+            "resolution": list(size),
             "pixel_aspect": [render.pixel_aspect_x, render.pixel_aspect_y],
             "sensor_fit": data.sensor_fit,
             "sensor": [data.sensor_width, data.sensor_height],

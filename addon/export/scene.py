@@ -7,7 +7,7 @@ from typing import Any
 
 import bpy
 
-from .camera import camera_json
+from .camera import camera_json, film_size
 from .geometry import GeometryExporter
 from .images import ImageExporter
 from .lights import LightExporter
@@ -32,6 +32,8 @@ class ExportOptions:
     """Name of the camera object; the scene's own if None."""
     resolution_percentage: int | None = None
     """Overrides the scene's resolution percentage."""
+    resolution: tuple[int, int] | None = None
+    """Width and height in pixels; the scene's if None."""
 
 
 class ExportError(Exception):
@@ -43,7 +45,8 @@ def export_scene(builder: Any, depsgraph: bpy.types.Depsgraph, options: ExportOp
     if depsgraph.mode != "RENDER":
         raise ExportError("the scene must be evaluated for rendering; start the export from a render engine")
     scene = depsgraph.scene_eval
-    builder.set_camera(camera_json(_camera_object(depsgraph, options), scene, options.resolution_percentage))
+    size = options.resolution or film_size(scene.render, options.resolution_percentage)
+    builder.set_camera(camera_json(_camera_object(depsgraph, options), scene, size))
     _SceneExporter(builder, depsgraph).run()
 
 

@@ -3,7 +3,7 @@
     blender -b shot.blend -P relume_bake.py -- bake --out FOLDER
     python relume_bake.py shot.blend -- bake --out FOLDER
 
-The script lies beside the add-on's modules; the extension need not be enabled.
+The script finds the add-on beside itself, so the extension need not be enabled.
 """
 
 import importlib.util
@@ -18,7 +18,8 @@ PACKAGE = "relume_addon"
 
 def load_addon():
     """The add-on as a package of its own name, whatever its folder is called."""
-    folder = Path(__file__).resolve().parent
+    here = Path(__file__).resolve().parent
+    folder = here / "addon" if (here / "addon").is_dir() else here
     spec = importlib.util.spec_from_file_location(
         PACKAGE, folder / "__init__.py", submodule_search_locations=[str(folder)]
     )

@@ -1,0 +1,212 @@
+"""The command line in Blender: baking, relighting, resuming, stopping, and what goes wrong."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+import relume
+
+import addon
+from addon.engine.commands import run
+from addon.export import is_standard, trace_settings, write_view_table
+from helpers import add_light, add_material, add_quad, render_cycles
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture
+def shot(scene):
+    """A lit plane, small and quick to bake."""
+    scene.view_settings.view_transform = "Standard"
+    material, tree, output = add_material("White")
+    diffuse = tree.nodes.new("ShaderNodeBsdfDiffuse")
+    tree.links.new(diffuse.outputs[0], output.inputs["Surface"])
+    add_quad(scene, size=4.0, material=material)
+    add_light(scene, "POINT", name="Key", shadow_soft_size=0.5)
+    scene.render.resolution_x, scene.render.resolution_y = 32, 24
+    scene.cycles.samples = 16
+    return scene
+
+
+def results(capsys):
+    """JSON lines of standard output."""
+    return [json.loads(line) for line in capsys.readouterr().out.splitlines() if line.startswith("{")]
+
+
+def test_bake_then_relight_agrees_with_cycles(shot, tmp_path, capsys):
+    bake = tmp_path / "bake"
+    assert run(["bake", "--out", str(bake), "--samples", "512", "--json"]) == 0
+    report = next(line for line in results(capsys) if line["event"] == "result")
+    assert (report["width"], report["height"], report["samples"]) == (32, 24, 512)
+    ours = relume.Relighter(bake).relight(denoise=False)["combined"]
+    cycles = render_cycles(shot, samples=256, max_bounces=12)
+    assert ours.mean() == pytest.approx(cycles.mean(), rel=0.02)
+    halves = [image[:12].mean() for image in (ours, cycles[::-1])]
+    assert halves[0] == pytest.approx(halves[1], rel=0.03)
+
+
+def test_relight_uses_the_present_lights(shot, tmp_path):
+    bake = tmp_path / "bake"
+    assert run(["bake", "--out", str(bake), "--quiet"]) == 0
+    before = relume.Relighter(bake).relight(denoise=False)["combined"]
+    bpy.data.lights["Key"].energy *= 3.0
+    out = tmp_path / "relit.exr"
+    assert run(["relight", str(bake), "--out", str(out), "--quiet", "--float", "--no-denoise"]) == 0
+    assert b"Combined_Key" in out.read_bytes()[:65536]
+    assert out.with_suffix(".png").exists()
+    lights = json.loads(relume.Relighter(bake).scene_lights())
+    lights[0]["radiance"] = [3.0 * channel for channel in lights[0]["radiance"]]
+    after = relume.Relighter(bake).relight(json.dumps(lights), denoise=False)["combined"]
+    assert after == pytest.approx(3.0 * before, rel=1e-5)
+
+
+def test_options_override_the_scene(shot, tmp_path, capsys):
+    bake = tmp_path / "bake"
+    options = ["--samples", "4", "--resolution-percentage", "50", "--bounces", "2", "--tile", "8", "--threads", "1"]
+    assert run(["bake", "--out", str(bake), "--json", *options]) == 0
+    report = next(line for line in results(capsys) if line["event"] == "result")
+    assert (report["width"], report["height"], report["samples"]) == (16, 12, 4)
+    assert run(["bake", "--out", str(tmp_path / "wide"), "--json", "--samples", "1", "--resolution", "20x5"]) == 0
+    report = next(line for line in results(capsys) if line["event"] == "result")
+    assert (report["width"], report["height"]) == (20, 5)
+
+
+def test_resume_of_a_complete_bake_changes_nothing(shot, tmp_path):
+    bake = tmp_path / "bake"
+    assert run(["bake", "--out", str(bake), "--quiet"]) == 0
+    before = {path: path.read_bytes() for path in bake.rglob("*.safetensors")}
+    assert before
+    assert run(["bake", "--out", str(bake), "--quiet", "--resume"]) == 0
+    assert {path: path.read_bytes() for path in bake.rglob("*.safetensors")} == before
+
+
+def test_native_commands_are_forwarded(shot, tmp_path, capfd):
+    bake = tmp_path / "bake"
+    assert run(["bake", "--out", str(bake), "--quiet"]) == 0
+    assert run(["info", str(bake)]) == 0
+    assert "32" in capfd.readouterr().out
+    assert run(["validate", str(bake)]) == 0
+    assert run(["info", str(tmp_path / "nothing")]) == 1
+
+
+@pytest.mark.parametrize(
+    "arguments, code",
+    [
+        (["bake"], 2),
+        (["bake", "--out", "x", "--samples", "0"], 2),
+        (["bake", "--out", "x", "--unknown"], 2),
+        (["bake", "--out", "x", "--camera", "Nope"], 1),
+        (["bake", "--out", "x", "--resolution", "64"], 2),
+        (["explode"], 2),
+        ([], 2),
+        (["--help"], 0),
+    ],
+)
+def test_mistakes_have_an_exit_code(shot, tmp_path, monkeypatch, arguments, code):
+    monkeypatch.chdir(tmp_path)
+    assert run(arguments) == code
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_unwritable_folder_is_one_clear_error(shot, tmp_path, capsys):
+    blocked = tmp_path / "file"
+    blocked.write_text("not a folder")
+    assert run(["bake", "--out", str(blocked), "--quiet"]) == 1
+    assert capsys.readouterr().err.startswith("Error: ")
+
+
+def test_settings_are_those_of_cycles(shot):
+    shot.cycles.max_bounces, shot.cycles.blur_glossy, shot.cycles.pixel_filter_type = 7, 0.5, "BOX"
+    shot.cycles.caustics_reflective = False
+    settings = trace_settings(shot, pytest.fail)
+    assert settings["paths"]["bounces"]["total"] == 7
+    assert settings["paths"]["filter_glossy"] == 0.5
+    assert settings["paths"]["filter"] == {"type": "box"}
+    assert settings["paths"]["caustics_reflective"] is False
+    shot.cycles.sample_clamp_indirect = 10.0
+    warnings = []
+    trace_settings(shot, warnings.append)
+    assert "clamping" in warnings[0]
+
+
+def test_view_table_holds_the_view_transform(shot, tmp_path):
+    assert is_standard(shot)
+    shot.view_settings.exposure = 1.0
+    assert not is_standard(shot)
+    path = tmp_path / "view.png"
+    before = shot.render.image_settings.file_format
+    write_view_table(shot, path)
+    assert shot.render.image_settings.file_format == before
+    table = bpy.data.images.load(str(path))
+    table.colorspace_settings.name = "Non-Color"
+    size = table.size[1]
+    assert table.size[0] == size * size
+    pixels = np.array(table.pixels[:]).reshape(size, size, size, 4)[::-1]  # [green, blue, red]
+    red = size // 2
+    linear = 2 * (2.0 ** (-12 + 19 * red / (size - 1)) - 2.0**-12)
+    srgb = 1.055 * linear ** (1 / 2.4) - 0.055
+    assert pixels[0, 0, red, 0] == pytest.approx(srgb, abs=2e-3)
+    assert pixels[red, 0, 0, 1] == pytest.approx(srgb, abs=2e-3)
+    assert pixels[0, red, 0, 2] == pytest.approx(srgb, abs=2e-3)
+
+
+def test_the_command_is_registered_and_removed():
+    addon.register()
+    addon.register()
+    assert len(addon._registered) == 2
+    addon.unregister()
+    assert addon._registered == []
+
+
+def script(blend, *arguments):
+    """`relume_bake.py` in a process of its own."""
+    return [sys.executable, str(REPOSITORY / "relume_bake.py"), str(blend), "--", *map(str, arguments)]
+
+
+@pytest.fixture
+def saved(shot, tmp_path):
+    """The shot as a file."""
+    path = tmp_path / "shot.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    return path
+
+
+def test_script_bakes_without_the_extension(saved, tmp_path):
+    command = script(saved, "bake", "--out", tmp_path / "bake", "--json")
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert '"event": "result"' in done.stdout
+    assert (tmp_path / "bake" / "lights.json").exists()
+
+
+def test_script_reports_mistakes_by_its_exit_code(saved, tmp_path):
+    done = subprocess.run(script(saved, "bake"), capture_output=True, text=True, timeout=120)
+    assert done.returncode == 2 and "--out" in done.stderr
+    missing = subprocess.run(script(tmp_path / "none.blend", "info"), capture_output=True, text=True, timeout=120)
+    assert missing.returncode == 1 and "there is no file" in missing.stderr
+
+
+def test_a_terminated_bake_resumes_to_the_same_result(saved, tmp_path):
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    arguments = ["--samples", "4096", "--quiet", "--threads", "1", "--tile", "8"]
+    subprocess.run(script(saved, "bake", "--out", whole, *arguments), check=True, timeout=120)
+    process = subprocess.Popen(script(saved, "bake", "--out", broken, *arguments), stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 60
+    while not list(broken.rglob("*.safetensors")) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    process.send_signal(signal.SIGTERM)
+    code = process.wait(timeout=60)
+    assert code in {0, 130}  # 0 if it was quicker than the signal
+    assert os.listdir(broken)
+    subprocess.run(script(saved, "bake", "--out", broken, "--resume", *arguments), check=True, timeout=120)
+    files = sorted(path.relative_to(whole) for path in whole.rglob("*.safetensors"))
+    assert files == sorted(path.relative_to(broken) for path in broken.rglob("*.safetensors"))
+    for file in files:
+        assert (whole / file).read_bytes() == (broken / file).read_bytes()

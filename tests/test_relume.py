@@ -1,0 +1,163 @@
+"""The built wheel without Blender: scenes from numpy, errors by name, and the whole chain."""
+
+import json
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+import relume
+
+IDENTITY = np.eye(4).tolist()
+CAMERA = {
+    "name": "Camera",
+    "world_from_object": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 5], [0, 0, 0, 1]],
+    "projection": "perspective",
+    "resolution": [24, 16],
+    "pixel_aspect": [1, 1],
+    "sensor_fit": "AUTO",
+    "sensor": [36, 24],
+    "lens": 50,
+    "ortho_scale": 6,
+    "shift": [0, 0],
+    "clip_start": 0.1,
+    "clip_end": 100,
+}
+LIGHT = {
+    "name": "Key",
+    "world_from_object": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 2], [0, 0, 0, 1]],
+    "kind": {"type": "POINT", "radius": 0.5},
+    "energy": 100,
+}
+DIFFUSE = {
+    "name": "White",
+    "nodes": [{"type": "diffuse", "color": [0.8, 0.8, 0.8], "roughness": 0, "normal": None}],
+    "surface": 0,
+}
+
+
+def quad(size=4.0):
+    """Positions, corners and faces of a square at z = 0."""
+    half = size / 2
+    positions = np.array([[-half, -half, 0], [half, -half, 0], [half, half, 0], [-half, half, 0]], np.float32)
+    return positions, np.arange(4, dtype=np.int32), np.zeros(1, np.int32)
+
+
+def lit_plane():
+    """A plane under a light."""
+    builder = relume.SceneBuilder()
+    builder.set_camera(json.dumps(CAMERA))
+    material = builder.add_material(json.dumps(DIFFUSE))
+    builder.add_instance("Plane", builder.add_mesh("Plane", *quad()), IDENTITY, [material])
+    builder.add_light(json.dumps(LIGHT))
+    return builder.build()
+
+
+@pytest.fixture(scope="module")
+def bake(tmp_path_factory):
+    """A bake of the plane."""
+    folder = tmp_path_factory.mktemp("bake")
+    relume.bake(lit_plane(), folder, {"samples": 256}).wait()
+    return folder
+
+
+def test_relit_pictures_add_up_and_are_right(bake):
+    pictures = relume.Relighter(bake).relight(denoise=False)
+    combined = pictures["combined"]
+    assert combined.shape == (16, 24, 3) and combined.dtype == np.float32
+    assert combined == pytest.approx(pictures["lights"]["Key"] + pictures["static"] + pictures["world"], abs=1e-6)
+    # Below the light: albedo * P / (4 pi^2 (h^2 + r^2)), see rust/scene/src/blender_light.rs.
+    expected = 0.8 * 100 / (4 * np.pi**2 * (2.0**2 + 0.5**2))
+    assert combined[7:9, 11:13].mean() == pytest.approx(expected, rel=0.1)
+    assert pictures["depth"][8, 12, 0] == pytest.approx(5.0, rel=0.01)
+
+
+def test_denoising_keeps_the_picture(bake):
+    relighter = relume.Relighter(bake)
+    noisy, denoised = (relighter.relight(denoise=flag)["combined"] for flag in (False, True))
+    assert not np.array_equal(noisy, denoised)
+    assert denoised.mean() == pytest.approx(noisy.mean(), rel=0.05)
+
+
+def test_lights_are_linear(bake):
+    relighter = relume.Relighter(bake)
+    once = relighter.relight(json.dumps([LIGHT]), denoise=False)["combined"]
+    twice = relighter.relight(json.dumps([LIGHT, LIGHT | {"name": "Fill"}]), denoise=False)["combined"]
+    assert twice == pytest.approx(2 * once, rel=1e-5)
+    assert relighter.relight("[]")["combined"].max() == 0.0
+
+
+def test_jobs_report_and_stop(tmp_path):
+    job = relume.bake(lit_plane(), tmp_path / "bake", {"samples": 1 << 20, "passes": {"first": 1, "largest": 4}})
+    reports = []
+    while not reports and not job.done:
+        report = job.progress()
+        reports += [report] if report and report["stage"] == "trace" else []
+        time.sleep(0.01)
+    job.cancel()
+    with pytest.raises(relume.RelumeError, match="stopped"):
+        job.result()
+    assert {"stage", "done", "total", "elapsed_s", "remaining_s", "message"} <= reports[0].keys()
+
+
+def test_work_runs_without_the_gil(tmp_path):
+    ticks = []
+    stop = threading.Event()
+
+    def tick():
+        while not stop.wait(0.001):
+            ticks.append(time.perf_counter())
+
+    thread = threading.Thread(target=tick)
+    thread.start()
+    relume.bake(lit_plane(), tmp_path / "bake", {"samples": 512}).result()
+    stop.set()
+    thread.join()
+    assert len(ticks) > 5
+
+
+def test_mistakes_name_their_object(tmp_path):
+    builder = relume.SceneBuilder()
+    positions, corners, faces = quad()
+    with pytest.raises(ValueError, match="mesh 'Bad': corner vertex 3 is 9"):
+        builder.add_mesh("Bad", positions, np.array([0, 1, 2, 9], np.int32), faces)
+    with pytest.raises(ValueError, match="positions must be a C-contiguous numpy array of f32"):
+        builder.add_mesh("Bad", positions.astype(np.float64), corners, faces)
+    with pytest.raises(ValueError, match="positions has shape"):
+        builder.add_mesh("Bad", positions.reshape(-1)[:7].copy(), corners, faces)
+    with pytest.raises(ValueError, match="light 'Key': a value is not a finite number"):
+        builder.add_light(json.dumps(LIGHT | {"exposure": 1e9}))
+    with pytest.raises(ValueError, match="unknown field `enregy`"):
+        builder.add_light(json.dumps(LIGHT | {"enregy": 1}))
+    with pytest.raises(ValueError, match="no camera"):
+        builder.build()
+    with pytest.raises(relume.RelumeError):
+        relume.Relighter(tmp_path)
+    with pytest.raises(ValueError, match="unknown field"):
+        relume.bake(lit_plane(), tmp_path / "bake", {"sample": 1})
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
+def test_textures_take_bytes_and_floats(dtype):
+    builder = relume.SceneBuilder()
+    assert builder.add_texture("Brick", np.zeros((2, 3, 4), dtype), encoding="linear", alpha="none") == 0
+    with pytest.raises(ValueError, match="image 'Brick'"):
+        builder.add_texture("Brick", np.zeros((2, 3, 3), dtype))
+    with pytest.raises(ValueError, match="encoding 'rec2020' is not known"):
+        builder.add_texture("Brick", np.zeros((2, 3, 4), dtype), encoding="rec2020")
+
+
+def test_commands_give_their_json_result(bake):
+    assert relume.info(bake)["lights"] == ["Key"]
+    relume.validate(bake)
+    with pytest.raises(relume.RelumeError, match="unexpected argument"):
+        relume.start("info", bake, unknown=1).result()
+
+
+def test_module_runs_as_a_command_line(bake):
+    command = [sys.executable, "-m", "relume", "--json", "info", str(bake)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert json.loads(done.stdout.splitlines()[-1])["event"] == "result"
+    assert subprocess.run([sys.executable, "-m", "relume", "explode"], capture_output=True).returncode == 2
