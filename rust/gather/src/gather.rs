@@ -23,13 +23,13 @@ pub struct Gather {
 }
 
 impl Gather {
-    /// The radius floor ([`PreparedLight::new`]) is four steps of the coarsest position grid: positions are not known well
-    /// enough for smaller lights.
+    /// The radius floor ([`PreparedLight::new`]) is one step of the coarsest position grid: the rounding of positions blurs
+    /// smaller lights by as much.
     pub fn new(dump: Dump) -> Self {
         let step = dump.shards().map(|shard| shard.grid().step().max_element()).fold(0.0, f32::max);
         let boxes = dump.shards().map(|shard| (shard.grid().min, shard.grid().max));
         let bounds = boxes.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or_default();
-        Self { dump, bounds, floor: 4.0 * step, isa: Isa::detect() }
+        Self { dump, bounds, floor: step, isa: Isa::detect() }
     }
 
     /// Raises the radius floor, in metres: less noise from tiny lights, at the price of a wider penumbra.

@@ -150,8 +150,9 @@ fn visit_avx2(
     let sieve = |light: &PreparedLight| {
         Sieve::new(shard, &light.reach, ROUNDING * magnitude(shard, light.reach.center()))
     };
-    let sieves: Vec<_> = lights.iter().take(SIEVED).filter_map(sieve).collect();
-    if lights.len() > SIEVED || sieves.len() < lights.len() {
+    let few = if lights.len() <= SIEVED { lights } else { &[] };
+    let sieves: Vec<_> = few.iter().filter_map(sieve).collect();
+    if sieves.len() < lights.len() {
         return visit_lanes::<Avx2>(shard, records, &mut work.block, lights, sink);
     }
     for (index, (light, sieve)) in lights.iter().zip(&sieves).enumerate() {
