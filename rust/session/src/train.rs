@@ -256,8 +256,15 @@ impl Run<'_> {
         scores.map(|s| format!(", held out {:.1} dB, SMAPE {:.3}", s.psnr, s.smape)).unwrap_or_default()
     }
 
-    /// The checkpoint and the proxy as it is now.
+    /// The checkpoint and the proxy as it is now. The comparison with gathering was of other weights and goes.
     fn save(&self) -> Result<(), SessionError> {
+        if self.trainer.steps() == 0 {
+            return Ok(());
+        }
+        let measured = measured_path(self.out, self.settings.kind);
+        if measured.exists() {
+            std::fs::remove_file(&measured).map_err(SessionError::io("remove", &measured))?;
+        }
         self.trainer.save(&self.state)?;
         Ok(self.trainer.proxy().save(&proxy_path(self.out, self.settings.kind))?)
     }

@@ -1,0 +1,186 @@
+//! What makes each light's picture, and what an edit costs.
+
+use glam::Vec3;
+use relume_session::proxy::{LightKind, SizeRange, TrainConfig};
+use relume_session::scene::{Light, LightShape, LobeFactors, ReceiverSet};
+use relume_session::trace::TraceSettings;
+use relume_session::{
+    Cancel, LightSet, Listener, Maker, Monitor, ObjView, Progress, RelightOptions, Relighter, Stage,
+    TrainSettings, With, bake, obj_scene, train,
+};
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+
+/// A small lit bake in a folder.
+fn baked(folder: &Path) {
+    let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/room.obj");
+    let view = ObjView {
+        up: relume_session::scene::UpAxis::Z,
+        eye: Some(Vec3::new(0.0, -4.2, 1.0)),
+        target: Some(Vec3::Z),
+        width: 20,
+        height: 16,
+        ..ObjView::default()
+    };
+    let mut scene = obj_scene(&room, &view).unwrap();
+    scene.lights = vec![sphere("Own", 0.2)];
+    let settings = TraceSettings { samples: 16, ..TraceSettings::default() };
+    bake(&scene, &settings, folder, false, &Monitor::default()).unwrap();
+}
+
+fn sphere(name: &str, radius: f32) -> Light {
+    Light {
+        name: name.into(),
+        shape: LightShape::Sphere { center: Vec3::new(0.2, 0.1, 1.3), radius },
+        radiance: [2.0, 1.0, 0.5],
+        lobes: LobeFactors::default(),
+        receivers: None,
+    }
+}
+
+fn training(kind: LightKind) -> TrainSettings {
+    let mut config = TrainConfig::fast(SizeRange { min: 0.1, max: 0.3 });
+    config.samples = 8192;
+    config.held_out = 2;
+    TrainSettings { kind, config, seed: 1, seconds: None, half_for_measuring: true }
+}
+
+const RAW: RelightOptions = RelightOptions { with: With::Auto, denoise: false };
+
+fn makers(relighter: &Relighter, lights: &[Light], options: RelightOptions) -> Vec<Maker> {
+    let relit = relighter.relight(lights, &options, &Monitor::default()).unwrap();
+    relit.lights.iter().map(|light| light.maker).collect()
+}
+
+/// Remembers how many pictures of lights had to be made.
+#[derive(Default)]
+struct Gathers(Mutex<Vec<u64>>);
+
+impl Listener for Gathers {
+    fn progress(&self, progress: &Progress) {
+        if progress.stage == Stage::Gather && progress.done == 0 {
+            self.0.lock().unwrap().push(progress.total);
+        }
+    }
+    fn warning(&self, _: &str) {}
+}
+
+#[test]
+fn edits_cost_what_they_change() {
+    let folder = tempfile::tempdir().unwrap();
+    baked(folder.path());
+    let relighter = Relighter::open(folder.path()).unwrap();
+    let gathers = Arc::new(Gathers::default());
+    let monitor = Monitor::new(gathers.clone(), Cancel::default());
+    let mut lights: Vec<Light> = (0..5).map(|i| sphere(&format!("{i}"), 0.1 + 0.02 * i as f32)).collect();
+    let first = relighter.relight(&lights, &RAW, &monitor).unwrap();
+
+    lights[1].radiance = [8.0, 4.0, 2.0];
+    let brighter = relighter.relight(&lights, &RAW, &monitor).unwrap();
+    for (a, b) in brighter.lights[1].image.data.iter().zip(&first.lights[1].image.data) {
+        assert!((a - 4.0 * b).abs() <= 1e-5 * a.abs());
+    }
+    lights.remove(0);
+    relighter.relight(&lights, &RAW, &monitor).unwrap();
+    lights[2].shape = LightShape::Sphere { center: Vec3::Z, radius: 0.2 };
+    relighter.relight(&lights, &RAW, &monitor).unwrap();
+    // All at first; none for a colour or a removal; one that moved.
+    assert_eq!(*gathers.0.lock().unwrap(), [5, 0, 0, 1]);
+}
+
+#[test]
+fn proxies_take_only_what_they_learned() {
+    let folder = tempfile::tempdir().unwrap();
+    baked(folder.path());
+    train(folder.path(), folder.path(), &training(LightKind::Sphere), false, &Monitor::default()).unwrap();
+    let relighter = Relighter::open(folder.path()).unwrap();
+    let usual = sphere("usual", 0.2);
+    let huge = sphere("huge", 0.9);
+    let seen = Light { lobes: LobeFactors { camera: 1.0, ..LobeFactors::default() }, ..usual.clone() };
+    let linked = Light { receivers: Some(ReceiverSet { receivers: vec![0] }), ..usual.clone() };
+    let sun = Light { shape: LightShape::Sun { direction: Vec3::Z, half_angle: 0.1 }, ..usual.clone() };
+    let lights = [usual, huge, seen, linked, sun];
+    let by_proxy = RelightOptions { with: With::Proxy, ..RAW };
+    let expected = [Maker::Proxy, Maker::Gather, Maker::Gather, Maker::Gather, Maker::Gather];
+    assert_eq!(makers(&relighter, &lights, by_proxy), expected);
+    assert_eq!(makers(&relighter, &lights, RelightOptions { with: With::Gather, ..RAW }), [Maker::Gather; 5]);
+}
+
+#[test]
+fn auto_takes_whichever_was_measured_better() {
+    let folder = tempfile::tempdir().unwrap();
+    baked(folder.path());
+    let out = folder.path();
+    train(out, out, &training(LightKind::Sphere), false, &Monitor::default()).unwrap();
+    let path = out.join("proxy_sphere.json");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let mut measured: serde_json::Value = serde_json::from_str(&text).unwrap();
+    for (smape, maker) in [(0.01, Maker::Proxy), (1.9, Maker::Gather)] {
+        measured["proxy"]["smape"] = smape.into();
+        std::fs::write(&path, measured.to_string()).unwrap();
+        let relighter = Relighter::open(out).unwrap();
+        assert_eq!(makers(&relighter, &[sphere("Key", 0.2)], RAW), [maker], "SMAPE {smape}");
+    }
+    // An unmeasured proxy beats nothing; a damaged measurement is an error.
+    std::fs::remove_file(&path).unwrap();
+    assert_eq!(makers(&Relighter::open(out).unwrap(), &[sphere("Key", 0.2)], RAW), [Maker::Gather]);
+    std::fs::write(&path, "{").unwrap();
+    assert!(Relighter::open(out).err().unwrap().to_string().contains("proxy_sphere.json"));
+}
+
+#[test]
+fn proxies_travel_without_their_bake() {
+    let folder = tempfile::tempdir().unwrap();
+    let (bake_folder, proxies) = (folder.path().join("bake"), folder.path().join("proxies"));
+    baked(&bake_folder);
+    for kind in [LightKind::Sphere, LightKind::Quad] {
+        train(&bake_folder, &proxies, &training(kind), false, &Monitor::default()).unwrap();
+    }
+    let lights = [sphere("Key", 0.2)];
+    let by_proxy = RelightOptions { with: With::Proxy, ..RAW };
+    let alone = Relighter::open(&proxies).unwrap();
+    assert_eq!(alone.scene_lights().unwrap().lights[0].name, "Own");
+    let relit = alone.relight(&lights, &by_proxy, &Monitor::default()).unwrap();
+    assert_eq!(relit.lights[0].maker, Maker::Proxy);
+    assert_eq!(relit.albedo, Relighter::open(&bake_folder).unwrap().aovs().albedo);
+
+    let message =
+        alone.relight(&[sphere("Huge", 2.0)], &by_proxy, &Monitor::default()).unwrap_err().to_string();
+    assert!(message.contains("'Huge'") && message.contains("bake"), "{message}");
+}
+
+#[test]
+fn proxy_of_another_scene_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let (one, two) = (folder.path().join("one"), folder.path().join("two"));
+    baked(&one);
+    train(&one, &one, &training(LightKind::Sphere), false, &Monitor::default()).unwrap();
+    let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/room.obj");
+    let scene = obj_scene(&room, &ObjView { width: 20, height: 16, ..ObjView::default() }).unwrap();
+    let settings = TraceSettings { samples: 2, ..TraceSettings::default() };
+    bake(&scene, &settings, &two, false, &Monitor::default()).unwrap();
+    std::fs::copy(one.join("proxy_sphere.safetensors"), two.join("proxy_sphere.safetensors")).unwrap();
+    assert!(Relighter::open(&two).err().unwrap().to_string().contains("another scene"));
+}
+
+#[test]
+fn cancelled_work_says_so_and_keeps_what_is_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    baked(folder.path());
+    let cancel = Cancel::default();
+    cancel.request();
+    let monitor = Monitor::new(Arc::new(Gathers::default()), cancel);
+    let relighter = Relighter::open(folder.path()).unwrap();
+    let error = relighter.relight(&[sphere("Key", 0.2)], &RAW, &monitor).unwrap_err();
+    assert!(matches!(error, relume_session::SessionError::Cancelled));
+    let out = folder.path();
+    let good = train(out, out, &training(LightKind::Sphere), false, &Monitor::default()).unwrap();
+    let error = train(out, out, &training(LightKind::Sphere), false, &monitor).unwrap_err();
+    assert!(matches!(error, relume_session::SessionError::Cancelled));
+    // A training that was stopped before its first step does not replace what was there.
+    let relighter = Relighter::open(out).unwrap();
+    let kept = relighter.proxies().of(LightKind::Sphere).unwrap();
+    assert_eq!(kept.proxy.info().steps, good.steps);
+    assert_eq!(kept.measured, Some(good.measured));
+    assert_eq!(LightSet::read(&folder.path().join("lights.json")).unwrap().lights.len(), 1);
+}
