@@ -11,13 +11,16 @@ SCENES := $(or $(RELUME_SCENES),$(CURDIR)/../shared/scenes)
 export OIDN_DIR := $(DEV)/lib/python3.11/site-packages/pyoidn/oidn
 CARGO := LD_LIBRARY_PATH=$(OIDN_DIR)/lib cargo
 
-.PHONY: setup wheel test test-rust test-python test-blender demo parity quality bench clean
+.PHONY: setup wheel extension test test-rust test-python test-blender demo parity quality bench clean
 
 setup:
 	@scripts/setup
 
 wheel: setup
 	@scripts/build-wheel "$(WHEELS)"
+
+extension: wheel
+	@scripts/build-extension "$(WHEELS)" build/extension
 
 test: test-rust test-python test-blender
 
@@ -32,10 +35,29 @@ test-python: wheel
 	$(PYTHON) -m mypy
 	$(PYTHON) -m pytest tests
 
-test-blender: wheel
+test-blender: extension
 	@scripts/setup $(BLENDERS)
 	@scripts/install-wheel "$(WHEELS)" $(BLENDERS)
 	@scripts/test-blender $(BLENDERS)
+
+demo: wheel
+	@scripts/install-wheel "$(WHEELS)" 4.2
+	$(PYTHON) scripts/demo/run.py $(DEMO)
+
+quality: wheel
+	@scripts/install-wheel "$(WHEELS)" 4.2
+	RELUME_SCENES="$(SCENES)" $(PYTHON) scripts/quality.py $(QUALITY)
+
+# Peers (Mitsuba, PyTorch) live in an environment of their own, made here.
+bench: wheel
+	@scripts/setup peers
+	@scripts/install-wheel "$(WHEELS)" 4.2
+	RELUME_SCENES="$(SCENES)" $(PYTHON) scripts/bench/run.py --peers $(CURDIR)/.venv-peers/bin/python $(BENCH)
+
+# Against Cycles on the real scenes; PARITY="--scenes cornell_box --sets 2" for less.
+parity: wheel
+	@scripts/install-wheel "$(WHEELS)" 4.2
+	$(PYTHON) scripts/parity/run.py --folder "$(SCENES)" $(PARITY)
 
 clean:
 	rm -rf build out target

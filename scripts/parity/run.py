@@ -1,0 +1,139 @@
+"""Gather against Cycles on real scenes under seeded random lights of every type: `make parity`.
+
+Paths know no lights, so each scene is baked once, without its own lights, and every light set is only gathered. Both
+sides use the file's bounce limits and pixel filter, no denoiser, no clamping. A second Cycles render with another seed
+shows how much of a difference is Cycles' own noise. Runs in a Python with `bpy` and `relume`.
+"""
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import bpy
+import numpy as np
+import relume
+from PIL import Image
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT), str(Path(__file__).resolve().parent)]
+
+import blame  # noqa: E402
+import compare  # noqa: E402
+import cycles_reference  # noqa: E402
+import light_sets  # noqa: E402
+from addon.engine.scene import load_scene  # noqa: E402
+from addon.export import trace_settings  # noqa: E402
+
+SCENES = ("cornell_box", "modern_hall", "coffee_maker", "classroom", "kitchen", "sponza")
+MEDIAN_LIMIT, P95_LIMIT = 0.02, 0.08
+
+
+def open_scene(path, width):
+    """The file without its own lights, ready for both renderers."""
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    scene = bpy.context.scene
+    render = scene.render
+    cycles_reference.prepare(scene, width, round(width * render.resolution_y / render.resolution_x))
+    light_sets.remove([obj for obj in scene.objects if obj.type == "LIGHT"])
+    return scene
+
+
+def bake(scene, samples, folder):
+    """Traces the scene into `folder`; prints warnings."""
+    exported = load_scene(scene)
+    settings = trace_settings(scene, print) | {"samples": samples}
+    report = relume.bake(exported, folder, settings).wait(on_warning=lambda text: print(f"  warning: {text}"))
+    print(f"  baked {report['segments'] / 1e6:.1f} M segments in {report['seconds']:.0f} s", flush=True)
+
+
+def write_pictures(folder, name, ours, cycles):
+    """Both pictures as sRGB and their block difference, black 0 to white 2 P95_LIMIT."""
+    exposure = 0.5 / max(float(np.median(cycles)), float(cycles.mean()) / 4, 1e-9)
+    for label, image in (("relume", ours), ("cycles", cycles)):
+        values = np.clip(image * exposure, 0, 1) ** (1 / 2.2)
+        Image.fromarray((values * 255).astype(np.uint8)).save(folder / f"{name}_{label}.png")
+    difference = np.clip(compare.block_difference(ours, cycles).mean(axis=-1) / (2 * P95_LIMIT), 0, 1)
+    picture = np.kron((difference * 255).astype(np.uint8), np.ones((compare.BLOCK, compare.BLOCK), np.uint8))
+    Image.fromarray(picture).save(folder / f"{name}_difference.png")
+
+
+def parity(scene, name, relighter, seed, args):
+    """The record of one light set."""
+    lights = light_sets.add_light_set(scene, seed)
+    light_set = load_scene(scene).lights()
+    ours = relighter.relight(light_set, maker="gather", denoise=False)["combined"]
+    start = time.perf_counter()
+    cycles = cycles_reference.render(scene, args.cycles_samples, 2 * seed)
+    seconds = time.perf_counter() - start
+    again = cycles_reference.render(scene, args.cycles_samples, 2 * seed + 1)
+    light_sets.remove(lights)
+    result, floor = compare.summary(ours, (cycles + again) / 2), compare.summary(again, cycles)
+    within = result["median"] <= MEDIAN_LIMIT and result["p95"] <= P95_LIMIT
+    worst = [] if within else blame.worst_materials(scene, compare.block_difference(ours, (cycles + again) / 2))
+    write_pictures(args.out / "parity", f"{name}_{seed}", ours, (cycles + again) / 2)
+    return {
+        "scene": name,
+        "seed": seed,
+        **result,
+        "floor_median": floor["median"],
+        "floor_p95": floor["p95"],
+        "samples": args.samples,
+        "cycles_samples": 2 * args.cycles_samples,
+        "cycles_seconds": seconds,
+        "within_limits": within,
+        "materials_to_blame": worst,
+    }
+
+
+def main():
+    """Every scene, every light set; a table, `parity.json` and pictures."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    default_scenes = os.environ.get("RELUME_SCENES") or ROOT.parent / "shared" / "scenes"
+    parser.add_argument("--folder", type=Path, default=default_scenes, help="where the scenes are")
+    parser.add_argument("--scenes", nargs="+", default=SCENES)
+    parser.add_argument("--sets", type=int, default=6, help="light sets for each scene")
+    parser.add_argument("--width", type=int, default=160)
+    parser.add_argument("--samples", type=int, default=2048, help="gathered paths per pixel")
+    parser.add_argument("--cycles-samples", type=int, default=512, help="of each of the two Cycles renders")
+    parser.add_argument("--out", type=Path, default=ROOT / "out")
+    args = parser.parse_args()
+    folder = Path(args.folder)
+    missing = [name for name in args.scenes if not (folder / f"{name}.blend").exists()]
+    if missing:
+        sys.exit(f"parity: not in {folder}: {', '.join(missing)}; set RELUME_SCENES")
+    (args.out / "parity").mkdir(parents=True, exist_ok=True)
+    records = []
+    for name in args.scenes:
+        print(name, flush=True)
+        scene = open_scene(folder / f"{name}.blend", args.width)
+        with tempfile.TemporaryDirectory(prefix="relume-parity-") as baked:
+            bake(scene, args.samples, Path(baked) / "bake")
+            relighter = relume.Relighter(Path(baked) / "bake")
+            for seed in range(1, args.sets + 1):
+                record = parity(scene, name, relighter, seed, args)
+                records.append(record)
+                print(line(record), flush=True)
+                (args.out / "parity.json").write_text(json.dumps(records, indent=1))
+    missed = sum(not record["within_limits"] for record in records)
+    print(f"{len(records) - missed} of {len(records)} within median {MEDIAN_LIMIT:.0%} and p95 {P95_LIMIT:.0%}")
+
+
+def line(record):
+    """A row of the printed table."""
+    verdict = "" if record["within_limits"] else "  MISSED: " + ", ".join(record["materials_to_blame"])
+    return (
+        f"  {record['scene']:<13} set {record['seed']}  median {record['median']:6.2%}  p95 {record['p95']:6.2%}  "
+        f"mean {record['mean_ratio']:.4f}  noise of Cycles {record['floor_median']:6.2%} {record['floor_p95']:6.2%}"
+        f"{verdict}"
+    )
+
+
+if __name__ == "__main__":
+    main()
+    sys.stdout.flush()
+    # Blender before 5.0 can crash at exit.
+    os._exit(0)
