@@ -21,6 +21,8 @@ pub struct TrainConfig {
     pub batch_end: usize,
     /// Different lights for which each drawn pixel is gathered: 1, 2, 4, 8, 16 or 32.
     pub lights_per_pixel: usize,
+    /// Times that each gathered sample is trained on; only for [`TargetMode::Raw`].
+    pub sample_reuse: usize,
     /// Let outputs follow the light's area, so that small lights count as much as large ones in the loss.
     pub scale_by_area: bool,
     /// Learning rates.
@@ -166,9 +168,10 @@ impl TrainConfig {
             size,
             targets: TargetMode::Raw,
             samples: 32 << 20,
-            batch_start: 4096,
-            batch_end: 16_384,
+            batch_start: 2048,
+            batch_end: 8192,
             lights_per_pixel: 8,
+            sample_reuse: 4,
             scale_by_area: true,
             rates: LearningRates { adam: 8e-3, muon: 8e-3, grid: 1e-2, final_fraction: 0.01 },
             muon: true,
@@ -208,6 +211,7 @@ impl TrainConfig {
                 matches!(self.lights_per_pixel, 1 | 2 | 4 | 8 | 16 | 32),
                 "lights_per_pixel must be 1, 2, 4, 8, 16 or 32",
             ),
+            ((1..=1024).contains(&self.sample_reuse), "sample_reuse must be 1 to 1024"),
             (batch_ok(self.batch_start) && batch_ok(self.batch_end), "batches must be 1024 to 4194304"),
             (self.batch_start <= self.batch_end, "batch_start must not be above batch_end"),
             (in_range(self.rates.adam, 0.0, 1.0), "rates.adam must be 0 to 1"),

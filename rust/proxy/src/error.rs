@@ -35,8 +35,14 @@ pub enum ProxyError {
         /// Pixels in the image.
         count: usize,
     },
+    /// A gathered value that is not finite.
+    #[error("the target of pixel {pixel} is not finite; validate the dump")]
+    BadTarget {
+        /// The pixel, row-major.
+        pixel: u32,
+    },
     /// The loss is no longer a number.
-    #[error("training diverged at step {step}; lower the learning rates or check the targets for NaN")]
+    #[error("training diverged at step {step}; lower the learning rates")]
     Diverged {
         /// First step with a loss that is not finite.
         step: u64,

@@ -53,6 +53,7 @@ mod params;
 mod pixels;
 mod pool;
 mod proxy;
+mod replay;
 mod rng;
 mod sampling;
 mod scene_cache;

@@ -131,6 +131,9 @@ pub(crate) fn images_of(
             let (expected, found) = (3 * pixel_count, image.data.len());
             return Err(ProxyError::Length { what: "values of a target image", expected, found });
         }
+        if let Some(bad) = image.data.iter().position(|x| !x.is_finite()) {
+            return Err(ProxyError::BadTarget { pixel: (bad / 3) as u32 });
+        }
     }
     Ok(images)
 }

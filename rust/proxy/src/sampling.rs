@@ -48,48 +48,55 @@ impl Sampler {
         self.light(source, &pixels, rng)
     }
 
-    /// A random batch: groups of 32 pixels, each seen under `slots` lights. Gathers its targets, or takes lights and
-    /// targets from the pool.
-    pub fn batch(
+    /// Random groups of 32 pixels, each seen under `slots` random lights, with gathered targets.
+    pub fn gathered(
         &self,
         source: &dyn TargetSource,
-        pool: Option<&Pool>,
         scale: &OutputScale,
         (samples, slots): (usize, usize),
-        (seed, step): (u64, u64),
+        key: (u64, u64),
     ) -> Result<Batch, ProxyError> {
-        let groups = samples / (slots * LANES);
         let mut batch = Batch { slots, ..Batch::default() };
-        let mut images = Vec::new();
-        for group in 0..groups {
-            let mut rng = Rng::stream(seed, step, group as u64);
+        for group in 0..samples / (slots * LANES) {
+            let mut rng = Rng::stream(key.0, key.1, group as u64);
             let start = batch.pixels.len();
             batch.pixels.extend((0..LANES).map(|_| rng.below(self.pixel_count)));
             for _ in 0..slots {
-                match pool {
-                    Some(pool) => {
-                        let entry = pool.draw(&mut rng);
-                        batch.lights.push(entry.light);
-                        images.push(&entry.image);
-                    }
-                    None => batch.lights.push(self.light(source, &batch.pixels[start..], &mut rng)),
-                }
+                batch.lights.push(self.light(source, &batch.pixels[start..], &mut rng));
             }
         }
-        batch.targets = vec![0.0; groups * slots * TILE];
-        if pool.is_some() {
-            fill_targets(&mut batch, scale, |tile, _, pixel| {
-                let at = pixel as usize * 3;
-                std::array::from_fn(|channel| images[tile].data[at + channel])
-            });
-        } else {
-            let values = gather(source, &batch)?;
-            fill_targets(&mut batch, scale, |tile, lane, _| {
-                let (group, slot) = (tile / slots, tile % slots);
-                values[(group * LANES + lane) * slots + slot]
-            });
-        }
+        let values = gather(source, &batch)?;
+        fill_targets(&mut batch, scale, |tile, lane, _| {
+            let (group, slot) = (tile / slots, tile % slots);
+            values[(group * LANES + lane) * slots + slot]
+        });
         Ok(batch)
+    }
+
+    /// Random groups of 32 pixels, each seen under `slots` random lights of the pool.
+    pub fn from_pool(
+        &self,
+        pool: &Pool,
+        scale: &OutputScale,
+        (samples, slots): (usize, usize),
+        key: (u64, u64),
+    ) -> Batch {
+        let mut batch = Batch { slots, ..Batch::default() };
+        let mut images = Vec::new();
+        for group in 0..samples / (slots * LANES) {
+            let mut rng = Rng::stream(key.0, key.1, group as u64);
+            batch.pixels.extend((0..LANES).map(|_| rng.below(self.pixel_count)));
+            for _ in 0..slots {
+                let entry = pool.draw(&mut rng);
+                batch.lights.push(entry.light);
+                images.push(&entry.image);
+            }
+        }
+        fill_targets(&mut batch, scale, |tile, _, pixel| {
+            let at = pixel as usize * 3;
+            std::array::from_fn(|channel| images[tile].data[at + channel])
+        });
+        batch
     }
 
     /// The scale that brings the mean of a few thousand targets to 1.
@@ -100,7 +107,7 @@ impl Sampler {
         seed: u64,
     ) -> Result<OutputScale, ProxyError> {
         let unit = OutputScale { factor: 1.0, area };
-        let batch = self.batch(source, None, &unit, (8192, 4), (seed, CALIBRATION_STREAM))?;
+        let batch = self.gathered(source, &unit, (8192, 4), (seed, CALIBRATION_STREAM))?;
         let mean = batch.targets.iter().map(|t| f64::from(*t)).sum::<f64>() / batch.targets.len() as f64;
         let factor = if mean.is_finite() && mean > 1e-30 { mean as f32 } else { 1.0 };
         Ok(OutputScale { factor, area })
@@ -122,12 +129,16 @@ fn gather(source: &dyn TargetSource, batch: &Batch) -> Result<Vec<[f32; 3]>, Pro
     let mut values = vec![[0.0; 3]; lights.len()];
     let queries = PixelQueries { pixels: &batch.pixels, lights_per_pixel: batch.slots, lights: &lights };
     source.pixel_targets(&queries, &mut values)?;
-    Ok(values)
+    match values.iter().position(|value| value.iter().any(|x| !x.is_finite())) {
+        Some(bad) => Err(ProxyError::BadTarget { pixel: batch.pixels[bad / batch.slots] }),
+        None => Ok(values),
+    }
 }
 
 /// Writes the targets of all tiles from `value(tile, lane, pixel)`, in units of the network's output.
 fn fill_targets(batch: &mut Batch, scale: &OutputScale, value: impl Fn(usize, usize, u32) -> [f32; 3]) {
     let Batch { pixels, slots, lights, targets } = batch;
+    targets.resize(lights.len() * TILE, 0.0);
     for (tile, (light, target)) in lights.iter().zip(targets.chunks_exact_mut(TILE)).enumerate() {
         let inverse = 1.0 / scale.of(light).0;
         let group = tile / *slots;

@@ -9,6 +9,7 @@ use crate::optim::Optimiser;
 use crate::params::ParamLayout;
 use crate::pool::{Pool, images_of};
 use crate::proxy::{ProxyInfo, Scores};
+use crate::replay::Replay;
 use crate::sampling::Sampler;
 use crate::scene_cache::{Normalisation, SceneCache};
 use crate::schedule::{batch_size, progress, rates};
@@ -36,7 +37,7 @@ pub struct Trainer {
     scene: SceneCache,
     isa: Isa,
     core: Core,
-    pool: Option<Pool>,
+    samples_of: Samples,
     held_out: Option<(Vec<LightParams>, Vec<Image>)>,
 }
 
@@ -53,6 +54,12 @@ pub(crate) struct TrainState {
     pub output_scale: Option<OutputScale>,
     pub trained_ranges: Vec<[f32; 2]>,
     pub scores: Option<Scores>,
+}
+
+/// Where batches come from.
+enum Samples {
+    Gathered(Replay),
+    Pool(Pool),
 }
 
 /// The network being trained and its buffers.
@@ -75,10 +82,10 @@ pub struct StepReport {
     pub samples: u64,
     /// Share of the configured training that is done, 0..1.
     pub progress: f32,
-    /// Mean loss of this batch; `None` if the step only gathered images for the pool.
+    /// Mean loss of this batch; `None` if the step only gathered targets.
     pub loss: Option<f64>,
-    /// Images that the pool still misses before training goes on.
-    pub pool_missing: usize,
+    /// Images, or blocks of samples, that are still to be gathered before training goes on.
+    pub missing: usize,
 }
 
 impl Trainer {
@@ -110,7 +117,7 @@ impl Trainer {
         };
         Ok(Self {
             scene: SceneCache::new(&features, normalisation),
-            pool: Pool::new(config.targets, 0),
+            samples_of: Samples::new(&config, 0, 0),
             isa: Isa::detect(),
             scene_hash: String::new(),
             held_out: None,
@@ -125,7 +132,7 @@ impl Trainer {
 
     /// Replaces the state, when resuming.
     pub(crate) fn restore(&mut self, state: TrainState) {
-        self.pool = Pool::new(self.config.targets, state.pool_made);
+        self.samples_of = Samples::new(&self.config, state.samples, state.pool_made);
         self.state = state;
     }
 
@@ -164,30 +171,47 @@ impl Trainer {
         self.state.scores
     }
 
-    /// One step: gathers or draws a batch, and moves the weights along its gradient. While the pool is not full, a call
-    /// adds a few images to it instead.
+    /// One step: draws a batch and moves the weights along its gradient. While targets are missing, a call gathers some of
+    /// them instead.
     ///
     /// # Errors
     /// [`ProxyError::Diverged`], with the weights as before the step, or the failure of the source.
     pub fn step(&mut self, source: &dyn TargetSource) -> Result<StepReport, ProxyError> {
-        let sampler = self.sampler();
-        self.calibrated(&sampler, source)?;
-        if let Some(pool) = &mut self.pool {
-            if pool.missing() > 0 {
-                pool.fill(&sampler, source, self.seed)?;
-                self.state.pool_made = pool.made();
-                return Ok(self.report(None));
-            }
-            pool.refresh(self.state.step, &sampler, source, self.seed)?;
-            self.state.pool_made = pool.made();
+        if !self.gather(source)? {
+            return Ok(self.report(None));
         }
+        let scale = self.calibrated(&self.sampler(), source)?;
         let done = progress(&self.config, self.state.samples);
         let samples = batch_size(&self.config, done);
-        let batch = self.random_batch(source, samples)?;
+        let batch = self.random_batch(&scale, samples);
         let loss = self.descend(&batch, done)?;
         self.state.samples += samples as u64;
         self.widen_ranges(&batch.lights);
         Ok(self.report(Some(loss)))
+    }
+
+    /// Gathers what is due; false if it takes further calls.
+    fn gather(&mut self, source: &dyn TargetSource) -> Result<bool, ProxyError> {
+        let sampler = self.sampler();
+        let scale = self.calibrated(&sampler, source)?;
+        let (seed, samples) = (self.seed, self.state.samples);
+        match &mut self.samples_of {
+            Samples::Gathered(replay) => {
+                let draw = (samples, self.config.lights_per_pixel);
+                replay.fill(&sampler, source, &scale, draw, seed)?;
+                Ok(replay.missing(samples) == 0)
+            }
+            Samples::Pool(pool) => {
+                let full = pool.missing() == 0;
+                if full {
+                    pool.refresh(self.state.step, &sampler, source, seed)?;
+                } else {
+                    pool.fill(&sampler, source, seed)?;
+                }
+                self.state.pool_made = pool.made();
+                Ok(full)
+            }
+        }
     }
 
     /// Moves the weights along the gradient of a batch.
@@ -283,16 +307,26 @@ impl Trainer {
         }
     }
 
-    /// A batch of the current step with its targets gathered.
-    pub(crate) fn random_batch(
+    /// The batch of the current step.
+    fn random_batch(&self, scale: &OutputScale, samples: usize) -> Batch {
+        let key = (self.seed, self.state.step);
+        match &self.samples_of {
+            Samples::Gathered(replay) => replay.batch(samples, key),
+            Samples::Pool(pool) => {
+                self.sampler().from_pool(pool, scale, (samples, self.config.lights_per_pixel), key)
+            }
+        }
+    }
+
+    /// A batch as the first step would draw it.
+    pub(crate) fn first_batch(
         &mut self,
         source: &dyn TargetSource,
         samples: usize,
     ) -> Result<Batch, ProxyError> {
-        let sampler = self.sampler();
-        let scale = self.calibrated(&sampler, source)?;
-        let key = (self.seed, self.state.step);
-        sampler.batch(source, self.pool.as_ref(), &scale, (samples, self.config.lights_per_pixel), key)
+        while !self.gather(source)? {}
+        let scale = self.calibrated(&self.sampler(), source)?;
+        Ok(self.random_batch(&scale, samples))
     }
 
     fn report(&self, loss: Option<f64>) -> StepReport {
@@ -301,7 +335,10 @@ impl Trainer {
             samples: self.state.samples,
             progress: progress(&self.config, self.state.samples),
             loss,
-            pool_missing: self.pool.as_ref().map_or(0, Pool::missing),
+            missing: match &self.samples_of {
+                Samples::Gathered(replay) => replay.missing(self.state.samples),
+                Samples::Pool(pool) => pool.missing(),
+            },
         }
     }
 
@@ -337,6 +374,16 @@ impl Trainer {
             for (range, value) in self.state.trained_ranges.iter_mut().zip(light.as_slice()) {
                 *range = [range[0].min(*value), range[1].max(*value)];
             }
+        }
+    }
+}
+
+impl Samples {
+    /// Nothing yet, for a training that has done `samples` samples and made `images` images.
+    fn new(config: &TrainConfig, samples: u64, images: u64) -> Self {
+        match Pool::new(config.targets, images) {
+            Some(pool) => Self::Pool(pool),
+            None => Self::Gathered(Replay::new(config.sample_reuse, samples)),
         }
     }
 }

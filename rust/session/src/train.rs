@@ -206,7 +206,7 @@ impl Run<'_> {
             self.fit_schedule_to_time();
             let message = match report.loss {
                 Some(loss) => format!("loss {loss:.4}{}", self.last_scores()),
-                None => format!("{} pool images to gather", report.pool_missing),
+                None => format!("{} blocks of targets to gather", report.missing),
             };
             stage.set(self.units_done(), &message);
             if self.progress() >= next_measure {

@@ -72,21 +72,30 @@ fn lights_in_bounds_and_ranges_are_reported() {
     assert!(ranges[3][0] >= 0.0999 && ranges[3][1] <= 0.5001, "radius: {ranges:?}");
 }
 
-/// Answers NaN from some call on.
-struct Failing(SyntheticRoom, std::sync::atomic::AtomicU32);
+/// A source that fails when told to.
+struct Failing {
+    room: SyntheticRoom,
+    mode: std::sync::atomic::AtomicU8,
+}
+
+impl Failing {
+    fn set(&self, mode: u8) {
+        self.mode.store(mode, std::sync::atomic::Ordering::Relaxed);
+    }
+}
 
 impl TargetSource for Failing {
     fn bounds(&self) -> (glam::Vec3, glam::Vec3) {
-        self.0.bounds()
+        self.room.bounds()
     }
     fn segment_point(&self, _pixel: u32, _rng: &mut Rng) -> Option<glam::Vec3> {
         None
     }
     fn pixel_targets(&self, queries: &PixelQueries<'_>, out: &mut [[f32; 3]]) -> Result<(), ProxyError> {
-        self.0.pixel_targets(queries, out)?;
-        match self.1.fetch_add(1, std::sync::atomic::Ordering::Relaxed) {
-            0..=2 => Ok(()),
-            3 => {
+        self.room.pixel_targets(queries, out)?;
+        match self.mode.load(std::sync::atomic::Ordering::Relaxed) {
+            0 => Ok(()),
+            1 => {
                 out[17] = [f32::NAN; 3];
                 Ok(())
             }
@@ -104,19 +113,37 @@ impl TargetSource for Failing {
 
 #[test]
 fn bad_targets_stop_training_with_the_weights_of_the_step_before() {
-    let source = Failing(SyntheticRoom::new(24, 16), Default::default());
-    let features = Arc::new(source.0.features());
-    let mut trainer = Trainer::new(features, LightKind::Sphere, config(20_000), 3).expect("valid");
+    let source = Failing { room: SyntheticRoom::new(24, 16), mode: Default::default() };
+    let features = Arc::new(source.room.features());
+    // Each step wants fresh samples.
+    let config = TrainConfig { sample_reuse: 1, batch_start: 4096, ..config(100_000) };
+    let mut trainer = Trainer::new(features, LightKind::Sphere, config, 3).expect("valid");
     trainer.step(&source).expect("first step");
     trainer.step(&source).expect("second step");
     let before = trainer.state.params.clone();
+    source.set(1);
     let error = trainer.step(&source).expect_err("NaN").to_string();
-    assert!(error.contains("diverged at step 2"), "{error}");
-    assert_eq!((trainer.steps(), &trainer.state.params), (2, &before));
+    assert!(error.contains("is not finite"), "{error}");
+    source.set(2);
     assert!(trainer.step(&source).expect_err("no targets").to_string().contains("the disk is gone"));
     assert!(trainer.validate(&source).expect_err("no images").to_string().contains("target images"));
+    assert_eq!((trainer.steps(), &trainer.state.params), (2, &before));
     let light = LightParams::round(LightKind::Sphere, glam::Vec3::Z, 0.2);
     assert!(trainer.proxy().unit_image(&light).expect("still usable").data.iter().all(|x| x.is_finite()));
+    source.set(0);
+    trainer.step(&source).expect("the source is back");
+}
+
+#[test]
+fn divergence_is_named_and_leaves_the_weights_alone() {
+    let room = SyntheticRoom::new(24, 16);
+    let mut trainer =
+        Trainer::new(Arc::new(room.features()), LightKind::Sphere, config(20_000), 3).expect("valid");
+    trainer.state.params[0] = f32::INFINITY;
+    let before = trainer.state.params.clone();
+    let error = trainer.step(&room).expect_err("infinite weights").to_string();
+    assert!(error.contains("diverged at step 0"), "{error}");
+    assert_eq!(trainer.state.params, before);
 }
 
 #[test]

@@ -1,0 +1,88 @@
+use std::collections::VecDeque;
+
+use crate::encoding::OutputScale;
+use crate::gradient::Batch;
+use crate::loss::TILE;
+use crate::network::{CHUNK, CHUNK_TILES};
+use crate::sampling::Sampler;
+use crate::simd::LANES;
+use crate::{ProxyError, Rng, TargetSource};
+
+/// Samples gathered at a time.
+const BLOCK: u64 = 4096;
+/// Blocks that are kept.
+const CAPACITY: u64 = 128;
+/// Blocks gathered before the first step.
+const FIRST: u64 = 8;
+/// Blocks gathered in one call while filling, so that a step never blocks for long.
+const FILL: u64 = 8;
+/// Counter of the random streams of blocks; block `b` has the counter `BLOCK_STREAM + b`.
+const BLOCK_STREAM: u64 = 1 << 62;
+
+/// The latest gathered samples, each of which is trained on several times: gathering costs more than training. Block
+/// `b` depends on the seed and `b` alone, and the number of blocks on the samples trained alone, so that a resumed
+/// training gathers what it has lost.
+#[derive(Debug)]
+pub(crate) struct Replay {
+    reuse: u64,
+    blocks: VecDeque<Batch>,
+    /// Number of the next block.
+    next: u64,
+}
+
+impl Replay {
+    /// Empty, for a training that has done `samples` samples and uses each gathered sample `reuse` times.
+    pub fn new(reuse: usize, samples: u64) -> Self {
+        let mut replay = Self { reuse: reuse as u64, blocks: VecDeque::new(), next: 0 };
+        replay.next = replay.wanted(samples).saturating_sub(CAPACITY);
+        replay
+    }
+
+    /// Blocks that should have been gathered after so many samples.
+    fn wanted(&self, samples: u64) -> u64 {
+        FIRST + samples / (self.reuse * BLOCK)
+    }
+
+    /// Blocks that are missing before a training that has done `samples` samples can go on.
+    pub fn missing(&self, samples: u64) -> usize {
+        (self.wanted(samples) - self.next) as usize
+    }
+
+    /// Gathers some of the missing blocks.
+    pub fn fill(
+        &mut self,
+        sampler: &Sampler,
+        source: &dyn TargetSource,
+        scale: &OutputScale,
+        (samples, slots): (u64, usize),
+        seed: u64,
+    ) -> Result<(), ProxyError> {
+        for _ in 0..FILL.min(self.missing(samples) as u64) {
+            let key = (seed, BLOCK_STREAM + self.next);
+            self.blocks.push_back(sampler.gathered(source, scale, (BLOCK as usize, slots), key)?);
+            self.next += 1;
+            if self.blocks.len() as u64 > CAPACITY {
+                self.blocks.pop_front();
+            }
+        }
+        Ok(())
+    }
+
+    /// A batch of random chunks.
+    pub fn batch(&self, samples: usize, (seed, step): (u64, u64)) -> Batch {
+        let slots = self.blocks[0].slots;
+        let mut batch = Batch { slots, ..Batch::default() };
+        let mut rng = Rng::stream(seed, step, 0);
+        let chunks = BLOCK as usize / CHUNK;
+        for _ in 0..samples / CHUNK {
+            let index = rng.below((self.blocks.len() * chunks) as u32) as usize;
+            let (block, chunk) = (&self.blocks[index / chunks], index % chunks);
+            let pixels = CHUNK_TILES / slots * LANES;
+            batch.pixels.extend_from_slice(&block.pixels[chunk * pixels..(chunk + 1) * pixels]);
+            let tiles = chunk * CHUNK_TILES..(chunk + 1) * CHUNK_TILES;
+            batch.targets.extend_from_slice(&block.targets[tiles.start * TILE..tiles.end * TILE]);
+            batch.lights.extend_from_slice(&block.lights[tiles]);
+        }
+        batch
+    }
+}
