@@ -19,8 +19,10 @@ BOUNCES = 6  # the paper's six segments a path and one more
 
 def resolution_percentage(blend):
     """What makes the picture of a .blend WIDTH pixels wide."""
-    code = f"import bpy; bpy.ops.wm.open_mainfile(filepath={str(blend)!r}); " \
+    code = (
+        f"import bpy; bpy.ops.wm.open_mainfile(filepath={str(blend)!r}); "
         "print('WIDTH', bpy.context.scene.render.resolution_x)"
+    )
     output = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout
     width = next(int(line.split()[1]) for line in output.splitlines() if line.startswith("WIDTH"))
     return 100 * WIDTH // width
@@ -28,8 +30,23 @@ def resolution_percentage(blend):
 
 def bake(blend, out, samples, seed):
     """Bakes, or finishes a bake."""
-    command = [sys.executable, ROOT / "relume_bake.py", blend, "--", "bake", "--out", out, "--samples", samples, "--seed",
-               seed, "--bounces", BOUNCES, "--resolution-percentage", resolution_percentage(blend)]
+    command = [
+        sys.executable,
+        ROOT / "relume_bake.py",
+        blend,
+        "--",
+        "bake",
+        "--out",
+        out,
+        "--samples",
+        samples,
+        "--seed",
+        seed,
+        "--bounces",
+        BOUNCES,
+        "--resolution-percentage",
+        resolution_percentage(blend),
+    ]
     if (out / "manifest.json").exists():
         command.append("--resume")
     subprocess.run([str(word) for word in command], check=True)
@@ -62,9 +79,19 @@ class Quality:
     def network(self, name, train, reference, kind, network, seconds):
         """One training of one network."""
         out = train.parent / f"{kind}_{network}_{seconds:g}s"
-        self.relume("train", train, "--type", kind, "--network", network, "--seconds", seconds, "--all-paths", "--out", out)
-        mean = self.relume("evaluate", out / f"proxy_{kind}.safetensors", "--reference", reference, "--lights",
-                           self.args.lights, "--seed", 11)
+        self.relume(
+            "train", train, "--type", kind, "--network", network, "--seconds", seconds, "--all-paths", "--out", out
+        )
+        mean = self.relume(
+            "evaluate",
+            out / f"proxy_{kind}.safetensors",
+            "--reference",
+            reference,
+            "--lights",
+            self.args.lights,
+            "--seed",
+            11,
+        )
         result = mean.get("result", mean)
         record = {"scene": name, "light_type": kind, "network": network, "train_seconds": seconds}
         self.records.append(record | {key: round(result[key], 4) for key in ("psnr", "smape", "ssim", "flip")})

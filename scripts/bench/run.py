@@ -57,8 +57,22 @@ def bake(blend, size, samples, folder):
     """Bakes; returns its report and the peak memory of the process in bytes."""
     width, height = size
     before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
-    report = last_json(sys.executable, ROOT / "relume_bake.py", blend, "--", "bake", "--json", "--out", folder,
-                       "--samples", samples, "--bounces", BOUNCES, "--resolution", f"{width}x{height}")[-1]
+    report = last_json(
+        sys.executable,
+        ROOT / "relume_bake.py",
+        blend,
+        "--",
+        "bake",
+        "--json",
+        "--out",
+        folder,
+        "--samples",
+        samples,
+        "--bounces",
+        BOUNCES,
+        "--resolution",
+        f"{width}x{height}",
+    )[-1]
     return report, max(before, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss) * 1024
 
 

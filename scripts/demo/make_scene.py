@@ -81,26 +81,88 @@ def build():
     jade = material("Jade", Base_Color=(0.1, 0.5, 0.25, 1.0), Roughness=0.3, Coat_Weight=0.6)
 
     add(primitives.primitive_plane_add, "Floor", floor, smooth=False, size=6.0)
-    add(primitives.primitive_plane_add, "Back wall", plaster, smooth=False, size=6.0, location=(0, 2.2, 2.9),
-        rotation=(math.pi / 2, 0, 0))
-    add(primitives.primitive_plane_add, "Side wall", blue, smooth=False, size=6.0, location=(-2.6, 0, 2.9),
-        rotation=(0, math.pi / 2, 0))
-    monkey = add(primitives.primitive_monkey_add, "Suzanne", clay, size=1.3, location=(0.1, 0.6, 0.62),
-                 rotation=(math.radians(-22), 0, math.radians(18)))
+    add(
+        primitives.primitive_plane_add,
+        "Back wall",
+        plaster,
+        smooth=False,
+        size=6.0,
+        location=(0, 2.2, 2.9),
+        rotation=(math.pi / 2, 0, 0),
+    )
+    add(
+        primitives.primitive_plane_add,
+        "Side wall",
+        blue,
+        smooth=False,
+        size=6.0,
+        location=(-2.6, 0, 2.9),
+        rotation=(0, math.pi / 2, 0),
+    )
+    monkey = add(
+        primitives.primitive_monkey_add,
+        "Suzanne",
+        clay,
+        size=1.3,
+        location=(0.1, 0.6, 0.62),
+        rotation=(math.radians(-22), 0, math.radians(18)),
+    )
     monkey.modifiers.new("Subdivision", "SUBSURF").render_levels = 2
-    add(primitives.primitive_uv_sphere_add, "Glass ball", glass, segments=64, ring_count=32, radius=0.38,
-        location=(1.15, -0.25, 0.39))
-    add(primitives.primitive_torus_add, "Brass ring", brass, major_radius=0.36, minor_radius=0.1,
-        major_segments=96, minor_segments=32, location=(-1.05, -0.2, 0.42), rotation=(math.radians(72), 0, 0.5))
-    add(primitives.primitive_cylinder_add, "Jade column", jade, smooth=False, vertices=6, radius=0.3, depth=1.5,
-        location=(-1.5, 1.2, 0.75))
+    add(
+        primitives.primitive_uv_sphere_add,
+        "Glass ball",
+        glass,
+        segments=64,
+        ring_count=32,
+        radius=0.38,
+        location=(1.15, -0.25, 0.39),
+    )
+    add(
+        primitives.primitive_torus_add,
+        "Brass ring",
+        brass,
+        major_radius=0.36,
+        minor_radius=0.1,
+        major_segments=96,
+        minor_segments=32,
+        location=(-1.05, -0.2, 0.42),
+        rotation=(math.radians(72), 0, 0.5),
+    )
+    add(
+        primitives.primitive_cylinder_add,
+        "Jade column",
+        jade,
+        smooth=False,
+        vertices=6,
+        radius=0.3,
+        depth=1.5,
+        location=(-1.5, 1.2, 0.75),
+    )
 
-    add_light("Key", "AREA", (2.2, -2.0, 3.0), (0, 0.3, 0.6), 160, (1.0, 0.86, 0.7), shape="RECTANGLE", size=1.4,
-              size_y=0.8)
-    add_light("Lamp", "POINT", (-1.2, -1.2, 1.9), (0, 0, 0), 40, (0.55, 0.7, 1.0), shadow_soft_size=0.25,
-              use_soft_falloff=False)
-    add_light("Spot", "SPOT", (0.2, 1.4, 3.2), (0.1, 0.5, 0.6), 110, (1.0, 0.4, 0.3), shadow_soft_size=0.15,
-              spot_size=math.radians(50), spot_blend=0.4)
+    add_light(
+        "Key", "AREA", (2.2, -2.0, 3.0), (0, 0.3, 0.6), 160, (1.0, 0.86, 0.7), shape="RECTANGLE", size=1.4, size_y=0.8
+    )
+    add_light(
+        "Lamp",
+        "POINT",
+        (-1.2, -1.2, 1.9),
+        (0, 0, 0),
+        40,
+        (0.55, 0.7, 1.0),
+        shadow_soft_size=0.25,
+        use_soft_falloff=False,
+    )
+    add_light(
+        "Spot",
+        "SPOT",
+        (0.2, 1.4, 3.2),
+        (0.1, 0.5, 0.6),
+        110,
+        (1.0, 0.4, 0.3),
+        shadow_soft_size=0.15,
+        spot_size=math.radians(50),
+        spot_blend=0.4,
+    )
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     camera.location = (1.3, -4.6, 2.0)
     camera.rotation_euler = (Vector((-0.1, 0.3, 0.7)) - camera.location).to_track_quat("-Z", "Y").to_euler()

@@ -16,20 +16,40 @@ SCENE = "demo"
 RELUME = (sys.executable, "-m", "relume")
 
 EVENING = [
-    {"name": "Window", "radiance": [9.0, 4.2, 1.6],
-     "shape": {"type": "quad", "center": [2.4, -0.6, 1.7], "edge_u": [0.0, 1.4, 0.0], "edge_v": [-0.35, 0.0, 1.3],
-               "spread": 3.14159}},
-    {"name": "Candle", "radiance": [30.0, 12.0, 3.5],
-     "shape": {"type": "sphere", "center": [-0.35, -0.75, 0.35], "radius": 0.09}},
+    {
+        "name": "Window",
+        "radiance": [9.0, 4.2, 1.6],
+        "shape": {
+            "type": "quad",
+            "center": [2.4, -0.6, 1.7],
+            "edge_u": [0.0, 1.4, 0.0],
+            "edge_v": [-0.35, 0.0, 1.3],
+            "spread": 3.14159,
+        },
+    },
+    {
+        "name": "Candle",
+        "radiance": [30.0, 12.0, 3.5],
+        "shape": {"type": "sphere", "center": [-0.35, -0.75, 0.35], "radius": 0.09},
+    },
 ]
 NIGHT = [
-    {"name": "Moon", "radiance": [1.6, 2.4, 4.5],
-     "shape": {"type": "sun", "direction": [0.64, -0.48, 0.6], "half_angle": 0.2}},
-    {"name": "Lantern", "radiance": [20.0, 9.0, 2.0],
-     "shape": {"type": "sphere", "center": [0.75, 0.9, 1.75], "radius": 0.16}},
+    {
+        "name": "Moon",
+        "radiance": [1.6, 2.4, 4.5],
+        "shape": {"type": "sun", "direction": [0.64, -0.48, 0.6], "half_angle": 0.2},
+    },
+    {
+        "name": "Lantern",
+        "radiance": [20.0, 9.0, 2.0],
+        "shape": {"type": "sphere", "center": [0.75, 0.9, 1.75], "radius": 0.16},
+    },
 ]
-HIDDEN = {"name": "Hidden", "radiance": [14.0, 9.0, 5.0],
-          "shape": {"type": "sphere", "center": [0.9, -0.9, 1.5], "radius": 0.25}}
+HIDDEN = {
+    "name": "Hidden",
+    "radiance": [14.0, 9.0, 5.0],
+    "shape": {"type": "sphere", "center": [0.9, -0.9, 1.5], "radius": 0.25},
+}
 
 
 class Demo:
@@ -68,8 +88,18 @@ class Demo:
         """Everything, in order."""
         blend = self.out / "demo.blend"
         self.command("Make the scene", sys.executable, ROOT / "scripts/demo/make_scene.py", blend)
-        self.command("Bake", sys.executable, ROOT / "relume_bake.py", blend, "--", "bake", "--out", self.bake, "--samples",
-                     self.samples)
+        self.command(
+            "Bake",
+            sys.executable,
+            ROOT / "relume_bake.py",
+            blend,
+            "--",
+            "bake",
+            "--out",
+            self.bake,
+            "--samples",
+            self.samples,
+        )
         self.command("Train", *RELUME, "train", self.bake, "--type", "sphere", "--seconds", self.seconds)
         self.relight("own_lights")
         self.relight("evening", "--lights", self.lights("evening", EVENING))
@@ -80,11 +110,20 @@ class Demo:
     def find_hidden_light(self):
         """Makes a target with a light that the solver does not know, solves, and compares."""
         hidden = self.lights("hidden", [HIDDEN])
-        self.command("Target picture", *RELUME, "gather", self.bake, "--lights", hidden, "--out",
-                     self.out / "target.exr")
+        self.command(
+            "Target picture", *RELUME, "gather", self.bake, "--lights", hidden, "--out", self.out / "target.exr"
+        )
         found_file = self.out / "found.json"
-        self.command("Find the hidden light", *RELUME, "optimise", self.bake, "--target", self.out / "target.exr",
-                     "--out", found_file)
+        self.command(
+            "Find the hidden light",
+            *RELUME,
+            "optimise",
+            self.bake,
+            "--target",
+            self.out / "target.exr",
+            "--out",
+            found_file,
+        )
         self.relight("found", "--with", "gather", "--lights", found_file)
         found = json.loads(found_file.read_text())["lights"][0]
         wanted, got = HIDDEN["shape"], found["shape"]
@@ -116,10 +155,16 @@ def power(light):
 
 def html(records):
     """The one-page report."""
-    pictures = [("own_lights", "The file's own lights"), ("evening", "Evening"), ("night", "Night"),
-                ("target", "Target, made by a hidden light"), ("found", "The light that was found")]
-    figures = "".join(f"<figure><img src='{name}.png'><figcaption>{title}</figcaption></figure>"
-                      for name, title in pictures)
+    pictures = [
+        ("own_lights", "The file's own lights"),
+        ("evening", "Evening"),
+        ("night", "Night"),
+        ("target", "Target, made by a hidden light"),
+        ("found", "The light that was found"),
+    ]
+    figures = "".join(
+        f"<figure><img src='{name}.png'><figcaption>{title}</figcaption></figure>" for name, title in pictures
+    )
     rows = "".join(f"<tr><td>{r['name']}</td><td>{r['value']} {r['unit']}</td></tr>" for r in records)
     return f"""<!doctype html><meta charset="utf-8"><title>Relume demo</title>
 <style>body {{ font: 15px sans-serif; background: #181818; color: #ddd; margin: 2em }}
