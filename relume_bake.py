@@ -28,6 +28,16 @@ def load_addon():
     spec.loader.exec_module(module)
 
 
+def find_native_module():
+    """With factory settings Blender may not look where it unpacked the extension's wheel; then this does."""
+    if importlib.util.find_spec("relume") is not None:
+        return
+    python = f"python{sys.version_info.major}.{sys.version_info.minor}"
+    wheels = Path(__file__).resolve().parents[2] / ".local" / "lib" / python / "site-packages"
+    if (wheels / "relume").is_dir():
+        sys.path.append(str(wheels))
+
+
 def arguments():
     """What follows `--`."""
     return sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else ["--help"]
@@ -49,6 +59,7 @@ def main():
     open_file()
     if "cycles" not in bpy.context.preferences.addons:
         bpy.ops.preferences.addon_enable(module="cycles")
+    find_native_module()
     load_addon()
     from relume_addon.engine.commands import main as run
 

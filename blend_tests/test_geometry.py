@@ -162,3 +162,30 @@ def test_a_million_triangles_export_quickly(scene):
     seconds = time.perf_counter() - start
     print(f"export of {out['instanced_triangles']} triangles: {seconds:.2f} s, Blender's evaluation included")
     assert out["instanced_triangles"] == 2 * (steps - 1) ** 2
+
+
+def test_geometry_nodes_instances_share_their_mesh(scene):
+    tree = bpy.data.node_groups.new("Scatter", "GeometryNodeTree")
+    tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    grid, cube = tree.nodes.new("GeometryNodeMeshGrid"), tree.nodes.new("GeometryNodeMeshCube")
+    points, output = tree.nodes.new("GeometryNodeInstanceOnPoints"), tree.nodes.new("NodeGroupOutput")
+    tree.links.new(grid.outputs["Mesh"], points.inputs["Points"])
+    tree.links.new(cube.outputs["Mesh"], points.inputs["Instance"])
+    tree.links.new(points.outputs["Instances"], output.inputs[0])
+    obj = add_quad(scene, "Scatter")
+    obj.modifiers.new("Scatter", "NODES").node_group = tree
+    out = exported(scene)
+    assert len(out["meshes"]) == 1 and out["meshes"][0]["triangles"] == 12
+    assert len(out["instances"]) == 9
+    assert len({tuple(instance["world_from_object"]) for instance in out["instances"]}) == 9
+
+
+def test_particles_are_instances(scene):
+    part, emitter = add_quad(scene, "Part", size=0.1), add_quad(scene, "Emitter")
+    settings = emitter.modifiers.new("Dust", "PARTICLE_SYSTEM").particle_system.settings
+    settings.count, settings.frame_end, settings.physics_type = 20, 1, "NO"
+    settings.render_type, settings.instance_object = "OBJECT", part
+    scene.frame_set(1)
+    out = exported(scene)
+    assert len(out["meshes"]) <= 2
+    assert sum(instance["name"] == "Part" for instance in out["instances"]) >= 20
