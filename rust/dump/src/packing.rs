@@ -128,8 +128,9 @@ pub fn encode_rgb9e5(rgb: Vec3, dither: Vec3) -> u32 {
     if exponent < 16 && largest * scale_to_mantissa(exponent) > 511.0 {
         exponent += 1;
     }
-    let mantissa = (rgb * scale_to_mantissa(exponent) + dither).floor().min(Vec3::splat(511.0));
-    mantissa.x as u32 | (mantissa.y as u32) << 9 | (mantissa.z as u32) << 18 | ((exponent + 15) as u32) << 27
+    let mantissas = rgb * scale_to_mantissa(exponent) + dither;
+    let [r, g, b] = mantissas.to_array().map(|mantissa| (mantissa as u32).min(511));
+    r | g << 9 | b << 18 | ((exponent + 15) as u32) << 27
 }
 
 /// Inverse of [`encode_rgb9e5`]: always finite.

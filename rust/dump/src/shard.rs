@@ -146,6 +146,10 @@ impl Shard {
     /// [`Shard::problems`].
     pub fn open(path: &Path) -> Result<Self, DumpError> {
         let file = File::open(path).map_err(DumpError::io("open", path))?;
+        // Nothing can be mapped of an empty file, which a power failure may leave.
+        if file.metadata().map_err(DumpError::io("read", path))?.len() == 0 {
+            return Err(DumpError::damaged(path, "the file is empty"));
+        }
         // SAFETY: a mapping is only sound while nobody changes the file. Relume writes shards to a temporary name
         // and renames them, never in place; whoever truncates one while it is mapped ends this process with SIGBUS.
         let map = unsafe { Mmap::map(&file) }.map_err(DumpError::io("map", path))?;

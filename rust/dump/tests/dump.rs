@@ -123,10 +123,14 @@ fn resume_keeps_complete_shards_and_bakes_damaged_ones_again() {
     let damaged = Manifest::shard_path(dir.path(), 1, 0);
     let bytes = fs::read(&damaged).unwrap();
     fs::write(&damaged, &bytes[..bytes.len() - 1]).unwrap();
+    let empty = Manifest::shard_path(dir.path(), 0, 1);
+    fs::write(&empty, []).unwrap();
+    assert!(Dump::open(dir.path()).unwrap_err().to_string().contains("the file is empty"));
     assert!(matches!(DumpWriter::create(dir.path(), manifest()), Err(DumpError::Exists { .. })));
 
     let writer = DumpWriter::resume(dir.path(), manifest()).unwrap();
-    assert!(writer.is_complete(0, 0) && writer.is_complete(1, 1) && !writer.is_complete(1, 0));
+    assert!(writer.is_complete(0, 0) && writer.is_complete(1, 1));
+    assert!(!writer.is_complete(1, 0) && !writer.is_complete(0, 1));
     write_all(&writer);
     assert_eq!(fs::read(&damaged).unwrap(), bytes);
 

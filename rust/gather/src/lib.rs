@@ -1,4 +1,13 @@
 //! Sums lights over a dump: dump + lights -> image; denoising.
+//!
+//! [`Gather`] answers for whole images ([`Gather::unit_images`], [`Gather::world_image`]) and for single pixels
+//! ([`Gather::pixel_into`]); [`relight`] weighs unit images and sums them; [`Noise`] says how noisy they are;
+//! [`Denoiser`] cleans them.
+//!
+//! How a light is gathered: packed records are decoded a block at a time into the first-level cache, where every light tests
+//! eight segments at once against a region that holds all its crossings (`kernel`). For one or two lights a sieve on
+//! the packed integers first leaves out what lies beyond a side of the light's box (`sieve`). What remains is evaluated
+//! exactly (`light`). Throughputs are read for hits only.
 
 pub mod bench;
 mod denoise;
