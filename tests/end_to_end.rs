@@ -17,6 +17,11 @@ fn obj_becomes_relit_pictures_in_layers() {
         &format!("gather bake --lights {} --no-denoise --float --out lit.exr", lights.display()),
     );
 
+    let again = format!("gather bake --lights {} --no-denoise --float --out again.exr", lights.display());
+    result(folder.path(), &format!("{again} --threads 1"));
+    let bytes = |file: &str| std::fs::read(folder.path().join(file)).unwrap();
+    assert!(bytes("lit.exr") == bytes("again.exr") && bytes("lit.png") == bytes("again.png"));
+
     let exr = read_exr(&folder.path().join("lit.exr")).unwrap();
     let layer = |name: &str| exr.get(name).unwrap_or_else(|| panic!("no layer {name}"));
     for name in ["albedo", "normal", "depth", "world"] {

@@ -87,7 +87,7 @@ impl Console {
 
 impl Listener for Console {
     fn progress(&self, progress: &Progress) {
-        if self.style.quiet || !self.due(progress) {
+        if self.style.quiet || progress.total == 0 || !self.due(progress) {
             return;
         }
         if self.style.json {

@@ -4,12 +4,19 @@ use crate::SessionError;
 use relume_dump::Aovs;
 use relume_image::{Image, Layer, LayeredImage, Precision, read_exr, write_exr};
 use relume_scene::Camera;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
 
 const FILE: &str = "base.exr";
-const CAMERA: &str = "relume/camera";
-const SCENE_HASH: &str = "relume/scene_hash";
+/// Attribute of the file, JSON of [`About`]; a single one, so that equal layers are equal files.
+const ABOUT: &str = "relume";
+
+#[derive(Serialize, Deserialize)]
+struct About {
+    scene_hash: String,
+    camera: Camera,
+}
 
 pub(crate) struct BaseLayers {
     pub(crate) aovs: Aovs,
@@ -24,7 +31,8 @@ pub(crate) fn write(
     camera: &Camera,
     scene_hash: &str,
 ) -> Result<(), SessionError> {
-    let camera_json = serde_json::to_string(camera)
+    let about = About { scene_hash: scene_hash.to_string(), camera: camera.clone() };
+    let about = serde_json::to_string(&about)
         .map_err(|error| SessionError::Settings(format!("the camera cannot be stored: {error}")))?;
     let layers = vec![
         Layer::color("albedo", aovs.albedo.clone()),
@@ -34,8 +42,7 @@ pub(crate) fn write(
         Layer::color("world", aovs.world.clone()),
         Layer::color("alpha", aovs.alpha.clone()),
     ];
-    let attributes =
-        BTreeMap::from([(CAMERA.to_string(), camera_json), (SCENE_HASH.to_string(), scene_hash.to_string())]);
+    let attributes = BTreeMap::from([(ABOUT.to_string(), about)]);
     let image = LayeredImage { width: aovs.depth.width, height: aovs.depth.height, layers, attributes };
     Ok(write_exr(&folder.join(FILE), &image, Precision::Float)?)
 }
@@ -64,9 +71,9 @@ pub(crate) fn read(folder: &Path) -> Result<BaseLayers, SessionError> {
         world: take("world", 3)?,
         alpha: take("alpha", 1)?,
     };
-    let camera = file.attributes.get(CAMERA).and_then(|json| serde_json::from_str(json).ok());
-    let scene_hash = file.attributes.get(SCENE_HASH).cloned().ok_or_else(|| damaged("scene hash"))?;
-    Ok(BaseLayers { aovs, camera: camera.ok_or_else(|| damaged("camera"))?, scene_hash })
+    let about = file.attributes.get(ABOUT).and_then(|json| serde_json::from_str(json).ok());
+    let About { scene_hash, camera } = about.ok_or_else(|| damaged("camera"))?;
+    Ok(BaseLayers { aovs, camera, scene_hash })
 }
 
 #[cfg(test)]

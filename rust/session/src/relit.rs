@@ -56,7 +56,7 @@ impl Relit {
     }
 
     /// All layers under Blender's pass names: `Combined`, `Combined_<light>`, `static`, `world`, `albedo`, `normal`,
-    /// `depth`. Attributes say what made each light's layer.
+    /// `depth`. The attribute `relume` is JSON: version, scene hash, samples, and what made each light's layer.
     pub fn layers(&self) -> LayeredImage {
         let combined = self.combined_rgba();
         let (width, height) = (combined.width, combined.height);
@@ -68,18 +68,20 @@ impl Relit {
             Layer::vector("normal", self.normal.clone()),
             Layer::depth("depth", self.depth.clone()),
         ];
-        let mut attributes = BTreeMap::from([
-            ("relume/version".to_string(), env!("CARGO_PKG_VERSION").to_string()),
-            ("relume/scene_hash".to_string(), self.scene_hash.clone()),
-            ("relume/samples".to_string(), self.samples.to_string()),
-        ]);
-        let mut taken = HashSet::new();
+        let (mut taken, mut makers) = (HashSet::new(), serde_json::Map::new());
         for light in &self.lights {
             let name = free_name(&light.name, &mut taken);
-            let maker = serde_json::to_string(&light.maker).unwrap_or_default();
-            attributes.insert(format!("relume/light/{name}"), maker.trim_matches('"').to_string());
+            makers.insert(name.clone(), serde_json::json!(light.maker));
             layers.push(Layer::color(format!("Combined_{name}"), light.image.clone()));
         }
+        // One attribute, because the order of several in a file is random and equal pictures should be equal files.
+        let about = serde_json::json!({
+            "version": env!("CARGO_PKG_VERSION"),
+            "scene_hash": self.scene_hash,
+            "samples": self.samples,
+            "lights": makers,
+        });
+        let attributes = BTreeMap::from([("relume".to_string(), about.to_string())]);
         LayeredImage { width, height, layers, attributes }
     }
 
@@ -143,7 +145,8 @@ mod tests {
         let layers = relit(&["Key.001", "Key_001", "", "Spot \u{e9}"]).layers();
         let names: Vec<_> = layers.layers.iter().skip(6).map(|layer| layer.name.as_str()).collect();
         assert_eq!(names, ["Combined_Key_001", "Combined_Key_001_2", "Combined_light", "Combined_Spot _"]);
-        assert_eq!(layers.attributes["relume/light/Key_001"], "proxy");
+        let about: serde_json::Value = serde_json::from_str(&layers.attributes["relume"]).unwrap();
+        assert_eq!(about["lights"]["Key_001_2"], "proxy");
         let folder = tempfile::tempdir().unwrap();
         write_exr(&folder.path().join("a.exr"), &layers, Precision::Half).unwrap();
     }
