@@ -7,6 +7,7 @@ from typing import Any
 
 import bpy
 
+from ..core.random_number import MASK, random_of_name
 from .camera import camera_json, film_size
 from .geometry import GeometryExporter
 from .images import ImageExporter
@@ -99,7 +100,7 @@ class _SceneExporter:
             receiver=self.linking.receiver_number(obj.original, original),
             color=tuple(obj.color),
             pass_index=obj.pass_index,
-            random=(instance.random_id & 0xFFFFFFFF) / 0xFFFFFFFF,
+            random=(instance.random_id & MASK) / MASK if instance.is_instance else random_of_name(obj.name),
             visibility=self._visibility(obj),
         )
 

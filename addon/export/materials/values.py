@@ -281,8 +281,14 @@ def _rgb_to_bw(t: Translation, source: Source) -> Any:
 
     def description() -> dict[str, Any]:
         color = t.value(source.node, 0, source.context)
-        color = color if isinstance(color, dict) else convert(color, source.socket, is_color=True)
-        return {"type": "math", "operation": "ADD", "clamp": False, "a": color, "b": 0.0, "c": 0.0}
+        if isinstance(color, dict):
+            # A vector that arrives here counts as a colour from here on.
+            settings = {"data": "color", "blend": "MIX", "clamp_factor": True, "clamp_result": False}
+            mix = {"type": "mix", **settings, "factor": 0.0, "a": color, "b": [0.0, 0.0, 0.0]}
+            value = {"node": t.emit(mix), "output": "color"}
+        else:
+            value = convert(color, source.socket, is_color=True)
+        return {"type": "math", "operation": "ADD", "clamp": False, "a": value, "b": 0.0, "c": 0.0}
 
     return {"node": t.once(source, description), "output": "value"}
 
