@@ -168,6 +168,12 @@ impl Sieve {
         let (z_whole, z_rest) = z_flags.as_chunks::<32>();
         let (codes_whole, codes_rest) = codes.as_chunks_mut::<32>();
         for ((xy, z_flags), codes) in xy_whole.iter().zip(z_whole).zip(codes_whole) {
+            // A line of the cache has 16 words.
+            for words in [xy, z_flags] {
+                for ahead in [AHEAD, AHEAD + 16] {
+                    _mm_prefetch::<_MM_HINT_T0>(words.as_ptr().wrapping_add(ahead).cast());
+                }
+            }
             let group = |i: usize| constants.group(&xy[i * 8..i * 8 + 8], &z_flags[i * 8..i * 8 + 8]);
             // Each group has the bits of a record in the halves of 32; adding them joins them.
             let join = |a, b| _mm256_maddubs_epi16(_mm256_packus_epi16(a, b), _mm256_set1_epi8(1));
@@ -220,12 +226,9 @@ impl Constants {
         const ESCAPED: i32 = 1 << 17;
         let (xy, z_flags): (&[u32; 8], &[u32; 8]) =
             (xy.try_into().expect("eight words"), z_flags.try_into().expect("eight words"));
-        // SAFETY: 32 bytes are read from arrays of eight words. A prefetch may be of any address.
-        let (xy, z) = unsafe {
-            _mm_prefetch::<_MM_HINT_T0>(xy.as_ptr().wrapping_add(AHEAD).cast());
-            _mm_prefetch::<_MM_HINT_T0>(z_flags.as_ptr().wrapping_add(AHEAD).cast());
-            (_mm256_loadu_si256(xy.as_ptr().cast()), _mm256_loadu_si256(z_flags.as_ptr().cast()))
-        };
+        // SAFETY: 32 bytes are read from arrays of eight words.
+        let (xy, z) =
+            unsafe { (_mm256_loadu_si256(xy.as_ptr().cast()), _mm256_loadu_si256(z_flags.as_ptr().cast())) };
         let escaped = _mm256_set1_epi32(ESCAPED);
         let escaped = _mm256_cmpeq_epi32(_mm256_and_si256(z, escaped), escaped);
         let place = _mm256_blendv_epi8(xy, _mm256_srai_epi16::<15>(xy), escaped);
