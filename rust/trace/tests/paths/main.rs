@@ -2,6 +2,7 @@
 
 mod determinism;
 mod emission;
+mod failures;
 mod furnace;
 mod lights;
 mod limits;
