@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    import bpy
+import bpy
 
+if TYPE_CHECKING:
     from .exporter import Translation
     from .graph import Context
 
@@ -92,7 +92,10 @@ def _add(t: Translation, node: bpy.types.Node, context: Context) -> int:
     return t.emit({"type": "add_shader", "a": a, "b": b})
 
 
-_diffuse = _simple("diffuse", COLOR, ROUGHNESS, NORMAL)
+def _diffuse(t: Translation, node: bpy.types.Node, context: Context) -> int:
+    is_smooth = t.value(node, "Roughness", context, 0.0) == 0.0
+    kind = "diffuse" if is_smooth or bpy.app.version >= (4, 3, 0) else "single_scattering_diffuse"
+    return _simple(kind, COLOR, ROUGHNESS, NORMAL)(t, node, context)
 
 
 def _smooth_diffuse(t: Translation, node: bpy.types.Node, context: Context) -> int:

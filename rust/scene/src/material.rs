@@ -328,6 +328,12 @@ pub enum Node {
         roughness: Input,
         normal: Option<Input>,
     },
+    /// The Diffuse BSDF of Blender 4.2, whose rough surfaces lose what is scattered more than once.
+    SingleScatteringDiffuse {
+        color: Input,
+        roughness: Input,
+        normal: Option<Input>,
+    },
     Glossy {
         color: Input,
         roughness: Input,
@@ -553,7 +559,8 @@ impl Node {
                 all(&mut [sheen_weight, sheen_roughness, sheen_tint, emission_color, emission_strength]);
                 [normal, tangent, coat_normal].into_iter().flatten().for_each(visit);
             }
-            Self::Diffuse { color, roughness, normal } => {
+            Self::Diffuse { color, roughness, normal }
+            | Self::SingleScatteringDiffuse { color, roughness, normal } => {
                 all(&mut [color, roughness]);
                 normal.iter_mut().for_each(visit);
             }

@@ -57,9 +57,15 @@ fn add_simple(context: &Context, node: &Node, weight: f32, known: &Known, surfac
     let point = context.point;
     match node {
         Node::Diffuse { color, roughness, normal } => {
-            let (color, roughness) = (known.vector(color), known.float(roughness));
-            let normal = known.normal(normal);
-            surface.add(color * weight, Vec3::ONE, normal, diffuse(normal, roughness, color, point.wo));
+            let (color, normal) = (known.vector(color), known.normal(normal));
+            let scatter = diffuse(normal, known.float(roughness), color, point.wo);
+            surface.add(color * weight, Vec3::ONE, normal, scatter);
+        }
+        Node::SingleScatteringDiffuse { color, roughness, normal } => {
+            let (color, normal) = (known.vector(color), known.normal(normal));
+            // Of black, nothing is scattered twice.
+            let scatter = diffuse(normal, known.float(roughness), Vec3::ZERO, point.wo);
+            surface.add(color * weight, Vec3::ONE, normal, scatter);
         }
         Node::Glossy { color, roughness, anisotropy, rotation, normal, tangent, distribution } => {
             let color = known.vector(color).max(Vec3::ZERO);

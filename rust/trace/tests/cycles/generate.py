@@ -28,6 +28,7 @@ PRINCIPLED = {
 
 SHADERS = {
     "principled": "ShaderNodeBsdfPrincipled", "diffuse": "ShaderNodeBsdfDiffuse", "glossy": "ShaderNodeBsdfAnisotropic",
+    "single_scattering_diffuse": "ShaderNodeBsdfDiffuse",
     "glass": "ShaderNodeBsdfGlass", "refraction": "ShaderNodeBsdfRefraction",
     "translucent": "ShaderNodeBsdfTranslucent", "transparent": "ShaderNodeBsdfTransparent",
     "emission": "ShaderNodeEmission", "mix_shader": "ShaderNodeMixShader", "add_shader": "ShaderNodeAddShader",
@@ -38,10 +39,11 @@ VALUES = {
     "combine_xyz": "ShaderNodeCombineXYZ",
     "hue_saturation": "ShaderNodeHueSaturation", "bright_contrast": "ShaderNodeBrightContrast",
     "gamma": "ShaderNodeGamma", "invert": "ShaderNodeInvert", "fresnel": "ShaderNodeFresnel",
-    "layer_weight": "ShaderNodeLayerWeight", "map_range": "ShaderNodeMapRange", "clamp": "ShaderNodeClamp",
+    "layer_weight": "ShaderNodeLayerWeight", "map_range": "ShaderNodeMapRange",
     "mapping": "ShaderNodeMapping", "normal_map": "ShaderNodeNormalMap", "bump": "ShaderNodeBump",
     "texture_coordinate": "ShaderNodeTexCoord", "geometry": "ShaderNodeNewGeometry",
-    "image_texture": "ShaderNodeTexImage", "separate_color": "ShaderNodeSeparateColor", "combine_color": "ShaderNodeCombineColor",
+    "image_texture": "ShaderNodeTexImage", "separate_color": "ShaderNodeSeparateColor",
+    "combine_color": "ShaderNodeCombineColor",
 }  # fmt: skip
 PROPERTIES = {
     "distribution": "distribution", "operation": "operation", "clamp": "use_clamp", "data": "data_type",
@@ -53,6 +55,7 @@ OUTPUTS = {
     "color": "Color", "value": "Value", "vector": "Vector", "normal": "Normal", "fresnel": "Fresnel",
     "facing": "Facing", "alpha": "Alpha", "x": "X", "y": "Y", "z": "Z", "tangent": "Tangent", "incoming": "Incoming",
 }  # fmt: skip
+NOT_SOCKETS = ("type", "name", "uv_map", "filter_width", "texture")
 
 
 def principled(**changes):
@@ -72,8 +75,6 @@ def output_of(node, name):
     if node.bl_idname == "ShaderNodeUVMap":
         return node.outputs["UV"]
     if node.bl_idname == "ShaderNodeMapRange":
-        return node.outputs["Result"]
-    if node.bl_idname in ("ShaderNodeClamp",):
         return node.outputs["Result"]
     if node.bl_idname == "ShaderNodeFresnel":
         return node.outputs[0]
@@ -105,8 +106,6 @@ def set_property(node, field, value):
         node.clamp = value
     elif node.bl_idname == "ShaderNodeTexImage":
         setattr(node, field, {"linear": "Linear", "closest": "Closest", "cubic": "Cubic"}.get(value, value.upper()))
-    elif node.bl_idname == "ShaderNodeClamp":
-        node.clamp_type = "RANGE" if value else "MINMAX"
     else:
         setattr(node, name, value.upper() if isinstance(value, str) else value)
 
@@ -117,10 +116,10 @@ def build(tree, nodes):
     for spec in nodes:
         node = tree.nodes.new({**SHADERS, **VALUES}[spec["type"]])
         for field, value in spec.items():
-            if field in PROPERTIES and not (field == "clamp" and spec["type"] == "clamp"):
+            if field in PROPERTIES:
                 set_property(node, field, value)
         for field, value in spec.items():
-            if field in PROPERTIES or field in ("type", "name", "uv_map", "range", "filter_width", "texture") or value is None:
+            if field in PROPERTIES or field in NOT_SOCKETS or value is None:
                 continue
             # Blender hides sockets that the node's mode does not use.
             if field in ("diffuse_roughness", "scale", "steps", "location") and socket_name(field) not in node.inputs:
@@ -231,6 +230,8 @@ def closure_graphs():
     color = [0.8, 0.5, 0.2]
     glossy = {"color": color, "anisotropy": 0.0, "rotation": 0.0, "normal": None, "tangent": None}
     yield "diffuse", [{"type": "diffuse", "color": color, "roughness": 0.0, "normal": None}]
+    rough = "diffuse" if bpy.app.version >= (4, 3, 0) else "single_scattering_diffuse"
+    yield "rough diffuse", [{"type": rough, "color": color, "roughness": 0.8, "normal": None}]
     yield "translucent", [{"type": "translucent", "color": color, "normal": None}]
     for distribution in ("ggx", "beckmann", "multi_ggx", "ashikhmin_shirley"):
         for roughness in (0.3, 0.7):
