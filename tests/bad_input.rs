@@ -121,6 +121,8 @@ fn damaged_dumps_are_found_and_refused() {
     std::fs::remove_file(&shard).unwrap();
     assert!(failure(folder.path(), "validate bake").contains("1 problem"));
     assert!(failure(folder.path(), "train bake --million-samples 0.01").contains("resume"));
+    let relit = run(folder.path(), &gather);
+    assert!(relit.status.success() && String::from_utf8_lossy(&relit.stderr).contains("unfinished"));
     // Resuming bakes what is missing, and nothing else.
     trace_room(folder.path(), "--out bake --width 16 --height 16 --samples 8 --resume");
     assert!(std::fs::read(&shard).unwrap() == good);

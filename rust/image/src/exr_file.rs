@@ -6,7 +6,7 @@
 use crate::{Image, ImageError, write_atomically};
 use exr::prelude as exr;
 use std::collections::BTreeMap;
-use std::io;
+use std::io::{self, Seek};
 use std::path::Path;
 
 /// One pass of a multi-layer image.
@@ -167,17 +167,37 @@ fn io_error(error: exr::Error) -> io::Error {
 /// Reads all passes of an EXR file, of one part or several.
 pub fn read_exr(path: &Path) -> Result<LayeredImage, ImageError> {
     use exr::{ReadChannels, ReadLayers};
-    let file = std::fs::File::open(path).map_err(|source| ImageError::Read { path: path.into(), source })?;
+    let read_error = |source| ImageError::Read { path: path.into(), source };
+    let format = |reason| ImageError::Format { path: path.to_path_buf(), reason };
+    let mut file = io::BufReader::new(std::fs::File::open(path).map_err(read_error)?);
+    let bytes = file.get_ref().metadata().map_err(read_error)?.len();
+    check_size(&mut file, bytes).map_err(format)?;
+    file.rewind().map_err(read_error)?;
     exr::read()
         .no_deep_data()
         .largest_resolution_level()
         .all_channels()
         .all_layers()
         .all_attributes()
-        .from_buffered(io::BufReader::new(file))
+        .from_buffered(file)
         .map_err(|error| error.to_string())
         .and_then(|image| passes(image.layer_data))
-        .map_err(|reason| ImageError::Format { path: path.to_path_buf(), reason })
+        .map_err(format)
+}
+
+/// Refuses headers that promise more pixels than a file of this length can hold, before memory is taken for them.
+fn check_size(file: &mut impl io::Read, bytes: u64) -> Result<(), String> {
+    /// Deflate makes at most 1032 bytes of one.
+    const MOST_EXPANSION: u64 = 1032;
+    let meta = exr::MetaData::read_from_buffered(file, false).map_err(|error| error.to_string())?;
+    let promised = meta.headers.iter().map(|header| {
+        let pixels = (header.layer_size.0 as u64).saturating_mul(header.layer_size.1 as u64);
+        pixels.saturating_mul(header.channels.bytes_per_pixel as u64)
+    });
+    if promised.fold(0, u64::saturating_add) > bytes.saturating_mul(MOST_EXPANSION) {
+        return Err("its header promises more pixels than the file can hold".into());
+    }
+    Ok(())
 }
 
 /// Gathers the channels of all parts into passes.

@@ -107,3 +107,22 @@ fn layers_of_different_sizes_are_refused_and_nothing_is_written() {
     assert!(write_exr(&path, &image, Precision::Half).unwrap_err().to_string().contains("same name"));
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
 }
+
+#[test]
+fn flipped_bits_are_errors_or_other_pixels_but_never_a_panic() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("out.exr");
+    write_exr(&path, &layered(), Precision::Half).unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    // All of the header, and some of the pixels.
+    for at in (0..bytes.len()).filter(|at| *at < 800 || at % 5 == 0) {
+        let mut damaged = bytes.clone();
+        damaged[at] ^= 1 << (at % 8);
+        std::fs::write(&path, &damaged).unwrap();
+        if let Ok(read) = read_exr(&path) {
+            assert!(
+                read.layers.iter().all(|l| l.image.data.len() == l.image.pixel_count() * l.channels.len())
+            );
+        }
+    }
+}

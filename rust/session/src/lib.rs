@@ -1,4 +1,20 @@
 //! Wires the stages: bake, train, relight, optimise; progress and cancel.
+//!
+//! ```text
+//! let monitor = Monitor::new(listener, cancel);                  // progress, warnings, stop
+//! bake(&scene, &trace_settings, folder, resume, &monitor)?;      // paths, lights.json
+//! train(folder, folder, &train_settings, resume, &monitor)?;     // proxy_<kind>.safetensors and how it measured
+//! let relighter = Relighter::open(folder)?;                      // a bake, or proxies alone
+//! let relit = relighter.relight(&lights, &RelightOptions::default(), &monitor)?;
+//! relit.write_exr(path, Precision::Half)?;  relit.write_png(path, &relighter.view()?, BitDepth::Eight)?;
+//! optimise(&relighter, &target, None, &OptimiseOptions::default(), &monitor)?.lights
+//! ```
+//!
+//! A bake folder holds the dump (`manifest.json`, `tile_*.safetensors`), the scene's lights ([`LIGHTS_FILE`]), its view
+//! transform ([`VIEW_FILE`], if it is not the sRGB curve) and, once trained, for each kind of light
+//! `proxy_<kind>.safetensors`, `proxy_<kind>.json` ([`Measured`]), `training_<kind>.safetensors` (to resume from) and
+//! `base.exr` (what relighting needs when the dump is not at hand). Everything is written atomically; long work checks the
+//! cancel flag between units and leaves whole files.
 
 mod bake;
 mod base_layers;

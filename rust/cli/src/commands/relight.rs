@@ -36,6 +36,7 @@ pub fn relight(args: &RelightArgs, context: &Context) -> anyhow::Result<()> {
 
 fn write_picture(bake: &Path, with: With, args: &PictureArgs, context: &Context) -> anyhow::Result<()> {
     let mut relighter = Relighter::open(bake)?;
+    warn_if_unfinished(&relighter, context);
     change_world(&mut relighter, args)?;
     let view = match &args.view {
         Some(path) => ViewTransform::read_lut(path)?,
@@ -67,6 +68,16 @@ fn write_picture(bake: &Path, with: With, args: &PictureArgs, context: &Context)
     );
     context.console.result(&text, &Written { exr: args.out.clone(), png, lights });
     Ok(())
+}
+
+/// An unfinished bake relights, black where nothing has been traced.
+fn warn_if_unfinished(relighter: &Relighter, context: &Context) {
+    let missing = relighter.gather().map_or(0, |gather| gather.dump().missing().len());
+    if missing > 0 {
+        context.monitor.warn(&format!(
+            "the bake is unfinished, {missing} shards are missing; resume it for the whole picture"
+        ));
+    }
 }
 
 /// Puts another world into its place, if one is asked for.
