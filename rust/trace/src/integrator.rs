@@ -239,11 +239,14 @@ impl Integrator<'_> {
         true
     }
 
-    /// Caustics options and Filter Glossy (Cycles' `surface_shader_prepare_closures`).
+    /// Caustics options, defensive sampling and Filter Glossy (Cycles' `surface_shader_prepare_closures`).
     fn filter_closures(&self, path: &PathState, surface: &mut Surface) {
         let PathSettings { caustics_reflective, caustics_refractive, filter_glossy, .. } = self.settings;
         if path.lobe == Lobe::Diffuse && !(caustics_reflective && caustics_refractive) {
             surface.filter_caustics(caustics_reflective, caustics_refractive);
+        }
+        if path.is_on_first_surface() {
+            surface.sample_defensively();
         }
         if filter_glossy > 0.0 {
             let blur_pdf = path.min_pdf / filter_glossy;

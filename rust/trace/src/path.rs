@@ -45,6 +45,11 @@ impl PathState {
         }
     }
 
+    /// Whether the path is on the first surface after the camera.
+    pub fn is_on_first_surface(&self) -> bool {
+        self.bounces + self.transparent == 0
+    }
+
     /// Whether a bounce limit was reached: the surface that the path is on can emit and be transparent, no more.
     pub fn is_last_surface(&self) -> bool {
         self.last_surface

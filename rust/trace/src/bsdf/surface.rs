@@ -126,9 +126,11 @@ impl Surface {
         self.values = values;
     }
 
-    /// Adds emitted radiance.
+    /// Adds emitted radiance; what is not a finite number is left out.
     pub fn add_emission(&mut self, radiance: Vec3) {
-        self.emission += radiance;
+        if radiance.is_finite() {
+            self.emission += radiance;
+        }
     }
 
     /// Radiance emitted towards `wo`.
@@ -197,9 +199,10 @@ impl Surface {
         sum
     }
 
-    /// Estimate of the surface's albedo, for the denoiser.
+    /// Estimate of the surface's albedo, for the denoiser; what goes straight through is not part of it.
     pub fn albedo(&self) -> Vec3 {
-        self.closures.iter().map(|closure| closure.albedo(self.wo)).sum::<Vec3>().min(Vec3::ONE)
+        let own = self.closures.iter().filter(|closure| !matches!(closure.scatter, Scatter::Transparent));
+        own.map(|closure| closure.albedo(self.wo)).sum::<Vec3>().min(Vec3::ONE)
     }
 
     /// Mean shading normal of the closures, for the denoiser.
@@ -239,6 +242,15 @@ impl Surface {
             },
             _ => true,
         });
+    }
+
+    /// Raises rarely sampled closures to an eighth of the choices each (Cycles' defensive sampling, for the first
+    /// surface of a path): highlights of dull reflections become less noisy.
+    pub fn sample_defensively(&mut self) {
+        let total: f32 = self.closures.iter().map(|closure| closure.sample_weight).sum();
+        for closure in &mut self.closures {
+            closure.sample_weight = closure.sample_weight.max(0.125 * total);
+        }
     }
 
     /// Makes glossy closures at least as wide as `alpha` (Cycles' Filter Glossy).

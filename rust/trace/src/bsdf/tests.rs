@@ -4,6 +4,7 @@
 use std::f32::consts::PI;
 
 use glam::Vec3;
+use relume_dump::Lobe;
 
 use super::*;
 use crate::shading::SurfacePoint;
@@ -203,6 +204,26 @@ fn mixtures_follow_their_density() {
         }
         assert_sampler_follows_density(&format!("mixture from {wo}"), &surface);
     }
+}
+
+#[test]
+fn defensive_sampling_changes_choices_and_not_the_mean() {
+    let mixture = || {
+        let mut surface = facing(views()[1]);
+        let (gloss, albedo) =
+            (microfacet(Shape::Ggx, Interface::Reflection, (0.2, 0.2), 1.0, Fresnel::None), 0.02);
+        surface.add(Vec3::splat(albedo), Vec3::ONE, Vec3::Z, gloss);
+        surface.add(Vec3::splat(0.8), Vec3::ONE, Vec3::Z, Scatter::Diffuse);
+        surface
+    };
+    let (plain, mut defensive) = (mixture(), mixture());
+    defensive.sample_defensively();
+    assert_sampler_follows_density("defensive", &defensive);
+    assert!((furnace(&plain, 100_000).x - furnace(&defensive, 100_000).x).abs() < 5e-3);
+    let mut random = Random(5);
+    let glossy =
+        (0..10_000).filter_map(|_| defensive.sample(random.next3())).filter(|s| s.lobe == Lobe::Glossy);
+    assert!(glossy.count() > 900);
 }
 
 #[test]

@@ -386,6 +386,27 @@ fn damaged_graphs_are_named_and_do_not_panic() {
 }
 
 #[test]
+fn values_that_are_not_numbers_do_not_reach_the_path() {
+    type Change = fn(PrincipledInputs);
+    let changes: [Change; 7] = [
+        |p| *p.base_color = Input::Rgb([f32::NAN, f32::INFINITY, -1.0]),
+        |p| *p.metallic = Input::Float(f32::NAN),
+        |p| *p.roughness = Input::Float(f32::NAN),
+        |p| *p.alpha = Input::Float(f32::NAN),
+        |p| *p.coat_weight = Input::Float(f32::INFINITY),
+        |p| *p.transmission_weight = Input::Float(f32::NAN),
+        |p| *p.emission_strength = Input::Float(f32::NAN),
+    ];
+    for (index, change) in changes.into_iter().enumerate() {
+        let mut node = principled();
+        set(&mut node, change);
+        let surface = look_down(&scene_of(vec![node]));
+        assert!(surface.emission().is_finite() && surface.transparency().is_finite(), "change {index}");
+        assert!(furnace(&surface).is_finite(), "change {index}");
+    }
+}
+
+#[test]
 fn missing_materials_are_grey() {
     let mut scene = scene_of(vec![principled()]);
     scene.instances[0].materials.clear();
