@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 import pytest
 import relume
+
 from addon.engine.scene import load_scene
 from addon.export import trace_settings
 from helpers import add_material, add_quad, render_cycles
