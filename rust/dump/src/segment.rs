@@ -39,7 +39,7 @@ pub struct Segment {
     pub throughput: Vec3,
     /// What made it.
     pub lobe: Lobe,
-    /// Receiver number of the object it left (the `receiver` of its instance), below
-    /// [`crate::RECEIVER_LIMIT`]; 0 for camera rays.
+    /// Receiver number of the object that made it (the `receiver` of its instance), also where it goes on through
+    /// transparent surfaces; below [`crate::RECEIVER_LIMIT`], 0 for camera rays.
     pub receiver: u16,
 }

@@ -87,11 +87,10 @@ impl Integrator<'_> {
             Features { sample: AovSample { alpha: 1.0, ..AovSample::default() }, tint: Some(Vec3::ONE) };
         let mut ray = Ray { t_max: camera.length, ..Ray::new(camera.origin, camera.direction) };
         let mut footprint = camera.footprint;
-        let mut receiver = 0;
         let mut last = None;
         for surface_number in 0.. {
             let Some(hit) = self.bvh.intersect(&ray) else {
-                self.escape(&path, ray.direction, receiver, last, &mut features, sink);
+                self.escape(&path, ray.direction, last, &mut features, sink);
                 break;
             };
             footprint += camera.spread * hit.distance;
@@ -100,7 +99,7 @@ impl Integrator<'_> {
                 end: End::Vertex(point.position),
                 throughput: path.throughput,
                 lobe: path.lobe,
-                receiver,
+                receiver: path.receiver,
             });
             self.materials.evaluate(self.scene, &point, &mut scratch.surface);
             if surface_number == 0 {
@@ -129,7 +128,6 @@ impl Integrator<'_> {
                 break;
             }
             ray.from = Some((hit.instance, hit.triangle));
-            receiver = self.scene.instances[hit.instance as usize].receiver;
         }
         sink.end_path(features.sample);
     }
@@ -139,7 +137,6 @@ impl Integrator<'_> {
         &self,
         path: &PathState,
         direction: Vec3,
-        receiver: u16,
         last: Option<LastBounce>,
         features: &mut Features,
         sink: &mut impl PathSink,
@@ -148,7 +145,7 @@ impl Integrator<'_> {
             end: End::Escape(direction),
             throughput: path.throughput,
             lobe: path.lobe,
-            receiver,
+            receiver: path.receiver,
         });
         let is_camera = path.lobe == Lobe::Camera;
         if is_camera {
@@ -230,6 +227,7 @@ impl Integrator<'_> {
                 features.meet(surface);
             }
             path.scatter(&sample, limits);
+            path.receiver = self.scene.instances[point.instance as usize].receiver;
             *last = (!sample.singular).then_some(LastBounce { position: point.position, pdf: sample.pdf });
         }
         ray.direction = sample.wi;

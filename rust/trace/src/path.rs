@@ -12,6 +12,9 @@ pub(crate) struct PathState {
     pub throughput: Vec3,
     /// What made the current segment; transparent surfaces do not change it.
     pub lobe: Lobe,
+    /// Receiver number of the object that the path last scattered at; transparent surfaces do not change it, so that
+    /// light linking works through them (Cycles' `mis_ray_object`).
+    pub receiver: u16,
     /// Smallest density of the path's directions so far (Filter Glossy).
     pub min_pdf: f32,
     bounces: u32,
@@ -33,6 +36,7 @@ impl PathState {
         Self {
             throughput: Vec3::ONE,
             lobe: Lobe::Camera,
+            receiver: 0,
             min_pdf: f32::INFINITY,
             bounces: 0,
             diffuse: 0,

@@ -104,15 +104,16 @@ fn features_look_into_mirrors_with_their_tint() {
 }
 
 #[test]
-fn segments_name_the_object_that_they_left() {
+fn segments_name_the_object_that_they_scattered_at() {
     let mut scene = stack(vec![diffuse(0.5)]);
     add(&mut scene, square(0.0), Affine3A::from_translation(Vec3::Z * 0.5), transparent(1.0));
     scene.instances[0].receiver = 7;
     scene.instances[1].receiver = 9;
     for path in image_paths(&scene, &settings(4)).iter().flatten() {
         let receivers: Vec<u16> = path.segments.iter().map(|segment| segment.receiver).collect();
-        // From the camera, through the pane, off the floor.
-        assert_eq!(receivers[..3], [0, 9, 7]);
+        // From the camera, on through the pane, off the floor, and perhaps on through the pane again.
+        assert_eq!(receivers[..3], [0, 0, 7]);
+        assert!(receivers[3..].iter().all(|receiver| *receiver == 7));
     }
 }
 
