@@ -6,7 +6,8 @@ use glam::{Quat, Vec3, Vec4};
 use relume_scene::{Distribution as Model, Node, NodeId};
 
 use super::evaluate::{Context, Known};
-use super::principled;
+use super::graph::Aid;
+use super::principled::{self, Parameters};
 use super::values::Inputs;
 use crate::bsdf::{
     AshikhminShirley, Compensation, Distribution, Frame, Fresnel, Interface, Microfacet, OrenNayar, Scatter,
@@ -43,12 +44,14 @@ pub fn shade(
                 shade(context, *child, weight, values, scratch, surface);
             }
         }
-        Node::Principled { .. } => {
-            let inputs = principled::Parameters::read(&context.graph.nodes[node as usize], &known);
-            if let Some(inputs) = inputs {
-                principled::add(context, &inputs, weight, surface);
+        principled @ Node::Principled { .. } => match &context.graph.aids[node as usize] {
+            Aid::Parameters(parameters) => principled::add(principled, parameters, &known, weight, surface),
+            _ => {
+                if let Some(parameters) = Parameters::read(principled, &known) {
+                    principled::add(principled, &parameters, &known, weight, surface);
+                }
             }
-        }
+        },
         simple => add_simple(context, simple, weight, &known, surface),
     }
 }

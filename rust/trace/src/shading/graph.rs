@@ -6,6 +6,7 @@ use std::collections::BTreeSet;
 use glam::{Mat3, Vec3, Vec4};
 use relume_scene::{Input, Material, Node, NodeId, Output};
 
+use super::principled::Parameters;
 use super::values::{Inputs, component, evaluate_pure};
 
 /// Most closures that one graph may mix, shared ones counted as often as they are used.
@@ -36,6 +37,8 @@ pub enum Aid {
     Attribute(usize),
     /// The value nodes that a Bump node's height depends on, in order.
     Height(Vec<NodeId>),
+    /// Parameters of a Principled node with constant ones.
+    Parameters(Box<Parameters>),
     /// Whether an Image Texture node's alpha is in use, so that its colour must not be multiplied by it.
     StraightColor,
 }
@@ -149,6 +152,10 @@ impl Graph {
             Node::Mapping { rotation: Input::Float(angle), .. } => {
                 Aid::Rotation(rotation(Vec3::splat(*angle)))
             }
+            principled @ Node::Principled { .. } if has_constant_parameters(principled) => {
+                Parameters::read(principled, &NoLinks)
+                    .map_or(Aid::None, |read| Aid::Parameters(Box::new(read)))
+            }
             Node::UvMap { name } => Aid::Attribute(number_of(&mut names.uv_maps, name)),
             Node::ColorAttribute { name } => Aid::Attribute(number_of(&mut names.colors, name)),
             Node::NormalMap { uv_map, .. } => {
@@ -178,6 +185,15 @@ impl Graph {
 /// Blender's XYZ Euler rotation.
 pub fn rotation(angles: Vec3) -> Mat3 {
     Mat3::from_rotation_z(angles.z) * Mat3::from_rotation_y(angles.y) * Mat3::from_rotation_x(angles.x)
+}
+
+/// Whether no input but for the directions is linked.
+fn has_constant_parameters(node: &Node) -> bool {
+    let mut node = node.clone();
+    if let Node::Principled { normal, coat_normal, tangent, .. } = &mut node {
+        (*normal, *coat_normal, *tangent) = (None, None, None);
+    }
+    !inputs_of(&node).iter().any(|input| matches!(input, Input::Link { .. }))
 }
 
 fn is_zero(input: &Input) -> bool {

@@ -12,7 +12,8 @@ use crate::bsdf::{
     dielectric_mean, f0_from_ior, ior_from_f0,
 };
 
-/// The node's inputs at a point, clamped as Cycles clamps them.
+/// The node's inputs but for its directions, clamped as Cycles clamps them.
+#[derive(Clone, Debug)]
 pub struct Parameters {
     base_color: Vec3,
     metallic: f32,
@@ -20,18 +21,16 @@ pub struct Parameters {
     diffuse_roughness: f32,
     ior: f32,
     alpha: f32,
-    normal: Vec3,
     subsurface_weight: f32,
     specular_ior_level: f32,
     specular_tint: Vec3,
     anisotropic: f32,
-    tangent: Vec3,
+    anisotropic_rotation: f32,
     transmission_weight: f32,
     coat_weight: f32,
     coat_roughness: f32,
     coat_ior: f32,
     coat_tint: Vec3,
-    coat_normal: Vec3,
     sheen_weight: f32,
     sheen_roughness: f32,
     sheen_tint: Vec3,
@@ -39,9 +38,30 @@ pub struct Parameters {
     is_multi_ggx: bool,
 }
 
+/// The node's directions at a point.
+struct Directions {
+    normal: Vec3,
+    coat_normal: Vec3,
+    /// Of the anisotropy, rotation included; 0 if there is none.
+    tangent: Vec3,
+}
+
+impl Directions {
+    fn read(node: &Node, p: &Parameters, known: &Known) -> Option<Self> {
+        let Node::Principled { normal, coat_normal, tangent, .. } = node else { return None };
+        let normal = known.normal(normal);
+        let tangent = if p.anisotropic > 0.0 {
+            turned(known.tangent(tangent), normal, p.anisotropic_rotation)
+        } else {
+            Vec3::ZERO
+        };
+        Some(Self { normal, coat_normal: known.normal(coat_normal), tangent })
+    }
+}
+
 impl Parameters {
     /// Reads the inputs of `node`; nothing if it is another node.
-    pub fn read(node: &Node, known: &Known) -> Option<Self> {
+    pub fn read(node: &Node, inputs: &impl Inputs) -> Option<Self> {
         let Node::Principled {
             base_color,
             metallic,
@@ -49,19 +69,19 @@ impl Parameters {
             diffuse_roughness,
             ior,
             alpha,
-            normal,
+            normal: _,
             subsurface_weight,
             specular_ior_level,
             specular_tint,
             anisotropic,
             anisotropic_rotation,
-            tangent,
+            tangent: _,
             transmission_weight,
             coat_weight,
             coat_roughness,
             coat_ior,
             coat_tint,
-            coat_normal,
+            coat_normal: _,
             sheen_weight,
             sheen_roughness,
             sheen_tint,
@@ -72,39 +92,30 @@ impl Parameters {
         else {
             return None;
         };
-        let unit = |input| known.float(input).clamp(0.0, 1.0);
-        let positive = |input| known.float(input).max(0.0);
-        let color = |input| known.vector(input).max(Vec3::ZERO);
-        let normal = known.normal(normal);
-        let anisotropic = unit(anisotropic);
-        let tangent = if anisotropic > 0.0 {
-            turned(known.tangent(tangent), normal, known.float(anisotropic_rotation))
-        } else {
-            Vec3::ZERO
-        };
+        let unit = |input| inputs.float(input).clamp(0.0, 1.0);
+        let positive = |input| inputs.float(input).max(0.0);
+        let color = |input| inputs.vector(input).max(Vec3::ZERO);
         Some(Self {
             base_color: color(base_color),
             metallic: unit(metallic),
             roughness: unit(roughness),
             diffuse_roughness: unit(diffuse_roughness),
-            ior: known.float(ior).max(1e-5),
+            ior: inputs.float(ior).max(1e-5),
             alpha: unit(alpha),
-            normal,
             subsurface_weight: unit(subsurface_weight),
             specular_ior_level: positive(specular_ior_level),
             specular_tint: color(specular_tint),
-            anisotropic,
-            tangent,
+            anisotropic: unit(anisotropic),
+            anisotropic_rotation: inputs.float(anisotropic_rotation),
             transmission_weight: unit(transmission_weight),
             coat_weight: positive(coat_weight),
             coat_roughness: unit(coat_roughness),
-            coat_ior: known.float(coat_ior).max(1.0),
+            coat_ior: inputs.float(coat_ior).max(1.0),
             coat_tint: color(coat_tint),
-            coat_normal: known.normal(coat_normal),
             sheen_weight: positive(sheen_weight),
             sheen_roughness: unit(sheen_roughness),
             sheen_tint: color(sheen_tint),
-            emission: known.vector(emission_color) * known.float(emission_strength),
+            emission: inputs.vector(emission_color) * inputs.float(emission_strength),
             is_multi_ggx: *distribution == Model::MultiGgx,
         })
     }
@@ -115,7 +126,7 @@ impl Parameters {
     }
 
     /// Tangents and the widths along them.
-    fn facets(&self, normal: Vec3) -> (Frame, Distribution) {
+    fn facets(&self, normal: Vec3, tangent: Vec3) -> (Frame, Distribution) {
         let alpha = self.roughness * self.roughness;
         if self.anisotropic > 0.0 {
             let aspect = (1.0 - self.anisotropic * 0.9).sqrt();
@@ -124,7 +135,7 @@ impl Parameters {
                 alpha_x: (alpha / aspect).min(1.0),
                 alpha_y: alpha * aspect,
             };
-            (Frame::from_tangent(normal, self.tangent), distribution)
+            (Frame::from_tangent(normal, tangent), distribution)
         } else {
             (Frame::from_normal(normal), Distribution { shape: Shape::Ggx, alpha_x: alpha, alpha_y: alpha })
         }
@@ -137,25 +148,27 @@ fn below(albedo: Vec3, weight: Vec3) -> Vec3 {
     weight * (1.0 - share.max_element()).clamp(0.0, 1.0)
 }
 
-/// Adds the closures of the node, `weight` of them.
-pub fn add(context: &Context, p: &Parameters, weight: f32, surface: &mut Surface) {
+/// Adds the closures of `node`, whose parameters are known to be `p`, `weight` of them.
+pub fn add(node: &Node, p: &Parameters, known: &Known, weight: f32, surface: &mut Surface) {
+    let context = known.context;
+    let Some(directions) = Directions::read(node, p, known) else { return };
     let mut weight = Vec3::splat(weight);
     if p.alpha < 1.0 {
         surface.add_transparent(weight * (1.0 - p.alpha));
         weight *= p.alpha;
     }
     if p.sheen_weight > WEIGHT_CUTOFF {
-        weight = add_sheen(p, weight, surface);
+        weight = add_sheen(p, &directions, weight, surface);
     }
     if p.coat_weight > WEIGHT_CUTOFF {
-        weight = add_coat(context, p, weight, surface);
+        weight = add_coat(context, p, directions.coat_normal, weight, surface);
     }
     if p.emission != Vec3::ZERO {
         surface.add_emission(p.emission * weight);
     }
-    let normal = context.specular_normal(p.normal);
+    let normal = context.specular_normal(directions.normal);
     if p.metallic > WEIGHT_CUTOFF {
-        add_metal(p, weight * p.metallic, normal, surface);
+        add_metal(p, weight * p.metallic, normal, directions.tangent, surface);
         weight *= 1.0 - p.metallic;
     }
     if p.transmission_weight > WEIGHT_CUTOFF {
@@ -165,22 +178,23 @@ pub fn add(context: &Context, p: &Parameters, weight: f32, surface: &mut Surface
     if weight.max_element() <= 0.0 {
         return;
     }
-    weight = add_specular(p, weight, normal, surface);
+    weight = add_specular(p, weight, normal, directions.tangent, surface);
     // Subsurface scattering is taken for diffuse reflection of the same albedo.
     let color = p.base_color.lerp(p.reflectance(), p.subsurface_weight);
-    let scatter = diffuse(p.normal, p.diffuse_roughness, p.base_color, context.point.wo);
-    surface.add(color * weight, Vec3::ONE, p.normal, scatter);
+    let scatter = diffuse(directions.normal, p.diffuse_roughness, p.base_color, context.point.wo);
+    surface.add(color * weight, Vec3::ONE, directions.normal, scatter);
 }
 
-fn add_sheen(p: &Parameters, weight: Vec3, surface: &mut Surface) -> Vec3 {
-    let normal = p.normal.lerp(p.coat_normal, p.coat_weight.clamp(0.0, 1.0)).normalize_or(p.normal);
+fn add_sheen(p: &Parameters, directions: &Directions, weight: Vec3, surface: &mut Surface) -> Vec3 {
+    let Directions { normal, coat_normal, .. } = *directions;
+    let normal = normal.lerp(coat_normal, p.coat_weight.clamp(0.0, 1.0)).normalize_or(normal);
     let Some((sheen, albedo)) = Sheen::new(normal, p.sheen_roughness, surface.wo()) else { return weight };
     let own = weight * p.sheen_tint * (p.sheen_weight * albedo);
     if surface.add(own, Vec3::ONE, normal, Scatter::Sheen(sheen)) { below(own, weight) } else { weight }
 }
 
-fn add_coat(context: &Context, p: &Parameters, weight: Vec3, surface: &mut Surface) -> Vec3 {
-    let normal = context.specular_normal(p.coat_normal);
+fn add_coat(context: &Context, p: &Parameters, normal: Vec3, weight: Vec3, surface: &mut Surface) -> Vec3 {
+    let normal = context.specular_normal(normal);
     let alpha = p.coat_roughness * p.coat_roughness;
     let model = Microfacet {
         distribution: Distribution { shape: Shape::Ggx, alpha_x: alpha, alpha_y: alpha },
@@ -203,8 +217,8 @@ fn add_coat(context: &Context, p: &Parameters, weight: Vec3, surface: &mut Surfa
     weight * Vec3::ONE.lerp(absorbed, p.coat_weight)
 }
 
-fn add_metal(p: &Parameters, weight: Vec3, normal: Vec3, surface: &mut Surface) {
-    let (frame, distribution) = p.facets(normal);
+fn add_metal(p: &Parameters, weight: Vec3, normal: Vec3, tangent: Vec3, surface: &mut Surface) {
+    let (frame, distribution) = p.facets(normal, tangent);
     let metal = F82::new(p.reflectance(), p.specular_tint.min(Vec3::ONE));
     let model = Microfacet {
         distribution,
@@ -232,7 +246,7 @@ fn add_glass(context: &Context, p: &Parameters, weight: Vec3, normal: Vec3, surf
     add_microfacet(surface, weight, normal, model, p.is_multi_ggx.then_some(tint));
 }
 
-fn add_specular(p: &Parameters, weight: Vec3, normal: Vec3, surface: &mut Surface) -> Vec3 {
+fn add_specular(p: &Parameters, weight: Vec3, normal: Vec3, tangent: Vec3, surface: &mut Surface) -> Vec3 {
     let mut eta = p.ior;
     let mut f0 = f0_from_ior(eta);
     if p.specular_ior_level != 0.5 {
@@ -246,7 +260,7 @@ fn add_specular(p: &Parameters, weight: Vec3, normal: Vec3, surface: &mut Surfac
         return weight;
     }
     let f0 = (p.specular_tint * f0).clamp(Vec3::ZERO, Vec3::ONE);
-    let (frame, distribution) = p.facets(normal);
+    let (frame, distribution) = p.facets(normal, tangent);
     let model = Microfacet {
         distribution,
         interface: Interface::Reflection,
