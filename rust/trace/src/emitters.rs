@@ -28,6 +28,8 @@ struct Emitter {
     corner: Vec3,
     edge_1: Vec3,
     edge_2: Vec3,
+    /// Largest channel of the radiance in the middle, of the brighter side.
+    brightness: f32,
 }
 
 /// A point on an emitter.
@@ -40,6 +42,8 @@ pub(crate) struct EmitterSample {
     pub area_density: f32,
     /// Unit normal of the triangle.
     pub normal: Vec3,
+    /// About the largest channel of the radiance.
+    pub brightness: f32,
 }
 
 impl Emitter {
@@ -65,14 +69,15 @@ impl Emitters {
                 let [a, b, c] = triangle.map(|vertex| {
                     instance.world_from_object.transform_point3(mesh.positions[vertex as usize])
                 });
-                let emitter = Emitter {
+                let mut emitter = Emitter {
                     instance: index as u32,
                     triangle: number as u32,
                     corner: a,
                     edge_1: b - a,
                     edge_2: c - a,
+                    brightness: 0.0,
                 };
-                let power = emitter.power(scene, materials, &mut surface);
+                let power = emitter.measure(scene, materials, &mut surface);
                 if power > 0.0 {
                     triangles.push(emitter);
                     powers.push(power);
@@ -99,6 +104,7 @@ impl Emitters {
             position,
             area_density: self.choice.probability(index) * 2.0 / cross.length(),
             normal: cross.normalize_or(Vec3::Z),
+            brightness: emitter.brightness,
         }
     }
 
@@ -111,8 +117,8 @@ impl Emitters {
 }
 
 impl Emitter {
-    /// Brightness in the middle, both sides, times the area.
-    fn power(&self, scene: &Scene, materials: &PreparedMaterials, surface: &mut Surface) -> f32 {
+    /// Evaluates both sides in the middle and returns their sum times the area.
+    fn measure(&mut self, scene: &Scene, materials: &PreparedMaterials, surface: &mut Surface) -> f32 {
         let cross = self.cross();
         let area = 0.5 * cross.length();
         if !(area > 0.0 && area.is_finite()) {
@@ -120,16 +126,14 @@ impl Emitter {
         }
         let normal = cross / (2.0 * area);
         let middle = self.corner + (self.edge_1 + self.edge_2) / 3.0;
-        let brightness: f32 = [normal, -normal]
-            .into_iter()
-            .map(|wo| {
-                let hit = Hit::on(scene, [self.instance, self.triangle], [1.0 / 3.0; 2], 1.0);
-                let point = materials.surface_point(scene, &hit, middle + wo, -wo, 0.0);
-                materials.evaluate(scene, &point, surface);
-                surface.emission().max_element()
-            })
-            .sum();
-        brightness * area
+        let [front, back] = [normal, -normal].map(|wo| {
+            let hit = Hit::on(scene, [self.instance, self.triangle], [1.0 / 3.0; 2], 1.0);
+            let point = materials.surface_point(scene, &hit, middle + wo, -wo, 0.0);
+            materials.evaluate(scene, &point, surface);
+            surface.emission().max_element()
+        });
+        self.brightness = front.max(back);
+        (front + back) * area
     }
 }
 

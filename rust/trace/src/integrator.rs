@@ -207,7 +207,14 @@ impl Integrator<'_> {
                 materials: &self.materials,
                 environment: &self.environment,
             };
-            match lights.sample(&lookup, point, surface, &mut scratch.shadow, light_numbers()) {
+            match lights.sample(
+                &lookup,
+                point,
+                surface,
+                &mut scratch.shadow,
+                path.throughput,
+                light_numbers(),
+            ) {
                 Some(StaticSample::Emission(light)) => features.sample.emission += path.throughput * light,
                 Some(StaticSample::World(light)) => features.sample.world += path.throughput * light,
                 None => {}

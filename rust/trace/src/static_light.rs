@@ -15,6 +15,9 @@ use crate::{
     shading::{Hit, PreparedMaterials, SurfacePoint},
 };
 
+/// Contribution below which shadow rays are left to chance: Cycles' default.
+const LIGHT_THRESHOLD: f32 = 0.01;
+
 /// Emitters and the environment, with how likely each is sampled.
 #[derive(Debug)]
 pub(crate) struct StaticLights {
@@ -93,13 +96,15 @@ impl StaticLights {
         power_heuristic(last.pdf, environment.density(direction) * self.environment_share())
     }
 
-    /// One light sample for `surface` at `point`.
+    /// One light sample for `surface` at `point`, before the path's `throughput`, which decides whether it is worth a
+    /// shadow ray.
     pub fn sample(
         &self,
         tracer: &Lookup<'_>,
         point: &SurfacePoint,
         surface: &Surface,
         scratch: &mut Surface,
+        throughput: Vec3,
         u: [f32; 4],
     ) -> Option<StaticSample> {
         let share = self.environment_share();
@@ -107,6 +112,7 @@ impl StaticLights {
             let (direction, density) = tracer.environment.sample([u[0], u[1], u[2]])?;
             let factor = weighted(surface, point, direction, density * share)?;
             let radiance = tracer.environment.radiance(tracer.scene, tracer.materials, direction, false);
+            let factor = factor / survival(throughput * factor * radiance, u[3] / share)?;
             let through = self.transmittance(tracer, point, direction, None, scratch)?;
             return Some(StaticSample::World(factor * radiance * through));
         }
@@ -117,6 +123,8 @@ impl StaticLights {
         let cos = target.normal.dot(direction).abs();
         let density = target.area_density * (1.0 - share) * distance_squared / cos;
         let factor = weighted(surface, point, direction, density)?;
+        let factor =
+            factor / survival(throughput * factor * target.brightness, (u[3] - share) / (1.0 - share))?;
         let goal = (target.instance, target.triangle);
         let through = self.transmittance(tracer, point, direction, Some(goal), scratch)?;
         Some(StaticSample::Emission(factor * through * scratch.emission()))
@@ -189,6 +197,13 @@ fn weighted(surface: &Surface, point: &SurfacePoint, direction: Vec3, density: f
     let (value, pdf) = surface.eval(direction);
     let factor = value * (power_heuristic(density, pdf) / density);
     (factor.is_finite() && factor.max_element() > 0.0).then_some(factor)
+}
+
+/// Probability of a shadow ray for a light that adds up to `contribution`, if the number `u` is below it. Weak lights get
+/// few, as with Cycles' `light_sampling_threshold`.
+fn survival(contribution: Vec3, u: f32) -> Option<f32> {
+    let probability = (contribution.max_element() / LIGHT_THRESHOLD).min(1.0);
+    (u < probability).then_some(probability)
 }
 
 fn power_heuristic(this: f32, other: f32) -> f32 {
