@@ -92,7 +92,7 @@ def _add(t: Translation, node: bpy.types.Node, context: Context) -> int:
     return t.emit({"type": "add_shader", "a": a, "b": b})
 
 
-def _diffuse(t: Translation, node: bpy.types.Node, context: Context) -> int:
+def _diffuse(t: Translation, node: bpy.types.Node, context: Context) -> int | None:
     is_smooth = t.value(node, "Roughness", context, 0.0) == 0.0
     kind = "diffuse" if is_smooth or bpy.app.version >= (4, 3, 0) else "single_scattering_diffuse"
     return _simple(kind, COLOR, ROUGHNESS, NORMAL)(t, node, context)

@@ -285,7 +285,7 @@ def _rgb_to_bw(t: Translation, source: Source) -> Any:
             # A vector that arrives here counts as a colour from here on.
             settings = {"data": "color", "blend": "MIX", "clamp_factor": True, "clamp_result": False}
             mix = {"type": "mix", **settings, "factor": 0.0, "a": color, "b": [0.0, 0.0, 0.0]}
-            value = {"node": t.emit(mix), "output": "color"}
+            value: Any = {"node": t.emit(mix), "output": "color"}
         else:
             value = convert(color, source.socket, is_color=True)
         return {"type": "math", "operation": "ADD", "clamp": False, "a": value, "b": 0.0, "c": 0.0}

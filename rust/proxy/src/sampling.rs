@@ -74,7 +74,7 @@ impl Sampler {
     }
 
     /// Random groups of 32 pixels, each seen under `slots` random lights of the pool.
-    pub fn from_pool(
+    pub fn batch_from_pool(
         &self,
         pool: &Pool,
         scale: &OutputScale,

@@ -313,7 +313,7 @@ impl Trainer {
         match &self.samples_of {
             Samples::Gathered(replay) => replay.batch(samples, key),
             Samples::Pool(pool) => {
-                self.sampler().from_pool(pool, scale, (samples, self.config.lights_per_pixel), key)
+                self.sampler().batch_from_pool(pool, scale, (samples, self.config.lights_per_pixel), key)
             }
         }
     }
