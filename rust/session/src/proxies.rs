@@ -93,9 +93,11 @@ impl Proxies {
         self.list.iter().find(|trained| trained.proxy.info().kind == kind)
     }
 
-    /// The proxy that answers for a light: it learned this kind and size, and Blender's default ray visibility.
+    /// The proxy that answers for a light: it learned this kind and size, and Blender's default ray visibility. Of a light
+    /// that the camera sees, it gives all but that direct view.
     pub fn covering(&self, light: &Light) -> Option<&TrainedProxy> {
-        let usual = light.lobes == LobeFactors::default() && light.receivers.is_none();
+        let unseen = LobeFactors { camera: LobeFactors::default().camera, ..light.lobes };
+        let usual = unseen == LobeFactors::default() && light.receivers.is_none();
         self.list.iter().find(|trained| usual && trained.proxy.covers(&light.shape))
     }
 }

@@ -9,7 +9,7 @@ use relume_dump::{Aovs, Dump, Manifest};
 use relume_gather::{DenoiseQuality, Environment, Gather, Half};
 use relume_image::{Image, ViewTransform};
 use relume_proxy::LightParams;
-use relume_scene::{Camera, Light, Texture, World};
+use relume_scene::{Camera, Light, LobeFactors, Texture, World};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -224,8 +224,13 @@ impl Relighter {
         let stage = monitor.stage(Stage::Gather, 0, missing.len() as u64);
         let (proxied, gathered): (Vec<usize>, Vec<usize>) =
             missing.into_iter().partition(|i| makers[*i] == Maker::Proxy);
-        for i in proxied {
-            units[i] = Some(self.cache.insert(&lights[i], makers[i], self.proxy_image(&lights[i])?));
+        let views = self.direct_views(proxied.iter().map(|i| &lights[*i]), monitor)?;
+        for (i, view) in proxied.into_iter().zip(views) {
+            let mut image = self.proxy_image(&lights[i])?;
+            if let Some(view) = view {
+                image.add_scaled(&view, &[1.0; 3]);
+            }
+            units[i] = Some(self.cache.insert(&lights[i], makers[i], image));
             stage.advance(1, &lights[i].name);
         }
         // A few at a time, so that progress shows and memory stays bounded.
@@ -270,6 +275,38 @@ impl Relighter {
             (Some(proxy), Some(params)) => Ok(proxy.proxy.unit_image(&params)?),
             _ => Err(SessionError::Settings(format!("light '{}' has no proxy", light.name))),
         }
+    }
+
+    /// What the camera sees of lights directly, which proxies do not learn: exact from the dump, left out without one.
+    fn direct_views<'a>(
+        &self,
+        lights: impl Iterator<Item = &'a Light>,
+        monitor: &Monitor,
+    ) -> Result<Vec<Option<Image>>, SessionError> {
+        let lights: Vec<&Light> = lights.collect();
+        let seen: Vec<&Light> = lights.iter().copied().filter(|light| light.lobes.camera != 0.0).collect();
+        if self.gather.is_none() {
+            for light in &seen {
+                monitor.warn(&format!(
+                    "light '{}' itself is not shown, only its light: that needs the bake",
+                    light.name
+                ));
+            }
+            return Ok(vec![None; lights.len()]);
+        }
+        let camera_only = |light: &&Light| {
+            let lobes = LobeFactors {
+                camera: light.lobes.camera,
+                diffuse: 0.0,
+                glossy: 0.0,
+                transmission: 0.0,
+                volume: 0.0,
+            };
+            Light { lobes, ..(**light).clone() }
+        };
+        let mut views = self.gather_images(&seen.iter().map(camera_only).collect::<Vec<_>>())?.into_iter();
+        let view = |light: &Light| if light.lobes.camera != 0.0 { views.next() } else { None };
+        Ok(lights.into_iter().map(view).collect())
     }
 
     fn gather_images(&self, lights: &[Light]) -> Result<Vec<Image>, SessionError> {

@@ -96,14 +96,30 @@ fn proxies_take_only_what_they_learned() {
     let relighter = Relighter::open(folder.path()).unwrap();
     let usual = sphere("usual", 0.2);
     let huge = sphere("huge", 0.9);
-    let seen = Light { lobes: LobeFactors { camera: 1.0, ..LobeFactors::default() }, ..usual.clone() };
     let linked = Light { receivers: Some(ReceiverSet { receivers: vec![0] }), ..usual.clone() };
     let sun = Light { shape: LightShape::Sun { direction: Vec3::Z, half_angle: 0.1 }, ..usual.clone() };
-    let lights = [usual, huge, seen, linked, sun];
+    let matte = Light { lobes: LobeFactors { glossy: 0.0, ..LobeFactors::default() }, ..usual.clone() };
+    let lights = [usual.clone(), huge, matte, linked, sun];
     let by_proxy = RelightOptions { with: With::Proxy, ..RAW };
     let expected = [Maker::Proxy, Maker::Gather, Maker::Gather, Maker::Gather, Maker::Gather];
     assert_eq!(makers(&relighter, &lights, by_proxy), expected);
-    assert_eq!(makers(&relighter, &lights, RelightOptions { with: With::Gather, ..RAW }), [Maker::Gather; 5]);
+    let gathered = RelightOptions { with: With::Gather, ..RAW };
+    assert_eq!(makers(&relighter, &lights, gathered), [Maker::Gather; 5]);
+
+    // The camera sees the lamp itself as it is gathered, over what the proxy knows.
+    let seen = Light { lobes: LobeFactors { camera: 1.0, ..LobeFactors::default() }, ..usual.clone() };
+    let picture = |light: &Light, options: &RelightOptions| {
+        let relit = relighter.relight(std::slice::from_ref(light), options, &Monitor::default()).unwrap();
+        relit.lights[0].clone()
+    };
+    assert_eq!(picture(&seen, &by_proxy).maker, Maker::Proxy);
+    let lamp = |options: &RelightOptions| {
+        let (with, without) = (picture(&seen, options).image.data, picture(&usual, options).image.data);
+        with.iter().zip(without).map(|(a, b)| a - b).collect::<Vec<f32>>()
+    };
+    let (by_proxy, gathered) = (lamp(&by_proxy), lamp(&gathered));
+    assert!(gathered.iter().copied().fold(0.0, f32::max) > 1.0, "the lamp is in the picture");
+    assert!(by_proxy.iter().zip(&gathered).all(|(a, b)| (a - b).abs() < 1e-4));
 }
 
 #[test]
