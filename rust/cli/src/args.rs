@@ -204,10 +204,10 @@ pub struct TrainArgs {
     /// Train for so many seconds instead; the schedule is stretched to end with them.
     #[arg(long)]
     pub seconds: Option<f64>,
-    /// Smallest radius or edge to learn, metres; default is 1/200 of the visible scene.
+    /// Smallest radius or edge to learn, metres; default is 1/200 of the visible scene, or less for its own lights.
     #[arg(long)]
     pub size_min: Option<f32>,
-    /// Largest radius or edge to learn, metres; default is 1/10 of the visible scene.
+    /// Largest radius or edge to learn, metres; default is 1/10 of the visible scene, or more for its own lights.
     #[arg(long)]
     pub size_max: Option<f32>,
     /// Where training lights are put.

@@ -1,4 +1,3 @@
-use crate::bake::LIGHTS_FILE;
 use crate::progress::{Monitor, Stage};
 use crate::proxies::{Measured, Proxies};
 use crate::{LightSet, SessionError};
@@ -78,8 +77,7 @@ fn bake_info(folder: &Path) -> Result<Info, SessionError> {
     let dump = Dump::open(folder)?;
     let manifest = dump.manifest();
     let all = manifest.tile_count() * manifest.passes.len();
-    let lights = folder.join(LIGHTS_FILE);
-    let lights = if lights.exists() { LightSet::read(&lights)? } else { LightSet::default() };
+    let lights = LightSet::of_bake(folder)?;
     Ok(Info::Bake {
         shards: [all - dump.missing().len(), all],
         records: dump.record_count(),

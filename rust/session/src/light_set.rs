@@ -56,6 +56,15 @@ impl LightSet {
         Ok(set)
     }
 
+    /// The lights that a bake's scene came with; none if the folder does not hold them.
+    ///
+    /// # Errors
+    /// As [`LightSet::read`].
+    pub fn of_bake(folder: &Path) -> Result<Self, SessionError> {
+        let path = folder.join(crate::LIGHTS_FILE);
+        if path.exists() { Self::read(&path) } else { Ok(Self::default()) }
+    }
+
     /// Parses the text of a light set.
     pub fn parse(text: &str) -> Result<Self, String> {
         let value: Value = serde_json::from_str(text).map_err(|error| error.to_string())?;

@@ -1,4 +1,4 @@
-use crate::bake::{LIGHTS_FILE, VIEW_FILE};
+use crate::bake::VIEW_FILE;
 use crate::denoise::Denoise;
 use crate::progress::{Monitor, Stage};
 use crate::proxies::{Proxies, TrainedProxy};
@@ -135,8 +135,7 @@ impl Relighter {
     /// # Errors
     /// If their file is damaged.
     pub fn scene_lights(&self) -> Result<LightSet, SessionError> {
-        let path = self.folder.join(LIGHTS_FILE);
-        if path.exists() { LightSet::read(&path) } else { Ok(LightSet::default()) }
+        LightSet::of_bake(&self.folder)
     }
 
     /// The scene's view transform; the sRGB curve if the folder holds none.

@@ -6,7 +6,7 @@ use relume_session::scene::{Light, LightShape, LobeFactors, ReceiverSet};
 use relume_session::trace::TraceSettings;
 use relume_session::{
     Cancel, LightSet, Listener, Maker, Monitor, ObjView, Progress, RelightOptions, Relighter, Stage,
-    TrainSettings, With, bake, obj_scene, train,
+    TrainSettings, With, bake, default_sizes, obj_scene, train,
 };
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -120,6 +120,20 @@ fn proxies_take_only_what_they_learned() {
     let (by_proxy, gathered) = (lamp(&by_proxy), lamp(&gathered));
     assert!(gathered.iter().copied().fold(0.0, f32::max) > 1.0, "the lamp is in the picture");
     assert!(by_proxy.iter().zip(&gathered).all(|(a, b)| (a - b).abs() < 1e-4));
+}
+
+#[test]
+fn sizes_to_learn_take_in_the_scenes_own_lights() {
+    let folder = tempfile::tempdir().unwrap();
+    baked(folder.path());
+    let usual = default_sizes(folder.path(), LightKind::Sphere).unwrap();
+    assert!(usual.min < 0.2 && usual.max > 0.2);
+    let mut set = LightSet::read(&folder.path().join("lights.json")).unwrap();
+    set.lights.push(sphere("Moon", 5.0));
+    set.write(&folder.path().join("lights.json")).unwrap();
+    let wide = default_sizes(folder.path(), LightKind::Sphere).unwrap();
+    assert_eq!((wide.min, wide.max), (usual.min, 7.5));
+    assert_eq!(default_sizes(folder.path(), LightKind::Quad).unwrap(), usual);
 }
 
 #[test]

@@ -1,17 +1,18 @@
 use super::Context;
 use crate::args::{Kind, Network, Placement, TrainArgs};
 use relume_session::proxy::{LightKind, LightPlacement, NetworkConfig, SizeRange, TrainConfig};
-use relume_session::{Relighter, TrainSettings, pixel_features, train as train_proxy};
+use relume_session::{TrainSettings, default_sizes, train as train_proxy};
 
 /// Trains a proxy on a bake.
 pub fn train(args: &TrainArgs, context: &Context) -> anyhow::Result<()> {
+    let kind = match args.kind {
+        Kind::Sphere => LightKind::Sphere,
+        Kind::FacingDisk => LightKind::FacingDisk,
+        Kind::Quad => LightKind::Quad,
+    };
     let settings = TrainSettings {
-        kind: match args.kind {
-            Kind::Sphere => LightKind::Sphere,
-            Kind::FacingDisk => LightKind::FacingDisk,
-            Kind::Quad => LightKind::Quad,
-        },
-        config: config(args)?,
+        kind,
+        config: config(args, kind)?,
         seed: context.global.seed,
         seconds: args.seconds,
         half_for_measuring: !args.all_paths,
@@ -39,8 +40,8 @@ pub fn train(args: &TrainArgs, context: &Context) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn config(args: &TrainArgs) -> anyhow::Result<TrainConfig> {
-    let size = sizes(args)?;
+fn config(args: &TrainArgs, kind: LightKind) -> anyhow::Result<TrainConfig> {
+    let size = sizes(args, kind)?;
     let mut config = match args.network {
         Network::Fast => TrainConfig::fast(size),
         Network::Reference => TrainConfig::reference(size),
@@ -57,16 +58,11 @@ fn config(args: &TrainArgs) -> anyhow::Result<TrainConfig> {
     Ok(config)
 }
 
-/// Sizes from the options, or as shares of the visible scene.
-fn sizes(args: &TrainArgs) -> anyhow::Result<SizeRange> {
+/// Sizes from the options, or those that suit the bake.
+fn sizes(args: &TrainArgs, kind: LightKind) -> anyhow::Result<SizeRange> {
     if let (Some(min), Some(max)) = (args.size_min, args.size_max) {
         return Ok(SizeRange { min, max });
     }
-    let relighter = Relighter::open(&args.bake)?;
-    let (low, high) = pixel_features(relighter.aovs(), relighter.camera()).visible_bounds();
-    let extent = low.distance(high);
-    Ok(SizeRange {
-        min: args.size_min.unwrap_or(extent / 200.0),
-        max: args.size_max.unwrap_or(extent / 10.0),
-    })
+    let range = default_sizes(&args.bake, kind)?;
+    Ok(SizeRange { min: args.size_min.unwrap_or(range.min), max: args.size_max.unwrap_or(range.max) })
 }

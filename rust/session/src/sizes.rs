@@ -1,0 +1,31 @@
+use crate::relighter::camera;
+use crate::{LightSet, SessionError, pixel_features};
+use relume_dump::Dump;
+use relume_proxy::{LightKind, SizeRange};
+use relume_scene::LightShape;
+use std::path::Path;
+
+/// Sizes of lights that are worth learning for a bake: 1/200 to 1/10 of the visible scene, widened to take in the scene's
+/// own lights of this kind with half as much again on both sides.
+///
+/// # Errors
+/// If the bake or its lights cannot be read.
+pub fn default_sizes(bake: &Path, kind: LightKind) -> Result<SizeRange, SessionError> {
+    let dump = Dump::open(bake)?;
+    let (low, high) = pixel_features(&dump.aovs(), &camera(dump.manifest())?).visible_bounds();
+    let extent = low.distance(high).max(1e-3);
+    let mut range = SizeRange { min: extent / 200.0, max: extent / 10.0 };
+    const SLACK: f32 = 1.5;
+    for light in LightSet::of_bake(bake)?.lights {
+        let sizes = match light.shape {
+            _ if LightKind::of(&light.shape) != Some(kind) => continue,
+            LightShape::Sphere { radius, .. } | LightShape::FacingDisk { radius, .. } => [radius, radius],
+            LightShape::Quad { edge_u, edge_v, .. } => [edge_u.length(), edge_v.length()],
+            _ => continue,
+        };
+        for size in sizes {
+            range = SizeRange { min: range.min.min(size / SLACK), max: range.max.max(size * SLACK) };
+        }
+    }
+    Ok(range)
+}
