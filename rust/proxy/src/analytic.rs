@@ -87,6 +87,12 @@ impl Dual {
         Self { value, d }
     }
 
+    /// Sine and cosine.
+    pub fn sine_and_cosine(self) -> (Self, Self) {
+        let (sine, cosine) = self.value.sin_cos();
+        (self.chain(sine, cosine), self.chain(cosine, -sine))
+    }
+
     /// A function of this value with this value and slope.
     fn chain(self, value: f32, slope: f32) -> Self {
         Self { value, d: self.d.map(|d| d * slope) }

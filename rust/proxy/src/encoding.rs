@@ -3,13 +3,17 @@ use crate::scene_cache::Normalisation;
 use crate::{LightKind, LightParams, MAX_PARAMS, SizeRange};
 
 /// Largest number of inputs that stand for a light.
-pub(crate) const MAX_LIGHT_INPUTS: usize = 14;
+pub(crate) const MAX_LIGHT_INPUTS: usize = 14 + 6 * MAX_FREQUENCIES;
+/// Most octaves of the centre's sines and cosines.
+const MAX_FREQUENCIES: usize = 4;
 
 /// Turns light parameters into network inputs.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LightEncoding {
     pub kind: LightKind,
     pub normalisation: Normalisation,
+    /// Octaves of sines and cosines of the centre that are added.
+    frequencies: usize,
     /// Middle and half width of the logarithm of sizes.
     log_middle: f32,
     log_half: f32,
@@ -19,15 +23,25 @@ impl LightEncoding {
     /// Sizes in `size` go to -1..1.
     pub fn new(kind: LightKind, normalisation: Normalisation, size: SizeRange) -> Self {
         let (low, high) = (size.min.ln(), size.max.ln());
-        Self { kind, normalisation, log_middle: 0.5 * (low + high), log_half: (0.5 * (high - low)).max(0.1) }
+        let (log_middle, log_half) = (0.5 * (low + high), (0.5 * (high - low)).max(0.1));
+        Self { kind, normalisation, frequencies: 0, log_middle, log_half }
+    }
+
+    /// Adds sines and cosines of the centre, in octaves from a period of four half diagonals down.
+    pub fn with_frequencies(self, frequencies: usize) -> Self {
+        Self { frequencies: frequencies.min(MAX_FREQUENCIES), ..self }
     }
 
     /// Number of inputs: centre and log radius; or centre, normal, log width and height, and a tensor that tells
     /// the roll.
     pub fn inputs(&self) -> usize {
+        self.plain_inputs() + 6 * self.frequencies
+    }
+
+    fn plain_inputs(&self) -> usize {
         match self.kind {
             LightKind::Sphere | LightKind::FacingDisk => 4,
-            LightKind::Quad => MAX_LIGHT_INPUTS,
+            LightKind::Quad => 14,
         }
     }
 
@@ -56,6 +70,15 @@ impl LightEncoding {
         match self.kind {
             LightKind::Sphere | LightKind::FacingDisk => out[3] = self.log_size(p[3] * p[3]),
             LightKind::Quad => self.quad_inputs(p, &mut out),
+        }
+        let start = self.plain_inputs();
+        for octave in 0..self.frequencies {
+            let factor = Dual::constant(std::f32::consts::FRAC_PI_2 * (1 << octave) as f32);
+            for axis in 0..3 {
+                let (sine, cosine) = (out[axis] * factor).sine_and_cosine();
+                out[start + 6 * octave + axis] = sine;
+                out[start + 6 * octave + 3 + axis] = cosine;
+            }
         }
         out
     }

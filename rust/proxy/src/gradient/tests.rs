@@ -170,7 +170,8 @@ fn check_light_gradient<N: Network>(network: &N, setup: &Setup, width: usize, wh
     let packed = network.pack(&params);
     let mut scratch = network.light_scratch();
     let mut encoded = AlignedVec::zeros(network.pixel_rows() * LANES);
-    let pixels: Vec<u32> = (400..432).collect();
+    // On the floor, well in front of lights that face it.
+    let pixels: Vec<u32> = (800..832).collect();
     network.encode_pixels(context, &packed, &pixels, &mut encoded);
     let mut rng = Rng::stream(2, 7, 1);
     let coefficients: Vec<f32> = (0..TILE).map(|_| rng.next_normal()).collect();
@@ -186,7 +187,7 @@ fn check_light_gradient<N: Network>(network: &N, setup: &Setup, width: usize, wh
         let gradient = network.finish_light_gradient(context, &packed, &lit, &sums);
 
         for lane in 0..light.as_slice().len() {
-            let step = 4e-3;
+            let step = 8e-3;
             let mut value = |sign: f32| {
                 let mut moved = light.as_slice().to_vec();
                 moved[lane] += sign * step;
@@ -196,12 +197,13 @@ fn check_light_gradient<N: Network>(network: &N, setup: &Setup, width: usize, wh
                 network.infer(context.isa, &packed, &lit, &mut scratch, &encoded, &mut y);
                 y.iter().zip(&coefficients).map(|(y, c)| f64::from(*y) * f64::from(*c)).sum::<f64>()
             };
-            let (high, low) = (value(1.0), value(-1.0));
-            let found = (high - low) / f64::from(2.0 * step);
+            // Two steps, extrapolated: small lights bend the logarithm of their size.
+            let mut quotient = |steps: f32| (value(steps) - value(-steps)) / f64::from(2.0 * steps * step);
+            let found = (4.0 * quotient(1.0) - quotient(2.0)) / 3.0;
             let expected = f64::from(gradient[lane]);
             let largest = gradient.iter().fold(0.0, |m, g| f64::from(g.abs()).max(m));
             let rounding = 2e-7 * magnitude / f64::from(step);
-            assert!(largest > 10.0 * rounding, "{what}: gradient {largest} drowns in rounding {rounding}");
+            assert!(largest > 5.0 * rounding, "{what}: gradient {largest} drowns in rounding {rounding}");
             assert!(
                 (found - expected).abs() < 0.01 * largest + rounding,
                 "{what}, parameter {lane}: difference quotient {found}, gradient {expected}, largest {largest}"

@@ -14,6 +14,10 @@ use crate::{GridConfig, LightParams, MAX_PARAMS};
 /// Most tiles of a group that run together, so that a weight's gradient is loaded and stored once for all of them.
 const TILES: usize = 4;
 
+/// Octaves of the light's position that the encoder sees beside the position. They cost nothing per pixel; without them
+/// the encoder is too smooth for the edges of shadows.
+const FREQUENCIES: usize = 3;
+
 /// The factorised network: a trunk per pixel (computed once), an encoder per light (once a frame) whose outputs
 /// modulate a small head per pixel and light, which also sees the analytic features.
 #[derive(Clone, Debug)]
@@ -68,6 +72,7 @@ impl FastNetwork {
         light: LightEncoding,
     ) -> Self {
         let mut layout = ParamLayout::default();
+        let light = light.with_frequencies(FREQUENCIES);
         let pixel_inputs = grid.levels * grid.features_per_level + AUX;
         let trunk = Mlp::new(&mut layout, "trunk", &[pixel_inputs, width, width, width], 1.0);
         let head = Head::new(&mut layout, width, layers);

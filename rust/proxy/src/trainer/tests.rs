@@ -1,6 +1,6 @@
 use super::*;
 use crate::synthetic::SyntheticRoom;
-use crate::{GridConfig, LightPlacement, PixelQueries, SizeRange, TargetMode};
+use crate::{GridConfig, LearningRates, LightPlacement, PixelQueries, SizeRange, TargetMode};
 
 fn config(samples: u64) -> TrainConfig {
     let grid = GridConfig { levels: 4, ..GridConfig::default() };
@@ -40,9 +40,13 @@ fn reference_network_learns_from_a_pool() {
     let config = TrainConfig {
         network: NetworkConfig::Reference { width: 32, layers: 3, grid: GridConfig::default() },
         targets: TargetMode::Pool { size: 60, replace: 2, every: 5, denoised: true },
+        ..config(400_000)
+    };
+    let config = TrainConfig {
+        rates: LearningRates { grid: 1e-2, ..config.rates },
         muon: false,
         scale_by_area: false,
-        ..config(400_000)
+        ..config
     };
     let after = trained(config, LightKind::Sphere, &room).validate(&room).expect("scores");
     assert!(after.psnr > 14.0, "{after:?}");
