@@ -9,8 +9,9 @@
 //! # fn main() -> Result<(), ProxyError> {
 //! # let source = relume_proxy::synthetic::SyntheticRoom::new(32, 20);
 //! # let features = source.features();
-//! # let folder = std::env::temp_dir();
-//! # let (path, proxy_path) = (folder.join("doc.training.safetensors"), folder.join("doc.safetensors"));
+//! # let folder = tempfile::tempdir().expect("a folder");
+//! # let path = folder.path().join("training.safetensors");
+//! # let proxy_path = folder.path().join("proxy.safetensors");
 //! let config = TrainConfig { samples: 8192, ..TrainConfig::fast(SizeRange { min: 0.05, max: 0.5 }) };
 //! let mut trainer = Trainer::new(Arc::new(features), LightKind::Sphere, config, 1)?;
 //! while !trainer.done() {

@@ -86,3 +86,36 @@ impl Replay {
         batch
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthetic::SyntheticRoom;
+    use crate::{LightKind, LightPlacement, SizeRange};
+
+    #[test]
+    fn resumed_replay_draws_the_same_batches_after_old_blocks_are_gone() {
+        let room = SyntheticRoom::new(16, 12);
+        let size = SizeRange { min: 0.1, max: 0.4 };
+        let placement = LightPlacement::Segments;
+        let sampler = Sampler { kind: LightKind::Sphere, size, placement, pixel_count: 192 };
+        let scale = OutputScale { factor: 1.0, area: None };
+        let fill = |replay: &mut Replay, samples: u64| {
+            while replay.missing(samples) > 0 {
+                replay.fill(&sampler, &room, &scale, (samples, 8), 3).expect("gathered");
+            }
+        };
+        let end = (CAPACITY + 5) * BLOCK;
+        let mut whole = Replay::new(1, 0);
+        for samples in (0..=end).step_by(BLOCK as usize) {
+            fill(&mut whole, samples);
+        }
+        let mut resumed = Replay::new(1, end);
+        fill(&mut resumed, end);
+        assert_eq!(whole.blocks.len() as u64, CAPACITY);
+        for step in 0..20 {
+            let (a, b) = (whole.batch(2048, (3, step)), resumed.batch(2048, (3, step)));
+            assert_eq!((a.pixels, a.lights, a.targets), (b.pixels, b.lights, b.targets), "step {step}");
+        }
+    }
+}
