@@ -110,23 +110,20 @@ impl Image<'_> {
         let x = self.reduce(uv[0]) * self.width as f32;
         let y = self.reduce(uv[1]) * self.height as f32;
         match interpolation {
-            Interpolation::Closest => self.texel(self.column(x.floor() as i32), self.row(y.floor() as i32)),
+            Interpolation::Closest => self.texel(self.column(cell(x).0), self.row(cell(y).0)),
             Interpolation::Linear => {
-                let (x, y) = (x - 0.5, y - 0.5);
-                let (x0, y0) = (x.floor(), y.floor());
-                let (s, t) = (x - x0, y - y0);
-                let (left, right) = (self.column(x0 as i32), self.column(x0 as i32 + 1));
-                let (below, above) = (self.row(y0 as i32), self.row(y0 as i32 + 1));
+                let ((x, s), (y, t)) = (cell(x - 0.5), cell(y - 0.5));
+                let (left, right) = (self.column(x), self.column(x + 1));
+                let (below, above) = (self.row(y), self.row(y + 1));
                 let bottom = self.texel(left, below) * (1.0 - s) + self.texel(right, below) * s;
                 let top = self.texel(left, above) * (1.0 - s) + self.texel(right, above) * s;
                 bottom * (1.0 - t) + top * t
             }
             Interpolation::Cubic => {
-                let (x, y) = (x - 0.5, y - 0.5);
-                let (x0, y0) = (x.floor(), y.floor());
-                let (across, along) = (cubic_weights(x - x0), cubic_weights(y - y0));
-                let columns = [-1, 0, 1, 2].map(|i| self.column(x0 as i32 + i));
-                let rows = [-1, 0, 1, 2].map(|i| self.row(y0 as i32 + i));
+                let ((x, s), (y, t)) = (cell(x - 0.5), cell(y - 0.5));
+                let (across, along) = (cubic_weights(s), cubic_weights(t));
+                let columns = [-1, 0, 1, 2].map(|i| self.column(x + i));
+                let rows = [-1, 0, 1, 2].map(|i| self.row(y + i));
                 let mut sum = Vec4::ZERO;
                 for (row, weight) in rows.into_iter().zip(along) {
                     for (column, fraction) in columns.into_iter().zip(across) {
@@ -138,15 +135,15 @@ impl Image<'_> {
         }
     }
 
-    /// A coordinate brought close to 0..1 without a change of what is there; what is not a number reads at 0.
+    /// A coordinate brought close to 0..1 without a change of what is there; what is not a number, or too large to
+    /// have a fraction, reads at 0.
     fn reduce(&self, u: f32) -> f32 {
-        if !u.is_finite() {
-            return 0.0;
-        }
         match self.extension {
-            Extension::Repeat => u - u.floor(),
-            Extension::Mirror => u - 2.0 * (u * 0.5).floor(),
+            _ if u.is_nan() => 0.0,
             Extension::Extend | Extension::Clip => u.clamp(-4.0, 5.0),
+            _ if u.abs() > 1e6 => 0.0,
+            Extension::Repeat => cell(u).1,
+            Extension::Mirror => 2.0 * cell(u * 0.5).1,
         }
     }
 
@@ -186,6 +183,14 @@ impl Image<'_> {
             Grid::Float(floats) => Vec4::from_slice(&floats[index..index + 4]),
         }
     }
+}
+
+/// The whole number below a number within 32 bits, and the rest. (`f32::floor` is a library call on processors
+/// without SSE 4.1, for which we build.)
+fn cell(x: f32) -> (i32, f32) {
+    let toward_zero = x as i32;
+    let below = if (toward_zero as f32) > x { toward_zero - 1 } else { toward_zero };
+    (below, x - below as f32)
 }
 
 /// Weights of the cubic B-spline for the four texels about a point at fraction `t`.
