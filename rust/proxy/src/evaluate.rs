@@ -3,7 +3,7 @@ use rayon::prelude::*;
 use crate::loss::TILE;
 use crate::network::{Context, Network};
 use crate::scene_cache::SceneCache;
-use crate::simd::{AlignedVec, Isa, LANES};
+use crate::simd::{AlignedVec, Isa, LANES, prefetch};
 use crate::{LightParams, MAX_PARAMS};
 
 /// Tiles that one task runs.
@@ -57,7 +57,9 @@ impl<N: Network> Evaluator<N> {
         tasks.for_each_init(
             || self.network.light_scratch(),
             |scratch, (out, encoded)| {
-                for (out, encoded) in out.chunks_mut(LANES).zip(encoded.chunks_exact(size)) {
+                for (tile, out) in out.chunks_mut(LANES).enumerate() {
+                    let (encoded, next) = encoded[tile * size..].split_at(size);
+                    prefetch(&next[..size.min(next.len())]);
                     let mut y = [0.0; TILE];
                     self.network.infer(self.isa, &self.packed, &lit, scratch, encoded, &mut y);
                     write_pixels(&y, scale, out);

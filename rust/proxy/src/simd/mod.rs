@@ -202,6 +202,18 @@ pub(crate) fn modulate_backward(
     dispatch!(isa, modulate_backward(z, gamma, d, d_gamma, d_beta));
 }
 
+/// Asks for values that are needed soon, so that a stream from outer caches does not hold up the kernels.
+pub(crate) fn prefetch(values: &[f32]) {
+    #[cfg(target_arch = "x86_64")]
+    for line in values.chunks(16) {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        // SAFETY: a prefetch reads nothing that the program can see, and SSE is part of x86-64.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(line.as_ptr().cast()) };
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = values;
+}
+
 /// Runs `rounds` rounds of 96 independent fused multiply-adds of 32 lanes and returns their sum: the ceiling that
 /// kernels are measured against.
 pub(crate) fn peak(isa: Isa, rounds: usize) -> f32 {
