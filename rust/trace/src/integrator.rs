@@ -98,7 +98,7 @@ impl Integrator<'_> {
             sink.push(Segment {
                 end: End::Vertex(point.position),
                 throughput: path.throughput,
-                lobe: path.lobe,
+                lobe: path.light_lobe,
                 receiver: path.receiver,
             });
             self.materials.evaluate(self.scene, &point, &mut scratch.surface);
@@ -144,7 +144,7 @@ impl Integrator<'_> {
         sink.push(Segment {
             end: End::Escape(direction),
             throughput: path.throughput,
-            lobe: path.lobe,
+            lobe: path.light_lobe,
             receiver: path.receiver,
         });
         let is_camera = path.lobe == Lobe::Camera;

@@ -12,6 +12,8 @@ pub(crate) struct PathState {
     pub throughput: Vec3,
     /// What made the current segment; transparent surfaces do not change it.
     pub lobe: Lobe,
+    /// Class that lights along the present segment are collected under ([`BsdfSample::light_lobe`]).
+    pub light_lobe: Lobe,
     /// Receiver number of the object that the path last scattered at; transparent surfaces do not change it, so that
     /// light linking works through them (Cycles' `mis_ray_object`).
     pub receiver: u16,
@@ -36,6 +38,7 @@ impl PathState {
         Self {
             throughput: Vec3::ONE,
             lobe: Lobe::Camera,
+            light_lobe: Lobe::Camera,
             receiver: 0,
             min_pdf: f32::INFINITY,
             bounces: 0,
@@ -87,6 +90,7 @@ impl PathState {
         self.throughput *= sample.weight;
         self.min_pdf = self.min_pdf.min(sample.pdf);
         self.lobe = sample.lobe;
+        self.light_lobe = sample.light_lobe;
         self.through_transparent = false;
         self.bounces += 1;
         let (count, limit) = match sample.lobe {
@@ -109,6 +113,7 @@ mod tests {
             weight: Vec3::splat(0.25),
             pdf: 1.0,
             lobe,
+            light_lobe: lobe,
             singular: false,
             transparent: false,
             transmitted: false,

@@ -131,6 +131,11 @@ impl Closure {
         }
     }
 
+    /// Whether what it reflects is glossy, not diffuse.
+    pub fn is_glossy(&self) -> bool {
+        matches!(self.scatter, Scatter::Microfacet(_) | Scatter::AshikhminShirley(_))
+    }
+
     /// Perceptual roughness: 1 for diffuse closures, 0 for what does not blur.
     pub fn roughness(&self) -> f32 {
         match &self.scatter {

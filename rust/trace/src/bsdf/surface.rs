@@ -23,6 +23,9 @@ pub struct BsdfSample {
     /// Class of the sampled closure. Of no meaning where `transparent` is set: the segment keeps the class of the
     /// ray that met the surface.
     pub lobe: Lobe,
+    /// Class that lights are collected under along `wi`: chosen by what each class contributes there, so that the light
+    /// of a class is that of its own closures, as when Cycles samples lights, however directions were chosen.
+    pub light_lobe: Lobe,
     /// Whether the closure is a mirror or perfectly smooth refraction.
     pub singular: bool,
     /// Whether the ray goes straight through (Transparent BSDF and alpha); counts as a transparent bounce.
@@ -152,20 +155,40 @@ impl Surface {
         let probability = closure.sample_weight / total;
         let choice =
             closure.sample(self.geometric_normal, self.shading_normal, self.wo, [u[0], u[1], remapped])?;
+        let mut glossy = 0.0;
         let (value, pdf) = if choice.singular {
             let pdf = choice.pdf * probability;
             (closure.weight * choice.value / pdf, pdf * BsdfSample::SINGULAR_PDF)
         } else {
             let mut value = closure.weight * choice.value;
             let mut pdf = choice.pdf * probability;
+            if choice.lobe == Lobe::Glossy {
+                glossy += value.element_sum();
+            }
             for (other, closure) in self.closures.iter().enumerate() {
                 if other != index {
                     let (f, density) = closure.eval(self.shading_normal, self.wo, choice.wi);
-                    value += closure.weight * f;
+                    let part = closure.weight * f;
+                    if closure.is_glossy() {
+                        glossy += part.element_sum();
+                    }
+                    value += part;
                     pdf += density * (closure.sample_weight / total);
                 }
             }
+            glossy /= value.element_sum();
             (value / pdf, pdf)
+        };
+        // The low bits of a number that chose the direction are as good as a number of their own.
+        let light_lobe = match choice.lobe {
+            Lobe::Diffuse | Lobe::Glossy if !choice.singular => {
+                if (u[0] * 4096.0).fract() < glossy {
+                    Lobe::Glossy
+                } else {
+                    Lobe::Diffuse
+                }
+            }
+            lobe => lobe,
         };
         let is_valid = value.is_finite() && value.max_element() > 0.0 && pdf > 0.0;
         if !is_valid {
@@ -176,6 +199,7 @@ impl Surface {
             weight: value,
             pdf,
             lobe: choice.lobe,
+            light_lobe,
             singular: choice.singular,
             transparent: matches!(closure.scatter, Scatter::Transparent),
             transmitted: choice.lobe == Lobe::Transmission,
