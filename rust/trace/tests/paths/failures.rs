@@ -1,6 +1,6 @@
 //! What goes wrong outside the tracer ends in one clear error.
 
-use std::{io, path::PathBuf, sync::atomic::Ordering};
+use std::{io, path::PathBuf, sync::Mutex, sync::atomic::Ordering};
 
 use relume_dump::{DumpError, Manifest, MemoryWriter, ShardSink, TileSamples};
 use relume_scene::{Scene, glam::Vec3};
@@ -12,6 +12,7 @@ use crate::support::*;
 struct FullDisk {
     memory: MemoryWriter,
     room: usize,
+    writing: Mutex<()>,
 }
 
 impl ShardSink for FullDisk {
@@ -24,6 +25,7 @@ impl ShardSink for FullDisk {
     }
 
     fn write(&self, tile: usize, pass: usize, samples: &TileSamples) -> Result<(), DumpError> {
+        let _one_at_a_time = self.writing.lock().unwrap();
         if self.memory.snapshot().shards().count() >= self.room {
             let path = PathBuf::from("shard");
             return Err(DumpError::Io { action: "write", path, source: io::ErrorKind::StorageFull.into() });
@@ -47,7 +49,8 @@ fn settings() -> TraceSettings {
 fn a_full_disk_ends_the_trace_with_its_error_and_keeps_what_was_written() {
     let scene = scene();
     let tracer = Tracer::new(&scene, &settings()).unwrap();
-    let disk = FullDisk { memory: MemoryWriter::new(tracer.manifest()).unwrap(), room: 3 };
+    let disk =
+        FullDisk { memory: MemoryWriter::new(tracer.manifest()).unwrap(), room: 3, writing: Mutex::new(()) };
     let error = tracer.trace(&disk, &Control::default()).unwrap_err();
     assert!(matches!(error, TraceError::Dump(_)), "{error}");
     assert_eq!(disk.memory.snapshot().shards().count(), 3);
