@@ -34,7 +34,6 @@ def main():
     scene.render.engine = "CYCLES"
     scene.render.resolution_x, scene.render.resolution_y = args.width, args.height
     scene.render.resolution_percentage = 100
-    scene.render.use_persistent_data = True
     scene.render.threads_mode = "FIXED" if args.threads else "AUTO"
     if args.threads:
         scene.render.threads = args.threads

@@ -48,7 +48,7 @@ def networks(peers, records):
     rows = last_json(peers, HERE / "peer_torch.py", *NETWORKS, OMP_NUM_THREADS="1")
     for row in rows:
         for task in ("inference", "training"):
-            ours = next((r for r in records if r["name"].startswith(f"{task} {row['network']},")), None)
+            ours = next((r for r in records if r["name"].startswith(f"{task} reference {row['network']},")), None)
             if ours:
                 ours.update(peer=row["peer"], peer_value=row[task], ratio=ours["value"] / row[task])
 
