@@ -7,6 +7,11 @@
 //! `libOpenImageDenoise.so.2`, `libOpenImageDenoise_core.so.2.x.y`, `libOpenImageDenoise_device_cpu.so.2.x.y` and
 //! `libtbb.so.12` (real files, no links), each with the run path `$ORIGIN`, and the module with `$ORIGIN/<that folder>`.
 
+#[cfg(oidn)]
+use std::{ffi::CStr, marker::PhantomData};
+
+#[cfg(oidn)]
+use oidn::sys;
 use relume_dump::Aovs;
 use relume_image::Image;
 
@@ -43,6 +48,17 @@ pub enum DenoiseQuality {
     High,
 }
 
+/// Albedo and normals of a view, themselves denoised once, so that every picture of the view can trust them ("clean
+/// auxiliary images" of OIDN's manual; Cycles' *Accurate* prefilter).
+pub struct DenoiseFeatures {
+    width: usize,
+    height: usize,
+    #[cfg_attr(not(oidn), expect(dead_code))]
+    albedo: Vec<f32>,
+    #[cfg_attr(not(oidn), expect(dead_code))]
+    normal: Vec<f32>,
+}
+
 /// A denoising device. It may move between threads; one thread uses it at a time.
 pub struct Denoiser {
     #[cfg(oidn)]
@@ -66,6 +82,14 @@ impl Denoiser {
         match self.never {}
     }
 
+    /// Features of a view.
+    ///
+    /// # Errors
+    /// Never: there is no denoiser to call it on.
+    pub fn features(&self, _aovs: &Aovs) -> Result<DenoiseFeatures, DenoiseError> {
+        match self.never {}
+    }
+
     /// Denoises images in place.
     ///
     /// # Errors
@@ -73,7 +97,7 @@ impl Denoiser {
     pub fn denoise(
         &self,
         _images: &mut [Image],
-        _aovs: &Aovs,
+        _features: &DenoiseFeatures,
         _quality: DenoiseQuality,
     ) -> Result<(), DenoiseError> {
         match self.never {}
@@ -88,7 +112,6 @@ impl Denoiser {
     /// # Errors
     /// If the library cannot start its CPU device, for instance because its device module is missing.
     pub fn new(threads: Option<usize>) -> Result<Self, DenoiseError> {
-        use oidn::sys;
         // SAFETY: creates a device of our own; null is checked for before anything else is done with it, and
         // `Device::from_raw` takes over the only reference. The parameter names end with a zero.
         let device = unsafe {
@@ -112,8 +135,24 @@ impl Denoiser {
     /// Version of the library in use: Blender's or the bundled one.
     pub fn version(&self) -> String {
         // SAFETY: the device lives as long as `self`; the name ends with a zero.
-        let version = unsafe { oidn::sys::oidnGetDeviceInt(self.device.raw(), c"version".as_ptr()) };
+        let version = unsafe { sys::oidnGetDeviceInt(self.device.raw(), c"version".as_ptr()) };
         format!("{}.{}.{}", version / 10000, version / 100 % 100, version % 100)
+    }
+
+    /// Makes the features of a view ready: one pass over its albedo, one over its normals.
+    ///
+    /// # Errors
+    /// If the library fails.
+    pub fn features(&self, aovs: &Aovs) -> Result<DenoiseFeatures, DenoiseError> {
+        let (width, height) = (aovs.albedo.width, aovs.albedo.height);
+        let mut albedo: Vec<_> = aovs.albedo.data.iter().map(|value| value.clamp(0.0, 1.0)).collect();
+        let mut normal = aovs.normal.data.clone();
+        for (name, values) in [(c"albedo", &mut albedo), (c"normal", &mut normal)] {
+            let mut filter = Filter::new(&self.device, width, height, name)?;
+            filter.commit(DenoiseQuality::High);
+            filter.run(values)?;
+        }
+        Ok(DenoiseFeatures { width, height, albedo, normal })
     }
 
     /// Denoises images in place, all with the same features: RGB, scene-linear, any range. Values that are not finite or
@@ -124,26 +163,112 @@ impl Denoiser {
     pub fn denoise(
         &self,
         images: &mut [Image],
-        aovs: &Aovs,
+        features: &DenoiseFeatures,
         quality: DenoiseQuality,
     ) -> Result<(), DenoiseError> {
-        let (width, height) = (aovs.albedo.width, aovs.albedo.height);
-        for image in images.iter() {
+        let (width, height) = (features.width, features.height);
+        let mut filter = Filter::new(&self.device, width, height, c"color")?;
+        filter.input(c"albedo", &features.albedo);
+        filter.input(c"normal", &features.normal);
+        filter.flag(c"hdr");
+        filter.flag(c"cleanAux");
+        filter.commit(quality);
+        for image in images {
             if (image.width, image.height, image.channels) != (width, height, 3) {
                 let found = format!("{} x {}, {} channels", image.width, image.height, image.channels);
                 return Err(DenoiseError::Size { image: found, features: format!("{width} x {height}") });
             }
-        }
-        let albedo: Vec<_> = aovs.albedo.data.iter().map(|value| value.clamp(0.0, 1.0)).collect();
-        let mut filter = oidn::RayTracing::try_new(&self.device).map_err(library)?;
-        filter.hdr(true).filter_quality(quality.into()).image_dimensions(width, height);
-        filter.albedo_normal(&albedo, &aovs.normal.data);
-        for image in images {
             let clean = |value: &mut f32| *value = if value.is_finite() { value.max(0.0) } else { 0.0 };
             image.data.iter_mut().for_each(clean);
-            filter.filter_in_place(&mut image.data).map_err(library)?;
+            filter.run(&mut image.data)?;
         }
         Ok(())
+    }
+}
+
+/// OIDN's `RT` filter over memory of our own. The crate's safe filter can neither say that features are clean (2.5.1
+/// sets a parameter that the library does not know) nor denoise the features themselves.
+#[cfg(oidn)]
+struct Filter<'a> {
+    raw: oidn::sys::OIDNFilter,
+    device: &'a oidn::Device,
+    width: usize,
+    height: usize,
+    /// What the library reads and writes: RGB.
+    pixels: Vec<f32>,
+    /// Images that the library holds pointers into.
+    inputs: PhantomData<&'a [f32]>,
+}
+
+#[cfg(oidn)]
+impl<'a> Filter<'a> {
+    /// A filter of the image that the library calls `name`.
+    fn new(
+        device: &'a oidn::Device,
+        width: usize,
+        height: usize,
+        name: &CStr,
+    ) -> Result<Self, DenoiseError> {
+        // SAFETY: the device is alive; the name ends with a zero; null is checked for before the filter is used.
+        let raw = unsafe { sys::oidnNewFilter(device.raw(), c"RT".as_ptr()) };
+        if raw.is_null() {
+            device.get_error().map_err(library)?;
+            return Err(DenoiseError::Library("it has no ray tracing filter".into()));
+        }
+        let pixels = vec![0.0; width * height * 3];
+        let mut filter = Self { raw, device, width, height, pixels, inputs: PhantomData };
+        let (pixels, len) = (filter.pixels.as_mut_ptr(), filter.pixels.len());
+        filter.image(name, pixels, len);
+        filter.image(c"output", pixels, len);
+        Ok(filter)
+    }
+
+    /// An RGB image that the filter only reads.
+    fn input(&mut self, name: &CStr, values: &'a [f32]) {
+        self.image(name, values.as_ptr().cast_mut(), values.len());
+    }
+
+    fn image(&mut self, name: &CStr, values: *mut f32, len: usize) {
+        assert_eq!(len, self.width * self.height * 3, "an RGB image of the filter's size");
+        let (format, name) = (sys::OIDNFormat_OIDN_FORMAT_FLOAT3, name.as_ptr());
+        let (width, height) = (self.width, self.height);
+        // SAFETY: the memory has the stated size (checked above) and lives as long as the filter: it is `pixels`, whose
+        // heap block never moves, or borrowed for `'a`. The library writes to `output` alone, which is `pixels`.
+        unsafe {
+            sys::oidnSetSharedFilterImage(self.raw, name, values.cast(), format, width, height, 0, 0, 0);
+        }
+    }
+
+    fn flag(&mut self, name: &CStr) {
+        // SAFETY: the filter is alive; the name ends with a zero.
+        unsafe { sys::oidnSetFilterBool(self.raw, name.as_ptr(), true) };
+    }
+
+    fn commit(&mut self, quality: DenoiseQuality) {
+        let quality = oidn::Quality::from(quality).as_raw_oidn_quality();
+        // SAFETY: the filter is alive; the name ends with a zero.
+        unsafe {
+            sys::oidnSetFilterInt(self.raw, c"quality".as_ptr(), quality as i32);
+            sys::oidnCommitFilter(self.raw);
+        }
+    }
+
+    /// Denoises one image in place.
+    fn run(&mut self, image: &mut [f32]) -> Result<(), DenoiseError> {
+        self.pixels.copy_from_slice(image);
+        // SAFETY: the filter is committed, and its images are alive.
+        unsafe { sys::oidnExecuteFilter(self.raw) };
+        self.device.get_error().map_err(library)?;
+        image.copy_from_slice(&self.pixels);
+        Ok(())
+    }
+}
+
+#[cfg(oidn)]
+impl Drop for Filter<'_> {
+    fn drop(&mut self) {
+        // SAFETY: the only reference to the filter.
+        unsafe { sys::oidnReleaseFilter(self.raw) };
     }
 }
 

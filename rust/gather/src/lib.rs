@@ -23,7 +23,7 @@ mod relight;
 #[cfg(target_arch = "x86_64")]
 mod sieve;
 
-pub use denoise::{DenoiseError, DenoiseQuality, Denoiser};
+pub use denoise::{DenoiseError, DenoiseFeatures, DenoiseQuality, Denoiser};
 pub use environment::Environment;
 pub use error::GatherError;
 pub use gather::{Gather, Scratch};

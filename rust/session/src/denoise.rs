@@ -1,6 +1,6 @@
 use crate::SessionError;
 use relume_dump::Aovs;
-use relume_gather::{DenoiseQuality, Denoiser};
+use relume_gather::{DenoiseError, DenoiseFeatures, DenoiseQuality, Denoiser};
 use relume_image::Image;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -12,7 +12,7 @@ pub struct Denoise {
 
 enum Device {
     NotStarted,
-    Ready(Denoiser),
+    Ready(Denoiser, DenoiseFeatures),
     Missing(String),
 }
 
@@ -37,7 +37,7 @@ impl Denoise {
     /// If the denoiser fails.
     pub fn images(&self, images: &mut [Image], quality: DenoiseQuality) -> Result<(), SessionError> {
         match &*self.started() {
-            Device::Ready(denoiser) => Ok(denoiser.denoise(images, &self.aovs, quality)?),
+            Device::Ready(denoiser, features) => Ok(denoiser.denoise(images, features, quality)?),
             _ => Ok(()),
         }
     }
@@ -45,11 +45,17 @@ impl Denoise {
     fn started(&self) -> MutexGuard<'_, Device> {
         let mut device = self.device.lock().unwrap_or_else(PoisonError::into_inner);
         if matches!(*device, Device::NotStarted) {
-            *device = match Denoiser::new(Some(rayon::current_num_threads())) {
-                Ok(denoiser) => Device::Ready(denoiser),
+            *device = match self.start() {
+                Ok((denoiser, features)) => Device::Ready(denoiser, features),
                 Err(error) => Device::Missing(error.to_string()),
             };
         }
         device
+    }
+
+    fn start(&self) -> Result<(Denoiser, DenoiseFeatures), DenoiseError> {
+        let denoiser = Denoiser::new(Some(rayon::current_num_threads()))?;
+        let features = denoiser.features(&self.aovs)?;
+        Ok((denoiser, features))
     }
 }

@@ -23,7 +23,7 @@ fn target(width: usize, height: usize) -> Image {
     Image { width, height, channels: 3, data: (0..width * height * 3).map(value).collect() }
 }
 
-fn features(width: usize, height: usize) -> Aovs {
+fn aovs(width: usize, height: usize) -> Aovs {
     let constant = |channels: usize, value: f32| {
         let mut image = Image::new(width, height, channels);
         image.data.fill(value);
@@ -47,7 +47,7 @@ fn mean_square(a: &Image, b: &Image) -> f32 {
 fn denoising_brings_a_noisy_image_closer_to_the_clean_one() {
     let Some(denoiser) = denoiser() else { return };
     assert!(denoiser.version().starts_with("2."), "{}", denoiser.version());
-    let (clean, aovs) = (target(64, 48), features(64, 48));
+    let (clean, features) = (target(64, 48), denoiser.features(&aovs(64, 48)).unwrap());
     let mut random = Random(2);
     let mut noisy = clean.clone();
     // An unbiased estimate: 4 times the value in one of four samples.
@@ -55,7 +55,7 @@ fn denoising_brings_a_noisy_image_closer_to_the_clean_one() {
     let before = mean_square(&noisy, &clean);
     for quality in [DenoiseQuality::Fast, DenoiseQuality::Balanced, DenoiseQuality::High] {
         let mut images = [noisy.clone(), clean.clone()];
-        denoiser.denoise(&mut images, &aovs, quality).unwrap();
+        denoiser.denoise(&mut images, &features, quality).unwrap();
         let after = mean_square(&images[0], &clean);
         assert!(after < before / 10.0, "{quality:?}: {before} to {after}");
         assert!(mean_square(&images[1], &clean) < 0.05, "{quality:?}: a clean image stays");
@@ -70,13 +70,15 @@ fn values_that_are_no_radiance_do_not_spread() {
     image.data[1000] = f32::INFINITY;
     image.data[500] = -5.0;
     let mut images = [image];
-    denoiser.denoise(&mut images, &features(32, 32), DenoiseQuality::Fast).unwrap();
+    let features = denoiser.features(&aovs(32, 32)).unwrap();
+    denoiser.denoise(&mut images, &features, DenoiseQuality::Fast).unwrap();
     assert!(images[0].data.iter().all(|value| value.is_finite() && *value >= 0.0));
 }
 
 #[test]
 fn sizes_that_differ_are_one_error() {
     let Some(denoiser) = denoiser() else { return };
-    let error = denoiser.denoise(&mut [target(32, 16)], &features(32, 32), DenoiseQuality::Fast).unwrap_err();
+    let features = denoiser.features(&aovs(32, 32)).unwrap();
+    let error = denoiser.denoise(&mut [target(32, 16)], &features, DenoiseQuality::Fast).unwrap_err();
     assert!(error.to_string().contains("32 x 16, 3 channels"), "{error}");
 }
