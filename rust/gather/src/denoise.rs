@@ -203,12 +203,7 @@ struct Filter<'a> {
 #[cfg(oidn)]
 impl<'a> Filter<'a> {
     /// A filter of the image that the library calls `name`.
-    fn new(
-        device: &'a oidn::Device,
-        width: usize,
-        height: usize,
-        name: &CStr,
-    ) -> Result<Self, DenoiseError> {
+    fn new(device: &'a oidn::Device, width: usize, height: usize, name: &CStr) -> Result<Self, DenoiseError> {
         // SAFETY: the device is alive; the name ends with a zero; null is checked for before the filter is used.
         let raw = unsafe { sys::oidnNewFilter(device.raw(), c"RT".as_ptr()) };
         if raw.is_null() {
@@ -248,7 +243,7 @@ impl<'a> Filter<'a> {
         let quality = oidn::Quality::from(quality).as_raw_oidn_quality();
         // SAFETY: the filter is alive; the name ends with a zero.
         unsafe {
-            sys::oidnSetFilterInt(self.raw, c"quality".as_ptr(), quality as i32);
+            sys::oidnSetFilterInt(self.raw, c"quality".as_ptr(), quality);
             sys::oidnCommitFilter(self.raw);
         }
     }
