@@ -11,6 +11,8 @@ import sys
 import time
 from pathlib import Path
 
+from PIL import Image
+
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = "demo"
 RELUME = (sys.executable, "-m", "relume")
@@ -52,6 +54,42 @@ HIDDEN = {
 }
 
 
+# How long the steps take beside each other, in no unit. The time of training itself is set by the user.
+EFFORT = {
+    "Make the scene": 2,
+    "Bake": 27,
+    "Train": 12,
+    "Relight": 2,
+    "Target picture": 2,
+    "Find the hidden light": 24,
+}
+RELIGHTS = 4
+
+
+class Remaining:
+    """Estimates the time left for all steps from the time that the finished ones took."""
+
+    def __init__(self, training_seconds):
+        self.training = training_seconds
+        self.effort_left = sum(EFFORT.values()) + (RELIGHTS - 1) * EFFORT["Relight"]
+        self.effort_done, self.seconds_done = 0.0, 0.0
+
+    def __str__(self):
+        # Until something was measured, a unit of effort counts as a second.
+        pace = self.seconds_done / self.effort_done if self.effort_done > 2 else 1.0
+        return f"about {self.training + self.effort_left * pace:.0f} s left"
+
+    def finished(self, title, seconds):
+        """Takes a step off what is left."""
+        if title == "Train":
+            seconds -= self.training
+            self.training = 0.0
+        effort = EFFORT[title.split(":")[0]]
+        self.effort_left -= effort
+        self.effort_done += effort
+        self.seconds_done += seconds
+
+
 class Demo:
     """Runs the commands one after another and keeps what they measured."""
 
@@ -60,19 +98,20 @@ class Demo:
         self.bake = out / "bake"
         self.records = []
         self.start = time.monotonic()
+        self.remaining = Remaining(seconds)
 
     def note(self, name, value, unit):
         """Keeps one figure."""
         self.records.append({"scene": SCENE, "name": name, "value": value, "unit": unit})
 
     def command(self, title, *words):
-        """Runs a command with its progress on this terminal; returns its wall seconds."""
-        print(f"\n== {title} ({time.monotonic() - self.start:.0f} s so far)", flush=True)
+        """Runs a command with its progress on this terminal."""
+        print(f"\n== {title} ({time.monotonic() - self.start:.0f} s so far, {self.remaining})", flush=True)
         start = time.monotonic()
         subprocess.run([str(word) for word in words], check=True)
         seconds = time.monotonic() - start
         self.note(f"{title}: wall time", round(seconds, 1), "s")
-        return seconds
+        self.remaining.finished(title, seconds)
 
     def lights(self, name, lights):
         """Writes a light set and returns its file."""
@@ -105,6 +144,7 @@ class Demo:
         self.relight("evening", "--lights", self.lights("evening", EVENING))
         self.relight("night", "--lights", self.lights("night", NIGHT))
         self.find_hidden_light()
+        self.write_overview()
         self.write_reports()
 
     def find_hidden_light(self):
@@ -133,6 +173,15 @@ class Demo:
         self.note("Hidden light: radius, found", round(got["radius"], 4), "m")
         for channel, true, solved in zip("RGB", power(HIDDEN), power(found), strict=True):
             self.note(f"Hidden light: power {channel}, found / true", round(solved / true, 4), "")
+
+    def write_overview(self):
+        """overview.png: the three lightings side by side."""
+        pictures = [Image.open(self.out / f"{name}.png").convert("RGB") for name in ("own_lights", "evening", "night")]
+        width, height = pictures[0].size
+        overview = Image.new("RGB", (len(pictures) * width, height))
+        for column, picture in enumerate(pictures):
+            overview.paste(picture, (column * width, 0))
+        overview.save(self.out / "overview.png")
 
     def write_reports(self):
         """report.json and report.html."""

@@ -287,6 +287,9 @@ pub struct OptimiseArgs {
     /// Share of the pixels that each step looks at.
     #[arg(long, default_value_t = 0.05)]
     pub pixel_fraction: f32,
+    /// Most steps on gathered pictures afterwards, which take out the proxy's error; needs the bake.
+    #[arg(long, default_value_t = 16)]
+    pub polish: usize,
     /// Keep positions as they are.
     #[arg(long)]
     pub lock_center: bool,

@@ -50,12 +50,11 @@ pub enum DenoiseQuality {
 
 /// Albedo and normals of a view, themselves denoised once, so that every picture of the view can trust them ("clean
 /// auxiliary images" of OIDN's manual; Cycles' *Accurate* prefilter).
+#[cfg_attr(not(oidn), expect(dead_code))]
 pub struct DenoiseFeatures {
     width: usize,
     height: usize,
-    #[cfg_attr(not(oidn), expect(dead_code))]
     albedo: Vec<f32>,
-    #[cfg_attr(not(oidn), expect(dead_code))]
     normal: Vec<f32>,
 }
 

@@ -189,7 +189,7 @@ impl<'a> Objective<'a> {
 }
 
 /// `x / (1 + x)` and its slope, continued as an odd function so that a negative prediction keeps a gradient.
-fn reinhard(x: f32) -> (f32, f32) {
+pub(crate) fn reinhard(x: f32) -> (f32, f32) {
     let scale = 1.0 / (1.0 + x.abs());
     (x * scale, scale * scale)
 }

@@ -3,7 +3,8 @@
 use glam::Vec3;
 use relume_image::Image;
 use relume_optimise::{
-    Bounds, Locks, OptimiseError, Problem, Relight, RelightError, Settings, SphereLight, random_starts, solve,
+    Bounds, Locks, OptimiseError, Problem, Relight, RelightError, Settings, SphereLight, UnitImages, polish,
+    random_starts, solve,
 };
 use std::ops::ControlFlow;
 
@@ -235,4 +236,67 @@ fn nan_from_the_relighter_is_an_error_not_an_answer() {
     let problem = Problem { relight: &Broken, ..problem(&target, &base, 1) };
     let error = solve(&problem, &[vec![HIDDEN]], &Settings::default(), &mut go).unwrap_err();
     assert!(matches!(error, OptimiseError::Diverged), "{error}");
+}
+
+impl UnitImages for Room {
+    fn unit_images(&self, spheres: &[(Vec3, f32)]) -> Result<Vec<Image>, RelightError> {
+        let black = Image::new(SIZE, SIZE, 3);
+        let unit = |(center, radius): &(Vec3, f32)| {
+            picture(&[SphereLight { center: *center, radius: *radius, radiance: [1.0; 3] }], &black)
+        };
+        Ok(spheres.iter().map(unit).collect())
+    }
+}
+
+/// About as far off as a briefly trained proxy leaves a light.
+const ROUGH: SphereLight =
+    SphereLight { center: Vec3::new(0.5, 0.75, 1.3), radius: 0.33, radiance: [21.0, 17.0, 5.0] };
+
+#[test]
+fn polish_takes_a_roughly_found_light_to_the_hidden_one() {
+    let base = base();
+    let target = picture(&[HIDDEN], &base);
+    let problem = problem(&target, &base, 1);
+    let polished = polish(&problem, &Room, &[ROUGH], 30, &mut |_| ControlFlow::Continue(())).unwrap();
+    let found = &polished.lights[0];
+    assert!(found.center.distance(HIDDEN.center) < 2e-3, "{polished:?}");
+    for (got, want) in power(found).into_iter().zip(power(&HIDDEN)) {
+        assert!((got / want - 1.0).abs() < 5e-3, "{polished:?}");
+    }
+    assert!(polished.loss < 1e-6 * polished.start_loss, "{polished:?}");
+}
+
+#[test]
+fn polish_leaves_locked_parameters_and_keeps_bounds() {
+    let base = base();
+    // Farther away than the bounds allow.
+    let hidden = SphereLight { center: Vec3::new(2.6, 0.6, 1.1), ..HIDDEN };
+    let target = picture(&[hidden], &base);
+    let mut problem = problem(&target, &base, 1);
+    problem.locks = vec![Locks { radius: true, ..Locks::default() }];
+    let polished = polish(&problem, &Room, &[ROUGH], 30, &mut |_| ControlFlow::Continue(())).unwrap();
+    let found = &polished.lights[0];
+    assert_eq!(found.radius, ROUGH.radius);
+    assert_eq!(found.center.x, problem.bounds.center_max.x, "{polished:?}");
+    assert!(polished.loss < polished.start_loss);
+
+    problem.locks = vec![Locks { center: true, radius: true, radiance: true }];
+    let held = polish(&problem, &Room, &[ROUGH], 30, &mut |_| ControlFlow::Continue(())).unwrap();
+    assert_eq!((held.lights[0], held.loss), (ROUGH, held.start_loss));
+}
+
+#[test]
+fn polish_keeps_a_light_that_is_right_and_stops_when_told() {
+    let base = base();
+    let target = picture(&[HIDDEN], &base);
+    let problem = problem(&target, &base, 1);
+    let mut steps = 0;
+    let mut stop = |_| {
+        steps += 1;
+        ControlFlow::Break(())
+    };
+    let polished = polish(&problem, &Room, &[HIDDEN], 30, &mut stop).unwrap();
+    assert!(polished.lights[0].center.distance(HIDDEN.center) < 1e-5, "{polished:?}");
+    assert!(polished.loss <= polished.start_loss);
+    assert_eq!(steps, 1);
 }

@@ -19,8 +19,10 @@ pub enum Stage {
     Measure,
     /// Writing pictures.
     Write,
-    /// Solving lights.
+    /// Solving lights through a proxy.
     Optimise,
+    /// Fitting solved lights to gathered pictures.
+    Polish,
     /// Checking files.
     Validate,
     /// Measuring speed.

@@ -2,9 +2,11 @@ use crate::progress::{Monitor, Stage};
 use crate::relighter::{RelightOptions, Relighter};
 use crate::{LightSet, SessionError};
 use glam::Vec3;
+use relume_gather::{Gather, Half};
 use relume_image::Image;
 use relume_optimise::{
-    Bounds, Locks, Problem, Relight, RelightError, Settings, Solution, SphereLight, random_starts, solve,
+    Bounds, Locks, Polished, Problem, Relight, RelightError, Settings, Solution, SphereLight, UnitImages,
+    polish, random_starts, solve,
 };
 use relume_proxy::{LightKind, LightParams, Proxy};
 use relume_scene::{Light, LightShape, LobeFactors};
@@ -54,6 +56,23 @@ impl Relight for ProxyRelight<'_> {
     }
 }
 
+/// A gather of round lights, as the optimiser sees it.
+struct GatherUnits<'a> {
+    gather: &'a Gather,
+    kind: LightKind,
+}
+
+impl UnitImages for GatherUnits<'_> {
+    fn unit_images(&self, spheres: &[(Vec3, f32)]) -> Result<Vec<Image>, RelightError> {
+        let light = |(center, radius): &(Vec3, f32)| {
+            let shape = LightParams::round(self.kind, *center, *radius).shape();
+            self.gather.prepare(&new_light(String::new(), shape, [1.0; 3]))
+        };
+        let lights = spheres.iter().map(light).collect::<Result<Vec<_>, _>>()?;
+        Ok(self.gather.unit_images(&lights, Half::All))
+    }
+}
+
 /// What to solve.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OptimiseOptions {
@@ -65,11 +84,13 @@ pub struct OptimiseOptions {
     pub count: usize,
     /// Random starts, of which the best is kept; with start lights, starts beside them.
     pub starts: usize,
+    /// Most steps of the polish on gathered pictures that follows where there is a bake; 0 for none.
+    pub polish: usize,
 }
 
 impl Default for OptimiseOptions {
     fn default() -> Self {
-        Self { settings: Settings::default(), locks: Locks::default(), count: 1, starts: 8 }
+        Self { settings: Settings::default(), locks: Locks::default(), count: 1, starts: 8, polish: 16 }
     }
 }
 
@@ -78,8 +99,10 @@ impl Default for OptimiseOptions {
 pub struct Optimised {
     /// The start lights with the solved ones in their places, or the found lights.
     pub lights: LightSet,
-    /// How it went.
+    /// How it went through the proxy.
     pub solution: Solution,
+    /// How the polish went; none without a bake.
+    pub polished: Option<Polished>,
 }
 
 /// Finds round lights that make a target picture, through a proxy (paper, section 5.3). Without start lights, `count`
@@ -128,9 +151,18 @@ pub fn optimise(
         starts.extend(random_starts(&problem, more, options.settings.seed)?);
     }
     let solution = run(&problem, &starts, options, monitor)?;
-    let lights = merged(&kept, &solved, &solution.lights, proxy.info().kind);
+    let kind = proxy.info().kind;
+    let polished = match relighter.gather() {
+        Some(gather) if options.polish > 0 => {
+            let exact = GatherUnits { gather, kind };
+            Some(run_polish(&problem, &exact, &solution.lights, options.polish, monitor)?)
+        }
+        _ => None,
+    };
+    let found = polished.as_ref().map_or(&solution.lights, |polished| &polished.lights);
+    let lights = merged(&kept, &solved, found, kind);
     let name = start.map(|set| set.name.clone()).unwrap_or_else(|| "Solved".into());
-    Ok(Optimised { lights: LightSet { name, lights, notes: Vec::new() }, solution })
+    Ok(Optimised { lights: LightSet { name, lights, notes: Vec::new() }, solution, polished })
 }
 
 fn run(
@@ -147,6 +179,21 @@ fn run(
         if monitor.cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     })?;
     if solution.cancelled { Err(SessionError::Cancelled) } else { Ok(solution) }
+}
+
+fn run_polish(
+    problem: &Problem,
+    exact: &GatherUnits,
+    lights: &[SphereLight],
+    steps: usize,
+    monitor: &Monitor,
+) -> Result<Polished, SessionError> {
+    let stage = monitor.stage(Stage::Polish, 0, steps as u64);
+    let polished = polish(problem, exact, lights, steps, &mut |step| {
+        stage.set(step.iteration as u64 + 1, &format!("loss {:.2e}", step.loss));
+        if monitor.cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    })?;
+    if monitor.cancelled() { Err(SessionError::Cancelled) } else { Ok(polished) }
 }
 
 /// Centres that the proxy has seen in training, radii that it was trained for.
@@ -179,14 +226,12 @@ fn merged(kept: &[Light], solved: &[usize], found: &[SphereLight], kind: LightKi
             Some(place) => {
                 lights[*place] = Light { shape, radiance: found.radiance, ..lights[*place].clone() }
             }
-            None => lights.push(Light {
-                name: format!("Solved {}", i + 1),
-                shape,
-                radiance: found.radiance,
-                lobes: LobeFactors::default(),
-                receivers: None,
-            }),
+            None => lights.push(new_light(format!("Solved {}", i + 1), shape, found.radiance)),
         }
     }
     lights
+}
+
+fn new_light(name: String, shape: LightShape, radiance: [f32; 3]) -> Light {
+    Light { name, shape, radiance, lobes: LobeFactors::default(), receivers: None }
 }

@@ -12,6 +12,8 @@ struct Found {
     loss: f64,
     start_loss: f64,
     start: usize,
+    /// Loss of block means before and after the polish; none without a bake.
+    polish: Option<[f64; 2]>,
     found: Vec<relume_session::scene::Light>,
 }
 
@@ -30,12 +32,16 @@ pub fn optimise(args: &OptimiseArgs, context: &Context) -> anyhow::Result<()> {
         locks: Locks { center: args.lock_center, radius: args.lock_radius, radiance: args.lock_radiance },
         count: args.count,
         starts: args.starts,
+        polish: args.polish,
     };
     let optimised = solve(&relighter, &target, start.as_ref(), &options, context.monitor)?;
     optimised.lights.write(&args.out)?;
     let solution = optimised.solution;
+    let polish = optimised.polished.map(|polished| [polished.start_loss, polished.loss]);
+    let polished = polish
+        .map_or(String::new(), |[before, after]| format!(", polished from {before:.3e} to {after:.3e}"));
     let text = format!(
-        "{}: {} lights, loss {:.3e} (start {} had {:.3e})",
+        "{}: {} lights, loss {:.3e} (start {} had {:.3e}){polished}",
         args.out.display(),
         optimised.lights.lights.len(),
         solution.loss,
@@ -47,6 +53,7 @@ pub fn optimise(args: &OptimiseArgs, context: &Context) -> anyhow::Result<()> {
         loss: solution.loss,
         start_loss: solution.start_loss,
         start: solution.start,
+        polish,
         found: optimised.lights.lights,
     };
     context.console.result(&text, &found);
