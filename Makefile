@@ -11,7 +11,7 @@ SCENES := $(or $(RELUME_SCENES),$(CURDIR)/../shared/scenes)
 export OIDN_DIR := $(DEV)/lib/python3.11/site-packages/pyoidn/oidn
 CARGO := LD_LIBRARY_PATH=$(OIDN_DIR)/lib cargo
 
-.PHONY: setup wheel extension test test-rust test-python test-blender demo parity quality bench clean
+.PHONY: setup wheel extension test test-rust test-python test-blender demo shots parity quality bench clean
 
 setup:
 	@scripts/setup
@@ -43,6 +43,11 @@ test-blender: extension
 demo: wheel
 	@scripts/install-wheel "$(WHEELS)" 4.2
 	$(PYTHON) scripts/demo/run.py $(DEMO)
+
+# Real shots from end to end; SHOTS="my.blend --seconds 600" for your own.
+shots: wheel
+	@scripts/install-wheel "$(WHEELS)" 4.2
+	RELUME_SCENES="$(SCENES)" $(PYTHON) scripts/shots.py $(SHOTS)
 
 quality: wheel
 	@scripts/install-wheel "$(WHEELS)" 4.2
