@@ -138,7 +138,7 @@ fn xor(words: &[u32]) -> u32 {
     match Isa::detect() {
         #[cfg(target_arch = "x86_64")]
         // SAFETY: AVX2 has been detected.
-        Isa::Avx2 => unsafe { xor_avx2(words) },
+        Isa::Avx512 | Isa::Avx2 => unsafe { xor_avx2(words) },
         Isa::Portable => xor_lanes(words),
     }
 }

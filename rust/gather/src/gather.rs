@@ -38,9 +38,10 @@ impl Gather {
         Self { floor: self.floor.max(floor), ..self }
     }
 
-    /// Uses other instructions than the best of this processor.
+    /// Uses other instructions than the best of this processor; those that it lacks are replaced by the portable ones.
     #[must_use]
     pub fn with_isa(self, isa: Isa) -> Self {
+        let isa = if Isa::available().contains(&isa) { isa } else { Isa::Portable };
         Self { isa, ..self }
     }
 

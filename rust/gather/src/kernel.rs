@@ -13,6 +13,8 @@ use crate::lanes::Avx2;
 use crate::lanes::{Lanes, Portable, Vec3x, WIDTH};
 use crate::light::{Ball, FAR, Plane, PreparedLight, Reach};
 #[cfg(target_arch = "x86_64")]
+use crate::scan::Scan;
+#[cfg(target_arch = "x86_64")]
 use crate::sieve::{CHUNK, Sieve, SieveWork};
 
 /// Records decoded at a time: 14 KiB.
@@ -24,6 +26,9 @@ const AHEAD: usize = BLOCK;
 /// Which instructions the kernels use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Isa {
+    /// AVX-512F on top of what [`Isa::Avx2`] has.
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
     /// AVX2, FMA, POPCNT and BMI1.
     #[cfg(target_arch = "x86_64")]
     Avx2,
@@ -34,15 +39,24 @@ pub enum Isa {
 impl Isa {
     /// The best that this processor has.
     pub fn detect() -> Self {
+        Self::available()[0]
+    }
+
+    /// All that this processor has, the best first.
+    pub fn available() -> Vec<Self> {
+        let mut all = vec![Self::Portable];
         #[cfg(target_arch = "x86_64")]
         if is_x86_feature_detected!("avx2")
             && is_x86_feature_detected!("fma")
             && is_x86_feature_detected!("popcnt")
             && is_x86_feature_detected!("bmi1")
         {
-            return Self::Avx2;
+            all.insert(0, Self::Avx2);
+            if is_x86_feature_detected!("avx512f") {
+                all.insert(0, Self::Avx512);
+            }
         }
-        Self::Portable
+        all
     }
 }
 
@@ -130,13 +144,41 @@ pub fn visit(
 ) {
     match isa {
         #[cfg(target_arch = "x86_64")]
-        // SAFETY: only `Isa::detect` makes this value, after it has found the features.
+        // SAFETY: a gather only keeps what `Isa::available` gives, which is after it has found the features.
+        Isa::Avx512 => unsafe { visit_avx512(shard, records, work, lights, sink) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: as above.
         Isa::Avx2 => unsafe { visit_avx2(shard, records, work, lights, sink) },
         Isa::Portable => visit_lanes::<Portable>(shard, records, &mut work.block, lights, sink),
     }
 }
 
+/// Most lights for each of which a first test on all packed records costs less than decoding them once for all.
 #[cfg(target_arch = "x86_64")]
+const FEW: usize = 2;
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx2,fma,popcnt,bmi1")]
+fn visit_avx512(
+    shard: &Shard,
+    records: Range<usize>,
+    work: &mut Work,
+    lights: &[PreparedLight],
+    sink: &mut impl Sink,
+) {
+    let Some(scans) = first_tests(shard, lights, Scan::new) else {
+        return visit_avx2(shard, records, work, lights, sink);
+    };
+    for (index, scan) in scans.iter().enumerate() {
+        let find =
+            |chunk: Range<usize>, work: &mut SieveWork| scan.run(shard, chunk, work.found.as_mut_slice());
+        visit_found(shard, records.clone(), work, (index, &lights[index]), find, sink);
+    }
+}
+
+// Not inlined: compiled for AVX-512, the loops over eight lanes are slower.
+#[cfg(target_arch = "x86_64")]
+#[inline(never)]
 #[target_feature(enable = "avx2,fma,popcnt,bmi1")]
 fn visit_avx2(
     shard: &Shard,
@@ -145,37 +187,47 @@ fn visit_avx2(
     lights: &[PreparedLight],
     sink: &mut impl Sink,
 ) {
-    // Sieving once for each light pays while it costs less than decoding for all.
-    const SIEVED: usize = 2;
-    let sieve = |light: &PreparedLight| {
-        Sieve::new(shard, &light.reach, ROUNDING * magnitude(shard, light.reach.center()))
-    };
-    let few = if lights.len() <= SIEVED { lights } else { &[] };
-    let sieves: Vec<_> = few.iter().filter_map(sieve).collect();
-    if sieves.len() < lights.len() {
+    let Some(sieves) = first_tests(shard, lights, Sieve::new) else {
         return visit_lanes::<Avx2>(shard, records, &mut work.block, lights, sink);
-    }
-    for (index, (light, sieve)) in lights.iter().zip(&sieves).enumerate() {
-        visit_sieved(shard, records.clone(), work, (index, light), sieve, sink);
+    };
+    for (index, sieve) in sieves.iter().enumerate() {
+        let find = |chunk: Range<usize>, work: &mut SieveWork| {
+            let (xy, z_flags) =
+                (&shard.position_xy()[chunk.clone()], &shard.position_z_flags()[chunk.clone()]);
+            sieve.run(xy, z_flags, chunk.start as u32, chunk.start > records.start, work)
+        };
+        visit_found(shard, records.clone(), work, (index, &lights[index]), find, sink);
     }
 }
 
-/// Decodes and tests only what a sieve leaves.
+/// A first test for each of a few lights; nothing if they are many, or one of them is everywhere.
 #[cfg(target_arch = "x86_64")]
+fn first_tests<T>(
+    shard: &Shard,
+    lights: &[PreparedLight],
+    test: impl Fn(&Shard, &Reach, f32) -> Option<T>,
+) -> Option<Vec<T>> {
+    let test =
+        |light: &PreparedLight| test(shard, &light.reach, ROUNDING * magnitude(shard, light.reach.center()));
+    if lights.len() <= FEW { lights.iter().map(test).collect() } else { None }
+}
+
+/// Decodes and tests only the records that `find` leaves of each chunk: their numbers are in [`SieveWork::found`], as many as
+/// it returns.
+#[cfg(target_arch = "x86_64")]
+#[inline(never)]
 #[target_feature(enable = "avx2,fma,popcnt,bmi1")]
-fn visit_sieved(
+fn visit_found(
     shard: &Shard,
     records: Range<usize>,
     work: &mut Work,
     (index, light): (usize, &PreparedLight),
-    sieve: &Sieve,
+    find: impl Fn(Range<usize>, &mut SieveWork) -> usize,
     sink: &mut impl Sink,
 ) {
     for first in records.clone().step_by(CHUNK) {
-        let chunk = first..records.end.min(first + CHUNK);
-        let (xy, z_flags) = (&shard.position_xy()[chunk.clone()], &shard.position_z_flags()[chunk]);
-        let found = sieve.run(xy, z_flags, first as u32, first > records.start, &mut work.sieve);
-        for numbers in found.chunks(BLOCK) {
+        let count = find(first..records.end.min(first + CHUNK), &mut work.sieve);
+        for numbers in work.sieve.found[..count].chunks(BLOCK) {
             decode_listed::<Avx2>(shard, numbers, &mut work.block);
             sink.begin_block(numbers[0] as usize);
             sink.begin_light(index);

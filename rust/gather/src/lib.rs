@@ -5,9 +5,9 @@
 //! [`Denoiser`] cleans them.
 //!
 //! How a light is gathered: packed records are decoded a block at a time into the first-level cache, where every light tests
-//! eight segments at once against a region that holds all its crossings (`kernel`). For one or two lights a sieve on
-//! the packed integers first leaves out what lies beyond a side of the light's box (`sieve`). What remains is evaluated
-//! exactly (`light`). Throughputs are read for hits only.
+//! eight segments at once against a region that holds all its crossings (`kernel`). For one or two lights a first test on
+//! the packed records leaves out most of them: those far from a ball around the light (`scan`, AVX-512), or those beyond a
+//! side of its box (`sieve`, AVX2). What remains is evaluated exactly (`light`). Throughputs are read for hits only.
 
 pub mod bench;
 mod denoise;
@@ -20,6 +20,8 @@ mod lanes;
 mod light;
 mod positions;
 mod relight;
+#[cfg(target_arch = "x86_64")]
+mod scan;
 #[cfg(target_arch = "x86_64")]
 mod sieve;
 

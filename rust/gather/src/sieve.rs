@@ -10,7 +10,7 @@ use relume_dump::{Flags, Shard};
 use crate::light::Reach;
 
 /// Records that are sieved at a time.
-pub const CHUNK: usize = 2048;
+pub const CHUNK: usize = 8192;
 /// How many records ahead are fetched.
 const AHEAD: usize = 1024;
 /// Bytes in front of the codes, of which the last is that of the record before the chunk.
@@ -39,7 +39,7 @@ pub struct SieveWork {
     /// After [`LEAD`], a code for each record.
     codes: Box<[u8; LEAD + CHUNK]>,
     /// Numbers of records, and room for what is written too much.
-    found: Box<[u32; CHUNK + 32]>,
+    pub found: Box<[u32; CHUNK + 32]>,
 }
 
 impl Default for SieveWork {
@@ -108,17 +108,17 @@ impl Sieve {
         code & self.judged | if flags.path_start() { START } else { 0 }
     }
 
-    /// Numbers of the records, at most [`CHUNK`], that may touch the box, plus `first`. `continues` says that the chunk follows
-    /// the one that `work` was last used for.
+    /// Writes the numbers of the records, at most [`CHUNK`], that may touch the box, plus `first`, to [`SieveWork::found`] and
+    /// returns how many these are. `continues` says that the chunk follows the one that `work` was last used for.
     #[target_feature(enable = "avx2,popcnt,bmi1")]
-    pub fn run<'a>(
+    pub fn run(
         &self,
         xy: &[u32],
         z_flags: &[u32],
         first: u32,
         continues: bool,
-        work: &'a mut SieveWork,
-    ) -> &'a [u32] {
+        work: &mut SieveWork,
+    ) -> usize {
         let len = xy.len().min(z_flags.len()).min(CHUNK);
         let codes = work.codes.as_mut_slice();
         // A range starts with a path, whose predecessor is not looked at.
@@ -144,7 +144,7 @@ impl Sieve {
             }
             count += found;
         }
-        &work.found[..count]
+        count
     }
 
     /// Bits of the 32 records after the first of 33 codes that may touch the box.

@@ -61,20 +61,22 @@ fn random_lights() -> Vec<Light> {
 }
 
 #[test]
-fn portable_and_avx2_and_one_by_one_are_equal_bit_by_bit() {
-    let detected = Gather::new(random_dump());
-    let portable = detected.clone().with_isa(Isa::Portable);
-    let lights = detected.prepare_all(&random_lights()).unwrap();
-    for half in [Half::All, Half::First, Half::Second] {
-        let many = detected.unit_images(&lights, half);
-        assert_eq!(many, portable.unit_images(&lights, half));
+fn all_instruction_sets_and_one_by_one_are_equal_bit_by_bit() {
+    let dump = random_dump();
+    let portable = Gather::new(dump.clone()).with_isa(Isa::Portable);
+    let lights = portable.prepare_all(&random_lights()).unwrap();
+    let halves = [Half::All, Half::First, Half::Second];
+    for (isa, half) in Isa::available().into_iter().flat_map(|isa| halves.map(|half| (isa, half))) {
+        let gather = Gather::new(dump.clone()).with_isa(isa);
+        let many = gather.unit_images(&lights, half);
+        assert_eq!(many, portable.unit_images(&lights, half), "{isa:?}");
         for (light, image) in lights.iter().zip(&many) {
-            assert_eq!(&detected.unit_images(std::slice::from_ref(light), half)[0], image);
+            assert_eq!(&gather.unit_images(std::slice::from_ref(light), half)[0], image, "{isa:?}");
         }
         for (x, y) in [(0, 0), (5, 5), (3, 4)] {
-            let pixel = detected.pixel(x, y, &lights, half);
+            let pixel = gather.pixel(x, y, &lights, half);
             let expected: Vec<_> = many.iter().map(|image| image.pixel(x, y).to_vec()).collect();
-            assert_eq!(pixel.iter().map(|rgb| rgb.to_vec()).collect::<Vec<_>>(), expected);
+            assert_eq!(pixel.iter().map(|rgb| rgb.to_vec()).collect::<Vec<_>>(), expected, "{isa:?}");
         }
     }
 }
