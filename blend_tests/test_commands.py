@@ -115,6 +115,23 @@ def test_mistakes_have_an_exit_code(shot, tmp_path, monkeypatch, arguments, code
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("arguments", [["bake"], ["bake", "--out", "x", "--nope"], ["relight", "x"], ["explode"]])
+def test_mistakes_are_one_line_for_people_and_for_machines(shot, arguments, capsys):
+    assert run(arguments) == 2
+    told = capsys.readouterr()
+    assert told.out == "" and told.err.startswith("Error: ") and told.err.count("\n") == 1
+    assert run([*arguments, "--json"]) == 2
+    (line,) = results(capsys)
+    assert line["event"] == "error" and line["message"] in told.err
+
+
+def test_file_that_was_not_opened_is_not_replaced_by_the_default_scene(shot, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["blender", "-b", "gone.blend", "--command", "relume", "bake", "--out", "x"])
+    assert run(["bake", "--out", str(tmp_path / "bake")]) == 1
+    assert "gone.blend" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_unwritable_folder_is_one_clear_error(shot, tmp_path, capsys):
     blocked = tmp_path / "file"
     blocked.write_text("not a folder")
@@ -204,7 +221,8 @@ def test_a_terminated_bake_resumes_to_the_same_result(saved, tmp_path):
     process.send_signal(signal.SIGTERM)
     code = process.wait(timeout=60)
     assert code in {0, 130}  # 0 if it was quicker than the signal
-    assert os.listdir(broken)
+    left = os.listdir(broken)
+    assert left and not [name for name in left if name.startswith(".")]
     subprocess.run(script(saved, "bake", "--out", broken, "--resume", *arguments), check=True, timeout=120)
     files = sorted(path.relative_to(whole) for path in whole.rglob("*.safetensors"))
     assert files == sorted(path.relative_to(broken) for path in broken.rglob("*.safetensors"))

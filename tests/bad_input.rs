@@ -24,6 +24,11 @@ fn unknown_options_and_missing_arguments_are_refused() {
         let message = failure(folder.path(), arguments);
         assert!(message.contains(word), "{message}");
         assert_eq!(run(folder.path(), arguments).status.code(), Some(2));
+
+        let output = run(folder.path(), &format!("{arguments} --json"));
+        let event: serde_json::Value = serde_json::from_slice(&output.stdout).expect("one JSON object");
+        assert_eq!((&event["event"], output.stderr.as_slice()), (&"error".into(), &[][..]));
+        assert!(event["message"].as_str().is_some_and(|text| text.contains(word)), "{event}");
     }
 }
 
@@ -80,7 +85,7 @@ fn folders_that_cannot_be_written_are_named() {
     for out in ["file/a.exr", "gone/a.exr"] {
         let arguments = format!("gather bake --no-denoise --lights {} --out {out}", light.display());
         let message = failure(folder.path(), &arguments);
-        assert!(message.contains(out), "{message}");
+        assert_eq!(message.matches(out).count(), 1, "{message}");
     }
     assert_eq!(std::fs::read_to_string(folder.path().join("file")).unwrap(), "in the way");
 }

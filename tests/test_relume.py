@@ -102,6 +102,19 @@ def test_jobs_report_and_stop(tmp_path):
     assert {"stage", "done", "total", "elapsed_s", "remaining_s", "message"} <= reports[0].keys()
 
 
+def test_an_interrupted_wait_leaves_nothing_running(tmp_path):
+    def interrupt(report):
+        if report["stage"] == "trace":
+            raise KeyboardInterrupt
+
+    job = relume.bake(lit_plane(), tmp_path, {"samples": 1_000_000, "tile_size": 8})
+    with pytest.raises(KeyboardInterrupt):
+        job.wait(interrupt)
+    assert job.done
+    # No file is half-written at the moment when a program may exit.
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+
+
 def test_work_runs_without_the_gil(tmp_path):
     ticks = []
     stop = threading.Event()

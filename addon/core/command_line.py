@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from typing import NoReturn
 
 PROGRAM = "relume"
 FORWARDED = {
@@ -15,9 +16,30 @@ FORWARDED = {
 """Commands that need no scene: their arguments go to the native command line as they are."""
 
 
+class UsageError(Exception):
+    """The arguments are wrong; the message says which, in one line."""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Raises where argparse prints and exits."""
+
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(f"{message} (see {self.prog} --help)")
+
+
+def parse(arguments: list[str]) -> tuple[argparse.Namespace, list[str]]:
+    """Options of a command that reads the open scene, and what `relight` passes on to the native command line.
+
+    Raises `UsageError`, or `SystemExit` after help was printed."""
+    options, rest = parser().parse_known_args(arguments)
+    if rest and options.command != "relight":
+        raise UsageError(f"unknown arguments: {' '.join(rest)} (see {PROGRAM} {options.command} --help)")
+    return options, rest
+
+
 def parser() -> argparse.ArgumentParser:
     """Parser of the commands that read the open scene, and list of the others."""
-    top = argparse.ArgumentParser(prog=PROGRAM, description="Relights finished shots.")
+    top = _Parser(prog=PROGRAM, description="Relights finished shots.")
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_bake(commands)
     _add_relight(commands)

@@ -42,9 +42,11 @@ class Reporter:
             self._print(text)
 
     def error(self, message: str) -> None:
-        """Prints why a command failed, on standard error."""
-        line = json.dumps({"event": "error", "message": message}) if self.as_json else f"Error: {message}"
-        print(line, file=sys.stderr, flush=True)
+        """Prints why a command failed: on standard error for people, where all else is for machines."""
+        if self.as_json:
+            self._print({"event": "error", "message": message})
+        else:
+            print(f"Error: {message}", file=sys.stderr, flush=True)
 
     def _print(self, line: dict[str, Any] | str) -> None:
         print(line if isinstance(line, str) else json.dumps(line), file=self.stream, flush=True)

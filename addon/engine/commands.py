@@ -15,7 +15,7 @@ import bpy
 
 from ..core import command_line
 from ..core.progress import Reporter, clock
-from ..export import ExportOptions, is_standard, trace_settings, write_view_table
+from ..export import ExportError, ExportOptions, is_standard, trace_settings, write_view_table
 from .native import native
 from .scene import load_scene
 
@@ -29,18 +29,18 @@ class Stopped(BaseException):  # noqa: N818 -- like KeyboardInterrupt, it is no 
 
 def run(arguments: list[str]) -> int:
     """Runs a command with the open file and returns the exit code."""
-    if arguments and arguments[0] in command_line.FORWARDED:
-        return native().run_command_line(arguments)
+    reporter = Reporter(quiet="--quiet" in arguments, as_json="--json" in arguments)
     try:
-        options, rest = command_line.parser().parse_known_args(arguments)
-        if rest and options.command != "relight":
-            command_line.parser().error(f"unknown arguments: {' '.join(rest)}")
-    except SystemExit as stop:
-        return int(stop.code or 0)
-    reporter = Reporter(options.quiet, options.json)
-    try:
+        if arguments and arguments[0] in command_line.FORWARDED:
+            return native().run_command_line(arguments)
+        options, rest = command_line.parse(arguments)
         with _stopped_by_sigterm():
             return COMMANDS[options.command](options, rest, reporter)
+    except command_line.UsageError as error:
+        reporter.error(str(error))
+        return 2
+    except SystemExit:  # after --help
+        return 0
     except (KeyboardInterrupt, Stopped):
         reporter.error("stopped; start it again with --resume to go on")
         return STOPPED
@@ -106,10 +106,19 @@ def relight(options: argparse.Namespace, rest: list[str], reporter: Reporter) ->
 
 
 def _open_scene(options: argparse.Namespace) -> bpy.types.Scene:
+    _check_that_the_file_was_opened()
     scene = bpy.context.scene
     if options.frame is not None:
         scene.frame_set(options.frame)
     return scene
+
+
+def _check_that_the_file_was_opened() -> None:
+    """With `--command`, Blender goes on with its default scene where it could not open the file (seen in 5.2)."""
+    switch = next((i for i, argument in enumerate(sys.argv) if argument in {"-c", "--command"}), 0)
+    named = [argument for argument in sys.argv[1:switch] if argument.endswith(".blend")]
+    if named and not bpy.data.filepath:
+        raise ExportError(f"Blender could not open {named[0]}; check the path and the messages above")
 
 
 def _export_options(options: argparse.Namespace) -> ExportOptions:

@@ -6,6 +6,7 @@ balance are all in it. Layout and spacing are those of `relume_image::ViewTransf
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +17,7 @@ import numpy as np
 
 SIZE = 65
 SHAPER_MIN, SHAPER_MAX, SHAPER_OFFSET = -12.0, 7.0, 2.0**-12
+PNG_END = b"IEND\xae\x42\x60\x82"
 
 
 def is_standard(scene: bpy.types.Scene) -> bool:
@@ -27,17 +29,23 @@ def is_standard(scene: bpy.types.Scene) -> bool:
 
 
 def write_view_table(scene: bpy.types.Scene, path: Path) -> None:
-    """Writes the table as a 16-bit PNG of SIZE^2 by SIZE pixels."""
+    """Writes the table as a 16-bit PNG of SIZE^2 by SIZE pixels, whole or not at all."""
     steps = np.linspace(SHAPER_MIN, SHAPER_MAX, SIZE, dtype=np.float64)
     axis = np.maximum(np.exp2(steps) - SHAPER_OFFSET, 0.0).astype(np.float32)
     pixels = np.ones((SIZE, SIZE, SIZE, 4), np.float32)  # [green from the top, blue, red, channel]
     pixels[..., 0], pixels[..., 1], pixels[..., 2] = axis, axis[:, None, None], axis[:, None]
+    part = path.with_name(f".part-{path.name}")
     image = bpy.data.images.new("relume view table", SIZE * SIZE, SIZE, float_buffer=True)
     try:
         image.pixels.foreach_set(np.ascontiguousarray(pixels[::-1]).reshape(-1))
         with _png_settings(scene):
-            image.save_render(str(path), scene=scene)
+            image.save_render(str(part), scene=scene)
+        # Blender reports success on a full disk.
+        if not part.read_bytes().endswith(PNG_END):
+            raise OSError(f"cannot write the view transform; check the free space: {path}")
+        os.replace(part, path)
     finally:
+        part.unlink(missing_ok=True)
         bpy.data.images.remove(image)
 
 

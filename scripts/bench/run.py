@@ -6,7 +6,6 @@ Runs in a Python with `bpy` and `relume`; the peers (Mitsuba, PyTorch) live in a
 import argparse
 import json
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -15,7 +14,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).resolve().parent
 SCENES = Path(os.environ.get("RELUME_SCENES", ROOT.parent / "shared/scenes"))
-WIDTH, BOUNCES, FEW, MANY = 320, 6, 16, 64
+BOUNCES, FEW, MANY, MOST = 6, 16, 64, 256
 NETWORKS = ("64/4", "128/8", "256/8")
 GIB = 2**30
 
@@ -54,46 +53,48 @@ def networks(peers, records):
 
 
 def bake(blend, size, samples, folder):
-    """Bakes; returns its report and the peak memory of the process in bytes."""
-    width, height = size
-    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
-    report = last_json(
-        sys.executable,
-        ROOT / "relume_bake.py",
-        blend,
-        "--",
-        "bake",
-        "--json",
-        "--out",
-        folder,
-        "--samples",
-        samples,
-        "--bounces",
-        BOUNCES,
-        "--resolution",
-        f"{width}x{height}",
-    )[-1]
-    return report, max(before, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss) * 1024
+    """Bakes in a process of its own; returns its report and the peak of its memory in bytes."""
+    options = ("--samples", samples, "--bounces", BOUNCES, "--resolution", f"{size[0]}x{size[1]}")
+    words = (sys.executable, ROOT / "relume_bake.py", blend, "--", "bake", "--json", "--out", folder, *options)
+    process = subprocess.Popen([str(word) for word in words], stdout=subprocess.PIPE, text=True)
+    lines = [json.loads(line) for line in process.stdout if line.startswith("{")]
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, words)
+    return lines[-1], usage.ru_maxrss * 1024
 
 
 def rendering(name, size, peers):
-    """Paths per second of one scene: ours against Cycles and, where the scene exists for it, Mitsuba."""
+    """Paths per second of one scene against Cycles and Mitsuba, and peak memory by the number of samples."""
     blend = SCENES / f"{name}.blend"
     with tempfile.TemporaryDirectory() as folder:
-        few, _ = bake(blend, size, FEW, f"{folder}/few")
-        many, memory = bake(blend, size, MANY, f"{folder}/many")
+        _, scene = bake(blend, (1, 1), 1, f"{folder}/scene")
+        runs = [bake(blend, size, samples, f"{folder}/{samples}") for samples in (FEW, MANY, MOST)]
+    (few, _), (many, _), _ = runs
     value = (many["paths"] - few["paths"]) / (many["seconds"] - few["seconds"])
     sizes = ("--width", size[0], "--height", size[1], "--samples", MANY, "--bounces", BOUNCES)
     cycles = last_json(sys.executable, HERE / "peer_cycles.py", blend, *sizes)[-1]
     label = f"trace {name}, {size[0]}x{size[1]}, {BOUNCES} bounces"
     rows = [against(label, value, "paths/s", cycles["peer"], cycles["paths_per_second"])]
+    mitsuba = mitsuba_paths(name, blend, sizes, peers)
+    rows.append(against(label, value, "paths/s", mitsuba["peer"], mitsuba["paths_per_second"]))
+    for report, memory in runs:
+        limit = scene + GIB
+        more = {"limit": limit / GIB, "share_of_limit": memory / limit}
+        rows.append(record(f"peak memory of a bake, {name}, {report['samples']} samples", memory / GIB, "GiB", **more))
+    return rows
+
+
+def mitsuba_paths(name, blend, sizes, peers):
+    """Mitsuba's speed on its own scene file, or on one made from the .blend with approximated materials."""
     xml = SCENES / "mitsuba" / name / "scene.xml"
     if xml.exists():
-        mitsuba = last_json(peers, HERE / "peer_mitsuba.py", xml, *sizes)[-1]
-        rows.append(against(label, value, "paths/s", mitsuba["peer"], mitsuba["paths_per_second"]))
-    else:
-        print(f"bench: {name} has no Mitsuba scene; compared with Cycles only")
-    return [*rows, record(f"peak memory of a bake so far, {name}", memory / GIB, "GiB")]
+        return last_json(peers, HERE / "peer_mitsuba.py", xml, *sizes)[-1]
+    with tempfile.TemporaryDirectory() as folder:
+        xml = last_json(sys.executable, HERE / "mitsuba_scene.py", blend, folder)[-1]["scene"]
+        found = last_json(peers, HERE / "peer_mitsuba.py", xml, *sizes)[-1]
+    return found | {"peer": f"{found['peer']}, materials approximated"}
 
 
 def main():

@@ -19,15 +19,16 @@ const STOPPED: u8 = 130;
 /// Runs a command line (program name first), prints as it goes, and returns the exit code. SIGINT and SIGTERM stop it
 /// cleanly.
 pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {
-    let cli = match Cli::try_parse_from(args) {
+    let args: Vec<OsString> = args.into_iter().collect();
+    let cli = match Cli::try_parse_from(&args) {
         Ok(cli) => cli,
-        Err(error) => return usage(&error),
+        Err(error) => return usage(&error, args.iter().any(|argument| argument == "--json")),
     };
     let console = Arc::new(Console::new(Style { json: cli.global.json, quiet: cli.global.quiet }));
     match run_with_signals(cli, &console) {
         Ok(()) => 0,
         Err(error) => {
-            console.error(&format!("{error:#}"));
+            console.error(&error.to_string());
             match error.downcast_ref::<SessionError>() {
                 Some(SessionError::Cancelled) => STOPPED,
                 _ => 1,
@@ -92,13 +93,13 @@ fn stop_on_signals(cancel: &Cancel) -> std::io::Result<Vec<SigId>> {
     Ok(registered)
 }
 
-/// Help and version as they are; mistakes as one line.
-fn usage(error: &clap::Error) -> u8 {
+/// Help and version as they are; mistakes as one line, or one JSON object.
+fn usage(error: &clap::Error, json: bool) -> u8 {
     if !error.use_stderr() {
         let _ = error.print();
         return 0;
     }
-    eprintln!("relume: {} (see relume --help)", one_line(error));
+    Console::new(Style { json, quiet: true }).error(&format!("{} (see relume --help)", one_line(error)));
     2
 }
 
@@ -107,5 +108,5 @@ fn one_line(error: &clap::Error) -> String {
     let text = error.to_string();
     let lines: Vec<&str> = text.lines().map(str::trim).collect();
     let end = lines.iter().position(|line| line.is_empty()).unwrap_or(lines.len());
-    lines[..end].join(" ")
+    lines[..end].join(" ").trim_start_matches("error: ").to_owned()
 }

@@ -6,6 +6,7 @@ import json
 import os
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -44,13 +45,16 @@ class Job:
         return json.loads(self._internal.result())
 
     def wait(self, on_progress: Reporter | None = None, on_warning: Callable[[str], None] | None = None) -> Any:
-        """The result; reports to the callbacks meanwhile. Ctrl-C stops the work before it is raised."""
+        """The result; reports to the callbacks meanwhile. Whatever is raised meanwhile, such as Ctrl-C, first stops
+        the work and waits for its end, so that a program may exit at once."""
         try:
             while not self.done:
                 self._report(on_progress, on_warning)
                 time.sleep(POLL_SECONDS)
         except BaseException:
             self.cancel()
+            with suppress(_native.RelumeError):
+                self.result()
             raise
         self._report(on_progress, on_warning)
         return self.result()
