@@ -89,6 +89,22 @@ def test_lights_are_linear(bake):
     assert relighter.relight("[]")["combined"].max() == 0.0
 
 
+def test_lights_are_solved_from_an_array(bake):
+    relume.train(bake, type="sphere", million_samples=0.2, neurons=32, size_min=0.3, size_max=0.7).wait()
+    relighter = relume.Relighter(bake)
+    shape = {"type": "sphere", "center": [0.4, 0.2, 1.5], "radius": 0.5}
+    hidden = [{"name": "Hidden", "shape": shape, "radiance": [5, 4, 2]}]
+    target = relighter.relight(json.dumps(hidden), maker="gather")["combined"]
+    solved = relume.optimise(relighter, target, options={"starts": 2, "settings": {"iterations": 100}}).wait()
+    assert solved["polished"]["loss"] < solved["solution"]["start_loss"]
+    found = relighter.relight(json.dumps(solved["lights"]), maker="gather")["combined"]
+    assert found.mean() == pytest.approx(target.mean(), rel=0.1)
+    with pytest.raises(ValueError, match=r"\[height, width, 3\]"):
+        relume.optimise(relighter, target[:, :, :2].copy())
+    with pytest.raises(relume.RelumeError, match="16"):
+        relume.optimise(relighter, target[:4].copy()).result()
+
+
 def test_jobs_report_and_stop(tmp_path):
     job = relume.bake(lit_plane(), tmp_path / "bake", {"samples": 1 << 20, "passes": {"first": 1, "largest": 4}})
     reports = []

@@ -24,7 +24,7 @@ pub struct PolishStep {
 }
 
 /// Lights after [`polish`].
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Polished {
     /// The lights; those that it was given if nothing was better.
     pub lights: Vec<SphereLight>,

@@ -92,12 +92,18 @@ impl LightSet {
 
     /// Writes the lights, atomically.
     pub fn write(&self, path: &Path) -> Result<(), SessionError> {
-        let (format, name) = (FORMAT.to_string(), self.name.clone());
-        let file = File { format, version: VERSION, name, lights: self.lights.clone() };
         Ok(relume_image::write_atomically(path, |writer| {
-            serde_json::to_writer_pretty(&mut *writer, &file)?;
+            serde_json::to_writer_pretty(&mut *writer, self)?;
             writer.write_all(b"\n")
         })?)
+    }
+}
+
+/// In the form of its file.
+impl Serialize for LightSet {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let (format, name) = (FORMAT.to_string(), self.name.clone());
+        File { format, version: VERSION, name, lights: self.lights.clone() }.serialize(serializer)
     }
 }
 

@@ -74,7 +74,8 @@ impl UnitImages for GatherUnits<'_> {
 }
 
 /// What to solve.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct OptimiseOptions {
     /// Steps, learning rate, pixel subsets, seed.
     pub settings: Settings,
@@ -95,7 +96,7 @@ impl Default for OptimiseOptions {
 }
 
 /// Solved lights.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize)]
 pub struct Optimised {
     /// The start lights with the solved ones in their places, or the found lights.
     pub lights: LightSet,

@@ -130,6 +130,10 @@ class Relighter:
         """Pictures under a light set (JSON; the scene's lights if None): scene-linear arrays [height, width, channels],
         top row first: combined, static, world, albedo, normal, depth, alpha, and lights by name."""
 
+    def optimise(self, target: NDArray[np.float32], lights: str | None = None, options: str = "{}") -> Job:
+        """Solves for the lights that make a scene-linear picture [height, width, 3], top row first, from a light set or
+        from random starts; options in the JSON form of `relume_session::OptimiseOptions`."""
+
 class Job:
     """Running work; see `relume.Job`."""
 

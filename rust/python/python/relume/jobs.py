@@ -10,6 +10,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from . import _native
 
 POLL_SECONDS = 0.05
@@ -100,9 +103,15 @@ def train(folder: str | os.PathLike[str], **options: Any) -> Job:
     return start("train", folder, **options)
 
 
-def optimise(folder: str | os.PathLike[str], target: str | os.PathLike[str], **options: Any) -> Job:
-    """Finds lights that make a target picture; options as of `relume optimise`."""
-    return start("optimise", folder, target=os.fspath(target), **options)
+def optimise(
+    relighter: _native.Relighter,
+    target: NDArray[np.float32],
+    lights: dict[str, Any] | None = None,
+    options: dict[str, Any] | None = None,
+) -> Job:
+    """Finds lights that make a scene-linear picture [height, width, 3], from a light set or random starts; `options`
+    is the JSON form of `relume_session::OptimiseOptions`. The result holds `lights`, `solution` and `polished`."""
+    return Job(relighter.optimise(target, json.dumps(lights) if lights else None, json.dumps(options or {})))
 
 
 def info(path: str | os.PathLike[str]) -> Any:
