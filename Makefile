@@ -11,7 +11,7 @@ SCENES := $(or $(RELUME_SCENES),$(CURDIR)/../shared/scenes)
 export OIDN_DIR := $(DEV)/lib/python3.11/site-packages/pyoidn/oidn
 CARGO := LD_LIBRARY_PATH=$(OIDN_DIR)/lib cargo
 
-.PHONY: setup wheel extension test test-rust test-python test-blender demo shots parity quality bench clean
+.PHONY: setup wheel extension test test-rust test-python test-blender fuzz demo shots parity quality bench clean
 
 setup:
 	@scripts/setup
@@ -39,6 +39,11 @@ test-blender: extension
 	@scripts/setup $(BLENDERS)
 	@scripts/install-wheel "$(WHEELS)" $(BLENDERS)
 	@scripts/test-blender $(BLENDERS)
+
+# Hostile bytes into every reader; FUZZ="300 shard" for other seconds and targets.
+fuzz: wheel
+	@scripts/install-wheel "$(WHEELS)" 4.2
+	@scripts/fuzz $(FUZZ)
 
 demo: wheel
 	@scripts/install-wheel "$(WHEELS)" 4.2

@@ -9,7 +9,10 @@ The script finds the add-on beside itself, so the extension need not be enabled.
 import importlib.util
 import os
 import sys
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from zipfile import ZipFile
 
 import bpy
 
@@ -28,14 +31,23 @@ def load_addon():
     spec.loader.exec_module(module)
 
 
-def find_native_module():
-    """With factory settings Blender may not look where it unpacked the extension's wheel; then this does."""
-    if importlib.util.find_spec("relume") is not None:
-        return
+@contextmanager
+def native_module():
+    """Makes `import relume` possible. With factory settings Blender does not look where it unpacked the extension's
+    wheel, and it unpacks that only once the extension is enabled: then this does, for as long as the command runs."""
+    here = Path(__file__).resolve().parent
     python = f"python{sys.version_info.major}.{sys.version_info.minor}"
-    wheels = Path(__file__).resolve().parents[2] / ".local" / "lib" / python / "site-packages"
-    if (wheels / "relume").is_dir():
-        sys.path.append(str(wheels))
+    unpacked = here.parents[1] / ".local" / "lib" / python / "site-packages"
+    wheels = list((here / "wheels").glob("relume-*.whl"))
+    with ExitStack() as stack:
+        if importlib.util.find_spec("relume") is None:
+            if not (unpacked / "relume").is_dir() and wheels:
+                # Windows cannot remove a library in use.
+                folder = TemporaryDirectory(prefix="relume-", ignore_cleanup_errors=True)
+                unpacked = Path(stack.enter_context(folder))
+                ZipFile(wheels[0]).extractall(unpacked)
+            sys.path.append(str(unpacked))
+        yield
 
 
 def arguments():
@@ -59,11 +71,12 @@ def main():
     open_file()
     if "cycles" not in bpy.context.preferences.addons:
         bpy.ops.preferences.addon_enable(module="cycles")
-    find_native_module()
     load_addon()
     from relume_addon.engine.commands import main as run
 
-    os._exit(run(arguments()))
+    with native_module():
+        code = run(arguments())
+    os._exit(code)
 
 
 if __name__ == "__main__":

@@ -76,13 +76,17 @@ def lose_texture(scene):
     scene.objects["Plane"].data.materials.append(material)
 
 
+def flatten_object(scene):
+    add_quad(scene, "Gone").scale = (0.0, 0.0, 0.0)
+
+
 def collapse_triangle(scene):
     mesh = bpy.data.meshes.new("Needle")
     mesh.from_pydata([(0, 0, 1), (1, 0, 1), (1, 0, 1), (0, 1, 1)], [], [(0, 1, 2), (0, 1, 3)])
     scene.collection.objects.link(bpy.data.objects.new("Needle", mesh))
 
 
-@pytest.mark.parametrize("spoil, word", [(lose_texture, "wood.png"), (collapse_triangle, "")])
+@pytest.mark.parametrize("spoil, word", [(lose_texture, "wood.png"), (flatten_object, "Gone"), (collapse_triangle, "")])
 def test_small_damage_is_named_and_the_rest_is_baked(shot, tmp_path, capsys, spoil, word):
     spoil(shot)
     code, events = bake(tmp_path / "bake", capsys)

@@ -1,5 +1,4 @@
-use std::fs::File;
-use std::io::{BufReader, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -103,6 +102,8 @@ impl Manifest {
     /// Refuses values that no dump can have.
     pub fn check(&self) -> Result<(), DumpError> {
         const SIZE_LIMIT: usize = 1 << 16;
+        /// Readers keep a list of all shards.
+        const SHARD_LIMIT: usize = 1 << 24;
         let fail = |reason: String| Err(DumpError::Manifest(reason));
         if self.format_version != FORMAT_VERSION {
             return fail(format!(
@@ -125,6 +126,9 @@ impl Manifest {
         }
         if self.passes.is_empty() {
             return fail("no passes".into());
+        }
+        if self.tile_count().saturating_mul(self.passes.len()) > SHARD_LIMIT {
+            return fail(format!("more than {SHARD_LIMIT} shards; use larger tiles"));
         }
         if self.camera_position.is_some_and(|p| !p.iter().all(|v| v.is_finite())) {
             return fail("the camera position is not finite".into());
@@ -165,10 +169,15 @@ impl Manifest {
     /// Reads and checks the manifest of a folder.
     pub fn read(dir: &Path) -> Result<Self, DumpError> {
         let path = dir.join(Self::FILE);
-        let file = File::open(&path).map_err(DumpError::io("read the dump's manifest", &path))?;
-        let manifest: Self = serde_json::from_reader(BufReader::new(file))
-            .map_err(|error| DumpError::damaged(&path, error.to_string()))?;
-        manifest.check().map_err(|error| DumpError::damaged(&path, error.to_string()))?;
+        let json = std::fs::read(&path).map_err(DumpError::io("read the dump's manifest", &path))?;
+        Self::from_bytes(&path, &json)
+    }
+
+    /// Reads and checks a manifest from bytes that nobody vouches for; `name` stands in messages. Never panics.
+    pub fn from_bytes(name: &Path, json: &[u8]) -> Result<Self, DumpError> {
+        let manifest: Self =
+            serde_json::from_slice(json).map_err(|error| DumpError::damaged(name, error.to_string()))?;
+        manifest.check().map_err(|error| DumpError::damaged(name, error.to_string()))?;
         Ok(manifest)
     }
 

@@ -102,13 +102,18 @@ pub(crate) fn read_png_raw(path: &Path) -> Result<Image, ImageError> {
         }
         other => ImageError::Format { path: path.to_path_buf(), reason: other.to_string() },
     };
-    let file = File::open(path).map_err(|source| ImageError::Read { path: path.into(), source })?;
+    /// Deflate makes at most 1032 bytes of one, and a pixel of one bit becomes four bytes.
+    const MOST_EXPANSION: u64 = 1032 * 32;
+    let read_error = |source| ImageError::Read { path: path.into(), source };
+    let file = File::open(path).map_err(read_error)?;
+    let most = file.metadata().map_err(read_error)?.len().saturating_mul(MOST_EXPANSION);
     let mut decoder = png::Decoder::new(BufReader::new(file));
     decoder.set_transformations(png::Transformations::EXPAND);
     let mut reader = decoder.read_info().map_err(format)?;
-    let size = reader
-        .output_buffer_size()
-        .ok_or_else(|| ImageError::Format { path: path.to_path_buf(), reason: "it is too large".into() })?;
+    let size = reader.output_buffer_size().filter(|&size| size as u64 <= most).ok_or_else(|| {
+        let reason = "its header promises more pixels than the file can hold".into();
+        ImageError::Format { path: path.to_path_buf(), reason }
+    })?;
     let mut bytes = vec![0; size];
     let info = reader.next_frame(&mut bytes).map_err(format)?;
     let bytes = &bytes[..info.buffer_size()];
@@ -159,6 +164,30 @@ mod tests {
             (ViewTransform::read_lut(&path).unwrap(), ViewTransform::lut(size, values).unwrap());
         let (got, want) = (read.apply([0.01, 0.4, 3.0]), made.apply([0.01, 0.4, 3.0]));
         assert!((0..3).all(|c| (got[c] - want[c]).abs() < 1e-4), "{got:?} for {want:?}");
+    }
+
+    #[test]
+    fn more_pixels_than_the_file_can_hold_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("huge.png");
+        let image = Image { width: 4, height: 4, channels: 3, data: vec![0.5; 48] };
+        write_png(&path, &image, &ViewTransform::Standard, BitDepth::Eight).unwrap();
+        let mut bytes = std::fs::read(&path).unwrap();
+        // Width and height of the header chunk, and its checksum.
+        bytes[16..24].copy_from_slice(&[0, 1, 0, 0, 0, 1, 0, 0]);
+        let checksum = crc32(&bytes[12..29]);
+        bytes[29..33].copy_from_slice(&checksum.to_be_bytes());
+        std::fs::write(&path, bytes).unwrap();
+        let message = read_picture(&path).unwrap_err().to_string();
+        assert!(message.contains("more pixels"), "{message}");
+    }
+
+    /// The checksum of PNG chunks (ISO 3309), bit by bit.
+    fn crc32(bytes: &[u8]) -> u32 {
+        !bytes.iter().fold(u32::MAX, |crc, byte| {
+            (0..8)
+                .fold(crc ^ u32::from(*byte), |c, _| if c & 1 == 1 { 0xedb8_8320 ^ (c >> 1) } else { c >> 1 })
+        })
     }
 
     #[test]

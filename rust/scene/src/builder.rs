@@ -129,8 +129,13 @@ impl SceneBuilder {
         } else if !instance.world_from_object.is_finite() {
             "its transform is not finite; clear its transform"
         } else {
-            // An object scaled to nothing is invisible and has no inverse transform.
-            if instance.world_from_object.matrix3.determinant() != 0.0 {
+            // Without an inverse transform no ray can be taken into its space.
+            if instance.world_from_object.matrix3.determinant() == 0.0 {
+                let name = &instance.name;
+                self.warn(format!(
+                    "object '{name}': scaled to zero; left out (apply its scale if it is only flat)"
+                ));
+            } else {
                 self.scene.instances.push(instance);
             }
             return Ok(());
@@ -248,11 +253,16 @@ mod tests {
     }
 
     #[test]
-    fn objects_scaled_to_nothing_are_left_out() {
+    fn objects_scaled_to_nothing_are_left_out_and_named() {
         let mut builder = SceneBuilder::default();
         let mesh = builder.add_mesh(triangle()).unwrap();
         let flat = Affine3A { matrix3: Mat3A::ZERO, ..Affine3A::IDENTITY };
         builder.add_instance(Instance::new("Object", mesh, flat, vec![])).unwrap();
+        assert!(
+            builder.scene.warnings[0].contains("'Object': scaled to zero"),
+            "{:?}",
+            builder.scene.warnings
+        );
         builder.set_camera(Camera::default());
         assert_eq!(builder.build().unwrap_err(), BuildError::Empty);
     }

@@ -50,17 +50,18 @@ pub enum ObjError {
 /// [`ObjError`] names the file, and the object if it is to blame.
 pub fn load_obj(path: &Path, up: UpAxis) -> Result<SceneBuilder, ObjError> {
     let file_error = |reason: String| ObjError::File { path: path.to_path_buf(), reason };
-    std::fs::File::open(path).map_err(|error| file_error(error.to_string()))?;
+    let file = std::fs::File::open(path).map_err(|error| file_error(error.to_string()))?;
+    let folder = path.parent().unwrap_or(Path::new("."));
     let options = tobj::LoadOptions { triangulate: true, ..Default::default() };
-    let (models, materials) =
-        tobj::load_obj(path, &options).map_err(|error| file_error(error.to_string()))?;
+    let load_mtl = |name: &Path| load_mtl(&folder.join(name));
+    let (models, materials) = tobj::load_obj_buf(&mut std::io::BufReader::new(file), &options, load_mtl)
+        .map_err(|error| file_error(error.to_string()))?;
 
     let mut builder = SceneBuilder::new("Linear Rec.709");
     let materials = materials.unwrap_or_else(|error| {
         builder.warn(format!("materials of {}: {error}; all surfaces are grey", path.display()));
         Vec::new()
     });
-    let folder = path.parent().unwrap_or(Path::new("."));
     let content = |source| ObjError::Content { path: path.to_path_buf(), source };
     let grey = add_material(&mut builder, &grey()).map_err(content)?;
     let mut textures = HashMap::new();
@@ -81,6 +82,20 @@ pub fn load_obj(path: &Path, up: UpAxis) -> Result<SceneBuilder, ObjError> {
         builder.add_instance(instance).map_err(content)?;
     }
     Ok(builder)
+}
+
+fn load_mtl(path: &Path) -> tobj::MTLLoadResult {
+    let bytes = std::fs::read(path).map_err(|_| tobj::LoadError::OpenFileFailed)?;
+    let text = String::from_utf8_lossy(&bytes);
+    // tobj 4.0 panics at a colour of fewer than three numbers.
+    let incomplete = |line: &str| {
+        let mut words = line.split_whitespace();
+        matches!(words.next(), Some("Ka" | "Kd" | "Ks" | "Ke")) && words.take(3).count() < 3
+    };
+    match text.lines().any(incomplete) {
+        true => Err(tobj::LoadError::MaterialParseError),
+        false => tobj::load_mtl_buf(&mut text.as_bytes()),
+    }
 }
 
 fn mesh(model: &tobj::Model, up: UpAxis) -> Mesh {
@@ -210,13 +225,17 @@ fn base_texture(
 
 /// 8-bit RGBA, bottom row first.
 fn read_png(path: &Path) -> Result<Texture, String> {
+    /// Deflate makes at most 1032 bytes of one, and a pixel of one bit becomes four bytes.
+    const MOST_EXPANSION: u64 = 1032 * 32;
     let file = std::fs::File::open(path).map_err(|error| error.to_string())?;
+    let most = file.metadata().map_err(|error| error.to_string())?.len().saturating_mul(MOST_EXPANSION);
     let mut decoder = png::Decoder::new(std::io::BufReader::new(file));
     decoder.set_transformations(
         png::Transformations::EXPAND | png::Transformations::STRIP_16 | png::Transformations::ALPHA,
     );
     let mut reader = decoder.read_info().map_err(|error| format!("{error} (only PNG is read)"))?;
-    let mut bytes = vec![0; reader.output_buffer_size().ok_or("it is too large")?];
+    let size = reader.output_buffer_size().filter(|&size| size as u64 <= most);
+    let mut bytes = vec![0; size.ok_or("its header promises more pixels than the file can hold")?];
     let info = reader.next_frame(&mut bytes).map_err(|error| error.to_string())?;
     let bytes = &bytes[..info.buffer_size()];
     let samples = info.color_type.samples();
@@ -291,6 +310,8 @@ mod tests {
     fn missing_texture_and_materials_are_warnings() {
         let warned = scene(QUAD, "newmtl red\nKd 0.6 0.1 0.1\nmap_Kd nothing.png\n");
         assert!(warned.warnings.iter().any(|w| w.contains("nothing.png")), "{:?}", warned.warnings);
+        let warned = scene(QUAD, "newmtl red\nKd 0.6 0.1\n");
+        assert!(warned.warnings.iter().any(|w| w.contains("all surfaces are grey")), "{:?}", warned.warnings);
         let warned = scene(&QUAD.replace("a.mtl", "b.mtl"), "");
         assert!(!warned.warnings.is_empty());
     }

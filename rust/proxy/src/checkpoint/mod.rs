@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::proxy::ProxyInfo;
 use crate::trainer::TrainState;
-use crate::{PixelFeatures, Proxy, ProxyError, TrainConfig, Trainer};
+use crate::{LightParams, PixelFeatures, Proxy, ProxyError, TrainConfig, Trainer};
 
 /// Metadata key of the header.
 const HEADER_KEY: &str = "relume_proxy";
@@ -94,15 +94,20 @@ impl Trainer {
     /// [`ProxyError::Io`] or [`ProxyError::Format`]; also if the file holds a proxy only.
     pub fn resume(path: &Path) -> Result<Self, ProxyError> {
         let contents = read::open(path)?;
-        let Some((header, state)) = contents.training else {
+        Self::from_contents(contents)?.ok_or_else(|| {
             let reason = "a finished proxy, not a training; train a new one or open it as a proxy".to_owned();
-            return Err(ProxyError::Format { path: path.display().to_string(), reason });
-        };
+            ProxyError::Format { path: path.display().to_string(), reason }
+        })
+    }
+
+    /// `None` without a training.
+    fn from_contents(contents: Contents) -> Result<Option<Self>, ProxyError> {
+        let Some((header, state)) = contents.training else { return Ok(None) };
         let mut trainer =
             Self::new(Arc::new(contents.features), contents.info.kind, header.config, header.seed)?;
         trainer.set_scene_hash(contents.info.scene_hash);
         trainer.restore(state);
-        Ok(trainer)
+        Ok(Some(trainer))
     }
 }
 
@@ -114,9 +119,17 @@ pub fn read_info(path: &Path) -> Result<ProxyInfo, ProxyError> {
     read::open(path).map(|contents| contents.info)
 }
 
-/// Entry point for fuzzing: reads bytes as a file, and must neither panic nor allocate without measure.
+/// Entry point for fuzzing: reads bytes as a file, uses the proxy and starts the training that are in it, and must neither
+/// panic nor allocate without measure.
 pub fn fuzz_open(bytes: &[u8]) -> bool {
-    read::decode(bytes).is_ok()
+    let Ok(contents) = read::decode(bytes) else { return false };
+    let Contents { info, features, weights, .. } = &contents;
+    let proxy = Proxy::new(info.clone(), Arc::new(features.clone()), weights.clone());
+    let params = [0.5; crate::MAX_PARAMS];
+    if let Some(light) = LightParams::from_slice(info.kind, &params[..info.kind.param_count()]) {
+        let _ = proxy.unit_image(&light);
+    }
+    Trainer::from_contents(contents).is_ok()
 }
 
 #[cfg(test)]

@@ -31,7 +31,8 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Contents, String> {
     let views: Vec<_> = tensors.iter().collect();
     let plain = json.replacen(&header.checksum, "", 1);
     let found = checksum(&plain, views.iter().map(|(name, view)| (*name, view.shape(), view.data())));
-    if found != header.checksum {
+    // A fuzzer never guesses a checksum, and would not get past it.
+    if found != header.checksum && !cfg!(fuzzing) {
         return Err(
             "damaged: its checksum does not fit its contents; train it again or restore the file".into()
         );
