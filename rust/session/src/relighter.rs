@@ -9,10 +9,13 @@ use relume_dump::{Aovs, Dump, Manifest};
 use relume_gather::{DenoiseQuality, Environment, Gather, Half};
 use relume_image::{Image, ViewTransform};
 use relume_proxy::LightParams;
-use relume_scene::{Camera, Light, LobeFactors, Texture, World};
+use relume_scene::{Camera, Light, LightShape, LobeFactors, Texture, World};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+
+/// Paths of a lit pixel that find a sun, below which denoising leaves blotches (and darkens, at a tenth of this).
+const LEAST_SUN_HITS: f64 = 0.1;
 
 /// What makes a light's picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -238,6 +241,10 @@ impl Relighter {
                 return Err(SessionError::Cancelled);
             }
             let group_lights: Vec<Light> = group.iter().map(|i| lights[*i].clone()).collect();
+            group_lights
+                .iter()
+                .filter_map(|light| self.too_narrow(light))
+                .for_each(|text| monitor.warn(&text));
             let mut images = self.gather_images(&group_lights)?;
             if options.denoise {
                 self.denoise.images(&mut images, DenoiseQuality::High)?;
@@ -248,6 +255,24 @@ impl Relighter {
             }
         }
         Ok(units.into_iter().flatten().zip(makers).collect())
+    }
+
+    /// What to tell the user about a sun that hardly any path of the bake finds. A diffuse surface that faces it sends the
+    /// share `half_angle^2` of its directions there.
+    fn too_narrow(&self, light: &Light) -> Option<String> {
+        let LightShape::Sun { half_angle, .. } = light.shape else { return None };
+        let samples = f64::from(self.gather.as_ref()?.dump().manifest().samples());
+        let angle = 2.0 * f64::from(half_angle).to_degrees();
+        let hits = samples * f64::from(half_angle).powi(2);
+        let wide_enough = 2.0 * (LEAST_SUN_HITS / samples).sqrt().to_degrees();
+        (hits < LEAST_SUN_HITS).then(|| {
+            format!(
+                "light '{}': {angle:.2} degrees wide, its direct light is found by one path in {:.0} pixels and will be \
+                 noise; widen it to {wide_enough:.1} degrees, or bake more samples",
+                light.name,
+                (1.0 / hits).ceil()
+            )
+        })
     }
 
     fn maker(&self, light: &Light, options: &RelightOptions) -> Result<Maker, SessionError> {

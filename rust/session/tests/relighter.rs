@@ -65,6 +65,17 @@ impl Listener for Gathers {
     fn warning(&self, _: &str) {}
 }
 
+/// Remembers warnings.
+#[derive(Default)]
+struct Warnings(Mutex<Vec<String>>);
+
+impl Listener for Warnings {
+    fn progress(&self, _: &Progress) {}
+    fn warning(&self, message: &str) {
+        self.0.lock().unwrap().push(message.into());
+    }
+}
+
 #[test]
 fn edits_cost_what_they_change() {
     let folder = tempfile::tempdir().unwrap();
@@ -86,6 +97,27 @@ fn edits_cost_what_they_change() {
     relighter.relight(&lights, &RAW, &monitor).unwrap();
     // All at first; none for a colour or a removal; one that moved.
     assert_eq!(*gathers.0.lock().unwrap(), [5, 0, 0, 1]);
+}
+
+#[test]
+fn sun_too_narrow_for_the_samples_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    baked(folder.path());
+    let relighter = Relighter::open(folder.path()).unwrap();
+    let sun = |name: &str, half_angle: f32| Light {
+        shape: LightShape::Sun { direction: Vec3::Z, half_angle },
+        ..sphere(name, 0.2)
+    };
+    let warnings = Arc::new(Warnings::default());
+    let monitor = Monitor::new(warnings.clone(), Cancel::default());
+    // 16 samples: 0.0003 paths of a pixel find the one, 1.4 the other.
+    relighter.relight(&[sun("noon", 0.0046), sun("haze", 0.3)], &RAW, &monitor).unwrap();
+    let warnings = warnings.0.lock().unwrap();
+    assert_eq!(warnings.len(), 1, "{warnings:?}");
+    assert!(
+        warnings[0].contains("'noon': 0.53 degrees") && warnings[0].contains("9.1 degrees"),
+        "{warnings:?}"
+    );
 }
 
 #[test]
