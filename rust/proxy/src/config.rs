@@ -21,10 +21,13 @@ pub struct TrainConfig {
     pub batch_end: usize,
     /// Different lights for which each drawn pixel is gathered: 1, 2, 4, 8, 16 or 32.
     pub lights_per_pixel: usize,
-    /// Times that each gathered sample is trained on; only for [`TargetMode::Raw`].
+    /// Times that each target value is trained on, on average, before another is made.
     pub sample_reuse: usize,
     /// Let outputs follow the light's area, so that small lights count as much as large ones in the loss.
     pub scale_by_area: bool,
+    /// Weigh samples by this power of the light's area. The fewer segments cross a light, the noisier are its targets:
+    /// relative to the output their variance goes with one over the area.
+    pub area_weight: f32,
     /// Learning rates.
     pub rates: LearningRates,
     /// Use Muon (orthogonalised momentum) for hidden matrices; Adam for all if false.
@@ -122,12 +125,8 @@ pub enum TargetMode {
     Raw,
     /// A pool of whole images, from which each sample draws (paper, section 4.4).
     Pool {
-        /// Images in the pool; 300 in the paper.
+        /// Most images in the pool; 300 in the paper.
         size: usize,
-        /// Images replaced at a time; 2 in the paper.
-        replace: usize,
-        /// Steps between replacements; 5 in the paper.
-        every: u64,
         /// Denoise them.
         denoised: bool,
     },
@@ -169,11 +168,12 @@ impl TrainConfig {
             targets: TargetMode::Raw,
             samples: 32 << 20,
             batch_start: 2048,
-            batch_end: 4096,
-            lights_per_pixel: 8,
+            batch_end: 16_384,
+            lights_per_pixel: 32,
             sample_reuse: 4,
             scale_by_area: true,
-            rates: LearningRates { adam: 8e-3, muon: 8e-3, grid: 4e-3, final_fraction: 0.01 },
+            area_weight: 0.5,
+            rates: LearningRates { adam: 4e-3, muon: 4e-3, grid: 2e-3, final_fraction: 0.01 },
             muon: true,
             ema_decay: 0.99,
             held_out: 8,
@@ -188,9 +188,10 @@ impl TrainConfig {
                 layers: 8,
                 grid: GridConfig { levels: 16, ..GridConfig::default() },
             },
-            targets: TargetMode::Pool { size: 300, replace: 2, every: 5, denoised: true },
+            targets: TargetMode::Pool { size: 300, denoised: true },
             rates: LearningRates { adam: 2e-3, muon: 0.0, grid: 1e-2, final_fraction: 0.01 },
             scale_by_area: false,
+            area_weight: 0.0,
             muon: false,
             ema_decay: 0.0,
             ..Self::fast(size)
@@ -218,8 +219,9 @@ impl TrainConfig {
             (in_range(self.rates.muon, 0.0, 1.0), "rates.muon must be 0 to 1"),
             (in_range(self.rates.grid, 0.0, 1.0), "rates.grid must be 0 to 1"),
             (in_range(self.rates.final_fraction, 0.0, 1.0), "rates.final_fraction must be 0 to 1"),
+            (in_range(self.area_weight, 0.0, 2.0), "area_weight must be 0 to 2"),
             (self.ema_decay >= 0.0 && self.ema_decay < 1.0, "ema_decay must be 0 to below 1"),
-            (self.pool_ok(), "a pool needs size, replace and every above 0, and replace at most size"),
+            (self.pool_ok(), "a pool's size must be 1 to 100000"),
             (self.placement_ok(), "bounds_fraction must be 0 to 1"),
         ];
         match checks.iter().find(|(ok, _)| !ok) {
@@ -231,9 +233,7 @@ impl TrainConfig {
     fn pool_ok(&self) -> bool {
         match self.targets {
             TargetMode::Raw => true,
-            TargetMode::Pool { size, replace, every, .. } => {
-                size > 0 && replace > 0 && replace <= size && every > 0 && size <= 100_000
-            }
+            TargetMode::Pool { size, .. } => (1..=100_000).contains(&size),
         }
     }
 

@@ -24,6 +24,8 @@ pub(crate) struct Batch {
     pub lights: Vec<LightParams>,
     /// Targets in units of the network's output, tiles of three rows.
     pub targets: Vec<f32>,
+    /// Weight of each tile in the loss, 1 on average.
+    pub weights: Vec<f32>,
 }
 
 /// Buffers for the gradient of a batch.
@@ -62,7 +64,7 @@ fn dense_len<N: Network>(network: &N) -> usize {
     layout.tensors.iter().find(|t| t.role == Role::Grid).map_or(layout.len, |t| t.start)
 }
 
-/// Mean loss of a batch; leaves its gradient in `buffers.total`.
+/// Weighted mean loss of a batch; leaves its gradient in `buffers.total`.
 pub(crate) fn batch_gradient<N: Network>(
     network: &N,
     packed: &N::Packed,
@@ -101,7 +103,7 @@ pub(crate) fn batch_gradient<N: Network>(
     });
     grid.fill(0.0);
     network.grid().backward(network.layout(), &batch.pixels, &buffers.encoded, &mut buffers.total);
-    parts.iter().map(|part| part.loss).sum::<f64>() * f64::from(weight)
+    parts.iter().map(|part| part.loss).sum::<f64>()
 }
 
 fn chunk_of(batch: &Batch, index: usize, weight: f32) -> Chunk<'_> {
@@ -112,6 +114,7 @@ fn chunk_of(batch: &Batch, index: usize, weight: f32) -> Chunk<'_> {
         slots: batch.slots,
         lights: &batch.lights[tiles.clone()],
         targets: &batch.targets[tiles.start * TILE..tiles.end * TILE],
+        weights: &batch.weights[tiles],
         weight,
     }
 }

@@ -4,7 +4,7 @@ use crate::simd::LANES;
 const EPSILON: f32 = 0.01;
 
 /// Relative squared error `(p - t)^2 / (sg(p)^2 + 0.01)` (paper, equation 4, after Mueller et al. 2021), summed over one
-/// tile of three rows. Writes its gradient times `weight` and returns the sum.
+/// tile of three rows and times `weight`. Writes its gradient.
 pub(crate) fn relative_l2(prediction: &[f32], target: &[f32], weight: f32, gradient: &mut [f32]) -> f64 {
     let mut sum = 0.0f32;
     for ((p, t), g) in prediction.iter().zip(target).zip(gradient) {
@@ -13,7 +13,7 @@ pub(crate) fn relative_l2(prediction: &[f32], target: &[f32], weight: f32, gradi
         sum += difference * difference * inverse;
         *g = 2.0 * weight * difference * inverse;
     }
-    f64::from(sum)
+    f64::from(weight * sum)
 }
 
 /// Values of a tile of predictions.

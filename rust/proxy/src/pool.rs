@@ -1,23 +1,28 @@
+use std::collections::VecDeque;
+
 use relume_image::Image;
 use relume_scene::LightShape;
 
 use crate::sampling::Sampler;
-use crate::{LightParams, ProxyError, Rng, TargetMode, TargetSource};
+use crate::{LightParams, ProxyError, Rng, TargetSource};
 
-/// Images gathered in one call, so that a step never blocks for long.
-const FILL: usize = 8;
+/// Images gathered in one pass over the paths.
+const FILL: u64 = 8;
+/// Images before the first step.
+const FIRST: u64 = 16;
 /// Counter of the random streams of pool lights.
 const POOL_STREAM: u64 = (1 << 63) + 1;
 
-/// Whole images for random lights, from which samples draw (paper, section 4.4). Image number `n` depends on the seed
-/// and `n` alone, and lies in place `n % size`, so that a resumed training rebuilds the pool from one number.
+/// Whole images for random lights, from which samples draw (paper, section 4.4). The pool grows while the network learns; at
+/// its full size the oldest images leave. Image number `n` depends on the seed and `n` alone, and the number of images on
+/// the samples trained alone, so that a resumed training makes what it has lost.
 #[derive(Debug)]
 pub(crate) struct Pool {
-    size: usize,
-    replace: usize,
-    every: u64,
+    size: u64,
     denoised: bool,
-    entries: Vec<PoolEntry>,
+    /// Samples for which one more image is made.
+    samples_per_image: u64,
+    entries: VecDeque<PoolEntry>,
     /// Number of the next image.
     next: u64,
 }
@@ -30,83 +35,48 @@ pub(crate) struct PoolEntry {
 }
 
 impl Pool {
-    /// An empty pool, if the mode has one, that goes on after `next` images.
-    pub fn new(mode: TargetMode, next: u64) -> Option<Self> {
-        let TargetMode::Pool { size, replace, every, denoised } = mode else { return None };
-        Some(Self { size, replace, every, denoised, entries: Vec::new(), next })
+    /// An empty pool of up to `size` images, for a training that has done `samples` samples and makes one more image for
+    /// every `samples_per_image`.
+    pub fn new((size, denoised): (usize, bool), samples_per_image: u64, samples: u64) -> Self {
+        let mut pool =
+            Self { size: size as u64, denoised, samples_per_image, entries: VecDeque::new(), next: 0 };
+        pool.next = pool.wanted(samples).saturating_sub(pool.size);
+        pool
     }
 
-    /// Images made so far.
-    pub fn made(&self) -> u64 {
-        self.next
+    /// Images that should have been made after so many samples.
+    fn wanted(&self, samples: u64) -> u64 {
+        FIRST + samples / (self.samples_per_image * FILL) * FILL
     }
 
-    /// Images that are still missing.
-    pub fn missing(&self) -> usize {
-        self.size - self.entries.len()
+    /// Images that are missing before a training that has done `samples` samples can go on.
+    pub fn missing(&self, samples: u64) -> usize {
+        (self.wanted(samples) - self.next) as usize
     }
 
-    /// Adds a few of the missing images. After a resume these are the last ones that were made.
+    /// Makes some of the missing images.
     pub fn fill(
         &mut self,
         sampler: &Sampler,
         source: &dyn TargetSource,
+        samples: u64,
         seed: u64,
     ) -> Result<(), ProxyError> {
-        let held = self.entries.len() as u64;
-        let fresh = self.next < self.size as u64 || held == 0 && self.next == 0;
-        let count = FILL.min(self.missing()) as u64;
-        if fresh {
-            let made = self.make(held..held + count, sampler, source, seed)?;
-            self.entries.extend(made);
-            self.next = self.next.max(self.entries.len() as u64);
-        } else {
-            // Place p holds the greatest number below `next` that is p modulo the size.
-            let size = self.size as u64;
-            let number = |place: u64| self.next - 1 - (self.next - 1 - place) % size;
-            let numbers: Vec<u64> = (held..held + count).map(number).collect();
-            let made = self.make(numbers.into_iter(), sampler, source, seed)?;
-            self.entries.extend(made);
+        let numbers = self.next..self.next + FILL.min(self.missing(samples) as u64);
+        let draw = |number| sampler.light_anywhere(source, &mut Rng::stream(seed, POOL_STREAM, number));
+        let lights: Vec<LightParams> = numbers.clone().map(draw).collect();
+        let images = images_of(source, &lights, self.denoised, sampler.pixel_count as usize)?;
+        self.entries.extend(lights.into_iter().zip(images).map(|(light, image)| PoolEntry { light, image }));
+        self.next = numbers.end;
+        while self.entries.len() as u64 > self.size {
+            self.entries.pop_front();
         }
-        Ok(())
-    }
-
-    /// Replaces the oldest images if this step is due.
-    pub fn refresh(
-        &mut self,
-        step: u64,
-        sampler: &Sampler,
-        source: &dyn TargetSource,
-        seed: u64,
-    ) -> Result<(), ProxyError> {
-        if step == 0 || !step.is_multiple_of(self.every) {
-            return Ok(());
-        }
-        let numbers = self.next..self.next + self.replace as u64;
-        for (number, entry) in numbers.clone().zip(self.make(numbers, sampler, source, seed)?) {
-            self.entries[(number % self.size as u64) as usize] = entry;
-        }
-        self.next += self.replace as u64;
         Ok(())
     }
 
     /// A uniformly random image.
     pub fn draw(&self, rng: &mut Rng) -> &PoolEntry {
         &self.entries[rng.below(self.entries.len() as u32) as usize]
-    }
-
-    fn make(
-        &self,
-        numbers: impl Iterator<Item = u64>,
-        sampler: &Sampler,
-        source: &dyn TargetSource,
-        seed: u64,
-    ) -> Result<Vec<PoolEntry>, ProxyError> {
-        let draw = |number| sampler.light_anywhere(source, &mut Rng::stream(seed, POOL_STREAM, number));
-        let lights: Vec<LightParams> = numbers.map(draw).collect();
-        images_of(source, &lights, self.denoised, sampler.pixel_count as usize).map(|images| {
-            lights.into_iter().zip(images).map(|(light, image)| PoolEntry { light, image }).collect()
-        })
     }
 }
 

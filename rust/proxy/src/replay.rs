@@ -81,6 +81,7 @@ impl Replay {
             batch.pixels.extend_from_slice(&block.pixels[chunk * pixels..(chunk + 1) * pixels]);
             let tiles = chunk * CHUNK_TILES..(chunk + 1) * CHUNK_TILES;
             batch.targets.extend_from_slice(&block.targets[tiles.start * TILE..tiles.end * TILE]);
+            batch.weights.extend_from_slice(&block.weights[tiles.clone()]);
             batch.lights.extend_from_slice(&block.lights[tiles]);
         }
         batch
@@ -98,7 +99,8 @@ mod tests {
         let room = SyntheticRoom::new(16, 12);
         let size = SizeRange { min: 0.1, max: 0.4 };
         let placement = LightPlacement::Segments;
-        let sampler = Sampler { kind: LightKind::Sphere, size, placement, pixel_count: 192 };
+        let sampler =
+            Sampler { kind: LightKind::Sphere, size, placement, area_weight: 0.0, pixel_count: 192 };
         let scale = OutputScale { factor: 1.0, area: None };
         let fill = |replay: &mut Replay, samples: u64| {
             while replay.missing(samples) > 0 {

@@ -1,7 +1,7 @@
 use glam::Vec3;
 use relume_scene::LightShape;
 
-use crate::encoding::OutputScale;
+use crate::encoding::{OutputScale, emitting_area};
 use crate::gradient::Batch;
 use crate::light::random_light;
 use crate::loss::TILE;
@@ -18,6 +18,8 @@ pub(crate) struct Sampler {
     pub kind: LightKind,
     pub size: SizeRange,
     pub placement: LightPlacement,
+    /// [`crate::TrainConfig::area_weight`]
+    pub area_weight: f32,
     pub pixel_count: u32,
 }
 
@@ -66,7 +68,7 @@ impl Sampler {
             }
         }
         let values = gather(source, &batch)?;
-        fill_targets(&mut batch, scale, |tile, lane, _| {
+        self.fill_targets(&mut batch, scale, |tile, lane, _| {
             let (group, slot) = (tile / slots, tile % slots);
             values[(group * LANES + lane) * slots + slot]
         });
@@ -92,7 +94,7 @@ impl Sampler {
                 images.push(&entry.image);
             }
         }
-        fill_targets(&mut batch, scale, |tile, _, pixel| {
+        self.fill_targets(&mut batch, scale, |tile, _, pixel| {
             let at = pixel as usize * 3;
             std::array::from_fn(|channel| images[tile].data[at + channel])
         });
@@ -111,6 +113,42 @@ impl Sampler {
         let mean = batch.targets.iter().map(|t| f64::from(*t)).sum::<f64>() / batch.targets.len() as f64;
         let factor = if mean.is_finite() && mean > 1e-30 { mean as f32 } else { 1.0 };
         Ok(OutputScale { factor, area })
+    }
+
+    /// Writes the weights of all tiles and their targets from `value(tile, lane, pixel)`, in units of the network's output.
+    fn fill_targets(
+        &self,
+        batch: &mut Batch,
+        scale: &OutputScale,
+        value: impl Fn(usize, usize, u32) -> [f32; 3],
+    ) {
+        let Batch { pixels, slots, lights, targets, weights } = batch;
+        weights.extend(lights.iter().map(|light| self.weight(light)));
+        targets.resize(lights.len() * TILE, 0.0);
+        for (tile, (light, target)) in lights.iter().zip(targets.chunks_exact_mut(TILE)).enumerate() {
+            let inverse = 1.0 / scale.of(light).0;
+            let group = tile / *slots;
+            for (lane, pixel) in pixels[group * LANES..(group + 1) * LANES].iter().enumerate() {
+                for (channel, x) in value(tile, lane, *pixel).into_iter().enumerate() {
+                    target[channel * LANES + lane] = x * inverse;
+                }
+            }
+        }
+    }
+
+    /// Weight of a light's samples in the loss.
+    fn weight(&self, light: &LightParams) -> f32 {
+        (emitting_area(light).value / self.middling_area()).powf(self.area_weight)
+    }
+
+    /// Area of a light of the geometric mean size, square metres.
+    pub fn middling_area(&self) -> f32 {
+        let size = (self.size.min * self.size.max).sqrt();
+        let light = match self.kind {
+            LightKind::Sphere | LightKind::FacingDisk => LightParams::round(self.kind, Vec3::ZERO, size),
+            LightKind::Quad => LightParams::quad(Vec3::ZERO, Vec3::X * size, Vec3::Y * size),
+        };
+        emitting_area(&light).value
     }
 }
 
@@ -132,20 +170,5 @@ fn gather(source: &dyn TargetSource, batch: &Batch) -> Result<Vec<[f32; 3]>, Pro
     match values.iter().position(|value| value.iter().any(|x| !x.is_finite())) {
         Some(bad) => Err(ProxyError::BadTarget { pixel: batch.pixels[bad / batch.slots] }),
         None => Ok(values),
-    }
-}
-
-/// Writes the targets of all tiles from `value(tile, lane, pixel)`, in units of the network's output.
-fn fill_targets(batch: &mut Batch, scale: &OutputScale, value: impl Fn(usize, usize, u32) -> [f32; 3]) {
-    let Batch { pixels, slots, lights, targets } = batch;
-    targets.resize(lights.len() * TILE, 0.0);
-    for (tile, (light, target)) in lights.iter().zip(targets.chunks_exact_mut(TILE)).enumerate() {
-        let inverse = 1.0 / scale.of(light).0;
-        let group = tile / *slots;
-        for (lane, pixel) in pixels[group * LANES..(group + 1) * LANES].iter().enumerate() {
-            for (channel, x) in value(tile, lane, *pixel).into_iter().enumerate() {
-                target[channel * LANES + lane] = x * inverse;
-            }
-        }
     }
 }

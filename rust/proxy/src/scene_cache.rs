@@ -34,8 +34,12 @@ impl Normalisation {
 pub(crate) const AUX: usize = 13;
 /// Of these, the paper's: albedo, normal, depth.
 pub(crate) const AUX_PAPER: usize = 7;
-/// Rows of a tile of surfaces: position, normal, mirror direction.
-pub(crate) const SURFACE: usize = 9;
+/// Rows of a tile of surfaces: position, normal, mirror direction, factor on the fast network's output.
+pub(crate) const SURFACE: usize = 12;
+/// First row of that factor.
+pub(crate) const FACTOR: usize = 9;
+/// Added to the albedo in that factor, for what black surfaces mirror.
+const MIRRORED: f32 = 0.1;
 
 /// Pixel features as the networks read them.
 #[derive(Clone, Debug)]
@@ -100,7 +104,8 @@ fn pixel_rows(features: &PixelFeatures, n: &Normalisation, i: usize) -> ([f32; A
     aux[7..10].copy_from_slice(&squashed(position));
     aux[10..].copy_from_slice(&features.wo[i]);
     let mut surface = [0.0; SURFACE];
-    for (to, from) in surface.chunks_exact_mut(3).zip([position, normal, mirror]) {
+    let factor = Vec3::from(features.albedo[i]).clamp(Vec3::ZERO, Vec3::ONE) + MIRRORED;
+    for (to, from) in surface.chunks_exact_mut(3).zip([position, normal, mirror, factor]) {
         to.copy_from_slice(&from.to_array());
     }
     (aux, surface)

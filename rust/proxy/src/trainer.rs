@@ -2,7 +2,7 @@ use std::sync::Arc;
 
 use relume_image::{Image, metrics};
 
-use crate::encoding::{LightEncoding, OutputScale, emitting_area};
+use crate::encoding::{LightEncoding, OutputScale};
 use crate::gradient::{Batch, GradientBuffers, batch_gradient};
 use crate::network::{Context, FastNetwork, Network, ReferenceNetwork};
 use crate::optim::Optimiser;
@@ -15,7 +15,8 @@ use crate::scene_cache::{Normalisation, SceneCache};
 use crate::schedule::{batch_size, progress, rates};
 use crate::simd::Isa;
 use crate::{
-    LightKind, LightParams, NetworkConfig, PixelFeatures, Proxy, ProxyError, Rng, TargetSource, TrainConfig,
+    LightKind, LightParams, NetworkConfig, PixelFeatures, Proxy, ProxyError, Rng, TargetMode, TargetSource,
+    TrainConfig,
 };
 
 /// Steps between updates of the running mean of weights.
@@ -50,7 +51,6 @@ pub(crate) struct TrainState {
     pub mean: Vec<f32>,
     pub step: u64,
     pub samples: u64,
-    pub pool_made: u64,
     pub output_scale: Option<OutputScale>,
     pub trained_ranges: Vec<[f32; 2]>,
     pub scores: Option<Scores>,
@@ -110,14 +110,13 @@ impl Trainer {
             params,
             step: 0,
             samples: 0,
-            pool_made: 0,
             output_scale: None,
             trained_ranges: Vec::new(),
             scores: None,
         };
         Ok(Self {
             scene: SceneCache::new(&features, normalisation),
-            samples_of: Samples::new(&config, 0, 0),
+            samples_of: Samples::new(&config, features.pixel_count(), 0),
             isa: Isa::detect(),
             scene_hash: String::new(),
             held_out: None,
@@ -132,7 +131,7 @@ impl Trainer {
 
     /// Replaces the state, when resuming.
     pub(crate) fn restore(&mut self, state: TrainState) {
-        self.samples_of = Samples::new(&self.config, state.samples, state.pool_made);
+        self.samples_of = Samples::new(&self.config, self.features.pixel_count(), state.samples);
         self.state = state;
     }
 
@@ -202,14 +201,8 @@ impl Trainer {
                 Ok(replay.missing(samples) == 0)
             }
             Samples::Pool(pool) => {
-                let full = pool.missing() == 0;
-                if full {
-                    pool.refresh(self.state.step, &sampler, source, seed)?;
-                } else {
-                    pool.fill(&sampler, source, seed)?;
-                }
-                self.state.pool_made = pool.made();
-                Ok(full)
+                pool.fill(&sampler, source, samples, seed)?;
+                Ok(pool.missing(samples) == 0)
             }
         }
     }
@@ -337,7 +330,7 @@ impl Trainer {
             loss,
             missing: match &self.samples_of {
                 Samples::Gathered(replay) => replay.missing(self.state.samples),
-                Samples::Pool(pool) => pool.missing(),
+                Samples::Pool(pool) => pool.missing(self.state.samples),
             },
         }
     }
@@ -347,6 +340,7 @@ impl Trainer {
             kind: self.kind,
             size: self.config.size,
             placement: self.config.placement,
+            area_weight: self.config.area_weight,
             pixel_count: self.features.pixel_count() as u32,
         }
     }
@@ -360,7 +354,7 @@ impl Trainer {
         if let Some(scale) = self.state.output_scale {
             return Ok(scale);
         }
-        let area = self.config.scale_by_area.then(|| middling_area(self.kind, &self.config));
+        let area = self.config.scale_by_area.then(|| sampler.middling_area());
         let scale = sampler.calibrate(source, area, self.seed)?;
         self.state.output_scale = Some(scale);
         Ok(scale)
@@ -379,11 +373,14 @@ impl Trainer {
 }
 
 impl Samples {
-    /// Nothing yet, for a training that has done `samples` samples and made `images` images.
-    fn new(config: &TrainConfig, samples: u64, images: u64) -> Self {
-        match Pool::new(config.targets, images) {
-            Some(pool) => Self::Pool(pool),
-            None => Self::Gathered(Replay::new(config.sample_reuse, samples)),
+    /// Nothing yet, for a training that has done `samples` samples.
+    fn new(config: &TrainConfig, pixel_count: usize, samples: u64) -> Self {
+        match config.targets {
+            TargetMode::Raw => Self::Gathered(Replay::new(config.sample_reuse, samples)),
+            TargetMode::Pool { size, denoised } => {
+                let samples_per_image = (config.sample_reuse * pixel_count) as u64;
+                Self::Pool(Pool::new((size, denoised), samples_per_image, samples))
+            }
         }
     }
 }
@@ -427,16 +424,6 @@ impl<N: Network> CoreOf<N> {
         let loss = batch_gradient(&self.network, &packed, context, batch, &mut self.buffers);
         (loss, self.network.layout(), &self.buffers.total)
     }
-}
-
-/// Area of a light of the geometric mean size.
-fn middling_area(kind: LightKind, config: &TrainConfig) -> f32 {
-    let size = (config.size.min * config.size.max).sqrt();
-    let light = match kind {
-        LightKind::Sphere | LightKind::FacingDisk => LightParams::round(kind, glam::Vec3::ZERO, size),
-        LightKind::Quad => LightParams::quad(glam::Vec3::ZERO, glam::Vec3::X * size, glam::Vec3::Y * size),
-    };
-    emitting_area(&light).value
 }
 
 #[cfg(test)]

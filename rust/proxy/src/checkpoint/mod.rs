@@ -24,7 +24,7 @@ use crate::{LightParams, PixelFeatures, Proxy, ProxyError, TrainConfig, Trainer}
 /// Metadata key of the header.
 const HEADER_KEY: &str = "relume_proxy";
 /// Version of the format. Raise it when a reader of the old one would misread a new file.
-const FORMAT_VERSION: u32 = 1;
+const FORMAT_VERSION: u32 = 2;
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct Header {
@@ -40,7 +40,6 @@ struct Header {
 struct TrainingHeader {
     config: TrainConfig,
     seed: u64,
-    pool_made: u64,
     calibrated: bool,
 }
 
@@ -81,7 +80,6 @@ impl Trainer {
         let header = TrainingHeader {
             config: self.config.clone(),
             seed: self.seed,
-            pool_made: self.state.pool_made,
             calibrated: self.state.output_scale.is_some(),
         };
         let training = Some((&header, &self.state));

@@ -58,7 +58,6 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Contents, String> {
                 optimiser,
                 step: header.info.steps,
                 samples: header.info.samples,
-                pool_made: training.pool_made,
                 output_scale: training.calibrated.then_some(header.info.output_scale),
                 trained_ranges: header.info.trained_ranges.clone(),
                 scores: header.info.held_out,

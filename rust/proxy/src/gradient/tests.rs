@@ -44,6 +44,7 @@ fn batch(setup: &Setup, chunks: usize, slots: usize) -> Batch {
         slots,
         lights: (0..tiles).map(|_| light(&mut rng)).collect(),
         targets: (0..tiles * TILE).map(|_| 2.0 * rng.next_f32()).collect(),
+        weights: (0..tiles).map(|_| 0.5 + rng.next_f32()).collect(),
     }
 }
 
@@ -128,7 +129,7 @@ fn predictions<N: Network>(network: &N, setup: &Setup, params: &[f32], batch: &B
     let mut scratch = network.light_scratch();
     let mut encoded = AlignedVec::zeros(network.pixel_rows() * LANES);
     let mut out = vec![0.0; batch.targets.len()];
-    for (tile, y) in out.chunks_exact_mut(TILE).enumerate() {
+    for (tile, y) in out.as_chunks_mut::<TILE>().0.iter_mut().enumerate() {
         let group = tile / batch.slots;
         let pixels = &batch.pixels[group * LANES..(group + 1) * LANES];
         network.encode_pixels(context, &packed, pixels, &mut encoded);
@@ -139,10 +140,11 @@ fn predictions<N: Network>(network: &N, setup: &Setup, params: &[f32], batch: &B
 }
 
 fn frozen_loss(predictions: &[f32], base: &[f32], batch: &Batch) -> f64 {
-    let term = |((p, b), t): ((&f32, &f32), &f32)| {
-        (f64::from(*p) - f64::from(*t)).powi(2) / (f64::from(*b).powi(2) + 0.01)
+    let term = |(i, p): (usize, &f32)| {
+        let error = f64::from(*p) - f64::from(batch.targets[i]);
+        f64::from(batch.weights[i / TILE]) * error.powi(2) / (f64::from(base[i]).powi(2) + 0.01)
     };
-    predictions.iter().zip(base).zip(&batch.targets).map(term).sum::<f64>() / batch.targets.len() as f64
+    predictions.iter().enumerate().map(term).sum::<f64>() / batch.targets.len() as f64
 }
 
 #[test]

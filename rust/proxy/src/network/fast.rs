@@ -7,7 +7,7 @@ use crate::head::{FoldedHead, Head, HeadScratch, Modulation, PackedHead};
 use crate::loss::{TILE, relative_l2};
 use crate::mlp::{Mlp, MlpScratch, PackedMlp, tile_of};
 use crate::params::ParamLayout;
-use crate::scene_cache::{AUX, SURFACE};
+use crate::scene_cache::{AUX, FACTOR, SURFACE};
 use crate::simd::{AlignedVec, Isa, LANES, padded, transpose};
 use crate::{GridConfig, LightParams, MAX_PARAMS};
 
@@ -19,7 +19,8 @@ const TILES: usize = 4;
 const FREQUENCIES: usize = 3;
 
 /// The factorised network: a trunk per pixel (computed once), an encoder per light (once a frame) whose outputs
-/// modulate a small head per pixel and light, which also sees the analytic features.
+/// modulate a small head per pixel and light, which also sees the analytic features. The head answers for a white surface;
+/// its output is multiplied with the albedo, so that textures and colours need not be learned.
 #[derive(Clone, Debug)]
 pub(crate) struct FastNetwork {
     layout: ParamLayout,
@@ -60,6 +61,13 @@ pub(crate) struct FastLightScratch {
     head: HeadScratch,
     infer: [AlignedVec; 2],
     features: AlignedVec,
+}
+
+/// Multiplies outputs, or gradients by them, with the factors of their surfaces.
+fn apply_factors(surfaces: &[f32], tile: &mut [f32; TILE]) {
+    for (value, factor) in tile.iter_mut().zip(&surfaces[FACTOR * LANES..]) {
+        *value *= factor;
+    }
 }
 
 impl FastNetwork {
@@ -200,9 +208,12 @@ impl Network for FastNetwork {
                 }
                 self.head.forward(isa, &packed.head, head, t, &modulations[rows.clone()], count);
                 for (slot, tile) in tiles.enumerate() {
-                    let mut d = [0.0; TILE];
-                    loss +=
-                        relative_l2(head.output(slot), tile_of(chunk.targets, 3, tile), chunk.weight, &mut d);
+                    let (mut y, mut d) = ([0.0; TILE], [0.0; TILE]);
+                    y.copy_from_slice(head.output(slot));
+                    apply_factors(surfaces, &mut y);
+                    let weight = chunk.weight * chunk.weights[tile];
+                    loss += relative_l2(&y, tile_of(chunk.targets, 3, tile), weight, &mut d);
+                    apply_factors(surfaces, &mut d);
                     head.output_gradient(slot).copy_from_slice(&d);
                 }
                 self.head.backward(
@@ -277,11 +288,12 @@ impl Network for FastNetwork {
         lit: &LitFast,
         scratch: &mut FastLightScratch,
         encoded: &[f32],
-        y: &mut [f32],
+        y: &mut [f32; TILE],
     ) {
         let (trunk, surfaces) = encoded.split_at(self.trunk.outputs() * LANES);
         feature_tile(isa, &self.light, &lit.light, surfaces, &mut scratch.features);
         lit.head.infer(isa, trunk, &scratch.features, &mut scratch.infer, y);
+        apply_factors(surfaces, y);
     }
 
     /// The modulation's gradient, then the gradient by the parameters through the analytic features.
@@ -304,8 +316,11 @@ impl Network for FastNetwork {
         let head = &mut scratch.head;
         feature_tile(isa, &self.light, &lit.light, surfaces, head.features_mut(0));
         self.head.forward(isa, &packed.head, head, trunk, &lit.modulation, 1);
-        let mut d = [0.0; TILE];
-        d_of(head.output(0), &mut d);
+        let (mut y, mut d) = ([0.0; TILE], [0.0; TILE]);
+        y.copy_from_slice(head.output(0));
+        apply_factors(surfaces, &mut y);
+        d_of(&y, &mut d);
+        apply_factors(surfaces, &mut d);
         head.output_gradient(0).copy_from_slice(&d);
         self.head.backward(isa, None, &packed.head, head, trunk, &lit.modulation, d_modulation, 1, None);
         features_backward(&self.light, &lit.light, surfaces, head.feature_gradient(), d_light);

@@ -8,6 +8,7 @@ pub(crate) use reference::ReferenceNetwork;
 
 use crate::LightParams;
 use crate::grid::HashGrid;
+use crate::loss::TILE;
 use crate::params::ParamLayout;
 use crate::scene_cache::SceneCache;
 use crate::simd::{Isa, LANES};
@@ -35,7 +36,8 @@ pub(crate) struct Chunk<'a> {
     pub lights: &'a [LightParams],
     /// Targets in units of the network's output, tiles of three rows.
     pub targets: &'a [f32],
-    /// Weight of a sample's gradient.
+    /// Weight of each tile, times `weight`, is that of its samples' gradients.
+    pub weights: &'a [f32],
     pub weight: f32,
 }
 
@@ -91,7 +93,7 @@ pub(crate) trait Network: Sync {
         lit: &Self::Lit,
         scratch: &mut Self::LightScratch,
         encoded: &[f32],
-        y: &mut [f32],
+        y: &mut [f32; TILE],
     );
 
     /// Values of a light gradient in the making.

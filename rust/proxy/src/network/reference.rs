@@ -122,7 +122,8 @@ impl Network for ReferenceNetwork {
             for tile in 0..TILES {
                 let target = tile_of(chunk.targets, 3, first + tile);
                 let mut gradient = [0.0; TILE];
-                loss += relative_l2(scratch.output(&self.mlp, tile), target, chunk.weight, &mut gradient);
+                let weight = chunk.weight * chunk.weights[first + tile];
+                loss += relative_l2(scratch.output(&self.mlp, tile), target, weight, &mut gradient);
                 scratch.output_gradient(&self.mlp, tile).copy_from_slice(&gradient);
             }
             let grads = Some(&mut *gradients.params);
@@ -162,7 +163,7 @@ impl Network for ReferenceNetwork {
         lit: &LitReference,
         scratch: &mut ReferenceLightScratch,
         encoded: &[f32],
-        y: &mut [f32],
+        y: &mut [f32; TILE],
     ) {
         let input = &mut scratch.infer.ping[..self.mlp.inputs() * LANES];
         input[..encoded.len()].copy_from_slice(encoded);

@@ -8,7 +8,9 @@ fn config(samples: u64) -> TrainConfig {
         network: NetworkConfig::Fast { width: 32, layers: 2, grid },
         batch_start: 2048,
         batch_end: 4096,
+        lights_per_pixel: 8,
         samples,
+        rates: LearningRates { adam: 8e-3, muon: 8e-3, grid: 4e-3, final_fraction: 0.01 },
         held_out: 4,
         ..TrainConfig::fast(SizeRange { min: 0.1, max: 0.5 })
     }
@@ -39,13 +41,16 @@ fn reference_network_learns_from_a_pool() {
     let room = SyntheticRoom::new(48, 32);
     let config = TrainConfig {
         network: NetworkConfig::Reference { width: 32, layers: 3, grid: GridConfig::default() },
-        targets: TargetMode::Pool { size: 60, replace: 2, every: 5, denoised: true },
+        targets: TargetMode::Pool { size: 60, denoised: true },
         ..config(400_000)
     };
     let config = TrainConfig {
         rates: LearningRates { grid: 1e-2, ..config.rates },
         muon: false,
         scale_by_area: false,
+        area_weight: 0.0,
+        sample_reuse: 1,
+        samples: 800_000,
         ..config
     };
     let after = trained(config, LightKind::Sphere, &room).validate(&room).expect("scores");
