@@ -204,10 +204,12 @@ pub struct TrainArgs {
     /// Train for so many seconds instead; the schedule is stretched to end with them.
     #[arg(long)]
     pub seconds: Option<f64>,
-    /// Smallest radius or edge to learn, metres; default is 1/200 of the visible scene, or less for its own lights.
+    /// Smallest radius or edge to learn, metres; default is 1/200 (edges 1/50) of the visible scene, or less for its
+    /// own lights.
     #[arg(long)]
     pub size_min: Option<f32>,
-    /// Largest radius or edge to learn, metres; default is 1/10 of the visible scene, or more for its own lights.
+    /// Largest radius or edge to learn, metres; default is 1/10 (edges 1/5) of the visible scene, or more for its own
+    /// lights.
     #[arg(long)]
     pub size_max: Option<f32>,
     /// Where training lights are put.
@@ -219,18 +221,25 @@ pub struct TrainArgs {
     /// Hidden layers; default is the network's own.
     #[arg(long)]
     pub layers: Option<usize>,
-    /// Use all paths as targets, also those that the error is measured on.
+    /// Use all paths as targets, and leave none to measure the error on: relighting then gathers unless told otherwise.
     #[arg(long)]
     pub all_paths: bool,
 }
 
 #[derive(Args, Debug)]
 pub struct EvaluateArgs {
-    /// Proxy file.
-    pub proxy: PathBuf,
-    /// Bake folder of the same camera, of another seed and with many more samples.
+    /// Proxy files of one type of light and range of sizes.
+    #[arg(required = true)]
+    pub proxies: Vec<PathBuf>,
+    /// Bake folder of the same camera, of another seed and with many more samples. It is denoised.
     #[arg(long)]
     pub reference: PathBuf,
+    /// Bake folder whose gather, raw and denoised, is measured on the same lights.
+    #[arg(long)]
+    pub gather: Option<PathBuf>,
+    /// Folder for PNGs of a few lights: reference, gather (raw, denoised), proxies, side by side.
+    #[arg(long)]
+    pub pictures: Option<PathBuf>,
     /// Held-out lights.
     #[arg(long, default_value_t = 100)]
     pub lights: usize,

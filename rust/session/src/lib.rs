@@ -44,7 +44,7 @@ pub use error::SessionError;
 pub use features::{pixel_features, pixel_ray};
 pub use inspect::{Info, ProxySummary, info, validate};
 pub use light_set::LightSet;
-pub use measure::evaluate;
+pub use measure::{Evaluation, evaluate};
 pub use obj_scene::{ObjView, obj_scene};
 pub use progress::{Cancel, Listener, Monitor, Progress, Stage, StageProgress};
 pub use proxies::{MeanQuality, Measured, Proxies, TrainedProxy, proxy_path};

@@ -4,17 +4,38 @@ use crate::proxies::{MeanQuality, Measured};
 use crate::targets::DumpTargets;
 use crate::{Relighter, SessionError, pixel_features};
 use relume_gather::{DenoiseQuality, Gather, Half};
-use relume_image::metrics::{Quality, quality};
+use relume_image::metrics::{self, Quality, quality};
+use relume_image::{BitDepth, Image, ViewTransform, write_png};
 use relume_proxy::{LightParams, Proxy, Rng, TargetSource, random_light};
+use serde::Serialize;
+use std::path::Path;
 
 /// Stream of the random numbers that choose the lights; training uses others.
 const STREAM: u64 = 0x6d65_6173;
 
-/// Lights that one pass over a reference gathers.
+/// Lights that one pass over an independent bake gathers.
 const LIGHTS_A_PASS: usize = 25;
 
-/// Lights whose pictures, four each, are held at the same time when a proxy is compared with gathering.
+/// Lights whose pictures are held at the same time at the end of a training.
 const LIGHTS_MEASURED_AT_ONCE: usize = 4;
+
+/// Lights of which [`evaluate`] writes a picture.
+const PICTURES: usize = 6;
+
+/// Mean errors of proxies and of gathering, on the same lights, against the denoised gather of an independent bake.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Evaluation {
+    /// Lights.
+    pub lights: usize,
+    /// One for each proxy.
+    pub proxies: Vec<MeanQuality>,
+    /// Gathering from the bake that was to be compared.
+    pub gather: Option<MeanQuality>,
+    /// That gather denoised. What the denoiser does wrong in both pictures alike does not count.
+    pub gather_denoised: Option<MeanQuality>,
+    /// The reference before it was denoised, which tells how noisy it is.
+    pub reference_noise: MeanQuality,
+}
 
 /// Compares a proxy with gathering on lights that it was not trained on. The reference is gathered and denoised from the
 /// second of `halves`, what is compared from the first, so that neither knows the other's noise.
@@ -27,80 +48,193 @@ pub(crate) fn measure(
     seed: u64,
     monitor: &Monitor,
 ) -> Result<Measured, SessionError> {
-    let stage = monitor.stage(Stage::Measure, 0, count as u64);
     let compared = DumpTargets::new(gather, halves.0, held_out.bounds(), held_out.denoise());
-    let (mut by_proxy, mut by_gather, mut by_denoised) = (Vec::new(), Vec::new(), Vec::new());
-    for some in (0..count as u64).collect::<Vec<_>>().chunks(LIGHTS_MEASURED_AT_ONCE) {
-        if monitor.cancelled() {
-            return Err(SessionError::Cancelled);
-        }
-        let light = |i: &u64| held_out_light(proxy, held_out, &mut Rng::stream(seed, STREAM, *i));
-        let lights: Vec<LightParams> = some.iter().filter_map(light).collect();
-        let shapes: Vec<_> = lights.iter().map(LightParams::shape).collect();
-        let (references, gathered) = (held_out.images(&shapes, true)?, compared.images(&shapes, false)?);
-        let mut denoised = gathered.clone();
-        held_out.denoise().images(&mut denoised, DenoiseQuality::High)?;
-        for (i, light) in lights.iter().enumerate() {
-            by_proxy.push(quality(&proxy.unit_image(light)?, &references[i]));
-            by_gather.push(quality(&gathered[i], &references[i]));
-            by_denoised.push(quality(&denoised[i], &references[i]));
-        }
-        stage.advance(some.len() as u64, "");
-    }
+    let comparison =
+        Comparison { proxies: std::slice::from_ref(proxy), reference: held_out, compared: Some(&compared) };
+    let found = comparison.run((count, LIGHTS_MEASURED_AT_ONCE), seed, None, monitor)?;
     Ok(Measured {
-        lights: by_proxy.len(),
+        lights: found.lights,
         samples: halves.0.tile_samples(gather.dump(), 0),
-        proxy: mean(&by_proxy),
-        gather: mean(&by_gather),
-        gather_denoised: mean(&by_denoised),
+        proxy: found.proxies[0],
+        gather: found.gather.unwrap_or(found.reference_noise),
+        gather_denoised: found.gather_denoised.unwrap_or(found.reference_noise),
     })
 }
 
-/// Mean errors of a proxy against gathers of an independent bake of the same camera, which should have many more samples,
-/// on lights that no training sees. The lights depend on the reference, the proxy's range and `seed` alone.
+/// Mean errors of proxies of one kind and range against the denoised gather of an independent bake of the same camera, which
+/// should have many more samples, on lights that no training sees. The lights depend on the reference, the range and
+/// `seed` alone. With `compared`, gathering from that bake is measured on the same lights. With `pictures`, writes there
+/// for some lights a PNG of all: the reference, the gather and its denoised form if there is one, then the proxies.
 ///
 /// # Errors
-/// If the bake cannot be read or its size is not the proxy's.
+/// If a bake cannot be read, its size is not the proxies', or the proxies differ in kind or range.
 pub fn evaluate(
-    proxy: &Proxy,
+    proxies: &[Proxy],
     reference: &Relighter,
-    lights: usize,
-    seed: u64,
+    compared: Option<&Relighter>,
+    (lights, seed): (usize, u64),
+    pictures: Option<&Path>,
     monitor: &Monitor,
-) -> Result<MeanQuality, SessionError> {
-    let gather = reference.gather().ok_or_else(|| {
-        SessionError::Settings("the reference is a folder of proxies; give one with a bake".into())
-    })?;
-    let camera = reference.camera();
-    if proxy.info().image != [camera.width, camera.height] {
-        let [width, height] = proxy.info().image;
-        let reason = format!(
-            "the proxy is for {width} x {height} pixels, the reference has {} x {}",
-            camera.width, camera.height
-        );
-        return Err(SessionError::Settings(reason));
+) -> Result<Evaluation, SessionError> {
+    let Some(first) = proxies.first() else {
+        return Err(SessionError::Settings("there is no proxy to evaluate; name at least one".into()));
+    };
+    for proxy in proxies {
+        if (proxy.info().kind, proxy.info().size) != (first.info().kind, first.info().size) {
+            let reason = "the proxies are of different kinds or light sizes; evaluate them one by one";
+            return Err(SessionError::Settings(reason.into()));
+        }
+        check_size(proxy, reference)?;
     }
+    if let Some(folder) = pictures {
+        std::fs::create_dir_all(folder).map_err(SessionError::io("create the folder", folder))?;
+    }
+    let bounds = pixel_features(reference.aovs(), reference.camera()).visible_bounds();
     let denoise = Denoise::new(reference.aovs());
-    let bounds = pixel_features(reference.aovs(), camera).visible_bounds();
-    let targets = DumpTargets::new(gather, Half::All, bounds, &denoise);
-    let stage = monitor.stage(Stage::Measure, 0, lights as u64);
-    let mut scores = Vec::new();
-    let all: Vec<u64> = (0..lights as u64).collect();
-    for some in all.chunks(LIGHTS_A_PASS) {
-        if monitor.cancelled() {
-            return Err(SessionError::Cancelled);
+    let reference = DumpTargets::new(bake_of(reference)?, Half::All, bounds, &denoise);
+    let compared = match compared {
+        Some(bake) => {
+            check_size(first, bake)?;
+            Some((bake_of(bake)?, Denoise::new(bake.aovs())))
         }
-        let params: Vec<LightParams> = some
-            .iter()
-            .filter_map(|i| held_out_light(proxy, &targets, &mut Rng::stream(seed, STREAM, *i)))
-            .collect();
-        let shapes: Vec<_> = params.iter().map(LightParams::shape).collect();
-        for (light, expected) in params.iter().zip(targets.images(&shapes, false)?) {
-            scores.push(quality(&proxy.unit_image(light)?, &expected));
-        }
-        stage.advance(some.len() as u64, "");
+        None => None,
+    };
+    let compared =
+        compared.as_ref().map(|(gather, denoise)| DumpTargets::new(gather, Half::All, bounds, denoise));
+    let comparison = Comparison { proxies, reference: &reference, compared: compared.as_ref() };
+    comparison.run((lights, LIGHTS_A_PASS), seed, pictures, monitor)
+}
+
+fn bake_of(relighter: &Relighter) -> Result<&Gather, SessionError> {
+    relighter.gather().ok_or_else(|| {
+        SessionError::Settings("the reference is a folder of proxies; give one with a bake".into())
+    })
+}
+
+fn check_size(proxy: &Proxy, bake: &Relighter) -> Result<(), SessionError> {
+    let ([width, height], camera) = (proxy.info().image, bake.camera());
+    if [width, height] == [camera.width, camera.height] {
+        return Ok(());
     }
-    Ok(mean(&scores))
+    let reason = format!(
+        "the proxy is for {width} x {height} pixels, the reference has {} x {}",
+        camera.width, camera.height
+    );
+    Err(SessionError::Settings(reason))
+}
+
+/// What is held against what.
+struct Comparison<'a> {
+    /// Of one kind and range.
+    proxies: &'a [Proxy],
+    reference: &'a DumpTargets<'a>,
+    compared: Option<&'a DumpTargets<'a>>,
+}
+
+impl Comparison<'_> {
+    fn run(
+        &self,
+        (count, at_once): (usize, usize),
+        seed: u64,
+        pictures: Option<&Path>,
+        monitor: &Monitor,
+    ) -> Result<Evaluation, SessionError> {
+        let stage = monitor.stage(Stage::Measure, 0, count as u64);
+        let mut sums = Sums::default();
+        let numbers: Vec<u64> = (0..count as u64).collect();
+        for some in numbers.chunks(at_once) {
+            if monitor.cancelled() {
+                return Err(SessionError::Cancelled);
+            }
+            let light = |i: &u64| {
+                held_out_light(&self.proxies[0], self.reference, &mut Rng::stream(seed, STREAM, *i))
+            };
+            let lights: Vec<LightParams> = some.iter().filter_map(light).collect();
+            self.lights(&lights, some[0] as usize, pictures, &mut sums)?;
+            stage.advance(some.len() as u64, "");
+        }
+        let mut means = sums.lists.iter().map(|list| mean(list));
+        let proxies = means.by_ref().take(self.proxies.len()).collect();
+        let reference_noise = means.next().unwrap_or(mean(&[]));
+        let (gather, gather_denoised) = (means.next(), means.next());
+        Ok(Evaluation { lights: sums.lights, proxies, gather, gather_denoised, reference_noise })
+    }
+
+    /// Adds the errors for some lights, of which the first has this number, to `sums`: those of the proxies, of the noisy
+    /// reference, of gathering and of gathering and denoising.
+    fn lights(
+        &self,
+        lights: &[LightParams],
+        number: usize,
+        pictures: Option<&Path>,
+        sums: &mut Sums,
+    ) -> Result<(), SessionError> {
+        let shapes: Vec<_> = lights.iter().map(LightParams::shape).collect();
+        let noisy = self.reference.images(&shapes, false)?;
+        let references = denoised(self.reference, &noisy)?;
+        let mut rows = Vec::new();
+        for proxy in self.proxies {
+            let images: Result<Vec<Image>, _> = lights.iter().map(|light| proxy.unit_image(light)).collect();
+            rows.push(images?);
+        }
+        rows.push(noisy);
+        if let Some(compared) = self.compared {
+            let gathered = compared.images(&shapes, false)?;
+            let denoised = denoised(compared, &gathered)?;
+            rows.extend([gathered, denoised]);
+        }
+        sums.add(&rows, &references);
+        let Some(folder) = pictures else { return Ok(()) };
+        for i in 0..PICTURES.saturating_sub(number).min(lights.len()) {
+            let (proxies, gathers) = rows.split_at(self.proxies.len());
+            let shown = [&references].into_iter().chain(&gathers[1..]).chain(proxies).map(|row| &row[i]);
+            let path = folder.join(format!("light_{:02}.png", number + i));
+            write_png(
+                &path,
+                &side_by_side(shown, &references[i]),
+                &ViewTransform::default(),
+                BitDepth::Eight,
+            )?;
+        }
+        Ok(())
+    }
+}
+
+fn denoised(source: &DumpTargets, images: &[Image]) -> Result<Vec<Image>, SessionError> {
+    let mut images = images.to_vec();
+    source.denoise().images(&mut images, DenoiseQuality::High)?;
+    Ok(images)
+}
+
+/// The errors of each kind of picture, light by light.
+#[derive(Default)]
+struct Sums {
+    lists: Vec<Vec<Quality>>,
+    lights: usize,
+}
+
+impl Sums {
+    fn add(&mut self, rows: &[Vec<Image>], references: &[Image]) {
+        self.lists.resize(rows.len(), Vec::new());
+        self.lights += references.len();
+        for (list, row) in self.lists.iter_mut().zip(rows) {
+            list.extend(row.iter().zip(references).map(|(image, reference)| quality(image, reference)));
+        }
+    }
+}
+
+/// Pictures in one row, tonemapped as for the metrics.
+fn side_by_side<'a>(images: impl Iterator<Item = &'a Image>, reference: &Image) -> Image {
+    let exposure = metrics::exposure(reference);
+    let toned: Vec<Image> = images.map(|image| metrics::tonemap(image, exposure)).collect();
+    let row_len = reference.width * 3;
+    let mut sheet = Image::new(reference.width * toned.len(), reference.height, 3);
+    for (y, row) in sheet.data.chunks_exact_mut(row_len * toned.len()).enumerate() {
+        for (to, image) in row.chunks_exact_mut(row_len).zip(&toned) {
+            to.copy_from_slice(&image.data[y * row_len..(y + 1) * row_len]);
+        }
+    }
+    sheet
 }
 
 /// A light at a random point of a random pixel's paths, of a random size that was trained.

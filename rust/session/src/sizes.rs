@@ -5,8 +5,8 @@ use relume_proxy::{LightKind, SizeRange};
 use relume_scene::LightShape;
 use std::path::Path;
 
-/// Sizes of lights that are worth learning for a bake: 1/200 to 1/10 of the visible scene, widened to take in the scene's
-/// own lights of this kind with half as much again on both sides.
+/// Sizes of lights that are worth learning for a bake: radii of 1/200 to 1/10 of the visible scene, or edges of 1/50 to 1/5
+/// of it, widened to take in the scene's own lights of this kind with half as much again on both sides.
 ///
 /// # Errors
 /// If the bake or its lights cannot be read.
@@ -14,7 +14,10 @@ pub fn default_sizes(bake: &Path, kind: LightKind) -> Result<SizeRange, SessionE
     let dump = Dump::open(bake)?;
     let (low, high) = pixel_features(&dump.aovs(), &camera(dump.manifest())?).visible_bounds();
     let extent = low.distance(high).max(1e-3);
-    let mut range = SizeRange { min: extent / 200.0, max: extent / 10.0 };
+    let mut range = match kind {
+        LightKind::Sphere | LightKind::FacingDisk => SizeRange { min: extent / 200.0, max: extent / 10.0 },
+        LightKind::Quad => SizeRange { min: extent / 50.0, max: extent / 5.0 },
+    };
     const SLACK: f32 = 1.5;
     for light in LightSet::of_bake(bake)?.lights {
         let sizes = match light.shape {

@@ -26,7 +26,7 @@ pub struct TrainSettings {
     /// Train for so many seconds instead of so many samples: the schedule is stretched to end with them.
     pub seconds: Option<f64>,
     /// Train on the earlier half of each pixel's paths and measure on the later half, which is independent of it;
-    /// otherwise all paths serve both.
+    /// otherwise train on all paths, show their noise too on the way, and measure nothing at the end.
     pub half_for_measuring: bool,
 }
 
@@ -58,8 +58,8 @@ pub struct TrainReport {
     pub complete: bool,
     /// Held-out error on the way.
     pub curve: Vec<CurvePoint>,
-    /// The proxy against gathering.
-    pub measured: Measured,
+    /// The proxy against gathering; none if all paths were trained on, which leaves none to measure on.
+    pub measured: Option<Measured>,
 }
 
 /// Seconds between checkpoints.
@@ -127,10 +127,15 @@ pub fn train(
     if monitor.cancelled() {
         return Err(SessionError::Cancelled);
     }
-    let measured =
-        measure(&run.trainer.proxy(), &gather, halves, &held_out, MEASURED_LIGHTS, settings.seed, monitor)?;
-    let path = measured_path(out, settings.kind);
-    write_atomically(&path, |writer| Ok(serde_json::to_writer_pretty(writer, &measured)?))?;
+    let measured = if settings.half_for_measuring {
+        let proxy = run.trainer.proxy();
+        let measured = measure(&proxy, &gather, halves, &held_out, MEASURED_LIGHTS, settings.seed, monitor)?;
+        let path = measured_path(out, settings.kind);
+        write_atomically(&path, |writer| Ok(serde_json::to_writer_pretty(writer, &measured)?))?;
+        Some(measured)
+    } else {
+        None
+    };
     Ok(TrainReport {
         proxy: proxy_path(out, settings.kind),
         steps: run.trainer.steps(),

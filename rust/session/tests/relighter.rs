@@ -243,6 +243,6 @@ fn cancelled_work_says_so_and_keeps_what_is_whole() {
     let relighter = Relighter::open(out).unwrap();
     let kept = relighter.proxies().of(LightKind::Sphere).unwrap();
     assert_eq!(kept.proxy.info().steps, good.steps);
-    assert_eq!(kept.measured, Some(good.measured));
+    assert_eq!(kept.measured, good.measured);
     assert_eq!(LightSet::read(&folder.path().join("lights.json")).unwrap().lights.len(), 1);
 }

@@ -1,19 +1,29 @@
 use super::Context;
 use crate::args::EvaluateArgs;
-use relume_session::{Relighter, evaluate as evaluate_proxy, proxy::Proxy};
+use relume_session::{MeanQuality, Relighter, evaluate as evaluate_proxies, proxy::Proxy};
 
-/// Measures a proxy against an independent bake.
+/// Measures proxies against an independent bake.
 pub fn evaluate(args: &EvaluateArgs, context: &Context) -> anyhow::Result<()> {
-    let (proxy, reference) = (Proxy::open(&args.proxy)?, Relighter::open(&args.reference)?);
-    let mean = evaluate_proxy(&proxy, &reference, args.lights, context.global.seed, context.monitor)?;
-    let text = format!(
-        "{}: {:.2} dB, SMAPE {:.4}, SSIM {:.4}, FLIP {:.4}",
-        args.proxy.display(),
-        mean.psnr,
-        mean.smape,
-        mean.ssim,
-        mean.flip
-    );
-    context.console.result(&text, &mean);
+    let proxies = args.proxies.iter().map(|path| Proxy::open(path)).collect::<Result<Vec<_>, _>>()?;
+    let reference = Relighter::open(&args.reference)?;
+    let compared = args.gather.as_deref().map(Relighter::open).transpose()?;
+    let lights = (args.lights, context.global.seed);
+    let pictures = args.pictures.as_deref();
+    let found = evaluate_proxies(&proxies, &reference, compared.as_ref(), lights, pictures, context.monitor)?;
+    let mut lines: Vec<String> = args
+        .proxies
+        .iter()
+        .zip(&found.proxies)
+        .map(|(path, mean)| line(&path.display().to_string(), mean))
+        .collect();
+    lines.extend(found.gather.iter().map(|mean| line("gather", mean)));
+    lines.extend(found.gather_denoised.iter().map(|mean| line("gather, denoised", mean)));
+    lines.push(line("reference before denoising", &found.reference_noise));
+    context.console.result(&lines.join("\n"), &found);
     Ok(())
+}
+
+fn line(name: &str, mean: &MeanQuality) -> String {
+    let MeanQuality { psnr, smape, ssim, flip } = mean;
+    format!("{name}: {psnr:.2} dB, SMAPE {smape:.4}, SSIM {ssim:.4}, FLIP {flip:.4}")
 }

@@ -19,23 +19,27 @@ pub fn train(args: &TrainArgs, context: &Context) -> anyhow::Result<()> {
     };
     let out = args.out.as_deref().unwrap_or(&args.bake);
     let report = train_proxy(&args.bake, out, &settings, args.resume, context.monitor)?;
-    let m = &report.measured;
-    let text = format!(
-        "{}: {} steps, {:.1} M samples, {:.1} s; on {} held-out lights proxy {:.1} dB (SMAPE {:.3}), gather of {} \
-         samples {:.1} dB ({:.3}), denoised {:.1} dB ({:.3})",
+    let mut text = format!(
+        "{}: {} steps, {:.1} M samples, {:.1} s",
         report.proxy.display(),
         report.steps,
         report.samples as f64 / 1e6,
         report.seconds,
-        m.lights,
-        m.proxy.psnr,
-        m.proxy.smape,
-        m.samples,
-        m.gather.psnr,
-        m.gather.smape,
-        m.gather_denoised.psnr,
-        m.gather_denoised.smape,
     );
+    if let Some(m) = &report.measured {
+        text += &format!(
+            "; on {} held-out lights proxy {:.1} dB (SMAPE {:.3}), gather of {} samples {:.1} dB ({:.3}), denoised \
+             {:.1} dB ({:.3})",
+            m.lights,
+            m.proxy.psnr,
+            m.proxy.smape,
+            m.samples,
+            m.gather.psnr,
+            m.gather.smape,
+            m.gather_denoised.psnr,
+            m.gather_denoised.smape,
+        );
+    }
     context.console.result(&text, &report);
     Ok(())
 }
