@@ -1,12 +1,15 @@
-"""Proxy quality: both networks at equal training time, on lights never trained on, against an independent gather.
+"""Proxy quality: both networks at equal training time, on lights never trained on, against the denoised gather of an
+independent bake; and what gathering from the bake that was trained on reaches on the same lights.
 
-Needs the real scenes (RELUME_SCENES or ../shared/scenes). Bakes are kept in the output folder and resumed, so that a
-stopped run goes on.
+Training time is processor time per thread, so that both networks get the same whatever else the machine does. Needs the
+real scenes (RELUME_SCENES or ../shared/scenes). Bakes are kept in the output folder and resumed, so that a stopped run
+goes on.
 """
 
 import argparse
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -28,7 +31,7 @@ def resolution_percentage(blend):
     return 100 * WIDTH // width
 
 
-def bake(blend, out, samples, seed):
+def bake(blend, out, samples, seed, threads):
     """Bakes, or finishes a bake."""
     command = [
         sys.executable,
@@ -46,6 +49,8 @@ def bake(blend, out, samples, seed):
         BOUNCES,
         "--resolution-percentage",
         resolution_percentage(blend),
+        "--threads",
+        threads,
     ]
     if (out / "manifest.json").exists():
         command.append("--resume")
@@ -61,42 +66,57 @@ class Quality:
 
     def relume(self, *words):
         """The result of a command: the last JSON line that it printed."""
-        command = [str(word) for word in (sys.executable, "-m", "relume", "--json", *words)]
-        output = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
-        return json.loads(output.splitlines()[-1])
+        command = [sys.executable, "-m", "relume", "--json", "--threads", self.args.threads, *words]
+        output = subprocess.run([str(word) for word in command], check=True, stdout=subprocess.PIPE, text=True).stdout
+        line = json.loads(output.splitlines()[-1])
+        return line.get("result", line)
 
     def scene(self, name):
         """All of one scene."""
         folder = self.args.out / "quality" / name
-        train, reference = folder / "train", folder / "reference"
-        bake(SCENES / f"{name}.blend", train, self.args.samples, 1)
-        bake(SCENES / f"{name}.blend", reference, self.args.reference_samples, 2)
+        blend, threads = SCENES / f"{name}.blend", self.args.threads
+        bake(blend, folder / "train", self.args.samples, 1, threads)
+        bake(blend, folder / "reference", self.args.reference_samples, 2, threads)
         for kind in self.args.types:
-            for network in ("fast", "reference"):
-                for seconds in self.args.seconds:
-                    self.network(name, train, reference, kind, network, seconds)
+            trained = [
+                self.train(folder, kind, network, seconds)
+                for network in ("fast", "reference")
+                for seconds in self.args.seconds
+            ]
+            self.measure(folder, kind, trained)
+        if not self.args.keep:
+            shutil.rmtree(folder / "reference")
 
-    def network(self, name, train, reference, kind, network, seconds):
-        """One training of one network."""
-        out = train.parent / f"{kind}_{network}_{seconds:g}s"
-        self.relume(
-            "train", train, "--type", kind, "--network", network, "--seconds", seconds, "--all-paths", "--out", out
-        )
-        mean = self.relume(
-            "evaluate",
-            out / f"proxy_{kind}.safetensors",
-            "--reference",
-            reference,
-            "--lights",
-            self.args.lights,
-            "--seed",
-            11,
-        )
-        result = mean.get("result", mean)
-        record = {"scene": name, "light_type": kind, "network": network, "train_seconds": seconds}
-        self.records.append(record | {key: round(result[key], 4) for key in ("psnr", "smape", "ssim", "flip")})
-        print(self.records[-1], flush=True)
+    def train(self, folder, kind, network, seconds):
+        """One training: the file of its proxy and its record as far as it is known."""
+        out = folder / f"{kind}_{network}_{seconds:g}s"
+        options = ("--type", kind, "--network", network, "--seconds", seconds, "--processor-time", "--all-paths")
+        report = self.relume("train", folder / "train", *options, "--out", out)
+        record = {"network": network, "train_seconds": seconds, "samples": report["samples"]}
+        return out / f"proxy_{kind}.safetensors", record
+
+    def measure(self, folder, kind, trained):
+        """All proxies of one kind, and gathering from the bake that they were trained on, on the same lights."""
+        options = ("--reference", folder / "reference", "--gather", folder / "train")
+        pictures = ("--pictures", folder / f"{kind}_pictures")
+        lights = ("--lights", self.args.lights, "--seed", 11)
+        found = self.relume("evaluate", *(path for path, _ in trained), *options, *pictures, *lights)
+        for (_, record), errors in zip(trained, found["proxies"], strict=True):
+            self.record(folder.name, kind, record, errors)
+        for key in ("gather", "gather_denoised", "reference_noise"):
+            record = {"network": key, "train_seconds": 0, "samples": 0}
+            self.record(folder.name, kind, record, found[key])
+
+    def record(self, scene, kind, record, errors):
+        """Keeps, prints and writes a record."""
+        errors = {key: round(errors[key], 4) for key in ("psnr", "smape", "ssim", "flip")}
+        record = {"scene": scene, "light_type": kind} | record | errors
+        self.records.append(record)
+        print(ROW.format(**record), flush=True)
         (self.args.out / "quality.json").write_text(json.dumps(self.records, indent=1))
+
+
+ROW = "{scene:12} {light_type:7} {network:16} {train_seconds:5g} s {psnr:6.2f} dB {smape:.4f} {ssim:.4f} {flip:.4f}"
 
 
 def main():
@@ -104,15 +124,18 @@ def main():
     parser.add_argument("--out", type=Path, default=ROOT / "out")
     parser.add_argument("--scenes", nargs="+", default=["cornell_box", "kitchen", "modern_hall"])
     parser.add_argument("--types", nargs="+", default=["sphere", "quad"])
-    parser.add_argument("--seconds", nargs="+", type=float, default=[60.0, 240.0, 900.0], help="training times")
+    parser.add_argument("--seconds", nargs="+", type=float, default=[10.0, 30.0, 90.0], help="training times")
     parser.add_argument("--samples", type=int, default=512, help="samples of the bake that is trained on")
     parser.add_argument("--reference-samples", type=int, default=4096)
     parser.add_argument("--lights", type=int, default=100)
+    parser.add_argument("--threads", type=int, default=0, help="0 for one a core")
+    parser.add_argument("--keep", action="store_true", help="keep the reference bakes (13 GB each)")
     args = parser.parse_args()
     if not SCENES.is_dir():
         sys.exit(f"quality: the scenes are not in {SCENES}; set RELUME_SCENES")
     args.out.mkdir(parents=True, exist_ok=True)
     quality = Quality(args)
+    print("scene, light type, network, training time, PSNR, SMAPE, SSIM, FLIP")
     for name in args.scenes:
         quality.scene(name)
 

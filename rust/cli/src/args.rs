@@ -204,6 +204,9 @@ pub struct TrainArgs {
     /// Train for so many seconds instead; the schedule is stretched to end with them.
     #[arg(long)]
     pub seconds: Option<f64>,
+    /// Let --seconds count processor time per thread, so that other load on the machine does not change the result much.
+    #[arg(long, requires = "seconds")]
+    pub processor_time: bool,
     /// Smallest radius or edge to learn, metres; default is 1/200 (edges 1/50) of the visible scene, or less for its
     /// own lights.
     #[arg(long)]

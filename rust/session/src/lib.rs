@@ -53,7 +53,7 @@ pub use relit::{Relit, RelitLight};
 pub use sizes::default_sizes;
 pub use solve_lights::{OptimiseOptions, Optimised, ProxyRelight, optimise};
 pub use targets::DumpTargets;
-pub use train::{CurvePoint, TrainReport, TrainSettings, train};
+pub use train::{Clock, CurvePoint, TrainReport, TrainSettings, train};
 
 pub use relume_image as image;
 pub use relume_optimise as solver;

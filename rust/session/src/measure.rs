@@ -3,6 +3,7 @@ use crate::progress::{Monitor, Stage};
 use crate::proxies::{MeanQuality, Measured};
 use crate::targets::DumpTargets;
 use crate::{Relighter, SessionError, pixel_features};
+use rayon::prelude::*;
 use relume_gather::{DenoiseQuality, Gather, Half};
 use relume_image::metrics::{self, Quality, quality};
 use relume_image::{BitDepth, Image, ViewTransform, write_png};
@@ -218,7 +219,9 @@ impl Sums {
         self.lists.resize(rows.len(), Vec::new());
         self.lights += references.len();
         for (list, row) in self.lists.iter_mut().zip(rows) {
-            list.extend(row.iter().zip(references).map(|(image, reference)| quality(image, reference)));
+            list.par_extend(
+                row.par_iter().zip(references).map(|(image, reference)| quality(image, reference)),
+            );
         }
     }
 }

@@ -5,6 +5,7 @@ use crate::proxies::{Measured, measured_path, proxy_path};
 use crate::relighter::camera;
 use crate::targets::DumpTargets;
 use crate::{SessionError, base_layers, pixel_features};
+use cpu_time::ProcessTime;
 use relume_dump::Dump;
 use relume_gather::{Gather, Half};
 use relume_image::write_atomically;
@@ -25,9 +26,38 @@ pub struct TrainSettings {
     pub seed: u64,
     /// Train for so many seconds instead of so many samples: the schedule is stretched to end with them.
     pub seconds: Option<f64>,
+    /// What counts as a second.
+    pub clock: Clock,
     /// Train on the earlier half of each pixel's paths and measure on the later half, which is independent of it;
     /// otherwise train on all paths, show their noise too on the way, and measure nothing at the end.
     pub half_for_measuring: bool,
+}
+
+/// Time as a training counts it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Clock {
+    /// The clock on the wall.
+    #[default]
+    Wall,
+    /// Time of this process on all processors, divided by the threads: what a machine without other load would take, if
+    /// all threads are busy.
+    Processor,
+}
+
+impl Clock {
+    /// Runs some work and says how long it took.
+    fn time<T>(self, work: impl FnOnce() -> T) -> (T, Duration) {
+        match self {
+            Self::Wall => {
+                let start = Instant::now();
+                (work(), start.elapsed())
+            }
+            Self::Processor => {
+                let start = ProcessTime::now();
+                (work(), start.elapsed() / rayon::current_num_threads() as u32)
+            }
+        }
+    }
 }
 
 /// The error of a proxy as training went on.
@@ -205,9 +235,9 @@ impl Run<'_> {
         let mut saved = Instant::now();
         let mut next_measure = self.progress() + 1.0 / CURVE_POINTS;
         while !self.trainer.done() && !monitor.cancelled() {
-            let start = Instant::now();
-            let report = self.trainer.step(training)?;
-            self.trained += start.elapsed();
+            let (report, took) = self.settings.clock.time(|| self.trainer.step(training));
+            let report = report?;
+            self.trained += took;
             self.fit_schedule_to_time();
             let message = match report.loss {
                 Some(loss) => format!("loss {loss:.4}{}", self.last_scores()),

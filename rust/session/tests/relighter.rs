@@ -5,7 +5,7 @@ use relume_session::proxy::{LightKind, SizeRange, TrainConfig};
 use relume_session::scene::{Light, LightShape, LobeFactors, ReceiverSet};
 use relume_session::trace::TraceSettings;
 use relume_session::{
-    Cancel, LightSet, Listener, Maker, Monitor, ObjView, Progress, RelightOptions, Relighter, Stage,
+    Cancel, Clock, LightSet, Listener, Maker, Monitor, ObjView, Progress, RelightOptions, Relighter, Stage,
     TrainSettings, With, bake, default_sizes, obj_scene, train,
 };
 use std::path::Path;
@@ -42,7 +42,7 @@ fn training(kind: LightKind) -> TrainSettings {
     let mut config = TrainConfig::fast(SizeRange { min: 0.1, max: 0.3 });
     config.samples = 8192;
     config.held_out = 2;
-    TrainSettings { kind, config, seed: 1, seconds: None, half_for_measuring: true }
+    TrainSettings { kind, config, seed: 1, seconds: None, clock: Clock::Wall, half_for_measuring: true }
 }
 
 const RAW: RelightOptions = RelightOptions { with: With::Auto, denoise: false };

@@ -1,7 +1,7 @@
 use super::Context;
 use crate::args::{Kind, Network, Placement, TrainArgs};
 use relume_session::proxy::{LightKind, LightPlacement, NetworkConfig, SizeRange, TrainConfig};
-use relume_session::{TrainSettings, default_sizes, train as train_proxy};
+use relume_session::{Clock, TrainSettings, default_sizes, train as train_proxy};
 
 /// Trains a proxy on a bake.
 pub fn train(args: &TrainArgs, context: &Context) -> anyhow::Result<()> {
@@ -15,6 +15,7 @@ pub fn train(args: &TrainArgs, context: &Context) -> anyhow::Result<()> {
         config: config(args, kind)?,
         seed: context.global.seed,
         seconds: args.seconds,
+        clock: if args.processor_time { Clock::Processor } else { Clock::Wall },
         half_for_measuring: !args.all_paths,
     };
     let out = args.out.as_deref().unwrap_or(&args.bake);
