@@ -181,7 +181,7 @@ impl TrainConfig {
     }
 
     /// The paper's network and loss at batches that a CPU can do, and on raw targets: in the minutes that a CPU is given, they
-    /// serve better than the paper's pool of 300 denoised images, which is too few lights for as long.
+    /// serve better than the paper's pool of denoised images, which by then holds few lights.
     pub fn reference(size: SizeRange) -> Self {
         Self {
             network: NetworkConfig::Reference {

@@ -24,7 +24,7 @@ pub(crate) struct Batch {
     pub lights: Vec<LightParams>,
     /// Targets in units of the network's output, tiles of three rows.
     pub targets: Vec<f32>,
-    /// Weight of each tile in the loss, 1 on average.
+    /// Weight of each tile in the loss, 1 for a middling light.
     pub weights: Vec<f32>,
 }
 

@@ -36,8 +36,9 @@ pub(crate) struct Chunk<'a> {
     pub lights: &'a [LightParams],
     /// Targets in units of the network's output, tiles of three rows.
     pub targets: &'a [f32],
-    /// Weight of each tile, times `weight`, is that of its samples' gradients.
+    /// Weight of each tile.
     pub weights: &'a [f32],
+    /// Weight of every sample, to be multiplied with that of its tile.
     pub weight: f32,
 }
 
