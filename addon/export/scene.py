@@ -101,6 +101,7 @@ class _SceneExporter:
             color=tuple(obj.color),
             pass_index=obj.pass_index,
             random=(instance.random_id & MASK) / MASK if instance.is_instance else random_of_name(obj.name),
+            shadow_terminator_offset=_shadow_terminator_offset(obj),
             visibility=self._visibility(obj),
         )
 
@@ -137,3 +138,8 @@ class _SceneExporter:
         scene, warn = self.depsgraph.scene, self.builder.warn
         if scene.render.use_motion_blur:
             warn(f"scene '{scene.name}': motion blur is not supported yet; the frame is baked without it")
+
+
+def _shadow_terminator_offset(obj: bpy.types.Object) -> float:
+    cycles = getattr(obj, "cycles", None)
+    return cycles.shadow_terminator_geometry_offset if cycles else 0.1

@@ -64,6 +64,7 @@ fn hash_instance(hasher: &mut Hasher, instance: &Instance) {
         &(
             (&instance.name, instance.mesh, &instance.materials, instance.world_from_object),
             (instance.receiver, instance.color, instance.pass_index, instance.random, visibility),
+            instance.shadow_terminator_offset,
         ),
     );
 }

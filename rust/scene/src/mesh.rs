@@ -56,6 +56,9 @@ pub struct Instance {
     pub pass_index: u32,
     /// Random number in 0..1 (Object Info).
     pub random: f32,
+    /// Cosine below which rays that graze a smooth-shaded triangle start above it (Cycles' Shadow Terminator Geometry
+    /// Offset); 0 for never.
+    pub shadow_terminator_offset: f32,
     /// Seen by camera rays.
     pub visible_camera: bool,
     /// Seen by diffuse rays.
@@ -86,6 +89,7 @@ impl Instance {
             color: [1.0; 4],
             pass_index: 0,
             random: 0.0,
+            shadow_terminator_offset: 0.1,
             visible_camera: true,
             visible_diffuse: true,
             visible_glossy: true,

@@ -8,12 +8,13 @@ use crate::{
     bsdf::Surface,
     bvh::{Ray, SceneBvh},
     camera::CameraSampler,
+    departure::{start_at, start_scattered},
     environment::Environment,
     path::PathState,
     sampler::PixelSampler,
     settings::PathSettings,
     shading::{PreparedMaterials, SurfacePoint},
-    static_light::{LastBounce, Lookup, StaticLights, StaticSample, offset_origin},
+    static_light::{LastBounce, Lookup, StaticLights, StaticSample},
 };
 
 /// Receives paths as they are traced: a shard in the making, or training that streams fresh paths.
@@ -127,7 +128,6 @@ impl Integrator<'_> {
             ) {
                 break;
             }
-            ray.from = Some((hit.instance, hit.triangle));
         }
         sink.end_path(features.sample);
     }
@@ -195,7 +195,7 @@ impl Integrator<'_> {
             let through = surface.transparency();
             features.meet(surface);
             path.pass_through(through, limits);
-            ray.origin = offset_origin(point, ray.direction);
+            start_at(ray, point);
             ray.t_max = f32::INFINITY;
             return through.max_element() > 0.0;
         }
@@ -235,10 +235,16 @@ impl Integrator<'_> {
             }
             path.scatter(&sample, limits);
             path.receiver = self.scene.instances[point.instance as usize].receiver;
-            *last = (!sample.singular).then_some(LastBounce { position: point.position, pdf: sample.pdf });
+            // Cycles meets its own emitters by light samples only where the path cannot go on.
+            let pdf = if sample.lights_only { 0.0 } else { sample.pdf };
+            *last = (!sample.singular).then_some(LastBounce { position: point.position, pdf });
         }
         ray.direction = sample.wi;
-        ray.origin = offset_origin(point, sample.wi);
+        if sample.transparent {
+            start_at(ray, point);
+        } else {
+            start_scattered(ray, &self.materials, self.scene, point);
+        }
         ray.lobe = path.lobe;
         ray.t_max = f32::INFINITY;
         true

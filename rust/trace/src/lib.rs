@@ -8,6 +8,7 @@ pub mod bench;
 pub mod bsdf;
 pub mod bvh;
 pub mod camera;
+mod departure;
 mod distribution;
 mod emitters;
 mod environment;

@@ -99,7 +99,7 @@ impl PathState {
             _ => (&mut self.glossy, limits.glossy),
         };
         *count += 1;
-        self.last_surface |= *count > limit || self.bounces > limits.total;
+        self.last_surface |= *count > limit || self.bounces > limits.total || sample.lights_only;
     }
 }
 
@@ -117,6 +117,7 @@ mod tests {
             singular: false,
             transparent: false,
             transmitted: false,
+            lights_only: false,
             roughness: 1.0,
         }
     }

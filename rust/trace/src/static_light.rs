@@ -10,6 +10,7 @@ use relume_scene::Scene;
 use crate::{
     bsdf::Surface,
     bvh::{Ray, SceneBvh},
+    departure::{start_at, start_scattered},
     emitters::{Emitters, may_be_transparent},
     environment::Environment,
     shading::{Hit, PreparedMaterials, SurfacePoint},
@@ -110,7 +111,7 @@ impl StaticLights {
         let share = self.environment_share();
         if u[3] < share {
             let (direction, density) = tracer.environment.sample([u[0], u[1], u[2]])?;
-            let factor = weighted(surface, point, direction, density * share)?;
+            let factor = weighted(surface, direction, density * share)?;
             let radiance = tracer.environment.radiance(tracer.scene, tracer.materials, direction, false);
             let factor = factor / survival(throughput * factor * radiance, u[3] / share)?;
             let through = self.transmittance(tracer, point, direction, None, scratch)?;
@@ -122,7 +123,7 @@ impl StaticLights {
         let direction = towards.try_normalize()?;
         let cos = target.normal.dot(direction).abs();
         let density = target.area_density * (1.0 - share) * distance_squared / cos;
-        let factor = weighted(surface, point, direction, density)?;
+        let factor = weighted(surface, direction, density)?;
         let factor =
             factor / survival(throughput * factor * target.brightness, (u[3] - share) / (1.0 - share))?;
         let goal = (target.instance, target.triangle);
@@ -141,11 +142,8 @@ impl StaticLights {
         scratch: &mut Surface,
     ) -> Option<Vec3> {
         let mut through = Vec3::ONE;
-        let mut ray = Ray {
-            lobe: Lobe::Diffuse,
-            from: Some((point.instance, point.triangle)),
-            ..Ray::new(offset_origin(point, direction), direction)
-        };
+        let mut ray = Ray { lobe: Lobe::Diffuse, ..Ray::new(point.position, direction) };
+        start_scattered(&mut ray, tracer.materials, tracer.scene, point);
         if goal.is_none() && !self.any_transparent {
             return (!tracer.bvh.is_blocked(&ray)).then_some(through);
         }
@@ -165,8 +163,7 @@ impl StaticLights {
             if through.max_element() <= 0.0 {
                 return None;
             }
-            ray.origin = offset_origin(&surface_point, direction);
-            ray.from = Some(met);
+            start_at(&mut ray, &surface_point);
         }
         None
     }
@@ -189,11 +186,7 @@ impl Lookup<'_> {
 }
 
 /// `f |cos| / density`, weighted against BSDF sampling; nothing if the surface sends no light that way.
-fn weighted(surface: &Surface, point: &SurfacePoint, direction: Vec3, density: f32) -> Option<Vec3> {
-    // Directions between the true and the shading surface, which BSDF sampling rejects as well.
-    if point.geometric_normal.dot(direction) * point.shading_normal.dot(direction) <= 0.0 {
-        return None;
-    }
+fn weighted(surface: &Surface, direction: Vec3, density: f32) -> Option<Vec3> {
     let (value, pdf) = surface.eval(direction);
     let factor = value * (power_heuristic(density, pdf) / density);
     (factor.is_finite() && factor.max_element() > 0.0).then_some(factor)
@@ -212,12 +205,4 @@ fn power_heuristic(this: f32, other: f32) -> f32 {
     }
     let ratio = other / this;
     1.0 / (1.0 + ratio * ratio)
-}
-
-/// Start of a ray that leaves `point` towards `direction`: a few roundings of the coordinates off the surface, so that
-/// neighbours in the same plane are not met. The triangle itself is left out by [`Ray::from`].
-pub(crate) fn offset_origin(point: &SurfacePoint, direction: Vec3) -> Vec3 {
-    let scale = point.position.abs().max_element().max(point.ray_length);
-    let side = if point.geometric_normal.dot(direction) < 0.0 { -1.0 } else { 1.0 };
-    point.position + point.geometric_normal * (side * scale * (8.0 * f32::EPSILON))
 }

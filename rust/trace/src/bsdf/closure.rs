@@ -2,7 +2,7 @@ use glam::Vec3;
 use relume_dump::Lobe;
 
 use super::frame::{cosine_pdf, sample_cosine};
-use super::normal::bump_shadowing;
+use super::normal::{Reach, Sides, bump_shadowing};
 use super::{AshikhminShirley, Microfacet, OrenNayar, Sheen};
 
 /// One way in which a surface scatters, and how much of it there is.
@@ -51,6 +51,8 @@ pub struct ClosureSample {
     pub singular: bool,
     /// Class of the direction.
     pub lobe: Lobe,
+    /// How far it counts.
+    pub reach: Reach,
 }
 
 impl Closure {
@@ -82,15 +84,9 @@ impl Closure {
     }
 
     /// Chooses a direction; nothing if it is on the wrong side of the surface.
-    pub fn sample(
-        &self,
-        geometric_normal: Vec3,
-        smooth: Vec3,
-        wo: Vec3,
-        u: [f32; 3],
-    ) -> Option<ClosureSample> {
+    pub fn sample(&self, sides: Sides, wo: Vec3, u: [f32; 3]) -> Option<ClosureSample> {
         let (wi, lobe, singular) = match &self.scatter {
-            Scatter::Microfacet(model) => return model.sample(wo, geometric_normal, u),
+            Scatter::Microfacet(model) => return model.sample(wo, sides, u),
             Scatter::Transparent => {
                 return Some(ClosureSample {
                     wi: -wo,
@@ -98,6 +94,7 @@ impl Closure {
                     pdf: 1.0,
                     singular: true,
                     lobe: Lobe::Transmission,
+                    reach: Reach::Path,
                 });
             }
             Scatter::Diffuse | Scatter::OrenNayar(_) => {
@@ -109,15 +106,13 @@ impl Closure {
             }
             Scatter::Sheen(model) => (model.sample([u[0], u[1]]), Lobe::Diffuse, false),
         };
-        let is_transmission = lobe == Lobe::Transmission;
-        if (geometric_normal.dot(wi) < 0.0) != is_transmission {
-            return None;
-        }
+        let reach = sides.reach(wi, lobe == Lobe::Transmission)?;
         if singular {
-            return Some(ClosureSample { wi, value: Vec3::ONE, pdf: 1.0, singular, lobe });
+            let mirrored = ClosureSample { wi, value: Vec3::ONE, pdf: 1.0, singular, lobe, reach };
+            return (reach == Reach::Path).then_some(mirrored);
         }
-        let (value, pdf) = self.eval(smooth, wo, wi);
-        (pdf > 0.0).then_some(ClosureSample { wi, value, pdf, singular, lobe })
+        let (value, pdf) = self.eval(sides.shading, wo, wi);
+        (pdf > 0.0).then_some(ClosureSample { wi, value, pdf, singular, lobe, reach })
     }
 
     /// Estimate of the light that the closure reflects and transmits out of uniform light, weight included.

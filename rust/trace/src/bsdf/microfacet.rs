@@ -12,6 +12,7 @@ use super::distribution::Distribution;
 use super::energy;
 use super::frame::Frame;
 use super::fresnel::{self, F82};
+use super::normal::{Reach, Sides};
 
 /// Which side light can leave to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -177,7 +178,7 @@ impl Microfacet {
     }
 
     /// Chooses a direction; see [`ClosureSample`].
-    pub fn sample(&self, wo_world: Vec3, geometric_normal: Vec3, u: [f32; 3]) -> Option<ClosureSample> {
+    pub fn sample(&self, wo_world: Vec3, sides: Sides, u: [f32; 3]) -> Option<ClosureSample> {
         let wo = self.frame.local(wo_world);
         if wo.z <= 0.0 {
             return None;
@@ -202,14 +203,15 @@ impl Microfacet {
             (h * (2.0 * cos_o) - wo, reflected, reflect_probability)
         };
         let wi_world = self.frame.world(wi).normalize_or_zero();
-        let is_below = geometric_normal.dot(wi_world) < 0.0;
-        if (wi.z < 0.0) != is_transmission || is_below != is_transmission {
+        let reach = sides.reach(wi_world, is_transmission)?;
+        if (wi.z < 0.0) != is_transmission {
             return None;
         }
         let lobe = if is_transmission { Lobe::Transmission } else { Lobe::Glossy };
         if is_smooth || (is_transmission && self.is_unbending()) {
             let value = part * self.energy_scale;
-            return Some(ClosureSample { wi: wi_world, value, pdf: probability, singular: true, lobe });
+            let single = ClosureSample { wi: wi_world, value, pdf: probability, singular: true, lobe, reach };
+            return (reach == Reach::Path).then_some(single);
         }
         let jacobian = if is_transmission {
             let cos_i = -h.dot(wi);
@@ -226,6 +228,7 @@ impl Microfacet {
             pdf: common * probability / (1.0 + lambda_o),
             singular: false,
             lobe,
+            reach,
         })
     }
 }

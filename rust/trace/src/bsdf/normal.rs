@@ -2,6 +2,36 @@
 
 use glam::Vec3;
 
+/// The normals that tell one side of a surface from the other, on the side of the ray that met it.
+#[derive(Clone, Copy, Debug)]
+pub struct Sides {
+    /// The triangle's.
+    pub geometric: Vec3,
+    /// The interpolated one, before any bump.
+    pub shading: Vec3,
+}
+
+/// How far what comes along a sampled direction counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reach {
+    /// The path goes on.
+    Path,
+    /// The direction is between the true and the shading surface: the path ends with it, but lights along it count. As
+    /// in Cycles, which lets light samples but no paths through there.
+    Lights,
+}
+
+impl Sides {
+    /// How far a direction counts that was chosen as reflection or as `transmission`; nothing if it is on the wrong side.
+    pub fn reach(&self, wi: Vec3, transmission: bool) -> Option<Reach> {
+        if (self.geometric.dot(wi) < 0.0) == transmission {
+            Some(Reach::Path)
+        } else {
+            ((self.shading.dot(wi) < 0.0) == transmission).then_some(Reach::Lights)
+        }
+    }
+}
+
 /// Bends `normal` towards the geometric normal until the mirror direction of `wo` is above the surface. Cycles'
 /// construction: with the geometric normal as z and the shading normal in the x-z plane, the requirement that the
 /// mirror direction has height `t` is a quadratic equation in the square of the new normal's z.
@@ -46,6 +76,20 @@ pub fn bump_shadowing(smooth: Vec3, normal: Vec3, wi: Vec3) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn between_the_true_and_the_shading_surface_only_lights_count() {
+        let sides = Sides { geometric: Vec3::Z, shading: Vec3::new(0.6, 0.0, 0.8) };
+        for (wi, reflected, transmitted) in [
+            (Vec3::Z, Some(Reach::Path), None),
+            (Vec3::NEG_Z, None, Some(Reach::Path)),
+            (Vec3::new(0.99, 0.0, -0.1), Some(Reach::Lights), Some(Reach::Path)),
+            (Vec3::new(-0.99, 0.0, 0.1), Some(Reach::Path), Some(Reach::Lights)),
+        ] {
+            assert_eq!(sides.reach(wi, false), reflected, "{wi} reflected");
+            assert_eq!(sides.reach(wi, true), transmitted, "{wi} transmitted");
+        }
+    }
 
     #[test]
     fn bent_normals_reflect_above_the_surface() {

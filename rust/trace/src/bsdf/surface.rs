@@ -1,8 +1,8 @@
 use glam::{Vec3, Vec4};
 use relume_dump::Lobe;
 
-use super::Interface;
 use super::closure::{Closure, Scatter};
+use super::{Interface, Reach, Sides};
 use crate::shading::SurfacePoint;
 
 /// Most closures that one point keeps; further ones are dropped.
@@ -32,6 +32,9 @@ pub struct BsdfSample {
     pub transparent: bool,
     /// Whether `wi` is on the other side of the surface.
     pub transmitted: bool,
+    /// Whether `wi` is between the true and the shading surface: what it meets only lights the surface, see
+    /// [`Reach::Lights`].
+    pub lights_only: bool,
     /// Perceptual roughness (square root of alpha) of the sampled closure; 1 for diffuse ones.
     pub roughness: f32,
 }
@@ -46,8 +49,7 @@ impl BsdfSample {
 pub struct Surface {
     closures: Vec<Closure>,
     wo: Vec3,
-    geometric_normal: Vec3,
-    shading_normal: Vec3,
+    sides: Sides,
     emission: Vec3,
     transparency: Vec3,
     /// Scratch for the values of shader nodes.
@@ -59,8 +61,7 @@ impl Default for Surface {
         Self {
             closures: Vec::with_capacity(MAX_CLOSURES),
             wo: Vec3::Z,
-            geometric_normal: Vec3::Z,
-            shading_normal: Vec3::Z,
+            sides: Sides { geometric: Vec3::Z, shading: Vec3::Z },
             emission: Vec3::ZERO,
             transparency: Vec3::ZERO,
             values: Vec::new(),
@@ -73,8 +74,7 @@ impl Surface {
     pub fn reset(&mut self, point: &SurfacePoint) {
         self.closures.clear();
         self.wo = point.wo;
-        self.geometric_normal = point.geometric_normal;
-        self.shading_normal = point.shading_normal;
+        self.sides = Sides { geometric: point.geometric_normal, shading: point.shading_normal };
         self.emission = Vec3::ZERO;
         self.transparency = Vec3::ZERO;
     }
@@ -106,7 +106,7 @@ impl Surface {
             closure.weight += weight;
             closure.sample_weight += mean;
         } else {
-            self.add(weight, Vec3::ONE, self.shading_normal, Scatter::Transparent);
+            self.add(weight, Vec3::ONE, self.sides.shading, Scatter::Transparent);
         }
     }
 
@@ -153,8 +153,7 @@ impl Surface {
         let (index, remapped) = self.choose(u[2], total)?;
         let closure = &self.closures[index];
         let probability = closure.sample_weight / total;
-        let choice =
-            closure.sample(self.geometric_normal, self.shading_normal, self.wo, [u[0], u[1], remapped])?;
+        let choice = closure.sample(self.sides, self.wo, [u[0], u[1], remapped])?;
         let mut glossy = 0.0;
         let (value, pdf) = if choice.singular {
             let pdf = choice.pdf * probability;
@@ -167,7 +166,7 @@ impl Surface {
             }
             for (other, closure) in self.closures.iter().enumerate() {
                 if other != index {
-                    let (f, density) = closure.eval(self.shading_normal, self.wo, choice.wi);
+                    let (f, density) = closure.eval(self.sides.shading, self.wo, choice.wi);
                     let part = closure.weight * f;
                     if closure.is_glossy() {
                         glossy += part.element_sum();
@@ -203,6 +202,7 @@ impl Surface {
             singular: choice.singular,
             transparent: matches!(closure.scatter, Scatter::Transparent),
             transmitted: choice.lobe == Lobe::Transmission,
+            lights_only: choice.reach == Reach::Lights,
             roughness: if choice.singular { 0.0 } else { closure.roughness() },
         })
     }
@@ -216,7 +216,7 @@ impl Surface {
             return sum;
         }
         for closure in &self.closures {
-            let (f, density) = closure.eval(self.shading_normal, self.wo, wi);
+            let (f, density) = closure.eval(self.sides.shading, self.wo, wi);
             sum.0 += closure.weight * f;
             sum.1 += density * (closure.sample_weight / total);
         }
@@ -232,7 +232,7 @@ impl Surface {
     /// Mean shading normal of the closures, for the denoiser.
     pub fn normal(&self) -> Vec3 {
         let sum: Vec3 = self.closures.iter().map(|closure| closure.normal * closure.sample_weight).sum();
-        sum.normalize_or(self.shading_normal)
+        sum.normalize_or(self.sides.shading)
     }
 
     /// Whether what is seen is mostly a mirror or clear glass, so that the denoiser should look behind it: three

@@ -167,6 +167,22 @@ impl PreparedMaterials {
         self.attributes[mesh as usize].tangents[name].as_deref()
     }
 
+    /// Corners and their unit shading normals of the triangle that `point` is on, in world space; nothing if its mesh is
+    /// flat-shaded.
+    pub(crate) fn smooth_triangle(
+        &self,
+        scene: &Scene,
+        point: &SurfacePoint,
+    ) -> Option<([Vec3; 3], [Vec3; 3])> {
+        let mesh = &scene.meshes[point.mesh as usize];
+        let corner = 3 * point.triangle as usize;
+        let normals: &[Vec3; 3] = mesh.corner_normals.get(corner..corner + 3)?.try_into().ok()?;
+        let world_from_object = scene.instances[point.instance as usize].world_from_object;
+        let corners = mesh.triangles[point.triangle as usize]
+            .map(|vertex| world_from_object.transform_point3(mesh.positions[vertex as usize]));
+        Some((corners, normals.map(|normal| self.world_normal(point.instance, normal))))
+    }
+
     pub(super) fn object_position(&self, instance: u32, world: Vec3) -> Vec3 {
         self.transforms[instance as usize].object_from_world.transform_point3(world)
     }

@@ -153,3 +153,26 @@ fn instances_give_the_paths_of_copied_meshes() {
     let [a, b] = [&a, &b].map(|paths| mean(paths, |path| path.aovs.world).x);
     assert!((a - b).abs() < 0.005, "{a} {b}");
 }
+
+/// A square that is shaded like a dome, seen from above.
+fn dome() -> Scene {
+    let mut scene = stack(vec![diffuse(1.0)]);
+    let mesh = &mut scene.meshes[0];
+    let normal = |vertex: &u32| (mesh.positions[*vertex as usize] + Vec3::Z).normalize();
+    mesh.corner_normals = mesh.triangles.iter().flatten().map(normal).collect();
+    scene.camera = look_at_origin(Vec3::Z * 3.0, 4, 0.6);
+    scene
+}
+
+#[test]
+fn smooth_shading_sees_lights_beyond_the_true_horizon_and_no_path_goes_on_there() {
+    let mut dipping = 0;
+    for path in image_paths(&dome(), &settings(256)).iter().flatten() {
+        let Some(second) = path.segments.get(1) else { continue };
+        if let End::Escape(direction) = second.end {
+            dipping += u32::from(direction.z < 0.0);
+        }
+        assert!(path.segments.len() == 2, "{path:?}");
+    }
+    assert!(dipping > 100, "{dipping}");
+}
