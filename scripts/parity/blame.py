@@ -3,21 +3,22 @@
 import bpy
 import numpy as np
 
-from compare import BLOCK
+from compare import BLOCK, block_difference
 
 
-def worst_materials(scene, difference, count=3):
-    """Names of the materials with the largest mean block difference, with that difference and their share of the
-    picture."""
+def worst_materials(scene, gathers, renders, count=3):
+    """Where two gathers and two Cycles renders differ by more than their noise: names of materials, with their mean block
+    difference, the part of it that noise explains, and their share of the picture."""
+    difference = block_difference(np.mean(gathers, axis=0), np.mean(renders, axis=0)).mean(axis=-1)
+    # A mean of two has half the noise that shows between the two.
+    noise = 0.5 * np.hypot(block_difference(*gathers), block_difference(*renders)).mean(axis=-1)
     by_material = {}
-    blocks_high, blocks_wide = difference.shape[:2]
-    for row in range(blocks_high):
-        for column in range(blocks_wide):
-            name = _material_at(scene, (column + 0.5) * BLOCK, (row + 0.5) * BLOCK)
-            by_material.setdefault(name, []).append(float(difference[row, column].mean()))
-    total = blocks_high * blocks_wide
-    rows = sorted(by_material.items(), key=lambda item: -sum(item[1]))
-    return [f"{name} {np.mean(values):.1%} on {len(values) / total:.0%}" for name, values in rows[:count]]
+    for (row, column), value in np.ndenumerate(difference):
+        name = _material_at(scene, (column + 0.5) * BLOCK, (row + 0.5) * BLOCK)
+        by_material.setdefault(name, []).append((value, noise[row, column]))
+    rows = [(name, *np.mean(pairs, axis=0), len(pairs) / difference.size) for name, pairs in by_material.items()]
+    rows.sort(key=lambda row: (row[2] - row[1]) * row[3])
+    return [f"{name} {value:.1%} (noise {random:.1%}) on {share:.0%}" for name, value, random, share in rows[:count]]
 
 
 def _material_at(scene, x, y):

@@ -1,12 +1,14 @@
 """Gather against Cycles on real scenes, under their own lights and under seeded random lights of every type: `make parity`.
 
-Paths know no lights, so each scene is baked once, without lights, and every light set is only gathered. Both sides use
-the file's bounce limits and pixel filter, no denoiser, no clamping. A second Cycles render with another seed shows how
-much of a difference is Cycles' own noise. Runs in a Python with `bpy` and `relume`.
+Paths know no lights, so each scene is baked without lights, and every light set is only gathered. Both sides use the
+file's bounce limits and pixel filter, no denoiser, no clamping. Each side makes two pictures with different seeds: their
+means are compared, and the difference between the two shows each side's own noise. A run replaces the records of its
+scenes in `parity.json` and keeps the others. Runs in a Python with `bpy` and `relume`.
 """
 
 import argparse
 import json
+import math
 import os
 import sys
 import tempfile
@@ -32,21 +34,26 @@ SCENES = ("cornell_box", "modern_hall", "coffee_maker", "classroom", "kitchen", 
 MEDIAN_LIMIT, P95_LIMIT = 0.02, 0.08
 
 
-def open_scene(path, width):
-    """The file with its own lights, ready for both renderers."""
+def open_scene(path, pixels):
+    """The file with its own lights, ready for both renderers, in its own aspect with whole blocks across."""
     bpy.ops.wm.open_mainfile(filepath=str(path))
     scene = bpy.context.scene
-    render = scene.render
-    cycles_reference.prepare(scene, width, round(width * render.resolution_y / render.resolution_x))
+    aspect = scene.render.resolution_x / scene.render.resolution_y
+    width = round(math.sqrt(pixels * aspect) / compare.BLOCK) * compare.BLOCK
+    cycles_reference.prepare(scene, width, round(width / aspect))
     return scene
 
 
 def bake(scene, samples, folder):
-    """Traces the scene into `folder`; prints warnings."""
-    exported = load_scene(scene)
-    settings = trace_settings(scene, print) | {"samples": samples}
-    report = relume.bake(exported, folder, settings).wait(on_warning=lambda text: print(f"  warning: {text}"))
-    print(f"  baked {report['segments'] / 1e6:.1f} M segments in {report['seconds']:.0f} s", flush=True)
+    """Relighters of two independent bakes in `folder`, of half the samples each; prints warnings."""
+    exported, settings = load_scene(scene), trace_settings(scene, print)
+    relighters = []
+    for seed in (0, 1):
+        job = relume.bake(exported, folder / str(seed), settings | {"samples": samples // 2, "seed": seed})
+        report = job.wait(on_warning=lambda text: print(f"  warning: {text}"))
+        print(f"  baked {report['segments'] / 1e6:.1f} M segments in {report['seconds']:.0f} s", flush=True)
+        relighters.append(relume.Relighter(folder / str(seed)))
+    return relighters
 
 
 def write_pictures(folder, name, ours, cycles):
@@ -70,17 +77,18 @@ def light_sets_of(scene, count):
         light_sets.remove(lights)
 
 
-def parity(scene, name, relighter, seed, args):
+def parity(scene, name, relighters, seed, args):
     """The record of the lights that are in the file now."""
-    ours = relighter.relight(load_scene(scene).lights(), maker="gather", denoise=False)["combined"]
+    lights = load_scene(scene).lights()
+    gathers = [relighter.relight(lights, maker="gather", denoise=False)["combined"] for relighter in relighters]
     start = time.perf_counter()
-    cycles = cycles_reference.render(scene, args.cycles_samples, 2 * seed)
+    renders = [cycles_reference.render(scene, args.cycles_samples // 2, 2 * seed + half) for half in (0, 1)]
     seconds = time.perf_counter() - start
-    again = cycles_reference.render(scene, args.cycles_samples, 2 * seed + 1)
-    mean = (cycles + again) / 2
-    result, noise = compare.summary(ours, mean), compare.summary(again, cycles)
+    ours, cycles = np.mean(gathers, axis=0), np.mean(renders, axis=0)
+    result, noise, gather_noise = (compare.summary(*pair) for pair in ((ours, cycles), renders, gathers))
     within = result["median"] <= MEDIAN_LIMIT and result["p95"] <= P95_LIMIT
-    write_pictures(args.out / "parity", f"{name}_{seed}", ours, mean)
+    write_pictures(args.out / "parity", f"{name}_{seed}", ours, cycles)
+    blamed = [] if within else blame.worst_materials(scene, gathers, renders)
     return {
         "scene": name,
         "seed": seed,
@@ -88,11 +96,13 @@ def parity(scene, name, relighter, seed, args):
         **result,
         "noise_median": noise["median"],
         "noise_p95": noise["p95"],
+        "gather_noise_median": gather_noise["median"],
+        "gather_noise_p95": gather_noise["p95"],
         "samples": args.samples,
-        "cycles_samples": 2 * args.cycles_samples,
+        "cycles_samples": args.cycles_samples,
         "cycles_seconds": seconds,
         "within_limits": within,
-        "materials_to_blame": [] if within else blame.worst_materials(scene, compare.block_difference(ours, mean)),
+        "materials_to_blame": blamed,
     }
 
 
@@ -103,9 +113,9 @@ def main():
     parser.add_argument("--folder", type=Path, default=default_scenes, help="where the scenes are")
     parser.add_argument("--scenes", nargs="+", default=SCENES)
     parser.add_argument("--sets", type=int, default=6, help="light sets for each scene")
-    parser.add_argument("--width", type=int, default=160)
-    parser.add_argument("--samples", type=int, default=2048, help="gathered paths per pixel")
-    parser.add_argument("--cycles-samples", type=int, default=512, help="of each of the two Cycles renders")
+    parser.add_argument("--pixels", type=int, default=6400, help="about how many a picture has")
+    parser.add_argument("--samples", type=int, default=4096, help="gathered paths per pixel, of both bakes together")
+    parser.add_argument("--cycles-samples", type=int, default=512, help="of the two Cycles renders together")
     parser.add_argument("--out", type=Path, default=ROOT / "out")
     args = parser.parse_args()
     folder = Path(args.folder)
@@ -118,12 +128,11 @@ def main():
     for name in args.scenes:
         print(name, flush=True)
         records = [record for record in records if record["scene"] != name]
-        scene = open_scene(folder / f"{name}.blend", args.width)
+        scene = open_scene(folder / f"{name}.blend", args.pixels)
         with tempfile.TemporaryDirectory(prefix="relume-parity-") as baked:
-            bake(scene, args.samples, Path(baked) / "bake")
-            relighter = relume.Relighter(Path(baked) / "bake")
+            relighters = bake(scene, args.samples, Path(baked))
             for seed in light_sets_of(scene, args.sets):
-                record = parity(scene, name, relighter, seed, args)
+                record = parity(scene, name, relighters, seed, args)
                 records.append(record)
                 print(line(record), flush=True)
                 table.write_text(json.dumps(records, indent=1))
@@ -138,6 +147,7 @@ def line(record):
     return (
         f"  {record['scene']:<13} {lights:<10}  median {record['median']:6.2%}  p95 {record['p95']:6.2%}  "
         f"mean {record['mean_ratio']:.4f}  noise of Cycles {record['noise_median']:6.2%} {record['noise_p95']:6.2%}"
+        f"  of gather {record['gather_noise_median']:6.2%} {record['gather_noise_p95']:6.2%}"
         f"{verdict}"
     )
 
