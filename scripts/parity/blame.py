@@ -7,8 +7,8 @@ from compare import BLOCK, block_difference
 
 
 def worst_materials(scene, gathers, renders, count=3):
-    """Where two gathers and two Cycles renders differ by more than their noise: names of materials, with their mean block
-    difference, the part of it that noise explains, and their share of the picture."""
+    """Where two gathers and two Cycles renders differ by more than their noise: names of materials, with their mean
+    block difference, the part of it that noise explains, and their share of the picture."""
     difference = block_difference(np.mean(gathers, axis=0), np.mean(renders, axis=0)).mean(axis=-1)
     # A mean of two has half the noise that shows between the two.
     noise = 0.5 * np.hypot(block_difference(*gathers), block_difference(*renders)).mean(axis=-1)

@@ -1,9 +1,9 @@
-"""Gather against Cycles on real scenes, under their own lights and under seeded random lights of every type: `make parity`.
+"""Gather against Cycles on real scenes, under their own and under seeded random lights of all types: `make parity`.
 
 Paths know no lights, so each scene is baked without lights, and every light set is only gathered. Both sides use the
-file's bounce limits and pixel filter, no denoiser, no clamping. Each side makes two pictures with different seeds: their
-means are compared, and the difference between the two shows each side's own noise. A run replaces the records of its
-scenes in `parity.json` and keeps the others. Runs in a Python with `bpy` and `relume`.
+file's bounce limits and pixel filter, no denoiser, no clamping. Each side makes two pictures with different seeds:
+their means are compared, and the difference between the two shows each side's own noise. A run replaces the records of
+its scenes in `parity.json` and keeps the others. Runs in a Python with `bpy` and `relume`.
 """
 
 import argparse
