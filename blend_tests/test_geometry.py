@@ -5,7 +5,9 @@ import time
 import bpy
 import numpy as np
 import pytest
+from mathutils import Vector
 
+from addon.export.geometry import mesh_arrays
 from helpers import add, add_material, add_quad, affine, exported
 
 
@@ -82,6 +84,16 @@ def test_flat_smooth_and_mixed_shading(scene):
         add(scene, name, mesh)
     out = exported(scene)
     assert {mesh["name"]: mesh["smooth"] for mesh in out["meshes"]} == {"Flat": False, "Smooth": True, "Mixed": True}
+
+
+def test_custom_normals_count_on_flat_faces(scene):
+    mesh = add_quad(scene).data
+    mesh.polygons.foreach_set("use_smooth", [False])
+    normal = Vector((0.6, 0.0, 0.8))
+    mesh.normals_split_custom_set([normal] * 4)
+    arrays = mesh_arrays(mesh)
+    assert "sharp_faces" not in arrays
+    assert np.allclose(arrays["corner_normals"], normal, atol=1e-3)
 
 
 def test_render_uv_map_comes_first(scene):

@@ -45,7 +45,9 @@ def mesh_arrays(mesh: bpy.types.Mesh) -> dict[str, Any]:
         arrays["vertex_normals"] = _collection(mesh.vertex_normals, "vector", (vertices, 3), np.float32)
     elif mesh.normals_domain == "CORNER":
         arrays["corner_normals"] = _collection(mesh.corner_normals, "vector", (corners, 3), np.float32)
-        if _has_attribute(mesh, "sharp_face", "BOOLEAN", "FACE"):
+        # Where sharp faces are flat in Cycles: in older versions, and never against custom normals.
+        is_flat = bpy.app.version < (5, 0) and not mesh.has_custom_normals
+        if is_flat and _has_attribute(mesh, "sharp_face", "BOOLEAN", "FACE"):
             arrays["sharp_faces"] = _attribute(mesh, "sharp_face", "value", faces, np.bool_)
     return arrays
 

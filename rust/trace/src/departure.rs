@@ -16,35 +16,26 @@ pub(crate) fn start_at(ray: &mut Ray, point: &SurfacePoint) {
     ray.from = Some((point.instance, point.triangle));
 }
 
-/// Starts a scattered `ray` at `point`. If it grazes a smooth-shaded triangle it starts on the curved surface that the
-/// triangle stands for, as far above it as Cycles lifts its shadow rays (`kernel/light/sample.h`, `shadow_ray_offset`;
-/// the idea is Hanika's, "Hacking the Shadow Terminator", Ray Tracing Gems II, chapter 4).
-pub(crate) fn start_scattered(
+/// Starts a scattered `ray` at `point` that dips below a smooth-shaded triangle: on the curved surface that the triangle
+/// stands for, as far above it as Cycles lifts its shadow rays (`kernel/light/sample.h`, `shadow_ray_offset`; the idea
+/// is Hanika's, "Hacking the Shadow Terminator", Ray Tracing Gems II, chapter 4). The triangle itself can block it.
+pub(crate) fn start_lifted(
     ray: &mut Ray,
     materials: &PreparedMaterials,
     scene: &Scene,
     point: &SurfacePoint,
 ) {
-    start_at(ray, point);
-    let cutoff = scene.instances[point.instance as usize].shadow_terminator_offset;
-    let cos = point.shading_normal.dot(ray.direction);
-    let side = if cos < 0.0 { -point.geometric_normal } else { point.geometric_normal };
-    let above = side.dot(ray.direction);
-    if cutoff > 0.0
-        && above < cutoff
-        && let Some((corners, normals)) = materials.smooth_triangle(scene, point)
-    {
-        let fade = (1.0 - cos.abs() / cutoff).max(0.0);
-        let amount = (1.0 - above / cutoff + fade).min(1.0);
-        let [v, w] = point.barycentrics;
-        let lift = curved_lift(corners, normals, [1.0 - v - w, v, w], side) * amount;
-        if above <= 0.0 {
-            // The ray may dip into the triangle that it leaves, and then that blocks it.
-            ray.origin = point.position + side * rounding(point);
-            ray.from = None;
-        }
-        ray.origin += lift;
-    }
+    let has_lift = scene.instances[point.instance as usize].shadow_terminator_offset > 0.0;
+    let Some((corners, normals)) = materials.smooth_triangle(scene, point).filter(|_| has_lift) else {
+        start_at(ray, point);
+        return;
+    };
+    let [v, w] = point.barycentrics;
+    let dips_in = point.geometric_normal.dot(ray.direction) < 0.0;
+    let side = if dips_in { point.geometric_normal } else { -point.geometric_normal };
+    let lift = curved_lift(corners, normals, [1.0 - v - w, v, w], side);
+    ray.origin = point.position + side * rounding(point) + lift;
+    ray.from = None;
 }
 
 fn rounding(point: &SurfacePoint) -> f32 {

@@ -8,9 +8,9 @@ use crate::{
     bsdf::Surface,
     bvh::{Ray, SceneBvh},
     camera::CameraSampler,
-    departure::{start_at, start_scattered},
+    departure::{start_at, start_lifted},
     environment::Environment,
-    path::PathState,
+    path::{Horizon, PathState},
     sampler::PixelSampler,
     settings::PathSettings,
     shading::{PreparedMaterials, SurfacePoint},
@@ -94,14 +94,16 @@ impl Integrator<'_> {
                 self.escape(&path, ray.direction, last, &mut features, sink);
                 break;
             };
+            if let Some(horizon) = path.horizon {
+                if (hit.instance, hit.triangle) != horizon.triangle {
+                    let end = End::Vertex(horizon.vertex + ray.direction * hit.distance);
+                    sink.push(path.segment(end));
+                }
+                break;
+            }
             footprint += camera.spread * hit.distance;
             let point = self.materials.surface_point(self.scene, &hit, ray.origin, ray.direction, footprint);
-            sink.push(Segment {
-                end: End::Vertex(point.position),
-                throughput: path.throughput,
-                lobe: path.light_lobe,
-                receiver: path.receiver,
-            });
+            sink.push(path.segment(End::Vertex(point.position)));
             self.materials.evaluate(self.scene, &point, &mut scratch.surface);
             if surface_number == 0 {
                 features.sample.depth = Some(camera.start + hit.distance);
@@ -141,15 +143,13 @@ impl Integrator<'_> {
         features: &mut Features,
         sink: &mut impl PathSink,
     ) {
-        sink.push(Segment {
-            end: End::Escape(direction),
-            throughput: path.throughput,
-            lobe: path.light_lobe,
-            receiver: path.receiver,
-        });
+        sink.push(path.segment(End::Escape(direction)));
         let is_camera = path.lobe == Lobe::Camera;
         if is_camera {
             features.sample.alpha = 1.0 - path.throughput.element_sum() / 3.0;
+        }
+        if path.horizon.is_some() {
+            return;
         }
         let radiance = self.environment.radiance(self.scene, &self.materials, direction, is_camera);
         if radiance != Vec3::ZERO {
@@ -235,15 +235,15 @@ impl Integrator<'_> {
             }
             path.scatter(&sample, limits);
             path.receiver = self.scene.instances[point.instance as usize].receiver;
-            // Cycles meets its own emitters by light samples only where the path cannot go on.
-            let pdf = if sample.lights_only { 0.0 } else { sample.pdf };
-            *last = (!sample.singular).then_some(LastBounce { position: point.position, pdf });
+            *last = (!sample.singular).then_some(LastBounce { position: point.position, pdf: sample.pdf });
         }
         ray.direction = sample.wi;
-        if sample.transparent {
-            start_at(ray, point);
+        if sample.lights_only {
+            start_lifted(ray, &self.materials, self.scene, point);
+            let triangle = (point.instance, point.triangle);
+            path.horizon = Some(Horizon { vertex: point.position, triangle });
         } else {
-            start_scattered(ray, &self.materials, self.scene, point);
+            start_at(ray, point);
         }
         ray.lobe = path.lobe;
         ray.t_max = f32::INFINITY;

@@ -1,7 +1,7 @@
 //! What a path remembers from bounce to bounce, with the rules of Cycles' `kernel/integrator/path_state.h`.
 
 use glam::Vec3;
-use relume_dump::Lobe;
+use relume_dump::{End, Lobe, Segment};
 
 use crate::{bsdf::BsdfSample, settings::BounceLimits};
 
@@ -17,6 +17,8 @@ pub(crate) struct PathState {
     /// Receiver number of the object that the path last scattered at; transparent surfaces do not change it, so that
     /// light linking works through them (Cycles' `mis_ray_object`).
     pub receiver: u16,
+    /// Set where the current segment is between the true and the shading surface ([`crate::bsdf::Reach::Lights`]).
+    pub horizon: Option<Horizon>,
     /// Smallest density of the path's directions so far (Filter Glossy).
     pub min_pdf: f32,
     bounces: u32,
@@ -32,6 +34,15 @@ pub(crate) struct PathState {
     ends_on_surface: bool,
 }
 
+/// Where a path ends that dips below the true surface: only lights along its last segment count.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Horizon {
+    /// The vertex that the path left, from which lights are seen; what blocks them is seen from above it.
+    pub vertex: Vec3,
+    /// Instance and triangle of that vertex.
+    pub triangle: (u32, u32),
+}
+
 impl PathState {
     /// A path that leaves the camera.
     pub fn new() -> Self {
@@ -40,6 +51,7 @@ impl PathState {
             lobe: Lobe::Camera,
             light_lobe: Lobe::Camera,
             receiver: 0,
+            horizon: None,
             min_pdf: f32::INFINITY,
             bounces: 0,
             diffuse: 0,
@@ -50,6 +62,11 @@ impl PathState {
             last_surface: false,
             ends_on_surface: false,
         }
+    }
+
+    /// The current segment, which ends at `end`.
+    pub fn segment(&self, end: End) -> Segment {
+        Segment { end, throughput: self.throughput, lobe: self.light_lobe, receiver: self.receiver }
     }
 
     /// Whether the path is on the first surface after the camera.
@@ -99,7 +116,7 @@ impl PathState {
             _ => (&mut self.glossy, limits.glossy),
         };
         *count += 1;
-        self.last_surface |= *count > limit || self.bounces > limits.total || sample.lights_only;
+        self.last_surface |= *count > limit || self.bounces > limits.total;
     }
 }
 

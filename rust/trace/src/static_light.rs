@@ -10,7 +10,7 @@ use relume_scene::Scene;
 use crate::{
     bsdf::Surface,
     bvh::{Ray, SceneBvh},
-    departure::{start_at, start_scattered},
+    departure::start_at,
     emitters::{Emitters, may_be_transparent},
     environment::Environment,
     shading::{Hit, PreparedMaterials, SurfacePoint},
@@ -111,7 +111,7 @@ impl StaticLights {
         let share = self.environment_share();
         if u[3] < share {
             let (direction, density) = tracer.environment.sample([u[0], u[1], u[2]])?;
-            let factor = weighted(surface, direction, density * share)?;
+            let factor = weighted(surface, point, direction, density * share)?;
             let radiance = tracer.environment.radiance(tracer.scene, tracer.materials, direction, false);
             let factor = factor / survival(throughput * factor * radiance, u[3] / share)?;
             let through = self.transmittance(tracer, point, direction, None, scratch)?;
@@ -123,7 +123,7 @@ impl StaticLights {
         let direction = towards.try_normalize()?;
         let cos = target.normal.dot(direction).abs();
         let density = target.area_density * (1.0 - share) * distance_squared / cos;
-        let factor = weighted(surface, direction, density)?;
+        let factor = weighted(surface, point, direction, density)?;
         let factor =
             factor / survival(throughput * factor * target.brightness, (u[3] - share) / (1.0 - share))?;
         let goal = (target.instance, target.triangle);
@@ -143,7 +143,7 @@ impl StaticLights {
     ) -> Option<Vec3> {
         let mut through = Vec3::ONE;
         let mut ray = Ray { lobe: Lobe::Diffuse, ..Ray::new(point.position, direction) };
-        start_scattered(&mut ray, tracer.materials, tracer.scene, point);
+        start_at(&mut ray, point);
         if goal.is_none() && !self.any_transparent {
             return (!tracer.bvh.is_blocked(&ray)).then_some(through);
         }
@@ -186,7 +186,11 @@ impl Lookup<'_> {
 }
 
 /// `f |cos| / density`, weighted against BSDF sampling; nothing if the surface sends no light that way.
-fn weighted(surface: &Surface, direction: Vec3, density: f32) -> Option<Vec3> {
+fn weighted(surface: &Surface, point: &SurfacePoint, direction: Vec3, density: f32) -> Option<Vec3> {
+    // Directions between the true and the shading surface, which only the lights of the dump are met in.
+    if point.geometric_normal.dot(direction) * point.shading_normal.dot(direction) <= 0.0 {
+        return None;
+    }
     let (value, pdf) = surface.eval(direction);
     let factor = value * (power_heuristic(density, pdf) / density);
     (factor.is_finite() && factor.max_element() > 0.0).then_some(factor)
