@@ -124,7 +124,7 @@ def main():
     parser.add_argument("--out", type=Path, default=ROOT / "out")
     parser.add_argument("--scenes", nargs="+", default=["cornell_box", "kitchen", "modern_hall"])
     parser.add_argument("--types", nargs="+", default=["sphere", "quad"])
-    parser.add_argument("--seconds", nargs="+", type=float, default=[10.0, 30.0, 90.0], help="training times")
+    parser.add_argument("--seconds", nargs="+", type=float, default=[8.0, 24.0, 72.0], help="training times")
     parser.add_argument("--samples", type=int, default=512, help="samples of the bake that is trained on")
     parser.add_argument("--reference-samples", type=int, default=4096)
     parser.add_argument("--lights", type=int, default=100)

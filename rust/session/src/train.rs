@@ -29,7 +29,7 @@ pub struct TrainSettings {
     /// What counts as a second.
     pub clock: Clock,
     /// Train on the earlier half of each pixel's paths and measure on the later half, which is independent of it;
-    /// otherwise train on all paths, show their noise too on the way, and measure nothing at the end.
+    /// otherwise train on all paths and measure nothing.
     pub half_for_measuring: bool,
 }
 
@@ -150,7 +150,7 @@ pub fn train(
     let mut run = Run { trainer, settings, out, state, trained, filled, curve: Vec::new(), samples_before };
     run.steps(&training, &held_out, monitor)?;
     // The last figures belong to the last weights, wherever the training was interrupted.
-    if run.trainer.done() {
+    if settings.half_for_measuring && run.trainer.done() {
         run.trainer.validate(&held_out)?;
     }
     run.save()?;
@@ -244,7 +244,7 @@ impl Run<'_> {
                 None => format!("{} blocks of targets to gather", report.missing),
             };
             stage.set(self.units_done(), &message);
-            if self.progress() >= next_measure {
+            if self.settings.half_for_measuring && self.progress() >= next_measure {
                 next_measure += 1.0 / CURVE_POINTS;
                 self.add_curve_point(held_out, &stage)?;
             }
