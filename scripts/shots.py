@@ -57,12 +57,12 @@ def shot(blend, out, args):
 
 def overview(rows, path):
     """One picture of all, a shot a row."""
-    rows = [[Image.open(picture).convert("RGB") for picture in row] for row in rows]
+    rows = [[Image.open(picture).convert("RGBA") for picture in row] for row in rows]
     sheet = Image.new("RGB", (max(3 * row[0].width for row in rows), sum(row[0].height for row in rows)))
     y = 0
     for row in rows:
         for column, picture in enumerate(row):
-            sheet.paste(picture, (column * picture.width, y))
+            sheet.paste(picture, (column * picture.width, y), mask=picture)
         y += row[0].height
     sheet.save(path)
 
