@@ -66,7 +66,8 @@ macro_rules! define_kernels {
                         }
                     }
                     w = w.add(ROWS);
-                    x = x.add(LANES);
+                    // After the last row this may lie beyond the end, where `add` must not go.
+                    x = x.wrapping_add(LANES);
                 }
                 for r in 0..R {
                     for c in 0..C {
