@@ -108,7 +108,9 @@ pub fn evaluate(
 
 fn bake_of(relighter: &Relighter) -> Result<&Gather, SessionError> {
     relighter.gather().ok_or_else(|| {
-        SessionError::Settings("the reference is a folder of proxies; give one with a bake".into())
+        SessionError::Settings(
+            "a folder to measure against holds proxies but no bake; give one with a bake".into(),
+        )
     })
 }
 
@@ -118,7 +120,7 @@ fn check_size(proxy: &Proxy, bake: &Relighter) -> Result<(), SessionError> {
         return Ok(());
     }
     let reason = format!(
-        "the proxy is for {width} x {height} pixels, the reference has {} x {}",
+        "the proxy is for {width} x {height} pixels, the bake to measure against has {} x {}",
         camera.width, camera.height
     );
     Err(SessionError::Settings(reason))
