@@ -1,0 +1,153 @@
+use std::marker::PhantomData;
+use std::ops::Range;
+use std::sync::Arc;
+
+use bytemuck::{NoUninit, Pod};
+
+use crate::device::Memory;
+use crate::{Gpu, GpuError};
+
+/// Values on the GPU, for kernels to read and write. Its bytes count against the memory budget until it is dropped.
+#[derive(Debug)]
+pub struct Buffer<T> {
+    pub(crate) raw: wgpu::Buffer,
+    len: usize,
+    bytes: u64,
+    memory: Arc<Memory>,
+    values: PhantomData<T>,
+}
+
+/// A buffer, or a part of it, for a kernel.
+#[derive(Clone, Copy, Debug)]
+pub struct Binding<'a> {
+    pub(crate) raw: &'a wgpu::Buffer,
+    /// Bytes.
+    pub(crate) range: (u64, u64),
+}
+
+impl<T> Buffer<T> {
+    /// Values.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Whether it holds nothing.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// All of it.
+    pub fn whole(&self) -> Binding<'_> {
+        Binding { raw: &self.raw, range: (0, self.bytes) }
+    }
+
+    /// Some of its values; the first must lie at a multiple of [`crate::Limits::binding_alignment`].
+    ///
+    /// # Panics
+    /// If the range is empty or does not lie in the buffer.
+    pub fn part(&self, range: Range<usize>) -> Binding<'_> {
+        assert!(range.start < range.end && range.end <= self.len, "{range:?} of {} values", self.len);
+        let size = size_of::<T>() as u64;
+        Binding {
+            raw: &self.raw,
+            range: (range.start as u64 * size, (range.end - range.start) as u64 * size),
+        }
+    }
+}
+
+impl<T> Drop for Buffer<T> {
+    fn drop(&mut self) {
+        self.memory.give_back(self.bytes);
+    }
+}
+
+impl Gpu {
+    /// A buffer of `len` zeros; of one if `len` is 0, since an empty one cannot be bound.
+    ///
+    /// # Errors
+    /// If it does not fit into the budget, the device or its limits, or the device was lost.
+    pub fn zeros<T: NoUninit>(&self, label: &str, len: usize) -> Result<Buffer<T>, GpuError> {
+        let bytes = (len.max(1) as u64 * size_of::<T>() as u64).next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT);
+        let limit = self.limits().buffer;
+        if bytes > limit {
+            return Err(GpuError::TooLarge { what: label.to_owned(), limit: limit >> 20 });
+        }
+        self.check()?;
+        let free = self.free_memory() >> 20;
+        self.memory().take(label, bytes)?;
+        let scope = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
+        let raw = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some(label),
+            size: bytes,
+            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        // Counted from here on: dropped with an error it is given back.
+        let buffer = Buffer { raw, len, bytes, memory: Arc::clone(self.memory()), values: PhantomData };
+        match pollster::block_on(scope.pop()) {
+            None => self.check().map(|()| buffer),
+            Some(_) => {
+                let wanted = bytes.div_ceil(1 << 20);
+                Err(GpuError::OutOfMemory { what: label.to_owned(), wanted, free })
+            }
+        }
+    }
+
+    /// A buffer with these values.
+    ///
+    /// # Errors
+    /// As [`Gpu::zeros`].
+    pub fn buffer_of<T: NoUninit>(&self, label: &str, values: &[T]) -> Result<Buffer<T>, GpuError> {
+        let buffer = self.zeros(label, values.len())?;
+        self.write(&buffer, 0, values);
+        Ok(buffer)
+    }
+
+    /// Replaces the values from `first` on, after all that has been submitted so far.
+    ///
+    /// # Panics
+    /// If they do not lie in the buffer, or are not whole multiples of four bytes.
+    pub fn write<T: NoUninit>(&self, buffer: &Buffer<T>, first: usize, values: &[T]) {
+        assert!(first + values.len() <= buffer.len, "{} values at {first} of {}", values.len(), buffer.len);
+        if !values.is_empty() {
+            let offset = first as u64 * size_of::<T>() as u64;
+            self.queue.write_buffer(&buffer.raw, offset, bytemuck::cast_slice(values));
+        }
+    }
+
+    /// Copies values to the CPU, after all that has been submitted so far.
+    ///
+    /// # Errors
+    /// If the device was lost, or has not the memory.
+    ///
+    /// # Panics
+    /// If the range does not lie in the buffer, or is not whole multiples of four bytes.
+    pub fn read<T: Pod>(&self, buffer: &Buffer<T>, range: Range<usize>) -> Result<Vec<T>, GpuError> {
+        assert!(range.start <= range.end && range.end <= buffer.len, "{range:?} of {} values", buffer.len);
+        if range.is_empty() {
+            return Ok(Vec::new());
+        }
+        self.check()?;
+        let size = size_of::<T>() as u64;
+        let (start, bytes) = (range.start as u64 * size, range.len() as u64 * size);
+        let staging = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("read back"),
+            size: bytes,
+            usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        encoder.copy_buffer_to_buffer(&buffer.raw, start, &staging, 0, bytes);
+        self.queue.submit([encoder.finish()]);
+        let (sender, receiver) = std::sync::mpsc::channel();
+        staging.map_async(wgpu::MapMode::Read, .., move |result| {
+            // The receiver waits below; if it has gone, nobody wants the answer.
+            let _ = sender.send(result);
+        });
+        self.wait()?;
+        let lost = |reason: String| GpuError::Lost(reason);
+        receiver.recv().map_err(|error| lost(error.to_string()))?.map_err(|error| lost(error.to_string()))?;
+        let mapped = staging.get_mapped_range(..).map_err(|error| lost(error.to_string()))?;
+        Ok(bytemuck::pod_collect_to_vec(&mapped))
+    }
+}

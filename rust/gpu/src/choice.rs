@@ -1,0 +1,98 @@
+use std::sync::OnceLock;
+
+use crate::GpuError;
+
+/// Which GPU to take.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
+pub enum GpuChoice {
+    /// The best: discrete before integrated before virtual. Software drivers only if there is nothing else.
+    #[default]
+    Best,
+    /// The best, but no software driver: the native kernels for the CPU are several times faster than those.
+    BestHardware,
+    /// The first whose name contains this, in any case.
+    Named(String),
+}
+
+/// What the user is told about a GPU.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AdapterSummary {
+    /// As its driver calls it.
+    pub name: String,
+    /// `Vulkan`, `Metal` or `DX12`.
+    pub backend: String,
+    /// Driver and version.
+    pub driver: String,
+    /// Whether it is the CPU under a graphics API.
+    pub software: bool,
+}
+
+impl AdapterSummary {
+    pub(crate) fn new(info: &wgpu::AdapterInfo) -> Self {
+        Self {
+            name: info.name.clone(),
+            backend: format!("{:?}", info.backend),
+            driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
+            software: info.device_type == wgpu::DeviceType::Cpu,
+        }
+    }
+}
+
+/// All GPUs, the best first.
+pub fn adapters() -> Vec<AdapterSummary> {
+    sorted_adapters().iter().map(|adapter| AdapterSummary::new(&adapter.get_info())).collect()
+}
+
+pub(crate) fn choose(choice: &GpuChoice) -> Result<wgpu::Adapter, GpuError> {
+    let mut adapters = sorted_adapters();
+    if adapters.is_empty() {
+        return Err(GpuError::NoAdapter);
+    }
+    let names: Vec<String> = adapters.iter().map(|adapter| adapter.get_info().name).collect();
+    let position = match choice {
+        GpuChoice::Best => Some(0),
+        GpuChoice::BestHardware => {
+            let hardware = |adapter: &wgpu::Adapter| adapter.get_info().device_type != wgpu::DeviceType::Cpu;
+            return adapters.into_iter().find(hardware).ok_or(GpuError::NoAdapter);
+        }
+        GpuChoice::Named(wanted) => {
+            names.iter().position(|name| name.to_lowercase().contains(&wanted.to_lowercase()))
+        }
+    };
+    match (position, choice) {
+        (Some(position), _) => Ok(adapters.swap_remove(position)),
+        (None, GpuChoice::Named(wanted)) => {
+            Err(GpuError::NotFound { wanted: wanted.clone(), found: names.join(", ") })
+        }
+        (None, _) => Err(GpuError::NoAdapter),
+    }
+}
+
+fn sorted_adapters() -> Vec<wgpu::Adapter> {
+    let mut adapters = pollster::block_on(instance().enumerate_adapters(BACKENDS));
+    adapters.sort_by_key(|adapter| match adapter.get_info().device_type {
+        wgpu::DeviceType::DiscreteGpu => 0,
+        wgpu::DeviceType::IntegratedGpu => 1,
+        wgpu::DeviceType::VirtualGpu => 2,
+        wgpu::DeviceType::Other => 3,
+        wgpu::DeviceType::Cpu => 4,
+    });
+    adapters
+}
+
+/// Never OpenGL: it makes its context current on the calling thread, which ends Blender.
+const BACKENDS: wgpu::Backends =
+    wgpu::Backends::VULKAN.union(wgpu::Backends::METAL).union(wgpu::Backends::DX12);
+
+fn instance() -> &'static wgpu::Instance {
+    static INSTANCE: OnceLock<wgpu::Instance> = OnceLock::new();
+    INSTANCE.get_or_init(|| {
+        let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+        descriptor.backends = BACKENDS;
+        // Indirect dispatches are not used, and their validation would cap buffers at 4 GiB.
+        descriptor.flags.remove(wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL);
+        // An error that can be reported, before the driver takes the whole device away.
+        descriptor.memory_budget_thresholds.for_resource_creation = Some(95);
+        wgpu::Instance::new(descriptor)
+    })
+}

@@ -1,0 +1,270 @@
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use crate::choice::choose;
+use crate::{AdapterSummary, GpuChoice, GpuError};
+
+/// Bytes of arguments that a dispatch may carry ([`crate::Commands::run`]); every back end has them.
+pub(crate) const IMMEDIATES: u32 = 64;
+/// Share of the device's memory that is ours if the user sets no budget: others draw on the same card.
+const DEFAULT_SHARE: f64 = 0.7;
+/// Budget where the driver does not say how much memory there is.
+const UNKNOWN_MEMORY: u64 = 4 << 30;
+
+/// A GPU. Cheap to share; every call may come from any thread.
+#[derive(Debug)]
+pub struct Gpu {
+    pub(crate) device: wgpu::Device,
+    pub(crate) queue: wgpu::Queue,
+    summary: AdapterSummary,
+    limits: Limits,
+    features: wgpu::Features,
+    memory: Arc<Memory>,
+    trouble: Arc<Mutex<Trouble>>,
+    kernels: Mutex<HashMap<String, wgpu::ShaderModule>>,
+}
+
+/// What kernels and buffers of a GPU may be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Bytes of a buffer, all of which can be bound.
+    pub buffer: u64,
+    /// Bytes of workgroup memory.
+    pub workgroup_memory: u32,
+    /// Invocations of a workgroup.
+    pub invocations: u32,
+    /// Multiple that the start of a bound part of a buffer has to be of, bytes.
+    pub binding_alignment: u64,
+    /// Smallest and largest subgroup, or none if kernels cannot see them.
+    pub subgroup: Option<(u32, u32)>,
+    /// 16-bit floats in kernels.
+    pub f16: bool,
+    /// Atomic additions of 32-bit floats.
+    pub float_atomics: bool,
+    /// 16x16 matrices of 16-bit floats that a subgroup multiplies at once.
+    pub matrices: bool,
+    /// Times on the device.
+    pub timestamps: bool,
+}
+
+/// Bytes of our buffers. Shared with each of them.
+#[derive(Debug)]
+pub(crate) struct Memory {
+    used: AtomicU64,
+    budget: AtomicU64,
+}
+
+/// What went wrong since the last check.
+#[derive(Debug, Default)]
+struct Trouble {
+    lost: Option<String>,
+    refused: Option<String>,
+}
+
+impl Gpu {
+    /// The process's device of this choice: the one that is open, or a new one if there is none or it was lost.
+    ///
+    /// # Errors
+    /// As [`Gpu::open`].
+    pub fn shared(choice: &GpuChoice) -> Result<Arc<Self>, GpuError> {
+        static OPEN: Mutex<Option<HashMap<GpuChoice, Arc<Gpu>>>> = Mutex::new(None);
+        let mut open = OPEN.lock().unwrap_or_else(PoisonError::into_inner);
+        let open = open.get_or_insert_default();
+        if let Some(gpu) = open.get(choice).filter(|gpu| gpu.check().is_ok()) {
+            return Ok(Arc::clone(gpu));
+        }
+        let gpu = Self::open(choice)?;
+        open.insert(choice.clone(), Arc::clone(&gpu));
+        Ok(gpu)
+    }
+
+    /// Opens a device, on a thread of its own: drivers leave things on the thread that opens them, and in Blender the
+    /// caller's may be the one that draws.
+    ///
+    /// # Errors
+    /// If there is none, or none that is suitable.
+    pub fn open(choice: &GpuChoice) -> Result<Arc<Self>, GpuError> {
+        let choice = choice.clone();
+        let thread = std::thread::Builder::new().name("relume-gpu".into());
+        let opened = thread.spawn(move || Self::open_here(&choice)).map(std::thread::JoinHandle::join);
+        match opened {
+            Ok(Ok(result)) => result,
+            Ok(Err(_)) => Err(GpuError::Lost("its driver failed while it was opened".into())),
+            Err(error) => Err(GpuError::Lost(format!("no thread to open it on: {error}"))),
+        }
+    }
+
+    fn open_here(choice: &GpuChoice) -> Result<Arc<Self>, GpuError> {
+        let adapter = choose(choice)?;
+        let info = adapter.get_info();
+        let unsuitable = |missing: String| GpuError::Unsuitable { adapter: info.name.clone(), missing };
+        if !adapter.features().contains(wgpu::Features::IMMEDIATES) {
+            return Err(unsuitable("its driver has no push constants".into()));
+        }
+        let features = adapter.features() & wanted_features();
+        let descriptor = wgpu::DeviceDescriptor {
+            label: Some("relume"),
+            required_features: features,
+            required_limits: adapter.limits(),
+            // SAFETY: cooperative matrices are only used by kernels whose results are compared with those of the plain
+            // ones; nothing else that is experimental is asked for.
+            experimental_features: unsafe { wgpu::ExperimentalFeatures::enabled() },
+            ..Default::default()
+        };
+        let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
+            .map_err(|error| unsuitable(error.to_string()))?;
+        let trouble = Arc::new(Mutex::new(Trouble::default()));
+        watch(&device, &trouble);
+        let memory = Arc::new(Memory { used: 0.into(), budget: default_budget(&adapter).into() });
+        let limits = limits(&adapter, features);
+        let kernels = Mutex::default();
+        let summary = AdapterSummary::new(&info);
+        Ok(Arc::new(Self { device, queue, summary, limits, features, memory, trouble, kernels }))
+    }
+
+    /// What the user is told about it.
+    pub fn summary(&self) -> &AdapterSummary {
+        &self.summary
+    }
+
+    /// What its kernels and buffers may be.
+    pub fn limits(&self) -> &Limits {
+        &self.limits
+    }
+
+    pub(crate) fn features(&self) -> wgpu::Features {
+        self.features
+    }
+
+    pub(crate) fn memory(&self) -> &Arc<Memory> {
+        &self.memory
+    }
+
+    /// Bytes that our buffers may still take.
+    pub fn free_memory(&self) -> u64 {
+        self.memory.budget.load(Ordering::Relaxed).saturating_sub(self.memory.used.load(Ordering::Relaxed))
+    }
+
+    /// Sets how many bytes all our buffers together may take.
+    pub fn set_memory_budget(&self, bytes: u64) {
+        self.memory.budget.store(bytes, Ordering::Relaxed);
+    }
+
+    /// Whether the device still works and has taken all commands so far.
+    ///
+    /// # Errors
+    /// [`GpuError::Lost`] from the loss of the device on; [`GpuError::Refused`] once for commands that were refused.
+    pub fn check(&self) -> Result<(), GpuError> {
+        let mut trouble = self.trouble.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(reason) = &trouble.lost {
+            return Err(GpuError::Lost(reason.clone()));
+        }
+        trouble.refused.take().map_or(Ok(()), |reason| Err(GpuError::Refused(reason)))
+    }
+
+    /// Waits until all that was submitted is done.
+    ///
+    /// # Errors
+    /// As [`Gpu::check`].
+    pub fn wait(&self) -> Result<(), GpuError> {
+        let polled = self.device.poll(wgpu::PollType::wait_indefinitely());
+        self.check()?;
+        polled.map(|_| ()).map_err(|error| GpuError::Lost(error.to_string()))
+    }
+
+    /// Takes the device away, as a driver reset would: for tests of what happens then.
+    pub fn lose(&self) {
+        self.device.destroy();
+        let _ = self.device.poll(wgpu::PollType::Poll);
+    }
+
+    /// Compiled modules by name.
+    pub(crate) fn kernels(&self) -> &Mutex<HashMap<String, wgpu::ShaderModule>> {
+        &self.kernels
+    }
+}
+
+impl Memory {
+    /// Counts a new buffer, if it fits.
+    pub fn take(&self, what: &str, bytes: u64) -> Result<(), GpuError> {
+        let budget = self.budget.load(Ordering::Relaxed);
+        let fits = |used: u64| used.checked_add(bytes).filter(|&sum| sum <= budget);
+        self.used.fetch_update(Ordering::Relaxed, Ordering::Relaxed, fits).map(|_| ()).map_err(|used| {
+            GpuError::OutOfMemory {
+                what: what.to_owned(),
+                wanted: bytes.div_ceil(1 << 20),
+                free: budget.saturating_sub(used) >> 20,
+            }
+        })
+    }
+
+    pub fn give_back(&self, bytes: u64) {
+        self.used.fetch_sub(bytes, Ordering::Relaxed);
+    }
+}
+
+fn wanted_features() -> wgpu::Features {
+    wgpu::Features::IMMEDIATES
+        | wgpu::Features::SHADER_F16
+        | wgpu::Features::SUBGROUP
+        | wgpu::Features::SHADER_FLOAT32_ATOMIC
+        | wgpu::Features::TIMESTAMP_QUERY
+        | wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS
+        | wgpu::Features::EXPERIMENTAL_COOPERATIVE_MATRIX
+}
+
+fn limits(adapter: &wgpu::Adapter, features: wgpu::Features) -> Limits {
+    let (limits, info) = (adapter.limits(), adapter.get_info());
+    let subgroup = (info.subgroup_min_size, info.subgroup_max_size);
+    let is_half_16 = |matrix: &wgpu::CooperativeMatrixProperties| {
+        let half = wgpu::CooperativeScalarType::F16;
+        (matrix.m_size, matrix.n_size, matrix.k_size) == (16, 16, 16)
+            && matrix.ab_type == half
+            && matrix.cr_type == half
+    };
+    Limits {
+        buffer: limits.max_buffer_size.min(limits.max_storage_buffer_binding_size),
+        workgroup_memory: limits.max_compute_workgroup_storage_size,
+        invocations: limits.max_compute_invocations_per_workgroup,
+        binding_alignment: u64::from(limits.min_storage_buffer_offset_alignment),
+        subgroup: features.contains(wgpu::Features::SUBGROUP).then_some(subgroup),
+        f16: features.contains(wgpu::Features::SHADER_F16),
+        float_atomics: features.contains(wgpu::Features::SHADER_FLOAT32_ATOMIC),
+        matrices: features.contains(wgpu::Features::EXPERIMENTAL_COOPERATIVE_MATRIX)
+            && adapter.cooperative_matrix_properties().iter().any(is_half_16),
+        timestamps: features.contains(wgpu::Features::TIMESTAMP_QUERY),
+    }
+}
+
+/// Notes what the driver says between calls.
+fn watch(device: &wgpu::Device, trouble: &Arc<Mutex<Trouble>>) {
+    let noted = Arc::clone(trouble);
+    device.set_device_lost_callback(move |reason, message| {
+        let mut trouble = noted.lock().unwrap_or_else(PoisonError::into_inner);
+        trouble.lost.get_or_insert_with(|| format!("{reason:?}: {message}"));
+    });
+    let noted = Arc::clone(trouble);
+    device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
+        let mut trouble = noted.lock().unwrap_or_else(PoisonError::into_inner);
+        trouble.refused.get_or_insert_with(|| error.to_string());
+    }));
+}
+
+fn default_budget(adapter: &wgpu::Adapter) -> u64 {
+    device_memory(adapter).map_or(UNKNOWN_MEMORY, |bytes| (bytes as f64 * DEFAULT_SHARE) as u64)
+}
+
+/// Bytes of the largest heap on the device itself; nothing where the back end does not say.
+fn device_memory(adapter: &wgpu::Adapter) -> Option<u64> {
+    // SAFETY: the handles are only asked a question, while the guard keeps the adapter alive.
+    let properties = unsafe {
+        let adapter = adapter.as_hal::<wgpu::hal::api::Vulkan>()?;
+        let instance = adapter.shared_instance().raw_instance();
+        instance.get_physical_device_memory_properties(adapter.raw_physical_device())
+    };
+    let heaps = properties.memory_heaps.iter().take(properties.memory_heap_count as usize);
+    /// `VK_MEMORY_HEAP_DEVICE_LOCAL_BIT`.
+    const DEVICE_LOCAL: u32 = 1;
+    heaps.filter(|heap| heap.flags.as_raw() & DEVICE_LOCAL != 0).map(|heap| heap.size).max()
+}

@@ -1,0 +1,63 @@
+/// What can go wrong on a GPU. Each message names the next step.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum GpuError {
+    /// No driver, or only drivers of back ends that are not used.
+    #[error(
+        "no GPU was found: install the driver of your graphics card and, on Linux, the Vulkan loader (libvulkan1); or \
+         use --device cpu"
+    )]
+    NoAdapter,
+    /// No adapter of this name.
+    #[error("no GPU is called '{wanted}'; there are: {found}; or use --device cpu")]
+    NotFound {
+        /// What was asked for.
+        wanted: String,
+        /// Names of those that there are.
+        found: String,
+    },
+    /// The driver lacks what every kernel needs.
+    #[error("{adapter} cannot be used: {missing}; update its driver, or use --device cpu")]
+    Unsuitable {
+        /// Name of the adapter.
+        adapter: String,
+        /// What it lacks.
+        missing: String,
+    },
+    /// A buffer does not fit into the memory budget, or into what the driver has left.
+    #[error(
+        "not enough GPU memory for {what}: {wanted} MiB are needed, {free} MiB are free of the budget; raise \
+         --gpu-memory, close other programs, or use --device cpu"
+    )]
+    OutOfMemory {
+        /// Label of the buffer.
+        what: String,
+        /// Mebibytes, rounded up.
+        wanted: u64,
+        /// Mebibytes, rounded down.
+        free: u64,
+    },
+    /// A single buffer above the driver's limit.
+    #[error("{what} is larger than a buffer of this GPU can be ({limit} MiB); use --device cpu")]
+    TooLarge {
+        /// Label of the buffer.
+        what: String,
+        /// Mebibytes.
+        limit: u64,
+    },
+    /// The driver reset the device, or it was removed. Everything on it is gone.
+    #[error("the GPU was lost ({0}); start again, or use --device cpu")]
+    Lost(String),
+    /// A WGSL module that this driver does not take.
+    #[error(
+        "the GPU's driver refuses the shader {module}: {reason}; please report this, and use --device cpu"
+    )]
+    Shader {
+        /// Name of the module.
+        module: String,
+        /// What the compiler said.
+        reason: String,
+    },
+    /// A mistake of ours that the validation found.
+    #[error("the GPU refused a command: {0}; please report this, and use --device cpu")]
+    Refused(String),
+}

@@ -1,0 +1,131 @@
+use std::fmt::Write as _;
+use std::sync::PoisonError;
+
+use crate::device::IMMEDIATES;
+use crate::{Binding, Gpu, GpuError, modules};
+
+/// An entry point of a module, compiled. Its buffers are bindings 0, 1, 2 ... of group 0.
+#[derive(Debug)]
+pub struct Kernel {
+    pipeline: wgpu::ComputePipeline,
+    device: wgpu::Device,
+    label: String,
+}
+
+/// A kernel with its buffers. Keeps them alive on the device.
+#[derive(Debug)]
+pub struct Bound {
+    pub(crate) pipeline: wgpu::ComputePipeline,
+    pub(crate) group: wgpu::BindGroup,
+}
+
+impl Gpu {
+    /// Compiles an entry point of a module of `shaders/`, with these values of its constants. The module is compiled once a
+    /// device.
+    ///
+    /// # Errors
+    /// If the driver refuses it, or the device was lost.
+    pub fn kernel(&self, module: &str, entry: &str, constants: &[(&str, u32)]) -> Result<Kernel, GpuError> {
+        self.check()?;
+        let shader = self.module(module, constants)?;
+        let scope = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
+        let internal = self.device.push_error_scope(wgpu::ErrorFilter::Internal);
+        let label = format!("{module}: {entry}");
+        let pipeline = self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(&label),
+            layout: None,
+            module: &shader,
+            entry_point: Some(entry),
+            compilation_options: wgpu::PipelineCompilationOptions {
+                zero_initialize_workgroup_memory: false,
+                ..Default::default()
+            },
+            cache: None,
+        });
+        self.refusal(module, [internal, scope])?;
+        Ok(Kernel { pipeline, device: self.device.clone(), label })
+    }
+
+    fn module(&self, name: &str, constants: &[(&str, u32)]) -> Result<wgpu::ShaderModule, GpuError> {
+        let key = constants.iter().fold(name.to_owned(), |mut key, (constant, value)| {
+            // Writing to a string cannot fail.
+            let _ = write!(key, " {constant}={value}");
+            key
+        });
+        let mut known = self.kernels().lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(module) = known.get(&key) {
+            return Ok(module.clone());
+        }
+        let text = modules::compose(name, constants)?;
+        let descriptor =
+            wgpu::ShaderModuleDescriptor { label: Some(name), source: wgpu::ShaderSource::Wgsl(text.into()) };
+        let scope = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
+        // Checks cost a counter in every loop and a comparison at every access; the tests run with them.
+        let checks = if cfg!(debug_assertions) {
+            wgpu::ShaderRuntimeChecks::checked()
+        } else {
+            wgpu::ShaderRuntimeChecks::unchecked()
+        };
+        // SAFETY: the modules are our own, from the table of this crate, and every kernel's tests run with all checks on.
+        let module = unsafe { self.device.create_shader_module_trusted(descriptor, checks) };
+        self.refusal(name, [scope])?;
+        known.insert(key, module.clone());
+        Ok(module)
+    }
+
+    /// What the driver had against a module since the scopes were opened.
+    fn refusal<const N: usize>(
+        &self,
+        module: &str,
+        scopes: [wgpu::ErrorScopeGuard; N],
+    ) -> Result<(), GpuError> {
+        // The last one opened is popped first.
+        let errors = scopes.map(|scope| pollster::block_on(scope.pop()));
+        self.check()?;
+        match errors.into_iter().flatten().next() {
+            None => Ok(()),
+            Some(error) => Err(GpuError::Shader { module: module.to_owned(), reason: error.to_string() }),
+        }
+    }
+}
+
+impl Kernel {
+    /// Binds its buffers, in the order of their numbers.
+    ///
+    /// # Errors
+    /// [`GpuError::Refused`] if they are not what the module declares.
+    pub fn bind(&self, buffers: &[Binding<'_>]) -> Result<Bound, GpuError> {
+        let scope = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
+        let entries: Vec<_> = buffers
+            .iter()
+            .enumerate()
+            .map(|(binding, buffer)| wgpu::BindGroupEntry {
+                binding: binding as u32,
+                resource: wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+                    buffer: buffer.raw,
+                    offset: buffer.range.0,
+                    size: std::num::NonZeroU64::new(buffer.range.1),
+                }),
+            })
+            .collect();
+        let group = self.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some(&self.label),
+            layout: &self.pipeline.get_bind_group_layout(0),
+            entries: &entries,
+        });
+        match pollster::block_on(scope.pop()) {
+            None => Ok(Bound { pipeline: self.pipeline.clone(), group }),
+            Some(error) => Err(GpuError::Refused(format!("{}: {error}", self.label))),
+        }
+    }
+}
+
+/// Bytes of arguments, checked.
+pub(crate) fn arguments(bytes: &[u8]) -> &[u8] {
+    assert!(
+        bytes.len() <= IMMEDIATES as usize && bytes.len().is_multiple_of(4),
+        "{} bytes of arguments",
+        bytes.len()
+    );
+    bytes
+}

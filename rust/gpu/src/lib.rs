@@ -1,0 +1,41 @@
+//! A GPU of any vendor through `wgpu`: device, WGSL modules, buffers, read-back, timers. Knows nothing of light or
+//! networks; the crates of the stages bring their kernels' arguments, the WGSL is embedded from `shaders/`.
+//!
+//! ```no_run
+//! # fn main() -> Result<(), relume_gpu::GpuError> {
+//! use relume_gpu::{Gpu, GpuChoice};
+//! let gpu = Gpu::shared(&GpuChoice::Best)?;                // one device a process, opened on first use
+//! let values = gpu.buffer_of("values", &[1u32, 2, 3, 4])?; // counted against the memory budget
+//! let sum = gpu.zeros::<u32>("sum", 1)?;
+//! let kernel = gpu.kernel("selftest", "sum", &[])?;        // shaders/selftest.wgsl
+//! let bound = kernel.bind(&[values.whole(), sum.whole()])?;
+//! let mut commands = gpu.commands("sum");
+//! commands.run(&bound, 1, &[]);
+//! commands.submit()?;
+//! assert_eq!(gpu.read(&sum, 0..1)?, [10]);
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! Only Vulkan, Metal and DX12 are ever looked for: an OpenGL context made in Blender's process ends it.
+
+mod buffer;
+mod choice;
+mod commands;
+mod device;
+mod error;
+mod kernel;
+pub mod layout;
+pub mod modules;
+mod timer;
+
+pub use buffer::{Binding, Buffer};
+pub use choice::{AdapterSummary, GpuChoice, adapters};
+pub use commands::{Commands, fold};
+pub use device::{Gpu, Limits};
+pub use error::GpuError;
+pub use kernel::{Bound, Kernel};
+pub use timer::Timer;
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,100 @@
+//! The WGSL files of `shaders/`, embedded. Comments at the top of a file say what it builds on:
+//!
+//! ```text
+//! // use: common/packing           the declarations of another file
+//! // constant: LIGHTS 8            a `const LIGHTS: u32` that whoever makes the kernel may set; 8 if not
+//! ```
+//!
+//! `enable` directives move to the top of what is put together.
+
+use std::fmt::Write as _;
+
+use crate::GpuError;
+
+macro_rules! files {
+    ($($name:literal),* $(,)?) => {
+        /// Every file by its path below `shaders/`, without the ending, and its text.
+        pub const FILES: &[(&str, &str)] =
+            &[$(($name, include_str!(concat!("../../../shaders/", $name, ".wgsl")))),*];
+    };
+}
+
+files!["selftest"];
+
+/// The text of a module: its file and all that it uses, with the constants given here or by the files.
+///
+/// # Errors
+/// If there is no such file or constant.
+pub fn compose(name: &str, constants: &[(&str, u32)]) -> Result<String, GpuError> {
+    let fail = |reason: String| GpuError::Shader { module: name.to_owned(), reason };
+    let mut files = Vec::new();
+    collect(name, &mut files).map_err(fail)?;
+    let mut declared = Vec::new();
+    for (_, text) in &files {
+        for line in directives(text, "constant") {
+            let (constant, value) =
+                line.split_once(' ').ok_or_else(|| fail(format!("'{line}' has no value")))?;
+            let value = value.trim().parse::<u32>().map_err(|error| fail(format!("{line}: {error}")))?;
+            declared.push((constant, value));
+        }
+    }
+    if let Some((unknown, _)) =
+        constants.iter().find(|(name, _)| declared.iter().all(|(known, _)| known != name))
+    {
+        return Err(fail(format!("it has no constant {unknown}")));
+    }
+    let mut composed = String::new();
+    let is_enable = |line: &&str| line.starts_with("enable ");
+    let mut enables: Vec<&str> = files.iter().flat_map(|(_, text)| text.lines().filter(is_enable)).collect();
+    enables.sort_unstable();
+    enables.dedup();
+    enables.iter().for_each(|line| composed.push_str(&format!("{line}\n")));
+    for (constant, default) in declared {
+        let value = constants.iter().find(|(name, _)| *name == constant).map_or(default, |(_, value)| *value);
+        // Writing to a string cannot fail.
+        let _ = writeln!(composed, "const {constant}: u32 = {value}u;");
+    }
+    for (name, text) in files {
+        let _ = writeln!(composed, "// {name}.wgsl");
+        text.lines().filter(|line| !is_enable(line)).for_each(|line| composed.push_str(&format!("{line}\n")));
+    }
+    Ok(composed)
+}
+
+/// A file and all that it uses, each once, what is used first.
+fn collect(name: &str, files: &mut Vec<(&'static str, &'static str)>) -> Result<(), String> {
+    if files.iter().any(|(known, _)| *known == name) {
+        return Ok(());
+    }
+    let file = FILES.iter().find(|(known, _)| *known == name);
+    let &(name, text) = file.ok_or_else(|| format!("there is no file {name}.wgsl"))?;
+    for used in directives(text, "use") {
+        collect(used, files)?;
+    }
+    files.push((name, text));
+    Ok(())
+}
+
+/// What follows `// <word>:` on the lines of a file.
+fn directives<'a>(text: &'a str, word: &str) -> impl Iterator<Item = &'a str> {
+    let start = format!("// {word}: ");
+    text.lines().filter_map(move |line| line.strip_prefix(&start)).map(str::trim)
+}
+
+/// Parses and validates a module without a GPU, with all features that kernels may use.
+///
+/// # Errors
+/// What the compiler says.
+pub fn validate(name: &str, constants: &[(&str, u32)]) -> Result<naga::Module, GpuError> {
+    let fail = |reason: String| GpuError::Shader { module: name.to_owned(), reason };
+    let text = compose(name, constants)?;
+    let capabilities = naga::valid::Capabilities::all();
+    let mut frontend = naga::front::wgsl::Frontend::new_with_options(naga::front::wgsl::Options {
+        capabilities,
+        ..naga::front::wgsl::Options::new()
+    });
+    let module = frontend.parse(&text).map_err(|error| fail(error.emit_to_string(&text)))?;
+    let mut validator = naga::valid::Validator::new(naga::valid::ValidationFlags::all(), capabilities);
+    validator.validate(&module).map_err(|error| fail(error.emit_to_string(&text)))?;
+    Ok(module)
+}

@@ -1,0 +1,125 @@
+use std::path::Path;
+
+use super::*;
+
+/// Any device will do, a software driver included; that there is none is a failure.
+fn gpu() -> std::sync::Arc<Gpu> {
+    Gpu::open(&GpuChoice::Best)
+        .expect("tests need a GPU or a software driver, like Debian's mesa-vulkan-drivers")
+}
+
+#[test]
+fn every_wgsl_file_is_embedded_and_valid() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shaders");
+    let mut folders = vec![root.clone()];
+    let mut found = Vec::new();
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else {
+                let name = path.strip_prefix(&root).unwrap().with_extension("");
+                found.push(name.to_str().unwrap().replace('\\', "/"));
+            }
+        }
+    }
+    found.sort();
+    let mut embedded: Vec<_> = modules::FILES.iter().map(|(name, _)| (*name).to_owned()).collect();
+    embedded.sort();
+    assert_eq!(embedded, found);
+    for name in embedded {
+        modules::validate(&name, &[]).unwrap_or_else(|error| panic!("{error}"));
+    }
+}
+
+#[test]
+fn a_kernel_adds_up_a_buffer() {
+    let gpu = gpu();
+    println!("on {:?}", gpu.summary());
+    let values: Vec<u32> = (0..100_000).collect();
+    let (input, total) = (gpu.buffer_of("values", &values).unwrap(), gpu.zeros::<u32>("total", 1).unwrap());
+    let kernel = gpu.kernel("selftest", "sum", &[("GROUP_SIZE", 32)]).unwrap();
+    let bound = kernel.bind(&[input.whole(), total.whole()]).unwrap();
+    let mut commands = gpu.commands("sum");
+    commands.run(&bound, 100_000 / 32 + 1, &[]);
+    commands.submit().unwrap();
+    assert_eq!(gpu.read(&total, 0..1).unwrap(), [values.iter().fold(0u32, |sum, &v| sum.wrapping_add(v))]);
+}
+
+#[test]
+fn many_workgroups_are_folded_into_rows() {
+    for groups in [0, 1, 65_535, 65_536, 442_500, 10_000_000] {
+        let [x, y] = fold(groups);
+        assert!(
+            x <= 65_535 && y <= 65_535 && x * y >= groups && x * y < groups + y.max(1),
+            "{groups}: {x} x {y}"
+        );
+    }
+}
+
+#[test]
+fn buffers_count_against_the_budget_until_they_are_dropped() {
+    let gpu = gpu();
+    gpu.set_memory_budget(1 << 20);
+    let first = gpu.zeros::<f32>("first", 200_000).unwrap();
+    let error = gpu.zeros::<f32>("second", 100_000).unwrap_err();
+    assert_eq!(error, GpuError::OutOfMemory { what: "second".into(), wanted: 1, free: 0 });
+    drop(first);
+    assert_eq!(gpu.free_memory(), 1 << 20);
+    gpu.zeros::<f32>("second", 100_000).unwrap();
+}
+
+#[test]
+fn a_lost_device_says_so_and_is_replaced() {
+    let gpu = Gpu::shared(&GpuChoice::Best).unwrap();
+    assert!(std::sync::Arc::ptr_eq(&gpu, &Gpu::shared(&GpuChoice::Best).unwrap()));
+    let buffer = gpu.buffer_of("values", &[1u32, 2]).unwrap();
+    gpu.lose();
+    assert!(matches!(gpu.read(&buffer, 0..2), Err(GpuError::Lost(_))));
+    assert!(matches!(gpu.zeros::<u32>("more", 1), Err(GpuError::Lost(_))));
+    let again = Gpu::shared(&GpuChoice::Best).unwrap();
+    let buffer = again.buffer_of("values", &[1u32, 2]).unwrap();
+    assert_eq!(again.read(&buffer, 0..2).unwrap(), [1, 2]);
+}
+
+#[test]
+fn unknown_names_are_answered_with_those_that_there_are() {
+    let error = Gpu::open(&GpuChoice::Named("no such card".into())).unwrap_err().to_string();
+    assert!(error.contains("no such card") && error.contains(&adapters()[0].name), "{error}");
+    let name = adapters()[0].name.to_uppercase();
+    assert_eq!(Gpu::open(&GpuChoice::Named(name)).unwrap().summary(), &adapters()[0]);
+}
+
+#[test]
+fn wrong_buffers_and_modules_are_errors() {
+    let gpu = gpu();
+    let values = gpu.zeros::<u32>("values", 4).unwrap();
+    let kernel = gpu.kernel("selftest", "sum", &[]).unwrap();
+    assert!(matches!(kernel.bind(&[values.whole()]), Err(GpuError::Refused(_))));
+    assert!(matches!(gpu.kernel("selftest", "product", &[]), Err(GpuError::Shader { .. })));
+    assert!(matches!(gpu.kernel("no such", "sum", &[]), Err(GpuError::Shader { .. })));
+    assert!(matches!(gpu.kernel("selftest", "sum", &[("SIZE", 1)]), Err(GpuError::Shader { .. })));
+    gpu.check().unwrap();
+}
+
+#[test]
+fn timers_measure_on_the_device() {
+    let gpu = gpu();
+    let Some(mut timer) = gpu.timer(3).unwrap() else {
+        println!("skipped: {} has no clock", gpu.summary().name);
+        return;
+    };
+    let (values, total) =
+        (gpu.zeros::<u32>("values", 1 << 20).unwrap(), gpu.zeros::<u32>("total", 1).unwrap());
+    let bound = gpu.kernel("selftest", "sum", &[]).unwrap().bind(&[values.whole(), total.whole()]).unwrap();
+    let mut commands = gpu.commands("timed");
+    commands.mark(&mut timer);
+    commands.run(&bound, 1, &[]);
+    commands.mark(&mut timer);
+    commands.run(&bound, (1 << 20) / 64, &[]);
+    commands.mark(&mut timer);
+    commands.submit().unwrap();
+    let seconds = timer.seconds(&gpu).unwrap();
+    assert!(seconds.len() == 2 && seconds.iter().all(|&s| (0.0..60.0).contains(&s)), "{seconds:?}");
+}
