@@ -47,6 +47,9 @@ pub enum ProxyError {
         /// First step with a loss that is not finite.
         step: u64,
     },
+    /// The GPU failed, or has not what is needed.
+    #[error(transparent)]
+    Gpu(#[from] relume_gpu::GpuError),
     /// The source of targets failed.
     #[error("targets: {0}")]
     Targets(#[source] Box<dyn std::error::Error + Send + Sync>),

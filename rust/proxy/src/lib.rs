@@ -42,6 +42,7 @@ mod encoding;
 mod error;
 mod evaluate;
 mod features;
+mod gpu;
 mod gradient;
 mod grid;
 mod head;
