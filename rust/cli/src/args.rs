@@ -1,6 +1,7 @@
 //! The command line. Doc comments are its help texts.
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use relume_session::Device;
 use std::path::PathBuf;
 
 /// Relights finished shots: traces paths once, sums any lights over them, learns a proxy, solves lights.
@@ -28,6 +29,13 @@ pub struct Global {
     /// Seed of all random numbers.
     #[arg(long, global = true, default_value_t = 0)]
     pub seed: u64,
+    /// Where to compute: auto (the best graphics card, else the CPU), cpu, gpu, or a part of a name that `relume devices`
+    /// prints. Tracing is always done on the CPU.
+    #[arg(long, global = true, default_value = "auto")]
+    pub device: Device,
+    /// Most GPU memory to use, MiB; default is what the driver says, less some for others. What does not fit is streamed.
+    #[arg(long, global = true, value_name = "MIB")]
+    pub gpu_memory: Option<u64>,
 }
 
 #[derive(Subcommand, Debug)]
@@ -48,6 +56,8 @@ pub enum Command {
     Info(PathArgs),
     /// Check a bake folder, proxy or light set for damage.
     Validate(PathArgs),
+    /// List the GPUs that --device can name.
+    Devices,
     /// Measure the speed of tracer, gather and networks on this machine.
     Bench(BenchArgs),
 }

@@ -1,14 +1,14 @@
-//! Open Image Denoise on the CPU, through the `oidn` crate.
+//! Open Image Denoise on the CPU or a GPU, through the `oidn` crate.
 //!
 //! The module links against `libOpenImageDenoise.so.2`. That is the name under which Blender has loaded its own copy, so
 //! inside Blender (and `bpy`) the loader binds to that one, whatever its version from 2.3 on; elsewhere, and in Blenders
 //! built without OIDN, the copy bundled with the wheel is found through the run path of the module. So the wheel needs,
 //! from the PyPI package `pyoidn` of the version in `scripts/setup`, in one folder:
 //! `libOpenImageDenoise.so.2`, `libOpenImageDenoise_core.so.2.x.y`, `libOpenImageDenoise_device_cpu.so.2.x.y` and
-//! `libtbb.so.12` (real files, no links), each with the run path `$ORIGIN`, and the module with `$ORIGIN/<that folder>`.
+//! `libtbb.so.12` (real files, no links), and for GPUs `libOpenImageDenoise_device_cuda.so.2.x.y` and the like, each with the run path `$ORIGIN`, and the module with `$ORIGIN/<that folder>`.
 
 #[cfg(oidn)]
-use std::{ffi::CStr, marker::PhantomData};
+use std::ffi::CStr;
 
 #[cfg(oidn)]
 use oidn::sys;
@@ -58,6 +58,16 @@ pub struct DenoiseFeatures {
     normal: Vec<f32>,
 }
 
+/// Where to denoise.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum DenoiseDevice {
+    /// The CPU, on this many threads; on all cores if not given. Threads are not pinned to cores: the process is often
+    /// Blender's.
+    Cpu(Option<usize>),
+    /// The GPU at this PCI address, `domain:bus:device.function`, hexadecimal; Apple's, whose address is empty.
+    Gpu(String),
+}
+
 /// A denoising device. It may move between threads; one thread uses it at a time.
 pub struct Denoiser {
     #[cfg(oidn)]
@@ -72,7 +82,7 @@ impl Denoiser {
     ///
     /// # Errors
     /// Always.
-    pub fn new(_threads: Option<usize>) -> Result<Self, DenoiseError> {
+    pub fn new(_device: &DenoiseDevice) -> Result<Self, DenoiseError> {
         Err(DenoiseError::NotBuilt)
     }
 
@@ -105,27 +115,33 @@ impl Denoiser {
 
 #[cfg(oidn)]
 impl Denoiser {
-    /// Starts a device; `threads` limits it, all cores otherwise. Threads are not pinned to cores: the process is often
-    /// Blender's.
+    /// Starts a device.
     ///
     /// # Errors
-    /// If the library cannot start its CPU device, for instance because its device module is missing.
-    pub fn new(threads: Option<usize>) -> Result<Self, DenoiseError> {
-        // SAFETY: creates a device of our own; null is checked for before anything else is done with it, and
-        // `Device::from_raw` takes over the only reference. The parameter names end with a zero.
-        let device = unsafe {
-            let raw = sys::oidnNewDevice(sys::OIDNDeviceType_OIDN_DEVICE_TYPE_CPU);
-            if raw.is_null() {
-                // Reports the reason of the failure, which the raw call has left with no device.
-                oidn::Device::cpu().map_err(library)?
-            } else {
-                sys::oidnSetDeviceBool(raw, c"setAffinity".as_ptr(), false);
-                if let Some(threads) = threads {
-                    sys::oidnSetDeviceInt(raw, c"numThreads".as_ptr(), threads.clamp(1, 1024) as i32);
-                }
-                sys::oidnCommitDevice(raw);
-                oidn::Device::from_raw(raw)
+    /// If the library cannot start it, for instance because its module for that device is missing.
+    pub fn new(device: &DenoiseDevice) -> Result<Self, DenoiseError> {
+        let (raw, threads) = match device {
+            DenoiseDevice::Cpu(threads) => {
+                // SAFETY: creates a device of our own, which is checked for null below.
+                (unsafe { sys::oidnNewDevice(sys::OIDNDeviceType_OIDN_DEVICE_TYPE_CPU) }, *threads)
             }
+            DenoiseDevice::Gpu(address) => (new_gpu_device(address)?, None),
+        };
+        if raw.is_null() {
+            // Why, the library tells whoever asks for no device's error.
+            return Err(DenoiseError::Library(last_error()));
+        }
+        // SAFETY: the device is not null, and `Device::from_raw` takes over the only reference. The parameter names end
+        // with a zero; on GPUs the library ignores those of the CPU.
+        let device = unsafe {
+            if matches!(device, DenoiseDevice::Cpu(_)) {
+                sys::oidnSetDeviceBool(raw, c"setAffinity".as_ptr(), false);
+            }
+            if let Some(threads) = threads {
+                sys::oidnSetDeviceInt(raw, c"numThreads".as_ptr(), threads.clamp(1, 1024) as i32);
+            }
+            sys::oidnCommitDevice(raw);
+            oidn::Device::from_raw(raw)
         };
         device.get_error().map_err(library)?;
         Ok(Self { device })
@@ -167,8 +183,8 @@ impl Denoiser {
     ) -> Result<(), DenoiseError> {
         let (width, height) = (features.width, features.height);
         let mut filter = Filter::new(&self.device, width, height, c"color")?;
-        filter.input(c"albedo", &features.albedo);
-        filter.input(c"normal", &features.normal);
+        filter.input(c"albedo", &features.albedo)?;
+        filter.input(c"normal", &features.normal)?;
         filter.flag(c"hdr");
         filter.flag(c"cleanAux");
         filter.commit(quality);
@@ -185,52 +201,52 @@ impl Denoiser {
     }
 }
 
-/// OIDN's `RT` filter over memory of our own. The crate's safe filter can neither say that features are clean (2.5.1
+/// OIDN's `RT` filter over buffers on its device. The crate's safe filter can neither say that features are clean (2.5.1
 /// sets a parameter that the library does not know) nor denoise the features themselves.
 #[cfg(oidn)]
 struct Filter<'a> {
-    raw: oidn::sys::OIDNFilter,
+    raw: sys::OIDNFilter,
     device: &'a oidn::Device,
     width: usize,
     height: usize,
     /// What the library reads and writes: RGB.
-    pixels: Vec<f32>,
-    /// Images that the library holds pointers into.
-    inputs: PhantomData<&'a [f32]>,
+    pixels: DeviceImage,
+    inputs: Vec<DeviceImage>,
 }
 
 #[cfg(oidn)]
 impl<'a> Filter<'a> {
     /// A filter of the image that the library calls `name`.
     fn new(device: &'a oidn::Device, width: usize, height: usize, name: &CStr) -> Result<Self, DenoiseError> {
+        let pixels = DeviceImage::new(device, width * height * 3)?;
         // SAFETY: the device is alive; the name ends with a zero; null is checked for before the filter is used.
         let raw = unsafe { sys::oidnNewFilter(device.raw(), c"RT".as_ptr()) };
         if raw.is_null() {
             device.get_error().map_err(library)?;
             return Err(DenoiseError::Library("it has no ray tracing filter".into()));
         }
-        let pixels = vec![0.0; width * height * 3];
-        let mut filter = Self { raw, device, width, height, pixels, inputs: PhantomData };
-        let (pixels, len) = (filter.pixels.as_mut_ptr(), filter.pixels.len());
-        filter.image(name, pixels, len);
-        filter.image(c"output", pixels, len);
+        let filter = Self { raw, device, width, height, pixels, inputs: Vec::new() };
+        filter.image(name, &filter.pixels);
+        filter.image(c"output", &filter.pixels);
         Ok(filter)
     }
 
     /// An RGB image that the filter only reads.
-    fn input(&mut self, name: &CStr, values: &'a [f32]) {
-        self.image(name, values.as_ptr().cast_mut(), values.len());
+    fn input(&mut self, name: &CStr, values: &[f32]) -> Result<(), DenoiseError> {
+        let image = DeviceImage::new(self.device, self.width * self.height * 3)?;
+        image.write(values);
+        self.image(name, &image);
+        self.inputs.push(image);
+        Ok(())
     }
 
-    fn image(&mut self, name: &CStr, values: *mut f32, len: usize) {
-        assert_eq!(len, self.width * self.height * 3, "an RGB image of the filter's size");
+    fn image(&self, name: &CStr, image: &DeviceImage) {
         let (format, name) = (sys::OIDNFormat_OIDN_FORMAT_FLOAT3, name.as_ptr());
-        let (width, height) = (self.width, self.height);
-        // SAFETY: the memory has the stated size (checked above) and lives as long as the filter: it is `pixels`, whose
-        // heap block never moves, or borrowed for `'a`. The library writes to `output` alone, which is `pixels`.
+        assert_eq!(image.len, self.width * self.height * 3, "an RGB image of the filter's size");
+        // SAFETY: filter and buffer are alive, the buffer has the stated size, and the filter keeps a reference to it.
         unsafe {
-            sys::oidnSetSharedFilterImage(self.raw, name, values.cast(), format, width, height, 0, 0, 0);
-        }
+            sys::oidnSetFilterImage(self.raw, name, image.raw, format, self.width, self.height, 0, 0, 0)
+        };
     }
 
     fn flag(&mut self, name: &CStr) {
@@ -249,12 +265,12 @@ impl<'a> Filter<'a> {
 
     /// Denoises one image in place.
     fn run(&mut self, image: &mut [f32]) -> Result<(), DenoiseError> {
-        self.pixels.copy_from_slice(image);
+        self.pixels.write(image);
         // SAFETY: the filter is committed, and its images are alive.
         unsafe { sys::oidnExecuteFilter(self.raw) };
         self.device.get_error().map_err(library)?;
-        image.copy_from_slice(&self.pixels);
-        Ok(())
+        self.pixels.read(image);
+        self.device.get_error().map_err(library)
     }
 }
 
@@ -263,6 +279,76 @@ impl Drop for Filter<'_> {
     fn drop(&mut self) {
         // SAFETY: the only reference to the filter.
         unsafe { sys::oidnReleaseFilter(self.raw) };
+    }
+}
+
+/// Floats in memory of a device.
+#[cfg(oidn)]
+struct DeviceImage {
+    raw: sys::OIDNBuffer,
+    len: usize,
+}
+
+#[cfg(oidn)]
+impl DeviceImage {
+    fn new(device: &oidn::Device, len: usize) -> Result<Self, DenoiseError> {
+        // SAFETY: the device is alive; null is checked for.
+        let raw = unsafe { sys::oidnNewBuffer(device.raw(), len * size_of::<f32>()) };
+        if raw.is_null() {
+            device.get_error().map_err(library)?;
+            return Err(DenoiseError::Library(format!("no memory for {len} values on its device")));
+        }
+        Ok(Self { raw, len })
+    }
+
+    fn write(&self, values: &[f32]) {
+        assert_eq!(values.len(), self.len, "values of an image on the device");
+        // SAFETY: as many bytes as the buffer holds are read from a slice of that length (checked above).
+        unsafe { sys::oidnWriteBuffer(self.raw, 0, size_of_val(values), values.as_ptr().cast()) };
+    }
+
+    /// Waits for what the device has to do first.
+    fn read(&self, values: &mut [f32]) {
+        assert_eq!(values.len(), self.len, "values of an image on the device");
+        // SAFETY: as many bytes as the buffer holds are written to a slice of that length (checked above).
+        unsafe { sys::oidnReadBuffer(self.raw, 0, size_of_val(values), values.as_mut_ptr().cast()) };
+    }
+}
+
+#[cfg(oidn)]
+impl Drop for DeviceImage {
+    fn drop(&mut self) {
+        // SAFETY: our reference; a filter has its own.
+        unsafe { sys::oidnReleaseBuffer(self.raw) };
+    }
+}
+
+/// Null if there is no module for the GPU at this address.
+#[cfg(oidn)]
+fn new_gpu_device(address: &str) -> Result<sys::OIDNDevice, DenoiseError> {
+    if address.is_empty() && cfg!(target_os = "macos") {
+        // SAFETY: creates a device of our own; the caller checks for null.
+        return Ok(unsafe { sys::oidnNewDevice(sys::OIDNDeviceType_OIDN_DEVICE_TYPE_METAL) });
+    }
+    let numbers: Vec<_> = address.split([':', '.']).map(|part| i32::from_str_radix(part, 16)).collect();
+    let [Ok(domain), Ok(bus), Ok(device), Ok(function)] = numbers[..] else {
+        return Err(DenoiseError::Library(format!("'{address}' is not the PCI address of a GPU")));
+    };
+    // SAFETY: creates a device of our own; the caller checks for null.
+    Ok(unsafe { sys::oidnNewDeviceByPCIAddress(domain, bus, device, function) })
+}
+
+/// The library's last error of this thread that belongs to no device.
+#[cfg(oidn)]
+fn last_error() -> String {
+    let mut message = std::ptr::null();
+    // SAFETY: a null device asks for this thread's error; the message is null, or a string that lives until the next call.
+    unsafe {
+        sys::oidnGetDeviceError(std::ptr::null_mut(), &raw mut message);
+        if message.is_null() {
+            return "it has no module for this device".into();
+        }
+        CStr::from_ptr(message).to_string_lossy().into_owned()
     }
 }
 

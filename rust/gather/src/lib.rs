@@ -25,7 +25,7 @@ mod scan;
 #[cfg(target_arch = "x86_64")]
 mod sieve;
 
-pub use denoise::{DenoiseError, DenoiseFeatures, DenoiseQuality, Denoiser};
+pub use denoise::{DenoiseDevice, DenoiseError, DenoiseFeatures, DenoiseQuality, Denoiser};
 pub use environment::Environment;
 pub use error::GatherError;
 pub use gather::{Gather, Scratch};

@@ -23,6 +23,8 @@ pub struct AdapterSummary {
     pub backend: String,
     /// Driver and version.
     pub driver: String,
+    /// Where it is plugged in, `domain:bus:device.function`, hexadecimal; empty if its back end does not say.
+    pub pci_bus_id: String,
     /// Whether it is the CPU under a graphics API.
     pub software: bool,
 }
@@ -33,6 +35,7 @@ impl AdapterSummary {
             name: info.name.clone(),
             backend: format!("{:?}", info.backend),
             driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
+            pci_bus_id: info.device_pci_bus_id.clone(),
             software: info.device_type == wgpu::DeviceType::Cpu,
         }
     }

@@ -1,12 +1,15 @@
 use crate::SessionError;
 use relume_dump::Aovs;
-use relume_gather::{DenoiseError, DenoiseFeatures, DenoiseQuality, Denoiser};
+use relume_gather::{DenoiseDevice, DenoiseError, DenoiseFeatures, DenoiseQuality, Denoiser};
+use relume_gpu::Gpu;
 use relume_image::Image;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// A denoiser for pictures of one view, with its albedo and normals. The device starts when it is first needed.
 pub struct Denoise {
     aovs: Aovs,
+    /// PCI address of the GPU to denoise on, if the library knows it.
+    gpu: Option<String>,
     device: Mutex<Device>,
 }
 
@@ -17,9 +20,11 @@ enum Device {
 }
 
 impl Denoise {
-    /// For pictures with these features.
-    pub fn new(aovs: &Aovs) -> Self {
-        Self { aovs: aovs.clone(), device: Mutex::new(Device::NotStarted) }
+    /// For pictures with these features; on the given GPU where the library can, else on the CPU.
+    pub fn new(aovs: &Aovs, gpu: Option<&Gpu>) -> Self {
+        let hardware = gpu.map(Gpu::summary).filter(|summary| !summary.software);
+        let gpu = hardware.map(|summary| summary.pci_bus_id.clone());
+        Self { aovs: aovs.clone(), gpu, device: Mutex::new(Device::NotStarted) }
     }
 
     /// Why nothing can be denoised here, in words for the user; none if it can.
@@ -54,8 +59,13 @@ impl Denoise {
     }
 
     fn start(&self) -> Result<(Denoiser, DenoiseFeatures), DenoiseError> {
-        let denoiser = Denoiser::new(Some(rayon::current_num_threads()))?;
-        let features = denoiser.features(&self.aovs)?;
-        Ok((denoiser, features))
+        let start = |device: &DenoiseDevice| {
+            let denoiser = Denoiser::new(device)?;
+            let features = denoiser.features(&self.aovs)?;
+            Ok((denoiser, features))
+        };
+        let on_gpu = self.gpu.clone().and_then(|address| start(&DenoiseDevice::Gpu(address)).ok());
+        let threads = rayon::current_num_threads();
+        on_gpu.map_or_else(|| start(&DenoiseDevice::Cpu(Some(threads))), Ok)
     }
 }

@@ -36,6 +36,9 @@ pub enum SessionError {
     /// Gather.
     #[error(transparent)]
     Gather(#[from] relume_gather::GatherError),
+    /// GPU.
+    #[error(transparent)]
+    Gpu(#[from] relume_gpu::GpuError),
     /// Denoiser.
     #[error(transparent)]
     Denoise(#[from] relume_gather::DenoiseError),

@@ -20,6 +20,7 @@ mod bake;
 mod base_layers;
 pub mod bench;
 mod denoise;
+mod device;
 mod environment;
 mod error;
 mod features;
@@ -39,6 +40,7 @@ mod unit_cache;
 
 pub use bake::{BakeReport, LIGHTS_FILE, VIEW_FILE, bake};
 pub use denoise::Denoise;
+pub use device::{Compute, Device};
 pub use environment::environment_texture;
 pub use error::SessionError;
 pub use features::{pixel_features, pixel_ray};
@@ -55,6 +57,7 @@ pub use solve_lights::{OptimiseOptions, Optimised, ProxyRelight, optimise};
 pub use targets::DumpTargets;
 pub use train::{Clock, CurvePoint, TrainReport, TrainSettings, train};
 
+pub use relume_gpu as gpu;
 pub use relume_image as image;
 pub use relume_optimise as solver;
 pub use relume_proxy as proxy;

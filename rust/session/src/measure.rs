@@ -91,12 +91,12 @@ pub fn evaluate(
         std::fs::create_dir_all(folder).map_err(SessionError::io("create the folder", folder))?;
     }
     let bounds = pixel_features(reference.aovs(), reference.camera()).visible_bounds();
-    let denoise = Denoise::new(reference.aovs());
+    let denoise = Denoise::new(reference.aovs(), None);
     let reference = DumpTargets::new(bake_of(reference)?, Half::All, bounds, &denoise);
     let compared = match compared {
         Some(bake) => {
             check_size(first, bake)?;
-            Some((bake_of(bake)?, Denoise::new(bake.aovs())))
+            Some((bake_of(bake)?, Denoise::new(bake.aovs(), None)))
         }
         None => None,
     };

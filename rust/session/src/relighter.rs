@@ -4,7 +4,7 @@ use crate::progress::{Monitor, Stage};
 use crate::proxies::{Proxies, TrainedProxy};
 use crate::relit::{Relit, RelitLight};
 use crate::unit_cache::UnitCache;
-use crate::{LightSet, SessionError, base_layers};
+use crate::{Compute, LightSet, SessionError, base_layers};
 use relume_dump::{Aovs, Dump, Manifest};
 use relume_gather::{DenoiseQuality, Environment, Gather, Half};
 use relume_image::{Image, ViewTransform};
@@ -108,9 +108,15 @@ impl Relighter {
         gather: Option<Gather>,
         proxies: Proxies,
     ) -> Self {
-        let denoise = Denoise::new(&aovs);
+        let denoise = Denoise::new(&aovs, None);
         let cache = UnitCache::default();
         Self { folder: folder.to_path_buf(), scene_hash, camera, aovs, gather, proxies, denoise, cache }
+    }
+
+    /// Lets this device do what it can.
+    #[must_use]
+    pub fn on(self, compute: &Compute) -> Self {
+        Self { denoise: Denoise::new(&self.aovs, compute.gpu.as_deref()), ..self }
     }
 
     /// The camera that was baked.

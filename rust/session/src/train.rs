@@ -130,7 +130,7 @@ pub fn train(
     base_layers::write(out, &aovs, &camera, &scene_hash)?;
 
     let features = Arc::new(pixel_features(&aovs, &camera));
-    let (denoise, bounds) = (Denoise::new(&aovs), features.visible_bounds());
+    let (denoise, bounds) = (Denoise::new(&aovs, None), features.visible_bounds());
     let gather = Gather::new(dump);
     let halves =
         if settings.half_for_measuring { (Half::First, Half::Second) } else { (Half::All, Half::All) };

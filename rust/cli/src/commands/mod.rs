@@ -1,6 +1,7 @@
 //! One file per command.
 
 mod bench;
+mod devices;
 mod evaluate;
 mod inspect;
 mod optimise;
@@ -10,9 +11,10 @@ mod train;
 
 use crate::args::Global;
 use crate::console::Console;
-use relume_session::Monitor;
+use relume_session::{Compute, Monitor};
 
 pub use bench::bench;
+pub use devices::devices;
 pub use evaluate::evaluate;
 pub use inspect::{info, validate};
 pub use optimise::optimise;
@@ -25,4 +27,11 @@ pub struct Context<'a> {
     pub console: &'a Console,
     pub monitor: &'a Monitor,
     pub global: &'a Global,
+}
+
+impl Context<'_> {
+    /// The device of `--device`, opened.
+    fn compute(&self) -> anyhow::Result<Compute> {
+        Ok(self.global.device.open(self.global.gpu_memory.map(|mebibytes| mebibytes << 20))?)
+    }
 }

@@ -35,7 +35,7 @@ pub fn relight(args: &RelightArgs, context: &Context) -> anyhow::Result<()> {
 }
 
 fn write_picture(bake: &Path, with: With, args: &PictureArgs, context: &Context) -> anyhow::Result<()> {
-    let mut relighter = Relighter::open(bake)?;
+    let mut relighter = Relighter::open(bake)?.on(&context.compute()?);
     warn_if_unfinished(&relighter, context);
     change_world(&mut relighter, args)?;
     let view = match &args.view {

@@ -4,10 +4,10 @@ use relume_dump::Aovs;
 use relume_image::Image;
 
 use super::Random;
-use crate::{DenoiseError, DenoiseQuality, Denoiser};
+use crate::{DenoiseDevice, DenoiseError, DenoiseQuality, Denoiser};
 
 fn denoiser() -> Option<Denoiser> {
-    match Denoiser::new(Some(1)) {
+    match Denoiser::new(&DenoiseDevice::Cpu(Some(1))) {
         Ok(denoiser) => Some(denoiser),
         Err(error @ DenoiseError::NotBuilt) => {
             println!("skipped: {error}");
@@ -81,4 +81,15 @@ fn sizes_that_differ_are_one_error() {
     let features = denoiser.features(&aovs(32, 32)).unwrap();
     let error = denoiser.denoise(&mut [target(32, 16)], &features, DenoiseQuality::Fast).unwrap_err();
     assert!(error.to_string().contains("32 x 16, 3 channels"), "{error}");
+}
+
+#[test]
+fn a_gpu_that_the_library_does_not_know_is_an_error() {
+    if denoiser().is_none() {
+        return;
+    }
+    for address in ["ffff:ff:1f.7", "", "no address"] {
+        let refused = Denoiser::new(&DenoiseDevice::Gpu(address.into()));
+        assert!(matches!(refused, Err(DenoiseError::Library(_))), "{address}");
+    }
 }
