@@ -84,7 +84,9 @@ def _add_view(command: argparse.ArgumentParser) -> None:
 
 
 def _add_run(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--device", choices=["auto", "cpu"], default="auto", help="where to compute")
+    command.add_argument(
+        "--device", default="auto", metavar="NAME", help="where to compute: auto, cpu, gpu or a part of a GPU's name"
+    )
     command.add_argument("--threads", type=_count, default=0, help="worker threads; 0 for one a core")
     output = command.add_mutually_exclusive_group()
     output.add_argument("--quiet", action="store_true", help="print warnings and errors only")
