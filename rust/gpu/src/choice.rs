@@ -47,6 +47,9 @@ pub fn adapters() -> Vec<AdapterSummary> {
 }
 
 pub(crate) fn choose(choice: &GpuChoice) -> Result<wgpu::Adapter, GpuError> {
+    if *choice == GpuChoice::BestHardware && !has_hardware() {
+        return Err(GpuError::NoAdapter);
+    }
     let mut adapters = sorted_adapters();
     if adapters.is_empty() {
         return Err(GpuError::NoAdapter);
@@ -69,6 +72,17 @@ pub(crate) fn choose(choice: &GpuChoice) -> Result<wgpu::Adapter, GpuError> {
         }
         (None, _) => Err(GpuError::NoAdapter),
     }
+}
+
+/// Whether the system shows any graphics card. Asked before the drivers are: loading them takes a tenth of a second, and Mesa's
+/// complain on standard error where there is no desktop.
+fn has_hardware() -> bool {
+    if !cfg!(target_os = "linux") {
+        return true;
+    }
+    /// Mesa and AMD, NVIDIA, and Windows' subsystem for Linux.
+    const NODES: [&str; 3] = ["/dev/dri/renderD128", "/dev/nvidiactl", "/dev/dxg"];
+    NODES.iter().any(|node| std::path::Path::new(node).exists())
 }
 
 fn sorted_adapters() -> Vec<wgpu::Adapter> {
