@@ -19,7 +19,27 @@ macro_rules! files {
     };
 }
 
-files!["selftest"];
+files![
+    "proxy/features",
+    "proxy/grid",
+    "proxy/train_adam",
+    "proxy/train_batch",
+    "proxy/train_dense",
+    "proxy/train_expand",
+    "proxy/train_features",
+    "proxy/train_inputs",
+    "proxy/train_layers",
+    "proxy/train_loss",
+    "proxy/train_mean",
+    "proxy/train_muon",
+    "proxy/train_parameters",
+    "proxy/train_reduce",
+    "proxy/train_scatter",
+    "proxy/train_slots",
+    "proxy/train_store",
+    "proxy/train_weights",
+    "selftest",
+];
 
 /// The text of a module: its file and all that it uses, with the constants given here or by the files.
 ///

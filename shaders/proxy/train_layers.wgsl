@@ -1,0 +1,62 @@
+// use: proxy/train_batch
+// Dense layers and how they hang together: one row of a table for each, the same for all kernels.
+
+struct Layer {
+    /// First weight, values from row to row; first bias.
+    weights: u32,
+    stride: u32,
+    bias: u32,
+    inputs: u32,
+    outputs: u32,
+    space: u32,
+    /// Activations: first value of the input, of the output, and of the gradients by the product and by the input.
+    input: u32,
+    output: u32,
+    d_product: u32,
+    d_input: u32,
+    /// What follows the product: FINISH_*.
+    finish: u32,
+    /// Of a modulated layer, first scale (its shifts follow), and its product before modulation; where the product
+    /// is added to a modulated trunk, that trunk.
+    modulation: u32,
+    product: u32,
+    /// What precedes the input: BEFORE_*; then the modulation of the layer before, the gradient by it, its product or its
+    /// trunk.
+    before: u32,
+    before_modulation: u32,
+    before_d_modulation: u32,
+    before_product: u32,
+}
+
+/// Product plus bias.
+const FINISH_LINEAR: u32 = 0u;
+/// ReLU of product plus bias.
+const FINISH_RELU: u32 = 1u;
+/// ReLU of the modulated product.
+const FINISH_MODULATED: u32 = 2u;
+/// ReLU of the product plus the modulated trunk.
+const FINISH_TRUNK: u32 = 3u;
+
+/// The network's input.
+const BEFORE_NOTHING: u32 = 0u;
+/// A layer with FINISH_RELU.
+const BEFORE_RELU: u32 = 1u;
+/// A layer with FINISH_MODULATED.
+const BEFORE_MODULATED: u32 = 2u;
+/// The layer with FINISH_TRUNK.
+const BEFORE_TRUNK: u32 = 3u;
+
+/// Instead of a first bias.
+const NO_BIAS: u32 = 0xffffffffu;
+
+struct Arguments {
+    batch: Batch,
+    /// Rows of the table that are run.
+    first: u32,
+    count: u32,
+    /// Columns that are summed up in one piece of a weight's gradient; whether pieces are added to.
+    piece: u32,
+    add: u32,
+    /// Values of such a piece.
+    parameters: u32,
+}

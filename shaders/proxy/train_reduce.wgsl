@@ -1,0 +1,92 @@
+// use: proxy/train_parameters
+// Adds up the pieces of the gradient, and of the loss, in their order.
+
+struct Reduction {
+    batch: Batch,
+    /// Columns of a piece; values of a piece, which are the parameters before the grid.
+    piece: u32,
+    dense: u32,
+    /// All parameters.
+    parameters: u32,
+    /// Sums of the loss.
+    losses: u32,
+}
+
+@group(0) @binding(0) var<storage, read> blocks: array<u32>;
+/// `[piece][parameter]`
+@group(0) @binding(1) var<storage, read> pieces: array<f32>;
+@group(0) @binding(2) var<storage, read_write> grid: array<u32>;
+@group(0) @binding(3) var<storage, read> losses: array<f32>;
+@group(0) @binding(4) var<storage, read_write> gradient: array<f32>;
+@group(0) @binding(5) var<storage, read_write> progress: Progress;
+var<immediate> arguments: Reduction;
+
+const THREADS: u32 = 256u;
+
+/// One parameter a thread.
+@compute @workgroup_size(THREADS)
+fn reduce(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
+    let index = id.x + id.y * groups.x * THREADS;
+    if index >= arguments.parameters {
+        return;
+    }
+    let space = blocks[index / BLOCK] & 255u;
+    var sum = 0.0;
+    if space == GRID {
+        let at = 2u * (index - arguments.dense);
+        sum = value_of(grid[at], grid[at + 1u]);
+        grid[at] = 0u;
+        grid[at + 1u] = 0u;
+    } else if space != NONE {
+        let count = (columns(arguments.batch, space) + arguments.piece - 1u) / arguments.piece;
+        for (var i = 0u; i < count; i += 1u) {
+            sum += pieces[i * arguments.dense + index];
+        }
+    }
+    gradient[index] = sum;
+    if !is_finite(sum) {
+        progress.diverged = 1u;
+    }
+}
+
+/// Value of a sum in units of 2^-48.
+fn value_of(low: u32, high: u32) -> f32 {
+    if high >= 0x80000000u {
+        let carry = select(0u, 1u, low == 0u);
+        return -magnitude(~low + 1u, ~high + carry);
+    }
+    return magnitude(low, high);
+}
+
+fn magnitude(low: u32, high: u32) -> f32 {
+    return f32(high) / 65536.0 + f32(low) / 281474976710656.0;
+}
+
+var<workgroup> sums: array<f32, THREADS>;
+
+/// One workgroup; after it the step counts, unless it has diverged.
+@compute @workgroup_size(THREADS)
+fn sum_losses(@builtin(local_invocation_index) local: u32) {
+    var sum = 0.0;
+    for (var i = local; i < arguments.losses; i += THREADS) {
+        sum += losses[i];
+    }
+    sums[local] = sum;
+    for (var half = THREADS / 2u; half > 0u; half /= 2u) {
+        workgroupBarrier();
+        if local < half {
+            sums[local] += sums[local + half];
+        }
+    }
+    if local != 0u {
+        return;
+    }
+    if !is_finite(sums[0]) {
+        progress.diverged = 1u;
+    }
+    if progress.diverged == 0u {
+        progress.loss = sums[0];
+        progress.loss_sum += sums[0];
+        progress.steps += 1u;
+    }
+}
