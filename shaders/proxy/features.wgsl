@@ -1,104 +1,138 @@
-// Closed-form features of a light as seen from a pixel's first hit: the twin of `analytic.rs`, which tells what they are.
+// Closed-form features of a light at a surface: `features` of `analytic.rs`, in dual numbers (value, derivative), so that
+// the derivative by any parameter needs no second set of formulas. Where it is not asked for, the compiler drops it.
+// constant: QUAD 0
 
 const FEATURES: u32 = 11u;
-/// Kinds of lights: spheres and facing disks; rectangles.
-const ROUND: u32 = 0u;
-const QUAD: u32 = 1u;
 
-/// What the features need of a pixel.
-struct Surface {
-    /// First hit, in units of the scene's scale.
-    position: vec3f,
-    /// Shading normal.
-    normal: vec3f,
-    /// Mirror direction of the camera's.
-    mirror: vec3f,
+// What the features need of a pixel, as `Surface` of `analytic.rs`.
+struct Surface { position: vec3f, normal: vec3f, mirror: vec3f }
+
+// A vector and its derivative.
+struct Dual3 { value: vec3f, d: vec3f }
+
+// The scaled parameters of a light: centre, then radius (in x) or first edge, then second edge.
+struct FeatureLight { center: Dual3, u: Dual3, v: Dual3 }
+
+// Area or squared radius, vector irradiance per area, and the last feature.
+struct Flux { area: vec2f, flux: Dual3, extra: vec2f }
+
+fn constant(x: f32) -> vec2f { return vec2f(x, 0.0); }
+
+fn times(a: vec2f, b: vec2f) -> vec2f { return vec2f(a.x * b.x, a.x * b.y + a.y * b.x); }
+
+fn over(a: vec2f, b: vec2f) -> vec2f {
+    let quotient = a.x / b.x;
+    return vec2f(quotient, (a.y - quotient * b.y) / b.x);
 }
 
-/// A light in units of the scene's scale: centre, and radius (in `u.x`) or edges.
-struct ScaledLight {
-    center: vec3f,
-    u: vec3f,
-    v: vec3f,
+fn root(a: vec2f) -> vec2f {
+    let value = sqrt(a.x);
+    return vec2f(value, select(0.0, 0.5 * a.y / value, value > 0.0));
 }
 
-struct Flux {
-    area: f32,
-    /// Vector irradiance per area of the light.
-    vector: vec3f,
-    extra: f32,
+fn ramp(a: vec2f) -> vec2f { return select(vec2f(), a, a.x > 0.0); }
+
+fn plus(a: Dual3, b: Dual3) -> Dual3 { return Dual3(a.value + b.value, a.d + b.d); }
+
+fn minus(a: Dual3, b: Dual3) -> Dual3 { return Dual3(a.value - b.value, a.d - b.d); }
+
+fn scaled(a: Dual3, s: vec2f) -> Dual3 { return Dual3(a.value * s.x, a.value * s.y + a.d * s.x); }
+
+fn dots(a: Dual3, b: Dual3) -> vec2f {
+    return vec2f(dot(a.value, b.value), dot(a.value, b.d) + dot(a.d, b.value));
 }
 
-fn light_features(kind: u32, light: ScaledLight, at: Surface) -> array<f32, FEATURES> {
-    let offset = light.center - at.position;
-    var flux: Flux;
-    if kind == QUAD {
-        flux = quad_flux(light, offset);
-    } else {
-        flux = round_flux(light, offset);
-    }
-    let distance = sqrt(dot(offset, offset) + flux.area);
-    let direction = offset / distance;
-    let mirror = dot(at.mirror, direction);
-    let lobe = max(mirror, 0.0);
-    let lobe4 = lobe * lobe * lobe * lobe;
-    let lobe16 = lobe4 * lobe4 * lobe4 * lobe4;
-    let irradiance = max(dot(at.normal, flux.vector), 0.0);
-    let root = sqrt(irradiance + 1e-3);
-    return array<f32, FEATURES>(
-        direction.x,
-        direction.y,
-        direction.z,
-        1.0 / (1.0 + 4.0 * distance),
-        dot(at.normal, direction),
-        mirror,
-        lobe4,
-        lobe16,
-        irradiance / (1.0 + irradiance),
-        root / (1.0 + root),
-        flux.extra,
+fn crosses(a: Dual3, b: Dual3) -> Dual3 {
+    return Dual3(cross(a.value, b.value), cross(a.value, b.d) + cross(a.d, b.value));
+}
+
+fn still(a: vec3f) -> Dual3 { return Dual3(a, vec3f()); }
+
+// A light, with the derivative by its parameter of this number (9 or more: by none).
+fn feature_light(center: vec3f, u: vec3f, v: vec3f, parameter: u32) -> FeatureLight {
+    return FeatureLight(
+        Dual3(center, unit_vector(parameter)),
+        Dual3(u, unit_vector(parameter - 3u)),
+        Dual3(v, unit_vector(parameter - 6u)),
     );
 }
 
-fn round_flux(light: ScaledLight, offset: vec3f) -> Flux {
-    let radius = light.u.x;
-    let squared = dot(offset, offset) + radius * radius;
-    let distance = sqrt(squared);
-    return Flux(radius * radius, offset / (squared * distance), radius / distance);
-}
+// All zeros unless the axis is 0, 1 or 2.
+fn unit_vector(axis: u32) -> vec3f { return select(vec3f(), vec3f(1.0), vec3u(axis) == vec3u(0u, 1u, 2u)); }
 
-fn quad_flux(light: ScaledLight, offset: vec3f) -> Flux {
-    let half_u = 0.5 * light.u;
-    let half_v = 0.5 * light.v;
-    let a = unit(offset - half_u - half_v);
-    let b = unit(offset + half_u - half_v);
-    let c = unit(offset + half_u + half_v);
-    let d = unit(offset - half_u + half_v);
-    let vector = edge_flux(a, b) + edge_flux(b, c) + edge_flux(c, d) + edge_flux(d, a);
-    let normal = cross(half_u, half_v);
-    let quarter = sqrt(dot(normal, normal) + 1e-16);
-    let area = 4.0 * quarter;
-    let distance = sqrt(dot(offset, offset) + area);
-    return Flux(area, vector * (-0.5 / area), -dot(normal, offset) / (quarter * distance));
-}
-
-fn unit(v: vec3f) -> vec3f {
-    return v / sqrt(dot(v, v) + 1e-8);
-}
-
-fn edge_flux(a: vec3f, b: vec3f) -> vec3f {
-    return cross(a, b) * angle_over_sine(dot(a, b));
-}
-
-/// `acos(x) / sqrt(1 - x^2)`: a fit above 0, its supplement below.
-fn angle_over_sine(x: f32) -> f32 {
-    let magnitude = abs(x);
-    let numerator = 1.5707937 + magnitude * (0.8966052 + magnitude * 0.025226796);
-    let denominator = 1.0 + magnitude * (1.2073532 + magnitude * 0.2852716);
-    let acute = numerator / denominator;
-    if x >= 0.0 {
-        return acute;
+fn features(light: FeatureLight, at: Surface) -> array<vec2f, FEATURES> {
+    let one = constant(1.0);
+    let offset = minus(light.center, still(at.position));
+    var source: Flux;
+    if QUAD == 1u {
+        source = quad_flux(light, offset);
+    } else {
+        source = round_flux(light, offset);
     }
-    let sine = sqrt(max(1.0 - x * x, 0.0) + 1e-7);
-    return 3.14159265 / sine - acute;
+    let distance = root(dots(offset, offset) + source.area);
+    let direction = scaled(offset, over(one, distance));
+    let mirror = dots(still(at.mirror), direction);
+    let lobe2 = times(ramp(mirror), ramp(mirror));
+    let lobe4 = times(lobe2, lobe2);
+    let lobe8 = times(lobe4, lobe4);
+    let irradiance = ramp(dots(still(at.normal), source.flux));
+    // The constant bounds the slope at the horizon.
+    let soft = root(irradiance + constant(1e-3));
+    return array<vec2f, FEATURES>(
+        vec2f(direction.value.x, direction.d.x),
+        vec2f(direction.value.y, direction.d.y),
+        vec2f(direction.value.z, direction.d.z),
+        over(one, one + 4.0 * distance),
+        dots(still(at.normal), direction),
+        mirror,
+        lobe4,
+        times(lobe8, lobe8),
+        over(irradiance, one + irradiance),
+        over(soft, one + soft),
+        source.extra,
+    );
+}
+
+// A small source: `L / |L|^3`.
+fn round_flux(light: FeatureLight, offset: Dual3) -> Flux {
+    let radius = vec2f(light.u.value.x, light.u.d.x);
+    let area = times(radius, radius);
+    let squared = dots(offset, offset) + area;
+    let distance = root(squared);
+    let flux = scaled(offset, over(constant(1.0), times(squared, distance)));
+    return Flux(area, flux, over(radius, distance));
+}
+
+// A Lambertian rectangle, by Lambert's polygon formula.
+fn quad_flux(light: FeatureLight, offset: Dual3) -> Flux {
+    let u = scaled(light.u, constant(0.5));
+    let v = scaled(light.v, constant(0.5));
+    let a = toward(minus(minus(offset, u), v));
+    let b = toward(minus(plus(offset, u), v));
+    let c = toward(plus(plus(offset, u), v));
+    let d = toward(plus(minus(offset, u), v));
+    let flux = plus(plus(edge(a, b), edge(b, c)), plus(edge(c, d), edge(d, a)));
+    let normal = crosses(u, v);
+    let quarter = root(dots(normal, normal) + constant(1e-16));
+    let area = 4.0 * quarter;
+    let distance = root(dots(offset, offset) + area);
+    let cosine = -over(dots(normal, offset), times(quarter, distance));
+    return Flux(area, scaled(flux, over(constant(-0.5), area)), cosine);
+}
+
+fn toward(corner: Dual3) -> Dual3 {
+    return scaled(corner, over(constant(1.0), root(dots(corner, corner) + constant(1e-8))));
+}
+
+fn edge(a: Dual3, b: Dual3) -> Dual3 { return scaled(crosses(a, b), angle_over_sine(dots(a, b))); }
+
+// `acos(x) / sqrt(1 - x^2)`: a rational fit above 0, the supplementary angle below. The numbers are those of `ANGLE_FIT`.
+fn angle_over_sine(x: vec2f) -> vec2f {
+    let magnitude = ramp(x) + ramp(-x);
+    let numerator = constant(1.5707937) + times(magnitude, constant(0.8966052) + 0.025226796 * magnitude);
+    let denominator = constant(1.0) + times(magnitude, constant(1.2073532) + 0.2852716 * magnitude);
+    let acute = over(numerator, denominator);
+    let negative = over(ramp(-x), magnitude + constant(1e-20));
+    let sine = root(ramp(constant(1.0) - times(x, x)) + constant(1e-7));
+    return acute + times(negative, over(constant(3.14159265), sine) - 2.0 * acute);
 }

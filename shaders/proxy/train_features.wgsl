@@ -5,10 +5,9 @@
 struct Arguments {
     batch: Batch,
     first_draw: u32,
-    kind: u32,
     /// Activations: surfaces by pixel; features by sample.
     surfaces: u32,
-    features: u32,
+    values: u32,
 }
 
 @group(0) @binding(0) var<storage, read> draws: array<u32>;
@@ -25,7 +24,7 @@ fn light_vector(first: u32) -> vec3f {
 }
 
 @compute @workgroup_size(64)
-fn features(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
+fn fill(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
     let sample = id.x + id.y * groups.x * 64u;
     if sample >= arguments.batch.samples {
         return;
@@ -40,9 +39,10 @@ fn features(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) g
     let chunk = draws[arguments.first_draw + sample / CHUNK];
     let tile = chunk * (CHUNK / LANES) + sample % CHUNK / LANES;
     let row = tile * LIGHT_ROW;
-    let light = ScaledLight(light_vector(row), light_vector(row + 3u), light_vector(row + 6u));
-    var values = light_features(arguments.kind, light, surface);
+    // No derivative by a parameter of the light.
+    let light = feature_light(light_vector(row), light_vector(row + 3u), light_vector(row + 6u), LIGHT_WEIGHT);
+    var values = features(light, surface);
     for (var i = 0u; i < FEATURES; i += 1u) {
-        activations[arguments.features + i * row_stride(arguments.batch, SAMPLES) + sample] = values[i];
+        activations[arguments.values + i * row_stride(arguments.batch, SAMPLES) + sample] = values[i].x;
     }
 }
