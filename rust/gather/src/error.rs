@@ -19,4 +19,13 @@ pub enum GatherError {
         /// Values that the size needs.
         expected: usize,
     },
+    /// Targets of single pixels need the whole dump on the GPU.
+    #[error(
+        "the dump does not fit into the GPU's memory, as a training there needs it to: raise --gpu-memory, bake fewer \
+         samples, or use --device cpu"
+    )]
+    NotResident,
+    /// The GPU.
+    #[error(transparent)]
+    Gpu(#[from] relume_gpu::GpuError),
 }

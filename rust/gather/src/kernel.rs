@@ -257,10 +257,10 @@ fn visit_lanes<L: Lanes>(
 }
 
 /// Error of computed distances relative to the coordinates: a few units in the last place.
-const ROUNDING: f32 = 4e-6;
+pub const ROUNDING: f32 = 4e-6;
 
 /// Largest coordinate that a test of this shard against a light at `center` meets.
-fn magnitude(shard: &Shard, center: Vec3) -> f32 {
+pub fn magnitude(shard: &Shard, center: Vec3) -> f32 {
     let Grid { min, max } = shard.grid();
     min.abs().max(max.abs()).max(shard.camera_position().abs()).max(center.abs()).max_element()
 }

@@ -14,6 +14,7 @@ mod denoise;
 mod environment;
 mod error;
 mod gather;
+mod gpu;
 mod half;
 mod kernel;
 mod lanes;
@@ -29,6 +30,7 @@ pub use denoise::{DenoiseDevice, DenoiseError, DenoiseFeatures, DenoiseQuality, 
 pub use environment::Environment;
 pub use error::GatherError;
 pub use gather::{Gather, Scratch};
+pub use gpu::{GpuGather, GpuLight, GpuLights, Receivers};
 pub use half::Half;
 pub use kernel::Isa;
 pub use light::PreparedLight;

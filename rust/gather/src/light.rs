@@ -23,9 +23,9 @@ pub struct PreparedLight {
     pub(crate) profile: Profile,
     pub(crate) reach: Reach,
     /// By lobe code of the flags, the scale of the radius floor included; 0 for what is not a segment.
-    factors: [f32; 8],
+    pub(crate) factors: [f32; 8],
     /// Bit set of receivers that are lit; all if absent.
-    receivers: Option<Box<[u64; RECEIVER_LIMIT as usize / 64]>>,
+    pub(crate) receivers: Option<Box<[u64; RECEIVER_LIMIT as usize / 64]>>,
 }
 
 /// Geometry and emission profile.
@@ -81,8 +81,8 @@ pub(crate) struct Plane {
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Spread {
-    tan_half: f32,
-    normalisation: f32,
+    pub tan_half: f32,
+    pub normalisation: f32,
 }
 
 impl PreparedLight {

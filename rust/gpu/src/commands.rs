@@ -1,3 +1,5 @@
+use std::ops::Range;
+
 use crate::kernel::arguments;
 use crate::{Bound, Buffer, Gpu, GpuError, Timer};
 
@@ -11,6 +13,10 @@ pub struct Commands<'a> {
     encoder: wgpu::CommandEncoder,
     pass: Option<wgpu::ComputePass<'static>>,
 }
+
+/// Commands that were handed to the device.
+#[derive(Debug)]
+pub struct Submission(wgpu::SubmissionIndex);
 
 /// The grid of a dispatch of this many workgroups. Kernels number their groups `x + y * num_workgroups.x` and leave out those
 /// from `groups` on.
@@ -31,6 +37,17 @@ impl Gpu {
         let encoder =
             self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some(label) });
         Commands { gpu: self, encoder, pass: None }
+    }
+
+    /// Waits until these commands, and those before them, are done.
+    ///
+    /// # Errors
+    /// As [`Gpu::check`].
+    pub fn wait_for(&self, submission: Submission) -> Result<(), GpuError> {
+        let wait = wgpu::PollType::Wait { submission_index: Some(submission.0), timeout: None };
+        let polled = self.device.poll(wait);
+        self.check()?;
+        polled.map(|_| ()).map_err(|error| GpuError::Lost(error.to_string()))
     }
 }
 
@@ -71,6 +88,19 @@ impl Commands<'_> {
         self.encoder.copy_buffer_to_buffer(&from.raw, 0, &to.raw, 0, None);
     }
 
+    /// Copies some values of a buffer to the place `start` of another.
+    ///
+    /// # Panics
+    /// If they do not lie in both buffers.
+    pub fn copy_part<T>(&mut self, from: &Buffer<T>, range: Range<usize>, to: &Buffer<T>, start: usize) {
+        assert!(range.start <= range.end && range.end <= from.len(), "{range:?} of {} values", from.len());
+        assert!(start + range.len() <= to.len(), "{} values at {start} of {}", range.len(), to.len());
+        self.pass = None;
+        let bytes = |values: usize| values as u64 * size_of::<T>() as u64;
+        let size = Some(bytes(range.len()));
+        self.encoder.copy_buffer_to_buffer(&from.raw, bytes(range.start), &to.raw, bytes(start), size);
+    }
+
     /// Notes the time on the device, once all commands so far are done.
     pub fn mark(&mut self, timer: &mut Timer) {
         self.pass = None;
@@ -81,9 +111,17 @@ impl Commands<'_> {
     ///
     /// # Errors
     /// As [`Gpu::check`].
-    pub fn submit(mut self) -> Result<(), GpuError> {
+    pub fn submit(self) -> Result<(), GpuError> {
+        self.submit_tracked().map(|_| ())
+    }
+
+    /// [`Commands::submit`], for [`Gpu::wait_for`].
+    ///
+    /// # Errors
+    /// As [`Gpu::check`].
+    pub fn submit_tracked(mut self) -> Result<Submission, GpuError> {
         self.pass = None;
-        self.gpu.queue.submit([self.encoder.finish()]);
-        self.gpu.check()
+        let submission = self.gpu.queue.submit([self.encoder.finish()]);
+        self.gpu.check().map(|()| Submission(submission))
     }
 }

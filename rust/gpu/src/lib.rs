@@ -31,7 +31,7 @@ mod timer;
 
 pub use buffer::{Binding, Buffer};
 pub use choice::{AdapterSummary, GpuChoice, adapters};
-pub use commands::{Commands, fold};
+pub use commands::{Commands, Submission, fold};
 pub use device::{Gpu, Limits};
 pub use error::GpuError;
 pub use kernel::{Bound, Kernel};

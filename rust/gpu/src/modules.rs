@@ -20,6 +20,11 @@ macro_rules! files {
 }
 
 files![
+    "common/packing",
+    "gather/images",
+    "gather/light",
+    "gather/pixel",
+    "gather/targets",
     "proxy/features",
     "proxy/grid",
     "proxy/train_adam",

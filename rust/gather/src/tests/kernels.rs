@@ -11,8 +11,13 @@ use crate::{Gather, Half};
 
 /// 6 x 6 pixels, passes of 1, 3 and 4 samples, up to 5 random segments a path.
 fn random_dump() -> Dump {
+    random_dump_of(6, &[1, 3, 4])
+}
+
+/// The same for a square image and passes of other sizes.
+pub fn random_dump_of(size: usize, samples: &[u32]) -> Dump {
     let mut random = Random(3);
-    dump(manifest(6, &[1, 3, 4]), |_, _, samples: &mut TileSamples| {
+    dump(manifest(size, samples), |_, _, samples: &mut TileSamples| {
         for depth in 0..1 + (random.next() * 5.0) as usize {
             let lobe = Lobe::ALL[if depth == 0 { 0 } else { 1 + (random.next() * 4.0) as usize }];
             let throughput = Vec3::new(random.next(), random.next(), random.next());
@@ -30,7 +35,8 @@ fn random_dump() -> Dump {
     })
 }
 
-fn random_lights() -> Vec<Light> {
+/// Ten of each kind, some of them linked to a few receivers.
+pub fn random_lights() -> Vec<Light> {
     let mut random = Random(4);
     let mut lights = Vec::new();
     for kind in 0..60 {

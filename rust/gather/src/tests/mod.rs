@@ -3,7 +3,7 @@
 mod closed_form;
 mod denoise;
 mod images;
-mod kernels;
+pub mod kernels;
 
 use glam::Vec3;
 use relume_dump::{

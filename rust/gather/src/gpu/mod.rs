@@ -1,0 +1,278 @@
+//! The gather on a GPU: the same images as those of the CPU, up to the order of sums.
+//!
+//! The dump stays on the device if it fits into the memory budget; else each call streams it from its shards, the next
+//! chunk being copied while the device works on the present one. Each pixel is summed up by a fixed number of threads in a
+//! fixed order, so that results are the same in every run.
+//!
+//! Divisions and square roots of WGSL are off by a few units in the last place, and products may be fused with sums: a
+//! segment that grazes the edge of a light within that may be decided otherwise than on the CPU. Everything else is equal.
+
+mod chunk;
+mod light;
+
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use relume_dump::Dump;
+use relume_gpu::{Buffer, Commands, Gpu, Kernel, Submission};
+use relume_image::Image;
+
+use crate::kernel::magnitude;
+use crate::{Gather, GatherError, Half, PreparedLight};
+use chunk::{Chunk, ChunkPlan, ChunkRecords, ChunkTable, RECORD_BYTES};
+pub use light::{GpuLight, GpuLights, Receivers};
+
+/// Lights that one pass over the records can take, by the kernels that there are.
+const LIGHTS: [usize; 3] = [1, 4, 16];
+/// Threads of a workgroup (`shaders/gather/pixel.wgsl`).
+const GROUP_SIZE: u32 = 64;
+/// Largest buffer of a chunk: larger ones are harder to find room for.
+const BUFFER_BYTES: u64 = 1 << 30;
+/// Share of the free memory that a streamed dump takes for each of its two chunks.
+const STREAM_SHARE: f64 = 0.45;
+
+/// [`Gather`] on a GPU.
+#[derive(Debug)]
+pub struct GpuGather {
+    gpu: Arc<Gpu>,
+    dump: Dump,
+    /// Largest coordinate in the dump.
+    magnitude: f32,
+    /// The dump on the device; nothing if it does not fit.
+    resident: Option<Vec<Chunk>>,
+    kernels: Mutex<HashMap<KernelKey, Arc<Kernel>>>,
+}
+
+/// Module, entry point, lights, threads of a pixel.
+type KernelKey = (&'static str, &'static str, usize, u32);
+
+/// Images of some of the lights of a call, one behind the other.
+struct Images {
+    first_light: usize,
+    count: usize,
+    sums: Buffer<f32>,
+}
+
+impl GpuGather {
+    /// Copies the dump of a gather to the device if it fits into the free memory, with room for images.
+    ///
+    /// # Errors
+    /// If the device was lost.
+    pub fn new(gpu: Arc<Gpu>, gather: &Gather) -> Result<Self, GatherError> {
+        let dump = gather.dump().clone();
+        let largest = |shard: &Arc<relume_dump::Shard>| magnitude(shard, glam::Vec3::ZERO);
+        let magnitude = dump.shards().map(largest).fold(0.0, f32::max);
+        let mut gather = Self { gpu, dump, magnitude, resident: None, kernels: Mutex::default() };
+        let plans = ChunkPlan::cut(&gather.dump, gather.chunk_limit());
+        let tables: u64 = plans.iter().map(ChunkTable::bytes).sum();
+        let images = 2 * LIGHTS[LIGHTS.len() - 1] * gather.image_values() * size_of::<f32>();
+        let needed = gather.dump.record_count() as u64 * RECORD_BYTES + tables + images as u64;
+        if needed <= gather.gpu.free_memory() {
+            let chunks = plans.into_iter().map(|plan| Chunk::new(&gather.gpu, plan));
+            gather.resident = Some(chunks.collect::<Result<_, _>>()?);
+        }
+        Ok(gather)
+    }
+
+    /// Whether the dump stays on the device.
+    pub fn is_resident(&self) -> bool {
+        self.resident.is_some()
+    }
+
+    /// Copies lights to the device, for [`GpuGather::pixel_targets`].
+    ///
+    /// # Errors
+    /// If there is no room for them, or the device was lost.
+    pub fn lights(&self, lights: &[PreparedLight]) -> Result<GpuLights, GatherError> {
+        Ok(GpuLights::new(&self.gpu, lights, self.magnitude)?)
+    }
+
+    /// [`Gather::unit_images`], read back.
+    ///
+    /// # Errors
+    /// If there is no room for the images, or the device was lost.
+    pub fn unit_images(&self, lights: &[PreparedLight], half: Half) -> Result<Vec<Image>, GatherError> {
+        let values = self.image_values();
+        let manifest = self.dump.manifest();
+        let mut images = Vec::with_capacity(lights.len());
+        for group in self.gather(lights, half)? {
+            for light in 0..group.count {
+                let data = self.gpu.read(&group.sums, light * values..(light + 1) * values)?;
+                images.push(Image { data, ..Image::new(manifest.width, manifest.height, 3) });
+            }
+        }
+        Ok(images)
+    }
+
+    /// [`GpuGather::unit_images`] that stay on the device: RGB, row by row.
+    ///
+    /// # Errors
+    /// If there is no room for the images, or the device was lost.
+    pub fn unit_buffers(
+        &self,
+        lights: &[PreparedLight],
+        half: Half,
+    ) -> Result<Vec<Buffer<f32>>, GatherError> {
+        let values = self.image_values();
+        let mut images = Vec::with_capacity(lights.len());
+        for group in self.gather(lights, half)? {
+            if group.count == 1 {
+                images.push(group.sums);
+                continue;
+            }
+            let mut commands = self.gpu.commands("unit images");
+            for light in 0..group.count {
+                let image = self.gpu.zeros("unit image", values)?;
+                commands.copy_part(&group.sums, light * values..(light + 1) * values, &image, 0);
+                images.push(image);
+            }
+            commands.submit()?;
+        }
+        Ok(images)
+    }
+
+    /// [`Gather::pixel_into`] on the device, for targets of a training: `pixels` are places in the image, row by row, and
+    /// `lights` has `lights_per_pixel` for each of them. `out` becomes RGB, pixel by pixel, then light by light. Only
+    /// submits: `out` can be used by what is submitted next.
+    ///
+    /// # Errors
+    /// [`GatherError::NotResident`] if the dump is streamed; if the device was lost.
+    ///
+    /// # Panics
+    /// If the lengths do not fit together.
+    pub fn pixel_targets(
+        &self,
+        pixels: &Buffer<u32>,
+        lights: &GpuLights,
+        lights_per_pixel: u32,
+        half: Half,
+        out: &Buffer<f32>,
+    ) -> Result<(), GatherError> {
+        let values = pixels.len() * lights_per_pixel as usize;
+        assert!(lights.lights.len() == values && out.len() == 3 * values, "{values} pixels times lights");
+        let chunks = self.resident.as_ref().ok_or(GatherError::NotResident)?;
+        let most = (lights_per_pixel as usize).min(LIGHTS[LIGHTS.len() - 1]);
+        let mut commands = self.gpu.commands("pixel targets");
+        commands.clear(out);
+        for chunk in chunks {
+            let table = chunk.table(&self.gpu, &self.dump, half)?;
+            let numbers = chunk.numbers(&self.gpu, &self.dump)?;
+            let lanes = lanes(table.part_length);
+            let kernel = self.kernel(("gather/targets", "add_targets", kernel_lights(most), lanes))?;
+            let mut bindings = vec![lights.lights.whole(), lights.receivers.whole()];
+            bindings.extend(table.bindings(&chunk.records));
+            bindings.extend([numbers.whole(), pixels.whole(), out.whole()]);
+            let bound = kernel.bind(&bindings)?;
+            for first_light in (0..lights_per_pixel).step_by(most.max(1)) {
+                let count = (lights_per_pixel - first_light).min(most as u32);
+                let arguments = [pixels.len() as u32, lights_per_pixel, first_light, count];
+                let groups = (pixels.len() as u32).div_ceil(GROUP_SIZE / lanes);
+                commands.run(&bound, groups, bytemuck::bytes_of(&arguments));
+            }
+        }
+        Ok(commands.submit()?)
+    }
+
+    /// Values of an RGB image.
+    fn image_values(&self) -> usize {
+        self.dump.manifest().width * self.dump.manifest().height * 3
+    }
+
+    /// Most records of a chunk.
+    fn chunk_limit(&self) -> usize {
+        (self.gpu.limits().buffer.min(BUFFER_BYTES) / 4) as usize & !3
+    }
+
+    fn gather(&self, lights: &[PreparedLight], half: Half) -> Result<Vec<Images>, GatherError> {
+        let image_bytes = (self.image_values() * size_of::<f32>()).max(1);
+        let most = (self.gpu.limits().buffer as usize / image_bytes).clamp(1, LIGHTS[LIGHTS.len() - 1]);
+        let on_device = self.lights(lights)?;
+        let mut images = Vec::new();
+        for first_light in (0..lights.len()).step_by(most) {
+            let count = most.min(lights.len() - first_light);
+            let sums = self.gpu.zeros("unit images", count * self.image_values())?;
+            images.push(Images { first_light, count, sums });
+        }
+        match &self.resident {
+            Some(chunks) => {
+                for chunk in chunks {
+                    let table = chunk.table(&self.gpu, &self.dump, half)?;
+                    self.add_chunk(&chunk.records, &table, &on_device, &images)?.submit()?;
+                }
+            }
+            None => self.stream(half, &on_device, &images)?,
+        }
+        Ok(images)
+    }
+
+    /// Gathers from the shards, chunk by chunk. While the device works on one, the next is copied into the other of two
+    /// places.
+    fn stream(&self, half: Half, lights: &GpuLights, images: &[Images]) -> Result<(), GatherError> {
+        let everything = ChunkPlan::cut(&self.dump, usize::MAX);
+        let tables: u64 = everything.iter().map(ChunkTable::bytes).sum();
+        let records = self.dump.record_count().max(1);
+        let record_bytes = RECORD_BYTES as f64 + tables as f64 / records as f64;
+        let fitting = (self.gpu.free_memory() as f64 * STREAM_SHARE / record_bytes) as usize;
+        let plans = ChunkPlan::cut(&self.dump, fitting.min(self.chunk_limit()));
+        let room = plans.iter().map(|plan| plan.records).max().unwrap_or(0);
+        let places = [ChunkRecords::new(&self.gpu, room)?, ChunkRecords::new(&self.gpu, room)?];
+        let mut under_way: [Option<(ChunkTable, Submission)>; 2] = [None, None];
+        for (number, plan) in plans.iter().enumerate() {
+            let (place, before) = (&places[number % 2], &mut under_way[number % 2]);
+            if let Some((_, submission)) = before.take() {
+                self.gpu.wait_for(submission)?;
+            }
+            place.write(&self.gpu, plan);
+            let table = ChunkTable::new(&self.gpu, &self.dump, plan, half)?;
+            let submission = self.add_chunk(place, &table, lights, images)?.submit_tracked()?;
+            *before = Some((table, submission));
+        }
+        Ok(())
+    }
+
+    /// Adds what a chunk gives for all lights.
+    fn add_chunk(
+        &self,
+        records: &ChunkRecords,
+        table: &ChunkTable,
+        lights: &GpuLights,
+        images: &[Images],
+    ) -> Result<Commands<'_>, GatherError> {
+        let mut commands = self.gpu.commands("gather");
+        let lanes = lanes(table.part_length);
+        for group in images {
+            let kernel = self.kernel(("gather/images", "add_images", kernel_lights(group.count), lanes))?;
+            let mut bindings = vec![lights.lights.whole(), lights.receivers.whole()];
+            bindings.extend(table.bindings(records));
+            bindings.push(group.sums.whole());
+            let arguments =
+                [table.pixel_count, group.first_light as u32, group.count as u32, self.image_values() as u32];
+            let groups = table.pixel_count.div_ceil(GROUP_SIZE / lanes);
+            commands.run(&kernel.bind(&bindings)?, groups, bytemuck::bytes_of(&arguments));
+        }
+        Ok(commands)
+    }
+
+    fn kernel(&self, key: KernelKey) -> Result<Arc<Kernel>, GatherError> {
+        let mut kernels = self.kernels.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(kernel) = kernels.get(&key) {
+            return Ok(Arc::clone(kernel));
+        }
+        let (module, entry, lights, lanes) = key;
+        let kernel = self.gpu.kernel(module, entry, &[("LIGHTS", lights as u32), ("LANES", lanes)])?;
+        Ok(Arc::clone(kernels.entry(key).or_insert(Arc::new(kernel))))
+    }
+}
+
+/// Lights of the smallest kernel for so many.
+fn kernel_lights(count: usize) -> usize {
+    LIGHTS.into_iter().find(|&lights| lights >= count).unwrap_or(LIGHTS[LIGHTS.len() - 1])
+}
+
+/// Threads of a pixel whose parts have so many records: each should have two loads of four.
+fn lanes(part_length: usize) -> u32 {
+    (part_length as u32 / 8).next_power_of_two().clamp(8, GROUP_SIZE)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,190 @@
+//! The GPU gathers what the CPU does. Any device will do, a software driver included; that there is none is a failure.
+
+use relume_gpu::{GpuChoice, GpuError};
+
+use super::*;
+use crate::tests::kernels::{random_dump_of, random_lights};
+
+const HALVES: [Half; 3] = [Half::All, Half::First, Half::Second];
+
+fn gpu() -> Arc<Gpu> {
+    Gpu::open(&GpuChoice::Best)
+        .expect("tests need a GPU or a software driver, like Debian's mesa-vulkan-drivers")
+}
+
+/// Relative error of sums of at most some hundred positive values in another order, of a weight that the GPU computes with
+/// divisions and roots of 2.5 units in the last place (6e-8 each).
+const ROUNDING: f32 = 1e-5;
+/// Weights end in a smooth way at 0, where their error is absolute: that of a cosine, 3e-7, times the slope of the blend of
+/// the test's narrowest cone edge, 50, or of its narrowest spread, 200.
+const WEIGHT_ROUNDING: f32 = 6e-5;
+
+/// Values of an image that differ by more than rounding: those where a segment was decided otherwise.
+fn differing(found: &Image, expected: &Image) -> usize {
+    assert_eq!((found.width, found.height, found.channels), (expected.width, expected.height, 3));
+    let differs = |(a, b): &(&f32, &f32)| (*a - *b).abs() > ROUNDING * *b + WEIGHT_ROUNDING;
+    found.data.iter().zip(&expected.data).filter(differs).count()
+}
+
+fn mean(image: &Image) -> f64 {
+    image.data.iter().map(|&value| f64::from(value)).sum::<f64>() / image.data.len() as f64
+}
+
+#[test]
+fn images_equal_those_of_the_cpu_for_every_light_and_half() {
+    let gather = Gather::new(random_dump_of(10, &[1, 3, 4, 40]));
+    let lights = gather.prepare_all(&random_lights()).unwrap();
+    let on_gpu = GpuGather::new(gpu(), &gather).unwrap();
+    assert!(on_gpu.is_resident());
+    let (mut lit, mut different) = (0, 0);
+    for half in HALVES {
+        let (found, expected) =
+            (on_gpu.unit_images(&lights, half).unwrap(), gather.unit_images(&lights, half));
+        assert_eq!(found.len(), expected.len());
+        for (index, (found, expected)) in found.iter().zip(&expected).enumerate() {
+            lit += expected.data.iter().filter(|&&value| value > 0.0).count();
+            let here = differing(found, expected);
+            assert!(here <= 3, "{here} values of light {index} differ");
+            different += here;
+            assert!((mean(found) - mean(expected)).abs() <= 1e-5 * mean(expected) + 1e-3 * here as f64);
+        }
+    }
+    println!("{different} of {lit} values differ");
+    // 1.6 million tests of a segment, each with an edge of about 1e-6 of its size that may be decided otherwise.
+    assert!(lit > 20_000 && different <= 6, "{different} of {lit} values differ");
+}
+
+#[test]
+fn results_do_not_depend_on_the_run_or_on_the_lights_beside() {
+    let gather = Gather::new(random_dump_of(6, &[8]));
+    let lights = gather.prepare_all(&random_lights()[..6]).unwrap();
+    let on_gpu = GpuGather::new(gpu(), &gather).unwrap();
+    let many = on_gpu.unit_images(&lights, Half::All).unwrap();
+    assert_eq!(many, on_gpu.unit_images(&lights, Half::All).unwrap());
+    for (light, image) in lights.iter().zip(&many) {
+        assert_eq!(&on_gpu.unit_images(std::slice::from_ref(light), Half::All).unwrap()[0], image);
+    }
+    assert!(on_gpu.unit_images(&[], Half::All).unwrap().is_empty());
+}
+
+/// A dump of 17 shards of up to 700 records, of which 60 KB hold about a fifth.
+fn streamed(gpu: &Arc<Gpu>) -> (Gather, GpuGather) {
+    let gather = Gather::new(random_dump_of(10, &[1, 3, 4, 6]));
+    gpu.set_memory_budget(60_000);
+    let on_gpu = GpuGather::new(Arc::clone(gpu), &gather).unwrap();
+    assert!(!on_gpu.is_resident());
+    (gather, on_gpu)
+}
+
+#[test]
+fn a_dump_larger_than_the_memory_is_streamed_with_the_same_results() {
+    let gpu = gpu();
+    let (gather, on_gpu) = streamed(&gpu);
+    let lights = gather.prepare_all(&random_lights()[..18]).unwrap();
+    let resident = GpuGather::new(super::tests::gpu(), &gather).unwrap();
+    for half in HALVES {
+        let found = on_gpu.unit_images(&lights, half).unwrap();
+        let expected = resident.unit_images(&lights, half).unwrap();
+        // A tile whose shards lie in two chunks is summed in another order.
+        assert!(found.iter().zip(&expected).all(|(found, expected)| differing(found, expected) == 0));
+    }
+    // All that a call has taken is given back.
+    assert_eq!(gpu.free_memory(), 60_000);
+}
+
+#[test]
+fn images_without_room_are_an_error() {
+    let gpu = gpu();
+    let (gather, on_gpu) = streamed(&gpu);
+    let lights = gather.prepare_all(&random_lights()).unwrap();
+    let error = on_gpu.unit_images(&lights, Half::All).unwrap_err();
+    assert!(matches!(error, GatherError::Gpu(GpuError::OutOfMemory { .. })), "{error}");
+    on_gpu.unit_images(&lights[..1], Half::All).unwrap();
+}
+
+#[test]
+fn images_on_the_device_are_those_that_are_read_back() {
+    let gpu = gpu();
+    let gather = Gather::new(random_dump_of(6, &[4]));
+    let lights = gather.prepare_all(&random_lights()[..18]).unwrap();
+    let on_gpu = GpuGather::new(Arc::clone(&gpu), &gather).unwrap();
+    let images = on_gpu.unit_images(&lights, Half::First).unwrap();
+    let buffers = on_gpu.unit_buffers(&lights, Half::First).unwrap();
+    assert_eq!(images.len(), buffers.len());
+    for (image, buffer) in images.iter().zip(&buffers) {
+        assert_eq!(image.data, gpu.read(buffer, 0..buffer.len()).unwrap());
+    }
+}
+
+#[test]
+fn a_device_lost_in_mid_work_is_an_error_that_says_so() {
+    let gpu = gpu();
+    let gather = Gather::new(random_dump_of(6, &[4]));
+    let lights = gather.prepare_all(&random_lights()[..3]).unwrap();
+    let resident = GpuGather::new(Arc::clone(&gpu), &gather).unwrap();
+    let (_, streamed) = streamed(&gpu);
+    resident.unit_images(&lights, Half::All).unwrap();
+    gpu.lose();
+    for gather in [&resident, &streamed] {
+        let error = gather.unit_images(&lights, Half::All).unwrap_err();
+        assert!(matches!(error, GatherError::Gpu(GpuError::Lost(_))), "{error}");
+    }
+    let error = GpuGather::new(gpu, &gather).unwrap_err();
+    assert!(matches!(error, GatherError::Gpu(GpuError::Lost(_))), "{error}");
+}
+
+/// Each pixel's values for its own lights, as the CPU has them, and those of the GPU.
+fn targets(gather: &Gather, gpu: &Arc<Gpu>, pixels: &[u32], per_pixel: usize, half: Half) -> [Image; 2] {
+    let all = gather.prepare_all(&random_lights()).unwrap();
+    let lights: Vec<_> =
+        (0..pixels.len() * per_pixel).map(|index| all[index * 7 % all.len()].clone()).collect();
+    let on_gpu = GpuGather::new(Arc::clone(gpu), gather).unwrap();
+    let (places, out) = (
+        gpu.buffer_of("pixels", pixels).unwrap(),
+        gpu.buffer_of("targets", &vec![9.0; lights.len() * 3]).unwrap(),
+    );
+    let lights_on_gpu = on_gpu.lights(&lights).unwrap();
+    on_gpu.pixel_targets(&places, &lights_on_gpu, per_pixel as u32, half, &out).unwrap();
+    let shape = Image::new(per_pixel, pixels.len(), 3);
+    let found = Image { data: gpu.read(&out, 0..out.len()).unwrap(), ..shape.clone() };
+    let width = gather.dump().manifest().width;
+    let of_pixel = |(&place, lights): (&u32, &[PreparedLight])| {
+        gather.pixel(place as usize % width, place as usize / width, lights, half)
+    };
+    let expected = pixels.iter().zip(lights.chunks(per_pixel)).flat_map(of_pixel).flatten().collect();
+    [found, Image { data: expected, ..shape }]
+}
+
+#[test]
+fn pixels_with_lights_of_their_own_equal_those_of_the_cpu() {
+    let gather = Gather::new(random_dump_of(10, &[1, 3, 20]));
+    let gpu = gpu();
+    let pixels: Vec<u32> = (0..150).map(|index| index * 37 % 100).collect();
+    for (per_pixel, half) in [(1, Half::All), (4, Half::First), (19, Half::Second)] {
+        let [found, expected] = targets(&gather, &gpu, &pixels, per_pixel, half);
+        assert!(expected.data.iter().filter(|&&value| value > 0.0).count() > 100);
+        assert_eq!(differing(&found, &expected), 0);
+    }
+}
+
+#[test]
+fn targets_of_a_streamed_dump_are_refused() {
+    let gpu = gpu();
+    let (_, on_gpu) = streamed(&gpu);
+    let (pixels, out) = (gpu.zeros("pixels", 1).unwrap(), gpu.zeros("targets", 3).unwrap());
+    let lights = on_gpu.lights(&a_light()).unwrap();
+    let error = on_gpu.pixel_targets(&pixels, &lights, 1, Half::All, &out).unwrap_err();
+    assert!(matches!(error, GatherError::NotResident), "{error}");
+}
+
+fn a_light() -> [PreparedLight; 1] {
+    [PreparedLight::new(&random_lights()[0], 0.0).unwrap()]
+}
+
+#[test]
+fn a_dump_without_samples_is_black() {
+    let gather = Gather::new(Dump::in_memory(crate::tests::manifest(5, &[2])).unwrap());
+    let lights = gather.prepare_all(&random_lights()[..2]).unwrap();
+    let images = GpuGather::new(gpu(), &gather).unwrap().unit_images(&lights, Half::All).unwrap();
+    assert_eq!(images, [Image::new(5, 5, 3), Image::new(5, 5, 3)]);
+}

@@ -1,0 +1,181 @@
+// Lights for crossing tests: the profiles of `rust/gather/src/light.rs`, decided by the same operations. A segment goes
+// from `origin` along `edge`, which is not normalised; each crossing counts once.
+// use: common/packing
+
+const SPHERE = 0u;
+const FACING_DISK = 1u;
+const SPOT = 2u;
+// A spot that is a facing disk in its cone.
+const SOFT_SPOT = 3u;
+const QUAD = 4u;
+const ELLIPSE = 5u;
+const SUN = 6u;
+
+// Words of a receiver set: a bit for each of 2048.
+const RECEIVER_WORDS = 64u;
+
+struct Light {
+    center: vec3f,
+    kind: u32,
+    // Axis of a spot, normal of an area, towards a sun.
+    direction: vec3f,
+    radius: f32,
+    // Edges of an area divided by their squared length.
+    inverse_u: vec3f,
+    // Squared: the radius with room for rounding, or the chord of a sun.
+    reach2: f32,
+    inverse_v: vec3f,
+    // Number of its receiver set.
+    receivers: u32,
+    // By lobe code; 0 for what is not a segment.
+    factors: array<f32, 8>,
+    // Of a spot.
+    cos_half_angle: f32,
+    inverse_blend: f32,
+    // Of the spread of an area; a normalisation of 0 is that of a Lambertian emitter.
+    tan_half: f32,
+    normalisation: f32,
+}
+
+@group(0) @binding(0) var<storage, read> lights: array<Light>;
+// Sets of RECEIVER_WORDS.
+@group(0) @binding(1) var<storage, read> receivers: array<u32>;
+
+struct Segment {
+    origin: vec3f,
+    edge: vec3f,
+    length2: f32,
+    // Second word of the record.
+    z_flags: u32,
+}
+
+// Smallest normal float.
+const TINY = 1.1754944e-38;
+
+fn segment(origin: vec3f, edge: vec3f, z_flags: u32) -> Segment {
+    return Segment(origin, edge, max(dot(edge, edge), TINY), z_flags);
+}
+
+// Whether a segment may cross a light: no crossing one is left out, few others pass.
+fn is_near(light: u32, s: Segment) -> bool {
+    let kind = lights[light].kind;
+    if kind <= SOFT_SPOT {
+        let to_center = lights[light].center - s.origin;
+        let share = clamp(dot(to_center, s.edge) / s.length2, 0.0, 1.0);
+        let nearest = to_center - s.edge * share;
+        return dot(nearest, nearest) <= lights[light].reach2;
+    }
+    if kind <= ELLIPSE {
+        return area_cosine(light, s) > 0.0;
+    }
+    let apart = s.edge / sqrt(s.length2) - lights[light].direction;
+    return (s.z_flags & ESCAPED) != 0u && dot(apart, apart) <= lights[light].reach2;
+}
+
+// What a segment is weighted with: profile and factors; 0 if it does not cross the light or is left out by it.
+fn weight(light: u32, s: Segment) -> f32 {
+    let lobe = lobe_code(s.z_flags);
+    let factor = lights[light].factors[lobe];
+    if factor == 0.0 {
+        return 0.0;
+    }
+    let bit = receiver(s.z_flags);
+    let word = receivers[lights[light].receivers * RECEIVER_WORDS + (bit >> 5u)];
+    // Camera rays leave no object; light linking does not concern them.
+    if lobe != 0u && ((word >> (bit & 31u)) & 1u) == 0u {
+        return 0.0;
+    }
+    return factor * profile(light, s);
+}
+
+fn profile(light: u32, s: Segment) -> f32 {
+    switch lights[light].kind {
+        case SPHERE: { return select(0.0, 1.0, sphere_is_crossed(light, s)); }
+        case FACING_DISK: { return select(0.0, 1.0, facing_disk_is_crossed(light, s)); }
+        case SPOT, SOFT_SPOT: { return spot(light, s); }
+        case QUAD, ELLIPSE: { return area(light, s); }
+        // `is_near` has decided.
+        default: { return 1.0; }
+    }
+}
+
+fn sphere_is_crossed(light: u32, s: Segment) -> bool {
+    let to_center = lights[light].center - s.origin;
+    let radius2 = lights[light].radius * lights[light].radius;
+    let distance2 = dot(to_center, to_center);
+    let along = dot(to_center, s.edge);
+    let outside = distance2 > radius2;
+    if outside && along <= 0.0 {
+        return false;
+    }
+    // Distance of the centre from the line as a vector: squares of coordinates would cancel for small spheres.
+    let perpendicular = to_center - s.edge * (along / s.length2);
+    let half_chord2 = radius2 - dot(perpendicular, perpendicular);
+    // A segment without length crosses nothing.
+    if half_chord2 < 0.0 || s.length2 <= TINY {
+        return false;
+    }
+    let length = sqrt(s.length2);
+    let foot = along / length;
+    let half_chord = sqrt(half_chord2);
+    let distance = foot + select(half_chord, -half_chord, outside);
+    return distance > 0.0 && distance < length;
+}
+
+// The disk lies through the centre, perpendicular to the line from the origin.
+fn facing_disk_is_crossed(light: u32, s: Segment) -> bool {
+    let to_center = lights[light].center - s.origin;
+    let distance2 = dot(to_center, to_center);
+    let along = dot(to_center, s.edge);
+    if !(along > distance2 && distance2 > 0.0) {
+        return false;
+    }
+    let in_disk = s.edge * (distance2 / along) - to_center;
+    return dot(in_disk, in_disk) <= lights[light].radius * lights[light].radius;
+}
+
+fn spot(light: u32, s: Segment) -> f32 {
+    let is_soft = lights[light].kind == SOFT_SPOT;
+    let to_center = lights[light].center - s.origin;
+    var crossed = false;
+    if is_soft {
+        crossed = facing_disk_is_crossed(light, s);
+    } else {
+        crossed = dot(s.edge, to_center) > 0.0 && sphere_is_crossed(light, s);
+    }
+    // The cone is left out for points inside of a sphere.
+    let inside = dot(to_center, to_center) <= lights[light].radius * lights[light].radius;
+    if !crossed || (inside && !is_soft) {
+        return select(0.0, 1.0, crossed);
+    }
+    let cos = -dot(s.edge, lights[light].direction) / sqrt(s.length2);
+    let x = clamp((cos - lights[light].cos_half_angle) * lights[light].inverse_blend, 0.0, 1.0);
+    return x * x * (3.0 - 2.0 * x);
+}
+
+// Cosine between the normal and the way back times the length of the edge; 0 if the segment does not cross the area from
+// the side of its normal.
+fn area_cosine(light: u32, s: Segment) -> f32 {
+    let to_center = lights[light].center - s.origin;
+    let normal = lights[light].direction;
+    let height = dot(to_center, normal);
+    let slope = dot(s.edge, normal);
+    if !(slope < 0.0 && height < 0.0 && slope < height) {
+        return 0.0;
+    }
+    let in_plane = s.edge * (height / slope) - to_center;
+    let uv = vec2f(dot(in_plane, lights[light].inverse_u), dot(in_plane, lights[light].inverse_v));
+    let inside = select(all(abs(uv) <= vec2f(0.5)), dot(uv, uv) <= 0.25, lights[light].kind == ELLIPSE);
+    return select(0.0, -slope, inside);
+}
+
+fn area(light: u32, s: Segment) -> f32 {
+    let projected = area_cosine(light, s);
+    if projected <= 0.0 || lights[light].normalisation == 0.0 {
+        return select(0.0, 1.0, projected > 0.0);
+    }
+    // The soft-box grid of Blender's D10594.
+    let cos = projected / sqrt(s.length2);
+    let tan = sqrt(max(1.0 - cos * cos, 0.0)) / cos;
+    return max((lights[light].tan_half - tan) * lights[light].normalisation, 0.0);
+}

@@ -1,0 +1,49 @@
+// Adds what a chunk of records gives at single pixels, each with up to LIGHTS lights of its own.
+// use: gather/pixel
+
+struct Arguments {
+    targets: u32,
+    // Per pixel.
+    lights: u32,
+    // First of those of a pixel that this run is about, and their number.
+    first_light: u32,
+    count: u32,
+}
+var<immediate> arguments: Arguments;
+
+const ELSEWHERE = 0xffffffffu;
+
+// By place in the image: number in `pixels`, or ELSEWHERE for those of other chunks.
+@group(0) @binding(8) var<storage, read> numbers: array<u32>;
+// Places in the image, row by row.
+@group(0) @binding(9) var<storage, read> places: array<u32>;
+// Pixel by pixel, then light by light.
+@group(0) @binding(10) var<storage, read_write> values: array<f32>;
+
+@compute @workgroup_size(GROUP_SIZE)
+fn add_targets(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) thread: u32,
+) {
+    let index = (group.x + group.y * groups.x) * (GROUP_SIZE / LANES) + thread / LANES;
+    var pixel = ELSEWHERE;
+    if index < arguments.targets && places[index] < arrayLength(&numbers) {
+        pixel = numbers[places[index]];
+    }
+    let first_light = index * arguments.lights + arguments.first_light;
+    if pixel != ELSEWHERE {
+        visit_pixel(pixel, thread % LANES, first_light, arguments.count);
+    }
+    reduce(thread);
+    if thread % LANES != 0u || pixel == ELSEWHERE {
+        return;
+    }
+    for (var i = 0u; i < LIGHTS; i++) {
+        if i < arguments.count {
+            for (var channel = 0u; channel < 3u; channel++) {
+                values[(first_light + i) * 3u + channel] += total(i, channel, thread) * pixels[pixel].scale;
+            }
+        }
+    }
+}
