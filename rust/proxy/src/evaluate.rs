@@ -45,6 +45,22 @@ impl<N: Network> Evaluator<N> {
         &self.network
     }
 
+    /// All pixels as [`Network::encode_pixels`] leaves them, tile after tile.
+    pub fn encoded(&self) -> &[f32] {
+        &self.encoded
+    }
+
+    /// What depends on a light alone.
+    pub fn light(&self, light: &LightParams) -> N::Lit {
+        self.network.light(self.context(), &self.packed, light)
+    }
+
+    #[allow(dead_code)]
+    /// The gradient by a light's parameters from a sum over pixels, as [`Network::light_backward`] makes it.
+    pub fn finish_light_gradient(&self, lit: &N::Lit, sum: &[f32]) -> [f32; MAX_PARAMS] {
+        self.network.finish_light_gradient(self.context(), &self.packed, lit, sum)
+    }
+
     fn context(&self) -> Context<'_> {
         Context { isa: self.isa, scene: &self.scene, params: &self.params }
     }

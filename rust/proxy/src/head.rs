@@ -19,11 +19,11 @@ pub(crate) type Modulation = Vec<f32>;
 /// ```
 #[derive(Clone, Debug)]
 pub(crate) struct Head {
-    width: usize,
-    features: TensorId,
-    hidden: Vec<TensorId>,
-    output: TensorId,
-    output_bias: TensorId,
+    pub width: usize,
+    pub features: TensorId,
+    pub hidden: Vec<TensorId>,
+    pub output: TensorId,
+    pub output_bias: TensorId,
 }
 
 #[derive(Debug)]

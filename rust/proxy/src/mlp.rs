@@ -7,9 +7,9 @@ use crate::simd::{
 #[derive(Clone, Debug)]
 pub(crate) struct Mlp {
     /// Values before, between and after the layers.
-    sizes: Vec<usize>,
-    weights: Vec<TensorId>,
-    biases: Vec<TensorId>,
+    pub sizes: Vec<usize>,
+    pub weights: Vec<TensorId>,
+    pub biases: Vec<TensorId>,
 }
 
 /// Weights of an [`Mlp`] in the order of the kernels, forwards and transposed.

@@ -6,11 +6,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::encoding::{LightEncoding, OutputScale};
 use crate::evaluate::Evaluator;
+use crate::gpu::{DeviceNetwork, OnDevice};
 use crate::network::{FastNetwork, Network, ReferenceNetwork};
 use crate::params::ParamLayout;
 use crate::scene_cache::{Normalisation, SceneCache};
 use crate::simd::Isa;
-use crate::{LightKind, LightParams, NetworkConfig, PixelFeatures, ProxyError, SizeRange};
+use crate::{LightKind, LightParams, MAX_PARAMS, NetworkConfig, PixelFeatures, ProxyError, SizeRange};
 
 /// What is known of a proxy besides its weights and pixels.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -110,6 +111,36 @@ impl Proxy {
         &self.features
     }
 
+    /// Its network as a device runs it.
+    pub(crate) fn device_network(&self) -> DeviceNetwork {
+        with_evaluator!(self, e => e.network().device_network(e.params()))
+    }
+
+    /// The encoded pixels, in tiles of [`DeviceNetwork::pixel_rows`].
+    pub(crate) fn encoded(&self) -> &[f32] {
+        with_evaluator!(self, e => e.encoded())
+    }
+
+    /// Scale and shift of each layer for a light.
+    pub(crate) fn modulation(&self, light: &LightParams) -> Vec<f32> {
+        with_evaluator!(self, e => e.network().modulation(e.params(), &e.light(light)))
+    }
+
+    #[allow(dead_code)]
+    /// The gradient by a light's parameters from those by [`Proxy::modulation`] and by the parameters that the analytic
+    /// features see.
+    pub(crate) fn light_gradient(
+        &self,
+        light: &LightParams,
+        d_modulation: &[f32],
+        d_features: &[f32],
+    ) -> [f32; MAX_PARAMS] {
+        with_evaluator!(self, e => {
+            let sum = e.network().gradient_sum(e.params(), d_modulation, d_features);
+            e.finish_light_gradient(&e.light(light), &sum)
+        })
+    }
+
     pub(crate) fn params(&self) -> &[f32] {
         with_evaluator!(self, e => e.params())
     }
@@ -201,14 +232,14 @@ impl Proxy {
         Ok(gradient[..light.as_slice().len()].to_vec())
     }
 
-    fn check_kind(&self, light: &LightParams) -> Result<(), ProxyError> {
+    pub(crate) fn check_kind(&self, light: &LightParams) -> Result<(), ProxyError> {
         if light.kind() != self.info.kind {
             return Err(ProxyError::WrongKind { trained: self.info.kind, asked: light.kind() });
         }
         Ok(())
     }
 
-    fn check_pixels(&self, pixels: &[u32]) -> Result<(), ProxyError> {
+    pub(crate) fn check_pixels(&self, pixels: &[u32]) -> Result<(), ProxyError> {
         let count = with_evaluator!(self, e => e.pixel_count());
         match pixels.iter().find(|p| **p as usize >= count) {
             Some(&pixel) => Err(ProxyError::PixelOutside { pixel, count }),
@@ -217,7 +248,7 @@ impl Proxy {
     }
 }
 
-fn check_length(what: &'static str, expected: usize, found: usize) -> Result<(), ProxyError> {
+pub(crate) fn check_length(what: &'static str, expected: usize, found: usize) -> Result<(), ProxyError> {
     if expected != found {
         return Err(ProxyError::Length { what, expected, found });
     }

@@ -27,8 +27,8 @@ pub(crate) struct FastNetwork {
     grid: HashGrid,
     trunk: Mlp,
     encoder: Mlp,
-    head: Head,
-    light: LightEncoding,
+    pub head: Head,
+    pub light: LightEncoding,
 }
 
 /// Packed weights of the three parts.
@@ -52,7 +52,7 @@ pub(crate) struct FastScratch {
 /// A light, its modulation and the head with that modulation folded in.
 pub(crate) struct LitFast {
     light: LightParams,
-    modulation: Modulation,
+    pub modulation: Modulation,
     head: FoldedHead,
 }
 

@@ -3,8 +3,8 @@
 mod fast;
 mod reference;
 
-pub(crate) use fast::FastNetwork;
-pub(crate) use reference::ReferenceNetwork;
+pub(crate) use fast::{FastNetwork, LitFast};
+pub(crate) use reference::{LitReference, ReferenceNetwork};
 
 use crate::LightParams;
 use crate::grid::HashGrid;

@@ -16,8 +16,8 @@ const TILES: usize = 4;
 pub(crate) struct ReferenceNetwork {
     layout: ParamLayout,
     grid: HashGrid,
-    mlp: Mlp,
-    light: LightEncoding,
+    pub mlp: Mlp,
+    pub light: LightEncoding,
 }
 
 /// Buffers of training.
@@ -30,7 +30,7 @@ pub(crate) struct ReferenceScratch {
 /// A light and its inputs.
 pub(crate) struct LitReference {
     light: LightParams,
-    inputs: [f32; MAX_LIGHT_INPUTS],
+    pub inputs: [f32; MAX_LIGHT_INPUTS],
 }
 
 /// Buffers for one tile at a time.
