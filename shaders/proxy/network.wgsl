@@ -16,10 +16,14 @@ const LAYERS: u32 = HIDDEN + 1u;
 // Rows of an encoded pixel that enter the first layer, and those that are loaded, zeros included.
 const ENCODED_ROWS: u32 = PIXEL_ROWS - FAST * SURFACE_ROWS;
 const LOADED_ROWS: u32 = FAST * WIDTH + (1u - FAST) * PIXEL_ROWS;
-// Where the weights of the hidden matrices and of the output start, in quads.
+// Where the weights of the hidden matrices and of the output start, in quads; bias last.
 const HIDDEN_QUADS: u32 = WIDTH * ROW_QUADS;
 const HIDDEN_AT: u32 = (FAST * 4u * FEATURE_QUADS + (1u - FAST) * PIXEL_ROWS) * ROW_QUADS;
 const OUTPUT_AT: u32 = HIDDEN_AT + HIDDEN * HIDDEN_QUADS;
+// And those for the way back: the hidden ones, of the output three rows and one of zeros, of the features three quads a row.
+const BACK_AT: u32 = OUTPUT_AT + WIDTH + 1u;
+const BACK_OUTPUT_AT: u32 = BACK_AT + HIDDEN * HIDDEN_QUADS;
+const BACK_FEATURES_AT: u32 = BACK_OUTPUT_AT + 4u * ROW_QUADS;
 // Quads of a light: scale and shift of every layer, then centre and output scale, edges, radiance.
 const LIGHT_QUADS: u32 = LAYERS * 2u * ROW_QUADS + 4u;
 const LIGHT_AT: u32 = LAYERS * 2u * ROW_QUADS;

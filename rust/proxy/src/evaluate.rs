@@ -55,7 +55,6 @@ impl<N: Network> Evaluator<N> {
         self.network.light(self.context(), &self.packed, light)
     }
 
-    #[allow(dead_code)]
     /// The gradient by a light's parameters from a sum over pixels, as [`Network::light_backward`] makes it.
     pub fn finish_light_gradient(&self, lit: &N::Lit, sum: &[f32]) -> [f32; MAX_PARAMS] {
         self.network.finish_light_gradient(self.context(), &self.packed, lit, sum)

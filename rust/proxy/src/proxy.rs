@@ -126,7 +126,6 @@ impl Proxy {
         with_evaluator!(self, e => e.network().modulation(e.params(), &e.light(light)))
     }
 
-    #[allow(dead_code)]
     /// The gradient by a light's parameters from those by [`Proxy::modulation`] and by the parameters that the analytic
     /// features see.
     pub(crate) fn light_gradient(

@@ -1,8 +1,12 @@
 //! The networks on a GPU.
 
+mod compare;
+mod gradient;
 mod network;
 mod proxy;
 
+pub use compare::GpuComparison;
+pub use gradient::LightGradient;
 pub(crate) use network::{DeviceNetwork, OnDevice};
 pub use proxy::GpuProxy;
 

@@ -20,11 +20,9 @@ pub(crate) struct DeviceNetwork {
     pub hidden: usize,
     /// Rows of an encoded pixel.
     pub pixel_rows: usize,
-    /// Matrices for the way forward, `[input][row]`, then output weights and bias in quads of three values.
-    pub forward: Vec<f32>,
-    #[allow(dead_code)]
-    /// Matrices for the way back: `[row][input]` between layers, then of the output, then of the features.
-    pub backward: Vec<f32>,
+    /// For the way forward: matrices as `[input][row]`, then output weights and bias in quads of three values. For the way
+    /// back: those between layers as `[row][input]`, then of the output, then of the features.
+    pub weights: Vec<f32>,
 }
 
 /// A matrix of a parameter vector.
@@ -73,21 +71,19 @@ impl Parts<'_> {
     fn pack(self, fast: bool, pixel_rows: usize) -> DeviceNetwork {
         let true_width = self.first.rows;
         let width = true_width.next_multiple_of(BLOCK);
-        let (mut forward, mut backward) = (Vec::new(), Vec::new());
-        self.first.by_columns(self.first_inputs, width, &mut forward);
-        for matrix in &self.hidden {
-            matrix.by_columns(width, width, &mut forward);
-            matrix.by_rows(width, width, &mut backward);
-        }
-        self.output.by_columns(width, 4, &mut forward);
-        forward.extend_from_slice(self.output_bias);
-        forward.push(0.0);
-        self.output.by_rows(4, width, &mut backward);
+        let mut weights = Vec::new();
+        self.first.by_columns(self.first_inputs, width, &mut weights);
+        self.hidden.iter().for_each(|matrix| matrix.by_columns(width, width, &mut weights));
+        self.output.by_columns(width, 4, &mut weights);
+        weights.extend_from_slice(self.output_bias);
+        weights.push(0.0);
+        self.hidden.iter().for_each(|matrix| matrix.by_rows(width, width, &mut weights));
+        self.output.by_rows(4, width, &mut weights);
         if fast {
-            self.first.by_rows(width, FEATURE_ROWS, &mut backward);
+            self.first.by_rows(width, FEATURE_ROWS, &mut weights);
         }
         let hidden = self.hidden.len();
-        DeviceNetwork { fast, width, true_width, hidden, pixel_rows, forward, backward }
+        DeviceNetwork { fast, width, true_width, hidden, pixel_rows, weights }
     }
 }
 
@@ -97,7 +93,6 @@ pub(crate) trait OnDevice: Network {
     fn device_network(&self, params: &[f32]) -> DeviceNetwork;
     /// For each layer its scale, then its shift.
     fn modulation(&self, params: &[f32], lit: &Self::Lit) -> Vec<f32>;
-    #[allow(dead_code)]
     /// What [`Network::light_backward`] sums up, from the gradient by [`OnDevice::modulation`] and by the scaled parameters
     /// that the features see.
     fn gradient_sum(&self, params: &[f32], d_modulation: &[f32], d_features: &[f32]) -> Vec<f32>;

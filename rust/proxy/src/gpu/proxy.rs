@@ -1,9 +1,10 @@
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use relume_gpu::{Binding, Buffer, Gpu, GpuError, Kernel};
+use relume_gpu::{Binding, Buffer, Commands, Gpu, GpuError, Kernel};
 use relume_image::Image;
 
 use super::DeviceNetwork;
+use super::gradient::GradientKernels;
 use crate::analytic::scaled_params;
 use crate::proxy::check_length;
 use crate::{LightKind, LightParams, Proxy, ProxyError};
@@ -12,6 +13,9 @@ use crate::{LightKind, LightParams, Proxy, ProxyError};
 const WORKGROUP_MEMORY: usize = 32 << 10;
 /// Most pixels of a tile; more would leave cards idle at the end of an image.
 const MAX_TILE: usize = 256;
+
+/// Room for what as many workgroups keep as run at the same time on the largest cards, and for a buffer of any.
+const MAX_KEPT: usize = 128 << 20;
 
 /// A [`Proxy`] on a GPU: its weights, and all that is known of its pixels without a light.
 #[derive(Debug)]
@@ -27,16 +31,20 @@ pub struct GpuProxy {
     listed: Kernel,
     /// Stands for the list of pixels where all are asked for.
     no_list: Buffer<u32>,
+    /// Most bytes that workgroups keep of the way forward while they make gradients.
+    pub(super) max_kept: usize,
     /// Buffers that calls share, so that one at a time may write and submit.
     shared: Mutex<Shared>,
 }
 
-/// Grows as asked.
+/// They grow as asked.
 #[derive(Debug)]
-struct Shared {
-    lights: Buffer<f32>,
-    pixels: Buffer<u32>,
-    units: Buffer<f32>,
+pub(super) struct Shared {
+    pub lights: Buffer<f32>,
+    pub pixels: Buffer<u32>,
+    /// `[light][pixel]` RGB.
+    pub units: Buffer<f32>,
+    pub gradient: Option<GradientKernels>,
 }
 
 /// Arguments of `infer`.
@@ -62,20 +70,20 @@ impl GpuProxy {
             return Err(GpuError::TooLarge { what, limit: 0 }.into());
         }
         let tile = 1 << tile.ilog2();
-        let kernel = |listed: bool| {
-            let quad = proxy.info().kind == LightKind::Quad;
-            gpu.kernel("proxy/infer", "infer", &constants(&network, tile, quad, listed))
-        };
+        let kind = proxy.info().kind;
+        let kernel = |listed| gpu.kernel("proxy/infer", "infer", &constants(&network, tile, kind, listed));
         let shared = Shared {
             lights: gpu.zeros("light of a proxy", light_len(&network))?,
             pixels: gpu.zeros("pixels of a proxy", 1)?,
             units: gpu.zeros("unit image", 3)?,
+            gradient: None,
         };
         Ok(Self {
-            weights: gpu.buffer_of("weights of a proxy", &network.forward)?,
+            weights: gpu.buffer_of("weights of a proxy", &network.weights)?,
             encoded: gpu.buffer_of("encoded pixels", proxy.encoded())?,
             whole: kernel(false)?,
             listed: kernel(true)?,
+            max_kept: MAX_KEPT,
             no_list: gpu.zeros("no list", 1)?,
             shared: Mutex::new(shared),
             proxy: proxy.clone(),
@@ -98,7 +106,8 @@ impl GpuProxy {
         let [width, height] = self.proxy.info().image;
         let shared = &mut *self.shared();
         grow(&self.gpu, &mut shared.units, 3 * width * height)?;
-        self.unit_into(shared, light, &shared.units)?;
+        self.write_lights(shared, &[(*light, [1.0; 3])])?;
+        self.run_whole(&shared.lights, &shared.units)?;
         let data = self.gpu.read(&shared.units, 0..3 * width * height)?;
         Ok(Image { width, height, channels: 3, data })
     }
@@ -108,13 +117,10 @@ impl GpuProxy {
     /// # Errors
     /// [`ProxyError::WrongKind`], [`ProxyError::Length`] or [`ProxyError::Gpu`].
     pub fn unit_buffer(&self, light: &LightParams, out: &Buffer<f32>) -> Result<(), ProxyError> {
-        check_length("out", 3 * self.pixel_count(), out.len())?;
-        self.unit_into(&self.shared(), light, out)
-    }
-
-    fn unit_into(&self, shared: &Shared, light: &LightParams, out: &Buffer<f32>) -> Result<(), ProxyError> {
-        self.write_light(shared, light)?;
-        self.run(&self.whole, shared, self.no_list.whole(), self.pixel_count(), out)
+        check_length("out", 3 * self.proxy.features().pixel_count(), out.len())?;
+        let shared = &mut *self.shared();
+        self.write_lights(shared, &[(*light, [1.0; 3])])?;
+        self.run_whole(&shared.lights, out)
     }
 
     /// The unit image of a light at some pixels, as [`Proxy::forward_pixels`].
@@ -130,42 +136,80 @@ impl GpuProxy {
         self.proxy.check_pixels(pixels)?;
         check_length("out", pixels.len(), out.len())?;
         let shared = &mut *self.shared();
-        grow(&self.gpu, &mut shared.pixels, pixels.len())?;
+        self.write_lights(shared, &[(*light, [1.0; 3])])?;
+        self.write_pixels(shared, pixels)?;
         grow(&self.gpu, &mut shared.units, 3 * pixels.len())?;
-        self.gpu.write(&shared.pixels, 0, pixels);
-        self.write_light(shared, light)?;
-        self.run(&self.listed, shared, shared.pixels.whole(), pixels.len(), &shared.units)?;
+        let mut commands = self.gpu.commands("pixels of a proxy");
+        self.add_units(&mut commands, shared, 1, pixels.len())?;
+        commands.submit()?;
         let values = self.gpu.read(&shared.units, 0..3 * pixels.len())?;
         out.as_flattened_mut().copy_from_slice(&values);
         Ok(())
     }
 
-    fn run(
-        &self,
-        kernel: &Kernel,
-        shared: &Shared,
-        list: Binding<'_>,
-        count: usize,
-        out: &Buffer<f32>,
-    ) -> Result<(), ProxyError> {
-        let buffers = [self.weights.whole(), self.encoded.whole(), shared.lights.whole(), list, out.whole()];
-        let bound = kernel.bind(&buffers)?;
-        let mut commands = self.gpu.commands("proxy");
-        let arguments = InferArguments { count: count as u32, lights: 1 };
-        commands.run(&bound, count.div_ceil(self.tile) as u32, bytemuck::bytes_of(&arguments));
+    fn run_whole(&self, lights: &Buffer<f32>, out: &Buffer<f32>) -> Result<(), ProxyError> {
+        let mut commands = self.gpu.commands("unit image");
+        let inputs = self.inputs(lights, self.no_list.whole());
+        self.add_inference(&mut commands, &self.whole, inputs, 1, self.proxy.features().pixel_count(), out)?;
         Ok(commands.submit()?)
     }
 
-    fn write_light(&self, shared: &Shared, light: &LightParams) -> Result<(), ProxyError> {
-        self.proxy.check_kind(light)?;
-        self.gpu.write(&shared.lights, 0, &self.light_values(light, [1.0; 3]));
+    /// Appends the unit values of lights that are in place at the listed pixels.
+    pub(super) fn add_units(
+        &self,
+        commands: &mut Commands<'_>,
+        shared: &Shared,
+        lights: usize,
+        count: usize,
+    ) -> Result<(), ProxyError> {
+        let inputs = self.inputs(&shared.lights, shared.pixels.whole());
+        self.add_inference(commands, &self.listed, inputs, lights, count, &shared.units)
+    }
+
+    fn add_inference(
+        &self,
+        commands: &mut Commands<'_>,
+        kernel: &Kernel,
+        inputs: [Binding<'_>; 4],
+        lights: usize,
+        count: usize,
+        out: &Buffer<f32>,
+    ) -> Result<(), ProxyError> {
+        let [weights, encoded, lit, list] = inputs;
+        let bound = kernel.bind(&[weights, encoded, lit, list, out.whole()])?;
+        let arguments = InferArguments { count: count as u32, lights: lights as u32 };
+        let groups = lights * count.div_ceil(self.tile);
+        commands.run(&bound, groups as u32, bytemuck::bytes_of(&arguments));
         Ok(())
     }
 
-    /// A light as `network.wgsl` reads it.
-    fn light_values(&self, light: &LightParams, radiance: [f32; 3]) -> Vec<f32> {
+    /// The first buffers of every kernel of a network.
+    pub(super) fn inputs<'a>(&'a self, lights: &'a Buffer<f32>, list: Binding<'a>) -> [Binding<'a>; 4] {
+        [self.weights.whole(), self.encoded.whole(), lights.whole(), list]
+    }
+
+    pub(super) fn write_pixels(&self, shared: &mut Shared, pixels: &[u32]) -> Result<(), ProxyError> {
+        grow(&self.gpu, &mut shared.pixels, pixels.len())?;
+        self.gpu.write(&shared.pixels, 0, pixels);
+        Ok(())
+    }
+
+    pub(super) fn write_lights(
+        &self,
+        shared: &mut Shared,
+        lights: &[(LightParams, [f32; 3])],
+    ) -> Result<(), ProxyError> {
+        lights.iter().try_for_each(|(light, _)| self.proxy.check_kind(light))?;
+        let values: Vec<f32> = lights.iter().flat_map(|light| self.light_values(light)).collect();
+        grow(&self.gpu, &mut shared.lights, values.len())?;
+        self.gpu.write(&shared.lights, 0, &values);
+        Ok(())
+    }
+
+    /// A light and its radiance as `network.wgsl` reads them.
+    fn light_values(&self, (light, radiance): &(LightParams, [f32; 3])) -> Vec<f32> {
         let info = self.proxy.info();
-        let mut values = Vec::with_capacity(light_len(&self.network));
+        let mut values = Vec::with_capacity(self.light_len());
         for row in self.proxy.modulation(light).chunks_exact(self.network.true_width) {
             values.extend_from_slice(row);
             values.resize(values.len().next_multiple_of(self.network.width), 0.0);
@@ -175,16 +219,39 @@ impl GpuProxy {
             values.extend_from_slice(vector);
             values.push(last);
         }
-        values.extend_from_slice(&radiance);
+        values.extend_from_slice(radiance);
         values.push(0.0);
         values
     }
 
-    fn pixel_count(&self) -> usize {
-        self.proxy.features().pixel_count()
+    pub(super) fn gpu(&self) -> &Gpu {
+        &self.gpu
     }
 
-    fn shared(&self) -> std::sync::MutexGuard<'_, Shared> {
+    pub(super) fn network(&self) -> &DeviceNetwork {
+        &self.network
+    }
+
+    pub(super) fn tile(&self) -> usize {
+        self.tile
+    }
+
+    /// Invocations of a workgroup: each has a block of 8 by 8.
+    pub(super) fn threads(&self) -> usize {
+        self.network.width / 8 * (self.tile / 8)
+    }
+
+    /// Values of a light.
+    pub(super) fn light_len(&self) -> usize {
+        light_len(&self.network)
+    }
+
+    /// Constants of the kernels.
+    pub(super) fn constants(&self, listed: bool) -> [(&'static str, u32); 8] {
+        constants(&self.network, self.tile, self.proxy.info().kind, listed)
+    }
+
+    pub(super) fn shared(&self) -> MutexGuard<'_, Shared> {
         self.shared.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -199,7 +266,12 @@ fn light_len(network: &DeviceNetwork) -> usize {
     2 * network.width * (network.hidden + 1) + 16
 }
 
-fn constants(network: &DeviceNetwork, tile: usize, quad: bool, listed: bool) -> [(&'static str, u32); 8] {
+fn constants(
+    network: &DeviceNetwork,
+    tile: usize,
+    kind: LightKind,
+    listed: bool,
+) -> [(&'static str, u32); 8] {
     [
         ("WIDTH", network.width as u32),
         ("ROWS", rows(network) as u32),
@@ -207,13 +279,17 @@ fn constants(network: &DeviceNetwork, tile: usize, quad: bool, listed: bool) -> 
         ("FAST", u32::from(network.fast)),
         ("HIDDEN", network.hidden as u32),
         ("PIXEL_ROWS", network.pixel_rows as u32),
-        ("QUAD", u32::from(quad)),
+        ("QUAD", u32::from(kind == LightKind::Quad)),
         ("LISTED", u32::from(listed)),
     ]
 }
 
 /// Makes a buffer at least this long; what was in it is lost.
-fn grow<T: bytemuck::NoUninit>(gpu: &Gpu, buffer: &mut Buffer<T>, len: usize) -> Result<(), GpuError> {
+pub(super) fn grow<T: bytemuck::NoUninit>(
+    gpu: &Gpu,
+    buffer: &mut Buffer<T>,
+    len: usize,
+) -> Result<(), GpuError> {
     if buffer.len() < len {
         *buffer = gpu.zeros("proxy", len)?;
     }

@@ -112,3 +112,70 @@ fn what_does_not_fit_the_proxy_is_an_error() {
     ));
     assert!(matches!(device.forward_pixels(&[1, 2], &sphere, &mut out), Err(ProxyError::Length { .. })));
 }
+
+/// Their sums have both signs, so that they are held to the largest of them, at ten times the tolerance of images.
+#[test]
+fn gradients_equal_those_of_the_cpu() {
+    let mut rng = Rng::stream(7, 8, 9);
+    for (index, kind) in [(0, LightKind::Quad), (1, LightKind::FacingDisk), (4, KINDS[0]), (5, KINDS[2])] {
+        let network = networks()[index].clone();
+        let proxy = proxy(network.clone(), kind);
+        let mut device = GpuProxy::new(gpu(), &proxy).unwrap();
+        let light = light(kind, &mut rng);
+        let pixels: Vec<u32> = (0..400).map(|_| rng.below(37 * 23)).collect();
+        let d: Vec<[f32; 3]> = pixels.iter().map(|_| [0; 3].map(|_| rng.next_f32() - 0.2)).collect();
+        let expected = proxy.backward(&pixels, &light, &d).unwrap();
+        // Room for a workgroup a tile, then for one in all, which runs tile after tile.
+        for max_kept in [1 << 24, 0] {
+            device.max_kept = max_kept;
+            let found = device.backward(&pixels, &light, &d).unwrap();
+            let error = difference(&found, &expected);
+            assert!(error < 10.0 * TOLERANCE, "{network:?}, {kind}: {found:?} instead of {expected:?}");
+        }
+        assert_eq!(device.backward(&[], &light, &[]).unwrap(), vec![0.0; kind.param_count()]);
+    }
+}
+
+/// Loss and gradients of two lights at once equal those put together from pictures on the CPU.
+#[test]
+fn a_comparison_equals_one_by_pictures() {
+    let mut rng = Rng::stream(2, 2, 2);
+    let count = 37 * 23;
+    let picture =
+        |rng: &mut Rng, most: f32| (0..3 * count).map(|_| most * rng.next_f32()).collect::<Vec<f32>>();
+    let (base, target, exposure) = (picture(&mut rng, 0.3), picture(&mut rng, 2.0), 0.7);
+    let proxy = proxy(networks()[0].clone(), LightKind::Sphere);
+    let device = GpuProxy::new(gpu(), &proxy).unwrap();
+    let comparison = device.comparison(&base, &target, exposure).unwrap();
+    let lights = [2.0, 0.5].map(|r| (light(LightKind::Sphere, &mut rng), [r, 0.6, 1.5 * r]));
+    let pixels: Vec<u32> = (0..333).map(|_| rng.below(count as u32)).collect();
+    let units = lights.each_ref().map(|(light, _)| {
+        let mut unit = vec![[0.0; 3]; pixels.len()];
+        proxy.forward_pixels(&pixels, light, &mut unit).unwrap();
+        unit
+    });
+    let curve = |x: f32| x / (1.0 + x);
+    let share = 1.0 / pixels.len() as f32;
+    let (mut loss, mut d_picture) = (0.0, vec![[0.0; 3]; pixels.len()]);
+    for (i, pixel) in pixels.iter().enumerate() {
+        for c in 0..3 {
+            let lit: f32 =
+                lights.iter().zip(&units).map(|((_, radiance), unit)| radiance[c] * unit[i][c]).sum();
+            let value = exposure * (base[3 * *pixel as usize + c] + lit);
+            let difference = curve(value) - curve(exposure * target[3 * *pixel as usize + c]);
+            loss += f64::from(difference * difference * share);
+            d_picture[i][c] = 2.0 * difference * exposure * share / (1.0 + value).powi(2);
+        }
+    }
+    let (found_loss, found) = comparison.gradient(&lights, &pixels).unwrap();
+    assert!((found_loss / loss - 1.0).abs() < f64::from(TOLERANCE), "loss {found_loss} instead of {loss}");
+    for (((light, radiance), unit), found) in lights.iter().zip(&units).zip(&found) {
+        let times = |d: &[f32; 3]| std::array::from_fn(|c| d[c] * radiance[c]);
+        let d_unit: Vec<[f32; 3]> = d_picture.iter().map(times).collect();
+        let params = proxy.backward(&pixels, light, &d_unit).unwrap();
+        let by_radiance =
+            [0, 1, 2].map(|c| d_picture.iter().zip(unit).map(|(d, unit)| d[c] * unit[c]).sum::<f32>());
+        assert!(difference(&found.params, &params) < 10.0 * TOLERANCE, "{found:?} instead of {params:?}");
+        assert!(difference(&found.radiance, &by_radiance) < 10.0 * TOLERANCE, "{found:?}: {by_radiance:?}");
+    }
+}
