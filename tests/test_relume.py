@@ -81,6 +81,16 @@ def test_denoising_keeps_the_picture(bake):
     assert denoised.mean() == pytest.approx(noisy.mean(), rel=0.05)
 
 
+def test_the_gpu_gives_the_same_picture_in_any_memory(bake):
+    """On whatever GPU there is, a software driver included; the small budget makes it stream the dump."""
+    cpu = relume.Relighter(bake, device="cpu").relight(denoise=False)["combined"]
+    for gpu_memory in (None, 300_000):
+        gpu = relume.Relighter(bake, device="gpu", gpu_memory=gpu_memory).relight(denoise=False)["combined"]
+        assert gpu == pytest.approx(cpu, rel=1e-4, abs=1e-5)
+    with pytest.raises(relume.RelumeError, match="no such card"):
+        relume.Relighter(bake, device="no such card")
+
+
 def test_lights_are_linear(bake):
     relighter = relume.Relighter(bake)
     once = relighter.relight(json.dumps([LIGHT]), denoise=False)["combined"]

@@ -7,7 +7,9 @@ use numpy::{PyArray1, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use relume_session::image::Image;
-use relume_session::{LightSet, Monitor, OptimiseOptions, RelightOptions, Relighter, Relit, With, optimise};
+use relume_session::{
+    Device, LightSet, Monitor, OptimiseOptions, RelightOptions, Relighter, Relit, With, optimise,
+};
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -20,8 +22,12 @@ pub struct PyRelighter {
 #[pymethods]
 impl PyRelighter {
     #[new]
-    fn new(py: Python<'_>, folder: PathBuf) -> PyResult<Self> {
-        let relighter = enter_native(py, || Relighter::open(&folder))?;
+    #[pyo3(signature = (folder, *, device="auto", gpu_memory=None))]
+    fn new(py: Python<'_>, folder: PathBuf, device: &str, gpu_memory: Option<u64>) -> PyResult<Self> {
+        let relighter = enter_native(py, || -> Result<Relighter, NativeError> {
+            let Ok(device) = device.parse::<Device>();
+            Ok(Relighter::open(&folder)?.on(&device.open(gpu_memory)?))
+        })?;
         Ok(Self { relighter: Arc::new(relighter) })
     }
 

@@ -28,6 +28,7 @@ mod inspect;
 mod light_set;
 mod measure;
 mod obj_scene;
+mod on_gpu;
 mod progress;
 mod proxies;
 mod relighter;

@@ -1,14 +1,15 @@
 use crate::bake::VIEW_FILE;
 use crate::denoise::Denoise;
+use crate::on_gpu::OnGpu;
 use crate::progress::{Monitor, Stage};
-use crate::proxies::{Proxies, TrainedProxy};
+use crate::proxies::Proxies;
 use crate::relit::{Relit, RelitLight};
 use crate::unit_cache::UnitCache;
 use crate::{Compute, LightSet, SessionError, base_layers};
 use relume_dump::{Aovs, Dump, Manifest};
-use relume_gather::{DenoiseQuality, Environment, Gather, Half};
+use relume_gather::{DenoiseQuality, Environment, Gather, GpuGather, Half};
 use relume_image::{Image, ViewTransform};
-use relume_proxy::LightParams;
+use relume_proxy::{GpuProxy, LightParams};
 use relume_scene::{Camera, Light, LightShape, LobeFactors, Texture, World};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -66,6 +67,10 @@ pub struct Relighter {
     gather: Option<Gather>,
     proxies: Proxies,
     denoise: Denoise,
+    compute: Compute,
+    gpu_gather: OnGpu<GpuGather>,
+    /// In the order of `proxies`.
+    gpu_proxies: Vec<OnGpu<GpuProxy>>,
     cache: UnitCache,
 }
 
@@ -110,13 +115,26 @@ impl Relighter {
     ) -> Self {
         let denoise = Denoise::new(&aovs, None);
         let cache = UnitCache::default();
-        Self { folder: folder.to_path_buf(), scene_hash, camera, aovs, gather, proxies, denoise, cache }
+        Self {
+            folder: folder.to_path_buf(),
+            scene_hash,
+            camera,
+            aovs,
+            gather,
+            gpu_proxies: proxies.iter().map(|_| OnGpu::default()).collect(),
+            proxies,
+            denoise,
+            compute: Compute::default(),
+            gpu_gather: OnGpu::default(),
+            cache,
+        }
     }
 
     /// Lets this device do what it can.
     #[must_use]
     pub fn on(self, compute: &Compute) -> Self {
-        Self { denoise: Denoise::new(&self.aovs, compute.gpu.as_deref()), ..self }
+        let denoise = Denoise::new(&self.aovs, compute.gpu.as_deref());
+        Self { denoise, compute: compute.clone(), ..self }
     }
 
     /// The camera that was baked.
@@ -234,7 +252,7 @@ impl Relighter {
             missing.into_iter().partition(|i| makers[*i] == Maker::Proxy);
         let views = self.direct_views(proxied.iter().map(|i| &lights[*i]), monitor)?;
         for (i, view) in proxied.into_iter().zip(views) {
-            let mut image = self.proxy_image(&lights[i])?;
+            let mut image = self.proxy_image(&lights[i], monitor)?;
             if let Some(view) = view {
                 image.add_scaled(&view, &[1.0; 3]);
             }
@@ -251,7 +269,7 @@ impl Relighter {
                 .iter()
                 .filter_map(|light| self.too_narrow(light))
                 .for_each(|text| monitor.warn(&text));
-            let mut images = self.gather_images(&group_lights)?;
+            let mut images = self.gather_images(&group_lights, monitor)?;
             if options.denoise {
                 self.denoise.images(&mut images, DenoiseQuality::High)?;
             }
@@ -299,11 +317,17 @@ impl Relighter {
         }
     }
 
-    fn proxy_image(&self, light: &Light) -> Result<Image, SessionError> {
-        let proxy: Option<&TrainedProxy> = self.proxies.covering(light);
-        match (proxy, LightParams::from_shape(&light.shape)) {
-            (Some(proxy), Some(params)) => Ok(proxy.proxy.unit_image(&params)?),
-            _ => Err(SessionError::Settings(format!("light '{}' has no proxy", light.name))),
+    fn proxy_image(&self, light: &Light, monitor: &Monitor) -> Result<Image, SessionError> {
+        let covering = self.proxies.position_covering(light);
+        let (Some(position), Some(params)) = (covering, LightParams::from_shape(&light.shape)) else {
+            return Err(SessionError::Settings(format!("light '{}' has no proxy", light.name)));
+        };
+        let proxy = &self.proxies[position].proxy;
+        let make = |gpu| GpuProxy::new(gpu, proxy);
+        let work = |on_gpu: &GpuProxy| on_gpu.unit_image(&params);
+        match self.gpu_proxies[position].attempt(&self.compute, monitor, make, work)? {
+            Some(image) => Ok(image),
+            None => Ok(proxy.unit_image(&params)?),
         }
     }
 
@@ -334,16 +358,19 @@ impl Relighter {
             };
             Light { lobes, ..(**light).clone() }
         };
-        let mut views = self.gather_images(&seen.iter().map(camera_only).collect::<Vec<_>>())?.into_iter();
+        let mut views =
+            self.gather_images(&seen.iter().map(camera_only).collect::<Vec<_>>(), monitor)?.into_iter();
         let view = |light: &Light| if light.lobes.camera != 0.0 { views.next() } else { None };
         Ok(lights.into_iter().map(view).collect())
     }
 
-    fn gather_images(&self, lights: &[Light]) -> Result<Vec<Image>, SessionError> {
-        match &self.gather {
-            Some(gather) => Ok(gather.unit_images(&gather.prepare_all(lights)?, Half::All)),
-            None => Ok(Vec::new()),
-        }
+    fn gather_images(&self, lights: &[Light], monitor: &Monitor) -> Result<Vec<Image>, SessionError> {
+        let Some(gather) = &self.gather else { return Ok(Vec::new()) };
+        let lights = gather.prepare_all(lights)?;
+        let make = |gpu| GpuGather::new(gpu, gather);
+        let work = |on_gpu: &GpuGather| on_gpu.unit_images(&lights, Half::All);
+        let images = self.gpu_gather.attempt(&self.compute, monitor, make, work)?;
+        Ok(images.unwrap_or_else(|| gather.unit_images(&lights, Half::All)))
     }
 }
 

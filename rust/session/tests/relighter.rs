@@ -1,12 +1,13 @@
 //! What makes each light's picture, and what an edit costs.
 
 use glam::Vec3;
+use relume_session::gpu::{Gpu, GpuChoice};
 use relume_session::proxy::{LightKind, SizeRange, TrainConfig};
 use relume_session::scene::{Light, LightShape, LobeFactors, ReceiverSet};
 use relume_session::trace::TraceSettings;
 use relume_session::{
-    Cancel, Clock, LightSet, Listener, Maker, Monitor, ObjView, Progress, RelightOptions, Relighter, Stage,
-    TrainSettings, With, bake, default_sizes, obj_scene, train,
+    Cancel, Clock, Compute, Device, LightSet, Listener, Maker, Monitor, ObjView, Progress, RelightOptions,
+    Relighter, Stage, TrainSettings, With, bake, default_sizes, obj_scene, train,
 };
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -246,4 +247,47 @@ fn cancelled_work_says_so_and_keeps_what_is_whole() {
     assert_eq!(kept.proxy.info().steps, good.steps);
     assert_eq!(kept.measured, good.measured);
     assert_eq!(LightSet::read(&folder.path().join("lights.json")).unwrap().lights.len(), 1);
+}
+
+#[test]
+fn pictures_of_the_gpu_are_those_of_the_cpu() {
+    let folder = tempfile::tempdir().unwrap();
+    baked(folder.path());
+    train(folder.path(), folder.path(), &training(LightKind::Sphere), false, &Monitor::default()).unwrap();
+    let gpu = Relighter::open(folder.path()).unwrap().on(&Device::Gpu(GpuChoice::Best).open(None).unwrap());
+    let cpu = Relighter::open(folder.path()).unwrap();
+    for with in [With::Gather, With::Proxy] {
+        let options = RelightOptions { with, denoise: false };
+        let picture = |relighter: &Relighter| {
+            relighter.relight(&[sphere("Own", 0.2)], &options, &Monitor::default()).unwrap().combined()
+        };
+        let (a, b) = (picture(&gpu), picture(&cpu));
+        let mean = b.data.iter().sum::<f32>() / b.data.len() as f32;
+        // A segment that grazes the light may be decided otherwise; networks round their sums in another order.
+        let different = a.data.iter().zip(&b.data).filter(|(a, b)| (*a - *b).abs() > 1e-3 * mean).count();
+        assert!(different * 100 < a.data.len(), "{with:?}: {different} of {}", a.data.len());
+    }
+}
+
+#[test]
+fn the_cpu_goes_on_where_the_gpu_fails_unless_that_one_was_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    baked(folder.path());
+    let lost = Gpu::open(&GpuChoice::Best).unwrap();
+    lost.lose();
+    let warnings = Arc::new(Warnings::default());
+    let monitor = Monitor::new(warnings.clone(), Cancel::default());
+    let on = |may_fall_back: bool| {
+        let compute = Compute { gpu: Some(lost.clone()), may_fall_back };
+        Relighter::open(folder.path()).unwrap().on(&compute)
+    };
+    let lights = [sphere("Own", 0.2)];
+    let error = on(false).relight(&lights, &RAW, &monitor).unwrap_err();
+    assert!(error.to_string().contains("the GPU was lost"), "{error}");
+    let relighter = on(true);
+    let relit = relighter.relight(&lights, &RAW, &monitor).unwrap();
+    let cpu = Relighter::open(folder.path()).unwrap().relight(&lights, &RAW, &monitor).unwrap();
+    assert_eq!(relit.combined(), cpu.combined());
+    let warned = warnings.0.lock().unwrap();
+    assert!(warned.len() == 1 && warned[0].contains("The CPU goes on"), "{warned:?}");
 }

@@ -113,7 +113,12 @@ class Scene:
 class Relighter:
     """An open bake folder, or a folder of proxies."""
 
-    def __init__(self, folder: str | os.PathLike[str]) -> None: ...
+    def __init__(
+        self, folder: str | os.PathLike[str], *, device: str = "auto", gpu_memory: int | None = None
+    ) -> None:
+        """Device: auto, cpu, gpu or a part of a GPU's name. GPU memory to use, bytes; by default what its driver says,
+        less some for others."""
+
     @property
     def resolution(self) -> tuple[int, int]:
         """Width and height in pixels."""

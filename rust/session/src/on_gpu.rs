@@ -1,0 +1,60 @@
+use std::sync::{Arc, Mutex, PoisonError};
+
+use relume_gpu::Gpu;
+
+use crate::progress::Monitor;
+use crate::{Compute, SessionError};
+
+/// Something that is put on the GPU when it is first needed, and given up where the GPU fails and the CPU may go on.
+pub(crate) struct OnGpu<T>(Mutex<State<T>>);
+
+enum State<T> {
+    NotStarted,
+    Ready(T),
+    GivenUp,
+}
+
+impl<T> Default for OnGpu<T> {
+    fn default() -> Self {
+        Self(Mutex::new(State::NotStarted))
+    }
+}
+
+impl<T> OnGpu<T> {
+    /// Does some work there; nothing comes back where the CPU has to do it.
+    ///
+    /// # Errors
+    /// If the GPU fails that the user asked for.
+    pub fn attempt<R, E: Into<SessionError>>(
+        &self,
+        compute: &Compute,
+        monitor: &Monitor,
+        make: impl FnOnce(Arc<Gpu>) -> Result<T, E>,
+        work: impl FnOnce(&T) -> Result<R, E>,
+    ) -> Result<Option<R>, SessionError> {
+        let Some(gpu) = &compute.gpu else { return Ok(None) };
+        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let result = state.ready(|| make(gpu.clone())).and_then(|ready| ready.map(work).transpose());
+        match result.map_err(E::into) {
+            Err(error) if compute.may_fall_back => {
+                *state = State::GivenUp;
+                monitor.warn(&format!("{error}. The CPU goes on"));
+                Ok(None)
+            }
+            result => result,
+        }
+    }
+}
+
+impl<T> State<T> {
+    /// Made now if it is needed for the first time; nothing once it has been given up.
+    fn ready<E>(&mut self, make: impl FnOnce() -> Result<T, E>) -> Result<Option<&T>, E> {
+        if let Self::NotStarted = self {
+            *self = Self::Ready(make()?);
+        }
+        Ok(match self {
+            Self::Ready(ready) => Some(ready),
+            _ => None,
+        })
+    }
+}
