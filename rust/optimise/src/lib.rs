@@ -22,6 +22,6 @@ mod solve;
 
 pub use error::OptimiseError;
 pub use light::{Bounds, Locks, SphereLight};
-pub use objective::{Problem, Relight, RelightError};
+pub use objective::{Compare, Problem, Relight, RelightError};
 pub use polish::{PolishStep, Polished, UnitImages, polish};
 pub use solve::{Settings, Solution, Step, TrajectoryPoint, random_starts, solve};

@@ -28,6 +28,30 @@ pub trait Relight: Sync {
         pixels: &[u32],
         d_out: &[[f32; 3]],
     ) -> Result<[f32; 4], RelightError>;
+
+    /// Takes over the comparison of pictures, if that is better done where they are made: on a device, from which they then
+    /// need not come back. `base` and `target` are of [`Relight::size`], and what is compared is multiplied with `exposure`
+    /// before Reinhard's curve.
+    ///
+    /// # Errors
+    /// Whatever the relighter reports.
+    fn comparison<'a>(
+        &'a self,
+        _base: &Image,
+        _target: &Image,
+        _exposure: f32,
+    ) -> Result<Option<Box<dyn Compare + 'a>>, RelightError> {
+        Ok(None)
+    }
+}
+
+/// Compares a base with lights over it to a target.
+pub trait Compare {
+    /// The paper's equation 6 at some pixels, and its derivative by each light's centre (3), radius and radiance (3).
+    ///
+    /// # Errors
+    /// Whatever the relighter reports.
+    fn gradient(&self, lights: &[SphereLight], pixels: &[u32]) -> Result<(f64, Vec<[f32; 7]>), RelightError>;
 }
 
 /// What is to be solved: lights whose sum over `base` looks like `target`.
@@ -100,6 +124,7 @@ pub(crate) struct Objective<'a> {
     problem: &'a Problem<'a>,
     mappings: Vec<Mapping>,
     exposure: f32,
+    comparison: Option<Box<dyn Compare + 'a>>,
 }
 
 impl<'a> Objective<'a> {
@@ -110,7 +135,9 @@ impl<'a> Objective<'a> {
         };
         let mappings = start.iter().zip(&problem.locks).map(mapping).collect::<Result<_, OptimiseError>>()?;
         // The paper's curve I / (1 + I) presumes pictures of moderate brightness; ours may be in any unit.
-        Ok(Self { problem, mappings, exposure: metrics::exposure(problem.target) })
+        let exposure = metrics::exposure(problem.target);
+        let comparison = problem.relight.comparison(problem.base, problem.target, exposure)?;
+        Ok(Self { problem, mappings, exposure, comparison })
     }
 
     pub(crate) fn unconstrained(&self, lights: &[SphereLight]) -> Vec<f32> {
@@ -130,9 +157,22 @@ impl<'a> Objective<'a> {
     /// Loss and its gradient by the unconstrained values.
     pub(crate) fn gradient(&self, u: &[f32], pixels: &[u32]) -> Result<(f64, Vec<f32>), OptimiseError> {
         let lights = self.lights(u);
-        let units = self.unit_images(&lights, pixels)?;
-        let (loss, d_image) = self.compare(&lights, &units, pixels);
-        let mut gradient = Vec::with_capacity(u.len());
+        let (loss, d_lights) = match &self.comparison {
+            Some(comparison) => comparison.gradient(&lights, pixels)?,
+            None => self.gradient_by_lights(&lights, pixels)?,
+        };
+        let by_light = self.mappings.iter().zip(u.chunks_exact(PARAMS)).zip(d_lights);
+        Ok((loss, by_light.flat_map(|((mapping, u), d_light)| mapping.pull_back(u, d_light)).collect()))
+    }
+
+    fn gradient_by_lights(
+        &self,
+        lights: &[SphereLight],
+        pixels: &[u32],
+    ) -> Result<(f64, Vec<[f32; PARAMS]>), OptimiseError> {
+        let units = self.unit_images(lights, pixels)?;
+        let (loss, d_image) = self.compare(lights, &units, pixels);
+        let mut d_lights = Vec::with_capacity(lights.len());
         for (i, light) in lights.iter().enumerate() {
             let mut d_light = [0.0; PARAMS];
             if !(self.mappings[i].locks.center && self.mappings[i].locks.radius) {
@@ -144,10 +184,9 @@ impl<'a> Objective<'a> {
             for c in 0..3 {
                 d_light[4 + c] = d_image.iter().zip(&units[i]).map(|(d, unit)| d[c] * unit[c]).sum();
             }
-            let u = &u[i * PARAMS..(i + 1) * PARAMS];
-            gradient.extend(self.mappings[i].pull_back(u, d_light));
+            d_lights.push(d_light);
         }
-        Ok((loss, gradient))
+        Ok((loss, d_lights))
     }
 
     fn unit_images(

@@ -1,3 +1,6 @@
+use relume_gather::GatherError;
+use relume_optimise::OptimiseError;
+use relume_proxy::ProxyError;
 use std::path::PathBuf;
 
 /// Why a stage stopped. Each message names the file, object or option, and what to do next.
@@ -35,7 +38,7 @@ pub enum SessionError {
     Dump(#[from] relume_dump::DumpError),
     /// Gather.
     #[error(transparent)]
-    Gather(#[from] relume_gather::GatherError),
+    Gather(#[from] GatherError),
     /// GPU.
     #[error(transparent)]
     Gpu(#[from] relume_gpu::GpuError),
@@ -47,10 +50,10 @@ pub enum SessionError {
     Image(#[from] relume_image::ImageError),
     /// Proxy.
     #[error(transparent)]
-    Proxy(#[from] relume_proxy::ProxyError),
+    Proxy(#[from] ProxyError),
     /// Solver.
     #[error(transparent)]
-    Optimise(#[from] relume_optimise::OptimiseError),
+    Optimise(#[from] OptimiseError),
     /// OBJ file.
     #[error(transparent)]
     Obj(#[from] relume_scene::ObjError),
@@ -60,6 +63,17 @@ pub enum SessionError {
 }
 
 impl SessionError {
+    /// Whether a GPU has failed, so that the same on the CPU may work.
+    pub(crate) fn is_of_gpu(&self) -> bool {
+        match self {
+            Self::Gpu(_) | Self::Gather(GatherError::Gpu(_)) | Self::Proxy(ProxyError::Gpu(_)) => true,
+            Self::Optimise(OptimiseError::Relight(error)) => {
+                matches!(error.downcast_ref(), Some(ProxyError::Gpu(_)))
+            }
+            _ => false,
+        }
+    }
+
     pub(crate) fn io(action: &'static str, path: &std::path::Path) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.to_path_buf();
         move |source| Self::Io { action, path, source }

@@ -36,7 +36,7 @@ impl<T> OnGpu<T> {
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let result = state.ready(|| make(gpu.clone())).and_then(|ready| ready.map(work).transpose());
         match result.map_err(E::into) {
-            Err(error) if compute.may_fall_back => {
+            Err(error) if compute.may_fall_back && error.is_of_gpu() => {
                 *state = State::GivenUp;
                 monitor.warn(&format!("{error}. The CPU goes on"));
                 Ok(None)

@@ -93,25 +93,12 @@ impl Proxies {
         self.list.iter().find(|trained| trained.proxy.info().kind == kind)
     }
 
-    /// The proxy that answers for a light, if there is one ([`Proxies::position_covering`]).
-    pub fn covering(&self, light: &Light) -> Option<&TrainedProxy> {
-        self.position_covering(light).map(|position| &self.list[position])
-    }
-
-    /// Which proxy answers for a light: it learned this kind and size, and Blender's default ray visibility. Of a light
+    /// The proxy that answers for a light: it learned this kind and size, and Blender's default ray visibility. Of a light
     /// that the camera sees, it gives all but that direct view.
-    pub fn position_covering(&self, light: &Light) -> Option<usize> {
+    pub fn covering(&self, light: &Light) -> Option<&TrainedProxy> {
         let unseen = LobeFactors { camera: LobeFactors::default().camera, ..light.lobes };
         let usual = unseen == LobeFactors::default() && light.receivers.is_none();
-        self.list.iter().position(|trained| usual && trained.proxy.covers(&light.shape))
-    }
-}
-
-impl std::ops::Index<usize> for Proxies {
-    type Output = TrainedProxy;
-
-    fn index(&self, position: usize) -> &TrainedProxy {
-        &self.list[position]
+        self.list.iter().find(|trained| usual && trained.proxy.covers(&light.shape))
     }
 }
 

@@ -9,7 +9,7 @@ use crate::{Compute, LightSet, SessionError, base_layers};
 use relume_dump::{Aovs, Dump, Manifest};
 use relume_gather::{DenoiseQuality, Environment, Gather, GpuGather, Half};
 use relume_image::{Image, ViewTransform};
-use relume_proxy::{GpuProxy, LightParams};
+use relume_proxy::{GpuProxy, LightKind, LightParams};
 use relume_scene::{Camera, Light, LightShape, LobeFactors, Texture, World};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -318,17 +318,30 @@ impl Relighter {
     }
 
     fn proxy_image(&self, light: &Light, monitor: &Monitor) -> Result<Image, SessionError> {
-        let covering = self.proxies.position_covering(light);
-        let (Some(position), Some(params)) = (covering, LightParams::from_shape(&light.shape)) else {
+        let covering = self.proxies.covering(light);
+        let (Some(trained), Some(params)) = (covering, LightParams::from_shape(&light.shape)) else {
             return Err(SessionError::Settings(format!("light '{}' has no proxy", light.name)));
         };
-        let proxy = &self.proxies[position].proxy;
-        let make = |gpu| GpuProxy::new(gpu, proxy);
-        let work = |on_gpu: &GpuProxy| on_gpu.unit_image(&params);
-        match self.gpu_proxies[position].attempt(&self.compute, monitor, make, work)? {
+        let on_gpu = self.on_gpu_proxy(params.kind(), monitor, |on_gpu| Ok(on_gpu.unit_image(&params)?))?;
+        match on_gpu {
             Some(image) => Ok(image),
-            None => Ok(proxy.unit_image(&params)?),
+            None => Ok(trained.proxy.unit_image(&params)?),
         }
+    }
+
+    /// Does some work with a proxy on the GPU; nothing comes back where there is none, or the CPU has to do it.
+    pub(crate) fn on_gpu_proxy<R>(
+        &self,
+        kind: LightKind,
+        monitor: &Monitor,
+        work: impl FnOnce(&GpuProxy) -> Result<R, SessionError>,
+    ) -> Result<Option<R>, SessionError> {
+        let mut proxies = self.proxies.iter().zip(&self.gpu_proxies);
+        let Some((trained, on_gpu)) = proxies.find(|(trained, _)| trained.proxy.info().kind == kind) else {
+            return Ok(None);
+        };
+        let make = |gpu| Ok(GpuProxy::new(gpu, &trained.proxy)?);
+        on_gpu.attempt(&self.compute, monitor, make, work)
     }
 
     /// What the camera sees of lights directly, which proxies do not learn: exact from the dump, left out without one.
@@ -364,7 +377,12 @@ impl Relighter {
         Ok(lights.into_iter().map(view).collect())
     }
 
-    fn gather_images(&self, lights: &[Light], monitor: &Monitor) -> Result<Vec<Image>, SessionError> {
+    /// Unit images by the dump; none without one.
+    pub(crate) fn gather_images(
+        &self,
+        lights: &[Light],
+        monitor: &Monitor,
+    ) -> Result<Vec<Image>, SessionError> {
         let Some(gather) = &self.gather else { return Ok(Vec::new()) };
         let lights = gather.prepare_all(lights)?;
         let make = |gpu| GpuGather::new(gpu, gather);

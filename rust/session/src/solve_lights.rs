@@ -2,17 +2,17 @@ use crate::progress::{Monitor, Stage};
 use crate::relighter::{RelightOptions, Relighter};
 use crate::{LightSet, SessionError};
 use glam::Vec3;
-use relume_gather::{Gather, Half};
 use relume_image::Image;
 use relume_optimise::{
-    Bounds, Locks, Polished, Problem, Relight, RelightError, Settings, Solution, SphereLight, UnitImages,
-    polish, random_starts, solve,
+    Bounds, Compare, Locks, Polished, Problem, Relight, RelightError, Settings, Solution, SphereLight,
+    UnitImages, polish, random_starts, solve,
 };
-use relume_proxy::{LightKind, LightParams, Proxy};
+use relume_proxy::{GpuComparison, GpuProxy, LightKind, LightParams, Proxy};
 use relume_scene::{Light, LightShape, LobeFactors};
 use std::ops::ControlFlow;
 
 /// A proxy of round lights, as the optimiser sees it.
+#[derive(Clone, Copy)]
 pub struct ProxyRelight<'a> {
     proxy: &'a Proxy,
 }
@@ -52,24 +52,93 @@ impl Relight for ProxyRelight<'_> {
         d_out: &[[f32; 3]],
     ) -> Result<[f32; 4], RelightError> {
         let gradient = self.proxy.backward(pixels, &self.params(center, radius), d_out)?;
-        Ok(std::array::from_fn(|i| gradient.get(i).copied().unwrap_or(0.0)))
+        Ok(by_shape(&gradient))
     }
+}
+
+/// A proxy on a GPU, as the optimiser sees it.
+struct GpuProxyRelight<'a> {
+    on_gpu: &'a GpuProxy,
+    cpu: ProxyRelight<'a>,
+}
+
+impl Relight for GpuProxyRelight<'_> {
+    fn size(&self) -> (usize, usize) {
+        self.cpu.size()
+    }
+
+    fn forward(
+        &self,
+        center: Vec3,
+        radius: f32,
+        pixels: &[u32],
+        out: &mut [[f32; 3]],
+    ) -> Result<(), RelightError> {
+        Ok(self.on_gpu.forward_pixels(pixels, &self.cpu.params(center, radius), out)?)
+    }
+
+    fn backward(
+        &self,
+        center: Vec3,
+        radius: f32,
+        pixels: &[u32],
+        d_out: &[[f32; 3]],
+    ) -> Result<[f32; 4], RelightError> {
+        let gradient = self.on_gpu.backward(pixels, &self.cpu.params(center, radius), d_out)?;
+        Ok(by_shape(&gradient))
+    }
+
+    fn comparison<'a>(
+        &'a self,
+        base: &Image,
+        target: &Image,
+        exposure: f32,
+    ) -> Result<Option<Box<dyn Compare + 'a>>, RelightError> {
+        let comparison = self.on_gpu.comparison(&base.data, &target.data, exposure)?;
+        Ok(Some(Box::new(GpuCompare { relight: self, comparison })))
+    }
+}
+
+/// Pictures compared on the GPU.
+struct GpuCompare<'a> {
+    relight: &'a GpuProxyRelight<'a>,
+    comparison: GpuComparison<'a>,
+}
+
+impl Compare for GpuCompare<'_> {
+    fn gradient(&self, lights: &[SphereLight], pixels: &[u32]) -> Result<(f64, Vec<[f32; 7]>), RelightError> {
+        let params =
+            |light: &SphereLight| (self.relight.cpu.params(light.center, light.radius), light.radiance);
+        let lights: Vec<_> = lights.iter().map(params).collect();
+        let (loss, gradients) = self.comparison.gradient(&lights, pixels)?;
+        let by_light = gradients.iter().map(|gradient| {
+            let ([x, y, z, radius], [r, g, b]) = (by_shape(&gradient.params), gradient.radiance);
+            [x, y, z, radius, r, g, b]
+        });
+        Ok((loss, by_light.collect()))
+    }
+}
+
+/// By centre and radius, of a gradient by a round light's parameters.
+fn by_shape(gradient: &[f32]) -> [f32; 4] {
+    std::array::from_fn(|i| gradient.get(i).copied().unwrap_or(0.0))
 }
 
 /// A gather of round lights, as the optimiser sees it.
 struct GatherUnits<'a> {
-    gather: &'a Gather,
+    relighter: &'a Relighter,
     kind: LightKind,
+    monitor: &'a Monitor,
 }
 
 impl UnitImages for GatherUnits<'_> {
     fn unit_images(&self, spheres: &[(Vec3, f32)]) -> Result<Vec<Image>, RelightError> {
         let light = |(center, radius): &(Vec3, f32)| {
             let shape = LightParams::round(self.kind, *center, *radius).shape();
-            self.gather.prepare(&new_light(String::new(), shape, [1.0; 3]))
+            new_light(String::new(), shape, [1.0; 3])
         };
-        let lights = spheres.iter().map(light).collect::<Result<Vec<_>, _>>()?;
-        Ok(self.gather.unit_images(&lights, Half::All))
+        let lights: Vec<Light> = spheres.iter().map(light).collect();
+        Ok(self.relighter.gather_images(&lights, self.monitor)?)
     }
 }
 
@@ -151,11 +220,18 @@ pub fn optimise(
         let more = options.starts.saturating_sub(starts.len()).max(usize::from(starts.is_empty()));
         starts.extend(random_starts(&problem, more, options.settings.seed)?);
     }
-    let solution = run(&problem, &starts, options, monitor)?;
     let kind = proxy.info().kind;
+    let on_gpu = relighter.on_gpu_proxy(kind, monitor, |on_gpu| {
+        let relight = GpuProxyRelight { on_gpu, cpu: relight };
+        run(&Problem { relight: &relight, ..problem.clone() }, &starts, options, monitor)
+    })?;
+    let solution = match on_gpu {
+        Some(solution) => solution,
+        None => run(&problem, &starts, options, monitor)?,
+    };
     let polished = match relighter.gather() {
-        Some(gather) if options.polish > 0 => {
-            let exact = GatherUnits { gather, kind };
+        Some(_) if options.polish > 0 => {
+            let exact = GatherUnits { relighter, kind, monitor };
             Some(run_polish(&problem, &exact, &solution.lights, options.polish, monitor)?)
         }
         _ => None,

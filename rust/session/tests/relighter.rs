@@ -4,10 +4,11 @@ use glam::Vec3;
 use relume_session::gpu::{Gpu, GpuChoice};
 use relume_session::proxy::{LightKind, SizeRange, TrainConfig};
 use relume_session::scene::{Light, LightShape, LobeFactors, ReceiverSet};
+use relume_session::solver::Settings;
 use relume_session::trace::TraceSettings;
 use relume_session::{
-    Cancel, Clock, Compute, Device, LightSet, Listener, Maker, Monitor, ObjView, Progress, RelightOptions,
-    Relighter, Stage, TrainSettings, With, bake, default_sizes, obj_scene, train,
+    Cancel, Clock, Compute, Device, LightSet, Listener, Maker, Monitor, ObjView, OptimiseOptions, Progress,
+    RelightOptions, Relighter, Stage, TrainSettings, With, bake, default_sizes, obj_scene, optimise, train,
 };
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -290,4 +291,26 @@ fn the_cpu_goes_on_where_the_gpu_fails_unless_that_one_was_asked_for() {
     assert_eq!(relit.combined(), cpu.combined());
     let warned = warnings.0.lock().unwrap();
     assert!(warned.len() == 1 && warned[0].contains("The CPU goes on"), "{warned:?}");
+}
+
+#[test]
+fn lights_solved_on_the_gpu_are_those_of_the_cpu() {
+    let folder = tempfile::tempdir().unwrap();
+    baked(folder.path());
+    train(folder.path(), folder.path(), &training(LightKind::Sphere), false, &Monitor::default()).unwrap();
+    let gpu = Relighter::open(folder.path()).unwrap().on(&Device::Gpu(GpuChoice::Best).open(None).unwrap());
+    let cpu = Relighter::open(folder.path()).unwrap();
+    let options = RelightOptions { with: With::Proxy, denoise: false };
+    let target = cpu.relight(&[sphere("Hidden", 0.2)], &options, &Monitor::default()).unwrap().combined();
+    let options = OptimiseOptions { starts: 1, polish: 0, ..OptimiseOptions::default() };
+    let options = OptimiseOptions { settings: Settings { iterations: 20, ..options.settings }, ..options };
+    let losses = [&gpu, &cpu].map(|relighter| {
+        let solved = optimise(relighter, &target, None, &options, &Monitor::default()).unwrap().solution;
+        solved.trajectory.iter().map(|point| point.loss).collect::<Vec<_>>()
+    });
+    // The same steps, but for the order of sums.
+    for (a, b) in losses[0].iter().zip(&losses[1]) {
+        assert!((a - b).abs() < 1e-2 * b.max(losses[1][0] * 1e-2), "{losses:?}");
+    }
+    assert_eq!(losses[0].len(), 20);
 }

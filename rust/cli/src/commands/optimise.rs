@@ -19,7 +19,7 @@ struct Found {
 
 /// Finds lights that make a target picture.
 pub fn optimise(args: &OptimiseArgs, context: &Context) -> anyhow::Result<()> {
-    let relighter = Relighter::open(&args.bake)?;
+    let relighter = Relighter::open(&args.bake)?.on(&context.compute()?);
     let target = read_picture(&args.target)?;
     let start = args.lights.as_deref().map(LightSet::read).transpose()?;
     let options = OptimiseOptions {
