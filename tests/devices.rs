@@ -1,0 +1,62 @@
+//! The program on whatever GPU there is, and where there is none.
+
+mod common;
+
+use common::{one_error, relume, trace_room};
+use relume_session::image::{Image, read_exr};
+use std::path::Path;
+use std::process::Command;
+
+/// `relume gather` on a device, in a desktop session of its own: Mesa's drivers complain where there is none.
+fn gather(folder: &Path, out: &str, options: &str) -> Command {
+    let mut command = relume(folder, &format!("gather bake --no-denoise --float --out {out} {options}"));
+    command.args(["--lights", &common::data("evening.json").display().to_string()]);
+    command.env("XDG_RUNTIME_DIR", folder);
+    command
+}
+
+fn picture(folder: &Path, out: &str, options: &str) -> Image {
+    let output = gather(folder, out, options).output().expect("the program starts");
+    assert!(output.status.success(), "{options}: {}", String::from_utf8_lossy(&output.stderr));
+    let layers = read_exr(&folder.join(out)).unwrap();
+    layers.layers.into_iter().find(|layer| layer.name == "Combined").unwrap().image
+}
+
+#[test]
+fn pictures_are_the_same_on_every_device_and_in_any_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    // More than a mebibyte of records, so that one mebibyte has to be streamed.
+    trace_room(folder.path(), "--out bake --width 48 --height 40 --samples 32 --tile 16");
+    let cpu = picture(folder.path(), "cpu.exr", "--device cpu");
+    for (out, options) in [("gpu.exr", "--device gpu"), ("streamed.exr", "--device gpu --gpu-memory 1")] {
+        let gpu = picture(folder.path(), out, options);
+        let mean = cpu.data.iter().sum::<f32>() / cpu.data.len() as f32;
+        // A segment that grazes a light may be decided otherwise.
+        let different = gpu.data.iter().zip(&cpu.data).filter(|(a, b)| (*a - *b).abs() > 1e-3 * mean).count();
+        assert!(
+            mean > 0.0 && different * 1000 < cpu.data.len(),
+            "{options}: {different} values of {}",
+            cpu.data.len()
+        );
+    }
+    let output = gather(folder.path(), "none.exr", "--device gpu --gpu-memory 0").output().unwrap();
+    assert!(one_error(&output).contains("not enough GPU memory"));
+    assert!(!folder.path().join("none.exr").exists());
+}
+
+#[test]
+fn without_a_driver_a_gpu_that_was_asked_for_is_an_error_and_auto_takes_the_cpu() {
+    let folder = tempfile::tempdir().unwrap();
+    trace_room(folder.path(), "--out bake --width 8 --height 8 --samples 4");
+    // Two generations of the Vulkan loader call it by two names.
+    let without_driver = |mut command: Command| {
+        command.env("VK_DRIVER_FILES", "/nowhere.json").env("VK_ICD_FILENAMES", "/nowhere.json");
+        command.output().expect("the program starts")
+    };
+    let output = without_driver(gather(folder.path(), "a.exr", "--device gpu"));
+    let message = one_error(&output);
+    assert!(message.contains("no GPU was found") && message.contains("--device cpu"), "{message}");
+    assert!(!folder.path().join("a.exr").exists());
+    assert!(without_driver(gather(folder.path(), "b.exr", "--device auto")).status.success());
+    assert!(folder.path().join("b.exr").exists());
+}
