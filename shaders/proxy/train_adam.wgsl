@@ -1,5 +1,5 @@
 // use: proxy/train_parameters
-// Adam (Kingma and Ba 2015) for all parameters but those that Muon moves, and the running mean of all.
+// Adam (Kingma and Ba 2015) for all parameters but those that Muon moves.
 
 struct Rates {
     parameters: u32,
@@ -8,9 +8,6 @@ struct Rates {
     /// One over one minus the powers of the decays.
     first_correction: f32,
     second_correction: f32,
-    /// Share of the way that the mean goes towards the parameters.
-    mean_share: f32,
-    use_muon: u32,
 }
 
 @group(0) @binding(0) var<storage, read> blocks: array<u32>;
@@ -34,7 +31,7 @@ fn adam(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
     }
     let optimiser = blocks[index / BLOCK] >> 8u;
     let g = gradient[index];
-    if (optimiser == MUON && arguments.use_muon != 0u) || (optimiser == SPARSE_ADAM && g == 0.0) {
+    if optimiser == MUON || (optimiser == SPARSE_ADAM && g == 0.0) {
         return;
     }
     let m = BETA1 * first[index] + (1.0 - BETA1) * g;

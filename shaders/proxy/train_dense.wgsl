@@ -4,7 +4,7 @@
 @group(0) @binding(0) var<storage, read> layers: array<Layer>;
 @group(0) @binding(1) var<storage, read> params: array<vec4f>;
 @group(0) @binding(2) var<storage, read_write> activations: array<vec4f>;
-var<immediate> arguments: Arguments;
+var<immediate> arguments: Layers;
 
 const TILE: u32 = 64u;
 const SLAB: u32 = 16u;

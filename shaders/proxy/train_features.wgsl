@@ -2,7 +2,7 @@
 // use: proxy/features
 // Analytic features of each sample's light at its pixel's surface.
 
-struct Arguments {
+struct Features {
     batch: Batch,
     first_draw: u32,
     /// Activations: surfaces by pixel; features by sample.
@@ -13,7 +13,7 @@ struct Arguments {
 @group(0) @binding(0) var<storage, read> draws: array<u32>;
 @group(0) @binding(1) var<storage, read> stored_lights: array<f32>;
 @group(0) @binding(2) var<storage, read_write> activations: array<f32>;
-var<immediate> arguments: Arguments;
+var<immediate> arguments: Features;
 
 fn surface_vector(first: u32, stride: u32) -> vec3f {
     return vec3f(activations[first], activations[first + stride], activations[first + 2u * stride]);

@@ -49,7 +49,7 @@ const BEFORE_TRUNK: u32 = 3u;
 /// Instead of a first bias.
 const NO_BIAS: u32 = 0xffffffffu;
 
-struct Arguments {
+struct Layers {
     batch: Batch,
     /// Rows of the table that are run.
     first: u32,

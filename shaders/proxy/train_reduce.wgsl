@@ -1,5 +1,5 @@
 // use: proxy/train_parameters
-// Adds up the pieces of the gradient, and of the loss, in their order.
+// Adds up the pieces of the gradient in their order.
 
 struct Reduction {
     batch: Batch,
@@ -8,17 +8,14 @@ struct Reduction {
     dense: u32,
     /// All parameters.
     parameters: u32,
-    /// Sums of the loss.
-    losses: u32,
 }
 
 @group(0) @binding(0) var<storage, read> blocks: array<u32>;
 /// `[piece][parameter]`
 @group(0) @binding(1) var<storage, read> pieces: array<f32>;
 @group(0) @binding(2) var<storage, read_write> grid: array<u32>;
-@group(0) @binding(3) var<storage, read> losses: array<f32>;
-@group(0) @binding(4) var<storage, read_write> gradient: array<f32>;
-@group(0) @binding(5) var<storage, read_write> progress: Progress;
+@group(0) @binding(3) var<storage, read_write> gradient: array<f32>;
+@group(0) @binding(4) var<storage, read_write> progress: Progress;
 var<immediate> arguments: Reduction;
 
 const THREADS: u32 = 256u;
@@ -60,33 +57,4 @@ fn value_of(low: u32, high: u32) -> f32 {
 
 fn magnitude(low: u32, high: u32) -> f32 {
     return f32(high) / 65536.0 + f32(low) / 281474976710656.0;
-}
-
-var<workgroup> sums: array<f32, THREADS>;
-
-/// One workgroup; after it the step counts, unless it has diverged.
-@compute @workgroup_size(THREADS)
-fn sum_losses(@builtin(local_invocation_index) local: u32) {
-    var sum = 0.0;
-    for (var i = local; i < arguments.losses; i += THREADS) {
-        sum += losses[i];
-    }
-    sums[local] = sum;
-    for (var half = THREADS / 2u; half > 0u; half /= 2u) {
-        workgroupBarrier();
-        if local < half {
-            sums[local] += sums[local + half];
-        }
-    }
-    if local != 0u {
-        return;
-    }
-    if !is_finite(sums[0]) {
-        progress.diverged = 1u;
-    }
-    if progress.diverged == 0u {
-        progress.loss = sums[0];
-        progress.loss_sum += sums[0];
-        progress.steps += 1u;
-    }
 }

@@ -6,7 +6,7 @@
 @group(0) @binding(1) var<storage, read> activations: array<vec4f>;
 /// `[piece][parameter]`
 @group(0) @binding(2) var<storage, read_write> sums: array<vec4f>;
-var<immediate> arguments: Arguments;
+var<immediate> arguments: Layers;
 
 const TILE: u32 = 64u;
 const SLAB: u32 = 16u;

@@ -41,6 +41,7 @@ files![
     "proxy/train_inputs",
     "proxy/train_layers",
     "proxy/train_loss",
+    "proxy/train_loss_sum",
     "proxy/train_mean",
     "proxy/train_muon",
     "proxy/train_parameters",

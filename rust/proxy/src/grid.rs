@@ -49,6 +49,26 @@ impl HashGrid {
         Self { levels: levels.collect(), features: config.features_per_level, width, height }
     }
 
+    /// Number of levels.
+    pub fn levels(&self) -> usize {
+        self.levels.len()
+    }
+
+    /// Width and height of the image.
+    pub fn image(&self) -> [usize; 2] {
+        [self.width, self.height]
+    }
+
+    /// Each level as `Level` of `shaders/proxy/grid.wgsl`: first parameter, bits of the resolution, grid points along
+    /// x, hash mask or 0.
+    pub fn level_rows(&self, layout: &ParamLayout) -> Vec<[u32; 4]> {
+        let row = |level: &Level| {
+            let start = layout.tensors[level.tensor].start as u32;
+            [start, level.resolution.to_bits(), level.columns, level.hash_mask.unwrap_or(0)]
+        };
+        self.levels.iter().map(row).collect()
+    }
+
     /// Values of an encoded pixel.
     pub fn outputs(&self) -> usize {
         self.levels.len() * self.features

@@ -13,6 +13,21 @@ const EPSILON: f32 = 1e-15;
 const MOMENTUM: f32 = 0.95;
 /// Parameters that one task updates.
 const BLOCK: usize = 16_384;
+/// Jordan's coefficients of the quintic Newton-Schulz iteration: of `x`, of `x xT x`, of `(x xT)^2 x`.
+pub(crate) const NEWTON_SCHULZ: [f32; 3] = [3.4445, -4.7750, 2.0315];
+/// Its rounds.
+pub(crate) const ROUNDS: usize = 5;
+
+/// What Adam's moments are multiplied with at a step, counted from 1, since they start at zero.
+pub(crate) fn corrections(step: u64) -> [f32; 2] {
+    let power = step.min(100_000) as i32;
+    [1.0 / (1.0 - BETA1.powi(power)), 1.0 / (1.0 - BETA2.powi(power))]
+}
+
+/// Factor on the orthogonal matrix with the larger side `size`, so that the step's root mean square is half of `rate`.
+pub(crate) fn muon_step_length(rate: f32, size: usize) -> f32 {
+    0.5 * rate * (size as f32).sqrt()
+}
 
 /// Learning rates of one step.
 #[derive(Clone, Copy, Debug)]
@@ -46,8 +61,7 @@ impl Optimiser {
         rates: StepRates,
         step: u64,
     ) {
-        let power = step.min(100_000) as i32;
-        let correction = [1.0 / (1.0 - BETA1.powi(power)), 1.0 / (1.0 - BETA2.powi(power))];
+        let correction = corrections(step);
         let mut tasks = Vec::new();
         let (mut params, mut first, mut second) = (params, &mut self.first[..], &mut self.second[..]);
         let mut offset = 0;
@@ -101,7 +115,7 @@ fn adam(
 }
 
 /// Muon (Jordan et al. 2024, "Muon: An optimizer for hidden layers in neural networks"): Nesterov momentum, its singular
-/// values brought near 1, scaled so that the step's root mean square is half of `rate`.
+/// values brought near 1.
 fn muon_step(isa: Isa, tensor: &Tensor, params: &mut [f32], grads: &[f32], momentum: &mut [f32], rate: f32) {
     for (m, g) in momentum.iter_mut().zip(grads) {
         *m = MOMENTUM * *m + g;
@@ -115,7 +129,7 @@ fn muon_step(isa: Isa, tensor: &Tensor, params: &mut [f32], grads: &[f32], momen
         }
     }
     orthogonalise(isa, &mut x, size);
-    let step = 0.5 * rate * (tensor.rows.max(tensor.cols) as f32).sqrt();
+    let step = muon_step_length(rate, tensor.rows.max(tensor.cols));
     for (row, x) in params.chunks_mut(tensor.stride).zip(x.chunks(size)) {
         for (p, x) in row[..tensor.cols].iter_mut().zip(x) {
             *p -= step * x;
@@ -123,12 +137,9 @@ fn muon_step(isa: Isa, tensor: &Tensor, params: &mut [f32], grads: &[f32], momen
     }
 }
 
-/// Five rounds of the quintic Newton-Schulz iteration with Jordan's coefficients, which bring all singular values
-/// between about 0.7 and 1.2.
+/// The Newton-Schulz iteration, which brings all singular values between about 0.7 and 1.2.
 fn orthogonalise(isa: Isa, x: &mut AlignedVec, size: usize) {
-    const A: f32 = 3.4445;
-    const B: f32 = -4.7750;
-    const C: f32 = 2.0315;
+    let [a, b, c] = NEWTON_SCHULZ;
     let norm = x.iter().map(|x| x * x).sum::<f32>().sqrt();
     if norm.is_nan() || norm < 1e-30 {
         x.fill(0.0);
@@ -138,7 +149,7 @@ fn orthogonalise(isa: Isa, x: &mut AlignedVec, size: usize) {
         *x /= norm;
     }
     let mut transposed = AlignedVec::zeros(size * size);
-    for _ in 0..5 {
+    for _ in 0..ROUNDS {
         for row in 0..size {
             for column in 0..size {
                 transposed[column * size + row] = x[row * size + column];
@@ -147,11 +158,11 @@ fn orthogonalise(isa: Isa, x: &mut AlignedVec, size: usize) {
         let gram = product(isa, x, &transposed, size);
         let mut polynomial = product(isa, &gram, &gram, size);
         for (p, g) in polynomial.iter_mut().zip(gram.iter()) {
-            *p = C * *p + B * g;
+            *p = c * *p + b * g;
         }
         let mut next = product(isa, &polynomial, x, size);
         for (n, x) in next.iter_mut().zip(x.iter()) {
-            *n += A * x;
+            *n += a * x;
         }
         *x = next;
     }

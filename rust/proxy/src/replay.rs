@@ -6,16 +6,16 @@ use crate::loss::TILE;
 use crate::network::{CHUNK, CHUNK_TILES};
 use crate::sampling::Sampler;
 use crate::simd::LANES;
-use crate::{ProxyError, Rng, TargetSource};
+use crate::{LightParams, ProxyError, Rng, TargetSource};
 
 /// Samples gathered at a time.
-const BLOCK: u64 = 4096;
+pub(crate) const BLOCK: u64 = 4096;
 /// Blocks that are kept.
-const CAPACITY: u64 = 128;
+pub(crate) const CAPACITY: u64 = 128;
 /// Blocks gathered before the first step.
 const FIRST: u64 = 8;
 /// Blocks gathered in one call while filling, so that a step never blocks for long.
-const FILL: u64 = 8;
+pub(crate) const FILL: u64 = 8;
 /// Counter of the random streams of blocks; block `b` has the counter `BLOCK_STREAM + b`.
 const BLOCK_STREAM: u64 = 1 << 62;
 
@@ -68,15 +68,42 @@ impl Replay {
         Ok(())
     }
 
-    /// A batch of random chunks.
-    pub fn batch(&self, samples: usize, (seed, step): (u64, u64)) -> Batch {
-        let slots = self.blocks[0].slots;
-        let mut batch = Batch { slots, ..Batch::default() };
+    /// Number of the next block.
+    pub fn next_block(&self) -> u64 {
+        self.next
+    }
+
+    /// Number of the oldest block that is kept.
+    fn oldest(&self) -> u64 {
+        self.next - self.blocks.len() as u64
+    }
+
+    /// The blocks that are kept, with their numbers.
+    pub fn blocks(&self) -> impl Iterator<Item = (u64, &Batch)> {
+        (self.oldest()..).zip(&self.blocks)
+    }
+
+    /// Random chunks: the number of a block and which of its chunks.
+    pub fn draw(&self, samples: usize, (seed, step): (u64, u64)) -> impl Iterator<Item = (u64, usize)> {
         let mut rng = Rng::stream(seed, step, 0);
         let chunks = BLOCK as usize / CHUNK;
-        for _ in 0..samples / CHUNK {
+        (0..samples / CHUNK).map(move |_| {
             let index = rng.below((self.blocks.len() * chunks) as u32) as usize;
-            let (block, chunk) = (&self.blocks[index / chunks], index % chunks);
+            (self.oldest() + (index / chunks) as u64, index % chunks)
+        })
+    }
+
+    /// The lights of a drawn chunk.
+    pub fn lights(&self, (number, chunk): (u64, usize)) -> &[LightParams] {
+        &self.blocks[(number - self.oldest()) as usize].lights[chunk * CHUNK_TILES..(chunk + 1) * CHUNK_TILES]
+    }
+
+    /// A batch of random chunks.
+    pub fn batch(&self, samples: usize, key: (u64, u64)) -> Batch {
+        let slots = self.blocks[0].slots;
+        let mut batch = Batch { slots, ..Batch::default() };
+        for (number, chunk) in self.draw(samples, key) {
+            let block = &self.blocks[(number - self.oldest()) as usize];
             let pixels = CHUNK_TILES / slots * LANES;
             batch.pixels.extend_from_slice(&block.pixels[chunk * pixels..(chunk + 1) * pixels]);
             let tiles = chunk * CHUNK_TILES..(chunk + 1) * CHUNK_TILES;

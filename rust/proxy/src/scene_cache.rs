@@ -57,6 +57,11 @@ impl SceneCache {
         Self { normalisation, aux, surfaces }
     }
 
+    /// Aux inputs and surface of every pixel, for the device.
+    pub fn rows(&self) -> impl Iterator<Item = f32> {
+        self.aux.iter().zip(&self.surfaces).flat_map(|(aux, surface)| aux.iter().chain(surface).copied())
+    }
+
     /// Writes the first `rows` aux inputs of some pixels into a tile.
     pub fn aux_tile(&self, pixels: &[u32], rows: usize, out: &mut [f32]) {
         for (lane, &pixel) in pixels.iter().enumerate() {

@@ -5,6 +5,9 @@ use crate::optim::StepRates;
 /// Share of the training over which the rates rise from zero.
 const WARM_UP: f32 = 0.01;
 
+/// Steps between updates of the running mean of weights.
+pub(crate) const EMA_EVERY: u64 = 8;
+
 /// Share of the training that is done.
 pub(crate) fn progress(config: &TrainConfig, samples: u64) -> f32 {
     (samples as f64 / config.samples as f64).min(1.0) as f32
@@ -29,6 +32,17 @@ pub(crate) fn rates(config: &TrainConfig, progress: f32) -> StepRates {
         muon: config.rates.muon * share,
         grid: config.rates.grid * share,
     }
+}
+
+/// Share of the way that the running mean goes towards the weights after a step, counted from 1; `None` if it stays.
+pub(crate) fn mean_share(config: &TrainConfig, step: u64) -> Option<f32> {
+    if config.ema_decay <= 0.0 || !step.is_multiple_of(EMA_EVERY) {
+        return None;
+    }
+    // Early on the mean must forget the start values faster than its decay would.
+    let turns = (step / EMA_EVERY) as f32;
+    let decay = config.ema_decay.powi(EMA_EVERY as i32).min((turns - 1.0) / (turns + 1.0));
+    Some(1.0 - decay)
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@ use std::sync::Arc;
 use relume_image::{Image, metrics};
 
 use crate::encoding::{LightEncoding, OutputScale};
+use crate::gpu::train::DeviceCore;
 use crate::gradient::{Batch, GradientBuffers, batch_gradient};
 use crate::network::{Context, FastNetwork, Network, ReferenceNetwork};
 use crate::optim::Optimiser;
@@ -12,15 +13,13 @@ use crate::proxy::{ProxyInfo, Scores};
 use crate::replay::Replay;
 use crate::sampling::Sampler;
 use crate::scene_cache::{Normalisation, SceneCache};
-use crate::schedule::{batch_size, progress, rates};
+use crate::schedule::{EMA_EVERY, batch_size, mean_share, progress, rates};
 use crate::simd::Isa;
 use crate::{
     LightKind, LightParams, NetworkConfig, PixelFeatures, Proxy, ProxyError, Rng, TargetMode, TargetSource,
     TrainConfig,
 };
 
-/// Steps between updates of the running mean of weights.
-const EMA_EVERY: u64 = 8;
 /// Counter of the random streams of held-out lights.
 const HELD_OUT_STREAM: u64 = (1 << 63) + 2;
 
@@ -35,10 +34,12 @@ pub struct Trainer {
     pub(crate) features: Arc<PixelFeatures>,
     pub(crate) state: TrainState,
     pub(crate) scene_hash: String,
-    scene: SceneCache,
+    pub(crate) scene: SceneCache,
     isa: Isa,
-    core: Core,
-    samples_of: Samples,
+    pub(crate) core: Core,
+    pub(crate) samples_of: Samples,
+    /// Where steps are done, if not here. Weights and moments of the state are then empty.
+    pub(crate) device: Option<Box<DeviceCore>>,
     held_out: Option<(Vec<LightParams>, Vec<Image>)>,
 }
 
@@ -57,19 +58,19 @@ pub(crate) struct TrainState {
 }
 
 /// Where batches come from.
-enum Samples {
+pub(crate) enum Samples {
     Gathered(Replay),
     Pool(Pool),
 }
 
 /// The network being trained and its buffers.
-enum Core {
+pub(crate) enum Core {
     Reference(Box<CoreOf<ReferenceNetwork>>),
     Fast(Box<CoreOf<FastNetwork>>),
 }
 
-struct CoreOf<N: Network> {
-    network: N,
+pub(crate) struct CoreOf<N: Network> {
+    pub network: N,
     buffers: GradientBuffers<N>,
 }
 
@@ -82,7 +83,8 @@ pub struct StepReport {
     pub samples: u64,
     /// Share of the configured training that is done, 0..1.
     pub progress: f32,
-    /// Mean loss of this batch; `None` if the step only gathered targets.
+    /// Mean loss of this batch; on a device, of the batches up to when it was last asked. `None` if the step only gathered
+    /// targets.
     pub loss: Option<f64>,
     /// Images, or blocks of samples, that are still to be gathered before training goes on.
     pub missing: usize,
@@ -120,6 +122,7 @@ impl Trainer {
             isa: Isa::detect(),
             scene_hash: String::new(),
             held_out: None,
+            device: None,
             config,
             kind,
             seed,
@@ -170,12 +173,17 @@ impl Trainer {
         self.state.scores
     }
 
-    /// One step: draws a batch and moves the weights along its gradient. While targets are missing, a call gathers some of
-    /// them instead.
+    /// One step, on a device several: draws a batch and moves the weights along its gradient. While targets are missing, a
+    /// call gathers some of them instead.
     ///
     /// # Errors
-    /// [`ProxyError::Diverged`], with the weights as before the step, or the failure of the source.
+    /// [`ProxyError::Diverged`], with the weights as before the step; the failure of the source or the device.
     pub fn step(&mut self, source: &dyn TargetSource) -> Result<StepReport, ProxyError> {
+        if let Some(mut device) = self.device.take() {
+            let report = self.steps_on_device(&mut device, source);
+            self.device = Some(device);
+            return report;
+        }
         if !self.gather(source)? {
             return Ok(self.report(None));
         }
@@ -190,7 +198,7 @@ impl Trainer {
     }
 
     /// Gathers what is due; false if it takes further calls.
-    fn gather(&mut self, source: &dyn TargetSource) -> Result<bool, ProxyError> {
+    pub(crate) fn gather(&mut self, source: &dyn TargetSource) -> Result<bool, ProxyError> {
         let sampler = self.sampler();
         let scale = self.calibrated(&sampler, source)?;
         let (seed, samples) = (self.seed, self.state.samples);
@@ -218,26 +226,27 @@ impl Trainer {
         state.step += 1;
         let rates = rates(&self.config, done);
         state.optimiser.update(self.isa, layout, &mut state.params, gradient, rates, state.step);
-        if self.config.ema_decay > 0.0 && state.step.is_multiple_of(EMA_EVERY) {
-            // Early on the mean must forget the start values faster than its decay would.
-            let turns = (state.step / EMA_EVERY) as f32;
-            let decay = self.config.ema_decay.powi(EMA_EVERY as i32).min((turns - 1.0) / (turns + 1.0));
+        if let Some(share) = mean_share(&self.config, state.step) {
             for (mean, param) in state.mean.iter_mut().zip(&state.params) {
-                *mean += (1.0 - decay) * (param - *mean);
+                *mean += share * (param - *mean);
             }
         }
         Ok(loss)
     }
 
     /// The proxy as it stands, from the running mean of weights.
-    pub fn proxy(&self) -> Proxy {
-        Proxy::new(self.info(), Arc::clone(&self.features), self.proxy_params().to_vec())
+    ///
+    /// # Errors
+    /// [`ProxyError::Gpu`] if its weights are on a device that was lost.
+    pub fn proxy(&self) -> Result<Proxy, ProxyError> {
+        let params = self.proxy_params(&*self.whole_state()?).to_vec();
+        Ok(Proxy::new(self.info(), Arc::clone(&self.features), params))
     }
 
     /// The weights that a proxy is made of.
-    pub(crate) fn proxy_params(&self) -> &[f32] {
-        let averaged = self.config.ema_decay > 0.0 && self.state.step >= EMA_EVERY;
-        if averaged { &self.state.mean } else { &self.state.params }
+    pub(crate) fn proxy_params<'a>(&self, state: &'a TrainState) -> &'a [f32] {
+        let averaged = self.config.ema_decay > 0.0 && state.step >= EMA_EVERY;
+        if averaged { &state.mean } else { &state.params }
     }
 
     /// Measures the proxy as it stands on lights that training never sees, whose images are gathered (and denoised, if
@@ -254,7 +263,7 @@ impl Trainer {
             let images = images_of(source, &lights, true, self.features.pixel_count())?;
             self.held_out = Some((lights, images));
         }
-        let proxy = self.proxy();
+        let proxy = self.proxy()?;
         let (lights, references) = self.held_out.as_ref().expect("filled above");
         let mut scores = Scores { psnr: 0.0, smape: 0.0, lights: 0, samples: self.state.samples };
         for (light, reference) in lights.iter().zip(references) {
@@ -301,7 +310,7 @@ impl Trainer {
     }
 
     /// The batch of the current step.
-    fn random_batch(&self, scale: &OutputScale, samples: usize) -> Batch {
+    pub(crate) fn random_batch(&self, scale: &OutputScale, samples: usize) -> Batch {
         let key = (self.seed, self.state.step);
         match &self.samples_of {
             Samples::Gathered(replay) => replay.batch(samples, key),
@@ -322,7 +331,7 @@ impl Trainer {
         Ok(self.random_batch(&scale, samples))
     }
 
-    fn report(&self, loss: Option<f64>) -> StepReport {
+    pub(crate) fn report(&self, loss: Option<f64>) -> StepReport {
         StepReport {
             step: self.state.step,
             samples: self.state.samples,
@@ -360,7 +369,7 @@ impl Trainer {
         Ok(scale)
     }
 
-    fn widen_ranges(&mut self, lights: &[LightParams]) {
+    pub(crate) fn widen_ranges(&mut self, lights: &[LightParams]) {
         if self.state.trained_ranges.is_empty() {
             self.state.trained_ranges = lights[0].as_slice().iter().map(|value| [*value; 2]).collect();
         }

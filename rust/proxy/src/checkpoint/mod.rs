@@ -75,15 +75,16 @@ impl Trainer {
     /// Writes the whole state of the training, and the proxy as it stands.
     ///
     /// # Errors
-    /// [`ProxyError::Io`]; an older file at `path` is then still there.
+    /// [`ProxyError::Io`], or [`ProxyError::Gpu`] if the training was on a device that was lost; an older file at `path` is then still there.
     pub fn save(&self, path: &Path) -> Result<(), ProxyError> {
         let header = TrainingHeader {
             config: self.config.clone(),
             seed: self.seed,
             calibrated: self.state.output_scale.is_some(),
         };
-        let training = Some((&header, &self.state));
-        write::save(path, &self.info(), &self.features, self.layout(), self.proxy_params(), training)
+        let state = self.whole_state()?;
+        let (weights, training) = (self.proxy_params(&state), Some((&header, &*state)));
+        write::save(path, &self.info(), &self.features, self.layout(), weights, training)
     }
 
     /// Goes on with a saved training. With the same source and seed the weights come out as if it had never stopped.

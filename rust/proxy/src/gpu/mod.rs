@@ -4,6 +4,7 @@ mod compare;
 mod gradient;
 mod network;
 mod proxy;
+pub(crate) mod train;
 
 pub use compare::GpuComparison;
 pub use gradient::LightGradient;

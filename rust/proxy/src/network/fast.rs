@@ -149,6 +149,10 @@ impl Network for FastNetwork {
         &self.grid
     }
 
+    fn light_encoding(&self) -> &LightEncoding {
+        &self.light
+    }
+
     fn multiply_adds(&self, slots: usize) -> (usize, usize) {
         let head = self.head.multiply_adds();
         let shared = self.trunk.multiply_adds() / slots + self.encoder.multiply_adds() / LANES;

@@ -7,6 +7,7 @@ pub(crate) use fast::{FastNetwork, LitFast};
 pub(crate) use reference::{LitReference, ReferenceNetwork};
 
 use crate::LightParams;
+use crate::encoding::LightEncoding;
 use crate::grid::HashGrid;
 use crate::loss::TILE;
 use crate::params::ParamLayout;
@@ -63,6 +64,8 @@ pub(crate) trait Network: Sync {
 
     fn layout(&self) -> &ParamLayout;
     fn grid(&self) -> &HashGrid;
+    /// How lights are turned into inputs.
+    fn light_encoding(&self) -> &LightEncoding;
     /// Multiply-adds of one sample in training (without what is shared) and in inference.
     fn multiply_adds(&self, slots: usize) -> (usize, usize);
 

@@ -80,6 +80,10 @@ impl Network for ReferenceNetwork {
         &self.grid
     }
 
+    fn light_encoding(&self) -> &LightEncoding {
+        &self.light
+    }
+
     fn multiply_adds(&self, _slots: usize) -> (usize, usize) {
         (self.mlp.multiply_adds(), self.mlp.multiply_adds())
     }

@@ -1,0 +1,50 @@
+//! Arguments of the kernels: twins of the structs of the same names in `shaders/proxy/train_*.wgsl`, which tell what the
+//! fields are.
+
+use bytemuck::{NoUninit, Pod, Zeroable};
+
+macro_rules! arguments {
+    ($($name:ident { $($field:ident: $type:ty),* $(,)? })*) => {
+        $(#[repr(C)]
+        #[derive(Clone, Copy, Debug, NoUninit, Zeroable)]
+        pub(super) struct $name { $(pub $field: $type),* })*
+    };
+}
+
+arguments! {
+    Batch { samples: u32, capacity: u32, slots: u32 }
+    Inputs {
+        batch: Batch, first_draw: u32, pixels: u32, lights: u32, surfaces: u32, known: u32, light_inputs: u32,
+        surface_rows: u32, levels: u32, features: u32, width: u32, height: u32,
+    }
+    Features { batch: Batch, first_draw: u32, surfaces: u32, values: u32 }
+    Expansion { batch: Batch, pixels: u32, lights: u32, samples: u32, pixel_rows: u32, light_rows: u32 }
+    Layers { batch: Batch, first: u32, count: u32, piece: u32, add: u32, parameters: u32 }
+    Loss {
+        batch: Batch, first_draw: u32, weights: u32, stride: u32, bias: u32, inputs: u32, input: u32, d_product: u32,
+        factors: u32, weight: f32, first_sum: u32,
+    }
+    Slots { batch: Batch, samples: u32, pixels: u32, rows: u32, modulation: u32 }
+    Scatter {
+        batch: Batch, first_draw: u32, d_pixels: u32, levels: u32, features: u32, width: u32, height: u32, grid: u32,
+    }
+    Reduction { batch: Batch, piece: u32, dense: u32, parameters: u32 }
+    Rates {
+        parameters: u32, adam: f32, grid: f32, first_correction: f32, second_correction: f32,
+    }
+    Mean { parameters: u32, share: f32 }
+    Muon {
+        size: u32, stride: u32, matrices: u32, left: u32, right: u32, turned: u32, plus: u32, to: u32, factor: f32,
+        share: f32, step: f32,
+    }
+}
+
+/// What the device tells of its steps.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub(super) struct Progress {
+    pub loss: f32,
+    pub loss_sum: f32,
+    pub steps: u32,
+    pub diverged: u32,
+}

@@ -1,0 +1,311 @@
+//! Training on a GPU: weights, moments, targets and gradients stay there; the host draws pixels and lights and says
+//! which chunks each step takes.
+//!
+//! A step is a chain of dispatches, recorded for several steps at once: inputs, layers forwards, loss, layers backwards, sums
+//! of the weights' gradients, optimiser. Layers run one after the other over a part of the batch whose activations fit the
+//! cache of a large card; each is a product of matrices with what follows it (modulation, ReLU, or their derivatives)
+//! in the same kernel.
+
+mod arguments;
+mod optimise;
+mod plan;
+mod steps;
+mod store;
+
+use std::sync::Arc;
+
+use relume_gpu::{Bound, Buffer, Commands, Gpu, GpuError};
+
+use self::arguments::{Batch, Layers, Progress, Scatter};
+use self::optimise::Optimise;
+use self::plan::{Plan, Shape, Space};
+pub(crate) use self::steps::DeviceCore;
+use self::store::Store;
+use crate::network::{CHUNK, Network};
+use crate::optim::StepRates;
+use crate::scene_cache::SceneCache;
+use crate::{LightKind, ProxyError, TrainConfig};
+
+/// Rows and columns of a tile of [`Plan::layers`], as in `train_dense.wgsl` and `train_weights.wgsl`.
+const TILE: u32 = 64;
+/// Most samples that run together; more do not fill a card better, and their activations leave its cache.
+const MOST_SAMPLES: u32 = 32_768;
+/// Bytes that activations may take.
+const MOST_ACTIVATIONS: u64 = 120 << 20;
+/// Bytes that the pieces of a gradient may take.
+const MOST_PIECES: u64 = 64 << 20;
+/// Fewest columns of such a piece.
+const LEAST_PIECE: u32 = 256;
+/// Samples of which a workgroup of `train_loss.wgsl` sums up the loss.
+const LOSS_GROUP: u32 = 256;
+
+/// What a training needs of its device.
+pub(crate) struct Demand<'a> {
+    pub config: &'a TrainConfig,
+    pub scene: &'a SceneCache,
+    /// Chunks that the store has room for.
+    pub chunks: usize,
+    /// Most chunks that the steps of one [`GpuTraining::run`] draw together.
+    pub draws: usize,
+}
+
+/// A step of training: which chunks of the store it takes, and how far it goes.
+#[derive(Clone, Debug)]
+pub(crate) struct Step {
+    /// Chunks, each of [`CHUNK`] samples.
+    pub draws: Vec<u32>,
+    pub rates: StepRates,
+    /// Number of the step, from 1.
+    pub number: u64,
+    /// Share of the way that the running mean of weights goes, in steps in which it goes.
+    pub mean_share: Option<f32>,
+}
+
+/// The state of a training on its device.
+#[derive(Debug)]
+pub(crate) struct GpuTraining {
+    gpu: Arc<Gpu>,
+    plan: Plan,
+    batch: Batch,
+    piece: u32,
+    /// First draws of the recorded steps; the kernels read them from here.
+    draws: Buffer<u32>,
+    store: Store,
+    kernels: Kernels,
+    optimise: Optimise,
+}
+
+#[derive(Debug)]
+struct Kernels {
+    inputs: Bound,
+    features: Option<Bound>,
+    expand: Option<Bound>,
+    forward: Bound,
+    loss: Bound,
+    backward: Bound,
+    sum_slots: Bound,
+    weights: Bound,
+    scatter: Bound,
+}
+
+impl GpuTraining {
+    /// Room for all that a training needs; weights are zero.
+    ///
+    /// # Errors
+    /// If it does not fit the device, or that was lost.
+    pub fn new(gpu: Arc<Gpu>, network: &impl Network, demand: &Demand<'_>) -> Result<Self, ProxyError> {
+        let (config, layout, grid) = (demand.config, network.layout(), network.grid());
+        let encoding = *network.light_encoding();
+        let shape = Shape {
+            layout,
+            grid_levels: grid.levels(),
+            grid_outputs: grid.outputs(),
+            light_inputs: encoding.inputs(),
+            image: grid.image(),
+        };
+        let slots = config.lights_per_pixel as u32;
+        let largest_batch = config.batch_end.next_multiple_of(CHUNK);
+        let mut capacity = MOST_SAMPLES.min(largest_batch as u32);
+        let most = MOST_ACTIVATIONS.min(gpu.limits().buffer);
+        let mut plan = Plan::new(&config.network, &shape, capacity, slots);
+        while u64::from(plan.activations) * 4 > most && capacity > CHUNK as u32 {
+            capacity = (capacity / 2).next_multiple_of(CHUNK as u32);
+            plan = Plan::new(&config.network, &shape, capacity, slots);
+        }
+        let batch = Batch { samples: capacity, capacity, slots };
+        let pieces = (MOST_PIECES / (4 * u64::from(plan.dense))).clamp(1, u64::from(capacity / LEAST_PIECE)) as u32;
+        let piece = capacity.div_ceil(pieces).next_multiple_of(32);
+        let parts = largest_batch.div_ceil(capacity as usize);
+
+        let activations = gpu.zeros::<f32>("activations", plan.activations as usize)?;
+        let pieces = gpu.zeros::<f32>("gradient in pieces", (capacity.div_ceil(piece) * plan.dense) as usize)?;
+        let losses = gpu.zeros::<f32>("losses", parts * capacity.div_ceil(LOSS_GROUP) as usize)?;
+        let layers = gpu.buffer_of("layers", &plan.layers)?;
+        let levels = gpu.buffer_of("grid levels", &grid.level_rows(layout))?;
+        let scene: Vec<f32> = demand.scene.rows().collect();
+        let scene = gpu.buffer_of("scene", &scene)?;
+        let draws = gpu.zeros::<u32>("draws", demand.draws)?;
+        let store = Store::new(&gpu, demand.chunks, config.lights_per_pixel, encoding)?;
+        let optimise = Optimise::new(&gpu, layout, (plan.dense, config.muon), &pieces, &losses)?;
+        let (params, grid) = (&optimise.params, &optimise.grid);
+
+        let bind = |module: &str, entry: &str, constants: &[(&str, u32)], buffers: &[relume_gpu::Binding<'_>]| {
+            gpu.kernel(module, entry, constants)?.bind(buffers)
+        };
+        let (a, l) = (activations.whole(), layers.whole());
+        let (pixels, lights, targets) = (store.pixels.whole(), store.lights.whole(), store.targets.whole());
+        let kernels = Kernels {
+            inputs: bind(
+                "proxy/train_inputs",
+                "inputs",
+                &[],
+                &[params.whole(), levels.whole(), scene.whole(), draws.whole(), pixels, lights, a],
+            )?,
+            features: match plan.features {
+                None => None,
+                Some(_) => Some(bind(
+                    "proxy/train_features",
+                    "fill",
+                    &[("QUAD", u32::from(encoding.kind == LightKind::Quad))],
+                    &[draws.whole(), lights, a],
+                )?),
+            },
+            expand: match plan.expansion {
+                None => None,
+                Some(_) => Some(bind("proxy/train_expand", "expand", &[], &[a])?),
+            },
+            forward: bind("proxy/train_dense", "forward", &[], &[l, params.whole(), a])?,
+            loss: bind(
+                "proxy/train_loss",
+                "loss",
+                &[],
+                &[params.whole(), draws.whole(), lights, targets, a, losses.whole()],
+            )?,
+            backward: bind("proxy/train_dense", "backward", &[], &[l, params.whole(), a])?,
+            sum_slots: bind("proxy/train_slots", "sum_slots", &[], &[a])?,
+            weights: bind("proxy/train_weights", "weights", &[], &[l, a, pieces.whole()])?,
+            scatter: bind(
+                "proxy/train_scatter",
+                "scatter",
+                &[],
+                &[levels.whole(), draws.whole(), pixels, a, grid.whole()],
+            )?,
+        };
+        Ok(Self { gpu, plan, batch, piece, draws, store, kernels, optimise })
+    }
+
+    /// Replaces the chunks from `first` on by those of a batch.
+    pub fn write_chunks(&self, first: usize, batch: &crate::gradient::Batch) {
+        self.store.write(&self.gpu, first, batch);
+    }
+
+    /// Runs some steps, and does not wait for them.
+    ///
+    /// # Errors
+    /// If the device was lost.
+    pub fn run(&self, steps: &[Step]) -> Result<(), GpuError> {
+        let draws: Vec<u32> = steps.iter().flat_map(|step| step.draws.iter().copied()).collect();
+        self.gpu.write(&self.draws, 0, &draws);
+        let mut commands = self.gpu.commands("training steps");
+        let mut first = 0;
+        for step in steps {
+            self.record_gradient(&mut commands, first, step.draws.len() as u32);
+            self.optimise.record_update(&mut commands, step);
+            first += step.draws.len() as u32;
+        }
+        commands.submit()
+    }
+
+    /// Gradient and loss of the samples of some chunks.
+    fn record_gradient(&self, commands: &mut Commands<'_>, first_draw: u32, chunks: u32) {
+        let samples = chunks * CHUNK as u32;
+        let weight = 1.0 / (3.0 * samples as f32);
+        let mut losses = 0;
+        for start in (0..samples).step_by(self.batch.capacity as usize) {
+            let batch = Batch { samples: self.batch.capacity.min(samples - start), ..self.batch };
+            let draw = first_draw + start / CHUNK as u32;
+            self.record_forward(commands, batch, draw, weight, losses);
+            self.record_backward(commands, batch, draw, start > 0);
+            losses += batch.samples.div_ceil(LOSS_GROUP);
+        }
+        let batch = Batch { samples: samples.min(self.batch.capacity), ..self.batch };
+        self.optimise.record_reduction(commands, batch, self.piece, losses);
+    }
+
+    fn record_forward(&self, commands: &mut Commands<'_>, batch: Batch, first_draw: u32, weight: f32, first_sum: u32) {
+        let (plan, kernels) = (&self.plan, &self.kernels);
+        let (samples, pixels) = (batch.samples, batch.columns(Space::Pixels));
+        let inputs = arguments::Inputs { batch, first_draw, ..plan.inputs };
+        let threads = pixels * (inputs.levels + 1) + batch.columns(Space::Lights) * inputs.light_inputs;
+        commands.run(&kernels.inputs, threads.div_ceil(64), bytemuck::bytes_of(&inputs));
+        if let (Some(features), Some(kernel)) = (plan.features, &kernels.features) {
+            let features = arguments::Features { batch, first_draw, ..features };
+            commands.run(kernel, samples.div_ceil(64), bytemuck::bytes_of(&features));
+        }
+        if let (Some(expansion), Some(kernel)) = (plan.expansion, &kernels.expand) {
+            let expansion = arguments::Expansion { batch, ..expansion };
+            let rows = expansion.pixel_rows + expansion.light_rows;
+            commands.run(kernel, (samples * rows).div_ceil(64), bytemuck::bytes_of(&expansion));
+        }
+        for rows in &plan.forward {
+            let groups = self.groups(batch, rows, |layer, columns| layer.outputs.div_ceil(TILE) * columns.div_ceil(TILE));
+            commands.run(&kernels.forward, groups, bytemuck::bytes_of(&self.layers(batch, rows, false)));
+        }
+        let loss = arguments::Loss { batch, first_draw, weight, first_sum, ..plan.loss };
+        commands.run(&kernels.loss, samples.div_ceil(LOSS_GROUP), bytemuck::bytes_of(&loss));
+    }
+
+    fn record_backward(&self, commands: &mut Commands<'_>, batch: Batch, first_draw: u32, add: bool) {
+        let (plan, kernels) = (&self.plan, &self.kernels);
+        let pixels = batch.columns(Space::Pixels);
+        let [head, tail] = &plan.backward;
+        let backward = |commands: &mut Commands<'_>, rows: &plan::Rows| {
+            let groups = self.groups(batch, rows, |layer, columns| layer.inputs.div_ceil(TILE) * columns.div_ceil(TILE));
+            commands.run(&kernels.backward, groups, bytemuck::bytes_of(&self.layers(batch, rows, add)));
+        };
+        head.iter().for_each(|rows| backward(commands, rows));
+        let slots = arguments::Slots { batch, ..plan.slots };
+        commands.run(&kernels.sum_slots, (pixels * slots.rows).div_ceil(64), bytemuck::bytes_of(&slots));
+        tail.iter().for_each(|rows| backward(commands, rows));
+        let all = 0..plan.layers.len() as u32;
+        let groups = self.groups(batch, &all, |layer, columns| {
+            layer.outputs.div_ceil(TILE) * layer.inputs.div_ceil(TILE) * columns.div_ceil(self.piece)
+        });
+        commands.run(&kernels.weights, groups, bytemuck::bytes_of(&self.layers(batch, &all, add)));
+        let inputs = &plan.inputs;
+        let scatter = Scatter {
+            batch,
+            first_draw,
+            d_pixels: plan.d_pixels,
+            levels: inputs.levels,
+            features: inputs.features,
+            width: inputs.width,
+            height: inputs.height,
+            grid: plan.dense,
+        };
+        commands.run(&kernels.scatter, (pixels * inputs.levels).div_ceil(64), bytemuck::bytes_of(&scatter));
+    }
+
+    /// Workgroups of some rows of the table.
+    fn groups(&self, batch: Batch, rows: &plan::Rows, tiles: impl Fn(&plan::Layer, u32) -> u32) -> u32 {
+        let layers = &self.plan.layers[rows.start as usize..rows.end as usize];
+        layers.iter().map(|layer| tiles(layer, batch.columns(layer.space()))).sum()
+    }
+
+    fn layers(&self, batch: Batch, rows: &plan::Rows, add: bool) -> Layers {
+        Layers {
+            batch,
+            first: rows.start,
+            count: rows.end - rows.start,
+            piece: self.piece,
+            add: u32::from(add),
+            parameters: self.plan.dense,
+        }
+    }
+
+    /// Replaces weights and moments.
+    pub fn upload(&self, state: [&[f32]; 4]) {
+        self.optimise.upload(&self.gpu, state);
+    }
+
+    /// Weights, their running mean, and first and second moments.
+    ///
+    /// # Errors
+    /// If the device was lost.
+    pub fn download(&self) -> Result<[Vec<f32>; 4], GpuError> {
+        self.optimise.download(&self.gpu)
+    }
+
+    /// Whether a loss or a gradient was not finite. Waits for all steps.
+    fn diverged(&self) -> Result<bool, GpuError> {
+        self.optimise.diverged(&self.gpu)
+    }
+
+    /// What the steps since the last call have come to. Waits for them.
+    fn take_progress(&self) -> Result<Progress, GpuError> {
+        self.optimise.take_progress(&self.gpu)
+    }
+}
+
+#[cfg(test)]
+mod tests;

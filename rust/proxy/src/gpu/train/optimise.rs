@@ -1,0 +1,220 @@
+use bytemuck::{Zeroable, bytes_of};
+use relume_gpu::{Binding, Bound, Buffer, Commands, Gpu, GpuError};
+
+use super::Step;
+use super::arguments::{Batch, Mean, Muon, Progress, Rates, Reduction};
+use super::plan::Space;
+use crate::optim::{NEWTON_SCHULZ, ROUNDS, corrections, muon_step_length};
+use crate::params::{ParamLayout, Role};
+use crate::simd::PAD;
+
+/// Threads of a workgroup in `train_reduce.wgsl`, `train_adam.wgsl` and `train_mean.wgsl`.
+const THREADS: u32 = 256;
+/// Rows and columns of a workgroup's share of a product in `train_muon.wgsl`.
+const TILE: u32 = 16;
+
+/// Low byte of a block's word, besides the numbers of [`Space`], as in `train_parameters.wgsl`.
+const GRID: u32 = 3;
+const NONE: u32 = 4;
+/// Second byte.
+const ADAM: u32 = 0;
+const MUON: u32 = 1;
+const SPARSE_ADAM: u32 = 2;
+
+/// Parameters and their moments, and the kernels that move them.
+#[derive(Debug)]
+pub(super) struct Optimise {
+    pub params: Buffer<f32>,
+    /// Sums of the gradient by the grid, two words each.
+    pub grid: Buffer<u32>,
+    pub gradient: Buffer<f32>,
+    mean: Buffer<f32>,
+    first: Buffer<f32>,
+    second: Buffer<f32>,
+    progress: Buffer<Progress>,
+    parameters: u32,
+    dense: u32,
+    reduce: Bound,
+    sum_losses: Bound,
+    adam: Bound,
+    average: Bound,
+    muon: Option<MuonKernels>,
+}
+
+/// Muon for the hidden matrices, which are all of one size.
+#[derive(Debug)]
+struct MuonKernels {
+    size: u32,
+    stride: u32,
+    matrices: u32,
+    start: Bound,
+    multiply: Bound,
+    finish: Bound,
+}
+
+impl Optimise {
+    /// From the gradient in `pieces` of `dense` values each, and the loss in `losses`; with Muon for hidden matrices or
+    /// Adam for all.
+    pub fn new(
+        gpu: &Gpu,
+        layout: &ParamLayout,
+        (dense, muon): (u32, bool),
+        pieces: &Buffer<f32>,
+        losses: &Buffer<f32>,
+    ) -> Result<Self, GpuError> {
+        let len = layout.len;
+        let vector = |label: &str| gpu.zeros::<f32>(label, len);
+        let (params, gradient, mean) = (vector("weights")?, vector("gradient")?, vector("mean weights")?);
+        let (first, second) = (vector("first moments")?, vector("second moments")?);
+        let grid = gpu.zeros::<u32>("gradient by the grid", 2 * (len - dense as usize))?;
+        let progress = gpu.zeros::<Progress>("progress", 1)?;
+        let blocks = gpu.buffer_of("blocks", &blocks(layout, muon))?;
+        let (b, g, p) = (blocks.whole(), gradient.whole(), progress.whole());
+        let bind = |stage: &str, entry: &str, buffers: &[Binding<'_>]| {
+            gpu.kernel(&format!("proxy/train_{stage}"), entry, &[])?.bind(buffers)
+        };
+        let moments = [first.whole(), second.whole()];
+        Ok(Self {
+            reduce: bind("reduce", "reduce", &[b, pieces.whole(), grid.whole(), g, p])?,
+            sum_losses: bind("loss_sum", "sum_losses", &[losses.whole(), p])?,
+            adam: bind("adam", "adam", &[b, p, g, params.whole(), moments[0], moments[1]])?,
+            average: bind("mean", "average", &[p, params.whole(), mean.whole()])?,
+            muon: if muon { MuonKernels::new(gpu, layout, p, [&params, &first, &gradient])? } else { None },
+            parameters: len as u32,
+            dense,
+            params,
+            grid,
+            gradient,
+            mean,
+            first,
+            second,
+            progress,
+        })
+    }
+
+    /// Adds up gradient and loss of a batch, of which `batch` is the first part.
+    pub fn record_reduction(&self, commands: &mut Commands<'_>, batch: Batch, piece: u32, losses: u32) {
+        let reduction = Reduction { batch, piece, dense: self.dense, parameters: self.parameters };
+        commands.run(&self.reduce, self.parameters.div_ceil(THREADS), bytes_of(&reduction));
+        commands.run(&self.sum_losses, 1, bytes_of(&losses));
+    }
+
+    /// Moves the parameters along the gradient.
+    pub fn record_update(&self, commands: &mut Commands<'_>, step: &Step) {
+        let groups = self.parameters.div_ceil(THREADS);
+        let [first_correction, second_correction] = corrections(step.number);
+        let rates = Rates {
+            parameters: self.parameters,
+            adam: step.rates.adam,
+            grid: step.rates.grid,
+            first_correction,
+            second_correction,
+        };
+        commands.run(&self.adam, groups, bytes_of(&rates));
+        if let Some(muon) = &self.muon {
+            muon.record(commands, step.rates.muon);
+        }
+        if let Some(share) = step.mean_share {
+            let mean = Mean { parameters: self.parameters, share };
+            commands.run(&self.average, groups, bytes_of(&mean));
+        }
+    }
+
+    /// The vectors of a state, in the order of [`Optimise::upload`].
+    fn vectors(&self) -> [&Buffer<f32>; 4] {
+        [&self.params, &self.mean, &self.first, &self.second]
+    }
+
+    /// Replaces weights, their running mean, and first and second moments.
+    pub fn upload(&self, gpu: &Gpu, state: [&[f32]; 4]) {
+        for (buffer, values) in self.vectors().into_iter().zip(state) {
+            gpu.write(buffer, 0, values);
+        }
+    }
+
+    /// Weights, their running mean, and first and second moments.
+    pub fn download(&self, gpu: &Gpu) -> Result<[Vec<f32>; 4], GpuError> {
+        let [params, mean, first, second] = self.vectors().map(|vector| gpu.read(vector, 0..vector.len()));
+        Ok([params?, mean?, first?, second?])
+    }
+
+    /// Whether steps have no effect any more.
+    pub fn diverged(&self, gpu: &Gpu) -> Result<bool, GpuError> {
+        Ok(gpu.read(&self.progress, 0..1)?[0].diverged != 0)
+    }
+
+    /// What the steps since the last call have come to.
+    pub fn take_progress(&self, gpu: &Gpu) -> Result<Progress, GpuError> {
+        let progress = gpu.read(&self.progress, 0..1)?[0];
+        gpu.write(&self.progress, 0, &[Progress { diverged: progress.diverged, ..Progress::default() }]);
+        Ok(progress)
+    }
+}
+
+/// What each block of parameters is.
+fn blocks(layout: &ParamLayout, muon: bool) -> Vec<u32> {
+    let mut blocks = vec![NONE; layout.len / PAD];
+    for tensor in &layout.tensors {
+        let space = match tensor.name.split('.').next() {
+            Some("trunk") => Space::Pixels as u32,
+            Some("encoder") => Space::Lights as u32,
+            Some("grid") => GRID,
+            _ => Space::Samples as u32,
+        };
+        let optimiser = match tensor.role {
+            Role::Hidden if muon => MUON,
+            Role::Grid => SPARSE_ADAM,
+            Role::Hidden | Role::Edge | Role::Bias => ADAM,
+        };
+        let range = tensor.range();
+        blocks[range.start / PAD..range.end.div_ceil(PAD)].fill(space | optimiser << 8);
+    }
+    blocks
+}
+
+impl MuonKernels {
+    /// For the hidden matrices of a layout; none if it has none.
+    fn new(
+        gpu: &Gpu,
+        layout: &ParamLayout,
+        progress: Binding<'_>,
+        [params, momentum, gradient]: [&Buffer<f32>; 3],
+    ) -> Result<Option<Self>, GpuError> {
+        let hidden = || layout.tensors.iter().filter(|tensor| tensor.role == Role::Hidden);
+        let Some(matrix) = hidden().next() else { return Ok(None) };
+        let starts: Vec<u32> = hidden().map(|tensor| tensor.start as u32).collect();
+        let squares = gpu.zeros::<f32>("squares of Muon", starts.len() * 4 * matrix.rows * matrix.cols)?;
+        let (squares, matrices) = (squares.whole(), starts.len() as u32);
+        let starts = gpu.buffer_of("hidden matrices", &starts)?;
+        let kernel = |entry: &str| gpu.kernel("proxy/train_muon", entry, &[]);
+        let start = [squares, starts.whole(), progress, momentum.whole(), gradient.whole()];
+        Ok(Some(Self {
+            size: matrix.rows as u32,
+            stride: matrix.stride as u32,
+            matrices,
+            start: kernel("start")?.bind(&start)?,
+            multiply: kernel("multiply")?.bind(&[squares])?,
+            finish: kernel("finish")?.bind(&[squares, starts.whole(), progress, params.whole()])?,
+        }))
+    }
+
+    fn record(&self, commands: &mut Commands<'_>, rate: f32) {
+        let Self { size, stride, matrices, .. } = *self;
+        let own = Muon { size, stride, matrices, ..Zeroable::zeroed() };
+        commands.run(&self.start, matrices, bytes_of(&own));
+        let tiles = matrices * size.div_ceil(TILE) * size.div_ceil(TILE);
+        let mut multiply = |product: Muon| commands.run(&self.multiply, tiles, bytes_of(&product));
+        let [a, b, c] = NEWTON_SCHULZ;
+        let (gram, polynomial) = (1, 2);
+        let (mut x, mut next) = (0, 3);
+        for _ in 0..ROUNDS {
+            multiply(Muon { left: x, right: x, turned: 1, plus: x, to: gram, factor: 1.0, share: 0.0, ..own });
+            multiply(Muon { left: gram, right: gram, plus: gram, to: polynomial, factor: c, share: b, ..own });
+            multiply(Muon { left: polynomial, right: x, plus: x, to: next, factor: 1.0, share: a, ..own });
+            std::mem::swap(&mut x, &mut next);
+        }
+        let step = muon_step_length(rate, size as usize);
+        let groups = (matrices * size * size).div_ceil(THREADS);
+        commands.run(&self.finish, groups, bytes_of(&Muon { left: x, step, ..own }));
+    }
+}

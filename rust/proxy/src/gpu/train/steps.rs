@@ -1,0 +1,183 @@
+use std::borrow::Cow;
+use std::sync::Arc;
+
+use relume_gpu::Gpu;
+
+use super::{Demand, GpuTraining, Step};
+use crate::network::CHUNK;
+use crate::optim::Optimiser;
+use crate::replay::{BLOCK, CAPACITY, FILL};
+use crate::schedule::{batch_size, mean_share, progress, rates};
+use crate::trainer::{Core, Samples, TrainState};
+use crate::{ProxyError, StepReport, TargetSource, Trainer};
+
+/// Most steps that are handed to the device at a time.
+const STEPS: usize = 8;
+/// Steps after which the device is asked for the loss, which waits for it.
+const READ_EVERY: usize = 64;
+/// Blocks of gathered samples on the device: those that are drawn from, and those that come while steps that draw from the
+/// oldest are not handed over yet.
+const RING: u64 = CAPACITY + STEPS as u64 * FILL;
+/// Chunks of a block.
+const BLOCK_CHUNKS: usize = BLOCK as usize / CHUNK;
+/// Most chunks of batches from a pool of images that wait for the device.
+const POOL_CHUNKS: usize = 2048;
+
+/// The side of a [`Trainer`] that runs on a device.
+pub(crate) struct DeviceCore {
+    training: GpuTraining,
+    /// Steps that are handed over at a time.
+    steps: usize,
+    /// Samples of each step since the device was last asked.
+    unread: Vec<u64>,
+    /// Mean loss when the device was last asked.
+    loss: Option<f64>,
+    /// Chunk that the next batch from a pool begins at.
+    next_chunk: usize,
+    chunks: usize,
+}
+
+impl Trainer {
+    /// Moves the training to a GPU, where it goes on as it would have on the CPU but for the rounding of sums. A call of
+    /// [`Trainer::step`] then does several steps.
+    ///
+    /// If the device is lost, steps and saving fail with [`ProxyError::Gpu`]; the file of the last [`Trainer::save`] is
+    /// still good, for any device or none.
+    ///
+    /// # Errors
+    /// [`ProxyError::Gpu`] if it does not fit there.
+    pub fn on_gpu(mut self, gpu: Arc<Gpu>) -> Result<Self, ProxyError> {
+        let largest = self.config.batch_end.div_ceil(CHUNK);
+        let (steps, chunks) = match &self.samples_of {
+            Samples::Gathered(_) => (STEPS, RING as usize * BLOCK_CHUNKS),
+            Samples::Pool(_) => {
+                let steps = (POOL_CHUNKS / largest).clamp(1, STEPS);
+                (steps, steps * largest)
+            }
+        };
+        let demand = Demand { config: &self.config, scene: &self.scene, chunks, draws: steps * largest };
+        let training = match &self.core {
+            Core::Reference(core) => GpuTraining::new(gpu, &core.network, &demand)?,
+            Core::Fast(core) => GpuTraining::new(gpu, &core.network, &demand)?,
+        };
+        if let Samples::Gathered(replay) = &self.samples_of {
+            replay.blocks().for_each(|(number, block)| training.write_chunks(ring_chunk(number), block));
+        }
+        // From here on they live on the device.
+        let state = &mut self.state;
+        let [params, mean] = [&mut state.params, &mut state.mean].map(std::mem::take);
+        let [first, second] = [&mut state.optimiser.first, &mut state.optimiser.second].map(std::mem::take);
+        training.upload([&params, &mean, &first, &second]);
+        let device = DeviceCore { training, steps, unread: Vec::new(), loss: None, next_chunk: 0, chunks };
+        self.device = Some(Box::new(device));
+        Ok(self)
+    }
+
+    /// The state with its weights, wherever they are.
+    pub(crate) fn whole_state(&self) -> Result<Cow<'_, TrainState>, ProxyError> {
+        let Some(device) = &self.device else { return Ok(Cow::Borrowed(&self.state)) };
+        if !device.unread.is_empty() && device.training.diverged()? {
+            return Err(ProxyError::Diverged { step: self.state.step });
+        }
+        let [params, mean, first, second] = device.training.download()?;
+        let optimiser = Optimiser { first, second, ..self.state.optimiser.clone() };
+        Ok(Cow::Owned(TrainState { params, mean, optimiser, ..self.state.clone() }))
+    }
+
+    /// [`Trainer::step`] on the device.
+    pub(crate) fn steps_on_device(
+        &mut self,
+        device: &mut DeviceCore,
+        source: &dyn TargetSource,
+    ) -> Result<StepReport, ProxyError> {
+        let mut steps = Vec::new();
+        let mut ready = Ok(true);
+        while steps.len() < device.steps && (steps.is_empty() || !self.done()) {
+            ready = self.gather_for_device(device, source);
+            if !matches!(ready, Ok(true)) {
+                break;
+            }
+            steps.push(self.next_step(device)?);
+        }
+        if !steps.is_empty() {
+            device.training.run(&steps)?;
+            device.unread.extend(steps.iter().map(|step| (step.draws.len() * CHUNK) as u64));
+        }
+        ready?;
+        if device.unread.len() >= READ_EVERY || (device.loss.is_none() && !steps.is_empty()) {
+            self.read_progress(device)?;
+        }
+        Ok(self.report(if steps.is_empty() { None } else { device.loss }))
+    }
+
+    /// Gathers what is due and copies it to the device; false if it takes further calls.
+    fn gather_for_device(&mut self, device: &DeviceCore, source: &dyn TargetSource) -> Result<bool, ProxyError> {
+        let known = match &self.samples_of {
+            Samples::Gathered(replay) => replay.next_block(),
+            Samples::Pool(_) => 0,
+        };
+        let ready = self.gather(source);
+        if let Samples::Gathered(replay) = &self.samples_of {
+            for (number, block) in replay.blocks().filter(|(number, _)| *number >= known) {
+                device.training.write_chunks(ring_chunk(number), block);
+            }
+        }
+        ready
+    }
+
+    /// Counts the next step, and says what it takes.
+    fn next_step(&mut self, device: &mut DeviceCore) -> Result<Step, ProxyError> {
+        let done = progress(&self.config, self.state.samples);
+        let samples = batch_size(&self.config, done);
+        let draws = self.draws(device, samples)?;
+        self.state.step += 1;
+        self.state.samples += samples as u64;
+        let number = self.state.step;
+        Ok(Step { draws, rates: rates(&self.config, done), number, mean_share: mean_share(&self.config, number) })
+    }
+
+    /// The chunks of the next step.
+    fn draws(&mut self, device: &mut DeviceCore, samples: usize) -> Result<Vec<u32>, ProxyError> {
+        let key = (self.seed, self.state.step);
+        if let Samples::Gathered(replay) = &self.samples_of {
+            let drawn: Vec<(u64, usize)> = replay.draw(samples, key).collect();
+            let lights: Vec<_> = drawn.iter().flat_map(|draw| replay.lights(*draw)).copied().collect();
+            self.widen_ranges(&lights);
+            return Ok(drawn.iter().map(|(number, chunk)| (ring_chunk(*number) + chunk) as u32).collect());
+        }
+        let scale = self.state.output_scale.ok_or_else(|| {
+            ProxyError::Config("the scale of outputs is not known before targets are".to_owned())
+        })?;
+        let batch = self.random_batch(&scale, samples);
+        self.widen_ranges(&batch.lights);
+        let count = samples / CHUNK;
+        if device.next_chunk + count > device.chunks {
+            device.next_chunk = 0;
+        }
+        device.training.write_chunks(device.next_chunk, &batch);
+        let first = device.next_chunk as u32;
+        device.next_chunk += count;
+        Ok((first..first + count as u32).collect())
+    }
+
+    /// Asks the device how it went.
+    fn read_progress(&mut self, device: &mut DeviceCore) -> Result<(), ProxyError> {
+        let progress = device.training.take_progress()?;
+        let unread = std::mem::take(&mut device.unread);
+        device.loss = (progress.steps > 0).then(|| f64::from(progress.loss_sum) / f64::from(progress.steps));
+        if progress.diverged == 0 {
+            return Ok(());
+        }
+        // The steps from the bad one on had no effect.
+        let lost = &unread[(progress.steps as usize).min(unread.len())..];
+        self.state.step -= lost.len() as u64;
+        self.state.samples -= lost.iter().sum::<u64>();
+        device.loss = None;
+        Err(ProxyError::Diverged { step: self.state.step })
+    }
+}
+
+/// First chunk on the device of a block of the replay.
+fn ring_chunk(number: u64) -> usize {
+    (number % RING) as usize * BLOCK_CHUNKS
+}

@@ -1,0 +1,59 @@
+use relume_gpu::{Buffer, Gpu, GpuError};
+
+use crate::LightParams;
+use crate::analytic::scaled_params;
+use crate::encoding::LightEncoding;
+use crate::gradient::Batch;
+use crate::loss::TILE;
+use crate::network::{CHUNK, CHUNK_TILES};
+
+/// Values of a light, as in `train_store.wgsl`.
+const LIGHT_ROW: usize = 48;
+const LIGHT_WEIGHT: usize = 9;
+const LIGHT_INPUTS: usize = 10;
+
+/// Chunks of samples on the device, from which steps draw.
+#[derive(Debug)]
+pub(super) struct Store {
+    pub pixels: Buffer<u32>,
+    pub lights: Buffer<f32>,
+    pub targets: Buffer<f32>,
+    slots: usize,
+    encoding: LightEncoding,
+}
+
+impl Store {
+    /// Room for `chunks` chunks of samples with `slots` lights a pixel.
+    ///
+    /// # Errors
+    /// If there is none on the device.
+    pub fn new(gpu: &Gpu, chunks: usize, slots: usize, encoding: LightEncoding) -> Result<Self, GpuError> {
+        Ok(Self {
+            pixels: gpu.zeros("pixels of samples", chunks * CHUNK / slots)?,
+            lights: gpu.zeros("lights of samples", chunks * CHUNK_TILES * LIGHT_ROW)?,
+            targets: gpu.zeros("targets of samples", chunks * CHUNK_TILES * TILE)?,
+            slots,
+            encoding,
+        })
+    }
+
+    /// Replaces the chunks from `first` on by those of a batch.
+    pub fn write(&self, gpu: &Gpu, first: usize, batch: &Batch) {
+        assert_eq!(batch.slots, self.slots, "lights per pixel");
+        gpu.write(&self.pixels, first * CHUNK / self.slots, &batch.pixels);
+        let mut rows = vec![0.0; batch.lights.len() * LIGHT_ROW];
+        for ((row, light), weight) in rows.chunks_exact_mut(LIGHT_ROW).zip(&batch.lights).zip(&batch.weights) {
+            fill_row(row, light, *weight, &self.encoding);
+        }
+        gpu.write(&self.lights, first * CHUNK_TILES * LIGHT_ROW, &rows);
+        gpu.write(&self.targets, first * CHUNK_TILES * TILE, &batch.targets);
+    }
+}
+
+fn fill_row(row: &mut [f32], light: &LightParams, weight: f32, encoding: &LightEncoding) {
+    let normalisation = &encoding.normalisation;
+    row[..LIGHT_WEIGHT].copy_from_slice(&scaled_params(light, normalisation.center, normalisation.scale));
+    row[LIGHT_WEIGHT] = weight;
+    let inputs = encoding.inputs();
+    row[LIGHT_INPUTS..LIGHT_INPUTS + inputs].copy_from_slice(&encoding.encode(light)[..inputs]);
+}
