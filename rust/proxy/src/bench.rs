@@ -78,7 +78,7 @@ fn measure(name: &str, network: NetworkConfig, batch: usize) -> Result<[Record; 
         ..TrainConfig::fast(SizeRange { min: 0.1, max: 0.5 })
     };
     let mut trainer = Trainer::new(Arc::new(room.features()), LightKind::Sphere, config, 1)?;
-    let proxy = trainer.proxy();
+    let proxy = trainer.proxy()?;
     let light = LightParams::round(LightKind::Sphere, glam::Vec3::new(0.3, -0.5, 1.0), 0.2);
     let mut pixels = vec![[0.0; 3]; room.features().pixel_count()];
     let fixed = trainer.first_batch(&room, batch)?;

@@ -21,7 +21,7 @@
 //! trainer.save(&path)?;
 //! let trainer = Trainer::resume(&path)?; // goes on bit for bit as if it had never stopped
 //!
-//! let proxy: Proxy = trainer.proxy(); // usable at any moment; cheap to clone
+//! let proxy: Proxy = trainer.proxy()?; // usable at any moment; cheap to clone
 //! let light = LightParams::round(LightKind::Sphere, glam::Vec3::new(0.0, 0.0, 1.0), 0.2);
 //! let image = proxy.unit_image(&light)?; // or forward(&light, &mut rgb), forward_pixels(&pixels, ..)
 //! let pixels = [5, 17];

@@ -158,7 +158,7 @@ pub fn train(
         return Err(SessionError::Cancelled);
     }
     let measured = if settings.half_for_measuring {
-        let proxy = run.trainer.proxy();
+        let proxy = run.trainer.proxy()?;
         let measured = measure(&proxy, &gather, halves, &held_out, MEASURED_LIGHTS, settings.seed, monitor)?;
         let path = measured_path(out, settings.kind);
         write_atomically(&path, |writer| Ok(serde_json::to_writer_pretty(writer, &measured)?))?;
@@ -301,6 +301,6 @@ impl Run<'_> {
             std::fs::remove_file(&measured).map_err(SessionError::io("remove", &measured))?;
         }
         self.trainer.save(&self.state)?;
-        Ok(self.trainer.proxy().save(&proxy_path(self.out, self.settings.kind))?)
+        Ok(self.trainer.proxy()?.save(&proxy_path(self.out, self.settings.kind))?)
     }
 }

@@ -59,7 +59,7 @@ fn opened_proxies_give_the_same_pixels() {
     for config in configs() {
         let mut trainer = trainer(config, LightKind::Sphere);
         run(&mut trainer, 9);
-        let proxy = trainer.proxy();
+        let proxy = trainer.proxy().expect("weights");
         proxy.save(&path).expect("saved");
         let opened = Proxy::open(&path).expect("opened");
         let light = LightParams::round(LightKind::Sphere, glam::Vec3::new(0.1, 0.2, 1.0), 0.2);
@@ -102,7 +102,7 @@ fn other_format_versions_are_named() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("proxy.safetensors");
     let [config, _] = configs();
-    trainer(config, LightKind::Sphere).proxy().save(&path).expect("saved");
+    trainer(config, LightKind::Sphere).proxy().expect("weights").save(&path).expect("saved");
     let mut bytes = std::fs::read(&path).expect("read");
     let needle = format!(r#"\"format_version\":{FORMAT_VERSION}"#);
     let at = bytes.windows(needle.len()).position(|w| w == needle.as_bytes()).expect("a version");
@@ -119,7 +119,7 @@ fn other_format_versions_are_named() {
 fn failed_save_keeps_the_old_file() {
     let folder = tempfile::tempdir().expect("a folder");
     let [config, _] = configs();
-    let proxy = trainer(config, LightKind::Sphere).proxy();
+    let proxy = trainer(config, LightKind::Sphere).proxy().expect("weights");
     let error =
         proxy.save(&folder.path().join("missing/proxy.safetensors")).expect_err("no folder").to_string();
     assert!(error.contains("missing/proxy.safetensors"), "{error}");

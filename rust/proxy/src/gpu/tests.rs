@@ -46,7 +46,7 @@ fn networks() -> Vec<NetworkConfig> {
 fn proxy(network: NetworkConfig, kind: LightKind) -> Proxy {
     let features = SyntheticRoom::new(37, 23).features();
     let config = TrainConfig { network, ..TrainConfig::fast(SIZE) };
-    Trainer::new(Arc::new(features), kind, config, 7).unwrap().proxy()
+    Trainer::new(Arc::new(features), kind, config, 7).unwrap().proxy().unwrap()
 }
 
 fn light(kind: LightKind, rng: &mut Rng) -> LightParams {

@@ -73,7 +73,7 @@ fn lights_in_bounds_and_ranges_are_reported() {
     let config = TrainConfig { placement: LightPlacement::Bounds, ..config(20_000) };
     let trainer = trained(config, LightKind::Sphere, &room);
     let (low, high) = room.bounds();
-    let ranges = trainer.proxy().info().trained_ranges.clone();
+    let ranges = trainer.proxy().expect("weights").info().trained_ranges.clone();
     for axis in 0..3 {
         let [least, greatest] = ranges[axis];
         assert!(least >= low[axis] && greatest <= high[axis] && least < greatest, "axis {axis}: {ranges:?}");
@@ -138,7 +138,16 @@ fn bad_targets_stop_training_with_the_weights_of_the_step_before() {
     assert!(trainer.validate(&source).expect_err("no images").to_string().contains("target images"));
     assert_eq!((trainer.steps(), &trainer.state.params), (2, &before));
     let light = LightParams::round(LightKind::Sphere, glam::Vec3::Z, 0.2);
-    assert!(trainer.proxy().unit_image(&light).expect("still usable").data.iter().all(|x| x.is_finite()));
+    assert!(
+        trainer
+            .proxy()
+            .expect("weights")
+            .unit_image(&light)
+            .expect("still usable")
+            .data
+            .iter()
+            .all(|x| x.is_finite())
+    );
     source.set(0);
     trainer.step(&source).expect("the source is back");
 }
@@ -176,8 +185,10 @@ fn senseless_configurations_and_features_are_refused() {
 #[test]
 fn proxies_refuse_other_lights_and_wrong_lengths() {
     let room = SyntheticRoom::new(24, 16);
-    let proxy =
-        Trainer::new(Arc::new(room.features()), LightKind::Sphere, config(1), 3).expect("valid").proxy();
+    let proxy = Trainer::new(Arc::new(room.features()), LightKind::Sphere, config(1), 3)
+        .expect("valid")
+        .proxy()
+        .expect("weights");
     let sphere = LightParams::round(LightKind::Sphere, glam::Vec3::Z, 0.2);
     let quad = LightParams::quad(glam::Vec3::Z, glam::Vec3::X, glam::Vec3::Y);
     assert!(
@@ -197,7 +208,7 @@ fn proxies_refuse_other_lights_and_wrong_lengths() {
 #[test]
 fn subsets_and_coarse_images_show_the_same_pixels() {
     let room = SyntheticRoom::new(37, 19);
-    let proxy = trained(config(8_000), LightKind::Sphere, &room).proxy();
+    let proxy = trained(config(8_000), LightKind::Sphere, &room).proxy().expect("weights");
     let light = LightParams::round(LightKind::Sphere, glam::Vec3::Z, 0.2);
     let whole = proxy.unit_image(&light).expect("image");
     for stride in [1, 2, 5] {
@@ -215,7 +226,7 @@ fn subsets_and_coarse_images_show_the_same_pixels() {
 #[test]
 fn proxy_gradients_follow_the_scale_with_area() {
     let room = SyntheticRoom::new(32, 20);
-    let proxy = trained(config(200_000), LightKind::Sphere, &room).proxy();
+    let proxy = trained(config(200_000), LightKind::Sphere, &room).proxy().expect("weights");
     let light = LightParams::round(LightKind::Sphere, glam::Vec3::new(-0.3, -0.6, 1.5), 0.3);
     let pixels: Vec<u32> = (320..480).collect();
     let loss = |light: &LightParams| {

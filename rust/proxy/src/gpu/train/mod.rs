@@ -67,12 +67,16 @@ pub(crate) struct GpuTraining {
     gpu: Arc<Gpu>,
     plan: Plan,
     batch: Batch,
+    /// Samples that run together, at most as many as the activations have room for.
+    part: u32,
     piece: u32,
     /// First draws of the recorded steps; the kernels read them from here.
     draws: Buffer<u32>,
     store: Store,
     kernels: Kernels,
     optimise: Optimise,
+    #[allow(dead_code, reason = "bound to kernels, and counted against the memory budget while they live")]
+    bound: [Buffer<f32>; 4],
 }
 
 #[derive(Debug)]
@@ -113,12 +117,14 @@ impl GpuTraining {
             plan = Plan::new(&config.network, &shape, capacity, slots);
         }
         let batch = Batch { samples: capacity, capacity, slots };
-        let pieces = (MOST_PIECES / (4 * u64::from(plan.dense))).clamp(1, u64::from(capacity / LEAST_PIECE)) as u32;
+        let pieces =
+            (MOST_PIECES / (4 * u64::from(plan.dense))).clamp(1, u64::from(capacity / LEAST_PIECE)) as u32;
         let piece = capacity.div_ceil(pieces).next_multiple_of(32);
         let parts = largest_batch.div_ceil(capacity as usize);
 
         let activations = gpu.zeros::<f32>("activations", plan.activations as usize)?;
-        let pieces = gpu.zeros::<f32>("gradient in pieces", (capacity.div_ceil(piece) * plan.dense) as usize)?;
+        let pieces =
+            gpu.zeros::<f32>("gradient in pieces", (capacity.div_ceil(piece) * plan.dense) as usize)?;
         let losses = gpu.zeros::<f32>("losses", parts * capacity.div_ceil(LOSS_GROUP) as usize)?;
         let layers = gpu.buffer_of("layers", &plan.layers)?;
         let levels = gpu.buffer_of("grid levels", &grid.level_rows(layout))?;
@@ -129,9 +135,10 @@ impl GpuTraining {
         let optimise = Optimise::new(&gpu, layout, (plan.dense, config.muon), &pieces, &losses)?;
         let (params, grid) = (&optimise.params, &optimise.grid);
 
-        let bind = |module: &str, entry: &str, constants: &[(&str, u32)], buffers: &[relume_gpu::Binding<'_>]| {
-            gpu.kernel(module, entry, constants)?.bind(buffers)
-        };
+        let bind =
+            |module: &str, entry: &str, constants: &[(&str, u32)], buffers: &[relume_gpu::Binding<'_>]| {
+                gpu.kernel(module, entry, constants)?.bind(buffers)
+            };
         let (a, l) = (activations.whole(), layers.whole());
         let (pixels, lights, targets) = (store.pixels.whole(), store.lights.whole(), store.targets.whole());
         let kernels = Kernels {
@@ -171,7 +178,18 @@ impl GpuTraining {
                 &[levels.whole(), draws.whole(), pixels, a, grid.whole()],
             )?,
         };
-        Ok(Self { gpu, plan, batch, piece, draws, store, kernels, optimise })
+        Ok(Self {
+            gpu,
+            plan,
+            batch,
+            part: capacity,
+            piece,
+            draws,
+            store,
+            kernels,
+            optimise,
+            bound: [activations, pieces, losses, scene],
+        })
     }
 
     /// Replaces the chunks from `first` on by those of a batch.
@@ -201,18 +219,25 @@ impl GpuTraining {
         let samples = chunks * CHUNK as u32;
         let weight = 1.0 / (3.0 * samples as f32);
         let mut losses = 0;
-        for start in (0..samples).step_by(self.batch.capacity as usize) {
-            let batch = Batch { samples: self.batch.capacity.min(samples - start), ..self.batch };
+        for start in (0..samples).step_by(self.part as usize) {
+            let batch = Batch { samples: self.part.min(samples - start), ..self.batch };
             let draw = first_draw + start / CHUNK as u32;
             self.record_forward(commands, batch, draw, weight, losses);
             self.record_backward(commands, batch, draw, start > 0);
             losses += batch.samples.div_ceil(LOSS_GROUP);
         }
-        let batch = Batch { samples: samples.min(self.batch.capacity), ..self.batch };
+        let batch = Batch { samples: samples.min(self.part), ..self.batch };
         self.optimise.record_reduction(commands, batch, self.piece, losses);
     }
 
-    fn record_forward(&self, commands: &mut Commands<'_>, batch: Batch, first_draw: u32, weight: f32, first_sum: u32) {
+    fn record_forward(
+        &self,
+        commands: &mut Commands<'_>,
+        batch: Batch,
+        first_draw: u32,
+        weight: f32,
+        first_sum: u32,
+    ) {
         let (plan, kernels) = (&self.plan, &self.kernels);
         let (samples, pixels) = (batch.samples, batch.columns(Space::Pixels));
         let inputs = arguments::Inputs { batch, first_draw, ..plan.inputs };
@@ -228,7 +253,8 @@ impl GpuTraining {
             commands.run(kernel, (samples * rows).div_ceil(64), bytemuck::bytes_of(&expansion));
         }
         for rows in &plan.forward {
-            let groups = self.groups(batch, rows, |layer, columns| layer.outputs.div_ceil(TILE) * columns.div_ceil(TILE));
+            let groups = self
+                .groups(batch, rows, |layer, columns| layer.outputs.div_ceil(TILE) * columns.div_ceil(TILE));
             commands.run(&kernels.forward, groups, bytemuck::bytes_of(&self.layers(batch, rows, false)));
         }
         let loss = arguments::Loss { batch, first_draw, weight, first_sum, ..plan.loss };
@@ -240,7 +266,8 @@ impl GpuTraining {
         let pixels = batch.columns(Space::Pixels);
         let [head, tail] = &plan.backward;
         let backward = |commands: &mut Commands<'_>, rows: &plan::Rows| {
-            let groups = self.groups(batch, rows, |layer, columns| layer.inputs.div_ceil(TILE) * columns.div_ceil(TILE));
+            let groups = self
+                .groups(batch, rows, |layer, columns| layer.inputs.div_ceil(TILE) * columns.div_ceil(TILE));
             commands.run(&kernels.backward, groups, bytemuck::bytes_of(&self.layers(batch, rows, add)));
         };
         head.iter().for_each(|rows| backward(commands, rows));

@@ -27,7 +27,10 @@ pub(super) struct Optimise {
     pub params: Buffer<f32>,
     /// Sums of the gradient by the grid, two words each.
     pub grid: Buffer<u32>,
+    #[allow(dead_code, reason = "bound to kernels, and counted against the memory budget while it lives")]
     pub gradient: Buffer<f32>,
+    #[allow(dead_code, reason = "as the gradient")]
+    blocks: Buffer<u32>,
     mean: Buffer<f32>,
     first: Buffer<f32>,
     second: Buffer<f32>,
@@ -47,6 +50,8 @@ struct MuonKernels {
     size: u32,
     stride: u32,
     matrices: u32,
+    #[allow(dead_code, reason = "bound to kernels, and counted against the memory budget while it lives")]
+    squares: Buffer<f32>,
     start: Bound,
     multiply: Bound,
     finish: Bound,
@@ -68,7 +73,7 @@ impl Optimise {
         let (first, second) = (vector("first moments")?, vector("second moments")?);
         let grid = gpu.zeros::<u32>("gradient by the grid", 2 * (len - dense as usize))?;
         let progress = gpu.zeros::<Progress>("progress", 1)?;
-        let blocks = gpu.buffer_of("blocks", &blocks(layout, muon))?;
+        let blocks = gpu.buffer_of("blocks", &block_words(layout, muon))?;
         let (b, g, p) = (blocks.whole(), gradient.whole(), progress.whole());
         let bind = |stage: &str, entry: &str, buffers: &[Binding<'_>]| {
             gpu.kernel(&format!("proxy/train_{stage}"), entry, &[])?.bind(buffers)
@@ -85,6 +90,7 @@ impl Optimise {
             params,
             grid,
             gradient,
+            blocks,
             mean,
             first,
             second,
@@ -152,7 +158,7 @@ impl Optimise {
 }
 
 /// What each block of parameters is.
-fn blocks(layout: &ParamLayout, muon: bool) -> Vec<u32> {
+fn block_words(layout: &ParamLayout, muon: bool) -> Vec<u32> {
     let mut blocks = vec![NONE; layout.len / PAD];
     for tensor in &layout.tensors {
         let space = match tensor.name.split('.').next() {
@@ -184,17 +190,19 @@ impl MuonKernels {
         let Some(matrix) = hidden().next() else { return Ok(None) };
         let starts: Vec<u32> = hidden().map(|tensor| tensor.start as u32).collect();
         let squares = gpu.zeros::<f32>("squares of Muon", starts.len() * 4 * matrix.rows * matrix.cols)?;
-        let (squares, matrices) = (squares.whole(), starts.len() as u32);
+        let matrices = starts.len() as u32;
         let starts = gpu.buffer_of("hidden matrices", &starts)?;
+        let x = squares.whole();
         let kernel = |entry: &str| gpu.kernel("proxy/train_muon", entry, &[]);
-        let start = [squares, starts.whole(), progress, momentum.whole(), gradient.whole()];
+        let start = [x, starts.whole(), progress, momentum.whole(), gradient.whole()];
         Ok(Some(Self {
             size: matrix.rows as u32,
             stride: matrix.stride as u32,
             matrices,
             start: kernel("start")?.bind(&start)?,
-            multiply: kernel("multiply")?.bind(&[squares])?,
-            finish: kernel("finish")?.bind(&[squares, starts.whole(), progress, params.whole()])?,
+            multiply: kernel("multiply")?.bind(&[x])?,
+            finish: kernel("finish")?.bind(&[x, starts.whole(), progress, params.whole()])?,
+            squares,
         }))
     }
 
@@ -208,8 +216,25 @@ impl MuonKernels {
         let (gram, polynomial) = (1, 2);
         let (mut x, mut next) = (0, 3);
         for _ in 0..ROUNDS {
-            multiply(Muon { left: x, right: x, turned: 1, plus: x, to: gram, factor: 1.0, share: 0.0, ..own });
-            multiply(Muon { left: gram, right: gram, plus: gram, to: polynomial, factor: c, share: b, ..own });
+            multiply(Muon {
+                left: x,
+                right: x,
+                turned: 1,
+                plus: x,
+                to: gram,
+                factor: 1.0,
+                share: 0.0,
+                ..own
+            });
+            multiply(Muon {
+                left: gram,
+                right: gram,
+                plus: gram,
+                to: polynomial,
+                factor: c,
+                share: b,
+                ..own
+            });
             multiply(Muon { left: polynomial, right: x, plus: x, to: next, factor: 1.0, share: a, ..own });
             std::mem::swap(&mut x, &mut next);
         }

@@ -311,7 +311,11 @@ impl Head {
     }
 }
 
-fn inputs(shape: &Shape<'_>, [pixels, lights, surfaces]: [u32; 3], [known, surface_rows]: [usize; 2]) -> Inputs {
+fn inputs(
+    shape: &Shape<'_>,
+    [pixels, lights, surfaces]: [u32; 3],
+    [known, surface_rows]: [usize; 2],
+) -> Inputs {
     Inputs {
         pixels,
         lights,

@@ -5,7 +5,6 @@ use relume_gpu::Gpu;
 
 use super::{Demand, GpuTraining, Step};
 use crate::network::CHUNK;
-use crate::optim::Optimiser;
 use crate::replay::{BLOCK, CAPACITY, FILL};
 use crate::schedule::{batch_size, mean_share, progress, rates};
 use crate::trainer::{Core, Samples, TrainState};
@@ -80,8 +79,9 @@ impl Trainer {
             return Err(ProxyError::Diverged { step: self.state.step });
         }
         let [params, mean, first, second] = device.training.download()?;
-        let optimiser = Optimiser { first, second, ..self.state.optimiser.clone() };
-        Ok(Cow::Owned(TrainState { params, mean, optimiser, ..self.state.clone() }))
+        let mut state = TrainState { params, mean, ..self.state.clone() };
+        (state.optimiser.first, state.optimiser.second) = (first, second);
+        Ok(Cow::Owned(state))
     }
 
     /// [`Trainer::step`] on the device.
@@ -111,7 +111,11 @@ impl Trainer {
     }
 
     /// Gathers what is due and copies it to the device; false if it takes further calls.
-    fn gather_for_device(&mut self, device: &DeviceCore, source: &dyn TargetSource) -> Result<bool, ProxyError> {
+    fn gather_for_device(
+        &mut self,
+        device: &DeviceCore,
+        source: &dyn TargetSource,
+    ) -> Result<bool, ProxyError> {
         let known = match &self.samples_of {
             Samples::Gathered(replay) => replay.next_block(),
             Samples::Pool(_) => 0,
@@ -133,7 +137,12 @@ impl Trainer {
         self.state.step += 1;
         self.state.samples += samples as u64;
         let number = self.state.step;
-        Ok(Step { draws, rates: rates(&self.config, done), number, mean_share: mean_share(&self.config, number) })
+        Ok(Step {
+            draws,
+            rates: rates(&self.config, done),
+            number,
+            mean_share: mean_share(&self.config, number),
+        })
     }
 
     /// The chunks of the next step.

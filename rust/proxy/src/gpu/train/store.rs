@@ -42,7 +42,8 @@ impl Store {
         assert_eq!(batch.slots, self.slots, "lights per pixel");
         gpu.write(&self.pixels, first * CHUNK / self.slots, &batch.pixels);
         let mut rows = vec![0.0; batch.lights.len() * LIGHT_ROW];
-        for ((row, light), weight) in rows.chunks_exact_mut(LIGHT_ROW).zip(&batch.lights).zip(&batch.weights) {
+        for ((row, light), weight) in rows.chunks_exact_mut(LIGHT_ROW).zip(&batch.lights).zip(&batch.weights)
+        {
             fill_row(row, light, *weight, &self.encoding);
         }
         gpu.write(&self.lights, first * CHUNK_TILES * LIGHT_ROW, &rows);

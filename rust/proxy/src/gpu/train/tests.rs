@@ -6,16 +6,18 @@ use crate::gradient::{Batch as Samples, GradientBuffers, batch_gradient};
 use crate::light::random_light;
 use crate::loss::TILE as TARGET_TILE;
 use crate::network::{CHUNK_TILES, Context, FastNetwork, ReferenceNetwork};
+use crate::optim::Optimiser;
 use crate::scene_cache::Normalisation;
 use crate::simd::{Isa, LANES};
 use crate::synthetic::SyntheticRoom;
-use crate::{GridConfig, LightParams, NetworkConfig, Rng, SizeRange};
+use crate::{GridConfig, LearningRates, LightParams, NetworkConfig, Rng, SizeRange, TargetMode, Trainer};
 
 const SIZE: SizeRange = SizeRange { min: 0.1, max: 0.5 };
 
 /// Any device will do, a software driver included; that there is none is a failure.
 fn gpu() -> Arc<Gpu> {
-    Gpu::open(&GpuChoice::Best).expect("tests need a GPU or a software driver, like Debian's mesa-vulkan-drivers")
+    Gpu::open(&GpuChoice::Best)
+        .expect("tests need a GPU or a software driver, like Debian's mesa-vulkan-drivers")
 }
 
 fn tiny_grid() -> GridConfig {
@@ -59,11 +61,24 @@ fn samples(setup: &Setup, chunks: usize, slots: usize) -> Samples {
 fn config(network: NetworkConfig, chunks: usize, slots: usize) -> TrainConfig {
     let muon = matches!(network, NetworkConfig::Fast { .. });
     let batch = chunks * CHUNK;
-    TrainConfig { network, muon, batch_start: batch, batch_end: batch, lights_per_pixel: slots, ..TrainConfig::fast(SIZE) }
+    TrainConfig {
+        network,
+        muon,
+        batch_start: batch,
+        batch_end: batch,
+        lights_per_pixel: slots,
+        ..TrainConfig::fast(SIZE)
+    }
 }
 
 /// A training on the device that holds these weights, and the samples of a batch in its first chunks.
-fn on_device(network: &impl Network, setup: &Setup, config: &TrainConfig, params: &[f32], batch: &Samples) -> GpuTraining {
+fn on_device(
+    network: &impl Network,
+    setup: &Setup,
+    config: &TrainConfig,
+    params: &[f32],
+    batch: &Samples,
+) -> GpuTraining {
     let chunks = batch.lights.len() / CHUNK_TILES;
     let demand = Demand { config, scene: &setup.scene, chunks, draws: 8 * chunks };
     let training = GpuTraining::new(gpu(), network, &demand).expect("room on the device");
@@ -114,7 +129,9 @@ fn check_gradient<N: Network>(network: &N, setup: &Setup, config: &TrainConfig, 
 
 #[test]
 fn gradients_of_every_tensor_equal_those_of_the_cpu() {
-    for (kind, width, slots) in [(LightKind::Sphere, 20, 8), (LightKind::Quad, 72, 32), (LightKind::FacingDisk, 16, 1)] {
+    for (kind, width, slots) in
+        [(LightKind::Sphere, 20, 8), (LightKind::Quad, 72, 32), (LightKind::FacingDisk, 16, 1)]
+    {
         let setup = setup(kind);
         let grid = tiny_grid();
         let fast = FastNetwork::new(width, 2, &grid, setup.size, setup.encoding);
@@ -124,4 +141,216 @@ fn gradients_of_every_tensor_equal_those_of_the_cpu() {
         let reference_config = config(NetworkConfig::Reference { width, layers: 3, grid }, 3, slots);
         check_gradient(&reference, &setup, &reference_config, &format!("reference, {kind}"));
     }
+}
+
+#[test]
+fn a_batch_in_parts_has_the_gradient_of_the_whole() {
+    let setup = setup(LightKind::Sphere);
+    let grid = tiny_grid();
+    let network = FastNetwork::new(16, 1, &grid, setup.size, setup.encoding);
+    let config = config(NetworkConfig::Fast { width: 16, layers: 1, grid }, 3, 4);
+    let batch = samples(&setup, 3, 4);
+    let params = network.layout().start_values(5);
+    let mut training = on_device(&network, &setup, &config, &params, &batch);
+    let (whole_loss, whole) = loss_and_gradient(&training, 3);
+    // Two chunks, then one; activations stay where they are for three.
+    training.part = 2 * CHUNK as u32;
+    let (loss, gradient) = loss_and_gradient(&training, 3);
+    let error = norm(whole.iter().zip(&gradient).map(|(a, b)| a - b)) / norm(whole.iter().copied());
+    assert!(
+        error < 1e-6 && (loss - whole_loss).abs() < 1e-6 * whole_loss,
+        "error {error}, {loss}, {whole_loss}"
+    );
+}
+
+#[test]
+fn steps_of_adam_and_muon_equal_those_of_the_cpu() {
+    let setup = setup(LightKind::Sphere);
+    let grid = tiny_grid();
+    let network = FastNetwork::new(20, 2, &grid, setup.size, setup.encoding);
+    let config = config(NetworkConfig::Fast { width: 20, layers: 2, grid }, 1, 32);
+    let batch = samples(&setup, 1, 32);
+    let start = network.layout().start_values(5);
+    let training = on_device(&network, &setup, &config, &start, &batch);
+    let rates = StepRates { adam: 1e-2, muon: 1e-2, grid: 1e-2 };
+    let step = |number| Step { draws: vec![0], rates, number, mean_share: Some(0.25) };
+    let (mut params, mut mean) = (start.clone(), start.clone());
+    let mut optimiser = Optimiser::new(network.layout(), true);
+    for number in 1..=2 {
+        training.run(&[step(number)]).expect("a step");
+        // The gradient is the device's own: this is about what follows it.
+        let gradient = &training.optimise.gradient;
+        let gradient = training.gpu.read(gradient, 0..gradient.len()).expect("read back");
+        optimiser.update(Isa::detect(), network.layout(), &mut params, &gradient, rates, number);
+        mean.iter_mut().zip(&params).for_each(|(mean, param)| *mean += 0.25 * (param - *mean));
+    }
+    let expected = [&params, &mean, &optimiser.first, &optimiser.second];
+    let found = training.download().expect("read back");
+    for (what, (expected, found)) in
+        ["weights", "mean", "first", "second"].iter().zip(expected.into_iter().zip(&found))
+    {
+        for tensor in &network.layout().tensors {
+            let (expected, found) = (&expected[tensor.range()], &found[tensor.range()]);
+            let error = norm(expected.iter().zip(found).map(|(a, b)| a - b));
+            // Newton-Schulz multiplies rounding errors of its first products by up to 3.4^5 in small singular values.
+            let limit = if *what == "second" { 1e-6 } else { 1e-4 } * norm(expected.iter().copied());
+            assert!(error <= limit, "{what} of {}: error {error}, limit {limit}", tensor.name);
+        }
+    }
+}
+
+#[test]
+fn a_loss_that_is_no_number_leaves_the_weights_alone() {
+    let setup = setup(LightKind::Sphere);
+    let grid = tiny_grid();
+    let network = FastNetwork::new(16, 1, &grid, setup.size, setup.encoding);
+    let config = config(NetworkConfig::Fast { width: 16, layers: 1, grid }, 1, 32);
+    let mut batch = samples(&setup, 2, 32);
+    batch.targets[CHUNK_TILES * TARGET_TILE + 5] = f32::INFINITY;
+    let params = network.layout().start_values(5);
+    let training = on_device(&network, &setup, &config, &params, &batch);
+    let rates = StepRates { adam: 1e-2, muon: 1e-2, grid: 1e-2 };
+    let step = |chunk, number| Step { draws: vec![chunk], rates, number, mean_share: None };
+    training.run(&[step(0, 1)]).expect("a step");
+    let good = training.download().expect("read back");
+    assert!(good[0] != params);
+    training.run(&[step(1, 2), step(0, 3)]).expect("two steps");
+    let progress = training.take_progress().expect("progress");
+    assert_eq!((progress.steps, progress.diverged), (1, 1));
+    assert!(training.download().expect("read back") == good);
+}
+
+#[test]
+fn arguments_mirror_the_shaders() {
+    use super::arguments::*;
+    use super::plan::Layer;
+    use relume_gpu::assert_mirror;
+    assert_mirror!(Batch as "proxy/train_batch", "Batch", { samples, capacity, slots });
+    assert_mirror!(Layer as "proxy/train_dense", "Layer", {
+        weights, stride, bias, inputs, outputs, space, input, output, d_product, d_input, finish, modulation, product,
+        before, before_modulation, before_d_modulation, before_product,
+    });
+    assert_mirror!(Inputs as "proxy/train_inputs", "Inputs", {
+        batch, first_draw, pixels, lights, surfaces, known, light_inputs, surface_rows, levels, features, width, height,
+    });
+    assert_mirror!(Features as "proxy/train_features", "Features", { batch, first_draw, surfaces, values });
+    assert_mirror!(Expansion as "proxy/train_expand", "Expansion", {
+        batch, pixels, lights, samples, pixel_rows, light_rows,
+    });
+    assert_mirror!(Layers as "proxy/train_dense", "Layers", { batch, first, count, piece, add, parameters });
+    assert_mirror!(Loss as "proxy/train_loss", "Loss", {
+        batch, first_draw, weights, stride, bias, inputs, input, d_product, factors, weight, first_sum,
+    });
+    assert_mirror!(Slots as "proxy/train_slots", "Slots", { batch, samples, pixels, rows, modulation });
+    assert_mirror!(Scatter as "proxy/train_scatter", "Scatter", {
+        batch, first_draw, d_pixels, levels, features, width, height, grid,
+    });
+    assert_mirror!(Reduction as "proxy/train_reduce", "Reduction", { batch, piece, dense, parameters });
+    assert_mirror!(Rates as "proxy/train_adam", "Rates", {
+        parameters, adam, grid, first_correction, second_correction,
+    });
+    assert_mirror!(Mean as "proxy/train_mean", "Mean", { parameters, share });
+    assert_mirror!(Muon as "proxy/train_muon", "Muon", {
+        size, stride, matrices, left, right, turned, plus, to, factor, share, step,
+    });
+    assert_mirror!(Progress as "proxy/train_reduce", "Progress", { loss, loss_sum, steps, diverged });
+}
+
+fn short(samples: u64) -> TrainConfig {
+    let grid = GridConfig { levels: 4, ..GridConfig::default() };
+    TrainConfig {
+        network: NetworkConfig::Fast { width: 32, layers: 2, grid },
+        batch_start: 2048,
+        batch_end: 4096,
+        lights_per_pixel: 8,
+        samples,
+        rates: LearningRates { adam: 8e-3, muon: 8e-3, grid: 4e-3, final_fraction: 0.01 },
+        held_out: 4,
+        ..TrainConfig::fast(SIZE)
+    }
+}
+
+fn room() -> SyntheticRoom {
+    SyntheticRoom::new(32, 20).with_noise(0.2)
+}
+
+fn trainer(config: &TrainConfig, seed: u64) -> Trainer {
+    Trainer::new(Arc::new(room().features()), LightKind::Sphere, config.clone(), seed)
+        .expect("a valid configuration")
+}
+
+fn run(trainer: &mut Trainer) {
+    while !trainer.done() {
+        trainer.step(&room()).expect("a step");
+    }
+}
+
+#[test]
+fn training_reaches_the_error_of_the_cpu() {
+    let config = short(100_000);
+    let score = |mut trainer: Trainer| {
+        run(&mut trainer);
+        (trainer.validate(&room()).expect("scores").psnr, trainer.steps(), trainer.samples())
+    };
+    let cpu: Vec<_> = (1..=4).map(|seed| score(trainer(&config, seed))).collect();
+    let device = score(trainer(&config, 1).on_gpu(gpu()).expect("room"));
+    println!("CPU {cpu:?}, device {device:?}");
+    assert_eq!((device.1, device.2), (cpu[0].1, cpu[0].2), "steps and samples");
+    // The same seed draws the same lights and starts from the same weights; only rounding tells the two apart.
+    let mean = cpu.iter().map(|score| score.0).sum::<f32>() / cpu.len() as f32;
+    let spread = (cpu.iter().map(|score| (score.0 - mean).powi(2)).sum::<f32>() / 3.0).sqrt();
+    assert!((device.0 - cpu[0].0).abs() < 0.5 * spread, "{} dB, CPU {cpu:?}, spread {spread}", device.0);
+}
+
+#[test]
+fn trainings_move_between_cpu_and_device() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("training.safetensors");
+    for targets in [TargetMode::Raw, TargetMode::Pool { size: 20, denoised: false }] {
+        let config = TrainConfig { targets, ..short(40_000) };
+        let mut whole = trainer(&config, 3);
+        run(&mut whole);
+        let mut first = trainer(&config, 3).on_gpu(gpu()).expect("room");
+        while first.samples() < 16_000 {
+            first.step(&room()).expect("a step");
+        }
+        first.save(&path).expect("saved");
+        let steps = first.steps();
+        drop(first);
+        let mut second = Trainer::resume(&path).expect("resumed");
+        assert_eq!(second.steps(), steps);
+        while second.samples() < 28_000 {
+            second.step(&room()).expect("a step");
+        }
+        second.save(&path).expect("saved");
+        let mut third = Trainer::resume(&path).expect("resumed").on_gpu(gpu()).expect("room");
+        run(&mut third);
+        assert_eq!((third.steps(), third.samples()), (whole.steps(), whole.samples()));
+        let (whole, third) = (whole.whole_state().expect("here"), third.whole_state().expect("there"));
+        let moved = norm(whole.params.iter().zip(&trainer(&config, 3).state.params).map(|(a, b)| a - b));
+        let apart = norm(whole.params.iter().zip(&third.params).map(|(a, b)| a - b));
+        assert!(apart < 0.05 * moved, "{targets:?}: {apart} apart after a way of {moved}");
+        assert_eq!(whole.trained_ranges, third.trained_ranges);
+    }
+}
+
+#[test]
+fn a_lost_device_leaves_the_last_checkpoint() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("training.safetensors");
+    let gpu = gpu();
+    let mut training = trainer(&short(40_000), 3).on_gpu(Arc::clone(&gpu)).expect("room");
+    while training.steps() == 0 {
+        training.step(&room()).expect("a step");
+    }
+    training.save(&path).expect("saved");
+    let steps = training.steps();
+    gpu.lose();
+    let lost = |error: ProxyError| matches!(error, ProxyError::Gpu(GpuError::Lost(_)));
+    assert!(lost(training.step(&room()).expect_err("the device is gone")));
+    assert!(lost(training.save(&path).expect_err("the weights are gone")));
+    assert!(lost(training.proxy().expect_err("the weights are gone")));
+    let mut again = Trainer::resume(&path).expect("the file is whole");
+    assert_eq!(again.steps(), steps);
+    run(&mut again);
 }
