@@ -21,6 +21,8 @@ macro_rules! files {
 
 files![
     "common/packing",
+    "gather/blocks",
+    "gather/bounds",
     "gather/images",
     "gather/light",
     "gather/pixel",

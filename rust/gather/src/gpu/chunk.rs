@@ -87,10 +87,21 @@ impl ChunkRecords {
 /// `Shard` of `shaders/gather/pixel.wgsl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
-struct GpuShard {
+pub struct GpuShard {
     step: [f32; 4],
     minimum: [f32; 4],
     camera: [f32; 4],
+}
+
+impl GpuShard {
+    pub fn new(shard: &Shard) -> Self {
+        let four = |[x, y, z]: [f32; 3]| [x, y, z, 0.0];
+        Self {
+            step: four(shard.grid().step().into()),
+            minimum: four(shard.grid().min.into()),
+            camera: four(shard.camera_position().into()),
+        }
+    }
 }
 
 /// `Pixel` of `shaders/gather/pixel.wgsl`.
@@ -148,16 +159,7 @@ impl ChunkTable {
         }
         let pixel_count = pixels.len() as u32;
         pixels.push(GpuPixel { image: 0, first_part: parts.len() as u32, scale: 0.0 });
-        let four = |[x, y, z]: [f32; 3]| [x, y, z, 0.0];
-        let shards: Vec<_> = plan
-            .shards
-            .iter()
-            .map(|Placed { shard, .. }| GpuShard {
-                step: four(shard.grid().step().into()),
-                minimum: four(shard.grid().min.into()),
-                camera: four(shard.camera_position().into()),
-            })
-            .collect();
+        let shards: Vec<_> = plan.shards.iter().map(|placed| GpuShard::new(&placed.shard)).collect();
         Ok(Self {
             shards: gpu.buffer_of("shards", &shards)?,
             pixels: gpu.buffer_of("pixels", &pixels)?,

@@ -9,6 +9,14 @@ use crate::PreparedLight;
 use crate::kernel::ROUNDING;
 use crate::light::Profile;
 
+const SPHERE: u32 = 0;
+const FACING_DISK: u32 = 1;
+const SPOT: u32 = 2;
+const SOFT_SPOT: u32 = 3;
+const QUAD: u32 = 4;
+const ELLIPSE: u32 = 5;
+const SUN: u32 = 6;
+
 /// Bits of a receiver set in the words of the device.
 pub type Receivers = [u32; RECEIVER_LIMIT as usize / 32];
 
@@ -34,18 +42,18 @@ pub struct GpuLight {
 
 impl GpuLight {
     /// `magnitude` is the largest coordinate in the scene, `receivers` the number of the light's set.
-    fn new(light: &PreparedLight, magnitude: f32, receivers: u32) -> Self {
+    pub(super) fn new(light: &PreparedLight, magnitude: f32, receivers: u32) -> Self {
         let shared = Self { receivers, factors: light.factors, ..Self::default() };
         match light.profile {
-            Profile::Sphere(ball) => shared.with_ball(0, ball.center, ball.radius, magnitude),
-            Profile::FacingDisk(ball) => shared.with_ball(1, ball.center, ball.radius, magnitude),
+            Profile::Sphere(ball) => shared.with_ball(SPHERE, ball.center, ball.radius, magnitude),
+            Profile::FacingDisk(ball) => shared.with_ball(FACING_DISK, ball.center, ball.radius, magnitude),
             Profile::Spot { ball, axis, cos_half_angle, inverse_blend, soft_falloff } => {
-                let kind = if soft_falloff { 3 } else { 2 };
+                let kind = if soft_falloff { SOFT_SPOT } else { SPOT };
                 let spot = Self { direction: axis.into(), cos_half_angle, inverse_blend, ..shared };
                 spot.with_ball(kind, ball.center, ball.radius, magnitude)
             }
             Profile::Area { plane, spread } => Self {
-                kind: if plane.is_ellipse { 5 } else { 4 },
+                kind: if plane.is_ellipse { ELLIPSE } else { QUAD },
                 center: plane.center.into(),
                 direction: plane.normal.into(),
                 inverse_u: plane.inverse_u.into(),
@@ -55,9 +63,22 @@ impl GpuLight {
                 ..shared
             },
             Profile::Sun { direction, chord2 } => {
-                Self { kind: 6, direction: direction.into(), reach2: chord2, ..shared }
+                Self { kind: SUN, direction: direction.into(), reach2: chord2, ..shared }
             }
         }
+    }
+
+    pub(super) fn is_sun(&self) -> bool {
+        self.kind == SUN
+    }
+
+    /// Half of the size of a box around what the light reaches.
+    pub(super) fn half_extent(&self) -> Vec3 {
+        if self.kind <= SOFT_SPOT {
+            return Vec3::splat(self.reach2.sqrt());
+        }
+        let half_edge = |inverse: Vec3| 0.5 * inverse.abs() / inverse.length_squared();
+        half_edge(self.inverse_u.into()) + half_edge(self.inverse_v.into())
     }
 
     fn with_ball(self, kind: u32, center: Vec3, radius: f32, magnitude: f32) -> Self {

@@ -1,6 +1,7 @@
 //! The GPU gathers what the CPU does. Any device will do, a software driver included; that there is none is a failure.
 
 use relume_gpu::{GpuChoice, GpuError};
+use relume_scene::LightShape;
 
 use super::*;
 use crate::tests::kernels::{random_dump_of, random_lights};
@@ -90,6 +91,40 @@ fn a_dump_larger_than_the_memory_is_streamed_with_the_same_results() {
     }
     // All that a call has taken is given back.
     assert_eq!(gpu.free_memory(), 60_000);
+}
+
+#[test]
+fn sorted_segments_give_the_same_images() {
+    // Four groups, two of them narrow; small and large lights.
+    let gather = Gather::new(random_dump_of(20, &[1, 2, 9]));
+    let mut lights = random_lights();
+    for light in lights.iter_mut().step_by(2) {
+        match &mut light.shape {
+            LightShape::Sphere { radius, .. } | LightShape::FacingDisk { radius, .. } => *radius *= 0.3,
+            LightShape::Spot { radius, .. } => *radius *= 0.3,
+            LightShape::Quad { edge_u, .. } | LightShape::Ellipse { edge_u, .. } => *edge_u *= 0.1,
+            LightShape::Sun { half_angle, .. } => *half_angle *= 0.2,
+        }
+    }
+    let lights = gather.prepare_all(&lights).unwrap();
+    let gpu = gpu();
+    let on_gpu = GpuGather::new(Arc::clone(&gpu), &gather).unwrap();
+    assert!(on_gpu.sort().unwrap());
+    let sorted = on_gpu.sorted.get().unwrap();
+    let paying =
+        lights.iter().filter(|light| sorted.pays(&GpuLight::new(light, on_gpu.magnitude, 0))).count();
+    assert!((5..lights.len()).contains(&paying), "{paying} of {} are small", lights.len());
+    for half in HALVES {
+        let (found, expected) =
+            (on_gpu.unit_images(&lights, half).unwrap(), gather.unit_images(&lights, half));
+        for (index, (found, expected)) in found.iter().zip(&expected).enumerate() {
+            assert_eq!(differing(found, expected), 0, "light {index}, {half:?}");
+        }
+    }
+    assert_eq!(
+        on_gpu.unit_images(&lights, Half::All).unwrap(),
+        on_gpu.unit_images(&lights, Half::All).unwrap()
+    );
 }
 
 #[test]

@@ -1,0 +1,196 @@
+use bytemuck::{Pod, Zeroable};
+use rayon::prelude::*;
+use relume_dump::Dump;
+use relume_gpu::{Buffer, Commands, Gpu, GpuError, Kernel};
+
+use super::bounds::{Bounds, Frame};
+use super::chunk::GpuShard;
+use super::light::{GpuLight, GpuLights};
+use super::sort::{BLOCK, Blocks, MOST_SHARDS, PixelGroup};
+use crate::Half;
+
+/// Largest buffer of a chunk; what is sorted at a time also takes some memory of the CPU.
+const BUFFER_BYTES: u64 = 256 << 20;
+/// Bytes of a segment on the device, and of the bounds of a block.
+const SEGMENT_BYTES: usize = 20;
+const BOUNDS_BYTES: usize = size_of::<Bounds>();
+/// Bytes that the gather in the order of paths reads of a segment that the light is far from.
+const PATH_ORDER_BYTES: f64 = 8.0;
+/// Blocks that stand for all where the share of those that a light touches is estimated.
+const SAMPLE: usize = 4096;
+
+/// `Group` of `shaders/gather/blocks.wgsl`.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+struct GpuGroup {
+    first_pixel: u32,
+    width: u32,
+    pixels: u32,
+    first_block: u32,
+    end_block: u32,
+    first_shard: u32,
+    scales: [f32; 3],
+}
+
+/// `Arguments` of `shaders/gather/blocks.wgsl`.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+struct Arguments {
+    frame: Frame,
+    first_light: u32,
+    lights: u32,
+    paths: u32,
+    image_width: u32,
+    stride: u32,
+    unused: [u32; 3],
+}
+
+/// A dump on the device whose segments are sorted, so that most of them need not be read for a small light.
+#[derive(Debug)]
+pub struct Sorted {
+    frame: Frame,
+    chunks: Vec<SortedChunk>,
+    sample: Vec<Bounds>,
+    image: [usize; 2],
+}
+
+#[derive(Debug)]
+struct SortedChunk {
+    segments: Buffer<[u32; 4]>,
+    throughput: Buffer<u32>,
+    bounds: Buffer<Bounds>,
+    shards: Buffer<GpuShard>,
+    groups: Buffer<GpuGroup>,
+}
+
+impl Sorted {
+    /// Bytes on the device at most; nothing if a tile has more shards than can be numbered.
+    pub fn bytes(dump: &Dump) -> Option<u64> {
+        if (0..dump.manifest().tile_count()).any(|tile| dump.tile(tile).count() > MOST_SHARDS) {
+            return None;
+        }
+        let segments = dump.record_count() + PixelGroup::all(dump).count() * PixelGroup::PADDING;
+        Some((segments * SEGMENT_BYTES + segments.div_ceil(BLOCK) * BOUNDS_BYTES) as u64)
+    }
+
+    /// Sorts a dump on all threads of the current pool: some hundred nanoseconds a segment and thread.
+    pub fn new(gpu: &Gpu, dump: &Dump) -> Result<Self, GpuError> {
+        let frame = Frame::new(dump);
+        let manifest = dump.manifest();
+        let mut sorted =
+            Self { frame, chunks: Vec::new(), sample: Vec::new(), image: [manifest.width, manifest.height] };
+        let limit = (gpu.limits().buffer.min(BUFFER_BYTES) / 16) as usize;
+        let (mut groups, mut room) = (Vec::new(), 0);
+        for group in PixelGroup::all(dump) {
+            let more = group.room(dump);
+            if room + more > limit && !groups.is_empty() {
+                sorted.add_chunk(gpu, dump, &groups)?;
+                (groups, room) = (Vec::new(), 0);
+            }
+            groups.push(group);
+            room += more;
+        }
+        sorted.add_chunk(gpu, dump, &groups)?;
+        Ok(sorted)
+    }
+
+    fn add_chunk(&mut self, gpu: &Gpu, dump: &Dump, groups: &[PixelGroup]) -> Result<(), GpuError> {
+        let sorted: Vec<_> = groups.par_iter().map(|group| group.sort(dump, &self.frame)).collect();
+        let (mut all, mut shards, mut table) = (Blocks::default(), Vec::new(), Vec::new());
+        let mut first_shard = (usize::MAX, 0);
+        for (group, blocks) in groups.iter().zip(sorted) {
+            if first_shard.0 != group.tile {
+                first_shard = (group.tile, shards.len() as u32);
+                shards.extend(dump.tile(group.tile).map(|shard| GpuShard::new(shard)));
+            }
+            let first_block = all.bounds.len() as u32;
+            all.segments.extend(blocks.segments);
+            all.throughput.extend(blocks.throughput);
+            all.bounds.extend(blocks.bounds);
+            let scale = |half: Half| 1.0 / half.tile_samples(dump, group.tile).max(1) as f32;
+            table.push(GpuGroup {
+                first_pixel: group.place(dump) as u32,
+                width: group.width as u32,
+                pixels: group.pixel_count() as u32,
+                first_block,
+                end_block: all.bounds.len() as u32,
+                first_shard: first_shard.1,
+                scales: [Half::All, Half::First, Half::Second].map(scale),
+            });
+        }
+        let every = (dump.record_count() / BLOCK / SAMPLE).max(1);
+        self.sample.extend(all.bounds.iter().step_by(every));
+        self.chunks.push(SortedChunk {
+            segments: gpu.buffer_of("sorted segments", &all.segments)?,
+            throughput: gpu.buffer_of("throughputs of sorted segments", &all.throughput)?,
+            bounds: gpu.buffer_of("bounds of sorted segments", &all.bounds)?,
+            shards: gpu.buffer_of("shards", &shards)?,
+            groups: gpu.buffer_of("groups of pixels", &table)?,
+        });
+        Ok(())
+    }
+
+    /// Bytes that are read for a light per segment of the dump, estimated: the bounds of all blocks, and the segments of those
+    /// that it may touch.
+    pub fn bytes_per_segment(&self, light: &GpuLight) -> f64 {
+        let touched = self.sample.iter().filter(|bounds| bounds.may_be_touched(light, &self.frame)).count();
+        let share = touched as f64 / self.sample.len().max(1) as f64;
+        BOUNDS_BYTES as f64 / BLOCK as f64 + share * 16.0
+    }
+
+    /// Whether less is read for a light than in the order of paths.
+    pub fn pays(&self, light: &GpuLight) -> bool {
+        self.bytes_per_segment(light) < PATH_ORDER_BYTES
+    }
+
+    /// Adds what all segments give for `count` lights to their images.
+    pub fn add(
+        &self,
+        commands: &mut Commands<'_>,
+        kernel: &Kernel,
+        lights: &GpuLights,
+        (first_light, count): (usize, usize),
+        half: Half,
+        images: &Buffer<f32>,
+    ) -> Result<(), GpuError> {
+        let arguments = Arguments {
+            frame: self.frame,
+            first_light: first_light as u32,
+            lights: count as u32,
+            paths: half as u32,
+            image_width: self.image[0] as u32,
+            stride: (self.image[0] * self.image[1] * 3) as u32,
+            unused: [0; 3],
+        };
+        for chunk in &self.chunks {
+            let bound = kernel.bind(&[
+                lights.lights.whole(),
+                lights.receivers.whole(),
+                chunk.segments.whole(),
+                chunk.throughput.whole(),
+                chunk.bounds.whole(),
+                chunk.shards.whole(),
+                chunk.groups.whole(),
+                images.whole(),
+            ])?;
+            commands.run(&bound, chunk.groups.len() as u32, bytemuck::bytes_of(&arguments));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn groups_and_arguments_have_the_layout_of_their_wgsl_twins() {
+        relume_gpu::assert_mirror!(GpuGroup as "gather/blocks", "Group", {
+            first_pixel, width, pixels, first_block, end_block, first_shard, scales,
+        });
+        relume_gpu::assert_mirror!(Arguments as "gather/blocks", "Arguments", {
+            frame, first_light, lights, paths, image_width, stride,
+        });
+        relume_gpu::assert_mirror!(Frame as "gather/bounds", "Frame", { minimum, slack, step });
+    }
+}
