@@ -67,6 +67,9 @@ impl SessionError {
     pub(crate) fn is_of_gpu(&self) -> bool {
         match self {
             Self::Gpu(_) | Self::Gather(GatherError::Gpu(_)) | Self::Proxy(ProxyError::Gpu(_)) => true,
+            Self::Proxy(ProxyError::Targets(error)) => {
+                matches!(error.downcast_ref(), Some(GatherError::Gpu(_)))
+            }
             Self::Optimise(OptimiseError::Relight(error)) => {
                 matches!(error.downcast_ref(), Some(ProxyError::Gpu(_)))
             }

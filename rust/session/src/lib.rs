@@ -3,7 +3,7 @@
 //! ```text
 //! let monitor = Monitor::new(listener, cancel);                  // progress, warnings, stop
 //! bake(&scene, &trace_settings, folder, resume, &monitor)?;      // paths, lights.json
-//! train(folder, folder, &train_settings, resume, &monitor)?;     // proxy_<kind>.safetensors and how it measured
+//! train(folder, folder, &train_settings, resume, &Compute::default(), &monitor)?;     // proxy_<kind>.safetensors and how it measured
 //! let relighter = Relighter::open(folder)?;                      // a bake, or proxies alone
 //! let relit = relighter.relight(&lights, &RelightOptions::default(), &monitor)?;
 //! relit.write_exr(path, Precision::Half)?;  relit.write_png(path, &relighter.view()?, BitDepth::Eight)?;
@@ -55,7 +55,7 @@ pub use relighter::{Maker, RelightOptions, Relighter, With};
 pub use relit::{Relit, RelitLight};
 pub use sizes::default_sizes;
 pub use solve_lights::{OptimiseOptions, Optimised, ProxyRelight, optimise};
-pub use targets::DumpTargets;
+pub use targets::{DumpTargets, GpuTargets};
 pub use train::{Clock, CurvePoint, TrainReport, TrainSettings, train};
 
 pub use relume_gpu as gpu;

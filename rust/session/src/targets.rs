@@ -1,9 +1,11 @@
 use glam::Vec3;
 use rayon::prelude::*;
-use relume_gather::{DenoiseQuality, Gather, Half, PreparedLight, Scratch};
+use relume_gather::{DenoiseQuality, Gather, GatherError, GpuGather, Half, PreparedLight, Scratch};
+use relume_gpu::Gpu;
 use relume_image::Image;
 use relume_proxy::{PixelQueries, ProxyError, Rng, TargetSource};
 use relume_scene::{Light, LightShape, LobeFactors};
+use std::sync::Arc;
 
 use crate::denoise::Denoise;
 
@@ -13,12 +15,51 @@ pub struct DumpTargets<'a> {
     half: Half,
     bounds: (Vec3, Vec3),
     denoise: &'a Denoise,
+    gpu: Option<&'a GpuTargets>,
+}
+
+/// A dump on a GPU, for targets.
+pub struct GpuTargets {
+    gpu: Arc<Gpu>,
+    gather: GpuGather,
+}
+
+impl GpuTargets {
+    /// Brings a dump there.
+    ///
+    /// # Errors
+    /// If the device was lost.
+    pub fn new(gpu: &Arc<Gpu>, gather: &Gather) -> Result<Self, GatherError> {
+        Ok(Self { gpu: Arc::clone(gpu), gather: GpuGather::new(Arc::clone(gpu), gather)? })
+    }
+
+    fn pixel_targets(
+        &self,
+        queries: &PixelQueries<'_>,
+        lights: &[PreparedLight],
+        half: Half,
+        out: &mut [[f32; 3]],
+    ) -> Result<(), GatherError> {
+        let pixels = self.gpu.buffer_of("pixels of targets", queries.pixels)?;
+        let lights = self.gather.lights(lights)?;
+        let values = self.gpu.zeros("targets", 3 * out.len())?;
+        self.gather.pixel_targets(&pixels, &lights, queries.lights_per_pixel as u32, half, &values)?;
+        let values = self.gpu.read(&values, 0..3 * out.len())?;
+        out.as_flattened_mut().copy_from_slice(&values);
+        Ok(())
+    }
 }
 
 impl<'a> DumpTargets<'a> {
     /// Targets from some of the paths of each pixel. `bounds` is the box of visible positions.
     pub fn new(gather: &'a Gather, half: Half, bounds: (Vec3, Vec3), denoise: &'a Denoise) -> Self {
-        Self { gather, half, bounds, denoise }
+        Self { gather, half, bounds, denoise, gpu: None }
+    }
+
+    /// Lets a GPU gather, if there is one.
+    #[must_use]
+    pub fn on(self, gpu: Option<&'a GpuTargets>) -> Self {
+        Self { gpu, ..self }
     }
 
     /// The denoiser.
@@ -61,6 +102,11 @@ impl TargetSource for DumpTargets<'_> {
 
     fn pixel_targets(&self, queries: &PixelQueries<'_>, out: &mut [[f32; 3]]) -> Result<(), ProxyError> {
         let count = queries.lights_per_pixel;
+        if let Some(gpu) = self.gpu.filter(|gpu| gpu.gather.is_resident()) {
+            let lights: Vec<PreparedLight> =
+                queries.lights.par_iter().map(|shape| self.prepare(shape)).collect::<Result<_, _>>()?;
+            return gpu.pixel_targets(queries, &lights, self.half, out).map_err(ProxyError::targets);
+        }
         let pixels = queries.pixels.par_iter().zip(queries.lights.par_chunks_exact(count));
         pixels.zip(out.par_chunks_exact_mut(count)).try_for_each_init(
             || (Scratch::default(), Vec::with_capacity(count)),
@@ -79,7 +125,10 @@ impl TargetSource for DumpTargets<'_> {
     fn images(&self, lights: &[LightShape], denoised: bool) -> Result<Vec<Image>, ProxyError> {
         let lights: Vec<PreparedLight> =
             lights.iter().map(|shape| self.prepare(shape)).collect::<Result<_, _>>()?;
-        let mut images = self.gather.unit_images(&lights, self.half);
+        let mut images = match self.gpu {
+            Some(gpu) => gpu.gather.unit_images(&lights, self.half).map_err(ProxyError::targets)?,
+            None => self.gather.unit_images(&lights, self.half),
+        };
         if denoised {
             self.denoise.images(&mut images, DenoiseQuality::Fast).map_err(ProxyError::targets)?;
         }

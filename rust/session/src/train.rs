@@ -3,8 +3,8 @@ use crate::measure::measure;
 use crate::progress::{Monitor, Stage, StageProgress};
 use crate::proxies::{Measured, measured_path, proxy_path};
 use crate::relighter::camera;
-use crate::targets::DumpTargets;
-use crate::{SessionError, base_layers, pixel_features};
+use crate::targets::{DumpTargets, GpuTargets};
+use crate::{Compute, SessionError, base_layers, pixel_features};
 use cpu_time::ProcessTime;
 use relume_dump::Dump;
 use relume_gather::{Gather, Half};
@@ -102,7 +102,8 @@ const TRAIN_UNITS: u64 = 1000;
 const MEASURED_LIGHTS: usize = 16;
 
 /// Trains a proxy on a bake and writes it into `out`, with all that relighting without the bake needs. With `resume` it
-/// goes on where a stopped training was, and ends as if it had never stopped.
+/// goes on where a stopped training was, and ends as if it had never stopped. Where a GPU fails and the CPU may go on, that
+/// does so from the last checkpoint.
 ///
 /// # Errors
 /// [`SessionError::Cancelled`] if stopped, with a checkpoint and a usable proxy written.
@@ -111,7 +112,28 @@ pub fn train(
     out: &Path,
     settings: &TrainSettings,
     resume: bool,
+    compute: &Compute,
     monitor: &Monitor,
+) -> Result<TrainReport, SessionError> {
+    let mut saved = false;
+    match train_on(compute, bake, out, settings, resume, monitor, &mut saved) {
+        Err(error) if compute.may_fall_back && error.is_of_gpu() => {
+            monitor.warn(&format!("{error}. The CPU goes on from the last checkpoint"));
+            train_on(&Compute::default(), bake, out, settings, resume || saved, monitor, &mut saved)
+        }
+        result => result,
+    }
+}
+
+/// [`train`] without another try. `saved` says afterwards whether there is a checkpoint of this training.
+fn train_on(
+    compute: &Compute,
+    bake: &Path,
+    out: &Path,
+    settings: &TrainSettings,
+    resume: bool,
+    monitor: &Monitor,
+    saved: &mut bool,
 ) -> Result<TrainReport, SessionError> {
     let dump = Dump::open(bake)?;
     if let Some((tile, pass)) = dump.missing().first() {
@@ -130,12 +152,13 @@ pub fn train(
     base_layers::write(out, &aovs, &camera, &scene_hash)?;
 
     let features = Arc::new(pixel_features(&aovs, &camera));
-    let (denoise, bounds) = (Denoise::new(&aovs, None), features.visible_bounds());
+    let (denoise, bounds) = (Denoise::new(&aovs, compute.gpu.as_deref()), features.visible_bounds());
     let gather = Gather::new(dump);
+    let on_gpu = compute.gpu.as_ref().map(|gpu| GpuTargets::new(gpu, &gather)).transpose()?;
     let halves =
         if settings.half_for_measuring { (Half::First, Half::Second) } else { (Half::All, Half::All) };
-    let training = DumpTargets::new(&gather, halves.0, bounds, &denoise);
-    let held_out = DumpTargets::new(&gather, halves.1, bounds, &denoise);
+    let targets = |half| DumpTargets::new(&gather, half, bounds, &denoise).on(on_gpu.as_ref());
+    let (training, held_out) = (targets(halves.0), targets(halves.1));
 
     let state = state_path(out, settings.kind);
     let trainer = if resume && state.exists() {
@@ -145,9 +168,14 @@ pub fn train(
         trainer.set_scene_hash(scene_hash);
         trainer
     };
+    let trainer = match &compute.gpu {
+        Some(gpu) => trainer.on_gpu(Arc::clone(gpu))?,
+        None => trainer,
+    };
     let samples_before = trainer.samples();
     let (trained, filled) = (Duration::ZERO, Duration::ZERO);
-    let mut run = Run { trainer, settings, out, state, trained, filled, curve: Vec::new(), samples_before };
+    let curve = Vec::new();
+    let mut run = Run { trainer, settings, out, state, trained, filled, curve, samples_before, saved };
     run.steps(&training, &held_out, monitor)?;
     // The last figures belong to the last weights, wherever the training was interrupted.
     if settings.half_for_measuring && run.trainer.done() {
@@ -222,6 +250,8 @@ struct Run<'a> {
     curve: Vec<CurvePoint>,
     /// Samples that an interrupted run had done.
     samples_before: u64,
+    /// Whether this training has left a checkpoint.
+    saved: &'a mut bool,
 }
 
 impl Run<'_> {
@@ -292,7 +322,7 @@ impl Run<'_> {
     }
 
     /// The checkpoint and the proxy as it is now. The comparison with gathering was of other weights and goes.
-    fn save(&self) -> Result<(), SessionError> {
+    fn save(&mut self) -> Result<(), SessionError> {
         if self.trainer.steps() == 0 {
             return Ok(());
         }
@@ -301,6 +331,7 @@ impl Run<'_> {
             std::fs::remove_file(&measured).map_err(SessionError::io("remove", &measured))?;
         }
         self.trainer.save(&self.state)?;
+        *self.saved = true;
         Ok(self.trainer.proxy()?.save(&proxy_path(self.out, self.settings.kind))?)
     }
 }

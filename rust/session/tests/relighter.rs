@@ -8,7 +8,8 @@ use relume_session::solver::Settings;
 use relume_session::trace::TraceSettings;
 use relume_session::{
     Cancel, Clock, Compute, Device, LightSet, Listener, Maker, Monitor, ObjView, OptimiseOptions, Progress,
-    RelightOptions, Relighter, Stage, TrainSettings, With, bake, default_sizes, obj_scene, optimise, train,
+    RelightOptions, Relighter, SessionError, Stage, TrainReport, TrainSettings, With, bake, default_sizes,
+    obj_scene, optimise, train,
 };
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -126,7 +127,15 @@ fn sun_too_narrow_for_the_samples_is_named() {
 fn proxies_take_only_what_they_learned() {
     let folder = tempfile::tempdir().unwrap();
     baked(folder.path());
-    train(folder.path(), folder.path(), &training(LightKind::Sphere), false, &Monitor::default()).unwrap();
+    train(
+        folder.path(),
+        folder.path(),
+        &training(LightKind::Sphere),
+        false,
+        &Compute::default(),
+        &Monitor::default(),
+    )
+    .unwrap();
     let relighter = Relighter::open(folder.path()).unwrap();
     let usual = sphere("usual", 0.2);
     let huge = sphere("huge", 0.9);
@@ -176,7 +185,7 @@ fn auto_takes_whichever_was_measured_better() {
     let folder = tempfile::tempdir().unwrap();
     baked(folder.path());
     let out = folder.path();
-    train(out, out, &training(LightKind::Sphere), false, &Monitor::default()).unwrap();
+    train(out, out, &training(LightKind::Sphere), false, &Compute::default(), &Monitor::default()).unwrap();
     let path = out.join("proxy_sphere.json");
     let text = std::fs::read_to_string(&path).unwrap();
     let mut measured: serde_json::Value = serde_json::from_str(&text).unwrap();
@@ -199,7 +208,8 @@ fn proxies_travel_without_their_bake() {
     let (bake_folder, proxies) = (folder.path().join("bake"), folder.path().join("proxies"));
     baked(&bake_folder);
     for kind in [LightKind::Sphere, LightKind::Quad] {
-        train(&bake_folder, &proxies, &training(kind), false, &Monitor::default()).unwrap();
+        train(&bake_folder, &proxies, &training(kind), false, &Compute::default(), &Monitor::default())
+            .unwrap();
     }
     let lights = [sphere("Key", 0.2)];
     let by_proxy = RelightOptions { with: With::Proxy, ..RAW };
@@ -219,7 +229,7 @@ fn proxy_of_another_scene_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let (one, two) = (folder.path().join("one"), folder.path().join("two"));
     baked(&one);
-    train(&one, &one, &training(LightKind::Sphere), false, &Monitor::default()).unwrap();
+    train(&one, &one, &training(LightKind::Sphere), false, &Compute::default(), &Monitor::default()).unwrap();
     let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/room.obj");
     let scene = obj_scene(&room, &ObjView { width: 20, height: 16, ..ObjView::default() }).unwrap();
     let settings = TraceSettings { samples: 2, ..TraceSettings::default() };
@@ -239,8 +249,10 @@ fn cancelled_work_says_so_and_keeps_what_is_whole() {
     let error = relighter.relight(&[sphere("Key", 0.2)], &RAW, &monitor).unwrap_err();
     assert!(matches!(error, relume_session::SessionError::Cancelled));
     let out = folder.path();
-    let good = train(out, out, &training(LightKind::Sphere), false, &Monitor::default()).unwrap();
-    let error = train(out, out, &training(LightKind::Sphere), false, &monitor).unwrap_err();
+    let good = train(out, out, &training(LightKind::Sphere), false, &Compute::default(), &Monitor::default())
+        .unwrap();
+    let error =
+        train(out, out, &training(LightKind::Sphere), false, &Compute::default(), &monitor).unwrap_err();
     assert!(matches!(error, relume_session::SessionError::Cancelled));
     // A training that was stopped before its first step does not replace what was there.
     let relighter = Relighter::open(out).unwrap();
@@ -254,7 +266,15 @@ fn cancelled_work_says_so_and_keeps_what_is_whole() {
 fn pictures_of_the_gpu_are_those_of_the_cpu() {
     let folder = tempfile::tempdir().unwrap();
     baked(folder.path());
-    train(folder.path(), folder.path(), &training(LightKind::Sphere), false, &Monitor::default()).unwrap();
+    train(
+        folder.path(),
+        folder.path(),
+        &training(LightKind::Sphere),
+        false,
+        &Compute::default(),
+        &Monitor::default(),
+    )
+    .unwrap();
     let gpu = Relighter::open(folder.path()).unwrap().on(&Device::Gpu(GpuChoice::Best).open(None).unwrap());
     let cpu = Relighter::open(folder.path()).unwrap();
     for with in [With::Gather, With::Proxy] {
@@ -297,7 +317,15 @@ fn the_cpu_goes_on_where_the_gpu_fails_unless_that_one_was_asked_for() {
 fn lights_solved_on_the_gpu_are_those_of_the_cpu() {
     let folder = tempfile::tempdir().unwrap();
     baked(folder.path());
-    train(folder.path(), folder.path(), &training(LightKind::Sphere), false, &Monitor::default()).unwrap();
+    train(
+        folder.path(),
+        folder.path(),
+        &training(LightKind::Sphere),
+        false,
+        &Compute::default(),
+        &Monitor::default(),
+    )
+    .unwrap();
     let gpu = Relighter::open(folder.path()).unwrap().on(&Device::Gpu(GpuChoice::Best).open(None).unwrap());
     let cpu = Relighter::open(folder.path()).unwrap();
     let options = RelightOptions { with: With::Proxy, denoise: false };
@@ -313,4 +341,54 @@ fn lights_solved_on_the_gpu_are_those_of_the_cpu() {
         assert!((a - b).abs() < 1e-2 * b.max(losses[1][0] * 1e-2), "{losses:?}");
     }
     assert_eq!(losses[0].len(), 20);
+}
+
+/// Does something once a training has got so far, in thousandths.
+struct At<F>(u64, F, Warnings);
+
+impl<F: Fn() + Send + Sync> Listener for At<F> {
+    fn progress(&self, progress: &Progress) {
+        if progress.stage == Stage::Train && progress.done >= self.0 {
+            self.1();
+        }
+    }
+    fn warning(&self, message: &str) {
+        self.2.warning(message);
+    }
+}
+
+#[test]
+fn a_training_on_the_gpu_ends_like_one_on_the_cpu_even_if_the_gpu_is_lost_on_the_way() {
+    let folder = tempfile::tempdir().unwrap();
+    baked(folder.path());
+    let mut settings = training(LightKind::Sphere);
+    settings.config.samples = 200_000;
+    let run = |out: &str, resume: bool, compute: &Compute, monitor: &Monitor| {
+        train(folder.path(), &folder.path().join(out), &settings, resume, compute, monitor)
+    };
+    let quiet = Monitor::default();
+    let cpu = run("cpu", false, &Compute::default(), &quiet).unwrap();
+    let on = Device::Gpu(GpuChoice::Best).open(None).unwrap();
+    let gpu = run("gpu", false, &on, &quiet).unwrap();
+
+    // Stopped with a checkpoint, resumed, and lost on the way.
+    let cancel = Cancel::default();
+    let stopping = cancel.clone();
+    let stop = Arc::new(At(300, move || stopping.request(), Warnings::default()));
+    assert!(matches!(run("lost", false, &on, &Monitor::new(stop, cancel)), Err(SessionError::Cancelled)));
+    let lost = Gpu::open(&GpuChoice::Best).unwrap();
+    let (losing, compute) =
+        (lost.clone(), |may_fall_back| Compute { gpu: Some(lost.clone()), may_fall_back });
+    let lose = Arc::new(At(600, move || losing.lose(), Warnings::default()));
+    let fallen = run("lost", true, &compute(true), &Monitor::new(lose.clone(), Cancel::default())).unwrap();
+    assert!(lose.2.0.lock().unwrap().iter().any(|text| text.contains("The CPU goes on")));
+    let error = run("error", false, &compute(false), &quiet).unwrap_err();
+    assert!(error.to_string().contains("the GPU was lost"), "{error}");
+
+    // Sums are rounded otherwise, which changes far less than another seed: that makes a decibel or more.
+    let psnr = |report: &TrainReport| report.measured.unwrap().proxy.psnr;
+    for other in [&gpu, &fallen] {
+        let (expected, found) = (psnr(&cpu), psnr(other));
+        assert!(other.complete && (found - expected).abs() < 0.05, "{found} dB instead of {expected} dB");
+    }
 }

@@ -19,7 +19,7 @@ pub fn train(args: &TrainArgs, context: &Context) -> anyhow::Result<()> {
         half_for_measuring: !args.all_paths,
     };
     let out = args.out.as_deref().unwrap_or(&args.bake);
-    let report = train_proxy(&args.bake, out, &settings, args.resume, context.monitor)?;
+    let report = train_proxy(&args.bake, out, &settings, args.resume, &context.compute()?, context.monitor)?;
     let mut text = format!(
         "{}: {} steps, {:.1} M samples, {:.1} s",
         report.proxy.display(),
