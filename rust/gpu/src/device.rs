@@ -7,6 +7,12 @@ use crate::{AdapterSummary, GpuChoice, GpuError};
 
 /// Bytes of arguments that a dispatch may carry ([`crate::Commands::run`]); every back end has them.
 pub(crate) const IMMEDIATES: u32 = 64;
+/// Most buffers that a kernel binds.
+const BINDINGS: u32 = 12;
+/// Most threads of a workgroup.
+const INVOCATIONS: u32 = 256;
+/// Most bytes that the threads of a workgroup share.
+const WORKGROUP_MEMORY: u32 = 32 << 10;
 /// Share of the device's memory that is ours if the user sets no budget: others draw on the same card.
 const DEFAULT_SHARE: f64 = 0.7;
 /// Budget where the driver does not say how much memory there is.
@@ -99,8 +105,8 @@ impl Gpu {
         let adapter = choose(choice)?;
         let info = adapter.get_info();
         let unsuitable = |missing: String| GpuError::Unsuitable { adapter: info.name.clone(), missing };
-        if !adapter.features().contains(wgpu::Features::IMMEDIATES) {
-            return Err(unsuitable("its driver has no push constants".into()));
+        if let Some(missing) = missing(adapter.features(), &adapter.limits()) {
+            return Err(unsuitable(missing));
         }
         let features = adapter.features() & wanted_features();
         let descriptor = wgpu::DeviceDescriptor {
@@ -202,6 +208,21 @@ impl Memory {
     pub fn give_back(&self, bytes: u64) {
         self.used.fetch_sub(bytes, Ordering::Relaxed);
     }
+}
+
+/// What kernels need and this driver does not have, in words.
+pub(crate) fn missing(features: wgpu::Features, limits: &wgpu::Limits) -> Option<String> {
+    let needed = [
+        ("push constants", IMMEDIATES, limits.max_immediate_size),
+        ("buffers of a kernel", BINDINGS, limits.max_storage_buffers_per_shader_stage),
+        ("threads of a workgroup", INVOCATIONS, limits.max_compute_invocations_per_workgroup),
+        ("bytes of workgroup memory", WORKGROUP_MEMORY, limits.max_compute_workgroup_storage_size),
+    ];
+    if !features.contains(wgpu::Features::IMMEDIATES) {
+        return Some("its driver has no push constants".into());
+    }
+    let lacks = needed.into_iter().find(|(_, least, has)| has < least);
+    lacks.map(|(what, least, has)| format!("its driver has {has} {what}, {least} are needed"))
 }
 
 fn wanted_features() -> wgpu::Features {

@@ -123,3 +123,15 @@ fn timers_measure_on_the_device() {
     let seconds = timer.seconds(&gpu).unwrap();
     assert!(seconds.len() == 2 && seconds.iter().all(|&s| (0.0..60.0).contains(&s)), "{seconds:?}");
 }
+
+#[test]
+fn a_driver_without_what_kernels_need_is_refused_by_name() {
+    let whole = wgpu::Features::IMMEDIATES;
+    let good = gpu().device.limits();
+    assert_eq!(device::missing(whole, &good), None);
+    assert!(device::missing(wgpu::Features::empty(), &good).unwrap().contains("push constants"));
+    let few = wgpu::Limits { max_storage_buffers_per_shader_stage: 8, ..good.clone() };
+    assert_eq!(device::missing(whole, &few).unwrap(), "its driver has 8 buffers of a kernel, 12 are needed");
+    let small = wgpu::Limits { max_compute_workgroup_storage_size: 16 << 10, ..good };
+    assert!(device::missing(whole, &small).unwrap().contains("workgroup memory"));
+}
