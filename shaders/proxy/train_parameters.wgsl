@@ -21,6 +21,8 @@ struct Progress {
     steps: u32,
     /// Whether a loss or a gradient was not finite. From then on steps have no effect.
     diverged: u32,
+    /// One more than a pixel with a target that is not finite; 0 if there was none.
+    bad_target: u32,
 }
 
 /// Whether it is a number. Fast arithmetic may take `x == x` for granted, bits it may not.

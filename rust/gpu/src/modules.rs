@@ -51,6 +51,7 @@ files![
     "proxy/train_scatter",
     "proxy/train_slots",
     "proxy/train_store",
+    "proxy/train_targets",
     "proxy/train_weights",
     "selftest",
 ];

@@ -76,5 +76,5 @@ pub use proxy::{Proxy, ProxyInfo, Scores};
 pub use rng::Rng;
 pub use scene_cache::Normalisation;
 pub use simd::Isa;
-pub use target::{PixelQueries, TargetSource};
+pub use target::{DeviceTargets, GroupQueries, PixelQueries, TargetSource};
 pub use trainer::{StepReport, Trainer};

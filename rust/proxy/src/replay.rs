@@ -1,12 +1,10 @@
 use std::collections::VecDeque;
 
-use crate::encoding::OutputScale;
 use crate::gradient::Batch;
 use crate::loss::TILE;
 use crate::network::{CHUNK, CHUNK_TILES};
-use crate::sampling::Sampler;
 use crate::simd::LANES;
-use crate::{LightParams, ProxyError, Rng, TargetSource};
+use crate::{LightParams, ProxyError, Rng};
 
 /// Samples gathered at a time.
 pub(crate) const BLOCK: u64 = 4096;
@@ -48,18 +46,15 @@ impl Replay {
         (self.wanted(samples) - self.next) as usize
     }
 
-    /// Gathers some of the missing blocks.
+    /// Adds some of the missing blocks of `BLOCK` samples, made by `make` from the key of their random stream.
     pub fn fill(
         &mut self,
-        sampler: &Sampler,
-        source: &dyn TargetSource,
-        scale: &OutputScale,
-        (samples, slots): (u64, usize),
+        samples: u64,
         seed: u64,
+        make: impl Fn((u64, u64)) -> Result<Batch, ProxyError>,
     ) -> Result<(), ProxyError> {
         for _ in 0..FILL.min(self.missing(samples) as u64) {
-            let key = (seed, BLOCK_STREAM + self.next);
-            self.blocks.push_back(sampler.gathered(source, scale, (BLOCK as usize, slots), key)?);
+            self.blocks.push_back(make((seed, BLOCK_STREAM + self.next))?);
             self.next += 1;
             if self.blocks.len() as u64 > CAPACITY {
                 self.blocks.pop_front();
@@ -118,6 +113,8 @@ impl Replay {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::encoding::OutputScale;
+    use crate::sampling::Sampler;
     use crate::synthetic::SyntheticRoom;
     use crate::{LightKind, LightPlacement, SizeRange};
 
@@ -131,7 +128,8 @@ mod tests {
         let scale = OutputScale { factor: 1.0, area: None };
         let fill = |replay: &mut Replay, samples: u64| {
             while replay.missing(samples) > 0 {
-                replay.fill(&sampler, &room, &scale, (samples, 8), 3).expect("gathered");
+                let block = |key| sampler.gathered(&room, &scale, (BLOCK as usize, 8), key);
+                replay.fill(samples, 3, block).expect("gathered");
             }
         };
         let end = (CAPACITY + 5) * BLOCK;

@@ -50,14 +50,13 @@ impl Sampler {
         self.light(source, &pixels, rng)
     }
 
-    /// Random groups of 32 pixels, each seen under `slots` random lights, with gathered targets.
-    pub fn gathered(
+    /// Random groups of 32 pixels, each to be seen under `slots` random lights; without targets.
+    pub fn drawn(
         &self,
         source: &dyn TargetSource,
-        scale: &OutputScale,
         (samples, slots): (usize, usize),
         key: (u64, u64),
-    ) -> Result<Batch, ProxyError> {
+    ) -> Batch {
         let mut batch = Batch { slots, ..Batch::default() };
         for group in 0..samples / (slots * LANES) {
             let mut rng = Rng::stream(key.0, key.1, group as u64);
@@ -67,8 +66,21 @@ impl Sampler {
                 batch.lights.push(self.light(source, &batch.pixels[start..], &mut rng));
             }
         }
+        batch.weights.extend(batch.lights.iter().map(|light| self.weight(light)));
+        batch
+    }
+
+    /// [`Sampler::drawn`] with gathered targets.
+    pub fn gathered(
+        &self,
+        source: &dyn TargetSource,
+        scale: &OutputScale,
+        (samples, slots): (usize, usize),
+        key: (u64, u64),
+    ) -> Result<Batch, ProxyError> {
+        let mut batch = self.drawn(source, (samples, slots), key);
         let values = gather(source, &batch)?;
-        self.fill_targets(&mut batch, scale, |tile, lane, _| {
+        fill_targets(&mut batch, scale, |tile, lane, _| {
             let (group, slot) = (tile / slots, tile % slots);
             values[(group * LANES + lane) * slots + slot]
         });
@@ -94,7 +106,8 @@ impl Sampler {
                 images.push(&entry.image);
             }
         }
-        self.fill_targets(&mut batch, scale, |tile, _, pixel| {
+        batch.weights.extend(batch.lights.iter().map(|light| self.weight(light)));
+        fill_targets(&mut batch, scale, |tile, _, pixel| {
             let at = pixel as usize * 3;
             std::array::from_fn(|channel| images[tile].data[at + channel])
         });
@@ -115,27 +128,6 @@ impl Sampler {
         Ok(OutputScale { factor, area })
     }
 
-    /// Writes the weights of all tiles and their targets from `value(tile, lane, pixel)`, in units of the network's output.
-    fn fill_targets(
-        &self,
-        batch: &mut Batch,
-        scale: &OutputScale,
-        value: impl Fn(usize, usize, u32) -> [f32; 3],
-    ) {
-        let Batch { pixels, slots, lights, targets, weights } = batch;
-        weights.extend(lights.iter().map(|light| self.weight(light)));
-        targets.resize(lights.len() * TILE, 0.0);
-        for (tile, (light, target)) in lights.iter().zip(targets.chunks_exact_mut(TILE)).enumerate() {
-            let inverse = 1.0 / scale.of(light).0;
-            let group = tile / *slots;
-            for (lane, pixel) in pixels[group * LANES..(group + 1) * LANES].iter().enumerate() {
-                for (channel, x) in value(tile, lane, *pixel).into_iter().enumerate() {
-                    target[channel * LANES + lane] = x * inverse;
-                }
-            }
-        }
-    }
-
     /// Weight of a light's samples in the loss.
     fn weight(&self, light: &LightParams) -> f32 {
         (emitting_area(light).value / self.middling_area()).powf(self.area_weight)
@@ -154,6 +146,21 @@ impl Sampler {
 
 /// Counter of the random streams that belong to no step.
 const CALIBRATION_STREAM: u64 = 1 << 63;
+
+/// Writes targets from `value(tile, lane, pixel)`, in units of the network's output.
+fn fill_targets(batch: &mut Batch, scale: &OutputScale, value: impl Fn(usize, usize, u32) -> [f32; 3]) {
+    let Batch { pixels, slots, lights, targets, .. } = batch;
+    targets.resize(lights.len() * TILE, 0.0);
+    for (tile, (light, target)) in lights.iter().zip(targets.chunks_exact_mut(TILE)).enumerate() {
+        let inverse = 1.0 / scale.of(light).0;
+        let group = tile / *slots;
+        for (lane, pixel) in pixels[group * LANES..(group + 1) * LANES].iter().enumerate() {
+            for (channel, x) in value(tile, lane, *pixel).into_iter().enumerate() {
+                target[channel * LANES + lane] = x * inverse;
+            }
+        }
+    }
+}
 
 /// Asks the source for all samples of a batch, pixel by pixel.
 fn gather(source: &dyn TargetSource, batch: &Batch) -> Result<Vec<[f32; 3]>, ProxyError> {

@@ -1,4 +1,5 @@
 use glam::Vec3;
+use relume_gpu::Buffer;
 use relume_image::Image;
 use relume_scene::LightShape;
 
@@ -29,6 +30,35 @@ pub trait TargetSource: Sync {
     /// # Errors
     /// [`ProxyError::Targets`] wraps whatever went wrong.
     fn images(&self, lights: &[LightShape], denoised: bool) -> Result<Vec<Image>, ProxyError>;
+
+    /// The source of single pixels on the device of [`crate::Trainer::on_gpu`], if this source is there too. Trainings on
+    /// raw targets then gather there.
+    fn on_device(&self) -> Option<&dyn DeviceTargets> {
+        None
+    }
+}
+
+/// The part of a [`TargetSource`] that is on a device.
+pub trait DeviceTargets: Sync {
+    /// [`TargetSource::pixel_targets`] into a buffer of `pixels.len() * lights_per_pixel` RGB values. May only submit:
+    /// `out` is used by what is submitted next, and values that are not finite are found there.
+    ///
+    /// # Errors
+    /// [`ProxyError::Gpu`] or [`ProxyError::Targets`].
+    fn pixel_targets(&self, queries: &GroupQueries<'_>, out: &Buffer<f32>) -> Result<(), ProxyError>;
+}
+
+/// Pixels to be gathered in groups that share their lights.
+#[derive(Clone, Copy, Debug)]
+pub struct GroupQueries<'a> {
+    /// Pixel numbers, row-major, group by group.
+    pub pixels: &'a [u32],
+    /// Pixels of a group.
+    pub group: usize,
+    /// Lights of each group, and so of each of its pixels.
+    pub lights_per_pixel: usize,
+    /// `pixels.len() / group * lights_per_pixel` lights, group by group.
+    pub lights: &'a [LightShape],
 }
 
 /// Pixels to be gathered, each for the same number of lights, grouped so that a source can keep a pixel's segments

@@ -10,7 +10,7 @@ use crate::optim::Optimiser;
 use crate::params::ParamLayout;
 use crate::pool::{Pool, images_of};
 use crate::proxy::{ProxyInfo, Scores};
-use crate::replay::Replay;
+use crate::replay::{BLOCK, Replay};
 use crate::sampling::Sampler;
 use crate::scene_cache::{Normalisation, SceneCache};
 use crate::schedule::{EMA_EVERY, batch_size, mean_share, progress, rates};
@@ -184,7 +184,7 @@ impl Trainer {
             self.device = Some(device);
             return report;
         }
-        if !self.gather(source)? {
+        if !self.gather(source, false)? {
             return Ok(self.report(None));
         }
         let scale = self.calibrated(&self.sampler(), source)?;
@@ -197,15 +197,18 @@ impl Trainer {
         Ok(self.report(Some(loss)))
     }
 
-    /// Gathers what is due; false if it takes further calls.
-    pub(crate) fn gather(&mut self, source: &dyn TargetSource) -> Result<bool, ProxyError> {
+    /// Gathers what is due, or leaves single pixels to be gathered on the device; false if it takes further calls.
+    pub(crate) fn gather(&mut self, source: &dyn TargetSource, on_device: bool) -> Result<bool, ProxyError> {
         let sampler = self.sampler();
         let scale = self.calibrated(&sampler, source)?;
         let (seed, samples) = (self.seed, self.state.samples);
         match &mut self.samples_of {
             Samples::Gathered(replay) => {
-                let draw = (samples, self.config.lights_per_pixel);
-                replay.fill(&sampler, source, &scale, draw, seed)?;
+                let size = (BLOCK as usize, self.config.lights_per_pixel);
+                replay.fill(samples, seed, |key| match on_device {
+                    true => Ok(sampler.drawn(source, size, key)),
+                    false => sampler.gathered(source, &scale, size, key),
+                })?;
                 Ok(replay.missing(samples) == 0)
             }
             Samples::Pool(pool) => {
@@ -326,7 +329,7 @@ impl Trainer {
         source: &dyn TargetSource,
         samples: usize,
     ) -> Result<Batch, ProxyError> {
-        while !self.gather(source)? {}
+        while !self.gather(source, false)? {}
         let scale = self.calibrated(&self.sampler(), source)?;
         Ok(self.random_batch(&scale, samples))
     }

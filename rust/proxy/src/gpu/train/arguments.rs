@@ -32,6 +32,7 @@ arguments! {
     Rates {
         parameters: u32, adam: f32, grid: f32, first_correction: f32, second_correction: f32,
     }
+    Targets { samples: u32, slots: u32, first_block: u32, blocks: u32, block: u32 }
     Mean { parameters: u32, share: f32 }
     Muon {
         size: u32, stride: u32, matrices: u32, left: u32, right: u32, turned: u32, plus: u32, to: u32, factor: f32,
@@ -47,4 +48,5 @@ pub(super) struct Progress {
     pub loss_sum: f32,
     pub steps: u32,
     pub diverged: u32,
+    pub bad_target: u32,
 }

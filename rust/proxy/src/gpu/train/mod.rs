@@ -14,17 +14,21 @@ mod store;
 
 use std::sync::Arc;
 
-use relume_gpu::{Bound, Buffer, Commands, Gpu, GpuError};
+use relume_gpu::{Bound, Buffer, Commands, Gpu, GpuError, Kernel};
 
 use self::arguments::{Batch, Layers, Progress, Scatter};
 use self::optimise::Optimise;
 use self::plan::{Plan, Shape, Space};
 pub(crate) use self::steps::DeviceCore;
 use self::store::Store;
+use crate::encoding::OutputScale;
+use crate::gradient::Batch as Samples;
 use crate::network::{CHUNK, Network};
 use crate::optim::StepRates;
+use crate::replay::BLOCK;
 use crate::scene_cache::SceneCache;
-use crate::{LightKind, ProxyError, TrainConfig};
+use crate::simd::LANES;
+use crate::{DeviceTargets, GroupQueries, LightKind, LightParams, ProxyError, TrainConfig};
 
 /// Rows and columns of a tile of [`Plan::layers`], as in `train_dense.wgsl` and `train_weights.wgsl`.
 const TILE: u32 = 64;
@@ -74,6 +78,7 @@ pub(crate) struct GpuTraining {
     draws: Buffer<u32>,
     store: Store,
     kernels: Kernels,
+    targets: Kernel,
     optimise: Optimise,
     #[allow(dead_code, reason = "bound to kernels, and counted against the memory budget while they live")]
     bound: [Buffer<f32>; 4],
@@ -178,6 +183,7 @@ impl GpuTraining {
                 &[levels.whole(), draws.whole(), pixels, a, grid.whole()],
             )?,
         };
+        let targets = gpu.kernel("proxy/train_targets", "store", &[])?;
         Ok(Self {
             gpu,
             plan,
@@ -187,14 +193,53 @@ impl GpuTraining {
             draws,
             store,
             kernels,
+            targets,
             optimise,
             bound: [activations, pieces, losses, scene],
         })
     }
 
     /// Replaces the chunks from `first` on by those of a batch.
-    pub fn write_chunks(&self, first: usize, batch: &crate::gradient::Batch) {
-        self.store.write(&self.gpu, first, batch);
+    pub fn write_chunks(&self, first: usize, batch: &Samples, scale: &OutputScale) {
+        self.store.write(&self.gpu, first, batch, scale);
+    }
+
+    /// Gathers the targets of some blocks, which follow each other in the store from number `first` on, but for its end.
+    ///
+    /// # Errors
+    /// The failure of the source or of the device.
+    pub fn gather(
+        &self,
+        source: &dyn DeviceTargets,
+        first: usize,
+        blocks: &[&Samples],
+    ) -> Result<(), ProxyError> {
+        let pixels: Vec<u32> = blocks.iter().flat_map(|block| &block.pixels).copied().collect();
+        let lights: Vec<_> = blocks.iter().flat_map(|block| &block.lights).map(LightParams::shape).collect();
+        let samples = lights.len() * LANES;
+        let gathered = self.gpu.zeros::<f32>("gathered targets", 3 * samples)?;
+        let slots = self.batch.slots as usize;
+        let queries =
+            GroupQueries { pixels: &pixels, group: LANES, lights_per_pixel: slots, lights: &lights };
+        source.pixel_targets(&queries, &gathered)?;
+        let store = &self.store;
+        let bound = self.targets.bind(&[
+            gathered.whole(),
+            store.pixels.whole(),
+            store.lights.whole(),
+            store.targets.whole(),
+            self.optimise.progress.whole(),
+        ])?;
+        let arguments = arguments::Targets {
+            samples: samples as u32,
+            slots: self.batch.slots,
+            first_block: first as u32,
+            blocks: (store.chunks() * CHUNK / BLOCK as usize) as u32,
+            block: BLOCK as u32,
+        };
+        let mut commands = self.gpu.commands("targets");
+        commands.run(&bound, arguments.samples.div_ceil(64), bytemuck::bytes_of(&arguments));
+        Ok(commands.submit()?)
     }
 
     /// Runs some steps, and does not wait for them.

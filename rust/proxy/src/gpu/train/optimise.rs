@@ -34,7 +34,7 @@ pub(super) struct Optimise {
     mean: Buffer<f32>,
     first: Buffer<f32>,
     second: Buffer<f32>,
-    progress: Buffer<Progress>,
+    pub progress: Buffer<Progress>,
     parameters: u32,
     dense: u32,
     reduce: Bound,
@@ -152,7 +152,15 @@ impl Optimise {
     /// What the steps since the last call have come to.
     pub fn take_progress(&self, gpu: &Gpu) -> Result<Progress, GpuError> {
         let progress = gpu.read(&self.progress, 0..1)?[0];
-        gpu.write(&self.progress, 0, &[Progress { diverged: progress.diverged, ..Progress::default() }]);
+        gpu.write(
+            &self.progress,
+            0,
+            &[Progress {
+                diverged: progress.diverged,
+                bad_target: progress.bad_target,
+                ..Progress::default()
+            }],
+        );
         Ok(progress)
     }
 }

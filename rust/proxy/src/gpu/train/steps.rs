@@ -8,7 +8,7 @@ use crate::network::CHUNK;
 use crate::replay::{BLOCK, CAPACITY, FILL};
 use crate::schedule::{batch_size, mean_share, progress, rates};
 use crate::trainer::{Core, Samples, TrainState};
-use crate::{ProxyError, StepReport, TargetSource, Trainer};
+use crate::{DeviceTargets, ProxyError, StepReport, TargetSource, Trainer};
 
 /// Most steps that are handed to the device at a time.
 const STEPS: usize = 8;
@@ -31,6 +31,8 @@ pub(crate) struct DeviceCore {
     unread: Vec<u64>,
     /// Mean loss when the device was last asked.
     loss: Option<f64>,
+    /// First block of gathered samples that is not there yet.
+    next_block: u64,
     /// Chunk that the next batch from a pool begins at.
     next_chunk: usize,
     chunks: usize,
@@ -39,6 +41,8 @@ pub(crate) struct DeviceCore {
 impl Trainer {
     /// Moves the training to a GPU, where it goes on as it would have on the CPU but for the rounding of sums. A call of
     /// [`Trainer::step`] then does several steps.
+    ///
+    /// Targets of single pixels are gathered there too if the source can ([`TargetSource::on_device`]), else on the CPU.
     ///
     /// If the device is lost, steps and saving fail with [`ProxyError::Gpu`]; the file of the last [`Trainer::save`] is
     /// still good, for any device or none.
@@ -59,15 +63,21 @@ impl Trainer {
             Core::Reference(core) => GpuTraining::new(gpu, &core.network, &demand)?,
             Core::Fast(core) => GpuTraining::new(gpu, &core.network, &demand)?,
         };
-        if let Samples::Gathered(replay) = &self.samples_of {
-            replay.blocks().for_each(|(number, block)| training.write_chunks(ring_chunk(number), block));
-        }
         // From here on they live on the device.
         let state = &mut self.state;
         let [params, mean] = [&mut state.params, &mut state.mean].map(std::mem::take);
         let [first, second] = [&mut state.optimiser.first, &mut state.optimiser.second].map(std::mem::take);
         training.upload([&params, &mean, &first, &second]);
-        let device = DeviceCore { training, steps, unread: Vec::new(), loss: None, next_chunk: 0, chunks };
+        let mut device = DeviceCore {
+            training,
+            steps,
+            unread: Vec::new(),
+            loss: None,
+            next_block: 0,
+            next_chunk: 0,
+            chunks,
+        };
+        self.upload_blocks(&mut device, None)?;
         self.device = Some(Box::new(device));
         Ok(self)
     }
@@ -90,18 +100,20 @@ impl Trainer {
         device: &mut DeviceCore,
         source: &dyn TargetSource,
     ) -> Result<StepReport, ProxyError> {
+        let before = (self.state.step, self.state.samples);
+        let targets = source.on_device();
         let mut steps = Vec::new();
         let mut ready = Ok(true);
         while steps.len() < device.steps && (steps.is_empty() || !self.done()) {
-            ready = self.gather_for_device(device, source);
+            ready = self.gather(source, targets.is_some());
             if !matches!(ready, Ok(true)) {
                 break;
             }
             steps.push(self.next_step(device)?);
         }
-        if !steps.is_empty() {
-            device.training.run(&steps)?;
-            device.unread.extend(steps.iter().map(|step| (step.draws.len() * CHUNK) as u64));
+        if let Err(error) = self.hand_over(device, targets, &steps) {
+            (self.state.step, self.state.samples) = before;
+            return Err(error);
         }
         ready?;
         if device.unread.len() >= READ_EVERY || (device.loss.is_none() && !steps.is_empty()) {
@@ -110,23 +122,42 @@ impl Trainer {
         Ok(self.report(if steps.is_empty() { None } else { device.loss }))
     }
 
-    /// Gathers what is due and copies it to the device; false if it takes further calls.
-    fn gather_for_device(
-        &mut self,
-        device: &DeviceCore,
-        source: &dyn TargetSource,
-    ) -> Result<bool, ProxyError> {
-        let known = match &self.samples_of {
-            Samples::Gathered(replay) => replay.next_block(),
-            Samples::Pool(_) => 0,
-        };
-        let ready = self.gather(source);
-        if let Samples::Gathered(replay) = &self.samples_of {
-            for (number, block) in replay.blocks().filter(|(number, _)| *number >= known) {
-                device.training.write_chunks(ring_chunk(number), block);
-            }
+    /// Gives the device the samples that it has not yet, and steps to do.
+    fn hand_over(
+        &self,
+        device: &mut DeviceCore,
+        targets: Option<&dyn DeviceTargets>,
+        steps: &[Step],
+    ) -> Result<(), ProxyError> {
+        self.upload_blocks(device, targets)?;
+        if !steps.is_empty() {
+            device.training.run(steps)?;
+            device.unread.extend(steps.iter().map(|step| (step.draws.len() * CHUNK) as u64));
         }
-        ready
+        Ok(())
+    }
+
+    /// Copies new blocks of samples to the device; those without targets are gathered there.
+    fn upload_blocks(
+        &self,
+        device: &mut DeviceCore,
+        targets: Option<&dyn DeviceTargets>,
+    ) -> Result<(), ProxyError> {
+        let (Samples::Gathered(replay), Some(scale)) = (&self.samples_of, &self.state.output_scale) else {
+            return Ok(());
+        };
+        let new = || replay.blocks().filter(|(number, _)| *number >= device.next_block);
+        new().for_each(|(number, block)| device.training.write_chunks(ring_chunk(number), block, scale));
+        let mut bare = new().filter(|(_, block)| block.targets.is_empty()).peekable();
+        if let Some((first, _)) = bare.peek() {
+            let first = (first % RING) as usize;
+            let blocks: Vec<_> = bare.map(|(_, block)| block).collect();
+            let targets =
+                targets.ok_or_else(|| ProxyError::targets("the source is no longer on the device"))?;
+            device.training.gather(targets, first, &blocks)?;
+        }
+        device.next_block = replay.next_block();
+        Ok(())
     }
 
     /// Counts the next step, and says what it takes.
@@ -163,7 +194,7 @@ impl Trainer {
         if device.next_chunk + count > device.chunks {
             device.next_chunk = 0;
         }
-        device.training.write_chunks(device.next_chunk, &batch);
+        device.training.write_chunks(device.next_chunk, &batch, &scale);
         let first = device.next_chunk as u32;
         device.next_chunk += count;
         Ok((first..first + count as u32).collect())
@@ -174,6 +205,9 @@ impl Trainer {
         let progress = device.training.take_progress()?;
         let unread = std::mem::take(&mut device.unread);
         device.loss = (progress.steps > 0).then(|| f64::from(progress.loss_sum) / f64::from(progress.steps));
+        if let Some(pixel) = progress.bad_target.checked_sub(1) {
+            return Err(ProxyError::BadTarget { pixel });
+        }
         if progress.diverged == 0 {
             return Ok(());
         }
