@@ -27,6 +27,7 @@ files![
     "gather/light",
     "gather/pixel",
     "gather/targets",
+    "peak",
     "proxy/block",
     "proxy/compare",
     "proxy/features",
