@@ -39,7 +39,7 @@ def last_json(*words, **environment):
 
 def kernels():
     """Gather, networks and the closed box, from the program's own bench."""
-    return last_json(sys.executable, "-m", "relume", "--json", "bench")[-1]["records"]
+    return last_json(sys.executable, "-m", "relume", "--json", "--device", "cpu", "bench")[-1]["records"]
 
 
 def networks(peers, records):

@@ -58,7 +58,7 @@ pub enum Command {
     Validate(PathArgs),
     /// List the GPUs that --device can name.
     Devices,
-    /// Measure the speed of tracer, gather and networks on this machine.
+    /// Measure the speed of tracer, gather and networks on the CPU, or of what there is of that on a GPU.
     Bench(BenchArgs),
 }
 

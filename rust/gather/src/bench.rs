@@ -11,6 +11,7 @@ use relume_dump::{
 };
 use relume_scene::{Light, LightShape, LobeFactors};
 
+pub use crate::gpu::bench::measure as measure_gpu;
 use crate::{Gather, Half, Isa, Scratch};
 
 /// One figure.
@@ -161,13 +162,13 @@ fn xor_lanes(words: &[u32]) -> u32 {
     sums.into_iter().fold(0, |a, b| a ^ b)
 }
 
-fn light(shape: LightShape) -> Light {
+pub(crate) fn light(shape: LightShape) -> Light {
     let lobes = LobeFactors::default();
     Light { name: "bench".into(), shape, radiance: [1.0; 3], lobes, receivers: None }
 }
 
 /// Lights of the size of lamps in a room of 8 x 8 x 8 m.
-fn sphere(index: usize) -> LightShape {
+pub(crate) fn sphere(index: usize) -> LightShape {
     let mut random = Random(100 + index as u64);
     LightShape::Sphere { center: random.point(3.0), radius: 0.2 }
 }
@@ -178,7 +179,7 @@ fn quad(index: usize) -> LightShape {
 }
 
 /// Paths between random points on the walls of a room, a few of which escape.
-fn room(megabytes: usize) -> Result<Dump, DumpError> {
+pub(crate) fn room(megabytes: usize) -> Result<Dump, DumpError> {
     const SAMPLES: usize = 256;
     let bytes_per_tile = TILE * TILE * SAMPLES * SEGMENTS_PER_PATH * POSITION_BYTES as usize;
     let tiles = (megabytes << 20).div_ceil(bytes_per_tile).max(1);

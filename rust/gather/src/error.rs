@@ -25,6 +25,9 @@ pub enum GatherError {
          samples, or use --device cpu"
     )]
     NotResident,
+    /// A dump that cannot be packed.
+    #[error(transparent)]
+    Dump(#[from] relume_dump::DumpError),
     /// The GPU.
     #[error(transparent)]
     Gpu(#[from] relume_gpu::GpuError),

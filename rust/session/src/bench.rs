@@ -1,12 +1,14 @@
 //! Speeds of this machine, collected from the crates that own the kernels.
 
-use crate::SessionError;
 use crate::progress::{Monitor, Stage};
+use crate::{Compute, SessionError};
 use glam::{Affine3A, Vec2, Vec3};
 use relume_dump::MemoryWriter;
+use relume_gpu::Gpu;
 use relume_scene::{Camera, Input, Instance, Material, Mesh, Node, Scene, SceneBuilder};
 use relume_trace::{Control, TraceSettings, Tracer};
 use serde::Serialize;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// One measured figure. Peers are other programs measured in the same run; limits are what the machine could do at best.
@@ -28,22 +30,34 @@ pub struct Record {
     pub limit: Option<f64>,
     /// `value / limit`.
     pub share_of_limit: Option<f64>,
+    /// Name of the GPU; none for the CPU.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub adapter: Option<String>,
 }
 
-type Measure = fn() -> Result<Vec<Record>, SessionError>;
+type Measure<'a> = &'a dyn Fn() -> Result<Vec<Record>, SessionError>;
 
 /// Megabytes of made-up positions that the gather reads: well beyond caches.
 const GATHER_MEGABYTES: usize = 256;
+/// The same on a graphics card, and on a software driver, which is some hundred times slower.
+const GPU_GATHER_MEGABYTES: usize = 1024;
+const SOFTWARE_GATHER_MEGABYTES: usize = 4;
 
-/// Measures tracer, gather and networks, one after the other.
+/// Measures tracer, gather and networks, one after the other; on a GPU, what there is of that there.
 ///
 /// # Errors
-/// [`SessionError::Cancelled`] between two of them.
-pub fn bench(monitor: &Monitor) -> Result<Vec<Record>, SessionError> {
-    let parts: [(&str, Measure); 3] = [("tracer", tracer), ("gather", gather), ("networks", networks)];
+/// [`SessionError::Cancelled`] between two of them; if the GPU has not the memory, or was lost.
+pub fn bench(compute: &Compute, monitor: &Monitor) -> Result<Vec<Record>, SessionError> {
+    match &compute.gpu {
+        None => run(&[("tracer", &tracer), ("gather", &gather), ("networks", &networks)], monitor),
+        Some(gpu) => run(&[("gather", &|| gather_on(gpu))], monitor),
+    }
+}
+
+fn run(parts: &[(&str, Measure<'_>)], monitor: &Monitor) -> Result<Vec<Record>, SessionError> {
     let stage = monitor.stage(Stage::Bench, 0, parts.len() as u64);
     let mut records = Vec::new();
-    for (name, measure) in parts {
+    for &(name, measure) in parts {
         if monitor.cancelled() {
             return Err(SessionError::Cancelled);
         }
@@ -54,15 +68,26 @@ pub fn bench(monitor: &Monitor) -> Result<Vec<Record>, SessionError> {
 }
 
 fn gather() -> Result<Vec<Record>, SessionError> {
-    let record = |m: relume_gather::bench::Measurement| Record {
+    Ok(relume_gather::bench::measure(GATHER_MEGABYTES)?.into_iter().map(gather_record).collect())
+}
+
+fn gather_on(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
+    let software = gpu.summary().software;
+    let megabytes = if software { SOFTWARE_GATHER_MEGABYTES } else { GPU_GATHER_MEGABYTES };
+    let adapter = Some(gpu.summary().name.clone());
+    let measurements = relume_gather::bench::measure_gpu(gpu, megabytes)?.into_iter();
+    Ok(measurements.map(|m| Record { adapter: adapter.clone(), ..gather_record(m) }).collect())
+}
+
+fn gather_record(m: relume_gather::bench::Measurement) -> Record {
+    Record {
         share_of_limit: m.share_of_limit(),
         name: m.name,
         value: m.value,
         unit: m.unit.into(),
         limit: m.limit,
         ..Record::default()
-    };
-    Ok(relume_gather::bench::measure(GATHER_MEGABYTES)?.into_iter().map(record).collect())
+    }
 }
 
 fn networks() -> Result<Vec<Record>, SessionError> {

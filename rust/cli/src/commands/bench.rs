@@ -9,9 +9,9 @@ struct Measured {
     records: Vec<Record>,
 }
 
-/// Measures this machine.
+/// Measures this machine: the GPU of `--device`, or the CPU.
 pub fn bench(args: &BenchArgs, context: &Context) -> anyhow::Result<()> {
-    let records = measure(context.monitor)?;
+    let records = measure(&context.compute()?, context.monitor)?;
     if let Some(path) = &args.out {
         write_atomically(path, |writer| Ok(serde_json::to_writer_pretty(writer, &records)?))?;
     }

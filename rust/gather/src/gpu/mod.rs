@@ -7,6 +7,7 @@
 //! Divisions and square roots of WGSL are off by a few units in the last place, and products may be fused with sums: a
 //! segment that grazes the edge of a light within that may be decided otherwise than on the CPU. Everything else is equal.
 
+pub(crate) mod bench;
 mod bounds;
 mod chunk;
 mod light;

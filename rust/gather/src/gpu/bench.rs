@@ -1,0 +1,175 @@
+//! Speed of the gather on a GPU against what that GPU can read, measured in the same process just before.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use glam::Vec3;
+use relume_gpu::Gpu;
+use relume_scene::LightShape;
+
+use crate::bench::{Measurement, light, room, sphere};
+use crate::{Gather, GatherError, GpuGather, Half, PreparedLight};
+
+/// Rounds, of which the best counts.
+const ROUNDS: usize = 3;
+/// Bytes that are read of a segment that the light is far from, in the order of paths.
+const POSITION_BYTES: f64 = 8.0;
+
+/// Measures the device, and gathers on it from a made-up room. `megabytes` is the size of the positions; 1024 is well beyond
+/// the caches of a graphics card.
+///
+/// # Errors
+/// If the device has not the memory, or was lost.
+pub fn measure(gpu: &Arc<Gpu>, megabytes: usize) -> Result<Vec<Measurement>, GatherError> {
+    let bench = Bench::new(gpu, megabytes)?;
+    let read = bench.read()?;
+    let mut measurements = vec![figure("plain read", read * 1e-9, "GB/s")];
+    measurements.push(figure("plain copy, bytes read and written", bench.copy()? * 1e-9, "GB/s"));
+    let spheres: Vec<_> = (0..16).map(sphere).collect();
+    for count in [1, 16] {
+        let segments = bench.gather(&spheres[..count])?;
+        measurements.push(Measurement {
+            // Many lights share one pass over the bytes: no limit by reading.
+            limit: (count == 1).then_some(read / POSITION_BYTES * 1e-9),
+            ..figure(&format!("gather of {count} sphere lights"), segments * 1e-9, "G segments/s")
+        });
+    }
+    measurements.push(figure("pixel targets, 4 lights a pixel", bench.targets(&spheres)?, "targets/s"));
+    measurements.extend(bench.sorted(read)?);
+    Ok(measurements)
+}
+
+fn figure(what: &str, value: f64, unit: &'static str) -> Measurement {
+    Measurement { name: format!("{what}, on the GPU"), value, unit, limit: None }
+}
+
+struct Bench<'a> {
+    gpu: &'a Arc<Gpu>,
+    cpu: Gather,
+    on_gpu: GpuGather,
+    /// Calls that are submitted before they are waited for.
+    calls: usize,
+}
+
+impl<'a> Bench<'a> {
+    fn new(gpu: &'a Arc<Gpu>, megabytes: usize) -> Result<Self, GatherError> {
+        let cpu = Gather::new(room(megabytes)?);
+        let on_gpu = GpuGather::new(Arc::clone(gpu), &cpu)?;
+        let calls = if gpu.summary().software { 1 } else { 20 };
+        Ok(Self { gpu, cpu, on_gpu, calls })
+    }
+
+    /// Seconds of a call.
+    fn seconds(&self, mut call: impl FnMut() -> Result<(), GatherError>) -> Result<f64, GatherError> {
+        call()?;
+        self.gpu.wait()?;
+        let mut best = f64::INFINITY;
+        for _ in 0..ROUNDS {
+            let start = Instant::now();
+            for _ in 0..self.calls {
+                call()?;
+            }
+            self.gpu.wait()?;
+            best = best.min(start.elapsed().as_secs_f64() / self.calls as f64);
+        }
+        Ok(best)
+    }
+
+    /// Words of a buffer to measure the device with.
+    fn words(&self) -> usize {
+        let positions = self.cpu.dump().record_count() * 2;
+        positions.min(self.gpu.limits().buffer as usize / 4) & !3
+    }
+
+    /// Bytes a second.
+    fn read(&self) -> Result<f64, GatherError> {
+        let words = self.gpu.zeros::<u32>("words", self.words())?;
+        let sums = self.gpu.zeros::<u32>("sums", 1)?;
+        let bound = self.gpu.kernel("gather/read", "read_all", &[])?.bind(&[words.whole(), sums.whole()])?;
+        let groups = (self.words() / 4 / 256 / 16).clamp(1, 16_384) as u32;
+        let seconds = self.seconds(|| {
+            let mut commands = self.gpu.commands("read");
+            commands.run(&bound, groups, &[]);
+            Ok(commands.submit()?)
+        })?;
+        Ok(self.words() as f64 * 4.0 / seconds)
+    }
+
+    /// Bytes a second, those read and those written.
+    fn copy(&self) -> Result<f64, GatherError> {
+        let half = self.words() / 2;
+        let make = |what| self.gpu.zeros::<u32>(what, half);
+        let (from, to) = (make("source")?, make("destination")?);
+        let seconds = self.seconds(|| {
+            let mut commands = self.gpu.commands("copy");
+            commands.copy(&from, &to);
+            Ok(commands.submit()?)
+        })?;
+        Ok(2.0 * half as f64 * 4.0 / seconds)
+    }
+
+    fn prepare(&self, shapes: &[LightShape]) -> Result<Vec<PreparedLight>, GatherError> {
+        shapes.iter().map(|&shape| self.cpu.prepare(&light(shape))).collect()
+    }
+
+    /// Segments a second, times the lights.
+    fn gather(&self, shapes: &[LightShape]) -> Result<f64, GatherError> {
+        let lights = self.prepare(shapes)?;
+        let seconds = self.seconds(|| self.on_gpu.unit_buffers(&lights, Half::All).map(drop))?;
+        Ok(self.cpu.dump().record_count() as f64 * lights.len() as f64 / seconds)
+    }
+
+    /// Targets a second of random pixels with lights of their own.
+    fn targets(&self, shapes: &[LightShape]) -> Result<f64, GatherError> {
+        const LIGHTS: usize = 4;
+        let manifest = self.cpu.dump().manifest();
+        let all = (manifest.width * manifest.height) as u32;
+        let count = if self.gpu.summary().software { 64 } else { 8192 };
+        // Every pixel in an order without pattern.
+        let pixels: Vec<u32> = (0..count).map(|index: u32| index.wrapping_mul(0x9e37_79b1) % all).collect();
+        let repeated: Vec<_> = shapes.iter().copied().cycle().take(pixels.len() * LIGHTS).collect();
+        let lights = self.on_gpu.lights(&self.prepare(&repeated)?)?;
+        let places = self.gpu.buffer_of("pixels", &pixels)?;
+        let out = self.gpu.zeros("targets", pixels.len() * LIGHTS * 3)?;
+        let seconds =
+            self.seconds(|| self.on_gpu.pixel_targets(&places, &lights, LIGHTS as u32, Half::All, &out))?;
+        Ok((pixels.len() * LIGHTS) as f64 / seconds)
+    }
+
+    /// A light of a tenth of the room from sorted segments; `read` is the limit in bytes a second.
+    fn sorted(&self, read: f64) -> Result<Vec<Measurement>, GatherError> {
+        let start = Instant::now();
+        if !self.on_gpu.sort()? {
+            return Ok(Vec::new());
+        }
+        let records = self.cpu.dump().record_count() as f64;
+        let sort = records / start.elapsed().as_secs_f64();
+        let shape = LightShape::Sphere { center: Vec3::new(1.0, -2.0, 0.5), radius: 0.4 };
+        let bytes = self.on_gpu.sorted_bytes(&self.prepare(&[shape])?[0]).unwrap_or(POSITION_BYTES);
+        let gather = self.gather(&[shape])?;
+        let mut figures = vec![
+            figure("sorting of segments by the CPU", sort * 1e-6, "M segments/s"),
+            figure("bytes read of a sorted segment for a light of a tenth of the room", bytes, "B"),
+            figure("gather of a light of a tenth of the room, sorted", gather * 1e-9, "G segments/s"),
+        ];
+        figures[2].limit = Some(read / bytes * 1e-9);
+        Ok(figures)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use relume_gpu::GpuChoice;
+
+    #[test]
+    fn all_figures_are_measured_on_any_device() {
+        let gpu = Gpu::open(&GpuChoice::Best).expect("tests need a GPU or a software driver");
+        let figures = measure(&gpu, 1).unwrap();
+        assert_eq!(figures.len(), 8);
+        for figure in figures {
+            println!("{figure:?}");
+            assert!(figure.value.is_finite() && figure.value > 0.0, "{figure:?}");
+        }
+    }
+}
