@@ -27,6 +27,7 @@ mod error;
 mod kernel;
 pub mod layout;
 pub mod modules;
+mod peak;
 mod timer;
 
 pub use buffer::{Binding, Buffer};

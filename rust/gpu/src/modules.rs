@@ -28,6 +28,7 @@ files![
     "gather/pixel",
     "gather/read",
     "gather/targets",
+    "peak",
     "proxy/block",
     "proxy/compare",
     "proxy/features",

@@ -135,3 +135,10 @@ fn a_driver_without_what_kernels_need_is_refused_by_name() {
     let small = wgpu::Limits { max_compute_workgroup_storage_size: 16 << 10, ..good };
     assert!(device::missing(whole, &small).unwrap().contains("workgroup memory"));
 }
+
+#[test]
+fn a_device_has_a_measurable_peak() {
+    let gpu = gpu();
+    let peak = gpu.peak_multiply_adds().unwrap();
+    assert!((1e6..1e15).contains(&peak), "{peak}");
+}

@@ -3,15 +3,17 @@
 
 use std::hint::black_box;
 use std::sync::Arc;
+use std::time::Instant;
 
 use cpu_time::ThreadTime;
+use relume_gpu::Gpu;
 use serde::Serialize;
 
 use crate::simd::{Isa, peak};
 use crate::synthetic::SyntheticRoom;
 use crate::{
-    GridConfig, LightKind, LightParams, NetworkConfig, ProxyError, SizeRange, TargetMode, TrainConfig,
-    Trainer,
+    GpuProxy, GridConfig, LightKind, LightParams, NetworkConfig, ProxyError, SizeRange, TargetMode,
+    TrainConfig, Trainer,
 };
 
 /// One measured figure.
@@ -25,7 +27,7 @@ pub struct Record {
     pub unit: &'static str,
     /// The limit in the same unit: what the peak of the core would allow.
     pub limit: f64,
-    /// `value / limit`.
+    /// `value / limit`; of a time, `limit / value`.
     pub share_of_limit: f64,
 }
 
@@ -42,20 +44,92 @@ pub fn kernels() -> Result<Vec<Record>, ProxyError> {
         .build()
         .map_err(|error| ProxyError::Config(format!("no thread for the benchmark: {error}")))?;
     pool.install(|| {
-        let grid = GridConfig::default();
-        let networks = [
-            ("reference 64/4", NetworkConfig::Reference { width: 64, layers: 4, grid }, 8192),
-            ("reference 128/8", NetworkConfig::Reference { width: 128, layers: 8, grid }, 4096),
-            ("reference 256/8", NetworkConfig::Reference { width: 256, layers: 8, grid }, 2048),
-            ("fast 64x2", NetworkConfig::Fast { width: 64, layers: 2, grid }, 16_384),
-            ("fast 128x2", NetworkConfig::Fast { width: 128, layers: 2, grid }, 8192),
-        ];
         let mut records = Vec::new();
-        for (name, network, batch) in networks {
+        for (name, network, batch) in networks() {
             records.extend(measure(name, network, batch)?);
         }
         Ok(records)
     })
+}
+
+/// Name, network, and samples of a training step.
+fn networks() -> [(&'static str, NetworkConfig, usize); 5] {
+    let grid = GridConfig::default();
+    [
+        ("reference 64/4", NetworkConfig::Reference { width: 64, layers: 4, grid }, 8192),
+        ("reference 128/8", NetworkConfig::Reference { width: 128, layers: 8, grid }, 4096),
+        ("reference 256/8", NetworkConfig::Reference { width: 256, layers: 8, grid }, 2048),
+        ("fast 64x2", NetworkConfig::Fast { width: 64, layers: 2, grid }, 16_384),
+        ("fast 128x2", NetworkConfig::Fast { width: 128, layers: 2, grid }, 8192),
+    ]
+}
+
+/// Share of the pixels that a step of the light optimiser looks at.
+const STEP_SHARE: usize = 20;
+
+/// Inference of whole images, and steps of the light optimiser, of the usual networks on a GPU, in milliseconds. An image of the
+/// paper's size; a tenth of it in both directions on a software driver.
+///
+/// # Errors
+/// If the device fails or has not the memory.
+pub fn device(gpu: &Arc<Gpu>) -> Result<Vec<Record>, ProxyError> {
+    let size = if gpu.summary().software { [88, 50] } else { [885, 500] };
+    let peak = gpu.peak_multiply_adds()?;
+    let mut records = Vec::new();
+    for (name, network, _) in networks() {
+        records.extend(measure_device(gpu, peak, name, network, size)?);
+    }
+    Ok(records)
+}
+
+fn measure_device(
+    gpu: &Arc<Gpu>,
+    peak: f64,
+    name: &str,
+    network: NetworkConfig,
+    [width, height]: [usize; 2],
+) -> Result<[Record; 3], ProxyError> {
+    let features = Arc::new(SyntheticRoom::new(width, height).features());
+    let config = TrainConfig { network, ..TrainConfig::fast(SizeRange { min: 0.1, max: 0.5 }) };
+    let trainer = Trainer::new(features, LightKind::Sphere, config, 1)?;
+    let on_device = GpuProxy::new(Arc::clone(gpu), &trainer.proxy()?)?;
+    let light = LightParams::round(LightKind::Sphere, glam::Vec3::new(0.3, -0.5, 1.0), 0.2);
+    let count = width * height;
+    let cost = count as f64 * trainer.multiply_adds().1 as f64;
+
+    let kernel = on_device.seconds(&light)?;
+    let image = best_of_rounds(|| on_device.unit_image(&light).map(drop))?;
+    let picture = vec![0.5; 3 * count];
+    let comparison = on_device.comparison(&picture, &picture, 1.0)?;
+    // Every so manieth pixel in an order without pattern.
+    let pixels: Vec<u32> =
+        (0..count / STEP_SHARE).map(|i| (i as u32).wrapping_mul(0x9e37_79b1) % count as u32).collect();
+    let step = best_of_rounds(|| comparison.gradient(&[(light, [1.0; 3])], &pixels).map(drop))?;
+    let record = |task: &str, seconds: f64, cost: f64| Record {
+        name: format!("{task} {name}, {width} x {height}"),
+        value: 1e3 * seconds,
+        unit: "ms",
+        limit: 1e3 * cost / peak,
+        share_of_limit: cost / peak / seconds,
+    };
+    Ok([
+        record("inference kernel", kernel, cost),
+        record("unit image with read-back", image, cost),
+        // Forward, forward again and backward.
+        record("light step on 5 % of the pixels", step, 3.0 * cost / STEP_SHARE as f64),
+    ])
+}
+
+/// Seconds of a call on the clock on the wall; the first is for drivers that compile on first use.
+fn best_of_rounds(mut call: impl FnMut() -> Result<(), ProxyError>) -> Result<f64, ProxyError> {
+    call()?;
+    let mut best = f64::INFINITY;
+    for _ in 0..ROUNDS {
+        let start = Instant::now();
+        call()?;
+        best = best.min(start.elapsed().as_secs_f64());
+    }
+    Ok(best)
 }
 
 /// Peak of one core, multiply-adds per second.

@@ -149,9 +149,26 @@ impl GpuProxy {
 
     fn run_whole(&self, lights: &Buffer<f32>, out: &Buffer<f32>) -> Result<(), ProxyError> {
         let mut commands = self.gpu.commands("unit image");
-        let inputs = self.inputs(lights, self.no_list.whole());
-        self.add_inference(&mut commands, &self.whole, inputs, 1, self.proxy.features().pixel_count(), out)?;
+        self.add_whole(&mut commands, lights, out)?;
         Ok(commands.submit()?)
+    }
+
+    fn add_whole(
+        &self,
+        commands: &mut Commands<'_>,
+        lights: &Buffer<f32>,
+        out: &Buffer<f32>,
+    ) -> Result<(), ProxyError> {
+        let inputs = self.inputs(lights, self.no_list.whole());
+        self.add_inference(commands, &self.whole, inputs, 1, self.proxy.features().pixel_count(), out)
+    }
+
+    /// Seconds of the kernel that makes a unit image, without anything around it ([`Gpu::seconds`]).
+    pub(crate) fn seconds(&self, light: &LightParams) -> Result<f64, ProxyError> {
+        let shared = &mut *self.shared();
+        grow(&self.gpu, &mut shared.units, 3 * self.proxy.features().pixel_count())?;
+        self.write_lights(shared, &[(*light, [1.0; 3])])?;
+        self.gpu.seconds(|commands| self.add_whole(commands, &shared.lights, &shared.units))
     }
 
     /// Appends the unit values of lights that are in place at the listed pixels.

@@ -1,0 +1,20 @@
+//! Prints the speed of the networks on the best GPU against its peak of multiply-adds:
+//! `cargo run --release -p relume-proxy --example bench_device`
+
+use relume_gpu::{Gpu, GpuChoice};
+
+fn main() -> Result<(), relume_proxy::ProxyError> {
+    let gpu = Gpu::shared(&GpuChoice::Best)?;
+    println!("{}", gpu.summary().name);
+    for record in relume_proxy::bench::device(&gpu)? {
+        println!(
+            "{:64} {:9.3} {} {:9.3} possible: {:5.1} %",
+            record.name,
+            record.value,
+            record.unit,
+            record.limit,
+            100.0 * record.share_of_limit
+        );
+    }
+    Ok(())
+}
