@@ -8,6 +8,8 @@ struct Arguments {
     // First of those of a pixel that this run is about, and their number.
     first_light: u32,
     count: u32,
+    // Neighbouring targets that have the same lights.
+    sharing: u32,
 }
 var<immediate> arguments: Arguments;
 
@@ -31,18 +33,19 @@ fn add_targets(
     if index < arguments.targets && places[index] < arrayLength(&numbers) {
         pixel = numbers[places[index]];
     }
-    let first_light = index * arguments.lights + arguments.first_light;
     if pixel != ELSEWHERE {
+        let first_light = index / arguments.sharing * arguments.lights + arguments.first_light;
         visit_pixel(pixel, thread % LANES, first_light, arguments.count);
     }
     reduce(thread);
     if thread % LANES != 0u || pixel == ELSEWHERE {
         return;
     }
+    let first_value = index * arguments.lights + arguments.first_light;
     for (var i = 0u; i < LIGHTS; i++) {
         if i < arguments.count {
             for (var channel = 0u; channel < 3u; channel++) {
-                values[(first_light + i) * 3u + channel] += total(i, channel, thread) * pixels[pixel].scale;
+                values[(first_value + i) * 3u + channel] += total(i, channel, thread) * pixels[pixel].scale;
             }
         }
     }

@@ -1,9 +1,9 @@
 use glam::Vec3;
 use rayon::prelude::*;
 use relume_gather::{DenoiseQuality, Gather, GatherError, GpuGather, Half, PreparedLight, Scratch};
-use relume_gpu::Gpu;
+use relume_gpu::{Buffer, Gpu};
 use relume_image::Image;
-use relume_proxy::{PixelQueries, ProxyError, Rng, TargetSource};
+use relume_proxy::{DeviceTargets, GroupQueries, PixelQueries, ProxyError, Rng, TargetSource};
 use relume_scene::{Light, LightShape, LobeFactors};
 use std::sync::Arc;
 
@@ -33,20 +33,18 @@ impl GpuTargets {
         Ok(Self { gpu: Arc::clone(gpu), gather: GpuGather::new(Arc::clone(gpu), gather)? })
     }
 
+    /// Gathers pixels under lights that neighbours share.
     fn pixel_targets(
         &self,
-        queries: &PixelQueries<'_>,
+        pixels: &[u32],
         lights: &[PreparedLight],
+        lights_per_pixel: usize,
         half: Half,
-        out: &mut [[f32; 3]],
+        out: &Buffer<f32>,
     ) -> Result<(), GatherError> {
-        let pixels = self.gpu.buffer_of("pixels of targets", queries.pixels)?;
+        let pixels = self.gpu.buffer_of("pixels of targets", pixels)?;
         let lights = self.gather.lights(lights)?;
-        let values = self.gpu.zeros("targets", 3 * out.len())?;
-        self.gather.pixel_targets(&pixels, &lights, queries.lights_per_pixel as u32, half, &values)?;
-        let values = self.gpu.read(&values, 0..3 * out.len())?;
-        out.as_flattened_mut().copy_from_slice(&values);
-        Ok(())
+        self.gather.pixel_targets(&pixels, &lights, lights_per_pixel as u32, half, out)
     }
 }
 
@@ -65,6 +63,11 @@ impl<'a> DumpTargets<'a> {
     /// The denoiser.
     pub fn denoise(&self) -> &'a Denoise {
         self.denoise
+    }
+
+    /// The dump on the GPU, if all of it stays there.
+    fn resident(&self) -> Option<&GpuTargets> {
+        self.gpu.filter(|gpu| gpu.gather.is_resident())
     }
 
     fn prepare(&self, shape: &LightShape) -> Result<PreparedLight, ProxyError> {
@@ -102,11 +105,6 @@ impl TargetSource for DumpTargets<'_> {
 
     fn pixel_targets(&self, queries: &PixelQueries<'_>, out: &mut [[f32; 3]]) -> Result<(), ProxyError> {
         let count = queries.lights_per_pixel;
-        if let Some(gpu) = self.gpu.filter(|gpu| gpu.gather.is_resident()) {
-            let lights: Vec<PreparedLight> =
-                queries.lights.par_iter().map(|shape| self.prepare(shape)).collect::<Result<_, _>>()?;
-            return gpu.pixel_targets(queries, &lights, self.half, out).map_err(ProxyError::targets);
-        }
         let pixels = queries.pixels.par_iter().zip(queries.lights.par_chunks_exact(count));
         pixels.zip(out.par_chunks_exact_mut(count)).try_for_each_init(
             || (Scratch::default(), Vec::with_capacity(count)),
@@ -133,5 +131,19 @@ impl TargetSource for DumpTargets<'_> {
             self.denoise.images(&mut images, DenoiseQuality::Fast).map_err(ProxyError::targets)?;
         }
         Ok(images)
+    }
+
+    fn on_device(&self) -> Option<&dyn DeviceTargets> {
+        self.resident().map(|_| self as &dyn DeviceTargets)
+    }
+}
+
+impl DeviceTargets for DumpTargets<'_> {
+    fn pixel_targets(&self, queries: &GroupQueries<'_>, out: &Buffer<f32>) -> Result<(), ProxyError> {
+        let gpu = self.resident().ok_or_else(|| ProxyError::targets(GatherError::NotResident))?;
+        let lights: Vec<PreparedLight> =
+            queries.lights.iter().map(|shape| self.prepare(shape)).collect::<Result<_, _>>()?;
+        let count = queries.lights_per_pixel;
+        gpu.pixel_targets(queries.pixels, &lights, count, self.half, out).map_err(ProxyError::targets)
     }
 }

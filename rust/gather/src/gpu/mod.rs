@@ -183,7 +183,7 @@ impl GpuGather {
     }
 
     /// [`Gather::pixel_into`] on the device, for targets of a training: `pixels` are places in the image, row by row, and
-    /// `lights` has `lights_per_pixel` for each of them. `out` becomes RGB, pixel by pixel, then light by light. Only
+    /// `lights` has `lights_per_pixel` for each of them, or for each run of neighbours in the list if it has fewer. `out` becomes RGB, pixel by pixel, then light by light. Only
     /// submits: `out` can be used by what is submitted next.
     ///
     /// # Errors
@@ -200,7 +200,12 @@ impl GpuGather {
         out: &Buffer<f32>,
     ) -> Result<(), GatherError> {
         let values = pixels.len() * lights_per_pixel as usize;
-        assert!(lights.lights.len() == values && out.len() == 3 * values, "{values} pixels times lights");
+        let sharing = values / lights.lights.len();
+        assert!(
+            lights.lights.len() * sharing == values && pixels.len().is_multiple_of(sharing),
+            "lights of pixels"
+        );
+        assert!(out.len() == 3 * values, "{values} pixels times lights");
         let chunks = self.resident.as_ref().ok_or(GatherError::NotResident)?;
         let most = (lights_per_pixel as usize).min(LIGHTS[LIGHTS.len() - 1]);
         let mut commands = self.gpu.commands("pixel targets");
@@ -217,7 +222,7 @@ impl GpuGather {
             let bound = kernel.bind(&bindings)?;
             for first_light in (0..lights_per_pixel).step_by(most.max(1)) {
                 let count = (lights_per_pixel - first_light).min(most as u32);
-                let arguments = [pixels.len() as u32, lights_per_pixel, first_light, count];
+                let arguments = [pixels.len() as u32, lights_per_pixel, first_light, count, sharing as u32];
                 let groups = (pixels.len() as u32).div_ceil(GROUP_SIZE / lanes);
                 commands.run(&bound, groups, bytemuck::bytes_of(&arguments));
             }

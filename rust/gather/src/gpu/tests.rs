@@ -168,15 +168,21 @@ fn a_device_lost_in_mid_work_is_an_error_that_says_so() {
     assert!(matches!(error, GatherError::Gpu(GpuError::Lost(_))), "{error}");
 }
 
-/// Each pixel's values for its own lights, as the CPU has them, and those of the GPU.
-fn targets(gather: &Gather, gpu: &Arc<Gpu>, pixels: &[u32], per_pixel: usize, half: Half) -> [Image; 2] {
+/// Values of pixels for lights that `sharing` neighbours have in common, as the CPU has them, and those of the GPU.
+fn targets(
+    gather: &Gather,
+    gpu: &Arc<Gpu>,
+    (pixels, sharing): (&[u32], usize),
+    per_pixel: usize,
+    half: Half,
+) -> [Image; 2] {
     let all = gather.prepare_all(&random_lights()).unwrap();
     let lights: Vec<_> =
-        (0..pixels.len() * per_pixel).map(|index| all[index * 7 % all.len()].clone()).collect();
+        (0..pixels.len() / sharing * per_pixel).map(|index| all[index * 7 % all.len()].clone()).collect();
     let on_gpu = GpuGather::new(Arc::clone(gpu), gather).unwrap();
     let (places, out) = (
         gpu.buffer_of("pixels", pixels).unwrap(),
-        gpu.buffer_of("targets", &vec![9.0; lights.len() * 3]).unwrap(),
+        gpu.buffer_of("targets", &vec![9.0; lights.len() * sharing * 3]).unwrap(),
     );
     let lights_on_gpu = on_gpu.lights(&lights).unwrap();
     on_gpu.pixel_targets(&places, &lights_on_gpu, per_pixel as u32, half, &out).unwrap();
@@ -186,7 +192,9 @@ fn targets(gather: &Gather, gpu: &Arc<Gpu>, pixels: &[u32], per_pixel: usize, ha
     let of_pixel = |(&place, lights): (&u32, &[PreparedLight])| {
         gather.pixel(place as usize % width, place as usize / width, lights, half)
     };
-    let expected = pixels.iter().zip(lights.chunks(per_pixel)).flat_map(of_pixel).flatten().collect();
+    let runs = pixels.chunks(sharing).zip(lights.chunks(per_pixel));
+    let pairs = runs.flat_map(|(run, lights)| run.iter().map(move |place| (place, lights)));
+    let expected = pairs.flat_map(of_pixel).flatten().collect();
     [found, Image { data: expected, ..shape }]
 }
 
@@ -195,8 +203,8 @@ fn pixels_with_lights_of_their_own_equal_those_of_the_cpu() {
     let gather = Gather::new(random_dump_of(10, &[1, 3, 20]));
     let gpu = gpu();
     let pixels: Vec<u32> = (0..150).map(|index| index * 37 % 100).collect();
-    for (per_pixel, half) in [(1, Half::All), (4, Half::First), (19, Half::Second)] {
-        let [found, expected] = targets(&gather, &gpu, &pixels, per_pixel, half);
+    for (sharing, per_pixel, half) in [(1, 1, Half::All), (1, 4, Half::First), (5, 19, Half::Second)] {
+        let [found, expected] = targets(&gather, &gpu, (&pixels, sharing), per_pixel, half);
         assert!(expected.data.iter().filter(|&&value| value > 0.0).count() > 100);
         assert_eq!(differing(&found, &expected), 0);
     }
