@@ -64,11 +64,13 @@ fn networks() -> [(&'static str, NetworkConfig, usize); 5] {
     ]
 }
 
+/// Samples of a training step on a graphics card.
+const TRAINING_BATCH: usize = 16_384;
 /// Share of the pixels that a step of the light optimiser looks at.
 const STEP_SHARE: usize = 20;
 
-/// Inference of whole images, and steps of the light optimiser, of the usual networks on a GPU, in milliseconds. An image of the
-/// paper's size; a tenth of it in both directions on a software driver.
+/// Inference of whole images, and steps of the light optimiser and of training, of the usual networks on a GPU, in milliseconds.
+/// An image of the paper's size; a tenth of it in both directions on a software driver.
 ///
 /// # Errors
 /// If the device fails or has not the memory.
@@ -88,9 +90,13 @@ fn measure_device(
     name: &str,
     network: NetworkConfig,
     [width, height]: [usize; 2],
-) -> Result<[Record; 3], ProxyError> {
+) -> Result<[Record; 4], ProxyError> {
     let features = Arc::new(SyntheticRoom::new(width, height).features());
-    let config = TrainConfig { network, ..TrainConfig::fast(SizeRange { min: 0.1, max: 0.5 }) };
+    let config = TrainConfig {
+        muon: matches!(network, NetworkConfig::Fast { .. }),
+        network,
+        ..TrainConfig::fast(SizeRange { min: 0.1, max: 0.5 })
+    };
     let trainer = Trainer::new(features, LightKind::Sphere, config, 1)?;
     let on_device = GpuProxy::new(Arc::clone(gpu), &trainer.proxy()?)?;
     let light = LightParams::round(LightKind::Sphere, glam::Vec3::new(0.3, -0.5, 1.0), 0.2);
@@ -105,6 +111,9 @@ fn measure_device(
     let pixels: Vec<u32> =
         (0..count / STEP_SHARE).map(|i| (i as u32).wrapping_mul(0x9e37_79b1) % count as u32).collect();
     let step = best_of_rounds(|| comparison.gradient(&[(light, [1.0; 3])], &pixels).map(drop))?;
+    let samples = if gpu.summary().software { 1024 } else { TRAINING_BATCH };
+    let train_cost = (samples * trainer.multiply_adds().0) as f64;
+    let training = trainer.seconds_on_gpu(gpu, &SyntheticRoom::new(width, height), samples, ROUNDS)?;
     let record = |task: &str, seconds: f64, cost: f64| Record {
         name: format!("{task} {name}, {width} x {height}"),
         value: 1e3 * seconds,
@@ -117,6 +126,8 @@ fn measure_device(
         record("unit image with read-back", image, cost),
         // Forward, forward again and backward.
         record("light step on 5 % of the pixels", step, 3.0 * cost / STEP_SHARE as f64),
+        // Backward costs a product for the inputs and one for the weights.
+        record(&format!("training step of {samples} samples"), training, 3.0 * train_cost),
     ])
 }
 

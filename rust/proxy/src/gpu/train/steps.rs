@@ -1,5 +1,6 @@
 use std::borrow::Cow;
 use std::sync::Arc;
+use std::time::Instant;
 
 use relume_gpu::Gpu;
 
@@ -80,6 +81,41 @@ impl Trainer {
         self.upload_blocks(&mut device, None)?;
         self.device = Some(Box::new(device));
         Ok(self)
+    }
+
+    /// Seconds of a training step on a device, targets not included: the best of some rounds of a few steps on the same
+    /// samples.
+    pub(crate) fn seconds_on_gpu(
+        mut self,
+        gpu: &Arc<Gpu>,
+        source: &dyn TargetSource,
+        samples: usize,
+        rounds: usize,
+    ) -> Result<f64, ProxyError> {
+        let batch = self.first_batch(source, samples)?;
+        let trainer = self.on_gpu(Arc::clone(gpu))?;
+        let (Some(device), Some(scale)) = (&trainer.device, &trainer.state.output_scale) else {
+            return Ok(f64::INFINITY);
+        };
+        device.training.write_chunks(0, &batch, scale);
+        let step = |number| Step {
+            draws: (0..(samples / CHUNK) as u32).collect(),
+            rates: rates(&trainer.config, 0.5),
+            number,
+            mean_share: mean_share(&trainer.config, number),
+        };
+        let mut best = f64::INFINITY;
+        for round in 0..=rounds {
+            let steps: Vec<Step> = (1..=device.steps as u64).map(step).collect();
+            let start = Instant::now();
+            device.training.run(&steps)?;
+            gpu.wait()?;
+            // The first round is for drivers that compile on first use.
+            if round > 0 {
+                best = best.min(start.elapsed().as_secs_f64() / steps.len() as f64);
+            }
+        }
+        Ok(best)
     }
 
     /// The state with its weights, wherever they are.
