@@ -50,7 +50,7 @@ const SOFTWARE_GATHER_MEGABYTES: usize = 4;
 pub fn bench(compute: &Compute, monitor: &Monitor) -> Result<Vec<Record>, SessionError> {
     match &compute.gpu {
         None => run(&[("tracer", &tracer), ("gather", &gather), ("networks", &networks)], monitor),
-        Some(gpu) => run(&[("gather", &|| gather_on(gpu))], monitor),
+        Some(gpu) => run(&[("gather", &|| gather_on(gpu)), ("networks", &|| networks_on(gpu))], monitor),
     }
 }
 
@@ -91,15 +91,24 @@ fn gather_record(m: relume_gather::bench::Measurement) -> Record {
 }
 
 fn networks() -> Result<Vec<Record>, SessionError> {
-    let record = |m: relume_proxy::bench::Record| Record {
+    Ok(relume_proxy::bench::kernels()?.into_iter().map(network_record).collect())
+}
+
+fn networks_on(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
+    let adapter = Some(gpu.summary().name.clone());
+    let records = relume_proxy::bench::device(gpu)?.into_iter();
+    Ok(records.map(|m| Record { adapter: adapter.clone(), ..network_record(m) }).collect())
+}
+
+fn network_record(m: relume_proxy::bench::Record) -> Record {
+    Record {
         name: m.name,
         value: m.value,
         unit: m.unit.into(),
         limit: Some(m.limit),
         share_of_limit: Some(m.share_of_limit),
         ..Record::default()
-    };
-    Ok(relume_proxy::bench::kernels()?.into_iter().map(record).collect())
+    }
 }
 
 /// Paths and segments per second in a closed grey box, where no path escapes: the cost of a bounce without that of a scene.
