@@ -45,15 +45,15 @@ var<workgroup> partial: array<f32, 3u * LIGHTS * GROUP_SIZE>;
 // Adds what a thread's share of a pixel's records gives for `count` lights.
 fn visit_pixel(pixel: u32, lane: u32, first_light: u32, count: u32) {
     for (var part = pixels[pixel].first_part; part < pixels[pixel + 1u].first_part; part++) {
-        let end = parts[part].end;
-        for (var quad = parts[part].start / 4u + lane; quad * 4u < end; quad += LANES) {
-            visit_quad(quad, parts[part], first_light, count);
+        let records = parts[part];
+        let shard = shards[records.shard];
+        for (var quad = records.start / 4u + lane; quad * 4u < records.end; quad += LANES) {
+            visit_quad(quad, records, shard, first_light, count);
         }
     }
 }
 
-fn visit_quad(quad: u32, part: Part, first_light: u32, count: u32) {
-    let shard = shards[part.shard];
+fn visit_quad(quad: u32, part: Part, shard: Shard, first_light: u32, count: u32) {
     let grid = Grid(shard.step, shard.minimum);
     let xy = position_xy[quad];
     let z_flags = position_z_flags[quad];

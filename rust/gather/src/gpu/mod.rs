@@ -4,35 +4,33 @@
 //! chunk being copied while the device works on the present one. Each pixel is summed up by a fixed number of threads in a
 //! fixed order, so that results are the same in every run.
 //!
+//! A small light costs less than reading everything once the segments are sorted ([`GpuGather::sort`]): in groups of pixels
+//! (`sort`), as blocks with bounds (`bounds`), of which those are left out that no light may touch (`sorted`).
+//!
 //! Divisions and square roots of WGSL are off by a few units in the last place, and products may be fused with sums: a
 //! segment that grazes the edge of a light within that may be decided otherwise than on the CPU. Everything else is equal.
 
 pub(crate) mod bench;
 mod bounds;
 mod chunk;
+mod kernels;
 mod light;
 mod sort;
 mod sorted;
 
-use std::collections::HashMap;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, OnceLock};
 
 use relume_dump::Dump;
-use relume_gpu::{Buffer, Commands, Gpu, Kernel, Submission};
+use relume_gpu::{Buffer, Commands, Gpu, GpuError, Submission};
 use relume_image::Image;
 
 use crate::kernel::magnitude;
 use crate::{Gather, GatherError, Half, PreparedLight};
 use chunk::{Chunk, ChunkPlan, ChunkRecords, ChunkTable, RECORD_BYTES};
+use kernels::{GROUP_SIZE, Kernels, LIGHTS, SORTED_LIGHTS, lanes};
 pub use light::{GpuLight, GpuLights, Receivers};
 use sorted::Sorted;
 
-/// Lights that one pass over the records can take, by the kernels that there are.
-const LIGHTS: [usize; 3] = [1, 4, 16];
-/// The same for sorted segments.
-const SORTED_LIGHTS: [usize; 2] = [1, 4];
-/// Threads of a workgroup (`shaders/gather/pixel.wgsl`).
-const GROUP_SIZE: u32 = 64;
 /// Largest buffer of a chunk: larger ones are harder to find room for.
 const BUFFER_BYTES: u64 = 1 << 30;
 /// Share of the free memory that a streamed dump takes for each of its two chunks.
@@ -49,16 +47,7 @@ pub struct GpuGather {
     resident: Option<Vec<Chunk>>,
     /// The same with sorted segments, if asked for.
     sorted: OnceLock<Sorted>,
-    /// By module.
-    kernels: Mutex<HashMap<(&'static str, Constants), Arc<Kernel>>>,
-}
-
-/// What kernels are compiled for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-struct Constants {
-    lights: usize,
-    /// Threads of a pixel.
-    lanes: Option<u32>,
+    kernels: Kernels,
 }
 
 /// Images of some of the lights of a call, one behind the other.
@@ -81,14 +70,14 @@ impl GpuGather {
         let dump = gather.dump().clone();
         let largest = |shard: &Arc<relume_dump::Shard>| magnitude(shard, glam::Vec3::ZERO);
         let magnitude = dump.shards().map(largest).fold(0.0, f32::max);
-        let (sorted, kernels) = (OnceLock::new(), Mutex::default());
+        let (sorted, kernels) = (OnceLock::new(), Kernels::default());
         let mut gather = Self { gpu, dump, magnitude, resident: None, sorted, kernels };
         let plans = ChunkPlan::cut(&gather.dump, gather.chunk_limit());
         let tables: u64 = plans.iter().map(ChunkTable::bytes).sum();
         let needed = gather.dump.record_count() as u64 * RECORD_BYTES + tables;
         if gather.has_room(needed) {
             let chunks = plans.into_iter().map(|plan| Chunk::new(&gather.gpu, plan));
-            gather.resident = Some(chunks.collect::<Result<_, _>>()?);
+            gather.resident = if_it_fits(chunks.collect())?;
         }
         Ok(gather)
     }
@@ -111,14 +100,14 @@ impl GpuGather {
         if !Sorted::bytes(&self.dump).is_some_and(|bytes| self.has_room(bytes)) {
             return Ok(false);
         }
-        let sorted = Sorted::new(&self.gpu, &self.dump)?;
+        let Some(sorted) = if_it_fits(Sorted::new(&self.gpu, &self.dump))? else { return Ok(false) };
         // If another thread was faster, its work is as good.
         let _ = self.sorted.set(sorted);
         Ok(true)
     }
 
-    /// Bytes that are read for a light per segment of the dump once it is sorted ([`GpuGather::sort`]), estimated: bounds, and
-    /// blocks that it may touch. 8 otherwise.
+    /// Bytes that are read for a light per segment of the dump once that is sorted ([`GpuGather::sort`]), estimated: bounds, and
+    /// blocks that it may touch.
     pub fn sorted_bytes(&self, light: &PreparedLight) -> Option<f64> {
         let light = GpuLight::new(light, self.magnitude, 0);
         self.sorted.get().map(|sorted| sorted.bytes_per_segment(&light))
@@ -214,8 +203,7 @@ impl GpuGather {
             let table = chunk.table(&self.gpu, &self.dump, half)?;
             let numbers = chunk.numbers(&self.gpu, &self.dump)?;
             let lanes = lanes(table.part_length);
-            let constants = Constants { lights: kernel_lights(most, &LIGHTS), lanes: Some(lanes) };
-            let kernel = self.kernel("gather/targets", "add_targets", constants)?;
+            let kernel = self.kernels.targets(&self.gpu, most, lanes)?;
             let mut bindings = vec![lights.lights.whole(), lights.receivers.whole()];
             bindings.extend(table.bindings(&chunk.records));
             bindings.extend([numbers.whole(), pixels.whole(), out.whole()]);
@@ -300,8 +288,7 @@ impl GpuGather {
         let mut commands = self.gpu.commands("gather sorted segments");
         for group in images.iter().filter(|group| group.sorted) {
             let count = group.lights.len();
-            let constants = Constants { lights: kernel_lights(count, &SORTED_LIGHTS), lanes: None };
-            let kernel = self.kernel("gather/blocks", "add_blocks", constants)?;
+            let kernel = self.kernels.blocks(&self.gpu, count)?;
             sorted.add(&mut commands, &kernel, lights, (group.first_light, count), half, &group.sums)?;
         }
         Ok(commands.submit()?)
@@ -343,9 +330,7 @@ impl GpuGather {
         let mut commands = self.gpu.commands("gather");
         let lanes = lanes(table.part_length);
         for group in images.iter().filter(|group| !group.sorted) {
-            let constants =
-                Constants { lights: kernel_lights(group.lights.len(), &LIGHTS), lanes: Some(lanes) };
-            let kernel = self.kernel("gather/images", "add_images", constants)?;
+            let kernel = self.kernels.images(&self.gpu, group.lights.len(), lanes)?;
             let mut bindings = vec![lights.lights.whole(), lights.receivers.whole()];
             bindings.extend(table.bindings(records));
             bindings.push(group.sums.whole());
@@ -356,33 +341,14 @@ impl GpuGather {
         }
         Ok(commands)
     }
+}
 
-    fn kernel(
-        &self,
-        module: &'static str,
-        entry: &str,
-        constants: Constants,
-    ) -> Result<Arc<Kernel>, GatherError> {
-        let mut kernels = self.kernels.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(kernel) = kernels.get(&(module, constants)) {
-            return Ok(Arc::clone(kernel));
-        }
-        let mut values = vec![("LIGHTS", constants.lights as u32)];
-        values.extend(constants.lanes.map(|lanes| ("LANES", lanes)));
-        let kernel = Arc::new(self.gpu.kernel(module, entry, &values)?);
-        kernels.insert((module, constants), Arc::clone(&kernel));
-        Ok(kernel)
+/// Nothing where the device has less memory than its driver says, or others were faster to take it.
+fn if_it_fits<T>(made: Result<T, GpuError>) -> Result<Option<T>, GatherError> {
+    match made {
+        Err(GpuError::OutOfMemory { .. }) => Ok(None),
+        made => Ok(Some(made?)),
     }
-}
-
-/// Lights of the smallest of some kernels that takes so many.
-fn kernel_lights(count: usize, kernels: &[usize]) -> usize {
-    kernels.iter().copied().find(|&lights| lights >= count).unwrap_or(kernels[kernels.len() - 1])
-}
-
-/// Threads of a pixel whose parts have so many records: each should have two loads of four.
-fn lanes(part_length: usize) -> u32 {
-    (part_length as u32 / 8).next_power_of_two().clamp(8, GROUP_SIZE)
 }
 
 #[cfg(test)]
