@@ -1,10 +1,13 @@
 //! The GPU gathers what the CPU does. Any device will do, a software driver included; that there is none is a failure.
 
+use glam::Vec3;
+use relume_dump::{End, Lobe};
 use relume_gpu::{GpuChoice, GpuError};
-use relume_scene::LightShape;
+use relume_scene::{Light, LightShape};
 
 use super::*;
 use crate::tests::kernels::{random_dump_of, random_lights};
+use crate::tests::{Random, dump, light, manifest, segment};
 
 const HALVES: [Half; 3] = [Half::All, Half::First, Half::Second];
 
@@ -128,6 +131,55 @@ fn sorted_segments_give_the_same_images() {
         for (found, expected) in found.iter().zip(&expected) {
             assert_eq!(differing(found, expected), 0);
         }
+    }
+}
+
+/// Every pixel has a segment of its own along an axis, 64 times, and one that escapes along another: blocks without extent.
+fn bundles(place: &[Vec3]) -> Dump {
+    dump(manifest(4, &[64]), |pixel, _, samples| {
+        let axis = Vec3::AXES[pixel % 3];
+        samples.push(segment(End::Vertex(place[pixel]), Lobe::Camera));
+        samples.push(segment(End::Vertex(place[pixel] + 2.0 * axis), Lobe::Diffuse));
+        samples.push(segment(End::Escape(Vec3::AXES[(pixel + 1) % 3]), Lobe::Diffuse));
+    })
+}
+
+/// Lights that these segments cross close to their edges.
+fn grazed(place: &[Vec3]) -> Vec<Light> {
+    const RADIUS: f32 = 0.2;
+    let mut lights = Vec::new();
+    for (pixel, &place) in place.iter().enumerate() {
+        let [along, beside, third] = [0, 1, 2].map(|axis| Vec3::AXES[(pixel + axis) % 3]);
+        let side = if pixel % 2 == 0 { 0.97 } else { -0.97 };
+        let center = place + along + side * RADIUS * third;
+        lights.push(light(LightShape::Sphere { center, radius: RADIUS }));
+        // Its normal is `-along`.
+        let (edge_u, edge_v) = (2.0 * RADIUS * third, 2.0 * RADIUS * beside);
+        lights.push(light(LightShape::Quad { center, edge_u, edge_v, spread: std::f32::consts::PI }));
+        let direction = beside + (side * RADIUS).tan() * third;
+        lights.push(light(LightShape::Sun { direction, half_angle: RADIUS }));
+        let center = place + 2.0 * along + beside + side * RADIUS * third;
+        lights.push(light(LightShape::FacingDisk { center, radius: RADIUS }));
+    }
+    lights
+}
+
+#[test]
+fn lights_at_whose_edges_blocks_pass_are_not_missed() {
+    let mut random = Random(5);
+    let place: Vec<_> = (0..16).map(|_| random.point(4.0)).collect();
+    let gather = Gather::new(bundles(&place));
+    let lights = gather.prepare_all(&grazed(&place)).unwrap();
+    let on_gpu = GpuGather::new(gpu(), &gather).unwrap();
+    assert!(on_gpu.sort().unwrap());
+    let expected = gather.unit_images(&lights, Half::All);
+    for (index, image) in expected.iter().enumerate() {
+        let (x, y) = (index / 4 % 4, index / 16);
+        assert!(image.pixel(x, y)[0] >= 0.99, "light {index} does not reach its pixel");
+        assert!(on_gpu.sorted.get().unwrap().pays(&GpuLight::new(&lights[index], on_gpu.magnitude, 0)));
+    }
+    for (found, expected) in on_gpu.unit_images(&lights, Half::All).unwrap().iter().zip(&expected) {
+        assert_eq!(differing(found, expected), 0);
     }
 }
 
