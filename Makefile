@@ -9,9 +9,11 @@ SCENES := $(or $(RELUME_SCENES),$(CURDIR)/../shared/scenes)
 
 # The build of rust/gather links against OIDN; tests and the command line load it from the same place.
 export OIDN_DIR := $(DEV)/lib/python3.11/site-packages/pyoidn/oidn
+# Mesa's layer that picks a GPU by the desktop complains where there is none.
+export NODEVICE_SELECT := 1
 CARGO := LD_LIBRARY_PATH=$(OIDN_DIR)/lib cargo
 
-.PHONY: setup wheel extension test test-rust test-python test-blender fuzz demo shots parity quality bench clean
+.PHONY: setup wheel extension test test-rust test-python test-blender fuzz demo shots parity quality bench bench-gpu clean
 
 setup:
 	@scripts/setup
@@ -63,6 +65,11 @@ bench: wheel
 	@scripts/setup peers
 	@scripts/install-wheel "$(WHEELS)" 4.2
 	RELUME_SCENES="$(SCENES)" $(PYTHON) scripts/bench/run.py --peers $(CURDIR)/.venv-peers/bin/python $(BENCH)
+
+# A GPU, a software one included; BENCH_GPU="--keep MACHINE" keeps the figures in docs/bench.
+bench-gpu: wheel
+	@scripts/install-wheel "$(WHEELS)" 4.2
+	$(PYTHON) scripts/bench/gpu.py $(BENCH_GPU)
 
 # Against Cycles on the real scenes; PARITY="--scenes cornell_box --sets 2" for less.
 parity: wheel

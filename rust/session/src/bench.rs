@@ -1,11 +1,13 @@
 //! Speeds of this machine, collected from the crates that own the kernels.
 
 use crate::progress::{Monitor, Stage};
+use crate::targets::unit_light;
 use crate::{Compute, SessionError};
 use glam::{Affine3A, Vec2, Vec3};
 use relume_dump::MemoryWriter;
+use relume_gather::{Gather, GpuGather, Half};
 use relume_gpu::Gpu;
-use relume_scene::{Camera, Input, Instance, Material, Mesh, Node, Scene, SceneBuilder};
+use relume_scene::{Camera, Input, Instance, LightShape, Material, Mesh, Node, Scene, SceneBuilder};
 use relume_trace::{Control, TraceSettings, Tracer};
 use serde::Serialize;
 use std::sync::Arc;
@@ -32,6 +34,7 @@ pub struct Record {
     pub share_of_limit: Option<f64>,
     /// Name of the GPU; none for the CPU.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub adapter: Option<String>,
 }
 
@@ -50,8 +53,47 @@ const SOFTWARE_GATHER_MEGABYTES: usize = 4;
 pub fn bench(compute: &Compute, monitor: &Monitor) -> Result<Vec<Record>, SessionError> {
     match &compute.gpu {
         None => run(&[("tracer", &tracer), ("gather", &gather), ("networks", &networks)], monitor),
-        Some(gpu) => run(&[("gather", &|| gather_on(gpu)), ("networks", &|| networks_on(gpu))], monitor),
+        Some(gpu) => {
+            let mut records = run(
+                &[
+                    ("first picture", &|| first_picture(gpu)),
+                    ("gather", &|| gather_on(gpu)),
+                    ("networks", &|| networks_on(gpu)),
+                ],
+                monitor,
+            )?;
+            records.iter_mut().for_each(|record| record.adapter = Some(gpu.summary().name.clone()));
+            Ok(records)
+        }
     }
+}
+
+/// Size of the picture of [`first_picture`], the paper's.
+const PICTURE: (usize, usize) = (885, 500);
+
+/// What passes from the first path to the first relit picture: one path a pixel is traced by the CPU and copied, a light
+/// is gathered, and its picture comes back. Kernels are compiled, as on the first use in a process.
+fn first_picture(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
+    let scene = closed_box(PICTURE)?;
+    let tracer = Tracer::new(&scene, &TraceSettings { samples: 1, ..TraceSettings::default() })?;
+    let shape = LightShape::Sphere { center: Vec3::new(0.3, 0.2, 0.4), radius: 0.2 };
+    let start = Instant::now();
+    let writer = MemoryWriter::new(tracer.manifest())?;
+    tracer.trace(&writer, &Control::default())?;
+    let traced = start.elapsed().as_secs_f64();
+    let gather = Gather::new(writer.snapshot());
+    let on_gpu = GpuGather::new(Arc::clone(gpu), &gather)?;
+    let lights = [gather.prepare(&unit_light(&shape))?];
+    let images = on_gpu.unit_images(&lights, Half::All)?;
+    let seconds = start.elapsed().as_secs_f64();
+    let (width, height) = (images[0].width, images[0].height);
+    let record = |what: &str, value: f64| Record {
+        name: format!("first picture, closed box, {width} x {height}, {what}"),
+        value,
+        unit: "s".into(),
+        ..Record::default()
+    };
+    Ok(vec![record("in all", seconds), record("of that after tracing", seconds - traced)])
 }
 
 fn run(parts: &[(&str, Measure<'_>)], monitor: &Monitor) -> Result<Vec<Record>, SessionError> {
@@ -74,9 +116,7 @@ fn gather() -> Result<Vec<Record>, SessionError> {
 fn gather_on(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
     let software = gpu.summary().software;
     let megabytes = if software { SOFTWARE_GATHER_MEGABYTES } else { GPU_GATHER_MEGABYTES };
-    let adapter = Some(gpu.summary().name.clone());
-    let measurements = relume_gather::bench::measure_gpu(gpu, megabytes)?.into_iter();
-    Ok(measurements.map(|m| Record { adapter: adapter.clone(), ..gather_record(m) }).collect())
+    Ok(relume_gather::bench::measure_gpu(gpu, megabytes)?.into_iter().map(gather_record).collect())
 }
 
 fn gather_record(m: relume_gather::bench::Measurement) -> Record {
@@ -95,9 +135,7 @@ fn networks() -> Result<Vec<Record>, SessionError> {
 }
 
 fn networks_on(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
-    let adapter = Some(gpu.summary().name.clone());
-    let records = relume_proxy::bench::device(gpu)?.into_iter();
-    Ok(records.map(|m| Record { adapter: adapter.clone(), ..network_record(m) }).collect())
+    Ok(relume_proxy::bench::device(gpu)?.into_iter().map(network_record).collect())
 }
 
 fn network_record(m: relume_proxy::bench::Record) -> Record {
@@ -113,7 +151,7 @@ fn network_record(m: relume_proxy::bench::Record) -> Record {
 
 /// Paths and segments per second in a closed grey box, where no path escapes: the cost of a bounce without that of a scene.
 fn tracer() -> Result<Vec<Record>, SessionError> {
-    let scene = closed_box()?;
+    let scene = closed_box((128, 128))?;
     let settings = TraceSettings { samples: 64, ..TraceSettings::default() };
     let tracer = Tracer::new(&scene, &settings)?;
     let (mut best, mut segments) = (f64::INFINITY, 0);
@@ -138,7 +176,7 @@ fn tracer() -> Result<Vec<Record>, SessionError> {
     ])
 }
 
-fn closed_box() -> Result<Scene, SessionError> {
+fn closed_box((width, height): (usize, usize)) -> Result<Scene, SessionError> {
     let corner = |i: usize| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32) * 2.0 - Vec3::ONE;
     let sides = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
     let mesh = Mesh {
@@ -151,8 +189,8 @@ fn closed_box() -> Result<Scene, SessionError> {
     let material = Material { name: "grey".into(), nodes: vec![diffuse], surface: Some(0) };
     let mut builder = SceneBuilder::new("Linear Rec.709");
     builder.set_camera(Camera {
-        width: 128,
-        height: 128,
+        width,
+        height,
         window_min: Vec2::splat(-0.8),
         window_max: Vec2::splat(0.8),
         ..Camera::default()
@@ -169,7 +207,7 @@ mod tests {
 
     #[test]
     fn no_path_leaves_the_closed_box() {
-        let scene = closed_box().unwrap();
+        let scene = closed_box((128, 128)).unwrap();
         let tracer = Tracer::new(&scene, &TraceSettings { samples: 1, ..TraceSettings::default() }).unwrap();
         let writer = MemoryWriter::new(tracer.manifest()).unwrap();
         tracer.trace(&writer, &Control::default()).unwrap();
