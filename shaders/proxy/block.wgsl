@@ -1,12 +1,10 @@
 // Dense layers of a network for a tile of pixels. Activations lie in workgroup memory, `x[row][pixel]`; each invocation owns
 // a block of 8 rows by 8 pixels of every layer, which it sums up in registers. All invocations read the same few weights.
-// constant: WIDTH 64
+// use: proxy/pixels
 // constant: ROWS 64
-// constant: PIXELS 128
 
 // Rows of a layer are a multiple of 8; `x` has room for the widest layer or input.
 const QUADS: u32 = PIXELS / 4u;
-const ROW_QUADS: u32 = WIDTH / 4u;
 const PIXEL_BLOCKS: u32 = PIXELS / 8u;
 const ROW_BLOCKS: u32 = WIDTH / 8u;
 const THREADS: u32 = PIXEL_BLOCKS * ROW_BLOCKS;

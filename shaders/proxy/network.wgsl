@@ -2,19 +2,10 @@
 // which scale and shift belong to the light, and a linear output of three values. The first layer of the factorised network
 // is `relu(scale * trunk + shift + A features)`; its output is multiplied with the factor of the surface.
 // use: proxy/block
-// use: proxy/features
-// constant: FAST 1
-// constant: HIDDEN 2
-// constant: PIXEL_ROWS 76
-// constant: LISTED 0
 
-// Quads of the features of a pixel, and rows of a surface with its factor.
+// Quads of the features of a pixel.
 const FEATURE_QUADS: u32 = 3u;
-const SURFACE_ROWS: u32 = 12u;
-// Layers before the output.
-const LAYERS: u32 = HIDDEN + 1u;
-// Rows of an encoded pixel that enter the first layer, and those that are loaded, zeros included.
-const ENCODED_ROWS: u32 = PIXEL_ROWS - FAST * SURFACE_ROWS;
+// Rows of an encoded pixel that are loaded, zeros included.
 const LOADED_ROWS: u32 = FAST * WIDTH + (1u - FAST) * PIXEL_ROWS;
 // Where the weights of the hidden matrices and of the output start, in quads; bias last.
 const HIDDEN_QUADS: u32 = WIDTH * ROW_QUADS;
@@ -24,53 +15,13 @@ const OUTPUT_AT: u32 = HIDDEN_AT + HIDDEN * HIDDEN_QUADS;
 const BACK_AT: u32 = OUTPUT_AT + WIDTH + 1u;
 const BACK_OUTPUT_AT: u32 = BACK_AT + HIDDEN * HIDDEN_QUADS;
 const BACK_FEATURES_AT: u32 = BACK_OUTPUT_AT + 4u * ROW_QUADS;
-// Quads of a light: scale and shift of every layer, then centre and output scale, edges, radiance.
-const LIGHT_QUADS: u32 = LAYERS * 2u * ROW_QUADS + 4u;
-const LIGHT_AT: u32 = LAYERS * 2u * ROW_QUADS;
 // Invocations that share the output of a pixel, the rows of each, and how many outputs an invocation has a share in.
 const PARTS: u32 = (WIDTH + 63u) / 64u;
 const PART_ROWS: u32 = (WIDTH + PARTS - 1u) / PARTS;
 const SHARES: u32 = (PIXELS * PARTS + THREADS - 1u) / THREADS;
 
-// Pixels encoded in tiles of 32: `[tile][row][32]`.
-@group(0) @binding(1) var<storage, read> encoded: array<f32>;
-@group(0) @binding(2) var<storage, read> lights: array<vec4f>;
-// Which pixels, if `LISTED`; else all, in order.
-@group(0) @binding(3) var<storage, read> pixels: array<u32>;
-
 // Products of a layer before scale and shift, and its outputs.
 struct Layer { z: Block, h: Block }
-
-// The number of a tile's pixel in the image; past the last pixel, that one.
-fn pixel_of(tile: u32, index: u32, count: u32) -> u32 {
-    let position = min(tile * PIXELS + index, count - 1u);
-    if LISTED == 1u { return pixels[position]; }
-    return position;
-}
-
-fn encoded_at(pixel: u32, row: u32) -> u32 { return ((pixel / 32u) * PIXEL_ROWS + row) * 32u + pixel % 32u; }
-
-fn surface_vector(pixel: u32, vector: u32) -> vec3f {
-    let at = encoded_at(pixel, ENCODED_ROWS + 3u * vector);
-    return vec3f(encoded[at], encoded[at + 32u], encoded[at + 64u]);
-}
-
-fn surface_of(pixel: u32) -> Surface {
-    return Surface(surface_vector(pixel, 0u), surface_vector(pixel, 1u), surface_vector(pixel, 2u));
-}
-
-fn factor_of(pixel: u32) -> vec3f {
-    if FAST == 1u { return surface_vector(pixel, 3u); }
-    return vec3f(1.0);
-}
-
-fn features_of(light: u32, pixel: u32, parameter: u32) -> array<vec2f, FEATURES> {
-    let at = light * LIGHT_QUADS + LIGHT_AT;
-    let shape = feature_light(lights[at].xyz, lights[at + 1u].xyz, lights[at + 2u].xyz, parameter);
-    return features(shape, surface_of(pixel));
-}
-
-fn output_scale(light: u32) -> f32 { return lights[light * LIGHT_QUADS + LIGHT_AT].w; }
 
 // Brings the encoded rows of a tile into `x`.
 fn load_rows(tile: u32, count: u32, thread: u32) {

@@ -28,13 +28,27 @@ impl Gpu {
     pub fn kernel(&self, module: &str, entry: &str, constants: &[(&str, u32)]) -> Result<Kernel, GpuError> {
         self.check()?;
         let shader = self.module(module, constants)?;
+        self.pipeline(module, &shader, entry)
+    }
+
+    /// Compiles an entry point of a text that is not of `shaders/`: for tests that stand in for what a device lacks.
+    ///
+    /// # Errors
+    /// If the driver refuses it, or the device was lost.
+    pub fn kernel_of_text(&self, name: &str, text: &str, entry: &str) -> Result<Kernel, GpuError> {
+        self.check()?;
+        let shader = self.compile(name, text.to_owned())?;
+        self.pipeline(name, &shader, entry)
+    }
+
+    fn pipeline(&self, module: &str, shader: &wgpu::ShaderModule, entry: &str) -> Result<Kernel, GpuError> {
         let scope = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
         let internal = self.device.push_error_scope(wgpu::ErrorFilter::Internal);
         let label = format!("{module}: {entry}");
         let pipeline = self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some(&label),
             layout: None,
-            module: &shader,
+            module: shader,
             entry_point: Some(entry),
             compilation_options: wgpu::PipelineCompilationOptions {
                 zero_initialize_workgroup_memory: false,
@@ -56,7 +70,12 @@ impl Gpu {
         if let Some(module) = known.get(&key) {
             return Ok(module.clone());
         }
-        let text = modules::compose(name, constants)?;
+        let module = self.compile(name, modules::compose(name, constants)?)?;
+        known.insert(key, module.clone());
+        Ok(module)
+    }
+
+    fn compile(&self, name: &str, text: String) -> Result<wgpu::ShaderModule, GpuError> {
         let descriptor =
             wgpu::ShaderModuleDescriptor { label: Some(name), source: wgpu::ShaderSource::Wgsl(text.into()) };
         let scope = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
@@ -69,7 +88,6 @@ impl Gpu {
         // SAFETY: the modules are our own, from the table of this crate, and every kernel's tests run with all checks on.
         let module = unsafe { self.device.create_shader_module_trusted(descriptor, checks) };
         self.refusal(name, [scope])?;
-        known.insert(key, module.clone());
         Ok(module)
     }
 

@@ -122,7 +122,11 @@ fn measure_device(
         share_of_limit: cost / peak / seconds,
     };
     Ok([
-        record("inference kernel", kernel, cost),
+        record(
+            if on_device.by_matrices() { "inference by matrices" } else { "inference kernel" },
+            kernel,
+            cost,
+        ),
         record("unit image with read-back", image, cost),
         // Forward, forward again and backward.
         record("light step on 5 % of the pixels", step, 3.0 * cost / STEP_SHARE as f64),

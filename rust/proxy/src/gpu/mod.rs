@@ -2,6 +2,7 @@
 
 mod compare;
 mod gradient;
+mod matrices;
 mod network;
 mod proxy;
 pub(crate) mod train;

@@ -25,6 +25,13 @@ pub(crate) struct DeviceNetwork {
     pub weights: Vec<f32>,
 }
 
+impl DeviceNetwork {
+    /// Inputs of the first matrix.
+    pub fn first_inputs(&self) -> usize {
+        if self.fast { FEATURE_ROWS } else { self.pixel_rows }
+    }
+}
+
 /// A matrix of a parameter vector.
 #[derive(Clone, Copy)]
 struct Matrix<'a> {

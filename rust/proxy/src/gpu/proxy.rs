@@ -1,10 +1,11 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use relume_gpu::{Binding, Buffer, Commands, Gpu, GpuError, Kernel};
+use relume_gpu::{Binding, Bound, Buffer, Commands, Gpu, GpuError, Kernel};
 use relume_image::Image;
 
 use super::DeviceNetwork;
 use super::gradient::GradientKernels;
+use super::matrices::{self, Matrices};
 use crate::analytic::scaled_params;
 use crate::proxy::check_length;
 use crate::{LightKind, LightParams, Proxy, ProxyError};
@@ -29,6 +30,8 @@ pub struct GpuProxy {
     encoded: Buffer<f32>,
     whole: Kernel,
     listed: Kernel,
+    /// Faster than `whole`, where the device can.
+    matrices: Option<Matrices>,
     /// Stands for the list of pixels where all are asked for.
     no_list: Buffer<u32>,
     /// Most bytes that workgroups keep of the way forward while they make gradients.
@@ -78,11 +81,12 @@ impl GpuProxy {
             units: gpu.zeros("unit image", 3)?,
             gradient: None,
         };
-        Ok(Self {
+        let mut on_device = Self {
             weights: gpu.buffer_of("weights of a proxy", &network.weights)?,
             encoded: gpu.buffer_of("encoded pixels", proxy.encoded())?,
             whole: kernel(false)?,
             listed: kernel(true)?,
+            matrices: None,
             max_kept: MAX_KEPT,
             no_list: gpu.zeros("no list", 1)?,
             shared: Mutex::new(shared),
@@ -90,7 +94,9 @@ impl GpuProxy {
             network,
             tile,
             gpu,
-        })
+        };
+        on_device.matrices = Matrices::tested(&on_device)?;
+        Ok(on_device)
     }
 
     /// The proxy that it was made of.
@@ -104,12 +110,24 @@ impl GpuProxy {
     /// [`ProxyError::WrongKind`], or [`ProxyError::Gpu`].
     pub fn unit_image(&self, light: &LightParams) -> Result<Image, ProxyError> {
         let [width, height] = self.proxy.info().image;
-        let shared = &mut *self.shared();
-        grow(&self.gpu, &mut shared.units, 3 * width * height)?;
-        self.write_lights(shared, &[(*light, [1.0; 3])])?;
-        self.run_whole(&shared.lights, &shared.units)?;
-        let data = self.gpu.read(&shared.units, 0..3 * width * height)?;
+        let data = self.whole_image(light, self.matrices.as_ref())?;
         Ok(Image { width, height, channels: 3, data })
+    }
+
+    /// All pixels, by matrices or by the plain kernel.
+    pub(super) fn whole_image(
+        &self,
+        light: &LightParams,
+        matrices: Option<&Matrices>,
+    ) -> Result<Vec<f32>, ProxyError> {
+        let len = 3 * self.proxy.features().pixel_count();
+        let shared = &mut *self.shared();
+        grow(&self.gpu, &mut shared.units, len)?;
+        self.write_lights(shared, &[(*light, [1.0; 3])])?;
+        let mut commands = self.gpu.commands("unit image");
+        self.add_whole(&mut commands, matrices, &shared.lights, &shared.units)?;
+        commands.submit()?;
+        Ok(self.gpu.read(&shared.units, 0..len)?)
     }
 
     /// The unit image of a light into a buffer of the device, row-major RGB. Does not wait for it.
@@ -120,7 +138,9 @@ impl GpuProxy {
         check_length("out", 3 * self.proxy.features().pixel_count(), out.len())?;
         let shared = &mut *self.shared();
         self.write_lights(shared, &[(*light, [1.0; 3])])?;
-        self.run_whole(&shared.lights, out)
+        let mut commands = self.gpu.commands("unit image");
+        self.add_whole(&mut commands, self.matrices.as_ref(), &shared.lights, out)?;
+        Ok(commands.submit()?)
     }
 
     /// The unit image of a light at some pixels, as [`Proxy::forward_pixels`].
@@ -147,20 +167,27 @@ impl GpuProxy {
         Ok(())
     }
 
-    fn run_whole(&self, lights: &Buffer<f32>, out: &Buffer<f32>) -> Result<(), ProxyError> {
-        let mut commands = self.gpu.commands("unit image");
-        self.add_whole(&mut commands, lights, out)?;
-        Ok(commands.submit()?)
-    }
-
     fn add_whole(
         &self,
         commands: &mut Commands<'_>,
+        matrices: Option<&Matrices>,
         lights: &Buffer<f32>,
         out: &Buffer<f32>,
     ) -> Result<(), ProxyError> {
-        let inputs = self.inputs(lights, self.no_list.whole());
-        self.add_inference(commands, &self.whole, inputs, 1, self.proxy.features().pixel_count(), out)
+        let [weights, rest @ ..] = self.inputs(lights, self.no_list.whole());
+        let (kernel, weights, tile) = match matrices {
+            Some(matrices) => (&matrices.kernel, matrices.weights.whole(), matrices::TILE),
+            None => (&self.whole, weights, self.tile),
+        };
+        let [encoded, lights, list] = rest;
+        let bound = kernel.bind(&[weights, encoded, lights, list, out.whole()])?;
+        add_inference(commands, &bound, tile, 1, self.proxy.features().pixel_count());
+        Ok(())
+    }
+
+    /// Whether unit images are made with matrices of 16-bit floats, which the device multiplies at once.
+    pub fn by_matrices(&self) -> bool {
+        self.matrices.is_some()
     }
 
     /// Seconds of the kernel that makes a unit image, without anything around it ([`Gpu::seconds`]).
@@ -168,7 +195,8 @@ impl GpuProxy {
         let shared = &mut *self.shared();
         grow(&self.gpu, &mut shared.units, 3 * self.proxy.features().pixel_count())?;
         self.write_lights(shared, &[(*light, [1.0; 3])])?;
-        self.gpu.seconds(|commands| self.add_whole(commands, &shared.lights, &shared.units))
+        let matrices = self.matrices.as_ref();
+        self.gpu.seconds(|commands| self.add_whole(commands, matrices, &shared.lights, &shared.units))
     }
 
     /// Appends the unit values of lights that are in place at the listed pixels.
@@ -179,24 +207,9 @@ impl GpuProxy {
         lights: usize,
         count: usize,
     ) -> Result<(), ProxyError> {
-        let inputs = self.inputs(&shared.lights, shared.pixels.whole());
-        self.add_inference(commands, &self.listed, inputs, lights, count, &shared.units)
-    }
-
-    fn add_inference(
-        &self,
-        commands: &mut Commands<'_>,
-        kernel: &Kernel,
-        inputs: [Binding<'_>; 4],
-        lights: usize,
-        count: usize,
-        out: &Buffer<f32>,
-    ) -> Result<(), ProxyError> {
-        let [weights, encoded, lit, list] = inputs;
-        let bound = kernel.bind(&[weights, encoded, lit, list, out.whole()])?;
-        let arguments = InferArguments { count: count as u32, lights: lights as u32 };
-        let groups = lights * count.div_ceil(self.tile);
-        commands.run(&bound, groups as u32, bytemuck::bytes_of(&arguments));
+        let [weights, encoded, lit, list] = self.inputs(&shared.lights, shared.pixels.whole());
+        let bound = self.listed.bind(&[weights, encoded, lit, list, shared.units.whole()])?;
+        add_inference(commands, &bound, self.tile, lights, count);
         Ok(())
     }
 
@@ -273,9 +286,14 @@ impl GpuProxy {
     }
 }
 
+fn add_inference(commands: &mut Commands<'_>, bound: &Bound, tile: usize, lights: usize, count: usize) {
+    let arguments = InferArguments { count: count as u32, lights: lights as u32 };
+    commands.run(bound, (lights * count.div_ceil(tile)) as u32, bytemuck::bytes_of(&arguments));
+}
+
 /// Rows of the activations in workgroup memory: the widest layer or input.
 fn rows(network: &DeviceNetwork) -> usize {
-    network.width.max(if network.fast { 12 } else { network.pixel_rows })
+    network.width.max(network.first_inputs())
 }
 
 /// Values of a light.

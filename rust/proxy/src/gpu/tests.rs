@@ -23,7 +23,7 @@ fn gpu() -> Arc<Gpu> {
         .expect("tests need a GPU or a software driver, like Debian's mesa-vulkan-drivers")
 }
 
-fn grid() -> GridConfig {
+pub(super) fn grid() -> GridConfig {
     GridConfig { levels: 4, log2_hashmap_size: 8, ..GridConfig::default() }
 }
 
@@ -44,9 +44,18 @@ fn networks() -> Vec<NetworkConfig> {
 
 /// Random weights, 37 x 23 pixels: no multiple of anything.
 fn proxy(network: NetworkConfig, kind: LightKind) -> Proxy {
-    let features = SyntheticRoom::new(37, 23).features();
+    proxy_of_size(network, kind, [37, 23])
+}
+
+fn proxy_of_size(network: NetworkConfig, kind: LightKind, [width, height]: [usize; 2]) -> Proxy {
+    let features = SyntheticRoom::new(width, height).features();
     let config = TrainConfig { network, ..TrainConfig::fast(SIZE) };
     Trainer::new(Arc::new(features), kind, config, 7).unwrap().proxy().unwrap()
+}
+
+/// The same on the device.
+pub(super) fn on_device(network: NetworkConfig, kind: LightKind, size: [usize; 2]) -> GpuProxy {
+    GpuProxy::new(gpu(), &proxy_of_size(network, kind, size)).unwrap()
 }
 
 fn light(kind: LightKind, rng: &mut Rng) -> LightParams {

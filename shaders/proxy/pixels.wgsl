@@ -1,0 +1,56 @@
+// What networks know of pixels and lights, as `proxy.rs` and `network.rs` lay it out.
+// use: proxy/features
+// constant: WIDTH 64
+// constant: PIXELS 128
+// constant: FAST 1
+// constant: HIDDEN 2
+// constant: PIXEL_ROWS 76
+// constant: LISTED 0
+
+// Rows of a surface with its factor, which come last in the encoded pixels of the factorised network.
+const SURFACE_ROWS: u32 = 12u;
+// Rows of an encoded pixel that enter the first layer.
+const ENCODED_ROWS: u32 = PIXEL_ROWS - FAST * SURFACE_ROWS;
+// Layers before the output, and quads of a row of values.
+const LAYERS: u32 = HIDDEN + 1u;
+const ROW_QUADS: u32 = WIDTH / 4u;
+// Quads of a light: scale and shift of every layer, then centre and output scale, edges, radiance.
+const LIGHT_AT: u32 = LAYERS * 2u * ROW_QUADS;
+const LIGHT_QUADS: u32 = LIGHT_AT + 4u;
+
+// Pixels encoded in tiles of 32: `[tile][row][32]`.
+@group(0) @binding(1) var<storage, read> encoded: array<f32>;
+@group(0) @binding(2) var<storage, read> lights: array<vec4f>;
+// Which pixels, if `LISTED`; else all, in order.
+@group(0) @binding(3) var<storage, read> pixels: array<u32>;
+
+// The number of a tile's pixel in the image; past the last pixel, that one.
+fn pixel_of(tile: u32, index: u32, count: u32) -> u32 {
+    let position = min(tile * PIXELS + index, count - 1u);
+    if LISTED == 1u { return pixels[position]; }
+    return position;
+}
+
+fn encoded_at(pixel: u32, row: u32) -> u32 { return ((pixel / 32u) * PIXEL_ROWS + row) * 32u + pixel % 32u; }
+
+fn surface_vector(pixel: u32, vector: u32) -> vec3f {
+    let at = encoded_at(pixel, ENCODED_ROWS + 3u * vector);
+    return vec3f(encoded[at], encoded[at + 32u], encoded[at + 64u]);
+}
+
+fn surface_of(pixel: u32) -> Surface {
+    return Surface(surface_vector(pixel, 0u), surface_vector(pixel, 1u), surface_vector(pixel, 2u));
+}
+
+fn factor_of(pixel: u32) -> vec3f {
+    if FAST == 1u { return surface_vector(pixel, 3u); }
+    return vec3f(1.0);
+}
+
+fn features_of(light: u32, pixel: u32, parameter: u32) -> array<vec2f, FEATURES> {
+    let at = light * LIGHT_QUADS + LIGHT_AT;
+    let shape = feature_light(lights[at].xyz, lights[at + 1u].xyz, lights[at + 2u].xyz, parameter);
+    return features(shape, surface_of(pixel));
+}
+
+fn output_scale(light: u32) -> f32 { return lights[light * LIGHT_QUADS + LIGHT_AT].w; }
