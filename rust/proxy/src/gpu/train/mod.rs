@@ -14,7 +14,7 @@ mod store;
 
 use std::sync::Arc;
 
-use relume_gpu::{Bound, Buffer, Commands, Gpu, GpuError, Kernel};
+use relume_gpu::{Binding, Bound, Buffer, Commands, Gpu, GpuError, Kernel};
 
 use self::arguments::{Batch, Layers, Progress, Scatter};
 use self::optimise::Optimise;
@@ -73,28 +73,39 @@ pub(crate) struct GpuTraining {
     batch: Batch,
     /// Samples that run together, at most as many as the activations have room for.
     part: u32,
+    /// Columns of a piece of the gradient.
     piece: u32,
-    /// First draws of the recorded steps; the kernels read them from here.
-    draws: Buffer<u32>,
     store: Store,
+    buffers: Buffers,
     kernels: Kernels,
-    targets: Kernel,
     optimise: Optimise,
-    #[allow(dead_code, reason = "bound to kernels, and counted against the memory budget while they live")]
-    bound: [Buffer<f32>; 4],
+}
+
+/// What kernels work on, besides the samples and what the optimiser has.
+#[derive(Debug)]
+struct Buffers {
+    /// Chunks of the recorded steps, one step after the other.
+    draws: Buffer<u32>,
+    layers: Buffer<plan::Layer>,
+    levels: Buffer<[u32; 4]>,
+    scene: Buffer<f32>,
+    activations: Buffer<f32>,
+    pieces: Buffer<f32>,
+    losses: Buffer<f32>,
 }
 
 #[derive(Debug)]
 struct Kernels {
     inputs: Bound,
-    features: Option<Bound>,
-    expand: Option<Bound>,
+    features: Bound,
+    expand: Bound,
     forward: Bound,
     loss: Bound,
     backward: Bound,
     sum_slots: Bound,
     weights: Bound,
     scatter: Bound,
+    targets: Kernel,
 }
 
 impl GpuTraining {
@@ -112,91 +123,35 @@ impl GpuTraining {
             light_inputs: encoding.inputs(),
             image: grid.image(),
         };
-        let slots = config.lights_per_pixel as u32;
-        let largest_batch = config.batch_end.next_multiple_of(CHUNK);
-        let mut capacity = MOST_SAMPLES.min(largest_batch as u32);
-        let most = MOST_ACTIVATIONS.min(gpu.limits().buffer);
-        let mut plan = Plan::new(&config.network, &shape, capacity, slots);
-        while u64::from(plan.activations) * 4 > most && capacity > CHUNK as u32 {
-            capacity = (capacity / 2).next_multiple_of(CHUNK as u32);
-            plan = Plan::new(&config.network, &shape, capacity, slots);
-        }
-        let batch = Batch { samples: capacity, capacity, slots };
-        let pieces =
-            (MOST_PIECES / (4 * u64::from(plan.dense))).clamp(1, u64::from(capacity / LEAST_PIECE)) as u32;
-        let piece = capacity.div_ceil(pieces).next_multiple_of(32);
-        let parts = largest_batch.div_ceil(capacity as usize);
+        let (slots, chunk) = (config.lights_per_pixel as u32, CHUNK as u32);
+        let plan_for = |capacity| Plan::new(&config.network, &shape, capacity, slots);
+        let bytes = 4 * u64::from(plan_for(chunk).activations);
+        let fitting = (MOST_ACTIVATIONS.min(gpu.limits().buffer) / bytes).max(1) as u32;
+        let largest_batch = (config.batch_end as u32).next_multiple_of(chunk);
+        let capacity = MOST_SAMPLES.min(largest_batch).min(fitting.saturating_mul(chunk));
+        let plan = plan_for(capacity);
+        let pieces = MOST_PIECES / (4 * u64::from(plan.dense));
+        let pieces = pieces.clamp(1, u64::from(capacity / LEAST_PIECE)) as u32;
+        let piece = capacity.div_ceil(pieces).next_multiple_of(LANES as u32);
+        let losses = largest_batch.div_ceil(capacity) * capacity.div_ceil(LOSS_GROUP);
 
-        let activations = gpu.zeros::<f32>("activations", plan.activations as usize)?;
-        let pieces =
-            gpu.zeros::<f32>("gradient in pieces", (capacity.div_ceil(piece) * plan.dense) as usize)?;
-        let losses = gpu.zeros::<f32>("losses", parts * capacity.div_ceil(LOSS_GROUP) as usize)?;
-        let layers = gpu.buffer_of("layers", &plan.layers)?;
-        let levels = gpu.buffer_of("grid levels", &grid.level_rows(layout))?;
         let scene: Vec<f32> = demand.scene.rows().collect();
-        let scene = gpu.buffer_of("scene", &scene)?;
-        let draws = gpu.zeros::<u32>("draws", demand.draws)?;
-        let store = Store::new(&gpu, demand.chunks, config.lights_per_pixel, encoding)?;
-        let optimise = Optimise::new(&gpu, layout, (plan.dense, config.muon), &pieces, &losses)?;
-        let (params, grid) = (&optimise.params, &optimise.grid);
-
-        let bind =
-            |module: &str, entry: &str, constants: &[(&str, u32)], buffers: &[relume_gpu::Binding<'_>]| {
-                gpu.kernel(module, entry, constants)?.bind(buffers)
-            };
-        let (a, l) = (activations.whole(), layers.whole());
-        let (pixels, lights, targets) = (store.pixels.whole(), store.lights.whole(), store.targets.whole());
-        let kernels = Kernels {
-            inputs: bind(
-                "proxy/train_inputs",
-                "inputs",
-                &[],
-                &[params.whole(), levels.whole(), scene.whole(), draws.whole(), pixels, lights, a],
-            )?,
-            features: match plan.features {
-                None => None,
-                Some(_) => Some(bind(
-                    "proxy/train_features",
-                    "fill",
-                    &[("QUAD", u32::from(encoding.kind == LightKind::Quad))],
-                    &[draws.whole(), lights, a],
-                )?),
-            },
-            expand: match plan.expansion {
-                None => None,
-                Some(_) => Some(bind("proxy/train_expand", "expand", &[], &[a])?),
-            },
-            forward: bind("proxy/train_dense", "forward", &[], &[l, params.whole(), a])?,
-            loss: bind(
-                "proxy/train_loss",
-                "loss",
-                &[],
-                &[params.whole(), draws.whole(), lights, targets, a, losses.whole()],
-            )?,
-            backward: bind("proxy/train_dense", "backward", &[], &[l, params.whole(), a])?,
-            sum_slots: bind("proxy/train_slots", "sum_slots", &[], &[a])?,
-            weights: bind("proxy/train_weights", "weights", &[], &[l, a, pieces.whole()])?,
-            scatter: bind(
-                "proxy/train_scatter",
-                "scatter",
-                &[],
-                &[levels.whole(), draws.whole(), pixels, a, grid.whole()],
-            )?,
+        let buffers = Buffers {
+            draws: gpu.zeros("draws", demand.draws)?,
+            layers: gpu.buffer_of("layers", &plan.layers)?,
+            levels: gpu.buffer_of("grid levels", &grid.level_rows(layout))?,
+            scene: gpu.buffer_of("scene", &scene)?,
+            activations: gpu.zeros("activations", plan.activations as usize)?,
+            pieces: gpu.zeros("gradient in pieces", (capacity.div_ceil(piece) * plan.dense) as usize)?,
+            losses: gpu.zeros("losses", losses as usize)?,
         };
-        let targets = gpu.kernel("proxy/train_targets", "store", &[])?;
-        Ok(Self {
-            gpu,
-            plan,
-            batch,
-            part: capacity,
-            piece,
-            draws,
-            store,
-            kernels,
-            targets,
-            optimise,
-            bound: [activations, pieces, losses, scene],
-        })
+        let store = Store::new(&gpu, demand.chunks, config.lights_per_pixel, encoding)?;
+        let of_optimise = [&buffers.pieces, &buffers.losses];
+        let optimise = Optimise::new(&gpu, layout, (plan.dense, config.muon), of_optimise)?;
+        let quads = encoding.kind == LightKind::Quad;
+        let kernels = Kernels::new(&gpu, &buffers, &store, &optimise, quads)?;
+        let batch = Batch { samples: capacity, capacity, slots };
+        Ok(Self { gpu, plan, batch, part: capacity, piece, store, buffers, kernels, optimise })
     }
 
     /// Replaces the chunks from `first` on by those of a batch.
@@ -223,7 +178,7 @@ impl GpuTraining {
             GroupQueries { pixels: &pixels, group: LANES, lights_per_pixel: slots, lights: &lights };
         source.pixel_targets(&queries, &gathered)?;
         let store = &self.store;
-        let bound = self.targets.bind(&[
+        let bound = self.kernels.targets.bind(&[
             gathered.whole(),
             store.pixels.whole(),
             store.lights.whole(),
@@ -248,7 +203,7 @@ impl GpuTraining {
     /// If the device was lost.
     pub fn run(&self, steps: &[Step]) -> Result<(), GpuError> {
         let draws: Vec<u32> = steps.iter().flat_map(|step| step.draws.iter().copied()).collect();
-        self.gpu.write(&self.draws, 0, &draws);
+        self.gpu.write(&self.buffers.draws, 0, &draws);
         let mut commands = self.gpu.commands("training steps");
         let mut first = 0;
         for step in steps {
@@ -288,14 +243,14 @@ impl GpuTraining {
         let inputs = arguments::Inputs { batch, first_draw, ..plan.inputs };
         let threads = pixels * (inputs.levels + 1) + batch.columns(Space::Lights) * inputs.light_inputs;
         commands.run(&kernels.inputs, threads.div_ceil(64), bytemuck::bytes_of(&inputs));
-        if let (Some(features), Some(kernel)) = (plan.features, &kernels.features) {
+        if let Some(features) = plan.features {
             let features = arguments::Features { batch, first_draw, ..features };
-            commands.run(kernel, samples.div_ceil(64), bytemuck::bytes_of(&features));
+            commands.run(&kernels.features, samples.div_ceil(64), bytemuck::bytes_of(&features));
         }
-        if let (Some(expansion), Some(kernel)) = (plan.expansion, &kernels.expand) {
+        if let Some(expansion) = plan.expansion {
             let expansion = arguments::Expansion { batch, ..expansion };
             let rows = expansion.pixel_rows + expansion.light_rows;
-            commands.run(kernel, (samples * rows).div_ceil(64), bytemuck::bytes_of(&expansion));
+            commands.run(&kernels.expand, (samples * rows).div_ceil(64), bytemuck::bytes_of(&expansion));
         }
         for rows in &plan.forward {
             let groups = self
@@ -376,6 +331,43 @@ impl GpuTraining {
     /// What the steps since the last call have come to. Waits for them.
     fn take_progress(&self) -> Result<Progress, GpuError> {
         self.optimise.take_progress(&self.gpu)
+    }
+}
+
+impl Kernels {
+    fn new(
+        gpu: &Gpu,
+        buffers: &Buffers,
+        store: &Store,
+        optimise: &Optimise,
+        quads: bool,
+    ) -> Result<Self, GpuError> {
+        let bind = |stage: &str, entry: &str, bindings: &[Binding<'_>]| {
+            gpu.kernel(&format!("proxy/train_{stage}"), entry, &[])?.bind(bindings)
+        };
+        let (draws, layers, levels) = (buffers.draws.whole(), buffers.layers.whole(), buffers.levels.whole());
+        let (activations, scene) = (buffers.activations.whole(), buffers.scene.whole());
+        let (pixels, lights, targets) = (store.pixels.whole(), store.lights.whole(), store.targets.whole());
+        let params = optimise.params.whole();
+        let inputs = [params, levels, scene, draws, pixels, lights, activations];
+        let loss = [params, draws, lights, targets, activations, buffers.losses.whole()];
+        let features = gpu.kernel("proxy/train_features", "fill", &[("QUAD", u32::from(quads))])?;
+        Ok(Self {
+            inputs: bind("inputs", "inputs", &inputs)?,
+            features: features.bind(&[draws, lights, activations])?,
+            expand: bind("expand", "expand", &[activations])?,
+            forward: bind("dense", "forward", &[layers, params, activations])?,
+            loss: bind("loss", "loss", &loss)?,
+            backward: bind("dense", "backward", &[layers, params, activations])?,
+            sum_slots: bind("slots", "sum_slots", &[activations])?,
+            weights: bind("weights", "weights", &[layers, activations, buffers.pieces.whole()])?,
+            scatter: bind(
+                "scatter",
+                "scatter",
+                &[levels, draws, pixels, activations, optimise.grid.whole()],
+            )?,
+            targets: gpu.kernel("proxy/train_targets", "store", &[])?,
+        })
     }
 }
 

@@ -64,8 +64,7 @@ impl Optimise {
         gpu: &Gpu,
         layout: &ParamLayout,
         (dense, muon): (u32, bool),
-        pieces: &Buffer<f32>,
-        losses: &Buffer<f32>,
+        [pieces, losses]: [&Buffer<f32>; 2],
     ) -> Result<Self, GpuError> {
         let len = layout.len;
         let vector = |label: &str| gpu.zeros::<f32>(label, len);

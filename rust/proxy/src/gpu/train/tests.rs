@@ -99,7 +99,7 @@ fn on_device(
 /// Loss and gradient of the chunks in their order.
 fn loss_and_gradient(training: &GpuTraining, chunks: u32) -> (f32, Vec<f32>) {
     let draws: Vec<u32> = (0..chunks).collect();
-    training.gpu.write(&training.draws, 0, &draws);
+    training.gpu.write(&training.buffers.draws, 0, &draws);
     let mut commands = training.gpu.commands("gradient");
     training.record_gradient(&mut commands, 0, chunks);
     commands.submit().expect("submitted");
@@ -169,6 +169,19 @@ fn a_batch_in_parts_has_the_gradient_of_the_whole() {
         error < 1e-6 && (loss - whole_loss).abs() < 1e-6 * whole_loss,
         "error {error}, {loss}, {whole_loss}"
     );
+}
+
+#[test]
+fn the_largest_networks_have_a_plan() {
+    let setup = setup(LightKind::Quad);
+    let config = config(NetworkConfig::Reference { width: 2048, layers: 64, grid: tiny_grid() }, 4096, 1);
+    let network = ReferenceNetwork::new(2048, 64, &tiny_grid(), setup.size, setup.encoding);
+    let demand = Demand { config: &config, scene: &setup.scene, chunks: 1, draws: 1 };
+    let gpu = gpu();
+    gpu.set_memory_budget(64 << 20);
+    let error = GpuTraining::new(gpu, &network, &demand).expect_err("a gigabyte of weights in 64 MiB");
+    let fitting = matches!(error, ProxyError::Gpu(GpuError::OutOfMemory { .. } | GpuError::TooLarge { .. }));
+    assert!(fitting, "{error}");
 }
 
 #[test]
