@@ -34,7 +34,6 @@ pub struct Record {
     pub share_of_limit: Option<f64>,
     /// Name of the GPU; none for the CPU.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub adapter: Option<String>,
 }
 

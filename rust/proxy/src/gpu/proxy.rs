@@ -104,7 +104,8 @@ impl GpuProxy {
         &self.proxy
     }
 
-    /// The unit image of a light, as [`Proxy::unit_image`].
+    /// The unit image of a light, as [`Proxy::unit_image`]. The error is some millionths of the largest value; where
+    /// [`GpuProxy::by_matrices`], less than 2 % in root mean square, which was measured for one light when this was made.
     ///
     /// # Errors
     /// [`ProxyError::WrongKind`], or [`ProxyError::Gpu`].

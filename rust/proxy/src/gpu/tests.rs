@@ -81,9 +81,12 @@ fn unit_images_equal_those_of_the_cpu() {
         let device = GpuProxy::new(gpu(), &proxy).unwrap();
         for _ in 0..2 {
             let light = light(kind, &mut rng);
-            let (found, expected) = (device.unit_image(&light).unwrap(), proxy.unit_image(&light).unwrap());
-            let error = difference(&found.data, &expected.data);
+            let expected = proxy.unit_image(&light).unwrap();
+            let error = difference(&device.whole_image(&light, None).unwrap(), &expected.data);
             assert!(error < TOLERANCE, "{network:?}, {kind}: {error}");
+            // On a device with matrices, that is by those.
+            let error = matrices::error(&device.unit_image(&light).unwrap().data, &expected.data);
+            assert!(error < matrices::TOLERANCE, "{network:?}, {kind}, {}: {error}", device.by_matrices());
         }
     }
 }
@@ -95,13 +98,13 @@ fn listed_pixels_equal_those_of_the_image() {
         let proxy = proxy(network, LightKind::Sphere);
         let device = GpuProxy::new(gpu(), &proxy).unwrap();
         let light = light(LightKind::Sphere, &mut rng);
-        let image = device.unit_image(&light).unwrap();
+        let image = device.whole_image(&light, None).unwrap();
         for count in [1, 150, 7] {
             let pixels: Vec<u32> = (0..count).map(|_| rng.below(37 * 23)).collect();
             let mut values = vec![[0.0; 3]; count];
             device.forward_pixels(&pixels, &light, &mut values).unwrap();
             for (pixel, value) in pixels.iter().zip(&values) {
-                assert_eq!(value[..], image.data[3 * *pixel as usize..][..3], "pixel {pixel}");
+                assert_eq!(value[..], image[3 * *pixel as usize..][..3], "pixel {pixel}");
             }
         }
     }
