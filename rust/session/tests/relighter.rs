@@ -370,7 +370,7 @@ fn a_training_on_the_gpu_ends_like_one_on_the_cpu_even_if_the_gpu_is_lost_on_the
     let folder = tempfile::tempdir().unwrap();
     baked(folder.path());
     let mut settings = training(LightKind::Sphere);
-    settings.config.samples = 200_000;
+    settings.config.samples = 100_000;
     let run = |out: &str, resume: bool, compute: &Compute, monitor: &Monitor| {
         train(folder.path(), &folder.path().join(out), &settings, resume, compute, monitor)
     };
