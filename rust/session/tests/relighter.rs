@@ -275,7 +275,9 @@ fn pictures_of_the_gpu_are_those_of_the_cpu() {
         &Monitor::default(),
     )
     .unwrap();
-    let gpu = Relighter::open(folder.path()).unwrap().on(&Device::Gpu(GpuChoice::Best).open(None).unwrap());
+    let compute = Device::Gpu(GpuChoice::Best).open(None).unwrap();
+    let has_matrices = compute.gpu.as_ref().unwrap().limits().matrices;
+    let gpu = Relighter::open(folder.path()).unwrap().on(&compute);
     let cpu = Relighter::open(folder.path()).unwrap();
     for with in [With::Gather, With::Proxy] {
         let options = RelightOptions { with, denoise: false };
@@ -290,10 +292,11 @@ fn pictures_of_the_gpu_are_those_of_the_cpu() {
             let different = pairs().filter(|(a, b)| (*a - *b).abs() > 1e-3 * mean).count();
             assert!(different * 100 < a.data.len(), "{different} of {}", a.data.len());
         } else {
-            // Networks may run on matrices of 16-bit floats (`GpuProxy::unit_image`).
+            // Networks run on matrices of 16-bit floats where there are such (`GpuProxy::unit_image`).
+            let bound = if has_matrices { 2e-2f32 } else { 1e-5 };
             let error = pairs().map(|(a, b)| (a - b).powi(2)).sum::<f32>();
             let whole = b.data.iter().map(|b| b.powi(2)).sum::<f32>();
-            assert!(error < 0.02f32.powi(2) * whole, "{error} of {whole}");
+            assert!(error < bound.powi(2) * whole, "{error} of {whole}");
         }
     }
 }
