@@ -30,7 +30,7 @@ use crate::scene_cache::SceneCache;
 use crate::simd::LANES;
 use crate::{DeviceTargets, GroupQueries, LightKind, LightParams, ProxyError, TrainConfig};
 
-/// Rows and columns of a tile of [`Plan::layers`], as in `train_dense.wgsl` and `train_weights.wgsl`.
+/// Rows and columns of a tile of [`Plan::layers`], as in `train/dense.wgsl` and `train/weights.wgsl`.
 const TILE: u32 = 64;
 /// Most samples that run together; more do not fill a card better, and their activations leave its cache.
 const MOST_SAMPLES: u32 = 32_768;
@@ -40,7 +40,7 @@ const MOST_ACTIVATIONS: u64 = 120 << 20;
 const MOST_PIECES: u64 = 64 << 20;
 /// Fewest columns of such a piece.
 const LEAST_PIECE: u32 = 256;
-/// Samples of which a workgroup of `train_loss.wgsl` sums up the loss.
+/// Samples of which a workgroup of `train/loss.wgsl` sums up the loss.
 const LOSS_GROUP: u32 = 256;
 
 /// What a training needs of its device.
@@ -343,7 +343,7 @@ impl Kernels {
         quads: bool,
     ) -> Result<Self, GpuError> {
         let bind = |stage: &str, entry: &str, bindings: &[Binding<'_>]| {
-            gpu.kernel(&format!("proxy/train_{stage}"), entry, &[])?.bind(bindings)
+            gpu.kernel(&format!("train/{stage}"), entry, &[])?.bind(bindings)
         };
         let (draws, layers, levels) = (buffers.draws.whole(), buffers.layers.whole(), buffers.levels.whole());
         let (activations, scene) = (buffers.activations.whole(), buffers.scene.whole());
@@ -351,7 +351,7 @@ impl Kernels {
         let params = optimise.params.whole();
         let inputs = [params, levels, scene, draws, pixels, lights, activations];
         let loss = [params, draws, lights, targets, activations, buffers.losses.whole()];
-        let features = gpu.kernel("proxy/train_features", "fill", &[("QUAD", u32::from(quads))])?;
+        let features = gpu.kernel("train/features", "fill", &[("QUAD", u32::from(quads))])?;
         Ok(Self {
             inputs: bind("inputs", "inputs", &inputs)?,
             features: features.bind(&[draws, lights, activations])?,
@@ -366,7 +366,7 @@ impl Kernels {
                 "scatter",
                 &[levels, draws, pixels, activations, optimise.grid.whole()],
             )?,
-            targets: gpu.kernel("proxy/train_targets", "store", &[])?,
+            targets: gpu.kernel("train/targets", "store", &[])?,
         })
     }
 }

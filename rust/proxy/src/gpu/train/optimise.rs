@@ -8,12 +8,12 @@ use crate::optim::{NEWTON_SCHULZ, ROUNDS, corrections, muon_step_length};
 use crate::params::{ParamLayout, Role};
 use crate::simd::PAD;
 
-/// Threads of a workgroup in `train_reduce.wgsl`, `train_adam.wgsl` and `train_mean.wgsl`.
+/// Threads of a workgroup in `train/reduce.wgsl`, `train/adam.wgsl` and `train/mean.wgsl`.
 const THREADS: u32 = 256;
-/// Rows and columns of a workgroup's share of a product in `train_muon.wgsl`.
+/// Rows and columns of a workgroup's share of a product in `train/muon.wgsl`.
 const TILE: u32 = 16;
 
-/// Low byte of a block's word, besides the numbers of [`Space`], as in `train_parameters.wgsl`.
+/// Low byte of a block's word, besides the numbers of [`Space`], as in `train/parameters.wgsl`.
 const GRID: u32 = 3;
 const NONE: u32 = 4;
 /// Second byte.
@@ -75,7 +75,7 @@ impl Optimise {
         let blocks = gpu.buffer_of("blocks", &block_words(layout, muon))?;
         let (b, g, p) = (blocks.whole(), gradient.whole(), progress.whole());
         let bind = |stage: &str, entry: &str, buffers: &[Binding<'_>]| {
-            gpu.kernel(&format!("proxy/train_{stage}"), entry, &[])?.bind(buffers)
+            gpu.kernel(&format!("train/{stage}"), entry, &[])?.bind(buffers)
         };
         let moments = [first.whole(), second.whole()];
         Ok(Self {
@@ -200,7 +200,7 @@ impl MuonKernels {
         let matrices = starts.len() as u32;
         let starts = gpu.buffer_of("hidden matrices", &starts)?;
         let x = squares.whole();
-        let kernel = |entry: &str| gpu.kernel("proxy/train_muon", entry, &[]);
+        let kernel = |entry: &str| gpu.kernel("train/muon", entry, &[]);
         let start = [x, starts.whole(), progress, momentum.whole(), gradient.whole()];
         Ok(Some(Self {
             size: matrix.rows as u32,

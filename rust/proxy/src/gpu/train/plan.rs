@@ -10,7 +10,7 @@ use crate::simd::LANES;
 /// Instead of an offset, where there is none.
 const NONE: u32 = u32::MAX;
 
-/// What the columns of activations stand for; numbers as in `train_batch.wgsl`.
+/// What the columns of activations stand for; numbers as in `train/batch.wgsl`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Space {
     Samples = 0,
@@ -33,7 +33,7 @@ fn per_space(samples: u32, slots: u32, space: Space) -> u32 {
     }
 }
 
-/// A dense layer: the twin of `Layer` in `train_layers.wgsl`, which tells what the fields are.
+/// A dense layer: the twin of `Layer` in `train/layers.wgsl`, which tells what the fields are.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, NoUninit, Zeroable)]
 pub(super) struct Layer {
@@ -67,7 +67,7 @@ impl Layer {
     }
 }
 
-/// `FINISH_*` and `BEFORE_*` of `train_layers.wgsl`.
+/// `FINISH_*` and `BEFORE_*` of `train/layers.wgsl`.
 const FINISH_LINEAR: u32 = 0;
 const RELU: u32 = 1;
 const MODULATED: u32 = 2;

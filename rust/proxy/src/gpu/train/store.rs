@@ -7,7 +7,7 @@ use crate::gradient::Batch;
 use crate::loss::TILE;
 use crate::network::{CHUNK, CHUNK_TILES};
 
-/// Values of a light, as in `train_store.wgsl`.
+/// Values of a light, as in `train/store.wgsl`.
 const LIGHT_ROW: usize = 49;
 const LIGHT_WEIGHT: usize = 9;
 const LIGHT_INVERSE_SCALE: usize = 10;

@@ -246,36 +246,36 @@ fn arguments_mirror_the_shaders() {
     use super::arguments::*;
     use super::plan::Layer;
     use relume_gpu::assert_mirror;
-    assert_mirror!(Batch as "proxy/train_batch", "Batch", { samples, capacity, slots });
-    assert_mirror!(Layer as "proxy/train_dense", "Layer", {
+    assert_mirror!(Batch as "train/batch", "Batch", { samples, capacity, slots });
+    assert_mirror!(Layer as "train/dense", "Layer", {
         weights, stride, bias, inputs, outputs, space, input, output, d_product, d_input, finish, modulation, product,
         before, before_modulation, before_d_modulation, before_product,
     });
-    assert_mirror!(Inputs as "proxy/train_inputs", "Inputs", {
+    assert_mirror!(Inputs as "train/inputs", "Inputs", {
         batch, first_draw, pixels, lights, surfaces, known, light_inputs, surface_rows, levels, features, width, height,
     });
-    assert_mirror!(Features as "proxy/train_features", "Features", { batch, first_draw, surfaces, values });
-    assert_mirror!(Expansion as "proxy/train_expand", "Expansion", {
+    assert_mirror!(Features as "train/features", "Features", { batch, first_draw, surfaces, values });
+    assert_mirror!(Expansion as "train/expand", "Expansion", {
         batch, pixels, lights, samples, pixel_rows, light_rows,
     });
-    assert_mirror!(Layers as "proxy/train_dense", "Layers", { batch, first, count, piece, add, parameters });
-    assert_mirror!(Loss as "proxy/train_loss", "Loss", {
+    assert_mirror!(Layers as "train/dense", "Layers", { batch, first, count, piece, add, parameters });
+    assert_mirror!(Loss as "train/loss", "Loss", {
         batch, first_draw, weights, stride, bias, inputs, input, d_product, factors, weight, first_sum,
     });
-    assert_mirror!(Slots as "proxy/train_slots", "Slots", { batch, samples, pixels, rows, modulation });
-    assert_mirror!(Scatter as "proxy/train_scatter", "Scatter", {
+    assert_mirror!(Slots as "train/slots", "Slots", { batch, samples, pixels, rows, modulation });
+    assert_mirror!(Scatter as "train/scatter", "Scatter", {
         batch, first_draw, d_pixels, levels, features, width, height, grid,
     });
-    assert_mirror!(Reduction as "proxy/train_reduce", "Reduction", { batch, piece, dense, parameters });
-    assert_mirror!(Rates as "proxy/train_adam", "Rates", {
+    assert_mirror!(Reduction as "train/reduce", "Reduction", { batch, piece, dense, parameters });
+    assert_mirror!(Rates as "train/adam", "Rates", {
         parameters, adam, grid, first_correction, second_correction,
     });
-    assert_mirror!(Targets as "proxy/train_targets", "Targets", { samples, slots, first_block, blocks, block });
-    assert_mirror!(Mean as "proxy/train_mean", "Mean", { parameters, share });
-    assert_mirror!(Muon as "proxy/train_muon", "Muon", {
+    assert_mirror!(Targets as "train/targets", "Targets", { samples, slots, first_block, blocks, block });
+    assert_mirror!(Mean as "train/mean", "Mean", { parameters, share });
+    assert_mirror!(Muon as "train/muon", "Muon", {
         size, stride, matrices, left, right, turned, plus, to, factor, share, step,
     });
-    assert_mirror!(Progress as "proxy/train_reduce", "Progress", { loss, loss_sum, steps, diverged, bad_target });
+    assert_mirror!(Progress as "train/reduce", "Progress", { loss, loss_sum, steps, diverged, bad_target });
 }
 
 fn short(samples: u64) -> TrainConfig {

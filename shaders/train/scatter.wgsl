@@ -1,4 +1,4 @@
-// use: proxy/train_store
+// use: train/store
 // use: proxy/grid
 // Gradient by the hash grid: each pixel adds to the four points around it. Sums are kept in fixed point of 64 bits, in two
 // words, since integers add up to the same in any order and every back end has atomics for them (DX12 has none for

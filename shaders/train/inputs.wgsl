@@ -1,4 +1,4 @@
-// use: proxy/train_store
+// use: train/store
 // use: proxy/grid
 // What enters the networks: encoded pixels, what is known of them, and encoded lights, from the chunks that a batch draws.
 

@@ -1,5 +1,5 @@
-// use: proxy/train_store
-// use: proxy/train_parameters
+// use: train/store
+// use: train/parameters
 // Takes gathered values into the store, in units of the network's output.
 
 struct Targets {

@@ -1,4 +1,4 @@
-// use: proxy/train_batch
+// use: train/batch
 // What the kernels over all parameters share. Tensors begin at multiples of 16, so that one word says of each block of 16
 // what it is.
 

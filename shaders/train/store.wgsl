@@ -1,4 +1,4 @@
-// use: proxy/train_batch
+// use: train/batch
 // A row of the store of lights: parameters in units of the scene, weight in the loss, one over the scale of outputs
 // (where targets are gathered on the device), inputs of the networks.
 

@@ -1,4 +1,4 @@
-// use: proxy/train_parameters
+// use: train/parameters
 // Moves the running mean of the parameters.
 
 struct Mean {

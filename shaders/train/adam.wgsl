@@ -1,4 +1,4 @@
-// use: proxy/train_parameters
+// use: train/parameters
 // Adam (Kingma and Ba 2015) for all parameters but those that Muon moves.
 
 struct Rates {

@@ -1,4 +1,4 @@
-// use: proxy/train_layers
+// use: train/layers
 // Dense layers forwards, and backwards to their inputs. A workgroup computes 64 rows by 64 columns, a thread 4 by 4.
 
 @group(0) @binding(0) var<storage, read> layers: array<Layer>;

@@ -1,4 +1,4 @@
-// use: proxy/train_parameters
+// use: train/parameters
 // Muon (Jordan et al. 2024, "Muon: An optimizer for hidden layers in neural networks") for square matrices, all at once. A
 // matrix has four squares of scratch: the iterate, its Gram matrix, the polynomial of that, and the next iterate.
 

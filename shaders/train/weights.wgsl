@@ -1,4 +1,4 @@
-// use: proxy/train_layers
+// use: train/layers
 // Gradients by weights and biases. Columns are cut into pieces, each of which leaves its sum in a vector of its own; what
 // adds those up takes them in order, so that no atomics are needed and the result is always the same.
 

@@ -1,4 +1,4 @@
-// use: proxy/train_batch
+// use: train/batch
 // Dense layers and how they hang together: one row of a table for each, the same for all kernels.
 
 struct Layer {

@@ -1,4 +1,4 @@
-// use: proxy/train_parameters
+// use: train/parameters
 // Adds up the loss of a batch.
 
 @group(0) @binding(0) var<storage, read> losses: array<f32>;

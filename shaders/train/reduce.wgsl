@@ -1,4 +1,4 @@
-// use: proxy/train_parameters
+// use: train/parameters
 // Adds up the pieces of the gradient in their order.
 
 struct Reduction {

@@ -1,4 +1,4 @@
-// use: proxy/train_batch
+// use: train/batch
 // The reference network's input: the rows of a sample's pixel, then those of its light.
 
 struct Expansion {

@@ -1,4 +1,4 @@
-// use: proxy/train_store
+// use: train/store
 // use: proxy/features
 // Analytic features of each sample's light at its pixel's surface.
 

@@ -1,4 +1,4 @@
-// use: proxy/train_batch
+// use: train/batch
 // From the gradients by samples to those by their pixels: sums over the lights of each pixel.
 
 struct Slots {

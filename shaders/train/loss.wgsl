@@ -1,4 +1,4 @@
-// use: proxy/train_store
+// use: train/store
 // The last layer (three outputs), the loss (paper, equation 4) and the gradient by the outputs; one sample a thread.
 
 struct Loss {
