@@ -92,7 +92,8 @@ def _settings(scene: bpy.types.Scene, options: argparse.Namespace, reporter: Rep
 
 def relight(options: argparse.Namespace, rest: list[str], reporter: Reporter) -> int:
     """Relights a bake by the open scene's present lights, or by a light set."""
-    arguments = ["relight", options.bake, "--out", options.out, *rest, f"--threads={options.threads}", f"--device={options.device}"]
+    machine = [f"--threads={options.threads}", f"--device={options.device}"]
+    arguments = ["relight", options.bake, "--out", options.out, *rest, *machine]
     arguments += ["--quiet"] * options.quiet + ["--json"] * options.json
     if options.lights:
         return native().run_command_line([*arguments, "--lights", options.lights])

@@ -38,7 +38,8 @@ def table(folder):
         cells = [next((line(r) for r in records if r["name"] == name), "") for records in machines.values()]
         rows.append([name, *cells])
     lines = "\n".join(f"| {' | '.join(row)} |" for row in rows)
-    return f"# GPU benchmarks\n\nMade by `make bench-gpu BENCH_GPU=\"--keep MACHINE\"` from the files beside it.\n\n{lines}\n"
+    made_by = 'Made by `make bench-gpu BENCH_GPU="--keep MACHINE"` from the files beside it.'
+    return f"# GPU benchmarks\n\n{made_by}\n\n{lines}\n"
 
 
 def main():

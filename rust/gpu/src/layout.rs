@@ -33,7 +33,7 @@ pub fn of(module: &str, name: &str) -> Result<StructLayout, GpuError> {
 
 /// Panics unless a Rust struct has the size and the fields, at the same places, of its WGSL twin.
 ///
-/// ```ignore
+/// ```text
 /// relume_gpu::assert_mirror!(Light as "gather/gather", "Light", { center, radius });
 /// ```
 #[macro_export]
