@@ -120,4 +120,4 @@ fn chunk_of(batch: &Batch, index: usize, weight: f32) -> Chunk<'_> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

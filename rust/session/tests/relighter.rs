@@ -48,6 +48,11 @@ fn training(kind: LightKind) -> TrainSettings {
     TrainSettings { kind, config, seed: 1, seconds: None, clock: Clock::Wall, half_for_measuring: true }
 }
 
+/// Trains on the CPU, from the start.
+fn trained(bake: &Path, out: &Path, kind: LightKind) -> TrainReport {
+    train(bake, out, &training(kind), false, &Compute::default(), &Monitor::default()).unwrap()
+}
+
 const RAW: RelightOptions = RelightOptions { with: With::Auto, denoise: false };
 
 fn makers(relighter: &Relighter, lights: &[Light], options: RelightOptions) -> Vec<Maker> {
@@ -127,15 +132,7 @@ fn sun_too_narrow_for_the_samples_is_named() {
 fn proxies_take_only_what_they_learned() {
     let folder = tempfile::tempdir().unwrap();
     baked(folder.path());
-    train(
-        folder.path(),
-        folder.path(),
-        &training(LightKind::Sphere),
-        false,
-        &Compute::default(),
-        &Monitor::default(),
-    )
-    .unwrap();
+    trained(folder.path(), folder.path(), LightKind::Sphere);
     let relighter = Relighter::open(folder.path()).unwrap();
     let usual = sphere("usual", 0.2);
     let huge = sphere("huge", 0.9);
@@ -185,7 +182,7 @@ fn auto_takes_whichever_was_measured_better() {
     let folder = tempfile::tempdir().unwrap();
     baked(folder.path());
     let out = folder.path();
-    train(out, out, &training(LightKind::Sphere), false, &Compute::default(), &Monitor::default()).unwrap();
+    trained(out, out, LightKind::Sphere);
     let path = out.join("proxy_sphere.json");
     let text = std::fs::read_to_string(&path).unwrap();
     let mut measured: serde_json::Value = serde_json::from_str(&text).unwrap();
@@ -208,8 +205,7 @@ fn proxies_travel_without_their_bake() {
     let (bake_folder, proxies) = (folder.path().join("bake"), folder.path().join("proxies"));
     baked(&bake_folder);
     for kind in [LightKind::Sphere, LightKind::Quad] {
-        train(&bake_folder, &proxies, &training(kind), false, &Compute::default(), &Monitor::default())
-            .unwrap();
+        trained(&bake_folder, &proxies, kind);
     }
     let lights = [sphere("Key", 0.2)];
     let by_proxy = RelightOptions { with: With::Proxy, ..RAW };
@@ -229,7 +225,7 @@ fn proxy_of_another_scene_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let (one, two) = (folder.path().join("one"), folder.path().join("two"));
     baked(&one);
-    train(&one, &one, &training(LightKind::Sphere), false, &Compute::default(), &Monitor::default()).unwrap();
+    trained(&one, &one, LightKind::Sphere);
     let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/room.obj");
     let scene = obj_scene(&room, &ObjView { width: 20, height: 16, ..ObjView::default() }).unwrap();
     let settings = TraceSettings { samples: 2, ..TraceSettings::default() };
@@ -249,8 +245,7 @@ fn cancelled_work_says_so_and_keeps_what_is_whole() {
     let error = relighter.relight(&[sphere("Key", 0.2)], &RAW, &monitor).unwrap_err();
     assert!(matches!(error, relume_session::SessionError::Cancelled));
     let out = folder.path();
-    let good = train(out, out, &training(LightKind::Sphere), false, &Compute::default(), &Monitor::default())
-        .unwrap();
+    let good = trained(out, out, LightKind::Sphere);
     let error =
         train(out, out, &training(LightKind::Sphere), false, &Compute::default(), &monitor).unwrap_err();
     assert!(matches!(error, relume_session::SessionError::Cancelled));
@@ -266,15 +261,7 @@ fn cancelled_work_says_so_and_keeps_what_is_whole() {
 fn pictures_of_the_gpu_are_those_of_the_cpu() {
     let folder = tempfile::tempdir().unwrap();
     baked(folder.path());
-    train(
-        folder.path(),
-        folder.path(),
-        &training(LightKind::Sphere),
-        false,
-        &Compute::default(),
-        &Monitor::default(),
-    )
-    .unwrap();
+    trained(folder.path(), folder.path(), LightKind::Sphere);
     let compute = Device::Gpu(GpuChoice::Best).open(None).unwrap();
     let has_matrices = compute.gpu.as_ref().unwrap().limits().matrices;
     let gpu = Relighter::open(folder.path()).unwrap().on(&compute);
@@ -328,15 +315,7 @@ fn the_cpu_goes_on_where_the_gpu_fails_unless_that_one_was_asked_for() {
 fn lights_solved_on_the_gpu_are_those_of_the_cpu() {
     let folder = tempfile::tempdir().unwrap();
     baked(folder.path());
-    train(
-        folder.path(),
-        folder.path(),
-        &training(LightKind::Sphere),
-        false,
-        &Compute::default(),
-        &Monitor::default(),
-    )
-    .unwrap();
+    trained(folder.path(), folder.path(), LightKind::Sphere);
     let gpu = Relighter::open(folder.path()).unwrap().on(&Device::Gpu(GpuChoice::Best).open(None).unwrap());
     let cpu = Relighter::open(folder.path()).unwrap();
     let options = RelightOptions { with: With::Proxy, denoise: false };

@@ -7,21 +7,21 @@ use crate::simd::Isa;
 use crate::synthetic::SyntheticRoom;
 use crate::{GridConfig, LightKind, Rng, SizeRange};
 
-const SIZE: SizeRange = SizeRange { min: 0.1, max: 0.5 };
+pub(crate) const SIZE: SizeRange = SizeRange { min: 0.1, max: 0.5 };
 const KINDS: [LightKind; 3] = [LightKind::Sphere, LightKind::FacingDisk, LightKind::Quad];
 
-fn tiny_grid() -> GridConfig {
-    // Ten bits make the finest level hash.
+pub(crate) fn tiny_grid() -> GridConfig {
+    // Eight bits make the finest levels hash.
     GridConfig { levels: 3, log2_hashmap_size: 8, finest_cells_per_pixel: 1.0, ..GridConfig::default() }
 }
 
-struct Setup {
-    scene: SceneCache,
-    encoding: LightEncoding,
-    size: [usize; 2],
+pub(crate) struct Setup {
+    pub scene: SceneCache,
+    pub encoding: LightEncoding,
+    pub size: [usize; 2],
 }
 
-fn setup(kind: LightKind) -> Setup {
+pub(crate) fn setup(kind: LightKind) -> Setup {
     let features = SyntheticRoom::new(40, 24).features();
     let normalisation = Normalisation::of(&features);
     Setup {

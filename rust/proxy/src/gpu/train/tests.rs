@@ -5,48 +5,24 @@ use relume_image::Image;
 use relume_scene::LightShape;
 
 use super::*;
-use crate::encoding::LightEncoding;
+use crate::gradient::tests::{SIZE, Setup, setup, tiny_grid};
 use crate::gradient::{GradientBuffers, batch_gradient};
 use crate::light::random_light;
 use crate::loss::TILE as TARGET_TILE;
 use crate::network::{CHUNK_TILES, Context, FastNetwork, ReferenceNetwork};
 use crate::optim::Optimiser;
 use crate::sampling::Sampler;
-use crate::scene_cache::Normalisation;
 use crate::simd::{Isa, LANES};
 use crate::synthetic::SyntheticRoom;
 use crate::{
-    GridConfig, LearningRates, LightParams, LightPlacement, NetworkConfig, PixelQueries, Rng, SizeRange,
-    TargetMode, TargetSource, Trainer,
+    GridConfig, LearningRates, LightParams, LightPlacement, NetworkConfig, PixelQueries, Rng, TargetMode,
+    TargetSource, Trainer,
 };
-
-const SIZE: SizeRange = SizeRange { min: 0.1, max: 0.5 };
 
 /// Any device will do, a software driver included; that there is none is a failure.
 fn gpu() -> Arc<Gpu> {
     Gpu::open(&GpuChoice::Best)
         .expect("tests need a GPU or a software driver, like Debian's mesa-vulkan-drivers")
-}
-
-fn tiny_grid() -> GridConfig {
-    // Eight bits make the finest levels hash.
-    GridConfig { levels: 3, log2_hashmap_size: 8, finest_cells_per_pixel: 1.0, ..GridConfig::default() }
-}
-
-struct Setup {
-    scene: SceneCache,
-    encoding: LightEncoding,
-    size: [usize; 2],
-}
-
-fn setup(kind: LightKind) -> Setup {
-    let features = SyntheticRoom::new(40, 24).features();
-    let normalisation = Normalisation::of(&features);
-    Setup {
-        scene: SceneCache::new(&features, normalisation),
-        encoding: LightEncoding::new(kind, normalisation, SIZE),
-        size: [features.width, features.height],
-    }
 }
 
 fn samples(setup: &Setup, chunks: usize, slots: usize) -> Samples {
