@@ -1,40 +1,55 @@
-"""Colour of a black body, for Blenders that cannot be asked.
+"""Colour of a black body, as Blender's Blackbody node and its lights have it.
 
-Planck's law against the CIE 1931 observer in the analytic form of Wyman, Sloan and Shirley, "Simple Analytic
-Approximations to the CIE XYZ Color Matching Functions", JCGT 2(2), 2013, section 2.2.
+Blender fits each channel of linear Rec.709 piecewise in the temperature T: red and green as a / T + b T + c, blue as a
+cubic. Constants: Cycles, `intern/cycles/kernel/svm/math_util.h`. Outside of the range the colour stays at its ends.
 """
 
 from __future__ import annotations
 
-import math
+from bisect import bisect_right
 
-PLANCK_C2_NM_K = 1.438776877e7
+BOUNDS_K = (965.0, 1167.0, 1449.0, 1902.0, 3315.0, 6365.0)
+"""Where one piece ends and the next begins."""
 
-# Per channel: (weight, mean in nm, spread below and above the mean in 1/nm).
-OBSERVER = (
-    ((0.362, 442.0, 0.0624, 0.0374), (1.056, 599.8, 0.0264, 0.0323), (-0.065, 501.1, 0.0490, 0.0382)),
-    ((0.821, 568.8, 0.0213, 0.0247), (0.286, 530.9, 0.0613, 0.0322)),
-    ((1.217, 437.0, 0.0845, 0.0278), (0.681, 459.0, 0.0385, 0.0725)),
+COLDEST_K, HOTTEST_K = 800.0, 12000.0
+COLDEST, HOTTEST = [5.413294490189271, 0.0, 0.0], [0.8262954810464208, 0.9945080501520986, 1.566307710274283]
+
+RED = (
+    (1.61919106e03, -2.05010916e-03, 5.02995757),
+    (2.48845471e03, -1.11330907e-03, 3.22621544),
+    (3.34143193e03, -4.86551192e-04, 1.76486769),
+    (4.09461742e03, -1.27446582e-04, 7.25731635e-01),
+    (4.67028036e03, 2.91258199e-05, 1.26703442e-01),
+    (4.59509185e03, 2.87495649e-05, 1.50345020e-01),
+    (3.78717450e03, 9.35907826e-06, 3.99075871e-01),
 )
-
-REC709_FROM_XYZ = (
-    (3.2404542, -1.5371385, -0.4985314),
-    (-0.9692660, 1.8760108, 0.0415560),
-    (0.0556434, -0.2040259, 1.0572252),
+GREEN = (
+    (-4.88999748e02, 6.04330754e-04, -7.55807526e-02),
+    (-7.55994277e02, 3.16730098e-04, 4.78306139e-01),
+    (-1.02363977e03, 1.20223470e-04, 9.36662319e-01),
+    (-1.26571316e03, 4.87340896e-06, 1.27054498),
+    (-1.42529332e03, -4.01150431e-05, 1.43972784),
+    (-1.17554822e03, -2.16378048e-05, 1.30408023),
+    (-5.00799571e02, -4.59832026e-06, 1.09098763),
+)
+BLUE = (
+    (5.96945309e-11, -4.85742887e-08, -9.70622247e-05, -4.07936148e-03),
+    (2.40430366e-11, 5.55021075e-08, -1.98503712e-04, 2.89312858e-02),
+    (-1.40949732e-11, 1.89878968e-07, -3.56632824e-04, 9.10767778e-02),
+    (-3.61460868e-11, 2.84822009e-07, -4.93211319e-04, 1.56723440e-01),
+    (-1.97075738e-11, 1.75359352e-07, -2.50542825e-04, -2.22783266e-02),
+    (-1.61997957e-13, -1.64216008e-08, 3.86216271e-04, -7.38077418e-01),
+    (6.72650283e-13, -2.73078809e-08, 4.24098264e-04, -7.52335691e-01),
 )
 
 
 def blackbody_color(kelvin: float) -> list[float]:
-    """Linear Rec.709 of luminance 1, as Blender's Blackbody node; its range is 800 to 12000 K."""
-    kelvin = min(max(kelvin, 800.0), 12000.0)
-    xyz = [0.0, 0.0, 0.0]
-    for wavelength_nm in range(380, 781, 2):
-        radiance = wavelength_nm**-5.0 / math.expm1(PLANCK_C2_NM_K / (wavelength_nm * kelvin))
-        for channel, lobes in enumerate(OBSERVER):
-            xyz[channel] += radiance * sum(_lobe(wavelength_nm, *lobe) for lobe in lobes)
-    return [max(0.0, sum(row[i] * xyz[i] for i in range(3)) / xyz[1]) for row in REC709_FROM_XYZ]
-
-
-def _lobe(wavelength_nm: float, weight: float, mean_nm: float, below: float, above: float) -> float:
-    scaled = (wavelength_nm - mean_nm) * (below if wavelength_nm < mean_nm else above)
-    return weight * math.exp(-0.5 * scaled * scaled)
+    """Linear Rec.709 of luminance about 1; its range is 800 to 12000 K."""
+    if kelvin >= HOTTEST_K:
+        return list(HOTTEST)
+    if kelvin < COLDEST_K:
+        return list(COLDEST)
+    piece = bisect_right(BOUNDS_K, kelvin)
+    a, b, c, d = BLUE[piece]
+    red, green = (a / kelvin + b * kelvin + c for a, b, c in (RED[piece], GREEN[piece]))
+    return [max(0.0, value) for value in (red, green, ((a * kelvin + b) * kelvin + c) * kelvin + d)]

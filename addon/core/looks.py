@@ -1,0 +1,158 @@
+"""Looks: all values of the mix and the lights as they were, as plain JSON that also serves other files.
+
+A look is a JSON object with `"format": "relume-look"` and `"version": 1`. Rows, groups and lights are matched by
+name, so it can be used with every camera and file whose lights have the same names.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from .rows import GROUP, LIGHT, STATIC, WORLD, Row
+
+FORMAT, VERSION = "relume-look", 1
+KINDS = (LIGHT, GROUP, WORLD, STATIC)
+
+
+class LookError(Exception):
+    """A look cannot be read; the message is one line for the artist."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """A named state of the mix and of the lights."""
+
+    name: str
+    rows: tuple[Row, ...] = ()
+    """Of lights, groups, world and static light."""
+    lights: tuple[dict[str, Any], ...] = ()
+    """Each `{"name", "type", "matrix", "hidden", "settings"}`: `matrix` is world-from-object by rows, `settings`
+    maps properties of the Blender light to values."""
+
+
+@dataclass(frozen=True)
+class Match:
+    """How a look meets the rows of a scene."""
+
+    rows: list[Row] = field(default_factory=list)
+    """What the scene's rows become, in their order."""
+    missing: list[str] = field(default_factory=list)
+    """Lights and groups of the look that the scene does not have."""
+    unknown: list[str] = field(default_factory=list)
+    """Lights of the scene that the look does not know: switched off, as they were not in its picture."""
+
+
+def match(look: Look, present: Iterable[Row]) -> Match:
+    """The scene's rows with the values of the look. Groups, world and static light that it does not know become
+    neutral. Raises LookError if it has no light of this scene."""
+    present = list(present)
+    known = {_key(row): row for row in look.rows}
+    keys = {_key(row) for row in present}
+    lights = [row.name for row in present if row.kind == LIGHT]
+    unknown = [name for name in lights if (LIGHT, name) not in known]
+    if lights and len(unknown) == len(lights):
+        raise LookError(f"look '{look.name}' has none of this scene's lights; lights are matched by name")
+    rows = [known.get(_key(row)) or Row(row.name, row.kind, on=row.kind != LIGHT) for row in present]
+    missing = [row.name for key, row in known.items() if key not in keys and row.kind in {LIGHT, GROUP}]
+    return Match(rows, missing, unknown)
+
+
+def _key(row: Row) -> tuple[str, str]:
+    return (row.kind, row.name if row.kind in {LIGHT, GROUP} else "")
+
+
+def to_json(look: Look) -> str:
+    """The text of a look."""
+    return json.dumps({"format": FORMAT, "version": VERSION, **asdict(look)}, indent=1, ensure_ascii=False)
+
+
+def from_json(text: str | bytes) -> Look:
+    """Reads a look and checks all of it. Raises LookError."""
+    try:
+        data = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise LookError(f"this is not a look: it is not JSON ({error})") from error
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
+        raise LookError(f'this is not a look: its "format" is not "{FORMAT}"')
+    if data.get("version") != VERSION:
+        raise LookError(f"look of version {data.get('version')!r}; this Relume reads version {VERSION}: update Relume")
+    name = _checked(data, "name", _is_text, "look")
+    rows = tuple(_row(entry) for entry in _checked(data, "rows", _is_list, f"look '{name}'"))
+    lights = tuple(_light(entry) for entry in _checked(data, "lights", _is_list, f"look '{name}'"))
+    return Look(name, rows, lights)
+
+
+def _row(entry: Any) -> Row:
+    where = _where(entry, "row")
+    return Row(
+        name=_checked(entry, "name", _is_text, where),
+        kind=_checked(entry, "kind", KINDS.__contains__, where),
+        on=_checked(entry, "on", _is_flag, where),
+        solo=_checked(entry, "solo", _is_flag, where),
+        exposure=_checked(entry, "exposure", lambda value: _is_number(value) and abs(value) <= 100, where),
+        multiplier=_checked(entry, "multiplier", lambda value: _is_number(value) and value >= 0, where),
+        color=tuple(_checked(entry, "color", _is_color, where)),
+        use_kelvin=_checked(entry, "use_kelvin", _is_flag, where),
+        kelvin=_checked(entry, "kelvin", lambda value: _is_number(value) and value > 0, where),
+    )
+
+
+def _light(entry: Any) -> dict[str, Any]:
+    where = _where(entry, "light")
+    settings = _checked(entry, "settings", lambda value: isinstance(value, dict), where)
+    return {
+        "name": _checked(entry, "name", _is_text, where),
+        "type": _checked(entry, "type", _is_text, where),
+        "matrix": _checked(entry, "matrix", _is_matrix, where),
+        "hidden": _checked(entry, "hidden", _is_flag, where),
+        "settings": {key: _checked(settings, key, _is_setting, where) for key in settings},
+    }
+
+
+def _where(entry: Any, kind: str) -> str:
+    if not isinstance(entry, dict):
+        raise LookError(f"damaged look: a {kind} is not an object")
+    return f"{kind} {entry.get('name')!r}"
+
+
+def _checked(data: dict[str, Any], key: str, is_good: Callable[[Any], bool], where: str) -> Any:
+    value = data.get(key)
+    if not is_good(value):
+        raise LookError(f'damaged look: {where} has no usable "{key}" (found {json.dumps(value)[:40]})')
+    return value
+
+
+def _is_text(value: Any) -> bool:
+    """What Blender can store as a name."""
+    return isinstance(value, str) and not any(char < " " or "\ud800" <= char <= "\udfff" for char in value)
+
+
+def _is_flag(value: Any) -> bool:
+    return isinstance(value, bool)
+
+
+def _is_list(value: Any) -> bool:
+    return isinstance(value, list)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= 1e30
+
+
+def _is_color(value: Any) -> bool:
+    return _is_list(value) and len(value) == 3 and all(_is_number(channel) and channel >= 0 for channel in value)
+
+
+def _is_matrix(value: Any) -> bool:
+    return (
+        _is_list(value)
+        and len(value) == 4
+        and all(_is_list(row) and len(row) == 4 and all(map(_is_number, row)) for row in value)
+    )
+
+
+def _is_setting(value: Any) -> bool:
+    return _is_flag(value) or _is_text(value) or _is_number(value) or _is_color(value)

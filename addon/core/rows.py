@@ -1,0 +1,86 @@
+"""The mix: a row of controls per light, group, world and static light, and the gains that they amount to.
+
+A gain multiplies a light's radiance by channel. The rules:
+
+* a row that is off is silent, and so is a group that is off, with all of its members;
+* once anything is soloed, only soloed rows are heard, and the members of soloed groups; off wins over solo;
+* a light's gain is its own times that of each group that it belongs to, directly or through a group inside another.
+  A group counts once, however many ways lead to it; two collections with the same light multiply.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from .blackbody import blackbody_color
+
+LIGHT, GROUP, WORLD, STATIC = "LIGHT", "GROUP", "WORLD", "STATIC"
+SILENT = [0.0, 0.0, 0.0]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the mix."""
+
+    name: str
+    """The light object's or the collection's; of world and static any."""
+    kind: str = LIGHT
+    on: bool = True
+    solo: bool = False
+    exposure: float = 0.0
+    """In stops: one more doubles."""
+    multiplier: float = 1.0
+    color: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """Scene-linear tint."""
+    use_kelvin: bool = False
+    kelvin: float = 6500.0
+    """Tint by the colour of a black body of this temperature, besides `color`."""
+
+    def gain(self) -> list[float]:
+        """What the sliders of this row amount to, on, off and solo aside."""
+        strength = 2.0**self.exposure * self.multiplier
+        tint = blackbody_color(self.kelvin) if self.use_kelvin else (1.0, 1.0, 1.0)
+        return [strength * color * kelvin for color, kelvin in zip(self.color, tint, strict=True)]
+
+
+def is_neutral(row: Row) -> bool:
+    """Whether the row changes nothing."""
+    return row.on and not row.solo and row.gain() == [1.0, 1.0, 1.0]
+
+
+def mix(rows: Iterable[Row], groups: Iterable[Row], memberships: Mapping[str, Iterable[str]]) -> dict[str, Any]:
+    """The gains of all lights by name, of the world and of static light.
+
+    `memberships` lists, by the name of a light, all groups that it belongs to, also through other groups.
+    """
+    rows = list(rows)
+    by_name = {group.name: group for group in groups}
+    any_solo = any(row.solo for row in (*rows, *by_name.values()))
+    out: dict[str, Any] = {"gains": {}, "world": [1.0, 1.0, 1.0], "static": [1.0, 1.0, 1.0]}
+    for row in rows:
+        names = dict.fromkeys(memberships.get(row.name, ())) if row.kind == LIGHT else {}
+        chain = [row, *(by_name[name] for name in names if name in by_name)]
+        gain = _product(chain) if _is_heard(chain, any_solo) else list(SILENT)
+        if row.kind == LIGHT:
+            out["gains"][row.name] = gain
+        else:
+            out[row.kind.lower()] = gain
+    return out
+
+
+def instance_gain(gains: Mapping[str, list[float]], name: str) -> list[float] | None:
+    """Gain of a light by its name in the native scene, where the second instance of 'Bulb' is 'Bulb#2'."""
+    return gains.get(name) or gains.get(name.rpartition("#")[0])
+
+
+def _is_heard(chain: list[Row], any_solo: bool) -> bool:
+    return all(row.on for row in chain) and (not any_solo or any(row.solo for row in chain))
+
+
+def _product(chain: list[Row]) -> list[float]:
+    out = [1.0, 1.0, 1.0]
+    for row in chain:
+        out = [a * b for a, b in zip(out, row.gain(), strict=True)]
+    return out
