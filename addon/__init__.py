@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import bpy
 
+from . import ui
+
 COMMAND = "relume"
 
 _registered: list[object] = []
@@ -19,9 +21,13 @@ def _run_command(arguments: list[str]) -> int:
 def register():
     """Called by Blender when the extension is enabled."""
     _registered.append(bpy.utils.register_cli_command(COMMAND, _run_command))
+    for module in ui.MODULES:
+        module.register()
 
 
 def unregister():
-    """Called by Blender when the extension is disabled."""
+    """Called by Blender when the extension is disabled. Takes everything back, in reverse order."""
+    for module in reversed(ui.MODULES):
+        module.unregister()
     while _registered:
         bpy.utils.unregister_cli_command(_registered.pop())

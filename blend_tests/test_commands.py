@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 import relume
 
-import addon
 from addon.engine.commands import run
 from addon.export import is_standard, trace_settings, write_view_table
 from helpers import add_light, add_material, add_quad, render_cycles
@@ -172,14 +171,6 @@ def test_view_table_holds_the_view_transform(shot, tmp_path):
     assert pixels[0, 0, red, 0] == pytest.approx(srgb, abs=2e-3)
     assert pixels[red, 0, 0, 1] == pytest.approx(srgb, abs=2e-3)
     assert pixels[0, red, 0, 2] == pytest.approx(srgb, abs=2e-3)
-
-
-def test_the_command_is_registered_and_removed():
-    addon.register()
-    addon.register()
-    assert len(addon._registered) == 2
-    addon.unregister()
-    assert addon._registered == []
 
 
 def script(blend, *arguments):

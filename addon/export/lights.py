@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+from collections.abc import Callable
 from typing import Any
 
 import bpy
@@ -14,22 +14,27 @@ WHITE = [1.0, 1.0, 1.0]
 
 
 class LightExporter:
-    """Adds every light that can be represented and names the others."""
+    """Describes every light that can be represented, under a name of its own, and names the others."""
 
-    def __init__(self, builder: Any, linking: LightLinking):
-        self.builder = builder
+    def __init__(self, add: Callable[[dict[str, Any]], None], warn: Callable[[str], None], linking: LightLinking):
+        self.add = add
+        self.warn = warn
         self.linking = linking
         self.names: dict[str, int] = {}
 
     def export(self, obj: bpy.types.Object, world_from_object: Any) -> None:
         """Adds one light or one instance of a light."""
-        light = obj.data
-        if light.type == "AREA" and getattr(light, "cycles", None) and light.cycles.is_portal:
+        if is_portal(obj.data):
             return
-        emission = self._emission(obj)
+        emission = _emission(obj, self.warn)
         if emission is None:
             return
         self._warn(obj)
+        self.add(self._description(obj, world_from_object, emission))
+
+    def _description(self, obj: bpy.types.Object, world_from_object: Any, emission: list[float]) -> dict[str, Any]:
+        """The JSON form of `BlenderLight`."""
+        light = obj.data
         description = {
             "name": self._unique_name(obj.name),
             "world_from_object": [list(row) for row in world_from_object],
@@ -51,7 +56,7 @@ class LightExporter:
         receivers = self.linking.receivers(obj)
         if receivers is not None:
             description["receivers"] = {"receivers": receivers}
-        self.builder.add_light(json.dumps(description))
+        return description
 
     def _unique_name(self, name: str) -> str:
         count = self.names.get(name, 0)
@@ -59,31 +64,34 @@ class LightExporter:
         return name if count == 0 else f"{name}#{count + 1}"
 
     def _warn(self, obj: bpy.types.Object) -> None:
-        light, warn = obj.data, self.builder.warn
-        if not light.use_shadow:
-            warn(f"light '{obj.name}': a light without shadow is not representable; it casts shadows")
+        if not obj.data.use_shadow:
+            self.warn(f"light '{obj.name}': a light without shadow is not representable; it casts shadows")
         if obj.light_linking.blocker_collection is not None:
-            warn(f"light '{obj.name}': shadow linking is not representable; every object blocks it")
+            self.warn(f"light '{obj.name}': shadow linking is not representable; every object blocks it")
 
-    def _emission(self, obj: bpy.types.Object) -> list[float] | None:
-        """Colour times strength of the light's nodes; None if it has nodes and they are not one constant."""
-        tree = used_tree(obj.data)
-        if tree is None:
-            return WHITE
-        output = tree.get_output_node("CYCLES")
-        source = resolve(output.inputs["Surface"], ()) if output else None
-        if source is None:
-            self.builder.warn(f"light '{obj.name}': its nodes emit nothing; left out")
-            return None
-        if source.node.bl_idname == "ShaderNodeEmission":
-            emission = _constant_emission(source)
-            if emission is not None:
-                return emission
-        self.builder.warn(
-            f"light '{obj.name}': its node '{source.node.name}' is not one constant emission (IES, gobo or texture); "
-            "left out"
-        )
+
+def is_portal(light: bpy.types.Light) -> bool:
+    """Whether a light only guides Cycles' sampling and emits nothing itself."""
+    return light.type == "AREA" and bool(getattr(light, "cycles", None) and light.cycles.is_portal)
+
+
+def _emission(obj: bpy.types.Object, warn: Callable[[str], None]) -> list[float] | None:
+    """Colour times strength of the light's nodes; None if it has nodes and they are not one constant."""
+    tree = used_tree(obj.data)
+    if tree is None:
+        return WHITE
+    output = tree.get_output_node("CYCLES")
+    source = resolve(output.inputs["Surface"], ()) if output else None
+    if source is None:
+        warn(f"light '{obj.name}': its nodes emit nothing; left out")
         return None
+    if source.node.bl_idname == "ShaderNodeEmission":
+        emission = _constant_emission(source)
+        if emission is not None:
+            return emission
+    node = source.node.name
+    warn(f"light '{obj.name}': its node '{node}' is not one constant emission (IES, gobo or texture); left out")
+    return None
 
 
 def _constant_emission(source: Source) -> list[float] | None:

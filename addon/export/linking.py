@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
 
 import bpy
 
@@ -10,12 +10,13 @@ RECEIVER_LIMIT = 2048
 
 
 class LightLinking:
-    """Gives every object a receiver number. Objects beyond the limit share the last one."""
+    """Gives every object a receiver number: its place in `objects`, the full names of a scene's objects. Objects
+    beyond the limit share the last one."""
 
-    def __init__(self, builder: Any, depsgraph: bpy.types.Depsgraph):
-        self.builder = builder
-        self.numbers = {obj.name_full: number for number, obj in enumerate(depsgraph.scene.objects)}
-        self.objects = list(depsgraph.scene.objects)
+    def __init__(self, objects: list[str], warn: Callable[[str], None]):
+        self.warn = warn
+        self.objects = objects
+        self.numbers = {name: number for number, name in enumerate(objects)}
 
     def receiver_number(self, obj: bpy.types.Object, owner: bpy.types.Object) -> int:
         """Number of the object that an instance belongs to: its instancer where it has one."""
@@ -29,16 +30,16 @@ class LightLinking:
             return None
         states = _link_states(collection.original)
         if len(self.objects) > RECEIVER_LIMIT:
-            self.builder.warn(
+            self.warn(
                 f"light '{light.name}': light linking is exact for the first {RECEIVER_LIMIT} objects only; "
                 "the others are lit together"
             )
         # Without any included object, everything that is not excluded is lit.
         exclude_only = "INCLUDE" not in states.values()
         lit = (
-            self.numbers[obj.name_full]
-            for obj in self.objects
-            if states.get(obj.name_full, "INCLUDE" if exclude_only else "EXCLUDE") == "INCLUDE"
+            number
+            for number, name in enumerate(self.objects)
+            if states.get(name, "INCLUDE" if exclude_only else "EXCLUDE") == "INCLUDE"
         )
         return sorted({min(number, RECEIVER_LIMIT - 1) for number in lit})
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from typing import Any
 
 import bpy
@@ -69,8 +70,8 @@ class _SceneExporter:
         self.view_layer = depsgraph.view_layer
         self.images = ImageExporter(builder)
         self.materials = MaterialExporter(builder, self.images)
-        self.linking = LightLinking(builder, depsgraph)
-        self.lights = LightExporter(builder, self.linking)
+        self.linking = LightLinking([obj.name_full for obj in depsgraph.scene.objects], builder.warn)
+        self.lights = LightExporter(lambda light: builder.add_light(json.dumps(light)), builder.warn, self.linking)
         self.geometry = GeometryExporter(builder)
 
     def run(self) -> None:

@@ -1,0 +1,71 @@
+"""The state of a shot in words for the artist."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from .progress import clock
+
+STAGES = {
+    "export": "Reading the scene",
+    "trace": "Tracing paths",
+    "gather": "Summing lights",
+    "denoise": "Denoising",
+    "train": "Learning the lights",
+}
+
+
+def shown(status: dict[str, Any]) -> str:
+    """What the picture in the view is made of."""
+    picture = status["shown"]
+    if picture is None:
+        return ""
+    makers = set(picture.get("makers", {}).values())
+    samples = picture.get("samples", 0)
+    plain = f"{samples} {'sample' if samples == 1 else 'samples'}"
+    denoised = ", denoised" if any(maker.endswith("denoised") for maker in makers) else ""
+    size = f", at 1/{picture['scale']} size" if picture.get("scale", 1) > 1 else ""
+    if "proxy" not in makers:
+        return f"Showing {plain}{denoised}{size}"
+    mixed = f" and {plain}{denoised}" if makers - {"proxy"} else ""
+    return f"Showing the proxy{_error(status)}{mixed}{size}"
+
+
+def _error(status: dict[str, Any]) -> str:
+    """Largest measured error of the proxies in use."""
+    errors = [proxy["smape"] for proxy in status["proxies"].values() if proxy.get("smape") is not None]
+    return f" (error {100 * max(errors):.1f} %)" if errors else ""
+
+
+def headline(status: dict[str, Any]) -> str:
+    """What is going on, in one line."""
+    match status["state"]:
+        case "empty":
+            return "Nothing is baked yet"
+        case "preparing":
+            return "Reading the scene"
+        case "baking":
+            return f"{_paused(status)}Sample {status['samples']} of {status['samples_total']}"
+        case "training":
+            return f"{_paused(status)}Learning the lights"
+        case "cancelled":
+            return f"Stopped at {status['samples']} of {status['samples_total']} samples; they are kept"
+        case "failed":
+            return status["error"] or "Relume failed without saying why"
+    return f"Ready, {status['samples']} samples"
+
+
+def _paused(status: dict[str, Any]) -> str:
+    return "Paused. " if status["paused"] else ""
+
+
+def progress(status: dict[str, Any]) -> tuple[float, str] | None:
+    """Share that is done and a text, of the present stage; None if nothing runs."""
+    stage = status["stage"]
+    if stage is None or status["state"] not in {"preparing", "baking", "training"}:
+        return None
+    done = min(max(stage["done"] / max(stage["total"], 1), 0.0), 1.0)
+    text = STAGES.get(stage["stage"], stage["stage"].capitalize())
+    if stage.get("remaining_s") is not None:
+        text += f", {clock(stage['remaining_s'])} left"
+    return done, text

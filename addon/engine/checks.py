@@ -1,0 +1,51 @@
+"""What keeps a scene from being baked, in one line for the artist each."""
+
+from __future__ import annotations
+
+import errno
+import os
+import tempfile
+from pathlib import Path
+
+import bpy
+
+from .options import bake_folder
+
+
+class ProblemError(Exception):
+    """Something that the artist has to mend first; the message says what and how."""
+
+
+def check_start(scene: bpy.types.Scene) -> None:
+    """Raises ProblemError if the scene cannot be baked now."""
+    if bpy.app.is_job_running("RENDER"):
+        raise ProblemError("A render is running; start Relume when it has ended")
+    camera = scene.camera
+    if camera is None or camera.type != "CAMERA":
+        raise ProblemError(f"Scene '{scene.name}' has no camera; add one and make it the active camera")
+    if camera.data.type not in {"PERSP", "ORTHO"}:
+        kind = camera.data.type.lower()
+        raise ProblemError(f"Camera '{camera.name}' is {kind}; Relume needs a perspective or orthographic one")
+    check_folder(bake_folder(scene))
+
+
+def check_folder(folder: Path) -> None:
+    """Makes the folder and writes a small file into it, to know now that it can be done."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder, prefix=".check-") as file:
+            file.write(bytes(4096))
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        raise ProblemError(_folder_problem(folder, error)) from error
+
+
+def _folder_problem(folder: Path, error: OSError) -> str:
+    if error.errno in {errno.ENOSPC, errno.EDQUOT}:
+        return f"The disk is full: '{folder}'; free some space or choose another bake folder"
+    if error.errno in {errno.EACCES, errno.EPERM, errno.EROFS}:
+        return f"The folder is read-only: '{folder}'; choose another bake folder"
+    if isinstance(error, (FileExistsError, NotADirectoryError)):
+        return f"'{error.filename or folder}' is a file; choose another bake folder"
+    return f"The folder cannot be used: '{folder}' ({error.strerror}); choose another bake folder"

@@ -1,0 +1,80 @@
+"""Choices of the artist, from the scene and from the preferences, as one plain value."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ..core.bake_folder import default_folder
+
+PACKAGE = __package__.rpartition(".")[0]
+"""Name of the add-on: Blender renames the package of an extension."""
+
+QUALITIES = {
+    "DRAFT": ("Draft", 16, "for a first look"),
+    "GOOD": ("Good", 64, "for daily work"),
+    "FINAL": ("Final", 256, "for finished pictures"),
+}
+MIB = 2**20
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """How and where a shot is baked."""
+
+    folder: Path
+    samples: int = 64
+    device: str = "auto"
+    gpu_memory: int | None = None
+    """Bytes; None for what the driver offers."""
+    threads: int = 0
+    train_seconds: float = 60.0
+
+
+def options_of(scene: bpy.types.Scene) -> Options:
+    """Options of a scene; defaults where the panel or the preferences are not registered."""
+    settings, chosen = getattr(scene, "relume", None), preferences()
+    samples = _samples(settings) if settings else Options.samples
+    folder = bake_folder(scene)
+    if chosen is None:
+        return Options(folder, samples)
+    return Options(
+        folder,
+        samples,
+        device=chosen.device or "auto",
+        gpu_memory=chosen.gpu_memory * MIB if chosen.limit_gpu_memory else None,
+        threads=chosen.threads,
+        train_seconds=chosen.train_seconds,
+    )
+
+
+def _samples(settings: Any) -> int:
+    return settings.samples if settings.quality == "CUSTOM" else QUALITIES[settings.quality][1]
+
+
+def bake_folder(scene: bpy.types.Scene) -> Path:
+    """Absolute path of the folder that a bake of the scene is written to."""
+    chosen = getattr(getattr(scene, "relume", None), "folder", "")
+    if chosen:
+        return Path(bpy.path.abspath(chosen)).absolute()
+    camera = scene.camera.name if scene.camera else "camera"
+    return default_folder(bpy.data.filepath, scene.name, camera, cache_folder())
+
+
+def cache_folder() -> Path:
+    """Folder for bakes of files that were never saved."""
+    chosen = preferences()
+    if chosen is not None and chosen.cache_folder:
+        return Path(bpy.path.abspath(chosen.cache_folder)).absolute()
+    if PACKAGE.startswith("bl_ext."):
+        return Path(bpy.utils.extension_path_user(PACKAGE, path="bakes"))
+    return Path(bpy.utils.user_resource("DATAFILES", path="relume")) / "bakes"
+
+
+def preferences() -> Any:
+    """The add-on's preferences; None where it is not enabled."""
+    addon = bpy.context.preferences.addons.get(PACKAGE)
+    return addon.preferences if addon else None

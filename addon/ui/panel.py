@@ -1,0 +1,29 @@
+"""Where all panels of Relume are: the tab "Relume" of the 3D view's sidebar."""
+
+from __future__ import annotations
+
+
+class RelumePanel:
+    """Mix-in of every panel; `bl_order` decides what is above what."""
+
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "Relume"
+
+
+def message(layout, text: str, icon: str = "NONE", width: int = 44) -> None:
+    """Text over as many lines as it needs: a label of Blender is cut off at the panel's edge."""
+    column = layout.column(align=True)
+    column.scale_y = 0.8
+    for number, line in enumerate(lines(text, width)):
+        column.label(text=line, icon=icon if number == 0 else ("BLANK1" if icon != "NONE" else "NONE"))
+
+
+def lines(text: str, width: int) -> list[str]:
+    """Words of a text in lines of about `width` characters; words are never cut."""
+    found = [""]
+    for word in text.split():
+        if found[-1] and len(found[-1]) + 1 + len(word) > width:
+            found.append("")
+        found[-1] = f"{found[-1]} {word}".strip()
+    return found

@@ -1,0 +1,80 @@
+"""Stands in for `relume.Live` where a test wants to say itself what the native module answers."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+
+
+class FakeLive:
+    """Remembers what it was asked; `tell` and `show` are its answers."""
+
+    made = []
+
+    def __init__(self, folder, *, device="auto", gpu_memory=None, threads=0):
+        self.arguments = {"folder": folder, "device": device, "gpu_memory": gpu_memory, "threads": threads}
+        self.calls = []
+        self.requests = []
+        self.newest = None
+        self.state = {
+            "state": "empty",
+            "paused": False,
+            "stage": None,
+            "samples": 0,
+            "samples_total": 0,
+            "proxies": {},
+            "device": "CPU, 2 threads",
+            "warnings": [],
+            "error": None,
+            "shown": None,
+        }
+        FakeLive.made.append(self)
+
+    def tell(self, **changes):
+        """Changes the status."""
+        self.state |= changes
+
+    def show(self, serial=1, scale=1, samples=4, makers=None, value=0.5):
+        """A picture of the newest request."""
+        summary = {"samples": samples, "makers": makers or {"Key": "gather"}, "denoised": False}
+        image = np.full((48 // scale, 64 // scale, 4), value, np.float32)
+        self.newest = SimpleNamespace(
+            serial=serial, request=len(self.requests), scale=scale, image=image, summary=json.dumps(summary)
+        )
+        self.state["shown"] = {"serial": serial, "request": len(self.requests), "scale": scale, **summary}
+
+    def bake(self, scene, settings, *, train_seconds=60.0):
+        """As Live.bake."""
+        self.calls.append(("bake", settings, train_seconds))
+        self.tell(state="baking", samples_total=settings["samples"])
+
+    def open(self, *, train_seconds=0.0):
+        """As Live.open."""
+        self.calls.append(("open", train_seconds))
+        self.tell(state="ready", samples=4, samples_total=4)
+
+    def relight(self, request):
+        """As Live.relight."""
+        self.requests.append(json.loads(request))
+        return len(self.requests)
+
+    def frame(self, newer_than=0):
+        """As Live.frame."""
+        return self.newest if self.newest is not None and self.newest.serial > newer_than else None
+
+    def status(self):
+        """As Live.status."""
+        return json.dumps(self.state)
+
+    def pause(self, paused):
+        """As Live.pause."""
+        self.tell(paused=paused)
+
+    def cancel(self):
+        """As Live.cancel."""
+        self.tell(state="cancelled", stage=None)
+
+    def close(self):
+        """As Live.close."""
+        self.calls.append(("close",))
+        self.tell(state="empty")
