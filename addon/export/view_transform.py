@@ -7,6 +7,7 @@ balance are all in it. Layout and spacing are those of `relume_image::ViewTransf
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,33 +21,73 @@ SHAPER_MIN, SHAPER_MAX, SHAPER_OFFSET = -12.0, 7.0, 2.0**-12
 PNG_END = b"IEND\xae\x42\x60\x82"
 
 
-def is_standard(scene: bpy.types.Scene) -> bool:
-    """Whether the view is the plain sRGB curve, for which the formula is exact and no table is needed."""
+def is_srgb_curve(scene: bpy.types.Scene) -> bool:
+    """Whether the view is the sRGB curve after exposure and before gamma, for which the formula is exact."""
     view = scene.view_settings
     plain = view.view_transform == "Standard" and view.look == "None" and not view.use_curve_mapping
-    neutral = view.exposure == 0.0 and view.gamma == 1.0 and not getattr(view, "use_white_balance", False)
-    return plain and neutral and scene.display_settings.display_device == "sRGB"
+    linear = getattr(getattr(bpy.data, "colorspace", None), "working_space", "Linear Rec.709")
+    balanced = not getattr(view, "use_white_balance", False)
+    return plain and balanced and linear == "Linear Rec.709" and scene.display_settings.display_device == "sRGB"
+
+
+def is_standard(scene: bpy.types.Scene) -> bool:
+    """Whether the view is the plain sRGB curve, so that no table is needed."""
+    view = scene.view_settings
+    return is_srgb_curve(scene) and view.exposure == 0.0 and view.gamma == 1.0
+
+
+def shaper_axis(size: int) -> np.ndarray:
+    """Scene-linear values of the entries along each axis of a table, [size]."""
+    steps = np.linspace(SHAPER_MIN, SHAPER_MAX, size, dtype=np.float64)
+    return np.maximum(np.exp2(steps) - SHAPER_OFFSET, 0.0).astype(np.float32)
 
 
 def write_view_table(scene: bpy.types.Scene, path: Path) -> None:
     """Writes the table as a 16-bit PNG of SIZE^2 by SIZE pixels, whole or not at all."""
-    steps = np.linspace(SHAPER_MIN, SHAPER_MAX, SIZE, dtype=np.float64)
-    axis = np.maximum(np.exp2(steps) - SHAPER_OFFSET, 0.0).astype(np.float32)
-    pixels = np.ones((SIZE, SIZE, SIZE, 4), np.float32)  # [green from the top, blue, red, channel]
+    axis = shaper_axis(SIZE)
+    pixels = np.empty((SIZE, SIZE, SIZE, 3), np.float32)  # [green from the top, blue, red, channel]
     pixels[..., 0], pixels[..., 1], pixels[..., 2] = axis, axis[:, None, None], axis[:, None]
     part = path.with_name(f".part-{path.name}")
-    image = bpy.data.images.new("relume view table", SIZE * SIZE, SIZE, float_buffer=True)
     try:
-        image.pixels.foreach_set(np.ascontiguousarray(pixels[::-1]).reshape(-1))
-        with _png_settings(scene):
-            image.save_render(str(part), scene=scene)
-        # Blender reports success on a full disk.
-        if not part.read_bytes().endswith(PNG_END):
-            raise OSError(f"cannot write the view transform; check the free space: {path}")
+        _write_displayed(scene, pixels.reshape(SIZE, -1, 3)[::-1], part)
         os.replace(part, path)
     finally:
         part.unlink(missing_ok=True)
+
+
+def displayed(scene: bpy.types.Scene, colors: np.ndarray) -> np.ndarray:
+    """Display colours as Blender makes them of opaque scene-linear ones, in 16 bits; both [height, width, 3]."""
+    handle, name = tempfile.mkstemp(suffix=".png", dir=bpy.app.tempdir or None)
+    os.close(handle)
+    try:
+        _write_displayed(scene, colors, Path(name))
+        image = bpy.data.images.load(name)
+        try:
+            image.colorspace_settings.name = "Non-Color"
+            pixels = np.empty(len(image.pixels), np.float32)
+            image.pixels.foreach_get(pixels)
+        finally:
+            bpy.data.images.remove(image)
+    finally:
+        Path(name).unlink()
+    return pixels.reshape(*colors.shape[:2], -1)[..., :3]
+
+
+def _write_displayed(scene: bpy.types.Scene, colors: np.ndarray, path: Path) -> None:
+    """Writes scene-linear colours, [height from the bottom, width, 3], as a 16-bit PNG of the scene's view."""
+    height, width = colors.shape[:2]
+    pixels = np.ones((height, width, 4), np.float32)
+    pixels[..., :3] = colors
+    image = bpy.data.images.new("relume view table", width, height, float_buffer=True)
+    try:
+        image.pixels.foreach_set(pixels.reshape(-1))
+        with _png_settings(scene):
+            image.save_render(str(path), scene=scene)
+    finally:
         bpy.data.images.remove(image)
+    # Blender reports success on a full disk.
+    if not path.read_bytes().endswith(PNG_END):
+        raise OSError(f"cannot write the view transform; check the free space: {path}")
 
 
 @contextmanager
