@@ -4,6 +4,8 @@ use glam::Vec3;
 use relume_gpu::{Gpu, GpuChoice};
 
 use super::*;
+use crate::encoding::OutputScale;
+use crate::gradient::tests::{difference_quotient, moved, params_away_from_kinks};
 use crate::synthetic::SyntheticRoom;
 use crate::{
     GridConfig, LightKind, LightParams, NetworkConfig, Proxy, ProxyError, Rng, SizeRange, TrainConfig,
@@ -47,10 +49,14 @@ fn proxy(network: NetworkConfig, kind: LightKind) -> Proxy {
     proxy_of_size(network, kind, [37, 23])
 }
 
-fn proxy_of_size(network: NetworkConfig, kind: LightKind, [width, height]: [usize; 2]) -> Proxy {
+fn proxy_of_size(network: NetworkConfig, kind: LightKind, size: [usize; 2]) -> Proxy {
+    trainer_of_size(network, kind, size).proxy().unwrap()
+}
+
+fn trainer_of_size(network: NetworkConfig, kind: LightKind, [width, height]: [usize; 2]) -> Trainer {
     let features = SyntheticRoom::new(width, height).features();
     let config = TrainConfig { network, ..TrainConfig::fast(SIZE) };
-    Trainer::new(Arc::new(features), kind, config, 7).unwrap().proxy().unwrap()
+    Trainer::new(Arc::new(features), kind, config, 7).unwrap()
 }
 
 /// The same on the device.
@@ -145,6 +151,59 @@ fn gradients_equal_those_of_the_cpu() {
             assert!(error < 10.0 * TOLERANCE, "{network:?}, {kind}: {found:?} instead of {expected:?}");
         }
         assert_eq!(device.backward(&[], &light, &[]).unwrap(), vec![0.0; kind.param_count()]);
+    }
+}
+
+#[test]
+fn light_gradients_equal_difference_quotients_of_the_device() {
+    for (kind, width) in KINDS.into_iter().zip([20, 24, 13]) {
+        let fast = NetworkConfig::Fast { width, layers: 2, grid: grid() };
+        let reference = NetworkConfig::Reference { width, layers: 2, grid: grid() };
+        for (network, area) in
+            [(&fast, None), (&fast, Some(0.2)), (&reference, None), (&reference, Some(0.2))]
+        {
+            let mut trainer = trainer_of_size(network.clone(), kind, [40, 24]);
+            trainer.state.params = params_away_from_kinks(trainer.layout(), width);
+            trainer.state.output_scale = Some(OutputScale { factor: 0.3, area });
+            let device = GpuProxy::new(gpu(), &trainer.proxy().unwrap()).unwrap();
+            check_light_gradient(&device, kind, &format!("{network:?}, {kind}, {area:?}"));
+        }
+    }
+}
+
+/// The gradient by the light of `sum c_i y_i`, for fixed random `c`, against difference quotients of what the device infers. Where
+/// that is cut off at zero the gradient passes it over: c is zero there.
+fn check_light_gradient(device: &GpuProxy, kind: LightKind, what: &str) {
+    let mut rng = Rng::stream(5, 5, 5);
+    // On the floor, well in front of lights that face it.
+    let pixels: Vec<u32> = (800..832).collect();
+    let light = light(kind, &mut rng);
+    let infer = |light: &LightParams| {
+        let mut y = vec![[0.0; 3]; pixels.len()];
+        device.forward_pixels(&pixels, light, &mut y).unwrap();
+        y
+    };
+    let base = infer(&light);
+    let largest = base.as_flattened().iter().fold(0.0f32, |m, y| m.max(*y));
+    let random = |y: f32, rng: &mut Rng| if y > 0.02 * largest { rng.next_normal() } else { 0.0 };
+    let c: Vec<[f32; 3]> = base.iter().map(|pixel| pixel.map(|y| random(y, &mut rng))).collect();
+    let sum = |y: &[[f32; 3]]| {
+        let terms = y.as_flattened().iter().zip(c.as_flattened());
+        terms.map(|(y, c)| f64::from(*y) * f64::from(*c)).sum::<f64>()
+    };
+    let terms = base.as_flattened().iter().zip(c.as_flattened());
+    let magnitude: f64 = terms.map(|(y, c)| f64::from((y * c).abs())).sum();
+    let gradient = device.backward(&pixels, &light, &c).unwrap();
+    let largest = gradient.iter().fold(0.0, |m, g| f64::from(g.abs()).max(m));
+    let step = 8e-3;
+    let rounding = 2e-7 * magnitude / f64::from(step);
+    assert!(largest > 5.0 * rounding, "{what}: {largest} drowns in rounding {rounding}");
+    for (lane, expected) in gradient.iter().enumerate() {
+        let found = difference_quotient(|by| sum(&infer(&moved(&light, lane, by))), step);
+        assert!(
+            (found - f64::from(*expected)).abs() < 0.01 * largest + rounding,
+            "{what}, parameter {lane}: difference quotient {found}, gradient {gradient:?}"
+        );
     }
 }
 

@@ -2,6 +2,7 @@ use super::*;
 use crate::encoding::LightEncoding;
 use crate::light::random_light_facing_down;
 use crate::network::{FastNetwork, ReferenceNetwork};
+use crate::params::ParamLayout;
 use crate::scene_cache::{Normalisation, SceneCache};
 use crate::simd::Isa;
 use crate::synthetic::SyntheticRoom;
@@ -31,7 +32,7 @@ pub(crate) fn setup(kind: LightKind) -> Setup {
     }
 }
 
-fn batch(setup: &Setup, chunks: usize, slots: usize) -> Batch {
+pub(crate) fn batch(setup: &Setup, chunks: usize, slots: usize) -> Batch {
     let mut rng = Rng::stream(3, 1, 4);
     let tiles = chunks * CHUNK_TILES;
     let count = (setup.size[0] * setup.size[1]) as u32;
@@ -63,8 +64,7 @@ fn loss_and_gradient<N: Network>(
 
 /// Small weights behind the inputs, and biases of plus or minus 10, so that every unit is on for all samples or off for all samples: no step
 /// of a difference quotient meets a kink. What is added to a unit that is not followed by a ReLU stays small.
-fn params_away_from_kinks<N: Network>(network: &N, width: usize) -> Vec<f32> {
-    let layout = network.layout();
+pub(crate) fn params_away_from_kinks(layout: &ParamLayout, width: usize) -> Vec<f32> {
     let mut params = layout.start_values(5);
     for tensor in &layout.tensors {
         let mut rng = Rng::stream(9, tensor.start as u64, 9);
@@ -93,7 +93,7 @@ fn params_away_from_kinks<N: Network>(network: &N, width: usize) -> Vec<f32> {
 /// kernels, so that both ways through the network are held against each other.
 fn check_weight_gradients<N: Network>(network: &N, setup: &Setup, width: usize, what: &str) {
     let batch = batch(setup, 1, 4);
-    let params = params_away_from_kinks(network, width);
+    let params = params_away_from_kinks(network.layout(), width);
     let (_, gradient) = loss_and_gradient(network, setup, Isa::detect(), &params, &batch);
     for tensor in &network.layout().tensors {
         let mut rng = Rng::stream(11, tensor.start as u64, 0);
@@ -123,7 +123,7 @@ fn check_weight_gradients<N: Network>(network: &N, setup: &Setup, width: usize, 
 }
 
 /// Outputs of all samples, by inference.
-fn predictions<N: Network>(network: &N, setup: &Setup, params: &[f32], batch: &Batch) -> Vec<f32> {
+pub(crate) fn predictions<N: Network>(network: &N, setup: &Setup, params: &[f32], batch: &Batch) -> Vec<f32> {
     let context = Context { isa: Isa::Portable, scene: &setup.scene, params };
     let packed = network.pack(params);
     let mut scratch = network.light_scratch();
@@ -165,9 +165,22 @@ fn weight_gradients_of_the_fast_network_equal_difference_quotients() {
     }
 }
 
+/// The light with one parameter moved.
+pub(crate) fn moved(light: &LightParams, lane: usize, by: f32) -> LightParams {
+    let mut values = light.as_slice().to_vec();
+    values[lane] += by;
+    LightParams::from_slice(light.kind(), &values).expect("same length")
+}
+
+/// By central differences of two steps, extrapolated: small lights bend the logarithm of their size.
+pub(crate) fn difference_quotient(mut value: impl FnMut(f32) -> f64, step: f32) -> f64 {
+    let mut quotient = |step: f32| (value(step) - value(-step)) / f64::from(2.0 * step);
+    (4.0 * quotient(step) - quotient(2.0 * step)) / 3.0
+}
+
 /// The gradient by the light of `sum c_i y_i`, for fixed random `c`, against difference quotients of every parameter.
 fn check_light_gradient<N: Network>(network: &N, setup: &Setup, width: usize, what: &str) {
-    let params = params_away_from_kinks(network, width);
+    let params = params_away_from_kinks(network.layout(), width);
     let context = Context { isa: Isa::detect(), scene: &setup.scene, params: &params };
     let packed = network.pack(&params);
     let mut scratch = network.light_scratch();
@@ -190,18 +203,13 @@ fn check_light_gradient<N: Network>(network: &N, setup: &Setup, width: usize, wh
 
         for lane in 0..light.as_slice().len() {
             let step = 8e-3;
-            let mut value = |sign: f32| {
-                let mut moved = light.as_slice().to_vec();
-                moved[lane] += sign * step;
-                let moved = LightParams::from_slice(light.kind(), &moved).expect("same length");
-                let lit = network.light(context, &packed, &moved);
+            let value = |by: f32| {
+                let lit = network.light(context, &packed, &moved(light, lane, by));
                 let mut y = [0.0; TILE];
                 network.infer(context.isa, &packed, &lit, &mut scratch, &encoded, &mut y);
                 y.iter().zip(&coefficients).map(|(y, c)| f64::from(*y) * f64::from(*c)).sum::<f64>()
             };
-            // Two steps, extrapolated: small lights bend the logarithm of their size.
-            let mut quotient = |steps: f32| (value(steps) - value(-steps)) / f64::from(2.0 * steps * step);
-            let found = (4.0 * quotient(1.0) - quotient(2.0)) / 3.0;
+            let found = difference_quotient(value, step);
             let expected = f64::from(gradient[lane]);
             let largest = gradient.iter().fold(0.0, |m, g| f64::from(g.abs()).max(m));
             let rounding = 2e-7 * magnitude / f64::from(step);
@@ -229,7 +237,7 @@ fn light_gradients_equal_difference_quotients_in_every_parameter() {
 fn gradients_do_not_depend_on_the_number_of_threads() {
     let setup = setup(LightKind::Quad);
     let network = FastNetwork::new(20, 2, &tiny_grid(), setup.size, setup.encoding);
-    let params = params_away_from_kinks(&network, 20);
+    let params = params_away_from_kinks(network.layout(), 20);
     let batch = batch(&setup, 40, 8);
     let with_threads = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a thread pool");

@@ -1,3 +1,5 @@
+mod quotients;
+
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use relume_gpu::GpuChoice;
