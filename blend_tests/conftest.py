@@ -29,6 +29,32 @@ def scene():
     return scene
 
 
+@pytest.fixture
+def registered(scene, monkeypatch):
+    """The add-on, enabled, with a fake native module."""
+    import relume
+
+    import addon
+    from fake_live import FakeLive
+
+    monkeypatch.setattr(relume, "Live", FakeLive, raising=False)
+    FakeLive.made.clear()
+    addon.register()
+    yield
+    addon.unregister()
+
+
+@pytest.fixture
+def lit(scene, registered, tmp_path):
+    """A lit plane with a folder to bake into."""
+    from helpers import add_light, add_quad
+
+    add_quad(scene)
+    add_light(scene, "POINT", name="Key", shadow_soft_size=0.5)
+    scene.relume.folder = str(tmp_path / "bake")
+    return scene
+
+
 @pytest.fixture(scope="session")
 def scenes_folder():
     """Real scenes made by others; skips without them."""

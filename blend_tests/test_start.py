@@ -7,7 +7,6 @@ import sys
 
 import bpy
 import pytest
-import relume
 
 import addon
 from addon.engine import shot
@@ -15,26 +14,6 @@ from addon.engine.checks import ProblemError
 from addon.ui import handlers
 from addon.ui.start import start
 from fake_live import FakeLive
-from helpers import add_light, add_quad
-
-
-@pytest.fixture
-def registered(scene, monkeypatch):
-    """The add-on, enabled, with a fake native module."""
-    monkeypatch.setattr(relume, "Live", FakeLive, raising=False)
-    FakeLive.made.clear()
-    addon.register()
-    yield
-    addon.unregister()
-
-
-@pytest.fixture
-def lit(scene, registered, tmp_path):
-    """A lit plane with a folder to bake into."""
-    add_quad(scene)
-    add_light(scene, "POINT", name="Key", shadow_soft_size=0.5)
-    scene.relume.folder = str(tmp_path / "bake")
-    return scene
 
 
 def test_start_bakes_and_asks_for_the_present_lights(lit):

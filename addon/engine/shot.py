@@ -12,6 +12,7 @@ from ..export import ExportOptions, trace_settings
 from .native import native
 from .options import Options, options_of
 from .scene import load_scene
+from .scene_lights import SceneLights
 
 EMPTY: dict[str, Any] = {
     "state": "empty",
@@ -41,7 +42,7 @@ class Shot:
         self.status = dict(EMPTY)
         self.frame: Any = None
         self.warnings: list[str] = []
-        self.receivers = [obj.name_full for obj in scene.objects]
+        self.lights = SceneLights(_view_layer(scene), [obj.name_full for obj in scene.objects])
         self._request, self._request_number = "", 0
         self._status_text = ""
         self._live = native().Live(
@@ -103,7 +104,7 @@ class Shot:
         return self.is_working or (shown < self._request_number and self.status["state"] not in {"empty", "failed"})
 
     def relight(self, lights: list[dict], mix: dict, interactive: bool) -> bool:
-        """Asks for a picture; the newest request wins. `lights` as `scene_lights.read` gives them, `mix` as
+        """Asks for a picture; the newest request wins. `lights` as `SceneLights` describes them, `mix` as
         `core.rows.mix` does. False if that is what was asked for before."""
         request = json.dumps({"lights": lights, **mix, "interactive": interactive, "with": "auto"})
         if request == self._request:
@@ -136,6 +137,10 @@ class Shot:
             del _shots[self.scene_uid]
         self._live.close()
         self.frame = None
+
+
+def _view_layer(scene: bpy.types.Scene) -> str:
+    return bpy.context.view_layer.name if bpy.context.scene == scene else scene.view_layers[0].name
 
 
 def of(scene: bpy.types.Scene) -> Shot | None:

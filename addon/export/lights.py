@@ -24,50 +24,56 @@ class LightExporter:
 
     def export(self, obj: bpy.types.Object, world_from_object: Any) -> None:
         """Adds one light or one instance of a light."""
-        if is_portal(obj.data):
-            return
-        emission = _emission(obj, self.warn)
-        if emission is None:
-            return
-        self._warn(obj)
-        self.add(self._description(obj, world_from_object, emission))
-
-    def _description(self, obj: bpy.types.Object, world_from_object: Any, emission: list[float]) -> dict[str, Any]:
-        """The JSON form of `BlenderLight`."""
-        light = obj.data
-        description = {
-            "name": self._unique_name(obj.name),
-            "world_from_object": [list(row) for row in world_from_object],
-            "kind": light_kind(light),
-            "energy": light.energy,
-            "color": list(light.color),
-            "exposure": getattr(light, "exposure", 0.0),
-            "temperature_color": temperature_color(light),
-            "emission": emission,
-            "normalize": getattr(light, "normalize", True),
-            "lobes": {
-                "camera": float(obj.visible_camera),
-                "diffuse": float(obj.visible_diffuse),
-                "glossy": float(obj.visible_glossy),
-                "transmission": float(obj.visible_transmission),
-                "volume": float(obj.visible_volume_scatter),
-            },
-        }
-        receivers = self.linking.receivers(obj)
-        if receivers is not None:
-            description["receivers"] = {"receivers": receivers}
-        return description
+        description = describe_light(obj, world_from_object, self.linking, self.warn)
+        if description is not None:
+            self.add(description | {"name": self._unique_name(obj.name)})
 
     def _unique_name(self, name: str) -> str:
         count = self.names.get(name, 0)
         self.names[name] = count + 1
         return name if count == 0 else f"{name}#{count + 1}"
 
-    def _warn(self, obj: bpy.types.Object) -> None:
-        if not obj.data.use_shadow:
-            self.warn(f"light '{obj.name}': a light without shadow is not representable; it casts shadows")
-        if obj.light_linking.blocker_collection is not None:
-            self.warn(f"light '{obj.name}': shadow linking is not representable; every object blocks it")
+
+def describe_light(
+    obj: bpy.types.Object, world_from_object: Any, linking: LightLinking, warn: Callable[[str], None]
+) -> dict[str, Any] | None:
+    """The JSON form of `BlenderLight`; None for a light that cannot be represented."""
+    light = obj.data
+    if is_portal(light):
+        return None
+    emission = _emission(obj, warn)
+    if emission is None:
+        return None
+    _warn_about(obj, warn)
+    description = {
+        "name": obj.name,
+        "world_from_object": [list(row) for row in world_from_object],
+        "kind": light_kind(light),
+        "energy": light.energy,
+        "color": list(light.color),
+        "exposure": getattr(light, "exposure", 0.0),
+        "temperature_color": temperature_color(light),
+        "emission": emission,
+        "normalize": getattr(light, "normalize", True),
+        "lobes": {
+            "camera": float(obj.visible_camera),
+            "diffuse": float(obj.visible_diffuse),
+            "glossy": float(obj.visible_glossy),
+            "transmission": float(obj.visible_transmission),
+            "volume": float(obj.visible_volume_scatter),
+        },
+    }
+    receivers = linking.receivers(obj)
+    if receivers is not None:
+        description["receivers"] = {"receivers": receivers}
+    return description
+
+
+def _warn_about(obj: bpy.types.Object, warn: Callable[[str], None]) -> None:
+    if not obj.data.use_shadow:
+        warn(f"light '{obj.name}': a light without shadow is not representable; it casts shadows")
+    if obj.light_linking.blocker_collection is not None:
+        warn(f"light '{obj.name}': shadow linking is not representable; every object blocks it")
 
 
 def is_portal(light: bpy.types.Light) -> bool:

@@ -9,7 +9,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..core import status
-from ..engine import scene_lights, shot
+from ..engine import shot
 
 TICK_SECONDS = 1 / 60
 REST_SECONDS = 0.15
@@ -25,22 +25,24 @@ _words: dict[int, tuple] = {}
 def changed(scene: bpy.types.Scene, interactive: bool = False) -> None:
     """Asks for a picture of the present lights and rows of a scene. To be called by everything that changes them;
     `interactive` while something is being dragged."""
-    depsgraph = _depsgraph(scene)
-    if depsgraph is not None:
-        _ask(scene, depsgraph, interactive)
-
-
-def _ask(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, interactive: bool) -> None:
     found = shot.of(scene)
     if found is None:
         return
-    lights = scene_lights.read(depsgraph, found.receivers).lights
-    asked = found.relight(lights, _mix(scene), interactive)
+    asked = found.relight(found.lights.descriptions, _mix(scene), interactive)
     if not interactive:
         _resting.pop(scene.session_uid, None)
     elif asked:
         _resting[scene.session_uid] = time.monotonic() + REST_SECONDS
     wake()
+
+
+def read_lights(scene: bpy.types.Scene) -> None:
+    """Reads all lights of a scene anew and asks for their picture."""
+    found, depsgraph = shot.of(scene), _depsgraph(scene)
+    if found is None or depsgraph is None:
+        return
+    found.lights.read(depsgraph)
+    changed(scene)
 
 
 def _mix(scene: bpy.types.Scene) -> dict:
@@ -97,14 +99,15 @@ def _regions_of_views() -> Iterator[bpy.types.Region]:
 
 @persistent
 def on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """Lights were edited, perhaps."""
-    if shot.of(scene) is not None and depsgraph.mode == "VIEWPORT":
-        _ask(scene, depsgraph, interactive=True)
+    """Something was edited: perhaps lights."""
+    found = shot.of(scene)
+    if found is not None and found.lights.update(depsgraph):
+        changed(scene, interactive=True)
 
 
 @persistent
 def on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """Another frame of the animation is shown. During a render this is called from its thread."""
+    """Another frame of the animation is shown. Renders call this from a thread of their own."""
     if not bpy.app.is_job_running("RENDER"):
         on_depsgraph_update(scene, depsgraph)
 
@@ -112,7 +115,7 @@ def on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> N
 @persistent
 def on_undo(scene: bpy.types.Scene, *_arguments) -> None:
     """Undo and redo may have changed anything."""
-    changed(scene)
+    read_lights(scene)
 
 
 @persistent

@@ -17,7 +17,7 @@ def start(scene: bpy.types.Scene) -> shot.Shot:
     check_start(scene)
     found = shot.Shot.start(scene)
     scene.relume.baked_folder = bpy.path.relpath(str(found.folder)) if bpy.data.filepath else str(found.folder)
-    handlers.changed(scene)
+    handlers.read_lights(scene)
     handlers.wake()
     return found
 
