@@ -1,3 +1,4 @@
+use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -67,6 +68,21 @@ impl Dump {
             .map_err(|reason| DumpError::damaged(shard.path(), reason))?;
         self.shards[tile][pass] = Some(shard);
         Ok(())
+    }
+
+    /// Some of the passes alone, as a dump of its own that shares their shards.
+    #[must_use]
+    pub fn passes(&self, passes: Range<usize>) -> Self {
+        let manifest =
+            Manifest { passes: self.manifest.passes[passes.clone()].to_vec(), ..(*self.manifest).clone() };
+        let shards = self.shards.iter().map(|tile| tile[passes.clone()].to_vec()).collect();
+        Self { manifest: Arc::new(manifest), shards }
+    }
+
+    /// Passes from the first on that are there for every tile.
+    pub fn complete_passes(&self) -> usize {
+        let of_tile = |tile: &Vec<Option<_>>| tile.iter().take_while(|shard| shard.is_some()).count();
+        self.shards.iter().map(of_tile).min().unwrap_or(0)
     }
 
     /// What the dump is of.

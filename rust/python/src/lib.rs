@@ -3,6 +3,7 @@
 mod array;
 mod error;
 mod job;
+mod live;
 mod relighter;
 mod scene;
 
@@ -15,6 +16,8 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(job::run_command_line, module)?)?;
     module.add_function(wrap_pyfunction!(job::start_command, module)?)?;
     module.add_class::<job::PyJob>()?;
+    module.add_class::<live::PyLive>()?;
+    module.add_class::<live::PyFrame>()?;
     module.add_class::<relighter::PyRelighter>()?;
     module.add_class::<scene::PySceneBuilder>()?;
     module.add_class::<scene::PyScene>()

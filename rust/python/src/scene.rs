@@ -17,6 +17,13 @@ pub struct PySceneBuilder {
     builder: scene::SceneBuilder,
 }
 
+impl PyScene {
+    /// The scene itself.
+    pub fn shared(&self) -> Arc<scene::Scene> {
+        self.scene.clone()
+    }
+}
+
 #[pymethods]
 impl PySceneBuilder {
     #[new]

@@ -1,11 +1,11 @@
 use crate::progress::{Monitor, Stage};
 use crate::{LightSet, SessionError};
-use relume_dump::DumpWriter;
+use relume_dump::{Dump, DumpError, DumpWriter, Manifest, Shard, ShardSink, TileSamples};
 use relume_scene::Scene;
 use relume_trace::{Control, Outcome, TraceSettings, Tracer};
 use serde::Serialize;
 use std::path::Path;
-use std::sync::OnceLock;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Instant;
 
 /// File of a bake folder that holds the lights that the scene came with ([`LightSet`]).
@@ -48,6 +48,18 @@ pub fn bake(
     resume: bool,
     monitor: &Monitor,
 ) -> Result<BakeReport, SessionError> {
+    bake_observed(scene, settings, folder, resume, monitor, &|_| {})
+}
+
+/// [`bake`] that hands over all whole passes whenever there is one more, from the first on.
+pub(crate) fn bake_observed(
+    scene: &Scene,
+    settings: &TraceSettings,
+    folder: &Path,
+    resume: bool,
+    monitor: &Monitor,
+    observe: &(dyn Fn(Dump) + Sync),
+) -> Result<BakeReport, SessionError> {
     let start = Instant::now();
     check(scene, settings)?;
     let prepare = monitor.stage(Stage::Prepare, 0, 1);
@@ -64,9 +76,10 @@ pub fn bake(
     let lights =
         LightSet { name: scene.camera.name.clone(), lights: scene.lights.clone(), notes: Vec::new() };
     lights.write(&folder.join(LIGHTS_FILE))?;
-    trace(&tracer, &writer, monitor)?;
+    let sink = ObservedWriter::new(writer, folder, observe)?;
+    trace(&tracer, &sink, monitor)?;
 
-    let dump = writer.finish()?;
+    let dump = sink.writer.finish()?;
     let samples = dump.manifest().samples();
     Ok(BakeReport {
         width: scene.camera.width,
@@ -94,7 +107,7 @@ fn check(scene: &Scene, settings: &TraceSettings) -> Result<(), SessionError> {
 }
 
 /// Runs the tracer with its progress and the cancel flag passed on.
-fn trace(tracer: &Tracer, writer: &DumpWriter, monitor: &Monitor) -> Result<(), SessionError> {
+fn trace(tracer: &Tracer, sink: &dyn ShardSink, monitor: &Monitor) -> Result<(), SessionError> {
     let stage = OnceLock::new();
     let on_progress = |progress: relume_trace::Progress| {
         let stage = stage.get_or_init(|| monitor.stage(Stage::Trace, progress.paths, progress.paths_total));
@@ -102,8 +115,80 @@ fn trace(tracer: &Tracer, writer: &DumpWriter, monitor: &Monitor) -> Result<(), 
     };
     let cancel = monitor.cancel().flag().clone();
     let control = Control { cancel, on_progress: Some(Box::new(on_progress)) };
-    match tracer.trace(writer, &control)? {
+    match tracer.trace(sink, &control)? {
         Outcome::Complete => Ok(()),
         Outcome::Cancelled => Err(SessionError::Cancelled),
     }
+}
+
+/// A writer that opens what it has written and tells of every whole pass.
+struct ObservedWriter<'a> {
+    writer: DumpWriter,
+    folder: &'a Path,
+    observe: &'a (dyn Fn(Dump) + Sync),
+    /// What is there so far, and how many whole passes were told of.
+    dump: Mutex<(Dump, usize)>,
+}
+
+impl<'a> ObservedWriter<'a> {
+    fn new(
+        writer: DumpWriter,
+        folder: &'a Path,
+        observe: &'a (dyn Fn(Dump) + Sync),
+    ) -> Result<Self, SessionError> {
+        let mut dump = (Dump::open(folder)?, 0);
+        tell(&mut dump, observe);
+        Ok(Self { writer, folder, observe, dump: Mutex::new(dump) })
+    }
+}
+
+impl ShardSink for ObservedWriter<'_> {
+    fn manifest(&self) -> &Manifest {
+        self.writer.manifest()
+    }
+
+    fn is_complete(&self, tile: usize, pass: usize) -> bool {
+        self.writer.is_complete(tile, pass)
+    }
+
+    fn write(&self, tile: usize, pass: usize, samples: &TileSamples) -> Result<(), DumpError> {
+        self.writer.write(tile, pass, samples)?;
+        let shard = Arc::new(Shard::open(&Manifest::shard_path(self.folder, tile, pass))?);
+        let mut dump = self.dump.lock().unwrap_or_else(PoisonError::into_inner);
+        dump.0.insert(tile, pass, shard)?;
+        tell(&mut dump, self.observe);
+        Ok(())
+    }
+}
+
+fn tell((dump, told): &mut (Dump, usize), observe: &dyn Fn(Dump)) {
+    let complete = dump.complete_passes();
+    if complete > *told {
+        *told = complete;
+        observe(dump.passes(0..complete));
+    }
+}
+
+/// Removes a bake with its proxies from a folder, and nothing else; the manifest goes first, so that what a full disk or a
+/// crash leaves is never taken for a bake.
+///
+/// # Errors
+/// If the folder holds no bake, or a file cannot be removed.
+pub(crate) fn clear(folder: &Path) -> Result<(), SessionError> {
+    Manifest::read(folder)?;
+    let remove = |path: &Path| {
+        std::fs::remove_file(path).map_err(SessionError::io("remove the old bake's file", path))
+    };
+    remove(&folder.join(Manifest::FILE))?;
+    let entries = std::fs::read_dir(folder).map_err(SessionError::io("read the folder", folder))?;
+    for entry in entries.flatten() {
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        let ours = ["tile_", "proxy_", "training_"].iter().any(|start| name.starts_with(start))
+            && [".safetensors", ".json"].iter().any(|end| name.ends_with(end));
+        if ours || ["base.exr", LIGHTS_FILE, VIEW_FILE].contains(&name.as_ref()) {
+            remove(&entry.path())?;
+        }
+    }
+    Ok(())
 }

@@ -1,17 +1,18 @@
 use crate::bake::VIEW_FILE;
 use crate::denoise::Denoise;
-use crate::on_gpu::OnGpu;
+use crate::device_gather::DeviceGather;
+use crate::device_proxies::DeviceProxies;
 use crate::progress::{Monitor, Stage};
 use crate::proxies::Proxies;
 use crate::relit::{Relit, RelitLight};
 use crate::unit_cache::UnitCache;
 use crate::{Compute, LightSet, SessionError, base_layers};
 use relume_dump::{Aovs, Dump, Manifest};
-use relume_gather::{DenoiseQuality, Environment, Gather, GpuGather, Half};
+use relume_gather::{DenoiseQuality, Environment, Gather, Half};
 use relume_image::{Image, ViewTransform};
-use relume_proxy::{GpuProxy, LightKind, LightParams};
+use relume_proxy::{GpuProxy, LightKind};
 use relume_scene::{Camera, Light, LightShape, LobeFactors, Texture, World};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -19,7 +20,8 @@ use std::sync::Arc;
 const LEAST_SUN_HITS: f64 = 0.1;
 
 /// What makes a light's picture.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum With {
     /// For each type of light whichever had the lower error when the proxy was measured; gather where there is no proxy.
     #[default]
@@ -64,13 +66,10 @@ pub struct Relighter {
     scene_hash: String,
     camera: Camera,
     aovs: Aovs,
-    gather: Option<Gather>,
-    proxies: Proxies,
+    gather: Option<DeviceGather>,
+    proxies: DeviceProxies,
     denoise: Denoise,
     compute: Compute,
-    gpu_gather: OnGpu<GpuGather>,
-    /// In the order of `proxies`.
-    gpu_proxies: Vec<OnGpu<GpuProxy>>,
     cache: UnitCache,
 }
 
@@ -120,12 +119,10 @@ impl Relighter {
             scene_hash,
             camera,
             aovs,
-            gather,
-            gpu_proxies: proxies.iter().map(|_| OnGpu::default()).collect(),
-            proxies,
+            gather: gather.map(DeviceGather::new),
+            proxies: DeviceProxies::new(proxies),
             denoise,
             compute: Compute::default(),
-            gpu_gather: OnGpu::default(),
             cache,
         }
     }
@@ -149,12 +146,12 @@ impl Relighter {
 
     /// The dump, if there is one.
     pub fn gather(&self) -> Option<&Gather> {
-        self.gather.as_ref()
+        self.gather.as_ref().map(DeviceGather::gather)
     }
 
     /// The proxies.
     pub fn proxies(&self) -> &Proxies {
-        &self.proxies
+        self.proxies.proxies()
     }
 
     /// The lights that the scene came with; none if the folder does not hold them.
@@ -179,7 +176,7 @@ impl Relighter {
     /// # Errors
     /// Without a dump, or if the world's texture is damaged.
     pub fn set_world(&mut self, world: &World, textures: &[Texture]) -> Result<(), SessionError> {
-        let gather = self.gather.as_ref().ok_or_else(|| {
+        let gather = self.gather().ok_or_else(|| {
             let folder = self.folder.display();
             SessionError::Settings(format!(
                 "{folder} holds no bake; only a bake can be relit by another world"
@@ -223,7 +220,7 @@ impl Relighter {
             depth: self.aovs.depth.clone(),
             alpha: self.aovs.alpha.clone(),
             scene_hash: self.scene_hash.clone(),
-            samples: self.gather.as_ref().map_or(0, |gather| gather.dump().manifest().samples()),
+            samples: self.gather().map_or(0, |gather| gather.dump().manifest().samples()),
         })
     }
 
@@ -252,7 +249,7 @@ impl Relighter {
             missing.into_iter().partition(|i| makers[*i] == Maker::Proxy);
         let views = self.direct_views(proxied.iter().map(|i| &lights[*i]), monitor)?;
         for (i, view) in proxied.into_iter().zip(views) {
-            let mut image = self.proxy_image(&lights[i], monitor)?;
+            let mut image = self.proxies.unit_image(&lights[i], &self.compute, monitor)?;
             if let Some(view) = view {
                 image.add_scaled(&view, &[1.0; 3]);
             }
@@ -267,7 +264,7 @@ impl Relighter {
             let group_lights: Vec<Light> = group.iter().map(|i| lights[*i].clone()).collect();
             group_lights
                 .iter()
-                .filter_map(|light| self.too_narrow(light))
+                .filter_map(|light| too_narrow(light, self.gather()?.dump().manifest().samples()))
                 .for_each(|text| monitor.warn(&text));
             let mut images = self.gather_images(&group_lights, monitor)?;
             if options.denoise {
@@ -281,26 +278,8 @@ impl Relighter {
         Ok(units.into_iter().flatten().zip(makers).collect())
     }
 
-    /// What to tell the user about a sun that hardly any path of the bake finds. A diffuse surface that faces it sends the
-    /// share `half_angle^2` of its directions there.
-    fn too_narrow(&self, light: &Light) -> Option<String> {
-        let LightShape::Sun { half_angle, .. } = light.shape else { return None };
-        let samples = f64::from(self.gather.as_ref()?.dump().manifest().samples());
-        let angle = 2.0 * f64::from(half_angle).to_degrees();
-        let hits = samples * f64::from(half_angle).powi(2);
-        let wide_enough = 2.0 * (LEAST_SUN_HITS / samples).sqrt().to_degrees();
-        (hits < LEAST_SUN_HITS).then(|| {
-            format!(
-                "light '{}': {angle:.2} degrees wide, its direct light is found by one path in {:.0} pixels and will be \
-                 noise; widen it to {wide_enough:.1} degrees, or bake more samples",
-                light.name,
-                (1.0 / hits).ceil()
-            )
-        })
-    }
-
     fn maker(&self, light: &Light, options: &RelightOptions) -> Result<Maker, SessionError> {
-        let proxy = self.proxies.covering(light).filter(|proxy| match options.with {
+        let proxy = self.proxies().covering(light).filter(|proxy| match options.with {
             With::Gather => false,
             With::Proxy => true,
             With::Auto => self.gather.is_none() || proxy.beats_gather(options.denoise),
@@ -317,18 +296,6 @@ impl Relighter {
         }
     }
 
-    fn proxy_image(&self, light: &Light, monitor: &Monitor) -> Result<Image, SessionError> {
-        let covering = self.proxies.covering(light);
-        let (Some(trained), Some(params)) = (covering, LightParams::from_shape(&light.shape)) else {
-            return Err(SessionError::Settings(format!("light '{}' has no proxy", light.name)));
-        };
-        let on_gpu = self.on_gpu_proxy(params.kind(), monitor, |on_gpu| Ok(on_gpu.unit_image(&params)?))?;
-        match on_gpu {
-            Some(image) => Ok(image),
-            None => Ok(trained.proxy.unit_image(&params)?),
-        }
-    }
-
     /// Does some work with a proxy on the GPU; nothing comes back where there is none, or the CPU has to do it.
     pub(crate) fn on_gpu_proxy<R>(
         &self,
@@ -336,12 +303,7 @@ impl Relighter {
         monitor: &Monitor,
         work: impl FnOnce(&GpuProxy) -> Result<R, SessionError>,
     ) -> Result<Option<R>, SessionError> {
-        let mut proxies = self.proxies.iter().zip(&self.gpu_proxies);
-        let Some((trained, on_gpu)) = proxies.find(|(trained, _)| trained.proxy.info().kind == kind) else {
-            return Ok(None);
-        };
-        let make = |gpu| Ok(GpuProxy::new(gpu, &trained.proxy)?);
-        on_gpu.attempt(&self.compute, monitor, make, work)
+        self.proxies.attempt(kind, &self.compute, monitor, work)
     }
 
     /// What the camera sees of lights directly, which proxies do not learn: exact from the dump, left out without one.
@@ -361,18 +323,8 @@ impl Relighter {
             }
             return Ok(vec![None; lights.len()]);
         }
-        let camera_only = |light: &&Light| {
-            let lobes = LobeFactors {
-                camera: light.lobes.camera,
-                diffuse: 0.0,
-                glossy: 0.0,
-                transmission: 0.0,
-                volume: 0.0,
-            };
-            Light { lobes, ..(**light).clone() }
-        };
         let mut views =
-            self.gather_images(&seen.iter().map(camera_only).collect::<Vec<_>>(), monitor)?.into_iter();
+            self.gather_images(&seen.into_iter().map(camera_only).collect::<Vec<_>>(), monitor)?.into_iter();
         let view = |light: &Light| if light.lobes.camera != 0.0 { views.next() } else { None };
         Ok(lights.into_iter().map(view).collect())
     }
@@ -383,13 +335,36 @@ impl Relighter {
         lights: &[Light],
         monitor: &Monitor,
     ) -> Result<Vec<Image>, SessionError> {
-        let Some(gather) = &self.gather else { return Ok(Vec::new()) };
-        let lights = gather.prepare_all(lights)?;
-        let make = |gpu| GpuGather::new(gpu, gather);
-        let work = |on_gpu: &GpuGather| on_gpu.unit_images(&lights, Half::All);
-        let images = self.gpu_gather.attempt(&self.compute, monitor, make, work)?;
-        Ok(images.unwrap_or_else(|| gather.unit_images(&lights, Half::All)))
+        match &self.gather {
+            Some(gather) => gather.unit_images(lights, &self.compute, monitor),
+            None => Ok(Vec::new()),
+        }
     }
+}
+
+/// What to tell the user about a sun that hardly any of so many paths per pixel finds. A diffuse surface that faces it sends
+/// the share `half_angle^2` of its directions there.
+pub(crate) fn too_narrow(light: &Light, samples: u32) -> Option<String> {
+    let LightShape::Sun { half_angle, .. } = light.shape else { return None };
+    let samples = f64::from(samples);
+    let angle = 2.0 * f64::from(half_angle).to_degrees();
+    let hits = samples * f64::from(half_angle).powi(2);
+    let wide_enough = 2.0 * (LEAST_SUN_HITS / samples).sqrt().to_degrees();
+    (hits < LEAST_SUN_HITS).then(|| {
+        format!(
+            "light '{}': {angle:.2} degrees wide, its direct light is found by one path in {:.0} pixels and will be \
+             noise; widen it to {wide_enough:.1} degrees, or bake more samples",
+            light.name,
+            (1.0 / hits).ceil()
+        )
+    })
+}
+
+/// The part of a light that the camera sees directly, which proxies do not learn.
+pub(crate) fn camera_only(light: &Light) -> Light {
+    let camera = light.lobes.camera;
+    let lobes = LobeFactors { camera, diffuse: 0.0, glossy: 0.0, transmission: 0.0, volume: 0.0 };
+    Light { lobes, ..light.clone() }
 }
 
 /// The camera of a dump.

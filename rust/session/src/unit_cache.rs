@@ -35,7 +35,8 @@ impl UnitCache {
     }
 }
 
-fn key(light: &Light) -> Light {
+/// A light without name and radiance: what its unit image depends on.
+pub(crate) fn key(light: &Light) -> Light {
     Light { name: String::new(), radiance: [1.0; 3], ..light.clone() }
 }
 

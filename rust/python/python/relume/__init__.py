@@ -1,10 +1,12 @@
 """Relume: relights finished Blender shots with real materials and full global illumination."""
 
-from ._native import Relighter, RelumeError, Scene, SceneBuilder, __version__, run_command_line
+from ._native import Frame, Live, Relighter, RelumeError, Scene, SceneBuilder, __version__, run_command_line
 from .jobs import Job, bake, info, optimise, start, train, validate
 
 __all__ = [
+    "Frame",
     "Job",
+    "Live",
     "Relighter",
     "RelumeError",
     "Scene",

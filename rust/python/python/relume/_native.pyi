@@ -140,6 +140,70 @@ class Relighter:
         """Solves for the lights that make a scene-linear picture [height, width, 3], top row first, from a light set or
         from random starts; options in the JSON form of `relume_session::OptimiseOptions`."""
 
+class Live:
+    """A shot that is baked, trained and relit in the background. Every method returns at once; no thread calls Python."""
+
+    def __init__(
+        self,
+        folder: str | os.PathLike[str],
+        *,
+        device: str = "auto",
+        gpu_memory: int | None = None,
+        threads: int = 0,
+    ) -> None:
+        """A shot with its bake in a folder. Nothing is read or written yet. Devices as of `Relighter`; 0 threads for one
+        a core."""
+
+    def bake(self, scene: Scene, settings: dict[str, Any], *, train_seconds: float = 60.0) -> None:
+        """Bakes a scene into the folder, with pictures after every pass, then trains a proxy for so many seconds for each
+        kind of light in use. Goes on with a bake of the same scene and settings (JSON form of
+        `relume_trace::TraceSettings`), replaces one of another. Raises RelumeError if that is going on already."""
+
+    def open(self, *, train_seconds: float = 0.0) -> None:
+        """Shows what the folder holds, and trains if asked and not trained yet."""
+
+    def relight(self, request: str) -> int:
+        """Asks for a picture; the newest request wins. JSON: `lights` (a light set), `gains` (RGB factors by light name),
+        `world`, `static` (RGB factors), `interactive` (quick before exact), `with` (auto, gather, proxy)."""
+
+    def frame(self, newer_than: int = 0) -> Frame | None:
+        """The newest frame, if its serial number is above this."""
+
+    def status(self) -> str:
+        """What is going on; the JSON form of `relume_session::live::LiveStatus`."""
+
+    def pause(self, paused: bool) -> None:
+        """Lets baking and training stand still, or go on; relighting always goes on."""
+
+    def cancel(self) -> None:
+        """Ends baking and training; what is there stays, and relighting goes on."""
+
+    def close(self, *, wait_seconds: float = 0.0) -> None:
+        """Ends everything; files stay whole. Waits at most so long for the threads to end."""
+
+class Frame:
+    """A finished picture of a `Live`."""
+
+    @property
+    def serial(self) -> int:
+        """Number of the frame, from 1."""
+
+    @property
+    def request(self) -> int:
+        """Number of the request that it answers."""
+
+    @property
+    def scale(self) -> int:
+        """1 for the full size, 2 for half."""
+
+    @property
+    def image(self) -> NDArray[np.float32]:
+        """Scene-linear RGBA [height, width, 4], bottom row first, premultiplied; a copy."""
+
+    @property
+    def summary(self) -> str:
+        """What it shows; the JSON form of `relume_session::live::Shown`."""
+
 class Job:
     """Running work; see `relume.Job`."""
 

@@ -1,0 +1,113 @@
+//! `Live` and `Frame`: a shot that is baked, trained and relit behind Python's back.
+
+use crate::error::{NativeError, enter_native, invalid};
+use crate::scene::PyScene;
+use numpy::{PyArray1, PyArray3, PyArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use relume_session::live::{self, LiveOptions, LiveRequest};
+use relume_session::trace::TraceSettings;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// See the stubs.
+#[pyclass(name = "Live", module = "relume", frozen)]
+pub struct PyLive {
+    live: live::Live,
+}
+
+#[pymethods]
+impl PyLive {
+    #[new]
+    #[pyo3(signature = (folder, *, device="auto", gpu_memory=None, threads=0))]
+    fn new(folder: PathBuf, device: &str, gpu_memory: Option<u64>, threads: usize) -> Self {
+        let Ok(device) = device.parse();
+        Self { live: live::Live::new(&folder, LiveOptions { device, gpu_memory, threads }) }
+    }
+
+    #[pyo3(signature = (scene, settings, *, train_seconds=60.0))]
+    fn bake(
+        &self,
+        py: Python<'_>,
+        scene: &PyScene,
+        settings: &Bound<'_, PyDict>,
+        train_seconds: f64,
+    ) -> PyResult<()> {
+        let json: String = py.import("json")?.call_method1("dumps", (settings,))?.extract()?;
+        let settings: TraceSettings = serde_json::from_str(&json).map_err(NativeError::from)?;
+        enter_native(py, || self.live.bake(scene.shared(), settings, train_seconds))
+    }
+
+    #[pyo3(signature = (*, train_seconds=0.0))]
+    fn open(&self, py: Python<'_>, train_seconds: f64) -> PyResult<()> {
+        enter_native(py, || self.live.open(train_seconds))
+    }
+
+    fn relight(&self, py: Python<'_>, request: &str) -> PyResult<u64> {
+        enter_native(py, || -> Result<u64, NativeError> {
+            Ok(self.live.relight(LiveRequest::parse(request).map_err(invalid)?))
+        })
+    }
+
+    #[pyo3(signature = (newer_than=0))]
+    fn frame(&self, newer_than: u64) -> Option<PyFrame> {
+        self.live.frame(newer_than).map(PyFrame)
+    }
+
+    fn status(&self, py: Python<'_>) -> PyResult<String> {
+        enter_native(py, || serde_json::to_string(&self.live.status()))
+    }
+
+    fn pause(&self, paused: bool) {
+        self.live.pause(paused);
+    }
+
+    fn cancel(&self) {
+        self.live.cancel();
+    }
+
+    #[pyo3(signature = (*, wait_seconds=0.0))]
+    fn close(&self, py: Python<'_>, wait_seconds: f64) -> PyResult<()> {
+        let wait = Duration::try_from_secs_f64(wait_seconds)
+            .map_err(|error| invalid(format!("wait_seconds: {error}")))?;
+        py.detach(|| self.live.close(wait));
+        Ok(())
+    }
+}
+
+/// See the stubs.
+#[pyclass(name = "Frame", module = "relume", frozen)]
+pub struct PyFrame(Arc<live::Frame>);
+
+#[pymethods]
+impl PyFrame {
+    #[getter]
+    fn serial(&self) -> u64 {
+        self.0.shown.serial
+    }
+
+    #[getter]
+    fn request(&self) -> u64 {
+        self.0.shown.request
+    }
+
+    #[getter]
+    fn scale(&self) -> usize {
+        self.0.shown.scale
+    }
+
+    #[getter]
+    fn image<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f32>>> {
+        let image = &self.0.image;
+        let row = image.width * image.channels;
+        let mut data = Vec::with_capacity(image.data.len());
+        image.data.chunks_exact(row).rev().for_each(|row| data.extend_from_slice(row));
+        PyArray1::from_vec(py, data).reshape([image.height, image.width, image.channels])
+    }
+
+    #[getter]
+    fn summary(&self, py: Python<'_>) -> PyResult<String> {
+        enter_native(py, || serde_json::to_string(&self.0.shown))
+    }
+}

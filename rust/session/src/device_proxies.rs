@@ -1,0 +1,69 @@
+use relume_image::Image;
+use relume_proxy::{GpuProxy, LightKind, LightParams, Proxy};
+use relume_scene::Light;
+
+use crate::on_gpu::OnGpu;
+use crate::progress::Monitor;
+use crate::{Compute, Proxies, SessionError};
+
+/// Proxies that the GPU evaluates where there is one, else the CPU.
+#[derive(Default)]
+pub(crate) struct DeviceProxies {
+    proxies: Proxies,
+    /// In the order of `proxies`.
+    on_gpu: Vec<OnGpu<GpuProxy>>,
+}
+
+impl DeviceProxies {
+    pub fn new(proxies: Proxies) -> Self {
+        Self { on_gpu: proxies.iter().map(|_| OnGpu::default()).collect(), proxies }
+    }
+
+    pub fn proxies(&self) -> &Proxies {
+        &self.proxies
+    }
+
+    /// The unit image of a light that a proxy covers, without the light itself as the camera sees it.
+    pub fn unit_image(
+        &self,
+        light: &Light,
+        compute: &Compute,
+        monitor: &Monitor,
+    ) -> Result<Image, SessionError> {
+        let (proxy, params) = self.covering(light)?;
+        let on_gpu = self.attempt(params.kind(), compute, monitor, |gpu| Ok(gpu.unit_image(&params)?))?;
+        on_gpu.map_or_else(|| Ok(proxy.unit_image(&params)?), Ok)
+    }
+
+    /// As [`DeviceProxies::unit_image`], of every second pixel and row only.
+    pub fn half_image(&self, light: &Light) -> Result<Image, SessionError> {
+        let (proxy, params) = self.covering(light)?;
+        let (pixels, [width, height]) = proxy.coarse_pixels(2);
+        let mut image = Image::new(width, height, 3);
+        proxy.forward_pixels(&pixels, &params, image.data.as_chunks_mut().0)?;
+        Ok(image)
+    }
+
+    fn covering(&self, light: &Light) -> Result<(&Proxy, LightParams), SessionError> {
+        match (self.proxies.covering(light), LightParams::from_shape(&light.shape)) {
+            (Some(trained), Some(params)) => Ok((&trained.proxy, params)),
+            _ => Err(SessionError::Settings(format!("light '{}' has no proxy", light.name))),
+        }
+    }
+
+    /// Does some work with a proxy on the GPU; nothing comes back where there is none, or the CPU has to do it.
+    pub fn attempt<R>(
+        &self,
+        kind: LightKind,
+        compute: &Compute,
+        monitor: &Monitor,
+        work: impl FnOnce(&GpuProxy) -> Result<R, SessionError>,
+    ) -> Result<Option<R>, SessionError> {
+        let mut proxies = self.proxies.iter().zip(&self.on_gpu);
+        let Some((trained, on_gpu)) = proxies.find(|(trained, _)| trained.proxy.info().kind == kind) else {
+            return Ok(None);
+        };
+        let make = |gpu| Ok(GpuProxy::new(gpu, &trained.proxy)?);
+        on_gpu.attempt(compute, monitor, make, work)
+    }
+}

@@ -1,0 +1,72 @@
+use rayon::prelude::*;
+use relume_image::Image;
+
+/// A picture and its weight.
+pub(super) struct Layer<'a> {
+    /// Of the full size, or of half of it.
+    pub image: &'a Image,
+    pub weight: [f32; 3],
+}
+
+/// The weighted sum of RGB layers, of `width` by `height` pixels; layers of twice that size are averaged by two by two.
+pub(super) fn weighted_sum(layers: &[Layer], width: usize, height: usize) -> Image {
+    let mut sum = Image::new(width, height, 3);
+    sum.data.par_chunks_exact_mut(width * 3).enumerate().for_each(|(y, row)| {
+        for Layer { image, weight } in layers {
+            if (image.width, image.height) == (width, height) {
+                add_row(row, &image.data[y * width * 3..][..width * 3], weight);
+            } else {
+                let [upper, lower] =
+                    [2 * y, 2 * y + 1].map(|y| &image.data[y * image.width * 3..][..width * 6]);
+                add_halved_row(row, upper, lower, &weight.map(|w| 0.25 * w));
+            }
+        }
+    });
+    sum
+}
+
+fn add_row(row: &mut [f32], values: &[f32], weight: &[f32; 3]) {
+    for (sum, value) in row.as_chunks_mut::<3>().0.iter_mut().zip(values.as_chunks::<3>().0) {
+        for c in 0..3 {
+            sum[c] += weight[c] * value[c];
+        }
+    }
+}
+
+fn add_halved_row(row: &mut [f32], upper: &[f32], lower: &[f32], weight: &[f32; 3]) {
+    let pairs = upper.as_chunks::<6>().0.iter().zip(lower.as_chunks::<6>().0);
+    for (sum, (a, b)) in row.as_chunks_mut::<3>().0.iter_mut().zip(pairs) {
+        for c in 0..3 {
+            sum[c] += weight[c] * (a[c] + a[c + 3] + b[c] + b[c + 3]);
+        }
+    }
+}
+
+/// RGBA from colour and alpha.
+pub(super) fn with_alpha(rgb: &Image, alpha: &Image) -> Image {
+    let mut out = Image::new(rgb.width, rgb.height, 4);
+    let pixels = rgb.data.as_chunks::<3>().0.iter().zip(&alpha.data);
+    for (out, ([r, g, b], a)) in out.data.as_chunks_mut::<4>().0.iter_mut().zip(pixels) {
+        *out = [*r, *g, *b, *a];
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn layers_of_both_sizes_add_up() {
+        let full = Image { data: (0..4 * 3 * 3).map(|i| i as f32).collect(), ..Image::new(4, 3, 3) };
+        let half = Image { data: vec![1.0; 2 * 3], ..Image::new(2, 1, 3) };
+        let layers = [
+            Layer { image: &full, weight: [1.0, 2.0, 0.0] },
+            Layer { image: &half, weight: [0.0, 0.0, 5.0] },
+        ];
+        let sum = weighted_sum(&layers, 2, 1);
+        // Means of rows 0 and 1, columns 0 and 1, then 2 and 3, of the red and green channel.
+        assert_eq!(sum.data, [7.5, 17.0, 5.0, 13.5, 29.0, 5.0]);
+        assert_eq!(super::super::view::half(&full).data[..3], [7.5, 8.5, 9.5]);
+    }
+}

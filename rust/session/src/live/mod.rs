@@ -1,0 +1,171 @@
+//! A shot that is baked, trained and relit behind the caller's back.
+//!
+//! ```text
+//! caller              work thread                         painter
+//! bake(scene)   -->   paths, pass by pass   --dump-->     units: each light's sum over the passes so far
+//! relight(request) ------------- newest request -------->  frame = weighted sum of units, denoised
+//!                     proxies, kind by kind --proxies-->  stand in while a light is dragged
+//! frame(), status()  <------------------------------------ newest frame
+//! ```
+//!
+//! The caller never waits. Work stands still while a picture is made for the caller or while it is paused; it ends at its
+//! next shard or step when cancelled. A light's unit image grows by one pass at a time, so that a light that moved is
+//! seen after the first and exact after the last, and no pass is gathered twice.
+
+mod compose;
+mod painter;
+mod request;
+mod shared;
+mod units;
+mod view;
+mod work;
+
+use crate::{Cancel, Device, SessionError};
+use painter::Painter;
+use relume_scene::Scene;
+use relume_trace::TraceSettings;
+pub use request::LiveRequest;
+use shared::Shared;
+pub use shared::{Frame, LiveState, LiveStatus, ProxyStatus, Shown};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+use work::Work;
+
+/// Where a live shot computes.
+#[derive(Clone, Debug, Default)]
+pub struct LiveOptions {
+    /// Device.
+    pub device: Device,
+    /// Bytes of GPU memory to use; by default what its driver says, less some for others.
+    pub gpu_memory: Option<u64>,
+    /// Threads of the CPU; 0 for one a core.
+    pub threads: usize,
+}
+
+/// A live shot. Every method returns at once.
+pub struct Live {
+    folder: PathBuf,
+    options: LiveOptions,
+    shared: Arc<Shared>,
+    threads: Mutex<Threads>,
+}
+
+#[derive(Default)]
+struct Threads {
+    painter: Option<JoinHandle<()>>,
+    work: Option<(JoinHandle<()>, Cancel)>,
+}
+
+impl Live {
+    /// A shot with its bake in `folder`. Nothing is read or written yet.
+    pub fn new(folder: &Path, options: LiveOptions) -> Self {
+        Self { folder: folder.to_path_buf(), options, shared: Arc::default(), threads: Mutex::default() }
+    }
+
+    /// Bakes a scene into the folder and shows pictures after every pass, then trains a proxy for so many seconds for each
+    /// kind of light in use. Goes on with a bake of the same scene and settings, replaces one of another.
+    ///
+    /// # Errors
+    /// If work is going on already. What goes wrong later is in [`Live::status`].
+    pub fn bake(
+        &self,
+        scene: Arc<Scene>,
+        settings: TraceSettings,
+        train_seconds: f64,
+    ) -> Result<(), SessionError> {
+        self.start(Work::Bake { scene, settings }, train_seconds)
+    }
+
+    /// Shows what the folder holds, and trains if asked and not trained yet.
+    ///
+    /// # Errors
+    /// As [`Live::bake`].
+    pub fn open(&self, train_seconds: f64) -> Result<(), SessionError> {
+        self.start(Work::Open, train_seconds)
+    }
+
+    /// Asks for a picture; the newest request wins. Gives the number that its frames carry.
+    pub fn relight(&self, request: LiveRequest) -> u64 {
+        self.shared.ask(request)
+    }
+
+    /// The newest frame, if it is newer than the one with this serial number.
+    pub fn frame(&self, newer_than: u64) -> Option<Arc<Frame>> {
+        self.shared.lock().frame.clone().filter(|frame| frame.shown.serial > newer_than)
+    }
+
+    /// What is going on.
+    pub fn status(&self) -> LiveStatus {
+        self.shared.status()
+    }
+
+    /// Lets baking and training stand still, or go on. Relighting always goes on.
+    pub fn pause(&self, paused: bool) {
+        self.shared.change(|state| state.status.paused = paused);
+    }
+
+    /// Ends baking and training; what is there stays, and relighting goes on.
+    pub fn cancel(&self) {
+        if let Some((_, cancel)) = &self.threads().work {
+            cancel.request();
+        }
+        self.shared.change(|state| state.status.paused = false);
+    }
+
+    /// Ends everything; files stay whole. Waits at most so long for the threads to end.
+    pub fn close(&self, wait: Duration) {
+        self.cancel();
+        self.shared.change(|state| state.closed = true);
+        let mut threads = self.threads();
+        let handles = [threads.painter.take(), threads.work.take().map(|(handle, _)| handle)];
+        let until = Instant::now() + wait;
+        for handle in handles.into_iter().flatten() {
+            while !handle.is_finished() && Instant::now() < until {
+                thread::sleep(Duration::from_millis(5));
+            }
+        }
+    }
+
+    fn start(&self, work: Work, train_seconds: f64) -> Result<(), SessionError> {
+        let mut threads = self.threads();
+        let running = threads.work.as_ref().is_some_and(|(handle, _)| !handle.is_finished());
+        if running || self.shared.lock().closed {
+            let reason = "this shot is being baked or trained already, or is closed; cancel it first";
+            return Err(SessionError::Settings(reason.into()));
+        }
+        let spawn = |name: &str, body: Box<dyn FnOnce() + Send>| {
+            let thread = thread::Builder::new().name(name.into()).spawn(body);
+            thread.map_err(|source| SessionError::Settings(format!("cannot start a thread: {source}")))
+        };
+        if threads.painter.is_none() {
+            let painter = Painter::new(self.shared.clone(), self.options.clone());
+            threads.painter = Some(spawn("relume-painter", Box::new(move || painter.run()))?);
+        }
+        let cancel = Cancel::default();
+        let job = work::Job {
+            work,
+            train_seconds,
+            folder: self.folder.clone(),
+            options: self.options.clone(),
+            shared: self.shared.clone(),
+            cancel: cancel.clone(),
+        };
+        threads.work = Some((spawn("relume-work", Box::new(move || job.run()))?, cancel));
+        Ok(())
+    }
+
+    fn threads(&self) -> MutexGuard<'_, Threads> {
+        self.threads.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Drop for Live {
+    fn drop(&mut self) {
+        self.close(Duration::ZERO);
+    }
+}
+
+#[cfg(test)]
+mod tests;

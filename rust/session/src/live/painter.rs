@@ -1,0 +1,444 @@
+use super::compose::{Layer, weighted_sum, with_alpha};
+use super::shared::{Frame, Shared, Shown, State};
+use super::units::{Unit, Units};
+use super::view::{Delivered, SharedImage, View, half};
+use super::{LiveOptions, LiveRequest};
+use crate::relighter::{camera_only, too_narrow};
+use crate::{Cancel, Compute, Listener, Maker, Monitor, Progress, SessionError, With};
+use relume_gather::DenoiseQuality;
+use relume_image::Image;
+use relume_scene::Light;
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, MutexGuard};
+use std::time::{Duration, Instant};
+
+/// How long a light that is being dragged is gathered before it is shown.
+const DRAG_BUDGET: Duration = Duration::from_millis(60);
+/// How often a picture that is still growing is shown.
+const SHOW_EVERY: Duration = Duration::from_millis(400);
+/// Pictures of a drag that take longer are made at half the size, and shorter ones at full size again.
+const SLOW: Duration = Duration::from_millis(50);
+const QUICK: Duration = Duration::from_millis(12);
+
+/// The thread that makes pictures of what the work delivers under the newest request.
+pub(super) struct Painter {
+    shared: Arc<Shared>,
+    options: LiveOptions,
+    compute: Compute,
+    monitor: Monitor,
+    view: Option<View>,
+    units: Units,
+    /// Request and delivery that were painted last.
+    painted: (u64, u64),
+    serial: u64,
+    /// Whether nothing of this bake was shown yet.
+    first_frame: bool,
+    /// 1, or 2 on machines that are too slow for the full size in a drag.
+    drag_scale: usize,
+}
+
+/// What the painter's helpers have to say goes to the status.
+struct Notes(Arc<Shared>);
+
+impl Listener for Notes {
+    fn progress(&self, _: &Progress) {}
+
+    fn warning(&self, message: &str) {
+        self.0.warn(message);
+    }
+}
+
+/// A part of the picture: a light as it is shown.
+struct Part {
+    light: Light,
+    how: How,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum How {
+    /// Summed over the paths.
+    Gather,
+    /// By a proxy.
+    Proxy,
+    /// The light itself as the camera sees it, summed over the paths.
+    View,
+}
+
+impl Painter {
+    pub fn new(shared: Arc<Shared>, options: LiveOptions) -> Self {
+        let monitor = Monitor::new(Arc::new(Notes(shared.clone())), Cancel::default());
+        let compute = Compute::default();
+        let (units, painted) = (Units::default(), (0, 0));
+        Self {
+            shared,
+            options,
+            compute,
+            monitor,
+            view: None,
+            units,
+            painted,
+            serial: 0,
+            first_frame: true,
+            drag_scale: 1,
+        }
+    }
+
+    /// Paints until the shot is closed.
+    pub fn run(mut self) {
+        let threads = rayon::ThreadPoolBuilder::new().num_threads(self.options.threads).build();
+        let outcome = threads.map_err(|error| error.to_string()).and_then(|threads| {
+            let outcome = catch_unwind(AssertUnwindSafe(|| threads.install(|| self.paint_until_closed())));
+            outcome.map_err(|_| "internal error while painting; please report it".to_string())
+        });
+        if let Err(error) = outcome {
+            self.shared.change(|state| state.status.error = Some(error));
+        }
+    }
+
+    fn paint_until_closed(&mut self) {
+        match self.options.device.open(self.options.gpu_memory) {
+            Ok(compute) => self.compute = compute,
+            Err(error) => self.monitor.warn(&format!("{error}; pictures are made on the CPU")),
+        }
+        let device = self.device_in_words();
+        self.shared.change(|state| state.status.device = device);
+        while let Some(request) = self.next() {
+            let outcome = self.paint(&request);
+            let error = outcome.err().map(|error| error.to_string());
+            self.shared.change(|state| {
+                state.painting = false;
+                if error.is_some() {
+                    state.status.error = error;
+                }
+            });
+        }
+    }
+
+    fn device_in_words(&self) -> String {
+        match &self.compute.gpu {
+            Some(gpu) => gpu.summary().name.clone(),
+            None => format!("CPU, {} threads", rayon::current_num_threads()),
+        }
+    }
+
+    /// Waits for something new and takes it over; nothing once the shot is closed.
+    fn next(&mut self) -> Option<Arc<LiveRequest>> {
+        let shared = self.shared.clone();
+        loop {
+            let painted = self.painted;
+            let mut state = shared.wait_while(|state| !is_new(state, painted));
+            if state.closed {
+                return None;
+            }
+            let request = state.request.clone()?;
+            self.painted = (state.requests, state.deliveries);
+            state.painting = true;
+            if self.view.as_ref().is_none_or(|view| view.deliveries != state.deliveries) {
+                self.renew_view(state);
+            }
+            if self.view.is_some() {
+                return Some(request);
+            }
+        }
+    }
+
+    fn renew_view(&mut self, mut state: MutexGuard<State>) {
+        let delivered = Delivered::take(&mut state);
+        drop(state);
+        let before = self.view.take();
+        let known = before.as_ref().map(|view| view.bake.clone());
+        let new_proxies = delivered.proxies.is_some();
+        self.view = View::new(delivered, &self.compute, before);
+        if known != self.view.as_ref().map(|view| view.bake.clone()) {
+            self.units = Units::default();
+            self.first_frame = true;
+        } else if new_proxies {
+            self.units.clear_proxies();
+        }
+    }
+
+    fn paint(&mut self, request: &LiveRequest) -> Result<(), SessionError> {
+        let Some(mut view) = self.view.take() else { return Ok(()) };
+        let (parts, warnings) = parts(request, &view);
+        self.shared.change(|state| state.light_warnings = warnings);
+        let outcome = if request.interactive {
+            self.paint_drag(request, &view, &parts)
+        } else {
+            self.paint_still(request, &mut view, &parts)
+        };
+        self.view = Some(view);
+        outcome
+    }
+
+    /// As much as there is time for, once.
+    fn paint_drag(&mut self, request: &LiveRequest, view: &View, parts: &[Part]) -> Result<(), SessionError> {
+        let start = Instant::now();
+        let replaced = |part: &&Part| {
+            let proxied =
+                request.with != With::Gather && view.proxies.proxies().covering(&part.light).is_some();
+            part.how == How::Proxy
+                || part.how == How::Gather
+                    && (proxied || self.units.get(&part.light).is_some_and(Unit::has_clean))
+        };
+        let new: Vec<Light> =
+            parts.iter().filter(|part| !replaced(part)).map(|part| part.light.clone()).collect();
+        while self.units.advance(&new, view, &self.compute, &self.monitor)? {
+            if self.units.all_begun(&new) && start.elapsed() > DRAG_BUDGET {
+                break;
+            }
+        }
+        let scale = if view.can_be_halved() { self.drag_scale } else { 1 };
+        self.show(request, view, parts, Manner { scale, drag: true })?;
+        let took = start.elapsed();
+        if took > SLOW {
+            self.drag_scale = 2;
+        } else if took < QUICK {
+            self.drag_scale = 1;
+        }
+        Ok(())
+    }
+
+    /// Everything that the paths so far can give, shown as it grows; first with all noise denoised at once, then light by
+    /// light, so that later edits of colour and strength only sum.
+    fn paint_still(
+        &mut self,
+        request: &LiveRequest,
+        view: &mut View,
+        parts: &[Part],
+    ) -> Result<(), SessionError> {
+        let gathered = parts.iter().filter(|part| part.how != How::Proxy);
+        let gathered: Vec<Light> = gathered.map(|part| part.light.clone()).collect();
+        let full = Manner { scale: 1, drag: false };
+        let mut last_shown = Instant::now();
+        while self.units.advance(&gathered, view, &self.compute, &self.monitor)? {
+            if self.is_outdated() {
+                return Ok(());
+            }
+            let begun = self.units.all_begun(&gathered);
+            if begun && self.first_frame && view.can_be_halved() {
+                // A quarter of the pixels is denoised in a quarter of the time.
+                self.show(request, view, parts, Manner { scale: 2, drag: false })?;
+                last_shown = Instant::now();
+            } else if begun && last_shown.elapsed() > SHOW_EVERY {
+                self.show(request, view, parts, full)?;
+                last_shown = Instant::now();
+            }
+        }
+        let settled = self.show(request, view, parts, full)?;
+        // The rest is for later edits; work goes on meanwhile.
+        self.shared.change(|state| state.painting = false);
+        if !settled && self.refine(view, parts)? {
+            self.show(request, view, parts, full)?;
+        }
+        Ok(())
+    }
+
+    /// Denoises what is stale, one picture at a time; false if something newer came up.
+    fn refine(&mut self, view: &mut View, parts: &[Part]) -> Result<bool, SessionError> {
+        let denoise = view.denoise(1);
+        if let Some(reason) = denoise.missing() {
+            self.monitor.warn(&reason);
+            return Ok(false);
+        }
+        for part in parts.iter().filter(|part| part.how == How::Gather) {
+            let unit = self.units.of(&part.light);
+            if unit.is_clean() || unit.passes == 0 {
+                continue;
+            }
+            let mut image = unit.mean.clone();
+            denoise.images(std::slice::from_mut(&mut image), DenoiseQuality::Balanced)?;
+            unit.clean = Some((unit.passes, image));
+            if is_new(&self.shared.lock(), self.painted) {
+                return Ok(false);
+            }
+        }
+        for layer in view.statics.iter_mut().filter(|layer| !layer.black && layer.clean.is_none()) {
+            let mut image = layer.image.clone();
+            view.denoise[0].images(std::slice::from_mut(&mut image), DenoiseQuality::Balanced)?;
+            layer.clean = Some(image);
+        }
+        Ok(true)
+    }
+
+    /// Whether another picture is asked for.
+    fn is_outdated(&self) -> bool {
+        let state = self.shared.lock();
+        state.closed || state.requests != self.painted.0
+    }
+
+    /// Sums, denoises what is noisy, and hands the frame over. True if nothing in it was noisy.
+    fn show(
+        &mut self,
+        request: &LiveRequest,
+        view: &View,
+        parts: &[Part],
+        manner: Manner,
+    ) -> Result<bool, SessionError> {
+        let stand_ins = self.stand_ins(request, view, parts, manner)?;
+        let picture = Picture::new(request, view, &self.units, parts, &stand_ins, manner);
+        let image = picture.image(view, manner)?;
+        self.serial += 1;
+        self.first_frame = false;
+        let shown = Shown {
+            serial: self.serial,
+            request: self.painted.0,
+            scale: manner.scale,
+            samples: picture.samples,
+            makers: picture.makers,
+            settled: picture.noisy.is_empty(),
+        };
+        let settled = shown.settled;
+        let frame = Arc::new(Frame { image, shown: shown.clone() });
+        self.shared.change(|state| {
+            state.frame = Some(frame);
+            state.status.shown = Some(shown);
+        });
+        Ok(settled)
+    }
+
+    /// What proxies say, for the parts that are theirs, and for those that wait for more paths.
+    fn stand_ins(
+        &mut self,
+        request: &LiveRequest,
+        view: &View,
+        parts: &[Part],
+        manner: Manner,
+    ) -> Result<Vec<Option<SharedImage>>, SessionError> {
+        let mut images = Vec::with_capacity(parts.len());
+        for part in parts {
+            let unit = self.units.of(&part.light);
+            let waits = part.how == How::Gather
+                && unit.passes < view.passes.len()
+                && !(manner.drag && unit.has_clean())
+                && request.with != With::Gather
+                && view.proxies.proxies().covering(&part.light).is_some();
+            images.push(match &unit.proxy {
+                _ if part.how != How::Proxy && !waits => None,
+                Some(image) => Some(image.clone()),
+                None if manner.scale == 2 && self.compute.gpu.is_none() => {
+                    Some(Arc::new(view.proxies.half_image(&part.light)?))
+                }
+                None => {
+                    let image = view.proxies.unit_image(&part.light, &self.compute, &self.monitor)?;
+                    Some(unit.set_proxy(image))
+                }
+            });
+        }
+        Ok(images)
+    }
+}
+
+/// How a frame is made.
+#[derive(Clone, Copy)]
+struct Manner {
+    /// 1 for the full size, 2 for half.
+    scale: usize,
+    /// Whether older pictures of a light will do.
+    drag: bool,
+}
+
+/// The layers of a frame.
+struct Picture<'a> {
+    clean: Vec<Layer<'a>>,
+    noisy: Vec<Layer<'a>>,
+    makers: BTreeMap<String, Maker>,
+    samples: u32,
+}
+
+impl<'a> Picture<'a> {
+    fn new(
+        request: &LiveRequest,
+        view: &'a View,
+        units: &'a Units,
+        parts: &[Part],
+        stand_ins: &'a [Option<SharedImage>],
+        manner: Manner,
+    ) -> Self {
+        let (clean, noisy, makers) = (Vec::new(), Vec::new(), BTreeMap::new());
+        let mut picture = Self { clean, noisy, makers, samples: view.samples() };
+        for (layer, weight) in view.statics.iter().zip([request.static_light, request.world]) {
+            match &layer.clean {
+                _ if layer.black => {}
+                Some(image) => picture.clean.push(Layer { image, weight }),
+                None => picture.noisy.push(Layer { image: &layer.image, weight }),
+            }
+        }
+        let denoiser = view.denoise(manner.scale).missing().is_none();
+        for (part, stand_in) in parts.iter().zip(stand_ins) {
+            let weight = part.light.radiance;
+            let Some(unit) = units.get(&part.light) else { continue };
+            let mut maker = if denoiser { Maker::GatherDenoised } else { Maker::Gather };
+            match (stand_in, &unit.clean) {
+                (Some(image), _) => {
+                    picture.clean.push(Layer { image, weight });
+                    maker = Maker::Proxy;
+                }
+                (None, Some((passes, image))) if manner.drag || *passes == unit.passes => {
+                    picture.clean.push(Layer { image, weight });
+                }
+                _ if unit.passes == 0 => continue,
+                _ => {
+                    let layers = if part.how == How::View { &mut picture.clean } else { &mut picture.noisy };
+                    layers.push(Layer { image: &unit.mean, weight });
+                    picture.samples = picture.samples.min(unit.samples);
+                }
+            }
+            if part.how != How::View {
+                picture.makers.insert(part.light.name.clone(), maker);
+            }
+        }
+        picture
+    }
+
+    fn image(&self, view: &View, manner: Manner) -> Result<Image, SessionError> {
+        let alpha = if manner.scale == 2 { &half(&view.aovs.alpha) } else { &view.aovs.alpha };
+        let mut sum = weighted_sum(&self.clean, alpha.width, alpha.height);
+        if !self.noisy.is_empty() {
+            let mut noisy = weighted_sum(&self.noisy, alpha.width, alpha.height);
+            view.denoise(manner.scale).images(std::slice::from_mut(&mut noisy), DenoiseQuality::Fast)?;
+            sum.add_scaled(&noisy, &[1.0; 3]);
+        }
+        Ok(with_alpha(&sum, alpha))
+    }
+}
+
+/// Whether there is something that was not painted yet.
+fn is_new(state: &State, painted: (u64, u64)) -> bool {
+    let something = state.dump.is_some() || state.base.is_some();
+    state.closed || something && state.request.is_some() && (state.requests, state.deliveries) != painted
+}
+
+/// The lights that give light, each with what shows it, and what there is to say about them.
+fn parts(request: &LiveRequest, view: &View) -> (Vec<Part>, Vec<String>) {
+    let (mut parts, mut warnings) = (Vec::new(), request.notes.clone());
+    for light in request.lights.iter().filter(|light| light.radiance != [0.0; 3]) {
+        match part(light, request.with, view, &mut warnings) {
+            Ok(how) => {
+                if how == How::Proxy && light.lobes.camera != 0.0 && !view.passes.is_empty() {
+                    parts.push(Part { light: camera_only(light), how: How::View });
+                }
+                parts.push(Part { light: light.clone(), how });
+            }
+            Err(reason) => warnings.push(reason),
+        }
+    }
+    (parts, warnings)
+}
+
+fn part(light: &Light, with: With, view: &View, warnings: &mut Vec<String>) -> Result<How, String> {
+    let proxies = view.proxies.proxies();
+    let Some(pass) = view.passes.first() else {
+        let covered = proxies.covering(light).map(|_| How::Proxy);
+        return covered
+            .ok_or_else(|| format!("light '{}': no proxy covers it, and there is no bake", light.name));
+    };
+    match proxies.covering(light) {
+        Some(_) if with == With::Proxy => return Ok(How::Proxy),
+        Some(proxy) if with == With::Auto && proxy.beats_gather(true) => return Ok(How::Proxy),
+        _ => {}
+    }
+    pass.gather().prepare(light).map_err(|error| error.to_string())?;
+    warnings.extend(too_narrow(light, view.samples()));
+    Ok(How::Gather)
+}

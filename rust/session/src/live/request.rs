@@ -1,0 +1,68 @@
+use crate::{LightSet, With};
+use relume_scene::Light;
+use serde::Deserialize;
+use serde_json::Value;
+use std::collections::HashMap;
+
+/// What picture is asked for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LiveRequest {
+    /// The lights, with their gains multiplied in.
+    pub lights: Vec<Light>,
+    /// Factor on the world's light.
+    pub world: [f32; 3],
+    /// Factor on what the scene itself emits.
+    pub static_light: [f32; 3],
+    /// Whether something is being dragged: quick before exact, and another request follows.
+    pub interactive: bool,
+    /// What makes the pictures.
+    pub with: With,
+    /// What was changed on reading the lights, in words for the user.
+    pub notes: Vec<String>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Json {
+    lights: Value,
+    #[serde(default)]
+    gains: HashMap<String, [f32; 3]>,
+    #[serde(default = "one")]
+    world: [f32; 3],
+    #[serde(default = "one", rename = "static")]
+    static_light: [f32; 3],
+    #[serde(default)]
+    interactive: bool,
+    #[serde(default)]
+    with: With,
+}
+
+fn one() -> [f32; 3] {
+    [1.0; 3]
+}
+
+impl LiveRequest {
+    /// Reads `{"lights": [...], "gains": {"Key": [1, 1, 1]}, "world": [1, 1, 1], "static": [1, 1, 1], "interactive": false,
+    /// "with": "auto"}`; the lights are a light set ([`LightSet::parse`]), gains go by their names.
+    ///
+    /// # Errors
+    /// In words that name the light or the field.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let json: Json = serde_json::from_str(text).map_err(|error| error.to_string())?;
+        let LightSet { mut lights, notes, .. } = LightSet::parse(&json.lights.to_string())?;
+        for light in &mut lights {
+            let gain = json.gains.get(&light.name).copied().unwrap_or(one());
+            light.radiance = std::array::from_fn(|c| light.radiance[c] * gain[c]);
+        }
+        let finite = |factor: &[f32; 3]| factor.iter().all(|value| value.is_finite());
+        match lights.iter().find(|light| !finite(&light.radiance)) {
+            Some(light) => return Err(format!("light '{}': its gain must be finite", light.name)),
+            None if !finite(&json.world) || !finite(&json.static_light) => {
+                return Err("the gains of world and static must be finite".into());
+            }
+            None => {}
+        }
+        let Json { world, static_light, interactive, with, .. } = json;
+        Ok(Self { lights, world, static_light, interactive, with, notes })
+    }
+}

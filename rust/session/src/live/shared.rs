@@ -1,0 +1,187 @@
+use super::LiveRequest;
+use crate::{Cancel, Listener, Maker, Progress, Proxies};
+use relume_dump::Dump;
+use relume_image::Image;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// What a live shot is doing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LiveState {
+    /// Nothing was started yet.
+    #[default]
+    Empty,
+    /// Trees and textures of the scene are made, or files are opened.
+    Preparing,
+    /// Paths are traced.
+    Baking,
+    /// A proxy is trained.
+    Training,
+    /// All is done.
+    Ready,
+    /// Work was cancelled.
+    Cancelled,
+    /// Work ended with [`LiveStatus::error`].
+    Failed,
+}
+
+/// What there is to say about a live shot.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct LiveStatus {
+    /// What is going on.
+    pub state: LiveState,
+    /// Whether baking and training stand still.
+    pub paused: bool,
+    /// How far the present stage is.
+    pub stage: Option<Progress>,
+    /// Paths per pixel so far.
+    pub samples: u32,
+    /// Paths per pixel at the end.
+    pub samples_total: u32,
+    /// Trained proxies by kind of light.
+    pub proxies: BTreeMap<String, ProxyStatus>,
+    /// Where pictures are made, in words.
+    pub device: String,
+    /// What cannot be represented, or is to be trusted less, in words for the user.
+    pub warnings: Vec<String>,
+    /// Why work or painting ended.
+    pub error: Option<String>,
+    /// The newest frame.
+    pub shown: Option<Shown>,
+}
+
+/// How good a proxy is, on lights that it never saw.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct ProxyStatus {
+    /// dB, tonemapped.
+    pub psnr: f64,
+    /// Of the proxy.
+    pub smape: f64,
+    /// Of gathering and denoising as many samples.
+    pub gather_smape: f64,
+}
+
+/// What a frame shows.
+#[derive(Clone, Debug, Serialize)]
+pub struct Shown {
+    /// Number of the frame, from 1.
+    pub serial: u64,
+    /// Number of the request.
+    pub request: u64,
+    /// 1 for the full size, 2 for half.
+    pub scale: usize,
+    /// Fewest paths per pixel behind a gathered light.
+    pub samples: u32,
+    /// What made each light's part.
+    pub makers: BTreeMap<String, Maker>,
+    /// Whether nothing better will come for this request, unless more paths or proxies do.
+    pub settled: bool,
+}
+
+/// A finished picture.
+#[derive(Debug)]
+pub struct Frame {
+    /// Scene-linear RGBA with the film's alpha, top row first.
+    pub image: Image,
+    /// What it shows.
+    pub shown: Shown,
+}
+
+/// Where the caller, the work and the painter meet.
+#[derive(Default)]
+pub(super) struct Shared {
+    state: Mutex<State>,
+    changed: Condvar,
+}
+
+/// Everything behind the lock.
+#[derive(Default)]
+pub(super) struct State {
+    pub request: Option<Arc<LiveRequest>>,
+    /// Number of the newest request.
+    pub requests: u64,
+    /// Whole passes of the bake so far.
+    pub dump: Option<Dump>,
+    /// Folder of proxies alone, for a shot without paths.
+    pub base: Option<Arc<crate::base_layers::BaseLayers>>,
+    pub proxies: Option<Proxies>,
+    /// Counts what work has delivered.
+    pub deliveries: u64,
+    pub frame: Option<Arc<Frame>>,
+    pub status: LiveStatus,
+    /// Of the newest request alone.
+    pub light_warnings: Vec<String>,
+    /// Whether the painter makes a picture that the caller waits for.
+    pub painting: bool,
+    pub closed: bool,
+}
+
+impl Shared {
+    pub fn lock(&self) -> MutexGuard<'_, State> {
+        // What is behind the lock is whole between statements.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub fn change(&self, change: impl FnOnce(&mut State)) {
+        change(&mut self.lock());
+        self.changed.notify_all();
+    }
+
+    pub fn ask(&self, request: LiveRequest) -> u64 {
+        let mut state = self.lock();
+        state.requests += 1;
+        state.request = Some(Arc::new(request));
+        let number = state.requests;
+        drop(state);
+        self.changed.notify_all();
+        number
+    }
+
+    pub fn status(&self) -> LiveStatus {
+        let state = self.lock();
+        let mut status = state.status.clone();
+        status.warnings.extend(state.light_warnings.iter().cloned());
+        status
+    }
+
+    pub fn warn(&self, message: &str) {
+        let mut state = self.lock();
+        if !state.status.warnings.iter().any(|known| known == message) {
+            state.status.warnings.push(message.into());
+        }
+    }
+
+    /// Waits while `condition` holds and nothing is closed.
+    pub fn wait_while(&self, condition: impl Fn(&State) -> bool) -> MutexGuard<'_, State> {
+        let mut state = self.lock();
+        while !state.closed && condition(&state) {
+            state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+        }
+        state
+    }
+}
+
+/// Passes progress on, and holds work up while it is paused or the painter needs the machine.
+pub(super) struct Gate {
+    pub shared: Arc<Shared>,
+    pub cancel: Cancel,
+}
+
+impl Listener for Gate {
+    fn progress(&self, progress: &Progress) {
+        let mut state = self.shared.lock();
+        state.status.stage = Some(progress.clone());
+        while (state.status.paused || state.painting) && !state.closed && !self.cancel.requested() {
+            // Woken by every change; the time limit is for a cancel that nobody announces.
+            let waited = self.shared.changed.wait_timeout(state, Duration::from_millis(100));
+            state = waited.unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+
+    fn warning(&self, message: &str) {
+        self.shared.warn(message);
+    }
+}

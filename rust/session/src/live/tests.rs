@@ -1,0 +1,210 @@
+use super::units::Units;
+use super::view::{Delivered, View};
+use super::*;
+use crate::{Compute, LightSet, Maker, Monitor, ObjView, bake, obj_scene};
+use glam::Vec3;
+use relume_dump::Dump;
+use relume_gather::{Gather, Half};
+use relume_scene::{Light, LightShape};
+
+/// The room of the tests, with a size in pixels.
+fn room(width: usize, height: usize) -> Arc<Scene> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/room.obj");
+    let view =
+        ObjView { up: relume_scene::UpAxis::Z, eye: Some(Vec3::new(0.0, -4.2, 1.0)), target: Some(Vec3::Z), width, height, ..ObjView::default() };
+    Arc::new(obj_scene(&path, &view).unwrap())
+}
+
+fn settings(samples: u32) -> TraceSettings {
+    TraceSettings { samples, tile_size: 16, threads: 2, ..TraceSettings::default() }
+}
+
+fn live(folder: &Path) -> Live {
+    Live::new(folder, LiveOptions { device: Device::Cpu, gpu_memory: None, threads: 2 })
+}
+
+fn lamp(x: f32) -> Light {
+    let shape = LightShape::Sphere { center: Vec3::new(x, 0.0, 1.5), radius: 0.3 };
+    Light { radiance: [3.0, 2.0, 1.0], name: "light".into(), ..crate::targets::unit_light(&shape) }
+}
+
+fn request(lights: &[Light]) -> LiveRequest {
+    let set = LightSet { lights: lights.to_vec(), ..LightSet::default() };
+    let json = serde_json::json!({ "lights": set }).to_string();
+    LiveRequest::parse(&json).unwrap()
+}
+
+fn wait<T>(what: &str, mut ask: impl FnMut() -> Option<T>) -> T {
+    let start = Instant::now();
+    loop {
+        match ask() {
+            Some(answer) => return answer,
+            None => assert!(start.elapsed() < Duration::from_secs(120), "{what} did not come"),
+        }
+        thread::sleep(Duration::from_millis(2));
+    }
+}
+
+fn state(live: &Live, state: LiveState) -> LiveStatus {
+    wait(&format!("{state:?}"), || Some(live.status()).filter(|status| status.state == state))
+}
+
+/// The final frame of a request.
+fn settled(live: &Live, request: u64) -> Arc<Frame> {
+    wait("the final frame", || {
+        live.frame(0).filter(|frame| frame.shown.request == request && frame.shown.settled)
+    })
+}
+
+#[test]
+fn a_light_gathered_pass_by_pass_is_the_light_gathered_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    bake(&room(24, 16), &settings(13), folder.path(), false, &Monitor::default()).unwrap();
+    let dump = Dump::open(folder.path()).unwrap();
+    let lights = [lamp(0.3), lamp(-0.4)];
+    let gather = Gather::new(dump.clone());
+    let whole = gather.unit_images(&gather.prepare_all(&lights).unwrap(), Half::All);
+
+    let shared = Shared::default();
+    shared.change(|state| state.dump = Some(dump));
+    let compute = Compute::default();
+    let view = View::new(Delivered::take(&mut shared.lock()), &compute, None).unwrap();
+    let mut units = Units::default();
+    let mut rounds = 0;
+    while units.advance(&lights, &view, &compute, &Monitor::default()).unwrap() {
+        rounds += 1;
+    }
+    assert_eq!((rounds, view.samples()), (view.passes.len(), 13));
+    for (light, whole) in lights.iter().zip(&whole) {
+        let unit = units.get(light).unwrap();
+        let brightest = whole.data.iter().fold(0.0_f32, |a, b| a.max(*b));
+        assert!(brightest > 0.0 && unit.samples == 13);
+        for (a, b) in unit.mean.data.iter().zip(&whole.data) {
+            // Each of the five passes rounds the running mean once or twice.
+            assert!((a - b).abs() <= 10.0 * f32::EPSILON * brightest, "{a} {b}");
+        }
+    }
+}
+
+#[test]
+fn frames_grow_settle_and_answer_the_newest_request() {
+    let folder = tempfile::tempdir().unwrap();
+    let live = live(folder.path());
+    live.relight(request(&[lamp(0.0)]));
+    live.bake(room(24, 16), settings(16), 0.0).unwrap();
+    let first = wait("a first frame", || live.frame(0));
+    assert!(first.shown.samples >= 1 && first.image.channels == 4);
+    assert_eq!(state(&live, LiveState::Ready).samples, 16);
+
+    for x in 0..20 {
+        live.relight(LiveRequest { interactive: true, ..request(&[lamp(x as f32 / 40.0)]) });
+    }
+    let number = live.relight(request(&[lamp(0.5)]));
+    let frame = settled(&live, number);
+    assert_eq!((frame.shown.samples, frame.shown.scale), (16, 1));
+    assert_eq!(frame.shown.makers["light"], Maker::GatherDenoised);
+    assert!(live.frame(frame.shown.serial).is_none());
+
+    // Twice the light on top of what the scene itself emits.
+    let dark = settled(&live, live.relight(request(&[])));
+    let twice = Light { radiance: [6.0, 4.0, 2.0], ..lamp(0.5) };
+    let bright = settled(&live, live.relight(request(&[twice])));
+    for ((dark, once), twice) in dark.image.data.iter().zip(&frame.image.data).zip(&bright.image.data) {
+        assert!((2.0 * once - dark - twice).abs() <= 1e-5 * twice.abs().max(1.0), "{dark} {once} {twice}");
+    }
+}
+
+#[test]
+fn cancelled_bake_is_shown_and_goes_on_to_the_same_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let (whole, cut) = (folder.path().join("whole"), folder.path().join("cut"));
+    bake(&room(48, 32), &settings(64), &whole, false, &Monitor::default()).unwrap();
+
+    let live = live(&cut);
+    live.relight(request(&[lamp(0.0)]));
+    live.bake(room(48, 32), settings(64), 0.0).unwrap();
+    assert!(live.bake(room(48, 32), settings(64), 0.0).is_err(), "two bakes at once");
+    wait("some samples", || (live.status().samples >= 2).then_some(()));
+    live.cancel();
+    let status = state(&live, LiveState::Cancelled);
+    assert!(status.samples < 64 && status.error.is_none(), "it was done before it was stopped");
+    settled(&live, live.relight(request(&[lamp(0.2)])));
+
+    live.bake(room(48, 32), settings(64), 0.0).unwrap();
+    state(&live, LiveState::Ready);
+    let bytes = |folder: &Path| {
+        let mut files: Vec<_> =
+            std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+        files.sort();
+        files.iter().map(|path| std::fs::read(path).unwrap()).collect::<Vec<_>>()
+    };
+    assert!(bytes(&cut) == bytes(&whole), "the bakes differ");
+}
+
+#[test]
+fn paused_work_stands_still_while_relighting_goes_on_and_closing_ends_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let live = live(folder.path());
+    live.relight(request(&[lamp(0.0)]));
+    live.bake(room(96, 64), settings(4096), 0.0).unwrap();
+    wait("a first frame", || live.frame(0));
+    live.pause(true);
+    thread::sleep(Duration::from_millis(300));
+    let before = live.status();
+    settled(&live, live.relight(request(&[lamp(0.1)])));
+    let after = live.status();
+    assert!(after.paused && after.stage.unwrap().done == before.stage.unwrap().done);
+    live.close(Duration::from_secs(20));
+    assert_eq!(live.status().state, LiveState::Cancelled);
+    assert!(live.open(0.0).is_err());
+}
+
+#[test]
+fn a_bake_of_another_scene_is_replaced_and_foreign_files_stay() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("notes.txt"), "mine").unwrap();
+    bake(&room(48, 32), &settings(4), folder.path(), false, &Monitor::default()).unwrap();
+    let live = live(folder.path());
+    live.bake(room(16, 16), settings(4), 0.0).unwrap();
+    state(&live, LiveState::Ready);
+    let manifest = Dump::open(folder.path()).unwrap().manifest().clone();
+    assert_eq!((manifest.width, manifest.height), (16, 16));
+    let shards = std::fs::read_dir(folder.path()).unwrap().filter(|entry| {
+        entry.as_ref().is_ok_and(|entry| entry.file_name().to_string_lossy().starts_with("tile_"))
+    });
+    assert_eq!(shards.count(), manifest.passes.len());
+    assert_eq!(std::fs::read_to_string(folder.path().join("notes.txt")).unwrap(), "mine");
+}
+
+#[test]
+fn training_gives_a_proxy_that_stands_in_while_dragging() {
+    let folder = tempfile::tempdir().unwrap();
+    let live = live(folder.path());
+    live.relight(request(&[lamp(0.0)]));
+    live.bake(room(32, 32), settings(16), 1.0).unwrap();
+    let status = state(&live, LiveState::Ready);
+    assert!(status.proxies["sphere"].psnr > 0.0, "{status:?}");
+    let number = live.relight(LiveRequest { interactive: true, ..request(&[lamp(0.25)]) });
+    let frame = wait("a frame of the drag", || live.frame(0).filter(|frame| frame.shown.request == number));
+    assert_eq!(frame.shown.makers["light"], Maker::Proxy);
+}
+
+#[test]
+fn mistakes_are_told_in_words() {
+    let folder = tempfile::tempdir().unwrap();
+    let live = live(&folder.path().join("nothing"));
+    live.open(0.0).unwrap();
+    let error = state(&live, LiveState::Failed).error.unwrap();
+    assert!(error.contains("nothing") && !error.contains('\n'), "{error}");
+
+    let lights = r#"[{"name": "Key", "shape": {"type": "sphere", "center": [0, 1, 2], "radius": -1}, "radiance": [5, 4, 3]}]"#;
+    for (json, word) in [
+        (format!(r#"{{"lights": {lights}}}"#), "Key"),
+        (r#"{"lights": [], "lamps": 1}"#.into(), "lamps"),
+        (r#"{"lights": [], "world": [1, 1]}"#.into(), "length"),
+        ("[".into(), "EOF"),
+    ] {
+        let message = LiveRequest::parse(&json).unwrap_err();
+        assert!(message.contains(word), "{message}");
+    }
+}

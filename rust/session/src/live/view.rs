@@ -1,0 +1,199 @@
+use super::shared::State;
+use crate::base_layers::BaseLayers;
+use crate::denoise::Denoise;
+use crate::device_gather::DeviceGather;
+use crate::device_proxies::DeviceProxies;
+use crate::{Compute, Proxies};
+use relume_dump::{Aovs, Dump};
+use relume_gather::Gather;
+use relume_image::Image;
+use std::sync::Arc;
+
+/// What there is to make pictures from: whole passes, features, static layers, proxies.
+pub(super) struct View {
+    /// Deliveries of the work that are in it.
+    pub deliveries: u64,
+    /// Which bake it is of.
+    pub bake: String,
+    pub aovs: Aovs,
+    pub passes: Vec<DeviceGather>,
+    /// Light of the scene's own emitters, and of the world.
+    pub statics: [StaticLayer; 2],
+    pub proxies: DeviceProxies,
+    /// For the full size, and for half of it.
+    pub denoise: [Denoise; 2],
+    /// Paths per pixel behind the features that the denoisers use.
+    feature_samples: u32,
+}
+
+/// A layer that no light changes.
+pub(super) struct StaticLayer {
+    pub image: Image,
+    pub clean: Option<Image>,
+    pub black: bool,
+}
+
+/// What the work has delivered since it was last asked.
+pub(super) struct Delivered {
+    deliveries: u64,
+    dump: Option<Dump>,
+    base: Option<Arc<BaseLayers>>,
+    pub proxies: Option<Proxies>,
+}
+
+impl Delivered {
+    pub fn take(state: &mut State) -> Self {
+        Self {
+            deliveries: state.deliveries,
+            dump: state.dump.clone(),
+            base: state.base.clone(),
+            proxies: state.proxies.take(),
+        }
+    }
+}
+
+impl View {
+    /// What there is now; takes over what the previous view knows of the same bake.
+    pub fn new(delivered: Delivered, compute: &Compute, before: Option<Self>) -> Option<Self> {
+        let Delivered { deliveries, dump, base, proxies } = delivered;
+        let Some(dump) = dump else {
+            let base = base?;
+            let proxies = DeviceProxies::new(proxies.unwrap_or_default());
+            return Some(Self::of(
+                deliveries,
+                &base.scene_hash,
+                base.aovs.clone(),
+                Vec::new(),
+                proxies,
+                compute,
+            ));
+        };
+        let bake = dump.manifest().bake_id();
+        let same =
+            before.filter(|before| before.bake == bake && before.samples() <= dump.manifest().samples());
+        Some(match same {
+            Some(before) => before.grown(deliveries, &dump, proxies, compute),
+            None => {
+                let proxies = DeviceProxies::new(proxies.unwrap_or_default());
+                let passes = (0..dump.manifest().passes.len()).map(|pass| gather(&dump, pass)).collect();
+                Self::of(deliveries, &bake, dump.aovs(), passes, proxies, compute)
+            }
+        })
+    }
+
+    fn of(
+        deliveries: u64,
+        bake: &str,
+        aovs: Aovs,
+        passes: Vec<DeviceGather>,
+        proxies: DeviceProxies,
+        compute: &Compute,
+    ) -> Self {
+        let denoise = denoisers(&aovs, compute);
+        let statics = static_layers(&aovs);
+        let mut view = Self {
+            deliveries,
+            bake: bake.into(),
+            aovs,
+            passes,
+            statics,
+            proxies,
+            denoise,
+            feature_samples: 0,
+        };
+        view.feature_samples = view.samples();
+        view
+    }
+
+    /// The same bake with more passes or other proxies.
+    fn grown(self, deliveries: u64, dump: &Dump, proxies: Option<Proxies>, compute: &Compute) -> Self {
+        let mut view = Self { deliveries, ..self };
+        if let Some(proxies) = proxies {
+            view.proxies = DeviceProxies::new(proxies);
+        }
+        let (known, now) = (view.passes.len(), dump.manifest().passes.len());
+        if now == known {
+            return view;
+        }
+        view.passes.extend((known..now).map(|pass| gather(dump, pass)));
+        view.aovs = dump.aovs();
+        view.statics = static_layers(&view.aovs);
+        // Features settle long before the light does; preparing them costs two denoised pictures.
+        const RENEW: u32 = 4;
+        if view.samples() >= RENEW * view.feature_samples {
+            view.denoise = denoisers(&view.aovs, compute);
+            view.feature_samples = view.samples();
+        }
+        view
+    }
+
+    /// Paths per pixel.
+    pub fn samples(&self) -> u32 {
+        self.passes.iter().map(pass_samples).sum()
+    }
+
+    /// Whether pictures of half the size are worth making.
+    pub fn can_be_halved(&self) -> bool {
+        self.aovs.alpha.width.min(self.aovs.alpha.height) >= 128
+    }
+
+    /// The denoiser for pictures of the full size (1) or of half of it (2).
+    pub fn denoise(&self, scale: usize) -> &Denoise {
+        &self.denoise[scale - 1]
+    }
+}
+
+pub(super) fn pass_samples(pass: &DeviceGather) -> u32 {
+    pass.gather().dump().manifest().samples()
+}
+
+fn gather(dump: &Dump, pass: usize) -> DeviceGather {
+    DeviceGather::new(Gather::new(dump.passes(pass..pass + 1)))
+}
+
+fn static_layers(aovs: &Aovs) -> [StaticLayer; 2] {
+    [&aovs.emission, &aovs.world].map(|image| StaticLayer {
+        image: image.clone(),
+        clean: None,
+        black: image.data.iter().all(|value| *value == 0.0),
+    })
+}
+
+fn denoisers(aovs: &Aovs, compute: &Compute) -> [Denoise; 2] {
+    let gpu = compute.gpu.as_deref();
+    [Denoise::new(aovs, gpu), Denoise::new(&halved(aovs), gpu)]
+}
+
+fn halved(aovs: &Aovs) -> Aovs {
+    Aovs {
+        albedo: half(&aovs.albedo),
+        normal: half(&aovs.normal),
+        depth: half(&aovs.depth),
+        emission: half(&aovs.emission),
+        world: half(&aovs.world),
+        alpha: half(&aovs.alpha),
+    }
+}
+
+/// Half of the size by averages of two by two pixels; an odd last column or row is left out, as in
+/// [`relume_proxy::Proxy::coarse_pixels`]. Pictures of a single row or column stay as they are.
+pub(super) fn half(image: &Image) -> Image {
+    if image.width < 2 || image.height < 2 {
+        return image.clone();
+    }
+    let mut out = Image::new(image.width / 2, image.height / 2, image.channels);
+    let row = out.width * out.channels;
+    for (y, target) in out.data.chunks_exact_mut(row).enumerate() {
+        let [upper, lower] = [2 * y, 2 * y + 1]
+            .map(|y| &image.data[y * image.width * image.channels..][..image.width * image.channels]);
+        for (i, value) in target.iter_mut().enumerate() {
+            let (x, c) = (i / image.channels, i % image.channels);
+            let [a, b] = [2 * x, 2 * x + 1].map(|x| x * image.channels + c);
+            *value = 0.25 * (upper[a] + upper[b] + lower[a] + lower[b]);
+        }
+    }
+    out
+}
+
+/// An image that its cache and a frame hold.
+pub(super) type SharedImage = Arc<Image>;

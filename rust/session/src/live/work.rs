@@ -1,0 +1,183 @@
+use super::LiveOptions;
+use super::shared::{Gate, LiveState, ProxyStatus, Shared, State};
+use crate::bake::{bake_observed, clear};
+use crate::{
+    Cancel, Clock, Compute, LightSet, Monitor, Proxies, SessionError, TrainSettings, base_layers,
+    default_sizes, train,
+};
+use relume_dump::{Dump, DumpError, Manifest};
+use relume_proxy::{LightKind, TrainConfig};
+use relume_scene::{Light, Scene};
+use relume_trace::TraceSettings;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// What the work thread does first; training follows.
+pub(super) enum Work {
+    /// Bakes a scene.
+    Bake { scene: Arc<Scene>, settings: TraceSettings },
+    /// Takes what the folder holds.
+    Open,
+}
+
+/// One run of the work thread.
+pub(super) struct Job {
+    pub work: Work,
+    pub train_seconds: f64,
+    pub folder: PathBuf,
+    pub options: LiveOptions,
+    pub shared: Arc<Shared>,
+    pub cancel: Cancel,
+}
+
+impl Job {
+    pub fn run(self) {
+        self.shared.change(|state| {
+            state.status.error = None;
+            state.status.warnings.clear();
+            state.status.state = LiveState::Preparing;
+        });
+        let outcome = catch_unwind(AssertUnwindSafe(|| self.work()));
+        let (state, error) = match outcome {
+            Ok(Ok(())) => (LiveState::Ready, None),
+            Ok(Err(SessionError::Cancelled)) => (LiveState::Cancelled, None),
+            Ok(Err(error)) => (LiveState::Failed, Some(error.to_string())),
+            Err(_) => (LiveState::Failed, Some("internal error while baking; please report it".into())),
+        };
+        self.shared.change(|shared| {
+            shared.status.state = state;
+            shared.status.error = error;
+            shared.status.stage = None;
+        });
+    }
+
+    fn work(&self) -> Result<(), SessionError> {
+        let gate = Gate { shared: self.shared.clone(), cancel: self.cancel.clone() };
+        let monitor = Monitor::new(Arc::new(gate), self.cancel.clone());
+        match &self.work {
+            Work::Bake { scene, settings } => self.bake(scene, settings, &monitor)?,
+            Work::Open => self.open()?,
+        }
+        if self.train_seconds > 0.0 && self.shared.lock().dump.is_some() {
+            self.train(&monitor)?;
+        }
+        Ok(())
+    }
+
+    fn bake(&self, scene: &Scene, settings: &TraceSettings, monitor: &Monitor) -> Result<(), SessionError> {
+        let settings = &TraceSettings { threads: self.options.threads, ..settings.clone() };
+        let bake = || bake_observed(scene, settings, &self.folder, true, monitor, &|dump| self.deliver(dump));
+        let total = settings.samples;
+        self.shared.change(|state| {
+            state.status.state = LiveState::Baking;
+            state.status.samples_total = total;
+        });
+        match bake() {
+            Err(SessionError::Dump(DumpError::OtherBake { .. })) => {
+                clear(&self.folder)?;
+                self.shared.change(|state| state.proxies = None);
+                bake()?;
+            }
+            done => drop(done?),
+        }
+        self.deliver_proxies()
+    }
+
+    fn open(&self) -> Result<(), SessionError> {
+        if !self.folder.join(Manifest::FILE).exists() {
+            let base = Arc::new(base_layers::read(&self.folder)?);
+            self.shared.change(|state| {
+                state.base = Some(base);
+                state.deliveries += 1;
+            });
+            return self.deliver_proxies();
+        }
+        let dump = Dump::open(&self.folder)?;
+        let complete = dump.complete_passes();
+        if complete == 0 {
+            let reason = format!("{} holds the start of a bake only; bake again", self.folder.display());
+            return Err(SessionError::Settings(reason));
+        }
+        self.shared.change(|state| state.status.samples_total = dump.manifest().samples());
+        self.deliver(dump.passes(0..complete));
+        self.deliver_proxies()
+    }
+
+    fn deliver(&self, dump: Dump) {
+        self.shared.change(|state| {
+            state.status.samples = dump.manifest().samples();
+            state.dump = Some(dump);
+            state.deliveries += 1;
+        });
+    }
+
+    fn deliver_proxies(&self) -> Result<(), SessionError> {
+        let Some(hash) = self.scene_hash() else { return Ok(()) };
+        let proxies = Proxies::open(&self.folder, &hash)?;
+        let status = proxies.iter().filter_map(|trained| {
+            let measured = trained.measured?;
+            let status = ProxyStatus {
+                psnr: measured.proxy.psnr,
+                smape: measured.proxy.smape,
+                gather_smape: measured.gather_denoised.smape,
+            };
+            Some((trained.proxy.info().kind.to_string(), status))
+        });
+        let status = status.collect();
+        self.shared.change(|state| {
+            state.status.proxies = status;
+            state.proxies = Some(proxies);
+            state.deliveries += 1;
+        });
+        Ok(())
+    }
+
+    fn scene_hash(&self) -> Option<String> {
+        let state = self.shared.lock();
+        let of_dump = state.dump.as_ref().map(|dump| dump.manifest().scene_hash.clone());
+        of_dump.or_else(|| state.base.as_ref().map(|base| base.scene_hash.clone()))
+    }
+
+    fn train(&self, monitor: &Monitor) -> Result<(), SessionError> {
+        let compute = self.options.device.open(self.options.gpu_memory)?;
+        for kind in self.kinds_in_use()? {
+            if !self.is_trained(kind) {
+                self.shared.change(|state| state.status.state = LiveState::Training);
+                self.train_kind(kind, &compute, monitor)?;
+                self.deliver_proxies()?;
+            }
+        }
+        Ok(())
+    }
+
+    fn train_kind(&self, kind: LightKind, compute: &Compute, monitor: &Monitor) -> Result<(), SessionError> {
+        let settings = TrainSettings {
+            kind,
+            config: TrainConfig::fast(default_sizes(&self.folder, kind)?),
+            seed: 0,
+            seconds: Some(self.train_seconds),
+            clock: Clock::Wall,
+            half_for_measuring: true,
+        };
+        train(&self.folder, &self.folder, &settings, false, compute, monitor).map(drop)
+    }
+
+    /// Kinds of the lights that are asked for, and of those that the scene came with.
+    fn kinds_in_use(&self) -> Result<Vec<LightKind>, SessionError> {
+        let mut lights: Vec<Light> = LightSet::of_bake(&self.folder)?.lights;
+        if let Some(request) = &self.shared.lock().request {
+            lights.extend(request.lights.iter().cloned());
+        }
+        let used = |kind: &LightKind| lights.iter().any(|light| LightKind::of(&light.shape) == Some(*kind));
+        Ok([LightKind::FacingDisk, LightKind::Sphere, LightKind::Quad].into_iter().filter(used).collect())
+    }
+
+    /// Whether there is a proxy that was measured on at least half of the paths that there are now.
+    fn is_trained(&self, kind: LightKind) -> bool {
+        let State { proxies, dump, .. } = &*self.shared.lock();
+        let samples = dump.as_ref().map_or(0, |dump| dump.manifest().samples());
+        let measured = proxies.as_ref().and_then(|proxies| proxies.of(kind)).and_then(|proxy| proxy.measured);
+        measured.is_some_and(|measured| 4 * measured.samples >= samples)
+    }
+}
