@@ -10,8 +10,14 @@ use relume_scene::{Light, LightShape};
 /// The room of the tests, with a size in pixels.
 fn room(width: usize, height: usize) -> Arc<Scene> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/room.obj");
-    let view =
-        ObjView { up: relume_scene::UpAxis::Z, eye: Some(Vec3::new(0.0, -4.2, 1.0)), target: Some(Vec3::Z), width, height, ..ObjView::default() };
+    let view = ObjView {
+        up: relume_scene::UpAxis::Z,
+        eye: Some(Vec3::new(0.0, -4.2, 1.0)),
+        target: Some(Vec3::Z),
+        width,
+        height,
+        ..ObjView::default()
+    };
     Arc::new(obj_scene(&path, &view).unwrap())
 }
 
