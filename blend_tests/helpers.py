@@ -55,6 +55,16 @@ def add_material(name="Material"):
     return material, tree, tree.nodes.new("ShaderNodeOutputMaterial")
 
 
+def add_world(scene, color=(0.2, 0.3, 0.4), strength=0.5):
+    """A world of one Background node; returns the node."""
+    world = scene.world = bpy.data.worlds.new("Sky")
+    if bpy.app.version < (5, 2, 0):
+        world.use_nodes = True
+    node = next(node for node in world.node_tree.nodes if node.bl_idname == "ShaderNodeBackground")
+    node.inputs["Color"].default_value, node.inputs["Strength"].default_value = (*color, 1.0), strength
+    return node
+
+
 def affine(columns):
     """4 x 4 matrix from the 12 numbers of a glam `Affine3A`."""
     matrix = np.eye(4)

@@ -17,7 +17,7 @@ from typing import Any
 from .blackbody import blackbody_color
 
 LIGHT, GROUP, WORLD, STATIC = "LIGHT", "GROUP", "WORLD", "STATIC"
-SILENT = [0.0, 0.0, 0.0]
+NEUTRAL, SILENT = [1.0, 1.0, 1.0], [0.0, 0.0, 0.0]
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,12 @@ class Row:
 
 def is_neutral(row: Row) -> bool:
     """Whether the row changes nothing."""
-    return row.on and not row.solo and row.gain() == [1.0, 1.0, 1.0]
+    return row.on and not row.solo and row.gain() == NEUTRAL
+
+
+def any_solo(rows: Iterable[Row]) -> bool:
+    """Whether only what is soloed is heard."""
+    return any(row.solo for row in rows)
 
 
 def mix(rows: Iterable[Row], groups: Iterable[Row], memberships: Mapping[str, Iterable[str]]) -> dict[str, Any]:
@@ -57,12 +62,12 @@ def mix(rows: Iterable[Row], groups: Iterable[Row], memberships: Mapping[str, It
     """
     rows = list(rows)
     by_name = {group.name: group for group in groups}
-    any_solo = any(row.solo for row in (*rows, *by_name.values()))
-    out: dict[str, Any] = {"gains": {}, "world": [1.0, 1.0, 1.0], "static": [1.0, 1.0, 1.0]}
+    some_solo = any_solo([*rows, *by_name.values()])
+    out: dict[str, Any] = {"gains": {}, "world": list(NEUTRAL), "static": list(NEUTRAL)}
     for row in rows:
         names = dict.fromkeys(memberships.get(row.name, ())) if row.kind == LIGHT else {}
         chain = [row, *(by_name[name] for name in names if name in by_name)]
-        gain = _product(chain) if _is_heard(chain, any_solo) else list(SILENT)
+        gain = _product(chain) if _is_heard(chain, some_solo) else list(SILENT)
         if row.kind == LIGHT:
             out["gains"][row.name] = gain
         else:
@@ -75,12 +80,12 @@ def instance_gain(gains: Mapping[str, list[float]], name: str) -> list[float] | 
     return gains.get(name) or gains.get(name.rpartition("#")[0])
 
 
-def _is_heard(chain: list[Row], any_solo: bool) -> bool:
-    return all(row.on for row in chain) and (not any_solo or any(row.solo for row in chain))
+def _is_heard(chain: list[Row], some_solo: bool) -> bool:
+    return all(row.on for row in chain) and (not some_solo or any_solo(chain))
 
 
 def _product(chain: list[Row]) -> list[float]:
-    out = [1.0, 1.0, 1.0]
+    out = list(NEUTRAL)
     for row in chain:
         out = [a * b for a, b in zip(out, row.gain(), strict=True)]
     return out

@@ -10,11 +10,11 @@ from bpy.app.handlers import persistent
 
 from ..core import status
 from ..engine import shot
+from . import rows
 
 TICK_SECONDS = 1 / 60
 REST_SECONDS = 0.15
 """How long nothing must change until the full picture is asked for."""
-NEUTRAL_MIX = {"gains": {}, "world": [1.0, 1.0, 1.0], "static": [1.0, 1.0, 1.0]}
 
 _resting: dict[int, float] = {}
 """Scenes with a change in progress: when to ask for the full picture."""
@@ -28,7 +28,8 @@ def changed(scene: bpy.types.Scene, interactive: bool = False) -> None:
     found = shot.of(scene)
     if found is None:
         return
-    asked = found.relight(found.lights.descriptions, _mix(scene), interactive)
+    lights = found.lights.descriptions
+    asked = found.relight(lights, rows.mix(scene, [light["name"] for light in lights]), interactive)
     if not interactive:
         _resting.pop(scene.session_uid, None)
     elif asked:
@@ -43,10 +44,6 @@ def read_lights(scene: bpy.types.Scene) -> None:
         return
     found.lights.read(depsgraph)
     changed(scene)
-
-
-def _mix(scene: bpy.types.Scene) -> dict:
-    return NEUTRAL_MIX
 
 
 def _depsgraph(scene: bpy.types.Scene) -> bpy.types.Depsgraph | None:

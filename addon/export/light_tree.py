@@ -1,0 +1,82 @@
+"""Which lights a picture of a scene can have, and the collections that they are in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import bpy
+
+from ..core.rows import GROUP, LIGHT
+from .lights import is_portal
+
+Path = tuple[bpy.types.Collection, ...]
+
+
+@dataclass(frozen=True)
+class Line:
+    """A light object, or a collection with lights in it."""
+
+    block: bpy.types.ID
+    kind: str
+    depth: int
+    """How many collections are around it."""
+    groups: tuple[str, ...] = ()
+    """Names of all collections that a light is in, also through others and through instances."""
+
+
+def light_tree(scene: bpy.types.Scene) -> list[Line]:
+    """Every light and every collection with lights once, each collection before what is in it. Lights of instanced
+    collections count, under the collection that is instanced; portals do not, they emit nothing."""
+    walk = _Walk()
+    walk.enter(scene.collection, ())
+    return list(walk.lines(scene.collection, 0))
+
+
+class _Walk:
+    def __init__(self) -> None:
+        self.paths: dict[bpy.types.Object, list[Path]] = {}
+        self.inside: dict[bpy.types.Collection, dict[bpy.types.ID, None]] = {}
+        self.with_lights: set[bpy.types.Collection] = set()
+        self.entered: set[Path] = set()
+        self.listed: set[bpy.types.ID] = set()
+
+    def enter(self, collection: bpy.types.Collection, path: Path) -> None:
+        """Finds the lights below a collection. `path` is what leads there, itself included."""
+        inside = self.inside.setdefault(collection, {})
+        for child in collection.children:
+            self._enter_child(inside, child, path)
+        for obj in collection.objects:
+            if is_light(obj):
+                self.paths.setdefault(obj, []).append(path)
+                self.with_lights.update(path)
+                inside[obj] = None
+            elif obj.instance_type == "COLLECTION" and obj.instance_collection:
+                self._enter_child(inside, obj.instance_collection, path)
+
+    def _enter_child(self, inside: dict[bpy.types.ID, None], child: bpy.types.Collection, path: Path) -> None:
+        below = (*path, child)
+        if child in path or below in self.entered:  # An instance inside of what it instances would never end.
+            return
+        self.entered.add(below)
+        inside[child] = None
+        self.enter(child, below)
+
+    def lines(self, collection: bpy.types.Collection, depth: int) -> Iterator[Line]:
+        inside = [block for block in self.inside[collection] if block not in self.listed]
+        for child in inside:
+            if isinstance(child, bpy.types.Collection) and child in self.with_lights and child not in self.listed:
+                self.listed.add(child)
+                yield Line(child, GROUP, depth)
+                yield from self.lines(child, depth + 1)
+        lights = (block for block in inside if isinstance(block, bpy.types.Object))
+        for light in sorted(lights, key=lambda light: light.name.casefold()):
+            if light not in self.listed:
+                self.listed.add(light)
+                names = dict.fromkeys(group.name for path in self.paths[light] for group in path)
+                yield Line(light, LIGHT, depth, tuple(names))
+
+
+def is_light(obj: bpy.types.Object) -> bool:
+    """Whether an object emits as a light."""
+    return obj.type == "LIGHT" and not is_portal(obj.data)

@@ -1,0 +1,261 @@
+"""The panel of rows, and the operators on them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import bpy
+from bpy.props import StringProperty
+
+from ..apply.lights import apply_mix, show_light
+from ..apply.writable import RefusedError
+from ..core.rows import GROUP, LIGHT, STATIC, Row
+from ..export.light_tree import light_tree
+from . import handlers, rows
+from .panel import RelumePanel
+
+WIDE = 420
+"""Width of the sidebar, in pixels of an unscaled screen, from which on rows have all controls."""
+
+
+def apply_to_lights(scene: bpy.types.Scene) -> None:
+    """Writes the mix into the lights and makes the rows neutral: the picture stays. What emissive materials have
+    cannot be written, so their row keeps it. Raises RefusedError."""
+    rows.sync(scene)
+    lights = {line.block.name: line.block for line in light_tree(scene) if line.kind == LIGHT}
+    applied = apply_mix(scene, lights, *rows.plain(scene))
+    for row in rows.present_rows(scene):
+        values = row.values()
+        is_static = row.kind == STATIC
+        row.take(replace(values, solo=False, on=any(applied["static"])) if is_static else Row(row.name))
+    rows.sync(scene)
+    handlers.read_lights(scene)
+
+
+def select_light(context: bpy.types.Context, name: str) -> str | None:
+    """Makes the light of a row the active and only selected object; otherwise says why it cannot."""
+    obj, layer = rows.light_of(context.scene, name), context.view_layer
+    if obj is None or layer.objects.get(obj.name) is not obj:
+        return f"'{name}' is not an object of this view layer"
+    if not obj.visible_get(view_layer=layer):
+        return f"'{name}' is hidden in the view"
+    for other in layer.objects.selected:
+        other.select_set(False, view_layer=layer)
+    obj.select_set(True, view_layer=layer)
+    layer.objects.active = obj
+    return None
+
+
+class RELUME_OT_apply(bpy.types.Operator):  # noqa: N801 -- Blender's naming
+    """Write the rows into the energy and colour of the real lights and make the rows neutral; the picture stays. \
+Lights that are off or not soloed keep their energy and are hidden in renders and views; a world that is off gets \
+strength 0. One undo step"""
+
+    bl_idname = "relume.apply_to_lights"
+    bl_label = "Apply to Lights"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def execute(self, context):
+        """Called by Blender."""
+        try:
+            apply_to_lights(context.scene)
+        except RefusedError as error:
+            for reason in error.reasons:
+                self.report({"ERROR"}, f"Nothing was written: {reason}")
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+class RELUME_OT_read(bpy.types.Operator):  # noqa: N801
+    """Make all rows neutral, so that the picture shows the lights as they are in the scene"""
+
+    bl_idname = "relume.read_from_lights"
+    bl_label = "Read from Lights"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def execute(self, context):
+        """Called by Blender."""
+        rows.reset(context.scene)
+        return {"FINISHED"}
+
+
+class RELUME_OT_reset_row(bpy.types.Operator):  # noqa: N801
+    """Make this row neutral: on, no solo, exposure 0, multiplier 1, white"""
+
+    bl_idname = "relume.reset_row"
+    bl_label = "Reset Row"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def execute(self, context):
+        """Called by Blender."""
+        row = active_row(context.scene)
+        if row is None:
+            return {"CANCELLED"}
+        rows.reset(context.scene, [row])
+        return {"FINISHED"}
+
+
+class _OnLight:
+    """Mix-in of operators on the light of a row."""
+
+    bl_options = {"REGISTER", "UNDO"}
+    light: StringProperty(name="Light", description="Name of the light object", options={"SKIP_SAVE"})
+
+
+class RELUME_OT_select_light(_OnLight, bpy.types.Operator):  # noqa: N801
+    """Select the light object of this row, and nothing else"""
+
+    bl_idname = "relume.select_light"
+    bl_label = "Select Light"
+
+    def execute(self, context):
+        """Called by Blender."""
+        problem = select_light(context, self.light)
+        if problem:
+            self.report({"WARNING"}, problem)
+        return {"CANCELLED"} if problem else {"FINISHED"}
+
+
+class RELUME_OT_show_light(_OnLight, bpy.types.Operator):  # noqa: N801
+    """This light is hidden in renders. Show it again in renders and views"""
+
+    bl_idname = "relume.show_light"
+    bl_label = "Show Light"
+
+    def execute(self, context):
+        """Called by Blender."""
+        try:
+            show_light(rows.light_of(context.scene, self.light))
+        except RefusedError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+def active_row(scene: bpy.types.Scene) -> rows.RelumeRow | None:
+    """The row whose details are shown."""
+    mix = scene.relume_mix
+    row = mix.rows[mix.active] if 0 <= mix.active < len(mix.rows) else None
+    return row if row and row.present else None
+
+
+class RELUME_UL_rows(bpy.types.UIList):  # noqa: N801
+    """Rows in the order of the collections; those of closed groups are left out."""
+
+    def draw_item(self, context, layout, _data, row, _icon, _active_data, _active_property):
+        """Called by Blender for the rows in sight only."""
+        line = layout.row(align=True)
+        if row.depth:
+            line.separator(factor=1.5 * row.depth)
+        if row.kind == GROUP:
+            icon = "DISCLOSURE_TRI_DOWN" if row.open else "DISCLOSURE_TRI_RIGHT"
+            line.prop(row, "open", text="", icon=icon, emboss=False)
+        if row.hidden:
+            line.operator("relume.show_light", text="", icon="HIDE_ON", emboss=False).light = row.name
+        else:
+            line.prop(row, "on", text="")
+        _cell(line, 1.0).prop(row, "solo", text="S", toggle=True)
+        line.label(text=row.name, icon=row.icon)
+        _cell(line, 3.2).prop(row, "exposure", text="")
+        wide = context.region.width > WIDE * context.preferences.system.ui_scale
+        if wide:
+            _cell(line, 3.2).prop(row, "multiplier", text="")
+        _cell(line, 1.2).prop(row, "color", text="")
+        if wide:
+            line.prop(row, "use_kelvin", text="", icon="LIGHT_SUN")
+            if row.use_kelvin:
+                _cell(line, 3.0).prop(row, "kelvin", text="")
+
+    def filter_items(self, _context, data, _property):
+        """Called by Blender: which rows are shown, and in which order."""
+        items = data.rows
+        order = _column(items, "order")
+        shown = shown_rows(items, order, self.filter_name)
+        return [self.bitflag_filter_item if show else 0 for show in shown], order
+
+
+def shown_rows(items, order: list[int], search: str = "") -> list[bool]:
+    """Which rows the list shows: those of open groups; while searching, those with the words in their name."""
+    present, depth, is_open = _column(items, "present"), _column(items, "depth"), _column(items, "open")
+    if search:
+        words = search.casefold()
+        return [there and words in row.name.casefold() for there, row in zip(present, items, strict=True)]
+    shown, closed_at = [False] * len(order), None
+    for place in sorted(range(len(order)), key=order.__getitem__):
+        if not present[place] or (closed_at is not None and depth[place] > closed_at):
+            continue
+        shown[place] = True
+        # Only groups have a fold, and only they can have something deeper below.
+        closed_at = None if is_open[place] else depth[place]
+    return shown
+
+
+def _column(items, name: str) -> list:
+    values = [0] * len(items)
+    items.foreach_get(name, values)
+    return values
+
+
+def _cell(line, width: float):
+    cell = line.row(align=True)
+    cell.ui_units_x = width
+    return cell
+
+
+class RELUME_PT_mixer(RelumePanel, bpy.types.Panel):  # noqa: N801
+    """A row for every light"""
+
+    bl_idname = "RELUME_PT_mixer"
+    bl_label = "Lights"
+    bl_order = 10
+
+    def draw(self, context):
+        """Called by Blender."""
+        layout, mix = self.layout, context.scene.relume_mix
+        layout.template_list("RELUME_UL_rows", "", mix, "rows", mix, "active", rows=8)
+        row = active_row(context.scene)
+        if row is not None:
+            _draw_details(layout, row)
+        line = layout.row(align=True)
+        line.operator("relume.apply_to_lights", icon="CHECKMARK")
+        line.operator("relume.read_from_lights", icon="LOOP_BACK")
+
+
+def _draw_details(layout, row) -> None:
+    box = layout.box()
+    line = box.row(align=True)
+    line.label(text=row.name, icon=row.icon)
+    if row.kind == LIGHT:
+        line.operator("relume.select_light", text="", icon="RESTRICT_SELECT_OFF").light = row.name
+    line.operator("relume.reset_row", text="", icon="LOOP_BACK")
+    column = box.column(align=True)
+    column.prop(row, "exposure", slider=True)
+    column.prop(row, "multiplier")
+    line = box.row(align=True)
+    line.prop(row, "color", text="")
+    line.prop(row, "use_kelvin", toggle=True)
+    if row.use_kelvin:
+        line.prop(row, "kelvin", text="")
+
+
+CLASSES = (
+    RELUME_OT_apply,
+    RELUME_OT_read,
+    RELUME_OT_reset_row,
+    RELUME_OT_select_light,
+    RELUME_OT_show_light,
+    RELUME_UL_rows,
+    RELUME_PT_mixer,
+)
+
+
+def register():
+    """Adds panel and operators."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+
+
+def unregister():
+    """Takes them away."""
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

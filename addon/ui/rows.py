@@ -1,0 +1,338 @@
+"""The mix of a scene, `scene.relume_mix`: a row for every light, every collection with lights, the world and the
+light of emissive materials. The rows follow the scene by themselves; nothing here writes to a light.
+
+The row of a light that is gone stays in the file, unseen, so that an undone deletion finds it with its values.
+Rows are recognised by session uid, which outlives renaming and undo, and after a file is opened by name.
+"""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import bpy
+from bpy.app.handlers import persistent
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
+
+from ..core import rows as core
+from ..core.rows import GROUP, LIGHT, STATIC, WORLD
+from ..export.light_tree import Line, light_tree
+from ..export.world import world_color
+
+VALUES = ("on", "solo", "exposure", "multiplier", "color", "use_kelvin", "kelvin")
+"""What an artist sets in a row; the names are those of `core.rows.Row`."""
+SESSION = uuid.uuid4().hex
+"""Session uids mean something only within one run of Blender."""
+LIGHT_ICONS = {"POINT": "LIGHT_POINT", "SUN": "LIGHT_SUN", "SPOT": "LIGHT_SPOT", "AREA": "LIGHT_AREA"}
+
+_quiet = 0
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Rows are written without a request for a picture."""
+    global _quiet
+    _quiet += 1
+    try:
+        yield
+    finally:
+        _quiet -= 1
+
+
+def _edited(row: RelumeRow, _context: Any) -> None:
+    if not _quiet:
+        _changed(row.id_data, interactive=True)
+
+
+def _changed(scene: bpy.types.Scene, interactive: bool = False) -> None:
+    from . import handlers
+
+    handlers.changed(scene, interactive=interactive)
+
+
+class RelumeRow(bpy.types.PropertyGroup):
+    """One line of the mix; kept in the .blend file."""
+
+    kind: EnumProperty(
+        name="Kind",
+        description="What the row stands for",
+        items=[
+            (LIGHT, "Light", "A light object"),
+            (GROUP, "Group", "A collection with lights in it"),
+            (WORLD, "World", "Light of the world"),
+            (STATIC, "Emissive Materials", "Light of emissive materials"),
+        ],
+        options={"HIDDEN"},
+    )
+    uid: IntProperty(name="Session UID", description="Finds the light again under another name", options={"HIDDEN"})
+    groups: StringProperty(name="Groups", description="Collections with this light, by line", options={"HIDDEN"})
+    present: BoolProperty(name="Present", description="Whether the scene has this light now", options={"HIDDEN"})
+    hidden: BoolProperty(name="Hidden", description="Whether renders do without this light", options={"HIDDEN"})
+    depth: IntProperty(name="Depth", description="Collections around this row", options={"HIDDEN"})
+    order: IntProperty(name="Order", description="Place in the list", options={"HIDDEN"})
+    icon: StringProperty(name="Icon", description="Icon of the row", options={"HIDDEN"})
+    open: BoolProperty(name="Open", description="Show the rows of this collection", default=True)
+    on: BoolProperty(
+        name="On", description="Whether this light shines. Writes nothing to the scene", default=True, update=_edited
+    )
+    solo: BoolProperty(
+        name="Solo",
+        description="Only soloed rows are seen; several can be. A soloed group is all of its lights",
+        update=_edited,
+    )
+    exposure: FloatProperty(
+        name="Exposure",
+        description="Brightness in stops: one more is twice the light",
+        soft_min=-10.0,
+        soft_max=10.0,
+        min=-32.0,
+        max=32.0,
+        step=10,
+        precision=2,
+        update=_edited,
+    )
+    multiplier: FloatProperty(
+        name="Multiplier",
+        description="Brightness as a factor, besides the exposure",
+        default=1.0,
+        min=0.0,
+        soft_max=10.0,
+        max=1e6,
+        step=5,
+        precision=2,
+        update=_edited,
+    )
+    color: FloatVectorProperty(
+        name="Colour",
+        description="Tint, besides the light's own colour",
+        subtype="COLOR",
+        default=(1.0, 1.0, 1.0),
+        min=0.0,
+        soft_max=1.0,
+        update=_edited,
+    )
+    use_kelvin: BoolProperty(
+        name="Kelvin",
+        description="Tint by a colour temperature too. 6500 K is nearly white",
+        update=_edited,
+    )
+    kelvin: FloatProperty(
+        name="Temperature",
+        description="Colour temperature in kelvin: low is warm, high is cool",
+        default=6500.0,
+        min=800.0,
+        max=20000.0,
+        soft_min=1000.0,
+        soft_max=12000.0,
+        step=5000,
+        precision=0,
+        update=_edited,
+    )
+
+    def values(self) -> core.Row:
+        """The row as plain data."""
+        return core.Row(
+            name=self.name,
+            kind=self.kind,
+            on=self.on,
+            solo=self.solo,
+            exposure=self.exposure,
+            multiplier=self.multiplier,
+            color=tuple(self.color),
+            use_kelvin=self.use_kelvin,
+            kelvin=self.kelvin,
+        )
+
+    def take(self, values: core.Row) -> None:
+        """Sets what an artist sets; asks for no picture."""
+        with quiet():
+            _write(self, {name: getattr(values, name) for name in VALUES})
+
+
+class RelumeMix(bpy.types.PropertyGroup):
+    """All rows of a scene; kept in the .blend file."""
+
+    rows: CollectionProperty(type=RelumeRow, name="Rows", description="Lights, collections, world, emissive materials")
+    active: IntProperty(name="Row", description="The row whose details are shown below")
+    baked_world: FloatVectorProperty(
+        name="Baked World", description="Colour times strength of the world in the bake", options={"HIDDEN"}
+    )
+    session: StringProperty(name="Session", description="Run of Blender that wrote the uids", options={"HIDDEN"})
+
+
+def present_rows(scene: bpy.types.Scene) -> list[RelumeRow]:
+    """The rows of what the scene has now, in no order."""
+    return [row for row in scene.relume_mix.rows if row.present]
+
+
+def mix(scene: bpy.types.Scene, lights: Iterable[str]) -> dict[str, Any]:
+    """What the rows amount to for lights by their names in the native scene, for `Shot.relight`."""
+    rows, groups, memberships = plain(scene)
+    found = core.mix(rows, groups, memberships)
+    # Lights that only geometry nodes instance have no row.
+    other = core.SILENT if core.any_solo([*rows, *groups]) else core.NEUTRAL
+    world = [gain * factor for gain, factor in zip(found["world"], _world_since_bake(scene), strict=True)]
+    gains = {name: core.instance_gain(found["gains"], name) or other for name in lights}
+    return found | {"gains": gains, "world": world}
+
+
+def remember_world(scene: bpy.types.Scene) -> None:
+    """To be called when the scene is baked: a bake holds the world as it was, what is done to it later multiplies."""
+    scene.relume_mix.baked_world = world_color(scene.world)
+
+
+def _world_since_bake(scene: bpy.types.Scene) -> list[float]:
+    before, now = scene.relume_mix.baked_world, world_color(scene.world)
+    return [b / a if a > 0.0 else 1.0 for a, b in zip(before, now, strict=True)]
+
+
+def plain(scene: bpy.types.Scene) -> tuple[list[core.Row], list[core.Row], dict[str, list[str]]]:
+    """The arguments of `core.rows.mix`."""
+    rows, groups, memberships = [], [], {}
+    for row in present_rows(scene):
+        (groups if row.kind == GROUP else rows).append(row.values())
+        if row.kind == LIGHT:
+            memberships[row.name] = row.groups.split("\n") if row.groups else []
+    return rows, groups, memberships
+
+
+def light_of(scene: bpy.types.Scene, name: str) -> bpy.types.Object | None:
+    """The light object of a row."""
+    return next((line.block for line in light_tree(scene) if line.kind == LIGHT and line.block.name == name), None)
+
+
+def reset(scene: bpy.types.Scene, rows: Iterable[RelumeRow] | None = None) -> None:
+    """Makes rows neutral, all of them by default, and shows it."""
+    for row in present_rows(scene) if rows is None else rows:
+        row.take(core.Row(row.name))
+    _changed(scene)
+
+
+def sync(scene: bpy.types.Scene) -> None:
+    """Makes the rows those of the scene's lights, collections and world."""
+    state = scene.relume_mix
+    wanted = [_line_values(line) for line in light_tree(scene)]
+    rest = {"uid": 0, "depth": 0, "groups": "", "hidden": False}
+    wanted.append({"kind": WORLD, "name": "World", "icon": "WORLD", "present": scene.world is not None, **rest})
+    wanted.append({"kind": STATIC, "name": "Emissive Materials", "icon": "MATERIAL", "present": True, **rest})
+    with quiet():
+        places = _places(state, wanted)
+        for order, (place, values) in enumerate(zip(places, wanted, strict=True)):
+            _write(state.rows[place], values | {"order": order})
+        gone = sorted(set(range(len(state.rows))) - set(places))
+        if state.session != SESSION:  # Nothing can be undone that was done before the file was opened.
+            for place in reversed(gone):
+                state.rows.remove(place)
+            state.session = SESSION
+        else:
+            for order, place in enumerate(gone, len(wanted)):
+                _write(state.rows[place], {"present": False, "order": order})
+
+
+def _line_values(line: Line) -> dict[str, Any]:
+    block, is_light = line.block, line.kind == LIGHT
+    return {
+        "kind": line.kind,
+        "name": block.name,
+        "icon": LIGHT_ICONS[block.data.type] if is_light else "OUTLINER_COLLECTION",
+        "present": True,
+        "uid": block.session_uid,
+        "depth": line.depth,
+        "groups": "\n".join(line.groups),
+        "hidden": is_light and block.hide_render,
+    }
+
+
+def _places(state: RelumeMix, wanted: list[dict[str, Any]]) -> list[int]:
+    """Which row each line has; rows are added for new ones. Adding moves rows in memory, so places are kept here."""
+    by_uid = state.session == SESSION
+    known: dict[tuple, int] = {}
+    for place, row in enumerate(state.rows):
+        known.setdefault((row.kind, row.uid if by_uid else row.name), place)
+    places = []
+    for values in wanted:
+        place = known.get((values["kind"], values["uid"] if by_uid else values["name"]))
+        if place is None:
+            place = len(state.rows)
+            state.rows.add()
+        places.append(place)
+    return places
+
+
+def _write(row: bpy.types.PropertyGroup, values: dict[str, Any]) -> None:
+    """Writes what differs, since every write is an update of the scene."""
+    for name, value in values.items():
+        before = getattr(row, name)
+        if (tuple(before) if name == "color" else before) != value:
+            setattr(row, name, value)
+
+
+@persistent
+def on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """Lights may have come, gone or changed their names, or the world its strength."""
+    world_changed = any(isinstance(update.id, bpy.types.World) for update in depsgraph.updates)
+    if world_changed or any(_may_change_rows(update) for update in depsgraph.updates):
+        sync(scene)
+    if world_changed:
+        _changed(scene, interactive=True)
+
+
+def _may_change_rows(update: bpy.types.DepsgraphUpdate) -> bool:
+    """Neither a drag nor a slider of a row does."""
+    if isinstance(update.id, bpy.types.Object):
+        return update.id.type == "LIGHT" and not update.is_updated_transform
+    return isinstance(update.id, bpy.types.Collection)
+
+
+@persistent
+def on_undo(scene: bpy.types.Scene, *_arguments) -> None:
+    """Lights may be back, or gone again."""
+    sync(scene)
+
+
+@persistent
+def on_load(*_arguments) -> None:
+    """Another file is open: its rows are found by name."""
+    for scene in bpy.data.scenes:
+        scene.relume_mix.session = ""
+        sync(scene)
+
+
+HANDLERS = {
+    "depsgraph_update_post": on_depsgraph_update,
+    "undo_post": on_undo,
+    "redo_post": on_undo,
+    "load_post": on_load,
+}
+CLASSES = (RelumeRow, RelumeMix)
+
+
+def register():
+    """Adds `scene.relume_mix` and makes its rows follow the scene."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.Scene.relume_mix = PointerProperty(type=RelumeMix)
+    for name, handler in HANDLERS.items():
+        getattr(bpy.app.handlers, name).append(handler)
+    if hasattr(bpy.data, "scenes"):  # Not while Blender itself starts; a file is opened then anyway.
+        on_load()
+
+
+def unregister():
+    """Takes it away; values stay in the file."""
+    for name, handler in HANDLERS.items():
+        getattr(bpy.app.handlers, name).remove(handler)
+    del bpy.types.Scene.relume_mix
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

@@ -1,0 +1,241 @@
+"""The rows of a scene follow its lights by themselves, keep their values and ask for pictures."""
+
+import bpy
+import pytest
+import relume
+
+import addon
+from addon.core.rows import GROUP, LIGHT, STATIC, WORLD
+from addon.ui import rows
+from addon.ui.start import start
+from fake_live import FakeLive
+from helpers import add, add_light, add_quad, add_world
+
+NEUTRAL, SILENT = [1.0] * 3, [0.0] * 3
+
+
+@pytest.fixture(autouse=True)
+def registered(scene, monkeypatch):
+    """The add-on, enabled, with a fake native module."""
+    monkeypatch.setattr(relume, "Live", FakeLive, raising=False)
+    FakeLive.made.clear()
+    addon.register()
+    yield
+    addon.unregister()
+
+
+def update():
+    """What Blender does after every change."""
+    bpy.context.view_layer.update()
+
+
+def row(scene, name, kind=LIGHT):
+    """The row of a name."""
+    return next(row for row in rows.present_rows(scene) if (row.kind, row.name) == (kind, name))
+
+
+def listed(scene):
+    """Kind, name and depth of the rows, as the panel lists them."""
+    found = sorted(rows.present_rows(scene), key=lambda row: row.order)
+    return [(row.kind, row.name, row.depth) for row in found]
+
+
+def collection(scene, name, parent=None):
+    """A linked collection."""
+    made = bpy.data.collections.new(name)
+    (parent or scene.collection).children.link(made)
+    return made
+
+
+def light_in(made, name, **settings):
+    """A light in a collection."""
+    obj = add_light(bpy.context.scene, "POINT", name, **settings)
+    bpy.context.scene.collection.objects.unlink(obj)
+    made.objects.link(obj)
+    return obj
+
+
+REST = [(STATIC, "Emissive Materials", 0)]
+
+
+def test_rows_appear_without_set_up(scene):
+    update()
+    assert listed(scene) == REST
+    add_light(scene, "POINT", "Key")
+    add_light(scene, "AREA", "Fill")
+    add_light(scene, "AREA", "Portal").data.cycles.is_portal = True
+    scene.world = bpy.data.worlds.new("Sky")
+    update()
+    assert listed(scene) == [(LIGHT, "Fill", 0), (LIGHT, "Key", 0), (WORLD, "World", 0), *REST]
+
+
+def test_collections_with_lights_are_groups(scene):
+    outer = collection(scene, "Outer")
+    inner = collection(scene, "Inner", outer)
+    collection(scene, "Only meshes").objects.link(bpy.data.objects.new("Mesh", None))
+    lamp = light_in(inner, "Lamp")
+    outer.objects.link(lamp)
+    light_in(outer, "Other")
+    add_light(scene, "POINT", "Loose")
+    update()
+    groups = [(GROUP, "Outer", 0), (GROUP, "Inner", 1)]
+    assert listed(scene) == [*groups, (LIGHT, "Lamp", 2), (LIGHT, "Other", 1), (LIGHT, "Loose", 0), *REST]
+    row(scene, "Outer", GROUP).multiplier = 2.0
+    row(scene, "Inner", GROUP).exposure = 1.0
+    found = rows.mix(scene, ["Lamp", "Other", "Loose"])["gains"]
+    assert found == {"Lamp": [4.0] * 3, "Other": [2.0] * 3, "Loose": NEUTRAL}
+
+
+def test_instanced_collections_are_groups_and_their_lights_follow(scene):
+    library = bpy.data.collections.new("Library")
+    library.objects.link(bpy.data.objects.new("Bulb", bpy.data.lights.new("Bulb", "POINT")))
+    for index in range(2):
+        empty = add(scene, f"Lamp{index}", None)
+        empty.instance_type, empty.instance_collection = "COLLECTION", library
+    loop = add(scene, "Loop", None)
+    library.objects.link(loop)
+    loop.instance_type, loop.instance_collection = "COLLECTION", library
+    update()
+    assert listed(scene) == [(GROUP, "Library", 0), (LIGHT, "Bulb", 1), *REST]
+    row(scene, "Library", GROUP).multiplier = 3.0
+    assert rows.mix(scene, ["Bulb", "Bulb#2"])["gains"] == {"Bulb": [3.0] * 3, "Bulb#2": [3.0] * 3}
+    row(scene, "Emissive Materials", STATIC).solo = True
+    assert rows.mix(scene, ["Bulb#2", "Made by nodes"])["gains"] == {"Bulb#2": SILENT, "Made by nodes": SILENT}
+
+
+def test_a_renamed_light_keeps_its_row(scene):
+    key, other = add_light(scene, "POINT", "Key"), add_light(scene, "POINT", "Other")
+    update()
+    row(scene, "Key").exposure = 2.0
+    key.name, other.name = "Swap", "Key"
+    key.name = "Was key"
+    update()
+    assert row(scene, "Was key").exposure == 2.0 and row(scene, "Key").exposure == 0.0
+
+
+def test_undo_brings_a_deleted_light_back_with_its_values(scene):
+    group = collection(scene, "Rig")
+    light_in(group, "Key")
+    update()
+    row(scene, "Key").multiplier = 3.0
+    bpy.ops.ed.undo_push(message="values")
+    bpy.data.objects.remove(bpy.data.objects["Key"])
+    update()
+    bpy.ops.ed.undo_push(message="delete")
+    assert listed(scene) == REST and rows.mix(scene, []) == {"gains": {}, "world": NEUTRAL, "static": NEUTRAL}
+    bpy.ops.ed.undo()
+    scene = bpy.context.scene
+    assert row(scene, "Key").multiplier == 3.0
+    assert rows.mix(scene, ["Key"])["gains"] == {"Key": [3.0] * 3}
+    bpy.ops.ed.redo()
+    assert listed(bpy.context.scene) == REST
+
+
+def test_a_new_light_of_an_old_name_starts_neutral(scene):
+    add_light(scene, "POINT", "Key")
+    update()
+    row(scene, "Key").on = False
+    bpy.data.objects.remove(bpy.data.objects["Key"])
+    update()
+    add_light(scene, "POINT", "Key")
+    update()
+    assert row(scene, "Key").on
+
+
+def test_a_reopened_file_has_its_rows(scene, tmp_path):
+    group = collection(scene, "Rig")
+    light_in(group, "Key")
+    light_in(group, "Gone")
+    update()
+    row(scene, "Key").color = (1.0, 0.5, 0.25)
+    row(scene, "Rig", GROUP).solo = True
+    row(scene, "Emissive Materials", STATIC).exposure = -1.0
+    bpy.data.objects.remove(bpy.data.objects["Gone"])
+    update()
+    before = rows.mix(scene, ["Key"])
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"))
+    scene = bpy.context.scene
+    assert rows.mix(scene, ["Key"]) == before and before["gains"]["Key"] == [1.0, 0.5, 0.25]
+    assert "Gone" not in {found.name for found in scene.relume_mix.rows}
+
+
+def test_rows_write_nothing_to_the_lights(scene):
+    key = add_light(scene, "POINT", "Key", color=(1.0, 0.9, 0.8))
+    update()
+    found = row(scene, "Key")
+    found.exposure, found.multiplier, found.color, found.use_kelvin, found.on = 3.0, 2.0, (1, 0, 0), True, False
+    update()
+    assert (key.data.energy, tuple(key.data.color)) == (100.0, pytest.approx((1.0, 0.9, 0.8)))
+    assert not key.hide_render and not key.hide_viewport
+
+
+def test_every_slider_asks_for_an_interactive_picture(scene, tmp_path):
+    add_quad(scene)
+    add_light(scene, "POINT", "Key")
+    scene.relume.folder = str(tmp_path / "bake")
+    update()
+    start(scene)
+    (live,) = FakeLive.made
+    edits = {"exposure": 1.0, "multiplier": 3.0, "color": (1.0, 0.5, 0.0), "use_kelvin": True, "kelvin": 3000.0}
+    for name, value in {**edits, "solo": True, "on": False}.items():
+        before = len(live.requests)
+        setattr(row(scene, "Key"), name, value)
+        assert len(live.requests) == before + 1, name
+        assert live.requests[-1]["interactive"] is True
+    assert live.requests[-1]["gains"] == {"Key": SILENT} and live.requests[-1]["static"] == SILENT
+    rows.reset(scene)
+    assert live.requests[-1]["gains"] == {"Key": NEUTRAL} and live.requests[-1]["interactive"] is False
+
+
+def test_the_worlds_strength_is_live_although_the_bake_holds_it(scene, tmp_path):
+    add_quad(scene)
+    node = add_world(scene, color=(0.5, 0.0, 1.0), strength=2.0)
+    scene.relume.folder = str(tmp_path / "bake")
+    update()
+    start(scene)
+    (live,) = FakeLive.made
+    node.inputs["Strength"].default_value = 3.0
+    node.inputs["Color"].default_value = (0.25, 0.5, 1.0, 1.0)
+    update()
+    # What the bake has none of cannot be brought in by a factor.
+    assert live.requests[-1]["world"] == pytest.approx([0.75, 1.0, 1.5])
+    row(scene, "World", WORLD).multiplier = 2.0
+    assert live.requests[-1]["world"] == pytest.approx([1.5, 2.0, 3.0])
+    start(scene)
+    assert FakeLive.made[-1].requests[-1]["world"] == pytest.approx([2.0, 2.0, 2.0])
+
+
+def test_reset_is_for_one_row_or_all(scene):
+    for name in ("Key", "Fill"):
+        add_light(scene, "POINT", name)
+    update()
+    for name in ("Key", "Fill"):
+        row(scene, name).multiplier = 5.0
+    rows.reset(scene, [row(scene, "Key")])
+    assert (row(scene, "Key").multiplier, row(scene, "Fill").multiplier) == (1.0, 5.0)
+    rows.reset(scene)
+    assert row(scene, "Fill").multiplier == 1.0
+
+
+def test_neither_a_drag_nor_a_slider_walks_the_scene(scene, monkeypatch):
+    key = add_light(scene, "POINT", "Key")
+    update()
+    update()
+    monkeypatch.setattr(rows, "sync", None)
+    key.location = (1, 2, 3)
+    update()
+    row(scene, "Key").exposure = 1.0
+    update()
+
+
+def test_disabled_and_enabled_again(scene):
+    add_light(scene, "POINT", "Key")
+    update()
+    row(scene, "Key").exposure = 1.0
+    addon.unregister()
+    assert not hasattr(scene, "relume_mix")
+    assert rows.on_depsgraph_update not in bpy.app.handlers.depsgraph_update_post
+    addon.register()
+    assert row(scene, "Key").exposure == 1.0
