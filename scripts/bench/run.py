@@ -97,6 +97,12 @@ def mitsuba_paths(name, blend, sizes, peers):
     return found | {"peer": f"{found['peer']}, materials approximated"}
 
 
+def live():
+    """How soon an artist sees something, against the project's goals."""
+    rows = last_json(sys.executable, HERE / "live.py", SCENES / "modern_hall.blend")[-1]["records"]
+    return [against(row["name"], row["value"], row["unit"], "the goal", row["goal"]) for row in rows]
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=ROOT / "out")
@@ -108,6 +114,7 @@ def main():
     if SCENES.is_dir():
         for name, size in (("kitchen", (320, 180)), ("modern_hall", (240, 240)), ("coffee_maker", (192, 240))):
             records += rendering(name, size, args.peers)
+        records += live()
     else:
         print(f"bench: the scenes are not in {SCENES}; set RELUME_SCENES to compare renderers")
     (args.out / "bench.json").write_text(json.dumps(records, indent=1))
