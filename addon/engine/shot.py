@@ -100,8 +100,10 @@ class Shot:
     @property
     def is_busy(self) -> bool:
         """Whether a newer status or picture is to be expected."""
-        shown = (self.status["shown"] or {}).get("request", 0)
-        return self.is_working or (shown < self._request_number and self.status["state"] not in {"empty", "failed"})
+        if self.is_working or self.status["state"] in {"empty", "failed"}:
+            return self.is_working
+        shown = self.status["shown"] or {"request": 0, "settled": False}
+        return shown["request"] < self._request_number or not shown["settled"]
 
     def relight(self, lights: list[dict], mix: dict, interactive: bool) -> bool:
         """Asks for a picture; the newest request wins. `lights` as `SceneLights` describes them, `mix` as
