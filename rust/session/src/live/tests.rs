@@ -196,6 +196,27 @@ fn training_gives_a_proxy_that_stands_in_while_dragging() {
 }
 
 #[test]
+fn both_devices_show_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    bake(&room(24, 16), &settings(8), folder.path(), false, &Monitor::default()).unwrap();
+    let picture = |device: Device| {
+        let live = Live::new(folder.path(), LiveOptions { device, gpu_memory: None, threads: 2 });
+        live.open(0.0).unwrap();
+        let frame = settled(&live, live.relight(request(&[lamp(0.3)])));
+        (frame.image.clone(), live.status())
+    };
+    let (cpu, on_cpu) = picture(Device::Cpu);
+    let (gpu, on_gpu) = picture(Device::Gpu(relume_gpu::GpuChoice::Best));
+    assert!(on_cpu.device.starts_with("CPU") && on_gpu.device != on_cpu.device, "{}", on_gpu.device);
+    assert_eq!(on_gpu.warnings, on_cpu.warnings);
+    // Sums differ by their order; the denoiser takes such differences as they are, up to its half floats.
+    let brightest = cpu.data.iter().fold(0.0_f32, |a, b| a.max(*b));
+    for (a, b) in cpu.data.iter().zip(&gpu.data) {
+        assert!((a - b).abs() <= 1e-3 * brightest, "{a} {b} of {brightest}");
+    }
+}
+
+#[test]
 fn mistakes_are_told_in_words() {
     let folder = tempfile::tempdir().unwrap();
     let live = live(&folder.path().join("nothing"));
