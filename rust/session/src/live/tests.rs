@@ -187,8 +187,10 @@ fn training_gives_a_proxy_that_stands_in_while_dragging() {
     let folder = tempfile::tempdir().unwrap();
     let live = live(folder.path());
     live.relight(request(&[lamp(0.0)]));
-    live.bake(room(32, 32), settings(16), 1.0).unwrap();
+    live.bake(room(32, 32), settings(128), 1.0).unwrap();
+    assert_eq!(state(&live, LiveState::Training).samples, 64, "the first training waited for all samples");
     let status = state(&live, LiveState::Ready);
+    assert_eq!((status.samples, status.samples_total), (128, 128));
     assert!(status.proxies["sphere"].psnr > 0.0, "{status:?}");
     let number = live.relight(LiveRequest { interactive: true, ..request(&[lamp(0.25)]) });
     let frame = wait("a frame of the drag", || live.frame(0).filter(|frame| frame.shown.request == number));

@@ -13,6 +13,9 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
 
+/// Paths per pixel that the first training is done on; a sum of whole passes.
+const SAMPLES_TO_TRAIN: u32 = 64;
+
 /// What the work thread does first; training follows.
 pub(super) enum Work {
     /// Bakes a scene.
@@ -56,42 +59,57 @@ impl Job {
         let gate = Gate { shared: self.shared.clone(), cancel: self.cancel.clone() };
         let monitor = Monitor::new(Arc::new(gate), self.cancel.clone());
         match &self.work {
-            Work::Bake { scene, settings } => self.bake(scene, settings, &monitor)?,
-            Work::Open => self.open()?,
+            Work::Bake { scene, settings } => self.bake(scene, settings, &monitor),
+            Work::Open => {
+                let complete = self.open()?;
+                if complete { self.train(&monitor) } else { Ok(()) }
+            }
         }
-        if self.train_seconds > 0.0 && self.shared.lock().dump.is_some() {
-            self.train(&monitor)?;
+    }
+
+    /// Bakes and trains, then bakes the rest and trains anew if that is much more: a proxy is at hand long before a bake of
+    /// many samples ends.
+    fn bake(&self, scene: &Scene, settings: &TraceSettings, monitor: &Monitor) -> Result<(), SessionError> {
+        self.shared.change(|state| state.status.samples_total = settings.samples);
+        let early =
+            Some(SAMPLES_TO_TRAIN).filter(|early| *early < settings.samples && self.train_seconds > 0.0);
+        for samples in early.into_iter().chain([settings.samples]) {
+            self.shared.change(|state| state.status.state = LiveState::Baking);
+            let settings = TraceSettings { samples, threads: self.options.threads, ..settings.clone() };
+            self.bake_samples(scene, &settings, monitor)?;
+            self.deliver_proxies()?;
+            self.train(monitor)?;
         }
         Ok(())
     }
 
-    fn bake(&self, scene: &Scene, settings: &TraceSettings, monitor: &Monitor) -> Result<(), SessionError> {
-        let settings = &TraceSettings { threads: self.options.threads, ..settings.clone() };
+    fn bake_samples(
+        &self,
+        scene: &Scene,
+        settings: &TraceSettings,
+        monitor: &Monitor,
+    ) -> Result<(), SessionError> {
         let bake = || bake_observed(scene, settings, &self.folder, true, monitor, &|dump| self.deliver(dump));
-        let total = settings.samples;
-        self.shared.change(|state| {
-            state.status.state = LiveState::Baking;
-            state.status.samples_total = total;
-        });
         match bake() {
             Err(SessionError::Dump(DumpError::OtherBake { .. })) => {
                 clear(&self.folder)?;
                 self.shared.change(|state| state.proxies = None);
-                bake()?;
+                bake().map(drop)
             }
-            done => drop(done?),
+            done => done.map(drop),
         }
-        self.deliver_proxies()
     }
 
-    fn open(&self) -> Result<(), SessionError> {
+    /// Whether the folder holds a whole bake.
+    fn open(&self) -> Result<bool, SessionError> {
         if !self.folder.join(Manifest::FILE).exists() {
             let base = Arc::new(base_layers::read(&self.folder)?);
             self.shared.change(|state| {
                 state.base = Some(base);
                 state.deliveries += 1;
             });
-            return self.deliver_proxies();
+            self.deliver_proxies()?;
+            return Ok(false);
         }
         let dump = Dump::open(&self.folder)?;
         let complete = dump.complete_passes();
@@ -101,7 +119,8 @@ impl Job {
         }
         self.shared.change(|state| state.status.samples_total = dump.manifest().samples());
         self.deliver(dump.passes(0..complete));
-        self.deliver_proxies()
+        self.deliver_proxies()?;
+        Ok(dump.missing().is_empty())
     }
 
     fn deliver(&self, dump: Dump) {
@@ -140,6 +159,9 @@ impl Job {
     }
 
     fn train(&self, monitor: &Monitor) -> Result<(), SessionError> {
+        if self.train_seconds == 0.0 {
+            return Ok(());
+        }
         let compute = self.options.device.open(self.options.gpu_memory)?;
         for kind in self.kinds_in_use()? {
             if !self.is_trained(kind) {
