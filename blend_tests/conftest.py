@@ -64,6 +64,16 @@ def scenes_folder():
     return folder
 
 
+@pytest.fixture(scope="session")
+def gpu_started():
+    """Blender's own GPU context without a window; skips before Blender 5.2, which has none."""
+    import gpu
+
+    if not hasattr(gpu, "init"):
+        pytest.skip("this Blender has a GPU context only with a window (gpu.init is new in 5.2)")
+    gpu.init()
+
+
 def pytest_report_header():
     """Which Blender this is."""
     return f"Blender {bpy.app.version_string}, Python {sys.version.split()[0]}"
