@@ -1,0 +1,216 @@
+"""The two shaders of the overlay, written for Blender's `gpu` module; compiled at first use.
+
+"Develop" turns a scene-linear frame into the colours that the scene's view shows, once per frame. "Show" puts such
+a picture, or two to compare, into the camera's rectangle of a region, at every redraw.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import gpu
+from gpu_extras.batch import batch_for_shader
+
+from ..export.view_transform import SHAPER_MAX, SHAPER_MIN, SHAPER_OFFSET
+
+DEVELOP_VERTEX = """
+void main()
+{
+  gl_Position = vec4(position * 2.0 - 1.0, 0.0, 1.0);
+}
+"""
+
+# Fetches by hand: Python cannot choose a texture's filter before Blender 5.2, and the weights stay exact.
+DEVELOP_FRAGMENT = f"""
+#define SHAPER_MIN {SHAPER_MIN}
+#define SHAPER_RANGE {SHAPER_MAX - SHAPER_MIN}
+#define SHAPER_OFFSET {SHAPER_OFFSET}
+""" + """
+float finite(float x)
+{
+  return x > 0.0 ? min(x, 65504.0) : 0.0; /* NaN is not greater. */
+}
+
+float srgb_from_linear(float x)
+{
+  x = min(x, 1.0);
+  return x <= 0.0031308 ? 12.92 * x : 1.055 * pow(x, 1.0 / 2.4) - 0.055;
+}
+
+vec3 from_table(vec3 color)
+{
+  int last = textureSize(table, 0).x - 1;
+  vec3 at = (log2(color + SHAPER_OFFSET) - SHAPER_MIN) * (float(last) / SHAPER_RANGE);
+  at = clamp(at, vec3(0.0), vec3(float(last)));
+  ivec3 low = min(ivec3(at), ivec3(last - 1));
+  vec3 part = at - vec3(low);
+  vec3 sum = vec3(0.0);
+  for (int corner = 0; corner < 8; corner++) {
+    ivec3 bit = ivec3(corner & 1, (corner >> 1) & 1, corner >> 2);
+    vec3 weight = mix(1.0 - part, part, vec3(bit));
+    sum += weight.x * weight.y * weight.z * texelFetch(table, low + bit, 0).rgb;
+  }
+  return sum;
+}
+
+void main()
+{
+  vec4 pixel = texelFetch(image, ivec2(gl_FragCoord.xy), 0);
+  float alpha = clamp(pixel.a, 0.0, 1.0);
+  /* As Blender's own display: light without cover (alpha 0) is added as it is. */
+  float cover = alpha > 0.0 ? alpha : 1.0;
+  vec3 color = vec3(finite(pixel.r), finite(pixel.g), finite(pixel.b)) * (scale / cover);
+  if (use_table != 0) {
+    color = from_table(color);
+  }
+  else {
+    color = vec3(srgb_from_linear(color.r), srgb_from_linear(color.g), srgb_from_linear(color.b));
+    color = pow(color, vec3(exponent));
+  }
+  result = vec4(color * cover, alpha);
+}
+"""
+
+SHOW_VERTEX = """
+void main()
+{
+  pixel = mix(drawn.xy, drawn.zw, position);
+  gl_Position = vec4(pixel / region * 2.0 - 1.0, 0.0, 1.0);
+}
+"""
+
+SHOW_FRAGMENT = """
+#define SPLIT 1
+#define DIFFERENCE 2
+#define LARGEST_RADIUS 16.0
+
+/* A tent over the texels under the pixel: their own value at 1:1, bilinear when larger, smooth when smaller. */
+vec4 filtered(sampler2D picture, vec2 at)
+{
+  vec2 size = vec2(textureSize(picture, 0));
+  vec2 center = at * size - 0.5;
+  vec2 radius = clamp(size / (frame.zw - frame.xy), vec2(1.0), vec2(LARGEST_RADIUS));
+  ivec2 low = ivec2(ceil(center - radius));
+  ivec2 high = ivec2(floor(center + radius));
+  ivec2 last = ivec2(size) - 1;
+  vec4 sum = vec4(0.0);
+  float weights = 0.0;
+  for (int y = low.y; y <= high.y; y++) {
+    for (int x = low.x; x <= high.x; x++) {
+      vec2 near = max(1.0 - abs(vec2(float(x), float(y)) - center) / radius, vec2(0.0));
+      float weight = near.x * near.y;
+      sum += weight * texelFetch(picture, clamp(ivec2(x, y), ivec2(0), last), 0);
+      weights += weight;
+    }
+  }
+  return sum / weights;
+}
+
+float srgb_from_linear(float x)
+{
+  return x <= 0.0031308 ? 12.92 * x : 1.055 * pow(x, 1.0 / 2.4) - 0.055;
+}
+
+float linear_from_srgb(float x)
+{
+  return x <= 0.04045 ? x / 12.92 : pow((x + 0.055) / 1.055, 2.4);
+}
+
+/* What the overlay texture of the 3D view has to be given for a display colour to come out. Blender stores eight
+ * bits along the sRGB curve and shows the power 1 / 2.2 of what it reads; of the two stored levels around a dark
+ * colour, which that makes coarse, the nearer one is chosen. */
+float overlay_from_display(float color)
+{
+  float level = floor(srgb_from_linear(pow(color, 2.2)) * 255.0);
+  float below = linear_from_srgb(level / 255.0);
+  float above = linear_from_srgb(min(level + 1.0, 255.0) / 255.0);
+  return color - pow(below, 1.0 / 2.2) < pow(above, 1.0 / 2.2) - color ? below : above;
+}
+
+void main()
+{
+  vec2 at = (pixel - frame.xy) / (frame.zw - frame.xy);
+  bool right = pixel.x >= split;
+  vec4 color = vec4(0.0);
+  if (mode == DIFFERENCE) {
+    vec4 other = filtered(second, at);
+    color = filtered(first, at);
+    color = vec4(min(abs(color.rgb - other.rgb) * gain, vec3(1.0)), 1.0);
+  }
+  else if (mode == SPLIT && right) {
+    color = filtered(second, at);
+  }
+  else if (!right) {
+    color = filtered(first, at);
+  }
+  if (to_overlay != 0) {
+    if (color.a * opacity < 1.0) {
+      float cover = color.a > 0.0 ? color.a : 1.0;
+      color.rgb = pow(color.rgb / cover, vec3(2.2)) * cover;
+    }
+    else {
+      color.rgb = vec3(overlay_from_display(color.r), overlay_from_display(color.g), overlay_from_display(color.b));
+    }
+  }
+  result = color * opacity;
+}
+"""
+
+
+@dataclass(frozen=True)
+class Program:
+    """A compiled shader and the square of corners 0 and 1 that it is drawn with."""
+
+    shader: Any
+    square: Any
+
+
+@cache
+def develop() -> Program:
+    """Samplers `image` and `table`; constants `scale`, `exponent`, `use_table`."""
+    info = gpu.types.GPUShaderCreateInfo()
+    info.sampler(0, "FLOAT_2D", "image")
+    info.sampler(1, "FLOAT_3D", "table")
+    info.push_constant("FLOAT", "scale")
+    info.push_constant("FLOAT", "exponent")
+    info.push_constant("INT", "use_table")
+    return _compile(info, DEVELOP_VERTEX, DEVELOP_FRAGMENT)
+
+
+@cache
+def show() -> Program:
+    """Samplers `first` and `second`; constants `frame` and `drawn` (rectangles) and `split` in pixels of the
+    `region`; `mode`: 0 first left of the split, SPLIT, DIFFERENCE; `opacity`, `gain`, `to_overlay`."""
+    info = gpu.types.GPUShaderCreateInfo()
+    info.sampler(0, "FLOAT_2D", "first")
+    info.sampler(1, "FLOAT_2D", "second")
+    info.push_constant("VEC4", "frame")
+    info.push_constant("VEC4", "drawn")
+    info.push_constant("VEC2", "region")
+    info.push_constant("FLOAT", "split")
+    info.push_constant("FLOAT", "opacity")
+    info.push_constant("FLOAT", "gain")
+    info.push_constant("INT", "mode")
+    info.push_constant("INT", "to_overlay")
+    between = gpu.types.GPUStageInterfaceInfo("relume_show")
+    between.smooth("VEC2", "pixel")
+    info.vertex_out(between)
+    return _compile(info, SHOW_VERTEX, SHOW_FRAGMENT)
+
+
+def free() -> None:
+    """Lets go of the compiled shaders."""
+    develop.cache_clear()
+    show.cache_clear()
+
+
+def _compile(info: Any, vertex: str, fragment: str) -> Program:
+    info.vertex_in(0, "VEC2", "position")
+    info.fragment_out(0, "VEC4", "result")
+    info.vertex_source(vertex)
+    info.fragment_source(fragment)
+    shader = gpu.shader.create_from_info(info)
+    corners = {"position": [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)]}
+    return Program(shader, batch_for_shader(shader, "TRI_STRIP", corners))
