@@ -36,9 +36,9 @@ def is_standard(scene: bpy.types.Scene) -> bool:
     return is_srgb_curve(scene) and view.exposure == 0.0 and view.gamma == 1.0
 
 
-def shaper_axis(size: int) -> np.ndarray:
-    """Scene-linear values of the entries along each axis of a table, [size]."""
-    steps = np.linspace(SHAPER_MIN, SHAPER_MAX, size, dtype=np.float64)
+def shaper_axis(size: int, log_max: float = SHAPER_MAX) -> np.ndarray:
+    """Scene-linear values of the entries along each axis of a table, [size]; the last one is about `2^log_max`."""
+    steps = np.linspace(SHAPER_MIN, log_max, size, dtype=np.float64)
     return np.maximum(np.exp2(steps) - SHAPER_OFFSET, 0.0).astype(np.float32)
 
 

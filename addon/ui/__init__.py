@@ -1,6 +1,6 @@
 """What the artist sees in Blender's window: panels, and operators that only call functions of the other rooms."""
 
-from . import handlers, mixer, preferences, rows, settings, start
+from . import handlers, mixer, overlay, preferences, rows, settings, start
 
-MODULES = (preferences, settings, rows, handlers, start, mixer)
+MODULES = (preferences, settings, rows, overlay, handlers, start, mixer)
 """Registered in this order, unregistered in reverse."""

@@ -1,7 +1,6 @@
-"""Draws the newest frame into the camera's rectangle of every 3D view that looks through the baked camera.
+"""What a 3D view shows inside of the camera's rectangle, and the drawing of it.
 
-The picture goes over the scene and under the gizmos (POST_VIEW), the words over everything (POST_PIXEL). Nothing here
-computes or waits: a view table that is not there yet is made by a timer, a slice at a time.
+Nothing here computes or waits: it draws the newest frame that there is.
 """
 
 from __future__ import annotations
@@ -11,13 +10,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-import blf
 import bpy
 import gpu
-from gpu_extras.batch import batch_for_shader
 
 from ..engine import shot
-from . import camera_frame, compare, shader, texture, view_table
+from . import camera_frame, compare, shader, texture
 from .camera_frame import Rectangle
 from .view_table import View
 
@@ -25,10 +22,6 @@ SINGLE, SPLIT, DIFFERENCE = 0, 1, 2
 """Modes of the shader."""
 NEVER = 1e9
 """A split that no pixel reaches."""
-WORDS_POINTS = 11.0
-MARGIN_POINTS = 14.0
-
-_handles: list[Any] = []
 
 
 @dataclass(frozen=True)
@@ -44,6 +37,44 @@ class Show:
     split: float = NEVER
     opacity: float = 1.0
     gain: float = 1.0
+
+
+def what_to_show(
+    scene: bpy.types.Scene,
+    space: bpy.types.SpaceView3D,
+    region: bpy.types.Region,
+    region_data: bpy.types.RegionView3D,
+) -> Show | str | None:
+    """Pictures, or a hint in words why there are none, or nothing where Relume is not at work."""
+    settings, found = scene.relume_view, shot.of(scene)
+    if found is None or not settings.shown:
+        return None
+    camera = camera_frame.camera_of(scene, space)
+    frame = camera_frame.frame_of(scene, camera, region, region_data)
+    if frame is None:
+        return f"The relit picture is in the view of camera '{found.camera}'"
+    if camera.name != found.camera:
+        return f"No bake for camera '{camera.name}', only for '{found.camera}'"
+    live, pair = found.frame, compare.pair_of(scene)
+    first, second = (pair.a, pair.b or live) if pair else (live, live)
+    if first is None or second is None:
+        return "The first picture is on its way" if found.is_working else "No picture yet"
+    mode = settings.compare if pair else "B"
+    drawn = frame.part(*camera_frame.border_of(scene))
+    what = {"opacity": settings.opacity, "gain": settings.difference_gain}
+    if mode == "WIPE":
+        what |= {"mode": SPLIT, "split": split_of(scene, frame)}
+    elif mode == "DIFFERENCE":
+        what |= {"mode": DIFFERENCE}
+    else:
+        first = second = first if mode == "A" else second
+        what |= {"split": split_of(scene, frame) if settings.wipe else NEVER}
+    return Show((region.width, region.height), frame, drawn, first, second, **what)
+
+
+def split_of(scene: bpy.types.Scene, frame: Rectangle) -> float:
+    """Where the wipe's line is, in pixels of the region."""
+    return frame.left + scene.relume_view.wipe_position * frame.width
 
 
 def draw(what: Show, view: View, to_overlay: bool = True) -> None:

@@ -13,7 +13,8 @@ from typing import Any
 import gpu
 from gpu_extras.batch import batch_for_shader
 
-from ..export.view_transform import SHAPER_MAX, SHAPER_MIN, SHAPER_OFFSET
+from ..export.view_transform import SHAPER_MIN, SHAPER_OFFSET
+from .view_table import LOG_MAX
 
 DEVELOP_VERTEX = """
 void main()
@@ -25,7 +26,7 @@ void main()
 # Fetches by hand: Python cannot choose a texture's filter before Blender 5.2, and the weights stay exact.
 DEVELOP_FRAGMENT = f"""
 #define SHAPER_MIN {SHAPER_MIN}
-#define SHAPER_RANGE {SHAPER_MAX - SHAPER_MIN}
+#define SHAPER_RANGE {LOG_MAX - SHAPER_MIN}
 #define SHAPER_OFFSET {SHAPER_OFFSET}
 """ + """
 float finite(float x)

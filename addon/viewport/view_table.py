@@ -15,13 +15,15 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..export.view_transform import SHAPER_MAX, SHAPER_MIN, SHAPER_OFFSET, displayed, is_srgb_curve, shaper_axis
+from ..export.view_transform import SHAPER_MIN, SHAPER_OFFSET, displayed, is_srgb_curve, shaper_axis
 
-COARSE, FINE = 39, 77
+LOG_MAX = 10.0
+"""Logarithm of the brightest value of the table. Filmic tells colours apart up to about 2^10."""
+COARSE, FINE = 45, 89
 """Entries along an axis: half and quarter stops, so that the clipping of "Standard" at 1.0 falls on an entry."""
-SLICE = 80_000
-"""Entries that Blender colours at once: 12 ms in Blender 5.2 and 30 ms in 4.2 on one slow core."""
-KEPT = 8
+SLICE = 100_000
+"""Entries that Blender colours at once: 15 ms in Blender 5.2 and 35 ms in 4.2 on one slow core."""
+KEPT = 4
 """Tables that are kept for views seen before."""
 
 _tables: dict[tuple, np.ndarray] = {}
@@ -36,7 +38,7 @@ class View:
     """Display colour = `table(color * scale)`, or the sRGB curve of it `** exponent` where there is no table."""
 
     table: np.ndarray | None
-    """[blue, green, red, 4], entries spaced as `export.view_transform.shaper_axis`."""
+    """[blue, green, red, 4], entries spaced as `export.view_transform.shaper_axis` up to LOG_MAX."""
     scale: float
     exponent: float
 
@@ -72,6 +74,7 @@ def of(scene: bpy.types.Scene) -> View | None:
     if table is None:
         return None
     _shown[scene.session_uid] = table
+    _forget(_shown)
     return View(table, 1.0 if settings.use_curve_mapping else 2.0**settings.exposure, 1.0)
 
 
@@ -94,8 +97,7 @@ def work(scene: bpy.types.Scene) -> bool:
         return False
     del _baking[scene.session_uid]
     _tables[key] = table
-    while len(_tables) > KEPT:
-        _tables.pop(next(iter(_tables)))
+    _forget(_tables)
     return True
 
 
@@ -112,6 +114,12 @@ def clear() -> None:
     """Forgets all tables."""
     for kept in (_tables, _baking, _shown):
         kept.clear()
+
+
+def _forget(kept: dict) -> None:
+    """Drops the oldest."""
+    while len(kept) > KEPT:
+        del kept[next(iter(kept))]
 
 
 def _key(scene: bpy.types.Scene, size: int) -> tuple:
@@ -145,7 +153,7 @@ def _curves(mapping: bpy.types.CurveMapping) -> list[Any]:
 
 def _slices(scene: bpy.types.Scene, size: int) -> Iterator[np.ndarray | None]:
     """The table after as many Nones as it takes."""
-    axis = shaper_axis(size)
+    axis = shaper_axis(size, LOG_MAX)
     table = np.ones((size, size, size, 4), np.float32)  # [blue, green, red, channel]
     blues = max(1, SLICE // size**2)
     for start in range(0, size, blues):
@@ -163,7 +171,7 @@ def _slices(scene: bpy.types.Scene, size: int) -> Iterator[np.ndarray | None]:
 def _sample(table: np.ndarray, colors: np.ndarray) -> np.ndarray:
     """Trilinear look-up, as the shader does it."""
     last = len(table) - 1
-    at = (np.log2(colors + SHAPER_OFFSET) - SHAPER_MIN) * (last / (SHAPER_MAX - SHAPER_MIN))
+    at = (np.log2(colors + SHAPER_OFFSET) - SHAPER_MIN) * (last / (LOG_MAX - SHAPER_MIN))
     at = np.clip(at, 0.0, last)
     low = np.minimum(at.astype(int), last - 1)
     high_part = at - low
