@@ -4,9 +4,10 @@ use super::units::{Unit, Units};
 use super::view::{Delivered, SharedImage, View, half};
 use super::{LiveOptions, LiveRequest};
 use crate::relighter::{camera_only, too_narrow};
-use crate::{Cancel, Compute, Listener, Maker, Monitor, Progress, SessionError, With};
+use crate::{Cancel, Compute, Listener, Maker, Monitor, Progress, Proxies, SessionError, With};
 use relume_gather::DenoiseQuality;
 use relume_image::Image;
+use relume_proxy::{LightKind, SizeRange};
 use relume_scene::Light;
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -439,6 +440,20 @@ fn part(light: &Light, with: With, view: &View, warnings: &mut Vec<String>) -> R
         _ => {}
     }
     pass.gather().prepare(light).map_err(|error| error.to_string())?;
+    warnings.extend(outside_of_training(light, proxies));
     warnings.extend(too_narrow(light, view.samples()));
     Ok(How::Gather)
+}
+
+/// What to say of a light whose kind has a proxy that does not answer for it.
+fn outside_of_training(light: &Light, proxies: &Proxies) -> Option<String> {
+    let trained = proxies.of(LightKind::of(&light.shape)?)?;
+    let SizeRange { min, max } = trained.proxy.info().size;
+    proxies.covering(light).is_none().then(|| {
+        format!(
+            "light '{}' is not among what its proxy has learned (sizes of {min:.2} to {max:.2} m, usual ray visibility, no \
+             light linking); it is summed from the samples, which is slower",
+            light.name
+        )
+    })
 }

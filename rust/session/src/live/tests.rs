@@ -195,6 +195,17 @@ fn training_gives_a_proxy_that_stands_in_while_dragging() {
     let number = live.relight(LiveRequest { interactive: true, ..request(&[lamp(0.25)]) });
     let frame = wait("a frame of the drag", || live.frame(0).filter(|frame| frame.shown.request == number));
     assert_eq!(frame.shown.makers["light"], Maker::Proxy);
+
+    let huge = LightShape::Sphere { center: Vec3::Z, radius: 3.0 };
+    settled(
+        &live,
+        live.relight(request(&[Light { name: "Huge".into(), ..crate::targets::unit_light(&huge) }])),
+    );
+    let warnings = live.status().warnings;
+    assert!(
+        warnings.iter().any(|warning| warning.contains("'Huge'") && warning.contains("learned")),
+        "{warnings:?}"
+    );
 }
 
 #[test]
