@@ -63,7 +63,7 @@ class Native:
 
     def __init__(self, scene, folder):
         load_scene(scene).bake(folder, json.dumps({"samples": 8, "threads": 1})).result()
-        rows.remember_world(scene)
+        self.world = world_color(scene)
         self.relighter = relume.Relighter(folder, device="cpu")
 
     def picture(self, scene):
@@ -75,7 +75,15 @@ class Native:
             light["radiance"] = [a * b for a, b in zip(light["radiance"], gain, strict=True)]
         layers = self.relighter.relight(json.dumps(lights), denoise=False)
         out = sum(layers["lights"].values()) if layers["lights"] else 0.0
-        return out + layers["static"] * np.array(mix["static"]) + layers["world"] * np.array(mix["world"])
+        # The bake holds the world as it was.
+        world = layers["world"] * (world_color(scene) / self.world * mix["world"])
+        return out + layers["static"] * np.array(mix["static"]) + world
+
+
+def world_color(scene):
+    """Colour times strength of the world's Background node."""
+    node = next(node for node in scene.world.node_tree.nodes if node.bl_idname == "ShaderNodeBackground")
+    return np.array(node.inputs["Color"].default_value[:3]) * node.inputs["Strength"].default_value
 
 
 def dial(scene):

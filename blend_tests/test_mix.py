@@ -9,7 +9,7 @@ from addon.core.rows import GROUP, LIGHT, STATIC, WORLD
 from addon.ui import rows
 from addon.ui.start import start
 from fake_live import FakeLive
-from helpers import add, add_light, add_quad, add_world
+from helpers import add, add_light, add_quad
 
 NEUTRAL, SILENT = [1.0] * 3, [0.0] * 3
 
@@ -187,24 +187,6 @@ def test_every_slider_asks_for_an_interactive_picture(scene, tmp_path):
     assert live.requests[-1]["gains"] == {"Key": SILENT} and live.requests[-1]["static"] == SILENT
     rows.reset(scene)
     assert live.requests[-1]["gains"] == {"Key": NEUTRAL} and live.requests[-1]["interactive"] is False
-
-
-def test_the_worlds_strength_is_live_although_the_bake_holds_it(scene, tmp_path):
-    add_quad(scene)
-    node = add_world(scene, color=(0.5, 0.0, 1.0), strength=2.0)
-    scene.relume.folder = str(tmp_path / "bake")
-    update()
-    start(scene)
-    (live,) = FakeLive.made
-    node.inputs["Strength"].default_value = 3.0
-    node.inputs["Color"].default_value = (0.25, 0.5, 1.0, 1.0)
-    update()
-    # What the bake has none of cannot be brought in by a factor.
-    assert live.requests[-1]["world"] == pytest.approx([0.75, 1.0, 1.5])
-    row(scene, "World", WORLD).multiplier = 2.0
-    assert live.requests[-1]["world"] == pytest.approx([1.5, 2.0, 3.0])
-    start(scene)
-    assert FakeLive.made[-1].requests[-1]["world"] == pytest.approx([2.0, 2.0, 2.0])
 
 
 def test_reset_is_for_one_row_or_all(scene):

@@ -8,7 +8,7 @@ import pytest
 
 from addon.core.blackbody import blackbody_color
 from addon.core.looks import Look, LookError, from_json, match, to_json
-from addon.core.rows import GROUP, STATIC, WORLD, Row, instance_gain, is_neutral, mix
+from addon.core.rows import GROUP, STATIC, WORLD, Row, is_neutral, mix, mix_for
 
 WHITE, BLACK = [1.0, 1.0, 1.0], [0.0, 0.0, 0.0]
 REST = [Row("World", WORLD), Row("Static", STATIC)]
@@ -75,10 +75,11 @@ def test_masters_of_all_groups_multiply_and_each_counts_once():
 
 
 def test_instances_follow_the_row_of_their_light():
-    found = {"Bulb": [2.0] * 3, "Odd#7": BLACK}
-    assert instance_gain(found, "Bulb#2") == [2.0] * 3
-    assert instance_gain(found, "Odd#7") == BLACK
-    assert instance_gain(found, "Other") is None
+    rows = [Row("Bulb", multiplier=2.0), Row("Odd#7", on=False), *REST]
+    found = mix_for(["Bulb", "Bulb#2", "Odd#7", "Made by nodes"], rows, [], {})
+    assert found["gains"] == {"Bulb": [2.0] * 3, "Bulb#2": [2.0] * 3, "Odd#7": BLACK, "Made by nodes": WHITE}
+    rows[2] = Row("World", WORLD, solo=True)
+    assert mix_for(["Made by nodes"], rows, [], {})["gains"] == {"Made by nodes": BLACK}
 
 
 def full_look():

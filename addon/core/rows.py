@@ -75,9 +75,17 @@ def mix(rows: Iterable[Row], groups: Iterable[Row], memberships: Mapping[str, It
     return out
 
 
-def instance_gain(gains: Mapping[str, list[float]], name: str) -> list[float] | None:
-    """Gain of a light by its name in the native scene, where the second instance of 'Bulb' is 'Bulb#2'."""
-    return gains.get(name) or gains.get(name.rpartition("#")[0])
+def mix_for(
+    lights: Iterable[str], rows: Iterable[Row], groups: Iterable[Row], memberships: Mapping[str, Iterable[str]]
+) -> dict[str, Any]:
+    """The mix by the names of lights in the native scene, where the second instance of 'Bulb' is 'Bulb#2'."""
+    rows, groups = list(rows), list(groups)
+    found = mix(rows, groups, memberships)
+    gains = found["gains"]
+    # Lights that only geometry nodes instance have no row.
+    other = SILENT if any_solo([*rows, *groups]) else NEUTRAL
+    by_light = {name: gains.get(name) or gains.get(name.rpartition("#")[0]) or other for name in lights}
+    return found | {"gains": by_light}
 
 
 def _is_heard(chain: list[Row], some_solo: bool) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import bpy
@@ -23,17 +22,8 @@ def export_world(builder: Any, images: ImageExporter, scene: bpy.types.Scene) ->
     _WorldExporter(builder, images, world, scene.render.film_transparent).run()
 
 
-def world_color(world: bpy.types.World | None) -> list[float]:
-    """Colour times strength of a world, or the strength of its texture."""
-    found = [BLACK]
-    builder = SimpleNamespace(warn=lambda _message: None, set_world=lambda color, **_more: found.append(color))
-    if world is not None:
-        _WorldExporter(builder, SimpleNamespace(number=lambda *_image: 0), world, False).run()
-    return found[-1]
-
-
 class _WorldExporter:
-    def __init__(self, builder: Any, images: Any, world: bpy.types.World, film_transparent: bool):
+    def __init__(self, builder: Any, images: ImageExporter, world: bpy.types.World, film_transparent: bool):
         self.builder = builder
         self.images = images
         self.world = world

@@ -28,7 +28,6 @@ from bpy.props import (
 from ..core import rows as core
 from ..core.rows import GROUP, LIGHT, STATIC, WORLD
 from ..export.light_tree import Line, light_tree
-from ..export.world import world_color
 
 VALUES = ("on", "solo", "exposure", "multiplier", "color", "use_kelvin", "kelvin")
 """What an artist sets in a row; the names are those of `core.rows.Row`."""
@@ -165,9 +164,6 @@ class RelumeMix(bpy.types.PropertyGroup):
 
     rows: CollectionProperty(type=RelumeRow, name="Rows", description="Lights, collections, world, emissive materials")
     active: IntProperty(name="Row", description="The row whose details are shown below")
-    baked_world: FloatVectorProperty(
-        name="Baked World", description="Colour times strength of the world in the bake", options={"HIDDEN"}
-    )
     session: StringProperty(name="Session", description="Run of Blender that wrote the uids", options={"HIDDEN"})
 
 
@@ -178,27 +174,11 @@ def present_rows(scene: bpy.types.Scene) -> list[RelumeRow]:
 
 def mix(scene: bpy.types.Scene, lights: Iterable[str]) -> dict[str, Any]:
     """What the rows amount to for lights by their names in the native scene, for `Shot.relight`."""
-    rows, groups, memberships = plain(scene)
-    found = core.mix(rows, groups, memberships)
-    # Lights that only geometry nodes instance have no row.
-    other = core.SILENT if core.any_solo([*rows, *groups]) else core.NEUTRAL
-    world = [gain * factor for gain, factor in zip(found["world"], _world_since_bake(scene), strict=True)]
-    gains = {name: core.instance_gain(found["gains"], name) or other for name in lights}
-    return found | {"gains": gains, "world": world}
-
-
-def remember_world(scene: bpy.types.Scene) -> None:
-    """To be called when the scene is baked: a bake holds the world as it was, what is done to it later multiplies."""
-    scene.relume_mix.baked_world = world_color(scene.world)
-
-
-def _world_since_bake(scene: bpy.types.Scene) -> list[float]:
-    before, now = scene.relume_mix.baked_world, world_color(scene.world)
-    return [b / a if a > 0.0 else 1.0 for a, b in zip(before, now, strict=True)]
+    return core.mix_for(lights, *plain(scene))
 
 
 def plain(scene: bpy.types.Scene) -> tuple[list[core.Row], list[core.Row], dict[str, list[str]]]:
-    """The arguments of `core.rows.mix`."""
+    """Rows, groups and memberships, as `core.rows.mix` takes them."""
     rows, groups, memberships = [], [], {}
     for row in present_rows(scene):
         (groups if row.kind == GROUP else rows).append(row.values())
@@ -280,19 +260,16 @@ def _write(row: bpy.types.PropertyGroup, values: dict[str, Any]) -> None:
 
 @persistent
 def on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """Lights may have come, gone or changed their names, or the world its strength."""
-    world_changed = any(isinstance(update.id, bpy.types.World) for update in depsgraph.updates)
-    if world_changed or any(_may_change_rows(update) for update in depsgraph.updates):
+    """Lights may have come, gone or changed their names."""
+    if any(_may_change_rows(update) for update in depsgraph.updates):
         sync(scene)
-    if world_changed:
-        _changed(scene, interactive=True)
 
 
 def _may_change_rows(update: bpy.types.DepsgraphUpdate) -> bool:
     """Neither a drag nor a slider of a row does."""
     if isinstance(update.id, bpy.types.Object):
         return update.id.type == "LIGHT" and not update.is_updated_transform
-    return isinstance(update.id, bpy.types.Collection)
+    return isinstance(update.id, bpy.types.Collection | bpy.types.World)
 
 
 @persistent

@@ -8,7 +8,7 @@ from ..core import status
 from ..engine import shot
 from ..engine.checks import ProblemError, check_start
 from ..engine.native import NativeModuleError
-from . import handlers, rows
+from . import handlers
 from .panel import RelumePanel, message
 
 
@@ -17,7 +17,6 @@ def start(scene: bpy.types.Scene) -> shot.Shot:
     check_start(scene)
     found = shot.Shot.start(scene)
     scene.relume.baked_folder = bpy.path.relpath(str(found.folder)) if bpy.data.filepath else str(found.folder)
-    rows.remember_world(scene)
     handlers.read_lights(scene)
     handlers.wake()
     return found
