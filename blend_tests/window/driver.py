@@ -1,0 +1,237 @@
+"""Plays a scenario in Blender's window, step by step, from a timer: Blender draws and works in between.
+
+A scenario is a generator function `play(driver)`: it yields whenever Blender shall go on, and waits with
+`yield from driver.until(...)`. What goes wrong is collected in `result.json`, which `judge.py` reads.
+"""
+
+import contextlib
+import json
+import time
+import traceback
+
+import bpy
+from screen import photograph, write_png
+from watch import Watch
+
+ADDON = "bl_ext.user_default.relume"
+INTERVAL = 0.01
+
+
+class Driver:
+    """What a scenario has at hand. Folders: `scenes` to read, `scratch` to write, `pictures` for photographs."""
+
+    def __init__(self, name, folder):
+        self.name = name
+        self.scenes, self.scratch, self.pictures = folder / "scenes", folder / "scratch", folder / "pictures"
+        self.watch = Watch(bpy.utils.user_resource("EXTENSIONS"))
+        self._framebuffer = folder / "screen" / "Xvfb_screen0"
+        self._file = folder / "result.json"
+        self._result = {"finished": False, "step": "start", "checks": 0, "failures": [], "figures": [], "expected": []}
+        self._longest_gap = 0.0
+        self._mouse = (0, 0)
+        self._save()
+
+    # Playing
+
+    def start(self, play):
+        """Plays from now on, then quits Blender."""
+        steps = play(self)
+        last = time.perf_counter()
+
+        def tick():
+            nonlocal last
+            self._longest_gap = max(self._longest_gap, time.perf_counter() - last - INTERVAL)
+            try:
+                next(steps)
+            except StopIteration:
+                self._result["finished"] = True
+                return self._quit()
+            except Exception:
+                self.fail(f"{self._result['step']}: {traceback.format_exc()}")
+                self.photo("failed")
+                return self._quit()
+            last = time.perf_counter()
+            return INTERVAL
+
+        bpy.app.timers.register(tick, persistent=True)
+
+    @contextlib.contextmanager
+    def step(self, name):
+        """Names what is done; notes how long Blender's window stood still and the longest call of the add-on."""
+        self._result["step"] = name
+        self._save()
+        self._longest_gap = 0.0
+        self.watch.reset()
+        yield
+        took, call = self.watch.longest
+        self.record(f"{name}: longest block of the window", self._longest_gap * 1000, "ms")
+        if self.watch.calls:
+            self.record(f"{name}: longest call of the add-on ({call})", took * 1000, "ms", 50)
+
+    def _quit(self):
+        self._save()
+        bpy.ops.wm.quit_blender()
+
+    def _save(self):
+        self._file.write_text(json.dumps(self._result))
+
+    # Judging
+
+    def check(self, truth, claim):
+        """A claim that must hold; the scenario goes on either way."""
+        self._result["checks"] += 1
+        if not truth:
+            self.fail(f"{self._result['step']}: not so: {claim}")
+
+    def fail(self, text):
+        """Something went wrong."""
+        self._result["failures"].append(text)
+        self._save()
+
+    def expect_in_log(self, pattern):
+        """Lines of the log with this regular expression are meant to be there: an error that the scenario provokes."""
+        self._result["expected"].append(pattern)
+
+    def record(self, name, value, unit, goal=None):
+        """A figure for out/window.json."""
+        figure = {"name": f"{self.name}: {name}", "value": round(value, 3), "unit": unit, "goal": goal}
+        self._result["figures"].append(figure)
+
+    # Waiting
+
+    def wait(self, seconds):
+        """Lets Blender go on for a while."""
+        end = time.perf_counter() + seconds
+        while time.perf_counter() < end:
+            yield
+
+    def until(self, condition, what, seconds=30):
+        """Waits for a condition; fails with what was waited for. Returns the seconds that it took."""
+        start = time.perf_counter()
+        while not condition():
+            if time.perf_counter() > start + seconds:
+                raise TimeoutError(f"waited {seconds} s for: {what}")
+            yield
+        return time.perf_counter() - start
+
+    def drawn(self):
+        """Waits until the whole window has been drawn again."""
+        draws = []
+        handler = bpy.types.SpaceView3D.draw_handler_add(lambda: draws.append(1), (), "WINDOW", "POST_PIXEL")
+        try:
+            for area in self.window.screen.areas:
+                area.tag_redraw()
+            yield from self.until(lambda: draws, "a redraw of the 3D view")
+        finally:
+            bpy.types.SpaceView3D.draw_handler_remove(handler, "WINDOW")
+        # The drawing of the view comes before the window is shown.
+        yield from self.wait(3 * INTERVAL)
+
+    # Looking
+
+    def photo(self, name=None):
+        """Pixels of the screen, uint8 [height, width, 3], top row first; kept as a picture if it has a name."""
+        pixels = photograph(self._framebuffer)
+        if name:
+            write_png(self.pictures / f"{self.name}-{name}.png", pixels)
+        return pixels
+
+    # The window
+
+    @property
+    def window(self):
+        """The first window."""
+        return bpy.context.window_manager.windows[0]
+
+    @property
+    def view(self):
+        """The largest 3D view of the first window, an area."""
+        views = [area for area in self.window.screen.areas if area.type == "VIEW_3D"]
+        return max(views, key=lambda area: area.width * area.height)
+
+    def region(self, kind="WINDOW"):
+        """A region of the 3D view."""
+        return next(region for region in self.view.regions if region.type == kind)
+
+    def within(self, kind="WINDOW"):
+        """A context for operators in a region of the 3D view."""
+        return bpy.context.temp_override(window=self.window, area=self.view, region=self.region(kind))
+
+    def open(self, name):
+        """Opens a scene of the folder `scenes`."""
+        bpy.ops.wm.open_mainfile(filepath=str(self.scenes / name))
+        yield from self.drawn()
+
+    def look_through_camera(self):
+        """Camera view, the camera's frame as large as fits."""
+        self.view.spaces.active.region_3d.view_perspective = "CAMERA"
+        yield from self.drawn()
+        with self.within():
+            bpy.ops.view3d.view_center_camera()
+        yield from self.drawn()
+
+    def show_tab(self, name):
+        """Opens the side bar of the 3D view on a tab, scrolled to its top."""
+        self.view.spaces.active.show_region_ui = True
+        yield from self.drawn()
+        self.region("UI").active_panel_category = name
+        yield from self.scroll_tab(-100_000)
+
+    def scroll_tab(self, pixels):
+        """Moves the content of the side bar up by pixels."""
+        with self.within("UI"):
+            if pixels > 0:
+                bpy.ops.view2d.scroll_down(deltay=pixels)
+            else:
+                bpy.ops.view2d.scroll_up(deltay=-pixels)
+        yield from self.drawn()
+
+    # The person's hands: Blender's own simulated events, which go the same way as those of a mouse
+
+    def _event(self, kind, value, **more):
+        x, y = self._mouse
+        self.window.event_simulate(kind, value, x=x, y=y, **more)
+        yield from self.wait(2 * INTERVAL)
+
+    def move_mouse(self, x, y):
+        """To a place in the window, pixels from its lower left corner."""
+        self._mouse = (round(x), round(y))
+        yield from self._event("MOUSEMOVE", "NOTHING")
+
+    def press(self, kind, **modifiers):
+        """Presses and releases a key or a button of the mouse: "LEFTMOUSE", "G", "ESC"; `ctrl=True` and so on."""
+        letter = kind.lower() if len(kind) == 1 and not modifiers else ""
+        yield from self._event(kind, "PRESS", unicode=letter, **modifiers)
+        yield from self._event(kind, "RELEASE", **modifiers)
+
+    def click(self, x, y):
+        """Clicks with the left button."""
+        yield from self.move_mouse(x, y)
+        yield from self.press("LEFTMOUSE")
+
+    def drag(self, start, end, moves=10):
+        """Moves the mouse from one place to another in small steps, as after `press("G")`."""
+        for i in range(moves + 1):
+            share = i / moves
+            yield from self.move_mouse(*(a + share * (b - a) for a, b in zip(start, end, strict=True)))
+
+    def find_button(self, command, rows=10):
+        """The place of a button in the side bar, by what it runs or sets; tries every few pixels.
+
+        `command`: how its Python command starts: "bpy.ops.relume.start", "bpy.context.scene.relume".
+        """
+        region, manager = self.region("UI"), bpy.context.window_manager
+        for y in range(region.y + region.height - rows, region.y, -rows):
+            for x in (region.x + region.width // 4, region.x + region.width // 2):
+                yield from self.move_mouse(x, y)
+                manager.clipboard = ""
+                with self.within("UI"), contextlib.suppress(RuntimeError):
+                    bpy.ops.ui.copy_python_command_button()
+                if manager.clipboard.startswith(command):
+                    return x, y
+        raise LookupError(f"no button for {command} in the side bar")
+
+    def press_button(self, command):
+        """Clicks the button of an operator in the side bar."""
+        place = yield from self.find_button(command)
+        yield from self.click(*place)

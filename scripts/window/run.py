@@ -1,0 +1,205 @@
+#!/usr/bin/env python3
+"""Plays scenarios in a real Blender with its window, on a virtual display: scripts/window/run.py [SCENARIO...]
+
+Each scenario of blend_tests/window/scenarios (all, if none is named) runs in a Blender of its own in the tree that
+scripts/window/setup makes. The extension is installed from its zip in build/extension, for a user of its own. Files are
+copied into the tree and out of it; nothing is mounted from the checkout. Leaves photographs in out/window, logs beside
+them, and figures in out/window.json. Takes about 10 s more than the scenarios.
+"""
+
+import argparse
+import ast
+import contextlib
+import functools
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+HARNESS = REPOSITORY / "blend_tests" / "window"
+OUT = REPOSITORY / "out" / "window"
+FIGURES = OUT.with_suffix(".json")
+PYTHON = REPOSITORY / ".venv-4.2" / "bin" / "python"
+SCREEN = "1920x1080"
+
+sys.path.insert(0, str(HARNESS))
+from judge import failures  # noqa: E402
+
+
+class Room:
+    """A private folder in the tree, gone at the end, and programs that see it as `inside`."""
+
+    def __init__(self, tree):
+        self.tree = tree
+        self.folder = Path(tempfile.mkdtemp(prefix="relume-", dir=tree / "tmp"))
+        self.inside = Path("/") / self.folder.relative_to(tree)
+        for name in ("home", "user", "screen", "scenes", "scratch", "pictures", "tmp"):
+            (self.folder / name).mkdir()
+        shutil.copytree(HARNESS, self.folder / "window")
+
+    def command(self, *command, **environment):
+        """A command in the tree, with the machine's devices and processes where mounting is allowed."""
+        variables = {
+            "PATH": "/usr/bin:/bin",
+            "LANG": "C.UTF-8",
+            "HOME": self.inside / "home",
+            "TMPDIR": self.inside / "tmp",
+            "BLENDER_USER_RESOURCES": self.inside / "user",
+            "LIBGL_ALWAYS_SOFTWARE": 1,
+            "NODEVICE_SELECT": 1,
+            **environment,
+        }
+        chroot = ["chroot", self.tree, "env", "-i", *(f"{name}={value}" for name, value in variables.items()), *command]
+        if may_mount():
+            mounts = 'mount --rbind /dev "$0/dev" && mount -t proc proc "$0/proc" && exec "$@"'
+            chroot = ["unshare", "--mount", "sh", "-c", mounts, self.tree, *chroot]
+        return [str(part) for part in chroot]
+
+    def call(self, *command, log, seconds, **environment):
+        """Runs a command to its end; returns its status, None if it was killed because time was up."""
+        with log.open("wb") as output:
+            process = subprocess.Popen(
+                self.command(*command, **environment), stdout=output, stderr=subprocess.STDOUT, start_new_session=True
+            )
+            try:
+                return process.wait(timeout=seconds)
+            except subprocess.TimeoutExpired:
+                return None
+            finally:
+                kill_group(process)
+
+
+@functools.cache
+def may_mount():
+    """Whether this process may make a mount namespace; many containers may not."""
+    trial = ["unshare", "--mount", "mount", "-t", "proc", "proc", "/proc"]
+    return subprocess.run(trial, stderr=subprocess.DEVNULL).returncode == 0
+
+
+def kill_group(process):
+    """Ends a process that leads a session, and its children."""
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+
+
+@contextlib.contextmanager
+def display(room):
+    """A virtual screen that keeps its pixels in a file of the room; its name, ":1"."""
+    options = f"-displayfd 1 -screen 0 {SCREEN}x24 -nocursor -nolisten tcp -fbdir"
+    command = room.command("Xvfb", *options.split(), room.inside / "screen")
+    with (room.folder / "Xvfb.log").open("wb") as log:
+        server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True, start_new_session=True)
+    try:
+        number = server.stdout.readline().strip()
+        if not number:
+            sys.exit("window: no virtual display: " + (room.folder / "Xvfb.log").read_text()[-500:])
+        yield f":{number}"
+    finally:
+        kill_group(server)
+
+
+def install_extension(room):
+    """As an artist does, from the zip; the settings of the user are kept for the windows that follow."""
+    zips = list((REPOSITORY / "build" / "extension").glob("relume-*.zip"))
+    if len(zips) != 1:
+        sys.exit("window: build/extension must hold one zip; run make extension")
+    shutil.copy(zips[0], room.folder)
+    log = OUT / "install.log"
+    script = [room.inside / "window" / "install.py", "--", room.inside / zips[0].name]
+    status = room.call("blender", "--background", "--python-exit-code", "1", "--python", *script, log=log, seconds=120)
+    if status != 0:
+        sys.exit(f"window: the extension cannot be installed (status {status}):\n{log.read_text()[-2000:]}")
+    # What a person's Blender starts with.
+    shutil.copytree(room.folder / "user", room.folder / "installed")
+
+
+def needs(scenario):
+    """The scenes that a scenario names in its NEEDS."""
+    for node in ast.parse(scenario.read_text()).body:
+        if isinstance(node, ast.Assign) and node.targets[0].id == "NEEDS":
+            return ast.literal_eval(node.value)
+    return []
+
+
+def fetch_scene(room, name):
+    """Copies a scene into the room; False if it is not on this machine."""
+    target = room.folder / "scenes" / name
+    if target.exists():
+        return True
+    if name == "demo.blend":
+        maker = REPOSITORY / "scripts" / "demo" / "make_scene.py"
+        subprocess.run([PYTHON, maker, target], check=True, stdout=subprocess.DEVNULL)
+        return True
+    source = Path(os.environ.get("RELUME_SCENES", REPOSITORY.parent / "shared" / "scenes")) / name
+    if source.exists():
+        shutil.copyfile(source, target)
+    return source.exists()
+
+
+def play(room, screen, scenario, seconds):
+    """Plays one scenario; returns what went wrong and its figures."""
+    for name, source in (("user", "installed"), ("scratch", None), ("pictures", None)):
+        shutil.rmtree(room.folder / name)
+        shutil.copytree(room.folder / source, room.folder / name) if source else (room.folder / name).mkdir()
+    result_file = room.folder / "result.json"
+    result_file.unlink(missing_ok=True)
+    log = OUT / f"{scenario.stem}.log"
+    window = ["--window-geometry", "0", "0", *SCREEN.split("x"), "--enable-event-simulate", "--python-exit-code", "1"]
+    scenario_inside = room.inside / "window" / "scenarios" / scenario.name
+    script = ["--python", room.inside / "window" / "play.py", "--", scenario_inside, room.inside]
+    status = room.call("blender", *window, *script, log=log, seconds=seconds, DISPLAY=screen)
+    for picture in (room.folder / "pictures").iterdir():
+        shutil.copy(picture, OUT)
+    result = json.loads(result_file.read_text()) if result_file.exists() else None
+    return failures(result, status, log.read_text(errors="replace")), result["figures"] if result else []
+
+
+def play_all(room, scenarios, seconds):
+    """Plays scenarios one after another; returns their figures and whether all went well."""
+    figures, well = [], True
+    with display(room) as screen:
+        for scenario in scenarios:
+            if missing := [name for name in needs(scenario) if not fetch_scene(room, name)]:
+                print(f"window: {scenario.stem}: skipped, {', '.join(missing)} is not in RELUME_SCENES", flush=True)
+                continue
+            problems, measured = play(room, screen, scenario, seconds)
+            print(f"window: {scenario.stem}: {'FAILED' if problems else 'passed'}", *problems, sep="\n  ", flush=True)
+            figures += measured
+            well = well and not problems
+    return figures, well
+
+
+def main():
+    """See the first lines of this file."""
+    scenarios = {path.stem: path for path in sorted((HARNESS / "scenarios").glob("*.py"))}
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenarios", nargs="*", metavar="SCENARIO", help=f"of {', '.join(scenarios)}")
+    parser.add_argument("--seconds", type=float, default=600, help="time limit of a scenario")
+    options = parser.parse_args()
+    if unknown := set(options.scenarios) - set(scenarios):
+        parser.error(f"no such scenario: {', '.join(sorted(unknown))}")
+    if os.geteuid() != 0:
+        sys.exit("window: needs root, for chroot; run it as root or in a container")
+    setup = subprocess.run([Path(__file__).with_name("setup")], stdout=subprocess.PIPE, text=True)
+    if setup.returncode != 0:
+        sys.exit(1)
+    shutil.rmtree(OUT, ignore_errors=True)
+    OUT.mkdir(parents=True)
+    room = Room(Path(setup.stdout.strip()))
+    try:
+        install_extension(room)
+        figures, well = play_all(room, [scenarios[name] for name in options.scenarios or scenarios], options.seconds)
+    finally:
+        shutil.rmtree(room.folder)
+    FIGURES.write_text(json.dumps(figures, indent=1) + "\n")
+    sys.exit(0 if well else 1)
+
+
+if __name__ == "__main__":
+    main()
