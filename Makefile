@@ -13,7 +13,7 @@ export OIDN_DIR := $(DEV)/lib/python3.11/site-packages/pyoidn/oidn
 export NODEVICE_SELECT := 1
 CARGO := LD_LIBRARY_PATH=$(OIDN_DIR)/lib cargo
 
-.PHONY: setup wheel extension test test-rust test-python test-blender fuzz demo shots parity quality bench bench-gpu clean
+.PHONY: setup wheel extension test test-rust test-python test-blender window fuzz demo shots parity quality bench bench-gpu clean
 
 setup:
 	@scripts/setup
@@ -24,7 +24,7 @@ wheel: setup
 extension: wheel
 	@scripts/build-extension "$(WHEELS)" build/extension
 
-test: test-rust test-python test-blender
+test: test-rust test-python test-blender window
 
 test-rust: setup
 	$(CARGO) fmt --all --check
@@ -41,6 +41,10 @@ test-blender: extension
 	@scripts/setup $(BLENDERS)
 	@scripts/install-wheel "$(WHEELS)" $(BLENDERS)
 	@scripts/test-blender $(BLENDERS)
+
+# A real Blender with its window, on a virtual display; WINDOW="smoke" for less. Needs root, for chroot.
+window: extension
+	@RELUME_SCENES="$(SCENES)" $(PYTHON) scripts/window/run.py $(WINDOW)
 
 # Hostile bytes into every reader; FUZZ="300 shard" for other seconds and targets.
 fuzz: wheel

@@ -43,15 +43,14 @@ class Driver:
             self._longest_gap = max(self._longest_gap, time.perf_counter() - last - INTERVAL)
             try:
                 next(steps)
+                last = time.perf_counter()
+                return INTERVAL
             except StopIteration:
                 self._result["finished"] = True
-                return self._quit()
             except Exception:
                 self.fail(f"{self._result['step']}: {traceback.format_exc()}")
                 self.photo("failed")
-                return self._quit()
-            last = time.perf_counter()
-            return INTERVAL
+            return self._quit()
 
         bpy.app.timers.register(tick, persistent=True)
 
@@ -69,8 +68,13 @@ class Driver:
             self.record(f"{name}: longest call of the add-on ({call})", took * 1000, "ms", 50)
 
     def _quit(self):
-        self._save()
-        bpy.ops.wm.quit_blender()
+        try:
+            self._result["errors"] = self.errors_shown()
+        except Exception:
+            self.fail(traceback.format_exc())
+        finally:
+            self._save()
+            bpy.ops.wm.quit_blender()
 
     def _save(self):
         self._file.write_text(json.dumps(self._result))
@@ -88,8 +92,8 @@ class Driver:
         self._result["failures"].append(text)
         self._save()
 
-    def expect_in_log(self, pattern):
-        """Lines of the log with this regular expression are meant to be there: an error that the scenario provokes."""
+    def expect_error(self, pattern):
+        """An error that the scenario provokes, a regular expression found in a line of the log or in what is shown."""
         self._result["expected"].append(pattern)
 
     def record(self, name, value, unit, goal=None):
@@ -135,6 +139,22 @@ class Driver:
         if name:
             write_png(self.pictures / f"{self.name}-{name}.png", pixels)
         return pixels
+
+    def errors_shown(self):
+        """The messages of errors that Blender has shown since the start, as its Info editor lists them."""
+        area = next(area for area in self.window.screen.areas if area != self.view)
+        manager, before = bpy.context.window_manager, area.type
+        area.type = "INFO"
+        space = area.spaces.active
+        for kind in ("debug", "info", "operator", "warning"):
+            setattr(space, f"show_report_{kind}", False)
+        manager.clipboard = ""
+        with bpy.context.temp_override(window=self.window, area=area, region=area.regions[-1]):
+            bpy.ops.info.select_all(action="SELECT")
+            bpy.ops.info.report_copy()
+        area.type = before
+        # Calls of operators by scripts are listed whatever the switches say.
+        return [line for line in manager.clipboard.splitlines() if not line.startswith("bpy.")]
 
     # The window
 
@@ -225,8 +245,9 @@ class Driver:
             for x in (region.x + region.width // 4, region.x + region.width // 2):
                 yield from self.move_mouse(x, y)
                 manager.clipboard = ""
-                with self.within("UI"), contextlib.suppress(RuntimeError):
-                    bpy.ops.ui.copy_python_command_button()
+                with self.within("UI"):
+                    if bpy.ops.ui.copy_python_command_button.poll():
+                        bpy.ops.ui.copy_python_command_button()
                 if manager.clipboard.startswith(command):
                     return x, y
         raise LookupError(f"no button for {command} in the side bar")

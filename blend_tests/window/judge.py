@@ -24,12 +24,19 @@ def failures(result, status, log):
         found.append("killed: time is up")
     elif status != 0:
         found.append(f"Blender ended with status {status}")
-    return found + errors_in_log(log, result["expected"] if result else [])
+    expected = result["expected"] if result else []
+    shown = [line for line in result.get("errors", []) if not matches(line, expected)] if result else []
+    return found + [f"Blender showed: {line}" for line in shown] + errors_in_log(log, expected)
+
+
+def matches(line, patterns):
+    """Whether one of the regular expressions is found in a line."""
+    return any(re.search(pattern, line) for pattern in patterns)
 
 
 def errors_in_log(log, expected):
     """Tracebacks and errors in Blender's log, apart from lines that match one of the expected regular expressions."""
-    lines = [line for line in log.splitlines() if not any(re.search(pattern, line) for pattern in expected)]
+    lines = [line for line in log.splitlines() if not matches(line, expected)]
     found, trace = [], None
     for line in lines:
         if line.startswith("Traceback "):
