@@ -65,7 +65,8 @@ class Driver:
         took, call = self.watch.longest
         self.record(f"{name}: longest block of the window", self._longest_gap * 1000, "ms")
         if self.watch.calls:
-            self.record(f"{name}: longest call of the add-on ({call})", took * 1000, "ms", 50)
+            self.record(f"{name}: longest call of the add-on", took * 1000, "ms", 50)
+            print(f"{name}: the longest call of the add-on, {took * 1000:.1f} ms, was {call}", flush=True)
 
     def _quit(self):
         try:
