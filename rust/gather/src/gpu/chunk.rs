@@ -1,3 +1,4 @@
+use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
 use bytemuck::{Pod, Zeroable};
@@ -9,47 +10,75 @@ use crate::Half;
 /// Bytes of a record on the device.
 pub const RECORD_BYTES: u64 = 12;
 
-/// Whole shards that are gathered in one run, those of a tile side by side.
+/// Shards, or pieces of them, that are gathered in one run, those of a tile side by side.
 #[derive(Clone, Debug, Default)]
 pub struct ChunkPlan {
-    shards: Vec<Placed>,
+    pieces: Vec<Piece>,
     pub records: usize,
 }
 
-/// A shard in a chunk.
+/// Some of the pixels of a shard in a chunk, mostly all of them.
 #[derive(Clone, Debug)]
-struct Placed {
+struct Piece {
     tile: usize,
     shard: Arc<Shard>,
+    pixels: Range<usize>,
     /// Number of its first record in the chunk.
-    first: u32,
+    first: usize,
+}
+
+impl Piece {
+    /// Its records in the shard.
+    fn records(&self) -> Range<usize> {
+        let offsets = self.shard.pixel_offsets();
+        offsets[self.pixels.start] as usize..offsets[self.pixels.end] as usize
+    }
+}
+
+/// Pixels of a shard in runs of at most so many records, or of a single pixel that has more.
+fn runs(shard: &Shard, records: usize) -> impl Iterator<Item = Range<usize>> + '_ {
+    let offsets = shard.pixel_offsets();
+    let (mut start, pixels) = (0, shard.rect().pixel_count());
+    std::iter::from_fn(move || {
+        let most = (offsets[start] as usize).saturating_add(records);
+        let fitting = offsets[start..].partition_point(|&offset| offset as usize <= most) - 1;
+        let run = start..start + fitting.max(1);
+        start = run.end;
+        (run.end <= pixels).then_some(run)
+    })
 }
 
 impl ChunkPlan {
-    /// Cuts a dump into chunks of at most so many records, or of a single shard if that has more.
+    /// Cuts a dump into chunks of at most so many records, or of a single pixel that has more. Shards are cut if they have more.
     pub fn cut(dump: &Dump, records: usize) -> Vec<Self> {
         let mut plans: Vec<Self> = Vec::new();
         for tile in 0..dump.manifest().tile_count() {
             for shard in dump.tile(tile) {
-                let count = shard.record_count();
-                if plans.last().is_none_or(|plan| plan.records + count > records) {
-                    plans.push(Self::default());
+                for pixels in runs(shard, records) {
+                    let mut piece = Piece { tile, shard: Arc::clone(shard), pixels, first: 0 };
+                    let count = piece.records().len();
+                    if plans.last().is_none_or(|plan| plan.records + count > records) {
+                        plans.push(Self::default());
+                    }
+                    // There is one: see above.
+                    let plan = plans.last_mut().expect("a plan");
+                    piece.first = plan.records;
+                    plan.pieces.push(piece);
+                    plan.records += count;
                 }
-                // There is one: see above.
-                let plan = plans.last_mut().expect("a plan");
-                plan.shards.push(Placed { tile, shard: Arc::clone(shard), first: plan.records as u32 });
-                plan.records += count;
             }
         }
         plans
     }
 
-    /// The shards of each tile, with the number of the first of them.
-    fn tiles(&self) -> impl Iterator<Item = (usize, &[Placed])> {
+    /// The pieces of each tile, with the number of the first of them, and the pixels that they have.
+    fn tiles(&self) -> impl Iterator<Item = (usize, &[Piece], Range<usize>)> {
         let mut first = 0;
-        self.shards.chunk_by(|a, b| a.tile == b.tile).map(move |shards| {
-            first += shards.len();
-            (first - shards.len(), shards)
+        self.pieces.chunk_by(|a, b| a.tile == b.tile).map(move |pieces| {
+            first += pieces.len();
+            let start = pieces.iter().map(|piece| piece.pixels.start).min().unwrap_or(0);
+            let end = pieces.iter().map(|piece| piece.pixels.end).max().unwrap_or(0);
+            (first - pieces.len(), pieces, start..end)
         })
     }
 }
@@ -75,11 +104,11 @@ impl ChunkRecords {
 
     /// Replaces the records, once the device has done what was submitted before.
     pub fn write(&self, gpu: &Gpu, plan: &ChunkPlan) {
-        for Placed { shard, first, .. } in &plan.shards {
-            let first = *first as usize;
-            gpu.write(&self.xy, first, shard.position_xy());
-            gpu.write(&self.z_flags, first, shard.position_z_flags());
-            gpu.write(&self.throughput, first, shard.throughput());
+        for piece in &plan.pieces {
+            let (shard, records) = (&piece.shard, piece.records());
+            gpu.write(&self.xy, piece.first, &shard.position_xy()[records.clone()]);
+            gpu.write(&self.z_flags, piece.first, &shard.position_z_flags()[records.clone()]);
+            gpu.write(&self.throughput, piece.first, &shard.throughput()[records]);
         }
     }
 }
@@ -122,11 +151,21 @@ struct GpuPart {
     shard: u32,
 }
 
-/// Places in the image, row by row, of the pixels of a tile.
-fn places(dump: &Dump, tile: usize) -> impl Iterator<Item = u32> {
+impl Piece {
+    /// The records of a pixel of the tile; none if it has none here. `shard` is the number of the piece.
+    fn part(&self, pixel: usize, half: Half, shard: u32) -> Option<GpuPart> {
+        let records = self.pixels.contains(&pixel).then(|| half.records(&self.shard, pixel))?;
+        let place = |record: usize| (self.first + record - self.records().start) as u32;
+        let (start, end) = (place(records.start), place(records.end));
+        (start < end).then_some(GpuPart { start, end, shard })
+    }
+}
+
+/// Places in the image, row by row, of some pixels of a tile.
+fn places(dump: &Dump, tile: usize, pixels: Range<usize>) -> impl Iterator<Item = u32> {
     let (rect, width) = (dump.manifest().tile_rect(tile), dump.manifest().width);
     let place = move |pixel| (rect.y + pixel / rect.width) * width + rect.x + pixel % rect.width;
-    (0..rect.pixel_count()).map(move |pixel| place(pixel) as u32)
+    pixels.map(move |pixel| place(pixel) as u32)
 }
 
 /// Which records of a chunk belong to which pixel.
@@ -143,23 +182,19 @@ pub struct ChunkTable {
 impl ChunkTable {
     pub fn new(gpu: &Gpu, dump: &Dump, plan: &ChunkPlan, half: Half) -> Result<Self, GpuError> {
         let (mut pixels, mut parts) = (Vec::new(), Vec::new());
-        for (first_shard, shards) in plan.tiles() {
-            let tile = shards[0].tile;
+        for (first_shard, pieces, tile_pixels) in plan.tiles() {
+            let tile = pieces[0].tile;
             let scale = 1.0 / half.tile_samples(dump, tile).max(1) as f32;
-            for (pixel, image) in places(dump, tile).enumerate() {
+            for (pixel, image) in tile_pixels.clone().zip(places(dump, tile, tile_pixels)) {
                 pixels.push(GpuPixel { image, first_part: parts.len() as u32, scale });
-                for (number, Placed { shard, first, .. }) in shards.iter().enumerate() {
-                    let records = half.records(shard, pixel);
-                    if !records.is_empty() {
-                        let [start, end] = [records.start, records.end].map(|record| first + record as u32);
-                        parts.push(GpuPart { start, end, shard: (first_shard + number) as u32 });
-                    }
+                for (piece, number) in pieces.iter().zip(first_shard as u32..) {
+                    parts.extend(piece.part(pixel, half, number));
                 }
             }
         }
         let pixel_count = pixels.len() as u32;
         pixels.push(GpuPixel { image: 0, first_part: parts.len() as u32, scale: 0.0 });
-        let shards: Vec<_> = plan.shards.iter().map(|placed| GpuShard::new(&placed.shard)).collect();
+        let shards: Vec<_> = plan.pieces.iter().map(|piece| GpuShard::new(&piece.shard)).collect();
         Ok(Self {
             shards: gpu.buffer_of("shards", &shards)?,
             pixels: gpu.buffer_of("pixels", &pixels)?,
@@ -171,11 +206,11 @@ impl ChunkTable {
 
     /// Bytes of the table of a chunk.
     pub fn bytes(plan: &ChunkPlan) -> u64 {
-        let pixels: usize = plan.tiles().map(|(_, shards)| shards[0].shard.rect().pixel_count()).sum();
-        let parts: usize = plan.shards.iter().map(|placed| placed.shard.rect().pixel_count()).sum();
+        let pixels: usize = plan.tiles().map(|(_, _, pixels)| pixels.len()).sum();
+        let parts: usize = plan.pieces.iter().map(|piece| piece.pixels.len()).sum();
         ((pixels + 1) * size_of::<GpuPixel>()
             + parts * size_of::<GpuPart>()
-            + plan.shards.len() * size_of::<GpuShard>()) as u64
+            + plan.pieces.len() * size_of::<GpuShard>()) as u64
     }
 
     /// Bindings 2 to 7 of `shaders/gather/pixel.wgsl`.
@@ -224,7 +259,7 @@ impl Chunk {
             return Ok(Arc::clone(numbers));
         }
         let mut numbers = vec![u32::MAX; dump.manifest().width * dump.manifest().height];
-        let places = self.plan.tiles().flat_map(|(_, shards)| places(dump, shards[0].tile));
+        let places = self.plan.tiles().flat_map(|(_, pieces, pixels)| places(dump, pieces[0].tile, pixels));
         places.zip(0..).for_each(|(place, number)| numbers[place as usize] = number);
         let numbers = Arc::new(gpu.buffer_of("numbers of pixels", &numbers)?);
         Ok(Arc::clone(self.numbers.get_or_init(|| numbers)))
@@ -234,6 +269,30 @@ impl Chunk {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tests::kernels::random_dump_of;
+
+    #[test]
+    fn chunks_hold_every_record_once_and_no_more_than_asked() {
+        let dump = random_dump_of(10, &[1, 3, 40]);
+        let longest = dump
+            .shards()
+            .flat_map(|shard| (0..shard.rect().pixel_count()).map(|p| shard.pixel(p).len()))
+            .max();
+        for most in [longest.unwrap(), 1000, 2000, usize::MAX] {
+            let plans = ChunkPlan::cut(&dump, most);
+            assert!(plans.iter().all(|plan| plan.records <= most));
+            assert!((most == usize::MAX) == (plans.len() == 1));
+            let pieces = || plans.iter().flat_map(|plan| &plan.pieces);
+            for shard in dump.shards() {
+                let of_shard = || pieces().filter(|piece| Arc::ptr_eq(&piece.shard, shard));
+                let records: Vec<_> = of_shard().flat_map(Piece::records).collect();
+                assert!(records.iter().copied().eq(0..shard.record_count()));
+                assert!(shard.record_count() > most || of_shard().count() == 1, "cut without need");
+            }
+        }
+        // A pixel is not cut.
+        assert!(ChunkPlan::cut(&dump, 1).iter().all(|plan| plan.pieces.len() <= 1 || plan.records <= 1));
+    }
 
     #[test]
     fn tables_have_the_layout_of_their_wgsl_twins() {

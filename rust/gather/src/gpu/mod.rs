@@ -33,8 +33,8 @@ use sorted::Sorted;
 
 /// Largest buffer of a chunk: larger ones are harder to find room for.
 const BUFFER_BYTES: u64 = 1 << 30;
-/// Share of the free memory that a streamed dump takes for each of its two chunks.
-const STREAM_SHARE: f64 = 0.45;
+/// Share of the free memory that a streamed dump takes.
+const STREAM_SHARE: f64 = 0.9;
 
 /// [`Gather`] on a GPU.
 #[derive(Debug)]
@@ -43,6 +43,8 @@ pub struct GpuGather {
     dump: Dump,
     /// Largest coordinate in the dump.
     magnitude: f32,
+    /// Most records of a chunk.
+    chunk_limit: usize,
     /// The dump on the device; nothing if it does not fit.
     resident: Option<Vec<Chunk>>,
     /// The same with sorted segments, if asked for.
@@ -67,12 +69,18 @@ impl GpuGather {
     /// # Errors
     /// If the device was lost.
     pub fn new(gpu: Arc<Gpu>, gather: &Gather) -> Result<Self, GatherError> {
+        let chunk_limit = (gpu.limits().buffer.min(BUFFER_BYTES) / 4) as usize & !3;
+        Self::in_chunks(gpu, gather, chunk_limit)
+    }
+
+    /// [`GpuGather::new`] with chunks of at most so many records.
+    fn in_chunks(gpu: Arc<Gpu>, gather: &Gather, chunk_limit: usize) -> Result<Self, GatherError> {
         let dump = gather.dump().clone();
         let largest = |shard: &Arc<relume_dump::Shard>| magnitude(shard, glam::Vec3::ZERO);
         let magnitude = dump.shards().map(largest).fold(0.0, f32::max);
         let (sorted, kernels) = (OnceLock::new(), Kernels::default());
-        let mut gather = Self { gpu, dump, magnitude, resident: None, sorted, kernels };
-        let plans = ChunkPlan::cut(&gather.dump, gather.chunk_limit());
+        let mut gather = Self { gpu, dump, magnitude, chunk_limit, resident: None, sorted, kernels };
+        let plans = ChunkPlan::cut(&gather.dump, chunk_limit);
         let tables: u64 = plans.iter().map(ChunkTable::bytes).sum();
         let needed = gather.dump.record_count() as u64 * RECORD_BYTES + tables;
         if gather.has_room(needed) {
@@ -97,7 +105,7 @@ impl GpuGather {
         if self.sorted.get().is_some() {
             return Ok(true);
         }
-        if !Sorted::bytes(&self.dump).is_some_and(|bytes| self.has_room(bytes)) {
+        if !Sorted::bytes(&self.gpu, &self.dump).is_some_and(|bytes| self.has_room(bytes)) {
             return Ok(false);
         }
         let Some(sorted) = if_it_fits(Sorted::new(&self.gpu, &self.dump))? else { return Ok(false) };
@@ -223,11 +231,6 @@ impl GpuGather {
         self.dump.manifest().width * self.dump.manifest().height * 3
     }
 
-    /// Most records of a chunk.
-    fn chunk_limit(&self) -> usize {
-        (self.gpu.limits().buffer.min(BUFFER_BYTES) / 4) as usize & !3
-    }
-
     fn gather(&self, lights: &[PreparedLight], half: Half) -> Result<Vec<Images>, GatherError> {
         let sorted = self.sorted.get();
         let pays = |light: &PreparedLight| {
@@ -297,12 +300,7 @@ impl GpuGather {
     /// Gathers from the shards, chunk by chunk. While the device works on one, the next is copied into the other of two
     /// places.
     fn stream(&self, half: Half, lights: &GpuLights, images: &[Images]) -> Result<(), GatherError> {
-        let everything = ChunkPlan::cut(&self.dump, usize::MAX);
-        let tables: u64 = everything.iter().map(ChunkTable::bytes).sum();
-        let records = self.dump.record_count().max(1);
-        let record_bytes = RECORD_BYTES as f64 + tables as f64 / records as f64;
-        let fitting = (self.gpu.free_memory() as f64 * STREAM_SHARE / record_bytes) as usize;
-        let plans = ChunkPlan::cut(&self.dump, fitting.min(self.chunk_limit()));
+        let plans = self.streamed_plans();
         let room = plans.iter().map(|plan| plan.records).max().unwrap_or(0);
         let places = [ChunkRecords::new(&self.gpu, room)?, ChunkRecords::new(&self.gpu, room)?];
         let mut under_way: [Option<(ChunkTable, Submission)>; 2] = [None, None];
@@ -317,6 +315,23 @@ impl GpuGather {
             *before = Some((table, submission));
         }
         Ok(())
+    }
+
+    /// Chunks of which two fit into the free memory with their tables, the larger the better.
+    fn streamed_plans(&self) -> Vec<ChunkPlan> {
+        let free = self.gpu.free_memory() as f64 * STREAM_SHARE;
+        let mut records = self.chunk_limit.min((free / 2.0 / RECORD_BYTES as f64) as usize);
+        loop {
+            let plans = ChunkPlan::cut(&self.dump, records);
+            let largest = |bytes: &dyn Fn(&ChunkPlan) -> u64| plans.iter().map(bytes).max().unwrap_or(0);
+            let of_records = largest(&|plan| plan.records as u64 * RECORD_BYTES);
+            let needed = 2.0 * (of_records + largest(&ChunkTable::bytes)) as f64;
+            if needed <= free || records == 0 {
+                return plans;
+            }
+            // Tables shrink about as records do.
+            records = (records as f64 * (free / needed).min(0.9)) as usize;
+        }
     }
 
     /// Adds what a chunk gives for all lights.

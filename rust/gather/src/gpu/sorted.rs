@@ -64,9 +64,11 @@ struct SortedChunk {
 }
 
 impl Sorted {
-    /// Bytes on the device at most; nothing if a tile has more shards than can be numbered.
-    pub fn bytes(dump: &Dump) -> Option<u64> {
-        if (0..dump.manifest().tile_count()).any(|tile| dump.tile(tile).count() > MOST_SHARDS) {
+    /// Bytes on the device at most; nothing if a tile has more shards than can be numbered, or a group of pixels more segments
+    /// than fit a buffer.
+    pub fn bytes(gpu: &Gpu, dump: &Dump) -> Option<u64> {
+        let many_shards = (0..dump.manifest().tile_count()).any(|tile| dump.tile(tile).count() > MOST_SHARDS);
+        if many_shards || PixelGroup::all(dump).any(|group| group.room(dump) > most_segments(gpu)) {
             return None;
         }
         let segments = dump.record_count() + PixelGroup::all(dump).count() * PixelGroup::PADDING;
@@ -79,7 +81,7 @@ impl Sorted {
         let manifest = dump.manifest();
         let mut sorted =
             Self { frame, chunks: Vec::new(), sample: Vec::new(), image: [manifest.width, manifest.height] };
-        let limit = (gpu.limits().buffer.min(BUFFER_BYTES) / 16) as usize;
+        let limit = most_segments(gpu);
         let (mut groups, mut room) = (Vec::new(), 0);
         for group in PixelGroup::all(dump) {
             let more = group.room(dump);
@@ -177,6 +179,11 @@ impl Sorted {
         }
         Ok(())
     }
+}
+
+/// Most segments of a chunk.
+fn most_segments(gpu: &Gpu) -> usize {
+    (gpu.limits().buffer.min(BUFFER_BYTES) / size_of::<[u32; 4]>() as u64) as usize
 }
 
 #[cfg(test)]

@@ -97,6 +97,45 @@ fn a_dump_larger_than_the_memory_is_streamed_with_the_same_results() {
 }
 
 #[test]
+fn a_shard_larger_than_the_memory_is_cut() {
+    let (gather, gpu) = (Gather::new(random_dump_of(4, &[100])), gpu());
+    let light = gather.prepare_all(&random_lights()[..1]).unwrap();
+    let expected = gather.unit_images(&light, Half::All);
+    let largest = gather.dump().shards().map(|shard| shard.record_count() as u64).max().unwrap();
+    // The image and the light take less than a kilobyte.
+    let budget = largest * RECORD_BYTES / 3;
+    gpu.set_memory_budget(budget);
+    let on_gpu = GpuGather::new(Arc::clone(&gpu), &gather).unwrap();
+    assert!(!on_gpu.is_resident());
+    let found = on_gpu.unit_images(&light, Half::All).unwrap();
+    assert_eq!(differing(&found[0], &expected[0]), 0);
+    assert_eq!(gpu.free_memory(), budget);
+}
+
+#[test]
+fn a_shard_larger_than_a_buffer_is_cut() {
+    let (gather, gpu) = (Gather::new(random_dump_of(6, &[1, 30])), gpu());
+    let lights = gather.prepare_all(&random_lights()[..6]).unwrap();
+    let whole = GpuGather::new(Arc::clone(&gpu), &gather).unwrap();
+    let cut = GpuGather::in_chunks(Arc::clone(&gpu), &gather, 200).unwrap();
+    assert!(cut.resident.as_ref().unwrap().len() > 5 * whole.resident.as_ref().unwrap().len());
+    for half in HALVES {
+        let [found, expected] = [&cut, &whole].map(|gather| gather.unit_images(&lights, half).unwrap());
+        assert!(found.iter().zip(&expected).all(|(found, expected)| differing(found, expected) == 0));
+    }
+    let pixels: Vec<u32> = (0..36).collect();
+    let places = gpu.buffer_of("pixels", &pixels).unwrap();
+    let [found, expected] = [&cut, &whole].map(|gather| {
+        let out = gpu.zeros::<f32>("targets", 3 * 36).unwrap();
+        let lights = gather.lights(&vec![lights[0].clone(); 36]).unwrap();
+        gather.pixel_targets(&places, &lights, 1, Half::All, &out).unwrap();
+        Image { width: 6, height: 6, channels: 3, data: gpu.read(&out, 0..out.len()).unwrap() }
+    });
+    assert_eq!(differing(&found, &expected), 0);
+    assert!(mean(&found) > 0.0);
+}
+
+#[test]
 fn sorted_segments_give_the_same_images() {
     // Four groups, two of them narrow; small and large lights.
     let gather = Gather::new(random_dump_of(20, &[1, 2, 9]));
