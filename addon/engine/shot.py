@@ -43,7 +43,9 @@ class Shot:
         self.frame: Any = None
         self.warnings: list[str] = []
         self.lights = SceneLights(_view_layer(scene), [obj.name_full for obj in scene.objects])
-        self._request, self._request_number = "", 0
+        self.request = ""
+        """The newest request, JSON."""
+        self._request_number = 0
         self._status_text = ""
         self._live = native().Live(
             str(options.folder), device=options.device, gpu_memory=options.gpu_memory, threads=options.threads
@@ -109,11 +111,16 @@ class Shot:
         """Asks for a picture; the newest request wins. `lights` as `SceneLights` describes them, `mix` as
         `core.rows.mix` does. False if that is what was asked for before."""
         request = json.dumps({"lights": lights, **mix, "interactive": interactive, "with": "auto"})
-        if request == self._request:
+        if request == self.request:
             return False
-        self._request = request
-        self._request_number = self._live.relight(request)
+        self.ask(request)
         return True
+
+    def ask(self, request: str) -> int:
+        """Asks for the picture of a request as it was kept; its number."""
+        self.request = request
+        self._request_number = self._live.relight(request)
+        return self._request_number
 
     def poll(self) -> bool:
         """Takes the newest picture and status; whether there was anything new."""
