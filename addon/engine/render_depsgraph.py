@@ -119,7 +119,9 @@ def start_with_render_depsgraph(
         around.push(settings)
         settings.enter_context(_render_settings(task))
         with _no_render_window(), bpy.context.temp_override(window=_window()):
-            bpy.ops.render.render("INVOKE_DEFAULT", layer=_layer(scene), scene=scene.name)
+            answer = bpy.ops.render.render("INVOKE_DEFAULT", layer=_layer(scene), scene=scene.name)
+        if answer == {"CANCELLED"}:
+            raise RuntimeError("Blender is rendering already; wait for its end or press Esc there")
     except BaseException:
         around.close()
         raise
@@ -127,7 +129,7 @@ def start_with_render_depsgraph(
     def poll() -> float | None:
         if task.started:  # Blender has copied them.
             settings.close()
-        if bpy.app.is_job_running("RENDER"):
+        if bpy.app.is_job_running("RENDER") or (not task.started and _is_waiting()):
             return POLL_SECONDS
         around.close()
         _finish(task, done)
@@ -146,6 +148,12 @@ def _finish(task: RenderTask[Result], done: Callable[[Result | None, BaseExcepti
         done(None, error)
     else:
         done(result, None)
+
+
+def _is_waiting() -> bool:
+    """Whether a render was asked for: Blender starts its job a moment later."""
+    windows = bpy.context.window_manager.windows
+    return any(operator.bl_idname == "RENDER_OT_render" for window in windows for operator in window.modal_operators)
 
 
 def _layer(scene: bpy.types.Scene) -> str:
