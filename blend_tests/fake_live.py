@@ -41,7 +41,8 @@ class FakeLive:
         self.newest = SimpleNamespace(
             serial=serial, request=len(self.requests), scale=scale, image=image, summary=json.dumps(summary)
         )
-        self.state["shown"] = {"serial": serial, "request": len(self.requests), "scale": scale, **summary}
+        shown = {"serial": serial, "request": len(self.requests), "scale": scale, "settled": True}
+        self.state["shown"] = shown | summary
 
     def bake(self, scene, settings, *, train_seconds=60.0):
         """As Live.bake."""
@@ -74,7 +75,7 @@ class FakeLive:
         """As Live.cancel."""
         self.tell(state="cancelled", stage=None)
 
-    def close(self):
+    def close(self, *, wait_seconds=0.0):
         """As Live.close."""
         self.calls.append(("close",))
         self.tell(state="empty")

@@ -10,9 +10,12 @@ MANIFEST = "manifest.json"
 
 
 def default_folder(blend_file: str, scene: str, camera: str, cache: Path) -> Path:
-    """Beside a saved .blend file, in `relume/`; in the cache folder for a file that was never saved."""
-    name = _file_name(f"{scene}_{camera}")
-    return Path(blend_file).parent / "relume" / name if blend_file else cache / "unsaved" / name
+    """Beside a saved .blend file, in `relume/`; in the cache folder for a file that was never saved. The name of the
+    file is a part of it: versions of a shot often lie in one folder."""
+    if not blend_file:
+        return cache / _file_name(f"unsaved_{scene}_{camera}")
+    file = Path(blend_file)
+    return file.parent / "relume" / _file_name(f"{file.stem}_{scene}_{camera}")
 
 
 def is_bake(folder: Path) -> bool:
@@ -22,6 +25,14 @@ def is_bake(folder: Path) -> bool:
     except (OSError, ValueError):
         return False
     return isinstance(manifest, dict) and {"scene_hash", "passes", "tile_size"} <= manifest.keys()
+
+
+def camera_of(folder: Path) -> str:
+    """Name of the camera that a bake was made with; empty if it cannot be read."""
+    try:
+        return str(json.loads((folder / MANIFEST).read_text(encoding="utf-8"))["camera"]["name"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return ""
 
 
 def _file_name(text: str) -> str:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import bpy
 
-from ..core.bake_folder import default_folder
+from ..core.bake_folder import default_folder, is_bake
 
 PACKAGE = __package__.rpartition(".")[0]
 """Name of the add-on: Blender renames the package of an extension."""
@@ -59,19 +61,43 @@ def bake_folder(scene: bpy.types.Scene) -> Path:
     """Absolute path of the folder that a bake of the scene is written to."""
     chosen = getattr(getattr(scene, "relume", None), "folder", "")
     if chosen:
-        return Path(bpy.path.abspath(chosen)).absolute()
+        return absolute(chosen)
     camera = scene.camera.name if scene.camera else "camera"
     return default_folder(bpy.data.filepath, scene.name, camera, cache_folder())
+
+
+def remember_bake(scene: bpy.types.Scene, folder: Path) -> None:
+    """Notes in the file where its bake is: relative to the file, which may be moved with it, and absolute, for a file
+    that is saved elsewhere."""
+    scene.relume.baked_absolute = str(folder)
+    scene.relume.baked_folder = str(folder)
+    if bpy.data.filepath:
+        with suppress(ValueError):  # Another drive of Windows.
+            scene.relume.baked_folder = bpy.path.relpath(str(folder))
+
+
+def remembered_bake(scene: bpy.types.Scene) -> Path | None:
+    """Where the file says that its bake is, whether it is there or not; None if it says nothing."""
+    settings = getattr(scene, "relume", None)
+    if settings is None or not settings.baked_folder:
+        return None
+    places = [absolute(settings.baked_folder), absolute(settings.baked_absolute or settings.baked_folder)]
+    return next((place for place in places if is_bake(place)), places[0])
 
 
 def cache_folder() -> Path:
     """Folder for bakes of files that were never saved."""
     chosen = preferences()
     if chosen is not None and chosen.cache_folder:
-        return Path(bpy.path.abspath(chosen.cache_folder)).absolute()
+        return absolute(chosen.cache_folder)
     if PACKAGE.startswith("bl_ext."):
         return Path(bpy.utils.extension_path_user(PACKAGE, path="bakes"))
     return Path(bpy.utils.user_resource("DATAFILES", path="relume")) / "bakes"
+
+
+def absolute(path: str) -> Path:
+    """The place of a path that may begin with `//`, the folder of the .blend file."""
+    return Path(os.path.abspath(bpy.path.abspath(path)))
 
 
 def preferences() -> Any:

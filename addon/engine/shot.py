@@ -3,14 +3,19 @@ threads of its own and is polled."""
 
 from __future__ import annotations
 
+import dataclasses
 import json
+import time
 from typing import Any
 
 import bpy
 
+from ..core.bake_folder import camera_of
 from ..export import ExportOptions, trace_settings
+from . import record
+from .changes import Changes
 from .native import native
-from .options import Options, options_of
+from .options import Options, options_of, remember_bake, remembered_bake
 from .scene import load_scene
 from .scene_lights import SceneLights
 
@@ -26,6 +31,7 @@ EMPTY: dict[str, Any] = {
     "error": None,
     "shown": None,
 }
+LIVELY_SECONDS = 2.0
 WORKING = {"preparing", "baking", "training"}
 
 _shots: dict[int, Shot] = {}
@@ -34,19 +40,20 @@ _shots: dict[int, Shot] = {}
 class Shot:
     """What is baked of a scene, and what is being done about it."""
 
-    def __init__(self, scene: bpy.types.Scene, options: Options):
+    def __init__(self, scene: bpy.types.Scene, options: Options, kept: record.Record | None):
         self.scene_uid = scene.session_uid
         self.folder = options.folder
         self.options = options
-        self.camera = scene.camera.name if scene.camera else ""
-        self.status = dict(EMPTY)
+        self.camera = kept.camera if kept else scene.camera.name if scene.camera else ""
+        self.status = EMPTY | {"state": "preparing"}
         self.frame: Any = None
         self.warnings: list[str] = []
-        self.lights = SceneLights(_view_layer(scene), [obj.name_full for obj in scene.objects])
-        self.request = ""
-        """The newest request, JSON."""
-        self._request_number = 0
+        self.lights = SceneLights(_view_layer(scene), kept.receivers if kept else _names(scene))
+        self.changes = Changes(kept.prints if kept else None)
+        self.is_recorded = kept is not None
+        self._request, self._request_number = "", 0
         self._status_text = ""
+        self._news = time.monotonic()
         self._live = native().Live(
             str(options.folder), device=options.device, gpu_memory=options.gpu_memory, threads=options.threads
         )
@@ -54,25 +61,34 @@ class Shot:
     @classmethod
     def start(cls, scene: bpy.types.Scene) -> Shot:
         """Exports the scene and bakes it into its folder; goes on with an interrupted bake of the same scene."""
-        shot = cls._replace(scene)
-        shot.status["state"] = "preparing"
+        options = options_of(scene)
+        shot = cls._replace(scene, options, None)
+        record.forget(options.folder)
+        remember_bake(scene, options.folder)
         shot._export(scene)
         return shot
 
     @classmethod
     def open(cls, scene: bpy.types.Scene) -> Shot:
-        """Takes what the scene's folder holds."""
-        shot = cls._replace(scene)
-        shot.status["state"] = "preparing"
+        """Takes the bake that the file remembers, or else what the scene's folder holds."""
+        options = options_of(scene)
+        folder = remembered_bake(scene) or options.folder
+        shot = cls._replace(scene, dataclasses.replace(options, folder=folder), record.read(folder))
+        shot.is_recorded = True
+        if shot.changes.recording:
+            shot.camera = camera_of(folder) or shot.camera
+            shot.warnings.append("This bake says nothing of its scene: what changed before it was opened is not seen")
         shot._live.open()
         return shot
 
     @classmethod
-    def _replace(cls, scene: bpy.types.Scene) -> Shot:
+    def _replace(cls, scene: bpy.types.Scene, options: Options, kept: record.Record | None) -> Shot:
+        """A new shot in the place of the scene's present one."""
+        shot = cls(scene, options, kept)
         before = of(scene)
         if before is not None:
             before.close()
-        shot = _shots[scene.session_uid] = cls(scene, options_of(scene))
+        _shots[scene.session_uid] = shot
         return shot
 
     def _export(self, scene: bpy.types.Scene) -> None:
@@ -102,35 +118,54 @@ class Shot:
     @property
     def is_busy(self) -> bool:
         """Whether a newer status or picture is to be expected."""
-        if self.is_working or self.status["state"] in {"empty", "failed"}:
-            return self.is_working
-        shown = self.status["shown"] or {"request": 0, "settled": False}
-        return shown["request"] < self._request_number or not shown["settled"]
+        if self.status["state"] in {"empty", "failed"}:
+            return False
+        shown = self.status["shown"] or {}
+        waits = shown.get("request", 0) < self._request_number or not shown.get("settled", True)
+        return self.is_working or waits
+
+    @property
+    def is_lively(self) -> bool:
+        """Whether anything came lately."""
+        return time.monotonic() - self._news < LIVELY_SECONDS
+
+    @property
+    def notes(self) -> list[str]:
+        """What this shot has and Relume cannot represent, and what else the artist should know; each once."""
+        return list(dict.fromkeys([*self.warnings, *self.status["warnings"], *self.lights.warnings]))
 
     def relight(self, lights: list[dict], mix: dict, interactive: bool) -> bool:
         """Asks for a picture; the newest request wins. `lights` as `SceneLights` describes them, `mix` as
         `core.rows.mix` does. False if that is what was asked for before."""
         request = json.dumps({"lights": lights, **mix, "interactive": interactive, "with": "auto"})
-        if request == self.request:
+        if request == self._request:
             return False
-        self.ask(request)
-        return True
-
-    def ask(self, request: str) -> int:
-        """Asks for the picture of a request as it was kept; its number."""
-        self.request = request
+        self._request = request
+        self._news = time.monotonic()
         self._request_number = self._live.relight(request)
-        return self._request_number
+        return True
 
     def poll(self) -> bool:
         """Takes the newest picture and status; whether there was anything new."""
         text = self._live.status()
         frame = self._live.frame(self.frame.serial if self.frame else 0)
+        self._keep_record()
         if text == self._status_text and frame is None:
             return False
+        self._news = time.monotonic()
         self._status_text, self.status = text, json.loads(text)
         self.frame = frame or self.frame
         return True
+
+    def _keep_record(self) -> None:
+        """Writes what the bake is of, as soon as there is a bake and that is known."""
+        if self.is_recorded or self.changes.recording or not self.status["samples"]:
+            return
+        self.is_recorded = True
+        try:
+            record.Record(self.camera, self.lights.receivers, self.changes.baked).write(self.folder)
+        except OSError as error:
+            self.warnings.append(f"What the bake is of could not be written down: {error}")
 
     def pause(self, paused: bool) -> None:
         """Lets baking and training stand still; relighting goes on."""
@@ -140,16 +175,20 @@ class Shot:
         """Ends baking and training; what is there stays, relighting goes on."""
         self._live.cancel()
 
-    def close(self) -> None:
-        """Ends everything, without waiting. The folder stays whole."""
+    def close(self, wait_seconds: float = 0.0) -> None:
+        """Ends everything, without waiting unless told to. The folder stays whole."""
         if self.is_open:
             del _shots[self.scene_uid]
-        self._live.close()
+        self._live.close(wait_seconds=wait_seconds)
         self.frame = None
 
 
 def _view_layer(scene: bpy.types.Scene) -> str:
     return bpy.context.view_layer.name if bpy.context.scene == scene else scene.view_layers[0].name
+
+
+def _names(scene: bpy.types.Scene) -> list[str]:
+    return [obj.name_full for obj in scene.objects]
 
 
 def of(scene: bpy.types.Scene) -> Shot | None:
@@ -162,7 +201,7 @@ def all_open() -> list[Shot]:
     return list(_shots.values())
 
 
-def close_all() -> None:
+def close_all(wait_seconds: float = 0.0) -> None:
     """Closes every shot: before another file is opened, and when the add-on is disabled."""
     for shot in all_open():
-        shot.close()
+        shot.close(wait_seconds)

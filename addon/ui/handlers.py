@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import time
 from collections.abc import Iterator
 
@@ -9,12 +10,20 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..core import status
+from ..core.bake_folder import is_bake
 from ..engine import shot
+from ..engine.options import preferences, remembered_bake
 from . import rows
 
 TICK_SECONDS = 1 / 60
+QUIET_SECONDS = 0.25
+"""Between polls while nothing new comes, such as while work is paused."""
 REST_SECONDS = 0.15
 """How long nothing must change until the full picture is asked for."""
+EXIT_SECONDS = 5.0
+"""How long Blender's exit waits for work to end."""
+LOOK_SECONDS = 0.005
+"""How long one turn may look for what has changed since the bake."""
 
 _resting: dict[int, float] = {}
 """Scenes with a change in progress: when to ask for the full picture."""
@@ -29,7 +38,9 @@ def changed(scene: bpy.types.Scene, interactive: bool = False) -> None:
     if found is None:
         return
     lights = found.lights.descriptions
-    asked = found.relight(lights, rows.mix(scene, [light["name"] for light in lights]), interactive)
+    mix = rows.mix(scene, [light["name"] for light in lights])
+    world = [gain * factor for gain, factor in zip(mix["world"], found.changes.world_gain(), strict=True)]
+    asked = found.relight(lights, mix | {"world": world}, interactive)
     if not interactive:
         _resting.pop(scene.session_uid, None)
     elif asked:
@@ -60,25 +71,41 @@ def wake() -> None:
 
 
 def _timer() -> float | None:
-    return TICK_SECONDS if tick() else None
+    if not tick():
+        return None
+    lively = _resting or any(found.is_lively or found.changes.is_pending for found in shot.all_open())
+    return TICK_SECONDS if lively else QUIET_SECONDS
 
 
 def tick() -> bool:
     """One turn of polling. Whether there is to be another one."""
+    _rest()
+    scenes = {scene.session_uid: scene for scene in bpy.data.scenes}
+    for found in shot.all_open():
+        if found.scene_uid not in scenes:
+            found.close()
+            continue
+        frame = found.frame
+        news = found.poll()
+        if not _resting:
+            news |= found.changes.look(scenes[found.scene_uid], LOOK_SECONDS)
+        if news:
+            _redraw(found, new_picture=found.frame is not frame)
+    return bool(_resting) or any(found.is_busy or found.changes.is_pending for found in shot.all_open())
+
+
+def _rest() -> None:
+    """Asks for the full picture of every scene where nothing was changed for a while."""
     now = time.monotonic()
     for scene in bpy.data.scenes:
         if _resting.get(scene.session_uid, now + 1.0) <= now:
             changed(scene)
-    for found in shot.all_open():
-        frame = found.frame
-        if found.poll():
-            _redraw(found, new_picture=found.frame is not frame)
-    return bool(_resting) or any(found.is_busy for found in shot.all_open())
 
 
 def _redraw(found: shot.Shot, new_picture: bool) -> None:
     """Views for a new picture, the sidebar where its words have changed."""
     words = (status.headline(found.status), status.shown(found.status), status.progress(found.status))
+    words += tuple(found.changes.sentences)
     new_words = _words.get(found.scene_uid) != words
     _words[found.scene_uid] = words
     kinds = {"WINDOW", "UI"} if new_picture else {"UI"} if new_words else set()
@@ -98,8 +125,13 @@ def _regions_of_views() -> Iterator[bpy.types.Region]:
 def on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Something was edited: perhaps lights."""
     found = shot.of(scene)
-    if found is not None and found.lights.update(depsgraph):
+    if found is None or depsgraph.mode != "VIEWPORT":
+        return
+    lights = found.lights.update(depsgraph)
+    world = found.changes.mark(scene, [update.id.original for update in depsgraph.updates])
+    if lights or world:
         changed(scene, interactive=True)
+    wake()
 
 
 @persistent
@@ -112,6 +144,9 @@ def on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> N
 @persistent
 def on_undo(scene: bpy.types.Scene, *_arguments) -> None:
     """Undo and redo may have changed anything."""
+    found = shot.of(scene)
+    if found is not None:
+        found.changes.mark_all()
     read_lights(scene)
 
 
@@ -121,11 +156,40 @@ def on_load_pre(*_arguments) -> None:
     close_all()
 
 
-def close_all() -> None:
-    """Ends all work, without waiting."""
-    shot.close_all()
+@persistent
+def on_load_post(*_arguments) -> None:
+    """A file was opened. Its bakes are opened a moment later, when it is on screen."""
+    chosen = preferences()
+    if not bpy.app.background and chosen is not None and chosen.open_bakes:
+        bpy.app.timers.register(open_bakes, first_interval=0.1)
+
+
+def open_bakes() -> None:
+    """Opens every bake that the file remembers and that is there."""
+    for scene in bpy.data.scenes:
+        folder = remembered_bake(scene)
+        if folder is not None and is_bake(folder) and shot.of(scene) is None:
+            open_bake(scene)
+
+
+def open_bake(scene: bpy.types.Scene) -> shot.Shot:
+    """Shows the bake of a scene under its present lights."""
+    found = shot.Shot.open(scene)
+    read_lights(scene)
+    wake()
+    return found
+
+
+def close_all(wait_seconds: float = 0.0) -> None:
+    """Ends all work."""
+    shot.close_all(wait_seconds)
     _resting.clear()
     _words.clear()
+
+
+def _exit() -> None:
+    """Threads must not outlive the libraries that they use."""
+    close_all(EXIT_SECONDS)
 
 
 HANDLERS = {
@@ -134,6 +198,7 @@ HANDLERS = {
     "undo_post": on_undo,
     "redo_post": on_undo,
     "load_pre": on_load_pre,
+    "load_post": on_load_post,
 }
 
 
@@ -141,12 +206,15 @@ def register():
     """Adds the handlers."""
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).append(handler)
+    atexit.register(_exit)
 
 
 def unregister():
     """Ends all work and removes handlers and timer."""
     close_all()
+    atexit.unregister(_exit)
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).remove(handler)
-    if bpy.app.timers.is_registered(_timer):
-        bpy.app.timers.unregister(_timer)
+    for timer in (_timer, open_bakes):
+        if bpy.app.timers.is_registered(timer):
+            bpy.app.timers.unregister(timer)

@@ -46,6 +46,12 @@ class RelumePreferences(bpy.types.AddonPreferences):
         subtype="DIR_PATH",
     )
 
+    open_bakes: BoolProperty(
+        name="Open Bakes with Files",
+        description="Show the bake of a file as soon as the file is opened",
+        default=True,
+    )
+
     def draw(self, _context):
         """Called by Blender."""
         layout = self.layout
@@ -58,6 +64,7 @@ class RelumePreferences(bpy.types.AddonPreferences):
         sub.prop(self, "gpu_memory", text="MiB")
         layout.prop(self, "threads")
         layout.prop(self, "train_seconds")
+        layout.prop(self, "open_bakes")
         layout.prop(self, "cache_folder")
 
 

@@ -24,6 +24,7 @@ class RelumeSettings(bpy.types.PropertyGroup):
     baked_folder: StringProperty(
         name="Baked In", description="Where the bake of this scene was written, to be found again", options={"HIDDEN"}
     )
+    baked_absolute: StringProperty(name="Baked In", description="The same as an absolute path", options={"HIDDEN"})
     quality: EnumProperty(
         name="Quality",
         description="How many paths per pixel are traced. More are cleaner, take longer and need more disk space",

@@ -1,25 +1,45 @@
-"""The main panel: one button, what is being done, what is shown."""
+"""Start, pause, cancel, and finding a bake again: operators over functions that a script can call as well."""
 
-from __future__ import annotations
+from collections.abc import Callable
+from pathlib import Path
 
 import bpy
+from bpy.props import BoolProperty, StringProperty
 
-from ..core import status
+from ..core.bake_folder import is_bake
 from ..engine import shot
 from ..engine.checks import ProblemError, check_start
 from ..engine.native import NativeModuleError
+from ..engine.options import bake_folder, remember_bake, remembered_bake
 from . import handlers
-from .panel import RelumePanel, message
+
+FAILURES = (ProblemError, NativeModuleError, RuntimeError, ValueError, OSError)
+"""What is told to the artist instead of shown as a fault of the program."""
 
 
 def start(scene: bpy.types.Scene) -> shot.Shot:
     """Bakes the scene and shows it under its present lights. Raises ProblemError with one line for the artist."""
     check_start(scene)
     found = shot.Shot.start(scene)
-    scene.relume.baked_folder = bpy.path.relpath(str(found.folder)) if bpy.data.filepath else str(found.folder)
     handlers.read_lights(scene)
     handlers.wake()
     return found
+
+
+def show_bake(scene: bpy.types.Scene) -> shot.Shot:
+    """Opens the bake that the file remembers, or that its folder holds, and shows it under the present lights."""
+    folder = remembered_bake(scene) or bake_folder(scene)
+    if not is_bake(folder):
+        raise ProblemError(f"There is no bake in '{folder}'; find it, or start again")
+    return handlers.open_bake(scene)
+
+
+def find_bake(scene: bpy.types.Scene, folder: Path) -> shot.Shot:
+    """Takes a bake that was moved."""
+    if not is_bake(folder):
+        raise ProblemError(f"'{folder}' is no bake of Relume; choose the folder with its manifest.json")
+    remember_bake(scene, folder)
+    return handlers.open_bake(scene)
 
 
 class ShotOperator:
@@ -31,6 +51,16 @@ class ShotOperator:
         return shot.of(context.scene) is not None
 
 
+def told(operator: bpy.types.Operator, work: Callable[[], object]) -> set[str]:
+    """Does an operator's work; what keeps it from being done is said in one line."""
+    try:
+        work()
+    except FAILURES as error:
+        operator.report({"ERROR"}, " ".join(str(error).split()))
+        return {"CANCELLED"}
+    return {"FINISHED"}
+
+
 class RELUME_OT_start(bpy.types.Operator):  # noqa: N801 -- Blender's naming
     """Trace the paths of the camera view once, then relight it live while the lights are edited"""
 
@@ -39,12 +69,37 @@ class RELUME_OT_start(bpy.types.Operator):  # noqa: N801 -- Blender's naming
 
     def execute(self, context):
         """Called by Blender."""
-        try:
-            start(context.scene)
-        except (ProblemError, NativeModuleError, RuntimeError, ValueError, OSError) as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        return {"FINISHED"}
+        return told(self, lambda: start(context.scene))
+
+
+class RELUME_OT_show_bake(bpy.types.Operator):  # noqa: N801
+    """Show the stored bake of this scene under its present lights, without tracing again"""
+
+    bl_idname = "relume.show_bake"
+    bl_label = "Show Bake"
+
+    def execute(self, context):
+        """Called by Blender."""
+        return told(self, lambda: show_bake(context.scene))
+
+
+class RELUME_OT_find_bake(bpy.types.Operator):  # noqa: N801
+    """Choose the folder of this scene's bake, where it was moved to"""
+
+    bl_idname = "relume.find_bake"
+    bl_label = "Find Bake"
+
+    directory: StringProperty(name="Folder", description="Folder of the bake", subtype="DIR_PATH")
+    filter_folder: BoolProperty(default=True, options={"HIDDEN"})
+
+    def invoke(self, context, _event):
+        """Called by Blender."""
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context):
+        """Called by Blender."""
+        return told(self, lambda: find_bake(context.scene, Path(self.directory)))
 
 
 class RELUME_OT_pause(ShotOperator, bpy.types.Operator):  # noqa: N801
@@ -91,54 +146,18 @@ class RELUME_OT_look_through_camera(bpy.types.Operator):  # noqa: N801
         return {"FINISHED"}
 
 
-class RELUME_PT_start(RelumePanel, bpy.types.Panel):  # noqa: N801
-    """Start, progress, and what is shown"""
-
-    bl_idname = "RELUME_PT_start"
-    bl_label = "Relume"
-    bl_order = 0
-
-    def draw(self, context):
-        """Called by Blender."""
-        layout, found = self.layout, shot.of(context.scene)
-        if context.region_data is not None and context.region_data.view_perspective != "CAMERA":
-            layout.operator("relume.look_through_camera", icon="OUTLINER_DATA_CAMERA")
-        if found is None or not found.is_working:
-            _draw_start(layout, context.scene, found)
-        if found is not None:
-            _draw_state(layout, found)
-
-
-def _draw_start(layout, scene, found) -> None:
-    column = layout.column()
-    column.prop(scene.relume, "quality")
-    if scene.relume.quality == "CUSTOM":
-        column.prop(scene.relume, "samples")
-    column.prop(scene.relume, "folder", text="Folder")
-    row = column.row()
-    row.scale_y = 1.5
-    row.operator("relume.start", text="Rebake" if found else "Start", icon="PLAY")
-
-
-def _draw_state(layout, found) -> None:
-    state = found.status
-    message(layout, status.headline(state), icon="ERROR" if state["state"] == "failed" else "NONE")
-    progress = status.progress(state)
-    if progress is not None:
-        layout.progress(factor=progress[0], text=progress[1])
-        row = layout.row(align=True)
-        paused = state["paused"]
-        row.operator("relume.pause", text="Resume" if paused else "Pause", icon="PLAY" if paused else "PAUSE")
-        row.operator("relume.cancel", icon="X")
-    if status.shown(state):
-        message(layout, status.shown(state))
-
-
-CLASSES = (RELUME_OT_start, RELUME_OT_pause, RELUME_OT_cancel, RELUME_OT_look_through_camera, RELUME_PT_start)
+CLASSES = (
+    RELUME_OT_start,
+    RELUME_OT_show_bake,
+    RELUME_OT_find_bake,
+    RELUME_OT_pause,
+    RELUME_OT_cancel,
+    RELUME_OT_look_through_camera,
+)
 
 
 def register():
-    """Adds panel and operators."""
+    """Adds the operators."""
     for cls in CLASSES:
         bpy.utils.register_class(cls)
 

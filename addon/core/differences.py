@@ -1,0 +1,63 @@
+"""What a scene has become since it was baked, in words.
+
+A print is a small value that changes with what it is taken of: `{"object Sofa": {"place": "1f2e"}, "world": ...}`.
+Prints of a bake lie beside it."""
+
+from __future__ import annotations
+
+Print = dict[str, str]
+
+EDITED: Print = {"edited": ""}
+"""Stands for a part of the scene that was edited before its print was taken."""
+
+PARTS = {
+    ("object", "place"): "'{name}' moved",
+    ("object", "data"): "'{name}' has other data",
+    ("object", "modifiers"): "Modifiers of '{name}' changed",
+    ("object", "materials"): "'{name}' has other materials",
+    ("object", "visibility"): "Visibility of '{name}' changed",
+    ("object", "pose"): "'{name}' has another pose",
+    ("data", "shape"): "Mesh '{name}' changed",
+    ("material", "nodes"): "Material '{name}' changed",
+    ("world", "shape"): "The world changed",
+    ("world", "color"): "The world changed",
+    ("camera", "place"): "The camera moved",
+    ("camera", "lens"): "Lens or focus of the camera changed",
+    ("settings", "paths"): "Bounces or filters of the render settings changed",
+    ("settings", "space"): "The file has another working space",
+}
+ORDER = ("camera", "film", "settings", "world", "object", "data", "material")
+
+
+def sentences(baked: dict[str, Print], present: dict[str, Print]) -> list[str]:
+    """Every difference, the most general first. What only one side has been asked about is no difference."""
+    keys = [key for key in {**baked, **present} if baked.get(key) != present.get(key)]
+    keys.sort(key=lambda key: ORDER.index(key.partition(" ")[0]))
+    found = [sentence for key in keys for sentence in _of_one(key, baked.get(key), present.get(key))]
+    return list(dict.fromkeys(found))
+
+
+def _of_one(key: str, baked: Print | None, present: Print | None) -> list[str]:
+    kind, _, name = key.partition(" ")
+    if baked is None or present is None:
+        return [f"'{name}' was {'added' if baked is None else 'deleted or hidden'}"] if kind == "object" else []
+    if baked == EDITED:
+        return [f"'{name}' was edited while the bake began"]
+    parts = [part for part in {**baked, **present} if baked.get(part) != present.get(part)]
+    if kind == "camera" and "name" in parts:
+        return [f"The camera is '{present.get('name')}' now; the bake is of '{baked.get('name')}'"]
+    if kind == "film":
+        return [f"The picture has {present.get('size')} pixels now; the bake has {baked.get('size')}"]
+    if parts == ["color"] and world_gain(baked, present):
+        return []
+    return [PARTS[kind, part].format(name=name) for part in parts if (kind, part) in PARTS]
+
+
+def world_gain(baked: Print | None, present: Print | None) -> list[float] | None:
+    """What the baked light of the world is to be multiplied by, where only its colour changed; else None."""
+    if not baked or not present or baked.get("shape") != present.get("shape"):
+        return None
+    before, now = ([float(channel) for channel in side["color"].split()] for side in (baked, present))
+    if any(old <= 0.0 < new for old, new in zip(before, now, strict=True)):
+        return None
+    return [new / old if old > 0.0 else 0.0 for old, new in zip(before, now, strict=True)]

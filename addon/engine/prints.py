@@ -1,0 +1,272 @@
+"""Prints of what a bake depends on, cheap enough to be taken while the artist works.
+
+They see transforms, data and its vertices, modifiers and their inputs, poses, material and world nodes, visibility,
+camera and render settings. They do not see image files that changed on disk, simulation caches, and what node groups of
+modifiers do beyond their inputs."""
+
+from __future__ import annotations
+
+import json
+import zlib
+from collections.abc import Callable
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ..core.differences import Print
+from ..export import trace_settings
+from ..export.camera import UnsupportedCameraError, camera_json, film_size
+from ..export.materials.graph import used_tree
+from ..export.world import export_world
+from .scene import working_space
+
+GEOMETRY = {"MESH", "CURVE", "SURFACE", "FONT", "META", "CURVES", "POINTCLOUD", "VOLUME"}
+LOOKS_ONLY = {
+    "color", "height", "hide", "label", "location", "location_absolute", "name", "parent", "select", "use_custom_color",
+    "warning_propagation", "width",
+}  # fmt: skip
+"""Properties of nodes and modifiers that do not change what they do."""
+DATA = (bpy.types.Mesh, bpy.types.Curve, bpy.types.MetaBall)
+
+
+def keys(scene: bpy.types.Scene) -> list[str]:
+    """Everything there is to take a print of."""
+    objects = [obj for obj in scene.objects if _counts(obj)]
+    data = {obj.data.name_full: None for obj in objects if obj.type in GEOMETRY}
+    materials = {slot.material.name_full: None for obj in objects for slot in obj.material_slots if slot.material}
+    return [
+        *("camera", "film", "settings", "world"),
+        *(f"object {obj.name_full}" for obj in objects),
+        *(f"data {name}" for name in data),
+        *(f"material {name}" for name in materials),
+    ]
+
+
+def keys_of(found: bpy.types.ID, scene: bpy.types.Scene) -> list[str]:
+    """The prints that an edited data-block is part of."""
+    if isinstance(found, bpy.types.Object):
+        return ["camera"] if found == scene.camera else [f"object {found.name_full}"] if _counts(found) else []
+    if isinstance(found, bpy.types.Camera):
+        return ["camera"]
+    if isinstance(found, bpy.types.Material):
+        return [f"material {found.name_full}"]
+    if isinstance(found, bpy.types.World):
+        return ["world"]
+    if isinstance(found, bpy.types.Scene):
+        return ["camera", "film", "settings", "world"]
+    return [f"data {found.name_full}"] if isinstance(found, DATA) else []
+
+
+def _counts(obj: bpy.types.Object) -> bool:
+    """Whether the object can be seen in a render, or moves what can."""
+    shown = not obj.hide_render
+    return shown and (obj.type in GEOMETRY or obj.type == "ARMATURE" or obj.instance_type != "NONE")
+
+
+class Prints:
+    """Takes prints of a scene by their keys. Holds references, so it is to be thrown away when anything is added,
+    deleted or undone."""
+
+    def __init__(self, scene: bpy.types.Scene):
+        self.scene = scene
+        self.objects = {obj.name_full: obj for obj in scene.objects}
+        data = (obj.data for obj in scene.objects if obj.type in GEOMETRY)
+        self.data = {found.name_full: found for found in data}
+        self.materials = {material.name_full: material for material in bpy.data.materials}
+
+    def of(self, key: str) -> Print | None:
+        """The print of a key; None of what is not there, or cannot be seen any more."""
+        kind, _, name = key.partition(" ")
+        match kind:
+            case "object":
+                obj = self.objects.get(name)
+                return _object(obj) if obj is not None and _counts(obj) else None
+            case "data":
+                # The arrays of a mesh are empty while it is in edit mode.
+                found = self.data.get(name)
+                return None if found is None or getattr(found, "is_editmode", False) else _data(found)
+            case "material":
+                return _material(self.materials[name]) if name in self.materials else None
+        return ONE_OF_A_KIND[kind](self.scene)
+
+
+def take_all(scene: bpy.types.Scene) -> dict[str, Print]:
+    """All prints at once; takes long for a large scene."""
+    prints = Prints(scene)
+    return {key: found for key in keys(scene) if (found := prints.of(key)) is not None}
+
+
+def _hash(value: Any) -> str:
+    return f"{zlib.crc32(value if isinstance(value, bytes) else repr(value).encode()):08x}"
+
+
+def _matrix(matrix: Any) -> str:
+    """Exact to six digits: evaluating a file again may differ by a rounding."""
+    return _hash([f"{value:.6g}" for row in matrix for value in row])
+
+
+def _object(obj: bpy.types.Object) -> Print:
+    visible = ("camera", "diffuse", "glossy", "transmission", "shadow")
+    found = {
+        "place": _matrix(obj.matrix_world),
+        "visibility": _hash([getattr(obj, f"visible_{name}") for name in visible]),
+    }
+    if obj.data is not None:
+        found["data"] = obj.data.name_full
+    elif obj.instance_collection is not None:
+        found["data"] = obj.instance_collection.name_full
+    if obj.material_slots:
+        found["materials"] = _hash([slot.material.name_full if slot.material else "" for slot in obj.material_slots])
+    if obj.modifiers:
+        found["modifiers"] = _hash([_modifier(modifier) for modifier in obj.modifiers])
+    if obj.pose:
+        found["pose"] = _hash([_matrix(bone.matrix) for bone in obj.pose.bones])
+    return found
+
+
+def _modifier(modifier: bpy.types.Modifier) -> list:
+    inputs = [(name, _plain(value)) for name, value in modifier.items()] if modifier.type == "NODES" else []
+    return [modifier.type, modifier.show_render, _values(modifier), inputs]
+
+
+def _data(data: bpy.types.ID) -> Print:
+    shapes = [(block.value, block.mute) for block in data.shape_keys.key_blocks] if _shape_keys(data) else []
+    if not isinstance(data, bpy.types.Mesh):
+        return {"shape": _hash([_values(data), shapes, _points(data)])}
+    arrays = [_array(data.attributes.get(name), kind, width) for name, kind, width in MESH_ARRAYS]
+    uvs = data.uv_layers.active
+    arrays.append(_array(data.attributes.get(uvs.name), "vector", 2) if uvs else "")
+    return {"shape": _hash([len(data.vertices), len(data.polygons), arrays, shapes])}
+
+
+def _shape_keys(data: bpy.types.ID) -> Any:
+    return getattr(data, "shape_keys", None)
+
+
+def _points(data: bpy.types.ID) -> list:
+    """Control points of curves."""
+    points = [
+        [tuple(point.co) for point in (spline.bezier_points or spline.points)]
+        for spline in getattr(data, "splines", ())
+    ]
+    return [points, [tuple(element.co) for element in getattr(data, "elements", ())]]
+
+
+def _array(attribute: Any, name: str, width: int) -> str:
+    """Of all values of an attribute."""
+    if attribute is None:
+        return ""
+    values = np.empty(len(attribute.data) * width, np.float32 if name == "vector" else np.int32)
+    attribute.data.foreach_get(name, values)
+    return _hash(values.tobytes())
+
+
+def _material(material: bpy.types.Material) -> Print:
+    tree = used_tree(material)
+    return {"nodes": _hash(_tree(tree) if tree else _values(material))}
+
+
+def _tree(tree: bpy.types.NodeTree) -> list:
+    """Everything that a node tree and the groups in it compute with."""
+    nodes = [_node(node) for node in tree.nodes if node.bl_idname not in {"NodeFrame", "NodeReroute"}]
+    links = [
+        (link.from_node.name, link.from_socket.identifier, link.to_node.name, link.to_socket.identifier)
+        for link in tree.links
+        if not link.is_muted
+    ]
+    return [nodes, sorted(links)]
+
+
+def _node(node: bpy.types.Node) -> list:
+    inputs = [_plain(socket.default_value) for socket in node.inputs if hasattr(socket, "default_value")]
+    outputs = [_plain(socket.default_value) for socket in node.outputs if hasattr(socket, "default_value")]
+    extra: list[Any] = []
+    if (ramp := getattr(node, "color_ramp", None)) is not None:
+        extra.append([ramp.interpolation, [(stop.position, tuple(stop.color)) for stop in ramp.elements]])
+    if (mapping := getattr(node, "mapping", None)) is not None and hasattr(mapping, "curves"):
+        extra.append([[tuple(point.location) for point in curve.points] for curve in mapping.curves])
+    if (image := getattr(node, "image", None)) is not None:
+        extra.append([image.filepath, image.colorspace_settings.name])
+    if (inner := getattr(node, "node_tree", None)) is not None:
+        extra.append(_tree(inner))
+    return [node.name, node.bl_idname, node.mute, _values(node), inputs, outputs, extra]
+
+
+def _values(struct: Any) -> list:
+    """Simple settings of any part of a file."""
+    found = []
+    for prop in struct.bl_rna.properties:
+        name = prop.identifier
+        if prop.is_readonly or name in LOOKS_ONLY or name.startswith(("show_", "bl_", "is_", "use_fake", "select")):
+            continue
+        if prop.type in {"BOOLEAN", "INT", "FLOAT", "ENUM", "STRING"}:
+            found.append((name, _plain(getattr(struct, name))))
+        elif prop.type == "POINTER":
+            target = getattr(struct, name)
+            found.append((name, target.name_full if isinstance(target, bpy.types.ID) else ""))
+    return found
+
+
+def _plain(value: Any) -> Any:
+    """A value whose text is the same for the same setting."""
+    if isinstance(value, bpy.types.ID):
+        return value.name_full
+    if isinstance(value, (bool, int, float, str, set)) or value is None:
+        return sorted(value) if isinstance(value, set) else value
+    return [_plain(entry) for entry in value] if hasattr(value, "__iter__") else type(value).__name__
+
+
+def _camera(scene: bpy.types.Scene) -> Print | None:
+    if scene.camera is None:
+        return None
+    try:
+        lens = json.loads(camera_json(scene.camera, scene, (1, 1)))
+    except UnsupportedCameraError as error:
+        lens = {"world_from_object": [], "unsupported": str(error)}
+    return {"name": scene.camera.name_full, "place": _matrix(lens.pop("world_from_object")), "lens": _hash(lens)}
+
+
+def _film(scene: bpy.types.Scene) -> Print:
+    width, height = film_size(scene.render)
+    return {"size": f"{width} x {height}"}
+
+
+def _settings(scene: bpy.types.Scene) -> Print:
+    return {"paths": _hash(trace_settings(scene, lambda _message: None).get("paths")), "space": working_space()}
+
+
+class _WorldRecorder:
+    """Takes what `export_world` says about a world."""
+
+    def __init__(self) -> None:
+        self.color = [0.0, 0.0, 0.0]
+        self.shape: list[Any] = []
+
+    def set_world(self, color: list[float], texture: Any = None, **shape: Any) -> None:
+        """As the scene builder's."""
+        self.color, self.shape = color, [texture, sorted(shape.items())]
+
+    def number(self, image: bpy.types.Image, _owner: str) -> str:
+        """As the image exporter's."""
+        return image.name_full
+
+    def warn(self, message: str) -> None:
+        """What cannot be represented is a part of the world too."""
+        self.shape.append(message)
+
+
+def world(scene: bpy.types.Scene) -> Print:
+    """The print of the scene's world."""
+    recorder: Any = _WorldRecorder()
+    export_world(recorder, recorder, scene)
+    return {"shape": _hash(recorder.shape), "color": " ".join(f"{channel:.9g}" for channel in recorder.color)}
+
+
+ONE_OF_A_KIND: dict[str, Callable[[bpy.types.Scene], Print | None]] = {
+    "camera": _camera,
+    "film": _film,
+    "settings": _settings,
+    "world": world,
+}
+MESH_ARRAYS = (("position", "vector", 3), (".corner_vert", "value", 1), ("material_index", "value", 1))

@@ -1,0 +1,62 @@
+"""What lies beside a bake so that it is found right again: prints of its scene, and the meaning of its receivers."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from pathlib import Path
+
+import bpy
+
+from ..core.differences import Print
+from . import prints
+
+FILE = "shot.json"
+FORMAT, VERSION = "relume-shot", 1
+
+
+@dataclasses.dataclass(frozen=True)
+class Record:
+    """The contents of `shot.json`."""
+
+    camera: str
+    receivers: list[str]
+    """Full names of the scene's objects, in the order that light linking counts them."""
+    prints: dict[str, Print]
+
+    def write(self, folder: Path) -> None:
+        """Writes it into a bake folder, whole or not at all."""
+        content = {"format": FORMAT, "version": VERSION, **dataclasses.asdict(self)}
+        part = folder / f".part-{FILE}"
+        try:
+            part.write_text(json.dumps(content), encoding="utf-8")
+            os.replace(part, folder / FILE)
+        finally:
+            part.unlink(missing_ok=True)
+
+
+def forget(folder: Path) -> None:
+    """Removes the record of a bake that is about to be replaced."""
+    (folder / FILE).unlink(missing_ok=True)
+
+
+def read(folder: Path) -> Record | None:
+    """The record of a bake; None if there is none, or none that can be read."""
+    try:
+        content = json.loads((folder / FILE).read_text(encoding="utf-8"))
+        if content["format"] != FORMAT or content["version"] != VERSION:
+            return None
+        found = {str(key): _print(value) for key, value in content["prints"].items()}
+        return Record(str(content["camera"]), [str(name) for name in content["receivers"]], found)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None
+
+
+def _print(value: dict) -> Print:
+    return {str(part): str(text) for part, text in value.items()}
+
+
+def of(scene: bpy.types.Scene) -> Record:
+    """A record of the present scene, taken at once."""
+    return Record(scene.camera.name, [obj.name_full for obj in scene.objects], prints.take_all(scene))

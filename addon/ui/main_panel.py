@@ -1,0 +1,109 @@
+"""The first panel: what is there, what is being done, what is shown, what has changed."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..core import status
+from ..core.bake_folder import is_bake
+from ..engine import shot
+from ..engine.options import remembered_bake
+from .panel import RelumePanel, message
+
+MOST_CHANGES = 6
+"""Changes that are listed one by one."""
+
+
+class RELUME_PT_main(RelumePanel, bpy.types.Panel):  # noqa: N801 -- Blender's naming
+    """Start, progress, and what is shown"""
+
+    bl_idname = "RELUME_PT_main"
+    bl_label = "Relume"
+    bl_order = 0
+
+    def draw(self, context):
+        """Called by Blender."""
+        layout, scene = self.layout, context.scene
+        found = shot.of(scene)
+        if context.region_data is not None and context.region_data.view_perspective != "CAMERA":
+            layout.operator("relume.look_through_camera", icon="OUTLINER_DATA_CAMERA")
+        if found is None:
+            _draw_stored_bake(layout, scene)
+        if found is None or not found.is_working:
+            _draw_start(layout, scene, "Start" if found is None else "Rebake")
+        if found is not None:
+            _draw_shot(layout, scene, found)
+
+
+def _draw_stored_bake(layout, scene) -> None:
+    folder = remembered_bake(scene)
+    if folder is None:
+        return
+    if is_bake(folder):
+        layout.operator("relume.show_bake", icon="HIDE_OFF")
+        return
+    box = layout.box()
+    message(box, f"The bake is not where it was: {folder}", "ERROR")
+    box.operator("relume.find_bake", icon="FILE_FOLDER")
+
+
+def _draw_start(layout, scene, label: str) -> None:
+    column = layout.column()
+    column.prop(scene.relume, "quality")
+    if scene.relume.quality == "CUSTOM":
+        column.prop(scene.relume, "samples")
+    column.prop(scene.relume, "folder", text="Folder")
+    row = column.row()
+    row.scale_y = 1.5
+    row.operator("relume.start", text=label, icon="PLAY")
+
+
+def _draw_shot(layout, scene, found: shot.Shot) -> None:
+    state = found.status
+    message(layout, status.headline(state), "ERROR" if state["state"] == "failed" else "NONE")
+    if state["error"] and state["state"] != "failed":
+        message(layout, state["error"], "ERROR")
+    progress = status.progress(state)
+    if progress is not None:
+        layout.progress(factor=progress[0], text=progress[1])
+    if found.is_working:
+        row = layout.row(align=True)
+        paused = state["paused"]
+        row.operator("relume.pause", text="Resume" if paused else "Pause", icon="PLAY" if paused else "PAUSE")
+        row.operator("relume.cancel", icon="X")
+    if status.shown(state):
+        message(layout, status.shown(state))
+    if found.changes.sentences:
+        _draw_changes(layout, found.changes.sentences)
+    if found.notes:
+        _draw_notes(layout, scene, found.notes)
+
+
+def _draw_changes(layout, sentences: list[str]) -> None:
+    box = layout.box()
+    box.label(text="Changed since the bake", icon="ERROR")
+    for sentence in sentences[:MOST_CHANGES]:
+        message(box, sentence)
+    if len(sentences) > MOST_CHANGES:
+        box.label(text=f"and {len(sentences) - MOST_CHANGES} more")
+    box.operator("relume.start", text="Rebake", icon="FILE_REFRESH")
+
+
+def _draw_notes(layout, scene, notes: list[str]) -> None:
+    settings = scene.relume
+    icon = "DOWNARROW_HLT" if settings.show_warnings else "RIGHTARROW"
+    text = "1 note" if len(notes) == 1 else f"{len(notes)} notes"
+    layout.prop(settings, "show_warnings", text=text, icon=icon, emboss=False)
+    if settings.show_warnings:
+        for note in notes:
+            message(layout, note, "INFO")
+
+
+def register():
+    """Adds the panel."""
+    bpy.utils.register_class(RELUME_PT_main)
+
+
+def unregister():
+    """Takes it away."""
+    bpy.utils.unregister_class(RELUME_PT_main)

@@ -1,0 +1,199 @@
+"""What became of a scene since its bake is noticed, in words, and outlives saving and opening."""
+
+import bpy
+import pytest
+
+from addon.engine import record, shot
+from addon.ui import handlers
+from addon.ui.start import start
+from fake_live import FakeLive
+from helpers import add_material, add_quad
+
+
+@pytest.fixture
+def baked(lit):
+    """A bake of a lit plane and a red cube, with a world; what the add-on says has changed."""
+    lit.world = bpy.data.worlds.new("World")
+    if bpy.app.version < (5, 2, 0):
+        lit.world.use_nodes = True
+    background(lit).inputs["Color"].default_value = (0.5, 0.5, 0.5, 1.0)
+    material, tree, output = add_material("Red")
+    diffuse = tree.nodes.new("ShaderNodeBsdfDiffuse")
+    tree.links.new(diffuse.outputs[0], output.inputs["Surface"])
+    add_quad(lit, "Sofa", material=material)
+    bpy.ops.ed.undo_push(message="set up")
+    start(lit)
+    FakeLive.made[-1].tell(state="ready", samples=4, samples_total=4)
+    assert said(lit) == []
+    return lit
+
+
+def background(scene):
+    """The node with the colour of the world."""
+    return next(node for node in scene.world.node_tree.nodes if node.bl_idname == "ShaderNodeBackground")
+
+
+def said(scene):
+    """The sentences, after everything was looked at."""
+    bpy.context.view_layer.update()
+    found = shot.of(scene)
+    for _ in range(1000):
+        handlers.tick()
+        handlers._resting.clear()
+        if not found.changes.is_pending:
+            return found.changes.sentences
+    raise AssertionError("looking for changes does not come to an end")
+
+
+def move_camera(scene):
+    scene.camera.location.x = 1.0
+    return "The camera moved"
+
+
+def other_lens(scene):
+    scene.camera.data.lens = 35.0
+    return "Lens or focus of the camera changed"
+
+
+def other_camera(scene):
+    camera = bpy.data.objects.new("Second", scene.camera.data)
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    return "The camera is 'Second' now; the bake is of 'Camera'"
+
+
+def other_resolution(scene):
+    scene.render.resolution_percentage = 50
+    return "The picture has 32 x 24 pixels now; the bake has 64 x 48"
+
+
+def move_object(_scene):
+    bpy.data.objects["Sofa"].location.z = 1.0
+    return "'Sofa' moved"
+
+
+def move_vertex(_scene):
+    mesh = bpy.data.meshes["Sofa"]
+    mesh.vertices[0].co.z = 0.25
+    mesh.update()
+    return "Mesh 'Sofa' changed"
+
+
+def other_material(_scene):
+    bpy.data.objects["Sofa"].material_slots[0].material = bpy.data.materials.new("Blue")
+    return "'Sofa' has other materials"
+
+
+def edit_material(_scene):
+    node = bpy.data.materials["Red"].node_tree.nodes["Diffuse BSDF"]
+    node.inputs["Color"].default_value = (1.0, 0.0, 0.0, 1.0)
+    return "Material 'Red' changed"
+
+
+def add_modifier(_scene):
+    bpy.data.objects["Sofa"].modifiers.new("Thick", "SOLIDIFY")
+    return "Modifiers of 'Sofa' changed"
+
+
+def hide(_scene):
+    bpy.data.objects["Sofa"].hide_render = True
+    return "'Sofa' was deleted or hidden"
+
+
+def delete(_scene):
+    bpy.data.objects.remove(bpy.data.objects["Sofa"])
+    return "'Sofa' was deleted or hidden"
+
+
+def add_object(scene):
+    add_quad(scene, "Table")
+    return "'Table' was added"
+
+
+def other_world(scene):
+    tree = scene.world.node_tree
+    sky = tree.nodes.new("ShaderNodeTexEnvironment")
+    sky.image = bpy.data.images.new("Sky", 8, 4, float_buffer=True)
+    tree.links.new(sky.outputs["Color"], background(scene).inputs["Color"])
+    return "The world changed"
+
+
+def fewer_bounces(scene):
+    scene.cycles.max_bounces = 1
+    scene.update_tag()
+    return "Bounces or filters of the render settings changed"
+
+
+CHANGES = [
+    move_camera,
+    other_lens,
+    other_camera,
+    other_resolution,
+    move_object,
+    move_vertex,
+    other_material,
+    edit_material,
+    add_modifier,
+    hide,
+    delete,
+    add_object,
+    other_world,
+    fewer_bounces,
+]
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_every_change_is_named_and_undone(baked, change):
+    sentence = change(baked)
+    assert said(baked) == [sentence]
+    bpy.ops.ed.undo_push(message="changed")
+    bpy.ops.ed.undo()
+    assert said(bpy.context.scene) == []
+
+
+def test_lights_and_selection_are_no_changes(baked):
+    bpy.data.objects["Key"].location.x = 2.0
+    bpy.data.objects["Sofa"].select_set(True)
+    bpy.data.lights["Key"].energy = 5.0
+    assert said(baked) == []
+
+
+def test_a_brighter_world_is_relit_and_no_change(baked):
+    live = FakeLive.made[-1]
+    node = background(baked)
+    node.inputs["Strength"].default_value = 3.0
+    assert said(baked) == []
+    assert live.requests[-1]["world"] == pytest.approx([3.0, 3.0, 3.0])
+    node.inputs["Color"].default_value = (0.25, 0.5, 1.0, 1.0)
+    assert said(baked) == []
+    assert live.requests[-1]["world"] == pytest.approx([1.5, 3.0, 6.0])
+
+
+def test_edits_while_the_bake_begins_are_not_taken_for_baked(lit):
+    add_quad(lit, "Sofa")
+    bpy.context.view_layer.update()
+    start(lit)
+    bpy.data.objects["Sofa"].location.x = 3.0
+    assert said(lit) == ["'Sofa' was edited while the bake began"]
+
+
+def test_record_outlives_the_file(baked, tmp_path):
+    handlers.tick()
+    kept = record.read(tmp_path / "bake")
+    assert kept.camera == "Camera" and "Sofa" in kept.receivers
+    assert kept.prints == record.of(baked).prints
+    bpy.data.objects["Sofa"].location.z = 1.0
+    assert said(baked) == ["'Sofa' moved"]
+    path = tmp_path / "shot.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    scene = bpy.context.scene
+    shot.Shot.open(scene)
+    handlers.read_lights(scene)
+    assert said(scene) == ["'Sofa' moved"]
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"format": "relume-shot", "version": 1}', '{"format": 1}', "null"])
+def test_damaged_records_are_none(tmp_path, text):
+    (tmp_path / record.FILE).write_text(text)
+    assert record.read(tmp_path) is None

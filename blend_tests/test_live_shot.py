@@ -1,0 +1,189 @@
+"""A tiny shot with the real native module: from Start to pictures, while the artist does what artists do."""
+
+import time
+
+import bpy
+import numpy as np
+import pytest
+
+from addon.engine import options, record, shot
+from addon.engine.options import remembered_bake
+from addon.ui import handlers
+from addon.ui.start import start
+from helpers import add_light, add_material, add_quad
+
+SECONDS = 60.0
+
+
+@pytest.fixture
+def studio(scene, tmp_path):
+    """The add-on enabled, a plane and a light, a folder, no time for training."""
+    bpy.ops.preferences.addon_enable(module="addon")
+    options.preferences().train_seconds = 0.0
+    material, tree, output = add_material("White")
+    diffuse = tree.nodes.new("ShaderNodeBsdfDiffuse")
+    tree.links.new(diffuse.outputs[0], output.inputs["Surface"])
+    add_quad(scene, size=4.0, material=material)
+    add_light(scene, "POINT", name="Key", shadow_soft_size=0.5)
+    scene.render.resolution_x, scene.render.resolution_y = 32, 24
+    scene.relume.folder = str(tmp_path / "bake")
+    scene.relume.quality, scene.relume.samples = "CUSTOM", 16
+    bpy.context.view_layer.update()
+    yield scene
+    bpy.ops.preferences.addon_disable(module="addon")
+
+
+def until(scene, condition, what):
+    """Ticks as Blender's timer does, until something is so."""
+    deadline = time.monotonic() + SECONDS
+    while time.monotonic() < deadline:
+        handlers.tick()
+        found = shot.of(scene)
+        assert found.status["state"] != "failed", found.status["error"]
+        if condition(found):
+            return found
+        time.sleep(handlers.TICK_SECONDS)
+    raise AssertionError(f"waited {SECONDS} s for {what}: {found.status}")
+
+
+def settled(found):
+    """Whether the newest request has its full picture and nothing goes on."""
+    return not found.is_busy and not handlers._resting and found.frame is not None and found.frame.scale == 1
+
+
+def test_start_shows_the_light_and_follows_it(studio):
+    start(studio)
+    found = until(studio, settled, "the first pictures")
+    assert found.frame.image.shape == (24, 32, 4)
+    before = found.frame.image[..., :3].mean()
+    assert before > 0.0
+    bpy.data.lights["Key"].energy *= 2.0
+    bpy.context.view_layer.update()
+    found = until(studio, settled, "a picture of the brighter light")
+    assert found.frame.image[..., :3].mean() == pytest.approx(2.0 * before, rel=1e-3)
+    bpy.data.objects["Key"].location.x = -1.5
+    bpy.context.view_layer.update()
+    image = until(studio, settled, "a picture of the moved light").frame.image
+    assert image[:, :16, :3].mean() > 1.5 * image[:, 16:, :3].mean()
+    bpy.data.objects["Key"].hide_render = True
+    bpy.context.view_layer.update()
+    assert until(studio, settled, "darkness").frame.image[..., :3].max() == pytest.approx(0.0, abs=1e-6)
+    add_light(studio, "AREA", name="Rim")
+    bpy.context.view_layer.update()
+    assert until(studio, settled, "the new light").frame.image[..., :3].mean() > 0.0
+
+
+def test_reopened_file_shows_the_same_picture(studio, tmp_path):
+    path = tmp_path / "shot.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    start(studio)
+    until(studio, lambda found: settled(found) and found.is_recorded, "the bake")
+    image = shot.of(studio).frame.image
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    scene = bpy.context.scene
+    assert shot.all_open() == []
+    shot.Shot.open(scene)
+    handlers.read_lights(scene)
+    found = until(scene, settled, "the bake to open")
+    assert np.abs(found.frame.image - image).max() < 1e-4
+    assert record.read(tmp_path / "bake").camera == "Camera"
+    assert found.changes.sentences == []
+
+
+def test_disabled_opened_and_undone_while_baking(studio, tmp_path):
+    studio.relume.samples = 4096
+    start(studio)
+    until(studio, lambda found: found.frame is not None, "the first picture")
+    bpy.ops.ed.undo_push(message="one")
+    bpy.data.objects["Key"].location.x = 1.0
+    bpy.ops.ed.undo_push(message="two")
+    bpy.ops.ed.undo()
+    handlers.tick()
+    began = time.monotonic()
+    bpy.ops.wm.read_homefile(use_empty=True)
+    bpy.ops.preferences.addon_disable(module="addon")
+    bpy.ops.preferences.addon_enable(module="addon")
+    assert time.monotonic() - began < SECONDS / 6
+    assert shot.all_open() == []
+
+
+def test_cancelled_bake_keeps_its_samples_and_goes_on(studio):
+    studio.relume.samples = 2048
+    start(studio)
+    found = until(studio, lambda found: found.status["samples"] > 0, "samples")
+    found.cancel()
+    until(studio, lambda found: found.status["state"] == "cancelled", "the end")
+    kept = found.status["samples"]
+    assert 0 < kept < 2048
+    bpy.ops.relume.start()
+    assert until(studio, lambda found: found.status["samples"] > kept, "more samples")
+
+
+def test_moved_bake_is_missed_by_name_and_found_again(studio, tmp_path):
+    path = tmp_path / "here" / "shot.blend"
+    path.parent.mkdir()
+    studio.relume.folder = ""
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    start(studio)
+    baked = shot.of(studio).folder
+    assert baked == path.parent / "relume" / "shot_Scene_Camera"
+    until(studio, lambda found: settled(found) and found.is_recorded, "the bake")
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.read_homefile(use_empty=True)
+    # The whole folder is moved, as one does with a project.
+    path.parent.rename(tmp_path / "there")
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "there" / "shot.blend"))
+    scene = bpy.context.scene
+    assert bpy.ops.relume.show_bake() == {"FINISHED"}
+    until(scene, settled, "the moved bake")
+    shot.close_all()
+    # The bake alone is moved.
+    elsewhere = tmp_path / "archive"
+    shot_folder = tmp_path / "there" / "relume" / "shot_Scene_Camera"
+    shot_folder.rename(elsewhere)
+    with pytest.raises(RuntimeError, match="no bake in .*shot_Scene_Camera"):
+        bpy.ops.relume.show_bake()
+    with pytest.raises(RuntimeError, match="no bake of Relume"):
+        bpy.ops.relume.find_bake(directory=str(tmp_path))
+    assert bpy.ops.relume.find_bake(directory=str(elsewhere)) == {"FINISHED"}
+    until(scene, settled, "the found bake")
+    assert remembered_bake(scene) == elsewhere
+
+
+def test_file_saved_elsewhere_still_finds_its_bake(studio, tmp_path):
+    (tmp_path / "one").mkdir()
+    (tmp_path / "two").mkdir()
+    studio.relume.folder = ""
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "one" / "shot.blend"))
+    start(studio)
+    until(studio, settled, "the bake")
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "two" / "shot.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "two" / "shot.blend"))
+    assert remembered_bake(bpy.context.scene) == tmp_path / "one" / "relume" / "shot_Scene_Camera"
+
+
+def test_two_scenes_have_shots_of_their_own(studio, tmp_path):
+    start(studio)
+    bpy.ops.scene.new(type="FULL_COPY")
+    second = bpy.context.scene
+    assert shot.of(second) is None
+    second.relume.folder = str(tmp_path / "second")
+    start(second)
+    until(studio, settled, "the first scene")
+    until(second, settled, "the second scene")
+    assert shot.of(studio).folder != shot.of(second).folder
+    bpy.data.scenes.remove(second)
+    handlers.tick()
+    assert [found.scene_uid for found in shot.all_open()] == [studio.session_uid]
+
+
+def test_unsaved_file_bakes_into_the_cache_folder(studio, tmp_path):
+    studio.relume.folder = ""
+    options.preferences().cache_folder = str(tmp_path / "cache")
+    start(studio)
+    assert shot.of(studio).folder == tmp_path / "cache" / "unsaved_Scene_Camera"
+    until(studio, settled, "the bake")
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "late.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "late.blend"))
+    assert remembered_bake(bpy.context.scene) == tmp_path / "cache" / "unsaved_Scene_Camera"
