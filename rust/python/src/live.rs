@@ -4,6 +4,7 @@ use crate::error::{NativeError, enter_native, invalid};
 use crate::scene::PyScene;
 use numpy::{PyArray1, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
 use pyo3::types::PyDict;
 use relume_session::live::{self, LiveOptions, LiveRequest};
 use relume_session::trace::TraceSettings;
@@ -52,7 +53,8 @@ impl PyLive {
 
     #[pyo3(signature = (newer_than=0))]
     fn frame(&self, newer_than: u64) -> Option<PyFrame> {
-        self.live.frame(newer_than).map(PyFrame)
+        let frame = self.live.frame(newer_than)?;
+        Some(PyFrame { frame, image: PyOnceLock::new() })
     }
 
     fn status(&self, py: Python<'_>) -> PyResult<String> {
@@ -78,36 +80,42 @@ impl PyLive {
 
 /// See the stubs.
 #[pyclass(name = "Frame", module = "relume", frozen)]
-pub struct PyFrame(Arc<live::Frame>);
+pub struct PyFrame {
+    frame: Arc<live::Frame>,
+    /// Copied when it is first asked for.
+    image: PyOnceLock<Py<PyArray3<f32>>>,
+}
 
 #[pymethods]
 impl PyFrame {
     #[getter]
     fn serial(&self) -> u64 {
-        self.0.shown.serial
+        self.frame.shown.serial
     }
 
     #[getter]
     fn request(&self) -> u64 {
-        self.0.shown.request
+        self.frame.shown.request
     }
 
     #[getter]
     fn scale(&self) -> usize {
-        self.0.shown.scale
+        self.frame.shown.scale
     }
 
     #[getter]
-    fn image<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f32>>> {
-        let image = &self.0.image;
-        let row = image.width * image.channels;
-        let mut data = Vec::with_capacity(image.data.len());
-        image.data.chunks_exact(row).rev().for_each(|row| data.extend_from_slice(row));
-        PyArray1::from_vec(py, data).reshape([image.height, image.width, image.channels])
+    fn image(&self, py: Python<'_>) -> PyResult<Py<PyArray3<f32>>> {
+        let image = &self.frame.image;
+        let copy = || {
+            let array =
+                PyArray1::from_slice(py, &image.data).reshape([image.height, image.width, image.channels]);
+            array.map(Bound::unbind)
+        };
+        self.image.get_or_try_init(py, copy).map(|array| array.clone_ref(py))
     }
 
     #[getter]
     fn summary(&self, py: Python<'_>) -> PyResult<String> {
-        enter_native(py, || serde_json::to_string(&self.0.shown))
+        enter_native(py, || serde_json::to_string(&self.frame.shown))
     }
 }

@@ -198,7 +198,8 @@ class Frame:
 
     @property
     def image(self) -> NDArray[np.float32]:
-        """Scene-linear RGBA [height, width, 4], bottom row first, premultiplied; a copy."""
+        """Scene-linear RGBA [height, width, 4], bottom row first, premultiplied. The same array at every
+        access."""
 
     @property
     def summary(self) -> str:

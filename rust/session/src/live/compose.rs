@@ -42,13 +42,16 @@ fn add_halved_row(row: &mut [f32], upper: &[f32], lower: &[f32], weight: &[f32; 
     }
 }
 
-/// RGBA from colour and alpha.
+/// RGBA from colour and alpha, bottom row first.
 pub(super) fn with_alpha(rgb: &Image, alpha: &Image) -> Image {
     let mut out = Image::new(rgb.width, rgb.height, 4);
-    let pixels = rgb.data.as_chunks::<3>().0.iter().zip(&alpha.data);
-    for (out, ([r, g, b], a)) in out.data.as_chunks_mut::<4>().0.iter_mut().zip(pixels) {
-        *out = [*r, *g, *b, *a];
-    }
+    let rows = rgb.data.par_chunks_exact(3 * rgb.width).zip(alpha.data.par_chunks_exact(rgb.width)).rev();
+    out.data.par_chunks_exact_mut(4 * rgb.width).zip(rows).for_each(|(out, (rgb, alpha))| {
+        let pixels = rgb.as_chunks::<3>().0.iter().zip(alpha);
+        for (out, ([r, g, b], a)) in out.as_chunks_mut::<4>().0.iter_mut().zip(pixels) {
+            *out = [*r, *g, *b, *a];
+        }
+    });
     out
 }
 
@@ -68,5 +71,12 @@ mod tests {
         // Means of rows 0 and 1, columns 0 and 1, then 2 and 3, of the red and green channel.
         assert_eq!(sum.data, [7.5, 17.0, 5.0, 13.5, 29.0, 5.0]);
         assert_eq!(super::super::view::half(&full).data[..3], [7.5, 8.5, 9.5]);
+    }
+
+    #[test]
+    fn frames_begin_with_the_bottom_row() {
+        let rgb = Image { data: (0..6).map(|i| i as f32).collect(), ..Image::new(1, 2, 3) };
+        let alpha = Image { data: vec![0.5, 1.0], ..Image::new(1, 2, 1) };
+        assert_eq!(with_alpha(&rgb, &alpha).data, [3.0, 4.0, 5.0, 1.0, 0.0, 1.0, 2.0, 0.5]);
     }
 }

@@ -84,7 +84,7 @@ pub struct Shown {
 /// A finished picture.
 #[derive(Debug)]
 pub struct Frame {
-    /// Scene-linear RGBA with the film's alpha, top row first.
+    /// Scene-linear RGBA with the film's alpha; **bottom row first**, as Blender's textures are.
     pub image: Image,
     /// What it shows.
     pub shown: Shown,
