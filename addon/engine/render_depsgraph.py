@@ -1,72 +1,229 @@
 """A render-mode depsgraph, which Blender gives only to render engines: modifiers at render levels, objects that are
-shown in renders only. A hidden engine is registered around one render and passes its depsgraph on."""
+shown in renders only. A hidden engine is registered around one render and passes its depsgraph on.
+
+In Blender's window the render is a job of Blender's own, on a thread of its own; without a window it is done when the
+call returns. Either way the user's settings, picture and windows stay as they were.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import contextmanager
-from typing import TypeVar
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any, Generic, TypeVar
 
 import bpy
 
 Result = TypeVar("Result")
+Stop = Callable[[], bool]
+"""Whether the work should end."""
+
+POLL_SECONDS = 0.01
+SLOT = "Relume"
+"""The render slot that takes the empty picture of the hidden engine."""
+SWITCH_SECONDS = 0.0002
+"""How long Blender's window waits for Python while the work runs on another thread; Python's own 5 ms add up to a
+standstill, because every panel waits anew."""
+
+
+class ExportCancelled(Exception):  # noqa: N818 -- what the user wanted is no error
+    """The user or Blender stopped it."""
 
 
 class RelumeExportEngine(bpy.types.RenderEngine):
-    """Hands the depsgraph of a final render to `work` and draws nothing."""
+    """Hands the depsgraph of a final render to `task` and draws nothing."""
 
     bl_idname = "RELUME_EXPORT"
     bl_label = "Relume (internal)"
     bl_use_preview = False
 
-    work: Callable[[bpy.types.Depsgraph], None] | None = None
+    task: RenderTask[Any] | None = None
 
     def render(self, depsgraph):
         """Called by Blender, once."""
-        work, type(self).work = type(self).work, None
-        if work is not None:
-            work(depsgraph)
+        task, type(self).task = type(self).task, None
+        if task is not None:
+            task.run(self, depsgraph)
 
 
-def with_render_depsgraph(scene: bpy.types.Scene, work: Callable[[bpy.types.Depsgraph], Result]) -> Result:
-    """The result of `work`, called with the depsgraph of the scene's present frame and first render layer. An
-    exception of `work` is raised here: one that left the engine would hang Blender before 5.0."""
-    outcome: list[Result] = []
-    errors: list[BaseException] = []
+class RenderTask(Generic[Result]):
+    """Work with a render-mode depsgraph, and what came of it."""
 
-    def guarded(depsgraph: bpy.types.Depsgraph) -> None:
+    def __init__(self, scene: bpy.types.Scene, work: Callable[[bpy.types.Depsgraph, Stop], Result]):
+        self.scene_name, self.scene_uid = scene.name, scene.session_uid
+        self.work = work
+        self.started = self.cancelled = False
+        self._outcome: list[Result] = []
+        self._error: BaseException | None = None
+
+    def run(self, engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> None:
+        """Called by the engine. No exception leaves it: one would hang Blender before 5.0."""
+        self.started = True
+        before = sys.getswitchinterval()
+        sys.setswitchinterval(SWITCH_SECONDS)
         try:
-            outcome.append(work(depsgraph))
+            self._outcome.append(self.work(depsgraph, lambda: self.cancelled or engine.test_break()))
         except BaseException as error:
-            errors.append(error)
+            self._error = error
+        finally:
+            sys.setswitchinterval(before)
 
-    layer = next((layer.name for layer in scene.view_layers if layer.use), scene.view_layers[0].name)
-    # A RenderEngine class left registered crashes Blender 4.2 at exit and hangs 4.5.
-    bpy.utils.register_class(RelumeExportEngine)
+    def cancel(self) -> None:
+        """Asks the work to end."""
+        self.cancelled = True
+
+    def result(self) -> Result:
+        """What the work returned; raises what it raised."""
+        if self._error is not None:
+            raise self._error
+        if self._outcome:
+            return self._outcome[0]
+        if self.cancelled:
+            raise ExportCancelled("cancelled")
+        raise RuntimeError(
+            f"Blender did not render scene '{self.scene_name}'; is a camera set, is a view layer enabled?"
+        )
+
+    def set_render(self, values: dict[str, Any]) -> dict[str, Any]:
+        """Changes render settings of the scene and returns what they were. Finds the scene by its number, as undo and
+        other files free the object itself; does nothing if it is gone."""
+        before = {}
+        for scene in (scene for scene in bpy.data.scenes if scene.session_uid == self.scene_uid):
+            before = {name: getattr(scene.render, name) for name in values}
+            for name, value in values.items():
+                setattr(scene.render, name, value)
+        return before
+
+
+def with_render_depsgraph(scene: bpy.types.Scene, work: Callable[[bpy.types.Depsgraph, Stop], Result]) -> Result:
+    """The result of `work`, called with the depsgraph of the scene's present frame and first render layer, and with
+    what says whether to stop. Blender's window stands still meanwhile."""
+    task = RenderTask(scene, work)
+    with _hidden_engine(task), _kept_render_result(), _render_settings(task):
+        bpy.ops.render.render(layer=_layer(scene), scene=scene.name)
+    return task.result()
+
+
+def start_with_render_depsgraph(
+    scene: bpy.types.Scene,
+    work: Callable[[bpy.types.Depsgraph, Stop], Result],
+    done: Callable[[Result | None, BaseException | None], None],
+) -> RenderTask[Result]:
+    """As `with_render_depsgraph`, but returns at once: `work` runs on another thread, `done` is called from Blender's
+    event loop with its result or error."""
+    task = RenderTask(scene, work)
+    around, settings = ExitStack(), ExitStack()
     try:
-        with _render_settings(scene):
-            RelumeExportEngine.work = guarded
-            bpy.ops.render.render(layer=layer, scene=scene.name)
-    finally:
-        RelumeExportEngine.work = None
-        bpy.utils.unregister_class(RelumeExportEngine)
-    if errors:
-        raise errors[0]
-    if not outcome:
-        raise RuntimeError(f"Blender did not render scene '{scene.name}'; is a camera set, is a view layer enabled?")
-    return outcome[0]
+        around.enter_context(_hidden_engine(task))
+        around.enter_context(_kept_render_result())
+        around.push(settings)
+        settings.enter_context(_render_settings(task))
+        with _no_render_window(), bpy.context.temp_override(window=_window()):
+            answer = bpy.ops.render.render("INVOKE_DEFAULT", layer=_layer(scene), scene=scene.name)
+        if answer == {"CANCELLED"}:
+            raise RuntimeError("Blender is rendering already; wait for its end or press Esc there")
+    except BaseException:
+        around.close()
+        raise
+
+    def poll() -> float | None:
+        if task.started:  # Blender has copied them.
+            settings.close()
+        if bpy.app.is_job_running("RENDER") or (not task.started and _is_waiting()):
+            return POLL_SECONDS
+        around.close()
+        _finish(task, done)
+        return None
+
+    bpy.app.timers.register(poll, first_interval=POLL_SECONDS, persistent=True)
+    return task
+
+
+def _finish(task: RenderTask[Result], done: Callable[[Result | None, BaseException | None], None]) -> None:
+    if not task.started:  # Stopped before it began.
+        task.cancel()
+    try:
+        result = task.result()
+    except BaseException as error:
+        done(None, error)
+    else:
+        done(result, None)
+
+
+def _is_waiting() -> bool:
+    """Whether a render was asked for: Blender starts its job a moment later."""
+    windows = bpy.context.window_manager.windows
+    return any(operator.bl_idname == "RENDER_OT_render" for window in windows for operator in window.modal_operators)
+
+
+def _layer(scene: bpy.types.Scene) -> str:
+    return next((layer.name for layer in scene.view_layers if layer.use), scene.view_layers[0].name)
+
+
+def _window() -> bpy.types.Window:
+    return bpy.context.window or bpy.context.window_manager.windows[0]
 
 
 @contextmanager
-def _render_settings(scene: bpy.types.Scene):
-    """Switches to the hidden engine, without sequencer and compositor, and back."""
-    render = scene.render
-    wanted = {"engine": RelumeExportEngine.bl_idname, "use_sequencer": False, "use_compositing": False}
-    before = {name: getattr(render, name) for name in wanted}
+def _hidden_engine(task: RenderTask[Any]) -> Iterator[None]:
+    # A RenderEngine class left registered crashes Blender 4.2 at exit and hangs 4.5.
+    bpy.utils.register_class(RelumeExportEngine)
+    RelumeExportEngine.task = task
     try:
-        for name, value in wanted.items():
-            setattr(render, name, value)
         yield
     finally:
-        for name, value in before.items():
-            setattr(render, name, value)
+        RelumeExportEngine.task = None
+        bpy.utils.unregister_class(RelumeExportEngine)
+
+
+@contextmanager
+def _render_settings(task: RenderTask[Any]) -> Iterator[None]:
+    """Switches to the hidden engine, without sequencer and compositor, and back."""
+    before = task.set_render({"engine": RelumeExportEngine.bl_idname, "use_sequencer": False, "use_compositing": False})
+    try:
+        yield
+    finally:
+        task.set_render(before)
+
+
+@contextmanager
+def _kept_render_result() -> Iterator[None]:
+    """Lets the user's last picture be: the empty one goes into a slot of its own, or away if there was none."""
+    image = _render_result()
+    if image is None:
+        try:
+            yield
+        finally:
+            image = _render_result()
+            if image is not None:
+                bpy.data.images.remove(image)
+        return
+    slots = image.render_slots
+    before = slots.active_index
+    names = [slot.name for slot in slots]
+    if SLOT not in names:
+        slots.new(name=SLOT)
+    slots.active_index = names.index(SLOT) if SLOT in names else len(names)
+    try:
+        yield
+    finally:
+        image = _render_result()
+        if image is not None:
+            image.render_slots.active_index = before
+
+
+def _render_result() -> bpy.types.Image | None:
+    return next((image for image in bpy.data.images if image.type == "RENDER_RESULT"), None)
+
+
+@contextmanager
+def _no_render_window() -> Iterator[None]:
+    """Keeps Blender from showing a picture that the user did not ask for."""
+    preferences = bpy.context.preferences
+    before, unsaved = preferences.view.render_display_type, preferences.is_dirty
+    preferences.view.render_display_type = "NONE"
+    try:
+        yield
+    finally:
+        preferences.view.render_display_type = before
+        preferences.is_dirty = unsaved

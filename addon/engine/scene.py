@@ -2,24 +2,73 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import bpy
 
 from ..export import ExportOptions, export_scene
 from .native import native
-from .render_depsgraph import with_render_depsgraph
+from .render_depsgraph import (
+    ExportCancelled,
+    RenderTask,
+    Stop,
+    start_with_render_depsgraph,
+    with_render_depsgraph,
+)
 
 LINEAR_REC709 = "Linear Rec.709"
 
 
 def load_scene(scene: bpy.types.Scene, options: ExportOptions | None = None) -> Any:
     """A `relume.Scene` of the present frame, as a final render would see it."""
+    native()
+    return with_render_depsgraph(scene, _export(options))
+
+
+def load_scene_async(
+    scene: bpy.types.Scene,
+    options: ExportOptions | None,
+    done: Callable[[Any | None, BaseException | None], None],
+) -> RenderTask | None:
+    """As `load_scene`, without holding up Blender's window: `done` gets the scene or the error, from the event loop.
+    The task can be cancelled; so can Esc, as any render (the error is `ExportCancelled`). Without a window all is done
+    on return."""
+    try:
+        if not bpy.app.background:
+            native()
+            return start_with_render_depsgraph(scene, _export(options), done)
+        result = load_scene(scene, options)
+    except Exception as error:
+        done(None, error)
+    else:
+        done(result, None)
+    return None
+
+
+def scene_of_depsgraph(depsgraph: bpy.types.Depsgraph, options: ExportOptions | None, stop: Stop) -> Any:
+    """A `relume.Scene` of what a render engine was given. Raises `ExportCancelled` soon after `stop` says so."""
     builder = native().SceneBuilder(working_space())
     if working_space() != LINEAR_REC709:
         builder.warn(f"working space {working_space()}: image textures and black bodies keep {LINEAR_REC709} primaries")
-    with_render_depsgraph(scene, lambda depsgraph: export_scene(builder, depsgraph, options or ExportOptions()))
+    export_scene(_Stoppable(builder, stop), depsgraph, options or ExportOptions())
     return builder.build()
+
+
+def _export(options: ExportOptions | None) -> Callable[[bpy.types.Depsgraph, Stop], Any]:
+    return lambda depsgraph, stop: scene_of_depsgraph(depsgraph, options, stop)
+
+
+class _Stoppable:
+    """A scene builder that may be interrupted before each part."""
+
+    def __init__(self, builder: Any, stop: Stop):
+        self._builder, self._stop = builder, stop
+
+    def __getattr__(self, name: str) -> Any:
+        if self._stop():
+            raise ExportCancelled("cancelled")
+        return getattr(self._builder, name)
 
 
 def working_space() -> str:

@@ -51,7 +51,9 @@ class Shot:
         self.lights = SceneLights(_view_layer(scene), kept.receivers if kept else _names(scene))
         self.changes = Changes(kept.prints if kept else None)
         self.is_recorded = kept is not None
-        self._request, self._request_number = "", 0
+        self.request = ""
+        """The newest request, JSON."""
+        self._request_number = 0
         self._status_text = ""
         self._news = time.monotonic()
         self._live = native().Live(
@@ -138,12 +140,17 @@ class Shot:
         """Asks for a picture; the newest request wins. `lights` as `SceneLights` describes them, `mix` as
         `core.rows.mix` does. False if that is what was asked for before."""
         request = json.dumps({"lights": lights, **mix, "interactive": interactive, "with": "auto"})
-        if request == self._request:
+        if request == self.request:
             return False
-        self._request = request
+        self.ask(request)
+        return True
+
+    def ask(self, request: str) -> int:
+        """Asks for the picture of a request as it was kept; its number."""
+        self.request = request
         self._news = time.monotonic()
         self._request_number = self._live.relight(request)
-        return True
+        return self._request_number
 
     def poll(self) -> bool:
         """Takes the newest picture and status; whether there was anything new."""

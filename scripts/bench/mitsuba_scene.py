@@ -236,7 +236,7 @@ def main():
     bpy.ops.wm.open_mainfile(filepath=args.blend)
     bpy.ops.preferences.addon_enable(module="cycles")
     scene = MitsubaScene(args.folder)
-    with_render_depsgraph(bpy.context.scene, lambda graph: export_scene(scene, graph, ExportOptions()))
+    with_render_depsgraph(bpy.context.scene, lambda graph, _: export_scene(scene, graph, ExportOptions()))
     print(json.dumps({"scene": str(scene.write())}), flush=True)
 
 

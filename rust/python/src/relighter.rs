@@ -7,6 +7,7 @@ use numpy::{PyArray1, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use relume_session::image::Image;
+use relume_session::scene::Light;
 use relume_session::{
     Device, LightSet, Monitor, OptimiseOptions, RelightOptions, Relighter, Relit, With, optimise,
 };
@@ -51,21 +52,23 @@ impl PyRelighter {
         maker: &str,
         denoise: bool,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let with = match maker {
-            "auto" => With::Auto,
-            "gather" => With::Gather,
-            "proxy" => With::Proxy,
-            _ => return Err(invalid(format!("maker '{maker}' is not auto, gather or proxy")).into()),
-        };
-        let options = RelightOptions { with, denoise };
+        let options = options(maker, denoise)?;
         let relit = enter_native(py, || -> Result<Relit, NativeError> {
-            let lights = match lights {
-                Some(json) => LightSet::parse(json).map_err(invalid)?.lights,
-                None => self.relighter.scene_lights()?.lights,
-            };
-            Ok(self.relighter.relight(&lights, &options, &Monitor::default())?)
+            Ok(self.relighter.relight(&self.lights(lights)?, &options, &Monitor::default())?)
         })?;
         pictures(py, relit)
+    }
+
+    /// Starts to make each light's picture, which `relight` then only sums.
+    #[pyo3(signature = (lights=None, *, maker="auto", denoise=true))]
+    fn prepare(&self, lights: Option<&str>, maker: &str, denoise: bool) -> PyResult<PyJob> {
+        let options = options(maker, denoise)?;
+        let lights = self.lights(lights)?;
+        let relighter = self.relighter.clone();
+        PyJob::start(move |monitor| -> Result<_, NativeError> {
+            relighter.relight(&lights, &options, monitor)?;
+            Ok(serde_json::Value::Null)
+        })
     }
 
     /// Starts to solve for the lights that make a picture, [height, width, 3].
@@ -85,6 +88,26 @@ impl PyRelighter {
             Ok(serde_json::to_value(optimise(&relighter, &target, start.as_ref(), &options, monitor)?)?)
         })
     }
+}
+
+impl PyRelighter {
+    /// The lights of a light set in JSON, or the scene's own.
+    fn lights(&self, json: Option<&str>) -> Result<Vec<Light>, NativeError> {
+        match json {
+            Some(json) => Ok(LightSet::parse(json).map_err(invalid)?.lights),
+            None => Ok(self.relighter.scene_lights()?.lights),
+        }
+    }
+}
+
+fn options(maker: &str, denoise: bool) -> Result<RelightOptions, NativeError> {
+    let with = match maker {
+        "auto" => With::Auto,
+        "gather" => With::Gather,
+        "proxy" => With::Proxy,
+        _ => return Err(invalid(format!("maker '{maker}' is not auto, gather or proxy"))),
+    };
+    Ok(RelightOptions { with, denoise })
 }
 
 /// All layers of a relit picture, [height, width, channels], top row first.

@@ -208,6 +208,12 @@ impl PyScene {
         (self.scene.camera.width, self.scene.camera.height)
     }
 
+    /// Hash of all that decides the paths, as a bake's manifest carries it.
+    #[getter]
+    fn hash(&self, py: Python<'_>) -> PyResult<String> {
+        enter_native(py, || Ok::<_, NativeError>(self.scene.hash()))
+    }
+
     #[pyo3(signature = (folder, settings="{}", *, resume=false))]
     fn bake(&self, folder: PathBuf, settings: &str, resume: bool) -> PyResult<PyJob> {
         let settings: TraceSettings = serde_json::from_str(settings).map_err(NativeError::from)?;

@@ -101,6 +101,10 @@ class Scene:
     def resolution(self) -> tuple[int, int]:
         """Width and height in pixels."""
 
+    @property
+    def hash(self) -> str:
+        """Hash of all that decides the paths, as a bake's `manifest.json` carries it; lights do not count."""
+
     def bake(self, folder: str | os.PathLike[str], settings: str = "{}", *, resume: bool = False) -> Job:
         """Traces the paths into a folder; settings in the JSON form of `relume_trace::TraceSettings`."""
 
@@ -135,6 +139,15 @@ class Relighter:
     ) -> dict[str, Any]:
         """Pictures under a light set (JSON; the scene's lights if None): scene-linear arrays [height, width, channels],
         top row first: combined, static, world, albedo, normal, depth, alpha, and lights by name."""
+
+    def prepare(
+        self,
+        lights: str | None = None,
+        *,
+        maker: Literal["auto", "gather", "proxy"] = "auto",
+        denoise: bool = True,
+    ) -> Job:
+        """Makes each light's picture ahead, with progress and cancel; `relight` with the same arguments then only sums."""
 
     def optimise(self, target: NDArray[np.float32], lights: str | None = None, options: str = "{}") -> Job:
         """Solves for the lights that make a scene-linear picture [height, width, 3], top row first, from a light set or

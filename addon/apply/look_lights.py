@@ -1,0 +1,141 @@
+"""The lights of a look: how they are now, and putting them back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import bpy
+from mathutils import Matrix
+
+from .writable import RefusedError, why_not
+
+SETTINGS = (
+    "energy",
+    "color",
+    "exposure",
+    "normalize",
+    "use_temperature",
+    "temperature",
+    "shadow_soft_size",
+    "use_soft_falloff",
+    "angle",
+    "shape",
+    "size",
+    "size_y",
+    "spread",
+    "spot_size",
+    "spot_blend",
+)
+"""What a look keeps of a light, as far as its type and its Blender have it."""
+PLACE = ("location", "rotation_euler", "rotation_quaternion", "rotation_axis_angle", "scale")
+TOLERANCE = 1e-5
+"""Of a matrix entry: Blender stores location, rotation and scale in 32 bits."""
+
+
+def light_state(obj: bpy.types.Object) -> dict[str, Any]:
+    """One light of a `core.looks.Look`."""
+    light = obj.data
+    return {
+        "name": obj.name,
+        "type": light.type,
+        "matrix": [list(row) for row in obj.matrix_world],
+        "hidden": obj.hide_render or obj.hide_viewport,
+        "settings": {name: _plain(getattr(light, name)) for name in SETTINGS if hasattr(light, name)},
+    }
+
+
+def restore_lights(objects: Iterable[bpy.types.Object], states: Iterable[dict[str, Any]]) -> list[str]:
+    """Makes lights what they were, matched by name; the names that were not found. Raises RefusedError, and has then
+    written nothing."""
+    by_name = {obj.name: obj for obj in objects}
+    states = list(states)
+    found = [_Restore(by_name[state["name"]], state) for state in states if state["name"] in by_name]
+    reasons = [reason for restore in found for reason in restore.refusals()]
+    if reasons:
+        raise RefusedError(reasons)
+    for restore in found:
+        restore.write()
+    return [state["name"] for state in states if state["name"] not in by_name]
+
+
+@dataclass
+class _Restore:
+    """What differs between a light and its state in a look."""
+
+    obj: bpy.types.Object
+    state: dict[str, Any]
+    settings: dict[str, Any] = field(init=False)
+    moves: bool = field(init=False)
+    hides: bool = field(init=False)
+    retypes: bool = field(init=False)
+
+    def __post_init__(self) -> None:
+        now = light_state(self.obj)
+        self.retypes = now["type"] != self.state["type"]
+        # Another type has other settings: then all of them are written.
+        before = {} if self.retypes else now["settings"]
+        wanted = {name: value for name, value in self.state["settings"].items() if name in SETTINGS}
+        self.settings = {
+            name: value
+            for name, value in wanted.items()
+            if before.get(name) != value and name in _properties(self.state["type"])
+        }
+        self.hides = now["hidden"] != self.state["hidden"]
+        pairs = zip(now["matrix"], self.state["matrix"], strict=True)
+        self.moves = any(abs(a - b) > TOLERANCE for row, other in pairs for a, b in zip(row, other, strict=True))
+
+    def refusals(self) -> list[str]:
+        obj, light = self.obj, self.obj.data
+        reasons = []
+        if self.settings or self.retypes:
+            reasons += [why_not(light, *self.settings), self._unfit()]
+        if self.moves:
+            reasons.append(why_not(obj, *PLACE))
+            if obj.constraints:
+                reasons.append(f"is placed by its constraint '{obj.constraints[0].name}'")
+        if self.hides:
+            reasons.append(why_not(obj, "hide_render", "hide_viewport"))
+        return [f"light '{obj.name}' {reason}" for reason in dict.fromkeys(reasons) if reason]
+
+    def _unfit(self) -> str | None:
+        """Values that the light cannot take, as a look may come from anywhere."""
+        properties = _properties(self.state["type"])
+        if not properties:
+            return f"cannot be of type '{self.state['type']}'"
+        for name, value in self.settings.items():
+            if not _fits(properties[name], value):
+                return f"cannot have {value!r} as its {name.replace('_', ' ')}"
+        return None
+
+    def write(self) -> None:
+        obj = self.obj
+        if self.retypes:
+            obj.data.type = self.state["type"]
+        for name, value in self.settings.items():
+            setattr(obj.data, name, value)
+        if self.moves:
+            obj.matrix_world = Matrix(self.state["matrix"])
+        if self.hides:
+            obj.hide_render = obj.hide_viewport = self.state["hidden"]
+
+
+def _plain(value: Any) -> Any:
+    return value if isinstance(value, bool | int | float | str) else list(value)
+
+
+def _properties(kind: str) -> Any:
+    """The RNA properties of a type of light, by name; nothing for types that there are not."""
+    struct = getattr(bpy.types, f"{kind.capitalize()}Light", None)
+    return struct.bl_rna.properties if struct else {}
+
+
+def _fits(found: bpy.types.Property, value: Any) -> bool:
+    if found.type == "BOOLEAN":
+        return isinstance(value, bool)
+    if found.type == "ENUM":
+        return isinstance(value, str) and value in found.enum_items
+    if getattr(found, "array_length", 0):
+        return isinstance(value, list) and len(value) == found.array_length
+    return isinstance(value, int | float) and not isinstance(value, bool)

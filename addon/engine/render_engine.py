@@ -1,0 +1,226 @@
+"""Final renders by Relume: the bake of the scene if there is one, otherwise a new one, relit by the present lights and
+the rows' mix, in passes."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ..core.bake_folder import is_bake
+from ..core.pass_names import light_passes
+from ..core.progress import progress_line
+from ..core.rows import instance_gain
+from ..export import ExportOptions, trace_settings
+from ..export.camera import film_size
+from .native import native
+from .options import Options, options_of
+from .render_depsgraph import ExportCancelled
+from .scene import scene_of_depsgraph
+
+POLL_SECONDS = 0.05
+NEUTRAL: dict[str, Any] = {"gains": {}, "world": [1.0, 1.0, 1.0], "static": [1.0, 1.0, 1.0]}
+NOTHING_HIT = 1e10
+"""Cycles' depth where no surface is."""
+BAKE_SHARE = 0.9
+"""Of the progress bar, where a bake has to be made."""
+
+
+@dataclass(frozen=True)
+class PassSettings:
+    """Which passes there are besides Combined."""
+
+    lights: bool = True
+    """One for each light, and `static` and `world`."""
+    depth: bool = False
+    normal: bool = False
+    albedo: bool = False
+
+    def declare(self, lights: list[str]) -> list[tuple[str, int, str, str]]:
+        """Name, channels, their letters and Blender's type of each pass."""
+        found = [("Combined", 4, "RGBA", "COLOR")]
+        if self.lights:
+            names = [*light_passes(lights).values(), "static", "world"]
+            found += [(name, 3, "RGB", "COLOR") for name in names]
+        found += [("Depth", 1, "Z", "VALUE")] * self.depth
+        found += [("Normal", 3, "XYZ", "VECTOR")] * self.normal
+        found += [("DiffCol", 3, "RGB", "COLOR")] * self.albedo
+        return found
+
+
+def render(
+    engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, mix: dict[str, Any], passes: PassSettings
+) -> None:
+    """Body of `RenderEngine.render`. What goes wrong is reported: an exception would hang Blender before 5.0."""
+    try:
+        _FinalRender(engine, depsgraph, mix, passes).run()
+    except ExportCancelled:
+        pass
+    except BaseException as error:
+        if not engine.test_break():
+            engine.report({"ERROR"}, f"Relume: {error or repr(error)}")
+
+
+class _FinalRender:
+    def __init__(
+        self,
+        engine: bpy.types.RenderEngine,
+        depsgraph: bpy.types.Depsgraph,
+        mix: dict[str, Any],
+        passes: PassSettings,
+    ):
+        self.engine, self.depsgraph, self.passes = engine, depsgraph, passes
+        self.scene = depsgraph.scene
+        self.options: Options = options_of(self.scene)
+        self.mix = NEUTRAL | mix
+
+    def run(self) -> None:
+        if self.scene.render.use_multiview:
+            raise RuntimeError("stereo views are not supported; switch off Stereoscopy in the output settings")
+        self._say("Reading the scene", 0.0)
+        size = film_size(self.scene.render)
+        exported = scene_of_depsgraph(self.depsgraph, ExportOptions(resolution=size), self.engine.test_break)
+        with self._baked(exported) as folder:
+            picture = self._relit(folder, json.loads(exported.lights()))
+        self._write(picture)
+
+    @contextmanager
+    def _baked(self, exported: Any) -> Iterator[Path]:
+        """A folder with a bake of the scene: its own where that fits or is free, else one for this picture only."""
+        folder = self.options.folder
+        with ExitStack() as stack:
+            if not self._fits(exported, folder):
+                if is_bake(folder) or not _is_free(folder):
+                    folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="relume-")))
+                self._bake(exported, folder)
+            yield folder
+
+    def _fits(self, exported: Any, folder: Path) -> bool:
+        """Whether the folder holds a bake of this very scene and view, with a whole picture at least."""
+        if not is_bake(folder):
+            return False
+        info = native().info(folder)
+        there, wanted = info["shards"]
+        whole = there * len(info["manifest"]["passes"]) >= wanted
+        if info["manifest"]["scene_hash"] != exported.hash or not whole:
+            return False
+        if there < wanted:
+            self.engine.report({"WARNING"}, f"Relume: the bake is unfinished, {100 * there // wanted} % of it is used")
+        return True
+
+    def _bake(self, exported: Any, folder: Path) -> None:
+        def warn(text: str) -> None:
+            self.engine.report({"WARNING"}, f"Relume: {text}")
+
+        settings = trace_settings(self.scene, warn)
+        settings |= {"samples": self.options.samples, "threads": self.options.threads}
+        self._wait(native().bake(exported, folder, settings), 0.0, BAKE_SHARE, warn)
+
+    def _relit(self, folder: Path, lights: list[dict[str, Any]]) -> dict[str, Any]:
+        """Layers of the picture, each with its gain; lights without one are black and cost nothing."""
+        relighter = native().Relighter(folder, device=self.options.device, gpu_memory=self.options.gpu_memory)
+        gains = {light["name"]: instance_gain(self.mix["gains"], light["name"]) for light in lights}
+        names, heard = list(gains), []
+        for light in lights:
+            gain = gains[light["name"]] or [1.0, 1.0, 1.0]
+            light["radiance"] = [a * b for a, b in zip(light["radiance"], gain, strict=True)]
+            heard += [light] if any(light["radiance"]) else []
+        request = json.dumps(heard)
+        self._wait(native().Job(relighter.prepare(request)), BAKE_SHARE, 1.0, lambda _: None)
+        picture = relighter.relight(request)
+        for name in ("static", "world"):
+            picture[name] = picture[name] * np.array(self.mix[name], np.float32)
+        silent = np.zeros_like(picture["static"])
+        picture["lights"] = {name: picture["lights"].get(name, silent) for name in names}
+        return picture
+
+    def _wait(self, job: Any, start: float, end: float, warn: Callable[[str], None]) -> None:
+        """Watches a job of the native module; Esc ends it."""
+        while not job.done:
+            if self.engine.test_break():
+                job.cancel()
+                with suppress(native().RelumeError):
+                    job.result()
+                raise ExportCancelled("cancelled")
+            report = job.progress()
+            if report is not None:
+                share = report["done"] / max(report["total"], 1)
+                self._say(progress_line(report), start + (end - start) * share)
+            time.sleep(POLL_SECONDS)
+        for text in job.warnings():
+            warn(text)
+        job.result()
+
+    def _say(self, text: str, progress: float) -> None:
+        self.engine.update_stats("Relume", text)
+        self.engine.update_progress(progress)
+
+    def _write(self, picture: dict[str, Any]) -> None:
+        """Hands the layers over, Blender's render border cut out of them."""
+        layers = self._layers(picture)
+        layer_name = self.depsgraph.view_layer_eval.name
+        for name, channels, letters, _ in self.passes.declare(list(picture["lights"])):
+            if name != "Combined":
+                self.engine.add_pass(name, channels, letters, layer=layer_name)
+        x, y, width, height = border(self.scene.render)
+        result = self.engine.begin_result(0, 0, width, height, layer=layer_name)
+        try:
+            for render_pass in result.layers[0].passes:
+                image = layers.get(render_pass.name)
+                if image is not None:
+                    # Blender's first row is at the bottom.
+                    part = image[::-1][y : y + height, x : x + width]
+                    render_pass.rect.foreach_set(np.ascontiguousarray(part, np.float32).reshape(-1))
+        finally:
+            self.engine.end_result(result)
+
+    def _layers(self, picture: dict[str, Any]) -> dict[str, np.ndarray]:
+        combined = picture["static"].copy()
+        for image in (*picture["lights"].values(), picture["world"]):
+            combined += image
+        lights = light_passes(picture["lights"])
+        return {
+            "Combined": np.concatenate([combined, picture["alpha"]], axis=-1),
+            **{lights[name]: image for name, image in picture["lights"].items()},
+            "static": picture["static"],
+            "world": picture["world"],
+            "Depth": self._depth(picture["depth"]),
+            "Normal": picture["normal"],
+            "DiffCol": picture["albedo"],
+        }
+
+    def _depth(self, distance: np.ndarray) -> np.ndarray:
+        """Cycles' depth, along the view axis, from the distance along each pixel's ray."""
+        camera = self.depsgraph.scene_eval.camera.data
+        depth = distance
+        if camera.type == "PERSP":
+            frame = np.array(camera.view_frame(scene=self.depsgraph.scene_eval))
+            (left, bottom, _), (right, top, z) = frame.min(axis=0), frame.max(axis=0)
+            height, width = distance.shape[:2]
+            x = left + (right - left) * (np.arange(width) + 0.5) / width
+            y = top + (bottom - top) * (np.arange(height) + 0.5) / height
+            depth = distance * (-z / np.sqrt(x**2 + y[:, None] ** 2 + z**2))[..., None]
+        return np.where(distance > 0.0, depth, NOTHING_HIT)
+
+
+def border(settings: bpy.types.RenderSettings) -> tuple[int, int, int, int]:
+    """Left, bottom, width and height in pixels of what Blender renders of the whole picture."""
+    width, height = film_size(settings)
+    if not settings.use_border:
+        return 0, 0, width, height
+    left, right = int(settings.border_min_x * width), int(settings.border_max_x * width)
+    bottom, top = int(settings.border_min_y * height), int(settings.border_max_y * height)
+    return left, bottom, right - left, top - bottom
+
+
+def _is_free(folder: Path) -> bool:
+    """Whether a bake may be written there without touching anything."""
+    return not folder.exists() or not any(folder.iterdir())

@@ -1,0 +1,109 @@
+"""Shows two looks beside each other: asks for the picture of each, one after the other, and hands both to the overlay.
+What the scene has at present is asked for again afterwards."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import bpy
+
+from ..core.looks import match
+from ..core.rows import mix_for
+from ..engine import shot
+from ..viewport import compare
+from . import handlers, rows
+from .looks import RelumeLook
+
+STEP_SECONDS = 1 / 30
+
+_running: dict[int, Comparison] = {}
+
+
+class CompareError(Exception):
+    """The looks cannot be compared; the message is one line for the artist."""
+
+
+class Comparison:
+    """Collects the frames of one or two looks."""
+
+    def __init__(self, scene: bpy.types.Scene, looks: list[RelumeLook]):
+        found = shot.of(scene)
+        if found is None:
+            raise CompareError("press Start first: looks are compared in the picture of a bake")
+        self.scene = scene.name
+        self.shot = found
+        self.requests = [request_of(scene, found, look) for look in looks]
+        self.frames: list[Any] = []
+        self.number = found.ask(self.requests[0])
+
+    def step(self) -> bool:
+        """Whether it goes on. To be called until it does not."""
+        scene = bpy.data.scenes.get(self.scene)
+        if scene is None or not self.shot.is_open or self.shot.status["state"] == "failed":
+            return False
+        frame = self.shot.frame
+        if frame is None or frame.request < self.number:
+            return True
+        if frame.request == self.number and not _is_final(frame):
+            return True
+        if frame.request == self.number:
+            self.frames.append(frame)
+        if len(self.frames) < len(self.requests):  # The next one, or the same again if a newer request won.
+            self.number = self.shot.ask(self.requests[len(self.frames)])
+            return True
+        compare.set_pair(scene, *[*self.frames, None][:2], scene.relume_view.compare)
+        handlers.changed(scene)
+        return False
+
+
+def start(scene: bpy.types.Scene, looks: list[RelumeLook]) -> Comparison:
+    """Begins to compare two looks, or one with the present picture. Raises CompareError or LookError."""
+    comparison = _running[scene.session_uid] = Comparison(scene, looks)
+    if not bpy.app.background and not bpy.app.timers.is_registered(_timer):
+        bpy.app.timers.register(_timer)
+    return comparison
+
+
+def running(scene: bpy.types.Scene) -> Comparison | None:
+    """The comparison whose pictures are being waited for."""
+    return _running.get(scene.session_uid)
+
+
+def stop(scene: bpy.types.Scene) -> None:
+    """Back to the live picture alone."""
+    _running.pop(scene.session_uid, None)
+    compare.clear(scene)
+    handlers.changed(scene)
+
+
+def request_of(scene: bpy.types.Scene, found: shot.Shot, look: RelumeLook) -> str:
+    """What makes the picture of a look: as it was asked for when the look was made; without that, such as for an
+    imported one, its rows with the present lights."""
+    if look.request:
+        return json.dumps(json.loads(look.request) | {"interactive": False})
+    lights = found.lights.descriptions
+    present, groups, memberships = rows.plain(scene)
+    values = match(look.look(), [*present, *groups]).rows
+    names = [light["name"] for light in lights]
+    mix = mix_for(names, values[: len(present)], values[len(present) :], memberships)
+    return json.dumps({"lights": lights, **mix, "interactive": False, "with": "auto"})
+
+
+def _is_final(frame: Any) -> bool:
+    summary = json.loads(frame.summary)
+    return frame.scale == 1 and summary.get("settled", True)
+
+
+def _timer() -> float | None:
+    for uid, comparison in list(_running.items()):
+        if not comparison.step():
+            del _running[uid]
+    return STEP_SECONDS if _running else None
+
+
+def unregister():
+    """Ends comparisons."""
+    _running.clear()
+    if bpy.app.timers.is_registered(_timer):
+        bpy.app.timers.unregister(_timer)

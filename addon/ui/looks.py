@@ -1,0 +1,162 @@
+"""The looks of a scene, `scene.relume_looks`: made from the rows and lights as they are, put back, and passed on as
+JSON. Restoring writes to the rows; only with the lights' own values, which it asks for, to the lights."""
+
+from __future__ import annotations
+
+import uuid
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import bpy
+from bpy.props import CollectionProperty, IntProperty, PointerProperty, StringProperty
+
+from ..apply.look_lights import light_state, restore_lights
+from ..core.looks import Look, LookError, from_json, match, to_json
+from ..core.rows import LIGHT
+from ..engine import shot
+from ..export.light_tree import light_tree
+from . import handlers, rows, thumbnails
+
+
+def _renamed(entry: RelumeLook, _context: Any) -> None:
+    """Two looks of one name could not be told apart."""
+    others = {look.name for look in entry.id_data.relume_looks.items if look.uid != entry.uid}
+    if entry.name in others:
+        entry.name = free_name(entry.name, others)
+
+
+class RelumeLook(bpy.types.PropertyGroup):
+    """One look; kept in the .blend file."""
+
+    name: StringProperty(name="Name", description="Name of the look", update=_renamed)
+    uid: StringProperty(name="UID", description="Tells looks apart", options={"HIDDEN"})
+    text: StringProperty(name="Values", description="The look in the form of its files", options={"HIDDEN"})
+    request: StringProperty(name="Request", description="What its picture was asked with", options={"HIDDEN"})
+    thumbnail: StringProperty(name="Thumbnail", description="Its picture, small", options={"HIDDEN"})
+
+    def look(self) -> Look:
+        """As plain data."""
+        return replace(from_json(self.text), name=self.name)
+
+
+class RelumeLooks(bpy.types.PropertyGroup):
+    """All looks of a scene; kept in the .blend file."""
+
+    items: CollectionProperty(type=RelumeLook, name="Looks", description="Saved states of rows and lights")
+    active: IntProperty(name="Look", description="The look that the buttons are about")
+    other: StringProperty(name="With", description="The look to compare with; empty: the present picture")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What of a look met nothing in the scene."""
+
+    missing: list[str]
+    """Lights and groups of the look that the scene does not have."""
+    unknown: list[str]
+    """Lights of the scene that the look does not know; they are switched off."""
+
+    def __str__(self) -> str:
+        said = []
+        if self.missing:
+            said.append(f"not in this scene: {', '.join(self.missing)}")
+        if self.unknown:
+            said.append(f"not in the look, so switched off: {', '.join(self.unknown)}")
+        return "; ".join(said)
+
+
+def snapshot(scene: bpy.types.Scene, name: str = "Look") -> RelumeLook:
+    """Keeps rows, lights and, if there is one, the picture."""
+    rows.sync(scene)
+    lights = tuple(light_state(line.block) for line in light_tree(scene) if line.kind == LIGHT)
+    look = Look(name, tuple(row.values() for row in rows.present_rows(scene)), lights)
+    entry = _add(scene, look)
+    found = shot.of(scene)
+    if found is not None:
+        entry.request = found.request
+        if found.frame is not None:
+            entry.thumbnail = thumbnails.encode(scene, found.frame.image)
+    return entry
+
+
+def _add(scene: bpy.types.Scene, look: Look) -> RelumeLook:
+    state = scene.relume_looks
+    name = free_name(look.name, {entry.name for entry in state.items})
+    entry = state.items.add()
+    entry.uid, entry.text = uuid.uuid4().hex, to_json(look)
+    entry.name = name
+    state.active = len(state.items) - 1
+    return entry
+
+
+def free_name(name: str, others: set[str]) -> str:
+    """The name, numbered as Blender does if it is taken."""
+    name = name or "Look"
+    numbers = (f"{name}.{number:03}" for number in range(1, len(others) + 2))
+    return name if name not in others else next(found for found in numbers if found not in others)
+
+
+def restore(scene: bpy.types.Scene, look: Look, lights: bool = False) -> Outcome:
+    """Puts the rows back, and with `lights` the lights as they were too. Raises LookError or RefusedError, and has then
+    written nothing."""
+    rows.sync(scene)
+    present = rows.present_rows(scene)
+    found = match(look, [row.values() for row in present])
+    if lights:
+        restore_lights([line.block for line in light_tree(scene) if line.kind == LIGHT], look.lights)
+    for row, values in zip(present, found.rows, strict=True):
+        row.take(values)
+    handlers.read_lights(scene)
+    return Outcome(found.missing, found.unknown)
+
+
+def delete(scene: bpy.types.Scene, place: int) -> None:
+    """Forgets a look."""
+    state = scene.relume_looks
+    state.items.remove(place)
+    state.active = max(0, min(state.active, len(state.items) - 1))
+
+
+def export_file(look: Look, path: Path) -> None:
+    """Writes a look, whole or not at all. Raises OSError."""
+    part = path.with_name(f".part-{path.name}")
+    try:
+        part.write_text(to_json(look), encoding="utf-8")
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def import_file(scene: bpy.types.Scene, path: Path) -> tuple[RelumeLook, Outcome]:
+    """Adds a look from a file; what of it this scene does not have. Raises LookError or OSError."""
+    if path.stat().st_size > 1 << 26:
+        raise LookError(f"this is not a look: {path.name} is larger than 64 MB")
+    look = from_json(path.read_bytes())
+    rows.sync(scene)
+    found = match(look, [row.values() for row in rows.present_rows(scene)])
+    return _add(scene, look), Outcome(found.missing, found.unknown)
+
+
+def active_look(scene: bpy.types.Scene) -> RelumeLook | None:
+    """The look that the buttons are about."""
+    state = scene.relume_looks
+    return state.items[state.active] if 0 <= state.active < len(state.items) else None
+
+
+CLASSES = (RelumeLook, RelumeLooks)
+
+
+def register():
+    """Adds `scene.relume_looks`."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.Scene.relume_looks = PointerProperty(type=RelumeLooks)
+
+
+def unregister():
+    """Takes it away; values stay in the file."""
+    thumbnails.free()
+    del bpy.types.Scene.relume_looks
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

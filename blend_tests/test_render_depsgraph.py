@@ -1,0 +1,76 @@
+"""The export by a hidden engine: what it sees, and that it leaves nothing behind."""
+
+import bpy
+import numpy as np
+import pytest
+
+from addon.engine.render_depsgraph import ExportCancelled, RelumeExportEngine, with_render_depsgraph
+from addon.engine.scene import load_scene, load_scene_async, scene_of_depsgraph
+from addon.export import ExportError, ExportOptions
+from helpers import add_light, add_quad, render_cycles
+
+
+@pytest.fixture
+def shot(scene):
+    """A lit plane."""
+    add_quad(scene, size=4.0)
+    add_light(scene, "POINT", name="Key", shadow_soft_size=0.5)
+    return scene
+
+
+def saved_picture(tmp_path):
+    """Pixels of what the user sees as the render result."""
+    path = str(tmp_path / "result.exr")
+    bpy.data.images["Render Result"].save_render(path)
+    image = bpy.data.images.load(path)
+    pixels = np.empty(len(image.pixels), np.float32)
+    image.pixels.foreach_get(pixels)
+    bpy.data.images.remove(image)
+    return pixels
+
+
+def test_the_users_render_stays(shot, tmp_path):
+    render_cycles(shot, samples=4)
+    before = saved_picture(tmp_path)
+    assert before.max() > 0.0
+    for _ in range(2):
+        load_scene(shot)
+        assert (saved_picture(tmp_path) == before).all()
+    slots = bpy.data.images["Render Result"].render_slots
+    assert slots.active_index == 0 and len([slot for slot in slots if slot.name == "Relume"]) == 1
+    render_cycles(shot, samples=4)
+    assert (saved_picture(tmp_path) == before).all()
+
+
+def test_nothing_stays_where_nothing_was_rendered(shot):
+    settings = shot.render.engine, shot.render.use_compositing, shot.render.use_sequencer
+    names = {image.name for image in bpy.data.images}
+    load_scene(shot)
+    assert {image.name for image in bpy.data.images} == names
+    assert (shot.render.engine, shot.render.use_compositing, shot.render.use_sequencer) == settings
+    assert not RelumeExportEngine.is_registered
+
+
+def test_later_without_a_window_is_at_once_and_the_same(shot):
+    got = []
+    assert load_scene_async(shot, None, lambda *outcome: got.append(outcome)) is None
+    ((exported, error),) = got
+    assert error is None and exported.summary() == load_scene(shot).summary()
+
+
+def test_later_errors_come_by_the_callback(shot):
+    got = []
+    load_scene_async(shot, ExportOptions(camera="Nope"), lambda *outcome: got.append(outcome))
+    ((exported, error),) = got
+    assert exported is None and isinstance(error, ExportError) and "Nope" in str(error)
+
+
+def test_an_export_can_be_stopped_between_two_parts(shot):
+    answers = iter([False, False, True])
+
+    def work(depsgraph, _stop):
+        return scene_of_depsgraph(depsgraph, None, lambda: next(answers))
+
+    with pytest.raises(ExportCancelled):
+        with_render_depsgraph(shot, work)
+    assert shot.render.engine == "CYCLES" and not RelumeExportEngine.is_registered
