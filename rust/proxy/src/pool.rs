@@ -51,7 +51,7 @@ impl Pool {
 
     /// Images that are missing before a training that has done `samples` samples can go on.
     pub fn missing(&self, samples: u64) -> usize {
-        (self.wanted(samples) - self.next) as usize
+        self.wanted(samples).saturating_sub(self.next) as usize
     }
 
     /// Makes some of the missing images.

@@ -43,7 +43,7 @@ impl Replay {
 
     /// Blocks that are missing before a training that has done `samples` samples can go on.
     pub fn missing(&self, samples: u64) -> usize {
-        (self.wanted(samples) - self.next) as usize
+        self.wanted(samples).saturating_sub(self.next) as usize
     }
 
     /// Adds some of the missing blocks of `BLOCK` samples, made by `make` from the key of their random stream.

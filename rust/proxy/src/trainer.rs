@@ -88,6 +88,8 @@ pub struct StepReport {
     pub loss: Option<f64>,
     /// Images, or blocks of samples, that are still to be gathered before training goes on.
     pub missing: usize,
+    /// A pixel whose target a device has gathered and which is not finite: from here on the CPU gathers.
+    pub bad_target: Option<u32>,
 }
 
 impl Trainer {
@@ -134,8 +136,13 @@ impl Trainer {
 
     /// Replaces the state, when resuming.
     pub(crate) fn restore(&mut self, state: TrainState) {
-        self.samples_of = Samples::new(&self.config, self.features.pixel_count(), state.samples);
         self.state = state;
+        self.forget_samples();
+    }
+
+    /// Gathers anew what the state is to be trained on.
+    pub(crate) fn forget_samples(&mut self) {
+        self.samples_of = Samples::new(&self.config, self.features.pixel_count(), self.state.samples);
     }
 
     /// Names the scene in the files that are written.
@@ -344,6 +351,7 @@ impl Trainer {
                 Samples::Gathered(replay) => replay.missing(self.state.samples),
                 Samples::Pool(pool) => pool.missing(self.state.samples),
             },
+            bad_target: None,
         }
     }
 

@@ -267,6 +267,12 @@ impl Run<'_> {
         while !self.trainer.done() && !monitor.cancelled() {
             let (report, took) = self.settings.clock.time(|| self.trainer.step(training));
             let report = report?;
+            if let Some(pixel) = report.bad_target {
+                monitor.warn(&format!(
+                    "the GPU gathered a value for pixel {pixel} that is not finite; targets are gathered on the CPU from \
+                     here on"
+                ));
+            }
             self.trained += took;
             self.fit_schedule_to_time();
             let message = match report.loss {

@@ -323,14 +323,14 @@ impl GpuTraining {
         self.optimise.download(&self.gpu)
     }
 
-    /// Whether a loss or a gradient was not finite. Waits for all steps.
-    fn diverged(&self) -> Result<bool, GpuError> {
-        self.optimise.diverged(&self.gpu)
+    /// What the steps since the last [`GpuTraining::forget_progress`] have come to. Waits for them.
+    fn progress(&self) -> Result<Progress, GpuError> {
+        self.optimise.progress(&self.gpu)
     }
 
-    /// What the steps since the last call have come to. Waits for them.
-    fn take_progress(&self) -> Result<Progress, GpuError> {
-        self.optimise.take_progress(&self.gpu)
+    /// Lets steps count from zero, and have an effect again after a bad one.
+    fn forget_progress(&self) {
+        self.optimise.forget_progress(&self.gpu);
     }
 }
 

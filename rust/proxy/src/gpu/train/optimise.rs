@@ -143,24 +143,14 @@ impl Optimise {
         Ok([params?, mean?, first?, second?])
     }
 
-    /// Whether steps have no effect any more.
-    pub fn diverged(&self, gpu: &Gpu) -> Result<bool, GpuError> {
-        Ok(gpu.read(&self.progress, 0..1)?[0].diverged != 0)
+    /// What the steps have come to since the last [`Optimise::forget_progress`].
+    pub fn progress(&self, gpu: &Gpu) -> Result<Progress, GpuError> {
+        Ok(gpu.read(&self.progress, 0..1)?[0])
     }
 
-    /// What the steps since the last call have come to.
-    pub fn take_progress(&self, gpu: &Gpu) -> Result<Progress, GpuError> {
-        let progress = gpu.read(&self.progress, 0..1)?[0];
-        gpu.write(
-            &self.progress,
-            0,
-            &[Progress {
-                diverged: progress.diverged,
-                bad_target: progress.bad_target,
-                ..Progress::default()
-            }],
-        );
-        Ok(progress)
+    /// Lets steps count from zero, and have an effect again after a bad one.
+    pub fn forget_progress(&self, gpu: &Gpu) {
+        gpu.write(&self.progress, 0, &[Progress::default()]);
     }
 }
 

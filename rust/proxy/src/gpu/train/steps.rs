@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use relume_gpu::Gpu;
 
+use super::arguments::Progress;
 use super::{Demand, GpuTraining, Step};
 use crate::network::CHUNK;
 use crate::replay::{BLOCK, CAPACITY, FILL};
@@ -37,13 +38,16 @@ pub(crate) struct DeviceCore {
     /// Chunk that the next batch from a pool begins at.
     next_chunk: usize,
     chunks: usize,
+    /// Whether its targets are gathered on the CPU, because one of those from the device was not finite.
+    distrusted: bool,
 }
 
 impl Trainer {
     /// Moves the training to a GPU, where it goes on as it would have on the CPU but for the rounding of sums. A call of
     /// [`Trainer::step`] then does several steps.
     ///
-    /// Targets of single pixels are gathered there too if the source can ([`TargetSource::on_device`]), else on the CPU.
+    /// Targets of single pixels are gathered there too if the source can ([`TargetSource::on_device`]), else on the CPU. If one
+    /// is not finite, what was trained on it is taken back and the CPU gathers from there on ([`StepReport::bad_target`]).
     ///
     /// If the device is lost, steps and saving fail with [`ProxyError::Gpu`]; the file of the last [`Trainer::save`] is
     /// still good, for any device or none.
@@ -77,6 +81,7 @@ impl Trainer {
             next_block: 0,
             next_chunk: 0,
             chunks,
+            distrusted: false,
         };
         self.upload_blocks(&mut device, None)?;
         self.device = Some(Box::new(device));
@@ -121,11 +126,11 @@ impl Trainer {
     /// The state with its weights, wherever they are.
     pub(crate) fn whole_state(&self) -> Result<Cow<'_, TrainState>, ProxyError> {
         let Some(device) = &self.device else { return Ok(Cow::Borrowed(&self.state)) };
-        if !device.unread.is_empty() && device.training.diverged()? {
-            return Err(ProxyError::Diverged { step: self.state.step });
-        }
         let [params, mean, first, second] = device.training.download()?;
         let mut state = TrainState { params, mean, ..self.state.clone() };
+        if !device.unread.is_empty() {
+            state.take_back(undone(&device.unread, &device.training.progress()?));
+        }
         (state.optimiser.first, state.optimiser.second) = (first, second);
         Ok(Cow::Owned(state))
     }
@@ -137,7 +142,7 @@ impl Trainer {
         source: &dyn TargetSource,
     ) -> Result<StepReport, ProxyError> {
         let before = (self.state.step, self.state.samples);
-        let targets = source.on_device();
+        let targets = source.on_device().filter(|_| !device.distrusted);
         let mut steps = Vec::new();
         let mut ready = Ok(true);
         while steps.len() < device.steps && (steps.is_empty() || !self.done()) {
@@ -152,10 +157,11 @@ impl Trainer {
             return Err(error);
         }
         ready?;
-        if device.unread.len() >= READ_EVERY || (device.loss.is_none() && !steps.is_empty()) {
-            self.read_progress(device)?;
+        let mut bad_target = None;
+        if device.unread.len() >= READ_EVERY || self.done() || (device.loss.is_none() && !steps.is_empty()) {
+            bad_target = self.read_progress(device)?;
         }
-        Ok(self.report(if steps.is_empty() { None } else { device.loss }))
+        Ok(StepReport { bad_target, ..self.report(device.loss.filter(|_| !steps.is_empty())) })
     }
 
     /// Gives the device the samples that it has not yet, and steps to do.
@@ -236,23 +242,38 @@ impl Trainer {
         Ok((first..first + count as u32).collect())
     }
 
-    /// Asks the device how it went.
-    fn read_progress(&mut self, device: &mut DeviceCore) -> Result<(), ProxyError> {
-        let progress = device.training.take_progress()?;
+    /// Asks the device how it went. After a bad target, whose pixel comes back, samples are gathered anew on the CPU.
+    fn read_progress(&mut self, device: &mut DeviceCore) -> Result<Option<u32>, ProxyError> {
+        let progress = device.training.progress()?;
+        device.training.forget_progress();
         let unread = std::mem::take(&mut device.unread);
         device.loss = (progress.steps > 0).then(|| f64::from(progress.loss_sum) / f64::from(progress.steps));
+        self.state.take_back(undone(&unread, &progress));
         if let Some(pixel) = progress.bad_target.checked_sub(1) {
-            return Err(ProxyError::BadTarget { pixel });
+            device.distrusted = true;
+            device.next_block = 0;
+            self.forget_samples();
+            return Ok(Some(pixel));
         }
         if progress.diverged == 0 {
-            return Ok(());
+            return Ok(None);
         }
-        // The steps from the bad one on had no effect.
-        let lost = &unread[(progress.steps as usize).min(unread.len())..];
-        self.state.step -= lost.len() as u64;
-        self.state.samples -= lost.iter().sum::<u64>();
         device.loss = None;
         Err(ProxyError::Diverged { step: self.state.step })
+    }
+}
+
+/// Samples of the steps, of those that were last handed over, that had no effect: all from the first bad one on.
+fn undone<'a>(unread: &'a [u64], progress: &Progress) -> &'a [u64] {
+    let done = if progress.diverged == 0 { unread.len() } else { progress.steps as usize };
+    &unread[done.min(unread.len())..]
+}
+
+impl TrainState {
+    /// Forgets that steps of so many samples each were done.
+    fn take_back(&mut self, steps: &[u64]) {
+        self.step -= steps.len() as u64;
+        self.samples -= steps.iter().sum::<u64>();
     }
 }
 

@@ -82,7 +82,7 @@ fn loss_and_gradient(training: &GpuTraining, chunks: u32) -> (f32, Vec<f32>) {
     training.record_gradient(&mut commands, 0, chunks);
     commands.submit().expect("submitted");
     let gradient = &training.optimise.gradient;
-    let loss = training.take_progress().expect("progress").loss;
+    let loss = training.progress().expect("progress").loss;
     (loss, training.gpu.read(gradient, 0..gradient.len()).expect("read back"))
 }
 
@@ -214,7 +214,7 @@ fn a_loss_that_is_no_number_leaves_the_weights_alone() {
     let good = training.download().expect("read back");
     assert!(good[0] != params);
     training.run(&[step(1, 2), step(0, 3)]).expect("two steps");
-    let progress = training.take_progress().expect("progress");
+    let progress = training.progress().expect("progress");
     assert_eq!((progress.steps, progress.diverged), (1, 1));
     assert!(training.download().expect("read back") == good);
 }
@@ -359,7 +359,13 @@ fn a_lost_device_leaves_the_last_checkpoint() {
 struct DeviceRoom {
     room: SyntheticRoom,
     gpu: Arc<Gpu>,
+    /// Whether targets are not finite from now on: those on the device, or all.
     spoiled: AtomicBool,
+    spoils_all: bool,
+}
+
+fn device_room(gpu: &Arc<Gpu>) -> DeviceRoom {
+    DeviceRoom { room: room(), gpu: Arc::clone(gpu), spoiled: false.into(), spoils_all: false }
 }
 
 impl TargetSource for DeviceRoom {
@@ -370,8 +376,13 @@ impl TargetSource for DeviceRoom {
         self.room.segment_point(pixel, rng)
     }
     fn pixel_targets(&self, queries: &PixelQueries<'_>, out: &mut [[f32; 3]]) -> Result<(), ProxyError> {
-        assert_eq!(out.len(), 8192, "only the scale of outputs is measured on the CPU");
-        self.room.pixel_targets(queries, out)
+        let spoiled = self.spoiled.load(Ordering::Relaxed);
+        assert!(spoiled || out.len() == 8192, "only the scale of outputs is measured on the CPU");
+        self.room.pixel_targets(queries, out)?;
+        if spoiled && self.spoils_all {
+            out[0] = [f32::NAN; 3];
+        }
+        Ok(())
     }
     fn images(&self, lights: &[LightShape], denoised: bool) -> Result<Vec<Image>, ProxyError> {
         self.room.images(lights, denoised)
@@ -410,7 +421,7 @@ fn targets_gathered_on_the_device_train_as_those_of_the_cpu() {
     let config =
         TrainConfig { network: NetworkConfig::Fast { width: 8, layers: 1, grid: tiny_grid() }, ..config };
     let gpu = gpu();
-    let source = DeviceRoom { room: room(), gpu: Arc::clone(&gpu), spoiled: false.into() };
+    let source = device_room(&gpu);
     let mut there = trainer(&config, 3).on_gpu(Arc::clone(&gpu)).expect("room");
     while !there.done() {
         there.step(&source).expect("a step");
@@ -423,6 +434,47 @@ fn targets_gathered_on_the_device_train_as_those_of_the_cpu() {
     let apart = norm(here_state.params.iter().zip(&there_state.params).map(|(a, b)| a - b));
     let size = norm(here_state.params.iter().copied());
     assert!(apart < 1e-2 * size, "{apart} apart, weights {size}");
+}
+
+#[test]
+fn a_target_that_is_not_finite_on_the_device_is_gathered_on_the_cpu() {
+    let network = NetworkConfig::Fast { width: 8, layers: 1, grid: tiny_grid() };
+    let config = TrainConfig { sample_reuse: 1, network, ..short(40_000) };
+    let gpu = gpu();
+    let source = device_room(&gpu);
+    let mut there = trainer(&config, 3).on_gpu(Arc::clone(&gpu)).expect("room");
+    while there.samples() < 16_000 {
+        there.step(&source).expect("a step");
+    }
+    source.spoiled.store(true, Ordering::Relaxed);
+    let mut bad = Vec::new();
+    while !there.done() {
+        // A checkpoint in the meantime is of the last good step.
+        let state = there.whole_state().expect("weights");
+        assert!(state.params.iter().all(|weight| weight.is_finite()));
+        bad.extend(there.step(&source).expect("a step").bad_target);
+    }
+    assert_eq!(bad.len(), 1, "{bad:?}");
+    let mut here = trainer(&config, 3).on_gpu(gpu).expect("room");
+    run(&mut here);
+    assert_eq!((there.steps(), there.samples()), (here.steps(), here.samples()));
+    let moved = |trainer: &Trainer| {
+        let state = trainer.whole_state().expect("weights");
+        norm(state.params.iter().zip(&self::trainer(&config, 3).state.params).map(|(a, b)| a - b))
+    };
+    let (there, here) = (moved(&there), moved(&here));
+    assert!((there / here - 1.0).abs() < 0.1, "moved by {there} instead of {here}");
+}
+
+#[test]
+fn a_target_that_is_finite_nowhere_is_an_error() {
+    let config = TrainConfig { sample_reuse: 1, ..short(40_000) };
+    let gpu = gpu();
+    let source = DeviceRoom { spoils_all: true, ..device_room(&gpu) };
+    let mut there = trainer(&config, 3).on_gpu(gpu).expect("room");
+    while there.steps() == 0 {
+        there.step(&source).expect("a step");
+    }
     source.spoiled.store(true, Ordering::Relaxed);
     let error = (0..100).find_map(|_| there.step(&source).err()).expect("targets are not finite");
     assert!(matches!(error, ProxyError::BadTarget { .. }), "{error}");
@@ -439,7 +491,7 @@ fn gathered_blocks_begin_anew_at_the_end_of_the_store() {
     let gpu = gpu();
     let training = GpuTraining::new(Arc::clone(&gpu), &network, &demand).expect("room on the device");
     let room = SyntheticRoom::new(setup.size[0], setup.size[1]);
-    let source = DeviceRoom { room: room.clone(), gpu, spoiled: false.into() };
+    let source = DeviceRoom { room: room.clone(), ..device_room(&gpu) };
     let sampler = Sampler {
         kind: LightKind::Sphere,
         size: SIZE,
