@@ -33,19 +33,29 @@ class Changes:
         """Whether something has still to be looked at."""
         return bool(self._waiting) or not self._listed
 
-    def mark(self, scene: bpy.types.Scene, edited: list[bpy.types.ID]) -> bool:
-        """Data-blocks were edited and are to be looked at again. The world is at once: whether it is another one."""
+    def mark(self, scene: bpy.types.Scene, updates: list[bpy.types.DepsgraphUpdate]) -> bool:
+        """Data-blocks were updated and are to be looked at again. The world is at once: whether it is another one."""
         self._prints = None
+        edited = [update.id.original for update in updates]
+        if self.recording:
+            self._mark_edited(scene, updates)
         if len(edited) > WHOLE_SCENE:
             self.mark_all()
             return self._look_at_world(scene)
         found = {key: None for block in edited for key in prints.keys_of(block, scene)}
-        if self.recording:
-            self.baked |= {key: EDITED for key in found if key not in self.baked and key.startswith(("object", "data"))}
         self._waiting |= found
         if any(isinstance(block, (bpy.types.Scene, bpy.types.Collection)) for block in edited):
             self._listed = False
         return "world" in found and self._look_at_world(scene)
+
+    def _mark_edited(self, scene: bpy.types.Scene, updates: list[bpy.types.DepsgraphUpdate]) -> None:
+        """What was moved or reshaped before its print was taken is not what was baked. Blender also names what was only
+        evaluated again."""
+        for update in updates:
+            if update.is_updated_transform or update.is_updated_geometry:
+                for key in prints.keys_of(update.id.original, scene):
+                    if key.startswith(("object ", "data ")):
+                        self.baked.setdefault(key, EDITED)
 
     def mark_all(self) -> None:
         """Anything may have been edited, such as by undo."""

@@ -128,7 +128,7 @@ def on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) 
     if found is None or depsgraph.mode != "VIEWPORT":
         return
     lights = found.lights.update(depsgraph)
-    world = found.changes.mark(scene, [update.id.original for update in depsgraph.updates])
+    world = found.changes.mark(scene, list(depsgraph.updates))
     if lights or world:
         changed(scene, interactive=True)
     wake()
