@@ -49,7 +49,8 @@ def headline(status: dict[str, Any]) -> str:
         case "training":
             return f"{_paused(status)}Learning the lights"
         case "cancelled":
-            return f"Stopped at {status['samples']} of {status['samples_total']} samples; they are kept"
+            kept = f" at {status['samples']} of {status['samples_total']} samples; they are kept"
+            return f"Stopped{kept if status['samples'] else ''}"
         case "failed":
             return status["error"] or "Relume failed without saying why"
     return f"Ready, {status['samples']} samples"

@@ -16,7 +16,8 @@ from . import record
 from .changes import Changes
 from .native import native
 from .options import Options, options_of, remember_bake, remembered_bake
-from .scene import load_scene
+from .render_depsgraph import ExportCancelled, RenderTask
+from .scene import load_scene_async
 from .scene_lights import SceneLights
 
 EMPTY: dict[str, Any] = {
@@ -51,6 +52,8 @@ class Shot:
         self.lights = SceneLights(_view_layer(scene), kept.receivers if kept else _names(scene))
         self.changes = Changes(kept.prints if kept else None)
         self.is_recorded = kept is not None
+        self._is_exporting = self._has_ended = False
+        self._task: RenderTask | None = None
         self.request = ""
         """The newest request, JSON."""
         self._request_number = 0
@@ -94,18 +97,27 @@ class Shot:
         return shot
 
     def _export(self, scene: bpy.types.Scene) -> None:
-        self._exported(scene, load_scene(scene, ExportOptions()), None)
-
-    def _exported(self, scene: bpy.types.Scene, exported: Any, error: BaseException | None) -> None:
-        if not self.is_open:
-            return
-        if error is not None:
-            self.status |= {"state": "failed", "error": str(error)}
-            return
-        self.warnings = list(exported.warnings)
+        """Reads the scene, in a window on another thread, then bakes it."""
         settings = trace_settings(scene, self.warnings.append)
         settings |= {"samples": self.options.samples, "threads": self.options.threads}
-        self._live.bake(exported, settings, train_seconds=self.options.train_seconds)
+        self._is_exporting = True
+        self._task = load_scene_async(
+            scene, ExportOptions(), lambda exported, error: self._exported(exported, error, settings)
+        )
+
+    def _exported(self, exported: Any, error: BaseException | None, settings: dict[str, Any]) -> None:
+        self._is_exporting, self._task = False, None
+        if not self.is_open:
+            return
+        if isinstance(error, ExportCancelled):
+            self.status |= {"state": "cancelled"}
+            self._has_ended = True
+        elif error is not None:
+            self.status |= {"state": "failed", "error": str(error) or repr(error)}
+            self._has_ended = True
+        else:
+            self.warnings += exported.warnings
+            self._live.bake(exported, settings, train_seconds=self.options.train_seconds)
 
     @property
     def is_open(self) -> bool:
@@ -154,6 +166,8 @@ class Shot:
 
     def poll(self) -> bool:
         """Takes the newest picture and status; whether there was anything new."""
+        if self._is_exporting or self._has_ended:
+            return False
         text = self._live.status()
         frame = self._live.frame(self.frame.serial if self.frame else 0)
         self._keep_record()
@@ -180,12 +194,16 @@ class Shot:
 
     def cancel(self) -> None:
         """Ends baking and training; what is there stays, relighting goes on."""
+        if self._task is not None:
+            self._task.cancel()
         self._live.cancel()
 
     def close(self, wait_seconds: float = 0.0) -> None:
         """Ends everything, without waiting unless told to. The folder stays whole."""
         if self.is_open:
             del _shots[self.scene_uid]
+        if self._task is not None:
+            self._task.cancel()
         self._live.close(wait_seconds=wait_seconds)
         self.frame = None
 

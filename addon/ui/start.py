@@ -21,6 +21,9 @@ def start(scene: bpy.types.Scene) -> shot.Shot:
     """Bakes the scene and shows it under its present lights. Raises ProblemError with one line for the artist."""
     check_start(scene)
     found = shot.Shot.start(scene)
+    if found.status["state"] == "failed":  # As without a window, where the scene is read at once.
+        found.close()
+        raise ProblemError(found.status["error"])
     handlers.read_lights(scene)
     handlers.wake()
     return found
