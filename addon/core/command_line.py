@@ -43,6 +43,7 @@ def parser() -> argparse.ArgumentParser:
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_bake(commands)
     _add_relight(commands)
+    _add_verify(commands)
     for name, text in FORWARDED.items():
         commands.add_parser(name, help=f"{text} (see `{PROGRAM} {name} --help`)", add_help=False)
     return top
@@ -73,6 +74,12 @@ def _add_relight(commands: argparse._SubParsersAction) -> None:
     _add_run(relight)
 
 
+def _add_verify(commands: argparse._SubParsersAction) -> None:
+    verify = commands.add_parser("verify", help="compare a picture with a render by Cycles (used by the panel)")
+    verify.add_argument("folder", help="folder with the job and the picture, for the results too")
+    _add_output(verify)
+
+
 def _add_view(command: argparse.ArgumentParser) -> None:
     command.add_argument("--camera", metavar="NAME", help="camera object; default: the scene's camera")
     command.add_argument("--frame", type=int, help="frame; default: the file's present one")
@@ -88,6 +95,10 @@ def _add_run(command: argparse.ArgumentParser) -> None:
         "--device", default="auto", metavar="NAME", help="where to compute: auto, cpu, gpu or a part of a GPU's name"
     )
     command.add_argument("--threads", type=_count, default=0, help="worker threads; 0 for one a core")
+    _add_output(command)
+
+
+def _add_output(command: argparse.ArgumentParser) -> None:
     output = command.add_mutually_exclusive_group()
     output.add_argument("--quiet", action="store_true", help="print warnings and errors only")
     output.add_argument("--json", action="store_true", help="print progress and results as JSON lines")

@@ -106,6 +106,19 @@ def relight(options: argparse.Namespace, rest: list[str], reporter: Reporter) ->
         return native().run_command_line([*arguments, "--lights", str(lights)])
 
 
+def verify(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
+    """Renders the open scene with Cycles and compares it with a picture."""
+    from . import cycles_reference
+
+    def on_progress(done: int, total: int) -> None:
+        reporter.progress({"stage": "render", "done": done, "total": total})
+
+    found = cycles_reference.verify(Path(options.folder), on_progress)
+    text = f"error {100 * found['error']:.1f} %, noise {100 * found['noise']:.1f} %, PSNR {found['psnr']:.1f} dB"
+    reporter.result(found, text)
+    return 0
+
+
 def _open_scene(options: argparse.Namespace) -> bpy.types.Scene:
     _check_that_the_file_was_opened()
     scene = bpy.context.scene
@@ -130,7 +143,7 @@ def _export_options(options: argparse.Namespace) -> ExportOptions:
     )
 
 
-COMMANDS = {"bake": bake, "relight": relight}
+COMMANDS = {"bake": bake, "relight": relight, "verify": verify}
 
 
 def main(arguments: list[str]) -> int:

@@ -8,7 +8,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,16 +18,15 @@ import numpy as np
 from ..core.bake_folder import is_bake
 from ..core.pass_names import light_passes
 from ..core.progress import progress_line
-from ..core.rows import instance_gain
 from ..export import ExportOptions, trace_settings
 from ..export.camera import film_size
+from . import shot
 from .native import native
 from .options import Options, options_of
 from .render_depsgraph import ExportCancelled
 from .scene import scene_of_depsgraph
 
 POLL_SECONDS = 0.05
-NEUTRAL: dict[str, Any] = {"gains": {}, "world": [1.0, 1.0, 1.0], "static": [1.0, 1.0, 1.0]}
 NOTHING_HIT = 1e10
 """Cycles' depth where no surface is."""
 BAKE_SHARE = 0.9
@@ -56,12 +55,15 @@ class PassSettings:
         return found
 
 
-def render(
-    engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, mix: dict[str, Any], passes: PassSettings
-) -> None:
+MixOf = Callable[[bpy.types.Scene, list[str]], dict[str, Any]]
+"""Gains of the named lights, of world and static light, as `core.rows.mix` gives them."""
+PassesOf = Callable[[bpy.types.Scene, bpy.types.ViewLayer], PassSettings]
+
+
+def render(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, mix_of: MixOf, passes_of: PassesOf) -> None:
     """Body of `RenderEngine.render`. What goes wrong is reported: an exception would hang Blender before 5.0."""
     try:
-        _FinalRender(engine, depsgraph, mix, passes).run()
+        _FinalRender(engine, depsgraph, mix_of, passes_of).run()
     except ExportCancelled:
         pass
     except BaseException as error:
@@ -74,13 +76,13 @@ class _FinalRender:
         self,
         engine: bpy.types.RenderEngine,
         depsgraph: bpy.types.Depsgraph,
-        mix: dict[str, Any],
-        passes: PassSettings,
+        mix_of: MixOf,
+        passes_of: PassesOf,
     ):
-        self.engine, self.depsgraph, self.passes = engine, depsgraph, passes
+        self.engine, self.depsgraph, self.mix_of = engine, depsgraph, mix_of
         self.scene = depsgraph.scene
         self.options: Options = options_of(self.scene)
-        self.mix = NEUTRAL | mix
+        self.passes = passes_of(self.scene, depsgraph.view_layer)
 
     def run(self) -> None:
         if self.scene.render.use_multiview:
@@ -95,26 +97,28 @@ class _FinalRender:
     @contextmanager
     def _baked(self, exported: Any) -> Iterator[Path]:
         """A folder with a bake of the scene: its own where that fits or is free, else one for this picture only."""
-        folder = self.options.folder
-        with ExitStack() as stack:
-            if not self._fits(exported, folder):
-                if is_bake(folder) or not _is_free(folder):
-                    folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="relume-")))
+        folder, temporary = self.options.folder, ExitStack()
+        info = native().info(folder) if is_bake(folder) else {}
+        is_same = bool(info) and info["manifest"]["scene_hash"] == exported.hash
+        with temporary:
+            if not (is_same and self._is_whole(info)):
+                if not (is_same or _is_free(folder)) or self._is_being_baked():
+                    path = tempfile.TemporaryDirectory(prefix="relume-", dir=bpy.app.tempdir)
+                    folder = Path(temporary.enter_context(path))
                 self._bake(exported, folder)
             yield folder
 
-    def _fits(self, exported: Any, folder: Path) -> bool:
-        """Whether the folder holds a bake of this very scene and view, with a whole picture at least."""
-        if not is_bake(folder):
-            return False
-        info = native().info(folder)
+    def _is_whole(self, info: dict[str, Any]) -> bool:
+        """Whether the bake has one sample of each pixel at least. An artist who waits for more sees what is there."""
         there, wanted = info["shards"]
         whole = there * len(info["manifest"]["passes"]) >= wanted
-        if info["manifest"]["scene_hash"] != exported.hash or not whole:
-            return False
-        if there < wanted:
+        if whole and there < wanted:
             self.engine.report({"WARNING"}, f"Relume: the bake is unfinished, {100 * there // wanted} % of it is used")
-        return True
+        return whole
+
+    def _is_being_baked(self) -> bool:
+        found = shot.of(self.scene)
+        return found is not None and found.is_working
 
     def _bake(self, exported: Any, folder: Path) -> None:
         def warn(text: str) -> None:
@@ -122,22 +126,20 @@ class _FinalRender:
 
         settings = trace_settings(self.scene, warn)
         settings |= {"samples": self.options.samples, "threads": self.options.threads}
-        self._wait(native().bake(exported, folder, settings), 0.0, BAKE_SHARE, warn)
+        self._wait(native().bake(exported, folder, settings, resume=True), 0.0, BAKE_SHARE, warn)
 
     def _relit(self, folder: Path, lights: list[dict[str, Any]]) -> dict[str, Any]:
-        """Layers of the picture, each with its gain; lights without one are black and cost nothing."""
+        """Layers of the picture, each with its gain; a silent light is black and costs nothing."""
         relighter = native().Relighter(folder, device=self.options.device, gpu_memory=self.options.gpu_memory)
-        gains = {light["name"]: instance_gain(self.mix["gains"], light["name"]) for light in lights}
-        names, heard = list(gains), []
+        names = [light["name"] for light in lights]
+        mix = self.mix_of(self.scene, names)
         for light in lights:
-            gain = gains[light["name"]] or [1.0, 1.0, 1.0]
-            light["radiance"] = [a * b for a, b in zip(light["radiance"], gain, strict=True)]
-            heard += [light] if any(light["radiance"]) else []
-        request = json.dumps(heard)
+            light["radiance"] = [a * b for a, b in zip(light["radiance"], mix["gains"][light["name"]], strict=True)]
+        request = json.dumps([light for light in lights if any(light["radiance"])])
         self._wait(native().Job(relighter.prepare(request)), BAKE_SHARE, 1.0, lambda _: None)
         picture = relighter.relight(request)
         for name in ("static", "world"):
-            picture[name] = picture[name] * np.array(self.mix[name], np.float32)
+            picture[name] = picture[name] * np.array(mix[name], np.float32)
         silent = np.zeros_like(picture["static"])
         picture["lights"] = {name: picture["lights"].get(name, silent) for name in names}
         return picture

@@ -1,6 +1,18 @@
 """What the artist sees in Blender's window: panels, and operators that only call functions of the other rooms."""
 
-from . import handlers, looks, looks_panel, main_panel, mixer, overlay, preferences, rows, settings, start
+from . import (
+    handlers,
+    looks,
+    looks_panel,
+    main_panel,
+    mixer,
+    overlay,
+    preferences,
+    rows,
+    settings,
+    start,
+    verify,
+)
 
-MODULES = (preferences, settings, rows, looks, overlay, handlers, start, main_panel, mixer, looks_panel)
+MODULES = (preferences, settings, rows, looks, overlay, handlers, start, main_panel, mixer, looks_panel, verify)
 """Registered in this order, unregistered in reverse."""

@@ -26,7 +26,7 @@ class Picture:
         self.frame = frame
         height, width = frame.image.shape[:2]
         self.size = (width, height)
-        self._linear = _upload(self.size, frame.image)
+        self.linear = _upload(self.size, frame.image)
         self._developed = gpu.types.GPUTexture(self.size, format="RGBA16F")
         self._view: View | None = None
 
@@ -46,7 +46,7 @@ class Picture:
         with framebuffer.bind():
             gpu.state.blend_set("NONE")
             program.shader.bind()
-            program.shader.uniform_sampler("image", self._linear)
+            program.shader.uniform_sampler("image", self.linear)
             program.shader.uniform_sampler("table", _table_of(view))
             program.shader.uniform_float("scale", view.scale)
             program.shader.uniform_float("exponent", view.exponent)

@@ -1,0 +1,141 @@
+"""Work in a Blender of its own, in the background: it goes on while the artist does something else, and cannot take
+the open file with it."""
+
+from __future__ import annotations
+
+import collections
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+SCRIPT = "relume_bake.py"
+LAST_WORDS = 20
+"""Lines that are kept to say why a process failed."""
+
+
+class NoCopyError(Exception):
+    """The open file cannot be saved as a copy; the message says why."""
+
+
+class Worker:
+    """A process and what it prints. Nothing here waits."""
+
+    def __init__(self, command: list[str]):
+        # In a group of its own: a wrapper around Blender must not outlive it, and Ctrl-C is for Blender's own terminal.
+        self._process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            start_new_session=True,
+        )
+        self._lines: collections.deque[str] = collections.deque()
+        self._last: collections.deque[str] = collections.deque(maxlen=LAST_WORDS)
+        self._reader = threading.Thread(target=self._read, name="relume-worker", daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        stream = self._process.stdout
+        assert stream is not None
+        with stream:
+            for line in stream:
+                self._lines.append(line)
+
+    @property
+    def ended(self) -> bool:
+        """Whether the process is over and all it said has arrived."""
+        return self._process.poll() is not None and not self._reader.is_alive()
+
+    @property
+    def code(self) -> int | None:
+        """Exit code, once it has ended."""
+        return self._process.poll()
+
+    def events(self) -> list[dict[str, Any]]:
+        """JSON lines since the last call (`core.progress.Reporter`)."""
+        found = []
+        while self._lines:
+            line = self._lines.popleft().strip()
+            event = None
+            if line.startswith("{"):
+                with contextlib.suppress(ValueError):
+                    event = json.loads(line)
+            if isinstance(event, dict):
+                found.append(event)
+            elif line:
+                self._last.append(line)
+        return found
+
+    def last_words(self) -> str:
+        """The line that most probably says why it failed."""
+        lines = [line for line in self._last if "error" in line.lower()] or list(self._last)
+        return lines[-1] if lines else f"Blender ended with status {self.code}"
+
+    def stop(self) -> None:
+        """Asks the process to end; files stay whole."""
+        self._signal("SIGTERM")
+
+    def kill(self) -> None:
+        """Ends the process at once, and waits for that."""
+        self._signal("SIGKILL")
+        self._process.wait()
+
+    def _signal(self, name: str) -> None:
+        if self._process.poll() is not None:
+            return
+        if os.name == "nt":
+            self._process.terminate()
+            return
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._process.pid, getattr(signal, name))
+
+
+class SavedCopy:
+    """The open file as it is now, in a private folder that goes with `remove`."""
+
+    def __init__(self) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="relume-", dir=bpy.app.tempdir, ignore_cleanup_errors=True)
+        self.folder = Path(self._folder.name)
+        self.blend = self.folder / "shot.blend"
+        try:
+            bpy.ops.wm.save_as_mainfile(filepath=str(self.blend), copy=True, compress=False, check_existing=False)
+        except RuntimeError as error:
+            self.remove()
+            reason = str(error).strip().removeprefix("Error: ")
+            raise NoCopyError(f"no copy of the file for the other Blender: {reason}") from error
+
+    def remove(self) -> None:
+        """Removes the folder with all in it."""
+        self._folder.cleanup()
+
+
+def blender_command(blend: Path | None, arguments: list[str]) -> list[str]:
+    """The command line of `relume ARGUMENTS` with a file, for another Blender of this version; without a window, the
+    user's own start-up file and other add-ons."""
+    script = str(_script())
+    file = [str(blend)] if blend else []
+    if not bpy.app.binary_path:  # The `bpy` module.
+        return [sys.executable, script, *file, "--", *arguments]
+    scripts = bpy.context.preferences.filepaths.use_scripts_auto_execute
+    drivers = ["--enable-autoexec" if scripts else "--disable-autoexec"]
+    return [
+        *(bpy.app.binary_path, "--background", "--factory-startup"),
+        *(*drivers, *file, "--python", script, "--", *arguments),
+    ]
+
+
+def _script() -> Path:
+    """Beside the add-on in a checkout, inside of it in an extension."""
+    addon = Path(__file__).resolve().parents[1]
+    return next(path for path in (addon / SCRIPT, addon.parent / SCRIPT) if path.exists())

@@ -1,0 +1,194 @@
+"""Verify: the present picture against Cycles."""
+
+from __future__ import annotations
+
+import bpy
+from bpy.props import EnumProperty, IntProperty, PointerProperty
+
+from ..engine import shot, verify
+from ..engine.process import NoCopyError
+from ..viewport import compare
+from . import rows
+from .panel import RelumePanel, message
+
+TICK_SECONDS = 0.25
+VIEWS = {
+    "WIPE": ("Wipe", "Cycles on the left, Relume on the right"),
+    "A": ("Cycles", "The render by Cycles"),
+    "B": ("Relume", "The picture that was verified"),
+    "DIFFERENCE": ("Difference", "Where the two differ: from black (nothing) by blue, green and red to white"),
+}
+
+
+def start(scene: bpy.types.Scene) -> verify.Verification:
+    """Renders the present lights and rows with Cycles, and compares. Raises VerifyError or NoCopyError."""
+    found = shot.of(scene)
+    if found is None or found.frame is None:
+        raise verify.VerifyError("there is no picture yet; press Start and wait for it")
+    lights = [obj.name for obj in scene.objects if obj.type == "LIGHT"]
+    compare.clear(scene)
+    running = verify.start(scene, found.frame, found.camera, scene.relume_verify.samples, rows.mix(scene, lights))
+    if not bpy.app.background and not bpy.app.timers.is_registered(_timer):
+        bpy.app.timers.register(_timer, first_interval=TICK_SECONDS, persistent=True)
+    return running
+
+
+def show(scene: bpy.types.Scene, view: str) -> None:
+    """Shows the result of a comparison in the overlay; one of VIEWS, or nothing of it."""
+    found = verify.of(scene)
+    if found is None or found.result is None or view not in VIEWS:
+        compare.clear(scene)
+    elif view == "DIFFERENCE":
+        compare.set_pair(scene, found.difference, found.difference, "A")
+    else:
+        compare.set_pair(scene, found.reference, found.ours, view)
+    _redraw()
+
+
+def words(found: verify.Verification) -> str:
+    """What came of a comparison, in one sentence."""
+    if found.error:
+        return f"Not verified: {found.error}"
+    if found.result is None:
+        return f"Cycles renders, part {min(found.done + 1, found.total)} of {found.total}"
+    error, noise, psnr = (found.result[name] for name in ("error", "noise", "psnr"))
+    return (
+        f"Differs from Cycles by {100 * error:.1f} % on average ({psnr:.1f} dB). "
+        f"Noise of Cycles itself: {100 * noise:.1f} %"
+    )
+
+
+def _timer() -> float | None:
+    running = verify.all_running()
+    if any([found.poll() for found in running]):
+        _redraw()
+    return TICK_SECONDS if running else None
+
+
+def _redraw() -> None:
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                area.tag_redraw()
+
+
+class RelumeVerifySettings(bpy.types.PropertyGroup):
+    """Kept in the .blend file."""
+
+    samples: IntProperty(
+        name="Samples",
+        description="Paths per pixel of the render by Cycles. More have less noise of their own, and take longer",
+        default=128,
+        min=2,
+        soft_max=4096,
+    )
+
+
+class RELUME_OT_verify(bpy.types.Operator):  # noqa: N801 -- Blender's naming
+    """Render the present lights and rows with Cycles, in a Blender of its own, and compare: you can go on working"""
+
+    bl_idname = "relume.verify"
+    bl_label = "Verify"
+
+    def execute(self, context):
+        """Called by Blender."""
+        try:
+            start(context.scene)
+        except (verify.VerifyError, NoCopyError) as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+class RELUME_OT_verify_cancel(bpy.types.Operator):  # noqa: N801
+    """End the render by Cycles"""
+
+    bl_idname = "relume.verify_cancel"
+    bl_label = "Cancel"
+
+    def execute(self, context):
+        """Called by Blender."""
+        verify.close(context.scene.session_uid)
+        return {"FINISHED"}
+
+
+class RELUME_OT_verify_show(bpy.types.Operator):  # noqa: N801
+    """Show the verified picture beside that of Cycles"""
+
+    bl_idname = "relume.verify_show"
+    bl_label = "Show"
+
+    view: EnumProperty(
+        name="View",
+        description="What to show",
+        items=[(name, *texts) for name, texts in VIEWS.items()] + [("LIVE", "Live", "Back to the live picture")],
+    )
+
+    @classmethod
+    def description(cls, _context, properties):
+        """The tooltip of each button."""
+        return VIEWS[properties.view][1] if properties.view in VIEWS else "Back to the live picture"
+
+    def execute(self, context):
+        """Called by Blender."""
+        show(context.scene, self.view)
+        return {"FINISHED"}
+
+
+class RELUME_PT_verify(RelumePanel, bpy.types.Panel):  # noqa: N801
+    """The present picture against Cycles"""
+
+    bl_idname = "RELUME_PT_verify"
+    bl_label = "Verify"
+    bl_order = 40
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context):
+        """Only where there is a picture."""
+        return shot.of(context.scene) is not None
+
+    def draw(self, context):
+        """Called by Blender."""
+        layout, found = self.layout, verify.of(context.scene)
+        if found is not None and found.is_running:
+            layout.progress(factor=found.done / found.total, text=words(found))
+            layout.operator("relume.verify_cancel", icon="X")
+            return
+        row = layout.row(align=True)
+        row.prop(context.scene.relume_verify, "samples")
+        row.operator("relume.verify", icon="CHECKMARK")
+        if found is None:
+            return
+        message(layout, words(found), icon="ERROR" if found.error else "NONE")
+        if found.result is not None:
+            grid = layout.grid_flow(columns=2, align=True)
+            for name, (label, _) in VIEWS.items():
+                grid.operator("relume.verify_show", text=label).view = name
+            layout.operator("relume.verify_show", text="Live").view = "LIVE"
+
+
+CLASSES = (
+    RelumeVerifySettings,
+    RELUME_OT_verify,
+    RELUME_OT_verify_cancel,
+    RELUME_OT_verify_show,
+    RELUME_PT_verify,
+)
+
+
+def register():
+    """Adds panel and operators."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.Scene.relume_verify = PointerProperty(type=RelumeVerifySettings)
+
+
+def unregister():
+    """Takes them away and ends what runs."""
+    verify.close_all()
+    if bpy.app.timers.is_registered(_timer):
+        bpy.app.timers.unregister(_timer)
+    del bpy.types.Scene.relume_verify
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

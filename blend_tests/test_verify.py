@@ -1,0 +1,174 @@
+"""Verify: a copy of the file, rendered by Cycles in another Blender, against a picture."""
+
+import os
+import time
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+
+import addon
+from addon.core import metrics
+from addon.engine import verify
+from addon.engine.cycles_mix import write_mix
+from addon.engine.verify import Picture, VerifyError
+from addon.ui import verify as ui
+from addon.viewport import compare
+from helpers import add_light, add_material, add_quad, render_cycles
+
+NEUTRAL = {"gains": {}, "world": [1.0, 1.0, 1.0], "static": [1.0, 1.0, 1.0]}
+
+
+@pytest.fixture
+def shot(scene):
+    """A plane under two lights of one data-block, a world and an emissive plane; small."""
+    material, tree, output = add_material("White")
+    diffuse = tree.nodes.new("ShaderNodeBsdfDiffuse")
+    tree.links.new(diffuse.outputs[0], output.inputs["Surface"])
+    add_quad(scene, size=4.0, material=material)
+    key = add_light(scene, "POINT", name="Key", location=(-1, 0, 2), shadow_soft_size=0.5)
+    fill = bpy.data.objects.new("Fill", key.data)
+    fill.location = (1, 0, 2)
+    scene.collection.objects.link(fill)
+    glow, tree, output = add_material("Glow")
+    emission, ramp = tree.nodes.new("ShaderNodeEmission"), tree.nodes.new("ShaderNodeRGB")
+    ramp.outputs[0].default_value = (0.2, 0.4, 0.8, 1.0)
+    tree.links.new(ramp.outputs[0], emission.inputs["Color"])
+    tree.links.new(emission.outputs[0], output.inputs["Surface"])
+    add_quad(scene, name="Lamp", size=0.5, material=glow).location.z = 0.5
+    scene.world = bpy.data.worlds.new("Sky")
+    if bpy.app.version < (5, 2, 0):
+        scene.world.use_nodes = True
+    background = next(node for node in scene.world.node_tree.nodes if node.bl_idname == "ShaderNodeBackground")
+    background.inputs["Color"].default_value = (0.1, 0.2, 0.3, 1.0)
+    scene.render.resolution_x, scene.render.resolution_y = 32, 24
+    yield scene
+    verify.close_all()
+
+
+def picture(scene, samples=64):
+    """Cycles' own, as a frame."""
+    pixels = render_cycles(scene, samples=samples)
+    return Picture(np.concatenate([pixels, np.ones_like(pixels[..., :1])], axis=-1))
+
+
+def end(found, seconds=120):
+    """Polls until it is over, as the window's timer does."""
+    deadline = time.monotonic() + seconds
+    while found.is_running and time.monotonic() < deadline:
+        found.poll()
+        time.sleep(0.02)
+    assert not found.is_running
+    return found
+
+
+def test_the_render_of_cycles_itself_is_verified(shot):
+    before = os.listdir(bpy.app.tempdir)
+    found = end(verify.start(shot, picture(shot), "Camera", 64, NEUTRAL))
+    assert found.error == ""
+    assert found.result["error"] < 0.05 and 0.0 < found.result["noise"] < 0.1 and found.result["psnr"] > 30.0
+    assert found.reference.image.shape == found.difference.image.shape == (24, 32, 4)
+    assert found.total == 8 and found.done == 8
+    assert os.listdir(bpy.app.tempdir) == before or set(os.listdir(bpy.app.tempdir)) - set(before) <= {"cycles.exr"}
+
+
+def test_a_wrong_picture_is_noticed(shot):
+    wrong = picture(shot)
+    wrong.image[:12] *= 1.5
+    found = end(verify.start(shot, wrong, "Camera", 32, NEUTRAL))
+    assert found.result["error"] > 0.15
+    difference = found.difference.image[..., :3].sum(axis=-1)
+    assert difference[:12].mean() > 3.0 * difference[12:].mean()
+
+
+def test_the_mix_is_in_the_copy_only(shot):
+    mix = NEUTRAL | {"gains": {"Key": [2.0, 1.0, 0.5], "Fill": [0.0, 0.0, 0.0]}, "static": [3.0, 3.0, 3.0]}
+    energies = [light.energy for light in bpy.data.lights]
+    found = end(verify.start(shot, picture(shot), "Camera", 64, mix))
+    assert [light.energy for light in bpy.data.lights] == energies and not shot.objects["Fill"].hide_render
+    write_mix(shot, mix)
+    expected = render_cycles(shot, samples=64)
+    assert metrics.relative_error(found.reference.image[..., :3], expected) < 0.05
+
+
+def test_gains_multiply_what_each_source_gives(shot):
+    glow = next(n for n in bpy.data.materials["Glow"].node_tree.nodes if n.bl_idname == "ShaderNodeEmission")
+    strength, world = glow.inputs["Strength"], shot.world
+
+    def shine(*names):
+        for name in ("Key", "Fill"):
+            shot.objects[name].hide_render = name not in names
+        strength.default_value = float("Lamp" in names)
+        shot.world = world if "Sky" in names else None
+
+    def alone(name):
+        shine(name)
+        return render_cycles(shot, samples=128, max_bounces=2)
+
+    names = ("Key", "Fill", "Lamp", "Sky")
+    parts = {name: alone(name) for name in names}
+    shine(*names)
+    gains = {"Key": [2.0, 1.0, 0.5], "Fill": [0.5, 0.5, 3.0], "Lamp": [1.0, 4.0, 0.0], "Sky": [0.0, 2.0, 5.0]}
+    write_mix(shot, {"gains": {n: gains[n] for n in ("Key", "Fill")}, "static": gains["Lamp"], "world": gains["Sky"]})
+    mixed = render_cycles(shot, samples=256, max_bounces=2)
+    expected = sum(parts[name] * np.array(gains[name], np.float32) for name in parts)
+    assert mixed.mean(axis=(0, 1)) == pytest.approx(expected.mean(axis=(0, 1)), rel=0.02)
+
+
+def test_cancel_ends_the_process_and_leaves_nothing(shot):
+    before = set(os.listdir(bpy.app.tempdir))
+    frame = Picture(np.zeros((24, 32, 4), np.float32))
+    found = verify.start(shot, frame, "Camera", 100_000, NEUTRAL)
+    process = found._worker._process
+    assert process.poll() is None and verify.all_running() == [found]
+    verify.close_all()
+    assert process.poll() is not None and not found.is_running and verify.all_running() == []
+    assert set(os.listdir(bpy.app.tempdir)) == before
+
+
+def test_what_cannot_be_verified_is_said(shot):
+    frame = Picture(np.zeros((24, 32, 4), np.float32), scale=2)
+    with pytest.raises(VerifyError, match="full size"):
+        verify.start(shot, frame, "Camera", 8, NEUTRAL)
+    with pytest.raises(VerifyError, match="Nope"):
+        verify.start(shot, Picture(frame.image), "Nope", 8, NEUTRAL)
+    assert verify.of(shot) is None
+
+
+def test_the_panel_verifies_what_it_shows(shot, monkeypatch):
+    addon.register()
+    try:
+        shot.relume_verify.samples = 16
+        with pytest.raises(RuntimeError, match="no picture yet"):
+            bpy.ops.relume.verify()
+        opened = SimpleNamespace(frame=picture(shot, samples=16), camera="Camera")
+        monkeypatch.setattr(ui.shot, "of", lambda scene: opened)
+        assert bpy.ops.relume.verify() == {"FINISHED"}
+        found = end(verify.of(shot))
+        assert found.result["samples"] == 16 and "Noise of Cycles" in ui.words(found)
+        for view, pictures in {
+            "WIPE": (found.reference, found.ours),
+            "DIFFERENCE": (found.difference, found.difference),
+        }.items():
+            assert bpy.ops.relume.verify_show(view=view) == {"FINISHED"}
+            shown = compare.pair_of(shot)
+            assert (shown.a, shown.b) == pictures
+        bpy.ops.relume.verify_show(view="LIVE")
+        assert compare.pair_of(shot) is None
+        bpy.ops.relume.verify()
+        running = verify.of(shot)._worker._process
+    finally:
+        addon.unregister()
+    assert running.poll() is not None and verify.of(shot) is None
+
+
+def test_metrics_are_those_of_the_native_module():
+    ones, twos = np.ones((2, 2, 3), np.float32), np.full((2, 2, 3), 2.0, np.float32)
+    assert metrics.relative_error(twos, ones) == 1.0 and metrics.relative_error(ones, ones) == 0.0
+    # Exposed to a mean of 0.5: 1 / (1 + 1) - 0.5 / (1 + 0.5) = 1/6.
+    assert metrics.psnr_reinhard(twos, ones) == pytest.approx(-20.0 * np.log10(1.0 / 6.0))
+    assert metrics.psnr_reinhard(ones, ones) == float("inf")
+    assert (metrics.false_color(ones, ones) == 0.0).all()
+    black = np.zeros((2, 2, 3), np.float32)
+    assert (metrics.false_color(np.full_like(black, np.inf), black) == 1.0).all()
