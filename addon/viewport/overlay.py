@@ -83,13 +83,15 @@ def draw(what: Show, view: View, to_overlay: bool = True) -> None:
     first = texture.picture_of(what.first)
     second = texture.picture_of(what.second)
     pictures = first.developed(view), second.developed(view)
-    frame = what.frame.snapped(first.size) or what.frame
+    snapped = what.frame.snapped(first.size) if first.size == second.size else None
+    frame = snapped or what.frame
     drawn = frame if what.drawn == what.frame else what.drawn
-    program = shader.show()
+    program = shader.show(one_to_one=snapped is not None)
     with _state():
         program.shader.bind()
         program.shader.uniform_sampler("first", pictures[0])
         program.shader.uniform_sampler("second", pictures[1])
+        program.shader.uniform_sampler("encoding", texture.encoding())
         program.shader.uniform_float("frame", (frame.left, frame.bottom, frame.right, frame.top))
         program.shader.uniform_float("drawn", (drawn.left, drawn.bottom, drawn.right, drawn.top))
         program.shader.uniform_float("region", what.region)

@@ -11,6 +11,7 @@ from functools import cache
 from typing import Any
 
 import gpu
+import numpy as np
 from gpu_extras.batch import batch_for_shader
 
 from ..export.view_transform import SHAPER_MIN, SHAPER_OFFSET
@@ -87,15 +88,22 @@ SHOW_FRAGMENT = """
 #define DIFFERENCE 2
 #define LARGEST_RADIUS 16.0
 
-/* A tent over the texels under the pixel: their own value at 1:1, bilinear when larger, smooth when smaller. */
+#ifdef ONE_TO_ONE
 vec4 filtered(sampler2D picture, vec2 at)
 {
   vec2 size = vec2(textureSize(picture, 0));
+  return texelFetch(picture, ivec2(clamp(at * size, vec2(0.0), size - 1.0)), 0);
+}
+#else
+/* A tent over the texels under the pixel: bilinear when larger, smooth when smaller. */
+vec4 filtered(sampler2D picture, vec2 at)
+{
+  vec2 size = vec2(textureSize(picture, 0));
+  ivec2 last = ivec2(size) - 1;
   vec2 center = at * size - 0.5;
   vec2 radius = clamp(size / (frame.zw - frame.xy), vec2(1.0), vec2(LARGEST_RADIUS));
-  ivec2 low = ivec2(ceil(center - radius));
-  ivec2 high = ivec2(floor(center + radius));
-  ivec2 last = ivec2(size) - 1;
+  ivec2 low = ivec2(floor(center - radius)) + 1;
+  ivec2 high = ivec2(ceil(center + radius)) - 1;
   vec4 sum = vec4(0.0);
   float weights = 0.0;
   for (int y = low.y; y <= high.y; y++) {
@@ -108,26 +116,12 @@ vec4 filtered(sampler2D picture, vec2 at)
   }
   return sum / weights;
 }
+#endif
 
-float srgb_from_linear(float x)
-{
-  return x <= 0.0031308 ? 12.92 * x : 1.055 * pow(x, 1.0 / 2.4) - 0.055;
-}
-
-float linear_from_srgb(float x)
-{
-  return x <= 0.04045 ? x / 12.92 : pow((x + 0.055) / 1.055, 2.4);
-}
-
-/* What the overlay texture of the 3D view has to be given for a display colour to come out. Blender stores eight
- * bits along the sRGB curve and shows the power 1 / 2.2 of what it reads; of the two stored levels around a dark
- * colour, which that makes coarse, the nearer one is chosen. */
 float overlay_from_display(float color)
 {
-  float level = floor(srgb_from_linear(pow(color, 2.2)) * 255.0);
-  float below = linear_from_srgb(level / 255.0);
-  float above = linear_from_srgb(min(level + 1.0, 255.0) / 255.0);
-  return color - pow(below, 1.0 / 2.2) < pow(above, 1.0 / 2.2) - color ? below : above;
+  int last = textureSize(encoding, 0) - 1;
+  return texelFetch(encoding, int(clamp(color, 0.0, 1.0) * float(last) + 0.5), 0).r;
 }
 
 void main()
@@ -159,6 +153,8 @@ void main()
 }
 """
 
+ENCODING_ENTRIES = 4096
+
 
 @dataclass(frozen=True)
 class Program:
@@ -181,12 +177,17 @@ def develop() -> Program:
 
 
 @cache
-def show() -> Program:
-    """Samplers `first` and `second`; constants `frame` and `drawn` (rectangles) and `split` in pixels of the
-    `region`; `mode`: 0 first left of the split, SPLIT, DIFFERENCE; `opacity`, `gain`, `to_overlay`."""
+def show(one_to_one: bool) -> Program:
+    """With `one_to_one` each pixel is one texel, without any filter.
+
+    Samplers `first`, `second` and `encoding` (`overlay_encoding`). Constants `frame` and `drawn` (rectangles) and
+    `split` in pixels of the `region`; `mode`: 0 first left of the split, SPLIT, DIFFERENCE; `opacity`; `gain` of the
+    difference; `to_overlay`.
+    """
     info = gpu.types.GPUShaderCreateInfo()
     info.sampler(0, "FLOAT_2D", "first")
     info.sampler(1, "FLOAT_2D", "second")
+    info.sampler(2, "FLOAT_1D", "encoding")
     info.push_constant("VEC4", "frame")
     info.push_constant("VEC4", "drawn")
     info.push_constant("VEC2", "region")
@@ -198,7 +199,23 @@ def show() -> Program:
     between = gpu.types.GPUStageInterfaceInfo("relume_show")
     between.smooth("VEC2", "pixel")
     info.vertex_out(between)
+    if one_to_one:
+        info.define("ONE_TO_ONE")
     return _compile(info, SHOW_VERTEX, SHOW_FRAGMENT)
+
+
+def overlay_encoding() -> np.ndarray:
+    """What the overlay texture of the 3D view has to be given for a display colour to come out, [entries] for
+    display colours from 0 to 1.
+
+    Blender stores eight bits along the sRGB curve and shows the power 1 / 2.2 of what it reads. That makes the levels
+    coarse in the dark, so that of the two around a colour the one shown nearest to it is chosen.
+    """
+    level = np.arange(256) / 255.0
+    linear = np.where(level <= 0.04045, level / 12.92, ((level + 0.055) / 1.055) ** 2.4)
+    shown = linear ** (1.0 / 2.2)
+    wanted = np.linspace(0.0, 1.0, ENCODING_ENTRIES)
+    return linear[np.searchsorted((shown[1:] + shown[:-1]) / 2.0, wanted)].astype(np.float32)
 
 
 def free() -> None:

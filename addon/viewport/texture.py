@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cache
 from typing import Any
 
 import gpu
@@ -74,7 +75,15 @@ def free() -> None:
     """Frees everything."""
     keep_only(())
     _tables.clear()
+    encoding.cache_clear()
     shader.free()
+
+
+@cache
+def encoding() -> Any:
+    """The table of `shader.overlay_encoding`."""
+    values = shader.overlay_encoding()
+    return gpu.types.GPUTexture(values.size, format="R32F", data=gpu.types.Buffer("FLOAT", values.size, values))
 
 
 def _upload(size: tuple[int, ...], pixels: np.ndarray) -> Any:

@@ -1,0 +1,216 @@
+"""The picture in the camera's frame is, on the screen, what Blender's own display of it is; exactly in its place."""
+
+import importlib
+import json
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+from driver import ADDON
+
+NEEDS = ["demo.blend"]
+SIZE = (960, 540)
+
+
+class Picture:
+    """Stands in for `relume.Live`: shows the pictures that it is given."""
+
+    given = None
+
+    def __init__(self, *_arguments, **_options):
+        pass
+
+    def __getattr__(self, name):
+        return lambda *_arguments, **_options: 0
+
+    def status(self):
+        return json.dumps(importlib.import_module(f"{ADDON}.engine.shot").EMPTY | {"state": "ready"})
+
+    def frame(self, newer_than=0):
+        return Picture.given if Picture.given and Picture.given.serial > newer_than else None
+
+
+def frame(serial, seed=1, scale=1):
+    """Colours of all hues from 2^-8 to 2^4, opaque; as the native module gives it, bottom row first."""
+    image = np.ones((SIZE[1] // scale, SIZE[0] // scale, 4), np.float32)
+    image[..., :3] = np.exp2(np.random.default_rng(seed).uniform(-8.0, 4.0, (*image.shape[:2], 3)))
+    return SimpleNamespace(serial=serial, request=serial, scale=scale, image=image, summary="{}")
+
+
+def module(name):
+    """A module of the installed extension."""
+    return importlib.import_module(f"{ADDON}.{name}")
+
+
+def rectangle(driver):
+    """The camera's frame in pixels of the screen: left, top, right, bottom, the top row being 0."""
+    region, data = driver.region(), driver.view.spaces.active.region_3d
+    scene = bpy.context.scene
+    found = module("viewport.camera_frame").frame_of(scene, scene.camera, region, data)
+    found = found.snapped(SIZE) or found
+    left, right = (round(region.x + x) for x in (found.left, found.right))
+    top, bottom = (round(driver.window.height - region.y - y) for y in (found.top, found.bottom))
+    return left, top, right, bottom
+
+
+def shown(driver, name=None):
+    """What the screen shows in the camera's frame, 0..1, bottom row first."""
+    yield from driver.drawn()
+    yield from driver.until(lambda: module("viewport.view_table").is_complete(bpy.context.scene), "the view's table")
+    yield from driver.drawn()
+    left, top, right, bottom = rectangle(driver)
+    return driver.photo(name)[top:bottom, left:right][::-1] / 255.0
+
+
+def compare(driver, name, found, expected):
+    """The goal of the overlay: at most 1 of 255 on average, 3 at the 99th percentile."""
+    driver.check(found.shape == expected.shape, f"{name}: the frame has {expected.shape} pixels; it has {found.shape}")
+    error = np.abs(np.round(found * 255) - np.round(expected * 255))
+    driver.record(f"{name}: mean error", error.mean(), "of 255", 1)
+    driver.record(f"{name}: 99th percentile of the error", np.percentile(error, 99), "of 255", 3)
+    good = error.mean() <= 1.0 and np.percentile(error, 99) <= 3.0
+    driver.check(good, f"{name}: as Blender displays it; mean {error.mean():.2f}, p99 {np.percentile(error, 99):.1f}")
+
+
+def bare_camera_view(driver):
+    """Nothing but the view, one pixel of the camera on one of the screen."""
+    space = driver.view.spaces.active
+    space.show_region_ui = space.show_region_toolbar = space.show_region_header = False
+    space.show_gizmo = space.overlay.show_overlays = False
+    scene = bpy.context.scene
+    scene.render.resolution_x, scene.render.resolution_y = SIZE
+    scene.render.resolution_percentage = 100
+    scene.render.dither_intensity = 0.0
+    yield from driver.look_through_camera()
+    with driver.within():
+        bpy.ops.view3d.zoom_camera_1_to_1()
+    yield from driver.drawn()
+
+
+VIEWS = {
+    "AgX": {"view_transform": "AgX"},
+    "AgX brighter": {"view_transform": "AgX", "exposure": 1.5, "gamma": 1.2},
+    "Filmic": {"view_transform": "Filmic"},
+    "Filmic high contrast": {"view_transform": "Filmic", "look": "High Contrast"},
+    "Standard": {"view_transform": "Standard"},
+    "Standard darker": {"view_transform": "Standard", "exposure": -1.0},
+}
+
+
+def set_view(settings):
+    """Sets the scene's view; what is not named is neutral."""
+    view = bpy.context.scene.view_settings
+    view.view_transform = settings["view_transform"]
+    for key, value in ({"look": "None", "exposure": 0.0, "gamma": 1.0} | settings).items():
+        setattr(view, key, value)
+
+
+def flat(serial, color=(1.0, 0.0, 1.0)):
+    """A picture of one colour that Blender's views do not have."""
+    picture = frame(serial)
+    picture.image[..., :3] = color
+    return picture
+
+
+def box_of(pixels):
+    """Left, top, right, bottom of the magenta pixels of the screen; None if there are none."""
+    there = (pixels[..., 0] > 240) & (pixels[..., 1] < 16) & (pixels[..., 2] > 240)
+    if not there.any():
+        return None
+    columns, rows = np.flatnonzero(there.any(axis=0)), np.flatnonzero(there.any(axis=1))
+    return columns[0], rows[0], columns[-1] + 1, rows[-1] + 1
+
+
+def camera_settings(**settings):
+    """Sets properties of the camera."""
+    for key, value in settings.items():
+        setattr(bpy.context.scene.camera.data, key, value)
+
+
+def render_settings(**settings):
+    """Sets properties of the render."""
+    for key, value in settings.items():
+        setattr(bpy.context.scene.render, key, value)
+
+
+PLACES = [
+    ("fits", {}, {}, {"view_camera_zoom": 0.0}),
+    ("zoomed out", {}, {}, {"view_camera_zoom": -14.5}),
+    ("panned", {}, {}, {"view_camera_offset": (0.11, -0.07)}),
+    ("lens shift", {"shift_x": 0.15, "shift_y": -0.1}, {}, {}),
+    ("half resolution", {}, {"resolution_percentage": 50}, {}),
+    ("wide pixels", {}, {"pixel_aspect_x": 2.0}, {}),
+    ("portrait", {"sensor_fit": "VERTICAL"}, {"resolution_x": 400}, {}),
+    ("orthographic", {"type": "ORTHO", "ortho_scale": 3.0}, {}, {}),
+    ("border", {}, {"use_border": True, "border_min_x": 0.25, "border_max_y": 0.6}, {}),
+]
+
+
+def check_places(driver):
+    """The picture's edges on the screen are those of the camera's frame, to the pixel."""
+    for name, camera, render, view in PLACES:
+        camera_settings(**camera)
+        render_settings(**render)
+        for key, value in view.items():
+            setattr(driver.view.spaces.active.region_3d, key, value)
+        with driver.step(name):
+            yield from driver.drawn()
+            found = box_of(driver.photo())
+            left, top, right, bottom = rectangle(driver)
+            if name == "border":
+                left, top = left + 0.25 * (right - left), bottom - 0.6 * (bottom - top)
+            off = np.abs(np.subtract(found, (left, top, right, bottom))).max() if found else np.inf
+            driver.check(off <= 1.0, f"{name}: in the frame {left, top, right, bottom}; it is in {found}")
+
+
+def play(driver):
+    """See the first line of this file."""
+    yield from driver.open("demo.blend")
+    shot, displayed = module("engine.shot"), module("export.view_transform").displayed
+    shot.native = lambda: SimpleNamespace(Live=Picture)
+    Picture.given = frame(1)
+    yield from bare_camera_view(driver)
+    found = shot.Shot.open(bpy.context.scene)
+    found.poll()
+    found.camera = bpy.context.scene.camera.name
+    scene, settings = bpy.context.scene, bpy.context.scene.relume_view
+    image = found.frame.image[..., :3]
+    for name, view in VIEWS.items():
+        with driver.step(name):
+            set_view(view)
+            pixels = yield from shown(driver, name.replace(" ", "-"))
+        compare(driver, name, pixels, displayed(scene, image))
+    expected = displayed(scene, image)
+    with driver.step("wipe"):
+        settings.wipe, settings.wipe_position = True, 0.25
+        pixels = yield from shown(driver, "wipe")
+        compare(driver, "wipe", pixels[:, :200], expected[:, :200])
+        settings.shown = False
+        without = yield from shown(driver)
+        driver.check(np.array_equal(pixels[:, 300:], without[:, 300:]), "right of the wipe is the view itself")
+        settings.shown = True
+    with driver.step("drag the wipe"):
+        driver.view.spaces.active.show_gizmo = True
+        left, top, right, bottom = rectangle(driver)
+        height = driver.window.height - (top + bottom) // 2
+        yield from driver.move_mouse(left + 240, height)
+        yield from driver.wait(0.2)
+        yield from driver._event("LEFTMOUSE", "PRESS")
+        yield from driver.drag((left + 240, height), (left + 720, height))
+        yield from driver._event("LEFTMOUSE", "RELEASE")
+        driver.check(abs(settings.wipe_position - 0.75) < 0.02, f"the line follows the mouse; {settings.wipe_position}")
+        driver.view.spaces.active.show_gizmo = settings.wipe = False
+    with driver.step("opacity"):
+        settings.opacity = 0.4
+        pixels = yield from shown(driver, "opacity")
+        compare(driver, "opacity", pixels, (0.4 * expected**2.2 + 0.6 * without**2.2) ** (1 / 2.2))
+        settings.opacity = 1.0
+    pictures = [frame(serial, seed=serial, scale=1 + serial % 2) for serial in range(2, 12)]
+    with driver.step("new pictures"):
+        for Picture.given in pictures:
+            yield from driver.until(found.poll, "a new picture")
+            yield from driver.drawn()
+    Picture.given = flat(12)
+    yield from driver.until(found.poll, "a flat picture")
+    set_view(VIEWS["Standard"])
+    yield from check_places(driver)
