@@ -33,15 +33,13 @@ def scene():
 def registered(scene, monkeypatch):
     """The add-on, enabled, with a fake native module."""
     import relume
-
-    import addon
     from fake_live import FakeLive
 
-    monkeypatch.setattr(relume, "Live", FakeLive, raising=False)
+    monkeypatch.setattr(relume, "Live", FakeLive)
     FakeLive.made.clear()
-    addon.register()
+    bpy.ops.preferences.addon_enable(module="addon")
     yield
-    addon.unregister()
+    bpy.ops.preferences.addon_disable(module="addon")
 
 
 @pytest.fixture

@@ -7,11 +7,12 @@ from typing import Any
 from .progress import clock
 
 STAGES = {
-    "export": "Reading the scene",
+    "prepare": "Preparing the scene",
     "trace": "Tracing paths",
     "gather": "Summing lights",
-    "denoise": "Denoising",
     "train": "Learning the lights",
+    "measure": "Measuring what was learned",
+    "write": "Writing files",
 }
 
 
@@ -45,9 +46,9 @@ def headline(status: dict[str, Any]) -> str:
         case "preparing":
             return "Reading the scene"
         case "baking":
-            return f"{_paused(status)}Sample {status['samples']} of {status['samples_total']}"
+            return f"{_doing(status, 'trace')}, {status['samples']} of {status['samples_total']} samples"
         case "training":
-            return f"{_paused(status)}Learning the lights"
+            return _doing(status, "train")
         case "cancelled":
             kept = f" at {status['samples']} of {status['samples_total']} samples; they are kept"
             return f"Stopped{kept if status['samples'] else ''}"
@@ -56,17 +57,16 @@ def headline(status: dict[str, Any]) -> str:
     return f"Ready, {status['samples']} samples"
 
 
-def _paused(status: dict[str, Any]) -> str:
-    return "Paused. " if status["paused"] else ""
+def _doing(status: dict[str, Any], otherwise: str) -> str:
+    stage = (status["stage"] or {}).get("stage", otherwise)
+    return f"{'Paused: ' if status['paused'] else ''}{STAGES.get(stage, stage.capitalize())}"
 
 
 def progress(status: dict[str, Any]) -> tuple[float, str] | None:
-    """Share that is done and a text, of the present stage; None if nothing runs."""
+    """Share that is done and a text, of the present stage; None if nothing runs. For example `42 %, 1:05 left`."""
     stage = status["stage"]
     if stage is None or status["state"] not in {"preparing", "baking", "training"}:
         return None
     done = min(max(stage["done"] / max(stage["total"], 1), 0.0), 1.0)
-    text = STAGES.get(stage["stage"], stage["stage"].capitalize())
-    if stage.get("remaining_s") is not None:
-        text += f", {clock(stage['remaining_s'])} left"
-    return done, text
+    left = stage.get("remaining_s")
+    return done, f"{100 * done:.0f} %" if left is None else f"{100 * done:.0f} %, {clock(left)} left"

@@ -52,7 +52,7 @@ class Shot:
         self.lights = SceneLights(_view_layer(scene), kept.receivers if kept else _names(scene))
         self.changes = Changes(kept.prints if kept else None)
         self.is_recorded = kept is not None
-        self._is_exporting = self._has_ended = False
+        self.is_exporting = self._has_ended = False
         self._task: RenderTask | None = None
         self.request = ""
         """The newest request, JSON."""
@@ -100,13 +100,13 @@ class Shot:
         """Reads the scene, in a window on another thread, then bakes it."""
         settings = trace_settings(scene, self.warnings.append)
         settings |= {"samples": self.options.samples, "threads": self.options.threads}
-        self._is_exporting = True
+        self.is_exporting = True
         self._task = load_scene_async(
             scene, ExportOptions(), lambda exported, error: self._exported(exported, error, settings)
         )
 
     def _exported(self, exported: Any, error: BaseException | None, settings: dict[str, Any]) -> None:
-        self._is_exporting, self._task = False, None
+        self.is_exporting, self._task = False, None
         if not self.is_open:
             return
         if isinstance(error, ExportCancelled):
@@ -166,7 +166,7 @@ class Shot:
 
     def poll(self) -> bool:
         """Takes the newest picture and status; whether there was anything new."""
-        if self._is_exporting or self._has_ended:
+        if self.is_exporting or self._has_ended:
             return False
         text = self._live.status()
         frame = self._live.frame(self.frame.serial if self.frame else 0)

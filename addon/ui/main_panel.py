@@ -69,7 +69,8 @@ def _draw_shot(layout, scene, found: shot.Shot) -> None:
     if found.is_working:
         row = layout.row(align=True)
         paused = state["paused"]
-        row.operator("relume.pause", text="Resume" if paused else "Pause", icon="PLAY" if paused else "PAUSE")
+        if not found.is_exporting:
+            row.operator("relume.pause", text="Resume" if paused else "Pause", icon="PLAY" if paused else "PAUSE")
         row.operator("relume.cancel", icon="X")
     if status.shown(state):
         message(layout, status.shown(state))

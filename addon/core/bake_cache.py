@@ -1,0 +1,46 @@
+"""The folder of bakes that belong to no file: how large it is, and emptying it."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Collection, Iterator
+from pathlib import Path
+
+from .bake_folder import is_bake
+
+
+def bakes_in(folder: Path) -> Iterator[Path]:
+    """Folders in a cache folder that hold a bake. What else is there is not ours; links are not followed."""
+    try:
+        entries = sorted(folder.iterdir())
+    except OSError:
+        return
+    yield from (entry for entry in entries if not entry.is_symlink() and entry.is_dir() and is_bake(entry))
+
+
+def size_of(bake: Path) -> int:
+    """Bytes of all files of a bake."""
+    return sum(file.lstat().st_size for file in bake.rglob("*") if file.is_file())
+
+
+def remove(bakes: list[Path], in_use: Collection[Path]) -> tuple[int, list[str]]:
+    """Deletes bakes but for those in use. How many are gone, and what kept others, in words."""
+    gone, problems = 0, []
+    for bake in bakes:
+        if bake in in_use:
+            problems.append(f"'{bake.name}' is in use and was kept")
+            continue
+        try:
+            shutil.rmtree(bake)
+            gone += 1
+        except OSError as error:
+            problems.append(f"'{bake.name}' could not be deleted: {error.strerror or error}")
+    return gone, problems
+
+
+def in_words(size: int) -> str:
+    """For example `3.4 GB`."""
+    for unit, step in (("GB", 1e9), ("MB", 1e6)):
+        if size >= step:
+            return f"{size / step:.1f} {unit}"
+    return f"{size / 1e3:.0f} kB"

@@ -1,0 +1,36 @@
+"""Graphics cards of this machine, asked for in the background: drivers take their time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from .native import native
+
+ALWAYS = ["auto", "cpu", "gpu"]
+
+_job: Any = None
+_names: list[str] = []
+
+
+def look() -> None:
+    """Begins to look for devices."""
+    global _job
+    if _job is None:
+        _job = native().start("devices")
+
+
+def is_looking() -> bool:
+    """Whether the answer is still to come; takes it when it is there. Raises RelumeError if there is none."""
+    global _job, _names
+    if _job is None:
+        return False
+    if not _job.done:
+        return True
+    job, _job = _job, None
+    _names = [device["name"] for device in job.result()["devices"]]
+    return False
+
+
+def names() -> list[str]:
+    """What the device can be set to: always the same three, and the cards that were found."""
+    return [*ALWAYS, *_names]

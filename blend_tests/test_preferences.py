@@ -1,0 +1,92 @@
+"""The preferences: what they change, and a clean-up that deletes nothing but bakes."""
+
+import json
+import os
+import time
+
+import bpy
+import pytest
+from fake_live import FakeLive
+
+from addon.core import bake_cache
+from addon.core.bake_folder import MANIFEST
+from addon.engine import devices, options
+from addon.ui.preferences import clean_cache, count_cache
+from addon.ui.start import start
+
+
+@pytest.fixture
+def chosen(registered, tmp_path):
+    """The preferences of the enabled add-on, with a cache folder of their own."""
+    preferences = options.preferences()
+    preferences.cache_folder = str(tmp_path / "cache")
+    return preferences
+
+
+def make_bake(folder):
+    """What looks like a bake."""
+    folder.mkdir(parents=True)
+    (folder / MANIFEST).write_text(json.dumps({"scene_hash": "", "passes": [], "tile_size": 64}))
+    (folder / "tile_0000.safetensors").write_bytes(bytes(1000))
+
+
+def test_choices_reach_the_native_module(lit, chosen, monkeypatch):
+    chosen.device, chosen.threads, chosen.train_seconds = "cpu", 1, 5.0
+    chosen.limit_gpu_memory, chosen.gpu_memory = True, 512
+    start(lit)
+    live = FakeLive.made[-1]
+    folder = str(options.bake_folder(lit))
+    assert live.arguments == {"folder": folder, "device": "cpu", "gpu_memory": 512 * 2**20, "threads": 1}
+    assert live.calls[0][2] == 5.0 and live.calls[0][1]["threads"] == 1
+
+
+def test_clean_up_deletes_bakes_only(chosen, tmp_path):
+    cache = tmp_path / "cache"
+    make_bake(cache / "one")
+    make_bake(cache / "two")
+    make_bake(tmp_path / "elsewhere")
+    (cache / "photos").mkdir()
+    (cache / "photos" / MANIFEST).write_text('{"my": "own"}')
+    (cache / "notes.txt").write_text("mine")
+    os.symlink(tmp_path / "elsewhere", cache / "link")
+    number, size = count_cache()
+    assert number == 2 and size > 2000
+    gone, problems = clean_cache()
+    assert (gone, problems) == (2, [])
+    assert sorted(entry.name for entry in cache.iterdir()) == ["link", "notes.txt", "photos"]
+    assert (tmp_path / "elsewhere" / MANIFEST).exists()
+    assert count_cache() == (0, 0)
+
+
+def test_clean_up_keeps_what_is_shown(lit, chosen, tmp_path):
+    lit.relume.folder = ""
+    found = start(lit)
+    assert found.folder.parent == tmp_path / "cache"
+    (found.folder / MANIFEST).write_text(json.dumps({"scene_hash": "", "passes": [], "tile_size": 64}))
+    gone, problems = clean_cache()
+    assert gone == 0 and "in use" in problems[0]
+    assert found.folder.exists()
+
+
+def test_a_missing_cache_folder_is_empty(chosen):
+    assert count_cache() == (0, 0) and clean_cache() == (0, [])
+    assert bpy.ops.relume.count_cache() == {"FINISHED"}
+    assert bpy.ops.relume.clean_cache() == {"FINISHED"}
+
+
+def test_devices_are_found(chosen):
+    assert bpy.ops.relume.find_devices() == {"FINISHED"}
+    deadline = time.monotonic() + 60
+    while devices.is_looking():
+        assert time.monotonic() < deadline, "looking for devices does not end"
+        time.sleep(0.01)
+    assert devices.names()[:3] == ["auto", "cpu", "gpu"]
+
+
+def test_sizes_in_words():
+    assert [bake_cache.in_words(size) for size in (0, 1500, 2_500_000, 3_400_000_000)] == [
+        "0 kB",
+        "2 kB",
+        "2.5 MB",
+        "3.4 GB",
+    ]

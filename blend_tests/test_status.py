@@ -1,0 +1,73 @@
+"""What the panel says about a shot."""
+
+import pytest
+
+from addon.core import status
+from addon.engine.shot import EMPTY
+from addon.ui.panel import lines
+
+
+def state(**changes):
+    return EMPTY | changes
+
+
+def stage(name, done=1, total=4, remaining_s=65.0):
+    return {"stage": name, "done": done, "total": total, "elapsed_s": 1.0, "remaining_s": remaining_s, "message": ""}
+
+
+SAYINGS = [
+    (state(), "Nothing is baked yet"),
+    (state(state="preparing"), "Reading the scene"),
+    (state(state="baking", stage=stage("trace"), samples=3, samples_total=64), "Tracing paths, 3 of 64 samples"),
+    (state(state="baking", stage=stage("prepare"), samples_total=64), "Preparing the scene, 0 of 64 samples"),
+    (state(state="training", stage=stage("measure")), "Measuring what was learned"),
+    (state(state="training", paused=True), "Paused: Learning the lights"),
+    (state(state="ready", samples=64), "Ready, 64 samples"),
+    (state(state="cancelled"), "Stopped"),
+    (state(state="cancelled", samples=3, samples_total=8), "Stopped at 3 of 8 samples; they are kept"),
+    (state(state="failed", error="The disk is full"), "The disk is full"),
+    (state(state="failed"), "Relume failed without saying why"),
+]
+
+
+@pytest.mark.parametrize("told, words", SAYINGS)
+def test_headline(told, words):
+    assert status.headline(told) == words
+
+
+def picture(scale=1, samples=12, **makers):
+    return {"serial": 1, "request": 1, "scale": scale, "samples": samples, "makers": makers}
+
+
+PROXIES = {"sphere": {"psnr": 31.0, "smape": 0.08, "gather_smape": 0.05}}
+SHOWN = [
+    (state(), ""),
+    (state(shown=picture(Key="gather")), "Showing 12 samples"),
+    (state(shown=picture(samples=1, Key="gather_denoised")), "Showing 1 sample, denoised"),
+    (state(shown=picture(scale=2, Key="gather")), "Showing 12 samples, at 1/2 size"),
+    (state(shown=picture(Key="proxy"), proxies=PROXIES), "Showing the proxy (error 8.0 %)"),
+    (
+        state(shown=picture(Key="proxy", Rim="gather_denoised"), proxies=PROXIES),
+        "Showing the proxy (error 8.0 %) and 12 samples, denoised",
+    ),
+    (state(shown=picture()), "Showing 12 samples"),
+]
+
+
+@pytest.mark.parametrize("told, words", SHOWN)
+def test_shown(told, words):
+    assert status.shown(told) == words
+
+
+def test_progress_is_of_running_work_only():
+    assert status.progress(state(state="baking", stage=stage("trace"))) == (0.25, "25 %, 1:05 left")
+    assert status.progress(state(state="baking", stage=stage("trace", remaining_s=None))) == (0.25, "25 %")
+    assert status.progress(state(state="baking", stage=stage("trace", 9, 0))) == (1.0, "100 %, 1:05 left")
+    assert status.progress(state(state="ready", stage=stage("trace"))) is None
+    assert status.progress(state(state="baking")) is None
+
+
+def test_long_messages_are_broken_between_words():
+    assert lines("the quick brown fox", 9) == ["the quick", "brown fox"]
+    assert lines("unbreakable/path/name", 5) == ["unbreakable/path/name"]
+    assert lines("", 5) == [""]
