@@ -29,6 +29,8 @@ from .scene import scene_of_depsgraph
 POLL_SECONDS = 0.05
 NOTHING_HIT = 1e10
 """Cycles' depth where no surface is."""
+ALBEDO = "DiffCol" if bpy.app.version < (5, 0, 0) else "Diffuse Color"
+"""Blender's name of that pass."""
 BAKE_SHARE = 0.9
 """Of the progress bar, where a bake has to be made."""
 
@@ -51,7 +53,7 @@ class PassSettings:
             found += [(name, 3, "RGB", "COLOR") for name in names]
         found += [("Depth", 1, "Z", "VALUE")] * self.depth
         found += [("Normal", 3, "XYZ", "VECTOR")] * self.normal
-        found += [("DiffCol", 3, "RGB", "COLOR")] * self.albedo
+        found += [(ALBEDO, 3, "RGB", "COLOR")] * self.albedo
         return found
 
 
@@ -89,7 +91,7 @@ class _FinalRender:
             raise RuntimeError("stereo views are not supported; switch off Stereoscopy in the output settings")
         self._say("Reading the scene", 0.0)
         size = film_size(self.scene.render)
-        exported = scene_of_depsgraph(self.depsgraph, ExportOptions(resolution=size), self.engine.test_break)
+        exported = scene_of_depsgraph(self.depsgraph, ExportOptions(resolution=size), self._is_stopped)
         with self._baked(exported) as folder:
             picture = self._relit(folder, json.loads(exported.lights()))
         self._write(picture)
@@ -147,7 +149,7 @@ class _FinalRender:
     def _wait(self, job: Any, start: float, end: float, warn: Callable[[str], None]) -> None:
         """Watches a job of the native module; Esc ends it."""
         while not job.done:
-            if self.engine.test_break():
+            if self._is_stopped():
                 job.cancel()
                 with suppress(native().RelumeError):
                     job.result()
@@ -160,6 +162,9 @@ class _FinalRender:
         for text in job.warnings():
             warn(text)
         job.result()
+
+    def _is_stopped(self) -> bool:
+        return self.engine.test_break()
 
     def _say(self, text: str, progress: float) -> None:
         self.engine.update_stats("Relume", text)
@@ -196,7 +201,7 @@ class _FinalRender:
             "world": picture["world"],
             "Depth": self._depth(picture["depth"]),
             "Normal": picture["normal"],
-            "DiffCol": picture["albedo"],
+            ALBEDO: picture["albedo"],
         }
 
     def _depth(self, distance: np.ndarray) -> np.ndarray:

@@ -8,11 +8,12 @@ from . import (
     mixer,
     overlay,
     preferences,
+    render,
     rows,
     settings,
     start,
     verify,
 )
 
-MODULES = (preferences, settings, rows, looks, overlay, handlers, start, main_panel, mixer, looks_panel, verify)
+MODULES = (preferences, settings, rows, looks, overlay, handlers, start, main_panel, mixer, looks_panel, verify, render)
 """Registered in this order, unregistered in reverse."""

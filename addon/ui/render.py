@@ -1,0 +1,175 @@
+"""Relume as a render engine: F12 with passes, the viewport's shading "Rendered", and its settings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import bpy
+from bpy.props import BoolProperty, PointerProperty
+
+from ..engine import render_engine
+from ..engine.render_engine import PassSettings
+from ..viewport import rendered
+from . import rows
+
+ENGINE = "RELUME"
+CYCLES_RENDER_PANELS = ("CYCLES_RENDER_PT_light_paths", "CYCLES_RENDER_PT_film", "CYCLES_RENDER_PT_simplify")
+"""Of Cycles' render settings what counts for a bake too; its other panels are for materials, lights and so on."""
+WITHOUT = ("CYCLES_RENDER_PT_light_paths_clamping", "CYCLES_RENDER_PT_light_paths_fast_gi")
+
+_own_sets: list[Any] = []
+"""Panels that were given a set of engines of their own."""
+
+
+class RelumeRenderSettings(bpy.types.PropertyGroup):
+    """Kept in the .blend file."""
+
+    light_passes: BoolProperty(
+        name="Lights",
+        description="A pass for each light, and for static light and world, to mix them in the compositor",
+        default=True,
+    )
+
+
+class RelumeRenderEngine(bpy.types.RenderEngine):
+    """Relights the bake of the scene by its present lights and the rows; bakes first where there is none"""
+
+    bl_idname = ENGINE
+    bl_label = "Relume"
+    bl_use_preview = False
+    bl_use_eevee_viewport = True
+
+    def render(self, depsgraph):
+        """Called by Blender for each view layer of a final render."""
+        render_engine.render(self, depsgraph, rows.mix, pass_settings)
+
+    def update_render_passes(self, scene, renderlayer):
+        """Called by Blender where passes become sockets of the compositor."""
+        lights = [obj.name for obj in scene.objects if obj.type == "LIGHT" and not obj.hide_render]
+        for name, channels, letters, kind in pass_settings(scene, renderlayer).declare(lights):
+            self.register_pass(scene, renderlayer, name, channels, letters, kind)
+
+    def view_update(self, context, depsgraph):
+        """Called by Blender when the scene has changed; what follows the scene is `handlers`."""
+
+    def view_draw(self, context, depsgraph):
+        """Called by Blender to draw a view; draws what is there and computes nothing."""
+        rendered.draw(self, context)
+
+
+def pass_settings(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> PassSettings:
+    """The passes that the artist has chosen for a view layer."""
+    return PassSettings(
+        lights=scene.relume_render.light_passes,
+        depth=layer.use_pass_z,
+        normal=layer.use_pass_normal,
+        albedo=layer.use_pass_diffuse_color,
+    )
+
+
+class RELUME_PT_passes(bpy.types.Panel):  # noqa: N801 -- Blender's naming
+    """What a final render has besides the picture"""
+
+    bl_idname = "RELUME_PT_passes"
+    bl_label = "Passes"
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_context = "view_layer"
+    COMPAT_ENGINES = {ENGINE}
+
+    @classmethod
+    def poll(cls, context):
+        """Only for this engine."""
+        return context.engine in cls.COMPAT_ENGINES
+
+    def draw(self, context):
+        """Called by Blender."""
+        layout, layer = self.layout, context.view_layer
+        layout.use_property_split, layout.use_property_decorate = True, False
+        column = layout.column(heading="Include")
+        column.prop(context.scene.relume_render, "light_passes")
+        column.prop(layer, "use_pass_z", text="Depth")
+        column.prop(layer, "use_pass_normal", text="Normal")
+        column.prop(layer, "use_pass_diffuse_color", text="Diffuse Colour")
+
+
+class RELUME_PT_sampling(bpy.types.Panel):  # noqa: N801
+    """How clean a bake is that a final render has to make"""
+
+    bl_idname = "RELUME_PT_sampling"
+    bl_label = "Sampling"
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_context = "render"
+    COMPAT_ENGINES = {ENGINE}
+
+    @classmethod
+    def poll(cls, context):
+        """Only for this engine."""
+        return context.engine in cls.COMPAT_ENGINES
+
+    def draw(self, context):
+        """Called by Blender."""
+        layout, settings = self.layout, context.scene.relume
+        layout.use_property_split, layout.use_property_decorate = True, False
+        layout.prop(settings, "quality")
+        if settings.quality == "CUSTOM":
+            layout.prop(settings, "samples")
+        layout.prop(settings, "folder")
+
+
+CLASSES = (RelumeRenderSettings, RelumeRenderEngine, RELUME_PT_sampling, RELUME_PT_passes)
+
+
+def register():
+    """Adds the engine. Panels of Cycles show for it too, so that all properties stay at hand."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.Scene.relume_render = PointerProperty(type=RelumeRenderSettings)
+    _show_panels()
+    if not bpy.app.background:  # Cycles may be enabled after this add-on.
+        bpy.app.timers.register(_show_panels, first_interval=1.0)
+
+
+def unregister():
+    """Takes it away."""
+    if bpy.app.timers.is_registered(_show_panels):
+        bpy.app.timers.unregister(_show_panels)
+    _hide_panels()
+    del bpy.types.Scene.relume_render
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)
+
+
+def _show_panels() -> None:
+    for panel in _panels():
+        if "CYCLES" in panel.COMPAT_ENGINES and ENGINE not in panel.COMPAT_ENGINES and _is_wanted(panel):
+            if "COMPAT_ENGINES" in panel.__dict__:
+                panel.COMPAT_ENGINES.add(ENGINE)
+            else:  # That of a mix-in would show all of its panels.
+                panel.COMPAT_ENGINES = panel.COMPAT_ENGINES | {ENGINE}
+                _own_sets.append(panel)
+
+
+def _hide_panels() -> None:
+    while _own_sets:
+        del _own_sets.pop().COMPAT_ENGINES
+    for panel in _panels():
+        if panel not in CLASSES:
+            panel.COMPAT_ENGINES.discard(ENGINE)
+
+
+def _is_wanted(panel: Any) -> bool:
+    name, context = panel.__name__, getattr(panel, "bl_context", "")
+    if name.startswith("CYCLES_") and context in {"render", "view_layer"}:
+        return name.startswith(CYCLES_RENDER_PANELS) and name not in WITHOUT
+    return "lightgroup" not in name and "FREESTYLE" not in name.upper()
+
+
+def _panels(base: Any = bpy.types.Panel) -> Iterator[Any]:
+    """All panels that say which engines they are for."""
+    for panel in base.__subclasses__():
+        if isinstance(getattr(panel, "COMPAT_ENGINES", None), set):
+            yield panel
+        yield from _panels(panel)

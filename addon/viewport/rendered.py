@@ -1,0 +1,59 @@
+"""The viewport's shading "Rendered" of Relume's render engine: the newest picture in the camera's frame, scene-linear;
+Blender itself makes display colours of it. Draws what is there and computes nothing."""
+
+from __future__ import annotations
+
+import blf
+import bpy
+import gpu
+from gpu_extras.presets import draw_texture_2d
+
+from ..engine import shot
+from . import camera_frame, texture
+from .camera_frame import Rectangle
+
+TEXT_SIZE, TEXT_COLOR, MARGIN = 14.0, (0.7, 0.7, 0.7, 1.0), 20
+
+
+def draw(engine: bpy.types.RenderEngine, context: bpy.types.Context) -> None:
+    """Body of `RenderEngine.view_draw`."""
+    scene, region = context.scene, context.region
+    found = shot.of(scene)
+    camera = camera_frame.camera_of(scene, context.space_data)
+    frame = camera_frame.frame_of(scene, camera, region, context.region_data)
+    words = why_not(found, camera, frame)
+    if words:
+        _write(words, region)
+        return
+    assert found is not None and frame is not None
+    picture = texture.picture_of(found.frame)
+    place = frame.snapped(picture.size) or frame
+    blend = gpu.state.blend_get()
+    gpu.state.blend_set("ALPHA_PREMULT")
+    engine.bind_display_space_shader(scene)
+    try:
+        draw_texture_2d(picture.linear, (place.left, place.bottom), place.width, place.height)
+    finally:
+        engine.unbind_display_space_shader()
+        gpu.state.blend_set(blend)
+
+
+def why_not(found: shot.Shot | None, camera: bpy.types.Object | None, frame: Rectangle | None) -> str:
+    """Why there is nothing to draw; empty if there is."""
+    if found is None:
+        return 'Press Start in the sidebar\'s tab "Relume" to see the relit picture here'
+    if frame is None or camera is None:
+        return f"The relit picture is in the view of camera '{found.camera}'"
+    if camera.name != found.camera:
+        return f"No bake for camera '{camera.name}', only for '{found.camera}'"
+    if found.frame is None:
+        return "The first picture is on its way" if found.is_working else "No picture yet"
+    return ""
+
+
+def _write(words: str, region: bpy.types.Region) -> None:
+    scale = bpy.context.preferences.system.ui_scale
+    blf.size(0, TEXT_SIZE * scale)
+    blf.color(0, *TEXT_COLOR)
+    blf.position(0, MARGIN * scale, region.height / 2, 0.0)
+    blf.draw(0, words)

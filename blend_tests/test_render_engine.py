@@ -1,0 +1,199 @@
+"""Relume as a render engine: F12, its passes and what goes wrong."""
+
+import os
+
+import bpy
+import numpy as np
+import pytest
+import relume
+
+import addon
+from addon.core.pass_names import light_passes
+from addon.engine import render_engine
+from addon.engine.commands import run
+from addon.engine.render_engine import ALBEDO
+from addon.engine.scene import load_scene
+from addon.ui import render as ui
+from addon.ui import rows
+from exr import read_exr
+from helpers import add_light, add_material, add_quad
+
+
+@pytest.fixture
+def shot(scene, tmp_path):
+    """A plane under two lights that F12 renders by Relume, small and quick to bake."""
+    addon.register()
+    material, tree, output = add_material("White")
+    diffuse = tree.nodes.new("ShaderNodeBsdfDiffuse")
+    tree.links.new(diffuse.outputs[0], output.inputs["Surface"])
+    add_quad(scene, size=3.0, material=material)
+    add_light(scene, "POINT", name="Key", shadow_soft_size=0.5)
+    add_light(scene, "AREA", name="Rim.001", location=(1, 0, 2), size=1.0)
+    scene.render.resolution_x, scene.render.resolution_y = 48, 32
+    scene.render.engine = "RELUME"
+    scene.relume.quality, scene.relume.samples = "CUSTOM", 16
+    scene.relume.folder = str(tmp_path / "bake")
+    output = scene.render.image_settings
+    if hasattr(output, "media_type"):
+        output.media_type = "MULTI_LAYER_IMAGE"
+    output.file_format, output.exr_codec, output.color_depth = "OPEN_EXR_MULTILAYER", "NONE", "32"
+    scene.render.filepath = str(tmp_path / "f12.exr")
+    yield scene
+    addon.unregister()
+
+
+def render(scene, tmp_path):
+    """Passes of F12."""
+    bpy.ops.render.render(write_still=True)
+    return passes_of(tmp_path / "f12.exr")
+
+
+def passes_of(path):
+    """Passes of a file by name, [height, width, channels], top row first."""
+    passes = {}
+    for name, channel in read_exr(path).items():
+        _, name, letter = name.split(".")
+        passes.setdefault(name, {})[letter] = channel
+    return {
+        name: np.stack([found[letter] for letter in "RGBAXYZ" if letter in found], axis=-1)
+        for name, found in passes.items()
+    }
+
+
+def relit(scene, tmp_path, lights=None):
+    """What `relume relight` computes for the lights of the open file."""
+    return relume.Relighter(tmp_path / "bake").relight(lights or load_scene(scene).lights())
+
+
+def test_a_render_is_what_relight_makes_of_the_present_lights(shot, tmp_path):
+    first = render(shot, tmp_path)
+    bake = {path: path.stat().st_mtime_ns for path in (tmp_path / "bake").rglob("*.safetensors")}
+    assert bake
+    bpy.data.lights["Key"].energy *= 2.0
+    second, expected = render(shot, tmp_path), relit(shot, tmp_path)
+    assert bake == {path: path.stat().st_mtime_ns for path in (tmp_path / "bake").rglob("*.safetensors")}
+    assert (second["Combined"][..., :3] == expected["combined"]).all()
+    assert (second["Combined"][..., 3:] == expected["alpha"]).all()
+    assert (second["Combined_Key"] == expected["lights"]["Key"]).all()
+    assert (second["Combined_Rim_001"] == expected["lights"]["Rim.001"]).all()
+    assert second["Combined_Key"] == pytest.approx(2.0 * first["Combined_Key"], rel=1e-5)
+
+
+def test_a_render_is_the_file_of_the_command_line(shot, tmp_path):
+    ours = render(shot, tmp_path)
+    out = tmp_path / "relit.exr"
+    assert run(["relight", str(tmp_path / "bake"), "--out", str(out), "--quiet", "--float"]) == 0
+    file = passes_of(out)
+    for name, image in ours.items():
+        assert (image == file[name]).all(), name
+
+
+def test_the_rows_are_in_the_render(shot, tmp_path):
+    plain = render(shot, tmp_path)
+    rows.sync(shot)
+    for row in rows.present_rows(shot):
+        if row.name == "Key":
+            row.exposure = 1.0
+        if row.name == "Rim.001":
+            row.on = False
+    mixed = render(shot, tmp_path)
+    assert mixed["Combined_Key"] == pytest.approx(2.0 * plain["Combined_Key"], rel=1e-6)
+    assert (mixed["Combined_Rim_001"] == 0.0).all()
+    assert mixed["Combined"][..., :3] == pytest.approx(mixed["Combined_Key"], rel=1e-6)
+
+
+def test_the_passes_add_up(shot, tmp_path):
+    passes = render(shot, tmp_path)
+    lights = ["Combined_Key", "Combined_Rim_001"]
+    assert set(passes) == {"Combined", "static", "world", *lights}
+    total = sum(passes[name] for name in ("static", *lights, "world"))
+    assert passes["Combined"][..., :3] == pytest.approx(total, rel=1e-6)
+    shot.relume_render.light_passes = False
+    assert set(render(shot, tmp_path)) == {"Combined"}
+
+
+def test_depth_normal_and_colour_are_those_of_cycles(shot, tmp_path):
+    layer = shot.view_layers[0]
+    layer.use_pass_z = layer.use_pass_normal = layer.use_pass_diffuse_color = True
+    shot.camera.rotation_euler = (0.2, 0.1, 0.3)
+    ours = render(shot, tmp_path)
+    shot.render.engine, shot.cycles.samples, shot.cycles.pixel_filter_type = "CYCLES", 16, "BOX"
+    cycles = render(shot, tmp_path)
+    inside = (ours["Depth"][..., 0] < 100) & (cycles["Depth"][..., 0] < 100)
+    assert 0.2 < inside.mean() < 0.9
+    assert ours["Depth"][inside] == pytest.approx(cycles["Depth"][inside], rel=0.01)
+    beyond = (ours["Depth"][..., 0] > 1e9) & (cycles["Depth"][..., 0] > 1e9)
+    assert (inside | beyond).mean() > 0.9
+    whole = inside & (ours["Combined"][..., 3] == 1.0) & (cycles["Combined"][..., 3] == 1.0)
+    assert np.abs(ours["Normal"] - cycles["Normal"])[whole].mean() < 0.02
+    assert np.abs(ours[ALBEDO] - cycles[ALBEDO])[whole].mean() < 0.02
+
+
+def test_the_render_border_is_a_part_of_the_picture(shot, tmp_path):
+    whole = render(shot, tmp_path)["Combined"]
+    settings = shot.render
+    settings.use_border = True
+    settings.border_min_x, settings.border_max_x, settings.border_min_y, settings.border_max_y = 0.25, 0.7, 0.1, 0.6
+    left, bottom, width, height = render_engine.border(settings)
+    assert (left, bottom, width, height) == (12, 3, 21, 16)
+    part = whole[32 - bottom - height : 32 - bottom, left : left + width]
+    bordered = render(shot, tmp_path)["Combined"]
+    assert (bordered[32 - bottom - height : 32 - bottom, left : left + width] == part).all()
+    settings.use_crop_to_border = True
+    assert (render(shot, tmp_path)["Combined"] == part).all()
+
+
+def test_another_view_is_baked_for_the_picture_alone(shot, tmp_path):
+    first = render(shot, tmp_path)["Combined"]
+    manifest = (tmp_path / "bake" / "manifest.json").read_bytes()
+    shot.camera.location.x += 0.5
+    temporary = os.listdir(bpy.app.tempdir)
+    assert (render(shot, tmp_path)["Combined"] != first).any()
+    assert (tmp_path / "bake" / "manifest.json").read_bytes() == manifest
+    assert os.listdir(bpy.app.tempdir) == temporary
+    shot.camera.location.x -= 0.5
+    assert (render(shot, tmp_path)["Combined"] == first).all()
+
+
+@pytest.mark.parametrize("word", ["Nothing", "Stereo", "folder"])
+def test_what_goes_wrong_is_said_and_nothing_hangs(shot, tmp_path, word):
+    if word == "Nothing":
+        bpy.data.objects.remove(shot.objects["Plane"])
+    elif word == "Stereo":
+        shot.render.use_multiview = True
+    else:
+        (tmp_path / "file").write_text("not a folder")
+        shot.relume.folder = str(tmp_path / "file" / "bake")
+    with pytest.raises(RuntimeError, match="(?i)relume"):
+        bpy.ops.render.render()
+
+
+def test_stopping_leaves_no_picture_and_no_error(shot, tmp_path, monkeypatch):
+    monkeypatch.setattr(render_engine._FinalRender, "_is_stopped", lambda self: True)
+    bpy.ops.render.render()
+    assert not (tmp_path / "bake").exists()
+
+
+def test_pass_names_are_those_of_the_command_line():
+    names = light_passes(["Key.001", "Key_001", "", "Spot \u00e9", "x" * 70, "x" * 71])
+    long = "Combined_" + "x" * 54
+    assert list(names.values()) == [
+        "Combined_Key_001",
+        "Combined_Key_001_2",
+        "Combined_light",
+        "Combined_Spot _",
+        long,
+        long[:-2] + "_2",
+    ]
+
+
+def test_panels_of_cycles_show_and_go_again():
+    def shown():
+        return {panel.__name__ for panel in ui._panels() if "RELUME" in panel.COMPAT_ENGINES}
+
+    before = shown()
+    addon.register()
+    assert {"CYCLES_LIGHT_PT_light", "CYCLES_MATERIAL_PT_surface", "CYCLES_RENDER_PT_film"} <= shown()
+    assert "CYCLES_RENDER_PT_sampling" not in shown()
+    addon.unregister()
+    assert shown() - before <= {"RELUME_PT_passes", "RELUME_PT_sampling"}
