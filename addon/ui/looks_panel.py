@@ -183,10 +183,10 @@ class RELUME_PT_looks(RelumePanel, bpy.types.Panel):  # noqa: N801
     def draw(self, context):
         """Called by Blender."""
         layout, state = self.layout, context.scene.relume_looks
+        layout.operator("relume.snapshot", icon="IMAGE_DATA")
         line = layout.row()
         line.template_list("RELUME_UL_looks", "", state, "items", state, "active", rows=4)
         buttons = line.column(align=True)
-        buttons.operator("relume.snapshot", text="", icon="ADD")
         buttons.operator("relume.delete_look", text="", icon="REMOVE")
         buttons.separator()
         buttons.operator("relume.import_look", text="", icon="IMPORT")

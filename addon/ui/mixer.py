@@ -146,7 +146,7 @@ class RELUME_UL_rows(bpy.types.UIList):  # noqa: N801
         """Called by Blender for the rows in sight only."""
         line = layout.row(align=True)
         if row.depth:
-            line.separator(factor=1.5 * row.depth)
+            line.separator(factor=row.depth)
         if row.kind == GROUP:
             icon = "DISCLOSURE_TRI_DOWN" if row.open else "DISCLOSURE_TRI_RIGHT"
             line.prop(row, "open", text="", icon=icon, emboss=False)
@@ -156,11 +156,11 @@ class RELUME_UL_rows(bpy.types.UIList):  # noqa: N801
             line.prop(row, "on", text="")
         _cell(line, 1.0).prop(row, "solo", text="S", toggle=True)
         line.label(text=row.name, icon=row.icon)
-        _cell(line, 3.2).prop(row, "exposure", text="")
+        _cell(line, 2.4).prop(row, "exposure", text="")
         wide = context.region.width > WIDE * context.preferences.system.ui_scale
         if wide:
-            _cell(line, 3.2).prop(row, "multiplier", text="")
-        _cell(line, 1.2).prop(row, "color", text="")
+            _cell(line, 2.4).prop(row, "multiplier", text="")
+        _cell(line, 0.9).prop(row, "color", text="")
         if wide:
             line.prop(row, "use_kelvin", text="", icon="LIGHT_SUN")
             if row.use_kelvin:
@@ -212,7 +212,8 @@ class RELUME_PT_mixer(RelumePanel, bpy.types.Panel):  # noqa: N801
     def draw(self, context):
         """Called by Blender."""
         layout, mix = self.layout, context.scene.relume_mix
-        layout.template_list("RELUME_UL_rows", "", mix, "rows", mix, "active", rows=8)
+        lines = max(3, min(len(mix.rows), 10))
+        layout.template_list("RELUME_UL_rows", "", mix, "rows", mix, "active", rows=lines)
         row = active_row(context.scene)
         if row is not None:
             _draw_details(layout, row)

@@ -149,7 +149,7 @@ class Driver:
         space = area.spaces.active
         for kind in ("debug", "info", "operator", "warning"):
             setattr(space, f"show_report_{kind}", False)
-        manager.clipboard = ""
+        manager.clipboard = " "  # An empty text would leave what is there.
         with bpy.context.temp_override(window=self.window, area=area, region=area.regions[-1]):
             bpy.ops.info.select_all(action="SELECT")
             bpy.ops.info.report_copy()
@@ -241,17 +241,26 @@ class Driver:
 
         `command`: how its Python command starts: "bpy.ops.relume.start", "bpy.context.scene.relume".
         """
-        region, manager = self.region("UI"), bpy.context.window_manager
+        region = self.region("UI")
+        # Away from what the mouse is on now: Blender notices a move only when it comes to it.
+        yield from self.move_mouse(0, 0)
+        yield from self.wait(10 * INTERVAL)
         for y in range(region.y + region.height - rows, region.y, -rows):
             for x in (region.x + region.width // 4, region.x + region.width // 2):
                 yield from self.move_mouse(x, y)
-                manager.clipboard = ""
-                with self.within("UI"):
-                    if bpy.ops.ui.copy_python_command_button.poll():
-                        bpy.ops.ui.copy_python_command_button()
-                if manager.clipboard.startswith(command):
-                    return x, y
+                if self._command_under_mouse().startswith(command):
+                    yield from self.wait(10 * INTERVAL)
+                    if self._command_under_mouse().startswith(command):
+                        return x, y
         raise LookupError(f"no button for {command} in the side bar")
+
+    def _command_under_mouse(self):
+        manager = bpy.context.window_manager
+        manager.clipboard = " "  # An empty text would leave what is there.
+        with self.within("UI"):
+            if bpy.ops.ui.copy_python_command_button.poll():
+                bpy.ops.ui.copy_python_command_button()
+        return manager.clipboard
 
     def press_button(self, command):
         """Clicks the button of an operator in the side bar."""
