@@ -6,6 +6,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, PointerProperty
 
 from ..viewport import camera_frame, compare, handlers, overlay
+from ..viewport.views import redraw
 from .panel import RelumePanel
 
 GRAB_PIXELS = 8.0
@@ -13,7 +14,7 @@ GRAB_PIXELS = 8.0
 
 
 def _redraw(_settings, _context) -> None:
-    handlers.redraw()
+    redraw()
 
 
 class RelumeView(bpy.types.PropertyGroup):

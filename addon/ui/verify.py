@@ -41,7 +41,7 @@ def show(scene: bpy.types.Scene, view: str) -> None:
     elif view == "DIFFERENCE":
         compare.set_pair(scene, found.difference, found.difference, "A")
     else:
-        compare.set_pair(scene, found.reference, found.ours, view)
+        compare.set_pair(scene, found.reference, found.ours, view, ("Cycles", "Relume"))
     _redraw()
 
 

@@ -7,6 +7,8 @@ from typing import Any
 
 import bpy
 
+from .views import redraw
+
 MODES = ("WIPE", "A", "B", "DIFFERENCE")
 
 
@@ -16,20 +18,26 @@ class Pair:
 
     a: Any
     b: Any | None
+    labels: tuple[str, str]
 
 
 _pairs: dict[int, Pair] = {}
 
 
-def set_pair(scene: bpy.types.Scene, frame_a: Any, frame_b: Any | None, mode: str) -> None:
-    """Shows two frames in a mode of MODES, until `clear`; the live picture stands for B if `frame_b` is None."""
-    _pairs[scene.session_uid] = Pair(frame_a, frame_b)
+def set_pair(
+    scene: bpy.types.Scene, frame_a: Any, frame_b: Any | None, mode: str, labels: tuple[str, str] = ("A", "B")
+) -> None:
+    """Shows two frames in a mode of MODES, until `clear`; the live picture stands for B if `frame_b` is None. The
+    labels stand beside the line of a wipe."""
+    _pairs[scene.session_uid] = Pair(frame_a, frame_b, labels)
     scene.relume_view.compare = mode
+    redraw()
 
 
 def clear(scene: bpy.types.Scene) -> None:
     """Back to the live picture alone."""
-    _pairs.pop(scene.session_uid, None)
+    if _pairs.pop(scene.session_uid, None):
+        redraw()
 
 
 def pair_of(scene: bpy.types.Scene) -> Pair | None:

@@ -17,6 +17,7 @@ from gpu_extras.batch import batch_for_shader
 from ..engine import shot
 from . import compare, overlay, texture, view_table
 from .overlay import Show
+from .views import redraw
 
 WORDS_POINTS = 11.0
 MARGIN_POINTS = 14.0
@@ -88,16 +89,6 @@ def bake_views() -> float | None:
     return pause if _waiting else None
 
 
-def redraw() -> None:
-    """Asks every 3D view to draw itself again."""
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                for region in area.regions:
-                    if region.type == "WINDOW":
-                        region.tag_redraw()
-
-
 def register() -> None:
     """Adds the handlers, where there is a window to draw into."""
     bpy.app.handlers.load_pre.append(_forget)
@@ -130,7 +121,7 @@ def _forget(*_arguments) -> None:
 
 
 def _draw_split(what: Show) -> None:
-    left, right = ("A", "B") if what.mode == overlay.SPLIT else ("Relume", "View")
+    left, right = what.labels
     bottom, top = max(what.drawn.bottom, 0.0), min(what.drawn.top, what.region[1])
     line = gpu.shader.from_builtin("UNIFORM_COLOR")
     for offset, color in ((0.0, (0.0, 0.0, 0.0, 0.6)), (1.0, (1.0, 1.0, 1.0, 0.8))):

@@ -37,6 +37,8 @@ class Show:
     split: float = NEVER
     opacity: float = 1.0
     gain: float = 1.0
+    labels: tuple[str, str] = ("Relume", "View")
+    """What is left and right of the split."""
 
 
 def what_to_show(
@@ -63,7 +65,7 @@ def what_to_show(
     drawn = frame.part(*camera_frame.border_of(scene))
     what = {"opacity": settings.opacity, "gain": settings.difference_gain}
     if mode == "WIPE":
-        what |= {"mode": SPLIT, "split": split_of(scene, frame)}
+        what |= {"mode": SPLIT, "split": split_of(scene, frame), "labels": pair.labels}
     elif mode == "DIFFERENCE":
         what |= {"mode": DIFFERENCE}
     else:

@@ -85,17 +85,16 @@ def is_complete(scene: bpy.types.Scene) -> bool:
 
 def work(scene: bpy.types.Scene) -> bool:
     """Colours one slice of the scene's table; whether a better table came of it. Not while drawing."""
+    baking = _baking.pop(scene.session_uid, (None, None))
     if is_complete(scene):
-        _baking.pop(scene.session_uid, None)
         return False
     size = FINE if _key(scene, COARSE) in _tables else COARSE
     key = _key(scene, size)
-    if _baking.get(scene.session_uid, (None,))[0] != key:
-        _baking[scene.session_uid] = key, _slices(scene, size)
-    table = next(_baking[scene.session_uid][1])
+    slices = baking[1] if baking[0] == key else _slices(scene, size)
+    table = next(slices)
     if table is None:
+        _baking[scene.session_uid] = key, slices
         return False
-    del _baking[scene.session_uid]
     _tables[key] = table
     _forget(_tables)
     return True

@@ -1,0 +1,137 @@
+"""What a 3D view shows: pictures, a hint, or nothing; and what the handlers do around it."""
+
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+
+from addon.engine import shot
+from addon.ui.start import start
+from addon.viewport import compare, handlers, overlay, view_table
+from addon.viewport.overlay import Show
+from fake_live import FakeLive
+
+
+@pytest.fixture
+def view(lit):
+    """The arguments of `what_to_show` for a view through the camera of a started shot with a picture."""
+    found = start(lit)
+    FakeLive.made[-1].show()
+    found.poll()
+    area = next(a for s in bpy.data.screens for a in s.areas if a.type == "VIEW_3D")
+    space = area.spaces.active
+    space.use_local_camera = False
+    space.region_3d.view_perspective = "CAMERA"
+    region = next(region for region in area.regions if region.type == "WINDOW")
+    yield SimpleNamespace(scene=lit, space=space, region=region, region_data=space.region_3d, shot=found)
+    compare.clear(lit)
+    view_table.clear()
+
+
+def shown(view):
+    return overlay.what_to_show(view.scene, view.space, view.region, view.region_data)
+
+
+def picture(serial):
+    return SimpleNamespace(serial=serial, scale=1, image=np.ones((4, 6, 4), np.float32))
+
+
+def test_the_newest_frame_fills_the_cameras_frame(view):
+    what = shown(view)
+    assert what.first is what.second is view.shot.frame
+    assert what.drawn == what.frame and what.mode == overlay.SINGLE and what.split == overlay.NEVER
+    FakeLive.made[-1].show(serial=2)
+    view.shot.poll()
+    assert shown(view).first is view.shot.frame and view.shot.frame.serial == 2
+
+
+def test_nothing_is_shown_where_relume_is_not_at_work(view):
+    view.scene.relume_view.shown = False
+    assert shown(view) is None
+    view.scene.relume_view.shown = True
+    view.shot.close()
+    assert shown(view) is None
+
+
+def test_a_view_that_is_not_the_baked_camera_says_so(view):
+    view.region_data.view_perspective = "PERSP"
+    assert shown(view) == "The relit picture is in the view of camera 'Camera'"
+    view.region_data.view_perspective = "CAMERA"
+    other = bpy.data.objects.new("Side", bpy.data.cameras.new("Side"))
+    view.scene.collection.objects.link(other)
+    view.scene.camera = other
+    assert shown(view) == "No bake for camera 'Side', only for 'Camera'"
+    view.scene.camera = None
+    assert isinstance(shown(view), str)
+
+
+def test_before_the_first_picture_there_is_a_word(view):
+    view.shot.frame = None
+    assert shown(view) == "The first picture is on its way"
+    view.shot.status["state"] = "failed"
+    assert shown(view) == "No picture yet"
+
+
+def test_wipe_opacity_and_border_are_followed(view):
+    settings, render = view.scene.relume_view, view.scene.render
+    settings.opacity, settings.wipe, settings.wipe_position = 0.5, True, 0.25
+    render.use_border, render.border_min_x = True, 0.5
+    what = shown(view)
+    assert what.opacity == 0.5
+    assert what.split == pytest.approx(what.frame.left + what.frame.width / 4)
+    assert what.drawn.left == pytest.approx(what.frame.left + what.frame.width / 2)
+
+
+def test_two_frames_are_compared_in_every_mode(view):
+    first, second = picture(7), picture(8)
+    for mode in compare.MODES:
+        compare.set_pair(view.scene, first, second, mode, ("Cycles", "Relume"))
+        what = shown(view)
+        expected = {"A": (first, first), "B": (second, second)}.get(mode, (first, second))
+        assert (what.first, what.second) == expected
+        assert what.mode == {"WIPE": overlay.SPLIT, "DIFFERENCE": overlay.DIFFERENCE}.get(mode, overlay.SINGLE)
+        assert what.labels == (("Cycles", "Relume") if mode == "WIPE" else ("Relume", "View"))
+    compare.set_pair(view.scene, first, None, "WIPE")
+    assert shown(view).second is view.shot.frame, "the live picture stands for B"
+    assert set(map(id, compare.frames())) == {id(first)}
+    compare.clear(view.scene)
+    assert shown(view).first is view.shot.frame
+
+
+def test_the_timer_completes_the_table_of_a_waiting_scene_and_ends(view):
+    view.scene.view_settings.view_transform = "AgX"
+    handlers._waiting.add(view.scene.session_uid)
+    turns = 0
+    while handlers.bake_views() is not None:
+        turns += 1
+        assert turns < 100
+    assert turns > 2 and view_table.is_complete(view.scene)
+
+
+def test_a_table_that_cannot_be_made_is_said_and_tried_again(view, monkeypatch):
+    view.scene.view_settings.view_transform = "AgX"
+    handlers._waiting.add(view.scene.session_uid)
+
+    def full(*_arguments):
+        raise OSError("cannot write the view transform; check the free space: /full")
+
+    with monkeypatch.context() as broken:
+        broken.setattr(view_table, "displayed", full)
+        assert handlers.bake_views() == handlers.RETRY_SECONDS
+        assert "free space" in handlers._trouble[view.scene.session_uid]
+    assert handlers.bake_views() == handlers.NEXT_SLICE_SECONDS
+    assert not handlers._trouble
+
+
+def test_scenes_that_are_gone_are_not_waited_for(view):
+    handlers._waiting.add(-5)
+    assert handlers.bake_views() is None
+    assert not handlers._waiting
+
+
+def test_another_file_forgets_what_was_compared(view):
+    compare.set_pair(view.scene, picture(1), None, "A")
+    handlers._forget()
+    assert compare.pair_of(view.scene) is None and isinstance(shown(view), Show)
+    assert shot.of(view.scene) is view.shot
