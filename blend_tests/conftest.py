@@ -33,6 +33,7 @@ def scene():
 def registered(scene, monkeypatch):
     """The add-on, enabled, with a fake native module."""
     import relume
+
     from fake_live import FakeLive
 
     monkeypatch.setattr(relume, "Live", FakeLive)

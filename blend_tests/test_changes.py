@@ -177,6 +177,19 @@ def test_edits_while_the_bake_begins_are_not_taken_for_baked(lit):
     assert said(lit) == ["'Sofa' was edited while the bake began"]
 
 
+def test_undo_and_saving_do_not_forget_the_bake(lit, tmp_path):
+    bpy.ops.ed.undo_push(message="before")
+    start(lit)
+    folder = str(tmp_path / "bake")
+    bpy.data.objects["Key"].location.x = 1.0
+    bpy.ops.ed.undo_push(message="moved")
+    bpy.ops.ed.undo()
+    assert bpy.context.scene.relume.baked_folder == folder
+    bpy.context.scene.relume.baked_folder = ""
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    assert bpy.context.scene.relume.baked_absolute == folder
+
+
 def test_record_outlives_the_file(baked, tmp_path):
     handlers.tick()
     kept = record.read(tmp_path / "bake")

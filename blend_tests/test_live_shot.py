@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from addon.engine import options, record, shot
+from addon.engine.commands import run
 from addon.engine.options import remembered_bake
 from addon.ui import handlers
 from addon.ui.start import start
@@ -187,3 +188,12 @@ def test_unsaved_file_bakes_into_the_cache_folder(studio, tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "late.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "late.blend"))
     assert remembered_bake(bpy.context.scene) == tmp_path / "cache" / "unsaved_Scene_Camera"
+
+
+def test_bake_of_the_command_line_is_known_in_the_window(studio, tmp_path):
+    assert run(["bake", "--out", str(tmp_path / "bake"), "--samples", "4", "--resolution", "16x12", "--quiet"]) == 0
+    assert bpy.ops.relume.show_bake() == {"FINISHED"}
+    found = until(studio, lambda found: settled(found) and not found.changes.is_pending, "the bake")
+    assert found.frame.image.shape == (12, 16, 4)
+    assert found.changes.sentences == ["The picture has 32 x 24 pixels now; the bake has 16 x 12"]
+    assert not any("says nothing" in note for note in found.notes)

@@ -6,13 +6,13 @@ import time
 
 import bpy
 import pytest
-from fake_live import FakeLive
 
 from addon.core import bake_cache
 from addon.core.bake_folder import MANIFEST
 from addon.engine import devices, options
 from addon.ui.preferences import clean_cache, count_cache
 from addon.ui.start import start
+from fake_live import FakeLive
 
 
 @pytest.fixture

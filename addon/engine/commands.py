@@ -16,6 +16,7 @@ import bpy
 from ..core import command_line
 from ..core.progress import Reporter, clock
 from ..export import ExportError, ExportOptions, is_standard, trace_settings, write_view_table
+from . import record
 from .native import native
 from .scene import load_scene
 
@@ -68,6 +69,7 @@ def bake(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> i
     exported = load_scene(scene, _export_options(options))
     settings = _settings(scene, options, reporter)
     report = native().bake(exported, folder, settings, resume=options.resume).wait(reporter.progress, reporter.warning)
+    record.of(scene, scene.objects.get(options.camera or ""), exported.resolution).write(folder)
     if not is_standard(scene):
         write_view_table(scene, folder / "view.png")
     reporter.result(

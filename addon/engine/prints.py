@@ -91,10 +91,11 @@ class Prints:
         return ONE_OF_A_KIND[kind](self.scene)
 
 
-def take_all(scene: bpy.types.Scene) -> dict[str, Print]:
-    """All prints at once; takes long for a large scene."""
+def take_all(scene: bpy.types.Scene, camera: bpy.types.Object, size: tuple[int, int] | None = None) -> dict[str, Print]:
+    """All prints at once, of a camera and a picture size; takes long for a large scene."""
     prints = Prints(scene)
-    return {key: found for key in keys(scene) if (found := prints.of(key)) is not None}
+    found = {key: taken for key in keys(scene) if (taken := prints.of(key)) is not None}
+    return found | {"camera": _camera_print(scene, camera), "film": _film(scene, size)}
 
 
 def _hash(value: Any) -> str:
@@ -218,17 +219,19 @@ def _plain(value: Any) -> Any:
 
 
 def _camera(scene: bpy.types.Scene) -> Print | None:
-    if scene.camera is None:
-        return None
+    return _camera_print(scene, scene.camera) if scene.camera else None
+
+
+def _camera_print(scene: bpy.types.Scene, camera: bpy.types.Object) -> Print:
     try:
-        lens = json.loads(camera_json(scene.camera, scene, (1, 1)))
+        lens = json.loads(camera_json(camera, scene, (1, 1)))
     except UnsupportedCameraError as error:
         lens = {"world_from_object": [], "unsupported": str(error)}
-    return {"name": scene.camera.name_full, "place": _matrix(lens.pop("world_from_object")), "lens": _hash(lens)}
+    return {"name": camera.name_full, "place": _matrix(lens.pop("world_from_object")), "lens": _hash(lens)}
 
 
-def _film(scene: bpy.types.Scene) -> Print:
-    width, height = film_size(scene.render)
+def _film(scene: bpy.types.Scene, size: tuple[int, int] | None = None) -> Print:
+    width, height = size or film_size(scene.render)
     return {"size": f"{width} x {height}"}
 
 

@@ -57,6 +57,7 @@ def _print(value: dict) -> Print:
     return {str(part): str(text) for part, text in value.items()}
 
 
-def of(scene: bpy.types.Scene) -> Record:
-    """A record of the present scene, taken at once."""
-    return Record(scene.camera.name, [obj.name_full for obj in scene.objects], prints.take_all(scene))
+def of(scene: bpy.types.Scene, camera: bpy.types.Object | None = None, size: tuple[int, int] | None = None) -> Record:
+    """A record of the present scene, taken at once; of another camera or size than the scene's if named."""
+    camera = camera or scene.camera
+    return Record(camera.name, [obj.name_full for obj in scene.objects], prints.take_all(scene, camera, size))

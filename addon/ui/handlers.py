@@ -12,7 +12,7 @@ from bpy.app.handlers import persistent
 from ..core import status
 from ..core.bake_folder import is_bake
 from ..engine import shot
-from ..engine.options import preferences, remembered_bake
+from ..engine.options import preferences, remember_bake, remembered_bake
 from . import rows
 
 TICK_SECONDS = 1 / 60
@@ -144,10 +144,25 @@ def on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> N
 @persistent
 def on_undo(scene: bpy.types.Scene, *_arguments) -> None:
     """Undo and redo may have changed anything."""
+    _remember_bakes()
     found = shot.of(scene)
     if found is not None:
         found.changes.mark_all()
     read_lights(scene)
+
+
+@persistent
+def on_save_pre(*_arguments) -> None:
+    """The file is about to be written."""
+    _remember_bakes()
+
+
+def _remember_bakes() -> None:
+    """Where the bakes are does not go back with undo."""
+    for scene in bpy.data.scenes:
+        found = shot.of(scene)
+        if found is not None and remembered_bake(scene) != found.folder:
+            remember_bake(scene, found.folder)
 
 
 @persistent
@@ -197,6 +212,7 @@ HANDLERS = {
     "frame_change_post": on_frame_change,
     "undo_post": on_undo,
     "redo_post": on_undo,
+    "save_pre": on_save_pre,
     "load_pre": on_load_pre,
     "load_post": on_load_post,
 }

@@ -27,12 +27,38 @@ class RELUME_PT_main(RelumePanel, bpy.types.Panel):  # noqa: N801 -- Blender's n
         found = shot.of(scene)
         if context.region_data is not None and context.region_data.view_perspective != "CAMERA":
             layout.operator("relume.look_through_camera", icon="OUTLINER_DATA_CAMERA")
-        if found is None:
-            _draw_stored_bake(layout, scene)
-        if found is None or not found.is_working:
-            _draw_start(layout, scene, "Start" if found is None else "Rebake")
         if found is not None:
             _draw_shot(layout, scene, found)
+            return
+        _draw_stored_bake(layout, scene)
+        _draw_choices(layout, scene)
+        row = layout.row()
+        row.scale_y = 1.5
+        row.operator("relume.start", icon="PLAY")
+
+
+class RELUME_PT_bake(RelumePanel, bpy.types.Panel):  # noqa: N801
+    """Bake again, better or elsewhere"""
+
+    bl_idname = "RELUME_PT_bake"
+    bl_label = "Bake"
+    bl_parent_id = "RELUME_PT_main"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context):
+        """Only with an open shot; without one the same is in the panel around."""
+        return shot.of(context.scene) is not None
+
+    def draw(self, context):
+        """Called by Blender."""
+        layout, found = self.layout, shot.of(context.scene)
+        _draw_choices(layout, context.scene)
+        row = layout.row()
+        row.enabled = not found.is_working
+        row.operator("relume.start", text="Rebake", icon="FILE_REFRESH")
+        if found.status["device"]:
+            layout.label(text=f"On {found.status['device']}")
 
 
 def _draw_stored_bake(layout, scene) -> None:
@@ -47,15 +73,12 @@ def _draw_stored_bake(layout, scene) -> None:
     box.operator("relume.find_bake", icon="FILE_FOLDER")
 
 
-def _draw_start(layout, scene, label: str) -> None:
+def _draw_choices(layout, scene) -> None:
     column = layout.column()
     column.prop(scene.relume, "quality")
     if scene.relume.quality == "CUSTOM":
         column.prop(scene.relume, "samples")
     column.prop(scene.relume, "folder", text="Folder")
-    row = column.row()
-    row.scale_y = 1.5
-    row.operator("relume.start", text=label, icon="PLAY")
 
 
 def _draw_shot(layout, scene, found: shot.Shot) -> None:
@@ -100,11 +123,16 @@ def _draw_notes(layout, scene, notes: list[str]) -> None:
             message(layout, note, "INFO")
 
 
+CLASSES = (RELUME_PT_main, RELUME_PT_bake)
+
+
 def register():
-    """Adds the panel."""
-    bpy.utils.register_class(RELUME_PT_main)
+    """Adds the panels."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
 
 
 def unregister():
-    """Takes it away."""
-    bpy.utils.unregister_class(RELUME_PT_main)
+    """Takes them away."""
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)
