@@ -7,6 +7,11 @@ import re
 from pathlib import Path
 
 MANIFEST = "manifest.json"
+OWN_FILES = (
+    *(MANIFEST, "lights.json", "shot.json", "view.png", "base.exr", "tile_*.safetensors"),
+    *("proxy_*.safetensors", "proxy_*.json", "training_*.safetensors"),
+)
+"""Of a bake and its proxies. The manifest goes first: what is left after a crash is never taken for a bake."""
 
 
 def default_folder(blend_file: str, scene: str, camera: str, cache: Path) -> Path:
@@ -38,3 +43,10 @@ def camera_of(folder: Path) -> str:
 def _file_name(text: str) -> str:
     """Letters, digits and a few signs that every file system takes."""
     return re.sub(r"[^\w.-]+", "_", text).strip("._") or "shot"
+
+
+def clear(folder: Path) -> None:
+    """Removes the files of a bake and its proxies; other files stay."""
+    for pattern in OWN_FILES:
+        for file in folder.glob(pattern):
+            file.unlink()

@@ -14,6 +14,7 @@ from typing import Any
 import bpy
 
 from ..core import command_line
+from ..core.bake_folder import clear, is_bake
 from ..core.progress import Reporter, clock
 from ..export import ExportError, ExportOptions, is_standard, trace_settings, write_view_table
 from . import record
@@ -68,6 +69,8 @@ def bake(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> i
     scene = _open_scene(options)
     exported = load_scene(scene, _export_options(options))
     settings = _settings(scene, options, reporter)
+    if options.replace and is_bake(folder) and native().info(folder)["manifest"]["scene_hash"] != exported.hash:
+        clear(folder)
     report = native().bake(exported, folder, settings, resume=options.resume).wait(reporter.progress, reporter.warning)
     record.of(scene, scene.objects.get(options.camera or ""), exported.resolution).write(folder)
     if not is_standard(scene):

@@ -1,6 +1,7 @@
 """What the artist sees in Blender's window: panels, and operators that only call functions of the other rooms."""
 
 from . import (
+    background,
     handlers,
     looks,
     looks_panel,
@@ -15,5 +16,8 @@ from . import (
     verify,
 )
 
-MODULES = (preferences, settings, rows, looks, overlay, handlers, start, main_panel, mixer, looks_panel, verify, render)
+MODULES = (
+    *(preferences, settings, rows, looks, overlay, handlers),
+    *(start, main_panel, mixer, looks_panel, verify, background, render),
+)
 """Registered in this order, unregistered in reverse."""

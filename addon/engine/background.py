@@ -1,0 +1,170 @@
+"""The bake of a shot as a job in a Blender of its own: it goes on while the artist works, and while other files are
+open. What it has written stays when it is stopped, and the next start goes on from there."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from . import shot
+from .options import Options, options_of, remember_bake
+from .process import SavedCopy, Worker, blender_command
+
+LIGHTS_FILE = "lights.json"
+KINDS = {"sphere": "sphere", "facing_disk": "facing-disk", "quad": "quad"}
+"""Proxies that can be trained, by the shape of a light."""
+MIB = 2**20
+STOPPED = "stopped; start it again to go on"
+
+
+class BackgroundError(Exception):
+    """It cannot be started; the message says why."""
+
+
+class BackgroundBake:
+    """A job: tracing first, then a training for each type of light."""
+
+    def __init__(self, scene: bpy.types.Scene):
+        found = shot.of(scene)
+        if found is not None and found.is_working:
+            raise BackgroundError("this shot is being traced already; cancel that first")
+        if scene.camera is None:
+            raise BackgroundError("the scene has no camera; add one and set it as the scene's camera")
+        self.scene_uid, self.name = scene.session_uid, scene.name
+        self.options: Options = options_of(scene)
+        remember_bake(scene, self.folder)
+        self.camera = scene.camera.name
+        self.stage: dict[str, Any] = {"stage": "prepare", "done": 0, "total": 1, "remaining_s": None, "message": ""}
+        self.warnings: list[str] = []
+        self.error = ""
+        self.done = False
+        self._stopped = False
+        self._copy: SavedCopy | None = SavedCopy()
+        self._steps = [self._bake_arguments()]
+        self._start_next()
+
+    @property
+    def is_running(self) -> bool:
+        """Whether it has not ended."""
+        return not (self.done or self.error)
+
+    @property
+    def folder(self) -> Path:
+        """The bake folder."""
+        return self.options.folder
+
+    def poll(self) -> bool:
+        """Takes what the other Blender has said; whether there was anything new."""
+        if not self.is_running:
+            return False
+        ended, events = self._worker.ended, self._worker.events()
+        for event in events:
+            self._take(event)
+        if ended:
+            self._next_step()
+        return ended or bool(events)
+
+    def _take(self, event: dict[str, Any]) -> None:
+        kind = event.get("event")
+        if kind == "progress":
+            self.stage = event
+        elif kind == "warning":
+            self.warnings.append(event["message"])
+        elif kind == "error":
+            self.error = event["message"]
+
+    def _next_step(self) -> None:
+        if self._worker.code != 0:
+            self.error = (
+                "stopped; start it again to go on" if self._stopped else self.error or self._worker.last_words()
+            )
+        elif self._copy is not None:  # It was the bake.
+            self._remove_copy()
+            self._steps += [self._train_arguments(kind) for kind in self._kinds()]
+        if not self.error and self._steps:
+            self._start_next()
+        else:
+            self.done = not self.error
+            self._remove_copy()
+
+    def _start_next(self) -> None:
+        arguments = self._steps.pop(0)
+        self._worker = Worker(blender_command(self._copy.blend if self._copy else None, arguments))
+
+    def _bake_arguments(self) -> list[str]:
+        options = self.options
+        command = ["bake", "--out", str(options.folder), "--camera", self.camera, "--samples", str(options.samples)]
+        return [*command, "--resume", "--replace", "--json", "--threads", str(options.threads)]
+
+    def _train_arguments(self, kind: str) -> list[str]:
+        options = self.options
+        command = ["train", str(options.folder), "--type", kind, "--seconds", str(options.train_seconds), "--resume"]
+        memory = ["--gpu-memory", str(options.gpu_memory // MIB)] if options.gpu_memory else []
+        return [*command, "--json", "--threads", str(options.threads), "--device", options.device, *memory]
+
+    def _kinds(self) -> list[str]:
+        """Types of light that the baked scene has."""
+        if self.options.train_seconds <= 0.0:
+            return []
+        lights = json.loads((self.folder / LIGHTS_FILE).read_text(encoding="utf-8"))["lights"]
+        shapes = {light["shape"]["type"] for light in lights}
+        return [kind for shape, kind in KINDS.items() if shape in shapes]
+
+    def cancel(self) -> None:
+        """Asks the other Blender to end; what is there stays."""
+        self._stopped = True
+        self._steps.clear()
+        self._worker.stop()
+
+    def close(self) -> None:
+        """Ends it at once. Files are whole at every moment."""
+        self._stopped = True
+        self._worker.kill()
+        self._worker.events()
+        self.error = self.error or STOPPED
+        self._remove_copy()
+
+    def _remove_copy(self) -> None:
+        if self._copy is not None:
+            self._copy.remove()
+            self._copy = None
+
+
+_jobs: list[BackgroundBake] = []
+
+
+def start(scene: bpy.types.Scene) -> BackgroundBake:
+    """Starts a job for a scene. It replaces the scene's last one, if that has ended."""
+    folder = options_of(scene).folder
+    if any(job.is_running and job.folder == folder for job in _jobs):
+        raise BackgroundError("this shot is being baked in the background already")
+    forget(scene)
+    job = BackgroundBake(scene)
+    _jobs.append(job)
+    return job
+
+
+def of(scene: bpy.types.Scene) -> BackgroundBake | None:
+    """The job of a scene."""
+    return next((job for job in _jobs if job.scene_uid == scene.session_uid), None)
+
+
+def all_jobs() -> list[BackgroundBake]:
+    """All jobs, also those of files that are not open any more."""
+    return list(_jobs)
+
+
+def forget(scene: bpy.types.Scene) -> None:
+    """Forgets a scene's job that has ended."""
+    _jobs[:] = [job for job in _jobs if job.is_running or job.scene_uid != scene.session_uid]
+
+
+def close_all() -> None:
+    """Ends and forgets all jobs."""
+    for job in _jobs:
+        if job.is_running:
+            job.close()
+    _jobs.clear()

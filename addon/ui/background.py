@@ -1,0 +1,135 @@
+"""The bake of a shot in a Blender of its own."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..core.progress import clock
+from ..engine import background
+from ..engine.process import NoCopyError
+from . import handlers
+from .panel import RelumePanel, message
+
+TICK_SECONDS = 0.25
+STAGES = {"prepare": "Preparing", "trace": "Tracing", "train": "Learning", "measure": "Measuring"}
+
+
+def start(scene: bpy.types.Scene) -> background.BackgroundBake:
+    """Bakes the scene as it is now. Raises BackgroundError or NoCopyError."""
+    job = background.start(scene)
+    if not bpy.app.background and not bpy.app.timers.is_registered(_timer):
+        bpy.app.timers.register(_timer, first_interval=TICK_SECONDS, persistent=True)
+    return job
+
+
+def tick() -> bool:
+    """One turn of polling; opens what is ready. Whether there is to be another one."""
+    for job in background.all_jobs():
+        if job.poll():
+            _redraw()
+            if job.done:
+                _open(job)
+    return any(job.is_running for job in background.all_jobs())
+
+
+def _open(job: background.BackgroundBake) -> None:
+    """Shows a finished bake in the file it came from, if that is still open."""
+    for scene in bpy.data.scenes:
+        if scene.session_uid == job.scene_uid:
+            handlers.open_bake(scene)
+
+
+def _timer() -> float | None:
+    return TICK_SECONDS if tick() else None
+
+
+def _redraw() -> None:
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                area.tag_redraw()
+
+
+def progress(job: background.BackgroundBake) -> tuple[float, str]:
+    """Share of the present stage that is done, and words for it."""
+    stage = job.stage
+    name = STAGES.get(stage["stage"], stage["stage"].capitalize())
+    share = stage["done"] / max(stage["total"], 1)
+    left = f", {clock(stage['remaining_s'])} left" if stage.get("remaining_s") else ""
+    return share, f"{name} {100 * share:.0f} %{left}"
+
+
+class RELUME_OT_background_start(bpy.types.Operator):  # noqa: N801 -- Blender's naming
+    """Trace and learn this shot in a Blender of its own, from a copy of the file: you can go on working, or open
+    another file. An interrupted bake of the same shot goes on"""
+
+    bl_idname = "relume.background_start"
+    bl_label = "Bake in Background"
+
+    def execute(self, context):
+        """Called by Blender."""
+        try:
+            start(context.scene)
+        except (background.BackgroundError, NoCopyError) as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+class RELUME_OT_background_cancel(bpy.types.Operator):  # noqa: N801
+    """Stop the bake; what it has written stays, and the next start goes on from there"""
+
+    bl_idname = "relume.background_cancel"
+    bl_label = "Stop"
+
+    number: bpy.props.IntProperty(name="Number", description="Which job of the list", options={"HIDDEN"})
+
+    def execute(self, context):
+        """Called by Blender."""
+        jobs = background.all_jobs()
+        if self.number >= len(jobs):
+            return {"CANCELLED"}
+        jobs[self.number].cancel()
+        return {"FINISHED"}
+
+
+class RELUME_PT_background(RelumePanel, bpy.types.Panel):  # noqa: N801
+    """Bakes that run in a Blender of their own"""
+
+    bl_idname = "RELUME_PT_background"
+    bl_label = "Background"
+    bl_order = 50
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context):
+        """Called by Blender."""
+        layout, mine = self.layout, background.of(context.scene)
+        if mine is None or not mine.is_running:
+            layout.operator("relume.background_start", icon="TIME")
+        for number, job in enumerate(background.all_jobs()):
+            if job.is_running:
+                layout.label(text=f"{job.name}, camera {job.camera}")
+                factor, text = progress(job)
+                row = layout.row(align=True)
+                row.progress(factor=factor, text=text)
+                row.operator("relume.background_cancel", text="", icon="X").number = number
+        if mine is not None and not mine.is_running:
+            message(layout, mine.error or "The background bake is ready", "ERROR" if mine.error else "CHECKMARK")
+
+
+CLASSES = (RELUME_OT_background_start, RELUME_OT_background_cancel, RELUME_PT_background)
+
+
+def register():
+    """Adds panel and operators."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+
+
+def unregister():
+    """Takes them away and ends what runs."""
+    background.close_all()
+    if bpy.app.timers.is_registered(_timer):
+        bpy.app.timers.unregister(_timer)
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

@@ -1,0 +1,146 @@
+"""A bake in another Blender: progress, stopping, going on, and that nothing is left behind."""
+
+import dataclasses
+import os
+import time
+
+import bpy
+import pytest
+import relume
+
+import addon
+from addon.core.bake_folder import clear, is_bake
+from addon.engine import background, shot
+from addon.ui import background as ui
+from helpers import add_light, add_material, add_quad
+
+
+@pytest.fixture
+def room(scene, tmp_path):
+    """A lit plane with the add-on enabled; small."""
+    addon.register()
+    material, tree, output = add_material("White")
+    diffuse = tree.nodes.new("ShaderNodeBsdfDiffuse")
+    tree.links.new(diffuse.outputs[0], output.inputs["Surface"])
+    add_quad(scene, size=4.0, material=material)
+    add_light(scene, "POINT", name="Key", shadow_soft_size=0.5, use_soft_falloff=False)
+    scene.render.resolution_x, scene.render.resolution_y = 32, 24
+    scene.relume.quality, scene.relume.samples = "CUSTOM", 16
+    scene.relume.folder = str(tmp_path / "bake")
+    scene.view_settings.view_transform = "Standard"
+    yield scene
+    addon.unregister()
+    shot.close_all()
+
+
+@pytest.fixture
+def no_training(monkeypatch):
+    """Tracing only."""
+    train_for(0.0, monkeypatch)
+
+
+def train_for(seconds, monkeypatch):
+    """As the preferences say it."""
+    plain = background.options_of
+    monkeypatch.setattr(
+        background, "options_of", lambda scene: dataclasses.replace(plain(scene), train_seconds=seconds)
+    )
+
+
+def end(job, seconds=120):
+    """Polls until it is over, as the window's timer does."""
+    deadline = time.monotonic() + seconds
+    while job.is_running and time.monotonic() < deadline:
+        ui.tick()
+        time.sleep(0.02)
+    assert not job.is_running
+    return job
+
+
+def test_a_bake_is_made_beside_and_opened(room, tmp_path, no_training):
+    temporary = os.listdir(bpy.app.tempdir)
+    assert bpy.ops.relume.background_start() == {"FINISHED"}
+    job = background.of(room)
+    with pytest.raises(RuntimeError, match="already"):
+        bpy.ops.relume.background_start()
+    bpy.data.objects["Key"].location.x = 1.0  # The artist goes on working.
+    end(job)
+    assert job.error == "" and job.done
+    assert relume.info(tmp_path / "bake")["manifest"]["passes"]
+    assert os.listdir(bpy.app.tempdir) == temporary
+    found = shot.of(room)
+    assert found.folder == tmp_path / "bake" and found.camera == "Camera"
+    assert found.changes.sentences == [] and not found.warnings
+
+
+def test_a_proxy_is_trained_for_each_type_of_light(room, tmp_path, monkeypatch):
+    train_for(1.0, monkeypatch)
+    stages = set()
+    job = background.start(room)
+    deadline = time.monotonic() + 120
+    while job.is_running and time.monotonic() < deadline:
+        job.poll()
+        stages.add(job.stage["stage"])
+        time.sleep(0.01)
+    assert job.done, job.error
+    assert (tmp_path / "bake" / "proxy_sphere.safetensors").exists()
+    assert {"trace", "train"} <= stages
+
+
+def test_a_stopped_bake_goes_on(room, tmp_path, no_training):
+    room.relume.samples = 4096
+    job = background.start(room)
+    deadline = time.monotonic() + 60
+    while not list((tmp_path / "bake").glob("tile_*")) and time.monotonic() < deadline:
+        job.poll()
+        time.sleep(0.01)
+    job.cancel()
+    end(job)
+    if not job.done:  # Unless it was quicker than the signal.
+        assert "again" in job.error
+        before = {path: path.stat().st_mtime_ns for path in (tmp_path / "bake").glob("tile_*")}
+        assert end(background.start(room)).done
+        assert all(path.stat().st_mtime_ns == time_ns for path, time_ns in before.items())
+    info = relume.info(tmp_path / "bake")
+    assert info["shards"][0] == info["shards"][1]
+
+
+def test_another_scene_in_the_folder_is_replaced_and_foreign_files_stay(room, tmp_path, no_training):
+    assert end(background.start(room)).done
+    (tmp_path / "bake" / "notes.txt").write_text("mine")
+    first = relume.info(tmp_path / "bake")["manifest"]["scene_hash"]
+    room.camera.location.x += 1.0
+    shot.close_all()
+    job = end(background.start(room))
+    assert job.done, job.error
+    assert relume.info(tmp_path / "bake")["manifest"]["scene_hash"] != first
+    assert (tmp_path / "bake" / "notes.txt").read_text() == "mine"
+    clear(tmp_path / "bake")
+    assert [path.name for path in (tmp_path / "bake").iterdir()] == ["notes.txt"]
+
+
+def test_it_survives_another_file_and_ends_with_the_add_on(room, tmp_path):
+    room.relume.samples = 60000
+    temporary = set(os.listdir(bpy.app.tempdir))
+    job = background.start(room)
+    bpy.ops.wm.read_homefile(use_empty=True)
+    assert ui.tick() and background.all_jobs() == [job]
+    process = job._worker._process
+    assert process.poll() is None
+    addon.unregister()
+    try:
+        assert process.poll() is not None and background.all_jobs() == []
+        assert set(os.listdir(bpy.app.tempdir)) <= temporary
+    finally:
+        addon.register()
+
+
+def test_what_goes_wrong_is_said(room, tmp_path, no_training):
+    (tmp_path / "file").write_text("not a folder")
+    room.relume.folder = str(tmp_path / "file" / "bake")
+    job = end(background.start(room))
+    assert not job.done and "file" in job.error
+    room.camera = None
+    with pytest.raises(RuntimeError, match="camera"):
+        bpy.ops.relume.background_start()
+    assert not is_bake(tmp_path / "bake")
