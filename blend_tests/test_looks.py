@@ -334,6 +334,17 @@ def test_two_looks_are_compared_as_they_were_made(compared):
     assert pairs.pair_of(scene) is None
 
 
+def test_a_comparison_keeps_the_polling_awake(compared, monkeypatch):
+    scene, live, _shown = compared
+    woken = []
+    monkeypatch.setattr(handlers, "wake", lambda: woken.append(len(live.requests)))
+    items = scene.relume_looks.items
+    comparison = compare.start(scene, [items["One"], items["Two"]])
+    assert woken[-1] == len(live.requests), "after the first request"
+    answer(live, comparison)
+    assert woken[-1] == len(live.requests), "and after the second"
+
+
 def test_one_look_is_compared_with_the_live_picture(compared):
     scene, live, shown = compared
     scene.relume_looks.active, scene.relume_looks.other = 0, ""

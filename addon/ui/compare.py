@@ -31,15 +31,19 @@ class Comparison:
         found = shot.of(scene)
         if found is None:
             raise CompareError("press Start first: looks are compared in the picture of a bake")
-        self.scene = scene.name
         self.shot = found
         self.requests = [request_of(scene, found, look) for look in looks]
         self.frames: list[Any] = []
-        self.number = found.ask(self.requests[0])
+        self.number = 0
+        self._ask()
+
+    def _ask(self) -> None:
+        self.number = self.shot.ask(self.requests[len(self.frames)])
+        handlers.wake()
 
     def step(self) -> bool:
         """Whether it goes on. To be called until it does not."""
-        scene = bpy.data.scenes.get(self.scene)
+        scene = next((scene for scene in bpy.data.scenes if scene.session_uid == self.shot.scene_uid), None)
         if scene is None or not self.shot.is_open or self.shot.status["state"] == "failed":
             return False
         frame = self.shot.frame
@@ -50,7 +54,7 @@ class Comparison:
         if frame.request == self.number:
             self.frames.append(frame)
         if len(self.frames) < len(self.requests):  # The next one, or the same again if a newer request won.
-            self.number = self.shot.ask(self.requests[len(self.frames)])
+            self._ask()
             return True
         compare.set_pair(scene, *[*self.frames, None][:2], scene.relume_view.compare)
         handlers.changed(scene)

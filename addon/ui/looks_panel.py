@@ -199,7 +199,7 @@ class RELUME_PT_looks(RelumePanel, bpy.types.Panel):  # noqa: N801
 def _draw_look(layout, scene, look) -> None:
     number = thumbnails.icon(look.uid, look.thumbnail)
     if number:
-        layout.template_icon(number, scale=6.0)
+        layout.template_icon(number, scale=7.0)
     line = layout.row(align=True)
     line.operator("relume.restore_look", text="Restore", icon="RECOVER_LAST").lights = False
     line.operator("relume.restore_look", text="Lights Too").lights = True
@@ -210,6 +210,7 @@ def _draw_look(layout, scene, look) -> None:
     line.operator("relume.compare_looks")
     if pairs.pair_of(scene) is not None:
         line.operator("relume.stop_comparing", text="", icon="X")
+        column.row(align=True).prop(scene.relume_view, "compare", expand=True)
 
 
 CLASSES = (
