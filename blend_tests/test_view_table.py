@@ -72,13 +72,13 @@ def test_exposure_changed_in_the_middle_of_a_bake_does_no_harm(scene):
 
 def test_what_shapes_the_view_bakes_a_new_table(scene):
     scene.view_settings.view_transform = "AgX"
-    seen = {id(view_table.complete(scene).table)}
+    seen = [view_table.complete(scene).table]
     for name in ("AgX, look", "AgX, exposure and gamma", "AgX, curves", "Filmic"):
         VIEWS[name](scene)
         assert not view_table.is_complete(scene), name
         table = view_table.complete(scene).table
-        assert id(table) not in seen, name
-        seen.add(id(table))
+        assert all(table is not before for before in seen), name
+        seen.append(table)
     scene.view_settings.curve_mapping.curves[2].points[0].location[1] = 0.1
     assert not view_table.is_complete(scene)
 
@@ -86,7 +86,8 @@ def test_what_shapes_the_view_bakes_a_new_table(scene):
 def test_a_coarse_table_serves_until_the_fine_one_is_there(scene):
     scene.view_settings.view_transform = "AgX"
     assert view_table.of(scene) is None
-    assert view_table.work(scene), "the first slice is a whole coarse table"
+    while not view_table.work(scene):
+        assert view_table.of(scene) is None
     assert len(view_table.of(scene).table) == view_table.COARSE
     colors = some_colors()
     error = np.abs(view_table.of(scene).apply(colors) - displayed(scene, colors)) * 255

@@ -173,7 +173,7 @@ def develop() -> Program:
     info.push_constant("FLOAT", "scale")
     info.push_constant("FLOAT", "exponent")
     info.push_constant("INT", "use_table")
-    return _compile(info, DEVELOP_VERTEX, DEVELOP_FRAGMENT)
+    return compile_program(info, DEVELOP_VERTEX, DEVELOP_FRAGMENT)
 
 
 @cache
@@ -201,7 +201,7 @@ def show(one_to_one: bool) -> Program:
     info.vertex_out(between)
     if one_to_one:
         info.define("ONE_TO_ONE")
-    return _compile(info, SHOW_VERTEX, SHOW_FRAGMENT)
+    return compile_program(info, SHOW_VERTEX, SHOW_FRAGMENT)
 
 
 def overlay_encoding() -> np.ndarray:
@@ -224,7 +224,8 @@ def free() -> None:
     show.cache_clear()
 
 
-def _compile(info: Any, vertex: str, fragment: str) -> Program:
+def compile_program(info: Any, vertex: str, fragment: str) -> Program:
+    """A program of one `position` in 0..1 and one `result`."""
     info.vertex_in(0, "VEC2", "position")
     info.fragment_out(0, "VEC4", "result")
     info.vertex_source(vertex)

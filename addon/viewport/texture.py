@@ -29,13 +29,13 @@ class Picture:
         self.size = (width, height)
         self.linear = _upload(self.size, frame.image)
         self._developed = gpu.types.GPUTexture(self.size, format="RGBA16F")
-        self._view: View | None = None
+        self.view: View | None = None
 
     def developed(self, view: View) -> Any:
         """The texture of display colours, premultiplied by alpha."""
-        if self._view != view:
+        if self.view != view:
             self._develop(view)
-            self._view = view
+            self.view = view
         return self._developed
 
     def _develop(self, view: View) -> None:
