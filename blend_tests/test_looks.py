@@ -294,8 +294,10 @@ def test_thumbnails_of_odd_sizes(lit, size):
 def compared(lit, monkeypatch):
     """Two looks of an open shot, and the pairs that the overlay got."""
     shown = []
-    monkeypatch.setattr(pairs, "set_pair", lambda scene, a, b, mode: shown.append((a, b, mode)))
+    monkeypatch.setattr(pairs, "set_pair", lambda scene, *pair: shown.append(pair))
     start(lit)
+    FakeLive.made[-1].show()
+    handlers.tick()
     looks.snapshot(lit, "One")
     bpy.data.objects["Key"].location = (9, 9, 9)
     update()
@@ -325,8 +327,8 @@ def test_two_looks_are_compared_as_they_were_made(compared):
     assert comparison.step() and answer(live, comparison)
     two = live.requests[-1]
     assert not answer(live, comparison)
-    ((a, b, mode),) = shown
-    assert (a.serial, b.serial, mode) == (1, 2, "WIPE")
+    ((a, b, mode, labels),) = shown
+    assert (a.serial, b.serial, mode, labels) == (2, 3, "WIPE", ("One", "Two"))
     assert [place_of_key(request) for request in (one, two)] == [1.0, 9.0]
     assert (one["gains"]["Key"], two["gains"]["Key"]) == ([1.0] * 3, [4.0] * 3)
     assert live.requests[-1]["gains"]["Key"] == [0.0] * 3, "the live picture is asked for again"
@@ -350,7 +352,7 @@ def test_one_look_is_compared_with_the_live_picture(compared):
     scene.relume_looks.active, scene.relume_looks.other = 0, ""
     assert bpy.ops.relume.compare_looks() == {"FINISHED"}
     assert not answer(live, compare.running(scene))
-    assert shown[0][0].serial == 1 and shown[0][1] is None
+    assert shown[0][0].serial == 2 and shown[0][1] is None and shown[0][3] == ("One", "Now")
 
 
 def test_a_newer_request_does_not_get_into_a_comparison(compared):
@@ -380,3 +382,13 @@ def test_comparing_needs_a_shot_and_ends_with_it(compared):
     assert not comparison.step() and not shown
     with pytest.raises(RuntimeError, match="press Start first"):
         bpy.ops.relume.compare_looks()
+    start(scene)
+    with pytest.raises(RuntimeError, match="wait for the first picture"):
+        bpy.ops.relume.compare_looks()
+
+
+def test_another_file_ends_comparing(compared):
+    scene, _live, _shown = compared
+    comparison = compare.start(scene, [scene.relume_looks.items["One"]])
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    assert compare.running(bpy.context.scene) is None and not comparison.step() and pairs.frames() == []

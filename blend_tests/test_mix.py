@@ -212,6 +212,18 @@ def test_neither_a_drag_nor_a_slider_walks_the_scene(scene, monkeypatch):
     update()
 
 
+def test_a_linked_scene_is_left_alone(scene, tmp_path):
+    add_light(scene, "POINT", "Key")
+    bpy.data.libraries.write(str(tmp_path / "other.blend"), {scene})
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    with bpy.data.libraries.load(str(tmp_path / "other.blend"), link=True) as (_have, wanted):
+        wanted.scenes = ["Scene"]
+    (found,) = wanted.scenes
+    before = listed(found)
+    rows.on_load()
+    assert found.library and "Key" in found.objects and listed(found) == before, "it had no row for its light"
+
+
 def test_disabled_and_enabled_again(scene):
     add_light(scene, "POINT", "Key")
     update()

@@ -7,6 +7,7 @@ import json
 from typing import Any
 
 import bpy
+from bpy.app.handlers import persistent
 
 from ..core.looks import match
 from ..core.rows import mix_for
@@ -31,7 +32,10 @@ class Comparison:
         found = shot.of(scene)
         if found is None:
             raise CompareError("press Start first: looks are compared in the picture of a bake")
+        if found.frame is None:
+            raise CompareError("wait for the first picture")
         self.shot = found
+        self.labels = (looks[0].name, looks[1].name if len(looks) > 1 else "Now")
         self.requests = [request_of(scene, found, look) for look in looks]
         self.frames: list[Any] = []
         self.number = 0
@@ -56,7 +60,7 @@ class Comparison:
         if len(self.frames) < len(self.requests):  # The next one, or the same again if a newer request won.
             self._ask()
             return True
-        compare.set_pair(scene, *[*self.frames, None][:2], scene.relume_view.compare)
+        compare.set_pair(scene, *[*self.frames, None][:2], scene.relume_view.compare, self.labels)
         handlers.changed(scene)
         return False
 
@@ -106,8 +110,21 @@ def _timer() -> float | None:
     return STEP_SECONDS if _running else None
 
 
+@persistent
+def on_load_pre(*_arguments) -> None:
+    """Another file is about to be opened."""
+    _running.clear()
+    compare.free()
+
+
+def register():
+    """Ends comparisons with their file."""
+    bpy.app.handlers.load_pre.append(on_load_pre)
+
+
 def unregister():
     """Ends comparisons."""
-    _running.clear()
+    bpy.app.handlers.load_pre.remove(on_load_pre)
+    on_load_pre()
     if bpy.app.timers.is_registered(_timer):
         bpy.app.timers.unregister(_timer)

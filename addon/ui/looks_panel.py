@@ -230,6 +230,7 @@ def register():
     """Adds panel and operators."""
     for cls in CLASSES:
         bpy.utils.register_class(cls)
+    compare.register()
 
 
 def unregister():

@@ -200,7 +200,9 @@ def reset(scene: bpy.types.Scene, rows: Iterable[RelumeRow] | None = None) -> No
 
 
 def sync(scene: bpy.types.Scene) -> None:
-    """Makes the rows those of the scene's lights, collections and world."""
+    """Makes the rows those of the scene's lights, collections and world. A linked scene cannot have its own."""
+    if not scene.is_editable:
+        return
     state = scene.relume_mix
     wanted = [_line_values(line) for line in light_tree(scene)]
     rest = {"uid": 0, "depth": 0, "groups": "", "hidden": False}
@@ -282,7 +284,8 @@ def on_undo(scene: bpy.types.Scene, *_arguments) -> None:
 def on_load(*_arguments) -> None:
     """Another file is open: its rows are found by name."""
     for scene in bpy.data.scenes:
-        scene.relume_mix.session = ""
+        if scene.is_editable:
+            scene.relume_mix.session = ""
         sync(scene)
 
 

@@ -66,7 +66,7 @@ def play(driver):
         bpy.ops.relume.compare_looks()
         pair_of = module("viewport.compare").pair_of
         yield from driver.until(lambda: pair_of(scene) is not None, "both pictures", 300)
-        screens = {}
+        screens, scene.relume_view.difference_gain = {}, 1.0
         for mode in ("WIPE", "A", "B", "DIFFERENCE"):
             scene.relume_view.compare = mode
             yield from driver.drawn()
