@@ -1,11 +1,13 @@
 """Edits of real light objects become requests, and only what changed is read."""
 
 import json
+import math
 import time
 
 import bpy
 import pytest
 
+from addon.engine import shot
 from addon.engine.render_depsgraph import with_render_depsgraph
 from addon.export import ExportOptions, export_scene
 from addon.ui import handlers
@@ -194,3 +196,51 @@ def test_retyped_light_data_is_read(lit, live):
     bpy.data.lights["Other"].energy = 4.5
     update()
     assert newest(live)["Key"]["energy"] == 4.5
+
+
+def test_a_light_hidden_in_the_view_only_is_said_to_be_in_renders(lit, live):
+    bpy.data.objects["Key"].hide_set(True)
+    update()
+    notes = shot.of(lit).notes
+    assert any("'Key' is hidden in the view only" in note for note in notes)
+    bpy.data.objects["Key"].hide_render = True
+    update()
+    assert not any("hidden in the view only" in note for note in shot.of(lit).notes)
+
+
+IMPOSSIBLE = {
+    "no scale": (lambda light: setattr(light, "scale", (0, 0, 0)), "its scale is zero"),
+    "no place": (lambda light: setattr(light, "location", (math.nan, 0, 0)), "not a number"),
+    "endless energy": (lambda light: setattr(light.data, "energy", math.inf), "not a number"),
+}
+
+
+@pytest.mark.parametrize("kind", IMPOSSIBLE)
+def test_a_light_that_cannot_shine_is_left_out_by_name(lit, live, kind):
+    edit, words = IMPOSSIBLE[kind]
+    light = add_light(lit, "AREA", name="Odd")
+    edit(light)
+    update()
+    live.relight(json.dumps({"lights": []}))
+    handlers.read_lights(lit)
+    assert set(newest(live)) == {"Key"}
+    assert any("'Odd'" in note and words in note for note in shot.of(lit).notes)
+    light.scale, light.location, light.data.energy = (1, 1, 1), (0, 0, 1), 10.0
+    update()
+    assert set(newest(live)) == {"Key", "Odd"}
+    assert not any("'Odd'" in note for note in shot.of(lit).notes)
+
+
+def test_a_refused_request_is_said_and_forgotten_with_the_next(lit, live, monkeypatch):
+    def refuse(_request):
+        raise ValueError("light 1 'Key': broken")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(live, "relight", refuse)
+        bpy.data.objects["Key"].location.x = 1.0
+        update()
+        assert shot.of(lit).notes[0] == "light 1 'Key': broken"
+    bpy.data.objects["Key"].location.x = 2.0
+    update()
+    assert shot.of(lit).notes == []
+    assert newest(live)["Key"]["world_from_object"][0][3] == 2.0

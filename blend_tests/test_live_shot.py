@@ -197,3 +197,38 @@ def test_bake_of_the_command_line_is_known_in_the_window(studio, tmp_path):
     assert found.frame.image.shape == (12, 16, 4)
     assert found.changes.sentences == ["The picture has 32 x 24 pixels now; the bake has 16 x 12"]
     assert not any("says nothing" in note for note in found.notes)
+
+
+def test_undo_save_pause_and_disable_while_training(studio, tmp_path):
+    options.preferences().train_seconds = 600.0
+    start(studio)
+    until(studio, lambda found: found.status["state"] == "training", "training")
+    bpy.ops.ed.undo_push(message="one")
+    bpy.data.objects["Key"].location.x = 1.0
+    bpy.ops.ed.undo_push(message="two")
+    bpy.ops.ed.undo()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    scene = bpy.context.scene
+    assert bpy.ops.relume.pause() == {"FINISHED"}
+    found = until(scene, lambda found: found.status["paused"] and found.changes.sentences == [], "a pause")
+    bpy.data.lights["Key"].energy *= 2.0
+    serial = found.frame.serial
+    bpy.context.view_layer.update()
+    until(scene, lambda found: found.frame.serial > serial, "a picture while paused")
+    began = time.monotonic()
+    bpy.ops.preferences.addon_disable(module="addon")
+    assert time.monotonic() - began < SECONDS / 6
+    bpy.ops.preferences.addon_enable(module="addon")
+    options.preferences().train_seconds = 0.0
+    assert bpy.ops.relume.show_bake() == {"FINISHED"}
+    until(scene, settled, "the bake after disabling")
+
+
+def test_lights_without_a_proxy_are_gathered(studio):
+    for kind in ("SUN", "SPOT"):
+        add_light(studio, kind, name=kind.title())
+    bpy.context.view_layer.update()
+    start(studio)
+    found = until(studio, settled, "all lights")
+    assert set(found.status["shown"]["makers"]) == {"Key", "Sun", "Spot"}
+    assert "proxy" not in found.status["shown"]["makers"].values()

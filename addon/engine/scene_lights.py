@@ -18,6 +18,7 @@ class _Entry:
 
     object_uid: int
     data_uid: int
+    object_name: str
     description: dict[str, Any]
 
 
@@ -89,9 +90,12 @@ class SceneLights:
                 self._instancers |= {owner.session_uid, original.session_uid}
             if instance.show_self and not original.hide_render and owner in rendered:
                 exporter.export(obj, instance.matrix_world)
-                uids = (original.session_uid, original.data.session_uid)
-                self._entries += [_Entry(*uids, description) for description in descriptions[len(self._entries) :]]
+                source = (original.session_uid, original.data.session_uid, original.name)
+                self._entries += [_Entry(*source, description) for description in descriptions[len(self._entries) :]]
         self._visibility = _visibility(depsgraph.view_layer)
+        for obj in _lights(depsgraph.view_layer):
+            if not obj.visible_get(view_layer=depsgraph.view_layer) and obj in rendered:
+                self._warn(f"light '{obj.name}' is hidden in the view only: off here, but on in renders")
 
     def _read_again(self, depsgraph: bpy.types.Depsgraph, uids: set[int]) -> bool:
         objects = {obj.session_uid: obj for obj in _lights(depsgraph.view_layer)}
@@ -101,7 +105,7 @@ class SceneLights:
                 continue
             obj = objects[entry.object_uid].evaluated_get(depsgraph)
             description = describe_light(obj, obj.matrix_world, linking, self._warn)
-            if description is None or description["name"] != entry.description["name"].partition("#")[0]:
+            if description is None or obj.name != entry.object_name:
                 self.read(depsgraph)
                 return True
             entry.description = description | {"name": entry.description["name"]}

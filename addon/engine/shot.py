@@ -56,6 +56,8 @@ class Shot:
         self._task: RenderTask | None = None
         self.request = ""
         """The newest request, JSON."""
+        self.refusal = ""
+        """Why the newest request has no picture."""
         self._request_number = 0
         self._status_text = ""
         self._news = time.monotonic()
@@ -132,7 +134,7 @@ class Shot:
     @property
     def is_busy(self) -> bool:
         """Whether a newer status or picture is to be expected."""
-        if self.status["state"] in {"empty", "failed"}:
+        if self._has_ended or self.status["state"] in {"empty", "failed"}:
             return False
         shown = self.status["shown"] or {}
         waits = shown.get("request", 0) < self._request_number or not shown.get("settled", True)
@@ -146,7 +148,8 @@ class Shot:
     @property
     def notes(self) -> list[str]:
         """What this shot has and Relume cannot represent, and what else the artist should know; each once."""
-        return list(dict.fromkeys([*self.warnings, *self.status["warnings"], *self.lights.warnings]))
+        refusal = [self.refusal] * bool(self.refusal)
+        return list(dict.fromkeys([*refusal, *self.lights.warnings, *self.warnings, *self.status["warnings"]]))
 
     def relight(self, lights: list[dict], mix: dict, interactive: bool) -> bool:
         """Asks for a picture; the newest request wins. `lights` as `SceneLights` describes them, `mix` as
@@ -154,7 +157,12 @@ class Shot:
         request = json.dumps({"lights": lights, **mix, "interactive": interactive, "with": "auto"})
         if request == self.request:
             return False
-        self.ask(request)
+        try:
+            self.ask(request)
+        except ValueError as error:
+            self.refusal = str(error)
+            return False
+        self.refusal = ""
         return True
 
     def ask(self, request: str) -> int:

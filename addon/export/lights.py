@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -44,6 +46,10 @@ def describe_light(
     emission = _emission(obj, warn)
     if emission is None:
         return None
+    problem = _problem(light, world_from_object)
+    if problem:
+        warn(f"light '{obj.name}': {problem}; left out")
+        return None
     _warn_about(obj, warn)
     description = {
         "name": obj.name,
@@ -67,6 +73,17 @@ def describe_light(
     if receivers is not None:
         description["receivers"] = {"receivers": receivers}
     return description
+
+
+def _problem(light: bpy.types.Light, world_from_object: Any) -> str:
+    """Why a light cannot shine, if it cannot. Lengths of the columns of its matrix are its scale."""
+    columns = list(zip(*(row[:3] for row in world_from_object[:3]), strict=True))
+    places = [row[3] for row in world_from_object[:3]]
+    if not all(math.isfinite(value) for value in (light.energy, *light.color, *places, *itertools.chain(*columns))):
+        return "one of its values is not a number"
+    if light.type != "POINT" and not all(any(column) for column in columns):
+        return "its scale is zero"
+    return ""
 
 
 def _warn_about(obj: bpy.types.Object, warn: Callable[[str], None]) -> None:

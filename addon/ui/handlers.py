@@ -12,6 +12,7 @@ from bpy.app.handlers import persistent
 from ..core import status
 from ..core.bake_folder import is_bake
 from ..engine import shot
+from ..engine.native import NativeModuleError
 from ..engine.options import preferences, remember_bake, remembered_bake
 from . import rows
 
@@ -183,8 +184,12 @@ def open_bakes() -> None:
     """Opens every bake that the file remembers and that is there."""
     for scene in bpy.data.scenes:
         folder = remembered_bake(scene)
-        if folder is not None and is_bake(folder) and shot.of(scene) is None:
+        if folder is None or not is_bake(folder) or shot.of(scene) is not None:
+            continue
+        try:
             open_bake(scene)
+        except (NativeModuleError, RuntimeError) as error:
+            print(f"Relume: the bake of scene '{scene.name}' could not be opened: {error}")
 
 
 def open_bake(scene: bpy.types.Scene) -> shot.Shot:

@@ -29,12 +29,19 @@ class RELUME_PT_main(RelumePanel, bpy.types.Panel):  # noqa: N801 -- Blender's n
             layout.operator("relume.look_through_camera", icon="OUTLINER_DATA_CAMERA")
         if found is not None:
             _draw_shot(layout, scene, found)
+        else:
+            _draw_stored_bake(layout, scene)
+        if not _can_start_here(found):
             return
-        _draw_stored_bake(layout, scene)
         _draw_choices(layout, scene)
         row = layout.row()
         row.scale_y = 1.5
         row.operator("relume.start", icon="PLAY")
+
+
+def _can_start_here(found: shot.Shot | None) -> bool:
+    """Without a picture the first thing to do is to start; with one it is in the panel "Bake"."""
+    return found is None or not (found.is_working or found.frame is not None or found.is_busy)
 
 
 class RELUME_PT_bake(RelumePanel, bpy.types.Panel):  # noqa: N801
@@ -47,8 +54,8 @@ class RELUME_PT_bake(RelumePanel, bpy.types.Panel):  # noqa: N801
 
     @classmethod
     def poll(cls, context):
-        """Only with an open shot; without one the same is in the panel around."""
-        return shot.of(context.scene) is not None
+        """Only where the same is not in the panel around."""
+        return not _can_start_here(shot.of(context.scene))
 
     def draw(self, context):
         """Called by Blender."""
@@ -117,7 +124,9 @@ def _draw_notes(layout, scene, notes: list[str]) -> None:
     settings = scene.relume
     icon = "DOWNARROW_HLT" if settings.show_warnings else "RIGHTARROW"
     text = "1 note" if len(notes) == 1 else f"{len(notes)} notes"
-    layout.prop(settings, "show_warnings", text=text, icon=icon, emboss=False)
+    row = layout.row()
+    row.alignment = "LEFT"
+    row.prop(settings, "show_warnings", text=text, icon=icon, emboss=False)
     if settings.show_warnings:
         for note in notes:
             message(layout, note, "INFO")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import bpy
+
 
 class RelumePanel:
     """Mix-in of every panel; `bl_order` decides what is above what."""
@@ -11,12 +13,22 @@ class RelumePanel:
     bl_category = "Relume"
 
 
-def message(layout, text: str, icon: str = "NONE", width: int = 44) -> None:
+MARGIN, ICON, CHARACTER = 72, 20, 6.3
+"""Pixels beside the text of the sidebar, of an icon, and of a character on average, at a scale of 1."""
+
+
+def message(layout, text: str, icon: str = "NONE") -> None:
     """Text over as many lines as it needs: a label of Blender is cut off at the panel's edge."""
     column = layout.column(align=True)
     column.scale_y = 0.8
-    for number, line in enumerate(lines(text, width)):
+    for number, line in enumerate(lines(text, _characters(icon != "NONE"))):
         column.label(text=line, icon=icon if number == 0 else ("BLANK1" if icon != "NONE" else "NONE"))
+
+
+def _characters(with_icon: bool) -> int:
+    """How many characters a line of the present region can hold."""
+    width = bpy.context.region.width / bpy.context.preferences.system.ui_scale
+    return max(int((width - MARGIN - ICON * with_icon) / CHARACTER), 16)
 
 
 def lines(text: str, width: int) -> list[str]:
