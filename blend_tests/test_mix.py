@@ -212,6 +212,18 @@ def test_neither_a_drag_nor_a_slider_walks_the_scene(scene, monkeypatch):
     update()
 
 
+def test_a_linked_light_of_the_same_name_has_a_row_of_its_own(scene, tmp_path):
+    key = add_light(scene, "POINT", "Key")
+    bpy.data.libraries.write(str(tmp_path / "rig.blend"), {key})
+    with bpy.data.libraries.load(str(tmp_path / "rig.blend"), link=True) as (_have, wanted):
+        wanted.objects = ["Key"]
+    scene.collection.objects.link(wanted.objects[0])
+    update()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"))
+    assert listed(bpy.context.scene) == [(LIGHT, "Key", 0), (LIGHT, "Key", 0), *REST]
+
+
 def test_a_linked_scene_is_left_alone(scene, tmp_path):
     add_light(scene, "POINT", "Key")
     bpy.data.libraries.write(str(tmp_path / "other.blend"), {scene})

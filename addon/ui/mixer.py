@@ -117,7 +117,7 @@ class RELUME_OT_select_light(_OnLight, bpy.types.Operator):  # noqa: N801
 
 
 class RELUME_OT_show_light(_OnLight, bpy.types.Operator):  # noqa: N801
-    """This light is hidden in renders. Show it again in renders and views"""
+    """This light is hidden in renders or views. Show it again in both"""
 
     bl_idname = "relume.show_light"
     bl_label = "Show Light"

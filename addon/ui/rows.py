@@ -77,7 +77,7 @@ class RelumeRow(bpy.types.PropertyGroup):
     uid: IntProperty(name="Session UID", description="Finds the light again under another name", options={"HIDDEN"})
     groups: StringProperty(name="Groups", description="Collections with this light, by line", options={"HIDDEN"})
     present: BoolProperty(name="Present", description="Whether the scene has this light now", options={"HIDDEN"})
-    hidden: BoolProperty(name="Hidden", description="Whether renders do without this light", options={"HIDDEN"})
+    hidden: BoolProperty(name="Hidden", description="Whether renders or views lack this light", options={"HIDDEN"})
     depth: IntProperty(name="Depth", description="Collections around this row", options={"HIDDEN"})
     order: IntProperty(name="Order", description="Place in the list", options={"HIDDEN"})
     icon: StringProperty(name="Icon", description="Icon of the row", options={"HIDDEN"})
@@ -232,7 +232,7 @@ def _line_values(line: Line) -> dict[str, Any]:
         "uid": block.session_uid,
         "depth": line.depth,
         "groups": "\n".join(line.groups),
-        "hidden": is_light and block.hide_render,
+        "hidden": is_light and (block.hide_render or block.hide_viewport),
     }
 
 
@@ -244,7 +244,8 @@ def _places(state: RelumeMix, wanted: list[dict[str, Any]]) -> list[int]:
         known.setdefault((row.kind, row.uid if by_uid else row.name), place)
     places = []
     for values in wanted:
-        place = known.get((values["kind"], values["uid"] if by_uid else values["name"]))
+        # Taken once: a linked light may have the name of a local one.
+        place = known.pop((values["kind"], values["uid"] if by_uid else values["name"]), None)
         if place is None:
             place = len(state.rows)
             state.rows.add()
@@ -275,9 +276,10 @@ def _may_change_rows(update: bpy.types.DepsgraphUpdate) -> bool:
 
 
 @persistent
-def on_undo(scene: bpy.types.Scene, *_arguments) -> None:
+def on_undo(*_arguments) -> None:
     """Lights may be back, or gone again."""
-    sync(scene)
+    for scene in bpy.data.scenes:
+        sync(scene)
 
 
 @persistent
