@@ -8,9 +8,10 @@ import pytest
 
 from addon.engine import shot
 from addon.ui.start import start
-from addon.viewport import compare, handlers, overlay, view_table
+from addon.viewport import compare, handlers, light_marks, overlay, view_table
 from addon.viewport.overlay import Show
 from fake_live import FakeLive
+from helpers import add_light
 
 
 @pytest.fixture
@@ -50,6 +51,9 @@ def test_nothing_is_shown_where_relume_is_not_at_work(view):
     view.scene.relume_view.shown = False
     assert shown(view) is None
     view.scene.relume_view.shown = True
+    view.region_data.view_perspective = "ORTHO"
+    assert shown(view) is None, "no hints in views from the side"
+    view.region_data.view_perspective = "CAMERA"
     view.shot.close()
     assert shown(view) is None
 
@@ -97,6 +101,27 @@ def test_two_frames_are_compared_in_every_mode(view):
     assert set(map(id, compare.frames())) == {id(first)}
     compare.clear(view.scene)
     assert shown(view).first is view.shot.frame
+
+
+def test_lights_in_front_of_the_picture_are_marked(view):
+    lights = [add_light(view.scene, "POINT", name=f"L{x}") for x in range(3)]
+    bpy.context.view_layer.update()
+    what = shown(view)
+    # Camera space: in the middle, far to the side, behind; as the region's matrix sees them.
+    world_from_clip = np.linalg.inv(np.array(view.region_data.perspective_matrix))
+    frame = what.frame
+    middle = np.array([frame.left + frame.right, frame.bottom + frame.top]) / what.region - 1.0
+    for light, clip in zip(lights, ((*middle, 0.5, 1.0), (*(middle + 9.0), 0.5, 1.0)), strict=False):
+        point = world_from_clip @ clip
+        light.location = point[:3] / point[3]
+    near, far = np.array(lights[0].location), view.region_data.view_matrix.inverted().translation
+    lights[2].location = 2 * np.array(far) - near
+    bpy.context.view_layer.update()
+    places = light_marks.places_of(lights, view.region_data, what)
+    expected = (frame.left + frame.width / 2, frame.bottom + frame.height / 2)
+    assert places[0] == pytest.approx(expected, abs=0.5)
+    assert np.isnan(places[1:]).all()
+    assert light_marks.places_of([], view.region_data, what).shape == (0, 2)
 
 
 def test_the_timer_completes_the_table_of_a_waiting_scene_and_ends(view):

@@ -15,7 +15,7 @@ from bpy.app.handlers import persistent
 from gpu_extras.batch import batch_for_shader
 
 from ..engine import shot
-from . import compare, overlay, texture, view_table
+from . import compare, light_marks, overlay, texture, view_table
 from .overlay import Show
 from .views import redraw
 
@@ -53,6 +53,7 @@ def draw_words() -> None:
     scene, region = context.scene, context.region
     what = overlay.what_to_show(scene, context.space_data, region, context.region_data)
     if isinstance(what, Show):
+        light_marks.draw(context, what, _scale())
         if what.split != overlay.NEVER:
             _draw_split(what)
         hint = _trouble.get(scene.session_uid)

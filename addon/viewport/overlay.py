@@ -49,7 +49,7 @@ def what_to_show(
 ) -> Show | str | None:
     """Pictures, or a hint in words why there are none, or nothing where Relume is not at work."""
     settings, found = scene.relume_view, shot.of(scene)
-    if found is None or not settings.shown:
+    if found is None or not settings.shown or region_data.view_perspective == "ORTHO":
         return None
     camera = camera_frame.camera_of(scene, space)
     frame = camera_frame.frame_of(scene, camera, region, region_data)

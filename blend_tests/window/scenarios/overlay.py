@@ -6,7 +6,9 @@ from types import SimpleNamespace
 
 import bpy
 import numpy as np
+from bpy_extras.view3d_utils import location_3d_to_region_2d
 from driver import ADDON
+from mathutils import Vector
 
 NEEDS = ["demo.blend"]
 SIZE = (960, 540)
@@ -163,6 +165,48 @@ def check_places(driver):
             driver.check(off <= 1.0, f"{name}: in the frame {left, top, right, bottom}; it is in {found}")
 
 
+def check_lights(driver):
+    """A selected light is drawn over the picture."""
+    scene, space = bpy.context.scene, driver.view.spaces.active
+    render_settings(use_border=False)
+    camera_settings(type="PERSP", sensor_fit="AUTO", shift_x=0.0, shift_y=0.0)
+    render_settings(resolution_x=SIZE[0], resolution_percentage=100, pixel_aspect_x=1.0)
+    light = next(obj for obj in scene.objects if obj.type == "LIGHT")
+    light.location = scene.camera.matrix_world @ Vector((0.1, 0.05, -4.0))
+    with driver.step("lights over the picture"):
+        yield from driver.drawn()
+        without = driver.photo()
+        space.overlay.show_overlays = True
+        yield from driver.drawn()
+        pixels = driver.photo("lights")
+        x, y = location_3d_to_region_2d(driver.region(), space.region_3d, light.matrix_world.translation)
+        column = round(driver.region().x + x)
+        row = round(driver.window.height - driver.region().y - y)
+        near = (slice(row - 9, row + 10), slice(column - 9, column + 10))
+        driver.check(np.any(pixels[near] != without[near]), "a ring is drawn where the light is")
+
+
+def check_many_views(driver):
+    """Four regions of one view and a second window show the picture, and closing it does no harm."""
+    with driver.step("four regions"):
+        with driver.within():
+            bpy.ops.screen.region_quadview()
+        yield from driver.drawn()
+        driver.check(box_of(driver.photo("four-regions")) is not None, "the picture is in the camera's region")
+        with driver.within():
+            bpy.ops.screen.region_quadview()
+        yield from driver.drawn()
+    with driver.step("two windows"):
+        bpy.ops.wm.window_new()
+        yield from driver.drawn()
+        yield from driver.wait(1)
+        driver.photo("two-windows")
+        with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
+            bpy.ops.wm.window_close()
+        yield from driver.look_through_camera()
+        driver.check(box_of(driver.photo()) is not None, "the first window still shows the picture")
+
+
 def play(driver):
     """See the first line of this file."""
     yield from driver.open("demo.blend")
@@ -214,3 +258,5 @@ def play(driver):
     yield from driver.until(found.poll, "a flat picture")
     set_view(VIEWS["Standard"])
     yield from check_places(driver)
+    yield from check_lights(driver)
+    yield from check_many_views(driver)
