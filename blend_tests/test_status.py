@@ -69,5 +69,5 @@ def test_progress_is_of_running_work_only():
 
 def test_long_messages_are_broken_between_words():
     assert lines("the quick brown fox", 9) == ["the quick", "brown fox"]
-    assert lines("unbreakable/path/name", 5) == ["unbreakable/path/name"]
+    assert lines("long/path/of/a/file", 10) == ["long/path/", "of/a/file"]
     assert lines("", 5) == [""]

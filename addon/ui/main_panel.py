@@ -85,7 +85,8 @@ def _draw_choices(layout, scene) -> None:
     column.prop(scene.relume, "quality")
     if scene.relume.quality == "CUSTOM":
         column.prop(scene.relume, "samples")
-    column.prop(scene.relume, "folder", text="Folder")
+    place = "Beside the file" if bpy.data.filepath else "In the cache folder"
+    column.prop(scene.relume, "folder", text="Folder", placeholder=place)
 
 
 def _draw_shot(layout, scene, found: shot.Shot) -> None:
@@ -102,6 +103,8 @@ def _draw_shot(layout, scene, found: shot.Shot) -> None:
         if not found.is_exporting:
             row.operator("relume.pause", text="Resume" if paused else "Pause", icon="PLAY" if paused else "PAUSE")
         row.operator("relume.cancel", icon="X")
+    elif state["state"] == "cancelled" and state["samples"] < state["samples_total"]:
+        layout.operator("relume.start", text="Go On", icon="PLAY")
     if status.shown(state):
         message(layout, status.shown(state))
     if found.changes.sentences:

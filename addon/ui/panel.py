@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import textwrap
+
 import bpy
 
 
@@ -32,10 +34,5 @@ def _characters(with_icon: bool) -> int:
 
 
 def lines(text: str, width: int) -> list[str]:
-    """Words of a text in lines of about `width` characters; words are never cut."""
-    found = [""]
-    for word in text.split():
-        if found[-1] and len(found[-1]) + 1 + len(word) > width:
-            found.append("")
-        found[-1] = f"{found[-1]} {word}".strip()
-    return found
+    """A text in lines of at most `width` characters, between words where that is possible."""
+    return textwrap.wrap(text, width) or [""]

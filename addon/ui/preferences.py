@@ -62,11 +62,12 @@ class RelumePreferences(bpy.types.AddonPreferences):
     )
     train_seconds: FloatProperty(
         name="Learning Time",
-        description="How long a network learns each type of light, in seconds; 0 to show samples only",
+        description="How long a network learns each type of light; 0 to show samples only",
         default=60.0,
         min=0.0,
         soft_max=600.0,
         precision=0,
+        unit="TIME_ABSOLUTE",
     )
     open_bakes: BoolProperty(
         name="Open Bakes with Files",
