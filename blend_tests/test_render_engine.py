@@ -1,6 +1,7 @@
 """Relume as a render engine: F12, its passes and what goes wrong."""
 
 import os
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -15,6 +16,8 @@ from addon.engine.render_engine import ALBEDO
 from addon.engine.scene import load_scene
 from addon.ui import render as ui
 from addon.ui import rows
+from addon.viewport import rendered
+from addon.viewport.camera_frame import Rectangle
 from exr import read_exr
 from helpers import add_light, add_material, add_quad
 
@@ -172,6 +175,28 @@ def test_stopping_leaves_no_picture_and_no_error(shot, tmp_path, monkeypatch):
     monkeypatch.setattr(render_engine._FinalRender, "_is_stopped", lambda self: True)
     bpy.ops.render.render()
     assert not (tmp_path / "bake").exists()
+
+
+def test_disabling_ends_a_render_and_enabling_allows_it_again(shot, tmp_path):
+    render_engine.stop_all()
+    bpy.ops.render.render()
+    assert not (tmp_path / "bake").exists()
+    addon.unregister()
+    assert not ui.RelumeRenderEngine.is_registered
+    addon.register()
+    shot.relume.folder = str(tmp_path / "bake")
+    assert render(shot, tmp_path)["Combined"].max() > 0.0
+
+
+def test_a_view_says_why_it_shows_nothing(shot):
+    frame = Rectangle(0, 0, 1, 1)
+    opened = SimpleNamespace(camera="Camera", frame=None, is_working=True)
+    assert "Start" in rendered.why_not(None, shot.camera, frame)
+    assert "'Camera'" in rendered.why_not(opened, shot.camera, None)
+    assert "No bake" in rendered.why_not(opened, shot.objects["Key"], frame)
+    assert "on its way" in rendered.why_not(opened, shot.camera, frame)
+    opened.frame = object()
+    assert rendered.why_not(opened, shot.camera, frame) == ""
 
 
 def test_pass_names_are_those_of_the_command_line():

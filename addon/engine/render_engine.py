@@ -57,6 +57,15 @@ class PassSettings:
         return found
 
 
+_stopping = False
+
+
+def stop_all(stop: bool = True) -> None:
+    """Ends all renders soon, and those that begin until it is called with `stop` off."""
+    global _stopping
+    _stopping = stop
+
+
 MixOf = Callable[[bpy.types.Scene, list[str]], dict[str, Any]]
 """Gains of the named lights, of world and static light, as `core.rows.mix` gives them."""
 PassesOf = Callable[[bpy.types.Scene, bpy.types.ViewLayer], PassSettings]
@@ -69,7 +78,8 @@ def render(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, mix_o
     except ExportCancelled:
         pass
     except BaseException as error:
-        if not engine.test_break():
+        # Blender removes an engine that is disabled while it renders.
+        with suppress(ReferenceError):
             engine.report({"ERROR"}, f"Relume: {error or repr(error)}")
 
 
@@ -105,7 +115,9 @@ class _FinalRender:
         with temporary:
             if not (is_same and self._is_whole(info)):
                 if not (is_same or _is_free(folder)) or self._is_being_baked():
-                    path = tempfile.TemporaryDirectory(prefix="relume-", dir=bpy.app.tempdir)
+                    path = tempfile.TemporaryDirectory(
+                        prefix="relume-", dir=bpy.app.tempdir, ignore_cleanup_errors=True
+                    )
                     folder = Path(temporary.enter_context(path))
                 self._bake(exported, folder)
             yield folder
@@ -148,23 +160,30 @@ class _FinalRender:
 
     def _wait(self, job: Any, start: float, end: float, warn: Callable[[str], None]) -> None:
         """Watches a job of the native module; Esc ends it."""
-        while not job.done:
-            if self._is_stopped():
-                job.cancel()
-                with suppress(native().RelumeError):
-                    job.result()
-                raise ExportCancelled("cancelled")
-            report = job.progress()
-            if report is not None:
-                share = report["done"] / max(report["total"], 1)
-                self._say(progress_line(report), start + (end - start) * share)
-            time.sleep(POLL_SECONDS)
+
+        try:
+            while not job.done:
+                self._check()
+                report = job.progress()
+                if report is not None:
+                    share = report["done"] / max(report["total"], 1)
+                    self._say(progress_line(report), start + (end - start) * share)
+                time.sleep(POLL_SECONDS)
+        except BaseException:
+            job.cancel()
+            with suppress(native().RelumeError):
+                job.result()
+            raise
         for text in job.warnings():
             warn(text)
         job.result()
 
+    def _check(self) -> None:
+        if self._is_stopped():
+            raise ExportCancelled("cancelled")
+
     def _is_stopped(self) -> bool:
-        return self.engine.test_break()
+        return _stopping or self.engine.test_break()
 
     def _say(self, text: str, progress: float) -> None:
         self.engine.update_stats("Relume", text)

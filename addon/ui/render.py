@@ -119,12 +119,14 @@ class RELUME_PT_sampling(bpy.types.Panel):  # noqa: N801
         layout.prop(settings, "folder")
 
 
-CLASSES = (RelumeRenderSettings, RelumeRenderEngine, RELUME_PT_sampling, RELUME_PT_passes)
+CLASSES = (RelumeRenderSettings, RELUME_PT_sampling, RELUME_PT_passes)
+END_SECONDS = 0.1
 
 
 def register():
     """Adds the engine. Panels of Cycles show for it too, so that all properties stay at hand."""
-    for cls in CLASSES:
+    render_engine.stop_all(False)
+    for cls in (RelumeRenderEngine, *CLASSES):
         bpy.utils.register_class(cls)
     bpy.types.Scene.relume_render = PointerProperty(type=RelumeRenderSettings)
     _show_panels()
@@ -140,6 +142,18 @@ def unregister():
     del bpy.types.Scene.relume_render
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)
+    render_engine.stop_all()
+    if _end_engine() is not None:
+        bpy.app.timers.register(_end_engine, first_interval=END_SECONDS, persistent=True)
+
+
+def _end_engine() -> float | None:
+    """Takes the engine itself away, once it does not render any more: Blender would crash."""
+    if bpy.app.is_job_running("RENDER") and not bpy.app.background:
+        return END_SECONDS
+    if RelumeRenderEngine.is_registered:
+        bpy.utils.unregister_class(RelumeRenderEngine)
+    return None
 
 
 def _show_panels() -> None:

@@ -12,7 +12,7 @@ from ..engine import shot
 from . import camera_frame, texture
 from .camera_frame import Rectangle
 
-TEXT_SIZE, TEXT_COLOR, MARGIN = 14.0, (0.7, 0.7, 0.7, 1.0), 20
+TEXT_SIZE, TEXT_COLOR = 14.0, (0.7, 0.7, 0.7, 1.0)
 
 
 def draw(engine: bpy.types.RenderEngine, context: bpy.types.Context) -> None:
@@ -52,8 +52,7 @@ def why_not(found: shot.Shot | None, camera: bpy.types.Object | None, frame: Rec
 
 
 def _write(words: str, region: bpy.types.Region) -> None:
-    scale = bpy.context.preferences.system.ui_scale
-    blf.size(0, TEXT_SIZE * scale)
+    blf.size(0, TEXT_SIZE * bpy.context.preferences.system.ui_scale)
     blf.color(0, *TEXT_COLOR)
-    blf.position(0, MARGIN * scale, region.height / 2, 0.0)
+    blf.position(0, (region.width - blf.dimensions(0, words)[0]) / 2, region.height / 2, 0.0)
     blf.draw(0, words)
