@@ -1,20 +1,30 @@
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use relume_gather::{Gather, GpuGather, Half};
 use relume_image::Image;
 use relume_scene::Light;
 
 use crate::on_gpu::OnGpu;
 use crate::progress::Monitor;
+use crate::sorting::Sorting;
 use crate::{Compute, SessionError};
 
 /// A gather that the GPU does where there is one, else the CPU.
 pub(crate) struct DeviceGather {
     gather: Gather,
-    on_gpu: OnGpu<GpuGather>,
+    pub(crate) on_gpu: OnGpu<GpuGather>,
+    may_sort: AtomicBool,
+    pub(crate) sorting: Sorting,
 }
 
 impl DeviceGather {
     pub fn new(gather: Gather) -> Self {
-        Self { gather, on_gpu: OnGpu::default() }
+        Self { gather, on_gpu: OnGpu::default(), may_sort: false.into(), sorting: Sorting::default() }
+    }
+
+    /// Lets the GPU's copy be sorted in the background when it is relit often: once nothing else needs the CPU.
+    pub fn allow_sorting(&self) {
+        self.may_sort.store(true, Ordering::Relaxed);
     }
 
     pub fn gather(&self) -> &Gather {
@@ -32,6 +42,9 @@ impl DeviceGather {
         let make = |gpu| GpuGather::new(gpu, &self.gather);
         let work = |on_gpu: &GpuGather| on_gpu.unit_images(&lights, Half::All);
         let images = self.on_gpu.attempt(compute, monitor, make, work)?;
+        if images.is_some() && self.may_sort.load(Ordering::Relaxed) {
+            self.sorting.relit(|| self.on_gpu.get());
+        }
         Ok(images.unwrap_or_else(|| self.gather.unit_images(&lights, Half::All)))
     }
 }

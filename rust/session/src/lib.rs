@@ -38,6 +38,7 @@ mod relighter;
 mod relit;
 mod sizes;
 mod solve_lights;
+mod sorting;
 mod targets;
 mod train;
 mod unit_cache;

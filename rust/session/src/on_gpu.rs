@@ -10,7 +10,7 @@ pub(crate) struct OnGpu<T>(Mutex<State<T>>);
 
 enum State<T> {
     NotStarted,
-    Ready(T),
+    Ready(Arc<T>),
     GivenUp,
 }
 
@@ -34,7 +34,8 @@ impl<T> OnGpu<T> {
     ) -> Result<Option<R>, SessionError> {
         let Some(gpu) = &compute.gpu else { return Ok(None) };
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let result = state.ready(|| make(gpu.clone())).and_then(|ready| ready.map(work).transpose());
+        let result =
+            state.ready(|| make(gpu.clone())).and_then(|ready| ready.map(|ready| work(ready)).transpose());
         match result.map_err(E::into) {
             Err(error) if compute.may_fall_back && error.is_of_gpu() => {
                 *state = State::GivenUp;
@@ -44,13 +45,21 @@ impl<T> OnGpu<T> {
             result => result,
         }
     }
+
+    /// What is there, for work that must not keep others from theirs.
+    pub fn get(&self) -> Option<Arc<T>> {
+        match &*self.0.lock().unwrap_or_else(PoisonError::into_inner) {
+            State::Ready(ready) => Some(Arc::clone(ready)),
+            _ => None,
+        }
+    }
 }
 
 impl<T> State<T> {
     /// Made now if it is needed for the first time; nothing once it has been given up.
     fn ready<E>(&mut self, make: impl FnOnce() -> Result<T, E>) -> Result<Option<&T>, E> {
         if let Self::NotStarted = self {
-            *self = Self::Ready(make()?);
+            *self = Self::Ready(Arc::new(make()?));
         }
         Ok(match self {
             Self::Ready(ready) => Some(ready),

@@ -114,12 +114,17 @@ impl Relighter {
     ) -> Self {
         let denoise = Denoise::new(&aovs, None);
         let cache = UnitCache::default();
+        let gather = gather.map(DeviceGather::new);
+        gather
+            .iter()
+            .filter(|gather| gather.gather().dump().missing().is_empty())
+            .for_each(DeviceGather::allow_sorting);
         Self {
             folder: folder.to_path_buf(),
             scene_hash,
             camera,
             aovs,
-            gather: gather.map(DeviceGather::new),
+            gather,
             proxies: DeviceProxies::new(proxies),
             denoise,
             compute: Compute::default(),

@@ -102,13 +102,22 @@ impl GpuGather {
     /// # Errors
     /// If the device was lost.
     pub fn sort(&self) -> Result<bool, GatherError> {
+        self.sort_unless(&|| false)
+    }
+
+    /// [`GpuGather::sort`] that ends without a result soon after `cancelled` has become true.
+    ///
+    /// # Errors
+    /// As [`GpuGather::sort`].
+    pub fn sort_unless(&self, cancelled: &(dyn Fn() -> bool + Sync)) -> Result<bool, GatherError> {
         if self.sorted.get().is_some() {
             return Ok(true);
         }
         if !Sorted::bytes(&self.gpu, &self.dump).is_some_and(|bytes| self.has_room(bytes)) {
             return Ok(false);
         }
-        let Some(sorted) = if_it_fits(Sorted::new(&self.gpu, &self.dump))? else { return Ok(false) };
+        let sorted = if_it_fits(Sorted::new(&self.gpu, &self.dump, cancelled))?.flatten();
+        let Some(sorted) = sorted else { return Ok(false) };
         // If another thread was faster, its work is as good.
         let _ = self.sorted.set(sorted);
         Ok(true)

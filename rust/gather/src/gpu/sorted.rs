@@ -75,8 +75,13 @@ impl Sorted {
         Some((segments * SEGMENT_BYTES + segments.div_ceil(BLOCK) * BOUNDS_BYTES) as u64)
     }
 
-    /// Sorts a dump on all threads of the current pool: some hundred nanoseconds a segment and thread.
-    pub fn new(gpu: &Gpu, dump: &Dump) -> Result<Self, GpuError> {
+    /// Sorts a dump on all threads of the current pool: some hundred nanoseconds a segment and thread. Nothing if that was
+    /// cancelled.
+    pub fn new(
+        gpu: &Gpu,
+        dump: &Dump,
+        cancelled: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Option<Self>, GpuError> {
         let frame = Frame::new(dump);
         let manifest = dump.manifest();
         let mut sorted =
@@ -86,18 +91,36 @@ impl Sorted {
         for group in PixelGroup::all(dump) {
             let more = group.room(dump);
             if room + more > limit && !groups.is_empty() {
-                sorted.add_chunk(gpu, dump, &groups)?;
+                let Some(blocks) = sorted.blocks(dump, &groups, cancelled) else { return Ok(None) };
+                sorted.add_chunk(gpu, dump, &groups, blocks)?;
                 (groups, room) = (Vec::new(), 0);
             }
             groups.push(group);
             room += more;
         }
-        sorted.add_chunk(gpu, dump, &groups)?;
-        Ok(sorted)
+        let Some(blocks) = sorted.blocks(dump, &groups, cancelled) else { return Ok(None) };
+        sorted.add_chunk(gpu, dump, &groups, blocks)?;
+        Ok(Some(sorted))
     }
 
-    fn add_chunk(&mut self, gpu: &Gpu, dump: &Dump, groups: &[PixelGroup]) -> Result<(), GpuError> {
-        let sorted: Vec<_> = groups.par_iter().map(|group| group.sort(dump, &self.frame)).collect();
+    /// The sorted segments of some groups, unless that was cancelled.
+    fn blocks(
+        &self,
+        dump: &Dump,
+        groups: &[PixelGroup],
+        cancelled: &(dyn Fn() -> bool + Sync),
+    ) -> Option<Vec<Blocks>> {
+        let sort = |group: &PixelGroup| (!cancelled()).then(|| group.sort(dump, &self.frame));
+        groups.par_iter().map(sort).collect()
+    }
+
+    fn add_chunk(
+        &mut self,
+        gpu: &Gpu,
+        dump: &Dump,
+        groups: &[PixelGroup],
+        sorted: Vec<Blocks>,
+    ) -> Result<(), GpuError> {
         let (mut all, mut shards, mut table) = (Blocks::default(), Vec::new(), Vec::new());
         let mut first_shard = (usize::MAX, 0);
         for (group, blocks) in groups.iter().zip(sorted) {

@@ -1,8 +1,9 @@
 use super::compose::{Layer, weighted_sum, with_alpha};
-use super::shared::{Frame, Shared, Shown, State};
+use super::shared::{Frame, LiveState, Shared, Shown, State};
 use super::units::{Unit, Units};
 use super::view::{Delivered, SharedImage, View, half};
 use super::{LiveOptions, LiveRequest};
+use crate::device_gather::DeviceGather;
 use crate::relighter::{camera_only, too_narrow};
 use crate::{Cancel, Compute, Listener, Maker, Monitor, Progress, Proxies, SessionError, With};
 use relume_gather::DenoiseQuality;
@@ -135,10 +136,14 @@ impl Painter {
             let request = state.request.clone()?;
             self.painted = (state.requests, state.deliveries);
             state.painting = true;
+            let nothing_runs = state.status.state == LiveState::Ready;
             if self.view.as_ref().is_none_or(|view| view.deliveries != state.deliveries) {
                 self.renew_view(state);
             }
-            if self.view.is_some() {
+            if let Some(view) = &self.view {
+                if nothing_runs {
+                    view.passes.iter().for_each(DeviceGather::allow_sorting);
+                }
                 return Some(request);
             }
         }
