@@ -8,6 +8,8 @@ struct Arguments {
     count: u32,
     lights: u32,
     exposure: f32,
+    // Of a pixel in the loss.
+    share: f32,
     // Where the losses start in `results`; one for each workgroup.
     losses: u32,
 }
@@ -34,7 +36,6 @@ fn compare(
     let index = group * GROUP + thread;
     var loss = 0.0;
     if index < arguments.count {
-        let share = 1.0 / f32(arguments.count);
         let pixel = 3u * pixels[index];
         for (var channel = 0u; channel < 3u; channel++) {
             var value = base[pixel + channel];
@@ -45,8 +46,9 @@ fn compare(
             let scale = 1.0 / (1.0 + abs(arguments.exposure * value));
             let wanted = arguments.exposure * target_picture[pixel + channel];
             let difference = arguments.exposure * value * scale - wanted / (1.0 + abs(wanted));
-            loss += difference * difference * share;
-            d_picture[3u * index + channel] = 2.0 * difference * scale * scale * arguments.exposure * share;
+            loss += difference * difference * arguments.share;
+            let weight = 2.0 * scale * scale * arguments.exposure * arguments.share;
+            d_picture[3u * index + channel] = weight * difference;
         }
     }
     losses[thread] = loss;

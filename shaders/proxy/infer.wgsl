@@ -3,7 +3,7 @@
 
 struct Arguments { count: u32, lights: u32 }
 
-@group(0) @binding(4) var<storage, read_write> outputs: array<f32>;
+@group(0) @binding(3) var<storage, read_write> outputs: array<f32>;
 
 var<immediate> arguments: Arguments;
 

@@ -19,9 +19,9 @@ struct Arguments {
 }
 
 // Gradient of the loss by the picture, RGB of each pixel.
-@group(0) @binding(4) var<storage, read> d_picture: array<f32>;
-@group(0) @binding(5) var<storage, read_write> kept: array<vec4f>;
-@group(0) @binding(6) var<storage, read_write> sums: array<vec4f>;
+@group(0) @binding(3) var<storage, read> d_picture: array<f32>;
+@group(0) @binding(4) var<storage, read_write> kept: array<vec4f>;
+@group(0) @binding(5) var<storage, read_write> sums: array<vec4f>;
 
 var<immediate> arguments: Arguments;
 

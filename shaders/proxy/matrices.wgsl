@@ -24,7 +24,7 @@ struct Arguments { count: u32, lights: u32 }
 
 // Matrices as `[input][row]`, then the output.
 @group(0) @binding(0) var<storage, read> weights: array<f16>;
-@group(0) @binding(4) var<storage, read_write> outputs: array<f32>;
+@group(0) @binding(3) var<storage, read_write> outputs: array<f32>;
 
 var<immediate> arguments: Arguments;
 var<workgroup> x: array<f16, X_ROWS * STRIDE>;

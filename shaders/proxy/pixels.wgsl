@@ -1,11 +1,10 @@
 // What networks know of pixels and lights, as `proxy.rs` and `network.rs` lay it out.
 // use: proxy/features
+// use: proxy/rows
 // constant: WIDTH 64
 // constant: PIXELS 128
 // constant: FAST 1
 // constant: HIDDEN 2
-// constant: PIXEL_ROWS 76
-// constant: LISTED 0
 
 // Rows of a surface with its factor, which come last in the encoded pixels of the factorised network.
 const SURFACE_ROWS: u32 = 12u;
@@ -18,20 +17,11 @@ const ROW_QUADS: u32 = WIDTH / 4u;
 const LIGHT_AT: u32 = LAYERS * 2u * ROW_QUADS;
 const LIGHT_QUADS: u32 = LIGHT_AT + 4u;
 
-// Pixels encoded in tiles of 32: `[tile][row][32]`.
 @group(0) @binding(1) var<storage, read> encoded: array<f32>;
 @group(0) @binding(2) var<storage, read> lights: array<vec4f>;
-// Which pixels, if `LISTED`; else all, in order.
-@group(0) @binding(3) var<storage, read> pixels: array<u32>;
 
-// The number of a tile's pixel in the image; past the last pixel, that one.
-fn pixel_of(tile: u32, index: u32, count: u32) -> u32 {
-    let position = min(tile * PIXELS + index, count - 1u);
-    if LISTED == 1u { return pixels[position]; }
-    return position;
-}
-
-fn encoded_at(pixel: u32, row: u32) -> u32 { return ((pixel / 32u) * PIXEL_ROWS + row) * 32u + pixel % 32u; }
+// The number of a tile's pixel among the encoded ones; past the last pixel, that one.
+fn pixel_of(tile: u32, index: u32, count: u32) -> u32 { return min(tile * PIXELS + index, count - 1u); }
 
 fn surface_vector(pixel: u32, vector: u32) -> vec3f {
     let at = encoded_at(pixel, ENCODED_ROWS + 3u * vector);

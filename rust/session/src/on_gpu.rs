@@ -35,7 +35,7 @@ impl<T> OnGpu<T> {
         let Some(gpu) = &compute.gpu else { return Ok(None) };
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let result =
-            state.ready(|| make(gpu.clone())).and_then(|ready| ready.map(|ready| work(ready)).transpose());
+            state.ready(|| make(gpu.clone())).and_then(|ready| ready.map(work).transpose());
         match result.map_err(E::into) {
             Err(error) if compute.may_fall_back && error.is_of_gpu() => {
                 *state = State::GivenUp;

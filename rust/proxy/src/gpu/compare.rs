@@ -1,7 +1,7 @@
 use relume_gpu::Buffer;
 
 use super::gradient::{GradientKernels, LightGradient};
-use super::proxy::{GpuProxy, grow};
+use super::proxy::{GpuProxy, Shared, grow};
 use crate::proxy::check_length;
 use crate::{LightParams, ProxyError};
 
@@ -24,6 +24,7 @@ struct CompareArguments {
     count: u32,
     lights: u32,
     exposure: f32,
+    share: f32,
     losses: u32,
 }
 
@@ -64,18 +65,39 @@ impl GpuComparison<'_> {
     ) -> Result<(f64, Vec<LightGradient>), ProxyError> {
         let proxy = self.proxy;
         proxy.proxy().check_pixels(pixels)?;
-        let count = pixels.len();
         let shared = &mut *proxy.shared();
-        proxy.write_pixels(shared, pixels)?;
         proxy.write_lights(shared, lights)?;
-        grow(proxy.gpu(), &mut shared.units, 3 * count * lights.len())?;
-        let gradients = lights.len() * proxy.gradient_len();
+        let mut loss = 0.0;
+        let mut sums = vec![0.0; lights.len() * proxy.gradient_len()];
+        for batch in pixels.chunks(proxy.batch(lights.len())) {
+            let values = self.sums(shared, lights.len(), batch, 1.0 / pixels.len() as f32)?;
+            let (by_lights, losses) = values.split_at(sums.len());
+            loss += losses.iter().map(|loss| f64::from(*loss)).sum::<f64>();
+            sums.iter_mut().zip(by_lights).for_each(|(sum, value)| *sum += value);
+        }
+        let by_light = lights.iter().zip(sums.chunks_exact(proxy.gradient_len()));
+        Ok((loss, by_light.map(|(light, values)| proxy.light_gradient(light, values)).collect()))
+    }
+
+    /// Of lights that are in place, at some pixels that each have this share in the loss: their values of the gradient, and
+    /// then losses to be added up.
+    fn sums(
+        &self,
+        shared: &mut Shared,
+        lights: usize,
+        pixels: &[u32],
+        share: f32,
+    ) -> Result<Vec<f32>, ProxyError> {
+        let (proxy, count) = (self.proxy, pixels.len());
+        grow(proxy.gpu(), &mut shared.units, 3 * count * lights)?;
+        let gradients = lights * proxy.gradient_len();
         let groups = count.div_ceil(GROUP);
         let d_picture = proxy.gpu().zeros("gradient by a picture", 3 * count)?;
         let results = proxy.gpu().zeros("loss and gradients", gradients + groups)?;
 
         let mut commands = proxy.gpu().commands("light step");
-        proxy.add_units(&mut commands, shared, lights.len(), count)?;
+        proxy.add_pixels(&mut commands, shared, pixels)?;
+        proxy.add_units(&mut commands, shared, lights, count)?;
         let bound = GradientKernels::of(&mut shared.gradient, proxy)?.compare.bind(&[
             shared.lights.whole(),
             shared.pixels.whole(),
@@ -87,17 +109,14 @@ impl GpuComparison<'_> {
         ])?;
         let arguments = CompareArguments {
             count: count as u32,
-            lights: lights.len() as u32,
+            lights: lights as u32,
             exposure: self.exposure,
+            share,
             losses: gradients as u32,
         };
         commands.run(&bound, groups as u32, bytemuck::bytes_of(&arguments));
-        proxy.add_gradients(&mut commands, shared, lights.len(), count, &d_picture, &results)?;
+        proxy.add_gradients(&mut commands, shared, lights, count, &d_picture, &results)?;
         commands.submit()?;
-        let values = proxy.gpu().read(&results, 0..gradients + groups)?;
-        let (by_light, losses) = values.split_at(gradients);
-        let by_light = lights.iter().zip(by_light.chunks_exact(proxy.gradient_len()));
-        let gradients = by_light.map(|(light, values)| proxy.light_gradient(light, values)).collect();
-        Ok((losses.iter().map(|loss| f64::from(*loss)).sum(), gradients))
+        Ok(proxy.gpu().read(&results, 0..gradients + groups)?)
     }
 }

@@ -58,21 +58,22 @@ impl GpuProxy {
     ) -> Result<Vec<f32>, ProxyError> {
         self.proxy().check_pixels(pixels)?;
         check_length("d_out", pixels.len(), d_out.len())?;
-        if pixels.is_empty() {
-            self.proxy().check_kind(light)?;
-            return Ok(vec![0.0; light.as_slice().len()]);
-        }
         let lights = [(*light, [1.0; 3])];
         let shared = &mut *self.shared();
-        self.write_pixels(shared, pixels)?;
         self.write_lights(shared, &lights)?;
-        let d_picture = self.gpu().buffer_of("gradient by a picture", d_out.as_flattened())?;
-        let results = self.gpu().zeros("gradients by lights", self.gradient_len())?;
-        let mut commands = self.gpu().commands("light gradient");
-        self.add_gradients(&mut commands, shared, 1, pixels.len(), &d_picture, &results)?;
-        commands.submit()?;
-        let values = self.gpu().read(&results, 0..self.gradient_len())?;
-        Ok(self.light_gradient(&lights[0], &values).params)
+        let batch = self.batch(1);
+        let mut sums = vec![0.0; self.gradient_len()];
+        for (pixels, d_out) in pixels.chunks(batch).zip(d_out.chunks(batch)) {
+            let d_picture = self.gpu().buffer_of("gradient by a picture", d_out.as_flattened())?;
+            let results = self.gpu().zeros("gradients by lights", sums.len())?;
+            let mut commands = self.gpu().commands("light gradient");
+            self.add_pixels(&mut commands, shared, pixels)?;
+            self.add_gradients(&mut commands, shared, 1, pixels.len(), &d_picture, &results)?;
+            commands.submit()?;
+            let values = self.gpu().read(&results, 0..sums.len())?;
+            sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
+        }
+        Ok(self.light_gradient(&lights[0], &sums).params)
     }
 
     /// Values of a light's gradient on the device.
@@ -80,7 +81,7 @@ impl GpuProxy {
         2 * self.network().width * (self.network().hidden + 1) + LAST
     }
 
-    /// Appends the gradient by `lights` lights, which are in place, at the `count` listed pixels; leaves
+    /// Appends the gradient by `lights` lights, which are in place, at the `count` collected pixels; leaves
     /// [`GpuProxy::gradient_len`] values of each in `results`.
     pub(super) fn add_gradients(
         &self,
@@ -99,7 +100,7 @@ impl GpuProxy {
         grow(self.gpu(), &mut kernels.kept, kept * groups * lights)?;
         grow(self.gpu(), &mut kernels.sums, sums * groups * lights)?;
         commands.clear(&kernels.sums);
-        let inputs = self.inputs(&shared.lights, shared.pixels.whole());
+        let inputs = self.inputs(&shared.lights, &shared.collected);
         let buffers: Vec<Binding<'_>> = inputs
             .into_iter()
             .chain([d_picture.whole(), kernels.kept.whole(), kernels.sums.whole()])
@@ -152,7 +153,7 @@ impl GradientKernels {
         ];
         let light_quads = [("LIGHT_QUADS", (proxy.light_len() / 4) as u32)];
         Ok(Self {
-            gradient: gpu.kernel("proxy/light_gradient", "light_gradient", &proxy.constants(true))?,
+            gradient: gpu.kernel("proxy/light_gradient", "light_gradient", &proxy.constants())?,
             add_up: gpu.kernel("proxy/light_sums", "light_sums", &sizes)?,
             compare: gpu.kernel("proxy/compare", "compare", &light_quads)?,
             kept: gpu.zeros("activations of a proxy", 1)?,

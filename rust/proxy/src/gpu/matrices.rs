@@ -54,7 +54,7 @@ impl Matrices {
 }
 
 fn constants(proxy: &GpuProxy) -> Vec<(&'static str, u32)> {
-    let plain = proxy.constants(false).into_iter().filter(|(name, _)| *name != "ROWS");
+    let plain = proxy.constants().into_iter().filter(|(name, _)| *name != "ROWS");
     plain
         .map(|(name, value)| (name, if name == "PIXELS" { TILE as u32 } else { value }))
         .chain([("SUBGROUPS", (proxy.network().width / SUBGROUP) as u32)])

@@ -1,3 +1,4 @@
+use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use relume_gpu::{Binding, Bound, Buffer, Commands, Gpu, GpuError, Kernel};
@@ -13,7 +14,14 @@ use crate::{LightKind, LightParams, Proxy, ProxyError};
 /// Workgroup memory that kernels count on, bytes: what every card has, and small enough for several workgroups at a time.
 const WORKGROUP_MEMORY: usize = 32 << 10;
 /// Most pixels of a tile; more would leave cards idle at the end of an image.
-const MAX_TILE: usize = 256;
+const MAX_TILE: usize = PART_PIXELS;
+
+/// Largest buffer of encoded pixels: larger ones are harder to find room for.
+const PART_BYTES: u64 = 1 << 30;
+/// Pixels that parts of an image come in: whole tiles, and images that start where bound parts of a buffer may.
+const PART_PIXELS: usize = 256;
+/// Most bytes of encoded pixels that are collected from a list at a time.
+pub(super) const MAX_COLLECTED: u64 = 128 << 20;
 
 /// Room for what as many workgroups keep as run at the same time on the largest cards, and for a buffer of any.
 const MAX_KEPT: usize = 128 << 20;
@@ -27,17 +35,25 @@ pub struct GpuProxy {
     /// Pixels of a tile.
     tile: usize,
     weights: Buffer<f32>,
-    encoded: Buffer<f32>,
-    whole: Kernel,
-    listed: Kernel,
-    /// Faster than `whole`, where the device can.
+    /// The image in runs of pixels that each fit a buffer.
+    pub(super) parts: Vec<Part>,
+    infer: Kernel,
+    collect: Kernel,
+    /// Faster than `infer`, where the device can.
     matrices: Option<Matrices>,
-    /// Stands for the list of pixels where all are asked for.
-    no_list: Buffer<u32>,
+    /// Most bytes of encoded pixels that are collected from a list at a time.
+    pub(super) max_collected: u64,
     /// Most bytes that workgroups keep of the way forward while they make gradients.
     pub(super) max_kept: usize,
     /// Buffers that calls share, so that one at a time may write and submit.
     shared: Mutex<Shared>,
+}
+
+/// Encoded pixels that follow each other in the image.
+#[derive(Debug)]
+pub(super) struct Part {
+    pixels: Range<usize>,
+    encoded: Buffer<f32>,
 }
 
 /// They grow as asked.
@@ -45,9 +61,20 @@ pub struct GpuProxy {
 pub(super) struct Shared {
     pub lights: Buffer<f32>,
     pub pixels: Buffer<u32>,
+    /// Encoded pixels of a list, in its order.
+    pub collected: Buffer<f32>,
     /// `[light][pixel]` RGB.
     pub units: Buffer<f32>,
     pub gradient: Option<GradientKernels>,
+}
+
+/// Arguments of `collect`.
+#[derive(Clone, Copy, bytemuck::NoUninit)]
+#[repr(C)]
+struct CollectArguments {
+    count: u32,
+    first: u32,
+    end: u32,
 }
 
 /// Arguments of `infer`.
@@ -64,6 +91,12 @@ impl GpuProxy {
     /// # Errors
     /// [`ProxyError::Gpu`] if it does not fit.
     pub fn new(gpu: Arc<Gpu>, proxy: &Proxy) -> Result<Self, ProxyError> {
+        let bytes = gpu.limits().buffer.min(PART_BYTES);
+        Self::in_parts(gpu, proxy, bytes)
+    }
+
+    /// [`GpuProxy::new`] with at most so many bytes of encoded pixels in a buffer.
+    pub(super) fn in_parts(gpu: Arc<Gpu>, proxy: &Proxy, bytes: u64) -> Result<Self, ProxyError> {
         let network = proxy.device_network();
         let limit = gpu.limits().workgroup_memory.min(WORKGROUP_MEMORY as u32) as usize;
         let rows = rows(&network);
@@ -74,21 +107,21 @@ impl GpuProxy {
         }
         let tile = 1 << tile.ilog2();
         let kind = proxy.info().kind;
-        let kernel = |listed| gpu.kernel("proxy/infer", "infer", &constants(&network, tile, kind, listed));
         let shared = Shared {
             lights: gpu.zeros("light of a proxy", light_len(&network))?,
             pixels: gpu.zeros("pixels of a proxy", 1)?,
+            collected: gpu.zeros("collected pixels", 1)?,
             units: gpu.zeros("unit image", 3)?,
             gradient: None,
         };
         let mut on_device = Self {
             weights: gpu.buffer_of("weights of a proxy", &network.weights)?,
-            encoded: gpu.buffer_of("encoded pixels", proxy.encoded())?,
-            whole: kernel(false)?,
-            listed: kernel(true)?,
+            parts: parts(&gpu, proxy, network.pixel_rows, bytes)?,
+            infer: gpu.kernel("proxy/infer", "infer", &constants(&network, tile, kind))?,
+            collect: gpu.kernel("proxy/collect", "collect", &[("PIXEL_ROWS", network.pixel_rows as u32)])?,
             matrices: None,
+            max_collected: MAX_COLLECTED.min(gpu.limits().buffer),
             max_kept: MAX_KEPT,
-            no_list: gpu.zeros("no list", 1)?,
             shared: Mutex::new(shared),
             proxy: proxy.clone(),
             network,
@@ -158,13 +191,16 @@ impl GpuProxy {
         check_length("out", pixels.len(), out.len())?;
         let shared = &mut *self.shared();
         self.write_lights(shared, &[(*light, [1.0; 3])])?;
-        self.write_pixels(shared, pixels)?;
-        grow(&self.gpu, &mut shared.units, 3 * pixels.len())?;
-        let mut commands = self.gpu.commands("pixels of a proxy");
-        self.add_units(&mut commands, shared, 1, pixels.len())?;
-        commands.submit()?;
-        let values = self.gpu.read(&shared.units, 0..3 * pixels.len())?;
-        out.as_flattened_mut().copy_from_slice(&values);
+        let batch = self.batch(1);
+        for (pixels, out) in pixels.chunks(batch).zip(out.chunks_mut(batch)) {
+            grow(&self.gpu, &mut shared.units, 3 * pixels.len())?;
+            let mut commands = self.gpu.commands("pixels of a proxy");
+            self.add_pixels(&mut commands, shared, pixels)?;
+            self.add_units(&mut commands, shared, 1, pixels.len())?;
+            commands.submit()?;
+            let values = self.gpu.read(&shared.units, 0..3 * pixels.len())?;
+            out.as_flattened_mut().copy_from_slice(&values);
+        }
         Ok(())
     }
 
@@ -175,14 +211,15 @@ impl GpuProxy {
         lights: &Buffer<f32>,
         out: &Buffer<f32>,
     ) -> Result<(), ProxyError> {
-        let [weights, rest @ ..] = self.inputs(lights, self.no_list.whole());
         let (kernel, weights, tile) = match matrices {
             Some(matrices) => (&matrices.kernel, matrices.weights.whole(), matrices::TILE),
-            None => (&self.whole, weights, self.tile),
+            None => (&self.infer, self.weights.whole(), self.tile),
         };
-        let [encoded, lights, list] = rest;
-        let bound = kernel.bind(&[weights, encoded, lights, list, out.whole()])?;
-        add_inference(commands, &bound, tile, 1, self.proxy.features().pixel_count());
+        for Part { pixels, encoded } in &self.parts {
+            let out = out.part(3 * pixels.start..3 * pixels.end);
+            let bound = kernel.bind(&[weights, encoded.whole(), lights.whole(), out])?;
+            add_inference(commands, &bound, tile, 1, pixels.len());
+        }
         Ok(())
     }
 
@@ -200,7 +237,35 @@ impl GpuProxy {
         self.gpu.seconds(|commands| self.add_whole(commands, matrices, &shared.lights, &shared.units))
     }
 
-    /// Appends the unit values of lights that are in place at the listed pixels.
+    /// Listed pixels that may be worked on together for so many lights: what is collected of them, and their unit values, fit
+    /// a buffer.
+    pub(super) fn batch(&self, lights: usize) -> usize {
+        let values = self.network.pixel_rows.max(3 * lights);
+        ((self.max_collected / (4 * values as u64)) as usize & !31).max(32)
+    }
+
+    /// Appends what brings the encoded values of some pixels together.
+    pub(super) fn add_pixels(
+        &self,
+        commands: &mut Commands<'_>,
+        shared: &mut Shared,
+        pixels: &[u32],
+    ) -> Result<(), ProxyError> {
+        let values = pixels.len().next_multiple_of(32) * self.network.pixel_rows;
+        grow(&self.gpu, &mut shared.pixels, pixels.len())?;
+        grow(&self.gpu, &mut shared.collected, values)?;
+        self.gpu.write(&shared.pixels, 0, pixels);
+        for Part { pixels: of_part, encoded } in &self.parts {
+            let bound =
+                self.collect.bind(&[encoded.whole(), shared.pixels.whole(), shared.collected.whole()])?;
+            let (first, end) = (of_part.start as u32, of_part.end as u32);
+            let arguments = CollectArguments { count: pixels.len() as u32, first, end };
+            commands.run(&bound, values.div_ceil(64) as u32, bytemuck::bytes_of(&arguments));
+        }
+        Ok(())
+    }
+
+    /// Appends the unit values of lights that are in place at the collected pixels.
     pub(super) fn add_units(
         &self,
         commands: &mut Commands<'_>,
@@ -208,21 +273,19 @@ impl GpuProxy {
         lights: usize,
         count: usize,
     ) -> Result<(), ProxyError> {
-        let [weights, encoded, lit, list] = self.inputs(&shared.lights, shared.pixels.whole());
-        let bound = self.listed.bind(&[weights, encoded, lit, list, shared.units.whole()])?;
+        let [weights, encoded, lit] = self.inputs(&shared.lights, &shared.collected);
+        let bound = self.infer.bind(&[weights, encoded, lit, shared.units.whole()])?;
         add_inference(commands, &bound, self.tile, lights, count);
         Ok(())
     }
 
     /// The first buffers of every kernel of a network.
-    pub(super) fn inputs<'a>(&'a self, lights: &'a Buffer<f32>, list: Binding<'a>) -> [Binding<'a>; 4] {
-        [self.weights.whole(), self.encoded.whole(), lights.whole(), list]
-    }
-
-    pub(super) fn write_pixels(&self, shared: &mut Shared, pixels: &[u32]) -> Result<(), ProxyError> {
-        grow(&self.gpu, &mut shared.pixels, pixels.len())?;
-        self.gpu.write(&shared.pixels, 0, pixels);
-        Ok(())
+    pub(super) fn inputs<'a>(
+        &'a self,
+        lights: &'a Buffer<f32>,
+        encoded: &'a Buffer<f32>,
+    ) -> [Binding<'a>; 3] {
+        [self.weights.whole(), encoded.whole(), lights.whole()]
     }
 
     pub(super) fn write_lights(
@@ -278,13 +341,25 @@ impl GpuProxy {
     }
 
     /// Constants of the kernels.
-    pub(super) fn constants(&self, listed: bool) -> [(&'static str, u32); 8] {
-        constants(&self.network, self.tile, self.proxy.info().kind, listed)
+    pub(super) fn constants(&self) -> [(&'static str, u32); 7] {
+        constants(&self.network, self.tile, self.proxy.info().kind)
     }
 
     pub(super) fn shared(&self) -> MutexGuard<'_, Shared> {
         self.shared.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+/// The encoded pixels of a proxy in buffers of at most so many bytes, or of as few pixels as go together.
+fn parts(gpu: &Gpu, proxy: &Proxy, rows: usize, bytes: u64) -> Result<Vec<Part>, GpuError> {
+    let most = ((bytes / (4 * rows as u64)) as usize / PART_PIXELS * PART_PIXELS).max(PART_PIXELS);
+    let count = proxy.features().pixel_count();
+    let part = |(number, values): (usize, &[f32])| {
+        let first = number * most;
+        let encoded = gpu.buffer_of("encoded pixels", values)?;
+        Ok(Part { pixels: first..count.min(first + most), encoded })
+    };
+    proxy.encoded().chunks(most * rows).enumerate().map(part).collect()
 }
 
 fn add_inference(commands: &mut Commands<'_>, bound: &Bound, tile: usize, lights: usize, count: usize) {
@@ -302,12 +377,7 @@ fn light_len(network: &DeviceNetwork) -> usize {
     2 * network.width * (network.hidden + 1) + 16
 }
 
-fn constants(
-    network: &DeviceNetwork,
-    tile: usize,
-    kind: LightKind,
-    listed: bool,
-) -> [(&'static str, u32); 8] {
+fn constants(network: &DeviceNetwork, tile: usize, kind: LightKind) -> [(&'static str, u32); 7] {
     [
         ("WIDTH", network.width as u32),
         ("ROWS", rows(network) as u32),
@@ -316,7 +386,6 @@ fn constants(
         ("HIDDEN", network.hidden as u32),
         ("PIXEL_ROWS", network.pixel_rows as u32),
         ("QUAD", u32::from(kind == LightKind::Quad)),
-        ("LISTED", u32::from(listed)),
     ]
 }
 

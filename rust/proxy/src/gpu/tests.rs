@@ -3,6 +3,7 @@ use std::sync::Arc;
 use glam::Vec3;
 use relume_gpu::{Gpu, GpuChoice};
 
+use super::proxy::MAX_COLLECTED;
 use super::*;
 use crate::encoding::OutputScale;
 use crate::gradient::tests::{difference_quotient, moved, params_away_from_kinks};
@@ -102,10 +103,13 @@ fn listed_pixels_equal_those_of_the_image() {
     let mut rng = Rng::stream(4, 5, 6);
     for network in [networks()[0].clone(), networks()[5].clone()] {
         let proxy = proxy(network, LightKind::Sphere);
-        let device = GpuProxy::new(gpu(), &proxy).unwrap();
+        let mut device = GpuProxy::new(gpu(), &proxy).unwrap();
         let light = light(LightKind::Sphere, &mut rng);
         let image = device.whole_image(&light, None).unwrap();
-        for count in [1, 150, 7] {
+        // Together, then in batches of as few as there are.
+        for (count, max_collected) in [(1, MAX_COLLECTED), (150, MAX_COLLECTED), (7, MAX_COLLECTED), (150, 0)]
+        {
+            device.max_collected = max_collected;
             let pixels: Vec<u32> = (0..count).map(|_| rng.below(37 * 23)).collect();
             let mut values = vec![[0.0; 3]; count];
             device.forward_pixels(&pixels, &light, &mut values).unwrap();
@@ -113,6 +117,27 @@ fn listed_pixels_equal_those_of_the_image() {
                 assert_eq!(value[..], image[3 * *pixel as usize..][..3], "pixel {pixel}");
             }
         }
+    }
+}
+
+#[test]
+fn an_image_above_the_largest_buffer_is_made_in_parts() {
+    let mut rng = Rng::stream(8, 8, 8);
+    for network in [networks()[0].clone(), networks()[3].clone()] {
+        let proxy = proxy(network.clone(), LightKind::Sphere);
+        let whole = GpuProxy::new(gpu(), &proxy).unwrap();
+        // As few pixels in each as go together.
+        let cut = GpuProxy::in_parts(gpu(), &proxy, 0).unwrap();
+        assert_eq!((whole.parts.len(), cut.parts.len()), (1, 4));
+        let light = light(LightKind::Sphere, &mut rng);
+        let pixels: Vec<u32> = (0..150).map(|_| rng.below(37 * 23)).collect();
+        let [found, expected] = [&cut, &whole].map(|device| {
+            let mut listed = vec![[0.0; 3]; pixels.len()];
+            device.forward_pixels(&pixels, &light, &mut listed).unwrap();
+            let gradient = device.backward(&pixels, &light, &listed).unwrap();
+            (device.whole_image(&light, None).unwrap(), listed, gradient)
+        });
+        assert_eq!(found, expected, "{network:?}");
     }
 }
 
@@ -143,9 +168,9 @@ fn gradients_equal_those_of_the_cpu() {
         let pixels: Vec<u32> = (0..400).map(|_| rng.below(37 * 23)).collect();
         let d: Vec<[f32; 3]> = pixels.iter().map(|_| [0; 3].map(|_| rng.next_f32() - 0.2)).collect();
         let expected = proxy.backward(&pixels, &light, &d).unwrap();
-        // Room for a workgroup a tile, then for one in all, which runs tile after tile.
-        for max_kept in [1 << 24, 0] {
-            device.max_kept = max_kept;
+        // Room for a workgroup a tile, then for one in all, which runs tile after tile; and many batches of pixels.
+        for (max_kept, max_collected) in [(1 << 24, MAX_COLLECTED), (0, MAX_COLLECTED), (1 << 24, 0)] {
+            (device.max_kept, device.max_collected) = (max_kept, max_collected);
             let found = device.backward(&pixels, &light, &d).unwrap();
             let error = difference(&found, &expected);
             assert!(error < 10.0 * TOLERANCE, "{network:?}, {kind}: {found:?} instead of {expected:?}");
