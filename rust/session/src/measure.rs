@@ -1,8 +1,9 @@
 use crate::denoise::Denoise;
 use crate::progress::{Monitor, Stage};
 use crate::proxies::{MeanQuality, Measured};
-use crate::targets::DumpTargets;
-use crate::{Relighter, SessionError, pixel_features};
+use crate::targets::{DumpTargets, GpuTargets};
+use crate::{Compute, Relighter, SessionError, pixel_features};
+use glam::Vec3;
 use rayon::prelude::*;
 use relume_gather::{DenoiseQuality, Gather, Half};
 use relume_image::metrics::{self, Quality, quality};
@@ -49,7 +50,7 @@ pub(crate) fn measure(
     seed: u64,
     monitor: &Monitor,
 ) -> Result<Measured, SessionError> {
-    let compared = DumpTargets::new(gather, halves.0, held_out.bounds(), held_out.denoise());
+    let compared = held_out.of_half(halves.0);
     let comparison =
         Comparison { proxies: std::slice::from_ref(proxy), reference: held_out, compared: Some(&compared) };
     let found = comparison.run((count, LIGHTS_MEASURED_AT_ONCE), seed, None, monitor)?;
@@ -65,7 +66,8 @@ pub(crate) fn measure(
 /// Mean errors of proxies of one kind and range against the denoised gather of an independent bake of the same camera, which
 /// should have many more samples, on lights that no training sees. The lights depend on the reference, the range and
 /// `seed` alone. With `compared`, gathering from that bake is measured on the same lights. With `pictures`, writes there
-/// for some lights a PNG of all: the reference, the gather and its denoised form if there is one, then the proxies.
+/// for some lights a PNG of all: the reference, the gather and its denoised form if there is one, then the proxies. A GPU
+/// gathers and denoises; where it fails and the CPU may go on, that does all again.
 ///
 /// # Errors
 /// If a bake cannot be read, its size is not the proxies', or the proxies differ in kind or range.
@@ -74,6 +76,27 @@ pub fn evaluate(
     reference: &Relighter,
     compared: Option<&Relighter>,
     (lights, seed): (usize, u64),
+    pictures: Option<&Path>,
+    compute: &Compute,
+    monitor: &Monitor,
+) -> Result<Evaluation, SessionError> {
+    let on = |compute| evaluate_on(compute, proxies, reference, compared, (lights, seed), pictures, monitor);
+    match on(compute) {
+        Err(error) if compute.may_fall_back && error.is_of_gpu() => {
+            monitor.warn(&format!("{error}. The CPU goes on"));
+            on(&Compute::default())
+        }
+        result => result,
+    }
+}
+
+/// [`evaluate`] without another try.
+fn evaluate_on(
+    compute: &Compute,
+    proxies: &[Proxy],
+    reference: &Relighter,
+    compared: Option<&Relighter>,
+    lights: (usize, u64),
     pictures: Option<&Path>,
     monitor: &Monitor,
 ) -> Result<Evaluation, SessionError> {
@@ -91,19 +114,35 @@ pub fn evaluate(
         std::fs::create_dir_all(folder).map_err(SessionError::io("create the folder", folder))?;
     }
     let bounds = pixel_features(reference.aovs(), reference.camera()).visible_bounds();
-    let denoise = Denoise::new(reference.aovs(), None);
-    let reference = DumpTargets::new(bake_of(reference)?, Half::All, bounds, &denoise);
-    let compared = match compared {
-        Some(bake) => {
-            check_size(first, bake)?;
-            Some((bake_of(bake)?, Denoise::new(bake.aovs(), None)))
-        }
-        None => None,
-    };
-    let compared =
-        compared.as_ref().map(|(gather, denoise)| DumpTargets::new(gather, Half::All, bounds, denoise));
+    if let Some(bake) = compared {
+        check_size(first, bake)?;
+    }
+    let reference = Measurable::new(reference, compute)?;
+    let compared = compared.map(|bake| Measurable::new(bake, compute)).transpose()?;
+    let (reference, compared) =
+        (reference.targets(bounds), compared.as_ref().map(|bake| bake.targets(bounds)));
     let comparison = Comparison { proxies, reference: &reference, compared: compared.as_ref() };
-    comparison.run((lights, LIGHTS_A_PASS), seed, pictures, monitor)
+    comparison.run((lights.0, LIGHTS_A_PASS), lights.1, pictures, monitor)
+}
+
+/// A bake that pictures are made from to be measured.
+struct Measurable<'a> {
+    gather: &'a Gather,
+    denoise: Denoise,
+    on_gpu: Option<GpuTargets>,
+}
+
+impl<'a> Measurable<'a> {
+    fn new(bake: &'a Relighter, compute: &Compute) -> Result<Self, SessionError> {
+        let gather = bake_of(bake)?;
+        let denoise = Denoise::new(bake.aovs(), compute.gpu.as_deref());
+        let on_gpu = compute.gpu.as_ref().map(|gpu| GpuTargets::new(gpu, gather)).transpose()?;
+        Ok(Self { gather, denoise, on_gpu })
+    }
+
+    fn targets(&self, bounds: (Vec3, Vec3)) -> DumpTargets<'_> {
+        DumpTargets::new(self.gather, Half::All, bounds, &self.denoise).on(self.on_gpu.as_ref())
+    }
 }
 
 fn bake_of(relighter: &Relighter) -> Result<&Gather, SessionError> {

@@ -34,8 +34,7 @@ impl<T> OnGpu<T> {
     ) -> Result<Option<R>, SessionError> {
         let Some(gpu) = &compute.gpu else { return Ok(None) };
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let result =
-            state.ready(|| make(gpu.clone())).and_then(|ready| ready.map(work).transpose());
+        let result = state.ready(|| make(gpu.clone())).and_then(|ready| ready.map(work).transpose());
         match result.map_err(E::into) {
             Err(error) if compute.may_fall_back && error.is_of_gpu() => {
                 *state = State::GivenUp;

@@ -60,6 +60,12 @@ impl<'a> DumpTargets<'a> {
         Self { gpu, ..self }
     }
 
+    /// The same from other paths of each pixel.
+    #[must_use]
+    pub fn of_half(&self, half: Half) -> Self {
+        Self { half, ..*self }
+    }
+
     /// The denoiser.
     pub fn denoise(&self) -> &'a Denoise {
         self.denoise

@@ -9,7 +9,7 @@ use relume_session::trace::TraceSettings;
 use relume_session::{
     Cancel, Clock, Compute, Device, LightSet, Listener, Maker, Monitor, ObjView, OptimiseOptions, Progress,
     RelightOptions, Relighter, SessionError, Stage, TrainReport, TrainSettings, With, bake, default_sizes,
-    obj_scene, optimise, train,
+    evaluate, obj_scene, optimise, train,
 };
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -286,6 +286,41 @@ fn pictures_of_the_gpu_are_those_of_the_cpu() {
             assert!(error < bound.powi(2) * whole, "{error} of {whole}");
         }
     }
+}
+
+#[test]
+fn a_proxy_is_measured_on_the_gpu_as_on_the_cpu() {
+    let folder = tempfile::tempdir().unwrap();
+    baked(folder.path());
+    trained(folder.path(), folder.path(), LightKind::Sphere);
+    let bake = Relighter::open(folder.path()).unwrap();
+    let proxy = bake.proxies().iter().next().unwrap().proxy.clone();
+    let on = |compute: &Compute| {
+        let proxies = std::slice::from_ref(&proxy);
+        evaluate(proxies, &bake, Some(&bake), (3, 1), None, compute, &Monitor::default())
+    };
+    let cpu = on(&Compute::default()).unwrap();
+    let gpu = on(&Device::Gpu(GpuChoice::Best).open(None).unwrap()).unwrap();
+    assert_eq!((gpu.lights, cpu.lights), (3, 3));
+    for (gpu, cpu) in [
+        (&gpu.proxies[0], &cpu.proxies[0]),
+        (&gpu.reference_noise, &cpu.reference_noise),
+        (gpu.gather.as_ref().unwrap(), cpu.gather.as_ref().unwrap()),
+    ] {
+        // A few values may be decided otherwise, and denoisers differ between devices.
+        assert!(
+            (gpu.psnr - cpu.psnr).abs() < 0.3 && (gpu.smape - cpu.smape).abs() < 0.01,
+            "{gpu:?}, {cpu:?}"
+        );
+    }
+    let lost = Gpu::open(&GpuChoice::Best).unwrap();
+    lost.lose();
+    let on_lost = |may_fall_back| on(&Compute { gpu: Some(lost.clone()), may_fall_back });
+    assert_eq!(on_lost(true).unwrap(), cpu);
+    assert!(matches!(
+        on_lost(false),
+        Err(SessionError::Gather(_) | SessionError::Gpu(_) | SessionError::Proxy(_))
+    ));
 }
 
 #[test]

@@ -9,7 +9,16 @@ pub fn evaluate(args: &EvaluateArgs, context: &Context) -> anyhow::Result<()> {
     let compared = args.gather.as_deref().map(Relighter::open).transpose()?;
     let lights = (args.lights, context.global.seed);
     let pictures = args.pictures.as_deref();
-    let found = evaluate_proxies(&proxies, &reference, compared.as_ref(), lights, pictures, context.monitor)?;
+    let compute = context.compute()?;
+    let found = evaluate_proxies(
+        &proxies,
+        &reference,
+        compared.as_ref(),
+        lights,
+        pictures,
+        &compute,
+        context.monitor,
+    )?;
     let mut lines: Vec<String> = args
         .proxies
         .iter()
