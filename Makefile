@@ -13,7 +13,7 @@ export OIDN_DIR := $(DEV)/lib/python3.11/site-packages/pyoidn/oidn
 export NODEVICE_SELECT := 1
 CARGO := LD_LIBRARY_PATH=$(OIDN_DIR)/lib cargo
 
-.PHONY: setup wheel extension test test-rust test-python test-blender window fuzz demo shots parity quality bench bench-gpu clean
+.PHONY: setup wheel extension test test-rust test-python test-blender window guide fuzz demo shots parity quality bench bench-gpu clean
 
 setup:
 	@scripts/setup
@@ -45,6 +45,11 @@ test-blender: extension
 # A real Blender with its window, on a virtual display; WINDOW="smoke" for less. Needs root, for chroot.
 window: extension
 	@RELUME_SCENES="$(SCENES)" $(PYTHON) scripts/window/run.py $(WINDOW)
+
+# The pictures of docs/guide.md, taken anew.
+guide: extension
+	@$(PYTHON) scripts/window/run.py guide
+	@$(PYTHON) scripts/guide.py
 
 # Hostile bytes into every reader; FUZZ="300 shard" for other seconds and targets.
 fuzz: wheel

@@ -1,0 +1,98 @@
+"""The pictures of the user guide: the way of an artist through the panels, on the demo scene."""
+
+import importlib
+
+import bpy
+from driver import ADDON
+
+NEEDS = ["demo.blend"]
+
+
+def module(name):
+    """A module of the installed extension."""
+    return importlib.import_module(f"{ADDON}.{name}")
+
+
+def shot():
+    """The open shot of the scene."""
+    return module("engine.shot").of(bpy.context.scene)
+
+
+def settled(driver, what):
+    """Waits for the final picture of what was asked for last."""
+    found = shot()
+
+    def done():
+        shown = found.status["shown"]
+        return not found.is_working and shown and shown["settled"] and not found.is_busy
+
+    yield from driver.until(done, what, 240)
+    yield from driver.wait(0.5)
+    yield from driver.drawn()
+
+
+def press(driver, operator, **settings):
+    """An operator of the panel."""
+    with driver.within("UI"):
+        driver.check(operator(**settings) == {"FINISHED"}, f"{operator.idname()} runs")
+    yield from driver.drawn()
+
+
+def show_preferences(driver):
+    """The page of the extension, in the place of the 3D view."""
+    area, preferences = driver.view, bpy.context.preferences
+    area.ui_type = "PREFERENCES"
+    preferences.active_section = "ADDONS"
+    bpy.context.window_manager.addon_search = "Relume"
+    bpy.ops.preferences.addon_expand(module=ADDON)
+    area.tag_redraw()
+    yield from driver.wait(1)
+    driver.photo("preferences")
+    area.ui_type = "VIEW_3D"
+
+
+def play(driver):
+    """See the first line of this file."""
+    relume = bpy.ops.relume
+    bpy.context.preferences.addons[ADDON].preferences.train_seconds = 10
+    with driver.step("open"):
+        yield from driver.open("demo.blend")
+        scene = bpy.context.scene
+        scene.render.resolution_percentage = 100
+        scene.relume.quality = "DRAFT"
+        yield from driver.show_tab("Relume")
+        yield from driver.look_through_camera()
+        driver.photo("start")
+    with driver.step("start"):
+        yield from press(driver, relume.start)
+        yield from driver.until(lambda: shot() and shot().frame, "the first picture", 60)
+        yield from driver.drawn()
+        driver.photo("first-picture")
+        yield from settled(driver, "the end of the bake")
+        driver.photo("ready")
+    with driver.step("rows"):
+        rows = [row for row in scene.relume_mix.rows if row.kind == "LIGHT"]
+        driver.check(len(rows) == 3, f"a row for each of the three lights; {[row.name for row in rows]}")
+        yield from press(driver, relume.snapshot)
+        rows[0].use_kelvin, rows[0].kelvin, rows[1].exposure = True, 2800.0, 1.5
+        yield from settled(driver, "the picture of the rows")
+        driver.photo("rows")
+    with driver.step("looks"):
+        yield from press(driver, relume.snapshot)
+        yield from driver.scroll_tab(400)
+        driver.photo("looks")
+        yield from driver.scroll_tab(-400)
+    with driver.step("wipe"):
+        scene.relume_view.wipe = True
+        yield from driver.drawn()
+        driver.photo("wipe")
+        scene.relume_view.wipe = False
+    with driver.step("changes"):
+        scene.camera.location.x += 0.02
+        yield from driver.wait(1)
+        yield from driver.drawn()
+        driver.photo("changed")
+        driver.check(bool(shot().changes.sentences), "a moved camera is noticed")
+        scene.camera.location.x -= 0.02
+    with driver.step("preferences"):
+        yield from show_preferences(driver)
