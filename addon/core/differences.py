@@ -5,6 +5,8 @@ Prints of a bake lie beside it."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 Print = dict[str, str]
 
 EDITED: Print = {"edited": ""}
@@ -29,11 +31,11 @@ PARTS = {
 ORDER = ("camera", "film", "settings", "world", "object", "data", "material")
 
 
-def sentences(baked: dict[str, Print], present: dict[str, Print]) -> list[str]:
-    """Every difference, the most general first. What only one side has been asked about is no difference."""
-    keys = [key for key in {**baked, **present} if baked.get(key) != present.get(key)]
-    keys.sort(key=lambda key: ORDER.index(key.partition(" ")[0]))
-    found = [sentence for key in keys for sentence in _of_one(key, baked.get(key), present.get(key))]
+def sentences(keys: Iterable[str], baked: dict[str, Print], present: dict[str, Print]) -> list[str]:
+    """The differences of some keys, the most general first. What only one side knows is a difference of objects only:
+    materials and data come and go with them."""
+    ordered = sorted(keys, key=lambda key: ORDER.index(key.partition(" ")[0]))
+    found = [sentence for key in ordered for sentence in _of_one(key, baked.get(key), present.get(key))]
     return list(dict.fromkeys(found))
 
 

@@ -4,6 +4,7 @@ scene are taken a little at a time."""
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 
 import bpy
 
@@ -24,28 +25,30 @@ class Changes:
         self.present: dict[str, Print] = {}
         self.sentences: list[str] = []
         """What has changed, for the artist."""
+        self._different: dict[str, None] = {}
         self._waiting: dict[str, None] = {}
-        self._prints: prints.Prints | None = None
-        self._listed = False
+        self._walk: Iterator[tuple[str, prints.Take]] | None = None
+        self._walked: set[str] = set()
+        self._wants_walk = self._takes_all = True
 
     @property
     def is_pending(self) -> bool:
         """Whether something has still to be looked at."""
-        return bool(self._waiting) or not self._listed
+        return bool(self._waiting) or self._wants_walk
 
     def mark(self, scene: bpy.types.Scene, updates: list[bpy.types.DepsgraphUpdate]) -> bool:
         """Data-blocks were updated and are to be looked at again. The world is at once: whether it is another one."""
-        self._prints = None
-        edited = [update.id.original for update in updates]
+        self._walk = None
         if self.recording:
             self._mark_edited(scene, updates)
-        if len(edited) > WHOLE_SCENE:
+        if len(updates) > WHOLE_SCENE:
             self.mark_all()
             return self._look_at_world(scene)
+        edited = [update.id.original for update in updates]
         found = {key: None for block in edited for key in prints.keys_of(block, scene)}
         self._waiting |= found
         if any(isinstance(block, (bpy.types.Scene, bpy.types.Collection)) for block in edited):
-            self._listed = False
+            self._wants_walk = True
         return "world" in found and self._look_at_world(scene)
 
     def _mark_edited(self, scene: bpy.types.Scene, updates: list[bpy.types.DepsgraphUpdate]) -> None:
@@ -59,12 +62,12 @@ class Changes:
 
     def mark_all(self) -> None:
         """Anything may have been edited, such as by undo."""
-        self._prints, self._listed = None, False
-        self._waiting |= dict.fromkeys(self.present)
+        self._walk = None
+        self._wants_walk = self._takes_all = True
 
     def _look_at_world(self, scene: bpy.types.Scene) -> bool:
         before = self.present.get("world")
-        self.present["world"] = prints.world(scene)
+        self._keep("world", prints.world(scene))
         return before is not None and before != self.present["world"]
 
     def world_gain(self) -> list[float]:
@@ -75,30 +78,50 @@ class Changes:
         """Takes prints for about so long. Whether the sentences are other ones now."""
         if not self.is_pending:
             return False
+        deadline = time.perf_counter() + seconds
         try:
-            self._look(scene, time.perf_counter() + seconds)
+            self._take_waiting(scene, deadline)
+            self._go_on_walking(scene, deadline)
         except ReferenceError:  # Something was deleted and nobody was told.
-            self.mark_all()
+            self._walk = None
         if self.is_pending:
             return False
         self.recording = False
-        before, self.sentences = self.sentences, sentences(self.baked, self.present)
+        before, self.sentences = self.sentences, sentences(self._different, self.baked, self.present)
         return self.sentences != before
 
-    def _look(self, scene: bpy.types.Scene, deadline: float) -> None:
-        self._prints = self._prints or prints.Prints(scene)
-        if not self._listed:
-            keys = dict.fromkeys(prints.keys(scene))
-            self.present = {key: found for key, found in self.present.items() if key in keys}
-            self._waiting = {key: None for key in self._waiting if key in keys}
-            self._waiting |= {key: None for key in keys if key not in self.present}
-            self._listed = True
+    def _take_waiting(self, scene: bpy.types.Scene, deadline: float) -> None:
         while self._waiting and time.perf_counter() < deadline:
             key, _ = self._waiting.popitem()
-            found = self._prints.of(key)
-            if found is None:
-                self.present.pop(key, None)
-                continue
+            self._keep(key, prints.take(scene, key))
+
+    def _go_on_walking(self, scene: bpy.types.Scene, deadline: float) -> None:
+        """Walks over the scene: takes what is new, or everything, and forgets what is gone."""
+        if not self._wants_walk or self._waiting:
+            return
+        if self._walk is None:
+            self._walk, self._walked = prints.walk(scene), set()
+        for key, take in self._walk:
+            if key:
+                self._walked.add(key)
+                if self._takes_all or key not in self.present:
+                    self._keep(key, take())
+            if time.perf_counter() > deadline:
+                return
+        for key in {**self.baked, **self.present}.keys() - self._walked:
+            self._keep(key, None)
+        self._walk = None
+        self._wants_walk = self._takes_all = False
+
+    def _keep(self, key: str, found: Print | None) -> None:
+        """Notes a print, or that there is none."""
+        if found is None:
+            self.present.pop(key, None)
+        else:
             self.present[key] = found
             if self.recording:
                 self.baked.setdefault(key, found)
+        if self.baked.get(key) == found:
+            self._different.pop(key, None)
+        else:
+            self._different[key] = None

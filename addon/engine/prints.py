@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import bpy
@@ -21,6 +22,8 @@ from ..export.materials.graph import used_tree
 from ..export.world import export_world
 from .scene import working_space
 
+Take = Callable[[], Print | None]
+
 GEOMETRY = {"MESH", "CURVE", "SURFACE", "FONT", "META", "CURVES", "POINTCLOUD", "VOLUME"}
 LOOKS_ONLY = {
     "color", "height", "hide", "label", "location", "location_absolute", "name", "parent", "select", "use_custom_color",
@@ -28,19 +31,6 @@ LOOKS_ONLY = {
 }  # fmt: skip
 """Properties of nodes and modifiers that do not change what they do."""
 DATA = (bpy.types.Mesh, bpy.types.Curve, bpy.types.MetaBall)
-
-
-def keys(scene: bpy.types.Scene) -> list[str]:
-    """Everything there is to take a print of."""
-    objects = [obj for obj in scene.objects if _counts(obj)]
-    data = {obj.data.name_full: None for obj in objects if obj.type in GEOMETRY}
-    materials = {slot.material.name_full: None for obj in objects for slot in obj.material_slots if slot.material}
-    return [
-        *("camera", "film", "settings", "world"),
-        *(f"object {obj.name_full}" for obj in objects),
-        *(f"data {name}" for name in data),
-        *(f"material {name}" for name in materials),
-    ]
 
 
 def keys_of(found: bpy.types.ID, scene: bpy.types.Scene) -> list[str]:
@@ -64,37 +54,57 @@ def _counts(obj: bpy.types.Object) -> bool:
     return shown and (obj.type in GEOMETRY or obj.type == "ARMATURE" or obj.instance_type != "NONE")
 
 
-class Prints:
-    """Takes prints of a scene by their keys. Holds references, so it is to be thrown away when anything is added,
-    deleted or undone."""
+def walk(scene: bpy.types.Scene) -> Iterator[tuple[str, Take]]:
+    """Every key with what takes its print, in steps of microseconds: steps without a key are there to be interrupted.
+    It holds references, so it is to be thrown away when anything is added, deleted or undone."""
+    for kind, take in ONE_OF_A_KIND.items():
+        yield kind, partial(take, scene)
+    walked: set[int] = set()
+    for obj in list(scene.objects):
+        if not _counts(obj):
+            yield "", _nothing
+            continue
+        yield f"object {obj.name_full}", partial(_object, obj)
+        data = obj.data if obj.type in GEOMETRY else None
+        if data is not None and data.session_uid not in walked:
+            walked.add(data.session_uid)
+            yield f"data {data.name_full}", partial(_data, data)
+        for slot in obj.material_slots:
+            material = slot.material
+            if material is not None and material.session_uid not in walked:
+                walked.add(material.session_uid)
+                yield f"material {material.name_full}", partial(_material, material)
 
-    def __init__(self, scene: bpy.types.Scene):
-        self.scene = scene
-        self.objects = {obj.name_full: obj for obj in scene.objects}
-        data = (obj.data for obj in scene.objects if obj.type in GEOMETRY)
-        self.data = {found.name_full: found for found in data}
-        self.materials = {material.name_full: material for material in bpy.data.materials}
 
-    def of(self, key: str) -> Print | None:
-        """The print of a key; None of what is not there, or cannot be seen any more."""
-        kind, _, name = key.partition(" ")
-        match kind:
-            case "object":
-                obj = self.objects.get(name)
-                return _object(obj) if obj is not None and _counts(obj) else None
-            case "data":
-                # The arrays of a mesh are empty while it is in edit mode.
-                found = self.data.get(name)
-                return None if found is None or getattr(found, "is_editmode", False) else _data(found)
-            case "material":
-                return _material(self.materials[name]) if name in self.materials else None
-        return ONE_OF_A_KIND[kind](self.scene)
+def _nothing() -> None:
+    return None
+
+
+def take(scene: bpy.types.Scene, key: str) -> Print | None:
+    """The print of a key; None of what is not there, or cannot be seen any more."""
+    kind, _, name = key.partition(" ")
+    if kind in ONE_OF_A_KIND:
+        return ONE_OF_A_KIND[kind](scene)
+    places, of = {
+        "object": ((scene.objects,), _object),
+        "data": ((bpy.data.meshes, bpy.data.curves, bpy.data.metaballs), _data),
+        "material": ((bpy.data.materials,), _material),
+    }[kind]
+    found = (_by_full_name(place, name) for place in places)
+    return next((of(block) for block in found if block is not None), None)
+
+
+def _by_full_name(place: Any, name: str) -> Any:
+    """A data-block; those of libraries have the library in their full name."""
+    found = place.get(name)
+    if found is not None and found.name_full == name:
+        return found
+    return next((block for block in place if block.name_full == name), None) if "[" in name else None
 
 
 def take_all(scene: bpy.types.Scene, camera: bpy.types.Object, size: tuple[int, int] | None = None) -> dict[str, Print]:
     """All prints at once, of a camera and a picture size; takes long for a large scene."""
-    prints = Prints(scene)
-    found = {key: taken for key in keys(scene) if (taken := prints.of(key)) is not None}
+    found = {key: taken for key, take in walk(scene) if (taken := take()) is not None}
     return found | {"camera": _camera_print(scene, camera), "film": _film(scene, size)}
 
 
@@ -107,7 +117,9 @@ def _matrix(matrix: Any) -> str:
     return _hash([f"{value:.6g}" for row in matrix for value in row])
 
 
-def _object(obj: bpy.types.Object) -> Print:
+def _object(obj: bpy.types.Object) -> Print | None:
+    if not _counts(obj):
+        return None
     visible = ("camera", "diffuse", "glossy", "transmission", "shadow")
     found = {
         "place": _matrix(obj.matrix_world),
@@ -131,7 +143,9 @@ def _modifier(modifier: bpy.types.Modifier) -> list:
     return [modifier.type, modifier.show_render, _values(modifier), inputs]
 
 
-def _data(data: bpy.types.ID) -> Print:
+def _data(data: bpy.types.ID) -> Print | None:
+    if getattr(data, "is_editmode", False):  # Its arrays are empty then.
+        return None
     shapes = [(block.value, block.mute) for block in data.shape_keys.key_blocks] if _shape_keys(data) else []
     if not isinstance(data, bpy.types.Mesh):
         return {"shape": _hash([_values(data), shapes, _points(data)])}

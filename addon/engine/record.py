@@ -27,7 +27,7 @@ class Record:
 
     def write(self, folder: Path) -> None:
         """Writes it into a bake folder, whole or not at all."""
-        content = {"format": FORMAT, "version": VERSION, **dataclasses.asdict(self)}
+        content = {"format": FORMAT, "version": VERSION, **vars(self)}
         part = folder / f".part-{FILE}"
         try:
             part.write_text(json.dumps(content), encoding="utf-8")
