@@ -7,6 +7,9 @@ use relume_gather::GpuGather;
 /// Relights after which sorting is worth its seconds: who relights once more does so often.
 const RELIGHTS: usize = 3;
 
+/// Share of the free memory that sorted segments may take: proxies and trainings come after them.
+const MOST_MEMORY: f64 = 0.5;
+
 /// Sorts the segments of a dump on the GPU, once it is relit again and again, on a thread of its own; relighting goes on
 /// meanwhile, and reads less for small lights afterwards. Ends with its owner.
 #[derive(Default)]
@@ -44,7 +47,7 @@ fn sort(gather: &GpuGather, stop: &AtomicBool) {
     let threads = std::thread::available_parallelism().map_or(1, |count| count.get().div_ceil(2));
     let Ok(pool) = rayon::ThreadPoolBuilder::new().num_threads(threads).build() else { return };
     // A lost device is found by the next relight, which tells the user.
-    let _ = pool.install(|| gather.sort_unless(&|| stop.load(Ordering::Relaxed)));
+    let _ = pool.install(|| gather.sort_within(MOST_MEMORY, &|| stop.load(Ordering::Relaxed)));
 }
 
 impl Drop for Sorting {

@@ -102,18 +102,25 @@ impl GpuGather {
     /// # Errors
     /// If the device was lost.
     pub fn sort(&self) -> Result<bool, GatherError> {
-        self.sort_unless(&|| false)
+        self.sort_within(1.0, &|| false)
     }
 
-    /// [`GpuGather::sort`] that ends without a result soon after `cancelled` has become true.
+    /// [`GpuGather::sort`] if that takes at most this share of the free memory; ends without a result soon after `cancelled`
+    /// has become true.
     ///
     /// # Errors
     /// As [`GpuGather::sort`].
-    pub fn sort_unless(&self, cancelled: &(dyn Fn() -> bool + Sync)) -> Result<bool, GatherError> {
+    pub fn sort_within(
+        &self,
+        share: f64,
+        cancelled: &(dyn Fn() -> bool + Sync),
+    ) -> Result<bool, GatherError> {
         if self.sorted.get().is_some() {
             return Ok(true);
         }
-        if !Sorted::bytes(&self.gpu, &self.dump).is_some_and(|bytes| self.has_room(bytes)) {
+        let most = (self.gpu.free_memory() as f64 * share) as u64;
+        let fits = |bytes: u64| bytes <= most && self.has_room(bytes);
+        if !Sorted::bytes(&self.gpu, &self.dump).is_some_and(fits) {
             return Ok(false);
         }
         let sorted = if_it_fits(Sorted::new(&self.gpu, &self.dump, cancelled))?.flatten();

@@ -151,7 +151,8 @@ fn sorted_segments_give_the_same_images() {
     let lights = gather.prepare_all(&lights).unwrap();
     let on_gpu = GpuGather::new(gpu(), &gather).unwrap();
     let in_path_order = on_gpu.unit_images(&lights, Half::All).unwrap();
-    assert!(!on_gpu.sort_unless(&|| true).unwrap() && on_gpu.sorted.get().is_none());
+    assert!(!on_gpu.sort_within(1.0, &|| true).unwrap() && on_gpu.sorted.get().is_none());
+    assert!(!on_gpu.sort_within(0.0, &|| false).unwrap() && on_gpu.sorted.get().is_none());
     assert!(on_gpu.sort().unwrap());
     let sorted = on_gpu.sorted.get().unwrap();
     let paying =
