@@ -63,6 +63,11 @@ def file_in_the_way(_scene, folder, _monkeypatch):
     return "is a file"
 
 
+def beside_no_file(scene, _folder, _monkeypatch):
+    scene.relume.folder = "//bake"
+    return "not saved"
+
+
 def fails_with(number):
     """A file system that refuses files, by the number of the error."""
 
@@ -80,6 +85,7 @@ MISTAKES = {
     "no camera": no_camera,
     "panorama": panorama,
     "file in the way": file_in_the_way,
+    "beside no file": beside_no_file,
     "disk full": fails_with(errno.ENOSPC),
     "read-only disk": fails_with(errno.EROFS),
     "read-only folder": fails_with(errno.EACCES),

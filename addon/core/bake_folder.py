@@ -14,11 +14,11 @@ OWN_FILES = (
 """Of a bake and its proxies. The manifest goes first: what is left after a crash is never taken for a bake."""
 
 
-def default_folder(blend_file: str, scene: str, camera: str, cache: Path) -> Path:
-    """Beside a saved .blend file, in `relume/`; in the cache folder for a file that was never saved. The name of the
-    file is a part of it: versions of a shot often lie in one folder."""
+def default_folder(blend_file: str, scene: str, camera: str, cache: Path, unsaved: str) -> Path:
+    """Beside a saved .blend file, in `relume/`; in the cache folder for a file that was never saved, which `unsaved`
+    tells from others. The name of the file is a part of it: versions of a shot often lie in one folder."""
     if not blend_file:
-        return cache / _file_name(f"unsaved_{scene}_{camera}")
+        return cache / _file_name(f"unsaved_{scene}_{camera}_{unsaved}")
     file = Path(blend_file)
     return file.parent / "relume" / _file_name(f"{file.stem}_{scene}_{camera}")
 

@@ -26,6 +26,8 @@ def check_start(scene: bpy.types.Scene) -> None:
     if camera.data.type not in {"PERSP", "ORTHO"}:
         kind = camera.data.type.lower()
         raise ProblemError(f"Camera '{camera.name}' is {kind}; Relume needs a perspective or orthographic one")
+    if scene.relume.folder.startswith("//") and not bpy.data.filepath:
+        raise ProblemError("The bake folder is beside a file that is not saved; save it, or choose another folder")
     check_folder(bake_folder(scene))
 
 

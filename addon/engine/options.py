@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import uuid
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,8 @@ QUALITIES = {
     "FINAL": ("Final", 256, "for finished pictures"),
 }
 MIB = 2**20
+SESSION = uuid.uuid4().hex[:8]
+"""Tells the unsaved files of this run of Blender from those of others."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,7 +66,8 @@ def bake_folder(scene: bpy.types.Scene) -> Path:
     if chosen:
         return absolute(chosen)
     camera = scene.camera.name if scene.camera else "camera"
-    return default_folder(bpy.data.filepath, scene.name, camera, cache_folder())
+    unsaved = f"{SESSION}_{scene.session_uid}"
+    return default_folder(bpy.data.filepath, scene.name, camera, cache_folder(), unsaved)
 
 
 def remember_bake(scene: bpy.types.Scene, folder: Path) -> None:

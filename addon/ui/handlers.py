@@ -26,6 +26,8 @@ EXIT_SECONDS = 5.0
 LOOK_SECONDS = 0.005
 """How long one turn may look for what has changed since the bake."""
 
+_is_quiet = False
+"""Whether the next poll is a while away."""
 _resting: dict[int, float] = {}
 """Scenes with a change in progress: when to ask for the full picture."""
 _words: dict[int, tuple] = {}
@@ -66,16 +68,25 @@ def _depsgraph(scene: bpy.types.Scene) -> bpy.types.Depsgraph | None:
 
 
 def wake() -> None:
-    """Starts polling; it ends by itself when nothing runs."""
-    if not bpy.app.background and not bpy.app.timers.is_registered(_timer):
-        bpy.app.timers.register(_timer, persistent=True)
+    """Starts polling, or makes it quick again; it ends by itself when nothing runs."""
+    global _is_quiet
+    if bpy.app.background:
+        return
+    if bpy.app.timers.is_registered(_timer):
+        if not _is_quiet:
+            return
+        bpy.app.timers.unregister(_timer)
+    _is_quiet = False
+    bpy.app.timers.register(_timer, persistent=True)
 
 
 def _timer() -> float | None:
+    global _is_quiet
+    _is_quiet = False
     if not tick():
         return None
-    lively = _resting or any(found.is_lively or found.changes.is_pending for found in shot.all_open())
-    return TICK_SECONDS if lively else QUIET_SECONDS
+    _is_quiet = not _resting and not any(found.is_lively or found.changes.is_pending for found in shot.all_open())
+    return QUIET_SECONDS if _is_quiet else TICK_SECONDS
 
 
 def tick() -> bool:
@@ -88,7 +99,7 @@ def tick() -> bool:
             continue
         frame = found.frame
         news = found.poll()
-        if not _resting:
+        if not _resting and not _is_playing():
             news |= found.changes.look(scenes[found.scene_uid], LOOK_SECONDS)
         if news:
             _redraw(found, new_picture=found.frame is not frame)
@@ -101,6 +112,11 @@ def _rest() -> None:
     for scene in bpy.data.scenes:
         if _resting.get(scene.session_uid, now + 1.0) <= now:
             changed(scene)
+
+
+def _is_playing() -> bool:
+    """Whether an animation is played: it needs the time itself."""
+    return any(window.screen.is_animation_playing for window in bpy.context.window_manager.windows)
 
 
 def _redraw(found: shot.Shot, new_picture: bool) -> None:
