@@ -7,6 +7,8 @@ from typing import Any
 import bpy
 import numpy as np
 
+from .arrays import touched
+
 
 class GeometryExporter:
     """Exports each evaluated mesh once and remembers its number."""
@@ -73,6 +75,6 @@ def _attribute(mesh: bpy.types.Mesh, name: str, field: str, shape: Any, dtype: A
 
 
 def _collection(collection: Any, field: str, shape: Any, dtype: Any) -> np.ndarray:
-    array = np.empty(shape, dtype)
+    array = touched(shape, dtype)
     collection.foreach_get(field, array.reshape(-1))
     return array

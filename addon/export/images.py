@@ -7,6 +7,8 @@ from typing import Any
 import bpy
 import numpy as np
 
+from .arrays import touched
+
 ALPHA = {"STRAIGHT": "straight", "PREMUL": "premultiplied", "CHANNEL_PACKED": "channel_packed", "NONE": "none"}
 LINEAR_SPACES = {"Non-Color", "Raw", "Linear Rec.709", "Linear", "scene_linear", "Generic Data"}
 SRGB_SPACES = {"sRGB", "Utility - sRGB - Texture"}
@@ -49,12 +51,13 @@ class ImageExporter:
         width, height = image.size
         if width == 0 or height == 0 or image.channels == 0:
             return None
-        values = np.empty(width * height * image.channels, np.float32)
+        values = touched(width * height * image.channels, np.float32)
         image.pixels.foreach_get(values)
         values = _as_rgba(values.reshape(height, width, image.channels))
         if image.is_float:
             return values
-        return np.rint(values * 255.0).astype(np.uint8)
+        np.multiply(values, 255.0, out=values)
+        return np.rint(values, out=values).astype(np.uint8)
 
     def _encoding(self, image: bpy.types.Image, user: str) -> str:
         space = image.colorspace_settings.name
