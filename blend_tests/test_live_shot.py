@@ -9,6 +9,7 @@ import pytest
 from addon.engine import options, record, shot
 from addon.engine.commands import run
 from addon.engine.options import remembered_bake
+from addon.engine.render_depsgraph import ExportCancelled
 from addon.ui import handlers
 from addon.ui.start import start
 from helpers import add_light, add_material, add_quad
@@ -233,3 +234,30 @@ def test_lights_without_a_proxy_are_gathered(studio):
     found = until(studio, settled, "all lights")
     assert set(found.status["shown"]["makers"]) == {"Key", "Sun", "Spot"}
     assert "proxy" not in found.status["shown"]["makers"].values()
+
+
+def test_rebake_that_is_cancelled_while_reading_keeps_the_bake(studio, tmp_path, monkeypatch):
+    start(studio)
+    until(studio, lambda found: settled(found) and found.is_recorded, "the bake")
+
+    def cancelled(_scene, _options, done):
+        done(None, ExportCancelled("cancelled"))
+
+    with monkeypatch.context() as patched:
+        patched.setattr("addon.engine.shot.load_scene_async", cancelled)
+        assert bpy.ops.relume.start() == {"FINISHED"}
+    found = shot.of(studio)
+    assert found.status["state"] == "cancelled" and not found.is_busy
+    assert record.read(tmp_path / "bake") is not None
+    assert bpy.ops.relume.show_bake() == {"FINISHED"}
+    assert until(studio, settled, "the bake from before").changes.sentences == []
+
+
+def test_what_goes_wrong_while_reading_is_one_line(studio, monkeypatch):
+    def broken(_scene, _options, done):
+        done(None, RuntimeError("object 'Sofa' is broken"))
+
+    monkeypatch.setattr("addon.engine.shot.load_scene_async", broken)
+    with pytest.raises(RuntimeError, match="object 'Sofa' is broken"):
+        bpy.ops.relume.start()
+    assert shot.of(studio) is None and remembered_bake(studio) is None

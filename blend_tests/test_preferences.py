@@ -44,16 +44,19 @@ def test_clean_up_deletes_bakes_only(chosen, tmp_path):
     cache = tmp_path / "cache"
     make_bake(cache / "one")
     make_bake(cache / "two")
+    make_bake(cache / "with a letter")
+    (cache / "with a letter" / "letter.txt").write_text("mine")
     make_bake(tmp_path / "elsewhere")
     (cache / "photos").mkdir()
     (cache / "photos" / MANIFEST).write_text('{"my": "own"}')
     (cache / "notes.txt").write_text("mine")
     os.symlink(tmp_path / "elsewhere", cache / "link")
     number, size = count_cache()
-    assert number == 2 and size > 2000
+    assert number == 3 and size > 3000
     gone, problems = clean_cache()
-    assert (gone, problems) == (2, [])
-    assert sorted(entry.name for entry in cache.iterdir()) == ["link", "notes.txt", "photos"]
+    assert (gone, problems) == (3, [])
+    assert sorted(entry.name for entry in cache.iterdir()) == ["link", "notes.txt", "photos", "with a letter"]
+    assert [file.name for file in (cache / "with a letter").iterdir()] == ["letter.txt"]
     assert (tmp_path / "elsewhere" / MANIFEST).exists()
     assert count_cache() == (0, 0)
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Collection, Iterator
+from contextlib import suppress
 from pathlib import Path
 
-from .bake_folder import is_bake
+from .bake_folder import clear, is_bake
 
 
 def bakes_in(folder: Path) -> Iterator[Path]:
@@ -24,15 +24,18 @@ def size_of(bake: Path) -> int:
 
 
 def remove(bakes: list[Path], in_use: Collection[Path]) -> tuple[int, list[str]]:
-    """Deletes bakes but for those in use. How many are gone, and what kept others, in words."""
+    """Deletes bakes but for those in use; other files in their folders stay. How many are gone, and what kept others,
+    in words."""
     gone, problems = 0, []
     for bake in bakes:
         if bake in in_use:
             problems.append(f"'{bake.name}' is in use and was kept")
             continue
         try:
-            shutil.rmtree(bake)
+            clear(bake)
             gone += 1
+            with suppress(OSError):  # Something else is in it.
+                bake.rmdir()
         except OSError as error:
             problems.append(f"'{bake.name}' could not be deleted: {error.strerror or error}")
     return gone, problems

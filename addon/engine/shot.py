@@ -68,10 +68,7 @@ class Shot:
     @classmethod
     def start(cls, scene: bpy.types.Scene) -> Shot:
         """Exports the scene and bakes it into its folder; goes on with an interrupted bake of the same scene."""
-        options = options_of(scene)
-        shot = cls._replace(scene, options, None)
-        record.forget(options.folder)
-        remember_bake(scene, options.folder)
+        shot = cls._replace(scene, options_of(scene), None)
         shot._export(scene)
         return shot
 
@@ -111,20 +108,37 @@ class Shot:
         self.is_exporting, self._task = False, None
         if not self.is_open:
             return
-        if isinstance(error, ExportCancelled):
-            self.status |= {"state": "cancelled"}
-            self._has_ended = True
-        elif error is not None:
-            self.status |= {"state": "failed", "error": str(error) or repr(error)}
-            self._has_ended = True
-        else:
-            self.warnings += exported.warnings
-            self._live.bake(exported, settings, train_seconds=self.options.train_seconds)
+        try:
+            if error is not None:
+                raise error
+            self._bake(exported, settings)
+        except ExportCancelled:
+            self._end({"state": "cancelled"})
+        except Exception as problem:
+            self._end({"state": "failed", "error": str(problem) or repr(problem)})
+
+    def _bake(self, exported: Any, settings: dict[str, Any]) -> None:
+        self.warnings += exported.warnings
+        # Until now the bake in the folder was the one before.
+        record.forget(self.folder)
+        for scene in (scene for scene in bpy.data.scenes if scene.session_uid == self.scene_uid):
+            remember_bake(scene, self.folder)
+        self._live.bake(exported, settings, train_seconds=self.options.train_seconds)
+
+    def _end(self, status: dict[str, Any]) -> None:
+        """There was no bake, and the native module has nothing to say."""
+        self.status |= status
+        self._has_ended = True
 
     @property
     def is_open(self) -> bool:
         """Whether it was not closed."""
         return _shots.get(self.scene_uid) is self
+
+    @property
+    def is_stored(self) -> bool:
+        """Whether the folder holds something of this shot, or soon will."""
+        return not (self.is_exporting or self._has_ended)
 
     @property
     def is_working(self) -> bool:

@@ -178,7 +178,7 @@ def _remember_bakes() -> None:
     """Where the bakes are does not go back with undo."""
     for scene in bpy.data.scenes:
         found = shot.of(scene)
-        if found is not None and remembered_bake(scene) != found.folder:
+        if found is not None and found.is_stored and remembered_bake(scene) != found.folder:
             remember_bake(scene, found.folder)
 
 

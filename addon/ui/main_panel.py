@@ -29,10 +29,9 @@ class RELUME_PT_main(RelumePanel, bpy.types.Panel):  # noqa: N801 -- Blender's n
             layout.operator("relume.look_through_camera", icon="OUTLINER_DATA_CAMERA")
         if found is not None:
             _draw_shot(layout, scene, found)
-        else:
-            _draw_stored_bake(layout, scene)
         if not _can_start_here(found):
             return
+        _draw_stored_bake(layout, scene)
         _draw_choices(layout, scene)
         row = layout.row()
         row.scale_y = 1.5
