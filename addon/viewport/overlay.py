@@ -79,29 +79,33 @@ def split_of(scene: bpy.types.Scene, frame: Rectangle) -> float:
     return frame.left + scene.relume_view.wipe_position * frame.width
 
 
-def draw(what: Show, view: View, to_overlay: bool = True) -> None:
-    """Draws frames into the bound framebuffer: that of a 3D view's overlay, or with `to_overlay` off one that takes
-    display colours as they are."""
-    first = texture.picture_of(what.first)
-    second = texture.picture_of(what.second)
-    pictures = first.developed(view), second.developed(view)
-    snapped = what.frame.snapped(first.size) if first.size == second.size else None
+def draw(what: Show, view: View) -> None:
+    """Draws frames into the overlay texture of a 3D view, which is bound."""
+    first, second = texture.of_frame(what.first), texture.of_frame(what.second)
+    size = (first.width, first.height)
+    snapped = what.frame.snapped(size) if size == (second.width, second.height) else None
     frame = snapped or what.frame
     drawn = frame if what.drawn == what.frame else what.drawn
     program = shader.show(one_to_one=snapped is not None)
     with _state():
         program.shader.bind()
-        program.shader.uniform_sampler("first", pictures[0])
-        program.shader.uniform_sampler("second", pictures[1])
+        for name, sampled in (("first", first), ("second", second)):
+            program.shader.uniform_sampler(name, sampled)
         program.shader.uniform_sampler("encoding", texture.encoding())
-        program.shader.uniform_float("frame", (frame.left, frame.bottom, frame.right, frame.top))
-        program.shader.uniform_float("drawn", (drawn.left, drawn.bottom, drawn.right, drawn.top))
-        program.shader.uniform_float("region", what.region)
-        program.shader.uniform_float("split", what.split)
-        program.shader.uniform_float("opacity", what.opacity)
-        program.shader.uniform_float("gain", what.gain)
+        program.shader.uniform_sampler("table", texture.of_table(view))
+        for name, number in (
+            ("frame", (frame.left, frame.bottom, frame.right, frame.top)),
+            ("drawn", (drawn.left, drawn.bottom, drawn.right, drawn.top)),
+            ("region", what.region),
+            ("split", what.split),
+            ("opacity", what.opacity),
+            ("gain", what.gain),
+            ("scale", view.scale),
+            ("exponent", view.exponent),
+        ):
+            program.shader.uniform_float(name, number)
         program.shader.uniform_int("mode", what.mode)
-        program.shader.uniform_int("to_overlay", int(to_overlay))
+        program.shader.uniform_int("use_table", int(view.table is not None))
         program.square.draw(program.shader)
 
 

@@ -1,7 +1,7 @@
-"""The two shaders of the overlay, written for Blender's `gpu` module; compiled at first use.
+"""The shader of the overlay, written for Blender's `gpu` module; compiled at first use.
 
-"Develop" turns a scene-linear frame into the colours that the scene's view shows, once per frame. "Show" puts such
-a picture, or two to compare, into the camera's rectangle of a region, at every redraw.
+It puts a scene-linear frame, or two to compare, into the camera's rectangle of a region, in the colours that the
+scene's view shows. In one pass: software graphics would hold up the window between two.
 """
 
 from __future__ import annotations
@@ -17,23 +17,62 @@ from gpu_extras.batch import batch_for_shader
 from ..export.view_transform import SHAPER_MIN, SHAPER_OFFSET
 from .view_table import LOG_MAX
 
-DEVELOP_VERTEX = """
+VERTEX = """
 void main()
 {
-  gl_Position = vec4(position * 2.0 - 1.0, 0.0, 1.0);
+  pixel = mix(drawn.xy, drawn.zw, position);
+  gl_Position = vec4(pixel / region * 2.0 - 1.0, 0.0, 1.0);
 }
 """
 
 # Fetches by hand: Python cannot choose a texture's filter before Blender 5.2, and the weights stay exact.
-DEVELOP_FRAGMENT = f"""
+FRAGMENT = f"""
 #define SHAPER_MIN {SHAPER_MIN}
 #define SHAPER_RANGE {LOG_MAX - SHAPER_MIN}
 #define SHAPER_OFFSET {SHAPER_OFFSET}
 """ + """
+#define SPLIT 1
+#define DIFFERENCE 2
+#define LARGEST_RADIUS 16.0
+
 float finite(float x)
 {
   return x > 0.0 ? min(x, 65504.0) : 0.0; /* NaN is not greater. */
 }
+
+vec4 texel(sampler2D picture, ivec2 at)
+{
+  vec4 color = texelFetch(picture, clamp(at, ivec2(0), textureSize(picture, 0) - 1), 0);
+  return vec4(finite(color.r), finite(color.g), finite(color.b), clamp(color.a, 0.0, 1.0));
+}
+
+#ifdef ONE_TO_ONE
+vec4 filtered(sampler2D picture, vec2 at)
+{
+  return texel(picture, ivec2(floor(at * vec2(textureSize(picture, 0)))));
+}
+#else
+/* A tent over the texels under the pixel: bilinear when larger, smooth when smaller. */
+vec4 filtered(sampler2D picture, vec2 at)
+{
+  vec2 size = vec2(textureSize(picture, 0));
+  vec2 center = at * size - 0.5;
+  vec2 radius = clamp(size / (frame.zw - frame.xy), vec2(1.0), vec2(LARGEST_RADIUS));
+  ivec2 low = ivec2(floor(center - radius)) + 1;
+  ivec2 high = ivec2(ceil(center + radius)) - 1;
+  vec4 sum = vec4(0.0);
+  float weights = 0.0;
+  for (int y = low.y; y <= high.y; y++) {
+    for (int x = low.x; x <= high.x; x++) {
+      vec2 near = max(1.0 - abs(vec2(float(x), float(y)) - center) / radius, vec2(0.0));
+      float weight = near.x * near.y;
+      sum += weight * texel(picture, ivec2(x, y));
+      weights += weight;
+    }
+  }
+  return sum / weights;
+}
+#endif
 
 float srgb_from_linear(float x)
 {
@@ -57,66 +96,17 @@ vec3 from_table(vec3 color)
   return sum;
 }
 
-void main()
+/* Display colour, not multiplied by alpha, of a scene-linear one that is. As Blender's own display: light without cover
+ * (alpha 0) is shown as it is. */
+vec4 displayed(vec4 pixel)
 {
-  vec4 pixel = texelFetch(image, ivec2(gl_FragCoord.xy), 0);
-  float alpha = clamp(pixel.a, 0.0, 1.0);
-  /* As Blender's own display: light without cover (alpha 0) is added as it is. */
-  float cover = alpha > 0.0 ? alpha : 1.0;
-  vec3 color = vec3(finite(pixel.r), finite(pixel.g), finite(pixel.b)) * (scale / cover);
+  vec3 color = pixel.rgb * (scale / (pixel.a > 0.0 ? pixel.a : 1.0));
   if (use_table != 0) {
-    color = from_table(color);
+    return vec4(from_table(color), pixel.a);
   }
-  else {
-    color = vec3(srgb_from_linear(color.r), srgb_from_linear(color.g), srgb_from_linear(color.b));
-    color = pow(color, vec3(exponent));
-  }
-  result = vec4(color * cover, alpha);
+  color = vec3(srgb_from_linear(color.r), srgb_from_linear(color.g), srgb_from_linear(color.b));
+  return vec4(exponent == 1.0 ? color : pow(color, vec3(exponent)), pixel.a);
 }
-"""
-
-SHOW_VERTEX = """
-void main()
-{
-  pixel = mix(drawn.xy, drawn.zw, position);
-  gl_Position = vec4(pixel / region * 2.0 - 1.0, 0.0, 1.0);
-}
-"""
-
-SHOW_FRAGMENT = """
-#define SPLIT 1
-#define DIFFERENCE 2
-#define LARGEST_RADIUS 16.0
-
-#ifdef ONE_TO_ONE
-vec4 filtered(sampler2D picture, vec2 at)
-{
-  vec2 size = vec2(textureSize(picture, 0));
-  return texelFetch(picture, ivec2(clamp(at * size, vec2(0.0), size - 1.0)), 0);
-}
-#else
-/* A tent over the texels under the pixel: bilinear when larger, smooth when smaller. */
-vec4 filtered(sampler2D picture, vec2 at)
-{
-  vec2 size = vec2(textureSize(picture, 0));
-  ivec2 last = ivec2(size) - 1;
-  vec2 center = at * size - 0.5;
-  vec2 radius = clamp(size / (frame.zw - frame.xy), vec2(1.0), vec2(LARGEST_RADIUS));
-  ivec2 low = ivec2(floor(center - radius)) + 1;
-  ivec2 high = ivec2(ceil(center + radius)) - 1;
-  vec4 sum = vec4(0.0);
-  float weights = 0.0;
-  for (int y = low.y; y <= high.y; y++) {
-    for (int x = low.x; x <= high.x; x++) {
-      vec2 near = max(1.0 - abs(vec2(float(x), float(y)) - center) / radius, vec2(0.0));
-      float weight = near.x * near.y;
-      sum += weight * texelFetch(picture, clamp(ivec2(x, y), ivec2(0), last), 0);
-      weights += weight;
-    }
-  }
-  return sum / weights;
-}
-#endif
 
 float overlay_from_display(float color)
 {
@@ -128,28 +118,21 @@ void main()
 {
   vec2 at = (pixel - frame.xy) / (frame.zw - frame.xy);
   bool right = pixel.x >= split;
-  vec4 color = vec4(0.0);
+  if (mode != SPLIT && right) {
+    discard;
+  }
+  vec4 color = displayed(mode == SPLIT && right ? filtered(second, at) : filtered(first, at));
   if (mode == DIFFERENCE) {
-    vec4 other = filtered(second, at);
-    color = filtered(first, at);
+    vec4 other = displayed(filtered(second, at));
     color = vec4(min(abs(color.rgb - other.rgb) * gain, vec3(1.0)), 1.0);
   }
-  else if (mode == SPLIT && right) {
-    color = filtered(second, at);
+  if (color.a * opacity < 1.0) {
+    color.rgb = pow(color.rgb, vec3(2.2)); /* Blended, so that no level can be chosen. */
   }
-  else if (!right) {
-    color = filtered(first, at);
+  else {
+    color.rgb = vec3(overlay_from_display(color.r), overlay_from_display(color.g), overlay_from_display(color.b));
   }
-  if (to_overlay != 0) {
-    if (color.a * opacity < 1.0) {
-      float cover = color.a > 0.0 ? color.a : 1.0;
-      color.rgb = pow(color.rgb / cover, vec3(2.2)) * cover;
-    }
-    else {
-      color.rgb = vec3(overlay_from_display(color.r), overlay_from_display(color.g), overlay_from_display(color.b));
-    }
-  }
-  result = color * opacity;
+  result = vec4(color.rgb * (color.a > 0.0 ? color.a : 1.0), color.a) * opacity;
 }
 """
 
@@ -165,43 +148,32 @@ class Program:
 
 
 @cache
-def develop() -> Program:
-    """Samplers `image` and `table`; constants `scale`, `exponent`, `use_table`."""
-    info = gpu.types.GPUShaderCreateInfo()
-    info.sampler(0, "FLOAT_2D", "image")
-    info.sampler(1, "FLOAT_3D", "table")
-    info.push_constant("FLOAT", "scale")
-    info.push_constant("FLOAT", "exponent")
-    info.push_constant("INT", "use_table")
-    return compile_program(info, DEVELOP_VERTEX, DEVELOP_FRAGMENT)
-
-
-@cache
 def show(one_to_one: bool) -> Program:
     """With `one_to_one` each pixel is one texel, without any filter.
 
-    Samplers `first`, `second` and `encoding` (`overlay_encoding`). Constants `frame` and `drawn` (rectangles) and
-    `split` in pixels of the `region`; `mode`: 0 first left of the split, SPLIT, DIFFERENCE; `opacity`; `gain` of the
-    difference; `to_overlay`.
+    Samplers `first`, `second`, `encoding` (`overlay_encoding`) and `table` (`view_table`). Constants `frame` and
+    `drawn` (rectangles) and `split` in pixels of the `region`; `mode`: 0 first left of the split, SPLIT, DIFFERENCE;
+    `opacity`; `gain` of the difference; `scale`, `exponent` and `use_table` of the view.
     """
     info = gpu.types.GPUShaderCreateInfo()
     info.sampler(0, "FLOAT_2D", "first")
     info.sampler(1, "FLOAT_2D", "second")
     info.sampler(2, "FLOAT_1D", "encoding")
-    info.push_constant("VEC4", "frame")
-    info.push_constant("VEC4", "drawn")
-    info.push_constant("VEC2", "region")
-    info.push_constant("FLOAT", "split")
-    info.push_constant("FLOAT", "opacity")
-    info.push_constant("FLOAT", "gain")
-    info.push_constant("INT", "mode")
-    info.push_constant("INT", "to_overlay")
+    info.sampler(3, "FLOAT_3D", "table")
+    for kind, names in (
+        ("VEC4", ("frame", "drawn")),
+        ("VEC2", ("region",)),
+        ("FLOAT", ("split", "opacity", "gain", "scale", "exponent")),
+        ("INT", ("mode", "use_table")),
+    ):
+        for name in names:
+            info.push_constant(kind, name)
     between = gpu.types.GPUStageInterfaceInfo("relume_show")
     between.smooth("VEC2", "pixel")
     info.vertex_out(between)
     if one_to_one:
         info.define("ONE_TO_ONE")
-    return compile_program(info, SHOW_VERTEX, SHOW_FRAGMENT)
+    return compile_program(info, VERTEX, FRAGMENT)
 
 
 def overlay_encoding() -> np.ndarray:
@@ -220,7 +192,6 @@ def overlay_encoding() -> np.ndarray:
 
 def free() -> None:
     """Lets go of the compiled shaders."""
-    develop.cache_clear()
     show.cache_clear()
 
 

@@ -33,7 +33,7 @@ _shown: dict[int, np.ndarray] = {}
 """By scene: the newest table, good enough until the next one is there."""
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class View:
     """Display colour = `table(color * scale)`, or the sRGB curve of it `** exponent` where there is no table."""
 
@@ -41,11 +41,6 @@ class View:
     """[blue, green, red, 4], entries spaced as `export.view_transform.shaper_axis` up to LOG_MAX."""
     scale: float
     exponent: float
-
-    def __eq__(self, other: object) -> bool:
-        """Whether both give the same colours, the table being the very same."""
-        same = isinstance(other, View) and self.table is other.table
-        return same and (self.scale, self.exponent) == (other.scale, other.exponent)
 
     def apply(self, colors: np.ndarray) -> np.ndarray:
         """Display colours, 0..1, of opaque scene-linear ones, [..., 3]."""

@@ -28,6 +28,13 @@ REGION = (1500, 900)
 REPEATS = 15
 WIDTH, HIDDEN = 64, 2
 
+HEAD_VERTEX = """
+void main()
+{
+  gl_Position = vec4(position * 2.0 - 1.0, 0.0, 1.0);
+}
+"""
+
 # Four neurons in each texel; activations and weights are read as they lie, row by row.
 HEAD_FRAGMENT = f"""
 #define QUADS {WIDTH // 4}
@@ -105,7 +112,7 @@ def head(size):
     info = gpu.types.GPUShaderCreateInfo()
     info.sampler(0, "FLOAT_2D_ARRAY", "trunk")
     info.sampler(1, "FLOAT_2D", "weights")
-    program = shader.compile_program(info, shader.DEVELOP_VERTEX, HEAD_FRAGMENT)
+    program = shader.compile_program(info, HEAD_VERTEX, HEAD_FRAGMENT)
     trunk = random_texture(size, "RGBA16F", layers=WIDTH // 4)
     weights = random_texture((WIDTH // 4, WIDTH * HIDDEN + 3), "RGBA16F")
     target = Target(size, "RGBA16F")
@@ -120,28 +127,19 @@ def head(size):
 
 
 def picture_times(size, view):
-    """Milliseconds of upload, develop and show of a new picture, and of showing it again."""
+    """Milliseconds of the upload of a new picture, and of showing it at the first size."""
     image = np.exp2(np.random.default_rng(1).uniform(-8.0, 4.0, (size[1], size[0], 4))).astype(np.float32)
     image[..., 3] = 1.0
-    frame = SimpleNamespace(image=image)
-    target, copy = Target(REGION, "SRGB8_A8"), Target(size, "RGBA16F")
+    frame, target = SimpleNamespace(image=image), Target(REGION, "SRGB8_A8")
     rectangle = Rectangle(20, 20, 20 + SIZES[0][0], 20 + SIZES[0][1])
     what = overlay.Show(REGION, rectangle, rectangle, frame, frame)
 
     def upload():
-        texture.free()
-        texture.picture_of(frame)
-        copy.wait()
+        texture.keep_only(())
+        texture.of_frame(frame)
 
-    def develop():
-        picture = texture.picture_of(frame)
-        picture.view = None
-        picture.developed(view)
-        copy.wait()
-
-    times = {"upload": milliseconds(upload), "develop": milliseconds(develop)}
-    times["show"] = milliseconds(lambda: target.draw(lambda: overlay.draw(what, view)))
-    return times
+    shown = milliseconds(lambda: target.draw(lambda: overlay.draw(what, view)))
+    return {"upload": milliseconds(upload), f"show at {SIZES[0][0]} x {SIZES[0][1]}": shown}
 
 
 def main():
@@ -157,7 +155,7 @@ def main():
     view = view_table.complete(scene)
     for size in SIZES:
         name = f"{size[0]} x {size[1]}"
-        figures |= {f"{step} {name}": value for step, value in picture_times(size, view).items()}
+        figures |= {f"{step}, {name}": value for step, value in picture_times(size, view).items()}
         figures[f"head {WIDTH}x{HIDDEN} in Blender's context, one light, {name}"] = head(size)
     records = [{"name": name, "value": round(value, 3), "unit": "ms", "goal": None} for name, value in figures.items()]
     for record in records:
