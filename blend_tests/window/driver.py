@@ -15,6 +15,8 @@ from watch import Watch
 
 ADDON = "bl_ext.user_default.relume"
 INTERVAL = 0.01
+ROW_PIXELS = 14
+"""Less than the height of a button."""
 
 
 class Driver:
@@ -111,11 +113,12 @@ class Driver:
             yield
 
     def until(self, condition, what, seconds=30):
-        """Waits for a condition; fails with what was waited for. Returns the seconds that it took."""
+        """Waits for a condition; fails with what was waited for (a text, or a function that gives it at the end).
+        Returns the seconds that it took."""
         start = time.perf_counter()
         while not condition():
             if time.perf_counter() > start + seconds:
-                raise TimeoutError(f"waited {seconds} s for: {what}")
+                raise TimeoutError(f"waited {seconds} s for: {what() if callable(what) else what}")
             yield
         return time.perf_counter() - start
 
@@ -236,33 +239,38 @@ class Driver:
             share = i / moves
             yield from self.move_mouse(*(a + share * (b - a) for a, b in zip(start, end, strict=True)))
 
-    def find_button(self, command, rows=10):
-        """The place of a button in the side bar, by what it runs or sets; tries every few pixels.
+    def find_button(self, what, across=0.3):
+        """The place of a button in the side bar, by what it runs or sets; tries every row, from the top down.
 
-        `command`: how its Python command starts: "bpy.ops.relume.start", "bpy.context.scene.relume".
+        `what`: part of its Python command, "relume.start", or of its data path, "relume_mix.rows[0].solo".
+        `across`: where in the width of the side bar.
         """
         region = self.region("UI")
         # Away from what the mouse is on now: Blender notices a move only when it comes to it.
         yield from self.move_mouse(0, 0)
         yield from self.wait(10 * INTERVAL)
-        for y in range(region.y + region.height - rows, region.y, -rows):
-            for x in (region.x + region.width // 4, region.x + region.width // 2):
-                yield from self.move_mouse(x, y)
-                if self._command_under_mouse().startswith(command):
+        for scroll in (-100_000, *[region.height // 2] * 3):
+            yield from self.scroll_tab(scroll)
+            for y in range(region.y + region.height - ROW_PIXELS, region.y, -ROW_PIXELS):
+                yield from self.move_mouse(region.x + across * region.width, y)
+                if what in self._button_under_mouse():
                     yield from self.wait(10 * INTERVAL)
-                    if self._command_under_mouse().startswith(command):
-                        return x, y
-        raise LookupError(f"no button for {command} in the side bar")
+                    if what in self._button_under_mouse():
+                        return self._mouse
+        raise LookupError(f"no button for {what} in the side bar")
 
-    def _command_under_mouse(self):
+    def _button_under_mouse(self):
+        """Python command or data path of the button in the side bar that the mouse is over."""
         manager = bpy.context.window_manager
         manager.clipboard = " "  # An empty text would leave what is there.
         with self.within("UI"):
             if bpy.ops.ui.copy_python_command_button.poll():
                 bpy.ops.ui.copy_python_command_button()
+            elif bpy.ops.ui.copy_data_path_button.poll():
+                bpy.ops.ui.copy_data_path_button(full_path=True)
         return manager.clipboard
 
-    def press_button(self, command):
-        """Clicks the button of an operator in the side bar."""
-        place = yield from self.find_button(command)
+    def press_button(self, what, across=0.3):
+        """Clicks a button in the side bar; see `find_button`."""
+        place = yield from self.find_button(what, across)
         yield from self.click(*place)

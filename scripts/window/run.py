@@ -144,7 +144,7 @@ def fetch_scene(room, name):
 
 def play(room, screen, scenario, seconds):
     """Plays one scenario; returns what went wrong and its figures."""
-    for name, source in (("user", "installed"), ("scratch", None), ("pictures", None)):
+    for name, source in (("user", "installed"), ("scratch", None), ("pictures", None), ("tmp", None)):
         shutil.rmtree(room.folder / name)
         shutil.copytree(room.folder / source, room.folder / name) if source else (room.folder / name).mkdir()
     result_file = room.folder / "result.json"
@@ -154,8 +154,8 @@ def play(room, screen, scenario, seconds):
     scenario_inside = room.inside / "window" / "scenarios" / scenario.name
     script = ["--python", room.inside / "window" / "play.py", "--", scenario_inside, room.inside]
     status = room.call("blender", *window, *script, log=log, seconds=seconds, DISPLAY=screen)
-    for picture in (room.folder / "pictures").iterdir():
-        shutil.copy(picture, OUT)
+    for left in (*(room.folder / "pictures").iterdir(), *(room.folder / "tmp").glob("*.crash.txt")):
+        shutil.copy(left, OUT)
     result = json.loads(result_file.read_text()) if result_file.exists() else None
     return failures(result, status, log.read_text(errors="replace")), result["figures"] if result else []
 

@@ -19,21 +19,10 @@ def undo(driver):
     yield from driver.drawn()
 
 
-def press_button(driver, command):
+def press_button(driver, command, across=0.3):
     """Clicks a button of the tab."""
-    place = yield from find_button(driver, command)
-    yield from driver.click(*place)
+    yield from driver.press_button(command, across)
     yield from driver.drawn()
-
-
-def find_button(driver, command):
-    """Scrolls the tab until a button is in sight."""
-    for _ in range(6):
-        try:
-            return (yield from driver.find_button(command))
-        except LookupError:
-            yield from driver.scroll_tab(400)
-    raise LookupError(f"no button for {command} in the tab")
 
 
 def add_many_lights():
@@ -55,7 +44,7 @@ def play(driver):
 
     with driver.step("rows by themselves"):
         yield from driver.show_tab("Relume")
-        yield from find_button(driver, "bpy.ops.relume.apply_to_lights")
+        yield from driver.find_button("bpy.ops.relume.apply_to_lights")
         driver.photo("appeared")
         found = sorted(row.name for row in bpy.context.scene.relume_mix.rows if row.present and row.kind == "LIGHT")
         driver.check(found == lights, f"a row for each of {lights}; found {found}")
@@ -86,7 +75,7 @@ def play(driver):
         driver.check(row(first).multiplier == 2.0, "undo brings it back with its values")
 
     with driver.step("looks"):
-        yield from press_button(driver, "bpy.ops.relume.snapshot")
+        yield from press_button(driver, "bpy.ops.relume.snapshot", across=0.85)
         driver.check(len(bpy.context.scene.relume_looks.items) == 1, "a snapshot")
         row(first).multiplier = 7.0
         yield from press_button(driver, "bpy.ops.relume.restore_look")

@@ -1,0 +1,258 @@
+"""What an artist does with a shot, as functions for scenarios; each is a generator, as scenarios are."""
+
+import importlib
+import shutil
+import time
+
+import bpy
+import numpy as np
+from driver import ADDON
+
+FIRST_PICTURE_SECONDS = 120
+WORK_SECONDS = 600
+SWITCHES = ["show_gizmo", "show_region_ui", "show_region_toolbar", "show_region_header", "show_region_tool_header"]
+
+
+def addon(module):
+    """A module of the installed add-on, to look at its state: "engine.shot"."""
+    return importlib.import_module(f"{ADDON}.{module}")
+
+
+class Artist:
+    """An artist with one shot open in a window."""
+
+    def __init__(self, driver):
+        self.driver = driver
+        self.serial_drawn = 0
+        self._handler = bpy.types.SpaceView3D.draw_handler_add(self._note_drawing, (), "WINDOW", "POST_PIXEL")
+
+    def leave(self):
+        """Looks no more into the add-on, which may then be disabled."""
+        bpy.types.SpaceView3D.draw_handler_remove(self._handler, "WINDOW")
+
+    def _note_drawing(self):
+        frame = self.shot and self.shot.frame
+        self.serial_drawn = frame.serial if frame else 0
+
+    @property
+    def scene(self):
+        """The scene in the window."""
+        return self.driver.window.scene
+
+    @property
+    def shot(self):
+        """What the add-on has open of the scene."""
+        return addon("engine.shot").of(self.scene)
+
+    @property
+    def state(self):
+        """What the shot is at, in a word."""
+        return self.shot and self.shot.status["state"]
+
+    @property
+    def stage(self):
+        """What is being worked on, in a word; None if nothing is."""
+        stage = self.shot and self.shot.status["stage"]
+        return stage and stage["stage"]
+
+    def row(self, name):
+        """A row of the mix."""
+        return self.scene.relume_mix.rows[name]
+
+    def picture(self):
+        """Scene-linear pixels of the newest frame, RGBA [height, width, 4], bottom row first."""
+        return np.array(self.shot.frame.image)
+
+    # Waiting
+
+    def until_settled(self, seconds=WORK_SECONDS):
+        """Waits until nothing better is to come for the lights as they are, and the view shows it."""
+
+        def is_settled():
+            return not self.shot.is_busy and self.serial_drawn == self.shot.frame.serial
+
+        return self.driver.until(is_settled, lambda: f"the last picture; {self.words()}", seconds)
+
+    def words(self):
+        """The state of the shot, for messages."""
+        return str(self.shot and self.shot.status)
+
+    # Work
+
+    def open(self, blend, size, samples, train_seconds):
+        """Opens a copy of a scene with pictures of width and height `size`, through the camera, with the panel."""
+        own = self.driver.scratch / blend
+        shutil.copyfile(self.driver.scenes / blend, own)
+        bpy.ops.wm.open_mainfile(filepath=str(own))
+        yield from self.driver.look_through_camera()
+        yield from self.driver.show_tab("Relume")
+        bpy.context.preferences.addons[ADDON].preferences.train_seconds = train_seconds
+        render = self.scene.render
+        render.resolution_x, render.resolution_y, render.resolution_percentage = *size, 100
+        self.scene.relume.quality, self.scene.relume.samples = "CUSTOM", samples
+
+    def start(self):
+        """Presses Start and waits for the first picture; records the time."""
+        place, before = (yield from self.driver.find_button("relume.start")), self.shot
+        start = time.perf_counter()
+        yield from self.driver.click(*place)
+
+        def is_shown():
+            shot = self.shot
+            return shot and shot is not before and shot.frame and self.serial_drawn == shot.frame.serial
+
+        yield from self.driver.until(is_shown, lambda: f"the first picture; {self.words()}", FIRST_PICTURE_SECONDS)
+        seconds, render = time.perf_counter() - start, self.scene.render
+        size = (render.resolution_x, render.resolution_y)
+        goal = 5 if (self.driver.name, size) == ("modern_hall", (960, 540)) else None
+        self.driver.record(f"time to the first picture, {size[0]} x {size[1]}", seconds, "s", goal)
+
+    def select(self, name):
+        """Makes an object the only one selected."""
+        bpy.ops.object.select_all(action="DESELECT")
+        self.scene.objects[name].select_set(True)
+        self.driver.window.view_layer.objects.active = self.scene.objects[name]
+        yield from self.driver.drawn()
+
+    def drag(self, pixels, confirm=True):
+        """Moves what is selected to the right, G and the mouse; returns how many frames were drawn on the way."""
+        region = self.driver.region()
+        x, y = region.x + region.width / 2, region.y + region.height / 2
+        yield from self.driver.move_mouse(x, y)
+        yield from self.driver.press("G")
+        drawn = set()
+        for i in range(1, 21):
+            yield from self.driver.move_mouse(x + pixels * i / 20, y)
+            yield from self.driver.wait(0.1)
+            drawn.add(self.serial_drawn)
+        yield from self.driver.press("LEFTMOUSE" if confirm else "ESC")
+        return len(drawn) - 1
+
+    def set_exposure(self, name, stops):
+        """Sets the exposure of a row and waits until the view has drawn it; returns the seconds."""
+        before, start = self.shot.frame.serial, time.perf_counter()
+        self.row(name).exposure = stops
+        yield from self.driver.until(lambda: self.serial_drawn > before, lambda: f"a new exposure; {self.words()}")
+        return time.perf_counter() - start
+
+    def undo(self):
+        """Ctrl Z with the mouse over the view."""
+        region = self.driver.region()
+        yield from self.driver.move_mouse(region.x + region.width / 2, region.y + region.height / 2)
+        yield from self.driver.press("Z", ctrl=True)
+        yield from self.driver.drawn()
+
+    # Looking closely
+
+    def compare_with_display(self, name):
+        """The overlay's pixels against Blender's own display of the same picture, saved as EXR."""
+        driver, space = self.driver, self.driver.view.spaces.active
+        switches = {
+            (owner, name): getattr(owner, name)
+            for owner, names in ((space.overlay, ["show_overlays"]), (space, SWITCHES))
+            for name in names
+        }
+        yield from self._switch(dict.fromkeys(switches, False))
+        yield from self._zoom_one_to_one()
+        view_table = addon("viewport.view_table")
+        yield from driver.until(lambda: view_table.is_complete(self.scene), "the table of the view transform", 60)
+        yield from driver.drawn()
+        wanted = addon("export.view_transform").displayed(self.scene, self.picture()[..., :3])
+        wanted = np.round(wanted[::-1] * 255).astype(np.uint8)
+        shown, wanted = self._frame_on_screen(driver.photo(name), wanted)
+        error = np.abs(shown.astype(int) - wanted.astype(int))
+        mean, percentile = error.mean(), np.percentile(error, 99)
+        driver.record(f"{name}: overlay against Blender's display, mean", mean, "1/255", 1)
+        driver.record(f"{name}: overlay against Blender's display, 99th percentile", percentile, "1/255", 3)
+        driver.check(mean <= 1 and percentile <= 3, f"the overlay is what Blender displays: {mean:.2f}, {percentile}")
+        driver.check(wanted.std() > 5, "the picture shows something")
+        yield from self._switch(switches)
+
+    def _switch(self, switches):
+        """Sets what the 3D view shows besides the picture. Blender crashes without the view's own context."""
+        with self.driver.within():
+            for (owner, name), value in switches.items():
+                if getattr(owner, name) != value:
+                    setattr(owner, name, value)
+        yield from self.driver.drawn()
+
+    def _frame(self):
+        """The camera's frame, in pixels of the region."""
+        region, data = self.driver.region(), self.driver.view.spaces.active.region_3d
+        return addon("viewport.camera_frame").frame_of(self.scene, self.scene.camera, region, data)
+
+    def _zoom_one_to_one(self):
+        """A pixel of the picture is one of the screen; the frame grows with (sqrt 2 + zoom / 50)^2."""
+        data, width = self.driver.view.spaces.active.region_3d, self.picture().shape[1]
+        root = (2**0.5 + data.view_camera_zoom / 50) * (width / self._frame().width) ** 0.5
+        data.view_camera_zoom = 50 * (root - 2**0.5)
+        yield from self.driver.drawn()
+
+    def _frame_on_screen(self, photo, wanted):
+        """What the screen shows in the camera's frame, and the same part of the wanted picture; top row first."""
+        region, frame = self.driver.region(), self._frame()
+        height, width = wanted.shape[:2]
+        left, bottom = round(frame.left), round(frame.bottom)
+        self.driver.check(
+            abs(frame.width - width) < 0.5 and abs(frame.height - height) < 0.5, f"the frame is 1 to 1: {frame}"
+        )
+        x = slice(max(left, 0), min(left + width, region.width))
+        y = slice(max(bottom, 0), min(bottom + height, region.height))
+        upwards = photo[::-1][region.y : region.y + region.height, region.x : region.x + region.width]
+        shown = upwards[y, x]
+        return shown[::-1], wanted[::-1][y.start - bottom : y.stop - bottom, x.start - left : x.stop - left][::-1]
+
+
+def same(a, b):
+    """Whether pictures are the same but for rounding."""
+    return a.shape == b.shape and np.abs(a - b).max() <= 1e-3 * max(a.max(), b.max())
+
+
+def drag_and_undo(artist, light, pixels):
+    """The picture follows a light that is dragged by the mouse, and goes back with undo."""
+    driver, before, place = artist.driver, artist.picture(), tuple(artist.scene.objects[light].location)
+    yield from artist.select(light)
+    drawn = yield from artist.drag(pixels)
+    driver.record("pictures drawn while dragging, 20 moves of 0.1 s", drawn, "pictures")
+    driver.check(drawn >= 2, f"the picture follows while a light is dragged; {drawn} pictures")
+    yield from artist.until_settled()
+    driver.photo("dragged")
+    driver.check(tuple(artist.scene.objects[light].location) != place, "the light was moved")
+    driver.check(not same(artist.picture(), before), "the picture changed with the light")
+    yield from artist.undo()
+    yield from artist.until_settled()
+    driver.check(tuple(artist.scene.objects[light].location) == place, "undo puts the light back")
+    driver.check(same(artist.picture(), before), "undo puts the picture back")
+
+
+def brighten(artist, light):
+    """A row changes the picture and nothing in the scene."""
+    driver, before = artist.driver, artist.picture()
+    energy = artist.scene.objects[light].data.energy
+    seconds = yield from artist.set_exposure(light, 1.0)
+    driver.record("overlay after a strength edit", seconds * 1000, "ms", 16)
+    yield from artist.until_settled()
+    driver.check(artist.picture().mean() > 1.05 * before.mean(), "a stop more of a light is brighter")
+    driver.check(artist.scene.objects[light].data.energy == energy, "rows write nothing to lights")
+
+
+def visit(driver, blend, size, light):
+    """A short visit to a shot of somebody else's: relit from its samples while it is still being baked, then left."""
+    artist = Artist(driver)
+    with driver.step("open"):
+        yield from artist.open(blend, size, samples=4, train_seconds=2)
+    with driver.step("start"):
+        yield from artist.start()
+        driver.photo("first-picture")
+    with driver.step("samples and training"):
+        yield from artist.until_settled()
+        driver.photo("trained")
+        driver.check(artist.state == "ready", f"ready: {artist.words()}")
+    with driver.step("look like the render"):
+        yield from artist.compare_with_display("overlay")
+    with driver.step("drag and undo"):
+        yield from artist.driver.look_through_camera()
+        yield from drag_and_undo(artist, light, 100)
+    with driver.step("rows"):
+        yield from brighten(artist, light)
+        driver.photo("brighter")

@@ -1,0 +1,10 @@
+"""An artist relights the Cornell box."""
+
+from artist import visit
+
+NEEDS = ["cornell_box.blend"]
+
+
+def play(driver):
+    """See the first line of this file."""
+    yield from visit(driver, "cornell_box.blend", (320, 320), "light_0")
