@@ -90,6 +90,7 @@ class Artist:
         render = self.scene.render
         render.resolution_x, render.resolution_y, render.resolution_percentage = *size, 100
         self.scene.relume.quality, self.scene.relume.samples = "CUSTOM", samples
+        bpy.ops.ed.undo_push(message="Settings")
 
     def start(self):
         """Presses Start and waits for the first picture; records the time."""

@@ -49,7 +49,7 @@ def mix(driver, artist):
 def take_a_snapshot(driver, artist):
     """A look is kept with its thumbnail, and put back."""
     looks, before = artist.scene.relume_looks.items, artist.picture()
-    yield from driver.press_button("relume.snapshot", across=0.85)
+    yield from driver.press_button("relume.snapshot")
     yield from driver.until(lambda: len(looks) == 1 and looks[0].thumbnail, "a look with its thumbnail")
     driver.photo("snapshot")
     artist.row("Key").on = False

@@ -19,9 +19,9 @@ def undo(driver):
     yield from driver.drawn()
 
 
-def press_button(driver, command, across=0.3):
+def press_button(driver, command):
     """Clicks a button of the tab."""
-    yield from driver.press_button(command, across)
+    yield from driver.press_button(command)
     yield from driver.drawn()
 
 
@@ -75,7 +75,7 @@ def play(driver):
         driver.check(row(first).multiplier == 2.0, "undo brings it back with its values")
 
     with driver.step("looks"):
-        yield from press_button(driver, "bpy.ops.relume.snapshot", across=0.85)
+        yield from press_button(driver, "bpy.ops.relume.snapshot")
         driver.check(len(bpy.context.scene.relume_looks.items) == 1, "a snapshot")
         row(first).multiplier = 7.0
         yield from press_button(driver, "bpy.ops.relume.restore_look")
