@@ -180,7 +180,7 @@ def main():
     scenarios = {path.stem: path for path in sorted((HARNESS / "scenarios").glob("*.py"))}
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenarios", nargs="*", metavar="SCENARIO", help=f"of {', '.join(scenarios)}")
-    parser.add_argument("--seconds", type=float, default=600, help="time limit of a scenario")
+    parser.add_argument("--seconds", type=float, default=1200, help="time limit of a scenario")
     options = parser.parse_args()
     if unknown := set(options.scenarios) - set(scenarios):
         parser.error(f"no such scenario: {', '.join(sorted(unknown))}")
