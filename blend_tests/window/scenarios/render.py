@@ -1,0 +1,118 @@
+"""Relume as the render engine: shading Rendered equals the overlay, F12 leaves the picture, disabling the add-on ends
+it. Verify and the background bake run in Blenders of their own. Reading a scene keeps the last render."""
+
+import importlib
+
+import addon_utils
+import bpy
+import numpy as np
+from driver import ADDON
+
+NEEDS = ["demo.blend"]
+
+
+def module(name):
+    """A module of the installed extension."""
+    return importlib.import_module(f"{ADDON}.{name}")
+
+
+def settled(driver):
+    """Waits for the full picture of what the scene has now."""
+    found = module("engine.shot").of(bpy.context.scene)
+    yield from driver.until(lambda: found.frame is not None and not found.is_busy, "the settled picture", 300)
+    yield from driver.drawn()
+
+
+def rendered(driver, seconds=300):
+    """F12, to its end."""
+    with bpy.context.temp_override(window=driver.window):
+        bpy.ops.render.render("INVOKE_DEFAULT")
+    yield from driver.wait(1.0)  # Blender starts the job a moment later.
+    yield from driver.until(lambda: not bpy.app.is_job_running("RENDER"), "the end of F12", seconds)
+
+
+def last_render(driver):
+    """Pixels of Blender's render result."""
+    path = str(driver.scratch / "f12.exr")
+    bpy.data.images["Render Result"].save_render(path)
+    image = bpy.data.images.load(path)
+    pixels = np.empty(len(image.pixels), np.float32)
+    image.pixels.foreach_get(pixels)
+    bpy.data.images.remove(image)
+    return pixels
+
+
+def play(driver):
+    """See the first lines of this file."""
+    yield from driver.open("demo.blend")
+    yield from driver.look_through_camera()
+    scene, view = bpy.context.scene, driver.view.spaces.active
+    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 320, 180, 100
+    scene.render.image_settings.file_format = "OPEN_EXR"
+    scene.relume.quality, scene.relume.samples = "CUSTOM", 4
+    scene.relume.folder = str(driver.scratch / "bake")
+    module("engine.options").preferences().train_seconds = 0.0
+    bpy.context.preferences.view.render_display_type = "NONE"
+    scene.render.engine = "RELUME"
+
+    with driver.step("F12 without a bake"):
+        yield from rendered(driver)
+        first = last_render(driver)
+        driver.check(first.max() > 0.0, "there is light in the picture")
+
+    with driver.step("start keeps the last render"):
+        bpy.ops.relume.start()
+        yield from settled(driver)
+        driver.check((last_render(driver) == first).all(), "the last render is the user's")
+        driver.check(scene.render.engine == "RELUME", "the engine is the user's")
+
+    with driver.step("shading Rendered"):
+        view.overlay.show_overlays = view.show_gizmo = False
+        yield from driver.until(lambda: module("viewport.view_table").is_complete(scene), "the view transform", 60)
+        yield from driver.drawn()
+        overlay = driver.photo("overlay").astype(float)
+        scene.relume_view.shown, view.shading.type = False, "RENDERED"
+        yield from driver.drawn()
+        shading = driver.photo("rendered").astype(float)
+        frame = module("viewport.camera_frame").frame_of(scene, scene.camera, driver.region(), view.region_3d)
+        left, top = driver.region().x + int(frame.left) + 4, overlay.shape[0] - driver.region().y - int(frame.top) + 4
+        part = slice(top, top + int(frame.height) - 8), slice(left, left + int(frame.width) - 8)
+        difference = np.abs(overlay[part] - shading[part])
+        driver.check(np.ptp(overlay[part]) > 50, "there is a picture")
+        driver.check(difference.mean() < 1.0, f"Rendered is the overlay's picture: {difference.mean():.2f} of 255")
+        scene.relume_view.shown, view.shading.type = True, "SOLID"
+
+    with driver.step("verify"):
+        scene.relume_verify.samples = 16
+        bpy.ops.relume.verify()
+        found = module("engine.verify").of(scene)
+        seconds = yield from driver.until(lambda: not found.is_running, "the render by Cycles", 300)
+        driver.record("verify with 16 samples", seconds, "s")
+        driver.check(found.result is not None and found.result["error"] < 1.0, f"it is verified: {found.error}")
+        bpy.ops.relume.verify_show(view="DIFFERENCE")
+        yield from driver.show_tab("Relume")
+        yield from driver.drawn()
+        driver.photo("difference")
+        bpy.ops.relume.verify_show(view="LIVE")
+
+    with driver.step("background"):
+        scene.camera.location.x += 0.1
+        bpy.ops.relume.background_start()
+        job = module("engine.background").of(scene)
+        yield from driver.until(lambda: not job.is_running, "the background bake", 300)
+        driver.check(job.done, f"the background bake is ready: {job.error}")
+        yield from settled(driver)
+        driver.check(module("engine.shot").of(scene).folder == driver.scratch / "bake", "it is shown")
+
+    with driver.step("disabled while F12 bakes"):
+        scene.camera.location.x += 0.1
+        scene.relume.samples = 100_000
+        with bpy.context.temp_override(window=driver.window):
+            bpy.ops.render.render("INVOKE_DEFAULT")
+        yield from driver.wait(3.0)
+        driver.check(bpy.app.is_job_running("RENDER"), "it bakes")
+        addon_utils.disable(ADDON)
+        seconds = yield from driver.until(lambda: not bpy.app.is_job_running("RENDER"), "the end of F12", 30)
+        driver.record("F12 ends after disabling", seconds, "s")
+        yield from driver.wait(1.0)
+        driver.check(not hasattr(bpy.types.Scene, "relume_render"), "nothing is left")
