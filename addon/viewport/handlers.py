@@ -43,7 +43,9 @@ def draw_picture() -> None:
         _waiting.add(scene.session_uid)
         wake()
     view = view_table.of(scene)
-    if isinstance(what, Show) and view is not None:
+    if not isinstance(what, Show):
+        overlay.prepare()
+    elif view is not None:
         overlay.draw(what, view)
 
 
