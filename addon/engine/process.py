@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -109,7 +110,8 @@ class SavedCopy:
         self.folder = Path(self._folder.name)
         self.blend = self.folder / "shot.blend"
         try:
-            bpy.ops.wm.save_as_mainfile(filepath=str(self.blend), copy=True, compress=False, check_existing=False)
+            with _no_thumbnail():
+                bpy.ops.wm.save_as_mainfile(filepath=str(self.blend), copy=True, compress=False, check_existing=False)
         except RuntimeError as error:
             self.remove()
             reason = str(error).strip().removeprefix("Error: ")
@@ -118,6 +120,19 @@ class SavedCopy:
     def remove(self) -> None:
         """Removes the folder with all in it."""
         self._folder.cleanup()
+
+
+@contextlib.contextmanager
+def _no_thumbnail() -> Iterator[None]:
+    """Keeps Blender from drawing a picture of the scene into the file, which takes longer than saving it."""
+    preferences = bpy.context.preferences
+    before, unsaved = preferences.filepaths.file_preview_type, preferences.is_dirty
+    preferences.filepaths.file_preview_type = "NONE"
+    try:
+        yield
+    finally:
+        preferences.filepaths.file_preview_type = before
+        preferences.is_dirty = unsaved
 
 
 def blender_command(blend: Path | None, arguments: list[str]) -> list[str]:
