@@ -99,3 +99,15 @@ def test_a_coarse_table_serves_until_the_fine_one_is_there(scene):
     assert slices > 1 and len(view_table.of(scene).table) == view_table.FINE
     scene.view_settings.gamma = 1.1
     assert len(view_table.of(scene).table) == view_table.FINE, "the last table serves until there is a better one"
+
+
+def test_undo_in_the_middle_of_a_bake_begins_again(scene):
+    scene.view_settings.view_transform = "AgX"
+    bpy.ops.ed.undo_push(message="one")
+    scene.frame_current = 2
+    bpy.ops.ed.undo_push(message="two")
+    while view_table.of(scene) is None:
+        view_table.work(scene)
+    view_table.work(scene)  # A slice of the fine table.
+    bpy.ops.ed.undo()
+    assert view_table.complete(bpy.context.scene).table is not None

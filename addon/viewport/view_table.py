@@ -86,7 +86,10 @@ def work(scene: bpy.types.Scene) -> bool:
     size = FINE if _key(scene, COARSE) in _tables else COARSE
     key = _key(scene, size)
     slices = baking[1] if baking[0] == key else _slices(scene, size)
-    table = next(slices)
+    try:
+        table = next(slices)
+    except ReferenceError:  # Undo has made another scene of it: the next turn begins again.
+        return False
     if table is None:
         _baking[scene.session_uid] = key, slices
         return False
