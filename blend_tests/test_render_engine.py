@@ -12,6 +12,7 @@ import addon
 from addon.core.pass_names import light_passes
 from addon.engine import render_engine
 from addon.engine.commands import run
+from addon.engine.options import remember_bake
 from addon.engine.render_engine import ALBEDO
 from addon.engine.scene import load_scene
 from addon.ui import render as ui
@@ -156,6 +157,14 @@ def test_another_view_is_baked_for_the_picture_alone(shot, tmp_path):
     assert os.listdir(bpy.app.tempdir) == temporary
     shot.camera.location.x -= 0.5
     assert (render(shot, tmp_path)["Combined"] == first).all()
+
+
+def test_a_bake_that_was_found_elsewhere_is_used(shot, tmp_path):
+    first = render(shot, tmp_path)["Combined"]
+    (tmp_path / "bake").rename(tmp_path / "moved")
+    remember_bake(shot, tmp_path / "moved")
+    assert (render(shot, tmp_path)["Combined"] == first).all()
+    assert not (tmp_path / "bake").exists()
 
 
 @pytest.mark.parametrize("word", ["Nothing", "Stereo", "folder"])

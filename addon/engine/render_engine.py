@@ -22,7 +22,7 @@ from ..export import ExportOptions, trace_settings
 from ..export.camera import film_size
 from . import shot
 from .native import native
-from .options import Options, options_of
+from .options import Options, options_of, remembered_bake
 from .render_depsgraph import ExportCancelled
 from .scene import scene_of_depsgraph
 
@@ -109,7 +109,7 @@ class _FinalRender:
     @contextmanager
     def _baked(self, exported: Any) -> Iterator[Path]:
         """A folder with a bake of the scene: its own where that fits or is free, else one for this picture only."""
-        folder, temporary = self.options.folder, ExitStack()
+        folder, temporary = self._folder(), ExitStack()
         info = native().info(folder) if is_bake(folder) else {}
         is_same = bool(info) and info["manifest"]["scene_hash"] == exported.hash
         with temporary:
@@ -121,6 +121,13 @@ class _FinalRender:
                     folder = Path(temporary.enter_context(path))
                 self._bake(exported, folder)
             yield folder
+
+    def _folder(self) -> Path:
+        """The bake that the panel shows or would show."""
+        found, remembered = shot.of(self.scene), remembered_bake(self.scene)
+        if found is not None:
+            return found.folder
+        return remembered if remembered and is_bake(remembered) else self.options.folder
 
     def _is_whole(self, info: dict[str, Any]) -> bool:
         """Whether the bake has one sample of each pixel at least. An artist who waits for more sees what is there."""
@@ -160,7 +167,6 @@ class _FinalRender:
 
     def _wait(self, job: Any, start: float, end: float, warn: Callable[[str], None]) -> None:
         """Watches a job of the native module; Esc ends it."""
-
         try:
             while not job.done:
                 self._check()
