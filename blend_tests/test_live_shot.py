@@ -1,6 +1,7 @@
 """A tiny shot with the real native module: from Start to pictures, while the artist does what artists do."""
 
 import time
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -170,6 +171,8 @@ def test_two_scenes_have_shots_of_their_own(studio, tmp_path):
     bpy.ops.scene.new(type="FULL_COPY")
     second = bpy.context.scene
     assert shot.of(second) is None
+    with pytest.raises(RuntimeError, match="Another scene"):
+        bpy.ops.relume.start()
     second.relume.folder = str(tmp_path / "second")
     start(second)
     until(studio, settled, "the first scene")
@@ -261,3 +264,13 @@ def test_what_goes_wrong_while_reading_is_one_line(studio, monkeypatch):
     with pytest.raises(RuntimeError, match="object 'Sofa' is broken"):
         bpy.ops.relume.start()
     assert shot.of(studio) is None and remembered_bake(studio) is None
+
+
+def test_a_shot_is_not_baked_twice_at_once(studio, monkeypatch):
+    job = SimpleNamespace(is_running=True, folder=options.bake_folder(studio))
+    monkeypatch.setattr("addon.engine.background._jobs", [job])
+    with pytest.raises(RuntimeError, match="baked in the background"):
+        bpy.ops.relume.start()
+    job.is_running = False
+    assert bpy.ops.relume.start() == {"FINISHED"}
+    monkeypatch.undo()

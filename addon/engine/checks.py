@@ -9,6 +9,7 @@ from pathlib import Path
 
 import bpy
 
+from . import background, shot
 from .options import bake_folder
 
 
@@ -28,7 +29,12 @@ def check_start(scene: bpy.types.Scene) -> None:
         raise ProblemError(f"Camera '{camera.name}' is {kind}; Relume needs a perspective or orthographic one")
     if scene.relume.folder.startswith("//") and not bpy.data.filepath:
         raise ProblemError("The bake folder is beside a file that is not saved; save it, or choose another folder")
-    check_folder(bake_folder(scene))
+    folder = bake_folder(scene)
+    if any(job.is_running and job.folder == folder for job in background.all_jobs()):
+        raise ProblemError("This shot is being baked in the background; wait for its end, or stop it there")
+    if any(other.folder == folder and other.scene_uid != scene.session_uid for other in shot.all_open()):
+        raise ProblemError(f"Another scene of this file is baked in '{folder}'; choose another bake folder")
+    check_folder(folder)
 
 
 def check_folder(folder: Path) -> None:
