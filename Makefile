@@ -13,7 +13,7 @@ export OIDN_DIR := $(DEV)/lib/python3.11/site-packages/pyoidn/oidn
 export NODEVICE_SELECT := 1
 CARGO := LD_LIBRARY_PATH=$(OIDN_DIR)/lib cargo
 
-.PHONY: setup wheel extension test test-rust test-python test-blender window guide fuzz demo shots parity quality bench bench-gpu clean
+.PHONY: setup wheel extension extension-all test test-rust test-python test-blender window guide fuzz demo shots parity quality bench bench-gpu clean
 
 setup:
 	@scripts/setup
@@ -22,7 +22,13 @@ wheel: setup
 	@scripts/build-wheel "$(WHEELS)"
 
 extension: wheel
-	@scripts/build-extension "$(WHEELS)" build/extension
+	@scripts/build-extension build/extension "$(WHEELS)"
+
+# A zip for each platform that can be built here.
+extension-all: wheel
+	@scripts/setup windows
+	@scripts/build-wheel "$(WHEELS)-windows" --windows
+	@scripts/build-extension build/extension "$(WHEELS)" "$(WHEELS)-windows"
 
 test: test-rust test-python test-blender window
 

@@ -1,5 +1,6 @@
-//! Finds Open Image Denoise: `OIDN_DIR` is a folder with `lib/libOpenImageDenoise.so`, which `.cargo/config.toml` points into
-//! the virtual environment that `make setup` makes. Without it everything builds, and the denoiser says what is missing.
+//! Finds Open Image Denoise: `OIDN_DIR` is a folder with `lib/libOpenImageDenoise.so` (on Windows with the import library
+//! `lib/OpenImageDenoise.lib`), which `.cargo/config.toml` points into the virtual environment that `make setup` makes. Without
+//! it everything builds, and the denoiser says what is missing.
 
 use std::path::{Path, PathBuf};
 use std::{env, fs};
@@ -11,13 +12,22 @@ fn main() {
         return;
     };
     println!("cargo::rerun-if-changed={}", lib.display());
-    if !lib.join(format!("{}OpenImageDenoise{}", env::consts::DLL_PREFIX, env::consts::DLL_SUFFIX)).exists() {
+    if !lib.join(library_name()).exists() {
         println!("cargo::warning=built without denoiser: no OIDN in {}; run make setup", lib.display());
         return;
     }
     println!("cargo::rustc-cfg=oidn");
     if let Err(error) = link_libraries(&lib) {
         println!("cargo::warning=tests will need LD_LIBRARY_PATH={}: {error}", lib.display());
+    }
+}
+
+/// What the linker of the target looks for.
+fn library_name() -> &'static str {
+    match env::var("CARGO_CFG_TARGET_OS").as_deref() {
+        Ok("windows") => "OpenImageDenoise.lib",
+        Ok("macos") => "libOpenImageDenoise.dylib",
+        _ => "libOpenImageDenoise.so",
     }
 }
 

@@ -1,5 +1,6 @@
 """Relume: relights finished Blender shots with real materials and full global illumination."""
 
+from . import _libraries as _libraries
 from ._native import Frame, Live, Relighter, RelumeError, Scene, SceneBuilder, __version__, run_command_line
 from .jobs import Job, bake, info, optimise, start, train, validate
 
