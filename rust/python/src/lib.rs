@@ -22,3 +22,10 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<scene::PySceneBuilder>()?;
     module.add_class::<scene::PyScene>()
 }
+
+/// Words for Windows' linker, which it reads in this section. maturin tells it to export the entry by the full name of the
+/// module and nothing else; Python looks for the entry by the last part of that name.
+#[cfg(all(windows, target_env = "gnu"))]
+#[used]
+#[unsafe(link_section = ".drectve")]
+static ENTRY: [u8; 76] = *b" -export:PyInit__native -alternatename:PyInit_relume._native=PyInit__native ";

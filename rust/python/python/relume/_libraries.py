@@ -1,4 +1,4 @@
-"""Finds the libraries that the native module needs on Windows; to be imported before it. Elsewhere its run path does."""
+"""Finds the libraries that the native module needs on Windows, before it is imported. Elsewhere its run path does."""
 
 import ctypes
 import os
@@ -15,7 +15,7 @@ def _find() -> None:
         return
     os.add_dll_directory(str(FOLDER))
     try:
-        # Open Image Denoise loads its modules for devices by their paths, and what they need is not looked for beside them.
+        # Open Image Denoise loads its modules for devices by their paths; what they need is not looked for beside them.
         ctypes.WinDLL(str(FOLDER / "tbb12.dll"))
     except OSError as error:
         raise ImportError(f"{error}; install Microsoft's Visual C++ runtime if it is missing") from error
