@@ -147,14 +147,14 @@ class Relighter:
         maker: Literal["auto", "gather", "proxy"] = "auto",
         denoise: bool = True,
     ) -> Job:
-        """Makes each light's picture ahead, with progress and cancel; `relight` with the same arguments then only sums."""
+        """Makes each light's picture ahead, with progress and cancel; `relight` with the same arguments only sums."""
 
     def optimise(self, target: NDArray[np.float32], lights: str | None = None, options: str = "{}") -> Job:
         """Solves for the lights that make a scene-linear picture [height, width, 3], top row first, from a light set or
         from random starts; options in the JSON form of `relume_session::OptimiseOptions`."""
 
 class Live:
-    """A shot that is baked, trained and relit in the background. Every method returns at once; no thread calls Python."""
+    """A shot that is baked, trained and relit in the background. Every method returns at once."""
 
     def __init__(
         self,
@@ -164,20 +164,20 @@ class Live:
         gpu_memory: int | None = None,
         threads: int = 0,
     ) -> None:
-        """A shot with its bake in a folder. Nothing is read or written yet. Devices as of `Relighter`; 0 threads for one
-        a core."""
+        """A shot with its bake in a folder. Nothing is read or written yet. Devices as of `Relighter`; 0 threads for
+        one a core."""
 
     def bake(self, scene: Scene, settings: dict[str, Any], *, train_seconds: float = 60.0) -> None:
-        """Bakes a scene into the folder, with pictures after every pass, then trains a proxy for so many seconds for each
-        kind of light in use. Goes on with a bake of the same scene and settings (JSON form of
+        """Bakes a scene into the folder, with pictures after every pass, then trains a proxy for so many seconds for
+        each kind of light in use. Goes on with a bake of the same scene and settings (JSON form of
         `relume_trace::TraceSettings`), replaces one of another. Raises RelumeError if that is going on already."""
 
     def open(self, *, train_seconds: float = 0.0) -> None:
         """Shows what the folder holds, and trains if asked and not trained yet."""
 
     def relight(self, request: str) -> int:
-        """Asks for a picture; the newest request wins. JSON: `lights` (a light set), `gains` (RGB factors by light name),
-        `world`, `static` (RGB factors), `interactive` (quick before exact), `with` (auto, gather, proxy)."""
+        """Asks for a picture; the newest request wins. JSON: `lights` (a light set), `gains` (RGB factors by name of
+        light), `world`, `static` (RGB factors), `interactive` (quick before exact), `with` (auto, gather, proxy)."""
 
     def frame(self, newer_than: int = 0) -> Frame | None:
         """The newest frame, if its serial number is above this."""
