@@ -101,7 +101,7 @@ def cancel(driver, artist):
     """A bake can be stopped in the middle; what is there is kept and can be relit."""
     artist.scene.relume.samples = 64
     yield from driver.show_tab("Relume")
-    yield from artist.start()
+    yield from artist.rebake()
     yield from driver.press_button("relume.cancel", across=0.7)
     yield from driver.until(lambda: artist.state == "cancelled", lambda: f"the end of the bake: {artist.words()}")
     yield from artist.until_settled()
@@ -113,7 +113,7 @@ def disable_while_training(driver, artist):
     """Nothing goes on when the add-on is switched off in the middle of its work."""
     artist.scene.relume.samples = 8
     bpy.context.preferences.addons[ADDON].preferences.train_seconds = 60
-    yield from artist.start()
+    yield from artist.rebake()
     yield from driver.until(lambda: artist.stage == "train", lambda: f"training: {artist.words()}", 120)
     artist.leave()
     bpy.ops.preferences.addon_disable(module=ADDON)
