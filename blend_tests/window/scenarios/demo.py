@@ -111,6 +111,8 @@ def cancel(driver, artist):
 
 def disable_while_training(driver, artist):
     """Nothing goes on when the add-on is switched off in the middle of its work."""
+    # In another folder, because a rebake keeps the networks that were trained before.
+    artist.scene.relume.folder = str(driver.scratch / "anew")
     artist.scene.relume.samples = 8
     bpy.context.preferences.addons[ADDON].preferences.train_seconds = 60
     yield from artist.rebake()
