@@ -221,9 +221,7 @@ def test_a_light_that_cannot_shine_is_left_out_by_name(lit, live, kind):
     light = add_light(lit, "AREA", name="Odd")
     edit(light)
     update()
-    live.relight(json.dumps({"lights": []}))
-    handlers.read_lights(lit)
-    assert set(newest(live)) == {"Key"}
+    assert [description["name"] for description in shot.of(lit).lights.descriptions] == ["Key"]
     assert any("'Odd'" in note and words in note for note in shot.of(lit).notes)
     light.scale, light.location, light.data.energy = (1, 1, 1), (0, 0, 1), 10.0
     update()
@@ -244,3 +242,14 @@ def test_a_refused_request_is_said_and_forgotten_with_the_next(lit, live, monkey
     update()
     assert shot.of(lit).notes == []
     assert newest(live)["Key"]["world_from_object"][0][3] == 2.0
+
+
+def test_what_is_only_evaluated_again_asks_for_nothing(lit, live):
+    for obj in lit.objects:
+        obj.update_tag()
+    bpy.data.lights["Key"].update_tag()
+    lit.update_tag()
+    update()
+    handlers.changed(lit, interactive=True)
+    handlers.changed(lit)
+    assert live.requests == [] and not handlers._resting

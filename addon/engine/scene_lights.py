@@ -98,8 +98,10 @@ class SceneLights:
                 self._warn(f"light '{obj.name}' is hidden in the view only: off here, but on in renders")
 
     def _read_again(self, depsgraph: bpy.types.Depsgraph, uids: set[int]) -> bool:
+        """Reads some lights; whether any is another one. Blender also names what was only evaluated again."""
         objects = {obj.session_uid: obj for obj in _lights(depsgraph.view_layer)}
         linking = self._linking()
+        differs = False
         for entry in self._entries:
             if entry.object_uid not in uids:
                 continue
@@ -108,8 +110,10 @@ class SceneLights:
             if description is None or obj.name != entry.object_name:
                 self.read(depsgraph)
                 return True
-            entry.description = description | {"name": entry.description["name"]}
-        return True
+            description |= {"name": entry.description["name"]}
+            differs |= description != entry.description
+            entry.description = description
+        return differs
 
     def _linking(self) -> LightLinking:
         return LightLinking(self.receivers, self._warn)

@@ -56,6 +56,8 @@ class Shot:
         self._task: RenderTask | None = None
         self.request = ""
         """The newest request, JSON."""
+        self._content: dict[str, Any] = {}
+        self._is_interactive = False
         self.refusal = ""
         """Why the newest request has no picture."""
         self._request_number = 0
@@ -167,21 +169,25 @@ class Shot:
 
     def relight(self, lights: list[dict], mix: dict, interactive: bool) -> bool:
         """Asks for a picture; the newest request wins. `lights` as `SceneLights` describes them, `mix` as
-        `core.rows.mix` does. False if that is what was asked for before."""
-        request = json.dumps({"lights": lights, **mix, "interactive": interactive, "with": "auto"})
-        if request == self.request:
+        `core.rows.mix` does. False if that is what was asked for before: Blender also tells of edits that change
+        nothing."""
+        content = {"lights": lights, **mix, "with": "auto"}
+        same = content == self._content
+        if same and (interactive or not self._is_interactive):
             return False
         try:
-            self.ask(request)
+            self.ask(json.dumps(content | {"interactive": interactive}))
         except ValueError as error:
             self.refusal = str(error)
             return False
         self.refusal = ""
+        self._content, self._is_interactive = content, interactive
         return True
 
     def ask(self, request: str) -> int:
         """Asks for the picture of a request as it was kept; its number."""
         self.request = request
+        self._content = {}
         self._news = time.monotonic()
         self._request_number = self._live.relight(request)
         return self._request_number
