@@ -169,6 +169,18 @@ def test_a_brighter_world_is_relit_and_no_change(baked):
     assert live.requests[-1]["world"] == pytest.approx([1.5, 3.0, 6.0])
 
 
+def test_looking_comes_to_an_end_while_the_scene_is_edited(baked):
+    found = shot.of(baked).changes
+    bpy.data.objects["Sofa"].location.z = 1.0
+    found.mark_all()
+    for number in range(100):
+        baked.frame_end = 300 + number
+        baked.update_tag()
+        bpy.context.view_layer.update()
+        found.look(baked, 0.0)  # One step a turn.
+    assert found.sentences == ["'Sofa' moved"]
+
+
 def test_edits_while_the_bake_begins_are_not_taken_for_baked(lit):
     add_quad(lit, "Sofa")
     bpy.context.view_layer.update()

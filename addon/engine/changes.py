@@ -30,6 +30,8 @@ class Changes:
         self._walk: Iterator[tuple[str, prints.Take]] | None = None
         self._walked: set[str] = set()
         self._wants_walk = self._takes_all = True
+        self._is_outdated = False
+        """Whether something came or went during the walk."""
 
     @property
     def is_pending(self) -> bool:
@@ -38,7 +40,6 @@ class Changes:
 
     def mark(self, scene: bpy.types.Scene, updates: list[bpy.types.DepsgraphUpdate]) -> bool:
         """Data-blocks were updated and are to be looked at again. The world is at once: whether it is another one."""
-        self._walk = None
         if self.recording:
             self._mark_edited(scene, updates)
         if len(updates) > WHOLE_SCENE:
@@ -48,6 +49,7 @@ class Changes:
         found = {key: None for block in edited for key in prints.keys_of(block, scene)}
         self._waiting |= found
         if any(isinstance(block, (bpy.types.Scene, bpy.types.Collection)) for block in edited):
+            self._is_outdated = self._walk is not None
             self._wants_walk = True
         return "world" in found and self._look_at_world(scene)
 
@@ -62,7 +64,7 @@ class Changes:
 
     def mark_all(self) -> None:
         """Anything may have been edited, such as by undo."""
-        self._walk = None
+        self._walk, self._is_outdated = None, False
         self._wants_walk = self._takes_all = True
 
     def _look_at_world(self, scene: bpy.types.Scene) -> bool:
@@ -81,24 +83,26 @@ class Changes:
         deadline = time.perf_counter() + seconds
         try:
             self._take_waiting(scene, deadline)
-            self._go_on_walking(scene, deadline)
-        except ReferenceError:  # Something was deleted and nobody was told.
+            if not self._go_on_walking(scene, deadline):
+                return False
+        except ReferenceError:  # Something was deleted in the middle of the walk.
             self._walk = None
-        if self.is_pending:
             return False
-        self.recording = False
         before, self.sentences = self.sentences, sentences(self._different, self.baked, self.present)
         return self.sentences != before
 
     def _take_waiting(self, scene: bpy.types.Scene, deadline: float) -> None:
-        while self._waiting and time.perf_counter() < deadline:
+        while self._waiting:
             key, _ = self._waiting.popitem()
             self._keep(key, prints.take(scene, key))
+            if time.perf_counter() > deadline:
+                return
 
-    def _go_on_walking(self, scene: bpy.types.Scene, deadline: float) -> None:
-        """Walks over the scene: takes what is new, or everything, and forgets what is gone."""
-        if not self._wants_walk or self._waiting:
-            return
+    def _go_on_walking(self, scene: bpy.types.Scene, deadline: float) -> bool:
+        """Walks over the scene: takes what is new, or everything, and forgets what is gone. Whether that is done.
+        Edits meanwhile do not begin it again, or it might never end."""
+        if not self._wants_walk:
+            return True
         if self._walk is None:
             self._walk, self._walked = prints.walk(scene), set()
         for key, take in self._walk:
@@ -107,11 +111,13 @@ class Changes:
                 if self._takes_all or key not in self.present:
                     self._keep(key, take())
             if time.perf_counter() > deadline:
-                return
+                return False
         for key in {**self.baked, **self.present}.keys() - self._walked:
             self._keep(key, None)
         self._walk = None
-        self._wants_walk = self._takes_all = False
+        self._wants_walk, self._is_outdated = self._is_outdated, False
+        self._takes_all = self.recording = False
+        return True
 
     def _keep(self, key: str, found: Print | None) -> None:
         """Notes a print, or that there is none."""
