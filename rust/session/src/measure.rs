@@ -57,6 +57,7 @@ pub(crate) fn measure(
     Ok(Measured {
         lights: found.lights,
         samples: halves.0.tile_samples(gather.dump(), 0),
+        seconds: None,
         proxy: found.proxies[0],
         gather: found.gather.unwrap_or(found.reference_noise),
         gather_denoised: found.gather_denoised.unwrap_or(found.reference_noise),

@@ -24,6 +24,9 @@ pub struct Measured {
     pub lights: usize,
     /// Paths per pixel of the gathers that were compared.
     pub samples: u32,
+    /// Seconds that the training was given, if it was limited by time.
+    #[serde(default)]
+    pub seconds: Option<f64>,
     /// The proxy.
     pub proxy: MeanQuality,
     /// Gathering.

@@ -188,6 +188,7 @@ fn train_on(
     let measured = if settings.half_for_measuring {
         let proxy = run.trainer.proxy()?;
         let measured = measure(&proxy, &gather, halves, &held_out, MEASURED_LIGHTS, settings.seed, monitor)?;
+        let measured = Measured { seconds: settings.seconds, ..measured };
         let path = measured_path(out, settings.kind);
         write_atomically(&path, |writer| Ok(serde_json::to_writer_pretty(writer, &measured)?))?;
         Some(measured)

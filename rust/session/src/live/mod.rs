@@ -130,14 +130,16 @@ impl Live {
 
     fn start(&self, work: Work, train_seconds: f64) -> Result<(), SessionError> {
         let mut threads = self.threads();
-        let running = threads.work.as_ref().is_some_and(|(handle, _)| !handle.is_finished());
-        if running || self.shared.lock().closed {
+        if !self.shared.begin_work() {
             let reason = "this shot is being baked or trained already, or is closed; cancel it first";
             return Err(SessionError::Settings(reason.into()));
         }
         let spawn = |name: &str, body: Box<dyn FnOnce() + Send>| {
             let thread = thread::Builder::new().name(name.into()).spawn(body);
-            thread.map_err(|source| SessionError::Settings(format!("cannot start a thread: {source}")))
+            thread.map_err(|source| {
+                self.shared.change(|state| state.status.state = LiveState::Failed);
+                SessionError::Settings(format!("cannot start a thread: {source}"))
+            })
         };
         if threads.painter.is_none() {
             let painter = Painter::new(self.shared.clone(), self.options.clone());

@@ -1,7 +1,8 @@
 use super::LiveRequest;
-use crate::{Cancel, Listener, Maker, Progress, Proxies};
+use crate::{Cancel, Listener, Maker, Measured, Progress, Proxies};
 use relume_dump::Dump;
 use relume_image::Image;
+use relume_proxy::LightKind;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -107,7 +108,10 @@ pub(super) struct State {
     pub dump: Option<Dump>,
     /// Folder of proxies alone, for a shot without paths.
     pub base: Option<Arc<crate::base_layers::BaseLayers>>,
+    /// Proxies that the painter has not taken yet.
     pub proxies: Option<Proxies>,
+    /// How all proxies were measured.
+    pub measured: Vec<(LightKind, Measured)>,
     /// Counts what work has delivered.
     pub deliveries: u64,
     pub frame: Option<Arc<Frame>>,
@@ -128,6 +132,19 @@ impl Shared {
     pub fn change(&self, change: impl FnOnce(&mut State)) {
         change(&mut self.lock());
         self.changed.notify_all();
+    }
+
+    /// Notes that work begins; false if some is going on or all is closed.
+    pub fn begin_work(&self) -> bool {
+        let mut state = self.lock();
+        let status = &mut state.status;
+        if matches!(status.state, LiveState::Preparing | LiveState::Baking | LiveState::Training) {
+            return false;
+        }
+        status.state = LiveState::Preparing;
+        status.error = None;
+        status.warnings.clear();
+        !state.closed
     }
 
     pub fn ask(&self, request: LiveRequest) -> u64 {

@@ -196,6 +196,18 @@ fn training_gives_a_proxy_that_stands_in_while_dragging() {
     let frame = wait("a frame of the drag", || live.frame(0).filter(|frame| frame.shown.request == number));
     assert_eq!(frame.shown.makers["light"], Maker::Proxy);
 
+    let states = |seconds: f64| {
+        live.bake(room(32, 32), settings(128), seconds).unwrap();
+        let mut trained = false;
+        wait("the end", || {
+            let state = live.status().state;
+            trained |= state == LiveState::Training;
+            (state == LiveState::Ready).then_some(trained)
+        })
+    };
+    assert!(!states(1.0), "a proxy that is there was trained again");
+    assert!(states(2.0), "a longer training was not done");
+
     let huge = LightShape::Sphere { center: Vec3::Z, radius: 3.0 };
     settled(
         &live,

@@ -36,11 +36,6 @@ pub(super) struct Job {
 
 impl Job {
     pub fn run(self) {
-        self.shared.change(|state| {
-            state.status.error = None;
-            state.status.warnings.clear();
-            state.status.state = LiveState::Preparing;
-        });
         let outcome = catch_unwind(AssertUnwindSafe(|| self.work()));
         let (state, error) = match outcome {
             Ok(Ok(())) => (LiveState::Ready, None),
@@ -93,7 +88,10 @@ impl Job {
         match bake() {
             Err(SessionError::Dump(DumpError::OtherBake { .. })) => {
                 clear(&self.folder)?;
-                self.shared.change(|state| state.proxies = None);
+                self.shared.change(|state| {
+                    state.proxies = None;
+                    state.measured.clear();
+                });
                 bake().map(drop)
             }
             done => done.map(drop),
@@ -144,8 +142,12 @@ impl Job {
             Some((trained.proxy.info().kind.to_string(), status))
         });
         let status = status.collect();
+        let measured =
+            proxies.iter().filter_map(|trained| Some((trained.proxy.info().kind, trained.measured?)));
+        let measured = measured.collect();
         self.shared.change(|state| {
             state.status.proxies = status;
+            state.measured = measured;
             state.proxies = Some(proxies);
             state.deliveries += 1;
         });
@@ -195,11 +197,13 @@ impl Job {
         Ok([LightKind::FacingDisk, LightKind::Sphere, LightKind::Quad].into_iter().filter(used).collect())
     }
 
-    /// Whether there is a proxy that was measured on at least half of the paths that there are now.
+    /// Whether there is a proxy that learned for as long as is asked for, from at least half of the paths that there are now.
     fn is_trained(&self, kind: LightKind) -> bool {
-        let State { proxies, dump, .. } = &*self.shared.lock();
+        let State { measured, dump, .. } = &*self.shared.lock();
         let samples = dump.as_ref().map_or(0, |dump| dump.manifest().samples());
-        let measured = proxies.as_ref().and_then(|proxies| proxies.of(kind)).and_then(|proxy| proxy.measured);
-        measured.is_some_and(|measured| 4 * measured.samples >= samples)
+        measured.iter().filter(|(of, _)| *of == kind).any(|(_, measured)| {
+            let long_enough = measured.seconds.is_none_or(|seconds| seconds >= self.train_seconds);
+            long_enough && 4 * measured.samples >= samples
+        })
     }
 }
