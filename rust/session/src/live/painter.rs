@@ -166,7 +166,8 @@ impl Painter {
 
     fn paint(&mut self, request: &LiveRequest) -> Result<(), SessionError> {
         let Some(mut view) = self.view.take() else { return Ok(()) };
-        let (parts, warnings) = parts(request, &view);
+        let (parts, mut warnings) = parts(request, &view);
+        warnings.extend(view.denoise(1).missing());
         self.shared.change(|state| state.light_warnings = warnings);
         let outcome = if request.interactive {
             self.paint_drag(request, &view, &parts)
@@ -243,10 +244,6 @@ impl Painter {
     /// Denoises what is stale, one picture at a time; false if something newer came up.
     fn refine(&mut self, view: &mut View, parts: &[Part]) -> Result<bool, SessionError> {
         let denoise = view.denoise(1);
-        if let Some(reason) = denoise.missing() {
-            self.monitor.warn(&reason);
-            return Ok(false);
-        }
         for part in parts.iter().filter(|part| part.how == How::Gather) {
             let unit = self.units.of(&part.light);
             if unit.is_clean() || unit.passes == 0 {
@@ -292,7 +289,8 @@ impl Painter {
             scale: manner.scale,
             samples: picture.samples,
             makers: picture.makers,
-            settled: picture.noisy.is_empty(),
+            // Without a denoiser nothing gets better than it is.
+            settled: picture.noisy.is_empty() || view.denoise(manner.scale).missing().is_some(),
         };
         let settled = shown.settled;
         let frame = Arc::new(Frame { image, shown: shown.clone() });
