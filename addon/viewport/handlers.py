@@ -23,6 +23,8 @@ WORDS_POINTS = 11.0
 MARGIN_POINTS = 14.0
 NEXT_SLICE_SECONDS = 0.005
 RETRY_SECONDS = 5.0
+JOB_SECONDS = 0.1
+"""Pause while a render, or the reading of the scene, has the render settings."""
 
 _handles: list[Any] = []
 _waiting: set[int] = set()
@@ -74,7 +76,7 @@ def wake() -> None:
 def bake_views() -> float | None:
     """One slice of the view table of each scene that waits for one; seconds until the next turn."""
     if bpy.app.is_job_running("RENDER"):
-        return RETRY_SECONDS  # It would write its pictures with our settings.
+        return JOB_SECONDS  # It would write its pictures with our settings.
     better, pause = False, NEXT_SLICE_SECONDS
     for scene in bpy.data.scenes:
         if scene.session_uid not in _waiting:

@@ -26,13 +26,13 @@ def draw(engine: bpy.types.RenderEngine, context: bpy.types.Context) -> None:
         _write(words, region)
         return
     assert found is not None and frame is not None
-    picture = texture.picture_of(found.frame)
-    place = frame.snapped(picture.size) or frame
+    picture = texture.of_frame(found.frame)
+    place = frame.snapped((picture.width, picture.height)) or frame
     blend = gpu.state.blend_get()
     gpu.state.blend_set("ALPHA_PREMULT")
     engine.bind_display_space_shader(scene)
     try:
-        draw_texture_2d(picture.linear, (place.left, place.bottom), place.width, place.height)
+        draw_texture_2d(picture, (place.left, place.bottom), place.width, place.height)
     finally:
         engine.unbind_display_space_shader()
         gpu.state.blend_set(blend)

@@ -52,6 +52,7 @@ def play(driver):
         bpy.ops.relume.start()
         found = module("engine.shot").of(scene)
         yield from driver.until(lambda: found.frame is not None, "the first picture", 300)
+        yield from driver.until(lambda: module("viewport.view_table").of(scene) is not None, "the view's colours", 60)
 
     with driver.step("snapshots"):
         neutral = yield from snapshot(driver, "Neutral")
