@@ -77,12 +77,16 @@ def bake_views() -> float | None:
     """One slice of the view table of each scene that waits for one; seconds until the next turn."""
     if bpy.app.is_job_running("RENDER"):
         return JOB_SECONDS  # It would write its pictures with our settings.
-    better, pause = False, NEXT_SLICE_SECONDS
+    better, pause = False, JOB_SECONDS
     for scene in bpy.data.scenes:
         if scene.session_uid not in _waiting:
             continue
+        found = shot.of(scene)
+        if found is not None and found.frame is None and view_table.of(scene) is not None:
+            continue  # The first picture comes before the fine table: both need the processor.
         try:
             better |= view_table.work(scene)
+            pause = NEXT_SLICE_SECONDS
             _trouble.pop(scene.session_uid, None)
         except (OSError, RuntimeError) as error:
             _trouble[scene.session_uid], pause = str(error), RETRY_SECONDS

@@ -32,7 +32,8 @@ class Artist:
 
     def _note_drawing(self):
         frame = self.shot and self.shot.frame
-        self.serial_drawn = frame.serial if frame else 0
+        drawn = frame and addon("viewport.view_table").of(self.scene) is not None
+        self.serial_drawn = frame.serial if drawn else 0
 
     @property
     def scene(self):
