@@ -9,6 +9,7 @@ mod builder;
 mod camera;
 mod hash;
 mod light;
+mod light_lanes;
 mod material;
 mod mesh;
 mod obj;
@@ -25,6 +26,7 @@ pub use builder::{BuildError, SceneBuilder};
 pub use camera::{Camera, DepthOfField, Projection};
 pub use glam;
 pub use light::{Light, LightShape, LobeFactors, ReceiverSet};
+pub use light_lanes::{LANES, lane};
 pub use material::{
     Alpha, BlendMode, ColorMode, Curve, Distribution, Input, MapRangeKind, MappingKind, Material, MathOp,
     MixData, Node, NodeId, NormalSpace, Output, TexCoord, VectorMathOp,
