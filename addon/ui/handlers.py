@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import atexit
 import time
-from collections.abc import Iterator
 
 import bpy
 from bpy.app.handlers import persistent
 
-from ..core import status
 from ..core.bake_folder import is_bake
 from ..engine import shot
 from ..engine.native import NativeModuleError
 from ..engine.options import preferences, remember_bake, remembered_bake
-from . import rows
+from . import redraws, rows
 
 TICK_SECONDS = 1 / 60
 QUIET_SECONDS = 0.25
@@ -30,8 +28,6 @@ _is_quiet = False
 """Whether the next poll is a while away."""
 _resting: dict[int, float] = {}
 """Scenes with a change in progress: when to ask for the full picture."""
-_words: dict[int, tuple] = {}
-"""What the panel says of each shot."""
 
 
 def changed(scene: bpy.types.Scene, interactive: bool = False) -> None:
@@ -82,6 +78,7 @@ def wake() -> None:
 
 def _timer() -> float | None:
     global _is_quiet
+    redraws.note_turn(QUIET_SECONDS if _is_quiet else TICK_SECONDS)
     _is_quiet = False
     if not tick():
         return None
@@ -92,18 +89,19 @@ def _timer() -> float | None:
 def tick() -> bool:
     """One turn of polling. Whether there is to be another one."""
     _rest()
+    goes_on = False
     scenes = {scene.session_uid: scene for scene in bpy.data.scenes}
     for found in shot.all_open():
         if found.scene_uid not in scenes:
             found.close()
             continue
         frame = found.frame
-        news = found.poll()
+        found.poll()
         if not _resting and not _is_playing():
-            news |= found.changes.look(scenes[found.scene_uid], LOOK_SECONDS)
-        if news:
-            _redraw(found, new_picture=found.frame is not frame)
-    return bool(_resting) or any(found.is_busy or found.changes.is_pending for found in shot.all_open())
+            found.changes.look(scenes[found.scene_uid], LOOK_SECONDS)
+        goes_on |= redraws.follow(found, new_picture=found.frame is not frame)
+        goes_on |= found.is_busy or found.changes.is_pending
+    return goes_on or bool(_resting)
 
 
 def _rest() -> None:
@@ -117,25 +115,6 @@ def _rest() -> None:
 def _is_playing() -> bool:
     """Whether an animation is played: it needs the time itself."""
     return any(window.screen.is_animation_playing for window in bpy.context.window_manager.windows)
-
-
-def _redraw(found: shot.Shot, new_picture: bool) -> None:
-    """Views for a new picture, the sidebar where its words have changed."""
-    words = (status.headline(found.status), status.shown(found.status), status.progress(found.status))
-    words += tuple(found.changes.sentences)
-    new_words = _words.get(found.scene_uid) != words
-    _words[found.scene_uid] = words
-    kinds = {"WINDOW", "UI"} if new_picture else {"UI"} if new_words else set()
-    for region in _regions_of_views():
-        if region.type in kinds:
-            region.tag_redraw()
-
-
-def _regions_of_views() -> Iterator[bpy.types.Region]:
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                yield from area.regions
 
 
 @persistent
@@ -220,7 +199,7 @@ def close_all(wait_seconds: float = 0.0) -> None:
     """Ends all work."""
     shot.close_all(wait_seconds)
     _resting.clear()
-    _words.clear()
+    redraws.forget()
 
 
 def _exit() -> None:

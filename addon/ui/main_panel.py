@@ -8,6 +8,7 @@ from ..core import status
 from ..core.bake_folder import is_bake
 from ..engine import shot
 from ..engine.options import remembered_bake
+from ..viewport import handlers as viewport
 from .panel import RelumePanel, message
 
 MOST_CHANGES = 6
@@ -31,6 +32,7 @@ class RELUME_PT_main(RelumePanel, bpy.types.Panel):  # noqa: N801 -- Blender's n
             _draw_shot(layout, scene, found)
         if not _can_start_here(found):
             return
+        viewport.prepare(scene)
         _draw_stored_bake(layout, scene)
         _draw_choices(layout, scene)
         row = layout.row()

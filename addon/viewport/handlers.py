@@ -15,7 +15,7 @@ from bpy.app.handlers import persistent
 from gpu_extras.batch import batch_for_shader
 
 from ..engine import shot
-from . import compare, light_marks, overlay, texture, view_table
+from . import compare, light_marks, overlay, texture, view_table, warm_up
 from .overlay import Show
 from .views import redraw
 
@@ -33,21 +33,32 @@ _trouble: dict[int, str] = {}
 """Why the view table of a scene cannot be made, in words for the artist."""
 
 
+def prepare(scene: bpy.types.Scene) -> None:
+    """Has ready what the first picture of a scene will need, a little at a time; costs nothing where it is."""
+    if view_table.of(scene) is None:
+        _waiting.add(scene.session_uid)
+        wake()
+    elif not bpy.app.background:
+        warm_up.want()
+
+
 def draw_picture() -> None:
     """Called by Blender for every 3D view, after the scene and before the gizmos."""
     context = bpy.context
-    scene = context.scene
+    scene, region = context.scene, context.region
     texture.keep_only([found.frame for found in shot.all_open()] + compare.frames())
-    what = overlay.what_to_show(scene, context.space_data, context.region, context.region_data)
-    if what is None:
+    view = view_table.of(scene)
+    if view is not None:
+        warm_up.draw_picture_piece((region.width, region.height), view)
+    what = overlay.what_to_show(scene, context.space_data, region, context.region_data)
+    if not isinstance(what, Show):
+        if what is not None:
+            prepare(scene)
         return
     if not view_table.is_complete(scene):
         _waiting.add(scene.session_uid)
         wake()
-    view = view_table.of(scene)
-    if not isinstance(what, Show):
-        overlay.prepare()
-    elif view is not None:
+    if view is not None:
         overlay.draw(what, view)
 
 
@@ -55,6 +66,7 @@ def draw_words() -> None:
     """Called by Blender for every 3D view, after everything else."""
     context = bpy.context
     scene, region = context.scene, context.region
+    warm_up.draw_words_piece()
     what = overlay.what_to_show(scene, context.space_data, region, context.region_data)
     if isinstance(what, Show):
         light_marks.draw(context, what, _scale())
@@ -81,21 +93,23 @@ def bake_views() -> float | None:
     for scene in bpy.data.scenes:
         if scene.session_uid not in _waiting:
             continue
-        found = shot.of(scene)
-        if found is not None and found.frame is None and view_table.of(scene) is not None:
-            continue  # The first picture comes before the fine table: both need the processor.
         try:
             better |= view_table.work(scene)
             pause = NEXT_SLICE_SECONDS
             _trouble.pop(scene.session_uid, None)
         except (OSError, RuntimeError) as error:
             _trouble[scene.session_uid], pause = str(error), RETRY_SECONDS
-        if view_table.is_complete(scene):
-            _waiting.discard(scene.session_uid)
+        if view_table.is_complete(scene) or not (_has_picture(scene) or view_table.of(scene) is None):
+            _waiting.discard(scene.session_uid)  # The fine table comes after the first picture.
     if better or pause == RETRY_SECONDS:
         redraw()
     _waiting.intersection_update({scene.session_uid for scene in bpy.data.scenes})
     return pause if _waiting else None
+
+
+def _has_picture(scene: bpy.types.Scene) -> bool:
+    found = shot.of(scene)
+    return found is not None and found.frame is not None
 
 
 def register() -> None:
@@ -116,6 +130,7 @@ def unregister() -> None:
         bpy.app.timers.unregister(bake_views)
     _forget()
     view_table.clear()
+    warm_up.reset()
     texture.free()
     if not bpy.app.background:
         redraw()

@@ -79,12 +79,6 @@ def split_of(scene: bpy.types.Scene, frame: Rectangle) -> float:
     return frame.left + scene.relume_view.wipe_position * frame.width
 
 
-def prepare() -> None:
-    """Compiles what `draw` needs, before the first picture is there."""
-    for one_to_one in (True, False):
-        shader.show(one_to_one)
-
-
 def draw(what: Show, view: View) -> None:
     """Draws frames into the overlay texture of a 3D view, which is bound."""
     first, second = texture.of_frame(what.first), texture.of_frame(what.second)

@@ -15,8 +15,17 @@ from watch import Watch
 
 ADDON = "bl_ext.user_default.relume"
 INTERVAL = 0.01
+NAP_SECONDS = 0.005
+"""What Blender itself sleeps in each turn of an idle window, except where it may simulate events: there it would keep a
+core busy with nothing."""
 ROW_PIXELS = 14
 """Less than the height of a button."""
+
+
+def nap():
+    """Called in every turn of Blender's window."""
+    time.sleep(NAP_SECONDS)
+    return 0.0
 
 
 class Driver:
@@ -55,6 +64,7 @@ class Driver:
             return self._quit()
 
         bpy.app.timers.register(tick, persistent=True)
+        bpy.app.timers.register(nap, persistent=True)
 
     @contextlib.contextmanager
     def step(self, name):

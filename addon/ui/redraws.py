@@ -1,0 +1,84 @@
+"""When the 3D views are drawn again: for a new picture at once, for new words as often as drawing is cheap.
+
+To show one region anew Blender puts its whole window together again, which takes software graphics 0.15 s of a core
+that tracing could use.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import bpy
+
+from ..core import status
+from ..engine.shot import Shot
+
+SHARE = 0.1
+"""Of the time, at most, goes into drawing nothing but progress."""
+PAUSE_SECONDS = 0.1
+"""Between drawings of progress where they cost nothing."""
+
+_said: dict[int, tuple[tuple, tuple]] = {}
+"""By scene, what the side bar says: words that must be read at once, and progress."""
+_settling: set[int] = set()
+"""Scenes whose side bar has other lines now: Blender puts the panels below in their places one drawing later."""
+_asked: float | None = None
+_due = 0.0
+"""When progress was last asked to be drawn, until that is done; and when it may be again."""
+
+
+def note_turn(interval: float) -> None:
+    """To be called first in each turn of a timer, which is `interval` seconds after the one before unless Blender was
+    drawing."""
+    global _asked, _due
+    if _asked is not None:
+        took = time.perf_counter() - _asked - interval
+        _asked, _due = None, time.perf_counter() + max(took / SHARE, PAUSE_SECONDS)
+
+
+def follow(found: Shot, new_picture: bool) -> bool:
+    """Has drawn again what a shot has made old. Whether that is not done yet."""
+    global _asked
+    uid, says = found.scene_uid, _words(found)
+    urgent, before = says[0], _said.get(uid, ((), ()))
+    if new_picture:
+        _tag({"WINDOW", "UI"})
+    elif urgent != before[0] or uid in _settling:
+        _tag({"UI"})
+    elif says == before:
+        return False
+    elif time.perf_counter() < _due:
+        return True
+    else:
+        _asked = time.perf_counter()
+        _tag({"UI"})
+    _said[uid] = says
+    (_settling.add if urgent != before[0] else _settling.discard)(uid)
+    return uid in _settling
+
+
+def forget() -> None:
+    """Nothing is shown any more."""
+    _said.clear()
+    _settling.clear()
+
+
+def _words(found: Shot) -> tuple[tuple, tuple]:
+    state, progress = found.status, status.progress(found.status)
+    urgent = (state["state"], state["paused"], state["error"], progress is None, len(found.notes))
+    urgent += tuple(found.changes.sentences)
+    return urgent, (status.headline(state), status.shown(state), progress)
+
+
+def _tag(kinds: set[str]) -> None:
+    for region in _regions_of_views():
+        if region.type in kinds:
+            region.tag_redraw()
+
+
+def _regions_of_views() -> Iterator[bpy.types.Region]:
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                yield from area.regions

@@ -1,0 +1,68 @@
+"""What would hold up the first picture is done before it is asked for: everything that draws it is compiled by drawing
+nothing with it, one piece at a redraw, because graphics drivers compile what is drawn for the first time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+
+from . import light_marks, overlay
+from .camera_frame import Rectangle
+from .view_table import View
+from .views import redraw
+
+PAUSE_SECONDS = 0.02
+"""Between redraws: what the artist does comes in between."""
+NOTHING = 3
+"""Edge of an invisible picture, in pixels. Drivers compile anew for edges that are powers of two."""
+
+_is_wanted = False
+_picture_pieces: list[Callable[[tuple[int, int], View], None]] = []
+_word_pieces: list[Callable[[], None]] = []
+
+
+def want() -> None:
+    """Has everything compiled that is not, in the redraws to come."""
+    global _is_wanted
+    _is_wanted = bool(_picture_pieces or _word_pieces)
+    if _is_wanted and not bpy.app.timers.is_registered(redraw):
+        bpy.app.timers.register(redraw, first_interval=PAUSE_SECONDS)
+
+
+def draw_picture_piece(region: tuple[int, int], view: View) -> None:
+    """The next piece of what draws pictures, if any is wanted; where these are drawn, into a region of that size."""
+    if _is_wanted and _picture_pieces:
+        _picture_pieces.pop(0)(region, view)
+        want()
+
+
+def draw_words_piece() -> None:
+    """What draws over pictures, when there is nothing left of what draws them."""
+    if _is_wanted and _word_pieces and not _picture_pieces:
+        _word_pieces.pop(0)()
+        want()
+
+
+def reset() -> None:
+    """What was compiled is gone, or never was."""
+    global _is_wanted
+    _is_wanted = False
+    _picture_pieces[:] = [partial(_draw_nothing, edge=edge) for edge in (NOTHING, 2 * NOTHING)]
+    _word_pieces[:] = [light_marks.draw_nothing]
+    if bpy.app.timers.is_registered(redraw):
+        bpy.app.timers.unregister(redraw)
+
+
+def _draw_nothing(region: tuple[int, int], view: View, edge: int) -> None:
+    """An invisible picture, over as many pixels as it has, or more."""
+    place = Rectangle(0.0, 0.0, edge, edge)
+    picture = SimpleNamespace(image=np.zeros((NOTHING, NOTHING, 4), np.float32))
+    overlay.draw(overlay.Show(region, place, place, picture, picture, opacity=0.0), view)
+
+
+reset()

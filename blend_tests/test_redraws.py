@@ -1,0 +1,90 @@
+"""New pictures and new states are drawn at once, mere progress only as often as drawing is cheap."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from addon.engine import shot
+from addon.ui import handlers, redraws
+from addon.ui.start import start
+from fake_live import FakeLive
+
+BOTH, BAR = {"WINDOW", "UI"}, {"UI"}
+
+
+@pytest.fixture
+def bake(lit, monkeypatch):
+    """A bake in progress whose words were drawn, a clock to be set, and a list of what is drawn from then on."""
+    clock = SimpleNamespace(now=100.0, drawn=[])
+    monkeypatch.setattr(redraws, "time", SimpleNamespace(perf_counter=lambda: clock.now))
+    monkeypatch.setattr(redraws, "_tag", clock.drawn.append)
+    monkeypatch.setattr(redraws, "_due", 0.0)
+    found, clock.live = start(lit), FakeLive.made[-1]
+    while found.changes.is_pending:
+        handlers.tick()
+
+    def turn(seconds=handlers.TICK_SECONDS):
+        clock.now += seconds
+        redraws.note_turn(handlers.TICK_SECONDS)
+        return handlers.tick()
+
+    clock.turn = turn
+    traced(clock, 1)
+    clock.turn()
+    clock.turn()
+    clock.drawn.clear()
+    return clock
+
+
+def traced(clock, done):
+    """The progress is another one."""
+    clock.live.tell(stage={"stage": "trace", "done": done, "total": 100, "elapsed_s": 1.0, "remaining_s": None})
+
+
+def test_progress_takes_its_share_of_the_time_and_the_last_of_it_is_said(bake):
+    traced(bake, 2)
+    bake.turn(1.0)
+    assert bake.drawn == [BAR]
+    slow = 0.2
+    traced(bake, 3)
+    bake.turn(handlers.TICK_SECONDS + slow)
+    start, seconds = bake.now, 0.0
+    while bake.drawn == [BAR]:
+        assert bake.turn(), "there is something left to be drawn"
+        seconds = bake.now - start
+        assert seconds < 10.0
+    assert seconds == pytest.approx(slow / redraws.SHARE, abs=2 * handlers.TICK_SECONDS)
+    assert bake.drawn == [BAR, BAR]
+
+
+def test_a_picture_is_drawn_at_once(bake):
+    for done in (2, 3):
+        traced(bake, done)
+        bake.turn()
+    bake.drawn.clear()
+    bake.live.show(serial=1)
+    bake.turn()
+    assert bake.drawn == [BOTH]
+
+
+def test_another_state_is_drawn_at_once_and_again_when_the_panels_have_moved(bake, lit):
+    for change in ({"paused": True}, {"error": "no space left"}, {"state": "cancelled", "stage": None}):
+        bake.drawn.clear()
+        bake.live.tell(**change)
+        assert bake.turn()
+        bake.turn()
+        bake.turn()
+        assert bake.drawn == [BAR, BAR], change
+
+
+def test_nothing_is_drawn_when_nothing_is_new(bake):
+    for _ in range(5):
+        bake.turn(1.0)
+    assert bake.drawn == []
+
+
+def test_a_closed_shot_owes_nothing(bake, lit):
+    bake.live.tell(paused=True)
+    assert bake.turn()
+    shot.close_all()
+    assert not bake.turn()
