@@ -19,6 +19,17 @@ pub enum GatherError {
         /// Values that the size needs.
         expected: usize,
     },
+    /// A softness that no light can be smoothed by.
+    #[error("a softness of {0} is not above 0 and at most 1; choose another")]
+    Softness(f32),
+    /// A cell that is not there.
+    #[error("there is no cell {cell} among {cells}; count them from 0, row by row")]
+    Cell {
+        /// What was asked for.
+        cell: u32,
+        /// How many there are.
+        cells: usize,
+    },
     /// Targets of single pixels need the whole dump on the GPU.
     #[error(
         "the dump does not fit into the GPU's memory, as a training there needs it to: raise --gpu-memory, bake fewer \

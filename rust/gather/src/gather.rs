@@ -19,7 +19,7 @@ pub struct Gather {
     /// Box around all vertices.
     pub(crate) bounds: (Vec3, Vec3),
     floor: f32,
-    isa: Isa,
+    pub(crate) isa: Isa,
 }
 
 impl Gather {

@@ -1,7 +1,7 @@
 //! The crossing test over packed records: decodes a block of segments into the first-level cache, then loops over the
-//! lights. A fast test on eight segments at a time picks candidates; the few that remain are evaluated one
-//! by one by [`Profile::evaluate`](crate::light::Profile::evaluate), the same code on every machine, so results
-//! do not depend on the instruction set.
+//! lights. A fast test on eight segments at a time picks candidates for a [`Visitor`]. The one for exact lights evaluates
+//! the few that remain one by one by [`Profile::evaluate`](crate::light::Profile::evaluate), the same code on every machine,
+//! so results do not depend on the instruction set.
 
 use std::ops::Range;
 
@@ -70,6 +70,18 @@ pub trait Sink {
     fn add(&mut self, record: usize, contribution: Vec3);
 }
 
+/// What is done with the segments that may cross lights.
+pub trait Visitor {
+    /// Number of lights.
+    fn lights(&self) -> usize;
+    /// The region that crossings of a light touch.
+    fn reach(&self, light: usize) -> &Reach;
+    /// Segments of the records from `first_record` on follow, for one light after the other.
+    fn begin_block(&mut self, first_record: usize);
+    /// The numbers, rising, of all segments of a block that may cross a light.
+    fn candidates<L: Lanes>(&mut self, shard: &Shard, block: &Block, light: usize, numbers: &[u16]);
+}
+
 /// Working memory, to be kept between calls.
 #[derive(Debug, Default)]
 pub struct Work {
@@ -80,7 +92,7 @@ pub struct Work {
 
 /// Decoded segments.
 #[derive(Debug)]
-struct Block {
+pub struct Block {
     groups: Box<[Group; GROUPS]>,
     /// Segments that may cross the light at hand, a bit each.
     candidates: [u8; GROUPS],
@@ -133,6 +145,19 @@ impl Default for Block {
     }
 }
 
+impl Block {
+    /// Number of the record that a segment is of.
+    pub fn record(&self, index: usize) -> usize {
+        self.records.number(index)
+    }
+
+    /// Origin and edge of a segment.
+    pub fn segment(&self, index: usize) -> ([f32; 3], [f32; 3]) {
+        let (group, lane) = (&self.groups[index / WIDTH], index % WIDTH);
+        (group.origin.map(|axis| axis[lane]), group.edge.map(|axis| axis[lane]))
+    }
+}
+
 /// Adds what each light gives to the records of a range, which starts with a path.
 pub fn visit(
     isa: Isa,
@@ -142,14 +167,25 @@ pub fn visit(
     lights: &[PreparedLight],
     sink: &mut impl Sink,
 ) {
+    visit_candidates(isa, shard, records, work, &mut Exact { lights, sink });
+}
+
+/// Hands out the segments of a range of records, which starts with a path, that may cross lights.
+pub fn visit_candidates(
+    isa: Isa,
+    shard: &Shard,
+    records: Range<usize>,
+    work: &mut Work,
+    visitor: &mut impl Visitor,
+) {
     match isa {
         #[cfg(target_arch = "x86_64")]
         // SAFETY: a gather only keeps what `Isa::available` gives, which is after it has found the features.
-        Isa::Avx512 => unsafe { visit_avx512(shard, records, work, lights, sink) },
+        Isa::Avx512 => unsafe { visit_avx512(shard, records, work, visitor) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: as above.
-        Isa::Avx2 => unsafe { visit_avx2(shard, records, work, lights, sink) },
-        Isa::Portable => visit_lanes::<Portable>(shard, records, &mut work.block, lights, sink),
+        Isa::Avx2 => unsafe { visit_avx2(shard, records, work, visitor) },
+        Isa::Portable => visit_lanes::<Portable>(shard, records, &mut work.block, visitor),
     }
 }
 
@@ -159,20 +195,14 @@ const FEW: usize = 2;
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx2,fma,popcnt,bmi1")]
-fn visit_avx512(
-    shard: &Shard,
-    records: Range<usize>,
-    work: &mut Work,
-    lights: &[PreparedLight],
-    sink: &mut impl Sink,
-) {
-    let Some(scans) = first_tests(shard, lights, Scan::new) else {
-        return visit_avx2(shard, records, work, lights, sink);
+fn visit_avx512(shard: &Shard, records: Range<usize>, work: &mut Work, visitor: &mut impl Visitor) {
+    let Some(scans) = first_tests(shard, visitor, Scan::new) else {
+        return visit_avx2(shard, records, work, visitor);
     };
     for (index, scan) in scans.iter().enumerate() {
         let find =
             |chunk: Range<usize>, work: &mut SieveWork| scan.run(shard, chunk, work.found.as_mut_slice());
-        visit_found(shard, records.clone(), work, (index, &lights[index]), find, sink);
+        visit_found(shard, records.clone(), work, index, find, visitor);
     }
 }
 
@@ -180,15 +210,9 @@ fn visit_avx512(
 #[cfg(target_arch = "x86_64")]
 #[inline(never)]
 #[target_feature(enable = "avx2,fma,popcnt,bmi1")]
-fn visit_avx2(
-    shard: &Shard,
-    records: Range<usize>,
-    work: &mut Work,
-    lights: &[PreparedLight],
-    sink: &mut impl Sink,
-) {
-    let Some(sieves) = first_tests(shard, lights, Sieve::new) else {
-        return visit_lanes::<Avx2>(shard, records, &mut work.block, lights, sink);
+fn visit_avx2(shard: &Shard, records: Range<usize>, work: &mut Work, visitor: &mut impl Visitor) {
+    let Some(sieves) = first_tests(shard, visitor, Sieve::new) else {
+        return visit_lanes::<Avx2>(shard, records, &mut work.block, visitor);
     };
     for (index, sieve) in sieves.iter().enumerate() {
         let find = |chunk: Range<usize>, work: &mut SieveWork| {
@@ -196,7 +220,7 @@ fn visit_avx2(
                 (&shard.position_xy()[chunk.clone()], &shard.position_z_flags()[chunk.clone()]);
             sieve.run(xy, z_flags, chunk.start as u32, chunk.start > records.start, work)
         };
-        visit_found(shard, records.clone(), work, (index, &lights[index]), find, sink);
+        visit_found(shard, records.clone(), work, index, find, visitor);
     }
 }
 
@@ -204,12 +228,14 @@ fn visit_avx2(
 #[cfg(target_arch = "x86_64")]
 fn first_tests<T>(
     shard: &Shard,
-    lights: &[PreparedLight],
+    visitor: &impl Visitor,
     test: impl Fn(&Shard, &Reach, f32) -> Option<T>,
 ) -> Option<Vec<T>> {
-    let test =
-        |light: &PreparedLight| test(shard, &light.reach, ROUNDING * magnitude(shard, light.reach.center()));
-    if lights.len() <= FEW { lights.iter().map(test).collect() } else { None }
+    let test = |reach: &Reach| test(shard, reach, ROUNDING * magnitude(shard, reach.center()));
+    if visitor.lights() > FEW {
+        return None;
+    }
+    (0..visitor.lights()).map(|light| test(visitor.reach(light))).collect()
 }
 
 /// Decodes and tests only the records that `find` leaves of each chunk: their numbers are in [`SieveWork::found`], as many as
@@ -221,17 +247,16 @@ fn visit_found(
     shard: &Shard,
     records: Range<usize>,
     work: &mut Work,
-    (index, light): (usize, &PreparedLight),
+    light: usize,
     find: impl Fn(Range<usize>, &mut SieveWork) -> usize,
-    sink: &mut impl Sink,
+    visitor: &mut impl Visitor,
 ) {
     for first in records.clone().step_by(CHUNK) {
         let count = find(first..records.end.min(first + CHUNK), &mut work.sieve);
         for numbers in work.sieve.found[..count].chunks(BLOCK) {
             decode_listed::<Avx2>(shard, numbers, &mut work.block);
-            sink.begin_block(numbers[0] as usize);
-            sink.begin_light(index);
-            cross::<Avx2>(shard, &mut work.block, light, sink);
+            visitor.begin_block(numbers[0] as usize);
+            cross::<Avx2>(shard, &mut work.block, light, visitor);
         }
     }
 }
@@ -241,17 +266,15 @@ fn visit_lanes<L: Lanes>(
     shard: &Shard,
     records: Range<usize>,
     block: &mut Block,
-    lights: &[PreparedLight],
-    sink: &mut impl Sink,
+    visitor: &mut impl Visitor,
 ) {
     let mut before = Vec3x::<L>::splat(shard.camera_position());
     for first in records.clone().step_by(BLOCK) {
         let next = records.end.min(first + BLOCK);
         decode::<L>(shard, first..next, block, &mut before);
-        sink.begin_block(first);
-        for (index, light) in lights.iter().enumerate() {
-            sink.begin_light(index);
-            cross::<L>(shard, block, light, sink);
+        visitor.begin_block(first);
+        for light in 0..visitor.lights() {
+            cross::<L>(shard, block, light, visitor);
         }
     }
 }
@@ -372,10 +395,10 @@ fn octahedral<L: Lanes>(low: L, high: L) -> Vec3x<L> {
 }
 
 #[inline(always)]
-fn cross<L: Lanes>(shard: &Shard, block: &mut Block, light: &PreparedLight, sink: &mut impl Sink) {
+fn cross<L: Lanes>(shard: &Shard, block: &mut Block, light: usize, visitor: &mut impl Visitor) {
     let count = block.len.div_ceil(WIDTH);
     let groups = block.groups[..count].iter().zip(&mut block.candidates[..count]);
-    match &light.reach {
+    match visitor.reach(light) {
         Reach::Ball(ball) => near_ball::<L>(groups, ball, ROUNDING * magnitude(shard, ball.center)),
         Reach::Plane(plane) => through_plane::<L>(groups, plane),
         Reach::Cone { direction, chord2 } => along::<L>(groups, *direction, *chord2),
@@ -386,11 +409,9 @@ fn cross<L: Lanes>(shard: &Shard, block: &mut Block, light: &PreparedLight, sink
     collect(&block.candidates[..count], &mut hits);
     // Hits are rare and far apart: fetch what they need together, not one after the other.
     for &index in hits.iter() {
-        L::prefetch(shard.throughput(), block.records.number(usize::from(index)));
+        L::prefetch(shard.throughput(), block.record(usize::from(index)));
     }
-    for &index in hits.iter() {
-        evaluate(shard, block, usize::from(index), light, sink);
-    }
+    visitor.candidates::<L>(shard, block, light, &hits);
     block.hits = hits;
 }
 
@@ -456,15 +477,42 @@ fn along<L: Lanes>(groups: Tested<'_>, direction: Vec3, chord2: f32) {
     }
 }
 
+/// Lights without softness, whose hits go to a sink.
+struct Exact<'a, S> {
+    lights: &'a [PreparedLight],
+    sink: &'a mut S,
+}
+
+impl<S: Sink> Visitor for Exact<'_, S> {
+    fn lights(&self) -> usize {
+        self.lights.len()
+    }
+
+    fn reach(&self, light: usize) -> &Reach {
+        &self.lights[light].reach
+    }
+
+    fn begin_block(&mut self, first_record: usize) {
+        self.sink.begin_block(first_record);
+    }
+
+    #[inline(always)]
+    fn candidates<L: Lanes>(&mut self, shard: &Shard, block: &Block, light: usize, numbers: &[u16]) {
+        self.sink.begin_light(light);
+        for &index in numbers {
+            evaluate(shard, block, usize::from(index), &self.lights[light], self.sink);
+        }
+    }
+}
+
 fn evaluate(shard: &Shard, block: &Block, index: usize, light: &PreparedLight, sink: &mut impl Sink) {
-    let record = block.records.number(index);
+    let record = block.record(index);
     let flags = Flags((shard.position_z_flags()[record] >> 16) as u16);
     let factor = light.factor(flags);
     if factor == 0.0 {
         return;
     }
-    let (group, lane) = (&block.groups[index / WIDTH], index % WIDTH);
-    let (origin, edge) = (group.origin.map(|axis| axis[lane]), group.edge.map(|axis| axis[lane]));
+    let (origin, edge) = block.segment(index);
     let weight = factor * light.profile.evaluate(origin.into(), edge.into(), flags.escaped());
     if weight != 0.0 {
         sink.add(record, decode_rgb9e5(shard.throughput()[record]) * weight);

@@ -25,6 +25,7 @@ mod relight;
 mod scan;
 #[cfg(target_arch = "x86_64")]
 mod sieve;
+mod soft;
 
 pub use denoise::{DenoiseDevice, DenoiseError, DenoiseFeatures, DenoiseQuality, Denoiser};
 pub use environment::Environment;
@@ -35,6 +36,7 @@ pub use half::Half;
 pub use kernel::Isa;
 pub use light::PreparedLight;
 pub use relight::{Noise, relight};
+pub use soft::{LANES, Linear, SoftGather};
 
 #[cfg(test)]
 mod tests;

@@ -184,16 +184,18 @@ fn sun(direction: Vec3, half_angle: f32) -> Prepared {
     if !(half_angle > 0.0 && half_angle.is_finite()) {
         return Err("its angle is not above 0");
     }
-    // A cone of half angle a holds the directions within the chord 2 sin(a / 2) of its axis, and spans the solid
-    // angle 4 pi sin^2(a / 2).
-    let chord2 = |angle: f32| 4.0 * (0.5 * angle).sin().powi(2);
     let gathered = half_angle.clamp(MIN_ANGLE, std::f32::consts::PI);
     Ok((Profile::Sun { direction, chord2: chord2(gathered) }, chord2(half_angle) / chord2(gathered)))
 }
 
+/// Square of the chord 2 sin(a / 2) from its axis that holds a cone of half angle a; its solid angle is pi times that.
+pub(crate) fn chord2(half_angle: f32) -> f32 {
+    4.0 * (0.5 * half_angle).sin().powi(2)
+}
+
 impl Spread {
     /// None for a Lambertian emitter.
-    fn new(spread: f32) -> Option<Self> {
+    pub(crate) fn new(spread: f32) -> Option<Self> {
         if spread >= std::f32::consts::PI - 1e-4 {
             return None;
         }

@@ -1,0 +1,284 @@
+//! Smoothed gather with derivatives by the lights' parameters, for solving lights through the path dump itself.
+//!
+//! A gather sums `T_k V(segment k, light)` over segments. `V` is a step: its derivative is 0 almost everywhere, and what moves the
+//! picture are the few segments that enter and leave. Here lights are smoothed by a width `h`, relative to the
+//! scene, which a solver shrinks as it converges: then `V` has derivatives, and the value tends to that of
+//! [`Gather`](crate::Gather). The rules, with `r` a size, `w` the unit direction of a segment from `o` on, `l` its length, `c` the centre:
+//!
+//! - **Sizes enlarge at equal power.** A disk of radius `r` becomes one of `R = hypot(r, h)` with the factor `(r / R)^2`, an edge likewise by
+//!   itself, a sun with squared chords instead of squared radii. From afar the picture stays.
+//! - **Rims are soft.** `S(x; e)` is a cubic step that falls from 1 to 0 between `x = 1 - e` and `1 + e`, symmetrically, so that integrals over
+//!   `x` stay. For disks `x` is the square of the distance to the centre over `R^2`, proportional to area; for edges it is the distance over the
+//!   half edge. `e = h / R`: all of the disk where the smoothing outweighs the light.
+//! - **Ends are soft.** The condition that the crossing, at distance `s`, lies on the segment becomes `W(s / h) - W((s - l) / h)` with a
+//!   cubic step `W` from -1 to 1: the share of shifts along the segment that put it there. It is symmetric about both ends and
+//!   vanishes with `l`, so that short segments do not catch more than their share.
+//! - **Balls** are crossed at `s = (c - o) . w -+ q` with `q = r sqrt(1 - x)`; segments that start inside count where they leave. The shifts that do
+//!   are two intervals of `s`. Beyond the rim's middle the root goes on as a line, so that its slope stays finite.
+//! - **Facing disks** lie across the line from the origin: `x = d^2 (1 + t) / R^2` and `s (1 + t)` is the distance of the crossing, with `d` the
+//!   distance of the centre from the line and `t = d^2 / s^2`, here `d^2 / (s^2 + h^2)`.
+//! - **Cones** of spots are soft in `1 - cos`, proportional to solid angle, and enlarge like disks. The case of Cycles that leaves out the cone
+//!   inside of the sphere is a soft one, too.
+//! - **Fronts** of area lights fade in over small cosines, where the crossing would move without bounds; spreads widen and end softly.
+//!
+//! Derivatives are those of these formulas, exactly.
+
+mod light;
+mod profile;
+mod wide;
+
+use std::ops::Range;
+
+use glam::Vec3;
+use rayon::prelude::*;
+use relume_dump::{End, Flags, Shard, decode_rgb9e5};
+use relume_scene::Light;
+
+use self::light::{SoftLight, SoftProfile};
+use self::profile::Segments;
+use self::wide::{Wide, Wide3};
+use crate::kernel::{self, Block, Visitor, Work};
+use crate::lanes::{Lanes, Portable, WIDTH};
+use crate::light::Reach;
+use crate::{Gather, GatherError};
+
+/// A light's tangent space, what every shape can move along; lanes that a shape does not have are 0.
+///
+/// 0..3: centre, metres, world axes. 3..6: rotation vector about the centre, radians, world axes, applied from the left. 6..8:
+/// logarithms of the sizes (radius; width and height; half angle of a sun). 8: half angle of a spot, radians. 9: its blend.
+pub const LANES: usize = 10;
+
+/// Values and their derivatives, one per light lane.
+const OUTPUTS: usize = 1 + LANES;
+
+/// Smoothed unit values of cells with derivatives. Cells are the means of squares of pixels: single pixels of a dump are too noisy to be compared.
+///
+/// Results do not depend on the number of threads; they do in the last digits on the instruction set.
+#[derive(Clone, Copy, Debug)]
+pub struct SoftGather<'a> {
+    gather: &'a Gather,
+    edge: usize,
+    extent: f32,
+}
+
+/// Unit values (radiance 1) of a light, RGB, and their derivatives by its lanes.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Linear {
+    /// One per cell that was asked for.
+    pub values: Vec<[f32; 3]>,
+    /// By [`LANES`], one per cell that was asked for.
+    pub slopes: Vec<[[f32; 3]; LANES]>,
+}
+
+impl<'a> SoftGather<'a> {
+    /// Cells are `edge` pixels wide and high.
+    pub fn new(gather: &'a Gather, edge: usize) -> Self {
+        Self { gather, edge: edge.max(1), extent: visible_extent(gather) }
+    }
+
+    /// Columns and rows of cells; numbers go row by row. The last ones may be smaller.
+    pub fn cells(&self) -> (usize, usize) {
+        let manifest = self.gather.dump().manifest();
+        (manifest.width.div_ceil(self.edge), manifest.height.div_ceil(self.edge))
+    }
+
+    /// Size of what the camera sees, in metres: the diagonal of the box around most of it. A softness of 1 smooths by this much.
+    pub fn extent(&self) -> f32 {
+        self.extent
+    }
+
+    /// A light's unit values at some cells with their derivatives. `softness` is above 0 and at most 1: positions are smoothed by this share of
+    /// [`SoftGather::extent`], angles by this many radians.
+    ///
+    /// # Errors
+    /// If the light cannot be gathered, the softness is out of range or there is no such cell.
+    pub fn linearise(&self, light: &Light, softness: f32, cells: &[u32]) -> Result<Linear, GatherError> {
+        if !(softness > 0.0 && softness <= 1.0) {
+            return Err(GatherError::Softness(softness));
+        }
+        let (columns, rows) = self.cells();
+        if let Some(&cell) = cells.iter().find(|&&cell| cell as usize >= columns * rows) {
+            return Err(GatherError::Cell { cell, cells: columns * rows });
+        }
+        let width = softness * self.extent;
+        let light = SoftLight::new(light, self.gather, softness, width)?;
+        let outputs: Vec<_> = cells
+            .par_iter()
+            .map_init(Work::default, |work, &cell| self.cell(&light, cell as usize, work))
+            .collect();
+        let slopes = |outputs: &[[f32; 3]; OUTPUTS]| std::array::from_fn(|lane| outputs[1 + lane]);
+        Ok(Linear {
+            values: outputs.iter().map(|outputs| outputs[0]).collect(),
+            slopes: outputs.iter().map(slopes).collect(),
+        })
+    }
+
+    /// Value and slopes of a cell.
+    fn cell(&self, light: &SoftLight, cell: usize, work: &mut Work) -> [[f32; 3]; OUTPUTS] {
+        let (dump, columns) = (self.gather.dump(), self.cells().0);
+        let manifest = dump.manifest();
+        let x = cell % columns * self.edge..manifest.width.min((cell % columns + 1) * self.edge);
+        let y = cell / columns * self.edge..manifest.height.min((cell / columns + 1) * self.edge);
+        let pixels = x.len() * y.len();
+        let mut sums = Sums::new(light);
+        for y in y {
+            let mut start = x.start;
+            while start < x.end {
+                let (tile, pixel) = dump.locate(start, y);
+                let rect = manifest.tile_rect(tile);
+                let end = x.end.min(rect.x + rect.width);
+                sums.scale = 1.0 / (dump.tile_samples(tile).max(1) as usize * pixels) as f32;
+                for shard in dump.tile(tile) {
+                    let records = run(shard, pixel..pixel + end - start);
+                    kernel::visit_candidates(self.gather.isa, shard, records, work, &mut sums);
+                }
+                start = end;
+            }
+        }
+        sums.finish()
+    }
+}
+
+/// The records of neighbouring pixels of a row.
+fn run(shard: &Shard, pixels: Range<usize>) -> Range<usize> {
+    let offsets = shard.pixel_offsets();
+    offsets[pixels.start] as usize..offsets[pixels.end] as usize
+}
+
+/// Diagonal of the box that holds the middle nine tenths of what the camera sees, axis by axis: a far
+/// backdrop or a speck before the lens should not count.
+fn visible_extent(gather: &Gather) -> f32 {
+    /// Pixels looked at along each edge.
+    const LOOKS: usize = 64;
+    let (dump, manifest) = (gather.dump(), gather.dump().manifest());
+    let looks = |size: usize| (0..LOOKS.min(size)).map(move |i| i * size / LOOKS.min(size));
+    let mut axes = [const { Vec::new() }; 3];
+    for (x, y) in looks(manifest.height).flat_map(|y| looks(manifest.width).map(move |x| (x, y))) {
+        for (shard, pixel) in dump.pixel(x, y) {
+            let first = shard.pixel(pixel).take(2).find_map(|record| shard.segment(record));
+            if let Some(End::Vertex(vertex)) = first.map(|segment| segment.end) {
+                for (axis, value) in axes.iter_mut().zip(vertex.to_array()) {
+                    axis.push(value);
+                }
+            }
+        }
+    }
+    let range = axes.map(|mut values| {
+        values.sort_by(f32::total_cmp);
+        let at = |share: usize| values.get(values.len() * share / 20).copied().unwrap_or(0.0);
+        at(19) - at(1)
+    });
+    let (min, max) = gather.bounds;
+    let extent = Vec3::from(range).length();
+    // A picture of the sky alone has no size; nor has an empty dump.
+    let fallback = if max.distance(min) > 0.0 { max.distance(min) } else { 1.0 };
+    if extent > 1e-4 * fallback { extent } else { fallback }
+}
+
+/// Segments that wait for seven others, and what those before have added.
+struct Sums<'a> {
+    light: &'a SoftLight,
+    /// What each contribution is weighted with.
+    scale: f32,
+    origin: [[f32; WIDTH]; 3],
+    edge: [[f32; WIDTH]; 3],
+    /// Throughput times factors, RGB.
+    weight: [[f32; WIDTH]; 3],
+    waiting: usize,
+    outputs: [[[f32; WIDTH]; 3]; OUTPUTS],
+}
+
+impl Visitor for Sums<'_> {
+    fn lights(&self) -> usize {
+        1
+    }
+
+    fn reach(&self, _light: usize) -> &Reach {
+        &self.light.reach
+    }
+
+    fn begin_block(&mut self, _first_record: usize) {}
+
+    #[inline(always)]
+    fn candidates<L: Lanes>(&mut self, shard: &Shard, block: &Block, _light: usize, numbers: &[u16]) {
+        let only_escaped = matches!(self.light.profile, SoftProfile::Sun(_));
+        for &index in numbers {
+            let record = block.record(usize::from(index));
+            let flags = Flags((shard.position_z_flags()[record] >> 16) as u16);
+            let factor = self.light.exact.factor(flags) * self.scale;
+            let (origin, edge) = block.segment(usize::from(index));
+            if factor == 0.0 || (only_escaped && !flags.escaped()) || edge == [0.0; 3] {
+                continue;
+            }
+            let weight = (decode_rgb9e5(shard.throughput()[record]) * factor).to_array();
+            for axis in 0..3 {
+                self.origin[axis][self.waiting] = origin[axis];
+                self.edge[axis][self.waiting] = edge[axis];
+                self.weight[axis][self.waiting] = weight[axis];
+            }
+            self.waiting += 1;
+            if self.waiting == WIDTH {
+                self.flush::<L>();
+            }
+        }
+    }
+}
+
+impl<'a> Sums<'a> {
+    fn new(light: &'a SoftLight) -> Self {
+        let mut edge = [[0.0; WIDTH]; 3];
+        edge[0] = [1.0; WIDTH];
+        Self {
+            light,
+            scale: 0.0,
+            origin: [[0.0; WIDTH]; 3],
+            edge,
+            weight: [[0.0; WIDTH]; 3],
+            waiting: 0,
+            outputs: [[[0.0; WIDTH]; 3]; OUTPUTS],
+        }
+    }
+
+    /// Adds what the waiting segments give.
+    #[inline(always)]
+    fn flush<L: Lanes>(&mut self) {
+        let segments = Segments::<L>::new(Wide3::load(&self.origin), Wide3::load(&self.edge));
+        match &self.light.profile {
+            SoftProfile::Sphere(ball) => {
+                self.add(profile::sphere_slopes(ball, &segments), [0, 1, 2, 3, 7]);
+            }
+            SoftProfile::FacingDisk(ball) => {
+                self.add(profile::facing_disk_slopes(ball, &segments), [0, 1, 2, 3, 7]);
+            }
+            SoftProfile::Spot { ball, cone, soft_falloff } => {
+                let outputs = profile::spot_slopes(ball, cone, *soft_falloff, &segments);
+                self.add(outputs, [0, 1, 2, 3, 4, 5, 6, 7, 9, 10]);
+            }
+            SoftProfile::Area(plane) => {
+                self.add(profile::area_slopes(plane, &segments), [0, 1, 2, 3, 4, 5, 6, 7, 8]);
+            }
+            SoftProfile::Sun(sun) => self.add(profile::sun_slopes(sun, &segments), [0, 4, 5, 6, 7]),
+        }
+        self.waiting = 0;
+    }
+
+    /// Adds some of the outputs of eight segments.
+    #[inline(always)]
+    fn add<L: Lanes, const N: usize>(&mut self, values: [Wide<L>; N], outputs: [usize; N]) {
+        let weights = self.weight.each_ref().map(Wide::load);
+        for (value, output) in values.into_iter().zip(outputs) {
+            for (weight, sums) in weights.iter().zip(&mut self.outputs[output]) {
+                value.add_scaled_to(*weight, sums);
+            }
+        }
+    }
+
+    /// The sums over all segments.
+    fn finish(mut self) -> [[f32; 3]; OUTPUTS] {
+        for weight in &mut self.weight {
+            weight[self.waiting..].fill(0.0);
+        }
+        self.flush::<Portable>();
+        self.outputs.map(|rgb| rgb.map(|lanes| lanes.iter().sum()))
+    }
+}
