@@ -11,13 +11,15 @@ from . import (
     preferences,
     render,
     rows,
+    scribble_tool,
     settings,
+    solve_settings,
     start,
     verify,
 )
 
 MODULES = (
-    *(preferences, settings, rows, looks, overlay, handlers),
-    *(start, main_panel, mixer, looks_panel, verify, background, render),
+    *(preferences, settings, solve_settings, rows, looks, overlay, handlers),
+    *(start, main_panel, mixer, looks_panel, verify, background, render, scribble_tool),
 )
 """Registered in this order, unregistered in reverse."""

@@ -28,6 +28,7 @@ from bpy.props import (
 from ..core import rows as core
 from ..core.rows import GROUP, LIGHT, STATIC, WORLD
 from ..export.light_tree import Line, light_tree
+from .solve_settings import RelumeLocks
 
 VALUES = ("on", "solo", "exposure", "multiplier", "color", "use_kelvin", "kelvin")
 """What an artist sets in a row; the names are those of `core.rows.Row`."""
@@ -138,6 +139,8 @@ class RelumeRow(bpy.types.PropertyGroup):
         precision=0,
         update=_edited,
     )
+
+    locks: PointerProperty(type=RelumeLocks, name="Locks", description="What solving may change of this light")
 
     def values(self) -> core.Row:
         """The row as plain data."""

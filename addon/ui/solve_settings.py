@@ -1,0 +1,253 @@
+"""What a scene remembers about solving: the brush and its strokes, places with goals of their own, the target picture,
+what may move and how hard to try. `scene.relume_solve`, and `locks` of each row."""
+
+from __future__ import annotations
+
+import bpy
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
+
+from ..core import strokes as core
+from ..viewport.views import redraw
+
+MEANING_ITEMS = [
+    (core.BRIGHTER, "Brighter", "More light here, by so many stops", "LIGHT_SUN", 0),
+    (core.DARKER, "Darker", "Less light here, by so many stops", "SHADING_SOLID", 1),
+    (core.COLOR, "This Colour", "Light of this tint here", "COLOR", 2),
+    (core.WARMER, "Warmer", "Light of a lower colour temperature here", "ADD", 3),
+    (core.COOLER, "Cooler", "Light of a higher colour temperature here", "FREEZE", 4),
+    (core.SHADOW, "Shadow", "As little light as the free lights can leave here", "GHOST_ENABLED", 5),
+    (core.KEEP, "Keep", "Here the picture is to stay as it is", "LOCKED", 6),
+]
+EFFORTS = {"QUICK": (2, 150), "NORMAL": (4, 300), "THOROUGH": (12, 600)}
+"""Starts and steps of each."""
+MOVES = ("position", "direction", "size", "cone", "color", "strength")
+"""What can be locked of a light; the names are those of a request."""
+
+
+def _redraw(_settings, _context) -> None:
+    redraw()
+
+
+def _amount(unit: str) -> dict:
+    """The settings of an amount that both brush and places have."""
+    if unit == "stops":
+        return {"name": "Stops", "default": 1.0, "min": 0.05, "max": 10.0, "soft_max": 4.0, "step": 10, "precision": 2}
+    return {"name": "Mireds", "default": 60.0, "min": 1.0, "max": 500.0, "soft_max": 200.0, "step": 500, "precision": 0}
+
+
+STOPS_TEXT = "How much brighter or darker: one stop more is twice the light, one less is half"
+MIREDS_TEXT = "How much warmer or cooler, in mireds: an orange gel of half strength is about 80"
+COLOR_TEXT = "The tint of the light that is wanted"
+
+
+class RelumeLocks(bpy.types.PropertyGroup):
+    """What solving may change of a light. Strength and colour are free at first: that is what a lighting artist
+    dials last and undoes most easily, while places are composed or have a reason in the set."""
+
+    position: BoolProperty(
+        name="Position",
+        description="Whether solving may move this light. Locked at first: a light's place is composed, or has a "
+        "reason in the set",
+    )
+    direction: BoolProperty(
+        name="Direction", description="Whether solving may turn this light. Locked at first: it was aimed at something"
+    )
+    size: BoolProperty(
+        name="Size",
+        description="Whether solving may make this light larger or smaller, which changes how soft its shadows are. "
+        "Locked at first: softness is a choice of style",
+    )
+    cone: BoolProperty(
+        name="Cone",
+        description="Whether solving may change angle and blend of this spot. Locked at first: its edge was placed",
+    )
+    color: BoolProperty(name="Colour", description="Whether solving may tint this light. Free at first", default=True)
+    strength: BoolProperty(
+        name="Strength", description="Whether solving may dim or brighten this light. Free at first", default=True
+    )
+
+
+class RelumeRegion(bpy.types.PropertyGroup):
+    """A place in the picture with a goal, other than strokes; kept in the .blend file."""
+
+    kind: EnumProperty(
+        name="Place",
+        description="How the place is given",
+        items=[
+            ("RECTANGLE", "Rectangle", "A rectangle of the picture", "SELECT_SET", 0),
+            ("MASK", "Mask", "An image: white is in, black is out", "IMAGE_ALPHA", 1),
+            ("OBJECT", "Object", "Where an object is seen", "OBJECT_DATA", 2),
+            ("MATERIAL", "Material", "Where a material is seen", "MATERIAL", 3),
+            ("OBJECT_INDEX", "Object Index", "Where objects of a pass index are seen", "LINENUMBERS_ON", 4),
+            ("MATERIAL_INDEX", "Material Index", "Where materials of a pass index are seen", "LINENUMBERS_ON", 5),
+        ],
+        update=_redraw,
+    )
+    goal: EnumProperty(name="Goal", description="What the picture is to do there", items=MEANING_ITEMS, update=_redraw)
+    stops: FloatProperty(description=STOPS_TEXT, **_amount("stops"))
+    mireds: FloatProperty(description=MIREDS_TEXT, **_amount("mireds"))
+    color: FloatVectorProperty(
+        name="Colour", description=COLOR_TEXT, subtype="COLOR", default=(1.0, 0.6, 0.3), min=0.0, soft_max=1.0
+    )
+    rectangle: FloatVectorProperty(
+        name="Rectangle",
+        description="Left, top, right and bottom edge as fractions of the picture, from its top left corner",
+        size=4,
+        default=(0.25, 0.25, 0.75, 0.75),
+        min=0.0,
+        max=1.0,
+        update=_redraw,
+    )
+    image: PointerProperty(name="Mask", description="The mask; any size of the picture's aspect", type=bpy.types.Image)
+    object: PointerProperty(name="Object", description="The object", type=bpy.types.Object)
+    material: PointerProperty(name="Material", description="The material", type=bpy.types.Material)
+    index: IntProperty(name="Index", description="The pass index", default=1, min=0)
+
+    def meaning(self) -> core.Meaning:
+        """What is asked of the place."""
+        return core.meaning(self.goal, getattr(self, core.UNITS.get(self.goal, ""), 0.0), self.color)
+
+
+class RelumeSolve(bpy.types.PropertyGroup):
+    """Kept in the .blend file."""
+
+    meaning: EnumProperty(name="Brush", description="What the picture is to do where you paint", items=MEANING_ITEMS)
+    stops: FloatProperty(description=STOPS_TEXT, **_amount("stops"))
+    mireds: FloatProperty(description=MIREDS_TEXT, **_amount("mireds"))
+    color: FloatVectorProperty(
+        name="Colour", description=COLOR_TEXT, subtype="COLOR", default=(1.0, 0.6, 0.3), min=0.0, soft_max=1.0
+    )
+    size: IntProperty(
+        name="Size",
+        description="Radius of the brush in pixels of the screen (F in the view)",
+        subtype="PIXEL",
+        default=30,
+        min=1,
+        max=1000,
+        soft_max=300,
+    )
+    strength: FloatProperty(
+        name="Strength",
+        description="How much a stroke counts beside the others (Shift F in the view)",
+        subtype="FACTOR",
+        default=1.0,
+        min=0.01,
+        max=1.0,
+    )
+    strokes: StringProperty(name="Strokes", description="All strokes, as JSON", options={"HIDDEN"}, update=_redraw)
+    show_strokes: BoolProperty(
+        name="Show Strokes",
+        description="Draw strokes and rectangles over the picture",
+        default=True,
+        update=_redraw,
+    )
+    regions: CollectionProperty(type=RelumeRegion, name="Places", description="Places with goals, besides strokes")
+    region: IntProperty(name="Place", description="The place whose settings are shown below")
+    target: PointerProperty(
+        name="Target",
+        description="A picture that the shot is to come close to: a paint-over, or a photograph of the same framing",
+        type=bpy.types.Image,
+    )
+    target_colors: EnumProperty(
+        name="Colours",
+        description="What the colours of the target are",
+        items=[
+            (
+                "AUTO",
+                "Automatic",
+                "PNG, JPEG and other pictures of 8 bits are as this scene's view transform would show them, others are "
+                "scene-linear",
+            ),
+            (
+                "VIEW",
+                "As Displayed",
+                "What this scene's view transform makes of light, such as a paint-over of a render",
+            ),
+            ("SRGB", "sRGB", "Plain sRGB without a view transform"),
+            ("LINEAR", "Scene-Linear", "Light itself, as in an EXR"),
+        ],
+    )
+    target_exposure: BoolProperty(
+        name="Any Exposure",
+        description="Only the mood counts: the picture may become brighter or darker than the target as a whole",
+    )
+    target_weight: FloatProperty(
+        name="Weight", description="How much the target counts beside strokes", default=1.0, min=0.01, max=100.0
+    )
+    world_color: BoolProperty(
+        name="World Colour",
+        description="Whether solving may tint the light of the world. Locked at first: it belongs to the place and the "
+        "hour of the shot",
+    )
+    world_strength: BoolProperty(
+        name="World Strength",
+        description="Whether solving may dim or brighten the light of the world. Locked at first: it belongs to the "
+        "place and the hour of the shot",
+    )
+    add_count: IntProperty(
+        name="New Lights", description="So many lights may be added, at most", default=0, min=0, max=32, soft_max=8
+    )
+    add_type: EnumProperty(
+        name="Type",
+        description="What new lights are",
+        items=[("point", "Point", "Spheres", "LIGHT_POINT", 0), ("area", "Area", "Rectangles", "LIGHT_AREA", 1)],
+    )
+    remove: BoolProperty(
+        name="May Switch Off", description="Lights with something free that turn out to do nothing may be hidden"
+    )
+    keep_rest: FloatProperty(
+        name="Keep the Rest",
+        description="How much everything that no goal names is to stay as it is. 0: it may change as it likes",
+        subtype="FACTOR",
+        default=0.1,
+        min=0.0,
+        max=1.0,
+    )
+    effort: EnumProperty(
+        name="Effort",
+        description="How many times it begins elsewhere, and how long it goes on",
+        items=[
+            (name, name.capitalize(), f"{starts} starts of at most {steps} steps")
+            for name, (starts, steps) in EFFORTS.items()
+        ],
+        default="NORMAL",
+    )
+    report: StringProperty(name="Report", description="What the last solve reached, as JSON", options={"HIDDEN"})
+
+    def brush(self) -> core.Meaning:
+        """What the brush means at present."""
+        return core.meaning(self.meaning, getattr(self, core.UNITS.get(self.meaning, ""), 0.0), self.color)
+
+
+def strokes_of(scene: bpy.types.Scene) -> tuple[core.Stroke, ...]:
+    """The scene's strokes; none if they cannot be read, such as those of a newer Relume."""
+    try:
+        return core.from_json(scene.relume_solve.strokes)
+    except core.StrokeError:
+        return ()
+
+
+CLASSES = (RelumeLocks, RelumeRegion, RelumeSolve)
+
+
+def register():
+    """Adds `scene.relume_solve`."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.Scene.relume_solve = PointerProperty(type=RelumeSolve)
+
+
+def unregister():
+    """Takes it away; values stay in the file."""
+    del bpy.types.Scene.relume_solve
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

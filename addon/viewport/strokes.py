@@ -1,0 +1,108 @@
+"""Draws the strokes and rectangles of the scribble brush over the camera's frame, a colour for each meaning.
+
+What is drawn is what the solver gets: a picture of how much each place is covered, not the lines of the brush."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import bpy
+import gpu
+import numpy as np
+from gpu_extras.batch import batch_for_shader
+
+from ..core import coverage
+from ..core.strokes import Meaning, Stroke
+from . import camera_frame
+from .camera_frame import Rectangle
+
+HEIGHT = 270
+"""Of the picture of the strokes, in pixels."""
+WIDEST = 4.0
+"""Aspect from which on that picture does not get any wider."""
+
+_live: tuple[int, Stroke] | None = None
+"""The movement that is being made, and its scene."""
+_texture: tuple[Any, Any] | None = None
+"""Its key and what is on the graphics card."""
+
+
+def set_live(scene: bpy.types.Scene, stroke: Stroke | None) -> None:
+    """Shows a movement before it is kept."""
+    global _live
+    _live = None if stroke is None else (scene.session_uid, stroke)
+
+
+def place_of(frame: Rectangle, x: float, y: float) -> tuple[float, float]:
+    """Fractions of the picture, from its top left corner, of a pixel of the region."""
+    return (x - frame.left) / frame.width, (frame.top - y) / frame.height
+
+
+def draw(
+    scene: bpy.types.Scene,
+    frame: Rectangle,
+    strokes: tuple[Stroke, ...],
+    rectangles: Iterable[tuple[Meaning, tuple[float, float, float, float]]],
+) -> None:
+    """Draws into the region of a 3D view, which is bound."""
+    if _live is not None and _live[0] == scene.session_uid:
+        strokes = (*strokes, _live[1])
+    blend = gpu.state.blend_get()
+    if strokes:
+        gpu.state.blend_set("ALPHA_PREMULT")
+        _draw_picture(frame, _picture(strokes, frame))
+    gpu.state.blend_set("ALPHA")
+    for meaning, rectangle in rectangles:
+        _draw_outline(frame, rectangle, (*coverage.display_color(meaning), 1.0))
+    gpu.state.blend_set(blend)
+
+
+def frame_in(context: bpy.types.Context) -> Rectangle | None:
+    """The camera's frame in a 3D view that looks through the scene's camera."""
+    if context.space_data is None or context.space_data.type != "VIEW_3D" or context.region_data is None:
+        return None
+    camera = camera_frame.camera_of(context.scene, context.space_data)
+    return camera_frame.frame_of(context.scene, camera, context.region, context.region_data)
+
+
+def free() -> None:
+    """Lets go of everything."""
+    global _live, _texture
+    _live = _texture = None
+
+
+def _picture(strokes: tuple[Stroke, ...], frame: Rectangle) -> Any:
+    """The strokes on the graphics card; made anew when they are other ones."""
+    global _texture
+    size = (round(HEIGHT * min(frame.width / frame.height, WIDEST)), HEIGHT)
+    if _texture is None or _texture[0] != (strokes, size):
+        pixels = np.ascontiguousarray(coverage.painted(strokes, size)[::-1]).reshape(-1)
+        buffer = gpu.types.Buffer("FLOAT", pixels.size, pixels)
+        _texture = (strokes, size), gpu.types.GPUTexture(size, format="RGBA16F", data=buffer)
+    return _texture[1]
+
+
+def _draw_picture(frame: Rectangle, texture: Any) -> None:
+    corners = [
+        (frame.left, frame.bottom),
+        (frame.right, frame.bottom),
+        (frame.right, frame.top),
+        (frame.left, frame.top),
+    ]
+    shader = gpu.shader.from_builtin("IMAGE")
+    square = {"pos": corners, "texCoord": [(0, 0), (1, 0), (1, 1), (0, 1)]}
+    batch = batch_for_shader(shader, "TRIS", square, indices=[(0, 1, 2), (0, 2, 3)])
+    shader.bind()
+    shader.uniform_sampler("image", texture)
+    batch.draw(shader)
+
+
+def _draw_outline(frame: Rectangle, rectangle: tuple[float, ...], color: tuple[float, ...]) -> None:
+    left, top, right, bottom = rectangle
+    part = frame.part((left, 1.0 - bottom), (right, 1.0 - top))
+    corners = [(part.left, part.bottom), (part.right, part.bottom), (part.right, part.top), (part.left, part.top)]
+    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
+    batch = batch_for_shader(shader, "LINE_LOOP", {"pos": corners})
+    shader.uniform_float("color", color)
+    batch.draw(shader)
