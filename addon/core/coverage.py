@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 from functools import lru_cache
 
@@ -71,7 +72,7 @@ def _cover(stroke: Stroke, size: tuple[int, int]) -> tuple[tuple[slice, slice], 
     low = np.clip(np.floor(points[:, :2].min(axis=0) - reach), 0, size).astype(int)
     high = np.clip(np.ceil(points[:, :2].max(axis=0) + reach), 0, size).astype(int)
     cover = np.zeros((max(high[1] - low[1], 0), max(high[0] - low[0], 0)), np.float32)
-    for start, end in zip(points[:-1] if len(points) > 1 else points, points[1:] if len(points) > 1 else points):
+    for start, end in itertools.pairwise(points if len(points) > 1 else np.repeat(points, 2, axis=0)):
         _add_capsule(cover, low, start, end)
     return (slice(low[1], low[1] + cover.shape[0]), slice(low[0], low[0] + cover.shape[1])), stroke.strength * cover
 

@@ -1,7 +1,7 @@
 """Strokes of the scribble brush: what the picture should do, and where.
 
 Places are fractions of the picture, (0, 0) its top left corner and (1, 1) its bottom right one; a radius is a fraction
-of the picture's height. A scene keeps its strokes as JSON: `{"format": "relume-strokes", "version": 1, "strokes": [...]}`.
+of the picture's height. A scene keeps its strokes as JSON with `"format": "relume-strokes"` and `"version": 1`.
 """
 
 from __future__ import annotations
