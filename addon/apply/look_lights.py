@@ -49,15 +49,24 @@ def light_state(obj: bpy.types.Object) -> dict[str, Any]:
 def restore_lights(objects: Iterable[bpy.types.Object], states: Iterable[dict[str, Any]]) -> list[str]:
     """Makes lights what they were, matched by name; the names that were not found. Raises RefusedError, and has then
     written nothing."""
-    by_name = {obj.name: obj for obj in objects}
-    states = list(states)
-    found = [_Restore(by_name[state["name"]], state) for state in states if state["name"] in by_name]
-    reasons = [reason for restore in found for reason in restore.refusals()]
+    objects, states = list(objects), list(states)
+    reasons = refusals(objects, states)
     if reasons:
         raise RefusedError(reasons)
-    for restore in found:
+    for restore in _matched(objects, states):
         restore.write()
-    return [state["name"] for state in states if state["name"] not in by_name]
+    names = {obj.name for obj in objects}
+    return [state["name"] for state in states if state["name"] not in names]
+
+
+def refusals(objects: Iterable[bpy.types.Object], states: Iterable[dict[str, Any]]) -> list[str]:
+    """Why lights cannot be made what they were, a line each."""
+    return [reason for restore in _matched(objects, states) for reason in restore.refusals()]
+
+
+def _matched(objects: Iterable[bpy.types.Object], states: Iterable[dict[str, Any]]) -> list[_Restore]:
+    by_name = {obj.name: obj for obj in objects}
+    return [_Restore(by_name[state["name"]], state) for state in states if state["name"] in by_name]
 
 
 @dataclass

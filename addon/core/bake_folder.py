@@ -40,6 +40,15 @@ def camera_of(folder: Path) -> str:
         return ""
 
 
+def size_of(folder: Path) -> tuple[int, int] | None:
+    """Width and height of a bake's picture; None if it cannot be read."""
+    try:
+        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        return int(manifest["width"]), int(manifest["height"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
 def _file_name(text: str) -> str:
     """Letters, digits and a few signs that every file system takes."""
     return re.sub(r"[^\w.-]+", "_", text).strip("._") or "shot"

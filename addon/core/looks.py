@@ -30,7 +30,7 @@ class Look:
     """Of lights, groups, world and static light."""
     lights: tuple[dict[str, Any], ...] = ()
     """Each `{"name", "type", "matrix", "hidden", "settings"}`: `matrix` is world-from-object by rows, `settings`
-    maps properties of the Blender light to values."""
+    maps properties of the Blender light to values. One with `"added": true` is made where there is none of its name."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +109,7 @@ def _light(entry: Any) -> dict[str, Any]:
         "matrix": _checked(entry, "matrix", _is_matrix, where),
         "hidden": _checked(entry, "hidden", _is_flag, where),
         "settings": {key: _checked(settings, key, _is_setting, where) for key in settings},
+        **({"added": True} if entry.get("added") is True else {}),
     }
 
 

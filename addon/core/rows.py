@@ -11,7 +11,7 @@ A gain multiplies a light's radiance by channel. The rules:
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from .blackbody import blackbody_color
@@ -65,8 +65,7 @@ def mix(rows: Iterable[Row], groups: Iterable[Row], memberships: Mapping[str, It
     some_solo = any_solo([*rows, *by_name.values()])
     out: dict[str, Any] = {"gains": {}, "world": list(NEUTRAL), "static": list(NEUTRAL)}
     for row in rows:
-        names = dict.fromkeys(memberships.get(row.name, ())) if row.kind == LIGHT else {}
-        chain = [row, *(by_name[name] for name in names if name in by_name)]
+        chain = _chain(row, by_name, memberships)
         gain = _product(chain) if _is_heard(chain, some_solo) else list(SILENT)
         if row.kind == LIGHT:
             out["gains"][row.name] = gain
@@ -86,6 +85,46 @@ def mix_for(
     other = SILENT if any_solo([*rows, *groups]) else NEUTRAL
     by_light = {name: gains.get(name) or gains.get(name.rpartition("#")[0]) or other for name in lights}
     return found | {"gains": by_light}
+
+
+def freed(
+    rows: Iterable[Row], groups: Iterable[Row], memberships: Mapping[str, Iterable[str]], lights: Iterable[str]
+) -> list[Row]:
+    """Rows and groups of the same mix, in which nothing acts on some lights any more: their rows are neutral, so are
+    groups that reach them; what these did is in the rows of their other members."""
+    rows, by_name, lights = list(rows), {group.name: group for group in groups}, set(lights)
+    if any_solo([*rows, *by_name.values()]):
+        heard = [_is_heard(_chain(row, by_name, memberships), True) for row in rows]
+        rows = [replace(row, on=row.on and is_heard, solo=False) for row, is_heard in zip(rows, heard, strict=True)]
+        by_name = {name: replace(group, solo=False) for name, group in by_name.items()}
+    reached = {name for light in lights for name in memberships.get(light, ()) if name in by_name}
+    out = []
+    for row in rows:
+        folded = [group for group in _chain(row, by_name, memberships)[1:] if group.name in reached]
+        out.append(Row(row.name) if row.kind == LIGHT and row.name in lights else _times(row, folded))
+    return out + [Row(name, GROUP) if name in reached else group for name, group in by_name.items()]
+
+
+def times(row: Row, gain: Iterable[float]) -> Row:
+    """The row with a gain in its multiplier and colour."""
+    gain = list(gain)
+    strength = max(gain)
+    if strength <= 0.0:
+        return replace(row, on=False)
+    color = tuple(channel * factor / strength for channel, factor in zip(row.color, gain, strict=True))
+    return replace(row, multiplier=row.multiplier * strength, color=color)
+
+
+def _times(row: Row, groups: list[Row]) -> Row:
+    on = row.on and all(group.on for group in groups)
+    gain = _product(groups)
+    return replace(row if gain == NEUTRAL else times(row, gain), on=on)
+
+
+def _chain(row: Row, groups: Mapping[str, Row], memberships: Mapping[str, Iterable[str]]) -> list[Row]:
+    """A row and all groups that act on it."""
+    names = dict.fromkeys(memberships.get(row.name, ())) if row.kind == LIGHT else {}
+    return [row, *(groups[name] for name in names if name in groups)]
 
 
 def _is_heard(chain: list[Row], some_solo: bool) -> bool:

@@ -3,23 +3,29 @@
 from . import (
     background,
     handlers,
+    locks,
     looks,
     looks_panel,
     main_panel,
     mixer,
     overlay,
     preferences,
+    regions,
     render,
     rows,
     scribble_tool,
     settings,
+    solve_panel,
     solve_settings,
+    solving,
     start,
+    target,
     verify,
 )
 
 MODULES = (
     *(preferences, settings, solve_settings, rows, looks, overlay, handlers),
-    *(start, main_panel, mixer, looks_panel, verify, background, render, scribble_tool),
+    *(start, main_panel, mixer, looks_panel, verify, background, render),
+    *(regions, target, locks, solving, scribble_tool, solve_panel),
 )
 """Registered in this order, unregistered in reverse."""

@@ -53,7 +53,7 @@ class Comparison:
         frame = self.shot.frame
         if frame is None or frame.request < self.number:
             return True
-        if frame.request == self.number and not _is_final(frame):
+        if frame.request == self.number and not is_final(frame):
             return True
         if frame.request == self.number:
             self.frames.append(frame)
@@ -98,7 +98,8 @@ def request_of(scene: bpy.types.Scene, found: shot.Shot, look: RelumeLook) -> st
     return json.dumps({"lights": lights, **mix, "interactive": False, "with": "auto"})
 
 
-def _is_final(frame: Any) -> bool:
+def is_final(frame: Any) -> bool:
+    """Whether nothing better of the same request is to come."""
     summary = json.loads(frame.summary)
     return frame.scale == 1 and summary.get("settled", True)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import time
+from typing import Any
 
 import bpy
 from bpy.app.handlers import persistent
@@ -36,15 +37,21 @@ def changed(scene: bpy.types.Scene, interactive: bool = False) -> None:
     found = shot.of(scene)
     if found is None:
         return
-    lights = found.lights.descriptions
-    mix = rows.mix(scene, [light["name"] for light in lights])
-    world = [gain * factor for gain, factor in zip(mix["world"], found.changes.world_gain(), strict=True)]
-    asked = found.relight(lights, mix | {"world": world}, interactive)
+    content = content_of(scene, found)
+    asked = found.relight(content.pop("lights"), content, interactive)
     if not interactive:
         _resting.pop(scene.session_uid, None)
     elif asked:
         _resting[scene.session_uid] = time.monotonic() + REST_SECONDS
     wake()
+
+
+def content_of(scene: bpy.types.Scene, found: shot.Shot) -> dict[str, Any]:
+    """What the picture of a scene is made of: "lights" as they were read last, "gains", "world" and "static"."""
+    lights = found.lights.descriptions
+    mix = rows.mix(scene, [light["name"] for light in lights])
+    world = [gain * factor for gain, factor in zip(mix["world"], found.changes.world_gain(), strict=True)]
+    return {"lights": lights, **mix, "world": world}
 
 
 def read_lights(scene: bpy.types.Scene) -> None:

@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-from bpy.props import CollectionProperty, IntProperty, PointerProperty, StringProperty
+from bpy.props import BoolProperty, CollectionProperty, IntProperty, PointerProperty, StringProperty
 
-from ..apply.look_lights import light_state, restore_lights
+from ..apply import new_lights
+from ..apply.look_lights import light_state, refusals, restore_lights
+from ..apply.writable import RefusedError
 from ..core.looks import Look, LookError, from_json, match, to_json
 from ..core.rows import LIGHT
 from ..engine import shot
@@ -33,6 +35,7 @@ class RelumeLook(bpy.types.PropertyGroup):
     uid: StringProperty(name="UID", description="Tells looks apart", options={"HIDDEN"})
     text: StringProperty(name="Values", description="The look in the form of its files", options={"HIDDEN"})
     request: StringProperty(name="Request", description="What its picture was asked with", options={"HIDDEN"})
+    solved: BoolProperty(name="Solved", description="Made by solving: it is about lights, not rows", options={"HIDDEN"})
     thumbnail: StringProperty(name="Thumbnail", description="Its picture, small", options={"HIDDEN"})
 
     def look(self) -> Look:
@@ -68,10 +71,7 @@ class Outcome:
 
 def snapshot(scene: bpy.types.Scene, name: str = "Look") -> RelumeLook:
     """Keeps rows, lights and, if there is one, the picture."""
-    rows.sync(scene)
-    lights = tuple(light_state(line.block) for line in light_tree(scene) if line.kind == LIGHT)
-    look = Look(name, tuple(row.values() for row in rows.present_rows(scene)), lights)
-    entry = _add(scene, look)
+    entry = add(scene, current(scene, name))
     found = shot.of(scene)
     if found is not None:
         entry.request = found.request
@@ -80,7 +80,16 @@ def snapshot(scene: bpy.types.Scene, name: str = "Look") -> RelumeLook:
     return entry
 
 
-def _add(scene: bpy.types.Scene, look: Look) -> RelumeLook:
+def current(scene: bpy.types.Scene, name: str) -> Look:
+    """Rows and lights as they are."""
+    rows.sync(scene)
+    return Look(
+        name, tuple(row.values() for row in rows.present_rows(scene)), tuple(map(light_state, lights_of(scene)))
+    )
+
+
+def add(scene: bpy.types.Scene, look: Look) -> RelumeLook:
+    """Keeps a look, under a name that is not taken."""
     state = scene.relume_looks
     name = free_name(look.name, {entry.name for entry in state.items})
     entry = state.items.add()
@@ -101,14 +110,32 @@ def restore(scene: bpy.types.Scene, look: Look, lights: bool = False) -> Outcome
     """Puts the rows back, and with `lights` the lights as they were too. Raises LookError or RefusedError, and has then
     written nothing."""
     rows.sync(scene)
+    match(look, [row.values() for row in rows.present_rows(scene)])
+    if lights:
+        _restore_lights(scene, look)
     present = rows.present_rows(scene)
     found = match(look, [row.values() for row in present])
-    if lights:
-        restore_lights([line.block for line in light_tree(scene) if line.kind == LIGHT], look.lights)
     for row, values in zip(present, found.rows, strict=True):
         row.take(values)
     handlers.read_lights(scene)
     return Outcome(found.missing, found.unknown)
+
+
+def _restore_lights(scene: bpy.types.Scene, look: Look) -> None:
+    """Makes the lights that the look adds and are not there, then writes all; or raises, and has done nothing."""
+    lights = lights_of(scene)
+    names = {obj.name for obj in lights}
+    added = [state for state in look.lights if state.get("added") and state["name"] not in names]
+    reasons = [*refusals(lights, look.lights), *new_lights.refusals(scene, added)]
+    if reasons:
+        raise RefusedError(reasons)
+    restore_lights([*lights, *new_lights.make(scene, added)], look.lights)
+    rows.sync(scene)
+
+
+def lights_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The light objects that have rows."""
+    return [line.block for line in light_tree(scene) if line.kind == LIGHT]
 
 
 def delete(scene: bpy.types.Scene, place: int) -> None:
@@ -135,7 +162,7 @@ def import_file(scene: bpy.types.Scene, path: Path) -> tuple[RelumeLook, Outcome
     look = from_json(path.read_bytes())
     rows.sync(scene)
     found = match(look, [row.values() for row in rows.present_rows(scene)])
-    return _add(scene, look), Outcome(found.missing, found.unknown)
+    return add(scene, look), Outcome(found.missing, found.unknown)
 
 
 def active_look(scene: bpy.types.Scene) -> RelumeLook | None:

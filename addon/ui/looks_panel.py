@@ -201,8 +201,10 @@ def _draw_look(layout, scene, look) -> None:
     if number:
         layout.template_icon(number, scale=7.0)
     line = layout.row(align=True)
-    line.operator("relume.restore_look", text="Restore", icon="RECOVER_LAST").lights = False
-    line.operator("relume.restore_look", text="Lights Too").lights = True
+    if look.solved:
+        line.operator("relume.apply_solved", icon="CHECKMARK")
+    else:
+        _draw_restore(line)
     column = layout.column(align=True)
     column.enabled = shot.of(scene) is not None
     column.prop_search(scene.relume_looks, "other", scene.relume_looks, "items", text="With")
@@ -211,6 +213,11 @@ def _draw_look(layout, scene, look) -> None:
     if pairs.pair_of(scene) is not None:
         line.operator("relume.stop_comparing", text="", icon="X")
         column.row(align=True).prop(scene.relume_view, "compare", expand=True)
+
+
+def _draw_restore(line) -> None:
+    line.operator("relume.restore_look", text="Restore", icon="RECOVER_LAST").lights = False
+    line.operator("relume.restore_look", text="Lights Too").lights = True
 
 
 CLASSES = (

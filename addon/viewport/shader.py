@@ -26,11 +26,13 @@ void main()
 """
 
 # Fetches by hand: Python cannot choose a texture's filter before Blender 5.2, and the weights stay exact.
-FRAGMENT = f"""
+FRAGMENT = (
+    f"""
 #define SHAPER_MIN {SHAPER_MIN}
 #define SHAPER_RANGE {LOG_MAX - SHAPER_MIN}
 #define SHAPER_OFFSET {SHAPER_OFFSET}
-""" + """
+"""
+    + """
 #define SPLIT 1
 #define DIFFERENCE 2
 #define LARGEST_RADIUS 16.0
@@ -135,6 +137,7 @@ void main()
   result = vec4(color.rgb * (color.a > 0.0 ? color.a : 1.0), color.a) * opacity;
 }
 """
+)
 
 ENCODING_ENTRIES = 4096
 

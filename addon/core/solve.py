@@ -1,0 +1,113 @@
+"""What is asked of the solver, and what its answer means for Blender's lights; as plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+WORLD = "world"
+"""Stands for the world among what is free."""
+SETTINGS = {
+    "energy": "energy",
+    "color": "color",
+    "exposure": "exposure",
+    "normalize": "normalize",
+    "use_temperature": "use_temperature",
+    "radius": "shadow_soft_size",
+    "soft_falloff": "use_soft_falloff",
+    "angle": "angle",
+    "shape": "shape",
+    "size": "size",
+    "size_y": "size_y",
+    "spread": "spread",
+    "spot_size": "spot_size",
+    "spot_blend": "spot_blend",
+}
+"""Names of the solver's answer, and those of Blender's light."""
+
+
+class SolveError(Exception):
+    """Nothing can be solved; the message is one line for the artist."""
+
+
+@dataclass(frozen=True)
+class Wish:
+    """How to solve."""
+
+    free: dict[str, list[str]]
+    """By the name of a light, or WORLD: what may change of it."""
+    goals: list[dict[str, Any]]
+    keep_rest: float = 0.1
+    add_count: int = 0
+    add_type: str = "point"
+    remove: bool = False
+    starts: int = 4
+    steps: int = 300
+
+
+def request(shown: dict[str, Any], wish: Wish) -> dict[str, Any]:
+    """The solver's request; `shown` is the picture: "lights", "gains", "world", "static". Raises SolveError."""
+    if not wish.goals:
+        raise SolveError("Say what the picture should do first: paint a stroke, add a place, or choose a target")
+    if not any(wish.free.values()) and not wish.add_count:
+        raise SolveError("Nothing may change: unlock something of a light, or allow new lights")
+    out = {
+        **{name: shown[name] for name in ("lights", "gains", "world", "static")},
+        "free": {name: moves for name, moves in wish.free.items() if moves},
+        "goals": wish.goals,
+        "keep_rest": wish.keep_rest,
+        "remove": wish.remove,
+        "starts": wish.starts,
+        "steps": wish.steps,
+    }
+    return out | ({"add": {"count": wish.add_count, "type": wish.add_type}} if wish.add_count else {})
+
+
+@dataclass
+class Solved:
+    """The lights of a look that the solver's answer makes."""
+
+    states: list[dict[str, Any]] = field(default_factory=list)
+    """As in `looks.Look.lights`: those that changed, are new, or are to be hidden."""
+    gone: list[str] = field(default_factory=list)
+    """Lights that are no longer in the scene."""
+
+
+def solved(answer: dict[str, Any], present: dict[str, dict[str, Any]], taken: Iterable[str] = ()) -> Solved:
+    """What an answer makes of the lights of a scene, as they are now, by name. New lights get names that are not
+    `taken`."""
+    out, taken = Solved(), set(taken)
+    changed = set(answer["changed"])
+    for found in answer["blender"]:
+        name = found["name"]
+        values = {SETTINGS[key]: value for key, value in found.items() if key in SETTINGS}
+        matrix = [list(row) for row in found["world_from_object"]]
+        if name in changed:
+            if name not in present:
+                out.gone.append(name)
+                continue
+            before = present[name]
+            settings = {key: value for key, value in values.items() if key in before["settings"]}
+            out.states.append(before | {"matrix": matrix, "settings": before["settings"] | settings})
+        else:
+            name = _free_name(name, taken)
+            taken.add(name)
+            state = {"name": name, "type": found["type"], "matrix": matrix, "hidden": False, "settings": values}
+            out.states.append(state | {"added": True})
+    for name in answer["removed"]:
+        if name in present:
+            out.states.append(present[name] | {"hidden": True})
+        else:
+            out.gone.append(name)
+    return out
+
+
+def _free_name(name: str, taken: set[str]) -> str:
+    numbers = (f"{name}.{number:03}" for number in range(1, len(taken) + 2))
+    return name if name not in taken else next(found for found in numbers if found not in taken)
+
+
+def picture_request(answer: dict[str, Any], static: list[float]) -> dict[str, Any]:
+    """Asks for the picture of an answer, whose lights hold their gains."""
+    return {"lights": answer["lights"], "gains": {}, "world": answer["world"], "static": static, "with": "auto"}

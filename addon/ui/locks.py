@@ -1,0 +1,172 @@
+"""What solving may change of each light: the locks of the rows, less what could not be written back."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+
+import bpy
+from bpy.props import EnumProperty
+
+from ..apply.look_lights import PLACE
+from ..apply.writable import why_not
+from ..core.rows import LIGHT
+from ..core.solve import WORLD
+from . import looks, rows
+from .solve_settings import MOVES
+
+HAS_NOT = {
+    "POINT": {"direction", "cone"},
+    "SPOT": set(),
+    "AREA": {"cone"},
+    "SUN": {"position", "cone"},
+}
+"""What a type of light does not have."""
+PATHS = {
+    "size": ("shadow_soft_size", "size", "size_y", "angle"),
+    "cone": ("spot_size", "spot_blend"),
+    "color": ("color",),
+    "strength": ("energy",),
+}
+"""Properties of the light's data; the others are the object's place."""
+ICONS = {
+    "position": "EMPTY_ARROWS",
+    "direction": "ORIENTATION_GIMBAL",
+    "size": "FULLSCREEN_ENTER",
+    "cone": "LIGHT_SPOT",
+    "color": "COLOR",
+    "strength": "LIGHT_SUN",
+}
+
+
+def moves_of(kind: str) -> list[str]:
+    """What a type of light has that could be free."""
+    return [move for move in MOVES if move not in HAS_NOT[kind]]
+
+
+def free(scene: bpy.types.Scene, lights: Iterable[str]) -> tuple[dict[str, list[str]], list[str]]:
+    """What is unlocked, by the names of lights in the picture and WORLD; and why some of it stays locked anyway."""
+    lights, settings = list(lights), scene.relume_solve
+    objects = {obj.name: obj for obj in looks.lights_of(scene)}
+    users = Counter(obj.data for obj in objects.values())
+    instanced = {name.rpartition("#")[0] for name in lights if name.rpartition("#")[0] in objects}
+    out: dict[str, list[str]] = {}
+    notes = []
+    for row in rows.present_rows(scene):
+        if row.kind != LIGHT or row.name not in lights or row.name not in objects:
+            continue
+        obj = objects[row.name]
+        wanted = [move for move in moves_of(obj.data.type) if getattr(row.locks, move)]
+        if row.name in instanced:
+            reason, kept = "is shown several times, by instances", []
+        else:
+            reason, kept = _writable(obj, wanted, users[obj.data])
+        if reason and wanted:
+            notes.append(f"light '{row.name}' {reason}: that stays as it is")
+        out[row.name] = kept
+    out[WORLD] = [move for move in ("color", "strength") if scene.world and getattr(settings, f"world_{move}")]
+    return out, notes
+
+
+def _writable(obj: bpy.types.Object, moves: list[str], users: int) -> tuple[str | None, list[str]]:
+    """Why some moves could not be written to a light, and the others."""
+    place = why_not(obj, *PLACE)
+    if place is None and obj.constraints:
+        place = f"is placed by its constraint '{obj.constraints[0].name}'"
+    shared = f"shares its data '{obj.data.name}' with other lights" if users > 1 else None
+    reason, kept = None, []
+    for move in moves:
+        paths = PATHS.get(move)
+        problem = place if paths is None else shared or why_not(obj.data, *paths)
+        reason = reason or problem
+        if problem is None:
+            kept.append(move)
+    return reason, kept
+
+
+class RELUME_OT_lock_all(bpy.types.Operator):  # noqa: N801 -- Blender's naming
+    """Lock this of all lights, or unlock it if all are locked"""
+
+    bl_idname = "relume.lock_all"
+    bl_label = "Lock All"
+    bl_options = {"REGISTER", "UNDO"}
+
+    move: EnumProperty(
+        name="What", description="What is locked or unlocked", items=[(move, move.capitalize(), "") for move in MOVES]
+    )
+
+    @classmethod
+    def description(cls, _context, properties):
+        """The tooltip."""
+        what = {"color": "colour"}.get(properties.move, properties.move)
+        return f"Let solving change the {what} of all lights, or of none"
+
+    def execute(self, context):
+        """Called by Blender."""
+        found = [row for row in rows.present_rows(context.scene) if row.kind == LIGHT]
+        unlocks = not any(getattr(row.locks, self.move) for row in found)
+        for row in found:
+            setattr(row.locks, self.move, unlocks)
+        return {"FINISHED"}
+
+
+class RELUME_UL_locks(bpy.types.UIList):  # noqa: N801
+    """Lights, and what may change of each: pressed icons are free, the others locked"""
+
+    def draw_item(self, context, layout, _data, row, _icon, _active_data, _active_property):
+        """Called by Blender."""
+        line = layout.row(align=True)
+        line.label(text=row.name, icon=row.icon)
+        obj = context.scene.objects.get(row.name)
+        kind = obj.data.type if obj is not None and obj.type == "LIGHT" else "SPOT"
+        for move in MOVES:
+            cell = line.row(align=True)
+            cell.enabled = move not in HAS_NOT[kind]
+            cell.prop(row.locks, move, text="", icon=ICONS[move])
+
+    def filter_items(self, _context, data, name):
+        """Called by Blender: which rows, and their order."""
+        found = getattr(data, name)
+        shown = [self.bitflag_filter_item if row.present and row.kind == LIGHT else 0 for row in found]
+        return shown, [row.order for row in found]
+
+
+def draw(layout, scene: bpy.types.Scene) -> None:
+    """The list of locks, with a switch for all lights over each column."""
+    mix, settings = scene.relume_mix, scene.relume_solve
+    head = layout.row(align=True)
+    head.label(text="May change")
+    for move in MOVES:
+        head.operator("relume.lock_all", text="", icon=ICONS[move]).move = move
+    count = sum(row.kind == LIGHT for row in rows.present_rows(scene))
+    layout.template_list("RELUME_UL_locks", "", mix, "rows", mix, "active", rows=max(2, min(count, 8)))
+    active = mix.rows[mix.active] if 0 <= mix.active < len(mix.rows) else None
+    if active is not None and active.present and active.kind == LIGHT and active.name in scene.objects:
+        column = layout.column(align=True)
+        for move in moves_of(scene.objects[active.name].data.type):
+            _lock(column, active.locks, move)
+    if scene.world is not None:
+        line = layout.row(align=True)
+        line.label(text="World", icon="WORLD")
+        _lock(line, settings, "world_strength", "Strength")
+        _lock(line, settings, "world_color", "Colour")
+
+
+def _lock(layout, owner, name: str, text: str | None = None) -> None:
+    icon = "UNLOCKED" if getattr(owner, name) else "LOCKED"
+    layout.prop(owner, name, icon=icon, toggle=True, **({} if text is None else {"text": text}))
+
+
+CLASSES = (RELUME_OT_lock_all, RELUME_UL_locks)
+
+
+def register():
+    """Adds list and operator."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+
+
+def unregister():
+    """Takes them away."""
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

@@ -1,0 +1,222 @@
+"""Places with goals of their own: rectangles, masks, and where objects or materials are seen."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+from bpy.props import EnumProperty, FloatVectorProperty
+
+from ..core import strokes as core
+from ..core.solve import SolveError
+from ..engine.region_masks import KINDS, Seen
+from ..export.target import TargetError, read_mask
+from ..viewport import strokes as drawing
+from ..viewport.views import redraw
+from .scribble_tool import NO_CAMERA_VIEW
+from .solve_settings import MEANING_ITEMS, RelumeRegion
+
+KIND_ITEMS = [
+    ("MASK", "Mask", "An image: white is in, black is out"),
+    ("OBJECT", "Object", "Where an object is seen"),
+    ("MATERIAL", "Material", "Where a material is seen"),
+    ("OBJECT_INDEX", "Object Index", "Where objects of a pass index are seen"),
+    ("MATERIAL_INDEX", "Material Index", "Where materials of a pass index are seen"),
+]
+"""Places that are chosen; rectangles are drawn."""
+LEAST = 0.005
+"""Width and height that a rectangle has at least, of the picture's."""
+
+
+def add_region(scene: bpy.types.Scene, kind: str) -> RelumeRegion:
+    """A new place that is asked for what the brush means at present."""
+    settings = scene.relume_solve
+    region = settings.regions.add()
+    region.kind, region.goal = kind, settings.meaning
+    region.stops, region.mireds, region.color = settings.stops, settings.mireds, settings.color
+    settings.region = len(settings.regions) - 1
+    return region
+
+
+def where(region: RelumeRegion, size: tuple[int, int], name: str) -> tuple[dict[str, Any], np.ndarray | Seen | None]:
+    """The place as a request has it; with the mask that it refers to by `name`, or what has to be looked for to make
+    it. Raises SolveError."""
+    if region.kind == "RECTANGLE":
+        left, top, right, bottom = region.rectangle
+        if right - left < LEAST or bottom - top < LEAST:
+            raise SolveError("A rectangle has no size: draw it again or remove it")
+        return {"rectangle": [left, top, right, bottom]}, None
+    mask = {"mask": name}
+    if region.kind == "MASK":
+        if region.image is None:
+            raise SolveError("A place has no mask: choose an image or remove the place")
+        try:
+            return mask, read_mask(region.image, size)
+        except TargetError as error:
+            raise SolveError(str(error)) from error
+    assert region.kind in KINDS
+    if region.kind.endswith("INDEX"):
+        return mask, Seen(region.kind, region.index)
+    block = region.object if region.kind == "OBJECT" else region.material
+    if block is None:
+        raise SolveError(f"A place has no {region.kind.lower()}: choose one or remove the place")
+    return mask, Seen(region.kind, block.name)
+
+
+class RELUME_OT_add_region(bpy.types.Operator):  # noqa: N801 -- Blender's naming
+    """Add a place with a goal of its own"""
+
+    bl_idname = "relume.add_region"
+    bl_label = "Add Place"
+    bl_options = {"REGISTER", "UNDO"}
+
+    kind: EnumProperty(name="Place", description="How the place is given", items=KIND_ITEMS)
+
+    @classmethod
+    def description(cls, _context, properties):
+        """The tooltip."""
+        return next((text for kind, _label, text, *_ in KIND_ITEMS if kind == properties.kind), cls.__doc__)
+
+    def execute(self, context):
+        """Called by Blender."""
+        add_region(context.scene, self.kind)
+        return {"FINISHED"}
+
+
+class RELUME_OT_remove_region(bpy.types.Operator):  # noqa: N801
+    """Take away this place"""
+
+    bl_idname = "relume.remove_region"
+    bl_label = "Remove Place"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context):
+        """Only with places."""
+        return len(context.scene.relume_solve.regions) > 0
+
+    def execute(self, context):
+        """Called by Blender."""
+        settings = context.scene.relume_solve
+        settings.regions.remove(settings.region)
+        settings.region = max(0, min(settings.region, len(settings.regions) - 1))
+        return {"FINISHED"}
+
+
+class RELUME_OT_draw_rectangle(bpy.types.Operator):  # noqa: N801
+    """Draw a rectangle in the camera's frame that does what the brush means"""
+
+    bl_idname = "relume.draw_rectangle"
+    bl_label = "Draw Rectangle"
+    bl_options = {"REGISTER", "UNDO"}
+
+    rectangle: FloatVectorProperty(
+        name="Rectangle", description="Left, top, right, bottom", size=4, options={"HIDDEN", "SKIP_SAVE"}
+    )
+    goal: EnumProperty(name="Goal", description="What the picture is to do there", items=MEANING_ITEMS)
+
+    def invoke(self, context, event):
+        """From a button it waits for the mouse; with the brush in hand it has begun."""
+        self.frame = drawing.frame_in(context)
+        if self.frame is None:
+            self.report({"WARNING"}, NO_CAMERA_VIEW)
+            return {"CANCELLED"}
+        self.goal = context.scene.relume_solve.meaning
+        self.start = self._place(event) if event.value == "PRESS" and context.region.type == "WINDOW" else None
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        """Follows the mouse until its button is released."""
+        if event.type in {"ESC", "RIGHTMOUSE"}:
+            drawing.set_live(context.scene, None)
+            redraw()
+            return {"CANCELLED"}
+        if event.type == "LEFTMOUSE" and event.value == "PRESS" and self.start is None:
+            self.start = self._place(event)
+        elif event.type == "MOUSEMOVE" and self.start is not None:
+            drawing.set_live(context.scene, self._outline(context, self._place(event)))
+            redraw()
+        elif event.type == "LEFTMOUSE" and event.value == "RELEASE" and self.start is not None:
+            (x, y), (u, v) = self.start, self._place(event)
+            self.rectangle = (min(x, u), min(y, v), max(x, u), max(y, v))
+            return self.execute(context)
+        return {"RUNNING_MODAL"}
+
+    def _place(self, event) -> tuple[float, float]:
+        place = drawing.place_of(self.frame, event.mouse_region_x, event.mouse_region_y)
+        return tuple(min(max(value, 0.0), 1.0) for value in place)
+
+    def _outline(self, context, end) -> core.Stroke:
+        """Its four sides as a thin stroke, while it is drawn."""
+        (x, y), (u, v) = self.start, end
+        corners = ((x, y), (u, y), (u, v), (x, v), (x, y))
+        return core.Stroke(context.scene.relume_solve.brush(), LEAST, 1.0, tuple((*corner, 1.0) for corner in corners))
+
+    def execute(self, context):
+        """Adds the rectangle."""
+        drawing.set_live(context.scene, None)
+        left, top, right, bottom = self.rectangle
+        if right - left < LEAST or bottom - top < LEAST:
+            self.report({"WARNING"}, "Drag from one corner of the rectangle to the other")
+            redraw()
+            return {"CANCELLED"}
+        region = add_region(context.scene, "RECTANGLE")
+        region.rectangle, region.goal = self.rectangle, self.goal
+        return {"FINISHED"}
+
+
+class RELUME_UL_regions(bpy.types.UIList):  # noqa: N801
+    """Places and their goals"""
+
+    def draw_item(self, _context, layout, _data, region, _icon, _active_data, _active_property):
+        """Called by Blender."""
+        kind, goal = region.bl_rna.properties["kind"], region.bl_rna.properties["goal"]
+        line = layout.row(align=True)
+        line.label(text=kind.enum_items[region.kind].name, icon=kind.enum_items[region.kind].icon)
+        line.label(text=goal.enum_items[region.goal].name, icon=goal.enum_items[region.goal].icon)
+
+
+def draw(layout, scene: bpy.types.Scene) -> None:
+    """Places, and the settings of the active one."""
+    settings = scene.relume_solve
+    line = layout.row(align=True)
+    line.operator("relume.draw_rectangle", text="Rectangle", icon="SELECT_SET")
+    line.operator_menu_enum("relume.add_region", "kind", text="Place", icon="ADD")
+    if not settings.regions:
+        return
+    line = layout.row()
+    line.template_list("RELUME_UL_regions", "", settings, "regions", settings, "region", rows=2)
+    line.operator("relume.remove_region", text="", icon="REMOVE")
+    if not 0 <= settings.region < len(settings.regions):
+        return
+    region = settings.regions[settings.region]
+    column = layout.column(align=True)
+    column.prop(region, "kind")
+    name = {"MASK": "image", "OBJECT": "object", "MATERIAL": "material"}.get(region.kind)
+    if name:
+        column.prop(region, name, text="")
+    elif region.kind.endswith("INDEX"):
+        column.prop(region, "index")
+    column.prop(region, "goal")
+    unit = core.UNITS.get(region.goal)
+    if unit:
+        column.prop(region, unit)
+    elif region.goal == core.COLOR:
+        column.prop(region, "color", text="")
+
+
+CLASSES = (RELUME_OT_add_region, RELUME_OT_remove_region, RELUME_OT_draw_rectangle, RELUME_UL_regions)
+
+
+def register():
+    """Adds list and operators."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+
+
+def unregister():
+    """Takes them away."""
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

@@ -1,0 +1,295 @@
+"""Solving in the background of Blender's window: a step at a time, with previews, until a new look is there.
+
+Nothing here writes to lights. What was solved is a look, and `relume.apply_solved` writes it.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import bpy
+import numpy as np
+from bpy.app.handlers import persistent
+
+from ..apply.look_lights import light_state
+from ..core import coverage
+from ..core import solve as core
+from ..core.looks import Look
+from ..core.rows import LIGHT, WORLD, Row, freed, times
+from ..core.solve import SolveError
+from ..core.strokes import goals
+from ..engine import region_masks, shot, solve
+from ..export.target import resized
+from ..viewport import compare as pairs
+from . import compare, handlers, locks, looks, regions, rows, target, thumbnails
+from .solve_settings import EFFORTS, strokes_of
+
+PREVIEW_SECONDS = 0.4
+"""Between previews: the picture needs the processor as well."""
+PICTURE_SECONDS = 60.0
+"""How long the picture of the result is waited for; without it the look has no thumbnail."""
+COARSE = (160, 90)
+"""Size at which strokes are looked at for whether anything is left of them."""
+SOLVED, BEFORE = "Solve", "Before"
+
+_running: dict[int, Solving] = {}
+
+
+class Solving:
+    """The lights of one scene being solved."""
+
+    def __init__(self, scene: bpy.types.Scene):
+        found = shot.of(scene)
+        if found is None:
+            raise SolveError("Press Start first: lights are solved in the paths of a bake")
+        if not found.status["samples"]:
+            raise SolveError("Wait for the first picture")
+        self.shot, self.uid = found, scene.session_uid
+        self.progress: tuple[float, str] = (0.0, "Looking at the goals")
+        self.entry = ""
+        """UID of the look that came of it."""
+        content = handlers.content_of(scene, found)
+        free, self.notes = locks.free(scene, [light["name"] for light in content["lights"]])
+        for name, gain in content["gains"].items():
+            if not any(gain):  # What is switched off stays off.
+                free.pop(name, None)
+        self._images: dict[str, np.ndarray] = {}
+        self._wanted: dict[str, region_masks.Seen] = {}
+        self._size = target.picture_size(scene)
+        self._request = core.request(content, self._wish(scene, free))
+        self._static = content["static"]
+        self._before = looks.current(scene, BEFORE)
+        self._before_request = found.request
+        self._before_frame = found.frame if found.frame is not None and compare.is_final(found.frame) else None
+        self._job: Any = None
+        self._work = self._run()
+
+    def _wish(self, scene: bpy.types.Scene, free: dict[str, list[str]]) -> core.Wish:
+        settings = scene.relume_solve
+        starts, steps = EFFORTS[settings.effort]
+        return core.Wish(
+            free,
+            [*self._stroke_goals(scene), *self._region_goals(scene), *self._target_goals(scene)],
+            keep_rest=settings.keep_rest,
+            add_count=settings.add_count,
+            add_type=settings.add_type,
+            remove=settings.remove,
+            starts=starts,
+            steps=steps,
+        )
+
+    def _stroke_goals(self, scene: bpy.types.Scene) -> list[dict[str, Any]]:
+        """The goals of strokes, without what was erased altogether."""
+        strokes = strokes_of(scene)
+        covered = coverage.layers(strokes, COARSE).values()
+        return [goal for goal, layer in zip(goals(strokes), covered, strict=True) if layer.any()]
+
+    def _region_goals(self, scene: bpy.types.Scene) -> list[dict[str, Any]]:
+        found = []
+        for number, region in enumerate(scene.relume_solve.regions, 1):
+            name = f"mask {number}"
+            where, mask = regions.where(region, self._size, name)
+            if isinstance(mask, region_masks.Seen):
+                self._wanted[name] = mask
+            elif mask is not None:
+                self._images[name] = mask
+            found.append(region.meaning().plain() | {"where": where})
+        return found
+
+    def _target_goals(self, scene: bpy.types.Scene) -> list[dict[str, Any]]:
+        settings = scene.relume_solve
+        if settings.target is None:
+            return []
+        self._images["target"], words, is_doubtful = target.read(scene)
+        self.notes += [words] * is_doubtful
+        invariant = settings.target_exposure
+        weight = settings.target_weight
+        return [{"goal": "target", "image": "target", "exposure_invariant": invariant, "weight": weight}]
+
+    def step(self) -> bool:
+        """Goes on for a moment; whether there is more to do. Raises SolveError, and has then ended."""
+        try:
+            if not self.shot.is_open:
+                raise SolveError("The bake was closed while lights were being solved")
+            next(self._work)
+            return True
+        except StopIteration:
+            _running.pop(self.uid, None)
+            return False
+        except SolveError:
+            self.cancel()
+            raise
+
+    def cancel(self) -> None:
+        """Ends it and shows the lights as they are."""
+        _running.pop(self.uid, None)
+        self._work.close()
+        if self._job is not None:
+            self._job.cancel()
+        scene = self._scene()
+        if scene is not None:
+            handlers.changed(scene)
+
+    def _scene(self) -> bpy.types.Scene | None:
+        """The scene, which undo may have replaced and another file removed."""
+        return next((scene for scene in bpy.data.scenes if scene.session_uid == self.uid), None)
+
+    def _run(self) -> Iterator[None]:
+        yield from self._look_for_masks()
+        self._job = solve.start(self.shot, self._request, self._images)
+        yield from self._wait_for_job()
+        answer = solve.answer(self._job)
+        self.progress = (1.0, "Making the picture")
+        request = core.picture_request(answer, self._static)
+        frame = yield from self._picture(json.dumps(request | {"interactive": False}))
+        scene = self._scene()
+        if scene is not None:
+            self._finish(scene, answer, request, frame)
+
+    def _look_for_masks(self) -> Iterator[None]:
+        if not self._wanted:
+            return
+        self.progress = (0.0, "Looking for objects")
+        masks: dict = {}
+        width, height = self._size
+        for found in region_masks.masks(self.uid, list(self._wanted.values()), width / height):
+            masks = found or {}
+            yield
+        for name, seen in self._wanted.items():
+            if seen not in masks or not masks[seen].any():
+                raise SolveError(f"Not seen in the picture: {seen}")
+            mask = resized(masks[seen], self._size)
+            self._images[name] = np.ascontiguousarray(mask, np.float32)
+
+    def _wait_for_job(self) -> Iterator[None]:
+        next_preview = 0.0
+        while not self._job.done:
+            report = self._job.progress()
+            if report is not None:
+                share = min(max(report["done"] / max(report["total"], 1), 0.0), 1.0)
+                self.progress = (share, f"Solving, {100 * share:.0f} %")
+            if time.monotonic() >= next_preview:
+                text = self._job.preview()
+                if text:
+                    self._preview(text)
+                    next_preview = time.monotonic() + PREVIEW_SECONDS
+            yield
+
+    def _preview(self, lights: str) -> None:
+        """Shows the best lights so far."""
+        world = self._request["world"]
+        found = {"lights": json.loads(lights), "gains": {}, "world": world, "static": self._static, "with": "auto"}
+        self.shot.ask(json.dumps(found | {"interactive": True}))
+        handlers.wake()
+
+    def _picture(self, request: str) -> Iterator[None]:
+        """Waits for the picture of the result and returns it; None where it does not come."""
+        number, end = self.shot.ask(request), time.monotonic() + PICTURE_SECONDS
+        handlers.wake()
+        while time.monotonic() < end and self.shot.is_open and self.shot.status["state"] != "failed":
+            frame = self.shot.frame
+            if frame is not None and frame.request == number and compare.is_final(frame):
+                return frame
+            if frame is not None and frame.request > number:  # Something was edited meanwhile.
+                number = self.shot.ask(request)
+                handlers.wake()
+            yield
+        return None
+
+    def _finish(self, scene: bpy.types.Scene, answer: dict, request: dict, frame: Any) -> None:
+        present = {obj.name: light_state(obj) for obj in looks.lights_of(scene)}
+        found = core.solved(answer, present, {obj.name for obj in bpy.data.objects})
+        self.notes += [f"Light '{name}' is gone: what was solved for it is left out" for name in found.gone]
+        self.notes += answer["warnings"]
+        before = self._keep_before(scene)
+        solved_rows = self._rows(scene, answer, [state for state in found.states if not state["hidden"]])
+        look = Look(f"{SOLVED} {_next_number(scene)}", tuple(solved_rows), tuple(found.states))
+        entry = _keep(scene, look, json.dumps(request | {"interactive": False}), frame)
+        entry.solved, self.entry = True, entry.uid
+        scene.relume_solve.report = json.dumps(
+            {
+                "look": entry.name,
+                "lines": [{"text": line["text"], "met": line["met"]} for line in answer["report"]],
+                "notes": list(dict.fromkeys(self.notes)),
+            }
+        )
+        if frame is not None:
+            pairs.set_pair(scene, frame, self._before_frame, scene.relume_view.compare, (entry.name, before))
+        handlers.changed(scene)
+
+    def _keep_before(self, scene: bpy.types.Scene) -> str:
+        """The name of the look of how it was: a new one, unless there is one already."""
+        request = self._before_request
+        for entry in scene.relume_looks.items:
+            if entry.name.startswith(BEFORE) and entry.request == request:
+                return entry.name
+        return _keep(scene, self._before, request, self._before_frame).name
+
+    def _rows(self, scene: bpy.types.Scene, answer: dict, states: list[dict]) -> list[Row]:
+        """Rows of the look: the answer's lights hold their gains themselves, the others keep them."""
+        present, groups, memberships = rows.plain(scene)
+        names = {state["name"] for state in states}
+        found = freed(present, groups, memberships, names)
+        known = {row.name for row in found if row.kind == LIGHT}
+        found += [Row(name) for name in names - known]
+        if answer["world"] == self._request["world"]:
+            return found
+        edited = self.shot.changes.world_gain()
+        gain = [now / max(factor, 1e-6) for now, factor in zip(answer["world"], edited, strict=True)]
+        return [times(Row(row.name, WORLD), gain) if row.kind == WORLD else row for row in found]
+
+
+def _keep(scene: bpy.types.Scene, look: Look, request: str, frame: Any) -> looks.RelumeLook:
+    """Adds a look with its picture."""
+    entry = looks.add(scene, look)
+    entry.request = request
+    if frame is not None:
+        entry.thumbnail = thumbnails.encode(scene, frame.image)
+    return entry
+
+
+def _next_number(scene: bpy.types.Scene) -> int:
+    names = {look.name for look in scene.relume_looks.items}
+    return next(number for number in range(1, len(names) + 2) if f"{SOLVED} {number}" not in names)
+
+
+def begin(scene: bpy.types.Scene) -> Solving:
+    """Begins to solve; to be stepped until it ends. Raises SolveError with one line for the artist."""
+    if running(scene) is not None:
+        raise SolveError("Lights are being solved already")
+    solving = _running[scene.session_uid] = Solving(scene)
+    return solving
+
+
+def running(scene: bpy.types.Scene) -> Solving | None:
+    """What is being solved."""
+    return _running.get(scene.session_uid)
+
+
+def apply(scene: bpy.types.Scene, look: looks.RelumeLook) -> looks.Outcome:
+    """Writes what was solved into the scene's lights, and makes the new ones. Raises LookError or RefusedError, and has
+    then written nothing."""
+    outcome = looks.restore(scene, look.look(), lights=True)
+    pairs.clear(scene)
+    return outcome
+
+
+@persistent
+def cancel_all(*_arguments) -> None:
+    """Ends everything: another file is about to be opened, or the add-on is disabled."""
+    for solving in list(_running.values()):
+        solving.cancel()
+
+
+def register():
+    """Ends solving with its file."""
+    bpy.app.handlers.load_pre.append(cancel_all)
+
+
+def unregister():
+    """Ends solving."""
+    cancel_all()
+    bpy.app.handlers.load_pre.remove(cancel_all)
