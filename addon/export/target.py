@@ -29,6 +29,10 @@ def read_target(
     """A target as scene-linear colours [height, width, 3] of width and height `size`, how its colours were understood,
     and whether that is to be doubted. `colors` as `RelumeSolve.target_colors`. Raises TargetError."""
     pixels = _pixels(image, size)[..., :3]
+    if not np.isfinite(pixels).all():
+        raise TargetError(f"target '{image.name}' has pixels that are not numbers")
+    if pixels.max() <= 0.0:
+        raise TargetError(f"target '{image.name}' is all black")
     is_display = not image.is_float or (image.source == "FILE" and image.file_format in DISPLAY_FORMATS)
     if colors == "LINEAR" or (colors == "AUTO" and not is_display):
         linear = pixels if image.is_float or image.colorspace_settings.is_data else from_srgb(pixels)
@@ -37,12 +41,7 @@ def read_target(
         # Blender has made light of pixels with more than 8 bits, by the sRGB curve.
         shown = to_srgb(pixels) if image.is_float and not image.colorspace_settings.is_data else pixels
         found = (from_srgb(shown), "Target read as plain sRGB", False) if colors == "SRGB" else undone(scene, shown)
-    linear = np.ascontiguousarray(found[0], np.float32)
-    if not np.isfinite(linear).all():
-        raise TargetError(f"target '{image.name}' has pixels that are not numbers")
-    if linear.max() <= 0.0:
-        raise TargetError(f"target '{image.name}' is all black")
-    return linear, *found[1:]
+    return np.ascontiguousarray(found[0], np.float32), *found[1:]
 
 
 def read_mask(image: bpy.types.Image, size: tuple[int, int]) -> np.ndarray:

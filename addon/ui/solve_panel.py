@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from typing import Any
 
 import bpy
@@ -134,6 +135,7 @@ def _solve_at_once(scene: bpy.types.Scene) -> None:
     found = solving.begin(scene)
     while found.step():
         found.shot.poll()
+        time.sleep(TICK_SECONDS)
 
 
 def _redraw(context: bpy.types.Context) -> None:
