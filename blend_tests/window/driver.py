@@ -249,6 +249,15 @@ class Driver:
             share = i / moves
             yield from self.move_mouse(*(a + share * (b - a) for a, b in zip(start, end, strict=True)))
 
+    def sweep(self, places, button="LEFTMOUSE", **modifiers):
+        """Holds a button of the mouse over places in the window, one after the other, and lets it go."""
+        yield from self.move_mouse(*places[0])
+        yield from self._event(button, "PRESS", **modifiers)
+        for place in places[1:]:
+            self._mouse = tuple(map(round, place))
+            yield from self._event("MOUSEMOVE", "NOTHING", **modifiers)
+        yield from self._event(button, "RELEASE", **modifiers)
+
     def find_button(self, what, across=0.3):
         """The place of a button in the side bar, by what it runs or sets; tries every row, from the top down.
 

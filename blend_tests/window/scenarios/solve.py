@@ -1,0 +1,180 @@
+"""An artist paints what the picture should do; the lights solve themselves, are compared, applied and undone."""
+
+import bpy
+import numpy as np
+from artist import Artist, addon
+
+NEEDS = ["cornell_box.blend"]
+SIZE = (256, 256)
+SOLVE_SECONDS = 240
+
+
+class Painter(Artist):
+    """An artist with the scribble brush."""
+
+    @property
+    def settings(self):
+        """What the scene remembers of solving."""
+        return self.scene.relume_solve
+
+    @property
+    def strokes(self):
+        """The strokes that are kept."""
+        return addon("ui.solve_settings").strokes_of(self.scene)
+
+    @property
+    def tool(self):
+        """The tool in hand."""
+        return self.driver.window.workspace.tools.from_space_view3d_mode("OBJECT", create=False).idname
+
+    def at(self, x, y):
+        """The place in the window of fractions of the picture, from its top left corner."""
+        frame, region = self._frame(), self.driver.region()
+        return region.x + frame.left + x * frame.width, region.y + frame.top - y * frame.height
+
+    def line(self, start, end, count=12):
+        """Places along a line in the picture."""
+        return [self.at(*(np.array(start) + (np.array(end) - start) * i / (count - 1))) for i in range(count)]
+
+    def paint(self, meaning, start, end, button="LEFTMOUSE", **modifiers):
+        """One stroke by the mouse."""
+        self.settings.meaning = meaning
+        yield from self.driver.sweep(self.line(start, end), button, **modifiers)
+        yield from self.driver.drawn()
+
+    def values(self):
+        """All that solving could write to lights."""
+        return {
+            obj.name: (obj.data.energy, tuple(obj.data.color), tuple(map(tuple, obj.matrix_world)), obj.hide_render)
+            for obj in self.scene.objects
+            if obj.type == "LIGHT"
+        }
+
+    def brightness(self, left, top, right, bottom):
+        """Mean light of a part of the picture, given as fractions from its top left corner."""
+        picture = self.picture()[::-1, :, :3]
+        height, width = picture.shape[:2]
+        part = picture[round(top * height) : round(bottom * height), round(left * width) : round(right * width)]
+        return part.mean()
+
+    def solve(self):
+        """Presses Enter over the view and waits for the end."""
+        solving = addon("ui.solving")
+        yield from self.driver.move_mouse(*self.at(0.5, 0.5))
+        yield from self.driver.press("RET")
+        found = solving.running(self.scene)
+        self.driver.check(found is not None, "Enter begins to solve")
+        seconds = yield from self.driver.until(
+            lambda: solving.running(self.scene) is None, lambda: f"the end of solving; {found.progress}", SOLVE_SECONDS
+        )
+        self.driver.record("time to solve", seconds, "s")
+
+
+def scribble(driver, artist):
+    """Every way to use the brush."""
+    with driver.within():
+        bpy.ops.wm.tool_set_by_id(name="relume.scribble")
+    driver.view.spaces.active.show_region_toolbar = True
+    yield from driver.drawn()
+    driver.check(artist.tool == "relume.scribble", f"the brush is in hand: {artist.tool}")
+    artist.settings.stops = 1.0
+    yield from artist.paint("brighter", (0.15, 0.85), (0.85, 0.85))
+    driver.check([it.meaning.goal for it in artist.strokes] == ["brighter"], f"a stroke is kept: {artist.strokes}")
+    points = artist.strokes[0].points
+    driver.check(np.allclose(points[0][:2], (0.15, 0.85), atol=0.01), f"it begins where it was painted: {points[0]}")
+    yield from artist.paint("keep", (0.3, 0.15), (0.7, 0.3), alt=True)
+    driver.check(len(artist.strokes[1].points) == 2, "Alt draws straight")
+    yield from artist.paint("keep", (0.3, 0.15), (0.4, 0.2), button="RIGHTMOUSE")
+    driver.check(artist.strokes[-1].meaning.goal == "erase", "the right button erases")
+    driver.photo("strokes")
+    yield from artist.undo()
+    driver.check([it.meaning.goal for it in artist.strokes] == ["brighter", "keep"], "undo takes back one stroke")
+    yield from artist.paint("warmer", (0.1, 0.3), (0.3, 0.6), ctrl=True)
+    driver.check(len(artist.settings.regions) == 1, "Ctrl draws a rectangle")
+    driver.photo("rectangle")
+    yield from artist.undo()
+    driver.check(len(artist.settings.regions) == 0, "undo takes it back")
+    before = artist.settings.size
+    yield from driver.move_mouse(*artist.at(0.5, 0.5))
+    yield from driver.press("F")
+    x, y = artist.at(0.5, 0.5)
+    yield from driver.move_mouse(x + 60, y)
+    driver.photo("size")
+    yield from driver.press("LEFTMOUSE")
+    driver.check(artist.settings.size != before, f"F sets the size: {artist.settings.size}")
+    artist.settings.size = before
+
+
+def outside_the_camera(driver, artist):
+    """Nothing is painted where it would mean nothing."""
+    count = len(artist.strokes)
+    data = driver.view.spaces.active.region_3d
+    data.view_perspective = "PERSP"
+    yield from driver.drawn()
+    region = driver.region()
+    x, y = region.x + region.width / 2, region.y + region.height / 2
+    yield from driver.sweep([(x, y), (x + 50, y)])
+    driver.check(len(artist.strokes) == count, "no stroke outside of the camera's view")
+    driver.photo("no-camera")
+    yield from driver.look_through_camera()
+
+
+def play(driver):
+    """See the first line of this file."""
+    artist = Painter(driver)
+    with driver.step("open"):
+        yield from artist.open("cornell_box.blend", SIZE, samples=16, train_seconds=0)
+    with driver.step("start"):
+        yield from artist.start()
+        yield from artist.until_settled()
+    with driver.step("scribble"):
+        yield from scribble(driver, artist)
+    with driver.step("outside"):
+        yield from outside_the_camera(driver, artist)
+    floor = (0.2, 0.82, 0.8, 0.88)
+    lights, before = artist.values(), artist.brightness(*floor)
+    with driver.step("cancel"):
+        yield from driver.move_mouse(*artist.at(0.5, 0.5))
+        yield from driver.press("RET")
+        yield from driver.wait(1.5)
+        driver.photo("solving")
+        yield from driver.press("ESC")
+        yield from driver.wait(0.5)
+        driver.check(addon("ui.solving").running(artist.scene) is None, "Esc cancels")
+        driver.check(artist.tool == "relume.scribble", "and the brush stays in hand")
+        driver.check(len(artist.scene.relume_looks.items) == 0 and artist.values() == lights, "nothing is left of it")
+        yield from artist.until_settled()
+    with driver.step("solve"):
+        yield from artist.solve()
+        names = [look.name for look in artist.scene.relume_looks.items]
+        driver.check(names == ["Before", "Solve 1"], f"the result is a look: {names}")
+        driver.check(artist.values() == lights, "the lights are as they were")
+        yield from driver.wait(1)
+        yield from driver.drawn()
+        driver.photo("solved")
+    with driver.step("compare"):
+        for mode in ("A", "B", "DIFFERENCE", "WIPE"):
+            artist.scene.relume_view.compare = mode
+            yield from driver.drawn()
+            driver.photo(f"compare-{mode.lower()}")
+    with driver.step("apply"):
+        with driver.within("UI"):
+            driver.check(bpy.ops.relume.apply_solved() == {"FINISHED"}, "the result is applied")
+        yield from driver.wait(0.5)
+        yield from artist.until_settled()
+        driver.photo("applied")
+        driver.check(artist.values() != lights, "the lights are what was solved")
+        stops = np.log2(artist.brightness(*floor) / before)
+        driver.record("asked for one stop, reached in the picture", stops, "stops")
+        driver.check(stops > 0.5, f"the floor is brighter: {stops:.2f} stops")
+    with driver.step("undo"):
+        yield from artist.undo()
+        yield from artist.until_settled()
+        driver.check(artist.values() == lights, "one undo puts the lights back")
+        driver.check([it.name for it in artist.scene.relume_looks.items] == ["Before", "Solve 1"], "the looks stay")
+    with driver.step("leave"):
+        yield from driver.move_mouse(*artist.at(0.5, 0.5))
+        yield from driver.press("ESC")
+        yield from driver.drawn()
+        driver.check(artist.tool == "builtin.select_box", f"Esc leaves the brush: {artist.tool}")
+        driver.photo("left")
