@@ -20,8 +20,8 @@ COLORS = {
 }
 """Display colours of what strokes mean; COLOR is drawn in its own."""
 OPACITY = 0.6
-EDGE = 0.2
-"""Share of the radius over which a stroke fades at its rim."""
+EDGE = 0.3
+"""Share of the radius over which a stroke fades at its rim. The formula is that of `relume_optimise::Region`."""
 STROKES_KEPT = 256
 
 
@@ -34,7 +34,7 @@ def layers(strokes: Iterable[Stroke], size: tuple[int, int]) -> dict[Meaning, np
         box, cover = _cover(stroke, size)
         if stroke.meaning.goal == ERASE:
             for layer in found.values():
-                layer[box] *= 1.0 - cover
+                layer[box] = np.minimum(layer[box], 1.0 - cover)
         else:
             layer = found.setdefault(stroke.meaning, np.zeros((height, width), np.float32))
             layer[box] = np.maximum(layer[box], cover)
@@ -68,7 +68,7 @@ def _cover(stroke: Stroke, size: tuple[int, int]) -> tuple[tuple[slice, slice], 
     points = np.array(stroke.points, np.float64)
     points[:, :2] *= (width, height)
     points[:, 2] *= stroke.radius * height
-    reach = points[:, 2:].max()
+    reach = points[:, 2:].max() * (1.0 + EDGE) + 1.0
     low = np.clip(np.floor(points[:, :2].min(axis=0) - reach), 0, size).astype(int)
     high = np.clip(np.ceil(points[:, :2].max(axis=0) + reach), 0, size).astype(int)
     cover = np.zeros((max(high[1] - low[1], 0), max(high[0] - low[0], 0)), np.float32)
@@ -79,7 +79,7 @@ def _cover(stroke: Stroke, size: tuple[int, int]) -> tuple[tuple[slice, slice], 
 
 def _add_capsule(cover: np.ndarray, corner: np.ndarray, start: np.ndarray, end: np.ndarray) -> None:
     """What lies between two circles, each x, y and radius in pixels."""
-    reach = max(start[2], end[2])
+    reach = max(start[2], end[2]) * (1.0 + EDGE) + 1.0
     low = np.maximum(np.floor(np.minimum(start, end)[:2] - reach).astype(int) - corner, 0)
     high = np.minimum(np.ceil(np.maximum(start, end)[:2] + reach).astype(int) - corner, cover.shape[::-1])
     if (high <= low).any():
@@ -91,4 +91,4 @@ def _add_capsule(cover: np.ndarray, corner: np.ndarray, start: np.ndarray, end: 
     distance = np.hypot(x - along * step[0], y - along * step[1])
     radius = np.maximum(start[2] + along * (end[2] - start[2]), 1e-6)
     part = cover[low[1] : high[1], low[0] : high[0]]
-    np.maximum(part, np.clip((radius - distance) / (EDGE * radius), 0.0, 1.0), out=part)
+    np.maximum(part, np.clip((radius - distance) / np.maximum(EDGE * radius, 0.5) + 0.5, 0.0, 1.0), out=part)

@@ -24,10 +24,12 @@ BRIGHTER, DARKER, COLOR, WARMER, COOLER, SHADOW, KEEP = MEANINGS = (
 )
 ERASE = "erase"
 """An eraser takes from all strokes that were painted before it."""
-UNITS = {BRIGHTER: "stops", DARKER: "stops", WARMER: "mireds", COOLER: "mireds"}
+UNITS = {BRIGHTER: "stops", DARKER: "stops", SHADOW: "stops", WARMER: "mireds", COOLER: "mireds"}
 """What the amount of a meaning counts, which is also its name in a request."""
 SPACING = 0.2
 """Of points along a stroke, in radii: a round brush hides what lies closer."""
+FARTHEST = 10.0
+"""How many pictures beside the picture a place may be."""
 DIGITS = 5
 """A hundred thousandth of the picture."""
 
@@ -154,7 +156,7 @@ def _stroke(entry: Any, number: int) -> Stroke:
 
 
 def _is_point(value: Any) -> bool:
-    return _is_list_of(value, 3, -100.0, 100.0) and 0.0 <= value[2] <= 1.0
+    return _is_list_of(value, 3, -FARTHEST, FARTHEST) and 0.0 <= value[2] <= 1.0
 
 
 def _is_list_of(value: Any, size: int, low: float, high: float) -> bool:

@@ -24,7 +24,7 @@ MEANING_ITEMS = [
     (core.COLOR, "This Colour", "Light of this tint here", "COLOR", 2),
     (core.WARMER, "Warmer", "Light of a lower colour temperature here", "ADD", 3),
     (core.COOLER, "Cooler", "Light of a higher colour temperature here", "FREEZE", 4),
-    (core.SHADOW, "Shadow", "As little light as the free lights can leave here", "GHOST_ENABLED", 5),
+    (core.SHADOW, "Shadow", "A shadow is to fall here: less light by so many stops", "GHOST_ENABLED", 5),
     (core.KEEP, "Keep", "Here the picture is to stay as it is", "LOCKED", 6),
 ]
 EFFORTS = {"QUICK": (2, 150), "NORMAL": (4, 300), "THOROUGH": (12, 600)}

@@ -13,7 +13,7 @@ import numpy as np
 from gpu_extras.batch import batch_for_shader
 
 from ..core import coverage
-from ..core.strokes import Meaning, Stroke
+from ..core.strokes import FARTHEST, Meaning, Stroke
 from . import camera_frame
 from .camera_frame import Rectangle
 
@@ -36,7 +36,8 @@ def set_live(scene: bpy.types.Scene, stroke: Stroke | None) -> None:
 
 def place_of(frame: Rectangle, x: float, y: float) -> tuple[float, float]:
     """Fractions of the picture, from its top left corner, of a pixel of the region."""
-    return (x - frame.left) / frame.width, (frame.top - y) / frame.height
+    place = (x - frame.left) / frame.width, (frame.top - y) / frame.height
+    return tuple(min(max(value, -FARTHEST), FARTHEST) for value in place)
 
 
 def draw(
