@@ -26,7 +26,7 @@ class RELUME_PT_main(RelumePanel, bpy.types.Panel):  # noqa: N801 -- Blender's n
         """Called by Blender."""
         layout, scene = self.layout, context.scene
         found = shot.of(scene)
-        if context.region_data is not None and context.region_data.view_perspective != "CAMERA":
+        if context.space_data.region_3d.view_perspective != "CAMERA":  # The side bar has no region_data.
             layout.operator("relume.look_through_camera", icon="OUTLINER_DATA_CAMERA")
         if found is not None:
             _draw_shot(layout, scene, found)

@@ -141,11 +141,11 @@ class RELUME_OT_look_through_camera(bpy.types.Operator):  # noqa: N801
     @classmethod
     def poll(cls, context):
         """Only in a 3D view with a camera."""
-        return context.scene.camera is not None and context.region_data is not None
+        return context.scene.camera is not None and context.area is not None and context.area.type == "VIEW_3D"
 
     def execute(self, context):
         """Called by Blender."""
-        context.region_data.view_perspective = "CAMERA"
+        context.space_data.region_3d.view_perspective = "CAMERA"  # A side bar has no region_data.
         return {"FINISHED"}
 
 

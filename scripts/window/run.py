@@ -26,6 +26,7 @@ OUT = REPOSITORY / "out" / "window"
 FIGURES = OUT.with_suffix(".json")
 PYTHON = REPOSITORY / ".venv-4.2" / "bin" / "python"
 SCREEN = "1920x1080"
+SMALL_DISK = "4m"
 
 sys.path.insert(0, str(HARNESS))
 from judge import failures  # noqa: E402
@@ -38,12 +39,13 @@ class Room:
         self.tree = tree
         self.folder = Path(tempfile.mkdtemp(prefix="relume-", dir=tree / "tmp"))
         self.inside = Path("/") / self.folder.relative_to(tree)
-        for name in ("home", "user", "screen", "scenes", "scratch", "pictures", "tmp"):
+        for name in ("home", "user", "screen", "scenes", "scratch", "pictures", "tmp", "small", "read_only"):
             (self.folder / name).mkdir()
         shutil.copytree(HARNESS, self.folder / "window")
 
     def command(self, *command, **environment):
-        """A command in the tree, with the machine's devices and processes where mounting is allowed."""
+        """A command in the tree; where mounting is allowed, with the machine's devices and processes, a small disk and
+        one that cannot be written to."""
         variables = {
             "PATH": "/usr/bin:/bin",
             "LANG": "C.UTF-8",
@@ -56,8 +58,11 @@ class Room:
         }
         chroot = ["chroot", self.tree, "env", "-i", *(f"{name}={value}" for name, value in variables.items()), *command]
         if may_mount():
-            mounts = 'mount --rbind /dev "$0/dev" && mount -t proc proc "$0/proc" && exec "$@"'
-            chroot = ["unshare", "--mount", "sh", "-c", mounts, self.tree, *chroot]
+            mounts = ["mount --rbind /dev dev", "mount -t proc proc proc"]
+            for name, options in (("small", f"size={SMALL_DISK}"), ("read_only", "ro")):
+                mounts.append(f"mount -t tmpfs -o {options} tmpfs .{self.inside / name}")
+            script = f'cd "$0" && {" && ".join(mounts)} && exec "$@"'
+            chroot = ["unshare", "--mount", "sh", "-c", script, self.tree, *chroot]
         return [str(part) for part in chroot]
 
     def call(self, *command, log, seconds, **environment):
