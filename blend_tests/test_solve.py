@@ -370,7 +370,7 @@ def test_previews_go_to_the_picture_and_never_to_lights(painted):
     before = state_of(painted)
     found, job = begin(painted)
     job.reports.append({"done": 30, "total": 100})
-    job.previews.append(json.dumps({"format": "relume-lights", "version": 1, "lights": []}))
+    job.previews.append({"format": "relume-lights", "version": 1, "lights": []})
     assert found.step() and found.progress == (0.3, "Solving, 30 %")
     asked = FakeLive.made[-1].requests[-1]
     assert asked["interactive"] and asked["lights"]["format"] == "relume-lights" and asked["gains"] == {}

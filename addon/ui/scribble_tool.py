@@ -203,9 +203,9 @@ class ScribbleTool(bpy.types.WorkSpaceTool):
     def draw_settings(context, layout, _tool):  # noqa: N805 -- Blender calls it without an instance
         """Called by Blender for the header."""
         settings = context.scene.relume_solve
-        if context.region_data is not None and context.region_data.view_perspective != "CAMERA":
+        view = getattr(context.space_data, "region_3d", None)
+        if view is not None and view.view_perspective != "CAMERA":
             layout.label(text="Strokes are painted in the camera's view", icon="INFO")
-            layout.operator("relume.look_through_camera", text="", icon="OUTLINER_DATA_CAMERA")
             return
         draw_brush(layout, settings)
         layout.prop(settings, "size")

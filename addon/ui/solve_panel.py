@@ -153,7 +153,6 @@ class RELUME_PT_solve(RelumePanel, bpy.types.Panel):  # noqa: N801
     bl_idname = "RELUME_PT_solve"
     bl_label = "Solve"
     bl_order = 15
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):
         """Called by Blender."""

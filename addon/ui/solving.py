@@ -110,7 +110,7 @@ class Solving:
         return [{"goal": "target", "image": "target", "exposure_invariant": invariant, "weight": weight}]
 
     def step(self) -> bool:
-        """Goes on for a moment; whether there is more to do. Raises SolveError, and has then ended."""
+        """Goes on for a moment; whether there is more to do. Has ended if it raises, for the artist SolveError."""
         try:
             if not self.shot.is_open:
                 raise SolveError("The bake was closed while lights were being solved")
@@ -119,7 +119,7 @@ class Solving:
         except StopIteration:
             _running.pop(self.uid, None)
             return False
-        except SolveError:
+        except Exception:
             self.cancel()
             raise
 
@@ -172,17 +172,16 @@ class Solving:
                 share = min(max(report["done"] / max(report["total"], 1), 0.0), 1.0)
                 self.progress = (share, f"Solving, {100 * share:.0f} %")
             if time.monotonic() >= next_preview:
-                text = self._job.preview()
-                if text:
-                    self._preview(text)
+                lights = self._job.preview()
+                if lights is not None:
+                    self._preview(lights)
                     next_preview = time.monotonic() + PREVIEW_SECONDS
             yield
 
-    def _preview(self, lights: str) -> None:
-        """Shows the best lights so far."""
-        world = self._request["world"]
-        found = {"lights": json.loads(lights), "gains": {}, "world": world, "static": self._static, "with": "auto"}
-        self.shot.ask(json.dumps(found | {"interactive": True}))
+    def _preview(self, lights: dict[str, Any]) -> None:
+        """Shows the best lights so far, a light set."""
+        request = core.picture_request({"lights": lights, "world": self._request["world"]}, self._static)
+        self.shot.ask(json.dumps(request | {"interactive": True}))
         handlers.wake()
 
     def _picture(self, request: str) -> Iterator[None]:

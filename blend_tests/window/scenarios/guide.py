@@ -4,6 +4,7 @@ import importlib
 
 import bpy
 from driver import ADDON
+from painter import Painter
 
 NEEDS = ["demo.blend"]
 
@@ -51,6 +52,29 @@ def show_preferences(driver):
     area.ui_type = "VIEW_3D"
 
 
+def solve(driver):
+    """Strokes, the panel, and the result beside how it was before."""
+    artist, settings = Painter(driver), bpy.context.scene.relume_solve
+    with driver.within():
+        bpy.ops.wm.tool_set_by_id(name="relume.scribble")
+    driver.view.spaces.active.show_region_toolbar = True
+    settings.size, settings.effort = 40, "QUICK"
+    yield from driver.find_button("relume.pick_brush")
+    yield from artist.paint("brighter", (0.2, 0.85), (0.6, 0.9))
+    yield from artist.paint("warmer", (0.1, 0.2), (0.4, 0.2))
+    yield from artist.paint("keep", (0.85, 0.3), (0.85, 0.7))
+    yield from driver.wait(1)
+    driver.photo("strokes")
+    yield from artist.solve()
+    yield from driver.wait(1)
+    yield from driver.drawn()
+    driver.photo("solved")
+    yield from press(driver, bpy.ops.relume.stop_comparing)
+    with driver.within():
+        bpy.ops.wm.tool_set_by_id(name="builtin.select_box")
+    yield from settled(driver, "the picture as it was")
+
+
 def play(driver):
     """See the first line of this file."""
     relume = bpy.ops.relume
@@ -88,6 +112,8 @@ def play(driver):
         yield from driver.drawn()
         driver.photo("wipe")
         scene.relume_view.wipe = False
+    with driver.step("solve"):
+        yield from solve(driver)
     with driver.step("changes"):
         scene.camera.location.x += 0.02
         yield from driver.wait(1)

@@ -1,0 +1,67 @@
+"""What an artist does with the scribble brush, as functions for scenarios."""
+
+import numpy as np
+from artist import Artist, addon
+
+SOLVE_SECONDS = 240
+
+
+class Painter(Artist):
+    """An artist with the scribble brush."""
+
+    @property
+    def settings(self):
+        """What the scene remembers of solving."""
+        return self.scene.relume_solve
+
+    @property
+    def strokes(self):
+        """The strokes that are kept."""
+        return addon("ui.solve_settings").strokes_of(self.scene)
+
+    @property
+    def tool(self):
+        """The tool in hand."""
+        return self.driver.window.workspace.tools.from_space_view3d_mode("OBJECT", create=False).idname
+
+    def at(self, x, y):
+        """The place in the window of fractions of the picture, from its top left corner."""
+        frame, region = self._frame(), self.driver.region()
+        return region.x + frame.left + x * frame.width, region.y + frame.top - y * frame.height
+
+    def line(self, start, end, count=12):
+        """Places along a line in the picture."""
+        return [self.at(*(np.array(start) + (np.array(end) - start) * i / (count - 1))) for i in range(count)]
+
+    def paint(self, meaning, start, end, button="LEFTMOUSE", **modifiers):
+        """One stroke by the mouse."""
+        self.settings.meaning = meaning
+        yield from self.driver.sweep(self.line(start, end), button, **modifiers)
+        yield from self.driver.drawn()
+
+    def values(self):
+        """All that solving could write to lights."""
+        return {
+            obj.name: (obj.data.energy, tuple(obj.data.color), tuple(map(tuple, obj.matrix_world)), obj.hide_render)
+            for obj in self.scene.objects
+            if obj.type == "LIGHT"
+        }
+
+    def brightness(self, left, top, right, bottom):
+        """Mean light of a part of the picture, given as fractions from its top left corner."""
+        picture = self.picture()[::-1, :, :3]
+        height, width = picture.shape[:2]
+        part = picture[round(top * height) : round(bottom * height), round(left * width) : round(right * width)]
+        return part.mean()
+
+    def solve(self):
+        """Presses Enter over the view and waits for the end."""
+        solving = addon("ui.solving")
+        yield from self.driver.move_mouse(*self.at(0.5, 0.5))
+        yield from self.driver.press("RET")
+        found = solving.running(self.scene)
+        self.driver.check(found is not None, "Enter begins to solve")
+        seconds = yield from self.driver.until(
+            lambda: solving.running(self.scene) is None, lambda: f"the end of solving; {found.progress}", SOLVE_SECONDS
+        )
+        self.driver.record("time to solve", seconds, "s")
