@@ -44,7 +44,7 @@ def layers(strokes: Iterable[Stroke], size: tuple[int, int]) -> dict[Meaning, np
 def painted(strokes: Iterable[Stroke], size: tuple[int, int]) -> np.ndarray:
     """The strokes as a picture to lay over: [height, width, 4], display colours premultiplied by alpha, top row first;
     later meanings cover earlier ones."""
-    out = np.zeros((size[1], size[0], 4), np.float32)
+    out: np.ndarray = np.zeros((size[1], size[0], 4), np.float32)
     for meaning, layer in layers(strokes, size).items():
         color = np.array([*display_color(meaning), 1.0], np.float32)
         alpha = (OPACITY * layer)[..., None]

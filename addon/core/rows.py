@@ -111,8 +111,8 @@ def times(row: Row, gain: Iterable[float]) -> Row:
     strength = max(gain)
     if strength <= 0.0:
         return replace(row, on=False)
-    color = tuple(channel * factor / strength for channel, factor in zip(row.color, gain, strict=True))
-    return replace(row, multiplier=row.multiplier * strength, color=color)
+    red, green, blue = (channel * factor / strength for channel, factor in zip(row.color, gain, strict=True))
+    return replace(row, multiplier=row.multiplier * strength, color=(red, green, blue))
 
 
 def _times(row: Row, groups: list[Row]) -> Row:

@@ -11,11 +11,8 @@ WORLD = "world"
 SETTINGS = {
     "energy": "energy",
     "color": "color",
-    "exposure": "exposure",
-    "normalize": "normalize",
-    "use_temperature": "use_temperature",
     "radius": "shadow_soft_size",
-    "soft_falloff": "use_soft_falloff",
+    "use_soft_falloff": "use_soft_falloff",
     "angle": "angle",
     "shape": "shape",
     "size": "size",
@@ -24,7 +21,8 @@ SETTINGS = {
     "spot_size": "spot_size",
     "spot_blend": "spot_blend",
 }
-"""Names of the solver's answer, and those of Blender's light."""
+"""Names of the solver's answer, and those of Blender's light. It leaves exposure, temperature, nodes and normalisation
+as they are."""
 
 
 class SolveError(Exception):

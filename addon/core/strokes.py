@@ -34,6 +34,9 @@ DIGITS = 5
 """A hundred thousandth of the picture."""
 
 
+Point = tuple[float, float, float]
+
+
 class StrokeError(Exception):
     """Strokes cannot be read; the message is one line for the artist."""
 
@@ -61,11 +64,8 @@ class Meaning:
 
 def meaning(goal: str, amount: float = 0.0, color: Iterable[float] = (1.0, 1.0, 1.0)) -> Meaning:
     """A meaning with only what its goal has, so that equal ones compare equal."""
-    return Meaning(
-        goal,
-        round(amount, DIGITS) if goal in UNITS else 0.0,
-        tuple(round(channel, DIGITS) for channel in color) if goal == COLOR else (1.0, 1.0, 1.0),
-    )
+    red, green, blue = (round(channel, DIGITS) for channel in color) if goal == COLOR else (1.0, 1.0, 1.0)
+    return Meaning(goal, round(amount, DIGITS) if goal in UNITS else 0.0, (red, green, blue))
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Stroke:
     radius: float
     strength: float
     """How much it counts, 0 to 1."""
-    points: tuple[tuple[float, float, float], ...]
+    points: tuple[Point, ...]
     """x, y and pressure (0 to 1, a factor on the radius)."""
 
     def region(self) -> dict[str, Any]:
@@ -86,10 +86,10 @@ class Stroke:
         return {"radius": self.radius, "strength": self.strength, "erase": erase, "points": points}
 
 
-def thinned(points: Iterable[Sequence[float]], radius: float, aspect: float) -> tuple[tuple[float, float, float], ...]:
+def thinned(movement: Iterable[Sequence[float]], radius: float, aspect: float) -> tuple[Point, ...]:
     """The points of a movement without those that its brush hides; the first and the last are kept. `aspect` is the
     picture's width by its height."""
-    points = [tuple(round(value, DIGITS) for value in point) for point in points]
+    points = [(round(x, DIGITS), round(y, DIGITS), round(pressure, DIGITS)) for x, y, pressure in movement]
     kept = points[:1]
     for point in points[1:]:
         if math.hypot((point[0] - kept[-1][0]) * aspect, point[1] - kept[-1][1]) >= SPACING * radius:
@@ -152,7 +152,7 @@ def _stroke(entry: Any, number: int) -> Stroke:
     radius = checked("radius", lambda value: _is_within(value, 1e-4, 10.0))
     strength = checked("strength", lambda value: _is_within(value, 0.0, 1.0))
     points = checked("points", lambda value: isinstance(value, list) and value and all(map(_is_point, value)))
-    return Stroke(meaning(goal, amount, color), radius, strength, tuple(tuple(map(float, point)) for point in points))
+    return Stroke(meaning(goal, amount, color), radius, strength, tuple((x, y, pressure) for x, y, pressure in points))
 
 
 def _is_point(value: Any) -> bool:

@@ -47,8 +47,9 @@ def masks(scene_uid: int, wanted: list[Seen], aspect: float) -> Iterator[dict[Se
         while place < end and time.perf_counter() < deadline:
             y, x = divmod(place, width)
             hit = cast((x + 0.5) / width, (y + 0.5) / height)
-            for seen in wanted if hit else ():
-                found[seen][y, x, 0] = hit[seen.kind] == seen.key
+            if hit is not None:
+                for seen in wanted:
+                    found[seen][y, x, 0] = hit[seen.kind] == seen.key
             place += 1
         yield None
     yield found

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import SimpleNamespace
 
 import bpy
@@ -62,25 +64,38 @@ def load(scene: bpy.types.Scene, path: str) -> str:
 
 
 def paste(context: bpy.types.Context) -> str:
-    """Takes the clipboard's picture as the target, through an image editor in the place of a 3D view: Blender pastes
-    nowhere else. Raises SolveError."""
-    area = context.area
-    if area is None or bpy.app.background:
+    """Takes the clipboard's picture as the target. Raises SolveError."""
+    if bpy.app.background:
         raise SolveError("Pasting needs Blender's window")
-    before, kind = set(bpy.data.images), area.ui_type
-    area.ui_type = "IMAGE_EDITOR"
+    if not bpy.ops.image.clipboard_paste.poll():
+        raise SolveError(NO_CLIPBOARD)
+    before = set(bpy.data.images)
     try:
-        with context.temp_override(area=area, region=area.regions[-1], space_data=area.spaces.active):
-            if bpy.ops.image.clipboard_paste.poll():
-                bpy.ops.image.clipboard_paste()
+        with _image_editor(context):
+            bpy.ops.image.clipboard_paste()
     except RuntimeError as error:
         raise SolveError(NO_CLIPBOARD) from error
-    finally:
-        area.ui_type = kind
     pasted = [image for image in bpy.data.images if image not in before]
     if not pasted:
         raise SolveError(NO_CLIPBOARD)
     return choose(context.scene, pasted[0])
+
+
+@contextmanager
+def _image_editor(context: bpy.types.Context) -> Iterator[None]:
+    """A context for operators of the image editor, which needs one on screen: for a moment, in the place of the
+    smallest other area."""
+    others = [area for area in context.screen.areas if area != context.area]
+    if not others:
+        raise SolveError("Pasting needs a second editor on screen, such as the outliner")
+    area = min(others, key=lambda area: area.width * area.height)
+    kind = area.ui_type
+    area.ui_type = "IMAGE_EDITOR"
+    try:
+        with context.temp_override(area=area, region=area.regions[-1], space_data=area.spaces.active):
+            yield
+    finally:
+        area.ui_type = kind
 
 
 def show(scene: bpy.types.Scene) -> None:

@@ -58,6 +58,20 @@ def outside_the_camera(driver, artist):
     yield from driver.look_through_camera()
 
 
+def paste_nothing(driver):
+    """An empty clipboard is said, and Blender's areas stay what they are."""
+    kinds = [area.type for area in driver.window.screen.areas]
+    driver.expect_error("The clipboard holds no picture")
+    with driver.within("UI"):
+        try:
+            bpy.ops.relume.paste_target()
+            driver.fail("pasting nothing is refused")
+        except RuntimeError as error:
+            driver.check("clipboard holds no picture" in str(error), f"in clear words: {error}")
+    yield from driver.drawn()
+    driver.check([area.type for area in driver.window.screen.areas] == kinds, "the areas are what they were")
+
+
 def play(driver):
     """See the first line of this file."""
     artist = Painter(driver)
@@ -70,6 +84,8 @@ def play(driver):
         yield from scribble(driver, artist)
     with driver.step("outside"):
         yield from outside_the_camera(driver, artist)
+    with driver.step("paste"):
+        yield from paste_nothing(driver)
     floor = (0.2, 0.82, 0.8, 0.88)
     lights, before = artist.values(), artist.brightness(*floor)
     with driver.step("cancel"):
