@@ -30,17 +30,32 @@ def scene():
 
 
 @pytest.fixture
-def registered(scene, monkeypatch):
-    """The add-on, enabled, with a fake native module."""
+def fake_native(monkeypatch):
+    """A fake native module."""
     import relume
 
     from fake_live import FakeLive
 
     monkeypatch.setattr(relume, "Live", FakeLive)
     FakeLive.made.clear()
+
+
+@pytest.fixture
+def registered(scene, fake_native):
+    """The add-on, enabled, with a fake native module."""
     bpy.ops.preferences.addon_enable(module="addon")
     yield
     bpy.ops.preferences.addon_disable(module="addon")
+
+
+@pytest.fixture
+def registered_for_all_files(scene, fake_native):
+    """The same without preferences: factory settings, which tests open as another file, do not disable it."""
+    import addon
+
+    addon.register()
+    yield
+    addon.unregister()
 
 
 @pytest.fixture

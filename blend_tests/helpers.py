@@ -6,8 +6,10 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
+from addon.core.rows import LIGHT
 from addon.engine.scene import load_scene
 from addon.export import ExportOptions
+from addon.ui import rows
 
 
 def exported(scene, **options):
@@ -90,3 +92,13 @@ def render_cycles(scene, samples=64, **settings):
     width, height = image.size
     bpy.data.images.remove(image)
     return pixels.reshape(height, width, -1)[..., :3]
+
+
+def update():
+    """What Blender does after every change: evaluates the scene, which calls the handlers."""
+    bpy.context.view_layer.update()
+
+
+def row(scene, name, kind=LIGHT):
+    """The row of a name."""
+    return next(row for row in rows.present_rows(scene) if (row.kind, row.name) == (kind, name))

@@ -7,33 +7,17 @@ import numpy as np
 import pytest
 import relume
 
-import addon
 from addon.apply.lights import scaled
 from addon.apply.writable import RefusedError
-from addon.core.rows import GROUP, LIGHT, STATIC, WORLD, Row
+from addon.core.rows import GROUP, STATIC, WORLD, Row
 from addon.engine.scene import load_scene
 from addon.ui import mixer, rows
-from helpers import add_light, add_material, add_quad, add_world
+from helpers import add_light, add_material, add_quad, add_world, row, update
 
 VERSION = bpy.app.version
 
 
-@pytest.fixture(autouse=True)
-def registered(scene):
-    """The add-on, enabled."""
-    addon.register()
-    yield
-    addon.unregister()
-
-
-def update():
-    """What Blender does after every change."""
-    bpy.context.view_layer.update()
-
-
-def row(scene, name, kind=LIGHT):
-    """The row of a name."""
-    return next(row for row in rows.present_rows(scene) if (row.kind, row.name) == (kind, name))
+pytestmark = pytest.mark.usefixtures("registered_for_all_files")
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from addon.export import ExportOptions, export_scene
 from addon.ui import handlers
 from addon.ui.start import start
 from fake_live import FakeLive
-from helpers import add, add_light
+from helpers import add, add_light, update
 
 
 @pytest.fixture
@@ -26,11 +26,6 @@ def live(lit):
     handlers.tick()
     live.requests.clear()
     return live
-
-
-def update():
-    """What Blender's window does after an edit: evaluates the scene, which calls the handlers."""
-    bpy.context.view_layer.update()
 
 
 def newest(live):

@@ -6,38 +6,18 @@ import math
 import bpy
 import numpy as np
 import pytest
-import relume
 
-import addon
 from addon.apply.writable import RefusedError
 from addon.core.looks import LookError, from_json, to_json
-from addon.core.rows import GROUP, LIGHT, Row
+from addon.core.rows import GROUP, Row
 from addon.engine import shot
 from addon.ui import compare, handlers, looks, rows, thumbnails
 from addon.ui.start import start
 from addon.viewport import compare as pairs
 from fake_live import FakeLive
-from helpers import add_light, add_quad
+from helpers import add_light, add_quad, row, update
 
-
-@pytest.fixture(autouse=True)
-def registered(scene, monkeypatch):
-    """The add-on, enabled, with a fake native module."""
-    monkeypatch.setattr(relume, "Live", FakeLive, raising=False)
-    FakeLive.made.clear()
-    addon.register()
-    yield
-    addon.unregister()
-
-
-def update():
-    """What Blender does after every change."""
-    bpy.context.view_layer.update()
-
-
-def row(scene, name, kind=LIGHT):
-    """The row of a name."""
-    return next(row for row in rows.present_rows(scene) if (row.kind, row.name) == (kind, name))
+pytestmark = pytest.mark.usefixtures("registered_for_all_files")
 
 
 @pytest.fixture

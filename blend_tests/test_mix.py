@@ -2,36 +2,18 @@
 
 import bpy
 import pytest
-import relume
 
 import addon
 from addon.core.rows import GROUP, LIGHT, STATIC, WORLD
 from addon.ui import rows
 from addon.ui.start import start
 from fake_live import FakeLive
-from helpers import add, add_light, add_quad
+from helpers import add, add_light, add_quad, row, update
 
 NEUTRAL, SILENT = [1.0] * 3, [0.0] * 3
 
 
-@pytest.fixture(autouse=True)
-def registered(scene, monkeypatch):
-    """The add-on, enabled, with a fake native module."""
-    monkeypatch.setattr(relume, "Live", FakeLive, raising=False)
-    FakeLive.made.clear()
-    addon.register()
-    yield
-    addon.unregister()
-
-
-def update():
-    """What Blender does after every change."""
-    bpy.context.view_layer.update()
-
-
-def row(scene, name, kind=LIGHT):
-    """The row of a name."""
-    return next(row for row in rows.present_rows(scene) if (row.kind, row.name) == (kind, name))
+pytestmark = pytest.mark.usefixtures("registered_for_all_files")
 
 
 def listed(scene):
