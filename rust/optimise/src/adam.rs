@@ -15,16 +15,18 @@ impl Adam {
         Self { learning_rate, step: 0, mean: vec![0.0; count], square: vec![0.0; count] }
     }
 
-    pub(crate) fn update(&mut self, values: &mut [f32], gradient: &[f32]) {
+    /// What to add to the values for this gradient.
+    pub(crate) fn step(&mut self, gradient: &[f32]) -> Vec<f32> {
         self.step += 1;
         let mean_scale = 1.0 / (1.0 - BETA_MEAN.powi(self.step));
         let square_scale = 1.0 / (1.0 - BETA_SQUARE.powi(self.step));
-        for (i, (value, g)) in values.iter_mut().zip(gradient).enumerate() {
+        let step = |(i, g): (usize, &f32)| {
             self.mean[i] += (1.0 - BETA_MEAN) * (g - self.mean[i]);
             self.square[i] += (1.0 - BETA_SQUARE) * (g * g - self.square[i]);
             let root = (self.square[i] * square_scale).sqrt();
-            *value -= self.learning_rate * self.mean[i] * mean_scale / (root + EPSILON);
-        }
+            -self.learning_rate * self.mean[i] * mean_scale / (root + EPSILON)
+        };
+        gradient.iter().enumerate().map(step).collect()
     }
 }
 
@@ -34,8 +36,7 @@ mod tests {
 
     #[test]
     fn first_step_is_the_learning_rate_whatever_the_gradient() {
-        let mut values = [1.0, 1.0, 1.0];
-        Adam::new(3, 0.05).update(&mut values, &[1e-3, -40.0, 0.0]);
-        assert!((values[0] - 0.95).abs() < 1e-5 && (values[1] - 1.05).abs() < 1e-5 && values[2] == 1.0);
+        let step = Adam::new(3, 0.05).step(&[1e-3, -40.0, 0.0]);
+        assert!((step[0] + 0.05).abs() < 1e-5 && (step[1] - 0.05).abs() < 1e-5 && step[2] == 0.0);
     }
 }

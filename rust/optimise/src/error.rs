@@ -3,9 +3,10 @@ use crate::RelightError;
 /// Why lights could not be solved. Each message names what to change.
 #[derive(Debug, thiserror::Error)]
 pub enum OptimiseError {
-    /// Target, base and relighter are not of one size.
+    /// A picture is not of the relighter's size.
     #[error(
-        "the {what} is {found:?} pixels, the relighter makes {expected:?}; bake and target need one resolution"
+        "the {what} is {} x {} pixels, the bake {} x {}; make both of one size",
+        found.0, found.1, expected.0, expected.1
     )]
     Size {
         /// Which picture.
@@ -18,17 +19,38 @@ pub enum OptimiseError {
     /// A picture holds NaN or infinity, or is not RGB.
     #[error("the {0} must be an RGB picture of finite values")]
     Picture(&'static str),
+    /// A target without light.
+    #[error("the target is black everywhere; no light can be found from it, choose another picture")]
+    BlackTarget,
+    /// A colour that has no hue.
+    #[error("goal {0} asks for black; ask for darker instead, or choose a colour")]
+    BlackColor(usize),
+    /// A goal without a pixel.
+    #[error("goal {0} concerns no pixel of the picture; paint inside the camera frame")]
+    EmptyGoal(usize),
+    /// Nothing is asked for.
+    #[error("nothing is asked for; paint a stroke or choose a target picture")]
+    NoGoal,
+    /// All is locked.
+    #[error("nothing may change; unlock a value of a light, or allow new lights")]
+    NothingFree,
     /// Bounds that hold nothing.
-    #[error("bounds of {0} must be finite, the lower below the upper, and a radius above 0")]
-    Bounds(&'static str),
-    /// No lights, or a start of another number of lights than locks.
-    #[error(
-        "a start holds {found} lights, {expected} are to be solved; give at least one light and one start"
-    )]
-    Starts {
-        /// Lights in the start.
+    #[error("light '{light}': bounds of {what} must be finite and above 0, the lower below the upper")]
+    Bounds {
+        /// The light.
+        light: String,
+        /// Which bounds.
+        what: &'static str,
+    },
+    /// A light whose shape stays comes without its picture, or one whose shape moves with one.
+    #[error("light '{0}': a picture is needed if, and only if, its shape stays")]
+    Still(String),
+    /// A list is not as long as that of the lights.
+    #[error("{found} lights are given where {expected} are to be solved")]
+    Lights {
+        /// How many there are.
         found: usize,
-        /// Entries in the list of locks.
+        /// How many there should be.
         expected: usize,
     },
     /// The settings cannot be used.

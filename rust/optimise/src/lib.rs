@@ -1,27 +1,49 @@
-//! Solves light parameters by gradients through a relighter (paper, section 5.3).
+//! Solves light parameters by gradients through a relighter (paper, section 5.3), for lights of every type, several views at
+//! once, and goals from target pictures to strokes.
 //!
 //! ```text
-//! let problem = Problem { relight: &proxy, target: &target, base: &static_and_world, bounds, locks: vec![Locks::default()] };
-//! let starts = random_starts(&problem, 8, seed)?;         // or the lights of the scene
-//! let solution = solve(&problem, &starts, &Settings::default(), &mut |step| ControlFlow::Continue(()))?;
-//! let polished = polish(&problem, &gather, &solution.lights, 12, &mut |step| ControlFlow::Continue(()))?;
-//! polished.lights                                         // centre, radius, radiance of each
+//! let goals = [Goal { aim: Aim::Target { image, exposure_invariant: false }, pixels: None, weight: 1.0 }];
+//! let view = View { relight: &proxy, base: &static_and_world, still: vec![None], goals: &goals };
+//! let problem = Problem { views: vec![view], variables: vec![Variable { light, locks, bounds, stay: 0.0 }] };
+//! let starts = random_starts(&problem, &options)?;        // or the lights of the scene
+//! let solution = solve(&problem, &starts, &Settings::default(), &|step| ControlFlow::Continue(()))?;
+//! let polished = polish(&through_the_gather, &solution.lights, &settings, &mut |step| ControlFlow::Continue(()))?;
 //! ```
 //!
-//! Position and radius are the logistic function of an unconstrained value within their bounds, radiance is a
-//! softplus, so that Adam may step freely. The loss is the mean squared error of Reinhard-tonemapped pixels on a
-//! random subset drawn afresh for each step. [`polish`] then takes out the proxy's error with exact pictures.
+//! What is free of a light is mapped to unconstrained values (`variable`); what is asked for becomes residuals of cells (`goal`,
+//! `term`); their squares and what moves cost (`preference`) are the loss (`objective`). [`solve`] steps by Adam on random
+//! subsets, from several starts of which the worse are given up; [`polish`] by Levenberg-Marquardt on exact pictures.
+//! [`idle_lights`] finds lights that are not needed, [`report()`] says what became of each goal.
 
 mod adam;
+mod cells;
 mod error;
-mod light;
+mod goal;
 mod objective;
 mod polish;
+mod preference;
+mod problem;
+mod prune;
 mod random;
+mod region;
+mod relight;
+mod report;
 mod solve;
+mod starts;
+mod term;
+mod variable;
 
 pub use error::OptimiseError;
-pub use light::{Bounds, Locks, SphereLight};
-pub use objective::{Compare, Problem, Relight, RelightError};
-pub use polish::{PolishStep, Polished, UnitImages, polish};
-pub use solve::{Settings, Solution, Step, TrajectoryPoint, random_starts, solve};
+pub use goal::{Aim, Goal};
+pub use polish::{Polish, PolishStep, Polished, polish};
+pub use problem::{Problem, View};
+pub use prune::idle_lights;
+pub use region::{Region, Stroke};
+pub use relight::{Compare, Compared, Linear, Relight, RelightError};
+pub use report::{Report, Worst, conflicts, report};
+pub use solve::{Settings, Solution, Step, TrajectoryPoint, solve};
+pub use starts::{RandomStarts, random_starts};
+pub use variable::{Bounds, Locks, Variable};
+
+#[cfg(test)]
+mod tests;

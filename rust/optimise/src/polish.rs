@@ -1,185 +1,212 @@
-use crate::light::PARAMS;
-use crate::objective::{Problem, RelightError, reinhard};
-use crate::{Bounds, OptimiseError, SphereLight};
-use glam::Vec3;
-use relume_image::{Image, metrics};
+use crate::OptimiseError;
+use crate::objective::{Draw, Objective, ViewObjective};
+use crate::problem::Problem;
+use crate::solve::mappings;
+use crate::term::Comparison;
+use crate::variable::{Mapping, PARAMS};
+use rayon::prelude::*;
+use relume_scene::{LANES, Light};
 use std::ops::ControlFlow;
 
-/// Something that makes whole unit images of sphere lights, exact but without gradients, such as a gather.
-pub trait UnitImages {
-    /// Unit images (radiance 1, linear RGB) of spheres given by centre and radius, of the target's size.
-    ///
-    /// # Errors
-    /// Whatever keeps it from making them.
-    fn unit_images(&self, spheres: &[(Vec3, f32)]) -> Result<Vec<Image>, RelightError>;
+/// How lights are polished.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Polish {
+    /// Most steps.
+    pub steps: usize,
+    /// Softness of the derivatives at the first step and the least; it is halved where they no longer lead on. Values are exact.
+    pub softness: [f32; 2],
 }
 
 /// Where a polish stands; handed to the caller after every step.
 #[derive(Clone, Copy, Debug)]
-pub struct PolishStep {
+pub struct PolishStep<'a> {
     /// Which step.
     pub iteration: usize,
-    /// Mean squared tonemapped difference of block means.
+    /// Loss of all cells.
     pub loss: f64,
+    /// The best lights so far.
+    pub lights: &'a [Light],
 }
 
 /// Lights after [`polish`].
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Polished {
     /// The lights; those that it was given if nothing was better.
-    pub lights: Vec<SphereLight>,
-    /// Mean squared tonemapped difference of block means.
+    pub lights: Vec<Light>,
+    /// Loss of all cells of exact pictures.
     pub loss: f64,
     /// That of the lights that it was given.
     pub start_loss: f64,
 }
 
-/// Pixels along the edge of the blocks whose means are compared: the noise of gathered pictures is an eighth there, and
-/// a tonemapped mean is less biased by it than the mean of tonemapped pixels.
-const BLOCK: usize = 8;
-/// Steps of the central differences: of the centre in radii, of the radius as its logarithm. Large, because a gathered
-/// picture changes by single segments.
-const CENTER_STEP: f32 = 0.25;
-const RADIUS_STEP: f32 = 0.15;
-/// A further step that improves the loss by less than this share is the last.
+/// Cells of each goal that are looked at.
+const MOST_CELLS: usize = 16384;
+/// A further step that improves the loss by less than this share is the last at its softness.
 const LEAST_GAIN: f64 = 1e-3;
+/// Longest step of an unconstrained value.
+const LONGEST: f64 = 0.7;
 
-/// Moves solved lights to where exact pictures fit the target best, by Levenberg-Marquardt steps (Marquardt 1963) with
-/// derivatives from differences of pictures. A proxy's error is gone afterwards; the basin is still the one it found.
+/// Moves solved lights to where exact pictures serve the goals best, by Levenberg-Marquardt steps (Marquardt 1963). What a
+/// proxy or smoothing gets wrong is gone afterwards; the basin is still the one that it found.
 ///
 /// # Errors
-/// As [`crate::solve`].
+/// As [`crate::solve`]; also if the relighter of a view gives no derivatives with its values.
 pub fn polish(
     problem: &Problem,
-    exact: &dyn UnitImages,
-    lights: &[SphereLight],
-    steps: usize,
+    lights: &[Light],
+    settings: &Polish,
     on_step: &mut dyn FnMut(PolishStep) -> ControlFlow<()>,
 ) -> Result<Polished, OptimiseError> {
     problem.validate()?;
-    if lights.len() != problem.locks.len() {
-        return Err(OptimiseError::Starts { found: lights.len(), expected: problem.locks.len() });
-    }
-    let fit = Fit::new(problem, exact);
-    let mut best = fit.at(lights)?;
+    let objective = Objective::new(problem, 0.0)?;
+    let fit =
+        Fit { draw: objective.spread(MOST_CELLS), mappings: mappings(problem, lights, 0.0)?, objective };
+    let mut best = fit.state(lights)?;
     let start_loss = best.loss;
-    let mut system = fit.normal_equations(&best)?;
+    let (mut softness, least) = (settings.softness[0], settings.softness[1]);
+    let mut system = fit.normal_equations(&best, softness)?;
     let mut damping = 1e-3;
-    for iteration in 0..steps {
+    for iteration in 0..settings.steps {
         let Some(delta) = system.solve(damping) else { break };
-        let next = fit.at(&fit.moved(&best.lights, &delta))?;
+        let next = fit.state(&fit.moved(&best.lights, &delta))?;
         let gain = 1.0 - next.loss / best.loss;
-        if gain > 0.0 {
+        let improves = gain > 0.0;
+        if improves {
             best = next;
-            damping *= 0.1;
-        } else {
-            damping *= 8.0;
         }
-        let stop = on_step(PolishStep { iteration, loss: best.loss }).is_break();
-        if stop || (0.0..LEAST_GAIN).contains(&gain) || damping > 1e6 {
+        damping *= if improves { 0.1 } else { 8.0 };
+        if on_step(PolishStep { iteration, loss: best.loss, lights: &best.lights }).is_break() {
             break;
         }
-        if gain > 0.0 {
-            system = fit.normal_equations(&best)?;
+        let is_done = (0.0..LEAST_GAIN).contains(&gain) || damping > 1e3;
+        if is_done && softness <= least {
+            break;
+        }
+        if is_done {
+            (softness, damping) = ((0.5 * softness).max(least), 1e-3);
+        }
+        if improves || is_done {
+            system = fit.normal_equations(&best, softness)?;
         }
     }
     Ok(Polished { lights: best.lights, loss: best.loss, start_loss })
 }
 
-/// Lights, their pictures as block means, and what is wrong with the sum.
+/// Lights, and their pictures by view and light.
 struct State {
-    lights: Vec<SphereLight>,
-    units: Vec<Vec<f32>>,
-    /// Tonemapped difference and slope of the tonemapping for each value.
-    residuals: Vec<(f32, f32)>,
+    lights: Vec<Light>,
+    units: Vec<Vec<Vec<[f32; 3]>>>,
     loss: f64,
 }
 
 struct Fit<'a> {
-    exact: &'a dyn UnitImages,
-    bounds: Bounds,
-    /// Parameters that may move, as (light, lane): centre, logarithm of the radius, radiance.
-    lanes: Vec<(usize, usize)>,
-    base: Vec<f32>,
-    /// Tonemapped.
-    target: Vec<f32>,
-    exposure: f32,
+    objective: Objective<'a>,
+    mappings: Vec<Mapping>,
+    draw: Draw,
 }
 
-impl<'a> Fit<'a> {
-    fn new(problem: &'a Problem, exact: &'a dyn UnitImages) -> Self {
-        let exposure = metrics::exposure(problem.target);
-        let target = block_means(problem.target).into_iter().map(|v| reinhard(exposure * v).0).collect();
-        let base = block_means(problem.base);
-        let lanes = (0..problem.locks.len()).flat_map(|light| (0..PARAMS).map(move |lane| (light, lane)));
-        let lanes = lanes.filter(|(light, lane)| problem.locks[*light].free(*lane)).collect();
-        Self { exact, bounds: problem.bounds, lanes, base, target, exposure }
+impl Fit<'_> {
+    fn state(&self, lights: &[Light]) -> Result<State, OptimiseError> {
+        let units = self.objective.units(lights, &self.draw)?;
+        let loss = self.objective.loss_of_goals(lights, &units, &self.draw)
+            + self.objective.preference_loss(&self.mappings, lights);
+        Ok(State {
+            lights: lights.to_vec(),
+            units,
+            loss: if loss.is_finite() { loss } else { f64::INFINITY },
+        })
     }
 
-    fn at(&self, lights: &[SphereLight]) -> Result<State, OptimiseError> {
-        let spheres: Vec<_> = lights.iter().map(|light| (light.center, light.radius)).collect();
-        let units: Vec<_> = self.exact.unit_images(&spheres)?.iter().map(block_means).collect();
-        let residual = |i: usize| {
-            let sum: f32 =
-                lights.iter().zip(&units).map(|(light, unit)| light.radiance[i % 3] * unit[i]).sum();
-            let (tone, slope) = reinhard(self.exposure * (self.base[i] + sum));
-            (tone - self.target[i], self.exposure * slope)
+    fn moved(&self, lights: &[Light], delta: &[f64]) -> Vec<Light> {
+        let of_light = |((light, mapping), delta): ((&Light, &Mapping), &[f64; PARAMS])| {
+            mapping.step(light, &delta.map(|d| d.clamp(-LONGEST, LONGEST) as f32))
         };
-        let residuals: Vec<_> = (0..self.target.len()).map(residual).collect();
-        let loss = residuals.iter().map(|(r, _)| f64::from(r * r)).sum::<f64>() / residuals.len() as f64;
-        Ok(State { lights: lights.to_vec(), units, residuals, loss })
+        lights.iter().zip(&self.mappings).zip(delta.as_chunks::<PARAMS>().0).map(of_light).collect()
     }
 
-    fn normal_equations(&self, state: &State) -> Result<NormalEquations, OptimiseError> {
-        let mut columns = Vec::with_capacity(self.lanes.len());
-        for (i, lane) in &self.lanes {
-            let (light, unit) = (&state.lights[*i], &state.units[*i]);
-            let slopes = state.residuals.iter().map(|(_, slope)| slope);
-            columns.push(match lane {
-                0..=3 => {
-                    let d_unit = self.difference(light, *lane)?;
-                    slopes.enumerate().map(|(k, slope)| slope * light.radiance[k % 3] * d_unit[k]).collect()
-                }
-                _ => slopes
-                    .enumerate()
-                    .map(|(k, slope)| if k % 3 == lane - 4 { slope * unit[k] } else { 0.0 })
-                    .collect::<Vec<f32>>(),
-            });
+    fn normal_equations(&self, state: &State, softness: f32) -> Result<NormalEquations, OptimiseError> {
+        let mut system = NormalEquations::new(state.lights.len() * PARAMS);
+        for ((view, draw), units) in self.objective.views.iter().zip(&self.draw).zip(&state.units) {
+            let comparisons = view.compare(&state.lights, units, draw);
+            let residuals: Vec<f32> = comparisons.iter().flat_map(Comparison::weighted_residuals).collect();
+            let columns = self.columns(view, &state.lights, units, &comparisons, draw, softness)?;
+            system.add(&columns, &residuals);
         }
-        Ok(NormalEquations::new(&columns, &state.residuals))
-    }
-
-    /// Derivative of a light's block means by one lane of its shape.
-    fn difference(&self, light: &SphereLight, lane: usize) -> Result<Vec<f32>, OptimiseError> {
-        let step = if lane < 3 { CENTER_STEP * light.radius } else { RADIUS_STEP };
-        let images = self.exact.unit_images(&[-step, step].map(|step| {
-            let mut delta = [0.0; 4];
-            delta[lane] = step;
-            (light.center + Vec3::from_slice(&delta), light.radius * delta[3].exp())
-        }))?;
-        let (low, high) = (block_means(&images[0]), block_means(&images[1]));
-        Ok(low.iter().zip(&high).map(|(low, high)| (high - low) / (2.0 * step)).collect())
-    }
-
-    /// Lights after a step, within bounds; a radius changes by no more than half, a centre by two radii.
-    fn moved(&self, lights: &[SphereLight], delta: &[f64]) -> Vec<SphereLight> {
-        let mut moved = lights.to_vec();
-        for (&(i, lane), delta) in self.lanes.iter().zip(delta) {
-            let (light, delta) = (&mut moved[i], *delta as f32);
-            match lane {
-                0..3 => {
-                    let reach = 2.0 * lights[i].radius;
-                    light.center[lane] = (light.center[lane] + delta.clamp(-reach, reach))
-                        .clamp(self.bounds.center_min[lane], self.bounds.center_max[lane]);
-                }
-                3 => {
-                    light.radius = (light.radius * delta.clamp(-0.5, 0.5).exp())
-                        .clamp(self.bounds.radius_min, self.bounds.radius_max);
-                }
-                _ => light.radiance[lane - 4] = (light.radiance[lane - 4] + delta).max(0.0),
+        for (i, light) in state.lights.iter().enumerate() {
+            for (value, row) in self.objective.preferences(i, &self.mappings[i], light) {
+                system.add_row(i * PARAMS, &row, value);
             }
         }
-        moved
+        Ok(system)
+    }
+
+    /// Derivatives of the weighted residuals by each unconstrained value; empty where there are none.
+    fn columns(
+        &self,
+        view: &ViewObjective,
+        lights: &[Light],
+        units: &[Vec<[f32; 3]>],
+        comparisons: &[Comparison],
+        draw: &[Vec<u32>],
+        softness: f32,
+    ) -> Result<Vec<Vec<f32>>, OptimiseError> {
+        let cells = view.cells_of(draw);
+        let of_light = |(i, light): (usize, &Light)| {
+            let slopes = view.slopes(i, light, softness, &cells)?;
+            let weights = lane_weights(&self.mappings[i], light);
+            let column = |weights: &Weights| match weights.is_zero() {
+                true => Vec::new(),
+                false => {
+                    let change = |k: usize| weights.change(light, &slopes, &units[i], k);
+                    let of =
+                        |comparison: &Comparison| comparison.push_forward(comparison.places().map(change));
+                    comparisons.iter().flat_map(of).collect()
+                }
+            };
+            Ok(weights.iter().map(column).collect())
+        };
+        let columns: Vec<Vec<Vec<f32>>> =
+            lights.par_iter().enumerate().map(of_light).collect::<Result<_, OptimiseError>>()?;
+        Ok(columns.into_iter().flatten().collect())
+    }
+}
+
+/// What one unconstrained value does to a light: by the lanes of its shape, and by its radiance.
+#[derive(Clone, Copy)]
+struct Weights {
+    shape: [f32; LANES],
+    radiance: [f32; 3],
+}
+
+/// For each unconstrained value of a light.
+fn lane_weights(mapping: &Mapping, light: &Light) -> [Weights; PARAMS] {
+    let basis = |number: usize| {
+        let (mut shape, mut radiance) = ([0.0; LANES], [0.0; 3]);
+        match number.checked_sub(LANES) {
+            Some(channel) => radiance[channel] = 1.0,
+            None => shape[number] = 1.0,
+        }
+        mapping.pull_back(light, &shape, radiance)
+    };
+    let rows: [[f32; PARAMS]; PARAMS] = std::array::from_fn(basis);
+    std::array::from_fn(|lane| Weights {
+        shape: std::array::from_fn(|i| rows[i][lane]),
+        radiance: std::array::from_fn(|c| rows[LANES + c][lane]),
+    })
+}
+
+impl Weights {
+    fn is_zero(&self) -> bool {
+        self.shape.iter().chain(&self.radiance).all(|weight| *weight == 0.0)
+    }
+
+    /// Change of the picture at the `k`th cell.
+    fn change(&self, light: &Light, slopes: &[[[f32; 3]; LANES]], unit: &[[f32; 3]], k: usize) -> [f32; 3] {
+        let mut change: [f32; 3] = std::array::from_fn(|c| self.radiance[c] * unit[k][c]);
+        for (weight, slope) in self.shape.iter().zip(slopes.get(k).into_iter().flatten()) {
+            (0..3).for_each(|c| change[c] += weight * light.radiance[c] * slope[c]);
+        }
+        change
     }
 }
 
@@ -190,26 +217,41 @@ struct NormalEquations {
 }
 
 impl NormalEquations {
-    fn new(columns: &[Vec<f32>], residuals: &[(f32, f32)]) -> Self {
-        let dot =
-            |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum::<f64>();
-        let matrix = columns.iter().map(|a| columns.iter().map(|b| dot(a, b)).collect()).collect();
-        let against = |column: &Vec<f32>| {
-            column.iter().zip(residuals).map(|(a, (r, _))| -f64::from(*a) * f64::from(*r)).sum()
-        };
-        Self { matrix, right: columns.iter().map(against).collect() }
+    fn new(size: usize) -> Self {
+        Self { matrix: vec![vec![0.0; size]; size], right: vec![0.0; size] }
     }
 
-    /// The step with a damped diagonal, by Cholesky's decomposition; none where no lane has a slope.
+    fn add(&mut self, columns: &[Vec<f32>], residuals: &[f32]) {
+        let dot =
+            |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum::<f64>();
+        self.matrix.par_iter_mut().zip(&mut self.right).zip(columns).for_each(|((row, right), a)| {
+            row.iter_mut().zip(columns).for_each(|(sum, b)| *sum += dot(a, b));
+            *right -= dot(a, residuals);
+        });
+    }
+
+    fn add_row(&mut self, first: usize, row: &[f32; PARAMS], value: f32) {
+        for (i, a) in row.iter().enumerate() {
+            for (j, b) in row.iter().enumerate() {
+                self.matrix[first + i][first + j] += f64::from(a * b);
+            }
+            self.right[first + i] -= f64::from(a * value);
+        }
+    }
+
+    /// The step with a damped diagonal, by Cholesky's decomposition; none where nothing has a slope. Values without one stay.
     fn solve(&self, damping: f64) -> Option<Vec<f64>> {
         let n = self.right.len();
+        let largest = (0..n).map(|i| self.matrix[i][i]).fold(0.0, f64::max);
         let mut lower = vec![vec![0.0; n]; n];
         for row in 0..n {
             for column in 0..=row {
-                let damped = if row == column { 1.0 + damping } else { 1.0 };
                 let known: f64 = (0..column).map(|k| lower[row][k] * lower[column][k]).sum();
-                let rest = self.matrix[row][column] * damped - known;
-                lower[row][column] = if row == column { rest.sqrt() } else { rest / lower[column][column] };
+                let entry = self.matrix[row][column];
+                lower[row][column] = match row == column {
+                    true => (entry * (1.0 + damping) + 1e-12 * largest - known).sqrt(),
+                    false => (entry - known) / lower[column][column],
+                };
             }
         }
         let mut step = self.right.clone();
@@ -221,18 +263,6 @@ impl NormalEquations {
             let known: f64 = (row + 1..n).map(|k| lower[k][row] * step[k]).sum();
             step[row] = (step[row] - known) / lower[row][row];
         }
-        (n > 0 && step.iter().all(|value| value.is_finite())).then_some(step)
+        (largest > 0.0 && step.iter().all(|value| value.is_finite())).then_some(step)
     }
-}
-
-/// Means over blocks, row by row, RGB.
-fn block_means(image: &Image) -> Vec<f32> {
-    let (wide, high) = (image.width.div_ceil(BLOCK), image.height.div_ceil(BLOCK));
-    let (mut sums, mut counts) = (vec![0.0; wide * high * 3], vec![0.0; wide * high]);
-    for (i, value) in image.data.chunks_exact(3).enumerate() {
-        let block = i / image.width / BLOCK * wide + i % image.width / BLOCK;
-        (0..3).for_each(|c| sums[block * 3 + c] += value[c]);
-        counts[block] += 1.0;
-    }
-    sums.iter().enumerate().map(|(i, sum)| sum / counts[i / 3]).collect()
 }

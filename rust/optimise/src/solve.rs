@@ -1,40 +1,49 @@
 use crate::adam::Adam;
-use crate::objective::Objective;
+use crate::objective::{Draw, Objective};
+use crate::problem::Problem;
 use crate::random::{PixelSubset, Random};
-use crate::{OptimiseError, Problem, SphereLight};
+use crate::variable::{Mapping, PARAMS};
+use crate::{OptimiseError, Variable};
+use rayon::prelude::*;
+use relume_scene::Light;
 use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// How the solver steps.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default)]
 pub struct Settings {
-    /// Steps of each start; 500 in the paper.
+    /// Most steps; 500 in the paper.
     pub iterations: usize,
     /// Adam's learning rate in unconstrained space; 0.05 in the paper.
     pub learning_rate: f32,
-    /// Share of pixels that each step looks at (paper, table 3); at least 256 pixels.
+    /// Share of a goal's cells that each step looks at (paper, table 3); at least 256 cells.
     pub pixel_fraction: f32,
-    /// Seed of the pixel subsets.
+    /// Softness of the lights at the first and the last steps ([`crate::Relight::values`]).
+    pub softness: [f32; 2],
+    /// Seed of starts and pixel subsets.
     pub seed: u64,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { iterations: 500, learning_rate: 0.05, pixel_fraction: 0.05, seed: 0 }
+        Self { iterations: 500, learning_rate: 0.05, pixel_fraction: 0.05, softness: [0.0; 2], seed: 0 }
     }
 }
 
-/// Where the solver stands; handed to the caller before every step.
+/// Where the solver stands; handed to the caller after every step.
 #[derive(Clone, Copy, Debug)]
 pub struct Step<'a> {
     /// Which start.
     pub start: usize,
+    /// How many starts are still followed.
+    pub starts: usize,
     /// Which step of it.
     pub iteration: usize,
-    /// Loss on this step's pixels.
+    /// Loss on this step's cells.
     pub loss: f64,
     /// The lights before the step.
-    pub lights: &'a [SphereLight],
+    pub lights: &'a [Light],
 }
 
 /// The state of one step.
@@ -42,20 +51,20 @@ pub struct Step<'a> {
 pub struct TrajectoryPoint {
     /// Step number.
     pub iteration: usize,
-    /// Loss on that step's pixels.
+    /// Loss on that step's cells.
     pub loss: f64,
     /// The lights.
-    pub lights: Vec<SphereLight>,
+    pub lights: Vec<Light>,
 }
 
 /// The best of all starts.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Solution {
     /// The lights.
-    pub lights: Vec<SphereLight>,
-    /// Loss over evenly spread pixels.
+    pub lights: Vec<Light>,
+    /// Loss over evenly spread cells.
     pub loss: f64,
-    /// Loss of the start that it came from, over the same pixels.
+    /// Loss of the start that it came from, over the same cells.
     pub start_loss: f64,
     /// Number of that start.
     pub start: usize,
@@ -65,108 +74,211 @@ pub struct Solution {
     pub cancelled: bool,
 }
 
-/// Pixels on which candidates are compared.
-const CHECK_PIXELS: usize = 4096;
-/// Steps between comparisons. Subset losses are too noisy to tell the best step.
+/// Least number of cells that a step looks at.
+const LEAST_CELLS: usize = 256;
+/// Cells of each goal on which candidates are compared.
+const CHECK_CELLS: usize = 4096;
+/// Steps between comparisons. Losses of subsets are too noisy to tell the best step.
 const CHECK_EVERY: usize = 25;
+/// Parts of the way. Softness is constant within one; after each the worse half of the starts is given up.
+const PARTS: usize = 8;
+/// After so many parts one start is left.
+const RACE: usize = 4;
+/// A start ends after so many comparisons of which none improves its loss by this share.
+const PATIENCE: usize = 4;
+const LEAST_GAIN: f64 = 1e-3;
 
-/// Solves from each start and keeps the best. `on_step` may stop it.
+/// Solves from each start and keeps the best: all starts side by side, the worse half given up again and again. `on_step` may
+/// stop it; it is called from several threads.
 ///
 /// # Errors
 /// [`OptimiseError`] names the input that does not fit.
 pub fn solve(
     problem: &Problem,
-    starts: &[Vec<SphereLight>],
+    starts: &[Vec<Light>],
     settings: &Settings,
-    on_step: &mut dyn FnMut(Step) -> ControlFlow<()>,
+    on_step: &(dyn Fn(Step) -> ControlFlow<()> + Sync),
 ) -> Result<Solution, OptimiseError> {
     problem.validate()?;
     if !(settings.learning_rate > 0.0 && settings.pixel_fraction > 0.0) {
         return Err(OptimiseError::Settings("learning rate and pixel fraction must be above 0"));
     }
-    let expected = problem.locks.len();
-    let wrong = starts.iter().map(Vec::len).find(|found| *found != expected || expected == 0);
-    if starts.is_empty() || wrong.is_some() {
-        return Err(OptimiseError::Starts { found: wrong.unwrap_or(0), expected });
+    let expected = problem.variables.len();
+    if let Some(found) = starts.iter().map(Vec::len).find(|found| *found != expected) {
+        return Err(OptimiseError::Lights { found, expected });
     }
-    let mut best: Option<Solution> = None;
-    for (number, start) in starts.iter().enumerate() {
-        let solution = run(problem, number, start, settings, on_step)?;
-        let stop = solution.cancelled;
-        if solution.loss.is_finite() && best.as_ref().is_none_or(|best| solution.loss < best.loss) {
-            best = Some(solution);
-        }
-        if stop {
-            best.iter_mut().for_each(|best| best.cancelled = true);
-            break;
-        }
+    if starts.is_empty() {
+        return Err(OptimiseError::Settings("at least one start is needed"));
     }
-    best.ok_or(OptimiseError::Diverged)
+    let race = Race { problem, settings, on_step, cancelled: AtomicBool::new(false) };
+    race.run(starts)
 }
 
-fn run(
-    problem: &Problem,
+struct Race<'a> {
+    problem: &'a Problem<'a>,
+    settings: &'a Settings,
+    on_step: &'a (dyn Fn(Step) -> ControlFlow<()> + Sync),
+    cancelled: AtomicBool,
+}
+
+/// What the starts of one part have in common.
+struct Part<'a> {
+    objective: &'a Objective<'a>,
+    check: &'a Check<'a>,
+    iterations: std::ops::Range<usize>,
+    starts: usize,
+    may_end: bool,
+}
+
+/// What starts are compared by: the loss at the final softness over evenly spread cells.
+struct Check<'a> {
+    objective: Objective<'a>,
+    draw: Draw,
+}
+
+impl Check<'_> {
+    fn loss(&self, run: &Run) -> Result<f64, OptimiseError> {
+        self.objective.loss(&run.mappings, &run.lights, &self.draw)
+    }
+}
+
+impl Race<'_> {
+    fn run(&self, starts: &[Vec<Light>]) -> Result<Solution, OptimiseError> {
+        let [from, to] = self.settings.softness;
+        let last = Objective::new(self.problem, to)?;
+        let check = Check { draw: last.spread(CHECK_CELLS), objective: last };
+        let new = |(number, start): (usize, &Vec<Light>)| Run::new(self, number, start, &check);
+        let mut runs = starts.par_iter().enumerate().map(new).collect::<Result<Vec<_>, _>>()?;
+        for part in 0..PARTS {
+            let softness =
+                if to > 0.0 { from * (to / from).powf(part as f32 / (PARTS - 1) as f32) } else { 0.0 };
+            let new = if softness == to { None } else { Some(Objective::new(self.problem, softness)?) };
+            let at = |part: usize| part * self.settings.iterations / PARTS;
+            let part = Part {
+                objective: new.as_ref().unwrap_or(&check.objective),
+                check: &check,
+                iterations: at(part)..at(part + 1),
+                starts: runs.len(),
+                may_end: softness == to,
+            };
+            runs.par_iter_mut().try_for_each(|run| run.follow(self, &part))?;
+            runs.retain(|run| run.best_loss.is_finite());
+            runs.sort_by(|a, b| a.best_loss.total_cmp(&b.best_loss));
+            runs.truncate(if part.iterations.end >= at(RACE) { 1 } else { runs.len().div_ceil(2) });
+        }
+        let best = runs.into_iter().next().ok_or(OptimiseError::Diverged)?;
+        Ok(Solution {
+            lights: best.best,
+            loss: best.best_loss,
+            start_loss: best.start_loss,
+            start: best.number,
+            trajectory: best.trajectory,
+            cancelled: self.cancelled.load(Ordering::Relaxed),
+        })
+    }
+}
+
+/// One start.
+struct Run {
     number: usize,
-    start: &[SphereLight],
-    settings: &Settings,
-    on_step: &mut dyn FnMut(Step) -> ControlFlow<()>,
-) -> Result<Solution, OptimiseError> {
-    let objective = Objective::new(problem, start)?;
-    let check = problem.spread_pixels(CHECK_PIXELS);
-    let mut u = objective.unconstrained(start);
-    let start_loss = objective.loss(&u, &check)?;
-    let (mut best, mut cancelled) = ((start_loss, u.clone()), false);
-    let mut trajectory = Vec::with_capacity(settings.iterations);
-
-    let share = settings.pixel_fraction.min(1.0) as f64 * problem.pixel_count() as f64;
-    let mut subset = PixelSubset::new(problem.pixel_count(), (share as usize).max(256));
-    let mut random = Random::new(settings.seed ^ (number as u64) << 32);
-    let mut adam = Adam::new(u.len(), settings.learning_rate);
-    for iteration in 0..settings.iterations {
-        let (loss, gradient) = objective.gradient(&u, subset.draw(&mut random))?;
-        let lights = objective.lights(&u);
-        cancelled = on_step(Step { start: number, iteration, loss, lights: &lights }).is_break();
-        trajectory.push(TrajectoryPoint { iteration, loss, lights });
-        if cancelled || !(loss.is_finite() && gradient.iter().all(|g| g.is_finite())) {
-            break;
-        }
-        adam.update(&mut u, &gradient);
-        if (iteration + 1) % CHECK_EVERY == 0 || iteration + 1 == settings.iterations {
-            keep_better(&mut best, &u, objective.loss(&u, &check)?);
-        }
-    }
-    let (loss, u) = best;
-    Ok(Solution { lights: objective.lights(&u), loss, start_loss, start: number, trajectory, cancelled })
+    mappings: Vec<Mapping>,
+    lights: Vec<Light>,
+    adam: Adam,
+    random: Random,
+    /// For each term of each view.
+    subsets: Vec<Vec<PixelSubset>>,
+    trajectory: Vec<TrajectoryPoint>,
+    best: Vec<Light>,
+    best_loss: f64,
+    start_loss: f64,
+    /// Comparisons since the last gain.
+    stale: usize,
+    has_ended: bool,
 }
 
-fn keep_better(best: &mut (f64, Vec<f32>), u: &[f32], loss: f64) {
-    if loss < best.0 {
-        *best = (loss, u.to_vec());
-    }
-}
-
-/// Random starts: centres uniform in the bounds, radii log-uniform, white, together as bright as the target.
-///
-/// # Errors
-/// As [`solve`].
-pub fn random_starts(
-    problem: &Problem,
-    count: usize,
-    seed: u64,
-) -> Result<Vec<Vec<SphereLight>>, OptimiseError> {
-    problem.validate()?;
-    let mut random = Random::new(seed);
-    let bounds = &problem.bounds;
-    let lights = problem.locks.len();
-    let mut draw = || {
-        let at = glam::Vec3::from_array(std::array::from_fn(|_| random.next_f32()));
-        let mut light = SphereLight {
-            center: bounds.center_min + at * (bounds.center_max - bounds.center_min),
-            radius: bounds.radius_min * (bounds.radius_max / bounds.radius_min).powf(random.next_f32()),
-            radiance: [1.0; 3],
+impl Run {
+    fn new(race: &Race, number: usize, start: &[Light], check: &Check) -> Result<Self, OptimiseError> {
+        let subsets = check.objective.views.iter().map(|view| {
+            let share = |term: &crate::term::Term| race.settings.pixel_fraction.min(1.0) * term.len() as f32;
+            let subset = |term| {
+                PixelSubset::new(crate::term::Term::len(term), (share(term) as usize).max(LEAST_CELLS))
+            };
+            view.terms.iter().map(subset).collect()
+        });
+        let mut new = Self {
+            number,
+            mappings: mappings(race.problem, start, race.settings.softness[1])?,
+            lights: start.to_vec(),
+            adam: Adam::new(start.len() * PARAMS, race.settings.learning_rate),
+            random: Random::new(race.settings.seed ^ (number as u64) << 32),
+            subsets: subsets.collect(),
+            trajectory: Vec::new(),
+            best: start.to_vec(),
+            best_loss: 0.0,
+            start_loss: 0.0,
+            stale: 0,
+            has_ended: false,
         };
-        light.radiance = [problem.matching_radiance(&light)? / lights as f32; 3];
-        Ok(light)
+        new.start_loss = check.loss(&new)?;
+        new.best_loss = new.start_loss;
+        Ok(new)
+    }
+
+    fn follow(&mut self, race: &Race, part: &Part) -> Result<(), OptimiseError> {
+        for iteration in part.iterations.clone() {
+            if self.has_ended || race.cancelled.load(Ordering::Relaxed) {
+                return Ok(());
+            }
+            let random = &mut self.random;
+            let draw = self.subsets.iter_mut();
+            let draw = draw
+                .map(|view| view.iter_mut().map(|subset| subset.draw(random).to_vec()).collect())
+                .collect();
+            let (loss, gradient) = part.objective.gradient(&self.mappings, &self.lights, &draw)?;
+            let step =
+                Step { start: self.number, starts: part.starts, iteration, loss, lights: &self.lights };
+            if (race.on_step)(step).is_break() {
+                race.cancelled.store(true, Ordering::Relaxed);
+            }
+            self.trajectory.push(TrajectoryPoint { iteration, loss, lights: self.lights.clone() });
+            if !(loss.is_finite() && gradient.as_flattened().iter().all(|g| g.is_finite())) {
+                self.has_ended = true;
+                return Ok(());
+            }
+            let step = self.adam.step(gradient.as_flattened());
+            for ((light, mapping), delta) in
+                self.lights.iter_mut().zip(&self.mappings).zip(step.as_chunks::<PARAMS>().0)
+            {
+                *light = mapping.step(light, delta);
+            }
+            if (iteration + 1) % CHECK_EVERY == 0 || iteration + 1 == part.iterations.end {
+                self.compare(part)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn compare(&mut self, part: &Part) -> Result<(), OptimiseError> {
+        let loss = part.check.loss(self)?;
+        self.stale = if loss < (1.0 - LEAST_GAIN) * self.best_loss { 0 } else { self.stale + 1 };
+        self.has_ended = part.may_end && self.stale > PATIENCE;
+        if loss < self.best_loss {
+            (self.best_loss, self.best) = (loss, self.lights.clone());
+        }
+        Ok(())
+    }
+}
+
+/// The maps of all lights, with their units from where they are.
+pub(crate) fn mappings(
+    problem: &Problem,
+    lights: &[Light],
+    softness: f32,
+) -> Result<Vec<Mapping>, OptimiseError> {
+    let mapping = |(i, (light, variable)): (usize, (&Light, &Variable))| {
+        let radiance = problem.matching_radiance(i, light, softness)? / lights.len() as f32;
+        let power_unit = radiance * light.shape.extent();
+        Ok(Mapping { bounds: variable.bounds, locks: variable.locks, power_unit })
     };
-    (0..count).map(|_| (0..lights).map(|_| draw()).collect()).collect()
+    lights.iter().zip(&problem.variables).enumerate().map(mapping).collect()
 }

@@ -1,0 +1,55 @@
+use relume_image::Image;
+
+/// A picture cut into squares.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Cells {
+    size: (usize, usize),
+    edge: usize,
+}
+
+impl Cells {
+    pub(crate) fn new(size: (usize, usize), edge: usize) -> Self {
+        Self { size, edge }
+    }
+
+    pub(crate) fn count(&self) -> usize {
+        self.size.0.div_ceil(self.edge) * self.size.1.div_ceil(self.edge)
+    }
+
+    /// Means of an RGB image.
+    pub(crate) fn means(&self, image: &Image) -> Vec<[f32; 3]> {
+        let pixels = image.data.as_chunks::<3>().0;
+        if self.edge == 1 {
+            return pixels.to_vec();
+        }
+        let mut sums = vec![([0.0; 3], 0.0); self.count()];
+        for (i, pixel) in pixels.iter().enumerate() {
+            let (sum, count) = &mut sums[self.of_pixel(i)];
+            (0..3).for_each(|c| sum[c] += pixel[c]);
+            *count += 1.0;
+        }
+        sums.iter().map(|(sum, count)| sum.map(|v| v / count)).collect()
+    }
+
+    /// Means of one value a pixel.
+    pub(crate) fn mean_weights(&self, weights: &[f32]) -> Vec<f32> {
+        let mut sums = vec![(0.0, 0.0); self.count()];
+        for (i, weight) in weights.iter().enumerate() {
+            let (sum, count) = &mut sums[self.of_pixel(i)];
+            *sum += weight;
+            *count += 1.0;
+        }
+        sums.iter().map(|(sum, count)| sum / count).collect()
+    }
+
+    fn of_pixel(&self, number: usize) -> usize {
+        let (width, edge) = (self.size.0, self.edge);
+        number / width / edge * width.div_ceil(edge) + number % width / edge
+    }
+}
+
+/// At most `count` of so many things, evenly spread.
+pub(crate) fn spread(total: usize, count: usize) -> Vec<u32> {
+    let count = count.min(total);
+    (0..count).map(|i| (i * total / count) as u32).collect()
+}

@@ -1,0 +1,209 @@
+//! What the picture should do, as residuals of cells: 0 where it does.
+
+use crate::variable::{LUMINANCE, luminance};
+use relume_image::Image;
+
+/// What is asked for.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Aim {
+    /// To look like a picture of the view's size, scene-linear RGB.
+    Target {
+        /// The picture.
+        image: Image,
+        /// Whether only its proportions count, whatever its exposure.
+        exposure_invariant: bool,
+    },
+    /// To be brighter (above 0) or darker than before by at least so many stops.
+    Brightness {
+        /// Stops of luminance.
+        stops: f32,
+    },
+    /// To have this colour, whatever its brightness.
+    Color {
+        /// Linear RGB, not black.
+        color: [f32; 3],
+    },
+    /// To be warmer (above 0) or cooler than before by at least so much.
+    Temperature {
+        /// Change of the light's reciprocal colour temperature, 1e6 / K.
+        mireds: f32,
+    },
+    /// To stay as it was.
+    Keep,
+}
+
+/// An aim for a part of a picture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Goal {
+    /// What is asked for.
+    pub aim: Aim,
+    /// Weight of each pixel, 0..1; all 1 if absent.
+    pub pixels: Option<Vec<f32>>,
+    /// Weight of the goal beside others.
+    pub weight: f32,
+}
+
+/// What a stop is worth beside a difference of tonemapped values: the slope of Reinhard's curve by stops at its middle.
+const STOP: f32 = 0.173;
+/// What an excess counts where at least so much was asked for.
+const EXCESS: f32 = 0.3;
+/// Added to exposed values under a logarithm or a quotient: a fiftieth of the mean.
+const FLOOR: f32 = 0.01;
+/// What a difference of colour ratios counts beside one of tonemapped values.
+const CHROMA: f32 = 0.3;
+/// Change of ln(R / B) by one mired: `c2 (1/lambda_B - 1/lambda_R) 1e-6` of Planck's law (Wien's approximation), with
+/// c2 = 14388 um K, 0.46 um and 0.61 um.
+pub(crate) const RATIO_PER_MIRED: f32 = 0.00769;
+
+impl Aim {
+    /// Whether it compares with the picture before.
+    pub(crate) fn needs_before(&self) -> bool {
+        !matches!(self, Self::Target { .. } | Self::Color { .. })
+    }
+
+    /// What [`Aim::residual`] compares an exposed cell to, from the cell before, or in the target, exposed as well.
+    pub(crate) fn reference(&self, exposed: [f32; 3]) -> [f32; 3] {
+        match self {
+            Self::Target { .. } => exposed.map(|x| reinhard(x).0),
+            Self::Brightness { stops } => [stop(luminance(exposed)).0 + stops, 0.0, 0.0],
+            Self::Color { color } => color.map(|c| c / luminance(*color)),
+            Self::Temperature { mireds } => [warmth(exposed) + RATIO_PER_MIRED * mireds, 0.0, 0.0],
+            Self::Keep => exposed.map(|x| stop(x).0),
+        }
+    }
+
+    /// How far an exposed cell is from its reference, and the derivatives of these values (rows) by its channels (columns).
+    pub(crate) fn residual(&self, x: [f32; 3], reference: [f32; 3]) -> ([f32; 3], [[f32; 3]; 3]) {
+        match self {
+            // The paper's equation 6.
+            Self::Target { .. } => each_channel(|c| {
+                let (tone, slope) = reinhard(x[c]);
+                (tone - reference[c], slope)
+            }),
+            Self::Brightness { stops } => {
+                let (value, slope) = stop(luminance(x));
+                let difference = value - reference[0];
+                let scale = STOP * if difference * stops < 0.0 { 1.0 } else { EXCESS };
+                ([scale * difference, 0.0, 0.0], [LUMINANCE.map(|w| scale * slope * w), [0.0; 3], [0.0; 3]])
+            }
+            Self::Color { .. } => {
+                let floored = luminance(x).max(0.0) + FLOOR;
+                let ratio = x.map(|x| x / floored);
+                let row = |c: usize| {
+                    std::array::from_fn(|k| {
+                        let own = if k == c { 1.0 } else { 0.0 };
+                        CHROMA * (own - ratio[c] * LUMINANCE[k]) / floored
+                    })
+                };
+                (std::array::from_fn(|c| CHROMA * (ratio[c] - reference[c])), [row(0), row(1), row(2)])
+            }
+            Self::Temperature { mireds } => {
+                let difference = warmth(x) - reference[0];
+                let scale = CHROMA * if difference * mireds < 0.0 { 1.0 } else { EXCESS };
+                let slope = |x: f32| if x > 0.0 { scale / (x + FLOOR) } else { 0.0 };
+                ([scale * difference, 0.0, 0.0], [[slope(x[0]), 0.0, -slope(x[2])], [0.0; 3], [0.0; 3]])
+            }
+            Self::Keep => each_channel(|c| {
+                let (value, slope) = stop(x[c]);
+                (STOP * (value - reference[c]), STOP * slope)
+            }),
+        }
+    }
+}
+
+/// Values and a diagonal of derivatives from one function for each channel.
+fn each_channel(of: impl Fn(usize) -> (f32, f32)) -> ([f32; 3], [[f32; 3]; 3]) {
+    let pairs: [(f32, f32); 3] = std::array::from_fn(of);
+    let mut slopes = [[0.0; 3]; 3];
+    (0..3).for_each(|c| slopes[c][c] = pairs[c].1);
+    (pairs.map(|pair| pair.0), slopes)
+}
+
+/// `x / (1 + x)` and its slope, continued as an odd function so that a negative prediction keeps a gradient.
+fn reinhard(x: f32) -> (f32, f32) {
+    let scale = 1.0 / (1.0 + x.abs());
+    (x * scale, scale * scale)
+}
+
+/// Stops of an exposed value, and the slope.
+fn stop(x: f32) -> (f32, f32) {
+    let floored = x.max(0.0) + FLOOR;
+    (floored.log2(), if x > 0.0 { std::f32::consts::LOG2_E / floored } else { 0.0 })
+}
+
+/// Logarithm of red over blue.
+fn warmth(x: [f32; 3]) -> f32 {
+    ((x[0].max(0.0) + FLOOR) / (x[2].max(0.0) + FLOOR)).ln()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn aims() -> Vec<Aim> {
+        vec![
+            Aim::Target { image: Image::default(), exposure_invariant: false },
+            Aim::Brightness { stops: 1.0 },
+            Aim::Brightness { stops: -0.5 },
+            Aim::Color { color: [0.9, 0.5, 0.2] },
+            Aim::Temperature { mireds: 80.0 },
+            Aim::Temperature { mireds: -80.0 },
+            Aim::Keep,
+        ]
+    }
+
+    #[test]
+    fn derivatives_are_differences() {
+        let before = [0.4, 0.6, 0.2];
+        for aim in aims() {
+            for x in [[0.3, 0.5, 0.4], [2.0, 1.0, 0.1], [0.02, 0.01, 0.05]] {
+                let reference = aim.reference(before);
+                let (_, slopes) = aim.residual(x, reference);
+                for k in 0..3 {
+                    let step = 1e-2 * x[k];
+                    let at = |delta: f32| {
+                        let mut x = x;
+                        x[k] += delta;
+                        aim.residual(x, reference).0
+                    };
+                    let (low, high) = (at(-step), at(step));
+                    for j in 0..3 {
+                        let slope = (high[j] - low[j]) / (2.0 * step);
+                        let error = (slope - slopes[j][k]).abs();
+                        assert!(
+                            error < 1e-2 * slope.abs() + 1e-3,
+                            "{aim:?} {j} {k}: {slope} {}",
+                            slopes[j][k]
+                        );
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_asked_for_has_no_residual() {
+        let before = [0.4, 0.6, 0.2];
+        let done: [[f32; 3]; 7] = [
+            before,
+            [0.81, 1.21, 0.41],
+            before.map(|x| (x + FLOOR) / 2f32.sqrt() - FLOOR),
+            [90.0, 50.0, 20.0],
+            [0.4, 0.6, 0.21 * (-80.0 * RATIO_PER_MIRED).exp() - FLOOR],
+            [0.4, 0.6, 0.21 * (80.0 * RATIO_PER_MIRED).exp() - FLOOR],
+            before,
+        ];
+        for (aim, x) in aims().into_iter().zip(done) {
+            let (residual, _) = aim.residual(x, aim.reference(before));
+            assert!(residual.iter().all(|r| r.abs() < 2e-3), "{aim:?}: {residual:?}");
+        }
+    }
+
+    #[test]
+    fn too_little_counts_more_than_too_much() {
+        let aim = Aim::Brightness { stops: 1.0 };
+        let reference = aim.reference([0.5; 3]);
+        let miss = |x: f32| aim.residual([x; 3], reference).0[0].abs();
+        assert!(miss(0.5) > 2.0 * miss(2.0));
+    }
+}

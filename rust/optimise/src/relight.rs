@@ -1,0 +1,93 @@
+use relume_image::Image;
+use relume_scene::{LANES, Light};
+
+/// Whatever a relighter reports.
+pub type RelightError = Box<dyn std::error::Error + Send + Sync>;
+
+/// Pictures of a light for radiance 1 at some cells, and their derivatives by the lanes of its shape.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Linear {
+    /// Linear RGB, one for each cell.
+    pub values: Vec<[f32; 3]>,
+    /// By [`relume_scene::lane`], one for each cell.
+    pub slopes: Vec<[[f32; 3]; LANES]>,
+}
+
+impl AsRef<[[f32; 3]]> for Linear {
+    fn as_ref(&self) -> &[[f32; 3]] {
+        &self.values
+    }
+}
+
+/// Something that makes pictures of lights for radiance 1 and their gradients, such as a proxy or a smoothed gather.
+///
+/// It answers for cells: squares of [`Relight::cell`] pixels along each edge (smaller at the right and the bottom),
+/// numbered row by row from the top left. The value of a cell is the mean of its pixels.
+pub trait Relight: Sync {
+    /// Width and height of its pictures, pixels.
+    fn size(&self) -> (usize, usize);
+
+    /// Pixels along the edge of a cell.
+    fn cell(&self) -> usize {
+        1
+    }
+
+    /// Values of a light for radiance 1 at some cells, linear RGB. `softness` (0..1, of the scene's size) says how much the
+    /// light may be smoothed; 0 is exact.
+    ///
+    /// # Errors
+    /// Whatever the relighter reports.
+    fn values(&self, light: &Light, softness: f32, cells: &[u32]) -> Result<Vec<[f32; 3]>, RelightError>;
+
+    /// Derivative of a loss by the lanes of a light's shape from its derivative by those cells' values.
+    ///
+    /// # Errors
+    /// Whatever the relighter reports.
+    fn pull_back(
+        &self,
+        light: &Light,
+        softness: f32,
+        cells: &[u32],
+        d_values: &[[f32; 3]],
+    ) -> Result<[f32; LANES], RelightError>;
+
+    /// Values and derivatives at once, from a relighter to which the latter come with the former.
+    ///
+    /// # Errors
+    /// Whatever the relighter reports.
+    fn linearise(
+        &self,
+        _light: &Light,
+        _softness: f32,
+        _cells: &[u32],
+    ) -> Result<Option<Linear>, RelightError> {
+        Ok(None)
+    }
+
+    /// Takes over the comparison with a target, if that is better done where the pictures are made: on a device, from which
+    /// they then need not come back. `base` and `target` are of [`Relight::size`], and what is compared is multiplied with
+    /// `exposure` before Reinhard's curve.
+    ///
+    /// # Errors
+    /// Whatever the relighter reports.
+    fn comparison<'a>(
+        &'a self,
+        _base: &Image,
+        _target: &Image,
+        _exposure: f32,
+    ) -> Result<Option<Box<dyn Compare + 'a>>, RelightError> {
+        Ok(None)
+    }
+}
+
+/// Compares a base with lights over it to a target.
+pub trait Compare: Sync {
+    /// The paper's equation 6 at some pixels, and its derivative by the lanes of each light's shape and by its radiance.
+    ///
+    /// # Errors
+    /// Whatever the relighter reports.
+    fn gradient(&self, lights: &[&Light], pixels: &[u32]) -> Result<Compared, RelightError>;
+}
+
+/// Loss, and its derivatives for each light.
+pub type Compared = (f64, Vec<([f32; LANES], [f32; 3])>);

@@ -1,0 +1,241 @@
+//! What became of the goals, measured on pictures before and after.
+
+use crate::goal::{Aim, Goal, RATIO_PER_MIRED};
+use crate::variable::luminance;
+use relume_image::{Image, metrics};
+use serde::Serialize;
+
+/// What became of a goal.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// Its name: target, brightness, color, temperature, keep.
+    pub goal: &'static str,
+    /// What was asked for, in `unit`; none for a target.
+    pub asked: Option<f64>,
+    /// The same of the picture before.
+    pub before: f64,
+    /// The same of the picture after.
+    pub reached: f64,
+    /// `dB` (Reinhard PSNR), `stops`, `chroma` (distance of colour ratios), `mireds` or `fraction`.
+    pub unit: &'static str,
+    /// Whether it is what was asked for.
+    pub met: bool,
+    /// Where most remains to be done.
+    pub worst: Option<Worst>,
+}
+
+/// A tile of the picture and how far it is from the goal.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Worst {
+    /// Middle, as a fraction of the width.
+    pub x: f32,
+    /// Middle, as a fraction of the height from the top.
+    pub y: f32,
+    /// Stops that are missing (below 0: too bright).
+    pub off: f32,
+}
+
+/// PSNR from which a target counts as reached.
+const TARGET_MET: f64 = 30.0;
+/// Stops, mireds, colour ratios and shares by which a goal may be missed.
+const STOPS_MET: f64 = 0.05;
+const MIREDS_MET: f64 = 5.0;
+const CHROMA_MET: f64 = 0.1;
+const KEEP_MET: f64 = 0.02;
+/// Tiles along the width of a picture.
+const TILES: usize = 16;
+
+/// Measures a goal; all pictures are of the view's size, scene-linear RGB.
+pub fn report(goal: &Goal, before: &Image, after: &Image) -> Report {
+    let mean = |image: &Image| weighted_mean(image, goal.pixels.as_deref());
+    let (was, is) = (mean(before), mean(after));
+    let light = |value: [f64; 3]| f64::from(luminance(value.map(|v| v as f32))).max(1e-12);
+    match &goal.aim {
+        Aim::Target { image, exposure_invariant } => {
+            target_report(goal, image, *exposure_invariant, before, after)
+        }
+        Aim::Brightness { stops } => {
+            let asked = f64::from(*stops);
+            let reached = (light(is) / light(was)).log2();
+            let met = (asked - reached) * asked.signum() <= STOPS_MET;
+            Report { asked: Some(asked), reached, met, ..Report::new("brightness", "stops") }
+        }
+        Aim::Color { color } => {
+            let ratio = |value: [f64; 3]| value.map(|v| v / light(value));
+            let wanted = ratio(color.map(f64::from));
+            let away = |value: [f64; 3]| {
+                let ratio = ratio(value);
+                (0..3).map(|c| (ratio[c] - wanted[c]).powi(2)).sum::<f64>().sqrt()
+            };
+            let met = away(is) <= CHROMA_MET;
+            Report {
+                asked: Some(0.0),
+                before: away(was),
+                reached: away(is),
+                met,
+                ..Report::new("color", "chroma")
+            }
+        }
+        Aim::Temperature { mireds } => {
+            let asked = f64::from(*mireds);
+            let warmth = |value: [f64; 3]| (value[0].max(1e-12) / value[2].max(1e-12)).ln();
+            let reached = (warmth(is) - warmth(was)) / f64::from(RATIO_PER_MIRED);
+            let met = (asked - reached) * asked.signum() <= MIREDS_MET;
+            Report { asked: Some(asked), reached, met, ..Report::new("temperature", "mireds") }
+        }
+        Aim::Keep => {
+            let change = (0..3).map(|c| (is[c] - was[c]).abs()).sum::<f64>();
+            let reached = change / was.iter().sum::<f64>().max(1e-12);
+            Report { asked: Some(0.0), reached, met: reached <= KEEP_MET, ..Report::new("keep", "fraction") }
+        }
+    }
+}
+
+impl Report {
+    fn new(goal: &'static str, unit: &'static str) -> Self {
+        Self { goal, asked: None, before: 0.0, reached: 0.0, unit, met: false, worst: None }
+    }
+}
+
+fn target_report(goal: &Goal, target: &Image, any_exposure: bool, before: &Image, after: &Image) -> Report {
+    let weights = goal.pixels.as_deref();
+    let fitted = |image: &Image| {
+        let sum = |image: &Image| weighted_mean(image, weights).iter().sum::<f64>();
+        let gain = if any_exposure { (sum(target) / sum(image).max(1e-12)) as f32 } else { 1.0 };
+        let mut fitted = Image { data: image.data.iter().map(|v| v * gain).collect(), ..image.clone() };
+        // What a mask leaves out counts as reached.
+        for (i, weight) in weights.unwrap_or(&[]).iter().enumerate() {
+            (3 * i..3 * i + 3).for_each(|k| {
+                fitted.data[k] = target.data[k] + weight * (fitted.data[k] - target.data[k]);
+            });
+        }
+        fitted
+    };
+    let after = fitted(after);
+    let psnr = |image: &Image| metrics::psnr_reinhard(image, target).min(99.0);
+    let (was, reached) = (psnr(&fitted(before)), psnr(&after));
+    let worst = worst_tile(target, &after);
+    Report { before: was, reached, met: reached >= TARGET_MET, worst, ..Report::new("target", "dB") }
+}
+
+/// The tile whose mean tonemapped luminance differs most.
+fn worst_tile(target: &Image, after: &Image) -> Option<Worst> {
+    let exposure = metrics::exposure(target);
+    let edge = target.width.div_ceil(TILES).max(1);
+    let (wide, high) = (target.width.div_ceil(edge), target.height.div_ceil(edge));
+    let mut sums = vec![[0.0_f32; 2]; wide * high];
+    for (side, image) in [target, after].into_iter().enumerate() {
+        for (i, pixel) in image.data.as_chunks::<3>().0.iter().enumerate() {
+            let tile = i / image.width / edge * wide + i % image.width / edge;
+            sums[tile][side] += exposure * luminance(*pixel).max(0.0) / (edge * edge) as f32;
+        }
+    }
+    let tone = |x: f32| x / (1.0 + x);
+    let difference = |sums: &[f32; 2]| (tone(sums[0]) - tone(sums[1])).abs();
+    let (number, sums) =
+        sums.iter().enumerate().max_by(|a, b| difference(a.1).total_cmp(&difference(b.1)))?;
+    Some(Worst {
+        x: ((number % wide * edge) as f32 + 0.5 * edge as f32) / target.width as f32,
+        y: ((number / wide * edge) as f32 + 0.5 * edge as f32) / target.height as f32,
+        off: ((sums[0] + 0.01) / (sums[1] + 0.01)).log2(),
+    })
+}
+
+fn weighted_mean(image: &Image, weights: Option<&[f32]>) -> [f64; 3] {
+    let (mut sum, mut total) = ([0.0; 3], 0.0);
+    for (i, pixel) in image.data.as_chunks::<3>().0.iter().enumerate() {
+        let weight = f64::from(weights.map_or(1.0, |weights| weights[i]));
+        (0..3).for_each(|c| sum[c] += weight * f64::from(pixel[c]));
+        total += weight;
+    }
+    sum.map(|sum| sum / f64::max(total, 1e-12))
+}
+
+/// Pairs of goals that ask for opposite things in the same place, by their numbers.
+pub fn conflicts(goals: &[Goal]) -> Vec<(usize, usize)> {
+    let pairs = (0..goals.len()).flat_map(|i| (i + 1..goals.len()).map(move |j| (i, j)));
+    pairs.filter(|(i, j)| oppose(&goals[*i].aim, &goals[*j].aim) && overlap(&goals[*i], &goals[*j])).collect()
+}
+
+fn oppose(a: &Aim, b: &Aim) -> bool {
+    match (a, b) {
+        (Aim::Brightness { stops: a }, Aim::Brightness { stops: b }) => a * b < 0.0,
+        (Aim::Temperature { mireds: a }, Aim::Temperature { mireds: b }) => a * b < 0.0,
+        (Aim::Color { color: a }, Aim::Color { color: b }) => {
+            let [a, b] = [a, b].map(|color| color.map(|c| c / luminance(*color).max(1e-9)));
+            (0..3).any(|c| (a[c] - b[c]).abs() > 0.3)
+        }
+        (Aim::Target { .. }, _) | (_, Aim::Target { .. }) | (Aim::Keep, Aim::Keep) => false,
+        (Aim::Keep, _) | (_, Aim::Keep) => true,
+        _ => false,
+    }
+}
+
+/// Whether they share a third of the smaller one.
+fn overlap(a: &Goal, b: &Goal) -> bool {
+    let (Some(a), Some(b)) = (&a.pixels, &b.pixels) else { return true };
+    let shared: f32 = a.iter().zip(b).map(|(a, b)| a.min(*b)).sum();
+    shared > 0.33 * a.iter().sum::<f32>().min(b.iter().sum())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn flat(value: [f32; 3]) -> Image {
+        Image { width: 4, height: 2, channels: 3, data: value.repeat(8) }
+    }
+
+    fn goal(aim: Aim, pixels: Option<Vec<f32>>) -> Goal {
+        Goal { aim, pixels, weight: 1.0 }
+    }
+
+    #[test]
+    fn stops_and_mireds_are_those_of_the_region() {
+        let before = flat([0.2, 0.2, 0.2]);
+        let mut after = before.clone();
+        after.data[..3].copy_from_slice(&[0.8, 0.4, 0.2]);
+        let first = Some(vec![1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        let brighter = report(&goal(Aim::Brightness { stops: 1.0 }, first.clone()), &before, &after);
+        let expected = (luminance([4.0, 2.0, 1.0]) as f64).log2();
+        assert!((brighter.reached - expected).abs() < 1e-5 && brighter.met, "{brighter:?}");
+        assert!(!report(&goal(Aim::Brightness { stops: 3.0 }, first.clone()), &before, &after).met);
+        let warmer = report(&goal(Aim::Temperature { mireds: 100.0 }, first.clone()), &before, &after);
+        assert!((warmer.reached - 4f64.ln() / 0.00769).abs() < 0.1 && warmer.met, "{warmer:?}");
+        assert!(!report(&goal(Aim::Keep, first), &before, &after).met);
+        let rest = Some(vec![0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0]);
+        assert!(report(&goal(Aim::Keep, rest), &before, &after).met);
+    }
+
+    #[test]
+    fn a_target_says_where_it_is_missed() {
+        let target = flat([0.5; 3]);
+        let mut after = target.clone();
+        after.data[3 * 7..].fill(0.05);
+        let aim = Aim::Target { image: target.clone(), exposure_invariant: false };
+        let missed = report(&goal(aim.clone(), None), &flat([0.1; 3]), &after);
+        let worst = missed.worst.unwrap();
+        assert!(!missed.met && missed.reached > missed.before, "{missed:?}");
+        assert_eq!((worst.x, worst.y), (0.875, 0.75));
+        assert!(worst.off > 2.0);
+        let doubled = Image { data: target.data.iter().map(|v| 2.0 * v).collect(), ..target.clone() };
+        assert!(!report(&goal(aim, None), &target, &doubled).met);
+        let invariant = Aim::Target { image: target.clone(), exposure_invariant: true };
+        assert!(report(&goal(invariant, None), &target, &doubled).met);
+    }
+
+    #[test]
+    fn opposite_wishes_in_one_place_conflict() {
+        let all = Some(vec![1.0; 8]);
+        let left = Some([1.0, 1.0, 0.0, 0.0].repeat(2));
+        let right = Some([0.0, 0.0, 1.0, 1.0].repeat(2));
+        let goals = [
+            goal(Aim::Brightness { stops: 1.0 }, left.clone()),
+            goal(Aim::Brightness { stops: -1.0 }, right),
+            goal(Aim::Brightness { stops: -1.0 }, left.clone()),
+            goal(Aim::Temperature { mireds: 30.0 }, all),
+            goal(Aim::Keep, left),
+        ];
+        assert_eq!(conflicts(&goals), [(0, 2), (0, 4), (2, 4), (3, 4)]);
+    }
+}

@@ -1,0 +1,155 @@
+use crate::objective::{Draw, Objective, Unit};
+use crate::problem::Problem;
+use crate::random::Random;
+use crate::variable::{luminance, power};
+use crate::{OptimiseError, Variable};
+use glam::{Quat, Vec3};
+use rayon::prelude::*;
+use relume_scene::{LANES, Light, LightShape, lane};
+use std::f32::consts::TAU;
+
+/// Where a search begins.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RandomStarts {
+    /// How many starts.
+    pub count: usize,
+    /// Random places tried for each light of a start, of which the best is taken; 1 is the paper's.
+    pub candidates: usize,
+    /// Softness with which places are tried.
+    pub softness: f32,
+    /// Seed.
+    pub seed: u64,
+}
+
+/// Cells of each goal by which places are compared.
+const COMPARED: usize = 512;
+/// Strengths tried in each place, in units of an equal share of what the picture lacks.
+const STRENGTHS: [f32; 3] = [0.3, 1.0, 3.0];
+
+/// Random starts: what is free of a light is drawn uniformly in its bounds (sizes by their logarithm, directions on the
+/// sphere), white where colour is free, and together about as bright as the picture lacks.
+///
+/// # Errors
+/// As [`crate::solve`].
+pub fn random_starts(problem: &Problem, options: &RandomStarts) -> Result<Vec<Vec<Light>>, OptimiseError> {
+    problem.validate()?;
+    let objective = Objective::new(problem, options.softness)?;
+    let search = Search { problem, draw: objective.spread(COMPARED), objective, options };
+    (0..options.count as u64).into_par_iter().map(|number| search.start(number)).collect()
+}
+
+struct Search<'a> {
+    problem: &'a Problem<'a>,
+    objective: Objective<'a>,
+    draw: Draw,
+    options: &'a RandomStarts,
+}
+
+/// Lights that were placed so far, those to come being black.
+struct Placed {
+    lights: Vec<Light>,
+    /// By view and light.
+    units: Vec<Vec<Unit>>,
+}
+
+impl Search<'_> {
+    fn start(&self, number: u64) -> Result<Vec<Light>, OptimiseError> {
+        let mut random = Random::new(self.options.seed.wrapping_mul(0x9e37_79b9) ^ number << 40 ^ 0x5eed);
+        let variables = &self.problem.variables;
+        let black = |variable: &Variable| Light { radiance: [0.0; 3], ..variable.light.clone() };
+        let lights: Vec<Light> = variables.iter().map(black).collect();
+        let units = match self.options.candidates {
+            0 | 1 => Vec::new(),
+            _ => self.objective.units(&lights, &self.draw)?,
+        };
+        let mut placed = Placed { lights, units };
+        for (i, variable) in variables.iter().enumerate() {
+            let stays = variable.locks.hold_shape(&variable.light.shape);
+            let candidates = if stays { 1 } else { self.options.candidates.max(1) };
+            let candidates =
+                (0..candidates).map(|_| self.candidate(i, &mut random)).collect::<Result<Vec<_>, _>>()?;
+            self.place(&mut placed, i, candidates)?;
+        }
+        Ok(placed.lights)
+    }
+
+    /// A random light with an equal share of what the picture lacks.
+    fn candidate(&self, number: usize, random: &mut Random) -> Result<Light, OptimiseError> {
+        let variable = &self.problem.variables[number];
+        let light = Light { shape: random_shape(variable, random), ..variable.light.clone() };
+        let share = self.problem.matching_radiance(number, &light, self.options.softness)?
+            / self.problem.variables.len() as f32;
+        let radiance = radiance(variable, &light.shape, share);
+        Ok(Light { radiance, ..light })
+    }
+
+    /// Takes the candidate and strength with the least loss over the lights that are placed.
+    fn place(&self, placed: &mut Placed, number: usize, candidates: Vec<Light>) -> Result<(), OptimiseError> {
+        if self.options.candidates < 2 {
+            placed.lights[number] = candidates[0].clone();
+            return Ok(());
+        }
+        let mut best: Option<(f64, Light, Vec<Unit>)> = None;
+        for candidate in candidates {
+            let own = self.objective.units_of(number, &candidate, &self.draw)?;
+            for (units, own) in placed.units.iter_mut().zip(&own) {
+                units[number] = own.clone();
+            }
+            for strength in STRENGTHS {
+                let light = Light { radiance: candidate.radiance.map(|r| strength * r), ..candidate.clone() };
+                placed.lights[number] = light.clone();
+                let loss = self.objective.loss_of_goals(&placed.lights, &placed.units, &self.draw);
+                if best.as_ref().is_none_or(|(least, ..)| loss < *least) {
+                    best = Some((loss, light, own.clone()));
+                }
+            }
+        }
+        if let Some((_, light, own)) = best {
+            placed.lights[number] = light;
+            for (units, own) in placed.units.iter_mut().zip(own) {
+                units[number] = own;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// What is free of the shape drawn anew.
+fn random_shape(variable: &Variable, random: &mut Random) -> LightShape {
+    let (locks, bounds, shape) = (&variable.locks, &variable.bounds, &variable.light.shape);
+    let mut step = [0.0; LANES];
+    if let (Some(center), false) = (shape.center(), locks.position) {
+        let at = Vec3::from_array(std::array::from_fn(|_| random.next_f32()));
+        let to = bounds.center_min + at * (bounds.center_max - bounds.center_min);
+        step[lane::CENTER].copy_from_slice(&(to - center).to_array());
+    }
+    if !locks.direction {
+        step[lane::TURN].copy_from_slice(&random_turn(random).to_array());
+    }
+    if !locks.size {
+        let [low, high] = if matches!(shape, LightShape::Sun { .. }) { bounds.sun } else { bounds.size };
+        for (i, size) in lane::SIZE.zip(shape.sizes()) {
+            step[i] = (low * (high / low).powf(random.next_f32()) / size).ln();
+        }
+    }
+    shape.moved(&step)
+}
+
+/// A uniform rotation as its vector (Shoemake 1992, "Uniform random rotations").
+fn random_turn(random: &mut Random) -> Vec3 {
+    let [a, b, c] = std::array::from_fn(|_| random.next_f32());
+    let (low, high) = ((1.0 - a).sqrt(), a.sqrt());
+    let ((sin_b, cos_b), (sin_c, cos_c)) = ((TAU * b).sin_cos(), (TAU * c).sin_cos());
+    Quat::from_xyzw(low * sin_b, low * cos_b, high * sin_c, high * cos_c).normalize().to_scaled_axis()
+}
+
+/// White radiance where it is free; else the light's own colour or strength at its new extent.
+fn radiance(variable: &Variable, shape: &LightShape, share: f32) -> [f32; 3] {
+    let power = power(&variable.light);
+    let own = luminance(power);
+    match (variable.locks.color, variable.locks.strength) {
+        (_, true) => power.map(|power| power / shape.extent()),
+        (true, false) if own > 0.0 => power.map(|power| share * power / own),
+        _ => [share; 3],
+    }
+}

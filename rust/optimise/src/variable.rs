@@ -1,0 +1,298 @@
+use glam::Vec3;
+use relume_scene::{LANES, Light, LightShape, lane};
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
+
+/// Lanes of a light: those of its shape, then its power in each channel.
+pub(crate) const PARAMS: usize = LANES + 3;
+/// Rec.709 weights of luminance.
+pub(crate) const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];
+
+/// Which parameters of a light stay as they are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Locks {
+    /// The centre.
+    pub position: bool,
+    /// Where it points.
+    pub direction: bool,
+    /// Radius, width and height, or a sun's angle. The power stays whatever the size.
+    pub size: bool,
+    /// Angle and blend of a spot.
+    pub cone: bool,
+    /// The hue and saturation of its power.
+    pub color: bool,
+    /// The luminance of its power.
+    pub strength: bool,
+}
+
+impl Locks {
+    /// Everything stays.
+    pub const ALL: Self =
+        Self { position: true, direction: true, size: true, cone: true, color: true, strength: true };
+
+    /// Whether the shape stays, so that one picture of the light serves throughout.
+    pub fn hold_shape(&self, shape: &LightShape) -> bool {
+        (0..LANES).all(|number| self.holds(number) || !shape.has_lane(number))
+    }
+
+    /// Whether nothing may move.
+    pub fn hold_all(&self, shape: &LightShape) -> bool {
+        self.hold_shape(shape) && self.color && self.strength
+    }
+
+    fn holds(&self, number: usize) -> bool {
+        match number {
+            0..3 => self.position,
+            3..6 => self.direction,
+            6..8 => self.size,
+            _ => self.cone,
+        }
+    }
+}
+
+/// Where lights may go.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Bounds {
+    /// Lower corner of the box of centres, metres.
+    pub center_min: Vec3,
+    /// Upper corner.
+    pub center_max: Vec3,
+    /// Smallest and largest radius, or edge of an area light, metres, above 0.
+    pub size: [f32; 2],
+    /// Smallest and largest half angle of a sun, radians, above 0.
+    pub sun: [f32; 2],
+    /// Smallest and largest half angle of a spot's cone, radians.
+    pub cone: [f32; 2],
+}
+
+impl Bounds {
+    /// Bounds of centres and sizes, with all usual angles.
+    pub fn new(center_min: Vec3, center_max: Vec3, size: [f32; 2]) -> Self {
+        Self { center_min, center_max, size, sun: [0.0025, 1.0], cone: [0.02, 1.5] }
+    }
+
+    /// Bounds that hold a light as well.
+    pub fn including(mut self, light: &Light) -> Self {
+        if let Some(center) = light.shape.center() {
+            self.center_min = self.center_min.min(center - 1e-3);
+            self.center_max = self.center_max.max(center + 1e-3);
+        }
+        for number in lane::SIZE.chain([lane::CONE]).filter(|number| light.shape.has_lane(*number)) {
+            let value = coordinate(&light.shape, number);
+            let range = match (number, &light.shape) {
+                (lane::CONE, _) => &mut self.cone,
+                (_, LightShape::Sun { .. }) => &mut self.sun,
+                _ => &mut self.size,
+            };
+            let value = if number == lane::CONE { value } else { value.exp() };
+            *range = [range[0].min(0.99 * value), range[1].max(1.01 * value)];
+        }
+        self
+    }
+
+    /// What is wrong with them.
+    pub(crate) fn fault(&self) -> Option<&'static str> {
+        let rises = |[low, high]: [f32; 2]| 0.0 < low && low < high && high.is_finite();
+        let is_box = self.center_min.cmplt(self.center_max).all()
+            && self.center_min.is_finite()
+            && self.center_max.is_finite();
+        match () {
+            _ if !is_box => Some("the centre"),
+            _ if !rises(self.size) => Some("the size"),
+            _ if !(rises(self.sun) && self.sun[1] < 1.57) => Some("a sun's angle"),
+            _ if !(rises(self.cone) && self.cone[1] < 1.58) => Some("a spot's angle"),
+            _ => None,
+        }
+    }
+}
+
+/// A light to be solved.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Variable {
+    /// Where it starts, and what it is drawn to by `stay`.
+    pub light: Light,
+    /// What stays as it is.
+    pub locks: Locks,
+    /// Where it may go.
+    pub bounds: Bounds,
+    /// How much it is drawn back to where it starts: the loss of having moved by the size of the box, by a radian or by a factor
+    /// e in size or power. 0 for not at all.
+    pub stay: f32,
+}
+
+/// The map between steps of an unconstrained vector and a light: logistic within bounds for centre, logarithm of size, cone and
+/// blend (paper, section 5.3), rotation vectors for directions, softplus for power.
+///
+/// Power (radiance times extent) takes the place of the paper's radiance, so that a change of size alone changes no picture far
+/// from the light, and a locked strength is what Blender means by it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Mapping {
+    pub(crate) bounds: Bounds,
+    pub(crate) locks: Locks,
+    /// Power that brings this light to the target's brightness. Steps of Adam have one size, whatever the scene's unit of
+    /// light; this makes them meaningful.
+    pub(crate) power_unit: f32,
+}
+
+impl Mapping {
+    /// The light after a step of the unconstrained values from where it is.
+    pub(crate) fn step(&self, light: &Light, delta: &[f32; PARAMS]) -> Light {
+        let power = self.stepped_power(light, delta);
+        let shape_step: [f32; LANES] = std::array::from_fn(|i| self.lane_step(&light.shape, i, delta[i]));
+        let shape = light.shape.moved(&shape_step);
+        let radiance = power.map(|power| power / shape.extent());
+        Light { shape, radiance, ..light.clone() }
+    }
+
+    /// Derivative by the unconstrained values from that by the shape's lanes and by the radiance.
+    pub(crate) fn pull_back(
+        &self,
+        light: &Light,
+        d_shape: &[f32; LANES],
+        d_radiance: [f32; 3],
+    ) -> [f32; PARAMS] {
+        let mut by_lane = *d_shape;
+        // At a given power the radiance falls as the extent grows.
+        let fall: f32 = (0..3).map(|c| d_radiance[c] * light.radiance[c]).sum();
+        for (slope, i) in light.shape.extent_slopes().into_iter().zip(lane::SIZE) {
+            by_lane[i] -= fall * slope;
+        }
+        let extent = light.shape.extent();
+        let d_power = self.power_gradient(light, d_radiance.map(|d| d / extent));
+        std::array::from_fn(|i| match i.checked_sub(LANES) {
+            Some(channel) => d_power[channel],
+            None => by_lane[i] * self.lane_slope(&light.shape, i),
+        })
+    }
+
+    fn is_free(&self, shape: &LightShape, number: usize) -> bool {
+        shape.has_lane(number) && !self.locks.holds(number)
+    }
+
+    fn lane_step(&self, shape: &LightShape, number: usize, delta: f32) -> f32 {
+        match self.range(shape, number) {
+            _ if !self.is_free(shape, number) || delta == 0.0 => 0.0,
+            None => delta,
+            Some(range) => {
+                let x = coordinate(shape, number);
+                let width = range.end - range.start;
+                range.start + width * logistic(logit((x - range.start) / width) + delta) - x
+            }
+        }
+    }
+
+    fn lane_slope(&self, shape: &LightShape, number: usize) -> f32 {
+        match self.range(shape, number) {
+            _ if !self.is_free(shape, number) => 0.0,
+            None => 1.0,
+            Some(range) => {
+                let width = range.end - range.start;
+                let s = logistic(logit((coordinate(shape, number) - range.start) / width));
+                width * s * (1.0 - s)
+            }
+        }
+    }
+
+    /// Range of the [`coordinate`]; turns have none.
+    fn range(&self, shape: &LightShape, number: usize) -> Option<Range<f32>> {
+        let bounds = &self.bounds;
+        let size = if matches!(shape, LightShape::Sun { .. }) { bounds.sun } else { bounds.size };
+        match number {
+            0..3 => Some(bounds.center_min[number]..bounds.center_max[number]),
+            6..8 => Some(size[0].ln()..size[1].ln()),
+            lane::CONE => Some(bounds.cone[0]..bounds.cone[1]),
+            lane::BLEND => Some(0.0..1.0),
+            _ => None,
+        }
+    }
+
+    fn stepped_power(&self, light: &Light, delta: &[f32; PARAMS]) -> [f32; 3] {
+        let power = power(light);
+        let step = |power: f32, delta: f32| {
+            self.power_unit * softplus(inverse_softplus(power / self.power_unit) + delta)
+        };
+        match (self.locks.color, self.locks.strength) {
+            (true, true) => power,
+            (true, false) => {
+                let (color, strongest) = color_and_strength(power);
+                let strongest = step(strongest, delta[LANES]);
+                color.map(|c| c * strongest)
+            }
+            (false, true) => {
+                let tinted: [f32; 3] = std::array::from_fn(|c| power[c] * delta[LANES + c].exp());
+                let factor = luminance(power) / luminance(tinted);
+                if factor.is_finite() { tinted.map(|c| c * factor) } else { power }
+            }
+            (false, false) => std::array::from_fn(|c| step(power[c], delta[LANES + c])),
+        }
+    }
+
+    fn power_gradient(&self, light: &Light, d_power: [f32; 3]) -> [f32; 3] {
+        let power = power(light);
+        let slope = |power: f32| self.power_unit * logistic(inverse_softplus(power / self.power_unit));
+        match (self.locks.color, self.locks.strength) {
+            (true, true) => [0.0; 3],
+            (true, false) => {
+                let (color, strongest) = color_and_strength(power);
+                [(0..3).map(|c| d_power[c] * color[c]).sum::<f32>() * slope(strongest), 0.0, 0.0]
+            }
+            (false, true) => {
+                let total: f32 = (0..3).map(|c| d_power[c] * power[c]).sum();
+                let luminance = luminance(power).max(f32::MIN_POSITIVE);
+                std::array::from_fn(|c| power[c] * (d_power[c] - total * LUMINANCE[c] / luminance))
+            }
+            (false, false) => std::array::from_fn(|c| d_power[c] * slope(power[c])),
+        }
+    }
+}
+
+/// The value of a lane that has a range: a coordinate of the centre, logarithm of a size, angle or blend of a cone.
+fn coordinate(shape: &LightShape, number: usize) -> f32 {
+    match (number, shape) {
+        (0..3, _) => shape.center().unwrap_or_default()[number],
+        (6..8, _) => shape.sizes()[number - lane::SIZE.start].ln(),
+        (lane::CONE, LightShape::Spot { half_angle, .. }) => *half_angle,
+        (lane::BLEND, LightShape::Spot { blend, .. }) => *blend,
+        _ => 0.0,
+    }
+}
+
+/// Radiance times extent: Blender's power and strength up to a constant.
+pub(crate) fn power(light: &Light) -> [f32; 3] {
+    light.radiance.map(|radiance| radiance * light.shape.extent())
+}
+
+pub(crate) fn luminance(color: [f32; 3]) -> f32 {
+    (0..3).map(|c| LUMINANCE[c] * color[c]).sum()
+}
+
+/// A colour whose strongest channel is 1, white for black, and that channel.
+fn color_and_strength(power: [f32; 3]) -> ([f32; 3], f32) {
+    let strongest = power.into_iter().fold(0.0, f32::max);
+    if strongest > 0.0 { (power.map(|c| c / strongest), strongest) } else { ([1.0; 3], 0.0) }
+}
+
+fn logistic(u: f32) -> f32 {
+    1.0 / (1.0 + (-u).exp())
+}
+
+/// Values at or beyond the bounds start just inside them, where the logistic function still has a slope.
+fn logit(x: f32) -> f32 {
+    let x = x.clamp(1e-3, 1.0 - 1e-3);
+    (x / (1.0 - x)).ln()
+}
+
+fn softplus(u: f32) -> f32 {
+    u.max(0.0) + (-u.abs()).exp().ln_1p()
+}
+
+/// Black starts as very dark, where softplus still has a slope.
+fn inverse_softplus(x: f32) -> f32 {
+    let x = x.max(1e-4);
+    x + (-(-x).exp_m1()).ln()
+}
+
+#[cfg(test)]
+#[path = "variable_tests.rs"]
+pub(crate) mod tests;
