@@ -255,7 +255,7 @@ impl BlenderLight {
         }
     }
 
-    fn axes(&self) -> Mat3 {
+    pub(crate) fn axes(&self) -> Mat3 {
         let column = |c: usize| Vec3::from_array(std::array::from_fn(|row| self.world_from_object[row][c]));
         Mat3::from_cols(column(0), column(1), column(2))
     }
@@ -264,7 +264,7 @@ impl BlenderLight {
         Vec3::from_array(std::array::from_fn(|row| self.world_from_object[row][3]))
     }
 
-    fn emission_direction(&self) -> Result<Vec3, LightError> {
+    pub(crate) fn emission_direction(&self) -> Result<Vec3, LightError> {
         (-self.axes().z_axis)
             .try_normalize()
             .ok_or_else(|| self.error("its scale is zero; set a scale above zero"))
@@ -289,7 +289,7 @@ impl BlenderLight {
         Ok(())
     }
 
-    fn error(&self, reason: &str) -> LightError {
+    pub(crate) fn error(&self, reason: &str) -> LightError {
         LightError { light: self.name.clone(), reason: reason.into() }
     }
 }

@@ -5,6 +5,7 @@
 
 mod blender_camera;
 mod blender_light;
+mod blender_light_inverse;
 mod builder;
 mod camera;
 mod hash;

@@ -1,0 +1,127 @@
+use relume_image::{Image, read_picture};
+use relume_optimise::{Aim, Goal};
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use super::request::{GoalKind, GoalWish, RegionWish};
+use crate::SessionError;
+
+/// Pictures that a request refers to: by name, or by a path relative to a folder.
+#[derive(Clone, Debug, Default)]
+pub struct Pictures {
+    named: HashMap<String, Image>,
+    folder: Option<PathBuf>,
+}
+
+/// Stops that a shadow is darker by, where the request does not say.
+const SHADOW: f32 = 1.5;
+const STOPS: f32 = 1.0;
+const MIREDS: f32 = 60.0;
+
+impl Pictures {
+    /// Pictures in memory.
+    pub fn named(named: HashMap<String, Image>) -> Self {
+        Self { named, folder: None }
+    }
+
+    /// Pictures in files, relative to this folder.
+    pub fn in_folder(folder: &Path) -> Self {
+        Self { named: HashMap::new(), folder: Some(folder.to_path_buf()) }
+    }
+
+    fn get(&self, name: &str) -> Result<Image, SessionError> {
+        match (self.named.get(name), &self.folder) {
+            (Some(image), _) => Ok(image.clone()),
+            (None, Some(folder)) => Ok(read_picture(&folder.join(name))?),
+            (None, None) => {
+                Err(SessionError::Settings(format!("there is no picture of the name '{name}'; hand it over")))
+            }
+        }
+    }
+}
+
+/// The goals of one view of this size.
+pub(super) fn goals(
+    wishes: &[GoalWish],
+    view: usize,
+    size: (usize, usize),
+    keep_rest: f32,
+    pictures: &Pictures,
+) -> Result<Vec<Goal>, SessionError> {
+    let in_view = wishes.iter().enumerate().filter(|(_, wish)| wish.view == view);
+    let mut goals = Vec::new();
+    for (i, wish) in in_view {
+        let fail = |error: SessionError| SessionError::Settings(format!("goal {}: {error}", i + 1));
+        let pixels = wish.region.as_ref().map(|region| weights(region, size, pictures)).transpose().map_err(fail)?;
+        let aim = aim(wish, size, pictures).map_err(fail)?;
+        goals.push(Goal { aim, pixels, weight: wish.weight });
+    }
+    if keep_rest > 0.0 {
+        goals.extend(rest(&goals, size, keep_rest));
+    }
+    Ok(goals)
+}
+
+fn aim(wish: &GoalWish, size: (usize, usize), pictures: &Pictures) -> Result<Aim, SessionError> {
+    let stops = wish.stops.unwrap_or(if wish.goal == GoalKind::Shadow { SHADOW } else { STOPS });
+    let mireds = wish.mireds.unwrap_or(MIREDS);
+    Ok(match wish.goal {
+        GoalKind::Target => Aim::Target {
+            image: fitted(pictures.get(wish.image.as_deref().unwrap_or_default())?, size)?,
+            exposure_invariant: wish.exposure_invariant,
+        },
+        GoalKind::Brighter => Aim::Brightness { stops },
+        GoalKind::Darker | GoalKind::Shadow => Aim::Brightness { stops: -stops },
+        GoalKind::Color => Aim::Color { color: wish.color.unwrap_or([1.0; 3]) },
+        GoalKind::Warmer => Aim::Temperature { mireds },
+        GoalKind::Cooler => Aim::Temperature { mireds: -mireds },
+        GoalKind::Keep => Aim::Keep,
+    })
+}
+
+/// A target of another resolution but the same aspect is scaled by the mean of what falls on a pixel.
+fn fitted(image: Image, (width, height): (usize, usize)) -> Result<Image, SessionError> {
+    let image = if image.channels == 3 { image } else { rgb(&image) };
+    if (image.width, image.height) == (width, height) {
+        return Ok(image);
+    }
+    let (given, wanted) = (image.width as f32 / image.height as f32, width as f32 / height as f32);
+    // A pixel more or less along an edge is rounding.
+    let rounding = 1.0 / image.height.min(height) as f32 + 1.0 / image.width.min(width) as f32;
+    if !((given / wanted - 1.0).abs() <= rounding) {
+        return Err(SessionError::Settings(format!(
+            "the target is {} x {} pixels, the bake {width} x {height}; crop it to the same aspect",
+            image.width, image.height
+        )));
+    }
+    Ok(image.resized(width, height))
+}
+
+fn rgb(image: &Image) -> Image {
+    let channel = |pixel: &[f32], c: usize| pixel[if image.channels > 2 { c } else { 0 }];
+    let data = image.data.chunks_exact(image.channels).flat_map(|p| [channel(p, 0), channel(p, 1), channel(p, 2)]);
+    Image { width: image.width, height: image.height, channels: 3, data: data.collect() }
+}
+
+fn weights(region: &RegionWish, size: (usize, usize), pictures: &Pictures) -> Result<Vec<f32>, SessionError> {
+    let mask = match &region.mask {
+        Some(name) => {
+            let mask = fitted(pictures.get(name)?, size)?;
+            let weight = |value: f32| region.equals.map_or(value, |wanted| f32::from((value - wanted).abs() < 0.5));
+            Some(mask.data.chunks_exact(3).map(|pixel| weight(pixel[0])).collect::<Vec<f32>>())
+        }
+        None => None,
+    };
+    Ok(region.drawn.weights(size, mask.as_deref()))
+}
+
+/// To keep what no goal speaks of; none if one speaks of all.
+fn rest(goals: &[Goal], (width, height): (usize, usize), weight: f32) -> Option<Goal> {
+    let mut free = vec![1.0; width * height];
+    for goal in goals {
+        let pixels = goal.pixels.as_ref()?;
+        free.iter_mut().zip(pixels).for_each(|(free, taken)| *free = f32::min(*free, 1.0 - taken));
+    }
+    let any = free.iter().any(|weight| *weight > 0.0);
+    any.then_some(Goal { aim: Aim::Keep, pixels: Some(free), weight })
+}

@@ -1,0 +1,279 @@
+//! Solving lights (paper, sections 5.3 and 6.2): a request in JSON, bakes, and pictures in; lights, what to write into Blender, and
+//! what became of each goal out.
+
+mod goals;
+mod lights;
+mod relights;
+mod request;
+mod solved;
+
+use relume_gather::Gather;
+use relume_image::Image;
+use relume_optimise::{
+    Goal, Polish, Problem, RandomStarts, Relight, Settings, Step, View, idle_lights, polish, random_starts, solve,
+};
+use relume_proxy::LightKind;
+use relume_scene::Light;
+use serde::Serialize;
+use std::ops::ControlFlow;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
+
+use crate::progress::{Monitor, Stage};
+use crate::relighter::{RelightOptions, Relighter, With};
+use crate::SessionError;
+
+pub use goals::Pictures;
+use lights::Unknowns;
+use relights::{GatherRelight, GpuProxyRelight, ProxyRelight};
+pub use request::{Add, BoundsWish, Freedom, GoalKind, GoalWish, NewKind, RegionWish, SolveRequest, Through, Wish};
+pub use solved::{GoalReport, Solved};
+
+/// Softness of the smoothed gather at the first and the last step, and of the polish.
+const SOFTNESS: [f32; 2] = [0.15, 0.01];
+const POLISH_SOFTNESS: [f32; 2] = [0.02, 0.002];
+
+/// The best lights so far, for a preview.
+pub type Preview<'a> = dyn Fn(&[Light]) + Sync + 'a;
+
+/// Solves lights as they are seen from one or several bakes of one scene.
+///
+/// # Errors
+/// If the request cannot be solved, in words that name the goal or the light; [`SessionError::Cancelled`].
+pub fn solve_lights(
+    relighters: &[&Relighter],
+    request: &SolveRequest,
+    pictures: &Pictures,
+    monitor: &Monitor,
+    preview: &Preview,
+) -> Result<Solved, SessionError> {
+    let begin = Instant::now();
+    let Some(first) = relighters.first() else {
+        return Err(SessionError::Settings("no bake is given; name a bake folder".into()));
+    };
+    let wish = &request.wish;
+    if let Some(i) = wish.goals.iter().position(|goal| goal.view >= relighters.len()) {
+        return Err(SessionError::Settings(format!("goal {}: there is no such view", i + 1)));
+    }
+    let unknowns = Unknowns::new(request, first)?;
+    let through = through(relighters, &unknowns, wish.through)?;
+    let scenes = relighters.iter().enumerate().map(|(number, relighter)| {
+        let camera = relighter.camera();
+        let goals = goals::goals(&wish.goals, number, (camera.width, camera.height), wish.keep_rest, pictures)?;
+        SceneView::new(relighter, request, &unknowns, goals, monitor)
+    });
+    let scenes = scenes.collect::<Result<Vec<_>, SessionError>>()?;
+    let search = Search { request, unknowns: &unknowns, scenes: &scenes, through, monitor, preview };
+    let found = search.run()?;
+    solved::solved(request, &unknowns, &scenes, found, through, begin, monitor)
+}
+
+/// What makes the gradients for all moving lights, in all views.
+fn through(relighters: &[&Relighter], unknowns: &Unknowns, wanted: Through) -> Result<Through, SessionError> {
+    let moving: Vec<&Light> = unknowns.moving().collect();
+    let has_gather = relighters.iter().all(|relighter| relighter.gather().is_some());
+    let uncovered = |relighter: &&Relighter| {
+        moving.iter().find(|light| relighter.proxies().covering(light).is_none()).map(|light| light.name.clone())
+    };
+    let without_proxy = relighters.iter().find_map(uncovered);
+    match (wanted, without_proxy) {
+        (Through::Auto | Through::Gather, _) if has_gather => Ok(Through::Gather),
+        (Through::Gather, _) => {
+            Err(SessionError::Settings("this folder holds no bake to gather from; solve through proxies".into()))
+        }
+        (_, None) => Ok(Through::Proxy),
+        (_, Some(name)) => Err(SessionError::Settings(format!(
+            "light '{name}' is of a type or size that no proxy was trained for, or outside of where one was; \
+             solve through the bake, or train a proxy for it"
+        ))),
+    }
+}
+
+/// One view: what is there besides the lights to be solved.
+pub(crate) struct SceneView<'a> {
+    relighter: &'a Relighter,
+    /// Static light, world and lights that stay.
+    base: Image,
+    /// Pictures for radiance 1 of lights of which only colour or strength may change.
+    still: Vec<Option<Image>>,
+    /// All as it is now.
+    before: Image,
+    goals: Vec<Goal>,
+}
+
+impl<'a> SceneView<'a> {
+    fn new(
+        relighter: &'a Relighter,
+        request: &SolveRequest,
+        unknowns: &Unknowns,
+        goals: Vec<Goal>,
+        monitor: &Monitor,
+    ) -> Result<Self, SessionError> {
+        let options = RelightOptions { with: With::Auto, denoise: true };
+        let relit = relighter.relight(&request.now.lights, &options, monitor)?;
+        let mut base = Image::new(relit.world.width, relit.world.height, 3);
+        base.add_scaled(&relit.static_light, &request.now.static_light);
+        let mut before = base.clone();
+        before.add_scaled(&relit.world, &request.now.world);
+        if unknowns.world.is_none() {
+            base.add_scaled(&relit.world, &request.now.world);
+        }
+        for (i, light) in relit.lights.iter().enumerate() {
+            before.add_scaled(&light.image, &[1.0; 3]);
+            if !unknowns.solves(i) {
+                base.add_scaled(&light.image, &[1.0; 3]);
+            }
+        }
+        let held: Vec<Light> = unknowns.held().map(|light| Light { radiance: [1.0; 3], ..light.clone() }).collect();
+        let mut units = relighter.relight(&held, &options, monitor)?.lights.into_iter().map(|light| light.image);
+        let picture = |place: lights::Picture| match place {
+            lights::Picture::Moves => None,
+            lights::Picture::World => Some(relit.world.clone()),
+            lights::Picture::Held => units.next(),
+        };
+        let still = unknowns.pictures().map(picture).collect();
+        Ok(Self { relighter, base, still, before, goals })
+    }
+
+    fn view<'b>(&'b self, relight: &'b dyn Relight) -> View<'b> {
+        let still = self.still.iter().map(Option::as_ref).collect();
+        View { relight, base: &self.base, still, goals: &self.goals }
+    }
+
+    fn size(&self) -> (usize, usize) {
+        (self.base.width, self.base.height)
+    }
+}
+
+/// What a search has found.
+pub(crate) struct Found {
+    /// In the order of the unknowns.
+    lights: Vec<Light>,
+    /// Numbers of those that are not needed.
+    idle: Vec<usize>,
+    loss: f64,
+    start_loss: f64,
+    start: usize,
+}
+
+struct Search<'a> {
+    request: &'a SolveRequest,
+    unknowns: &'a Unknowns,
+    scenes: &'a [SceneView<'a>],
+    through: Through,
+    monitor: &'a Monitor,
+    preview: &'a Preview<'a>,
+}
+
+impl Search<'_> {
+    fn run(&self) -> Result<Found, SessionError> {
+        let gathers: Vec<Option<GatherRelight>> =
+            self.scenes.iter().map(|scene| scene.relighter.gather().map(GatherRelight::new)).collect();
+        let by_gather: Option<Vec<&dyn Relight>> =
+            gathers.iter().map(|gather| gather.as_ref().map(|gather| gather as &dyn Relight)).collect();
+        let mut found = match (&by_gather, self.through) {
+            (Some(relights), Through::Auto | Through::Gather) => self.explore(&self.problem(relights), SOFTNESS)?,
+            _ => self.explore_proxies()?,
+        };
+        if let (Some(relights), true) = (&by_gather, self.request.wish.polish > 0) {
+            let problem = self.problem(relights);
+            self.polish(&problem, &mut found)?;
+            self.drop_idle(&problem, &mut found)?;
+        }
+        Ok(found)
+    }
+
+    fn problem<'b>(&'b self, relights: &'b [&'b dyn Relight]) -> Problem<'b> {
+        let views = self.scenes.iter().zip(relights).map(|(scene, relight)| scene.view(*relight)).collect();
+        Problem { views, variables: self.unknowns.variables.clone() }
+    }
+
+    fn explore_proxies(&self) -> Result<Found, SessionError> {
+        if let Some(found) = self.explore_on_gpu()? {
+            return Ok(found);
+        }
+        let proxies: Vec<ProxyRelight> =
+            self.scenes.iter().map(|scene| ProxyRelight::new(scene.relighter.proxies(), scene.size())).collect();
+        let relights: Vec<&dyn Relight> = proxies.iter().map(|proxy| proxy as &dyn Relight).collect();
+        self.explore(&self.problem(&relights), [0.0; 2])
+    }
+
+    /// Through a proxy on the GPU, where there is one, all moving lights are of its kind and there is one view.
+    fn explore_on_gpu(&self) -> Result<Option<Found>, SessionError> {
+        let mut kinds: Vec<_> = self.unknowns.moving().filter_map(|light| LightKind::of(&light.shape)).collect();
+        kinds.dedup();
+        let ([scene], [kind]) = (self.scenes, &kinds[..]) else { return Ok(None) };
+        scene.relighter.on_gpu_proxy(*kind, self.monitor, |on_gpu| {
+            let relight = GpuProxyRelight { on_gpu, size: scene.size() };
+            self.explore(&self.problem(&[&relight]), [0.0; 2])
+        })
+    }
+
+    fn explore(&self, problem: &Problem, softness: [f32; 2]) -> Result<Found, SessionError> {
+        let wish = &self.request.wish;
+        let settings = Settings {
+            iterations: wish.steps,
+            learning_rate: wish.learning_rate,
+            pixel_fraction: wish.pixel_fraction,
+            softness,
+            seed: wish.seed,
+        };
+        let random = RandomStarts { count: wish.starts.max(1), candidates: wish.candidates, softness: softness[0], seed: wish.seed };
+        let starts = self.unknowns.starts(random_starts(problem, &random)?);
+        let stage = self.monitor.stage(Stage::Optimise, 0, wish.steps as u64);
+        let furthest = AtomicU64::new(0);
+        let best = Mutex::new(f64::INFINITY);
+        let on_step = |step: Step| {
+            let done = step.iteration as u64 + 1;
+            if furthest.fetch_max(done, Ordering::Relaxed) < done {
+                let starts = if step.starts > 1 { format!("{} starts, ", step.starts) } else { String::new() };
+                stage.set(done, &format!("{starts}loss {:.2e}", step.loss));
+            }
+            if let Ok(mut best) = best.lock() && (step.loss < *best || step.starts == 1) {
+                *best = step.loss;
+                (self.preview)(step.lights);
+            }
+            if self.monitor.cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        let solution = solve(problem, &starts, &settings, &on_step)?;
+        if solution.cancelled {
+            return Err(SessionError::Cancelled);
+        }
+        let (loss, start_loss, start) = (solution.loss, solution.start_loss, solution.start);
+        Ok(Found { lights: solution.lights, idle: Vec::new(), loss, start_loss, start })
+    }
+
+    fn polish(&self, problem: &Problem, found: &mut Found) -> Result<(), SessionError> {
+        let steps = self.request.wish.polish;
+        let stage = self.monitor.stage(Stage::Polish, 0, steps as u64);
+        let settings = Polish { steps, softness: POLISH_SOFTNESS };
+        let polished = polish(problem, &found.lights, &settings, &mut |step| {
+            stage.set(step.iteration as u64 + 1, &format!("loss {:.2e}", step.loss));
+            (self.preview)(step.lights);
+            if self.monitor.cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        })?;
+        if self.monitor.cancelled() {
+            return Err(SessionError::Cancelled);
+        }
+        (found.lights, found.loss) = (polished.lights, polished.loss);
+        Ok(())
+    }
+
+    /// Lights that are not needed go, and the others take over what little they did.
+    fn drop_idle(&self, problem: &Problem, found: &mut Found) -> Result<(), SessionError> {
+        let may_go = self.unknowns.may_go(self.request.wish.remove);
+        if !may_go.contains(&true) {
+            return Ok(());
+        }
+        found.idle = idle_lights(problem, &found.lights, &may_go, 0.0)?;
+        if found.idle.is_empty() {
+            return Ok(());
+        }
+        for number in &found.idle {
+            found.lights[*number].radiance = [0.0; 3];
+        }
+        self.polish(&self.unknowns.without(problem.clone(), &found.idle), found)
+    }
+}
+

@@ -1,0 +1,215 @@
+//! Proxies and the smoothed gather as the optimiser sees them.
+
+use glam::Vec3;
+use rayon::prelude::*;
+use relume_gather::{Gather, GatherError, Half, Scratch, SoftGather};
+use relume_image::Image;
+use relume_optimise::{Compare, Compared, Linear, Relight, RelightError};
+use relume_proxy::{GpuComparison, GpuProxy, LightKind, LightParams, Proxy};
+use relume_scene::{LANES, Light, lane};
+
+use crate::Proxies;
+
+/// Pixels along the edge of the cells whose means are compared: the noise of a gathered picture is an eighth there, and a
+/// tonemapped mean is less biased by it than the mean of tonemapped pixels.
+pub(super) const CELL: usize = 8;
+
+/// Proxies, each for its kind of light.
+#[derive(Clone, Copy)]
+pub(super) struct ProxyRelight<'a> {
+    proxies: &'a Proxies,
+    size: (usize, usize),
+}
+
+impl<'a> ProxyRelight<'a> {
+    pub fn new(proxies: &'a Proxies, size: (usize, usize)) -> Self {
+        Self { proxies, size }
+    }
+
+    fn of(&self, light: &Light) -> Result<(&'a Proxy, LightParams), RelightError> {
+        let params = LightParams::from_shape(&light.shape);
+        let trained = params.and_then(|params| self.proxies.of(params.kind()).zip(Some(params)));
+        let (trained, params) = trained.ok_or_else(|| format!("light '{}' has no proxy", light.name))?;
+        Ok((&trained.proxy, params))
+    }
+}
+
+impl Relight for ProxyRelight<'_> {
+    fn size(&self) -> (usize, usize) {
+        self.size
+    }
+
+    fn values(&self, light: &Light, _: f32, cells: &[u32]) -> Result<Vec<[f32; 3]>, RelightError> {
+        let (proxy, params) = self.of(light)?;
+        let mut values = vec![[0.0; 3]; cells.len()];
+        proxy.forward_pixels(cells, &params, &mut values)?;
+        Ok(values)
+    }
+
+    fn pull_back(
+        &self,
+        light: &Light,
+        _: f32,
+        cells: &[u32],
+        d_values: &[[f32; 3]],
+    ) -> Result<[f32; LANES], RelightError> {
+        let (proxy, params) = self.of(light)?;
+        Ok(by_lane(&params, &proxy.backward(cells, &params, d_values)?))
+    }
+}
+
+/// One proxy on a GPU.
+pub(super) struct GpuProxyRelight<'a> {
+    pub on_gpu: &'a GpuProxy,
+    pub size: (usize, usize),
+}
+
+impl GpuProxyRelight<'_> {
+    fn params(&self, light: &Light) -> Result<LightParams, RelightError> {
+        let params = LightParams::from_shape(&light.shape);
+        params.ok_or_else(|| format!("light '{}' has no proxy", light.name).into())
+    }
+}
+
+impl Relight for GpuProxyRelight<'_> {
+    fn size(&self) -> (usize, usize) {
+        self.size
+    }
+
+    fn values(&self, light: &Light, _: f32, cells: &[u32]) -> Result<Vec<[f32; 3]>, RelightError> {
+        let mut values = vec![[0.0; 3]; cells.len()];
+        self.on_gpu.forward_pixels(cells, &self.params(light)?, &mut values)?;
+        Ok(values)
+    }
+
+    fn pull_back(
+        &self,
+        light: &Light,
+        _: f32,
+        cells: &[u32],
+        d_values: &[[f32; 3]],
+    ) -> Result<[f32; LANES], RelightError> {
+        let params = self.params(light)?;
+        Ok(by_lane(&params, &self.on_gpu.backward(cells, &params, d_values)?))
+    }
+
+    fn comparison<'a>(
+        &'a self,
+        base: &Image,
+        target: &Image,
+        exposure: f32,
+    ) -> Result<Option<Box<dyn Compare + 'a>>, RelightError> {
+        let comparison = self.on_gpu.comparison(&base.data, &target.data, exposure)?;
+        Ok(Some(Box::new(GpuCompare { relight: self, comparison })))
+    }
+}
+
+/// Pictures compared on the GPU.
+struct GpuCompare<'a> {
+    relight: &'a GpuProxyRelight<'a>,
+    comparison: GpuComparison<'a>,
+}
+
+impl Compare for GpuCompare<'_> {
+    fn gradient(&self, lights: &[&Light], pixels: &[u32]) -> Result<Compared, RelightError> {
+        let params = |light: &&Light| Ok((self.relight.params(light)?, light.radiance));
+        let lights = lights.iter().map(params).collect::<Result<Vec<_>, RelightError>>()?;
+        let (loss, gradients) = self.comparison.gradient(&lights, pixels)?;
+        let by_light = lights.iter().zip(gradients);
+        Ok((loss, by_light.map(|((params, _), g)| (by_lane(params, &g.params), g.radiance)).collect()))
+    }
+}
+
+/// A gradient by the lanes of a shape from one by the parameters of its kind of light.
+fn by_lane(params: &LightParams, gradient: &[f32]) -> [f32; LANES] {
+    let mut lanes = [0.0; LANES];
+    lanes[lane::CENTER].copy_from_slice(&gradient[..3]);
+    let values = params.as_slice();
+    match params.kind() {
+        LightKind::Sphere | LightKind::FacingDisk => lanes[6] = gradient[3] * values[3],
+        LightKind::Quad => {
+            let vector = |of: &[f32], start: usize| Vec3::from_slice(&of[start..start + 3]);
+            let (u, v) = (vector(values, 3), vector(values, 6));
+            let (by_u, by_v) = (vector(gradient, 3), vector(gradient, 6));
+            // A turn by a small vector w moves an edge by w x edge.
+            let turn = u.cross(by_u) + v.cross(by_v);
+            lanes[lane::TURN].copy_from_slice(&turn.to_array());
+            lanes[lane::SIZE].copy_from_slice(&[u.dot(by_u), v.dot(by_v)]);
+        }
+    }
+    lanes
+}
+
+/// A dump.
+pub(super) struct GatherRelight<'a> {
+    gather: &'a Gather,
+    soft: SoftGather<'a>,
+}
+
+impl<'a> GatherRelight<'a> {
+    pub fn new(gather: &'a Gather) -> Self {
+        Self { gather, soft: SoftGather::new(gather, CELL) }
+    }
+
+    /// Means of gathered pixels.
+    fn exact(&self, light: &Light, cells: &[u32]) -> Result<Vec<[f32; 3]>, GatherError> {
+        let lights = [self.gather.prepare(light)?];
+        let ((width, height), columns) = (self.size(), self.soft.cells().0);
+        let mean = |scratch: &mut Scratch, cell: &u32| {
+            let (left, top) = (*cell as usize % columns * CELL, *cell as usize / columns * CELL);
+            let (right, bottom) = (width.min(left + CELL), height.min(top + CELL));
+            let (mut sum, mut value) = ([0.0; 3], [[0.0; 3]]);
+            for (x, y) in (top..bottom).flat_map(|y| (left..right).map(move |x| (x, y))) {
+                self.gather.pixel_into(x, y, &lights, Half::All, scratch, &mut value);
+                (0..3).for_each(|c| sum[c] += value[0][c]);
+            }
+            sum.map(|v| v / ((right - left) * (bottom - top)) as f32)
+        };
+        Ok(cells.par_iter().map_init(Scratch::default, mean).collect())
+    }
+}
+
+impl Relight for GatherRelight<'_> {
+    fn size(&self) -> (usize, usize) {
+        let manifest = self.gather.dump().manifest();
+        (manifest.width, manifest.height)
+    }
+
+    fn cell(&self) -> usize {
+        CELL
+    }
+
+    fn values(&self, light: &Light, softness: f32, cells: &[u32]) -> Result<Vec<[f32; 3]>, RelightError> {
+        if softness > 0.0 {
+            return Ok(self.soft.linearise(light, softness, cells)?.values);
+        }
+        Ok(self.exact(light, cells)?)
+    }
+
+    fn pull_back(
+        &self,
+        light: &Light,
+        softness: f32,
+        cells: &[u32],
+        d_values: &[[f32; 3]],
+    ) -> Result<[f32; LANES], RelightError> {
+        let slopes = self.soft.linearise(light, softness, cells)?.slopes;
+        let mut sums = [0.0; LANES];
+        for (d, slopes) in d_values.iter().zip(&slopes) {
+            for (sum, slope) in sums.iter_mut().zip(slopes) {
+                *sum += (0..3).map(|c| d[c] * slope[c]).sum::<f32>();
+            }
+        }
+        Ok(sums)
+    }
+
+    fn linearise(
+        &self,
+        light: &Light,
+        softness: f32,
+        cells: &[u32],
+    ) -> Result<Option<Linear>, RelightError> {
+        let linear = self.soft.linearise(light, softness, cells)?;
+        Ok(Some(Linear { values: linear.values, slopes: linear.slopes }))
+    }
+}

@@ -1,0 +1,305 @@
+use crate::live::LiveRequest;
+use relume_optimise::Region;
+use serde::Deserialize;
+use serde_json::{Map, Value};
+use std::collections::HashMap;
+
+/// What is to be solved, as it is read from JSON. Places are fractions of the picture, (0, 0) its top left corner.
+///
+/// ```json
+/// { "lights": [...], "gains": {}, "world": [1, 1, 1], "static": [1, 1, 1],
+///   "free": {"Key": ["position", "strength"], "world": ["strength"]},
+///   "bounds": {"min": [-2, -2, 0], "max": [2, 2, 3], "size": [0.05, 1]},
+///   "add": {"count": 2, "type": "point"}, "remove": true,
+///   "goals": [{"goal": "target", "image": "target.exr", "exposure_invariant": true},
+///             {"goal": "brighter", "stops": 1, "where": {"rectangle": [0, 0, 0.5, 1]}},
+///             {"goal": "warmer", "mireds": 60, "where": {"strokes": [{"radius": 0.05, "points": [[0.5, 0.5, 1]]}]}},
+///             {"goal": "keep", "where": {"mask": "mask.png"}}],
+///   "keep_rest": 0.1, "starts": 4, "steps": 300, "seed": 0 }
+/// ```
+///
+/// The first four say how the picture is now, as in [`LiveRequest::parse`]; lights and values that `free` does not name stay.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SolveRequest {
+    /// The picture as it is.
+    pub now: LiveRequest,
+    /// The lights as they were written.
+    pub(crate) described: Vec<Value>,
+    /// The rest.
+    pub wish: Wish,
+}
+
+/// What may change, and to what end.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Wish {
+    /// What may change, by the light's name; `world` for the world's colour and strength.
+    pub free: HashMap<String, Vec<Freedom>>,
+    /// Where lights may go; what the camera sees if absent.
+    pub bounds: Option<BoundsWish>,
+    /// New lights.
+    pub add: Option<Add>,
+    /// Whether free lights that do nothing may go.
+    pub remove: bool,
+    /// What the picture should do.
+    pub goals: Vec<GoalWish>,
+    /// How much the picture is to stay where no goal says otherwise; 0 for not at all.
+    pub keep_rest: f32,
+    /// How much lights are drawn to where they are ([`relume_optimise::Variable::stay`]).
+    pub stay: f32,
+    /// Starts, of which the best is kept.
+    pub starts: usize,
+    /// Random places tried for each light of a start.
+    pub candidates: usize,
+    /// Most steps of a start.
+    pub steps: usize,
+    /// Share of the pixels that a step looks at.
+    pub pixel_fraction: f32,
+    /// Adam's.
+    pub learning_rate: f32,
+    /// Seed.
+    pub seed: u64,
+    /// Most steps of the polish by exact pictures; 0 for none.
+    pub polish: usize,
+    /// What makes the gradients.
+    pub through: Through,
+}
+
+impl Default for Wish {
+    fn default() -> Self {
+        Self {
+            free: HashMap::new(),
+            bounds: None,
+            add: None,
+            remove: false,
+            goals: Vec::new(),
+            keep_rest: 0.0,
+            stay: 0.0,
+            starts: 4,
+            candidates: 16,
+            steps: 300,
+            pixel_fraction: 0.05,
+            learning_rate: 0.05,
+            seed: 0,
+            polish: 24,
+            through: Through::Auto,
+        }
+    }
+}
+
+/// A value of a light that may change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[expect(missing_docs, reason = "the names of `relume_optimise::Locks`")]
+pub enum Freedom {
+    Position,
+    Direction,
+    Size,
+    Cone,
+    Color,
+    Strength,
+}
+
+/// A box for centres, metres, and the sizes between which a light may be.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BoundsWish {
+    /// Lower corner.
+    pub min: [f32; 3],
+    /// Upper corner.
+    pub max: [f32; 3],
+    /// Smallest and largest radius or edge; of the bake if absent.
+    #[serde(default)]
+    pub size: Option<[f32; 2]>,
+}
+
+/// Lights that may be added.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Add {
+    /// At most so many.
+    pub count: usize,
+    /// What they are.
+    #[serde(default, rename = "type")]
+    pub kind: NewKind,
+}
+
+/// Type of an added light.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum NewKind {
+    /// A point light as Blender makes it.
+    #[default]
+    Point,
+    /// A rectangular area light.
+    Area,
+}
+
+/// What makes the gradients.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Through {
+    /// The smoothed gather where there is a bake, else proxies.
+    #[default]
+    Auto,
+    /// Proxies.
+    Proxy,
+    /// The smoothed gather.
+    Gather,
+}
+
+/// A goal.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GoalWish {
+    /// What is asked for.
+    pub goal: GoalKind,
+    /// The part of the picture; all of it if absent.
+    #[serde(default, rename = "where")]
+    pub region: Option<RegionWish>,
+    /// Weight beside other goals.
+    #[serde(default = "one")]
+    pub weight: f32,
+    /// Which of several views.
+    #[serde(default)]
+    pub view: usize,
+    /// Of `target`: name or path of a picture.
+    #[serde(default)]
+    pub image: Option<String>,
+    /// Of `target`: whether its exposure does not matter.
+    #[serde(default)]
+    pub exposure_invariant: bool,
+    /// Of `brighter`, `darker` and `shadow`: by how many stops.
+    #[serde(default)]
+    pub stops: Option<f32>,
+    /// Of `warmer` and `cooler`: by how many mireds.
+    #[serde(default)]
+    pub mireds: Option<f32>,
+    /// Of `color`: linear RGB.
+    #[serde(default)]
+    pub color: Option<[f32; 3]>,
+}
+
+fn one() -> f32 {
+    1.0
+}
+
+/// What a goal is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[expect(missing_docs, reason = "their names say it")]
+pub enum GoalKind {
+    Target,
+    Brighter,
+    Darker,
+    Shadow,
+    Color,
+    Warmer,
+    Cooler,
+    Keep,
+}
+
+/// The union of strokes, a rectangle and a mask.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+pub struct RegionWish {
+    /// Strokes and rectangle.
+    #[serde(flatten)]
+    pub drawn: Region,
+    /// Name or path of a picture whose first channel is the weight.
+    #[serde(default)]
+    pub mask: Option<String>,
+    /// Only pixels of the mask with this value count, such as an object's index.
+    #[serde(default)]
+    pub equals: Option<f32>,
+}
+
+impl SolveRequest {
+    /// Reads a request.
+    ///
+    /// # Errors
+    /// In words that name the light, the goal or the field.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let value: Map<String, Value> = serde_json::from_str(text).map_err(|error| error.to_string())?;
+        let is_now = |key: &str| ["lights", "gains", "world", "static"].contains(&key);
+        let (mut now, wish): (Map<_, _>, Map<_, _>) = value.into_iter().partition(|(key, _)| is_now(key));
+        let lights = now.entry("lights").or_insert_with(|| Value::Array(Vec::new()));
+        let described = lights.get("lights").unwrap_or(lights).as_array().cloned().unwrap_or_default();
+        let now = LiveRequest::parse(&Value::Object(now).to_string())?;
+        let wish: Wish = serde_json::from_value(Value::Object(wish)).map_err(|error| error.to_string())?;
+        let request = Self { now, described, wish };
+        request.check()?;
+        Ok(request)
+    }
+
+    fn check(&self) -> Result<(), String> {
+        let wish = &self.wish;
+        let known = |name: &str| name == "world" || self.now.lights.iter().any(|light| light.name == name);
+        if let Some(name) = wish.free.keys().find(|name| !known(name)) {
+            return Err(format!("\"free\" names '{name}', which is not one of the lights"));
+        }
+        if wish.add.is_some_and(|add| add.count > MOST_NEW) {
+            return Err(format!("\"add\" may ask for {MOST_NEW} lights at most"));
+        }
+        if wish.starts > 1024 || wish.steps > 100_000 || wish.candidates > 1024 || wish.polish > 10_000 {
+            return Err("\"starts\", \"candidates\", \"steps\" or \"polish\" is too large".into());
+        }
+        let finite = [wish.keep_rest, wish.stay, wish.pixel_fraction, wish.learning_rate];
+        if !finite.iter().all(|value| value.is_finite() && *value >= 0.0) {
+            return Err(
+                "\"keep_rest\", \"stay\", \"pixel_fraction\" and \"learning_rate\" must not be below 0".into()
+            );
+        }
+        wish.goals.iter().enumerate().try_for_each(|(i, goal)| {
+            goal.check().map_err(|reason| format!("goal {}: {reason}", i + 1))
+        })
+    }
+}
+
+/// More new lights than this cannot be told apart by a picture.
+const MOST_NEW: usize = 64;
+
+impl GoalWish {
+    fn check(&self) -> Result<(), String> {
+        let numbers = [Some(self.weight), self.stops, self.mireds];
+        let colors = self.color.iter().flatten().copied();
+        if !numbers.into_iter().flatten().chain(colors).all(|value| value.is_finite() && value >= 0.0) {
+            return Err("its numbers must be finite and not below 0".into());
+        }
+        if let Some(reason) = self.region.as_ref().and_then(|region| region.drawn.fault()) {
+            return Err(reason.into());
+        }
+        match self.goal {
+            GoalKind::Target if self.image.is_none() => Err("a target needs an \"image\"".into()),
+            GoalKind::Color if self.color.is_none() => Err("a colour needs a \"color\"".into()),
+            _ => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LIGHT: &str = r#"{"name": "Key", "shape": {"type": "sphere", "center": [0,0,2], "radius": 0.1}, "radiance": [1,1,1]}"#;
+
+    #[test]
+    fn a_request_is_read_and_its_faults_are_named() {
+        let read = |rest: &str| SolveRequest::parse(&format!(r#"{{"lights": [{LIGHT}], {rest}}}"#));
+        let good = read(
+            r#""free": {"Key": ["position", "color"]}, "goals": [{"goal": "brighter", "stops": 1,
+                "where": {"rectangle": [0, 0, 1, 1], "mask": "a.png"}}], "add": {"count": 2, "type": "area"}"#,
+        );
+        let wish = good.unwrap().wish;
+        assert_eq!(wish.free["Key"], [Freedom::Position, Freedom::Color]);
+        assert_eq!(wish.goals[0].region.as_ref().unwrap().drawn.rectangle, Some([0.0, 0.0, 1.0, 1.0]));
+        let fault = |rest: &str| read(rest).unwrap_err();
+        assert!(fault(r#""free": {"Kay": []}"#).contains("'Kay'"));
+        assert!(fault(r#""goals": [{"goal": "target"}]"#).contains("goal 1: a target needs"));
+        assert!(fault(r#""goals": [{"goal": "brighter", "stops": -1}]"#).contains("goal 1"));
+        assert!(fault(r#""goals": [{"goal": "louder"}]"#).contains("louder"));
+        assert!(fault(r#""gaols": []"#).contains("gaols"));
+        assert!(fault(r#""goals": [{"goal": "keep", "where": {"rectangle": [0, 0, 1e9, 1]}}]"#).contains("goal 1"));
+        assert!(fault(r#""add": {"count": 100000}"#).contains("at most"));
+        assert!(SolveRequest::parse("[]").is_err());
+    }
+}
