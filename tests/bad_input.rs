@@ -169,9 +169,18 @@ fn pictures_of_another_size_are_no_targets() {
     trace_room(path, "--out other --width 8 --height 8 --samples 1");
     result(path, "gather other --no-denoise --out other.exr");
     let message = failure(path, "optimise bake --target other.exr --out found.json");
-    assert!(message.contains("target is (8, 8)"), "{message}");
+    assert!(message.contains("goal 1: the target is 8 x 8 pixels, the bake"), "{message}");
     assert!(failure(path, "optimise bake --target gone.png --out found.json").contains("gone.png"));
-    assert!(failure(path, "optimise other --target other.exr --out found.json").contains("train"));
+    let cannot = |request: &str| {
+        std::fs::write(path.join("request.json"), request).unwrap();
+        failure(path, "optimise bake --request request.json --out found.json")
+    };
+    assert!(cannot("{").contains("request.json"));
+    assert!(cannot(r#"{"lights": []}"#).contains("nothing is asked for"));
+    let keep = r#""goals": [{"goal": "keep"}]"#;
+    assert!(cannot(&format!(r#"{{"lights": [], {keep}}}"#)).contains("nothing may change"));
+    assert!(cannot(&format!(r#"{{"free": {{"Nobody": []}}, {keep}}}"#)).contains("'Nobody'"));
+    assert!(failure(path, "optimise bake --out found.json").contains("--request"));
     assert!(!path.join("found.json").exists());
 }
 

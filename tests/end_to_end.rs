@@ -61,7 +61,8 @@ fn hidden_light_is_found_again_from_its_picture() {
     std::fs::rename(path.join("bake"), path.join("away")).unwrap();
     let found =
         result(path, "optimise proxies --target target.exr --starts 4 --iterations 300 --out found.json");
-    assert!(found["loss"].as_f64() < found["start_loss"].as_f64());
+    assert!(found["solved"]["loss"].as_f64() < found["solved"]["start_loss"].as_f64());
+    assert_eq!(found["solved"]["through"], "proxy");
 
     let light = &LightSet::read(&path.join("found.json")).unwrap().lights[0];
     let relume_session::scene::LightShape::Sphere { center, .. } = light.shape else { panic!("{light:?}") };

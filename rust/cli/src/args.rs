@@ -289,18 +289,23 @@ pub enum Placement {
 
 #[derive(Args, Debug)]
 pub struct OptimiseArgs {
-    /// Folder with a sphere proxy.
-    pub bake: PathBuf,
-    /// Picture to match: EXR (scene-linear) or PNG (sRGB), of the bake's size.
+    /// Bake folders, or folders of proxies: one for each view of the scene.
+    #[arg(required = true)]
+    pub bakes: Vec<PathBuf>,
+    /// What to solve: lights, what may change, goals (JSON; pictures by paths relative to it). Without lights in it,
+    /// those of the bake.
+    #[arg(long, conflicts_with_all = ["target", "lights", "count"], required_unless_present = "target")]
+    pub request: Option<PathBuf>,
+    /// In short: picture to match, EXR (scene-linear) or PNG (sRGB), of the bake's aspect.
     #[arg(long)]
-    pub target: PathBuf,
-    /// Light set to start from; its sphere lights are solved, others stay as they are.
+    pub target: Option<PathBuf>,
+    /// In short: light set to start from; all of its lights are solved.
     #[arg(long)]
     pub lights: Option<PathBuf>,
-    /// Lights to find from random starts, if no light set is given.
+    /// In short: lights to find, if no light set is given.
     #[arg(long, default_value_t = 1)]
     pub count: usize,
-    /// Random starts, of which the best is kept.
+    /// Starts, of which the best is kept.
     #[arg(long, default_value_t = 8)]
     pub starts: usize,
     /// Steps of each start.
@@ -312,10 +317,10 @@ pub struct OptimiseArgs {
     /// Most steps on gathered pictures afterwards, which take out the proxy's error; needs the bake.
     #[arg(long, default_value_t = 16)]
     pub polish: usize,
-    /// Keep positions as they are.
+    /// Keep positions and directions as they are.
     #[arg(long)]
     pub lock_center: bool,
-    /// Keep radii as they are.
+    /// Keep sizes and cones as they are.
     #[arg(long)]
     pub lock_radius: bool,
     /// Keep colours and strengths as they are.

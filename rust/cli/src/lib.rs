@@ -7,7 +7,7 @@ mod console;
 use args::{Cli, Command};
 use clap::Parser;
 use console::{Console, Style};
-use relume_session::{Cancel, Monitor, SessionError};
+use relume_session::{Cancel, Monitor, SessionError, on_threads};
 use serde_json::Value;
 use signal_hook::SigId;
 use std::ffi::OsString;
@@ -60,11 +60,9 @@ fn run_with_signals(cli: Cli, console: &Arc<Console>) -> anyhow::Result<()> {
     result
 }
 
-/// Runs a command on a thread pool of its own, so that a program can run several, each with its number of threads.
 fn dispatch(cli: Cli, console: &Console, monitor: &Monitor) -> anyhow::Result<()> {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(cli.global.threads).build()?;
     let context = commands::Context { console, monitor, global: &cli.global };
-    pool.install(|| command(cli.command, &context))
+    on_threads(cli.global.threads, || command(cli.command, &context))
 }
 
 fn command(command: Command, context: &commands::Context) -> anyhow::Result<()> {

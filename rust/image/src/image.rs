@@ -33,6 +33,22 @@ impl Image {
         (self.width, self.height, self.channels) == (other.width, other.height, other.channels)
     }
 
+    /// The image at another size: each pixel the mean of what it covers, by area.
+    pub fn resized(&self, width: usize, height: usize) -> Self {
+        let (columns, rows) = (coverage(self.width, width), coverage(self.height, height));
+        let mut resized = Self::new(width, height, self.channels);
+        for (pixel, sums) in resized.data.chunks_exact_mut(self.channels.max(1)).enumerate() {
+            for &(y, of_row) in &rows[pixel / width] {
+                for &(x, of_column) in &columns[pixel % width] {
+                    for (sum, value) in sums.iter_mut().zip(self.pixel(x, y)) {
+                        *sum += of_row * of_column * value;
+                    }
+                }
+            }
+        }
+        resized
+    }
+
     /// Adds `factor` times `other`, channel by channel. Panics if the channels of `factor` or the shapes differ.
     pub fn add_scaled(&mut self, other: &Image, factor: &[f32]) {
         assert!(self.same_shape(other) && factor.len() == self.channels, "images of one shape");
@@ -43,5 +59,35 @@ impl Image {
                 sum[c] += factor[c] * value[c];
             }
         }
+    }
+}
+
+/// For each of `to` equal parts of a length the shares of the `from` parts that it covers.
+fn coverage(from: usize, to: usize) -> Vec<Vec<(usize, f32)>> {
+    let scale = from as f64 / to.max(1) as f64;
+    let part = |i: usize| {
+        let (low, high) = (i as f64 * scale, (i + 1) as f64 * scale);
+        let covered = low as usize..(high.ceil() as usize).min(from);
+        let share = |k: usize| (high.min((k + 1) as f64) - low.max(k as f64)) / scale;
+        covered.map(|k| (k, share(k) as f32)).filter(|(_, share)| *share > 0.0).collect()
+    };
+    (0..to).map(part).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn resizing_keeps_means_and_places() {
+        let data: Vec<f32> = (0..6 * 4 * 3).map(|i| (i * i % 17) as f32).collect();
+        let image = Image { width: 6, height: 4, channels: 3, data };
+        let mean = |image: &Image| image.data.iter().sum::<f32>() / image.data.len() as f32;
+        for (width, height) in [(3, 2), (12, 8), (5, 3), (1, 1), (6, 4)] {
+            let resized = image.resized(width, height);
+            assert!((mean(&resized) - mean(&image)).abs() < 1e-4, "{width} x {height}");
+        }
+        assert_eq!(image.resized(6, 4), image);
+        assert_eq!(image.resized(12, 8).pixel(11, 7), image.pixel(5, 3));
     }
 }

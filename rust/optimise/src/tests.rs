@@ -23,7 +23,10 @@ impl Lambert {
         let (x, y) = ((number % SIZE.0) as f32 / 6.0 - 1.0, (number / SIZE.0) as f32 / 4.0);
         let (point, normal) = match number % SIZE.0 {
             0..4 => (Vec3::new(-1.5, x * 3.0, 2.0 * y), Vec3::X),
-            _ => (Vec3::new(2.0 * x, 3.0 * y - 1.5, 0.1 * x), Vec3::new(0.1 - 0.2 * x, 0.2 * y, 1.0).normalize()),
+            _ => (
+                Vec3::new(2.0 * x, 3.0 * y - 1.5, 0.1 * x),
+                Vec3::new(0.1 - 0.2 * x, 0.2 * y, 1.0).normalize(),
+            ),
         };
         let smooth = |cos: f32| 0.5 * (cos + (cos * cos + 0.01).sqrt());
         let value = match *shape {

@@ -32,6 +32,9 @@ impl Listener for Inbox {
     }
 }
 
+/// Takes what there is so far, in JSON.
+pub type Show = dyn Fn(String) + Sync;
+
 type Outcome = Result<serde_json::Value, NativeError>;
 
 /// Running work.
@@ -39,6 +42,8 @@ type Outcome = Result<serde_json::Value, NativeError>;
 pub struct PyJob {
     inbox: Arc<Inbox>,
     cancel: Cancel,
+    /// What there is so far, in JSON, since it was last asked for.
+    preview: Arc<Mutex<Option<String>>>,
     thread: Mutex<Option<JoinHandle<Outcome>>>,
 }
 
@@ -47,12 +52,24 @@ impl PyJob {
     pub fn start<E: Into<NativeError>>(
         work: impl FnOnce(&Monitor) -> Result<serde_json::Value, E> + Send + 'static,
     ) -> PyResult<Self> {
+        Self::start_with_preview(move |monitor, _| work(monitor))
+    }
+
+    /// As [`PyJob::start`]; `work` also shows what there is so far.
+    pub fn start_with_preview<E: Into<NativeError>>(
+        work: impl FnOnce(&Monitor, &Show) -> Result<serde_json::Value, E> + Send + 'static,
+    ) -> PyResult<Self> {
+        let preview = Arc::new(Mutex::new(None));
+        let inbox_of_preview = preview.clone();
+        let show = move |text: String| {
+            *inbox_of_preview.lock().unwrap_or_else(PoisonError::into_inner) = Some(text);
+        };
         let (inbox, cancel) = (Arc::new(Inbox::default()), Cancel::default());
         let monitor = Monitor::new(inbox.clone(), cancel.clone());
         let thread = std::thread::Builder::new()
             .name("relume-job".into())
-            .spawn(move || work(&monitor).map_err(Into::into))?;
-        Ok(Self { inbox, cancel, thread: Mutex::new(Some(thread)) })
+            .spawn(move || work(&monitor, &show).map_err(Into::into))?;
+        Ok(Self { inbox, cancel, preview, thread: Mutex::new(Some(thread)) })
     }
 }
 
@@ -71,6 +88,10 @@ impl PyJob {
     fn progress(&self) -> Option<String> {
         let progress = self.inbox.reports().progress.take()?;
         serde_json::to_string(&progress).ok()
+    }
+
+    fn preview(&self) -> Option<String> {
+        self.preview.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
 
     fn warnings(&self) -> Vec<String> {

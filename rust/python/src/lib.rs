@@ -6,6 +6,7 @@ mod job;
 mod live;
 mod relighter;
 mod scene;
+mod solve;
 
 use pyo3::prelude::*;
 
@@ -15,6 +16,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("RelumeError", module.py().get_type::<error::RelumeError>())?;
     module.add_function(wrap_pyfunction!(job::run_command_line, module)?)?;
     module.add_function(wrap_pyfunction!(job::start_command, module)?)?;
+    module.add_function(wrap_pyfunction!(solve::solve, module)?)?;
     module.add_class::<job::PyJob>()?;
     module.add_class::<live::PyLive>()?;
     module.add_class::<live::PyFrame>()?;

@@ -1,6 +1,5 @@
 //! `Relighter`: pictures of a bake as numpy arrays.
 
-use crate::array::Array;
 use crate::error::{NativeError, enter_native, invalid};
 use crate::job::PyJob;
 use numpy::{PyArray1, PyArray3, PyArrayMethods};
@@ -8,9 +7,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use relume_session::image::Image;
 use relume_session::scene::Light;
-use relume_session::{
-    Device, LightSet, Monitor, OptimiseOptions, RelightOptions, Relighter, Relit, With, optimise,
-};
+use relume_session::{Device, LightSet, Monitor, RelightOptions, Relighter, Relit, With};
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -68,24 +65,6 @@ impl PyRelighter {
         PyJob::start(move |monitor| -> Result<_, NativeError> {
             relighter.relight(&lights, &options, monitor)?;
             Ok(serde_json::Value::Null)
-        })
-    }
-
-    /// Starts to solve for the lights that make a picture, [height, width, 3].
-    #[pyo3(signature = (target, lights=None, options="{}"))]
-    fn optimise(&self, target: &Bound<'_, PyAny>, lights: Option<&str>, options: &str) -> PyResult<PyJob> {
-        let target = Array::borrow("target", target)?;
-        let (height, width, channels) = (target.size(0), target.size(1), target.size(2));
-        let data = target.values()?.to_vec();
-        if channels != 3 || data.len() != width * height * 3 {
-            return Err(invalid("target must have the shape [height, width, 3]").into());
-        }
-        let target = Image { width, height, channels, data };
-        let start = lights.map(LightSet::parse).transpose().map_err(invalid)?;
-        let options: OptimiseOptions = serde_json::from_str(options).map_err(NativeError::from)?;
-        let relighter = self.relighter.clone();
-        PyJob::start(move |monitor| -> Result<_, NativeError> {
-            Ok(serde_json::to_value(optimise(&relighter, &target, start.as_ref(), &options, monitor)?)?)
         })
     }
 }

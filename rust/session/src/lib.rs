@@ -1,4 +1,4 @@
-//! Wires the stages: bake, train, relight, optimise; progress and cancel.
+//! Wires the stages: bake, train, relight, solve; progress and cancel.
 //!
 //! ```text
 //! let monitor = Monitor::new(listener, cancel);                  // progress, warnings, stop
@@ -7,7 +7,7 @@
 //! let relighter = Relighter::open(folder)?;                      // a bake, or proxies alone
 //! let relit = relighter.relight(&lights, &RelightOptions::default(), &monitor)?;
 //! relit.write_exr(path, Precision::Half)?;  relit.write_png(path, &relighter.view()?, BitDepth::Eight)?;
-//! optimise(&relighter, &target, None, &OptimiseOptions::default(), &monitor)?.lights
+//! solve_lights(&[&relighter], &SolveRequest::parse(json)?, &Pictures::in_folder(folder), &monitor, &|_| ())?.lights
 //! ```
 //!
 //! A bake folder holds the dump (`manifest.json`, `tile_*.safetensors`), the scene's lights ([`LIGHTS_FILE`]), its view
@@ -37,9 +37,10 @@ mod proxies;
 mod relighter;
 mod relit;
 mod sizes;
-mod solve_lights;
+mod solve;
 mod sorting;
 mod targets;
+mod threads;
 mod train;
 mod unit_cache;
 
@@ -58,8 +59,12 @@ pub use proxies::{MeanQuality, Measured, Proxies, TrainedProxy, proxy_path};
 pub use relighter::{Maker, RelightOptions, Relighter, With};
 pub use relit::{Relit, RelitLight};
 pub use sizes::default_sizes;
-pub use solve_lights::{OptimiseOptions, Optimised, ProxyRelight, optimise};
+pub use solve::{
+    Add, BoundsWish, Freedom, GoalKind, GoalReport, GoalWish, NewKind, Pictures, Preview, RegionWish,
+    SolveRequest, Solved, Through, Wish, solve_lights,
+};
 pub use targets::{DumpTargets, GpuTargets};
+pub use threads::on_threads;
 pub use train::{Clock, CurvePoint, TrainReport, TrainSettings, train};
 
 pub use relume_gpu as gpu;

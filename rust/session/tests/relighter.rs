@@ -4,13 +4,13 @@ use glam::Vec3;
 use relume_session::gpu::{Gpu, GpuChoice};
 use relume_session::proxy::{LightKind, SizeRange, TrainConfig};
 use relume_session::scene::{Light, LightShape, LobeFactors, ReceiverSet};
-use relume_session::solver::Settings;
 use relume_session::trace::TraceSettings;
 use relume_session::{
-    Cancel, Clock, Compute, Device, LightSet, Listener, Maker, Monitor, ObjView, OptimiseOptions, Progress,
-    RelightOptions, Relighter, SessionError, Stage, TrainReport, TrainSettings, With, bake, default_sizes,
-    evaluate, obj_scene, optimise, train,
+    Cancel, Clock, Compute, Device, LightSet, Listener, Maker, Monitor, ObjView, Pictures, Progress,
+    RelightOptions, Relighter, SessionError, SolveRequest, Stage, TrainReport, TrainSettings, With, bake,
+    default_sizes, evaluate, obj_scene, solve_lights, train,
 };
+use std::collections::HashMap;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
@@ -355,17 +355,19 @@ fn lights_solved_on_the_gpu_are_those_of_the_cpu() {
     let cpu = Relighter::open(folder.path()).unwrap();
     let options = RelightOptions { with: With::Proxy, denoise: false };
     let target = cpu.relight(&[sphere("Hidden", 0.2)], &options, &Monitor::default()).unwrap().combined();
-    let options = OptimiseOptions { starts: 1, polish: 0, ..OptimiseOptions::default() };
-    let options = OptimiseOptions { settings: Settings { iterations: 20, ..options.settings }, ..options };
-    let losses = [&gpu, &cpu].map(|relighter| {
-        let solved = optimise(relighter, &target, None, &options, &Monitor::default()).unwrap().solution;
-        solved.trajectory.iter().map(|point| point.loss).collect::<Vec<_>>()
+    let request = r#"{"add": {"count": 1}, "goals": [{"goal": "target", "image": "target"}], "through": "proxy",
+        "starts": 1, "candidates": 1, "steps": 25, "polish": 0}"#;
+    let request = SolveRequest::parse(request).unwrap();
+    let pictures = Pictures::named(HashMap::from([("target".into(), target)]));
+    let solved = [&gpu, &cpu].map(|relighter| {
+        solve_lights(&[relighter], &request, &pictures, &Monitor::default(), &|_| ()).unwrap()
     });
+    let [a, b] = solved.each_ref().map(|solved| &solved.lights.lights[0]);
     // The same steps, but for the order of sums.
-    for (a, b) in losses[0].iter().zip(&losses[1]) {
-        assert!((a - b).abs() < 1e-2 * b.max(losses[1][0] * 1e-2), "{losses:?}");
-    }
-    assert_eq!(losses[0].len(), 20);
+    let ratio = solved[0].loss / solved[1].loss;
+    assert!((ratio - 1.0).abs() < 1e-2 && solved[1].loss < 0.9 * solved[1].start_loss, "{solved:?}");
+    let (a, b) = (a.shape.center().unwrap(), b.shape.center().unwrap());
+    assert!(a.distance(b) < 1e-2, "{a} {b}");
 }
 
 /// Does something once a training has got so far, in thousandths.

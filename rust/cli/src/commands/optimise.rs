@@ -1,61 +1,87 @@
 use super::Context;
 use crate::args::OptimiseArgs;
-use relume_session::image::read_picture;
-use relume_session::solver::{Locks, Settings};
-use relume_session::{LightSet, OptimiseOptions, Relighter, optimise as solve};
-use serde::Serialize;
-use std::path::PathBuf;
+use anyhow::Context as _;
+use relume_session::{LightSet, Pictures, Relighter, SolveRequest, Solved, solve_lights};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
 
-#[derive(Serialize)]
-struct Found {
-    lights: PathBuf,
-    loss: f64,
-    start_loss: f64,
-    start: usize,
-    /// Loss of block means before and after the polish; none without a bake.
-    polish: Option<[f64; 2]>,
-    found: Vec<relume_session::scene::Light>,
+/// Finds lights for what the picture should do.
+pub fn optimise(args: &OptimiseArgs, context: &Context) -> anyhow::Result<()> {
+    let compute = context.compute()?;
+    let open = |folder: &PathBuf| Ok(Relighter::open(folder)?.on(&compute));
+    let relighters = args.bakes.iter().map(open).collect::<anyhow::Result<Vec<_>>>()?;
+    let (request, folder) = match (&args.request, &args.target) {
+        (Some(path), _) => (read_request(path, &relighters[0])?, path.parent().unwrap_or(Path::new(""))),
+        (None, target) => (short_request(args, target.as_deref(), context)?, Path::new("")),
+    };
+    let views: Vec<&Relighter> = relighters.iter().collect();
+    let mut solved = solve_lights(&views, &request, &Pictures::in_folder(folder), context.monitor, &|_| ())?;
+    if let Some(path) = &args.lights {
+        solved.lights.name = LightSet::read(path)?.name;
+    }
+    solved.lights.write(&args.out)?;
+    solved.warnings.iter().for_each(|warning| context.monitor.warn(warning));
+    context.console.result(&text(args, &solved), &json!({"lights": args.out, "solved": solved}));
+    Ok(())
 }
 
-/// Finds lights that make a target picture.
-pub fn optimise(args: &OptimiseArgs, context: &Context) -> anyhow::Result<()> {
-    let relighter = Relighter::open(&args.bake)?.on(&context.compute()?);
-    let target = read_picture(&args.target)?;
-    let start = args.lights.as_deref().map(LightSet::read).transpose()?;
-    let options = OptimiseOptions {
-        settings: Settings {
-            iterations: args.iterations,
-            pixel_fraction: args.pixel_fraction,
-            seed: context.global.seed,
-            ..Settings::default()
-        },
-        locks: Locks { center: args.lock_center, radius: args.lock_radius, radiance: args.lock_radiance },
-        count: args.count,
-        starts: args.starts,
-        polish: args.polish,
+/// A request without lights is about those that the bake's scene came with.
+fn read_request(path: &Path, relighter: &Relighter) -> anyhow::Result<SolveRequest> {
+    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let parse = || -> Result<SolveRequest, String> {
+        let mut value: Value = serde_json::from_str(&text).map_err(|error| error.to_string())?;
+        if let Some(fields) = value.as_object_mut().filter(|fields| !fields.contains_key("lights")) {
+            let lights = relighter.scene_lights().map_err(|error| error.to_string())?;
+            fields.insert("lights".into(), json!(lights));
+        }
+        SolveRequest::parse(&value.to_string())
     };
-    let optimised = solve(&relighter, &target, start.as_ref(), &options, context.monitor)?;
-    optimised.lights.write(&args.out)?;
-    let solution = optimised.solution;
-    let polish = optimised.polished.map(|polished| [polished.start_loss, polished.loss]);
-    let polished = polish
-        .map_or(String::new(), |[before, after]| format!(", polished from {before:.3e} to {after:.3e}"));
-    let text = format!(
-        "{}: {} lights, loss {:.3e} (start {} had {:.3e}){polished}",
+    parse().map_err(|reason| anyhow::anyhow!("request {}: {reason}", path.display()))
+}
+
+/// A target picture, and either lights to start from or a number of new ones.
+fn short_request(
+    args: &OptimiseArgs,
+    target: Option<&Path>,
+    context: &Context,
+) -> anyhow::Result<SolveRequest> {
+    let lights = args.lights.as_deref().map(LightSet::read).transpose()?;
+    let locked = [
+        (args.lock_center, &["position", "direction"][..]),
+        (args.lock_radius, &["size", "cone"]),
+        (args.lock_radiance, &["color", "strength"]),
+    ];
+    let free: Vec<&str> =
+        locked.iter().filter(|(is_locked, _)| !is_locked).flat_map(|(_, names)| *names).copied().collect();
+    let names = lights.iter().flat_map(|set| &set.lights).map(|light| (light.name.clone(), json!(free)));
+    let request = json!({
+        "lights": lights.as_ref().map_or(json!([]), |set| json!(set)),
+        "world": [1, 1, 1],
+        "free": names.collect::<serde_json::Map<_, _>>(),
+        "add": {"count": if lights.is_some() { 0 } else { args.count }},
+        "goals": [{"goal": "target", "image": target}],
+        "starts": args.starts,
+        "steps": args.iterations,
+        "pixel_fraction": args.pixel_fraction,
+        "polish": args.polish,
+        "seed": context.global.seed,
+    });
+    SolveRequest::parse(&request.to_string()).map_err(|reason| anyhow::anyhow!(reason))
+}
+
+fn text(args: &OptimiseArgs, solved: &Solved) -> String {
+    let mut lines = vec![format!(
+        "{}: {} lights ({} changed, {} new, {} dropped) in {:.1} s, loss {:.3e} (start {} had {:.3e})",
         args.out.display(),
-        optimised.lights.lights.len(),
-        solution.loss,
-        solution.start + 1,
-        solution.start_loss
-    );
-    let found = Found {
-        lights: args.out.clone(),
-        loss: solution.loss,
-        start_loss: solution.start_loss,
-        start: solution.start,
-        polish,
-        found: optimised.lights.lights,
-    };
-    context.console.result(&text, &found);
-    Ok(())
+        solved.lights.lights.len(),
+        solved.changed.len(),
+        solved.added.len(),
+        solved.removed.len(),
+        solved.seconds,
+        solved.loss,
+        solved.start + 1,
+        solved.start_loss
+    )];
+    lines.extend(solved.report.iter().map(|report| report.text.clone()));
+    lines.join("\n")
 }

@@ -2,7 +2,7 @@
 
 from . import _libraries as _libraries
 from ._native import Frame, Live, Relighter, RelumeError, Scene, SceneBuilder, __version__, run_command_line
-from .jobs import Job, bake, info, optimise, start, train, validate
+from .jobs import Job, bake, info, solve, start, train, validate
 
 __all__ = [
     "Frame",
@@ -15,8 +15,8 @@ __all__ = [
     "__version__",
     "bake",
     "info",
-    "optimise",
     "run_command_line",
+    "solve",
     "start",
     "train",
     "validate",

@@ -149,10 +149,6 @@ class Relighter:
     ) -> Job:
         """Makes each light's picture ahead, with progress and cancel; `relight` with the same arguments only sums."""
 
-    def optimise(self, target: NDArray[np.float32], lights: str | None = None, options: str = "{}") -> Job:
-        """Solves for the lights that make a scene-linear picture [height, width, 3], top row first, from a light set or
-        from random starts; options in the JSON form of `relume_session::OptimiseOptions`."""
-
 class Live:
     """A shot that is baked, trained and relit in the background. Every method returns at once."""
 
@@ -225,8 +221,20 @@ class Job:
     def done(self) -> bool: ...
     def cancel(self) -> None: ...
     def progress(self) -> str | None: ...
+    def preview(self) -> str | None: ...
     def warnings(self) -> list[str]: ...
     def result(self) -> str: ...
+
+def solve(
+    folders: Sequence[str | os.PathLike[str]],
+    request: str,
+    images: dict[str, NDArray[np.float32]],
+    *,
+    device: str = "auto",
+    gpu_memory: int | None = None,
+    threads: int = 0,
+) -> Job:
+    """See `relume.solve`."""
 
 def start_command(args: list[str]) -> Job:
     """Starts a command of the command line, without printing."""

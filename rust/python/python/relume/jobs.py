@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -38,6 +38,11 @@ class Job:
         """The newest report since the last call: stage, done, total, elapsed_s, remaining_s, message."""
         report = self._internal.progress()
         return json.loads(report) if report else None
+
+    def preview(self) -> dict[str, Any] | None:
+        """What there is so far, if that is newer than at the last call: of `solve` a light set."""
+        text = self._internal.preview()
+        return json.loads(text) if text else None
 
     def warnings(self) -> list[str]:
         """What could not be represented, in words for the user, since the last call."""
@@ -103,15 +108,22 @@ def train(folder: str | os.PathLike[str], **options: Any) -> Job:
     return start("train", folder, **options)
 
 
-def optimise(
-    relighter: _native.Relighter,
-    target: NDArray[np.float32],
-    lights: dict[str, Any] | None = None,
-    options: dict[str, Any] | None = None,
+def solve(
+    folders: Iterable[str | os.PathLike[str]],
+    request: dict[str, Any] | str,
+    images: dict[str, NDArray[np.float32]] | None = None,
+    *,
+    device: str = "auto",
+    gpu_memory: int | None = None,
+    threads: int = 0,
 ) -> Job:
-    """Finds lights that make a scene-linear picture [height, width, 3], from a light set or random starts; `options`
-    is the JSON form of `relume_session::OptimiseOptions`. The result holds `lights`, `solution` and `polished`."""
-    return Job(relighter.optimise(target, json.dumps(lights) if lights else None, json.dumps(options or {})))
+    """Finds lights for what the picture should do, as seen from one or several bake folders of one scene. `request` is the
+    JSON of `relume_session::SolveRequest`; `images` are scene-linear arrays [height, width, 1 or 3], top row first, that it
+    refers to by name. The result is the JSON form of `relume_session::Solved`. Raises ValueError for a request that cannot
+    be read."""
+    text = request if isinstance(request, str) else json.dumps(request)
+    paths = [Path(folder) for folder in folders]
+    return Job(_native.solve(paths, text, images or {}, device=device, gpu_memory=gpu_memory, threads=threads))
 
 
 def info(path: str | os.PathLike[str]) -> Any:

@@ -52,7 +52,8 @@ pub(super) fn goals(
     let mut goals = Vec::new();
     for (i, wish) in in_view {
         let fail = |error: SessionError| SessionError::Settings(format!("goal {}: {error}", i + 1));
-        let pixels = wish.region.as_ref().map(|region| weights(region, size, pictures)).transpose().map_err(fail)?;
+        let pixels =
+            wish.region.as_ref().map(|region| weights(region, size, pictures)).transpose().map_err(fail)?;
         let aim = aim(wish, size, pictures).map_err(fail)?;
         goals.push(Goal { aim, pixels, weight: wish.weight });
     }
@@ -99,7 +100,8 @@ fn fitted(image: Image, (width, height): (usize, usize)) -> Result<Image, Sessio
 
 fn rgb(image: &Image) -> Image {
     let channel = |pixel: &[f32], c: usize| pixel[if image.channels > 2 { c } else { 0 }];
-    let data = image.data.chunks_exact(image.channels).flat_map(|p| [channel(p, 0), channel(p, 1), channel(p, 2)]);
+    let data =
+        image.data.chunks_exact(image.channels).flat_map(|p| [channel(p, 0), channel(p, 1), channel(p, 2)]);
     Image { width: image.width, height: image.height, channels: 3, data: data.collect() }
 }
 
@@ -107,7 +109,8 @@ fn weights(region: &RegionWish, size: (usize, usize), pictures: &Pictures) -> Re
     let mask = match &region.mask {
         Some(name) => {
             let mask = fitted(pictures.get(name)?, size)?;
-            let weight = |value: f32| region.equals.map_or(value, |wanted| f32::from((value - wanted).abs() < 0.5));
+            let weight =
+                |value: f32| region.equals.map_or(value, |wanted| f32::from((value - wanted).abs() < 0.5));
             Some(mask.data.chunks_exact(3).map(|pixel| weight(pixel[0])).collect::<Vec<f32>>())
         }
         None => None,

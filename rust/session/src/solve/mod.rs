@@ -7,14 +7,13 @@ mod relights;
 mod request;
 mod solved;
 
-use relume_gather::Gather;
 use relume_image::Image;
 use relume_optimise::{
-    Goal, Polish, Problem, RandomStarts, Relight, Settings, Step, View, idle_lights, polish, random_starts, solve,
+    Goal, Polish, Polished, Problem, RandomStarts, Relight, Settings, Step, View, idle_lights, polish,
+    random_starts, solve,
 };
 use relume_proxy::LightKind;
 use relume_scene::Light;
-use serde::Serialize;
 use std::ops::ControlFlow;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -22,20 +21,22 @@ use std::time::Instant;
 
 use crate::progress::{Monitor, Stage};
 use crate::relighter::{RelightOptions, Relighter, With};
-use crate::SessionError;
+use crate::{LightSet, SessionError};
 
 pub use goals::Pictures;
 use lights::Unknowns;
 use relights::{GatherRelight, GpuProxyRelight, ProxyRelight};
-pub use request::{Add, BoundsWish, Freedom, GoalKind, GoalWish, NewKind, RegionWish, SolveRequest, Through, Wish};
+pub use request::{
+    Add, BoundsWish, Freedom, GoalKind, GoalWish, NewKind, RegionWish, SolveRequest, Through, Wish,
+};
 pub use solved::{GoalReport, Solved};
 
 /// Softness of the smoothed gather at the first and the last step, and of the polish.
 const SOFTNESS: [f32; 2] = [0.15, 0.01];
 const POLISH_SOFTNESS: [f32; 2] = [0.02, 0.002];
 
-/// The best lights so far, for a preview.
-pub type Preview<'a> = dyn Fn(&[Light]) + Sync + 'a;
+/// Takes all lights as they are so far.
+pub type Preview<'a> = dyn Fn(&LightSet) + Sync + 'a;
 
 /// Solves lights as they are seen from one or several bakes of one scene.
 ///
@@ -56,11 +57,13 @@ pub fn solve_lights(
     if let Some(i) = wish.goals.iter().position(|goal| goal.view >= relighters.len()) {
         return Err(SessionError::Settings(format!("goal {}: there is no such view", i + 1)));
     }
-    let unknowns = Unknowns::new(request, first)?;
+    let mut unknowns = Unknowns::new(request, first)?;
     let through = through(relighters, &unknowns, wish.through)?;
+    unknowns.keep_inside_proxies(relighters, through);
     let scenes = relighters.iter().enumerate().map(|(number, relighter)| {
         let camera = relighter.camera();
-        let goals = goals::goals(&wish.goals, number, (camera.width, camera.height), wish.keep_rest, pictures)?;
+        let goals =
+            goals::goals(&wish.goals, number, (camera.width, camera.height), wish.keep_rest, pictures)?;
         SceneView::new(relighter, request, &unknowns, goals, monitor)
     });
     let scenes = scenes.collect::<Result<Vec<_>, SessionError>>()?;
@@ -74,14 +77,17 @@ fn through(relighters: &[&Relighter], unknowns: &Unknowns, wanted: Through) -> R
     let moving: Vec<&Light> = unknowns.moving().collect();
     let has_gather = relighters.iter().all(|relighter| relighter.gather().is_some());
     let uncovered = |relighter: &&Relighter| {
-        moving.iter().find(|light| relighter.proxies().covering(light).is_none()).map(|light| light.name.clone())
+        moving
+            .iter()
+            .find(|light| relighter.proxies().covering(light).is_none())
+            .map(|light| light.name.clone())
     };
     let without_proxy = relighters.iter().find_map(uncovered);
     match (wanted, without_proxy) {
         (Through::Auto | Through::Gather, _) if has_gather => Ok(Through::Gather),
-        (Through::Gather, _) => {
-            Err(SessionError::Settings("this folder holds no bake to gather from; solve through proxies".into()))
-        }
+        (Through::Gather, _) => Err(SessionError::Settings(
+            "this folder holds no bake to gather from; solve through proxies".into(),
+        )),
         (_, None) => Ok(Through::Proxy),
         (_, Some(name)) => Err(SessionError::Settings(format!(
             "light '{name}' is of a type or size that no proxy was trained for, or outside of where one was; \
@@ -125,8 +131,10 @@ impl<'a> SceneView<'a> {
                 base.add_scaled(&light.image, &[1.0; 3]);
             }
         }
-        let held: Vec<Light> = unknowns.held().map(|light| Light { radiance: [1.0; 3], ..light.clone() }).collect();
-        let mut units = relighter.relight(&held, &options, monitor)?.lights.into_iter().map(|light| light.image);
+        let held: Vec<Light> =
+            unknowns.held().map(|light| Light { radiance: [1.0; 3], ..light.clone() }).collect();
+        let mut units =
+            relighter.relight(&held, &options, monitor)?.lights.into_iter().map(|light| light.image);
         let picture = |place: lights::Picture| match place {
             lights::Picture::Moves => None,
             lights::Picture::World => Some(relit.world.clone()),
@@ -173,15 +181,23 @@ impl Search<'_> {
         let by_gather: Option<Vec<&dyn Relight>> =
             gathers.iter().map(|gather| gather.as_ref().map(|gather| gather as &dyn Relight)).collect();
         let mut found = match (&by_gather, self.through) {
-            (Some(relights), Through::Auto | Through::Gather) => self.explore(&self.problem(relights), SOFTNESS)?,
+            (Some(relights), Through::Auto | Through::Gather) => {
+                self.explore(&self.problem(relights), SOFTNESS)?
+            }
             _ => self.explore_proxies()?,
         };
         if let (Some(relights), true) = (&by_gather, self.request.wish.polish > 0) {
             let problem = self.problem(relights);
-            self.polish(&problem, &mut found)?;
+            let polished = self.polish(&problem, &found.lights)?;
+            (found.lights, found.loss) = (polished.lights, polished.loss);
             self.drop_idle(&problem, &mut found)?;
         }
         Ok(found)
+    }
+
+    fn show(&self, found: &[Light]) {
+        let (lights, _) = self.unknowns.all_lights(&self.request.now, found);
+        (self.preview)(&LightSet { name: "Solving".into(), lights, notes: Vec::new() });
     }
 
     fn problem<'b>(&'b self, relights: &'b [&'b dyn Relight]) -> Problem<'b> {
@@ -193,15 +209,19 @@ impl Search<'_> {
         if let Some(found) = self.explore_on_gpu()? {
             return Ok(found);
         }
-        let proxies: Vec<ProxyRelight> =
-            self.scenes.iter().map(|scene| ProxyRelight::new(scene.relighter.proxies(), scene.size())).collect();
+        let proxies: Vec<ProxyRelight> = self
+            .scenes
+            .iter()
+            .map(|scene| ProxyRelight::new(scene.relighter.proxies(), scene.size()))
+            .collect();
         let relights: Vec<&dyn Relight> = proxies.iter().map(|proxy| proxy as &dyn Relight).collect();
         self.explore(&self.problem(&relights), [0.0; 2])
     }
 
     /// Through a proxy on the GPU, where there is one, all moving lights are of its kind and there is one view.
     fn explore_on_gpu(&self) -> Result<Option<Found>, SessionError> {
-        let mut kinds: Vec<_> = self.unknowns.moving().filter_map(|light| LightKind::of(&light.shape)).collect();
+        let mut kinds: Vec<_> =
+            self.unknowns.moving().filter_map(|light| LightKind::of(&light.shape)).collect();
         kinds.dedup();
         let ([scene], [kind]) = (self.scenes, &kinds[..]) else { return Ok(None) };
         scene.relighter.on_gpu_proxy(*kind, self.monitor, |on_gpu| {
@@ -219,7 +239,12 @@ impl Search<'_> {
             softness,
             seed: wish.seed,
         };
-        let random = RandomStarts { count: wish.starts.max(1), candidates: wish.candidates, softness: softness[0], seed: wish.seed };
+        let random = RandomStarts {
+            count: wish.starts.max(1),
+            candidates: wish.candidates,
+            softness: softness[0],
+            seed: wish.seed,
+        };
         let starts = self.unknowns.starts(random_starts(problem, &random)?);
         let stage = self.monitor.stage(Stage::Optimise, 0, wish.steps as u64);
         let furthest = AtomicU64::new(0);
@@ -227,12 +252,15 @@ impl Search<'_> {
         let on_step = |step: Step| {
             let done = step.iteration as u64 + 1;
             if furthest.fetch_max(done, Ordering::Relaxed) < done {
-                let starts = if step.starts > 1 { format!("{} starts, ", step.starts) } else { String::new() };
+                let starts =
+                    if step.starts > 1 { format!("{} starts, ", step.starts) } else { String::new() };
                 stage.set(done, &format!("{starts}loss {:.2e}", step.loss));
             }
-            if let Ok(mut best) = best.lock() && (step.loss < *best || step.starts == 1) {
+            if let Ok(mut best) = best.lock()
+                && (step.loss < *best || step.starts == 1)
+            {
                 *best = step.loss;
-                (self.preview)(step.lights);
+                self.show(step.lights);
             }
             if self.monitor.cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
@@ -244,36 +272,37 @@ impl Search<'_> {
         Ok(Found { lights: solution.lights, idle: Vec::new(), loss, start_loss, start })
     }
 
-    fn polish(&self, problem: &Problem, found: &mut Found) -> Result<(), SessionError> {
+    fn polish(&self, problem: &Problem, lights: &[Light]) -> Result<Polished, SessionError> {
         let steps = self.request.wish.polish;
         let stage = self.monitor.stage(Stage::Polish, 0, steps as u64);
         let settings = Polish { steps, softness: POLISH_SOFTNESS };
-        let polished = polish(problem, &found.lights, &settings, &mut |step| {
+        let polished = polish(problem, lights, &settings, &mut |step| {
             stage.set(step.iteration as u64 + 1, &format!("loss {:.2e}", step.loss));
-            (self.preview)(step.lights);
+            self.show(step.lights);
             if self.monitor.cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         })?;
-        if self.monitor.cancelled() {
-            return Err(SessionError::Cancelled);
-        }
-        (found.lights, found.loss) = (polished.lights, polished.loss);
-        Ok(())
+        if self.monitor.cancelled() { Err(SessionError::Cancelled) } else { Ok(polished) }
     }
 
-    /// Lights that are not needed go, and the others take over what little they did.
+    /// Finds lights that are not needed, and polishes the others without them.
     fn drop_idle(&self, problem: &Problem, found: &mut Found) -> Result<(), SessionError> {
         let may_go = self.unknowns.may_go(self.request.wish.remove);
-        if !may_go.contains(&true) {
-            return Ok(());
-        }
         found.idle = idle_lights(problem, &found.lights, &may_go, 0.0)?;
-        if found.idle.is_empty() {
+        let kept: Vec<usize> = (0..found.lights.len()).filter(|i| !found.idle.contains(i)).collect();
+        if found.idle.is_empty() || kept.is_empty() {
             return Ok(());
         }
-        for number in &found.idle {
-            found.lights[*number].radiance = [0.0; 3];
+        let mut rest = problem.clone();
+        rest.variables = kept.iter().map(|i| problem.variables[*i].clone()).collect();
+        for view in &mut rest.views {
+            view.still = kept.iter().map(|i| view.still[*i]).collect();
         }
-        self.polish(&self.unknowns.without(problem.clone(), &found.idle), found)
+        let lights: Vec<Light> = kept.iter().map(|i| found.lights[*i].clone()).collect();
+        let polished = self.polish(&rest, &lights)?;
+        found.loss = polished.loss;
+        for (i, light) in kept.into_iter().zip(polished.lights) {
+            found.lights[i] = light;
+        }
+        Ok(())
     }
 }
-

@@ -203,12 +203,7 @@ impl Relight for GatherRelight<'_> {
         Ok(sums)
     }
 
-    fn linearise(
-        &self,
-        light: &Light,
-        softness: f32,
-        cells: &[u32],
-    ) -> Result<Option<Linear>, RelightError> {
+    fn linearise(&self, light: &Light, softness: f32, cells: &[u32]) -> Result<Option<Linear>, RelightError> {
         let linear = self.soft.linearise(light, softness, cells)?;
         Ok(Some(Linear { values: linear.values, slopes: linear.slopes }))
     }

@@ -246,12 +246,14 @@ impl SolveRequest {
         let finite = [wish.keep_rest, wish.stay, wish.pixel_fraction, wish.learning_rate];
         if !finite.iter().all(|value| value.is_finite() && *value >= 0.0) {
             return Err(
-                "\"keep_rest\", \"stay\", \"pixel_fraction\" and \"learning_rate\" must not be below 0".into()
+                "\"keep_rest\", \"stay\", \"pixel_fraction\" and \"learning_rate\" must not be below 0"
+                    .into(),
             );
         }
-        wish.goals.iter().enumerate().try_for_each(|(i, goal)| {
-            goal.check().map_err(|reason| format!("goal {}: {reason}", i + 1))
-        })
+        wish.goals
+            .iter()
+            .enumerate()
+            .try_for_each(|(i, goal)| goal.check().map_err(|reason| format!("goal {}: {reason}", i + 1)))
     }
 }
 
@@ -298,7 +300,10 @@ mod tests {
         assert!(fault(r#""goals": [{"goal": "brighter", "stops": -1}]"#).contains("goal 1"));
         assert!(fault(r#""goals": [{"goal": "louder"}]"#).contains("louder"));
         assert!(fault(r#""gaols": []"#).contains("gaols"));
-        assert!(fault(r#""goals": [{"goal": "keep", "where": {"rectangle": [0, 0, 1e9, 1]}}]"#).contains("goal 1"));
+        assert!(
+            fault(r#""goals": [{"goal": "keep", "where": {"rectangle": [0, 0, 1e9, 1]}}]"#)
+                .contains("goal 1")
+        );
         assert!(fault(r#""add": {"count": 100000}"#).contains("at most"));
         assert!(SolveRequest::parse("[]").is_err());
     }

@@ -1,0 +1,53 @@
+//! `solve`: lights found for what the picture should do.
+
+use crate::array::Array;
+use crate::error::{NativeError, invalid};
+use crate::job::PyJob;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use relume_session::image::Image;
+use relume_session::{Device, LightSet, Pictures, Relighter, SolveRequest, on_threads, solve_lights};
+use std::collections::HashMap;
+use std::path::PathBuf;
+
+/// See the stubs.
+#[pyfunction]
+#[pyo3(signature = (folders, request, images, *, device="auto", gpu_memory=None, threads=0))]
+pub fn solve(
+    folders: Vec<PathBuf>,
+    request: &str,
+    images: &Bound<'_, PyDict>,
+    device: &str,
+    gpu_memory: Option<u64>,
+    threads: usize,
+) -> PyResult<PyJob> {
+    let request = SolveRequest::parse(request).map_err(invalid)?;
+    let pictures = Pictures::named(named(images)?);
+    let Ok(device) = device.parse::<Device>();
+    PyJob::start_with_preview(move |monitor, show| -> Result<_, NativeError> {
+        on_threads(threads, || {
+            let compute = device.open(gpu_memory)?;
+            let open = |folder: &PathBuf| Ok(Relighter::open(folder)?.on(&compute));
+            let relighters = folders.iter().map(open).collect::<Result<Vec<_>, NativeError>>()?;
+            let views: Vec<&Relighter> = relighters.iter().collect();
+            let preview = |lights: &LightSet| show(serde_json::to_string(lights).unwrap_or_default());
+            Ok(serde_json::to_value(solve_lights(&views, &request, &pictures, monitor, &preview)?)?)
+        })
+    })
+}
+
+fn named(images: &Bound<'_, PyDict>) -> PyResult<HashMap<String, Image>> {
+    let mut named = HashMap::new();
+    for (name, array) in images {
+        let name: String = name.extract()?;
+        let array = Array::<f32>::borrow("a picture", &array)?;
+        let (height, width, channels) = (array.size(0), array.size(1), array.size(2));
+        let data = array.values()?.to_vec();
+        if !matches!(channels, 1 | 3 | 4) || data.len() != width * height * channels {
+            let reason = format!("picture '{name}' must have the shape [height, width, 1, 3 or 4]");
+            return Err(invalid(reason).into());
+        }
+        named.insert(name, Image { width, height, channels, data });
+    }
+    Ok(named)
+}

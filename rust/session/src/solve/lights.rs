@@ -1,0 +1,207 @@
+use glam::Vec3;
+use relume_optimise::{Bounds, Locks, Variable};
+use relume_proxy::LightKind;
+use relume_scene::{Light, LightShape, LobeFactors};
+
+use super::request::{Freedom, NewKind, SolveRequest, Through};
+use crate::live::LiveRequest;
+use crate::relighter::Relighter;
+use crate::{SessionError, pixel_features};
+
+/// What a variable stands for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Source {
+    /// A light of the request, by its number.
+    Scene(usize),
+    /// The world.
+    World,
+    /// An added light.
+    New,
+}
+
+/// Where a variable's picture for radiance 1 comes from.
+pub(super) enum Picture {
+    /// Its shape may change.
+    Moves,
+    /// The world's layer.
+    World,
+    /// Made once.
+    Held,
+}
+
+/// The lights that are to be solved.
+pub(super) struct Unknowns {
+    pub variables: Vec<Variable>,
+    pub sources: Vec<Source>,
+    /// Number of the variable that is the world.
+    pub world: Option<usize>,
+}
+
+impl Unknowns {
+    pub fn new(request: &SolveRequest, relighter: &Relighter) -> Result<Self, SessionError> {
+        let wish = &request.wish;
+        let visible = pixel_features(relighter.aovs(), relighter.camera()).visible_bounds();
+        let bounds = bounds(request, visible)?;
+        let mut new = Self { variables: Vec::new(), sources: Vec::new(), world: None };
+        for (i, light) in request.now.lights.iter().enumerate() {
+            let locks = wish.free.get(&light.name).map_or(Locks::ALL, |free| locks(free));
+            if !locks.hold_all(&light.shape) {
+                let bounds = bounds.including(light);
+                new.push(Source::Scene(i), Variable { light: light.clone(), locks, bounds, stay: wish.stay });
+            }
+        }
+        let world = wish.free.get("world").map_or(Locks::ALL, |free| locks(free));
+        if !(world.color && world.strength) {
+            new.world = Some(new.variables.len());
+            let locks = Locks { color: world.color, strength: world.strength, ..Locks::ALL };
+            // Its picture is made already, so that its shape does not matter.
+            let shape = LightShape::Sphere { center: Vec3::ZERO, radius: 1.0 };
+            let light = Light { radiance: request.now.world, ..plain("world", shape) };
+            new.push(Source::World, Variable { light, locks, bounds, stay: wish.stay });
+        }
+        for _ in 0..wish.add.map_or(0, |add| add.count) {
+            let shape = new_shape(wish.add.map_or(NewKind::Point, |add| add.kind), visible, relighter);
+            let light = Light { radiance: [0.0; 3], ..plain("", shape) };
+            let (locks, bounds) = (Locks::default(), bounds.including(&light));
+            new.push(Source::New, Variable { light, locks, bounds, stay: 0.0 });
+        }
+        Ok(new)
+    }
+
+    fn push(&mut self, source: Source, variable: Variable) {
+        self.sources.push(source);
+        self.variables.push(variable);
+    }
+
+    /// Lights whose shapes may change.
+    pub fn moving(&self) -> impl Iterator<Item = &Light> {
+        let moves = |variable: &&Variable| !variable.locks.hold_shape(&variable.light.shape);
+        self.variables.iter().filter(moves).map(|variable| &variable.light)
+    }
+
+    /// Lights of which only colour or strength may change.
+    pub fn held(&self) -> impl Iterator<Item = &Light> {
+        let pairs = self.variables.iter().zip(self.pictures());
+        pairs.filter(|(_, picture)| matches!(picture, Picture::Held)).map(|(variable, _)| &variable.light)
+    }
+
+    pub fn pictures(&self) -> impl Iterator<Item = Picture> {
+        self.variables.iter().zip(&self.sources).map(|(variable, source)| match source {
+            Source::World => Picture::World,
+            _ if variable.locks.hold_shape(&variable.light.shape) => Picture::Held,
+            _ => Picture::Moves,
+        })
+    }
+
+    /// Whether a light of the request is among them.
+    pub fn solves(&self, number: usize) -> bool {
+        self.sources.contains(&Source::Scene(number))
+    }
+
+    /// Where to start: first with the lights as they are and random new ones, then from random places altogether.
+    pub fn starts(&self, mut random: Vec<Vec<Light>>) -> Vec<Vec<Light>> {
+        for (i, source) in self.sources.iter().enumerate() {
+            if *source != Source::New && !random.is_empty() {
+                random[0][i] = self.variables[i].light.clone();
+            }
+        }
+        random
+    }
+
+    /// All lights with found ones in their places, new ones without names at the end; and the factor on the world.
+    pub fn all_lights(&self, now: &LiveRequest, found: &[Light]) -> (Vec<Light>, [f32; 3]) {
+        let (mut lights, mut world) = (now.lights.clone(), now.world);
+        for (source, light) in self.sources.iter().zip(found) {
+            match source {
+                Source::Scene(number) => lights[*number] = light.clone(),
+                Source::World => world = light.radiance,
+                Source::New => lights.push(light.clone()),
+            }
+        }
+        (lights, world)
+    }
+
+    /// Which may be left out in the end.
+    pub fn may_go(&self, scene_lights: bool) -> Vec<bool> {
+        let may_go = |(source, variable): (&Source, &Variable)| match source {
+            Source::New => true,
+            Source::World => false,
+            Source::Scene(_) => scene_lights && !variable.locks.strength,
+        };
+        self.sources.iter().zip(&self.variables).map(may_go).collect()
+    }
+
+    /// Keeps moving lights to where proxies were trained.
+    pub fn keep_inside_proxies(&mut self, relighters: &[&Relighter], through: Through) {
+        if through != Through::Proxy {
+            return;
+        }
+        for variable in &mut self.variables {
+            let Some(kind) = LightKind::of(&variable.light.shape) else { continue };
+            for trained in relighters.iter().filter_map(|relighter| relighter.proxies().of(kind)) {
+                let info = trained.proxy.info();
+                let corner =
+                    |end: usize| Vec3::from_array(std::array::from_fn(|i| info.trained_ranges[i][end]));
+                let bounds = &mut variable.bounds;
+                bounds.center_min = bounds.center_min.max(corner(0));
+                bounds.center_max = bounds.center_max.min(corner(1));
+                bounds.size = [bounds.size[0].max(info.size.min), bounds.size[1].min(info.size.max)];
+            }
+        }
+    }
+}
+
+/// Those of the request, or what the camera sees and a little beyond it, and sizes from a two-hundredth to a fifth of that.
+fn bounds(request: &SolveRequest, (low, high): (Vec3, Vec3)) -> Result<Bounds, SessionError> {
+    let extent = low.distance(high).max(1e-3);
+    let sizes = [extent / 200.0, extent / 5.0];
+    let Some(wish) = request.wish.bounds else {
+        let beyond = 0.02 * extent;
+        return Ok(Bounds::new(low - beyond, high + beyond, sizes));
+    };
+    let (min, max) = (Vec3::from(wish.min), Vec3::from(wish.max));
+    let [small, large] = wish.size.unwrap_or(sizes);
+    let is_box = min.is_finite() && max.is_finite() && min.cmplt(max).all();
+    if !is_box || !(0.0 < small && small < large && large.is_finite()) {
+        let reason =
+            "\"bounds\" must hold something: each \"min\" below its \"max\", sizes above 0 and rising";
+        return Err(SessionError::Settings(reason.into()));
+    }
+    Ok(Bounds::new(min, max, [small, large]))
+}
+
+fn locks(free: &[Freedom]) -> Locks {
+    let is_locked = |value: Freedom| !free.contains(&value);
+    Locks {
+        position: is_locked(Freedom::Position),
+        direction: is_locked(Freedom::Direction),
+        size: is_locked(Freedom::Size),
+        cone: is_locked(Freedom::Cone),
+        color: is_locked(Freedom::Color),
+        strength: is_locked(Freedom::Strength),
+    }
+}
+
+/// In the middle of what is seen, an area light facing down. A point light is Blender's default, or a sphere where only those
+/// were learned.
+fn new_shape(kind: NewKind, (low, high): (Vec3, Vec3), relighter: &Relighter) -> LightShape {
+    let (center, extent) = (0.5 * (low + high), low.distance(high).max(1e-3));
+    let radius = 0.02 * extent;
+    let knows = |kind: LightKind| relighter.proxies().of(kind).is_some();
+    match kind {
+        NewKind::Point if knows(LightKind::Sphere) && !knows(LightKind::FacingDisk) => {
+            LightShape::Sphere { center, radius }
+        }
+        NewKind::Point => LightShape::FacingDisk { center, radius },
+        NewKind::Area => LightShape::Quad {
+            center,
+            edge_u: -0.1 * extent * Vec3::X,
+            edge_v: 0.1 * extent * Vec3::Y,
+            spread: std::f32::consts::PI,
+        },
+    }
+}
+
+fn plain(name: &str, shape: LightShape) -> Light {
+    Light { name: name.into(), shape, radiance: [1.0; 3], lobes: LobeFactors::default(), receivers: None }
+}
