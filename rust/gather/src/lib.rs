@@ -36,7 +36,7 @@ pub use half::Half;
 pub use kernel::Isa;
 pub use light::PreparedLight;
 pub use relight::{Noise, relight};
-pub use soft::{LANES, Linear, SoftGather};
+pub use soft::{Linear, SoftGather};
 
 #[cfg(test)]
 mod tests;

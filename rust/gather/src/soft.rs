@@ -32,7 +32,7 @@ use std::ops::Range;
 use glam::Vec3;
 use rayon::prelude::*;
 use relume_dump::{End, Flags, Shard, decode_rgb9e5};
-use relume_scene::Light;
+use relume_scene::{LANES, Light};
 
 use self::light::{SoftLight, SoftProfile};
 use self::profile::Segments;
@@ -41,12 +41,6 @@ use crate::kernel::{self, Block, Visitor, Work};
 use crate::lanes::{Lanes, Portable, WIDTH};
 use crate::light::Reach;
 use crate::{Gather, GatherError};
-
-/// A light's tangent space, what every shape can move along; lanes that a shape does not have are 0.
-///
-/// 0..3: centre, metres, world axes. 3..6: rotation vector about the centre, radians, world axes, applied from the left. 6..8:
-/// logarithms of the sizes (radius; width and height; half angle of a sun). 8: half angle of a spot, radians. 9: its blend.
-pub const LANES: usize = 10;
 
 /// Values and their derivatives, one per light lane.
 const OUTPUTS: usize = 1 + LANES;

@@ -16,7 +16,7 @@ pub(crate) fn lights() -> Vec<Light> {
             soft_falloff: false,
         },
         LightShape::Quad { center, edge_u, edge_v, spread: 1.0 },
-        LightShape::Ellipse { center, edge_u, edge_v, spread: 3.1415927 },
+        LightShape::Ellipse { center, edge_u, edge_v, spread: std::f32::consts::PI },
         LightShape::Sun { direction: Vec3::new(0.0, 0.6, 0.8), half_angle: 0.1 },
     ]
     .map(|shape| Light {

@@ -20,15 +20,15 @@ impl BlenderLight {
         }
         // What the light would be at a power of 1 and white.
         let (unit, _) = Self { energy: 1.0, color: [1.0; 3], ..new.clone() }.to_light()?;
-        let mut wanted = [0.0; 3];
-        for c in 0..3 {
-            if unit.radiance[c] <= 0.0 && light.radiance[c] > 0.0 {
-                return Err(
-                    self.error("its temperature or nodes give none of a colour that it needs; make it white")
-                );
-            }
-            wanted[c] = if unit.radiance[c] > 0.0 { light.radiance[c] / unit.radiance[c] } else { 0.0 };
+        let is_missing = |c: usize| unit.radiance[c] <= 0.0 && light.radiance[c] > 0.0;
+        if (0..3).any(is_missing) {
+            return Err(
+                self.error("its temperature or nodes give none of a colour that it needs; make it white")
+            );
         }
+        let share =
+            |c: usize| if unit.radiance[c] > 0.0 { light.radiance[c] / unit.radiance[c] } else { 0.0 };
+        let wanted = std::array::from_fn(share);
         (new.energy, new.color) = self.energy_and_color(wanted);
         new.lobes = light.lobes;
         new.receivers = light.receivers.clone();
@@ -173,17 +173,12 @@ fn area(shape: AreaShape, spread: f32) -> BlenderLightKind {
 mod tests {
     use super::*;
     use crate::LANES;
+    use std::f32::consts::PI;
 
     fn lights() -> Vec<BlenderLight> {
         let matrix = |scale: [f32; 3], turn: Quat| {
             let axes = Mat3::from_quat(turn) * Mat3::from_diagonal(Vec3::from(scale));
-            let mut rows = [[0.0; 4]; 4];
-            for row in 0..3 {
-                (0..3).for_each(|column| rows[row][column] = axes.col(column)[row]);
-                rows[row][3] = row as f32 + 0.5;
-            }
-            rows[3][3] = 1.0;
-            rows
+            glam::Mat4::from_mat3_translation(axes, Vec3::new(0.5, 1.5, 2.5)).transpose().to_cols_array_2d()
         };
         let turn = Quat::from_scaled_axis(Vec3::new(0.4, -0.8, 0.3));
         let kinds = [
@@ -192,7 +187,7 @@ mod tests {
             BlenderLightKind::Spot { radius: 0.2, soft_falloff: true, spot_size: 1.0, spot_blend: 0.4 },
             BlenderLightKind::Sun { angle: 0.1 },
             BlenderLightKind::Area { shape: AreaShape::Rectangle, size: 0.6, size_y: 0.4, spread: 2.0 },
-            BlenderLightKind::Area { shape: AreaShape::Square, size: 0.6, size_y: 9.0, spread: 3.1415927 },
+            BlenderLightKind::Area { shape: AreaShape::Square, size: 0.6, size_y: 9.0, spread: PI },
             BlenderLightKind::Area { shape: AreaShape::Disk, size: 0.6, size_y: 9.0, spread: 1.0 },
         ];
         let scales = [[1.0, 1.0, 1.0], [2.0, 2.0, 1.5], [1.5, -0.5, 1.0]];

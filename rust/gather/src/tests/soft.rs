@@ -1,11 +1,11 @@
 //! The smoothed gather tends to the exact one, and its derivatives are those of its values.
 
 use glam::{Quat, Vec3};
-use relume_scene::{Light, LightShape};
+use relume_scene::{LANES, Light, LightShape};
 
 use super::kernels::{random_dump_of, random_lights};
 use super::light;
-use crate::{Gather, GatherError, Half, LANES, SoftGather};
+use crate::{Gather, GatherError, Half, SoftGather};
 
 /// A light moved along one of its lanes.
 fn moved(light: &Light, lane: usize, by: f32) -> Light {

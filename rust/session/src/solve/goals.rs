@@ -89,7 +89,8 @@ fn fitted(image: Image, (width, height): (usize, usize)) -> Result<Image, Sessio
     let (given, wanted) = (image.width as f32 / image.height as f32, width as f32 / height as f32);
     // A pixel more or less along an edge is rounding.
     let rounding = 1.0 / image.height.min(height) as f32 + 1.0 / image.width.min(width) as f32;
-    if !((given / wanted - 1.0).abs() <= rounding) {
+    let is_alike = (given / wanted - 1.0).abs() <= rounding;
+    if !is_alike {
         return Err(SessionError::Settings(format!(
             "the target is {} x {} pixels, the bake {width} x {height}; crop it to the same aspect",
             image.width, image.height

@@ -61,7 +61,7 @@ impl Unknowns {
         }
         for _ in 0..wish.add.map_or(0, |add| add.count) {
             let shape = new_shape(wish.add.map_or(NewKind::Point, |add| add.kind), visible, relighter);
-            let light = Light { radiance: [0.0; 3], ..plain("", shape) };
+            let light = Light { radiance: [0.0; 3], ..plain("new light", shape) };
             let (locks, bounds) = (Locks::default(), bounds.including(&light));
             new.push(Source::New, Variable { light, locks, bounds, stay: 0.0 });
         }
@@ -162,7 +162,7 @@ fn bounds(request: &SolveRequest, (low, high): (Vec3, Vec3)) -> Result<Bounds, S
     let (min, max) = (Vec3::from(wish.min), Vec3::from(wish.max));
     let [small, large] = wish.size.unwrap_or(sizes);
     let is_box = min.is_finite() && max.is_finite() && min.cmplt(max).all();
-    if !is_box || !(0.0 < small && small < large && large.is_finite()) {
+    if !(is_box && 0.0 < small && small < large && large.is_finite()) {
         let reason =
             "\"bounds\" must hold something: each \"min\" below its \"max\", sizes above 0 and rising";
         return Err(SessionError::Settings(reason.into()));
@@ -182,23 +182,24 @@ fn locks(free: &[Freedom]) -> Locks {
     }
 }
 
-/// In the middle of what is seen, an area light facing down. A point light is Blender's default, or a sphere where only those
-/// were learned.
+/// In the middle of what is seen, of a size that the proxies of the bake know, an area light facing down. A point light is
+/// Blender's default, or a sphere where only those were learned.
 fn new_shape(kind: NewKind, (low, high): (Vec3, Vec3), relighter: &Relighter) -> LightShape {
     let (center, extent) = (0.5 * (low + high), low.distance(high).max(1e-3));
-    let radius = 0.02 * extent;
-    let knows = |kind: LightKind| relighter.proxies().of(kind).is_some();
+    let known = |kind: LightKind| relighter.proxies().of(kind).map(|trained| trained.proxy.info().size);
+    let size = |kind: LightKind, usual: f32| known(kind).map_or(usual, |size| (size.min * size.max).sqrt());
     match kind {
-        NewKind::Point if knows(LightKind::Sphere) && !knows(LightKind::FacingDisk) => {
-            LightShape::Sphere { center, radius }
+        NewKind::Point if known(LightKind::Sphere).is_some() && known(LightKind::FacingDisk).is_none() => {
+            LightShape::Sphere { center, radius: size(LightKind::Sphere, 0.02 * extent) }
         }
-        NewKind::Point => LightShape::FacingDisk { center, radius },
-        NewKind::Area => LightShape::Quad {
-            center,
-            edge_u: -0.1 * extent * Vec3::X,
-            edge_v: 0.1 * extent * Vec3::Y,
-            spread: std::f32::consts::PI,
-        },
+        NewKind::Point => {
+            LightShape::FacingDisk { center, radius: size(LightKind::FacingDisk, 0.02 * extent) }
+        }
+        NewKind::Area => {
+            let edge = size(LightKind::Quad, 0.1 * extent);
+            let (edge_u, edge_v) = (-edge * Vec3::X, edge * Vec3::Y);
+            LightShape::Quad { center, edge_u, edge_v, spread: std::f32::consts::PI }
+        }
     }
 }
 
