@@ -166,10 +166,10 @@ fn pictures_of_another_size_are_no_targets() {
     let path = folder.path();
     small_bake(path);
     result(path, "train bake --million-samples 0.01 --neurons 16 --size-min 0.1 --size-max 0.3");
-    trace_room(path, "--out other --width 8 --height 8 --samples 1");
+    trace_room(path, "--out other --width 8 --height 4 --samples 1");
     result(path, "gather other --no-denoise --out other.exr");
     let message = failure(path, "optimise bake --target other.exr --out found.json");
-    assert!(message.contains("goal 1: the target is 8 x 8 pixels, the bake"), "{message}");
+    assert!(message.contains("goal 1: the target is 8 x 4 pixels, the bake"), "{message}");
     assert!(failure(path, "optimise bake --target gone.png --out found.json").contains("gone.png"));
     let cannot = |request: &str| {
         std::fs::write(path.join("request.json"), request).unwrap();
