@@ -248,3 +248,15 @@ def test_what_is_only_evaluated_again_asks_for_nothing(lit, live):
     handlers.changed(lit, interactive=True)
     handlers.changed(lit)
     assert live.requests == [] and not handlers._resting
+
+
+def test_lights_of_one_name_are_told_of(lit, live, tmp_path):
+    """A light of this file and one of a library can be called the same, and then share a row."""
+    path = str(tmp_path / "rig.blend")
+    bpy.data.libraries.write(path, {bpy.data.objects["Key"]})
+    with bpy.data.libraries.load(path, link=True) as (_have, wanted):
+        wanted.objects = ["Key"]
+    lit.collection.objects.link(wanted.objects[0])
+    update()
+    assert sorted(newest(live)) == ["Key", "Key#2"]
+    assert any("2 lights are called 'Key'" in note for note in shot.of(lit).notes)

@@ -4,12 +4,13 @@ import errno
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import bpy
 import pytest
 
 import addon
-from addon.engine import shot
+from addon.engine import checks, shot
 from addon.engine.checks import ProblemError
 from addon.ui import handlers
 from addon.ui.start import start
@@ -101,6 +102,14 @@ def test_what_keeps_a_shot_from_starting_is_one_clear_line(lit, tmp_path, monkey
     with pytest.raises(RuntimeError, match=words):
         bpy.ops.relume.start()
     assert shot.of(lit) is None and FakeLive.made == []
+
+
+def test_the_disk_space_is_estimated_and_missed(lit, monkeypatch):
+    lit.render.resolution_x, lit.render.resolution_y, lit.render.resolution_percentage = 1920, 1080, 50
+    lit.relume.quality = "GOOD"
+    assert checks.disk_space(lit) == ("About 1.8 GB on disk", True)
+    monkeypatch.setattr(checks.shutil, "disk_usage", lambda folder: SimpleNamespace(free=int(2e8)))
+    assert checks.disk_space(lit) == ("About 1.8 GB on disk, but only 200.0 MB free", False)
 
 
 def test_start_changes_nothing_of_the_scene_but_where_the_bake_is(lit, tmp_path):

@@ -26,6 +26,10 @@ SAYINGS = [
     (state(state="cancelled"), "Stopped"),
     (state(state="cancelled", samples=3, samples_total=8), "Stopped at 3 of 8 samples; they are kept"),
     (state(state="failed", error="The disk is full"), "The disk is full"),
+    (
+        state(state="failed", error='cannot write: No space left on device (os error 28) at path "/bake/.tmp"'),
+        "The disk is full: free some space, or choose another bake folder, and start again",
+    ),
     (state(state="failed"), "Relume failed without saying why"),
 ]
 

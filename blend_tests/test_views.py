@@ -77,6 +77,29 @@ def test_before_the_first_picture_there_is_a_word(view):
     assert shown(view) == "No picture yet"
 
 
+def test_a_rebake_shows_the_picture_before_until_it_has_one(view):
+    before = view.shot.frame
+    view.shot = start(view.scene)
+    assert view.shot.frame is None and shown(view).first is before
+    view.shot.poll()
+    assert shown(view).first is before
+    FakeLive.made[-1].tell(state="cancelled")
+    view.shot.poll()
+    assert shown(view) == "No picture yet", "a rebake that was given up has no picture"
+    FakeLive.made[-1].tell(state="baking")
+    FakeLive.made[-1].show()
+    view.shot.poll()
+    assert shown(view).first is view.shot.frame is not before
+
+
+def test_a_bake_of_another_camera_does_not_show_the_picture_before(view):
+    other = bpy.data.objects.new("Side", bpy.data.cameras.new("Side"))
+    view.scene.collection.objects.link(other)
+    view.scene.camera = other
+    start(view.scene)
+    assert shown(view) == "The first picture is on its way"
+
+
 def test_wipe_opacity_and_border_are_followed(view):
     settings, render = view.scene.relume_view, view.scene.render
     settings.opacity, settings.wipe, settings.wipe_position = 0.5, True, 0.25

@@ -38,6 +38,18 @@ def _error(status: dict[str, Any]) -> str:
     return f" (error {100 * max(errors):.1f} %)" if errors else ""
 
 
+FULL_DISK = ("No space left on device", "os error 112", "Disk quota exceeded")
+"""In messages of operating systems."""
+
+
+def error(status: dict[str, Any]) -> str:
+    """What went wrong, in words for the artist; empty if nothing did."""
+    text = status["error"] or ""
+    if any(words in text for words in FULL_DISK):
+        return "The disk is full: free some space, or choose another bake folder, and start again"
+    return text
+
+
 def headline(status: dict[str, Any]) -> str:
     """What is going on, in one line."""
     match status["state"]:
@@ -53,7 +65,7 @@ def headline(status: dict[str, Any]) -> str:
             kept = f" at {status['samples']} of {status['samples_total']} samples; they are kept"
             return f"Stopped{kept if status['samples'] else ''}"
         case "failed":
-            return status["error"] or "Relume failed without saying why"
+            return error(status) or "Relume failed without saying why"
     return f"Ready, {status['samples']} samples"
 
 

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import tempfile
 from pathlib import Path
 
 import bpy
 
+from ..core.bake_cache import expected_size, in_words
+from ..export.camera import film_size
 from . import background, shot
-from .options import bake_folder
+from .options import bake_folder, options_of
 
 
 class ProblemError(Exception):
@@ -35,6 +38,20 @@ def check_start(scene: bpy.types.Scene) -> None:
     if any(other.folder == folder and other.scene_uid != scene.session_uid for other in shot.all_open()):
         raise ProblemError(f"Another scene of this file is baked in '{folder}'; choose another bake folder")
     check_folder(folder)
+
+
+def disk_space(scene: bpy.types.Scene) -> tuple[str, bool]:
+    """How much a bake of the scene will take, in words, and whether there is so much."""
+    options = options_of(scene)
+    size = expected_size(film_size(scene.render), options.samples)
+    words = f"About {in_words(size)} on disk"
+    try:
+        free = shutil.disk_usage(
+            next(folder for folder in (options.folder, *options.folder.parents) if folder.exists())
+        ).free
+    except OSError:
+        return words, True
+    return (words, True) if size < free else (f"{words}, but only {in_words(free)} free", False)
 
 
 def check_folder(folder: Path) -> None:

@@ -93,9 +93,21 @@ class SceneLights:
                 source = (original.session_uid, original.data.session_uid, original.name)
                 self._entries += [_Entry(*source, description) for description in descriptions[len(self._entries) :]]
         self._visibility = _visibility(depsgraph.view_layer)
+        self._warn_about_names()
         for obj in _lights(depsgraph.view_layer):
             if not obj.visible_get(view_layer=depsgraph.view_layer) and obj in rendered:
                 self._warn(f"light '{obj.name}' is hidden in the view only: off here, but on in renders")
+
+    def _warn_about_names(self) -> None:
+        """Lights of libraries may have the name of one of this file."""
+        uids: dict[str, set[int]] = {}
+        for entry in self._entries:
+            uids.setdefault(entry.object_name, set()).add(entry.object_uid)
+        for name, found in uids.items():
+            if len(found) > 1:
+                self._warn(
+                    f"{len(found)} lights are called '{name}', here and in libraries: one row rules all; rename one"
+                )
 
     def _read_again(self, depsgraph: bpy.types.Depsgraph, uids: set[int]) -> bool:
         """Reads some lights; whether any is another one. Blender also names what was only evaluated again."""

@@ -48,6 +48,9 @@ class Shot:
         self.camera = kept.camera if kept else scene.camera.name if scene.camera else ""
         self.status = EMPTY | {"state": "preparing"}
         self.frame: Any = None
+        """The newest picture."""
+        self.frame_before: Any = None
+        """The last picture of the bake that this one replaces."""
         self.warnings: list[str] = []
         self.lights = SceneLights(_view_layer(scene), kept.receivers if kept else _names(scene))
         self.changes = Changes(kept.prints if kept else None)
@@ -93,6 +96,7 @@ class Shot:
         shot = cls(scene, options, kept)
         before = of(scene)
         if before is not None:
+            shot.frame_before = before.picture if before.camera == shot.camera else None
             before.close()
         _shots[scene.session_uid] = shot
         return shot
@@ -146,6 +150,11 @@ class Shot:
     def is_working(self) -> bool:
         """Whether something is being baked or trained."""
         return self.status["state"] in WORKING
+
+    @property
+    def picture(self) -> Any:
+        """What is to be shown: the newest picture; before there is one, that of the bake before."""
+        return self.frame or (self.frame_before if self.is_working else None)
 
     @property
     def is_busy(self) -> bool:
@@ -203,7 +212,8 @@ class Shot:
             return False
         self._news = time.monotonic()
         self._status_text, self.status = text, json.loads(text)
-        self.frame = frame or self.frame
+        if frame:
+            self.frame, self.frame_before = frame, None
         return True
 
     def _keep_record(self) -> None:
@@ -233,7 +243,7 @@ class Shot:
         if self._task is not None:
             self._task.cancel()
         self._live.close(wait_seconds=wait_seconds)
-        self.frame = None
+        self.frame = self.frame_before = None
 
 
 def _view_layer(scene: bpy.types.Scene) -> str:

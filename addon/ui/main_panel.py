@@ -7,6 +7,7 @@ import bpy
 from ..core import status
 from ..core.bake_folder import is_bake
 from ..engine import shot
+from ..engine.checks import disk_space
 from ..engine.options import remembered_bake
 from ..viewport import handlers as viewport
 from .panel import RelumePanel, message
@@ -88,13 +89,15 @@ def _draw_choices(layout, scene) -> None:
         column.prop(scene.relume, "samples")
     place = "Beside the file" if bpy.data.filepath else "In the cache folder"
     column.prop(scene.relume, "folder", text="Folder", placeholder=place)
+    words, is_enough = disk_space(scene)
+    message(layout, words, "NONE" if is_enough else "ERROR")
 
 
 def _draw_shot(layout, scene, found: shot.Shot) -> None:
     state = found.status
     message(layout, status.headline(state), "ERROR" if state["state"] == "failed" else "NONE")
     if state["error"] and state["state"] != "failed":
-        message(layout, state["error"], "ERROR")
+        message(layout, status.error(state), "ERROR")
     progress = status.progress(state)
     if progress is not None:
         layout.progress(factor=progress[0], text=progress[1])
@@ -106,7 +109,9 @@ def _draw_shot(layout, scene, found: shot.Shot) -> None:
         row.operator("relume.cancel", icon="X")
     elif state["state"] == "cancelled" and state["samples"] < state["samples_total"]:
         layout.operator("relume.start", text="Go On", icon="PLAY")
-    if status.shown(state):
+    if found.frame is None and found.picture is not None:
+        message(layout, "Showing the bake before")
+    elif status.shown(state):
         message(layout, status.shown(state))
     if found.changes.sentences:
         _draw_changes(layout, found.changes.sentences)

@@ -57,7 +57,7 @@ def what_to_show(
         return f"The relit picture is in the view of camera '{found.camera}'"
     if camera.name != found.camera:
         return f"No bake for camera '{camera.name}', only for '{found.camera}'"
-    live, pair = found.frame, compare.pair_of(scene)
+    live, pair = found.picture, compare.pair_of(scene)
     first, second = (pair.a, pair.b or live) if pair else (live, live)
     if first is None or second is None:
         return "The first picture is on its way" if found.is_working else "No picture yet"

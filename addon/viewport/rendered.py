@@ -26,7 +26,7 @@ def draw(engine: bpy.types.RenderEngine, context: bpy.types.Context) -> None:
         _write(words, region)
         return
     assert found is not None and frame is not None
-    picture = texture.of_frame(found.frame)
+    picture = texture.of_frame(found.picture)
     place = frame.snapped((picture.width, picture.height)) or frame
     blend = gpu.state.blend_get()
     gpu.state.blend_set("ALPHA_PREMULT")
@@ -46,7 +46,7 @@ def why_not(found: shot.Shot | None, camera: bpy.types.Object | None, frame: Rec
         return f"The relit picture is in the view of camera '{found.camera}'"
     if camera.name != found.camera:
         return f"No bake for camera '{camera.name}', only for '{found.camera}'"
-    if found.frame is None:
+    if found.picture is None:
         return "The first picture is on its way" if found.is_working else "No picture yet"
     return ""
 
