@@ -105,9 +105,7 @@ class SceneLights:
             uids.setdefault(entry.object_name, set()).add(entry.object_uid)
         for name, found in uids.items():
             if len(found) > 1:
-                self._warn(
-                    f"{len(found)} lights are called '{name}', here and in libraries: one row rules all; rename one"
-                )
+                self._warn(f"{len(found)} lights are called '{name}', also in libraries: one row rules all; rename one")
 
     def _read_again(self, depsgraph: bpy.types.Depsgraph, uids: set[int]) -> bool:
         """Reads some lights; whether any is another one. Blender also names what was only evaluated again."""
