@@ -124,12 +124,13 @@ def install_extension(room):
     shutil.copytree(room.folder / "user", room.folder / "installed")
 
 
-def needs(scenario):
-    """The scenes that a scenario names in its NEEDS."""
+def constant(scenario, name, otherwise):
+    """What a scenario says in a constant: NEEDS, the scenes; SIMULATES_EVENTS, without which Blender takes those of the
+    X server."""
     for node in ast.parse(scenario.read_text()).body:
-        if isinstance(node, ast.Assign) and node.targets[0].id == "NEEDS":
+        if isinstance(node, ast.Assign) and node.targets[0].id == name:
             return ast.literal_eval(node.value)
-    return []
+    return otherwise
 
 
 def fetch_scene(room, name):
@@ -155,7 +156,8 @@ def play(room, screen, scenario, seconds):
     result_file = room.folder / "result.json"
     result_file.unlink(missing_ok=True)
     log = OUT / f"{scenario.stem}.log"
-    window = ["--window-geometry", "0", "0", *SCREEN.split("x"), "--enable-event-simulate", "--python-exit-code", "1"]
+    window = ["--window-geometry", "0", "0", *SCREEN.split("x"), "--python-exit-code", "1"]
+    window += ["--enable-event-simulate"] * constant(scenario, "SIMULATES_EVENTS", True)
     scenario_inside = room.inside / "window" / "scenarios" / scenario.name
     script = ["--python", room.inside / "window" / "play.py", "--", scenario_inside, room.inside]
     status = room.call("blender", *window, *script, log=log, seconds=seconds, DISPLAY=screen)
@@ -170,7 +172,7 @@ def play_all(room, scenarios, seconds):
     figures, well = [], True
     with display(room) as screen:
         for scenario in scenarios:
-            if missing := [name for name in needs(scenario) if not fetch_scene(room, name)]:
+            if missing := [name for name in constant(scenario, "NEEDS", []) if not fetch_scene(room, name)]:
                 print(f"window: {scenario.stem}: skipped, {', '.join(missing)} is not in RELUME_SCENES", flush=True)
                 continue
             problems, measured = play(room, screen, scenario, seconds)
