@@ -13,7 +13,7 @@ export OIDN_DIR := $(DEV)/lib/python3.11/site-packages/pyoidn/oidn
 export NODEVICE_SELECT := 1
 CARGO := LD_LIBRARY_PATH=$(OIDN_DIR)/lib cargo
 
-.PHONY: setup wheel extension extension-all test test-rust test-python test-blender window guide fuzz demo shots parity quality bench bench-gpu clean
+.PHONY: setup wheel extension extension-all test test-rust test-python test-blender window guide fuzz demo shots parity quality bench bench-gpu solve clean
 
 setup:
 	@scripts/setup
@@ -80,6 +80,12 @@ bench: wheel
 	@scripts/setup peers
 	@scripts/install-wheel "$(WHEELS)" 4.2
 	RELUME_SCENES="$(SCENES)" $(PYTHON) scripts/bench/run.py --peers $(CURDIR)/.venv-peers/bin/python $(BENCH)
+
+# Lights found again, against the paper's and Mitsuba's; SOLVE="--table 3 --scenes cornell_box --runs 1" for less.
+solve: wheel
+	@scripts/setup peers
+	@scripts/install-wheel "$(WHEELS)" 4.2
+	RELUME_SCENES="$(SCENES)" $(PYTHON) scripts/bench/solve/run.py --peers $(CURDIR)/.venv-peers/bin/python $(SOLVE)
 
 # A GPU, a software one included; BENCH_GPU="--keep MACHINE" keeps the figures in docs/bench.
 bench-gpu: wheel

@@ -8,6 +8,7 @@ bytes; normal maps, bumps, mixes and alpha are left out, and the world is its me
 import argparse
 import json
 import math
+import os
 import sys
 from pathlib import Path
 from xml.etree import ElementTree as Xml
@@ -242,3 +243,5 @@ def main():
 
 if __name__ == "__main__":
     main()
+    # Blender before 5.0 can crash at exit.
+    os._exit(0)

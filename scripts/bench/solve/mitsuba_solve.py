@@ -1,0 +1,154 @@
+"""Finds a sphere light with Mitsuba 3's gradients, as in the paper's figure 9: one JSON line a run on standard output.
+
+Each input line is a run: `target` and `start` (center, radius, radiance), `space` (min, max, size), `seed`. Position
+and radius pass a logistic function within the bounds, radiance a softplus in units of the start's; the loss is the mean
+squared error of Reinhard-tonemapped pictures; Adam. A sphere that moves changes what is seen only where its outline
+moves, which plain path replay does not differentiate (its gradient by position and radius is 0), hence
+`prb_projective`: without guiding, whose octree takes many seconds a step on a processor, and without the outline that
+the camera sees, since the light is hidden from it. The clock runs while steps run; kernels of each sample count are
+compiled before.
+"""
+
+import argparse
+import json
+import sys
+import time
+from xml.etree import ElementTree as Xml
+
+import mitsuba as mi
+
+mi.set_variant("llvm_ad_rgb")
+
+import drjit as dr  # noqa: E402
+
+SCHEDULE = ((0, 8), (100, 16), (300, 32))
+"""First step, samples per pixel."""
+LEARNING_RATE = 0.05
+TARGET_SAMPLES = 2048
+LAMP = "lamp"
+
+
+def load(path, size, depth):
+    """The scene without its own emitters, lit by one sphere that the camera does not see."""
+    tree = Xml.parse(path)
+    scene = tree.getroot()
+    for shape in scene.findall("shape"):
+        if shape.find("emitter") is not None and shape.get("type") != "ply":
+            scene.remove(shape)
+        for emitter in shape.findall("emitter"):
+            shape.remove(emitter)
+    for emitter in scene.findall("emitter"):
+        scene.remove(emitter)
+    integrator = scene.find("integrator")
+    integrator.set("type", "prb_projective")
+    Xml.SubElement(integrator, "string", name="guiding", value="none")
+    Xml.SubElement(integrator, "integer", name="sppp", value="0")
+    Xml.SubElement(integrator, "boolean", name="hide_emitters", value="true")
+    lamp = Xml.SubElement(scene, "shape", type="sphere", id=LAMP)
+    emitter = Xml.SubElement(lamp, "emitter", type="area")
+    Xml.SubElement(emitter, "rgb", name="radiance", value="1 1 1")
+    beside = str(path).replace("scene.xml", "solve.xml")
+    tree.write(beside)
+    return mi.load_file(beside, resx=size[0], resy=size[1], max_depth=depth)
+
+
+class Light:
+    """The sphere's seven parameters, unconstrained."""
+
+    def __init__(self, space, unit):
+        self.low = [*space["min"], space["size"][0]]
+        self.high = [*space["max"], space["size"][1]]
+        self.unit = unit
+
+    def unconstrained(self, light):
+        """Seven numbers of a light."""
+        values = [*light["center"], light["radius"]]
+        shares = [(v - a) / (b - a) for v, a, b in zip(values, self.low, self.high, strict=True)]
+        shares = [min(max(share, 1e-3), 1 - 1e-3) for share in shares]
+        logits = [dr.log(share / (1 - share)) for share in shares]
+        return [*logits, *(dr.log(dr.exp(value / self.unit) - 1) for value in light["radiance"])]
+
+    def constrained(self, u):
+        """Centre, radius and radiance of seven numbers."""
+        ends = zip(self.low, self.high, u[:4], strict=True)
+        *center, radius = [a + (b - a) / (1 + dr.exp(-x)) for a, b, x in ends]
+        return center, radius, [self.unit * dr.log(1 + dr.exp(x)) for x in u[4:]]
+
+
+def place(params, center, radius, radiance):
+    """Moves the lamp."""
+    params[f"{LAMP}.to_world"] = mi.Transform4f().translate(mi.Point3f(*center)).scale(mi.Point3f(radius))
+    params[f"{LAMP}.emitter.radiance.value"] = mi.Color3f(*radiance)
+    params.update()
+
+
+def tonemap(picture, exposure):
+    """Reinhard's curve."""
+    x = picture * exposure
+    return x / (1 + x)
+
+
+class Run:
+    """One light to be found."""
+
+    def __init__(self, scene, request):
+        self.scene, self.params = scene, mi.traverse(scene)
+        target = request["target"]
+        place(self.params, target["center"], target["radius"], target["radiance"])
+        picture = mi.render(scene, spp=TARGET_SAMPLES, seed=request["seed"])
+        self.exposure = 0.5 / dr.mean(picture, axis=None).array[0]
+        self.target = tonemap(picture, self.exposure)
+        self.light = Light(request["space"], sum(request["start"]["radiance"]) / 3)
+        self.u = [mi.Float(x) for x in self.light.unconstrained(request["start"])]
+        self.seed = request["seed"]
+
+    def gradient(self, samples, seed):
+        """By the seven numbers."""
+        u = [mi.Float(x) for x in self.u]
+        dr.enable_grad(u)
+        place(self.params, *self.light.constrained(u))
+        picture = mi.render(self.scene, self.params, spp=samples, seed=seed)
+        dr.backward(dr.mean(dr.square(tonemap(picture, self.exposure) - self.target), axis=None))
+        return [dr.grad(x)[0] for x in u]
+
+    def solve(self, steps):
+        """(seconds, centre, radius, radiance) after every step."""
+        for _, samples in SCHEDULE:
+            self.gradient(samples, 0)
+        first, second = [0.0] * 7, [0.0] * 7
+        trajectory, start = [self.state(0.0)], time.perf_counter()
+        for step in range(steps):
+            samples = [count for begin, count in SCHEDULE if begin <= step][-1]
+            gradient = self.gradient(samples, self.seed + step + 1)
+            for i, g in enumerate(gradient):
+                g = g if g == g else 0.0
+                first[i], second[i] = 0.9 * first[i] + 0.1 * g, 0.999 * second[i] + 0.001 * g * g
+                mean, spread = first[i] / (1 - 0.9 ** (step + 1)), second[i] / (1 - 0.999 ** (step + 1))
+                self.u[i] -= LEARNING_RATE * mean / (spread**0.5 + 1e-8)
+            trajectory.append(self.state(time.perf_counter() - start))
+        return trajectory
+
+    def state(self, seconds):
+        """A point of the trajectory."""
+        center, radius, radiance = self.light.constrained(self.u)
+        numbers = [[float(x[0]) for x in center], float(radius[0]), [float(x[0]) for x in radiance]]
+        return [round(seconds, 3), *numbers]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("scene", help="scene.xml")
+    parser.add_argument("--width", type=int, required=True)
+    parser.add_argument("--height", type=int, required=True)
+    parser.add_argument("--bounces", type=int, required=True)
+    parser.add_argument("--steps", type=int, required=True)
+    args = parser.parse_args()
+    # Mitsuba counts the segments up to the light: Blender's bounces + camera segment + light segment.
+    scene = load(args.scene, (args.width, args.height), args.bounces + 2)
+    for line in sys.stdin:
+        trajectory = Run(scene, json.loads(line)).solve(args.steps)
+        print(json.dumps({"method": f"Mitsuba {mi.__version__} prb_projective", "trajectory": trajectory}), flush=True)
+
+
+if __name__ == "__main__":
+    main()

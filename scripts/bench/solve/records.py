@@ -1,0 +1,32 @@
+"""The measured records, kept in a file so that a stopped run goes on where it was."""
+
+import json
+
+SETTINGS = ("table", "scene", "lights", "pixel_fraction", "starts", "run", "through", "size", "steps", "samples")
+"""What makes two records measurements of the same thing."""
+
+
+class Records:
+    """A list of flat records in a JSON file."""
+
+    def __init__(self, path):
+        self.path = path
+        self.all = json.loads(path.read_text()) if path.exists() else []
+
+    def add(self, record, **more):
+        """Keeps a record; one of the same settings goes."""
+        self.all = [old for old in self.all if not same(old, record)] + [record | more]
+        self.path.write_text(json.dumps(self.all, indent=1))
+
+    def has(self, settings):
+        """Whether it is measured already."""
+        return any(same(old, settings) for old in self.all)
+
+    def select(self, **fields):
+        """Those whose fields have these values."""
+        return [record for record in self.all if all(record.get(key) == value for key, value in fields.items())]
+
+
+def same(a, b):
+    """Whether settings agree."""
+    return all(a.get(key) == b.get(key) for key in SETTINGS)

@@ -1,0 +1,78 @@
+"""Light solving measured: the paper's table 3 and figure 9, and painted strokes. Writes `out/solve.json`: `make solve`.
+
+Records of the same settings that are there already are kept, so that a stopped run goes on; delete the file to begin
+anew. Bakes stay in `out/solve`. Runs in a Python with `bpy` and `relume`; Mitsuba lives in an environment of its own.
+"""
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[3]
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(ROOT), str(HERE)]
+
+import figure9  # noqa: E402
+import scribbles  # noqa: E402
+import table3  # noqa: E402
+from judge import Cycles  # noqa: E402
+from records import Records  # noqa: E402
+from shot import Shot  # noqa: E402
+
+TABLES = {"3": table3, "9": figure9, "scribbles": scribbles}
+RUNS = {"3": 5, "9": 50, "scribbles": 2}
+QUICK = {"size": 96, "steps": 100, "samples": 16, "bake_samples": 64, "runs": 1, "fractions": [0.05], "lights": [1, 3]}
+SIZES = {"3": 320, "9": 128, "scribbles": 320}
+
+
+def arguments():
+    """The command line; `--quick` changes defaults."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--table", nargs="+", choices=TABLES, default=list(TABLES))
+    parser.add_argument("--scenes", nargs="+", help="default: all of each table")
+    parser.add_argument("--runs", type=int, help="default: 5 of table 3, 50 of figure 9, 2 of scribbles")
+    parser.add_argument("--lights", nargs="+", type=int, help="of table 3; default: 1 3 5 20")
+    parser.add_argument("--fractions", nargs="+", type=float, help="of table 3; default: the paper's six")
+    parser.add_argument("--starts", nargs="+", type=int, default=[1, 4], help="of table 3; more than one at 5 %% only")
+    parser.add_argument("--steps", type=int, default=500)
+    parser.add_argument("--size", type=int, help="longer edge of the pictures; default: 320, and 128 for figure 9")
+    parser.add_argument("--samples", type=int, default=128, help="of Cycles' denoised renders")
+    parser.add_argument("--bake-samples", type=int, default=256)
+    parser.add_argument("--through", choices=("auto", "proxy", "gather"), default="auto")
+    parser.add_argument("--train", type=float, default=0.0, help="seconds to train a proxy of sphere lights first")
+    parser.add_argument("--threads", type=int, default=0, help="0 for one a core")
+    parser.add_argument("--quick", action="store_true", help="small pictures, few runs: whether it works")
+    parser.add_argument("--blender", type=Path, default=sys.executable, help="python with bpy that renders")
+    parser.add_argument("--peers", type=Path, help="python with mitsuba; figure 9 shows Relume alone without")
+    parser.add_argument("--out", type=Path, default=ROOT / "out")
+    if "--quick" in sys.argv:
+        parser.set_defaults(**QUICK)
+    args = parser.parse_args()
+    args.scenes_folder = Path(os.environ.get("RELUME_SCENES") or ROOT.parent / "shared/scenes")
+    args.out = args.out.resolve()
+    return args
+
+
+def main():
+    args = arguments()
+    if not args.scenes_folder.is_dir():
+        sys.exit(f"solve: the scenes are not in {args.scenes_folder}; set RELUME_SCENES")
+    (args.out / "solve").mkdir(parents=True, exist_ok=True)
+    records = Records(args.out / "solve.json")
+    judge = Cycles(args.blender, args.threads)
+    asked = args.runs, args.size
+    for table in args.table:
+        module = TABLES[table]
+        args.runs, args.size = (value or default[table] for value, default in zip(asked, (RUNS, SIZES), strict=True))
+        for name in args.scenes or module.SCENES:
+            if name in module.SCENES:
+                print(f"{table}: {name}", flush=True)
+                module.run(Shot(judge, name, args), records, args)
+    judge.close()
+    for table in args.table:
+        TABLES[table].show(records)
+
+
+if __name__ == "__main__":
+    main()
