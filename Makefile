@@ -39,7 +39,7 @@ test-rust: setup
 
 test-python: wheel
 	@scripts/install-wheel "$(WHEELS)" 4.2
-	$(PYTHON) -m ruff check addon blend_tests tests rust/python scripts
+	$(PYTHON) -m ruff check addon blend_tests examples tests rust/python scripts
 	$(PYTHON) -m mypy
 	$(PYTHON) -m pytest tests
 

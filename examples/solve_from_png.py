@@ -1,0 +1,98 @@
+"""Gives a shot the lighting of an edited picture:
+
+    python examples/solve_from_png.py shot.blend bake/ edited.png --out solved.blend
+
+`edited.png` is a paint-over of the shot's picture, or what any other program made of it, in the camera's frame and as
+the scene displays it (an OpenEXR file is read as scene-linear light). All lights of the file may change; the bake is
+made if it is not there yet. Runs in a Python with `bpy` and `relume`. See `--help` for locks, new lights and moods.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import bpy
+import relume
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from addon.apply import new_lights  # noqa: E402
+from addon.apply.look_lights import light_state, restore_lights  # noqa: E402
+from addon.core import solve  # noqa: E402
+from addon.engine.scene_lights import SceneLights  # noqa: E402
+from addon.export.target import read_target  # noqa: E402
+
+
+def bake(blend, folder):
+    """Bakes the shot where that has not been done; goes on with one that was stopped."""
+    command = [sys.executable, ROOT / "relume_bake.py", blend, "--", "bake", "--out", folder]
+    command += ["--resume"] if (folder / "manifest.json").exists() else []
+    subprocess.run([str(word) for word in command], check=True)
+
+
+def request(scene, args):
+    """What the solver is asked for, as JSON text."""
+    lights = SceneLights(bpy.context.view_layer.name, [])
+    lights.read(bpy.context.evaluated_depsgraph_get())
+    shown = {"lights": lights.descriptions, "gains": {}, "world": [1, 1, 1], "static": [1, 1, 1]}
+    names = args.lights or [light["name"] for light in lights.descriptions]
+    goal = {"goal": "target", "image": "target", "exposure_invariant": args.mood}
+    wish = solve.Wish(
+        free={name: args.free for name in names}, goals=[goal], keep_rest=0.0, add_count=args.add, starts=args.starts
+    )
+    return json.dumps(solve.request(shown, wish))
+
+
+def write(scene, answer):
+    """Makes the scene's lights what the answer says: changed ones, new ones in a collection "Relume"."""
+    objects = {obj.name: obj for obj in scene.objects if obj.type == "LIGHT"}
+    states = solve.solved(
+        answer, {name: light_state(obj) for name, obj in objects.items()}, bpy.data.objects.keys()
+    ).states
+    made = new_lights.make(scene, [state for state in states if state.get("added")])
+    restore_lights([*objects.values(), *made], states)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("blend", type=Path)
+    parser.add_argument("bake", type=Path, help="bake folder of the shot; made if it is not there")
+    parser.add_argument("picture", type=Path, help="what the shot is to look like")
+    parser.add_argument("--out", type=Path, default=Path("solved.blend"))
+    parser.add_argument("--lights", nargs="+", help="lights that may change; default: all")
+    parser.add_argument(
+        "--free", nargs="+", default=["position", "direction", "color", "strength"], help="what of them"
+    )
+    parser.add_argument("--add", type=int, default=0, help="most new lights")
+    parser.add_argument("--mood", action="store_true", help="match colours and contrast, not the exposure")
+    parser.add_argument("--starts", type=int, default=4, help="more find better answers, in more time")
+    args = parser.parse_args()
+
+    bpy.ops.wm.open_mainfile(filepath=str(args.blend.resolve()))
+    bpy.ops.preferences.addon_enable(module="cycles")
+    scene = bpy.context.scene
+    bake(args.blend, args.bake)
+    manifest = json.loads((args.bake / "manifest.json").read_text())
+    image = bpy.data.images.load(str(args.picture.resolve()))
+    target, how, _ = read_target(scene, image, "AUTO", (manifest["width"], manifest["height"]))
+    print(how)
+    job = relume.solve([str(args.bake)], request(scene, args), {"target": target})
+    answer = job.wait(on_warning=print)
+    for row in answer["report"]:
+        print(row["text"])
+    for warning in answer["warnings"]:
+        print(f"Warning: {warning}")
+    write(scene, answer)
+    bpy.ops.wm.save_as_mainfile(filepath=str(args.out.resolve()), copy=True)
+    print(f"Wrote {args.out}")
+
+
+if __name__ == "__main__":
+    main()
+    sys.stdout.flush()
+    # Blender before 5.0 can crash at exit.
+    os._exit(0)
