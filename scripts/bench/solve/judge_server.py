@@ -30,6 +30,9 @@ RADII = (0.03, 0.1)
 """Of a sphere light, in cube roots of the volume of that box."""
 
 
+SETTINGS = {"radius", "use_soft_falloff", "shape", "size", "size_y", "spread", "spot_size", "spot_blend", "angle"}
+
+
 class Judge:
     """The open file."""
 
@@ -161,11 +164,9 @@ def write(scene, light):
     obj.matrix_world = Matrix(light["world_from_object"])
     data = obj.data
     data.energy, data.color = light["energy"], light["color"]
-    fields = {"radius": "shadow_soft_size", "soft_falloff": "use_soft_falloff"}
-    for key in ("radius", "soft_falloff", "shape", "size", "size_y", "spread", "spot_size", "spot_blend", "angle"):
-        name = fields.get(key, key)
-        if light.get(key) is not None and hasattr(data, name):
-            setattr(data, name, light[key])
+    for key, value in light.items():
+        if key in SETTINGS:
+            setattr(data, {"radius": "shadow_soft_size"}.get(key, key), value)
 
 
 def remove(objects):

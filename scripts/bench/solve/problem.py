@@ -17,7 +17,7 @@ def sphere(name, center, radius, radiance):
         "energy": 4 * math.pi**2 * radius**2 * strength,
         "color": [channel / strength for channel in radiance],
         "radius": radius,
-        "soft_falloff": False,
+        "use_soft_falloff": False,
     }
 
 

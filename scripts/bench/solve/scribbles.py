@@ -141,7 +141,8 @@ def verdict(goal, known, ratio, said):
         reached = sign * math.log2(ratio)
         values = {"asked": goal["stops"], "known": sign * math.log2(known), "reached": reached}
         values["met"] = reached >= goal["stops"]
-    return {"goal": goal["goal"], **values, "said": said and said["reached"]}
+    said_reached = None if said is None else said["reached"] * (-1.0 if goal["goal"] == "darker" else 1.0)
+    return {"goal": goal["goal"], **values, "said": said_reached}
 
 
 def lines(record):
