@@ -5,6 +5,7 @@ import json
 import bpy
 import numpy as np
 import pytest
+from mathutils import Matrix
 
 import addon
 from addon.core import coverage
@@ -22,6 +23,8 @@ from addon.core.strokes import (
     to_json,
 )
 from addon.ui.solve_settings import strokes_of
+from addon.viewport import strokes as drawing
+from addon.viewport.camera_frame import Rectangle
 
 LINE = ((0.2, 0.5, 1.0), (0.8, 0.5, 1.0))
 SIZE = (160, 90)
@@ -168,3 +171,28 @@ def test_strokes_of_a_newer_version_are_left_alone(scene):
     with pytest.raises(RuntimeError, match="update Relume"):
         paint()
     assert scene.relume_solve.strokes == text
+
+
+def test_strokes_and_rectangles_are_drawn_where_they_are(scene, gpu_started):
+    import gpu
+
+    width, height = SIZE
+    target = gpu.types.GPUOffScreen(width, height, format="RGBA32F")
+    frame = Rectangle(20.0, 10.0, 140.0, 80.0)
+    with target.bind():
+        buffer = gpu.state.active_framebuffer_get()
+        buffer.clear(color=(0.0, 0.0, 0.0, 0.0))
+        gpu.matrix.load_matrix(Matrix.Translation((-1, -1, 0)) @ Matrix.Diagonal((2 / width, 2 / height, 1, 1)))
+        gpu.matrix.load_projection_matrix(Matrix.Identity(4))
+        rectangle = (meaning(KEEP), (0.1, 0.1, 0.3, 0.3))
+        drawing.draw(scene, frame, (stroke(points=((0.75, 0.75, 1.0),)),), [rectangle])
+        pixels = np.array(buffer.read_color(0, 0, width, height, 4, 0, "FLOAT").to_list())
+    target.free()
+    drawing.free()
+    x, y = 20 + 0.75 * 120, 80 - 0.75 * 70
+    assert pixels[round(y), round(x), 3] > 0.5 and pixels[round(y), round(x), 0] > pixels[round(y), round(x), 2]
+    green = np.argwhere((pixels[..., 1] > 0.5) & (pixels[..., 0] < 0.4))
+    low, high = green.min(axis=0), green.max(axis=0)
+    assert np.allclose(low, (80 - 0.3 * 70, 20 + 0.1 * 120), atol=1.5), "lower left corner"
+    assert np.allclose(high, (80 - 0.1 * 70, 20 + 0.3 * 120), atol=1.5), "upper right corner"
+    assert not pixels[round(y), 30].any(), "and nowhere else"

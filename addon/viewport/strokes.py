@@ -103,7 +103,8 @@ def _draw_outline(frame: Rectangle, rectangle: tuple[float, ...], color: tuple[f
     left, top, right, bottom = rectangle
     part = frame.part((left, 1.0 - bottom), (right, 1.0 - top))
     corners = [(part.left, part.bottom), (part.right, part.bottom), (part.right, part.top), (part.left, part.top)]
+    corners.append(corners[0])
     shader = gpu.shader.from_builtin("UNIFORM_COLOR")
-    batch = batch_for_shader(shader, "LINE_LOOP", {"pos": corners})
+    batch = batch_for_shader(shader, "LINE_STRIP", {"pos": corners})
     shader.uniform_float("color", color)
     batch.draw(shader)
