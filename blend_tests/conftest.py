@@ -69,6 +69,27 @@ def lit(scene, registered, tmp_path):
     return scene
 
 
+@pytest.fixture
+def studio(scene, tmp_path):
+    """The add-on enabled with the real native module, a plane and a light, a folder, no time for training."""
+    from addon.engine import options
+    from helpers import add_light, add_material, add_quad
+
+    bpy.ops.preferences.addon_enable(module="addon")
+    options.preferences().train_seconds = 0.0
+    material, tree, output = add_material("White")
+    diffuse = tree.nodes.new("ShaderNodeBsdfDiffuse")
+    tree.links.new(diffuse.outputs[0], output.inputs["Surface"])
+    add_quad(scene, size=4.0, material=material)
+    add_light(scene, "POINT", name="Key", shadow_soft_size=0.5)
+    scene.render.resolution_x, scene.render.resolution_y = 32, 24
+    scene.relume.folder = str(tmp_path / "bake")
+    scene.relume.quality, scene.relume.samples = "CUSTOM", 16
+    bpy.context.view_layer.update()
+    yield scene
+    bpy.ops.preferences.addon_disable(module="addon")
+
+
 @pytest.fixture(scope="session")
 def scenes_folder():
     """Real scenes made by others; skips without them."""

@@ -1,15 +1,20 @@
 """Small builders and the exported scene as plain data."""
 
 import json
+import time
 
 import bpy
 import numpy as np
 from mathutils import Matrix
 
 from addon.core.rows import LIGHT
+from addon.engine import shot
 from addon.engine.scene import load_scene
 from addon.export import ExportOptions
-from addon.ui import rows
+from addon.ui import handlers, rows
+
+SECONDS = 60.0
+"""How long pictures are waited for."""
 
 
 def exported(scene, **options):
@@ -102,3 +107,21 @@ def update():
 def row(scene, name, kind=LIGHT):
     """The row of a name."""
     return next(row for row in rows.present_rows(scene) if (row.kind, row.name) == (kind, name))
+
+
+def until(scene, condition, what):
+    """Ticks as Blender's timer does, until something is so."""
+    deadline = time.monotonic() + SECONDS
+    while time.monotonic() < deadline:
+        handlers.tick()
+        found = shot.of(scene)
+        assert found.status["state"] != "failed", found.status["error"]
+        if condition(found):
+            return found
+        time.sleep(handlers.TICK_SECONDS)
+    raise AssertionError(f"waited {SECONDS} s for {what}: {found.status}")
+
+
+def settled(found):
+    """Whether the newest request has its full picture and nothing goes on."""
+    return not found.is_busy and not handlers._resting and found.frame is not None and found.frame.scale == 1

@@ -13,45 +13,7 @@ from addon.engine.options import remembered_bake
 from addon.engine.render_depsgraph import ExportCancelled
 from addon.ui import handlers
 from addon.ui.start import start
-from helpers import add_light, add_material, add_quad
-
-SECONDS = 60.0
-
-
-@pytest.fixture
-def studio(scene, tmp_path):
-    """The add-on enabled, a plane and a light, a folder, no time for training."""
-    bpy.ops.preferences.addon_enable(module="addon")
-    options.preferences().train_seconds = 0.0
-    material, tree, output = add_material("White")
-    diffuse = tree.nodes.new("ShaderNodeBsdfDiffuse")
-    tree.links.new(diffuse.outputs[0], output.inputs["Surface"])
-    add_quad(scene, size=4.0, material=material)
-    add_light(scene, "POINT", name="Key", shadow_soft_size=0.5)
-    scene.render.resolution_x, scene.render.resolution_y = 32, 24
-    scene.relume.folder = str(tmp_path / "bake")
-    scene.relume.quality, scene.relume.samples = "CUSTOM", 16
-    bpy.context.view_layer.update()
-    yield scene
-    bpy.ops.preferences.addon_disable(module="addon")
-
-
-def until(scene, condition, what):
-    """Ticks as Blender's timer does, until something is so."""
-    deadline = time.monotonic() + SECONDS
-    while time.monotonic() < deadline:
-        handlers.tick()
-        found = shot.of(scene)
-        assert found.status["state"] != "failed", found.status["error"]
-        if condition(found):
-            return found
-        time.sleep(handlers.TICK_SECONDS)
-    raise AssertionError(f"waited {SECONDS} s for {what}: {found.status}")
-
-
-def settled(found):
-    """Whether the newest request has its full picture and nothing goes on."""
-    return not found.is_busy and not handlers._resting and found.frame is not None and found.frame.scale == 1
+from helpers import SECONDS, add_light, settled, until
 
 
 def test_start_shows_the_light_and_follows_it(studio):

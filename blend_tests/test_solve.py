@@ -120,13 +120,20 @@ def test_the_request_has_the_picture_the_locks_and_the_goals(painted):
     request = job.request
     assert [light["name"] for light in request["lights"]] == ["Key", "Fill"]
     assert request["gains"] == {"Key": [2.0] * 3, "Fill": [1.0] * 3}
-    assert request["free"] == {"Key": ["position", "color", "strength"], "Fill": ["strength"]}
+    assert request["free"] == {"Key": ["position", "strength"], "Fill": ["strength"]}, "no goal is about colour"
     assert request["add"] == {"count": 2, "type": "area"} and request["remove"] is True
     assert request["keep_rest"] == 0.25 and (request["starts"], request["steps"]) == (4, 300)
     (goal,) = request["goals"]
     assert goal["goal"] == "brighter" and goal["stops"] == 1.0
     assert goal["where"]["strokes"][0]["points"] == [[0.2, 0.5, 1.0], [0.8, 0.5, 1.0]]
     assert job.folders == [str(shot.of(painted).folder)]
+    found.cancel()
+
+
+def test_colours_are_free_where_a_goal_is_about_colour(painted):
+    bpy.ops.relume.scribble(points=LINE, goal="cooler", amount=40.0)
+    found, job = begin(painted)
+    assert job.request["free"] == {"Key": ["color", "strength"], "Fill": ["color", "strength"]}
     found.cancel()
 
 
@@ -268,7 +275,6 @@ def all_erased(scene):
 
 
 def nothing_free(scene):
-    bpy.ops.relume.lock_all(move="color")
     bpy.ops.relume.lock_all(move="strength")
     return "Nothing may change: unlock"
 

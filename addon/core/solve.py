@@ -6,6 +6,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
+COLORFUL = {"color", "warmer", "cooler", "target"}
+"""Goals that ask for another colour. Without one, colours stay: else a light would be tinted green to be brighter,
+since the eye sees green best."""
 WORLD = "world"
 """Stands for the world among what is free."""
 SETTINGS = {
@@ -48,11 +51,13 @@ def request(shown: dict[str, Any], wish: Wish) -> dict[str, Any]:
     """The solver's request; `shown` is the picture: "lights", "gains", "world", "static". Raises SolveError."""
     if not wish.goals:
         raise SolveError("Say what the picture should do first: paint a stroke, add a place, or choose a target")
-    if not any(wish.free.values()) and not wish.add_count:
+    keeps = set() if COLORFUL & {goal["goal"] for goal in wish.goals} else {"color"}
+    free = {name: [move for move in moves if move not in keeps] for name, moves in wish.free.items()}
+    if not any(free.values()) and not wish.add_count:
         raise SolveError("Nothing may change: unlock something of a light, or allow new lights")
     out = {
         **{name: shown[name] for name in ("lights", "gains", "world", "static")},
-        "free": {name: moves for name, moves in wish.free.items() if moves},
+        "free": {name: moves for name, moves in free.items() if moves},
         "goals": wish.goals,
         "keep_rest": wish.keep_rest,
         "remove": wish.remove,

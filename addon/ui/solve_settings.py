@@ -70,7 +70,11 @@ class RelumeLocks(bpy.types.PropertyGroup):
         name="Cone",
         description="Whether solving may change angle and blend of this spot. Locked at first: its edge was placed",
     )
-    color: BoolProperty(name="Colour", description="Whether solving may tint this light. Free at first", default=True)
+    color: BoolProperty(
+        name="Colour",
+        description="Whether solving may tint this light. Free at first; used only if a goal is about colour",
+        default=True,
+    )
     strength: BoolProperty(
         name="Strength", description="Whether solving may dim or brighten this light. Free at first", default=True
     )
@@ -206,9 +210,10 @@ class RelumeSolve(bpy.types.PropertyGroup):
     )
     keep_rest: FloatProperty(
         name="Keep the Rest",
-        description="How much everything that no goal names is to stay as it is. 0: it may change as it likes",
+        description="How much everything that no goal names is to stay as it is, beside the goals. 0: it may change as "
+        "it likes",
         subtype="FACTOR",
-        default=0.1,
+        default=0.02,
         min=0.0,
         max=1.0,
     )

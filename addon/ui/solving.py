@@ -145,9 +145,18 @@ class Solving:
         self.progress = (1.0, "Making the picture")
         request = core.picture_request(answer, self._static)
         frame = yield from self._picture(json.dumps(request | {"interactive": False}))
+        small = []
+        for picture in (self._before_frame, frame):  # Each takes a moment of the window's time.
+            yield
+            small.append(self._thumbnail(picture))
+        yield
         scene = self._scene()
         if scene is not None:
-            self._finish(scene, answer, request, frame)
+            self._finish(scene, answer, request, frame, small)
+
+    def _thumbnail(self, frame: Any) -> str:
+        scene = self._scene()
+        return "" if frame is None or scene is None else thumbnails.encode(scene, frame.image)
 
     def _look_for_masks(self) -> Iterator[None]:
         if not self._wanted:
@@ -198,15 +207,16 @@ class Solving:
             yield
         return None
 
-    def _finish(self, scene: bpy.types.Scene, answer: dict, request: dict, frame: Any) -> None:
+    def _finish(self, scene: bpy.types.Scene, answer: dict, request: dict, frame: Any, small: list[str]) -> None:
+        """Keeps how it was and how it could be as looks; `small` has their thumbnails."""
         present = {obj.name: light_state(obj) for obj in looks.lights_of(scene)}
         found = core.solved(answer, present, {obj.name for obj in bpy.data.objects})
         self.notes += [f"Light '{name}' is gone: what was solved for it is left out" for name in found.gone]
         self.notes += answer["warnings"]
-        before = self._keep_before(scene)
+        before = self._keep_before(scene, small[0])
         solved_rows = self._rows(scene, answer, [state for state in found.states if not state["hidden"]])
         look = Look(f"{SOLVED} {_next_number(scene)}", tuple(solved_rows), tuple(found.states))
-        entry = _keep(scene, look, json.dumps(request | {"interactive": False}), frame)
+        entry = _keep(scene, look, json.dumps(request | {"interactive": False}), small[1])
         entry.solved, self.entry = True, entry.uid
         scene.relume_solve.report = json.dumps(
             {
@@ -219,13 +229,13 @@ class Solving:
             pairs.set_pair(scene, frame, self._before_frame, scene.relume_view.compare, (entry.name, before))
         handlers.changed(scene)
 
-    def _keep_before(self, scene: bpy.types.Scene) -> str:
+    def _keep_before(self, scene: bpy.types.Scene, thumbnail: str) -> str:
         """The name of the look of how it was: a new one, unless there is one already."""
         request = self._before_request
         for entry in scene.relume_looks.items:
             if entry.name.startswith(BEFORE) and entry.request == request:
                 return entry.name
-        return _keep(scene, self._before, request, self._before_frame).name
+        return _keep(scene, self._before, request, thumbnail).name
 
     def _rows(self, scene: bpy.types.Scene, answer: dict, states: list[dict]) -> list[Row]:
         """Rows of the look: the answer's lights hold their gains themselves, the others keep them."""
@@ -241,12 +251,9 @@ class Solving:
         return [times(Row(row.name, WORLD), gain) if row.kind == WORLD else row for row in found]
 
 
-def _keep(scene: bpy.types.Scene, look: Look, request: str, frame: Any) -> looks.RelumeLook:
-    """Adds a look with its picture."""
+def _keep(scene: bpy.types.Scene, look: Look, request: str, thumbnail: str) -> looks.RelumeLook:
     entry = looks.add(scene, look)
-    entry.request = request
-    if frame is not None:
-        entry.thumbnail = thumbnails.encode(scene, frame.image)
+    entry.request, entry.thumbnail = request, thumbnail
     return entry
 
 

@@ -1,0 +1,78 @@
+"""A tiny shot and the real solver: from a stroke to lights that do what was painted."""
+
+import bpy
+import numpy as np
+import pytest
+
+from addon.ui import looks
+from addon.ui.start import start
+from addon.viewport import compare as pairs
+from helpers import settled, until
+
+
+@pytest.fixture
+def shown(studio):
+    """With its picture."""
+    studio.relume_solve.effort = "QUICK"
+    start(studio)
+    until(studio, settled, "the first pictures")
+    return studio
+
+
+def picture(scene):
+    """Pixels of the final picture, bottom row first."""
+    return np.array(until(scene, settled, "the picture").frame.image[..., :3])
+
+
+def apply(scene):
+    """Writes the result and waits for the picture of it."""
+    assert bpy.ops.relume.apply_solved() == {"FINISHED"}
+    bpy.context.view_layer.update()
+    return picture(scene)
+
+
+def test_a_stroke_makes_the_light_brighter_by_what_was_asked(shown):
+    before, energy = picture(shown), bpy.data.lights["Key"].energy
+    points = "[[0.1, 0.5, 1.0], [0.9, 0.5, 1.0]]"
+    bpy.ops.relume.scribble(points=points, goal="brighter", amount=1.0, radius=0.4)
+    assert bpy.ops.relume.solve() == {"FINISHED"}
+    assert bpy.data.lights["Key"].energy == energy, "not before it is applied"
+    assert [look.name for look in shown.relume_looks.items] == ["Before", "Solve 1"]
+    assert pairs.pair_of(shown) is not None and looks.active_look(shown).thumbnail
+    after = apply(shown)
+    assert after.mean() == pytest.approx(2.0 * before.mean(), rel=0.06)
+    assert bpy.data.lights["Key"].energy == pytest.approx(2.0 * energy, rel=0.1)
+    assert tuple(bpy.data.objects["Key"].location) == (0.0, 0.0, 2.0), "its place was locked"
+
+
+def test_a_target_brings_a_moved_light_to_its_place(shown):
+    key = bpy.data.objects["Key"]
+    key.location = (0.8, -0.4, 1.5)
+    bpy.context.view_layer.update()
+    wanted = picture(shown)
+    image = bpy.data.images.new("Target", wanted.shape[1], wanted.shape[0], float_buffer=True)
+    rgba = np.ones((*wanted.shape[:2], 4), np.float32)
+    rgba[..., :3] = wanted
+    image.pixels.foreach_set(rgba.reshape(-1))
+    key.location = (0.0, 0.0, 2.0)
+    bpy.context.view_layer.update()
+    far = np.abs(picture(shown) - wanted).mean()
+    settings = shown.relume_solve
+    settings.target, settings.keep_rest, settings.effort = image, 0.0, "NORMAL"
+    bpy.ops.relume.lock_all(move="position")
+    assert bpy.ops.relume.solve() == {"FINISHED"}
+    near = np.abs(apply(shown) - wanted).mean()
+    assert near < 0.2 * far, tuple(key.location)
+
+
+def test_a_new_light_is_made_where_it_is_needed(shown):
+    bpy.ops.relume.lock_all(move="strength")
+    shown.relume_solve.add_count = 1
+    before = picture(shown)
+    bpy.ops.relume.scribble(points="[[0.85, 0.5, 1.0]]", goal="brighter", amount=1.0, radius=0.3)
+    assert bpy.ops.relume.solve() == {"FINISHED"}
+    after = apply(shown)
+    made = [obj for obj in bpy.data.collections["Relume"].objects if obj.type == "LIGHT"]
+    assert len(made) == 1 and made[0].name == "Relume Light"
+    gain = np.log2(after.mean(axis=2) / before.mean(axis=2))
+    assert gain[:, 24:].mean() > 0.3 and gain[:, 24:].mean() > gain[:, :8].mean()
