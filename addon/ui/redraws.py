@@ -67,7 +67,7 @@ def forget() -> None:
 def _words(found: Shot) -> tuple[tuple, tuple]:
     state, progress = found.status, status.progress(found.status)
     urgent = (state["state"], state["paused"], state["error"], progress is None, len(found.notes))
-    urgent += tuple(found.changes.sentences)
+    urgent += ((state["shown"] or {}).get("scale"), *found.changes.sentences)
     return urgent, (status.headline(state), status.shown(state), progress)
 
 

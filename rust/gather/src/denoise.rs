@@ -49,14 +49,24 @@ pub enum DenoiseQuality {
     High,
 }
 
-/// Albedo and normals of a view, themselves denoised once, so that every picture of the view can trust them ("clean
-/// auxiliary images" of OIDN's manual; Cycles' *Accurate* prefilter).
+/// Albedo and normals of a view. Denoised once, every picture of the view can trust them ("clean auxiliary images" of
+/// OIDN's manual; Cycles' *Accurate* prefilter); noisy, they are ready at once.
 #[cfg_attr(not(oidn), expect(dead_code))]
 pub struct DenoiseFeatures {
     width: usize,
     height: usize,
     albedo: Vec<f32>,
     normal: Vec<f32>,
+    is_clean: bool,
+}
+
+impl DenoiseFeatures {
+    /// As they are, for pictures that must not wait.
+    pub fn noisy(aovs: &Aovs) -> Self {
+        let (width, height) = (aovs.albedo.width, aovs.albedo.height);
+        let albedo = aovs.albedo.data.iter().map(|value| value.clamp(0.0, 1.0)).collect();
+        Self { width, height, albedo, normal: aovs.normal.data.clone(), is_clean: false }
+    }
 }
 
 /// Where to denoise.
@@ -160,15 +170,14 @@ impl Denoiser {
     /// # Errors
     /// If the library fails.
     pub fn features(&self, aovs: &Aovs) -> Result<DenoiseFeatures, DenoiseError> {
-        let (width, height) = (aovs.albedo.width, aovs.albedo.height);
-        let mut albedo: Vec<_> = aovs.albedo.data.iter().map(|value| value.clamp(0.0, 1.0)).collect();
-        let mut normal = aovs.normal.data.clone();
-        for (name, values) in [(c"albedo", &mut albedo), (c"normal", &mut normal)] {
-            let mut filter = Filter::new(&self.device, width, height, name)?;
+        let mut features = DenoiseFeatures::noisy(aovs);
+        for (name, values) in [(c"albedo", &mut features.albedo), (c"normal", &mut features.normal)] {
+            let mut filter = Filter::new(&self.device, features.width, features.height, name)?;
             filter.commit(DenoiseQuality::High);
             filter.run(values)?;
         }
-        Ok(DenoiseFeatures { width, height, albedo, normal })
+        features.is_clean = true;
+        Ok(features)
     }
 
     /// Denoises images in place, all with the same features: RGB, scene-linear, any range. Values that are not finite or
@@ -187,7 +196,9 @@ impl Denoiser {
         filter.input(c"albedo", &features.albedo)?;
         filter.input(c"normal", &features.normal)?;
         filter.flag(c"hdr");
-        filter.flag(c"cleanAux");
+        if features.is_clean {
+            filter.flag(c"cleanAux");
+        }
         filter.commit(quality);
         for image in images {
             if (image.width, image.height, image.channels) != (width, height, 3) {

@@ -10,6 +10,8 @@ pub struct Denoise {
     aovs: Aovs,
     /// PCI address of the GPU to denoise on, if the library knows it.
     gpu: Option<String>,
+    /// Whether albedo and normals are denoised first.
+    cleans: bool,
     device: Mutex<Device>,
 }
 
@@ -24,7 +26,12 @@ impl Denoise {
     pub fn new(aovs: &Aovs, gpu: Option<&Gpu>) -> Self {
         let hardware = gpu.map(Gpu::summary).filter(|summary| !summary.software);
         let gpu = hardware.map(|summary| summary.pci_bus_id.clone());
-        Self { aovs: aovs.clone(), gpu, device: Mutex::new(Device::NotStarted) }
+        Self { aovs: aovs.clone(), gpu, cleans: true, device: Mutex::new(Device::NotStarted) }
+    }
+
+    /// The same with albedo and normals as they are: textures come out softer, the first picture at once.
+    pub fn quick(aovs: &Aovs, gpu: Option<&Gpu>) -> Self {
+        Self { cleans: false, ..Self::new(aovs, gpu) }
     }
 
     /// Why nothing can be denoised here, in words for the user; none if it can.
@@ -61,7 +68,10 @@ impl Denoise {
     fn start(&self) -> Result<(Denoiser, DenoiseFeatures), DenoiseError> {
         let start = |device: &DenoiseDevice| {
             let denoiser = Denoiser::new(device)?;
-            let features = denoiser.features(&self.aovs)?;
+            let features = match self.cleans {
+                true => denoiser.features(&self.aovs)?,
+                false => DenoiseFeatures::noisy(&self.aovs),
+            };
             Ok((denoiser, features))
         };
         let on_gpu = self.gpu.clone().and_then(|address| start(&DenoiseDevice::Gpu(address)).ok());

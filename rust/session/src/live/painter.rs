@@ -167,7 +167,7 @@ impl Painter {
     fn paint(&mut self, request: &LiveRequest) -> Result<(), SessionError> {
         let Some(mut view) = self.view.take() else { return Ok(()) };
         let (parts, mut warnings) = parts(request, &view);
-        // Starting a denoiser denoises its features, which takes longer at the full size than all of the first picture.
+        // Starting a denoiser of the full size denoises its features, which takes longer than all of the first picture.
         let scale = if self.first_frame && view.can_be_halved() { 2 } else { 1 };
         warnings.extend(view.denoise(scale).missing());
         self.shared.change(|state| state.light_warnings = warnings);

@@ -161,7 +161,7 @@ fn static_layers(aovs: &Aovs) -> [StaticLayer; 2] {
 
 fn denoisers(aovs: &Aovs, compute: &Compute) -> [Denoise; 2] {
     let gpu = compute.gpu.as_deref();
-    [Denoise::new(aovs, gpu), Denoise::new(&halved(aovs), gpu)]
+    [Denoise::new(aovs, gpu), Denoise::quick(&halved(aovs), gpu)]
 }
 
 fn halved(aovs: &Aovs) -> Aovs {
