@@ -12,7 +12,7 @@ use relume_dump::{
 use relume_scene::{Light, LightShape, LobeFactors};
 
 pub use crate::gpu::bench::measure as measure_gpu;
-use crate::{Gather, Half, Isa, Scratch};
+use crate::{Gather, Half, Isa, Scratch, SoftGather};
 
 /// One figure.
 #[derive(Clone, Debug)]
@@ -71,6 +71,7 @@ pub fn measure(megabytes: usize) -> Result<Vec<Measurement>, DumpError> {
     }
     measurements.push(all_threads(&gather));
     measurements.push(pixel_targets(&gather));
+    measurements.extend(smoothed(&gather));
     Ok(measurements)
 }
 
@@ -109,6 +110,31 @@ fn pixel_targets(gather: &Gather) -> Measurement {
         unit: "targets/s",
         limit: None,
     }
+}
+
+/// What solving lights asks for: cells of one light with all derivatives, from barely to widely smoothed.
+fn smoothed(gather: &Gather) -> Vec<Measurement> {
+    let soft = SoftGather::new(gather, TILE / 2);
+    let cells = soft.cells().0 * soft.cells().1;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
+    let mut measurements = Vec::new();
+    for (pool, (kind, shape)) in
+        pool.iter().flat_map(|pool| [(pool, ("sphere", sphere(0))), (pool, ("quad", quad(0)))])
+    {
+        for softness in [0.01, 0.1] {
+            let light = light(shape);
+            let seconds = best_seconds(cells, |cell| {
+                drop(black_box(pool.install(|| soft.linearise(&light, softness, &[cell as u32]))));
+            });
+            measurements.push(Measurement {
+                name: format!("derivatives of 1 {kind} light at softness {softness}, 1 thread"),
+                value: gather.dump().record_count() as f64 / seconds * 1e-9,
+                unit: "G segments/s",
+                limit: None,
+            });
+        }
+    }
+    measurements
 }
 
 /// Sum over the parts of the best time of each: short parts make it likely that nothing else ran on the core meanwhile. The

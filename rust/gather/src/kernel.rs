@@ -76,6 +76,8 @@ pub trait Visitor {
     fn lights(&self) -> usize;
     /// The region that crossings of a light touch.
     fn reach(&self, light: usize) -> &Reach;
+    /// Whether few segments come near any of the lights.
+    fn is_selective(&self) -> bool;
     /// Segments of the records from `first_record` on follow, for one light after the other.
     fn begin_block(&mut self, first_record: usize);
     /// The numbers, rising, of all segments of a block that may cross a light.
@@ -147,14 +149,17 @@ impl Default for Block {
 
 impl Block {
     /// Number of the record that a segment is of.
+    #[inline(always)]
     pub fn record(&self, index: usize) -> usize {
         self.records.number(index)
     }
 
     /// Origin and edge of a segment.
+    #[inline(always)]
     pub fn segment(&self, index: usize) -> ([f32; 3], [f32; 3]) {
-        let (group, lane) = (&self.groups[index / WIDTH], index % WIDTH);
-        (group.origin.map(|axis| axis[lane]), group.edge.map(|axis| axis[lane]))
+        let Group { origin: [x, y, z], edge: [u, v, w], .. } = &self.groups[index / WIDTH];
+        let lane = index % WIDTH;
+        ([x[lane], y[lane], z[lane]], [u[lane], v[lane], w[lane]])
     }
 }
 
@@ -232,7 +237,7 @@ fn first_tests<T>(
     test: impl Fn(&Shard, &Reach, f32) -> Option<T>,
 ) -> Option<Vec<T>> {
     let test = |reach: &Reach| test(shard, reach, ROUNDING * magnitude(shard, reach.center()));
-    if visitor.lights() > FEW {
+    if visitor.lights() > FEW || !visitor.is_selective() {
         return None;
     }
     (0..visitor.lights()).map(|light| test(visitor.reach(light))).collect()
@@ -408,8 +413,9 @@ fn cross<L: Lanes>(shard: &Shard, block: &mut Block, light: usize, visitor: &mut
     let mut hits = std::mem::take(&mut block.hits);
     collect(&block.candidates[..count], &mut hits);
     // Hits are rare and far apart: fetch what they need together, not one after the other.
+    let throughput = shard.throughput();
     for &index in hits.iter() {
-        L::prefetch(shard.throughput(), block.record(usize::from(index)));
+        L::prefetch(throughput, block.record(usize::from(index)));
     }
     visitor.candidates::<L>(shard, block, light, &hits);
     block.hits = hits;
@@ -490,6 +496,10 @@ impl<S: Sink> Visitor for Exact<'_, S> {
 
     fn reach(&self, light: usize) -> &Reach {
         &self.lights[light].reach
+    }
+
+    fn is_selective(&self) -> bool {
+        true
     }
 
     fn begin_block(&mut self, first_record: usize) {

@@ -42,7 +42,10 @@ use crate::lanes::{Lanes, Portable, WIDTH};
 use crate::light::Reach;
 use crate::{Gather, GatherError};
 
-/// Values and their derivatives, one per light lane.
+/// Share of the extent up to which a light's reach is so small that a first test on packed records saves time.
+const SELECTIVE: f32 = 0.06;
+
+/// The value and its derivatives by lanes.
 const OUTPUTS: usize = 1 + LANES;
 
 /// Smoothed unit values of cells with derivatives. Cells are the means of squares of pixels: single pixels of a dump are too noisy to be compared.
@@ -60,7 +63,7 @@ pub struct SoftGather<'a> {
 pub struct Linear {
     /// One per cell that was asked for.
     pub values: Vec<[f32; 3]>,
-    /// By [`LANES`], one per cell that was asked for.
+    /// By [`relume_scene::lane`], one per cell that was asked for.
     pub slopes: Vec<[[f32; 3]; LANES]>,
 }
 
@@ -114,7 +117,8 @@ impl<'a> SoftGather<'a> {
         let x = cell % columns * self.edge..manifest.width.min((cell % columns + 1) * self.edge);
         let y = cell / columns * self.edge..manifest.height.min((cell / columns + 1) * self.edge);
         let pixels = x.len() * y.len();
-        let mut sums = Sums::new(light);
+        let is_selective = matches!(light.reach, Reach::Ball(ball) if ball.radius < SELECTIVE * self.extent);
+        let mut sums = Sums::new(light, is_selective);
         for y in y {
             let mut start = x.start;
             while start < x.end {
@@ -172,12 +176,14 @@ fn visible_extent(gather: &Gather) -> f32 {
 /// Segments that wait for seven others, and what those before have added.
 struct Sums<'a> {
     light: &'a SoftLight,
+    is_selective: bool,
     /// What each contribution is weighted with.
     scale: f32,
     origin: [[f32; WIDTH]; 3],
     edge: [[f32; WIDTH]; 3],
-    /// Throughput times factors, RGB.
-    weight: [[f32; WIDTH]; 3],
+    /// As in the shards.
+    throughput: [u32; WIDTH],
+    factor: [f32; WIDTH],
     waiting: usize,
     outputs: [[[f32; WIDTH]; 3]; OUTPUTS],
 }
@@ -191,25 +197,29 @@ impl Visitor for Sums<'_> {
         &self.light.reach
     }
 
+    fn is_selective(&self) -> bool {
+        self.is_selective
+    }
+
     fn begin_block(&mut self, _first_record: usize) {}
 
     #[inline(always)]
     fn candidates<L: Lanes>(&mut self, shard: &Shard, block: &Block, _light: usize, numbers: &[u16]) {
         let only_escaped = matches!(self.light.profile, SoftProfile::Sun(_));
+        let (z_flags, throughput) = (shard.position_z_flags(), shard.throughput());
         for &index in numbers {
             let record = block.record(usize::from(index));
-            let flags = Flags((shard.position_z_flags()[record] >> 16) as u16);
+            let flags = Flags((z_flags[record] >> 16) as u16);
             let factor = self.light.exact.factor(flags) * self.scale;
             let (origin, edge) = block.segment(usize::from(index));
             if factor == 0.0 || (only_escaped && !flags.escaped()) || edge == [0.0; 3] {
                 continue;
             }
-            let weight = (decode_rgb9e5(shard.throughput()[record]) * factor).to_array();
             for axis in 0..3 {
                 self.origin[axis][self.waiting] = origin[axis];
                 self.edge[axis][self.waiting] = edge[axis];
-                self.weight[axis][self.waiting] = weight[axis];
             }
+            (self.throughput[self.waiting], self.factor[self.waiting]) = (throughput[record], factor);
             self.waiting += 1;
             if self.waiting == WIDTH {
                 self.flush::<L>();
@@ -219,15 +229,17 @@ impl Visitor for Sums<'_> {
 }
 
 impl<'a> Sums<'a> {
-    fn new(light: &'a SoftLight) -> Self {
+    fn new(light: &'a SoftLight, is_selective: bool) -> Self {
         let mut edge = [[0.0; WIDTH]; 3];
         edge[0] = [1.0; WIDTH];
         Self {
             light,
+            is_selective,
             scale: 0.0,
             origin: [[0.0; WIDTH]; 3],
             edge,
-            weight: [[0.0; WIDTH]; 3],
+            throughput: [0; WIDTH],
+            factor: [0.0; WIDTH],
             waiting: 0,
             outputs: [[[0.0; WIDTH]; 3]; OUTPUTS],
         }
@@ -259,19 +271,24 @@ impl<'a> Sums<'a> {
     /// Adds some of the outputs of eight segments.
     #[inline(always)]
     fn add<L: Lanes, const N: usize>(&mut self, values: [Wide<L>; N], outputs: [usize; N]) {
-        let weights = self.weight.each_ref().map(Wide::load);
-        for (value, output) in values.into_iter().zip(outputs) {
-            for (weight, sums) in weights.iter().zip(&mut self.outputs[output]) {
-                value.add_scaled_to(*weight, sums);
-            }
+        let mut weights = [[0.0; WIDTH]; 3];
+        for (lane, (&throughput, &factor)) in self.throughput.iter().zip(&self.factor).enumerate() {
+            let weight = decode_rgb9e5(throughput) * factor;
+            (weights[0][lane], weights[1][lane], weights[2][lane]) = (weight.x, weight.y, weight.z);
+        }
+        let [red, green, blue] = &weights;
+        let (red, green, blue) = (Wide::load(red), Wide::load(green), Wide::load(blue));
+        for i in 0..N {
+            let sums = &mut self.outputs[outputs[i]];
+            values[i].add_scaled_to(red, &mut sums[0]);
+            values[i].add_scaled_to(green, &mut sums[1]);
+            values[i].add_scaled_to(blue, &mut sums[2]);
         }
     }
 
     /// The sums over all segments.
     fn finish(mut self) -> [[f32; 3]; OUTPUTS] {
-        for weight in &mut self.weight {
-            weight[self.waiting..].fill(0.0);
-        }
+        self.factor[self.waiting..].fill(0.0);
         self.flush::<Portable>();
         self.outputs.map(|rgb| rgb.map(|lanes| lanes.iter().sum()))
     }

@@ -65,10 +65,11 @@ pub struct SoftCone {
     pub share: f32,
     /// Half of the edge as a share of the enlarged middle.
     pub edge: f32,
-    /// Derivatives by the half angle and the blend, of middle (relative to the enlarged one), share and edge.
-    pub by_lanes: [ConeSlope; 2],
+    pub by_angle: ConeSlope,
+    pub by_blend: ConeSlope,
 }
 
+/// Derivatives of a cone's middle (over the enlarged one), share and edge.
 #[derive(Clone, Copy, Debug)]
 pub struct ConeSlope {
     pub middle: f32,
@@ -193,7 +194,7 @@ impl SoftCone {
         };
         let by_angle = slope(rim_slope * (1.0 - 0.5 * blend), 0.0);
         let by_blend = slope(-0.5 * rim, 2.0 / (2.0 - blend).powi(2));
-        Self { axis, inverse_middle: 1.0 / enlarged, share, edge, by_lanes: [by_angle, by_blend] }
+        Self { axis, inverse_middle: 1.0 / enlarged, share, edge, by_angle, by_blend }
     }
 }
 

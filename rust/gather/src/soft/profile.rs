@@ -1,7 +1,9 @@
 //! Soft profiles and their derivatives, eight segments at a time. The derivation is in the documentation of
 //! [`crate::soft`].
+//!
+//! Without closures, which would not be compiled for the instructions of the function that they are in.
 
-use super::light::{Enlarged, SoftBall, SoftCone, SoftPlane, SoftSpread, SoftSun};
+use super::light::{ConeSlope, Enlarged, SoftBall, SoftCone, SoftPlane, SoftSpread, SoftSun};
 use super::wide::{Wide, Wide3};
 use crate::lanes::Lanes;
 use crate::light::Spread;
@@ -76,8 +78,10 @@ fn crossed<L: Lanes>(along: Wide<L>, half: Wide<L>, length: Wide<L>, width: f32,
     let middle = leaving.max(low);
     let by_leaving = (2.0 * half).select_less(length, Wide::from(1.0), Wide::from(-1.0));
     let middle_by_half = leaving.select_less(low, Wide::from(-two_sided), by_leaving);
-    let [(a, a1), (b, b1), (c, c1), (d, d1)] =
-        [low, middle, half, length + half].map(|at| ahead(along - at, width));
+    let (a, a1) = ahead(along - low, width);
+    let (b, b1) = ahead(along - middle, width);
+    let (c, c1) = ahead(along - half, width);
+    let (d, d1) = ahead(along - half - length, width);
     Chord {
         value: a - b + c - d,
         by_along: a1 - b1 + c1 - d1,
@@ -235,9 +239,8 @@ pub fn spot_slopes<L: Lanes>(
     let x = y * cone.inverse_middle;
     let disk = rim(x, cone.edge);
     let light = cone.share * disk.value;
-    let [by_angle, by_blend] = cone.by_lanes.map(|by| {
-        by.share * disk.value + cone.share * (by.edge * disk.by_edge - by.middle * (x * disk.by_x))
-    });
+    let by_angle = cone_slope(cone, &cone.by_angle, x, &disk);
+    let by_blend = cone_slope(cone, &cone.by_blend, x, &disk);
     let by_y = (cone.share * cone.inverse_middle) * disk.by_x;
     let (round, inside) = match soft_falloff {
         true => (facing_disk(ball, segments), None),
@@ -271,6 +274,12 @@ pub fn spot_slopes<L: Lanes>(
     [round.value * cone_value, x, y, z, rx, ry, rz, by_size, cone_share * by_angle, cone_share * by_blend]
 }
 
+/// Derivative of a cone's light by what gives its slopes.
+#[inline(always)]
+fn cone_slope<L: Lanes>(cone: &SoftCone, by: &ConeSlope, x: Wide<L>, disk: &Rim<L>) -> Wide<L> {
+    by.share * disk.value + cone.share * (by.edge * disk.by_edge - by.middle * (x * disk.by_x))
+}
+
 /// Smallest cosine that is divided by.
 const GRAZING: f32 = 1e-4;
 
@@ -278,7 +287,7 @@ const GRAZING: f32 = 1e-4;
 #[inline(always)]
 pub fn area_slopes<L: Lanes>(plane: &SoftPlane, segments: &Segments<L>) -> [Wide<L>; 9] {
     let normal = Wide3::from(plane.normal);
-    let [along_u, along_v] = plane.along.map(Wide3::from);
+    let (along_u, along_v) = (Wide3::from(plane.along[0]), Wide3::from(plane.along[1]));
     let to_center = Wide3::from(plane.center) - segments.origin;
     let cos = -segments.direction.dot(normal);
     let inverse_cos = cos.max(GRAZING.into()).recip();
@@ -302,13 +311,8 @@ pub fn area_slopes<L: Lanes>(plane: &SoftPlane, segments: &Segments<L>) -> [Wide
     let by_rotation = normal.cross(crossing) * by_height + normal * (by_u * v - by_v * u)
         - normal.cross(segments.direction) * by_cos;
     let value = lit * face.value;
-    let [by_width, by_height] = [0, 1].map(|axis| {
-        let half = &plane.half[axis];
-        match half.is_free {
-            true => value * (1.0 - half.share) - half.share * (lit * face.shrinking[axis]),
-            false => value,
-        }
-    });
+    let by_width = edge_slope(&plane.half[0], value, lit * face.shrinking[0]);
+    let by_length = edge_slope(&plane.half[1], value, lit * face.shrinking[1]);
     [
         value,
         by_center.x,
@@ -318,8 +322,17 @@ pub fn area_slopes<L: Lanes>(plane: &SoftPlane, segments: &Segments<L>) -> [Wide
         by_rotation.y,
         by_rotation.z,
         by_width,
-        by_height,
+        by_length,
     ]
+}
+
+/// As [`size_slope`] for an edge, whose length scales the value once.
+#[inline(always)]
+fn edge_slope<L: Lanes>(half: &Enlarged, value: Wide<L>, shrinking: Wide<L>) -> Wide<L> {
+    match half.is_free {
+        true => value * (1.0 - half.share) - half.share * shrinking,
+        false => value,
+    }
 }
 
 /// Radiance by the cosine to the normal, and its derivative: nothing from behind, fading in towards the front; the spread.
@@ -363,7 +376,7 @@ fn face<L: Lanes>(plane: &SoftPlane, u: Wide<L>, v: Wide<L>) -> Face<L> {
             value: disk.value,
             by_u: (2.0 * half_u.inverse) * u * disk.by_x,
             by_v: (2.0 * half_v.inverse) * v * disk.by_x,
-            shrinking: [u, v].map(|x| 2.0 * x * x * disk.by_x + by_edge),
+            shrinking: [2.0 * u * u * disk.by_x + by_edge, 2.0 * v * v * disk.by_x + by_edge],
         };
     }
     let (strip_u, strip_v) = (rim(u.abs(), half_u.edge), rim(v.abs(), half_v.edge));

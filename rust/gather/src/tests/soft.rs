@@ -1,6 +1,6 @@
 //! The smoothed gather tends to the exact one, and its derivatives are those of its values.
 
-use glam::{Quat, Vec3};
+use glam::Vec3;
 use relume_scene::{LANES, Light, LightShape};
 
 use super::kernels::{random_dump_of, random_lights};
@@ -9,48 +9,9 @@ use crate::{Gather, GatherError, Half, SoftGather};
 
 /// A light moved along one of its lanes.
 fn moved(light: &Light, lane: usize, by: f32) -> Light {
-    let mut axis = [0.0; 3];
-    axis[lane % 3] = by;
-    let axis = Vec3::from(axis);
-    let mut light = light.clone();
-    match lane {
-        0..3 => match &mut light.shape {
-            LightShape::Sphere { center, .. }
-            | LightShape::FacingDisk { center, .. }
-            | LightShape::Spot { center, .. }
-            | LightShape::Quad { center, .. }
-            | LightShape::Ellipse { center, .. } => *center += axis,
-            LightShape::Sun { .. } => {}
-        },
-        3..6 => {
-            let turn = Quat::from_scaled_axis(axis);
-            match &mut light.shape {
-                LightShape::Spot { axis, .. } => *axis = turn * *axis,
-                LightShape::Quad { edge_u, edge_v, .. } | LightShape::Ellipse { edge_u, edge_v, .. } => {
-                    (*edge_u, *edge_v) = (turn * *edge_u, turn * *edge_v);
-                }
-                LightShape::Sun { direction, .. } => *direction = turn * *direction,
-                LightShape::Sphere { .. } | LightShape::FacingDisk { .. } => {}
-            }
-        }
-        6 => match &mut light.shape {
-            LightShape::Sphere { radius, .. }
-            | LightShape::FacingDisk { radius, .. }
-            | LightShape::Spot { radius, .. } => *radius *= by.exp(),
-            LightShape::Quad { edge_u, .. } | LightShape::Ellipse { edge_u, .. } => *edge_u *= by.exp(),
-            LightShape::Sun { half_angle, .. } => *half_angle *= by.exp(),
-        },
-        7 => match &mut light.shape {
-            LightShape::Quad { edge_v, .. } | LightShape::Ellipse { edge_v, .. } => *edge_v *= by.exp(),
-            _ => {}
-        },
-        _ => match &mut light.shape {
-            LightShape::Spot { half_angle, .. } if lane == 8 => *half_angle += by,
-            LightShape::Spot { blend, .. } if lane == 9 => *blend += by,
-            _ => {}
-        },
-    }
-    light
+    let mut step = [0.0; LANES];
+    step[lane] = by;
+    Light { shape: light.shape.moved(&step), ..light.clone() }
 }
 
 /// Whether the slopes of a lane are central differences of the values, root mean square over all cells: to 1 % for their
@@ -108,6 +69,51 @@ fn the_value_tends_to_the_exact_gather() {
         });
         // At 1e-5, no segment happens to cross an edge within 0.1 mm.
         assert!(errors[3] < 1e-4 && errors[2] < 0.5 * errors[0], "{:?}: {errors:?}", light.shape);
+    }
+}
+
+#[test]
+fn all_is_finite_where_a_light_sits_on_the_vertices() {
+    let gather = Gather::new(random_dump_of(4, &[4]));
+    let soft = SoftGather::new(&gather, 4);
+    let shards: Vec<_> = gather.dump().shards().collect();
+    let vertices = (0..40).filter_map(|record| shards[0].segment(record)).map(|segment| segment.origin);
+    for (origin, light) in vertices.flat_map(|origin| random_lights().into_iter().map(move |l| (origin, l))) {
+        let mut step = [0.0; LANES];
+        let to_origin = origin - light.shape.center().unwrap_or_default();
+        step[..3].copy_from_slice(&to_origin.to_array());
+        let light = Light { shape: light.shape.moved(&step), ..light };
+        for softness in [1e-6, 1e-2, 1.0] {
+            let linear = soft.linearise(&light, softness, &[0]).unwrap();
+            let all = linear.values.as_flattened().iter().chain(linear.slopes.as_flattened().as_flattened());
+            assert!(all.into_iter().all(|number| number.is_finite()), "{:?} at {softness}", light.shape);
+        }
+    }
+}
+
+#[test]
+fn cells_are_means_of_pixels_whatever_the_threads_and_tiles() {
+    let gather = Gather::new(random_dump_of(7, &[1, 3]));
+    let lamp = light(LightShape::Quad { center: Vec3::X, edge_u: Vec3::X, edge_v: Vec3::Y, spread: 2.0 });
+    let pixels = SoftGather::new(&gather, 1).linearise(&lamp, 0.1, &(0..49).collect::<Vec<_>>()).unwrap();
+    // Cells of 3 pixels lie across the tiles of 4; those of the last column and row are 1 pixel wide and high.
+    let soft = SoftGather::new(&gather, 3);
+    let pool = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    let [cells, on_one] =
+        [3, 1].map(|threads| pool(threads).install(|| soft.linearise(&lamp, 0.1, &[8, 4, 1, 2]).unwrap()));
+    assert_eq!(cells, on_one);
+    let members = [vec![48], vec![24, 25, 26, 31, 32, 33, 38, 39, 40], vec![3, 4, 5, 10, 11, 12, 17, 18, 19]];
+    for (cell, members) in members.iter().enumerate() {
+        let mean =
+            |of: &dyn Fn(usize) -> f32| members.iter().map(|&p| of(p)).sum::<f32>() / members.len() as f32;
+        for channel in 0..3 {
+            let (found, expected) =
+                (cells.values[cell][channel], mean(&|pixel| pixels.values[pixel][channel]));
+            assert!((found - expected).abs() <= 1e-5 * expected.abs() && expected != 0.0);
+            let (found, expected) =
+                (cells.slopes[cell][2][channel], mean(&|pixel| pixels.slopes[pixel][2][channel]));
+            assert!((found - expected).abs() <= 1e-4 * expected.abs(), "{found} {expected}");
+        }
     }
 }
 
