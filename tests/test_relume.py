@@ -105,6 +105,7 @@ def test_lights_are_solved_from_an_array(bake):
     hidden = [{"name": "Hidden", "shape": shape, "radiance": [5, 4, 2]}]
     target = relighter.relight(json.dumps(hidden), maker="gather")["combined"]
     request = {"add": {"count": 1}, "goals": [{"goal": "target", "image": "hidden"}], "starts": 2, "steps": 100}
+    request["bounds"] = {"min": [-1.5, -1.5, 0.5], "max": [1.5, 1.5, 3], "size": [0.05, 1]}
     job = relume.solve([bake], request, {"hidden": target})
     previews = []
     while not job.done:

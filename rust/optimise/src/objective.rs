@@ -63,6 +63,25 @@ impl<'a> Objective<'a> {
         self.views.iter().zip(draw).map(units).collect()
     }
 
+    /// As [`Self::units`], with derivatives.
+    pub(crate) fn linear_units(
+        &self,
+        lights: &[Light],
+        draw: &Draw,
+    ) -> Result<Vec<Vec<Linear>>, OptimiseError> {
+        let units = |(view, draw): (&ViewObjective, &Vec<Vec<u32>>)| {
+            let units = view.linear_units(lights, self.softness, &view.cells_of(draw))?;
+            let lacks = |(unit, still): (&Linear, &Option<_>)| still.is_none() && unit.slopes.is_empty();
+            match units.iter().zip(&view.still).any(lacks) {
+                true => Err(OptimiseError::Settings(
+                    "a polish needs a bake, which gives derivatives with its pictures",
+                )),
+                false => Ok(units),
+            }
+        };
+        self.views.iter().zip(draw).map(units).collect()
+    }
+
     /// Pictures of one light for radiance 1, by view.
     pub(crate) fn units_of(
         &self,
@@ -77,8 +96,13 @@ impl<'a> Objective<'a> {
     }
 
     /// As [`Self::loss`] without what moves cost, from pictures that are there already.
-    pub(crate) fn loss_of_goals(&self, lights: &[Light], units: &[Vec<Unit>], draw: &Draw) -> f64 {
-        let of_view = |((view, units), draw): ((&ViewObjective, &Vec<Unit>), &Vec<Vec<u32>>)| {
+    pub(crate) fn loss_of_goals(
+        &self,
+        lights: &[Light],
+        units: &[Vec<impl AsRef<[[f32; 3]]>>],
+        draw: &Draw,
+    ) -> f64 {
+        let of_view = |((view, units), draw): ((&ViewObjective, &Vec<_>), &Vec<Vec<u32>>)| {
             view.compare(lights, units, draw).iter().map(Comparison::loss).sum::<f64>()
         };
         self.views.iter().zip(units).zip(draw).map(of_view).sum()
@@ -206,21 +230,6 @@ impl<'a> ViewObjective<'a> {
             Ok(Linear { values: self.unit(i, light, softness, cells)?, slopes: Vec::new() })
         };
         lights.par_iter().enumerate().map(unit).collect()
-    }
-
-    /// Derivatives of a light's picture by the lanes of its shape; none if its shape stays.
-    pub(crate) fn slopes(
-        &self,
-        number: usize,
-        light: &Light,
-        softness: f32,
-        cells: &[u32],
-    ) -> Result<Vec<[[f32; 3]; LANES]>, OptimiseError> {
-        if self.still[number].is_some() {
-            return Ok(Vec::new());
-        }
-        let linear = self.view.relight.linearise(light, softness, cells)?;
-        linear.map(|linear| linear.slopes).ok_or(OptimiseError::Settings("a polish needs a gather"))
     }
 
     /// Base and lights at the `k`th of the cells that the units are of.

@@ -1,6 +1,7 @@
 use crate::OptimiseError;
-use crate::objective::{Draw, Objective, ViewObjective};
+use crate::objective::{Draw, Objective};
 use crate::problem::Problem;
+use crate::relight::Linear;
 use crate::solve::mappings;
 use crate::term::Comparison;
 use crate::variable::{Mapping, PARAMS};
@@ -13,7 +14,7 @@ use std::ops::ControlFlow;
 pub struct Polish {
     /// Most steps.
     pub steps: usize,
-    /// Softness of the derivatives at the first step and the least; it is halved where they no longer lead on. Values are exact.
+    /// Softness of the first and the last stage. Pictures of a dump jump as a light moves; softened they do not.
     pub softness: [f32; 2],
 }
 
@@ -24,7 +25,7 @@ pub struct PolishStep<'a> {
     pub iteration: usize,
     /// Loss of all cells.
     pub loss: f64,
-    /// The best lights so far.
+    /// The best lights of this stage so far.
     pub lights: &'a [Light],
 }
 
@@ -40,14 +41,17 @@ pub struct Polished {
 }
 
 /// Cells of each goal that are looked at.
-const MOST_CELLS: usize = 16384;
-/// A further step that improves the loss by less than this share is the last at its softness.
+const MOST_CELLS: usize = 4096;
+/// Stages, each softer than the next.
+const STAGES: usize = 4;
+/// A further step that improves the loss by less than this share is the last of its stage; so is one that is damped more.
 const LEAST_GAIN: f64 = 1e-3;
+const MOST_DAMPING: f64 = 1e4;
 /// Longest step of an unconstrained value.
 const LONGEST: f64 = 0.7;
 
-/// Moves solved lights to where exact pictures serve the goals best, by Levenberg-Marquardt steps (Marquardt 1963). What a
-/// proxy or smoothing gets wrong is gone afterwards; the basin is still the one that it found.
+/// Moves solved lights to where exact pictures serve the goals best, by Levenberg-Marquardt steps (Marquardt 1963) through less
+/// and less softened ones. What a proxy or smoothing gets wrong is gone afterwards; the basin is still the one that it found.
 ///
 /// # Errors
 /// As [`crate::solve`]; also if the relighter of a view gives no derivatives with its values.
@@ -58,116 +62,118 @@ pub fn polish(
     on_step: &mut dyn FnMut(PolishStep) -> ControlFlow<()>,
 ) -> Result<Polished, OptimiseError> {
     problem.validate()?;
-    let objective = Objective::new(problem, 0.0)?;
-    let fit =
-        Fit { draw: objective.spread(MOST_CELLS), mappings: mappings(problem, lights, 0.0)?, objective };
-    let mut best = fit.state(lights)?;
-    let start_loss = best.loss;
-    let (mut softness, least) = (settings.softness[0], settings.softness[1]);
-    let mut system = fit.normal_equations(&best, softness)?;
-    let mut damping = 1e-3;
-    for iteration in 0..settings.steps {
-        let Some(delta) = system.solve(damping) else { break };
-        let next = fit.state(&fit.moved(&best.lights, &delta))?;
-        let gain = 1.0 - next.loss / best.loss;
-        let improves = gain > 0.0;
-        if improves {
-            best = next;
+    let exact = Objective::new(problem, 0.0)?;
+    let (draw, mappings) = (exact.spread(MOST_CELLS), mappings(problem, lights, 0.0)?);
+    let start_loss = exact.loss(&mappings, lights, &draw)?;
+    let mut best = (start_loss, lights.to_vec());
+    let (mut lights, mut iteration) = (lights.to_vec(), 0);
+    for stage in 0..STAGES {
+        let [from, to] = settings.softness;
+        let softness = from * (to / from).powf(stage as f32 / (STAGES - 1) as f32);
+        let fit = Fit { objective: Objective::new(problem, softness)?, mappings: &mappings, draw: &draw };
+        let most = settings.steps * (stage + 1) / STAGES;
+        let is_over = fit.descend(&mut lights, &mut iteration, most, on_step)?.is_break();
+        let loss = exact.loss(&mappings, &lights, &draw)?;
+        if loss < best.0 {
+            best = (loss, lights.clone());
         }
-        damping *= if improves { 0.1 } else { 8.0 };
-        if on_step(PolishStep { iteration, loss: best.loss, lights: &best.lights }).is_break() {
+        if is_over {
             break;
-        }
-        let is_done = (0.0..LEAST_GAIN).contains(&gain) || damping > 1e3;
-        if is_done && softness <= least {
-            break;
-        }
-        if is_done {
-            (softness, damping) = ((0.5 * softness).max(least), 1e-3);
-        }
-        if improves || is_done {
-            system = fit.normal_equations(&best, softness)?;
         }
     }
-    Ok(Polished { lights: best.lights, loss: best.loss, start_loss })
+    Ok(Polished { lights: best.1, loss: best.0, start_loss })
 }
 
-/// Lights, and their pictures by view and light.
+/// Lights, and their pictures with derivatives by view and light.
 struct State {
     lights: Vec<Light>,
-    units: Vec<Vec<Vec<[f32; 3]>>>,
+    units: Vec<Vec<Linear>>,
     loss: f64,
 }
 
+/// One stage.
 struct Fit<'a> {
     objective: Objective<'a>,
-    mappings: Vec<Mapping>,
-    draw: Draw,
+    mappings: &'a [Mapping],
+    draw: &'a Draw,
 }
 
 impl Fit<'_> {
+    /// Steps until nothing is gained any more; whether the caller wants to stop altogether.
+    fn descend(
+        &self,
+        lights: &mut Vec<Light>,
+        iteration: &mut usize,
+        most: usize,
+        on_step: &mut dyn FnMut(PolishStep) -> ControlFlow<()>,
+    ) -> Result<ControlFlow<()>, OptimiseError> {
+        let mut best = self.state(lights)?;
+        let mut system = self.normal_equations(&best);
+        let (mut damping, mut flow) = (1e-3, ControlFlow::Continue(()));
+        while *iteration < most && damping < MOST_DAMPING && flow.is_continue() {
+            let Some(delta) = system.solve(damping) else { break };
+            let next = self.state(&self.moved(&best.lights, &delta))?;
+            let gain = 1.0 - next.loss / best.loss;
+            damping *= if gain > 0.0 { 0.1 } else { 8.0 };
+            if gain > 0.0 {
+                best = next;
+                system = self.normal_equations(&best);
+            }
+            flow = on_step(PolishStep { iteration: *iteration, loss: best.loss, lights: &best.lights });
+            *iteration += 1;
+            if (0.0..LEAST_GAIN).contains(&gain) {
+                break;
+            }
+        }
+        *lights = best.lights;
+        Ok(flow)
+    }
+
     fn state(&self, lights: &[Light]) -> Result<State, OptimiseError> {
-        let units = self.objective.units(lights, &self.draw)?;
-        let loss = self.objective.loss_of_goals(lights, &units, &self.draw)
-            + self.objective.preference_loss(&self.mappings, lights);
-        Ok(State {
-            lights: lights.to_vec(),
-            units,
-            loss: if loss.is_finite() { loss } else { f64::INFINITY },
-        })
+        let units = self.objective.linear_units(lights, self.draw)?;
+        let loss = self.objective.loss_of_goals(lights, &units, self.draw)
+            + self.objective.preference_loss(self.mappings, lights);
+        let loss = if loss.is_finite() { loss } else { f64::INFINITY };
+        Ok(State { lights: lights.to_vec(), units, loss })
     }
 
     fn moved(&self, lights: &[Light], delta: &[f64]) -> Vec<Light> {
         let of_light = |((light, mapping), delta): ((&Light, &Mapping), &[f64; PARAMS])| {
             mapping.step(light, &delta.map(|d| d.clamp(-LONGEST, LONGEST) as f32))
         };
-        lights.iter().zip(&self.mappings).zip(delta.as_chunks::<PARAMS>().0).map(of_light).collect()
+        lights.iter().zip(self.mappings).zip(delta.as_chunks::<PARAMS>().0).map(of_light).collect()
     }
 
-    fn normal_equations(&self, state: &State, softness: f32) -> Result<NormalEquations, OptimiseError> {
+    fn normal_equations(&self, state: &State) -> NormalEquations {
         let mut system = NormalEquations::new(state.lights.len() * PARAMS);
-        for ((view, draw), units) in self.objective.views.iter().zip(&self.draw).zip(&state.units) {
+        for ((view, draw), units) in self.objective.views.iter().zip(self.draw).zip(&state.units) {
             let comparisons = view.compare(&state.lights, units, draw);
             let residuals: Vec<f32> = comparisons.iter().flat_map(Comparison::weighted_residuals).collect();
-            let columns = self.columns(view, &state.lights, units, &comparisons, draw, softness)?;
-            system.add(&columns, &residuals);
+            system.add(&self.columns(&state.lights, units, &comparisons), &residuals);
         }
         for (i, light) in state.lights.iter().enumerate() {
             for (value, row) in self.objective.preferences(i, &self.mappings[i], light) {
                 system.add_row(i * PARAMS, &row, value);
             }
         }
-        Ok(system)
+        system
     }
 
     /// Derivatives of the weighted residuals by each unconstrained value; empty where there are none.
-    fn columns(
-        &self,
-        view: &ViewObjective,
-        lights: &[Light],
-        units: &[Vec<[f32; 3]>],
-        comparisons: &[Comparison],
-        draw: &[Vec<u32>],
-        softness: f32,
-    ) -> Result<Vec<Vec<f32>>, OptimiseError> {
-        let cells = view.cells_of(draw);
+    fn columns(&self, lights: &[Light], units: &[Linear], comparisons: &[Comparison]) -> Vec<Vec<f32>> {
         let of_light = |(i, light): (usize, &Light)| {
-            let slopes = view.slopes(i, light, softness, &cells)?;
-            let weights = lane_weights(&self.mappings[i], light);
             let column = |weights: &Weights| match weights.is_zero() {
                 true => Vec::new(),
                 false => {
-                    let change = |k: usize| weights.change(light, &slopes, &units[i], k);
+                    let change = |k: usize| weights.change(light, &units[i], k);
                     let of =
                         |comparison: &Comparison| comparison.push_forward(comparison.places().map(change));
                     comparisons.iter().flat_map(of).collect()
                 }
             };
-            Ok(weights.iter().map(column).collect())
+            lane_weights(&self.mappings[i], light).iter().map(column).collect::<Vec<_>>()
         };
-        let columns: Vec<Vec<Vec<f32>>> =
-            lights.par_iter().enumerate().map(of_light).collect::<Result<_, OptimiseError>>()?;
-        Ok(columns.into_iter().flatten().collect())
+        lights.par_iter().enumerate().flat_map(of_light).collect()
     }
 }
 
@@ -201,9 +207,9 @@ impl Weights {
     }
 
     /// Change of the picture at the `k`th cell.
-    fn change(&self, light: &Light, slopes: &[[[f32; 3]; LANES]], unit: &[[f32; 3]], k: usize) -> [f32; 3] {
-        let mut change: [f32; 3] = std::array::from_fn(|c| self.radiance[c] * unit[k][c]);
-        for (weight, slope) in self.shape.iter().zip(slopes.get(k).into_iter().flatten()) {
+    fn change(&self, light: &Light, unit: &Linear, k: usize) -> [f32; 3] {
+        let mut change: [f32; 3] = std::array::from_fn(|c| self.radiance[c] * unit.values[k][c]);
+        for (weight, slope) in self.shape.iter().zip(unit.slopes.get(k).into_iter().flatten()) {
             (0..3).for_each(|c| change[c] += weight * light.radiance[c] * slope[c]);
         }
         change

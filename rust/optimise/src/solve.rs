@@ -17,7 +17,7 @@ pub struct Settings {
     pub iterations: usize,
     /// Adam's learning rate in unconstrained space; 0.05 in the paper.
     pub learning_rate: f32,
-    /// Share of a goal's cells that each step looks at (paper, table 3); at least 256 cells.
+    /// Share of a goal's cells that each step looks at (paper, table 3); at least some hundred cells.
     pub pixel_fraction: f32,
     /// Softness of the lights at the first and the last steps ([`crate::Relight::values`]).
     pub softness: [f32; 2],
@@ -75,9 +75,9 @@ pub struct Solution {
 }
 
 /// Least number of cells that a step looks at.
-const LEAST_CELLS: usize = 256;
+const LEAST_CELLS: usize = 192;
 /// Cells of each goal on which candidates are compared.
-const CHECK_CELLS: usize = 4096;
+const CHECK_CELLS: usize = 2048;
 /// Steps between comparisons. Losses of subsets are too noisy to tell the best step.
 const CHECK_EVERY: usize = 25;
 /// Parts of the way. Softness is constant within one; after each the worse half of the starts is given up.

@@ -117,10 +117,10 @@ def solve(
     gpu_memory: int | None = None,
     threads: int = 0,
 ) -> Job:
-    """Finds lights for what the picture should do, as seen from one or several bake folders of one scene. `request` is the
-    JSON of `relume_session::SolveRequest`; `images` are scene-linear arrays [height, width, 1 or 3], top row first, that it
-    refers to by name. The result is the JSON form of `relume_session::Solved`. Raises ValueError for a request that cannot
-    be read."""
+    """Finds lights for what the picture should do, as seen from one or several bake folders of one scene. `request`
+    is the JSON of `relume_session::SolveRequest`; `images` are scene-linear arrays [height, width, 1 or 3], top row
+    first, that it refers to by name. The result is the JSON form of `relume_session::Solved`. Raises ValueError for a
+    request that cannot be read."""
     text = request if isinstance(request, str) else json.dumps(request)
     paths = [Path(folder) for folder in folders]
     return Job(_native.solve(paths, text, images or {}, device=device, gpu_memory=gpu_memory, threads=threads))

@@ -151,12 +151,13 @@ impl Unknowns {
     }
 }
 
-/// Those of the request, or what the camera sees and a little beyond it, and sizes from a two-hundredth to a fifth of that.
+/// Those of the request, or what the camera sees and a little beyond it (more above and below what is flat), and sizes from a
+/// two-hundredth to a fifth of that.
 fn bounds(request: &SolveRequest, (low, high): (Vec3, Vec3)) -> Result<Bounds, SessionError> {
     let extent = low.distance(high).max(1e-3);
     let sizes = [extent / 200.0, extent / 5.0];
     let Some(wish) = request.wish.bounds else {
-        let beyond = 0.02 * extent;
+        let beyond = (0.3 * extent - 0.5 * (high - low)).max(Vec3::splat(0.02 * extent));
         return Ok(Bounds::new(low - beyond, high + beyond, sizes));
     };
     let (min, max) = (Vec3::from(wish.min), Vec3::from(wish.max));

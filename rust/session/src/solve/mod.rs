@@ -7,6 +7,7 @@ mod relights;
 mod request;
 mod solved;
 
+use relume_gather::Gather;
 use relume_image::Image;
 use relume_optimise::{
     Goal, Polish, Polished, Problem, RandomStarts, Relight, Settings, Step, View, idle_lights, polish,
@@ -25,15 +26,15 @@ use crate::{LightSet, SessionError};
 
 pub use goals::Pictures;
 use lights::Unknowns;
-use relights::{GatherRelight, GpuProxyRelight, ProxyRelight};
+use relights::{GatherRelight, GpuProxyRelight, ProxyRelight, few_paths};
 pub use request::{
     Add, BoundsWish, Freedom, GoalKind, GoalWish, NewKind, RegionWish, SolveRequest, Through, Wish,
 };
 pub use solved::{GoalReport, Solved};
 
 /// Softness of the smoothed gather at the first and the last step, and of the polish.
-const SOFTNESS: [f32; 2] = [0.15, 0.01];
-const POLISH_SOFTNESS: [f32; 2] = [0.02, 0.002];
+const SOFTNESS: [f32; 2] = [0.2, 0.04];
+const POLISH_SOFTNESS: [f32; 2] = [0.08, 0.002];
 
 /// Takes all lights as they are so far.
 pub type Preview<'a> = dyn Fn(&LightSet) + Sync + 'a;
@@ -176,8 +177,12 @@ struct Search<'a> {
 
 impl Search<'_> {
     fn run(&self) -> Result<Found, SessionError> {
-        let gathers: Vec<Option<GatherRelight>> =
-            self.scenes.iter().map(|scene| scene.relighter.gather().map(GatherRelight::new)).collect();
+        let few: Vec<Option<Gather>> =
+            self.scenes.iter().map(|scene| scene.relighter.gather().map(few_paths)).collect();
+        let gathers = self.scenes.iter().zip(&few).map(|(scene, few)| {
+            scene.relighter.gather().zip(few.as_ref()).map(|(gather, few)| GatherRelight::new(gather, few))
+        });
+        let gathers: Vec<Option<GatherRelight>> = gathers.collect();
         let by_gather: Option<Vec<&dyn Relight>> =
             gathers.iter().map(|gather| gather.as_ref().map(|gather| gather as &dyn Relight)).collect();
         let mut found = match (&by_gather, self.through) {

@@ -10,9 +10,11 @@ use relume_scene::{LANES, Light, lane};
 
 use crate::Proxies;
 
-/// Pixels along the edge of the cells whose means are compared: the noise of a gathered picture is an eighth there, and a
+/// Most pixels along the edge of the cells whose means are compared: the noise of a gathered picture is an eighth there, and a
 /// tonemapped mean is less biased by it than the mean of tonemapped pixels.
-pub(super) const CELL: usize = 8;
+const LARGEST_CELL: usize = 8;
+/// Cells that a small picture should at least have.
+const LEAST_CELLS: usize = 512;
 
 /// Proxies, each for its kind of light.
 #[derive(Clone, Copy)]
@@ -140,15 +142,38 @@ fn by_lane(params: &LightParams, gradient: &[f32]) -> [f32; LANES] {
     lanes
 }
 
-/// A dump.
+/// A dump. Much softened lights are crossed by so many paths that some of them are enough.
 pub(super) struct GatherRelight<'a> {
     gather: &'a Gather,
     soft: SoftGather<'a>,
+    few: SoftGather<'a>,
+    cell: usize,
+}
+
+/// Paths per pixel that are enough for lights of at least this softness.
+const FEW_SAMPLES: u32 = 24;
+const FEW_FROM: f32 = 0.015;
+
+/// The first passes of a dump, as many as [`FEW_SAMPLES`] need.
+pub(super) fn few_paths(gather: &Gather) -> Gather {
+    let dump = gather.dump();
+    let samples =
+        |passes: &usize| dump.manifest().passes.iter().take(*passes).map(|pass| pass.samples).sum::<u32>();
+    let passes = (1..=dump.complete_passes()).find(|passes| samples(passes) >= FEW_SAMPLES);
+    Gather::new(passes.map_or_else(|| dump.clone(), |passes| dump.passes(0..passes)))
 }
 
 impl<'a> GatherRelight<'a> {
-    pub fn new(gather: &'a Gather) -> Self {
-        Self { gather, soft: SoftGather::new(gather, CELL) }
+    /// `few` is by [`few_paths`].
+    pub fn new(gather: &'a Gather, few: &'a Gather) -> Self {
+        let manifest = gather.dump().manifest();
+        let pixels = manifest.width * manifest.height;
+        let cell = (pixels / LEAST_CELLS).isqrt().clamp(1, LARGEST_CELL);
+        Self { gather, soft: SoftGather::new(gather, cell), few: SoftGather::new(few, cell), cell }
+    }
+
+    fn soft(&self, softness: f32) -> &SoftGather<'a> {
+        if softness >= FEW_FROM { &self.few } else { &self.soft }
     }
 
     /// Means of gathered pixels.
@@ -156,8 +181,9 @@ impl<'a> GatherRelight<'a> {
         let lights = [self.gather.prepare(light)?];
         let ((width, height), columns) = (self.size(), self.soft.cells().0);
         let mean = |scratch: &mut Scratch, cell: &u32| {
-            let (left, top) = (*cell as usize % columns * CELL, *cell as usize / columns * CELL);
-            let (right, bottom) = (width.min(left + CELL), height.min(top + CELL));
+            let (column, row) = (*cell as usize % columns, *cell as usize / columns);
+            let (left, top) = (column * self.cell, row * self.cell);
+            let (right, bottom) = (width.min(left + self.cell), height.min(top + self.cell));
             let (mut sum, mut value) = ([0.0; 3], [[0.0; 3]]);
             for (x, y) in (top..bottom).flat_map(|y| (left..right).map(move |x| (x, y))) {
                 self.gather.pixel_into(x, y, &lights, Half::All, scratch, &mut value);
@@ -176,12 +202,12 @@ impl Relight for GatherRelight<'_> {
     }
 
     fn cell(&self) -> usize {
-        CELL
+        self.cell
     }
 
     fn values(&self, light: &Light, softness: f32, cells: &[u32]) -> Result<Vec<[f32; 3]>, RelightError> {
         if softness > 0.0 {
-            return Ok(self.soft.linearise(light, softness, cells)?.values);
+            return Ok(self.soft(softness).linearise(light, softness, cells)?.values);
         }
         Ok(self.exact(light, cells)?)
     }
@@ -193,7 +219,7 @@ impl Relight for GatherRelight<'_> {
         cells: &[u32],
         d_values: &[[f32; 3]],
     ) -> Result<[f32; LANES], RelightError> {
-        let slopes = self.soft.linearise(light, softness, cells)?.slopes;
+        let slopes = self.soft(softness).linearise(light, softness, cells)?.slopes;
         let mut sums = [0.0; LANES];
         for (d, slopes) in d_values.iter().zip(&slopes) {
             for (sum, slope) in sums.iter_mut().zip(slopes) {
@@ -204,7 +230,7 @@ impl Relight for GatherRelight<'_> {
     }
 
     fn linearise(&self, light: &Light, softness: f32, cells: &[u32]) -> Result<Option<Linear>, RelightError> {
-        let linear = self.soft.linearise(light, softness, cells)?;
+        let linear = self.soft(softness).linearise(light, softness, cells)?;
         Ok(Some(Linear { values: linear.values, slopes: linear.slopes }))
     }
 }

@@ -1,0 +1,201 @@
+//! Solving lights on a small bake, through the smoothed gather and as a user asks for it.
+
+use glam::Vec3;
+use relume_session::image::{Image, metrics};
+use relume_session::scene::{Light, LightShape, LobeFactors, UpAxis};
+use relume_session::trace::TraceSettings;
+use relume_session::{
+    Cancel, LightSet, Listener, Monitor, ObjView, Pictures, Progress, RelightOptions, Relighter,
+    SessionError, SolveRequest, Solved, Stage, With, bake, obj_scene, solve_lights,
+};
+use serde_json::{Value, json};
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+
+const ROOM: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/room.obj");
+const GATHER: RelightOptions = RelightOptions { with: With::Gather, denoise: true };
+
+/// A bake of the room, seen from a little to the left (-1) or right (1).
+fn baked(folder: &Path, side: f32) {
+    let view = ObjView {
+        up: UpAxis::Z,
+        eye: Some(Vec3::new(0.05 * side, -4.2, 1.0)),
+        target: Some(Vec3::Z),
+        width: 96,
+        height: 72,
+        ..ObjView::default()
+    };
+    let scene = obj_scene(Path::new(ROOM), &view).unwrap();
+    let settings = TraceSettings { samples: 96, ..TraceSettings::default() };
+    bake(&scene, &settings, folder, false, &Monitor::default()).unwrap();
+}
+
+fn light(name: &str, shape: LightShape, radiance: [f32; 3]) -> Light {
+    Light { name: name.into(), shape, radiance, lobes: LobeFactors::default(), receivers: None }
+}
+
+fn picture(relighter: &Relighter, lights: &[Light]) -> Image {
+    relighter.relight(lights, &GATHER, &Monitor::default()).unwrap().combined()
+}
+
+fn solve(
+    relighters: &[&Relighter],
+    request: &Value,
+    images: &[(&str, &Image)],
+) -> Result<Solved, SessionError> {
+    let request = SolveRequest::parse(&request.to_string()).map_err(SessionError::Settings)?;
+    let named: HashMap<_, _> =
+        images.iter().map(|(name, image)| (name.to_string(), (*image).clone())).collect();
+    solve_lights(relighters, &request, &Pictures::named(named), &Monitor::default(), &|_| ())
+}
+
+fn key() -> Light {
+    light("Key", LightShape::Sphere { center: Vec3::new(0.3, -0.1, 1.3), radius: 0.2 }, [12.0, 9.0, 6.0])
+}
+
+/// Bounds in which the room's lights are.
+fn inside() -> Value {
+    json!({"min": [-0.9, -0.9, 0.2], "max": [0.9, 0.9, 1.9], "size": [0.05, 0.6]})
+}
+
+fn target_request(extra: Value) -> Value {
+    let mut request = json!({
+        "goals": [{"goal": "target", "image": "target"}], "bounds": inside(), "starts": 3, "steps": 64
+    });
+    request.as_object_mut().unwrap().extend(extra.as_object().unwrap().clone());
+    request
+}
+
+#[test]
+fn a_hidden_light_is_found_through_the_dump_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    baked(folder.path(), 0.0);
+    let relighter = Relighter::open(folder.path()).unwrap();
+    let target = picture(&relighter, &[key()]);
+    let solved =
+        solve(&[&relighter], &target_request(json!({"add": {"count": 1}})), &[("target", &target)]).unwrap();
+    let found = &solved.lights.lights[0];
+    let miss = found.shape.center().unwrap().distance(key().shape.center().unwrap());
+    assert!(miss < 0.1 && solved.through == "gather", "{miss} m: {solved:?}");
+    // Noise of single pixels is that of both gathers.
+    let [found, target] =
+        [&picture(&relighter, &solved.lights.lights), &target].map(|image| image.resized(12, 9));
+    let psnr = metrics::psnr_reinhard(&found, &target);
+    assert!(psnr > 35.0, "{psnr} dB");
+    assert!(solved.report[0].report.met && solved.report[0].text.contains("reached"), "{:?}", solved.report);
+}
+
+#[test]
+fn two_views_share_their_lights_and_unneeded_ones_are_dropped() {
+    let folders = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+    baked(folders[0].path(), -1.0);
+    baked(folders[1].path(), 1.0);
+    let relighters = folders.each_ref().map(|folder| Relighter::open(folder.path()).unwrap());
+    let targets = relighters.each_ref().map(|relighter| picture(relighter, &[key()]));
+    let goal = |view: usize| json!({"goal": "target", "image": format!("target {view}"), "view": view});
+    let request = json!({
+        "goals": [goal(0), goal(1)], "bounds": inside(), "add": {"count": 2}, "starts": 3, "steps": 64
+    });
+    let images = [("target 0", &targets[0]), ("target 1", &targets[1])];
+    let solved = solve(&[&relighters[0], &relighters[1]], &request, &images).unwrap();
+    assert_eq!(solved.report.len(), 2);
+    assert!(solved.report.iter().all(|report| report.report.met), "{:?}", solved.report);
+    assert_eq!(solved.added.len(), solved.lights.lights.len());
+    assert_eq!(solved.blender.len(), solved.added.len());
+}
+
+#[test]
+fn strokes_change_what_they_ask_for_and_keep_the_rest() {
+    let folder = tempfile::tempdir().unwrap();
+    baked(folder.path(), 0.0);
+    let relighter = Relighter::open(folder.path()).unwrap();
+    let fill =
+        Light { shape: LightShape::Sphere { center: Vec3::new(-0.6, 0.3, 0.7), radius: 0.2 }, ..key() };
+    let lights = [key(), Light { name: "Fill".into(), ..fill }];
+    let request = json!({
+        "lights": lights, "free": {"Key": ["strength"], "Fill": ["color"]}, "steps": 64,
+        "goals": [
+            {"goal": "brighter", "stops": 0.5, "where": {"rectangle": [0.5, 0.0, 1.0, 1.0]}},
+            {"goal": "cooler", "mireds": 30, "where": {"rectangle": [0.0, 0.4, 0.4, 1.0]}},
+        ],
+    });
+    let solved = solve(&[&relighter], &request, &[]).unwrap();
+    assert!(solved.report.iter().all(|report| report.report.met), "{:?}", solved.report);
+    assert_eq!(solved.changed, ["Key", "Fill"]);
+    let [a, b] = [&solved.lights.lights[0], &solved.lights.lights[1]];
+    assert_eq!((a.shape, b.shape), (lights[0].shape, lights[1].shape));
+    let tint = a.radiance[0] / a.radiance[2] / (lights[0].radiance[0] / lights[0].radiance[2]);
+    assert!((tint - 1.0).abs() < 1e-3 && a.radiance[0] > 1.2 * lights[0].radiance[0], "{a:?}");
+    let (was, is) = (lights[1].radiance, b.radiance);
+    let luminance = |c: [f32; 3]| 0.2126 * c[0] + 0.7152 * c[1] + 0.0722 * c[2];
+    assert!(
+        (luminance(is) / luminance(was) - 1.0).abs() < 1e-3 && is[2] / is[0] > 1.1 * was[2] / was[0],
+        "{b:?}"
+    );
+}
+
+#[test]
+fn contradictions_are_named_and_an_unreachable_target_says_where_and_how_much() {
+    let folder = tempfile::tempdir().unwrap();
+    baked(folder.path(), 0.0);
+    let relighter = Relighter::open(folder.path()).unwrap();
+    let left = json!({"rectangle": [0, 0, 0.5, 1]});
+    let request = json!({
+        "lights": [key()], "free": {"Key": ["strength"]}, "steps": 40,
+        "goals": [{"goal": "brighter", "where": left}, {"goal": "darker", "where": left}],
+    });
+    let solved = solve(&[&relighter], &request, &[]).unwrap();
+    assert!(solved.warnings.iter().any(|line| line.contains("Goals 1 and 2")), "{:?}", solved.warnings);
+    let mut target = picture(&relighter, &[key()]);
+    let width = target.width;
+    for (i, pixel) in target.data.chunks_exact_mut(3).enumerate() {
+        let factor = if i % width > width * 3 / 4 { 30.0 } else { 1.0 };
+        pixel.iter_mut().for_each(|value| *value = factor * (*value + 0.01));
+    }
+    let request = target_request(json!({"lights": [key()], "free": {"Key": ["strength", "color"]}}));
+    let solved = solve(&[&relighter], &request, &[("target", &target)]).unwrap();
+    let report = &solved.report[0];
+    assert!(!report.report.met && report.text.contains("too dark"), "{report:?}");
+    assert!(report.report.worst.unwrap().x > 0.7, "{report:?}");
+}
+
+/// Stops a solver at its n-th report.
+struct StopAt(Mutex<usize>, Cancel);
+
+impl Listener for StopAt {
+    fn progress(&self, progress: &Progress) {
+        let mut left = self.0.lock().unwrap();
+        if matches!(progress.stage, Stage::Optimise | Stage::Polish) && progress.done > 0 {
+            *left = left.saturating_sub(1);
+            if *left == 0 {
+                self.1.request();
+            }
+        }
+    }
+    fn warning(&self, _: &str) {}
+}
+
+#[test]
+fn cancelling_works_at_any_step_and_previews_hold_all_lights() {
+    let folder = tempfile::tempdir().unwrap();
+    baked(folder.path(), 0.0);
+    let relighter = Relighter::open(folder.path()).unwrap();
+    let target = picture(&relighter, &[key()]);
+    let request =
+        target_request(json!({"lights": [key()], "free": {"Key": ["strength"]}, "add": {"count": 1}}));
+    let request = SolveRequest::parse(&request.to_string()).unwrap();
+    let pictures = Pictures::named(HashMap::from([("target".to_string(), target)]));
+    for step in [1, 30, 65] {
+        let cancel = Cancel::default();
+        let monitor = Monitor::new(Arc::new(StopAt(Mutex::new(step), cancel.clone())), cancel);
+        let seen = Mutex::new(0);
+        let preview = |set: &LightSet| {
+            assert!(set.lights.len() == 2 && set.lights[0].name == "Key");
+            *seen.lock().unwrap() += 1;
+        };
+        let result = solve_lights(&[&relighter], &request, &pictures, &monitor, &preview);
+        assert!(matches!(result, Err(SessionError::Cancelled)), "{step}: {result:?}");
+        assert!(*seen.lock().unwrap() > 0);
+    }
+}
