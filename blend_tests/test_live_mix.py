@@ -3,18 +3,12 @@
 import bpy
 import numpy as np
 import pytest
-from test_live_shot import settled, studio, until  # noqa: F401 -- `studio` is a fixture
 
 from addon.core.rows import GROUP, LIGHT, STATIC, WORLD
 from addon.ui import compare, handlers, looks, mixer, rows
 from addon.ui.start import start
 from addon.viewport import compare as pairs
-from helpers import add_light, add_world
-
-
-def row(scene, name, kind=LIGHT):
-    """The row of a name."""
-    return next(row for row in rows.present_rows(scene) if (row.kind, row.name) == (kind, name))
+from helpers import add_light, add_world, row, settled, until
 
 
 def picture(scene, what):
