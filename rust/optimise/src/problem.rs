@@ -28,7 +28,7 @@ pub struct Problem<'a> {
 }
 
 /// Cells from which the brightness of a light is judged.
-const JUDGED: usize = 1024;
+const JUDGED: usize = 192;
 
 impl Problem<'_> {
     /// Checks sizes, values and bounds.

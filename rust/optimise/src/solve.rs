@@ -75,9 +75,9 @@ pub struct Solution {
 }
 
 /// Least number of cells that a step looks at.
-const LEAST_CELLS: usize = 192;
+const LEAST_CELLS: usize = 128;
 /// Cells of each goal on which candidates are compared.
-const CHECK_CELLS: usize = 2048;
+const CHECK_CELLS: usize = 1024;
 /// Steps between comparisons. Losses of subsets are too noisy to tell the best step.
 const CHECK_EVERY: usize = 25;
 /// Parts of the way. Softness is constant within one; after each the worse half of the starts is given up.

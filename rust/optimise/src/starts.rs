@@ -22,7 +22,7 @@ pub struct RandomStarts {
 }
 
 /// Cells of each goal by which places are compared.
-const COMPARED: usize = 512;
+const COMPARED: usize = 256;
 /// Strengths tried in each place, in units of an equal share of what the picture lacks.
 const STRENGTHS: [f32; 3] = [0.3, 1.0, 3.0];
 

@@ -7,7 +7,6 @@ mod relights;
 mod request;
 mod solved;
 
-use relume_gather::Gather;
 use relume_image::Image;
 use relume_optimise::{
     Goal, Polish, Polished, Problem, RandomStarts, Relight, Settings, Step, View, idle_lights, polish,
@@ -26,7 +25,7 @@ use crate::{LightSet, SessionError};
 
 pub use goals::Pictures;
 use lights::Unknowns;
-use relights::{GatherRelight, GpuProxyRelight, ProxyRelight, few_paths};
+use relights::{FewPaths, GatherRelight, GpuProxyRelight, ProxyRelight};
 pub use request::{
     Add, BoundsWish, Freedom, GoalKind, GoalWish, NewKind, RegionWish, SolveRequest, Through, Wish,
 };
@@ -177,8 +176,8 @@ struct Search<'a> {
 
 impl Search<'_> {
     fn run(&self) -> Result<Found, SessionError> {
-        let few: Vec<Option<Gather>> =
-            self.scenes.iter().map(|scene| scene.relighter.gather().map(few_paths)).collect();
+        let few: Vec<Option<FewPaths>> =
+            self.scenes.iter().map(|scene| scene.relighter.gather().map(FewPaths::new)).collect();
         let gathers = self.scenes.iter().zip(&few).map(|(scene, few)| {
             scene.relighter.gather().zip(few.as_ref()).map(|(gather, few)| GatherRelight::new(gather, few))
         });

@@ -142,38 +142,46 @@ fn by_lane(params: &LightParams, gradient: &[f32]) -> [f32; LANES] {
     lanes
 }
 
-/// A dump. Much softened lights are crossed by so many paths that some of them are enough.
-pub(super) struct GatherRelight<'a> {
-    gather: &'a Gather,
-    soft: SoftGather<'a>,
-    few: SoftGather<'a>,
-    cell: usize,
+/// The first passes of a dump: much softened lights are crossed by so many paths that few of them are enough.
+pub(super) struct FewPaths([(f32, Gather); 2]);
+
+/// From this softness on so many paths per pixel are enough.
+const ENOUGH: [(f32, u32); 2] = [(0.05, 6), (0.015, 24)];
+
+impl FewPaths {
+    pub fn new(gather: &Gather) -> Self {
+        Self(ENOUGH.map(|(softness, samples)| (softness, first_passes(gather, samples))))
+    }
 }
 
-/// Paths per pixel that are enough for lights of at least this softness.
-const FEW_SAMPLES: u32 = 24;
-const FEW_FROM: f32 = 0.015;
-
-/// The first passes of a dump, as many as [`FEW_SAMPLES`] need.
-pub(super) fn few_paths(gather: &Gather) -> Gather {
+/// As many passes as so many samples need.
+fn first_passes(gather: &Gather, samples: u32) -> Gather {
     let dump = gather.dump();
-    let samples =
+    let of =
         |passes: &usize| dump.manifest().passes.iter().take(*passes).map(|pass| pass.samples).sum::<u32>();
-    let passes = (1..=dump.complete_passes()).find(|passes| samples(passes) >= FEW_SAMPLES);
+    let passes = (1..=dump.complete_passes()).find(|passes| of(passes) >= samples);
     Gather::new(passes.map_or_else(|| dump.clone(), |passes| dump.passes(0..passes)))
 }
 
+/// A dump.
+pub(super) struct GatherRelight<'a> {
+    gather: &'a Gather,
+    soft: SoftGather<'a>,
+    few: Vec<(f32, SoftGather<'a>)>,
+    cell: usize,
+}
+
 impl<'a> GatherRelight<'a> {
-    /// `few` is by [`few_paths`].
-    pub fn new(gather: &'a Gather, few: &'a Gather) -> Self {
+    pub fn new(gather: &'a Gather, few: &'a FewPaths) -> Self {
         let manifest = gather.dump().manifest();
         let pixels = manifest.width * manifest.height;
         let cell = (pixels / LEAST_CELLS).isqrt().clamp(1, LARGEST_CELL);
-        Self { gather, soft: SoftGather::new(gather, cell), few: SoftGather::new(few, cell), cell }
+        let few = few.0.iter().map(|(softness, few)| (*softness, SoftGather::new(few, cell))).collect();
+        Self { gather, soft: SoftGather::new(gather, cell), few, cell }
     }
 
     fn soft(&self, softness: f32) -> &SoftGather<'a> {
-        if softness >= FEW_FROM { &self.few } else { &self.soft }
+        self.few.iter().find(|(from, _)| softness >= *from).map_or(&self.soft, |(_, few)| few)
     }
 
     /// Means of gathered pixels.
