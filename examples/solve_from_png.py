@@ -15,6 +15,7 @@ import sys
 from pathlib import Path
 
 import bpy
+import numpy as np
 import relume
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -28,10 +29,10 @@ from addon.export.target import read_target  # noqa: E402
 
 
 def bake(blend, folder):
-    """Bakes the shot where that has not been done; goes on with one that was stopped."""
-    command = [sys.executable, ROOT / "relume_bake.py", blend, "--", "bake", "--out", folder]
-    command += ["--resume"] if (folder / "manifest.json").exists() else []
-    subprocess.run([str(word) for word in command], check=True)
+    """Bakes the shot where there is no bake yet."""
+    if not (folder / "manifest.json").exists():
+        command = [sys.executable, ROOT / "relume_bake.py", blend, "--", "bake", "--out", folder]
+        subprocess.run([str(word) for word in command], check=True)
 
 
 def request(scene, args):
@@ -40,11 +41,18 @@ def request(scene, args):
     lights.read(bpy.context.evaluated_depsgraph_get())
     shown = {"lights": lights.descriptions, "gains": {}, "world": [1, 1, 1], "static": [1, 1, 1]}
     names = args.lights or [light["name"] for light in lights.descriptions]
-    goal = {"goal": "target", "image": "target", "exposure_invariant": args.mood}
+    goal = {"goal": "target", "image": "target", "exposure_invariant": args.mood, "where": {"mask": "unclipped"}}
     wish = solve.Wish(
         free={name: args.free for name in names}, goals=[goal], keep_rest=0.0, add_count=args.add, starts=args.starts
     )
     return json.dumps(solve.request(shown, wish))
+
+
+def unclipped(image, target):
+    """Weights [height, width, 1] of a target's pixels: 0 where a picture of few bits shows its white, which only says
+    that it is at least as bright."""
+    clipped = target.max(axis=2, keepdims=True) >= 0.99 * target.max()
+    return np.where(clipped & (not image.is_float), 0.0, 1.0).astype(np.float32)
 
 
 def write(scene, answer):
@@ -80,7 +88,8 @@ def main():
     image = bpy.data.images.load(str(args.picture.resolve()))
     target, how, _ = read_target(scene, image, "AUTO", (manifest["width"], manifest["height"]))
     print(how)
-    job = relume.solve([str(args.bake)], request(scene, args), {"target": target})
+    images = {"target": target, "unclipped": unclipped(image, target)}
+    job = relume.solve([str(args.bake)], request(scene, args), images)
     answer = job.wait(on_warning=print)
     for row in answer["report"]:
         print(row["text"])

@@ -45,9 +45,9 @@ class Shot:
         return job.result()
 
     def _preview(self, job, start, on_preview):
-        text = on_preview and job.preview()
-        if text:
-            on_preview(time.perf_counter() - start, json.loads(text))
+        lights = on_preview and job.preview()
+        if lights:
+            on_preview(time.perf_counter() - start, lights)
 
     def _bake(self):
         print(f"  bake of {self.name}", flush=True)
