@@ -406,6 +406,7 @@ fn cross<L: Lanes>(shard: &Shard, block: &mut Block, light: usize, visitor: &mut
     match visitor.reach(light) {
         Reach::Ball(ball) => near_ball::<L>(groups, ball, ROUNDING * magnitude(shard, ball.center)),
         Reach::Plane(plane) => through_plane::<L>(groups, plane),
+        Reach::Slab { plane, ends } => through_slab::<L>(groups, plane, *ends),
         Reach::Cone { direction, chord2 } => along::<L>(groups, *direction, *chord2),
     }
     // The lanes beyond the last record.
@@ -467,6 +468,27 @@ fn through_plane<L: Lanes>(groups: Tested<'_>, plane: &Plane) {
         let in_plane = edge.scale(height.div(slope)).sub(to_center);
         let (u, v) = (in_plane.dot(inverse_u), in_plane.dot(inverse_v));
         *candidates = passed.and(u.abs().le(half)).and(v.abs().le(half)).sign_bits();
+    }
+}
+
+/// The segments that come from the front of a rectangle and cross it before or after they end, by up to `ends` metres.
+#[inline(always)]
+fn through_slab<L: Lanes>(groups: Tested<'_>, plane: &Plane, ends: f32) {
+    let (center, normal) = (Vec3x::<L>::splat(plane.center), Vec3x::splat(plane.normal));
+    let (inverse_u, inverse_v) = (Vec3x::splat(plane.inverse_u), Vec3x::splat(plane.inverse_v));
+    let (half, ends) = (L::splat(0.5), L::splat(ends));
+    for (group, candidates) in groups {
+        let edge = Vec3x::<L>::load(&group.edge);
+        let to_center = center.sub(Vec3x::load(&group.origin));
+        let slope = edge.dot_fused(normal);
+        let share = to_center.dot_fused(normal).div(slope);
+        let beyond = ends.mul(L::load(&group.inverse_length2).sqrt());
+        // How far the crossing is from the middle, in lengths.
+        let along = share.sub(half).abs().le(half.add(beyond));
+        let in_plane = edge.scale(share).sub(to_center);
+        let (u, v) = (in_plane.dot_fused(inverse_u), in_plane.dot_fused(inverse_v));
+        let inside = u.abs().le(half).and(v.abs().le(half));
+        *candidates = slope.lt(L::splat(0.0)).and(along).and(inside).sign_bits();
     }
 }
 

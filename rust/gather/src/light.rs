@@ -43,6 +43,11 @@ pub(crate) enum Profile {
 pub(crate) enum Reach {
     Ball(Ball),
     Plane(Plane),
+    /// As a plane, but segments count as this many metres longer at both ends.
+    Slab {
+        plane: Plane,
+        ends: f32,
+    },
     /// Escaped segments within a chord (squared) of a direction.
     Cone {
         direction: Vec3,
@@ -56,8 +61,23 @@ impl Reach {
     pub fn center(&self) -> Vec3 {
         match self {
             Self::Ball(ball) => ball.center,
-            Self::Plane(plane) => plane.center,
+            Self::Plane(plane) | Self::Slab { plane, .. } => plane.center,
             Self::Cone { .. } => Vec3::ZERO,
+        }
+    }
+
+    /// A ball that all crossing segments touch; none if the region is everywhere.
+    pub fn ball(&self) -> Option<Ball> {
+        let around = |plane: &Plane, ends: f32| {
+            let half_edge = |inverse: Vec3| 0.5 / inverse.length();
+            let half_diagonal = half_edge(plane.inverse_u).hypot(half_edge(plane.inverse_v));
+            Ball { center: plane.center, radius: half_diagonal + ends }
+        };
+        match self {
+            Self::Ball(ball) => Some(*ball),
+            Self::Plane(plane) => Some(around(plane, 0.0)),
+            Self::Slab { plane, ends } => Some(around(plane, *ends)),
+            Self::Cone { .. } => None,
         }
     }
 }

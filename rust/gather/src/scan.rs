@@ -8,7 +8,7 @@ use std::ops::Range;
 use glam::Vec3;
 use relume_dump::Shard;
 
-use crate::light::{FAR, Reach};
+use crate::light::{Ball, FAR, Reach};
 
 /// Records at a time.
 const WIDTH: usize = 16;
@@ -36,14 +36,7 @@ pub struct Scan {
 impl Scan {
     /// A ball around what a light reaches, widened by `slack` metres; `None` for a sun, which is everywhere.
     pub fn new(shard: &Shard, reach: &Reach, slack: f32) -> Option<Self> {
-        let (center, radius) = match reach {
-            Reach::Ball(ball) => (ball.center, ball.radius),
-            Reach::Plane(plane) => {
-                let half_edge = |inverse: Vec3| 0.5 / inverse.length();
-                (plane.center, half_edge(plane.inverse_u).hypot(half_edge(plane.inverse_v)))
-            }
-            Reach::Cone { .. } => return None,
-        };
+        let Ball { center, radius } = reach.ball()?;
         let grid = shard.grid();
         let (min, max, camera) = (grid.min - center, grid.max - center, shard.camera_position() - center);
         let farthest = min.abs().max(max.abs()).max(camera.abs()).length();
@@ -224,7 +217,6 @@ mod tests {
     use relume_dump::{End, Lobe, Segment};
 
     use super::*;
-    use crate::light::Ball;
     use crate::tests::{Random, dump, manifest};
 
     /// A shard of 4 x 4 pixels with paths of up to six segments in a box around `center`, some far shorter than others.

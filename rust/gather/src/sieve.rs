@@ -7,7 +7,7 @@ use std::arch::x86_64::*;
 use glam::{DVec3, Vec3};
 use relume_dump::{Flags, Shard};
 
-use crate::light::Reach;
+use crate::light::{Plane, Reach};
 
 /// Records that are sieved at a time.
 pub const CHUNK: usize = 8192;
@@ -51,12 +51,14 @@ impl Default for SieveWork {
 impl Sieve {
     /// A box around what a light reaches, widened by `slack` metres; `None` for a sun, which is everywhere.
     pub fn new(shard: &Shard, reach: &Reach, slack: f32) -> Option<Self> {
+        let around = |plane: &Plane| {
+            let half_edge = |inverse: Vec3| 0.5 * inverse.abs() / inverse.length_squared();
+            half_edge(plane.inverse_u) + half_edge(plane.inverse_v)
+        };
         let (center, half) = match reach {
             Reach::Ball(ball) => (ball.center, Vec3::splat(ball.radius)),
-            Reach::Plane(plane) => {
-                let half_edge = |inverse: Vec3| 0.5 * inverse.abs() / inverse.length_squared();
-                (plane.center, half_edge(plane.inverse_u) + half_edge(plane.inverse_v))
-            }
+            Reach::Plane(plane) => (plane.center, around(plane)),
+            Reach::Slab { plane, ends } => (plane.center, around(plane) + Vec3::splat(*ends)),
             Reach::Cone { .. } => return None,
         };
         let half = half.as_dvec3() * 1.001 + f64::from(slack);

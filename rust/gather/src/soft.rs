@@ -117,7 +117,7 @@ impl<'a> SoftGather<'a> {
         let x = cell % columns * self.edge..manifest.width.min((cell % columns + 1) * self.edge);
         let y = cell / columns * self.edge..manifest.height.min((cell / columns + 1) * self.edge);
         let pixels = x.len() * y.len();
-        let is_selective = matches!(light.reach, Reach::Ball(ball) if ball.radius < SELECTIVE * self.extent);
+        let is_selective = light.reach.ball().is_some_and(|ball| ball.radius < SELECTIVE * self.extent);
         let mut sums = Sums::new(light, is_selective);
         for y in y {
             let mut start = x.start;

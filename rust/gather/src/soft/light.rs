@@ -234,8 +234,17 @@ impl SoftProfile {
                 Reach::Ball(Ball { center: ball.center, radius: rim.hypot(ball.width + ball.radius) })
             }
             Self::Area(plane) => {
-                let [u, v] = plane.half.map(|half| half.length * (1.0 + half.edge));
-                Reach::Ball(Ball { center: plane.center, radius: u.hypot(v) + plane.width })
+                let inverse = |axis: usize| {
+                    plane.along[axis] * (0.5 * plane.half[axis].inverse / (1.0 + plane.half[axis].edge))
+                };
+                let soft = Plane {
+                    center: plane.center,
+                    normal: plane.normal,
+                    inverse_u: inverse(0),
+                    inverse_v: inverse(1),
+                    is_ellipse: plane.is_ellipse,
+                };
+                Reach::Slab { plane: soft, ends: plane.width }
             }
             Self::Sun(sun) => Reach::Cone {
                 direction: sun.direction,
