@@ -62,7 +62,7 @@ def solve(driver):
     yield from driver.find_button("relume.pick_brush")
     yield from artist.paint("brighter", (0.2, 0.85), (0.6, 0.9))
     yield from artist.paint("warmer", (0.1, 0.2), (0.4, 0.2))
-    yield from artist.paint("keep", (0.85, 0.3), (0.85, 0.7))
+    yield from artist.paint("keep", (0.7, 0.3), (0.7, 0.6))
     yield from driver.wait(1)
     driver.photo("strokes")
     yield from artist.solve()
