@@ -49,6 +49,20 @@ impl Image {
         resized
     }
 
+    /// Means of an RGB image over squares of so many pixels along each edge (smaller at the right and the bottom), row by row.
+    /// Panics if it is not RGB.
+    pub fn cell_means(&self, edge: usize) -> Vec<[f32; 3]> {
+        assert_eq!(self.channels, 3, "an RGB image");
+        let wide = self.width.div_ceil(edge);
+        let mut sums = vec![([0.0; 3], 0.0); wide * self.height.div_ceil(edge)];
+        for (i, pixel) in self.data.as_chunks::<3>().0.iter().enumerate() {
+            let (sum, count) = &mut sums[i / self.width / edge * wide + i % self.width / edge];
+            (0..3).for_each(|c| sum[c] += pixel[c]);
+            *count += 1.0;
+        }
+        sums.iter().map(|(sum, count)| sum.map(|v| v / count)).collect()
+    }
+
     /// Adds `factor` times `other`, channel by channel. Panics if the channels of `factor` or the shapes differ.
     pub fn add_scaled(&mut self, other: &Image, factor: &[f32]) {
         assert!(self.same_shape(other) && factor.len() == self.channels, "images of one shape");

@@ -18,17 +18,7 @@ impl Cells {
 
     /// Means of an RGB image.
     pub(crate) fn means(&self, image: &Image) -> Vec<[f32; 3]> {
-        let pixels = image.data.as_chunks::<3>().0;
-        if self.edge == 1 {
-            return pixels.to_vec();
-        }
-        let mut sums = vec![([0.0; 3], 0.0); self.count()];
-        for (i, pixel) in pixels.iter().enumerate() {
-            let (sum, count) = &mut sums[self.of_pixel(i)];
-            (0..3).for_each(|c| sum[c] += pixel[c]);
-            *count += 1.0;
-        }
-        sums.iter().map(|(sum, count)| sum.map(|v| v / count)).collect()
+        image.cell_means(self.edge)
     }
 
     /// Means of one value a pixel.

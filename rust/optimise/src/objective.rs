@@ -63,14 +63,15 @@ impl<'a> Objective<'a> {
         self.views.iter().zip(draw).map(units).collect()
     }
 
-    /// As [`Self::units`], with derivatives.
+    /// As [`Self::units`] at another softness, with derivatives.
     pub(crate) fn linear_units(
         &self,
         lights: &[Light],
+        softness: f32,
         draw: &Draw,
     ) -> Result<Vec<Vec<Linear>>, OptimiseError> {
         let units = |(view, draw): (&ViewObjective, &Vec<Vec<u32>>)| {
-            let units = view.linear_units(lights, self.softness, &view.cells_of(draw))?;
+            let units = view.linear_units(lights, softness, &view.cells_of(draw))?;
             let lacks = |(unit, still): (&Linear, &Option<_>)| still.is_none() && unit.slopes.is_empty();
             match units.iter().zip(&view.still).any(lacks) {
                 true => Err(OptimiseError::Settings(
@@ -96,13 +97,8 @@ impl<'a> Objective<'a> {
     }
 
     /// As [`Self::loss`] without what moves cost, from pictures that are there already.
-    pub(crate) fn loss_of_goals(
-        &self,
-        lights: &[Light],
-        units: &[Vec<impl AsRef<[[f32; 3]]>>],
-        draw: &Draw,
-    ) -> f64 {
-        let of_view = |((view, units), draw): ((&ViewObjective, &Vec<_>), &Vec<Vec<u32>>)| {
+    pub(crate) fn loss_of_goals(&self, lights: &[Light], units: &[Vec<Unit>], draw: &Draw) -> f64 {
+        let of_view = |((view, units), draw): ((&ViewObjective, &Vec<Unit>), &Vec<Vec<u32>>)| {
             view.compare(lights, units, draw).iter().map(Comparison::loss).sum::<f64>()
         };
         self.views.iter().zip(units).zip(draw).map(of_view).sum()
@@ -186,8 +182,32 @@ impl<'a> ViewObjective<'a> {
         Ok(self.view.relight.comparison(self.view.base, image, self.terms[0].exposure)?)
     }
 
-    /// All cells.
+    /// All cells, as clean as they can be made.
+    pub(crate) fn clean_picture(&self, lights: &[Light]) -> Result<Vec<[f32; 3]>, RelightError> {
+        let mut picture = self.base.clone();
+        let mut add = |values: &[[f32; 3]], radiance: [f32; 3]| {
+            for (sum, value) in picture.iter_mut().zip(values) {
+                (0..3).for_each(|c| sum[c] += radiance[c] * value[c]);
+            }
+        };
+        let mut moving = Vec::new();
+        for (light, still) in lights.iter().zip(&self.still) {
+            match still {
+                Some(values) => add(values, light.radiance),
+                None => moving.push(light),
+            }
+        }
+        if !moving.is_empty() {
+            add(&self.view.relight.clean_picture(&moving)?, [1.0; 3]);
+        }
+        Ok(picture)
+    }
+
+    /// All cells, clean at softness 0.
     fn picture(&self, lights: &[Light], softness: f32) -> Result<Vec<[f32; 3]>, RelightError> {
+        if softness == 0.0 {
+            return self.clean_picture(lights);
+        }
         let cells: Vec<u32> = (0..self.base.len() as u32).collect();
         let units = self.units(lights, softness, &cells)?;
         Ok((0..cells.len()).map(|k| self.sum(lights, &units, k, k)).collect())
@@ -239,6 +259,18 @@ impl<'a> ViewObjective<'a> {
             (0..3).for_each(|c| sum[c] += light.radiance[c] * unit.as_ref()[k][c]);
         }
         sum
+    }
+
+    /// Each term at its drawn cells of a whole picture.
+    pub(crate) fn compare_picture(&self, picture: &[[f32; 3]], draw: &[Vec<u32>]) -> Vec<Comparison<'_>> {
+        let mut first = 0;
+        let mut comparisons = Vec::with_capacity(draw.len());
+        for (term, draw) in self.terms.iter().zip(draw) {
+            let at = |number: &u32| picture[term.cells[*number as usize] as usize];
+            comparisons.push(Comparison::new(term, draw, draw.iter().map(at).collect(), first));
+            first += draw.len();
+        }
+        comparisons
     }
 
     /// Each term at its drawn cells.

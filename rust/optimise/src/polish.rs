@@ -14,7 +14,7 @@ use std::ops::ControlFlow;
 pub struct Polish {
     /// Most steps.
     pub steps: usize,
-    /// Softness of the first and the last stage. Pictures of a dump jump as a light moves; softened they do not.
+    /// Softness of the derivatives in the first and the last stage; what they lead to is compared by clean pictures.
     pub softness: [f32; 2],
 }
 
@@ -25,7 +25,7 @@ pub struct PolishStep<'a> {
     pub iteration: usize,
     /// Loss of all cells.
     pub loss: f64,
-    /// The best lights of this stage so far.
+    /// The best lights so far.
     pub lights: &'a [Light],
 }
 
@@ -34,7 +34,7 @@ pub struct PolishStep<'a> {
 pub struct Polished {
     /// The lights; those that it was given if nothing was better.
     pub lights: Vec<Light>,
-    /// Loss of all cells of exact pictures.
+    /// Loss of all cells of clean pictures.
     pub loss: f64,
     /// That of the lights that it was given.
     pub start_loss: f64,
@@ -50,8 +50,9 @@ const MOST_DAMPING: f64 = 1e4;
 /// Longest step of an unconstrained value.
 const LONGEST: f64 = 0.7;
 
-/// Moves solved lights to where exact pictures serve the goals best, by Levenberg-Marquardt steps (Marquardt 1963) through less
-/// and less softened ones. What a proxy or smoothing gets wrong is gone afterwards; the basin is still the one that it found.
+/// Moves solved lights to where clean pictures serve the goals best, by Levenberg-Marquardt steps (Marquardt 1963) with
+/// derivatives of less and less softened ones. What a proxy or smoothing gets wrong is gone afterwards; the basin is still the
+/// one that it found.
 ///
 /// # Errors
 /// As [`crate::solve`]; also if the relighter of a view gives no derivatives with its values.
@@ -62,62 +63,55 @@ pub fn polish(
     on_step: &mut dyn FnMut(PolishStep) -> ControlFlow<()>,
 ) -> Result<Polished, OptimiseError> {
     problem.validate()?;
-    let exact = Objective::new(problem, 0.0)?;
-    let (draw, mappings) = (exact.spread(MOST_CELLS), mappings(problem, lights, 0.0)?);
-    let start_loss = exact.loss(&mappings, lights, &draw)?;
-    let mut best = (start_loss, lights.to_vec());
-    let (mut lights, mut iteration) = (lights.to_vec(), 0);
+    let objective = Objective::new(problem, 0.0)?;
+    let fit =
+        Fit { draw: objective.spread(MOST_CELLS), mappings: mappings(problem, lights, 0.0)?, objective };
+    let mut best = fit.state(lights)?;
+    let (start_loss, mut iteration) = (best.loss, 0);
     for stage in 0..STAGES {
         let [from, to] = settings.softness;
         let softness = from * (to / from).powf(stage as f32 / (STAGES - 1) as f32);
-        let fit = Fit { objective: Objective::new(problem, softness)?, mappings: &mappings, draw: &draw };
         let most = settings.steps * (stage + 1) / STAGES;
-        let is_over = fit.descend(&mut lights, &mut iteration, most, on_step)?.is_break();
-        let loss = exact.loss(&mappings, &lights, &draw)?;
-        if loss < best.0 {
-            best = (loss, lights.clone());
-        }
-        if is_over {
+        if fit.descend(&mut best, softness, &mut iteration, most, on_step)?.is_break() {
             break;
         }
     }
-    Ok(Polished { lights: best.1, loss: best.0, start_loss })
+    Ok(Polished { lights: best.lights, loss: best.loss, start_loss })
 }
 
-/// Lights, and their pictures with derivatives by view and light.
+/// Lights, and the pictures of all views.
 struct State {
     lights: Vec<Light>,
-    units: Vec<Vec<Linear>>,
+    pictures: Vec<Vec<[f32; 3]>>,
     loss: f64,
 }
 
-/// One stage.
 struct Fit<'a> {
     objective: Objective<'a>,
-    mappings: &'a [Mapping],
-    draw: &'a Draw,
+    mappings: Vec<Mapping>,
+    draw: Draw,
 }
 
 impl Fit<'_> {
     /// Steps until nothing is gained any more; whether the caller wants to stop altogether.
     fn descend(
         &self,
-        lights: &mut Vec<Light>,
+        best: &mut State,
+        softness: f32,
         iteration: &mut usize,
         most: usize,
         on_step: &mut dyn FnMut(PolishStep) -> ControlFlow<()>,
     ) -> Result<ControlFlow<()>, OptimiseError> {
-        let mut best = self.state(lights)?;
-        let mut system = self.normal_equations(&best);
+        let mut system = self.normal_equations(best, softness)?;
         let (mut damping, mut flow) = (1e-3, ControlFlow::Continue(()));
         while *iteration < most && damping < MOST_DAMPING && flow.is_continue() {
             let Some(delta) = system.solve(damping) else { break };
             let next = self.state(&self.moved(&best.lights, &delta))?;
             let gain = 1.0 - next.loss / best.loss;
-            damping *= if gain > 0.0 { 0.1 } else { 8.0 };
+            damping *= if gain > 0.0 { 0.1 } else { 10.0 };
             if gain > 0.0 {
-                best = next;
-                system = self.normal_equations(&best);
+                *best = next;
+                system = self.normal_equations(best, softness)?;
             }
             flow = on_step(PolishStep { iteration: *iteration, loss: best.loss, lights: &best.lights });
             *iteration += 1;
@@ -125,29 +119,33 @@ impl Fit<'_> {
                 break;
             }
         }
-        *lights = best.lights;
         Ok(flow)
     }
 
     fn state(&self, lights: &[Light]) -> Result<State, OptimiseError> {
-        let units = self.objective.linear_units(lights, self.draw)?;
-        let loss = self.objective.loss_of_goals(lights, &units, self.draw)
-            + self.objective.preference_loss(self.mappings, lights);
+        let views = &self.objective.views;
+        let pictures = views.iter().map(|view| view.clean_picture(lights)).collect::<Result<Vec<_>, _>>()?;
+        let mut loss = self.objective.preference_loss(&self.mappings, lights);
+        for ((view, draw), picture) in views.iter().zip(&self.draw).zip(&pictures) {
+            loss += view.compare_picture(picture, draw).iter().map(Comparison::loss).sum::<f64>();
+        }
         let loss = if loss.is_finite() { loss } else { f64::INFINITY };
-        Ok(State { lights: lights.to_vec(), units, loss })
+        Ok(State { lights: lights.to_vec(), pictures, loss })
     }
 
     fn moved(&self, lights: &[Light], delta: &[f64]) -> Vec<Light> {
         let of_light = |((light, mapping), delta): ((&Light, &Mapping), &[f64; PARAMS])| {
             mapping.step(light, &delta.map(|d| d.clamp(-LONGEST, LONGEST) as f32))
         };
-        lights.iter().zip(self.mappings).zip(delta.as_chunks::<PARAMS>().0).map(of_light).collect()
+        lights.iter().zip(&self.mappings).zip(delta.as_chunks::<PARAMS>().0).map(of_light).collect()
     }
 
-    fn normal_equations(&self, state: &State) -> NormalEquations {
+    fn normal_equations(&self, state: &State, softness: f32) -> Result<NormalEquations, OptimiseError> {
         let mut system = NormalEquations::new(state.lights.len() * PARAMS);
-        for ((view, draw), units) in self.objective.views.iter().zip(self.draw).zip(&state.units) {
-            let comparisons = view.compare(&state.lights, units, draw);
+        let units = self.objective.linear_units(&state.lights, softness, &self.draw)?;
+        let views = self.objective.views.iter().zip(&self.draw).zip(state.pictures.iter().zip(&units));
+        for ((view, draw), (picture, units)) in views {
+            let comparisons = view.compare_picture(picture, draw);
             let residuals: Vec<f32> = comparisons.iter().flat_map(Comparison::weighted_residuals).collect();
             system.add(&self.columns(&state.lights, units, &comparisons), &residuals);
         }
@@ -156,7 +154,7 @@ impl Fit<'_> {
                 system.add_row(i * PARAMS, &row, value);
             }
         }
-        system
+        Ok(system)
     }
 
     /// Derivatives of the weighted residuals by each unconstrained value; empty where there are none.

@@ -64,6 +64,24 @@ pub trait Relight: Sync {
         Ok(None)
     }
 
+    /// What some lights, each with its radiance, add to each cell of the picture, exact and as clean as it can be made: where
+    /// pictures are noisy, the mean of squared differences would be least for the lights with the least noise.
+    ///
+    /// # Errors
+    /// Whatever the relighter reports.
+    fn clean_picture(&self, lights: &[&Light]) -> Result<Vec<[f32; 3]>, RelightError> {
+        let (width, height) = self.size();
+        let count = width.div_ceil(self.cell()) * height.div_ceil(self.cell());
+        let cells: Vec<u32> = (0..count as u32).collect();
+        let mut sum = vec![[0.0; 3]; count];
+        for light in lights {
+            for (sum, unit) in sum.iter_mut().zip(self.values(light, 0.0, &cells)?) {
+                (0..3).for_each(|c| sum[c] += light.radiance[c] * unit[c]);
+            }
+        }
+        Ok(sum)
+    }
+
     /// Takes over the comparison with a target, if that is better done where the pictures are made: on a device, from which
     /// they then need not come back. `base` and `target` are of [`Relight::size`], and what is compared is multiplied with
     /// `exposure` before Reinhard's curve.

@@ -8,7 +8,7 @@ use crate::relit::{Relit, RelitLight};
 use crate::unit_cache::UnitCache;
 use crate::{Compute, LightSet, SessionError, base_layers};
 use relume_dump::{Aovs, Dump, Manifest};
-use relume_gather::{DenoiseQuality, Environment, Gather, Half};
+use relume_gather::{DenoiseQuality, Environment, Gather, Half, relight};
 use relume_image::{Image, ViewTransform};
 use relume_proxy::{GpuProxy, LightKind};
 use relume_scene::{Camera, Light, LightShape, LobeFactors, Texture, World};
@@ -332,6 +332,18 @@ impl Relighter {
             self.gather_images(&seen.into_iter().map(camera_only).collect::<Vec<_>>(), monitor)?.into_iter();
         let view = |light: &Light| if light.lobes.camera != 0.0 { views.next() } else { None };
         Ok(lights.into_iter().map(view).collect())
+    }
+
+    /// The sum of some lights by the dump, denoised where there is a denoiser; black without a dump.
+    pub(crate) fn clean_sum(&self, lights: &[Light], monitor: &Monitor) -> Result<Image, SessionError> {
+        let units = self.gather_images(lights, monitor)?;
+        let pairs: Vec<_> = units.iter().zip(lights).map(|(unit, light)| (unit, light.radiance)).collect();
+        let mut sum = [relight((self.camera.width, self.camera.height), &pairs)];
+        if self.denoise.missing().is_none() {
+            self.denoise.images(&mut sum, DenoiseQuality::High)?;
+        }
+        let [sum] = sum;
+        Ok(sum)
     }
 
     /// Unit images by the dump; none without one.

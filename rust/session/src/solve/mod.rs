@@ -179,7 +179,7 @@ impl Search<'_> {
         let few: Vec<Option<FewPaths>> =
             self.scenes.iter().map(|scene| scene.relighter.gather().map(FewPaths::new)).collect();
         let gathers = self.scenes.iter().zip(&few).map(|(scene, few)| {
-            scene.relighter.gather().zip(few.as_ref()).map(|(gather, few)| GatherRelight::new(gather, few))
+            few.as_ref().and_then(|few| GatherRelight::new(scene.relighter, few, self.monitor))
         });
         let gathers: Vec<Option<GatherRelight>> = gathers.collect();
         let by_gather: Option<Vec<&dyn Relight>> =

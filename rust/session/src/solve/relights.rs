@@ -9,6 +9,8 @@ use relume_proxy::{GpuComparison, GpuProxy, LightKind, LightParams, Proxy};
 use relume_scene::{LANES, Light, lane};
 
 use crate::Proxies;
+use crate::progress::Monitor;
+use crate::relighter::Relighter;
 
 /// Most pixels along the edge of the cells whose means are compared: the noise of a gathered picture is an eighth there, and a
 /// tonemapped mean is less biased by it than the mean of tonemapped pixels.
@@ -165,6 +167,8 @@ fn first_passes(gather: &Gather, samples: u32) -> Gather {
 
 /// A dump.
 pub(super) struct GatherRelight<'a> {
+    relighter: &'a Relighter,
+    monitor: &'a Monitor,
     gather: &'a Gather,
     soft: SoftGather<'a>,
     few: Vec<(f32, SoftGather<'a>)>,
@@ -172,12 +176,14 @@ pub(super) struct GatherRelight<'a> {
 }
 
 impl<'a> GatherRelight<'a> {
-    pub fn new(gather: &'a Gather, few: &'a FewPaths) -> Self {
+    /// None without a dump.
+    pub fn new(relighter: &'a Relighter, few: &'a FewPaths, monitor: &'a Monitor) -> Option<Self> {
+        let gather = relighter.gather()?;
         let manifest = gather.dump().manifest();
         let pixels = manifest.width * manifest.height;
         let cell = (pixels / LEAST_CELLS).isqrt().clamp(1, LARGEST_CELL);
         let few = few.0.iter().map(|(softness, few)| (*softness, SoftGather::new(few, cell))).collect();
-        Self { gather, soft: SoftGather::new(gather, cell), few, cell }
+        Some(Self { relighter, monitor, gather, soft: SoftGather::new(gather, cell), few, cell })
     }
 
     fn soft(&self, softness: f32) -> &SoftGather<'a> {
@@ -235,6 +241,12 @@ impl Relight for GatherRelight<'_> {
             }
         }
         Ok(sums)
+    }
+
+    /// Gathered and denoised.
+    fn clean_picture(&self, lights: &[&Light]) -> Result<Vec<[f32; 3]>, RelightError> {
+        let lights: Vec<Light> = lights.iter().map(|light| (*light).clone()).collect();
+        Ok(self.relighter.clean_sum(&lights, self.monitor)?.cell_means(self.cell))
     }
 
     fn linearise(&self, light: &Light, softness: f32, cells: &[u32]) -> Result<Option<Linear>, RelightError> {
