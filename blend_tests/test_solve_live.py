@@ -59,10 +59,13 @@ def test_a_target_brings_a_moved_light_to_its_place(shown):
     far = np.abs(picture(shown) - wanted).mean()
     settings = shown.relume_solve
     settings.target, settings.keep_rest, settings.effort = image, 0.0, "NORMAL"
-    bpy.ops.relume.lock_all(move="position")
+    for move in ("position", "color", "strength"):  # Of a place alone: a nearer, weaker light looks much the same.
+        bpy.ops.relume.lock_all(move=move)
     assert bpy.ops.relume.solve() == {"FINISHED"}
     near = np.abs(apply(shown) - wanted).mean()
-    assert near < 0.2 * far, tuple(key.location)
+    # As near as 768 pixels of 16 noisy samples tell: of a way of one metre at most a quarter is left.
+    left = np.linalg.norm(np.array(key.location) - (0.8, -0.4, 1.5))
+    assert left < 0.25 * np.linalg.norm((0.8, -0.4, 0.5)) and near < 0.4 * far, tuple(key.location)
 
 
 def test_a_new_light_is_made_where_it_is_needed(shown):
