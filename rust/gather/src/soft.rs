@@ -1,25 +1,29 @@
 //! Smoothed gather with derivatives by the lights' parameters, for solving lights through the path dump itself.
 //!
-//! A gather sums `T_k V(segment k, light)` over segments. `V` is a step: its derivative is 0 almost everywhere, and what moves the
-//! picture are the few segments that enter and leave. Here lights are smoothed by a width `h`, relative to the
+//! A gather sums `T_k V(segment k, light)` over segments. `V` is a step: its derivative is 0 almost everywhere, and what
+//! moves the picture are the few segments that enter and leave. Here lights are smoothed by a width `h`, relative to the
 //! scene, which a solver shrinks as it converges: then `V` has derivatives, and the value tends to that of
-//! [`Gather`](crate::Gather). The rules, with `r` a size, `w` the unit direction of a segment from `o` on, `l` its length, `c` the centre:
+//! [`Gather`](crate::Gather). The rules, with `r` a size, `w` the unit direction of a segment from `o` on, `l` its length,
+//! `c` the centre:
 //!
-//! - **Sizes enlarge at equal power.** A disk of radius `r` becomes one of `R = hypot(r, h)` with the factor `(r / R)^2`, an edge likewise by
-//!   itself, a sun with squared chords instead of squared radii. From afar the picture stays.
-//! - **Rims are soft.** `S(x; e)` is a cubic step that falls from 1 to 0 between `x = 1 - e` and `1 + e`, symmetrically, so that integrals over
-//!   `x` stay. For disks `x` is the square of the distance to the centre over `R^2`, proportional to area; for edges it is the distance over the
-//!   half edge. `e = h / R`: all of the disk where the smoothing outweighs the light.
-//! - **Ends are soft.** The condition that the crossing, at distance `s`, lies on the segment becomes `W(s / h) - W((s - l) / h)` with a
-//!   cubic step `W` from -1 to 1: the share of shifts along the segment that put it there. It is symmetric about both ends and
-//!   vanishes with `l`, so that short segments do not catch more than their share.
-//! - **Balls** are crossed at `s = (c - o) . w -+ q` with `q = r sqrt(1 - x)`; segments that start inside count where they leave. The shifts that do
-//!   are two intervals of `s`. Beyond the rim's middle the root goes on as a line, so that its slope stays finite.
-//! - **Facing disks** lie across the line from the origin: `x = d^2 (1 + t) / R^2` and `s (1 + t)` is the distance of the crossing, with `d` the
-//!   distance of the centre from the line and `t = d^2 / s^2`, here `d^2 / (s^2 + h^2)`.
-//! - **Cones** of spots are soft in `1 - cos`, proportional to solid angle, and enlarge like disks. The case of Cycles that leaves out the cone
-//!   inside of the sphere is a soft one, too.
-//! - **Fronts** of area lights fade in over small cosines, where the crossing would move without bounds; spreads widen and end softly.
+//! - **Sizes enlarge at equal power.** A disk of radius `r` becomes one of `R = hypot(r, h)` with the factor `(r / R)^2`, an
+//!   edge likewise by itself, a sun with squared chords instead of squared radii. From afar the picture stays.
+//! - **Rims are soft.** `S(x; e)` is a cubic step that falls from 1 to 0 between `x = 1 - e` and `1 + e`, symmetrically, so
+//!   that integrals over `x` stay. For disks `x` is the square of the distance to the centre over `R^2`, proportional to
+//!   area; for edges it is the distance over the half edge. `e = h / R`: all of the disk where the smoothing outweighs the
+//!   light.
+//! - **Ends are soft.** The condition that the crossing, at distance `s`, lies on the segment becomes
+//!   `W(s / h) - W((s - l) / h)` with a cubic step `W` from -1 to 1: the share of shifts along the segment that put it there. It is symmetric
+//!   about both ends and vanishes with `l`, so that short segments do not catch more than their share.
+//! - **Balls** are crossed at `s = (c - o) . w -+ q` with `q = r sqrt(1 - x)`; segments that start inside count where they
+//!   leave. The shifts that do are two intervals of `s`. Beyond the rim's middle the root goes on as a line, so that its
+//!   slope stays finite.
+//! - **Facing disks** lie across the line from the origin: `x = d^2 (1 + t) / R^2` and `s (1 + t)` is the distance of the
+//!   crossing, with `d` the distance of the centre from the line and `t = d^2 / s^2`, here `d^2 / (s^2 + h^2)`.
+//! - **Cones** of spots are soft in `1 - cos`, proportional to solid angle, and enlarge like disks. The case of Cycles that
+//!   leaves out the cone inside of the sphere is a soft one, too.
+//! - **Fronts** of area lights fade in over small cosines, where the crossing would move without bounds; spreads widen and
+//!   end softly.
 //!
 //! Derivatives are those of these formulas, exactly.
 
@@ -48,7 +52,8 @@ const SELECTIVE: f32 = 0.06;
 /// The value and its derivatives by lanes.
 const OUTPUTS: usize = 1 + LANES;
 
-/// Smoothed unit values of cells with derivatives. Cells are the means of squares of pixels: single pixels of a dump are too noisy to be compared.
+/// Smoothed unit values of cells with derivatives. Cells are the means of squares of pixels: single pixels of a dump are too
+/// noisy to be compared.
 ///
 /// Results do not depend on the number of threads; they do in the last digits on the instruction set.
 #[derive(Clone, Copy, Debug)]
@@ -79,13 +84,14 @@ impl<'a> SoftGather<'a> {
         (manifest.width.div_ceil(self.edge), manifest.height.div_ceil(self.edge))
     }
 
-    /// Size of what the camera sees, in metres: the diagonal of the box around most of it. A softness of 1 smooths by this much.
+    /// Size of what the camera sees, in metres: the diagonal of the box around most of it. A softness of 1 smooths by this
+    /// much.
     pub fn extent(&self) -> f32 {
         self.extent
     }
 
-    /// A light's unit values at some cells with their derivatives. `softness` is above 0 and at most 1: positions are smoothed by this share of
-    /// [`SoftGather::extent`], angles by this many radians.
+    /// A light's unit values at some cells with their derivatives. `softness` is above 0 and at most 1: positions are
+    /// smoothed by this share of [`SoftGather::extent`], angles by this many radians.
     ///
     /// # Errors
     /// If the light cannot be gathered, the softness is out of range or there is no such cell.

@@ -8,7 +8,7 @@ use relume_scene::{Light, LightShape};
 use crate::light::{Ball, Plane, PreparedLight, Profile, Reach, Spread};
 use crate::{Gather, GatherError};
 
-/// Half of the widest softness of a cone or sun, radians: that of softness 1.
+/// Smoothing of angles at softness 1, radians.
 const WIDEST_ANGLE: f32 = 1.0;
 /// Cosine up to which the front of an area light fades in, for softness 1.
 const WIDEST_FADE: f32 = 0.5;

@@ -68,9 +68,9 @@ struct Chord<L> {
     by_half: Wide<L>,
 }
 
-/// Share of the shifts along the segment by which it crosses a ball's surface: of those that put the centre between
-/// `-half` (where segments that start inside leave; 0 for one-sided balls) and `half` beyond the origin, if they do not end before, or
-/// between `half` and `length + half`.
+/// Share of the shifts along the segment by which it crosses a ball's surface: of those that put the centre between `-half`
+/// (where segments that start inside leave; 0 for one-sided balls) and `half` beyond the origin, if they do not end before,
+/// or between `half` and `length + half`.
 #[inline(always)]
 fn crossed<L: Lanes>(along: Wide<L>, half: Wide<L>, length: Wide<L>, width: f32, two_sided: f32) -> Chord<L> {
     let low = -two_sided * half;
@@ -197,8 +197,8 @@ fn free(enlarged: &Enlarged) -> f32 {
     f32::from(u8::from(enlarged.is_free))
 }
 
-/// Derivative of a value with the factor `share` by the logarithm of the size. `shrinking` is that of the rest by the logarithm of the
-/// enlarged size, sign reversed and without the factor.
+/// Derivative of a value with the factor `share` by the logarithm of the size. `shrinking` is that of the rest by the
+/// logarithm of the enlarged size, sign reversed and without the factor.
 #[inline(always)]
 fn size_slope<L: Lanes>(enlarged: &Enlarged, value: Wide<L>, shrinking: Wide<L>) -> Wide<L> {
     let share = enlarged.share;
