@@ -254,3 +254,53 @@ impl Relight for GatherRelight<'_> {
         Ok(Some(Linear { values: linear.values, slopes: linear.slopes }))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use relume_proxy::synthetic::SyntheticRoom;
+    use relume_proxy::{SizeRange, TrainConfig, Trainer};
+    use std::sync::Arc;
+
+    #[test]
+    fn gradients_by_lanes_are_differences_of_a_proxy() {
+        let source = SyntheticRoom::new(32, 20);
+        for kind in [LightKind::Sphere, LightKind::FacingDisk, LightKind::Quad] {
+            let mut config = TrainConfig::fast(SizeRange { min: 0.1, max: 0.5 });
+            config.samples = 4096;
+            let mut trainer = Trainer::new(Arc::new(source.features()), kind, config, 1).unwrap();
+            while !trainer.done() {
+                trainer.step(&source).unwrap();
+            }
+            let proxy = trainer.proxy().unwrap();
+            let light = match kind {
+                LightKind::Quad => {
+                    LightParams::quad(Vec3::new(0.1, -0.3, 1.6), 0.3 * Vec3::Y, Vec3::new(0.35, 0.0, 0.1))
+                }
+                _ => LightParams::round(kind, Vec3::new(0.1, -0.3, 1.6), 0.3),
+            };
+            let pixels: Vec<u32> = (0..640).collect();
+            let weights: Vec<[f32; 3]> = (0..640).map(|i| [1.0, 0.5, 0.1 * (i % 7) as f32]).collect();
+            let value = |params: &LightParams| {
+                let mut values = vec![[0.0; 3]; pixels.len()];
+                proxy.forward_pixels(&pixels, params, &mut values).unwrap();
+                let products = values.as_flattened().iter().zip(weights.as_flattened());
+                products.map(|(value, weight)| f64::from(value * weight)).sum::<f64>()
+            };
+            let lanes = by_lane(&light, &proxy.backward(&pixels, &light, &weights).unwrap());
+            let largest = lanes.iter().fold(0.0_f32, |most, slope| most.max(slope.abs()));
+            for (number, slope) in lanes.into_iter().enumerate() {
+                let at = |delta: f32| {
+                    let mut step = [0.0; LANES];
+                    step[number] = delta;
+                    value(&LightParams::from_shape(&light.shape().moved(&step)).unwrap())
+                };
+                let difference = (at(5e-4) - at(-5e-4)) / 1e-3;
+                let error = (difference - f64::from(slope)).abs();
+                // Differences of sums over 640 pixels in single precision, and kinks of the network between the ends.
+                assert!(error < 0.03 * f64::from(largest), "{kind} {number}: {difference} for {slope}");
+                assert_eq!(light.shape().has_lane(number), slope != 0.0, "{kind} {number}");
+            }
+        }
+    }
+}
