@@ -101,6 +101,7 @@ def play(driver):
         driver.check(len(artist.scene.relume_looks.items) == 0 and artist.values() == lights, "nothing is left of it")
         yield from artist.until_settled()
     with driver.step("solve"):
+        artist.settings.effort = "QUICK"
         artist.settings.add_count = 1  # The one that there is cannot keep the ceiling and light the floor.
         yield from artist.solve()
         names = [look.name for look in artist.scene.relume_looks.items]
