@@ -11,6 +11,7 @@ from pathlib import Path
 from statistics import median
 
 from problem import FREE, parameter_error, random_spheres, shape_of, sphere, spheres_of
+from records import general
 
 from addon.core.metrics import psnr_reinhard
 
@@ -55,21 +56,22 @@ def run(shot, records, args):
         }
         records.add(record)
         print(line(record), flush=True)
+    if peer:
+        peer.close()
 
 
 def settings(shot, args, method, number):
     """What a run's record is known by."""
-    general = {"table": "9", "scene": shot.name, "lights": 1, "run": number, "size": shot.size}
-    general |= {"steps": args.steps, "samples": args.samples}
+    same = {"table": "9", "scene": shot.name, "lights": 1, "run": number, "starts": 1} | general(args)
     if method == MITSUBA:
-        return general | {"pixel_fraction": 1.0, "starts": 1, "through": MITSUBA}
-    return general | {"pixel_fraction": FRACTION, "starts": 1, "through": args.through}
+        return same | {"pixel_fraction": 1.0, "through": MITSUBA}
+    return same | {"pixel_fraction": FRACTION, "through": args.through}
 
 
 def relume(shot, start, space, picture, seed):
     """(method, [(seconds, light)]) of Relume."""
     shot.judge.set(lights=start, only=True)
-    lights, trajectory = shot.judge.describe(), []
+    lights = shot.judge.describe()
     request = {
         "lights": lights,
         "world": [0, 0, 0],
@@ -119,6 +121,11 @@ class Mitsuba:
                 found = json.loads(answer)
                 return found["method"], [(point[0], tuple(point[1:])) for point in found["trajectory"]]
         raise RuntimeError("Mitsuba ended; its message is above")
+
+    def close(self):
+        """Ends the process."""
+        self.process.stdin.close()
+        self.process.wait()
 
 
 def line(record):

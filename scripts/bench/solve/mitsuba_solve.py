@@ -18,6 +18,8 @@ from xml.etree import ElementTree as Xml
 import mitsuba as mi
 
 mi.set_variant("llvm_ad_rgb")
+# Its log goes to standard output as well.
+mi.set_log_level(mi.LogLevel.Error)
 
 import drjit as dr  # noqa: E402
 

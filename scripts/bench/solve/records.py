@@ -2,7 +2,9 @@
 
 import json
 
-SETTINGS = ("table", "scene", "lights", "pixel_fraction", "starts", "run", "through", "size", "steps", "samples")
+GENERAL = ("size", "steps", "samples", "bake_samples")
+"""Options of the command line that belong to every record."""
+SETTINGS = ("table", "scene", "lights", "pixel_fraction", "starts", "run", "through", *GENERAL)
 """What makes two records measurements of the same thing."""
 
 
@@ -30,3 +32,8 @@ class Records:
 def same(a, b):
     """Whether settings agree."""
     return all(a.get(key) == b.get(key) for key in SETTINGS)
+
+
+def general(args):
+    """The part of a record that the command line gives."""
+    return {key: getattr(args, key) for key in GENERAL}

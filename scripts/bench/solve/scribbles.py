@@ -16,6 +16,7 @@ from pathlib import Path
 import relume
 import strokes
 from problem import random_spheres
+from records import general
 
 SCENES = ("cornell_box", "kitchen", "modern_hall", "classroom", "coffee_maker", "sponza")
 LEAST_LIGHTS = 2
@@ -24,6 +25,8 @@ LEAST_SHARE = 0.15
 MOVE = 0.12
 """Of the diagonal of what the camera sees."""
 KEEP_LIMIT = 0.02
+STARTS = 4
+"""As the add-on has it."""
 SEED = 1
 
 
@@ -41,8 +44,8 @@ def run(shot, records, args):
 
 def settings(shot, args, number):
     """What a run's record is known by."""
-    general = {"table": "scribbles", "scene": shot.name, "run": number, "size": shot.size, "through": args.through}
-    return general | {"steps": args.steps, "samples": args.samples, "lights": None, "pixel_fraction": 0.05, "starts": 1}
+    same = {"table": "scribbles", "scene": shot.name, "run": number, "through": args.through} | general(args)
+    return same | {"lights": None, "pixel_fraction": 0.05, "starts": STARTS}
 
 
 class Shown:
@@ -102,7 +105,7 @@ class Shown:
         free = {light["name"]: ["strength"] for light in self.lights}
         free |= {name: ["strength", "position"] for name in self.changed if name in free}
         goals = [goal for goal, _ in self.goals]
-        return {"lights": self.lights, "free": free, "goals": goals, "remove": False, "starts": 1, "seed": 0}
+        return {"lights": self.lights, "free": free, "goals": goals, "remove": False, "starts": STARTS, "seed": 0}
 
     def measure(self):
         """Solves, writes back, renders and measures each stroke."""

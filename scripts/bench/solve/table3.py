@@ -9,6 +9,7 @@ solver gets above it.
 from statistics import mean
 
 from problem import FREE, parameter_error, random_spheres, shape_of, spheres_of
+from records import general
 
 from addon.core.metrics import psnr_reinhard
 
@@ -47,12 +48,11 @@ def run(shot, records, args):
 
 def cells(shot, args, number, count):
     """Settings of what is to be measured."""
-    general = {"table": "3", "scene": shot.name, "lights": count, "run": number, "through": args.through}
-    general |= {"size": shot.size, "steps": args.steps, "samples": args.samples}
+    same = {"table": "3", "scene": shot.name, "lights": count, "run": number, "through": args.through} | general(args)
     for starts in args.starts:
         for fraction in args.fractions or FRACTIONS:
             if starts == 1 or fraction == MANY_STARTS_FRACTION:
-                yield general | {"pixel_fraction": fraction, "starts": starts}
+                yield same | {"pixel_fraction": fraction, "starts": starts}
 
 
 class Problem:
