@@ -51,6 +51,8 @@ const EXCESS: f32 = 0.3;
 const FLOOR: f32 = 0.01;
 /// What a difference of colour ratios counts beside one of tonemapped values.
 const CHROMA: f32 = 0.3;
+/// What counts a change that was not asked for: of colour by a goal about brightness, of brightness by one about warmth.
+const SIDE: f32 = 0.3;
 /// Change of ln(R / B) by one mired: `c2 (1/lambda_B - 1/lambda_R) 1e-6` of Planck's law (Wien's approximation), with
 /// c2 = 14388 um K, 0.46 um and 0.61 um.
 pub(crate) const RATIO_PER_MIRED: f32 = 0.00769;
@@ -65,9 +67,13 @@ impl Aim {
     pub(crate) fn reference(&self, exposed: [f32; 3]) -> [f32; 3] {
         match self {
             Self::Target { .. } => exposed.map(|x| reinhard(x).0),
-            Self::Brightness { stops } => [stop(luminance(exposed)).0 + stops, 0.0, 0.0],
+            Self::Brightness { stops } => {
+                [stop(luminance(exposed)).0 + stops, ratio(exposed, 0, 1).0, ratio(exposed, 2, 1).0]
+            }
             Self::Color { color } => color.map(|c| c / luminance(*color)),
-            Self::Temperature { mireds } => [warmth(exposed) + RATIO_PER_MIRED * mireds, 0.0, 0.0],
+            Self::Temperature { mireds } => {
+                [ratio(exposed, 0, 2).0 + RATIO_PER_MIRED * mireds, stop(luminance(exposed)).0, 0.0]
+            }
             Self::Keep => exposed.map(|x| stop(x).0),
         }
     }
@@ -84,7 +90,12 @@ impl Aim {
                 let (value, slope) = stop(luminance(x));
                 let difference = value - reference[0];
                 let scale = STOP * if difference * stops < 0.0 { 1.0 } else { EXCESS };
-                ([scale * difference, 0.0, 0.0], [LUMINANCE.map(|w| scale * slope * w), [0.0; 3], [0.0; 3]])
+                let side = SIDE * CHROMA;
+                let ((red, d_red), (blue, d_blue)) = (ratio(x, 0, 1), ratio(x, 2, 1));
+                let values = [scale * difference, side * (red - reference[1]), side * (blue - reference[2])];
+                let rows =
+                    [LUMINANCE.map(|w| scale * slope * w), d_red.map(|d| side * d), d_blue.map(|d| side * d)];
+                (values, rows)
             }
             Self::Color { .. } => {
                 let floored = luminance(x).max(0.0) + FLOOR;
@@ -98,10 +109,12 @@ impl Aim {
                 (std::array::from_fn(|c| CHROMA * (ratio[c] - reference[c])), [row(0), row(1), row(2)])
             }
             Self::Temperature { mireds } => {
-                let difference = warmth(x) - reference[0];
+                let ((warmth, d_warmth), (value, slope)) = (ratio(x, 0, 2), stop(luminance(x)));
+                let difference = warmth - reference[0];
                 let scale = CHROMA * if difference * mireds < 0.0 { 1.0 } else { EXCESS };
-                let slope = |x: f32| if x > 0.0 { scale / (x + FLOOR) } else { 0.0 };
-                ([scale * difference, 0.0, 0.0], [[slope(x[0]), 0.0, -slope(x[2])], [0.0; 3], [0.0; 3]])
+                let side = SIDE * STOP;
+                let values = [scale * difference, side * (value - reference[1]), 0.0];
+                (values, [d_warmth.map(|d| scale * d), LUMINANCE.map(|w| side * slope * w), [0.0; 3]])
             }
             Self::Keep => each_channel(|c| {
                 let (value, slope) = stop(x[c]);
@@ -131,9 +144,13 @@ fn stop(x: f32) -> (f32, f32) {
     (floored.log2(), if x > 0.0 { std::f32::consts::LOG2_E / floored } else { 0.0 })
 }
 
-/// Logarithm of red over blue.
-fn warmth(x: [f32; 3]) -> f32 {
-    ((x[0].max(0.0) + FLOOR) / (x[2].max(0.0) + FLOOR)).ln()
+/// Logarithm of the ratio of two channels, and the slopes.
+fn ratio(x: [f32; 3], above: usize, below: usize) -> (f32, [f32; 3]) {
+    let floored = x.map(|x| x.max(0.0) + FLOOR);
+    let mut slopes = [0.0; 3];
+    slopes[above] = if x[above] > 0.0 { 1.0 / floored[above] } else { 0.0 };
+    slopes[below] = if x[below] > 0.0 { -1.0 / floored[below] } else { 0.0 };
+    ((floored[above] / floored[below]).ln(), slopes)
 }
 
 #[cfg(test)]

@@ -277,7 +277,9 @@ pub(crate) fn mappings(
 ) -> Result<Vec<Mapping>, OptimiseError> {
     let mapping = |(i, (light, variable)): (usize, (&Light, &Variable))| {
         let radiance = problem.matching_radiance(i, light, softness)? / lights.len() as f32;
-        let power_unit = radiance * light.shape.extent();
+        // Adam's steps are of one size: a light that is far stronger than its share would hardly move.
+        let own = crate::variable::power(light).into_iter().fold(0.0, f32::max);
+        let power_unit = own.max(radiance * light.shape.extent());
         Ok(Mapping { bounds: variable.bounds, locks: variable.locks, power_unit })
     };
     lights.iter().zip(&problem.variables).enumerate().map(mapping).collect()

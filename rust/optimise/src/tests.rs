@@ -368,3 +368,30 @@ fn a_broken_relighter_is_an_error_not_a_result() {
     let result = solve(&problem, &[vec![light]], &Settings::default(), &|_| ControlFlow::Continue(()));
     assert!(matches!(result, Err(OptimiseError::Diverged)));
 }
+
+#[test]
+fn brighter_does_not_tint_and_warmer_does_not_dim() {
+    // Without a base, whose colour would be a part of the picture's.
+    let (base, light) = (flat(0.0), lamps()[0].clone());
+    let still = picture(&FLOOR, &flat(0.0), &[Light { radiance: [1.0; 3], ..light.clone() }]);
+    let locks = Locks { color: false, strength: false, ..Locks::ALL };
+    let found = |aim: Aim| {
+        let goals = [Goal { aim, pixels: None, weight: 1.0 }];
+        let view = View { relight: &FLOOR, base: &base, still: vec![Some(&still)], goals: &goals };
+        let problem = Problem { views: vec![view], variables: vec![Variable { locks, ..variable(&light) }] };
+        let settings = Settings { iterations: 300, pixel_fraction: 1.0, ..Settings::default() };
+        solve(&problem, &[vec![light.clone()]], &settings, &|_| ControlFlow::Continue(())).unwrap().lights[0]
+            .radiance
+    };
+    let luminance = |c: [f32; 3]| crate::variable::luminance(c) / crate::variable::luminance(light.radiance);
+    let ratio = |c: [f32; 3], i: usize| c[i] / c[1] / (light.radiance[i] / light.radiance[1]);
+    let brighter = found(Aim::Brightness { stops: 1.0 });
+    assert!(luminance(brighter) > 1.8, "{brighter:?}");
+    assert!(
+        (ratio(brighter, 0) - 1.0).abs() < 0.05 && (ratio(brighter, 2) - 1.0).abs() < 0.05,
+        "{brighter:?}"
+    );
+    let warmer = found(Aim::Temperature { mireds: 60.0 });
+    assert!(ratio(warmer, 0) / ratio(warmer, 2) > 1.4, "{warmer:?}");
+    assert!((luminance(warmer) - 1.0).abs() < 0.05, "{warmer:?}");
+}
