@@ -11,7 +11,7 @@ from pathlib import Path
 from statistics import median
 
 from problem import FREE, parameter_error, random_spheres, shape_of, sphere, spheres_of
-from records import general
+from records import GENERAL, general
 
 from addon.core.metrics import psnr_reinhard
 
@@ -134,6 +134,11 @@ def line(record):
     return text.format(first=record["trajectory"][0][1], **record)
 
 
+def problem(record):
+    """What two methods must have in common to be compared."""
+    return tuple(record[key] for key in ("run", *GENERAL))
+
+
 def reached(trajectory, error):
     """Seconds until the error is at most this for the first time; None if never."""
     return next((seconds for seconds, value in trajectory if value <= error), None)
@@ -157,9 +162,9 @@ def show(records):
 def compare(scene, by_method):
     """Prints how much sooner Relume is where Mitsuba is at its best, median of the runs; 0 if it never gets there."""
     records = [record for some in by_method.values() for record in some]
-    mitsuba = {record["run"]: record for record in records if record["through"] == MITSUBA}
-    ours = [record for record in records if record["through"] != MITSUBA and record["run"] in mitsuba]
-    pairs = [(record, mitsuba[record["run"]]) for record in ours]
+    mitsuba = {problem(record): record for record in records if record["through"] == MITSUBA}
+    ours = [record for record in records if record["through"] != MITSUBA and problem(record) in mitsuba]
+    pairs = [(record, mitsuba[problem(record)]) for record in ours]
     if not pairs:
         return
     lower = sum(ours["parameter_error"] < theirs["parameter_error"] for ours, theirs in pairs)
