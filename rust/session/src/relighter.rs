@@ -334,16 +334,11 @@ impl Relighter {
         Ok(lights.into_iter().map(view).collect())
     }
 
-    /// The sum of some lights by the dump, denoised where there is a denoiser; black without a dump.
-    pub(crate) fn clean_sum(&self, lights: &[Light], monitor: &Monitor) -> Result<Image, SessionError> {
+    /// The sum of some lights by the dump; black without one.
+    pub(crate) fn gathered_sum(&self, lights: &[Light], monitor: &Monitor) -> Result<Image, SessionError> {
         let units = self.gather_images(lights, monitor)?;
         let pairs: Vec<_> = units.iter().zip(lights).map(|(unit, light)| (unit, light.radiance)).collect();
-        let mut sum = [relight((self.camera.width, self.camera.height), &pairs)];
-        if self.denoise.missing().is_none() {
-            self.denoise.images(&mut sum, DenoiseQuality::High)?;
-        }
-        let [sum] = sum;
-        Ok(sum)
+        Ok(relight((self.camera.width, self.camera.height), &pairs))
     }
 
     /// Unit images by the dump; none without one.

@@ -25,7 +25,7 @@ use crate::{LightSet, SessionError};
 
 pub use goals::Pictures;
 use lights::Unknowns;
-use relights::{FewPaths, GatherRelight, GpuProxyRelight, ProxyRelight};
+use relights::{GatherRelight, GpuProxyRelight, Prepared, ProxyRelight};
 pub use request::{
     Add, BoundsWish, Freedom, GoalKind, GoalWish, NewKind, RegionWish, SolveRequest, Through, Wish,
 };
@@ -176,11 +176,12 @@ struct Search<'a> {
 
 impl Search<'_> {
     fn run(&self) -> Result<Found, SessionError> {
-        let few: Vec<Option<FewPaths>> =
-            self.scenes.iter().map(|scene| scene.relighter.gather().map(FewPaths::new)).collect();
-        let gathers = self.scenes.iter().zip(&few).map(|(scene, few)| {
-            few.as_ref().and_then(|few| GatherRelight::new(scene.relighter, few, self.monitor))
-        });
+        let prepared: Vec<Option<Prepared>> =
+            self.scenes.iter().map(|scene| Prepared::new(scene.relighter)).collect();
+        let gathers =
+            self.scenes.iter().zip(&prepared).map(|(scene, prepared)| {
+                GatherRelight::new(scene.relighter, prepared.as_ref()?, self.monitor)
+            });
         let gathers: Vec<Option<GatherRelight>> = gathers.collect();
         let by_gather: Option<Vec<&dyn Relight>> =
             gathers.iter().map(|gather| gather.as_ref().map(|gather| gather as &dyn Relight)).collect();

@@ -2,15 +2,16 @@
 
 use glam::Vec3;
 use rayon::prelude::*;
-use relume_gather::{Gather, GatherError, Half, Scratch, SoftGather};
+use relume_dump::Aovs;
+use relume_gather::{DenoiseQuality, Gather, GatherError, Half, Scratch, SoftGather};
 use relume_image::Image;
 use relume_optimise::{Compare, Compared, Linear, Relight, RelightError};
 use relume_proxy::{GpuComparison, GpuProxy, LightKind, LightParams, Proxy};
 use relume_scene::{LANES, Light, lane};
 
-use crate::Proxies;
 use crate::progress::Monitor;
 use crate::relighter::Relighter;
+use crate::{Denoise, Proxies, SessionError};
 
 /// Most pixels along the edge of the cells whose means are compared: the noise of a gathered picture is an eighth there, and a
 /// tonemapped mean is less biased by it than the mean of tonemapped pixels.
@@ -144,15 +145,43 @@ fn by_lane(params: &LightParams, gradient: &[f32]) -> [f32; LANES] {
     lanes
 }
 
-/// The first passes of a dump: much softened lights are crossed by so many paths that few of them are enough.
-pub(super) struct FewPaths([(f32, Gather); 2]);
+/// What solving through a dump needs besides it.
+pub(super) struct Prepared {
+    /// The first passes: much softened lights are crossed by so many paths that few of them are enough.
+    few: [(f32, Gather); 2],
+    denoise: Denoise,
+    /// Pixels along the edge of those that are denoised as one: only the means of cells are wanted.
+    shrink: usize,
+    cell: usize,
+}
 
 /// From this softness on so many paths per pixel are enough.
 const ENOUGH: [(f32, u32); 2] = [(0.05, 6), (0.015, 24)];
+/// Pixels that are denoised in a moment.
+const QUICKLY_DENOISED: usize = 160_000;
 
-impl FewPaths {
-    pub fn new(gather: &Gather) -> Self {
-        Self(ENOUGH.map(|(softness, samples)| (softness, first_passes(gather, samples))))
+impl Prepared {
+    /// None without a dump.
+    pub fn new(relighter: &Relighter) -> Option<Self> {
+        let gather = relighter.gather()?;
+        let aovs = relighter.aovs();
+        let (width, height) = (aovs.albedo.width, aovs.albedo.height);
+        let cell = (width * height / LEAST_CELLS).isqrt().clamp(1, LARGEST_CELL);
+        let is_quick = |shrink: &usize| width * height / (shrink * shrink) <= QUICKLY_DENOISED;
+        let shrinks = [1, 2, 4, 8].into_iter().filter(|shrink| cell.is_multiple_of(*shrink));
+        let shrink = shrinks.clone().find(is_quick).or(shrinks.last()).unwrap_or(1);
+        let small = |image: &Image| image.resized(width.div_ceil(shrink), height.div_ceil(shrink));
+        let features = Aovs { albedo: small(&aovs.albedo), normal: small(&aovs.normal), ..aovs.clone() };
+        let few = ENOUGH.map(|(softness, samples)| (softness, first_passes(gather, samples)));
+        Some(Self { few, denoise: Denoise::new(&features, None), shrink, cell })
+    }
+
+    /// The means of cells of a picture without its noise.
+    fn clean_cells(&self, noisy: &Image) -> Result<Vec<[f32; 3]>, SessionError> {
+        let (width, height) = (noisy.width.div_ceil(self.shrink), noisy.height.div_ceil(self.shrink));
+        let mut images = [noisy.resized(width, height)];
+        self.denoise.images(&mut images, DenoiseQuality::High)?;
+        Ok(images[0].cell_means(self.cell / self.shrink))
     }
 }
 
@@ -172,18 +201,16 @@ pub(super) struct GatherRelight<'a> {
     gather: &'a Gather,
     soft: SoftGather<'a>,
     few: Vec<(f32, SoftGather<'a>)>,
-    cell: usize,
+    prepared: &'a Prepared,
 }
 
 impl<'a> GatherRelight<'a> {
     /// None without a dump.
-    pub fn new(relighter: &'a Relighter, few: &'a FewPaths, monitor: &'a Monitor) -> Option<Self> {
-        let gather = relighter.gather()?;
-        let manifest = gather.dump().manifest();
-        let pixels = manifest.width * manifest.height;
-        let cell = (pixels / LEAST_CELLS).isqrt().clamp(1, LARGEST_CELL);
-        let few = few.0.iter().map(|(softness, few)| (*softness, SoftGather::new(few, cell))).collect();
-        Some(Self { relighter, monitor, gather, soft: SoftGather::new(gather, cell), few, cell })
+    pub fn new(relighter: &'a Relighter, prepared: &'a Prepared, monitor: &'a Monitor) -> Option<Self> {
+        let (gather, cell) = (relighter.gather()?, prepared.cell);
+        let few =
+            prepared.few.iter().map(|(softness, few)| (*softness, SoftGather::new(few, cell))).collect();
+        Some(Self { relighter, monitor, gather, soft: SoftGather::new(gather, cell), few, prepared })
     }
 
     fn soft(&self, softness: f32) -> &SoftGather<'a> {
@@ -193,11 +220,11 @@ impl<'a> GatherRelight<'a> {
     /// Means of gathered pixels.
     fn exact(&self, light: &Light, cells: &[u32]) -> Result<Vec<[f32; 3]>, GatherError> {
         let lights = [self.gather.prepare(light)?];
-        let ((width, height), columns) = (self.size(), self.soft.cells().0);
+        let ((width, height), columns, cell_edge) = (self.size(), self.soft.cells().0, self.prepared.cell);
         let mean = |scratch: &mut Scratch, cell: &u32| {
             let (column, row) = (*cell as usize % columns, *cell as usize / columns);
-            let (left, top) = (column * self.cell, row * self.cell);
-            let (right, bottom) = (width.min(left + self.cell), height.min(top + self.cell));
+            let (left, top) = (column * cell_edge, row * cell_edge);
+            let (right, bottom) = (width.min(left + cell_edge), height.min(top + cell_edge));
             let (mut sum, mut value) = ([0.0; 3], [[0.0; 3]]);
             for (x, y) in (top..bottom).flat_map(|y| (left..right).map(move |x| (x, y))) {
                 self.gather.pixel_into(x, y, &lights, Half::All, scratch, &mut value);
@@ -216,7 +243,7 @@ impl Relight for GatherRelight<'_> {
     }
 
     fn cell(&self) -> usize {
-        self.cell
+        self.prepared.cell
     }
 
     fn values(&self, light: &Light, softness: f32, cells: &[u32]) -> Result<Vec<[f32; 3]>, RelightError> {
@@ -246,7 +273,7 @@ impl Relight for GatherRelight<'_> {
     /// Gathered and denoised.
     fn clean_picture(&self, lights: &[&Light]) -> Result<Vec<[f32; 3]>, RelightError> {
         let lights: Vec<Light> = lights.iter().map(|light| (*light).clone()).collect();
-        Ok(self.relighter.clean_sum(&lights, self.monitor)?.cell_means(self.cell))
+        Ok(self.prepared.clean_cells(&self.relighter.gathered_sum(&lights, self.monitor)?)?)
     }
 
     fn linearise(&self, light: &Light, softness: f32, cells: &[u32]) -> Result<Option<Linear>, RelightError> {
