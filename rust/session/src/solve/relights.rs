@@ -169,7 +169,7 @@ impl Prepared {
         let cell = (width * height / LEAST_CELLS).isqrt().clamp(1, LARGEST_CELL);
         let is_quick = |shrink: &usize| width * height / (shrink * shrink) <= QUICKLY_DENOISED;
         let shrinks = [1, 2, 4, 8].into_iter().filter(|shrink| cell.is_multiple_of(*shrink));
-        let shrink = shrinks.clone().find(is_quick).or(shrinks.last()).unwrap_or(1);
+        let shrink = shrinks.clone().find(is_quick).or(shrinks.max()).unwrap_or(1);
         let small = |image: &Image| image.resized(width.div_ceil(shrink), height.div_ceil(shrink));
         let features = Aovs { albedo: small(&aovs.albedo), normal: small(&aovs.normal), ..aovs.clone() };
         let few = ENOUGH.map(|(softness, samples)| (softness, first_passes(gather, samples)));
