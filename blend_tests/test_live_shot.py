@@ -177,7 +177,9 @@ def test_undo_save_pause_and_disable_while_training(studio, tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
     scene = bpy.context.scene
     assert bpy.ops.relume.pause() == {"FINISHED"}
-    found = until(scene, lambda found: found.status["paused"] and found.changes.sentences == [], "a pause")
+    found = until(
+        scene, lambda found: found.status["paused"] and found.changes.sentences == [] and found.frame, "a pause"
+    )
     bpy.data.lights["Key"].energy *= 2.0
     serial = found.frame.serial
     bpy.context.view_layer.update()
