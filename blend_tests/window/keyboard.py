@@ -4,7 +4,10 @@ events that it simulates never come by. The protocol of X11, version 11.0, and o
 import os
 import socket
 import struct
+from pathlib import Path
 
+SOCKETS = Path(os.sep, "tmp", ".X11-unix")
+"""Where X servers listen, whatever TMPDIR says (xtrans, `UNIX_PATH`)."""
 ESCAPE = 9
 """Key code of X servers on Linux."""
 KEY_PRESS, KEY_RELEASE = 2, 3
@@ -14,7 +17,7 @@ def press(key_code):
     """Presses and releases a key; it goes to the window under the mouse, or to the one that has the focus."""
     number = os.environ["DISPLAY"].split(":")[1].split(".")[0]
     with socket.socket(socket.AF_UNIX) as server:
-        server.connect(f"/tmp/.X11-unix/X{number}")
+        server.connect(str(SOCKETS / f"X{number}"))
         server.sendall(struct.pack("<BxHHHHxx", ord("l"), 11, 0, 0, 0))
         status, words = struct.unpack("<Bx4xH", _read(server, 8))
         _read(server, 4 * words)

@@ -242,8 +242,8 @@ impl<'a> ViewObjective<'a> {
         cells: &[u32],
     ) -> Result<Vec<Linear>, RelightError> {
         let unit = |(i, light): (usize, &Light)| {
-            if let (None, Some(linear)) =
-                (&self.still[i], self.view.relight.linearise(light, softness, cells)?)
+            if self.still[i].is_none()
+                && let Some(linear) = self.view.relight.linearise(light, softness, cells)?
             {
                 return Ok(linear);
             }
