@@ -21,6 +21,7 @@ PARTS = {
     ("object", "pose"): "'{name}' has another pose",
     ("data", "shape"): "Mesh '{name}' changed",
     ("material", "nodes"): "Material '{name}' changed",
+    ("image", "file"): "The file of image '{name}' changed",
     ("world", "shape"): "The world changed",
     ("world", "color"): "The world changed",
     ("camera", "place"): "The camera moved",
@@ -28,7 +29,7 @@ PARTS = {
     ("settings", "paths"): "Bounces or filters of the render settings changed",
     ("settings", "space"): "The file has another working space",
 }
-ORDER = ("camera", "film", "settings", "world", "object", "data", "material")
+ORDER = ("camera", "film", "settings", "world", "object", "data", "material", "image")
 
 
 def sentences(keys: Iterable[str], baked: dict[str, Print], present: dict[str, Print]) -> list[str]:

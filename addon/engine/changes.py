@@ -67,6 +67,19 @@ class Changes:
         self._walk, self._is_outdated = None, False
         self._wants_walk = self._takes_all = True
 
+    def mark_files(self) -> bool:
+        """Image files may have been written by other programs, of which nobody tells. Whether there are any."""
+        files = {key: None for key in self.present if key.startswith("image ")}
+        self._waiting |= files
+        return bool(files)
+
+    def reload_images(self) -> None:
+        """Has Blender read the files anew that changed since the bake, as a render by Cycles does; what was painted
+        and not saved stays."""
+        for image in bpy.data.images:
+            if f"image {image.name_full}" in self._different and not image.is_dirty:
+                image.reload()
+
     def _look_at_world(self, scene: bpy.types.Scene) -> bool:
         before = self.present.get("world")
         self._keep("world", prints.world(scene))

@@ -1,12 +1,13 @@
 """Prints of what a bake depends on, cheap enough to be taken while the artist works.
 
 They see transforms, data and its vertices, modifiers and their inputs, poses, material and world nodes, visibility,
-camera and render settings. They do not see image files that changed on disk, simulation caches, and what node groups of
-modifiers do beyond their inputs."""
+camera and render settings, and size and time of image files. They do not see simulation caches, and what node groups
+of modifiers do beyond their inputs."""
 
 from __future__ import annotations
 
 import json
+import os
 import zlib
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -41,6 +42,8 @@ def keys_of(found: bpy.types.ID, scene: bpy.types.Scene) -> list[str]:
         return ["camera"]
     if isinstance(found, bpy.types.Material):
         return [f"material {found.name_full}"]
+    if isinstance(found, bpy.types.Image):
+        return [f"image {found.name_full}"]
     if isinstance(found, bpy.types.World):
         return ["world"]
     if isinstance(found, bpy.types.Scene):
@@ -60,6 +63,7 @@ def walk(scene: bpy.types.Scene) -> Iterator[tuple[str, Take]]:
     for kind, take in ONE_OF_A_KIND.items():
         yield kind, partial(take, scene)
     walked: set[int] = set()
+    yield from _images(scene.world, walked)
     for obj in list(scene.objects):
         if not _counts(obj):
             yield "", _nothing
@@ -74,6 +78,24 @@ def walk(scene: bpy.types.Scene) -> Iterator[tuple[str, Take]]:
             if material is not None and material.session_uid not in walked:
                 walked.add(material.session_uid)
                 yield f"material {material.name_full}", partial(_material, material)
+                yield from _images(material, walked)
+
+
+def _images(owner: bpy.types.Material | bpy.types.World | None, walked: set[int]) -> Iterator[tuple[str, Take]]:
+    """What takes the prints of the images in the nodes of a material or world, of each once."""
+    tree = used_tree(owner) if owner else None
+    for image in _images_of(tree) if tree else ():
+        if image.session_uid not in walked:
+            walked.add(image.session_uid)
+            yield f"image {image.name_full}", partial(_image, image)
+
+
+def _images_of(tree: bpy.types.NodeTree) -> Iterator[bpy.types.Image]:
+    for node in tree.nodes:
+        if (image := getattr(node, "image", None)) is not None:
+            yield image
+        if (inner := getattr(node, "node_tree", None)) is not None:
+            yield from _images_of(inner)
 
 
 def _nothing() -> None:
@@ -89,6 +111,7 @@ def take(scene: bpy.types.Scene, key: str) -> Print | None:
         "object": ((scene.objects,), _object),
         "data": ((bpy.data.meshes, bpy.data.curves, bpy.data.metaballs), _data),
         "material": ((bpy.data.materials,), _material),
+        "image": ((bpy.data.images,), _image),
     }[kind]
     found = (_by_full_name(place, name) for place in places)
     return next((of(block) for block in found if block is not None), None)
@@ -180,6 +203,24 @@ def _array(attribute: Any, name: str, width: int) -> str:
 def _material(material: bpy.types.Material) -> Print:
     tree = used_tree(material)
     return {"nodes": _hash(_tree(tree) if tree else _values(material))}
+
+
+def _image(image: bpy.types.Image) -> Print | None:
+    """Of the files behind an image: of tiles all."""
+    if image.source not in {"FILE", "SEQUENCE", "TILED"} or image.packed_file:
+        return None
+    path = bpy.path.abspath(image.filepath, library=image.library)
+    tiles = [tile.number for tile in image.tiles] if image.source == "TILED" else [0]
+    return {"file": _hash([_stamp(path.replace("<UDIM>", str(tile))) for tile in tiles])}
+
+
+def _stamp(path: str) -> tuple[int, int] | None:
+    """Differs when a file was written anew."""
+    try:
+        found = os.stat(path)
+    except OSError:
+        return None
+    return found.st_size, found.st_mtime_ns
 
 
 def _tree(tree: bpy.types.NodeTree) -> list:

@@ -73,6 +73,9 @@ class Shot:
     @classmethod
     def start(cls, scene: bpy.types.Scene) -> Shot:
         """Exports the scene and bakes it into its folder; goes on with an interrupted bake of the same scene."""
+        before = of(scene)
+        if before is not None:
+            before.changes.reload_images()
         shot = cls._replace(scene, options_of(scene), None)
         shot._export(scene)
         return shot

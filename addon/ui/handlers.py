@@ -22,6 +22,8 @@ REST_SECONDS = 0.15
 """How long nothing must change until the full picture is asked for."""
 EXIT_SECONDS = 5.0
 """How long Blender's exit waits for work to end."""
+FILES_SECONDS = 2.0
+"""Between looks at image files."""
 LOOK_SECONDS = 0.005
 """How long one turn may look for what has changed since the bake."""
 
@@ -75,6 +77,8 @@ def wake() -> None:
     global _is_quiet
     if bpy.app.background:
         return
+    if not bpy.app.timers.is_registered(look_at_files):
+        bpy.app.timers.register(look_at_files, first_interval=FILES_SECONDS, persistent=True)
     if bpy.app.timers.is_registered(_timer):
         if not _is_quiet:
             return
@@ -91,6 +95,13 @@ def _timer() -> float | None:
         return None
     _is_quiet = not _resting and not any(found.is_lively or found.changes.is_pending for found in shot.all_open())
     return QUIET_SECONDS if _is_quiet else TICK_SECONDS
+
+
+def look_at_files() -> float | None:
+    """Looks whether image files have changed since the bake; seconds until the next look."""
+    if any([found.changes.mark_files() for found in shot.all_open()]):
+        wake()
+    return FILES_SECONDS if shot.all_open() else None
 
 
 def tick() -> bool:
@@ -238,6 +249,6 @@ def unregister():
     atexit.unregister(_exit)
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).remove(handler)
-    for timer in (_timer, open_bakes):
+    for timer in (_timer, look_at_files, open_bakes):
         if bpy.app.timers.is_registered(timer):
             bpy.app.timers.unregister(timer)

@@ -42,24 +42,22 @@ float finite(float x)
   return x > 0.0 ? min(x, 65504.0) : 0.0; /* NaN is not greater. */
 }
 
-vec4 texel(sampler2D picture, ivec2 at)
+vec4 texel(bool is_first, ivec2 at)
 {
-  vec4 color = texelFetch(picture, clamp(at, ivec2(0), textureSize(picture, 0) - 1), 0);
+  vec4 color = is_first ? texelFetch(first, at, 0) : texelFetch(second, at, 0);
   return vec4(finite(color.r), finite(color.g), finite(color.b), clamp(color.a, 0.0, 1.0));
 }
 
+/* A picture at a place of 0..1. */
+vec4 filtered(bool is_first, vec2 at)
+{
+  ivec2 size = is_first ? textureSize(first, 0) : textureSize(second, 0);
 #ifdef ONE_TO_ONE
-vec4 filtered(sampler2D picture, vec2 at)
-{
-  return texel(picture, ivec2(floor(at * vec2(textureSize(picture, 0)))));
-}
+  return texel(is_first, clamp(ivec2(floor(at * vec2(size))), ivec2(0), size - 1));
 #else
-/* A tent over the texels under the pixel: bilinear when larger, smooth when smaller. */
-vec4 filtered(sampler2D picture, vec2 at)
-{
-  vec2 size = vec2(textureSize(picture, 0));
-  vec2 center = at * size - 0.5;
-  vec2 radius = clamp(size / (frame.zw - frame.xy), vec2(1.0), vec2(LARGEST_RADIUS));
+  /* A tent over the texels under the pixel: bilinear when larger, smooth when smaller. */
+  vec2 center = at * vec2(size) - 0.5;
+  vec2 radius = clamp(vec2(size) / (frame.zw - frame.xy), vec2(1.0), vec2(LARGEST_RADIUS));
   ivec2 low = ivec2(floor(center - radius)) + 1;
   ivec2 high = ivec2(ceil(center + radius)) - 1;
   vec4 sum = vec4(0.0);
@@ -68,13 +66,13 @@ vec4 filtered(sampler2D picture, vec2 at)
     for (int x = low.x; x <= high.x; x++) {
       vec2 near = max(1.0 - abs(vec2(float(x), float(y)) - center) / radius, vec2(0.0));
       float weight = near.x * near.y;
-      sum += weight * texel(picture, ivec2(x, y));
+      sum += weight * texel(is_first, clamp(ivec2(x, y), ivec2(0), size - 1));
       weights += weight;
     }
   }
   return sum / weights;
-}
 #endif
+}
 
 float srgb_from_linear(float x)
 {
@@ -123,10 +121,11 @@ void main()
   if (mode != SPLIT && right) {
     discard;
   }
-  vec4 color = displayed(mode == SPLIT && right ? filtered(second, at) : filtered(first, at));
-  if (mode == DIFFERENCE) {
-    vec4 other = displayed(filtered(second, at));
-    color = vec4(min(abs(color.rgb - other.rgb) * gain, vec3(1.0)), 1.0);
+  int last = mode == DIFFERENCE ? 1 : 0;
+  vec4 color = vec4(0.0);
+  for (int turn = 0; turn <= last; turn++) {
+    vec4 shown = displayed(filtered(turn == 0 && !(mode == SPLIT && right), at));
+    color = turn == 0 ? shown : vec4(min(abs(color.rgb - shown.rgb) * gain, vec3(1.0)), 1.0);
   }
   if (color.a * opacity < 1.0) {
     color.rgb = pow(color.rgb, vec3(2.2)); /* Blended, so that no level can be chosen. */

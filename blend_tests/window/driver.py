@@ -79,6 +79,8 @@ class Driver:
         if self.watch.calls:
             self.record(f"{name}: longest call of the add-on", took * 1000, "ms", 50)
             print(f"{name}: the longest call of the add-on, {took * 1000:.1f} ms, was {call}", flush=True)
+        for took, call in self.watch.slow:
+            print(f"{name}: a slow call of the add-on, {took * 1000:.1f} ms: {call}", flush=True)
 
     def _quit(self):
         try:

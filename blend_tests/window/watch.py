@@ -5,6 +5,8 @@ import threading
 import time
 
 TOOL = sys.monitoring.PROFILER_ID
+SLOW_SECONDS = 0.04
+"""Calls that take longer are remembered one by one."""
 
 
 class Watch:
@@ -13,6 +15,7 @@ class Watch:
     def __init__(self, folder):
         self.calls = 0
         self.longest = (0.0, "")
+        self.slow = []
         self._folder = str(folder)
         self._depth = 0
         self._began = 0.0
@@ -33,7 +36,7 @@ class Watch:
 
     def reset(self):
         """Forgets what it has seen."""
-        self.calls, self.longest = 0, (0.0, "")
+        self.calls, self.longest, self.slow = 0, (0.0, ""), []
 
     def _enter(self, code, *_):
         if not code.co_filename.startswith(self._folder):
@@ -53,6 +56,8 @@ class Watch:
                 self.calls += 1
                 took = time.perf_counter() - self._began
                 self.longest = max(self.longest, (took, code.co_qualname))
+                if took > SLOW_SECONDS:
+                    self.slow.append((took, code.co_qualname))
         return None
 
     # Exceptions cannot be switched off for a single place: these must not return DISABLE.
