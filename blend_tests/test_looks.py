@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from addon.apply.writable import RefusedError
+from addon.core import receivers
 from addon.core.looks import LookError, from_json, to_json
 from addon.core.rows import GROUP, Row
 from addon.engine import shot
@@ -353,6 +354,51 @@ def test_an_imported_look_is_compared_with_the_present_lights(compared, tmp_path
     compare.start(scene, [entry])
     assert live.requests[-1]["gains"] == {"Key": [1.0] * 3, "Fill": [1.0] * 3}
     assert place_of_key(live.requests[-1]) == 9.0
+
+
+def test_a_look_shines_on_the_same_objects_in_a_bake_that_counts_them_anew(compared):
+    scene, live, _shown = compared
+    linked = bpy.data.collections.new("Lit")
+    linked.objects.link(bpy.data.objects["Plane"])
+    bpy.data.objects["Key"].light_linking.receiver_collection = linked
+    update()
+    handlers.read_lights(scene)
+    looks.snapshot(scene, "Linked")
+    bpy.data.objects["Key"].light_linking.receiver_collection = None
+    update()
+    found = shot.of(scene)
+    objects = found.lights.receivers
+    found.lights.receivers = ["New", *reversed(objects)]
+    compare.start(scene, [scene.relume_looks.items["Linked"]])
+    (number,) = receivers_of_key(live.requests[-1])
+    assert found.lights.receivers[number] == "Plane"
+    found.lights.receivers = ["New"]
+    compare.start(scene, [scene.relume_looks.items["Linked"]])
+    assert receivers_of_key(live.requests[-1]) == [], "the plane is not in this bake"
+
+
+def test_a_look_from_before_objects_were_named_is_asked_for_as_it_is(compared):
+    scene, live, _shown = compared
+    entry = scene.relume_looks.items["One"]
+    old = json.loads(entry.request)
+    old["lights"][0]["receivers"] = {"receivers": [0, 2]}
+    entry.request = json.dumps(old)
+    compare.start(scene, [entry])
+    assert live.requests[-1]["lights"][0]["receivers"] == {"receivers": [0, 2]}
+
+
+def test_links_survive_names_and_numbers():
+    objects = [f"object {number}" for number in range(2060)]
+    for numbers in ([], [3], [0, 5, 2047], list(range(2048)), [number for number in range(2048) if number != 7]):
+        request = json.dumps({"lights": [{"name": "Key", "receivers": {"receivers": numbers}}, {"name": "Fill"}]})
+        named = receivers.with_names(request, objects)
+        assert json.loads(receivers.with_numbers(named, objects)) == json.loads(request)
+    without = receivers.with_numbers(named, ["New", *objects[:20]])
+    assert json.loads(without)["lights"][0]["receivers"] == {"receivers": [0, *range(1, 8), *range(9, 21)]}
+
+
+def receivers_of_key(request):
+    return next(light["receivers"]["receivers"] for light in request["lights"] if light["name"] == "Key")
 
 
 def test_comparing_needs_a_shot_and_ends_with_it(compared):

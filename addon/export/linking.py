@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import bpy
 
-RECEIVER_LIMIT = 2048
+from ..core.receivers import RECEIVER_LIMIT, numbers_of
 
 
 class LightLinking:
@@ -41,7 +41,7 @@ class LightLinking:
             for number, name in enumerate(self.objects)
             if states.get(name, "INCLUDE" if exclude_only else "EXCLUDE") == "INCLUDE"
         )
-        return sorted({min(number, RECEIVER_LIMIT - 1) for number in lit})
+        return numbers_of(lit)
 
 
 def _link_states(collection: bpy.types.Collection) -> dict[str, str]:

@@ -10,6 +10,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..core.looks import match
+from ..core.receivers import with_numbers
 from ..core.rows import mix_for
 from ..engine import shot
 from ..viewport import compare
@@ -89,7 +90,8 @@ def request_of(scene: bpy.types.Scene, found: shot.Shot, look: RelumeLook) -> st
     """What makes the picture of a look: as it was asked for when the look was made; without that, such as for an
     imported one, its rows with the present lights."""
     if look.request:
-        return json.dumps(json.loads(look.request) | {"interactive": False})
+        kept = json.dumps(json.loads(look.request) | {"interactive": False})
+        return with_numbers(kept, found.lights.receivers)
     lights = found.lights.descriptions
     present, groups, memberships = rows.plain(scene)
     values = match(look.look(), [*present, *groups]).rows

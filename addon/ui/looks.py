@@ -15,6 +15,7 @@ from ..apply import new_lights
 from ..apply.look_lights import light_state, refusals, restore_lights
 from ..apply.writable import RefusedError
 from ..core.looks import Look, LookError, from_json, match, to_json
+from ..core.receivers import with_names
 from ..core.rows import LIGHT
 from ..engine import shot
 from ..export.light_tree import light_tree
@@ -34,7 +35,7 @@ class RelumeLook(bpy.types.PropertyGroup):
     name: StringProperty(name="Name", description="Name of the look", update=_renamed)
     uid: StringProperty(name="UID", description="Tells looks apart", options={"HIDDEN"})
     text: StringProperty(name="Values", description="The look in the form of its files", options={"HIDDEN"})
-    request: StringProperty(name="Request", description="What its picture was asked with", options={"HIDDEN"})
+    request: StringProperty(name="Request", description="What its picture was asked with, by names", options={"HIDDEN"})
     solved: BoolProperty(name="Solved", description="Made by solving: it is about lights, not rows", options={"HIDDEN"})
     thumbnail: StringProperty(name="Thumbnail", description="Its picture, small", options={"HIDDEN"})
 
@@ -74,7 +75,7 @@ def snapshot(scene: bpy.types.Scene, name: str = "Look") -> RelumeLook:
     entry = add(scene, current(scene, name))
     found = shot.of(scene)
     if found is not None:
-        entry.request = found.request
+        entry.request = with_names(found.request, found.lights.receivers) if found.request else ""
         if found.frame is not None:
             entry.thumbnail = thumbnails.encode(scene, found.frame.image)
     return entry

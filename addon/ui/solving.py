@@ -18,6 +18,7 @@ from ..apply.look_lights import light_state
 from ..core import coverage
 from ..core import solve as core
 from ..core.looks import Look
+from ..core.receivers import with_names
 from ..core.rows import LIGHT, WORLD, Row, freed, times
 from ..core.solve import SolveError
 from ..core.strokes import goals
@@ -216,7 +217,7 @@ class Solving:
         before = self._keep_before(scene, small[0])
         solved_rows = self._rows(scene, answer, [state for state in found.states if not state["hidden"]])
         look = Look(f"{SOLVED} {_next_number(scene)}", tuple(solved_rows), tuple(found.states))
-        entry = _keep(scene, look, json.dumps(request | {"interactive": False}), small[1])
+        entry = _keep(scene, look, self._named(json.dumps(request | {"interactive": False})), small[1])
         entry.solved, self.entry = True, entry.uid
         scene.relume_solve.report = json.dumps(
             {
@@ -231,11 +232,15 @@ class Solving:
 
     def _keep_before(self, scene: bpy.types.Scene, thumbnail: str) -> str:
         """The name of the look of how it was: a new one, unless there is one already."""
-        request = self._before_request
+        request = self._named(self._before_request)
         for entry in scene.relume_looks.items:
             if entry.name.startswith(BEFORE) and entry.request == request:
                 return entry.name
         return _keep(scene, self._before, request, thumbnail).name
+
+    def _named(self, request: str) -> str:
+        """A request as looks keep it."""
+        return with_names(request, self.shot.lights.receivers)
 
     def _rows(self, scene: bpy.types.Scene, answer: dict, states: list[dict]) -> list[Row]:
         """Rows of the look: the answer's lights hold their gains themselves, the others keep them."""
