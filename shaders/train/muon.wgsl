@@ -1,6 +1,6 @@
 // use: train/parameters
-// Muon (Jordan et al. 2024, "Muon: An optimizer for hidden layers in neural networks") for square matrices, all at once. A
-// matrix has four squares of scratch: the iterate, its Gram matrix, the polynomial of that, and the next iterate.
+// Muon (Jordan et al. 2024, "Muon: An optimizer for hidden layers in neural networks") for square matrices, all at once, that
+// are too large for `optimise.wgsl`. A matrix has four squares of scratch: the iterate, its Gram matrix, the polynomial of that, and the next iterate.
 
 struct Muon {
     /// Rows and columns; values from row to row among the parameters.
@@ -17,6 +17,8 @@ struct Muon {
     share: f32,
     /// Length of the step.
     step: f32,
+    /// Share of the way that the mean goes.
+    mean_share: f32,
 }
 
 @group(0) @binding(0) var<storage, read_write> squares: array<f32>;
@@ -26,11 +28,12 @@ struct Muon {
 /// At the start the momentum, at the end the parameters.
 @group(0) @binding(3) var<storage, read_write> moved: array<f32>;
 @group(0) @binding(4) var<storage, read> gradient: array<f32>;
+/// At the end, in its place.
+@group(0) @binding(4) var<storage, read_write> mean: array<f32>;
 var<immediate> arguments: Muon;
 
 const TILE: u32 = 16u;
 const THREADS: u32 = 256u;
-const MOMENTUM: f32 = 0.95;
 
 fn square(matrix: u32, number: u32) -> u32 {
     return (matrix * 4u + number) * arguments.size * arguments.size;
@@ -50,9 +53,9 @@ fn start(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) l
     for (var i = local; i < size * size; i += THREADS) {
         let at = starts[group.x] + i / size * arguments.stride + i % size;
         let g = gradient[at];
-        let m = MOMENTUM * moved[at] + g;
+        let m = MUON_MOMENTUM * moved[at] + g;
         moved[at] = m;
-        let x = g + MOMENTUM * m;
+        let x = g + MUON_MOMENTUM * m;
         squares[to + i] = x;
         sum += x * x;
     }
@@ -123,7 +126,7 @@ fn multiply(
     }
 }
 
-/// Moves the parameters along the square `left`.
+/// Moves the parameters along the square `left`, and their mean.
 @compute @workgroup_size(THREADS)
 fn finish(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
     let index = id.x + id.y * groups.x * THREADS;
@@ -135,4 +138,5 @@ fn finish(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) gro
     let at = index % (size * size);
     let parameter = starts[matrix] + at / size * arguments.stride + at % size;
     moved[parameter] -= arguments.step * squares[square(matrix, arguments.left) + at];
+    mean[parameter] += arguments.mean_share * (moved[parameter] - mean[parameter]);
 }

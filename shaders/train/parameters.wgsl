@@ -13,8 +13,11 @@ const ADAM: u32 = 0u;
 const MUON: u32 = 1u;
 const SPARSE_ADAM: u32 = 2u;
 
+/// Momentum of Muon.
+const MUON_MOMENTUM: f32 = 0.95;
+
 struct Progress {
-    /// Loss of the last step; sum over the steps since the host has asked.
+    /// Loss of the last step, finite or not; sum over the steps since the host has asked.
     loss: f32,
     loss_sum: f32,
     /// Steps since then, those that had no effect left out.

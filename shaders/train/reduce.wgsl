@@ -1,5 +1,5 @@
 // use: train/parameters
-// Adds up the pieces of the gradient in their order.
+// Adds up the pieces of the gradient in their order, and the loss of a batch.
 
 struct Reduction {
     batch: Batch,
@@ -8,6 +8,8 @@ struct Reduction {
     dense: u32,
     /// All parameters.
     parameters: u32,
+    /// Sums of the loss, one from each workgroup that has computed it.
+    losses: u32,
 }
 
 @group(0) @binding(0) var<storage, read> blocks: array<u32>;
@@ -16,17 +18,58 @@ struct Reduction {
 @group(0) @binding(2) var<storage, read_write> grid: array<u32>;
 @group(0) @binding(3) var<storage, read_write> gradient: array<f32>;
 @group(0) @binding(4) var<storage, read_write> progress: Progress;
+@group(0) @binding(5) var<storage, read> losses: array<f32>;
 var<immediate> arguments: Reduction;
 
 const THREADS: u32 = 256u;
 
-/// One parameter a thread.
+/// The first workgroup takes the loss, a thread of the others a parameter.
 @compute @workgroup_size(THREADS)
-fn reduce(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
-    let index = id.x + id.y * groups.x * THREADS;
+fn reduce(
+    @builtin(workgroup_id) workgroup: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let group = workgroup.x + workgroup.y * groups.x;
+    if group == 0u {
+        sum_losses(local);
+        return;
+    }
+    let index = (group - 1u) * THREADS + local;
     if index >= arguments.parameters {
         return;
     }
+    let sum = gradient_of(index);
+    gradient[index] = sum;
+    if !is_finite(sum) {
+        progress.diverged = 1u;
+    }
+}
+
+var<workgroup> sums: array<f32, THREADS>;
+
+fn sum_losses(local: u32) {
+    var sum = 0.0;
+    for (var i = local; i < arguments.losses; i += THREADS) {
+        sum += losses[i];
+    }
+    sums[local] = sum;
+    for (var half = THREADS / 2u; half > 0u; half /= 2u) {
+        workgroupBarrier();
+        if local < half {
+            sums[local] += sums[local + half];
+        }
+    }
+    if local == 0u {
+        progress.loss = sums[0];
+        if !is_finite(sums[0]) {
+            progress.diverged = 1u;
+        }
+    }
+}
+
+/// Sum of the gradients by a parameter; the grid's begin anew.
+fn gradient_of(index: u32) -> f32 {
     let space = blocks[index / BLOCK] & 255u;
     var sum = 0.0;
     if space == GRID {
@@ -40,10 +83,7 @@ fn reduce(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) gro
             sum += pieces[i * arguments.dense + index];
         }
     }
-    gradient[index] = sum;
-    if !is_finite(sum) {
-        progress.diverged = 1u;
-    }
+    return sum;
 }
 
 /// Value of a sum in units of 2^-48.

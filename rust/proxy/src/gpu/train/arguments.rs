@@ -28,15 +28,15 @@ arguments! {
     Scatter {
         batch: Batch, first_draw: u32, d_pixels: u32, levels: u32, features: u32, width: u32, height: u32, grid: u32,
     }
-    Reduction { batch: Batch, piece: u32, dense: u32, parameters: u32 }
+    Reduction { batch: Batch, piece: u32, dense: u32, parameters: u32, losses: u32 }
     Rates {
-        parameters: u32, adam: f32, grid: f32, first_correction: f32, second_correction: f32,
+        parameters: u32, adam: f32, grid: f32, first_correction: f32, second_correction: f32, mean_share: f32,
+        matrices: u32, size: u32, stride: u32, muon: f32, linear: f32, cubic: f32, quintic: f32,
     }
     Targets { samples: u32, slots: u32, first_block: u32, blocks: u32, block: u32 }
-    Mean { parameters: u32, share: f32 }
     Muon {
         size: u32, stride: u32, matrices: u32, left: u32, right: u32, turned: u32, plus: u32, to: u32, factor: f32,
-        share: f32, step: f32,
+        share: f32, step: f32, mean_share: f32,
     }
 }
 

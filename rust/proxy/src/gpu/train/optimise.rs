@@ -2,14 +2,16 @@ use bytemuck::{Zeroable, bytes_of};
 use relume_gpu::{Binding, Bound, Buffer, Commands, Gpu, GpuError};
 
 use super::Step;
-use super::arguments::{Batch, Mean, Muon, Progress, Rates, Reduction};
+use super::arguments::{Batch, Muon, Progress, Rates, Reduction};
 use super::plan::Space;
 use crate::optim::{NEWTON_SCHULZ, ROUNDS, corrections, muon_step_length};
 use crate::params::{ParamLayout, Role};
 use crate::simd::PAD;
 
-/// Threads of a workgroup in `train/reduce.wgsl`, `train/adam.wgsl` and `train/mean.wgsl`.
+/// Threads of a workgroup in `train/reduce.wgsl` and `train/optimise.wgsl`.
 const THREADS: u32 = 256;
+/// Largest matrices of Muon that `train/optimise.wgsl` moves: two squares of them fill 32 KiB.
+const LARGEST_SIDE: u32 = 64;
 /// Rows and columns of a workgroup's share of a product in `train/muon.wgsl`.
 const TILE: u32 = 16;
 
@@ -38,18 +40,24 @@ pub(super) struct Optimise {
     parameters: u32,
     dense: u32,
     reduce: Bound,
-    sum_losses: Bound,
-    adam: Bound,
-    average: Bound,
+    optimise: Bound,
+    hidden: Hidden,
     muon: Option<MuonKernels>,
 }
 
-/// Muon for the hidden matrices, which are all of one size.
+/// The matrices that Muon moves, which are all of one size; there may be none.
 #[derive(Debug)]
-struct MuonKernels {
+struct Hidden {
+    /// First parameter of each.
+    starts: Buffer<u32>,
+    matrices: u32,
     size: u32,
     stride: u32,
-    matrices: u32,
+}
+
+/// Muon for matrices that are too large to move with all else.
+#[derive(Debug)]
+struct MuonKernels {
     #[allow(dead_code, reason = "bound to kernels, and counted against the memory budget while it lives")]
     squares: Buffer<f32>,
     start: Bound,
@@ -74,16 +82,20 @@ impl Optimise {
         let progress = gpu.zeros::<Progress>("progress", 1)?;
         let blocks = gpu.buffer_of("blocks", &block_words(layout, muon))?;
         let (b, g, p) = (blocks.whole(), gradient.whole(), progress.whole());
-        let bind = |stage: &str, entry: &str, buffers: &[Binding<'_>]| {
-            gpu.kernel(&format!("train/{stage}"), entry, &[])?.bind(buffers)
-        };
-        let moments = [first.whole(), second.whole()];
+        let reduced = [b, pieces.whole(), grid.whole(), g, p, losses.whole()];
+        let hidden = Hidden::new(gpu, layout, muon)?;
+        let side = hidden.side();
+        let moved =
+            [b, p, g, params.whole(), first.whole(), second.whole(), mean.whole(), hidden.starts.whole()];
+        let constants = [("SIDE", side.unwrap_or(4)), ("ROUNDS", ROUNDS as u32)];
         Ok(Self {
-            reduce: bind("reduce", "reduce", &[b, pieces.whole(), grid.whole(), g, p])?,
-            sum_losses: bind("loss_sum", "sum_losses", &[losses.whole(), p])?,
-            adam: bind("adam", "adam", &[b, p, g, params.whole(), moments[0], moments[1]])?,
-            average: bind("mean", "average", &[p, params.whole(), mean.whole()])?,
-            muon: if muon { MuonKernels::new(gpu, layout, p, [&params, &first, &gradient])? } else { None },
+            reduce: gpu.kernel("train/reduce", "reduce", &[])?.bind(&reduced)?,
+            optimise: gpu.kernel("train/optimise", "optimise", &constants)?.bind(&moved)?,
+            muon: match side {
+                Some(_) => None,
+                None => Some(MuonKernels::new(gpu, &hidden, p, [&params, &first, &gradient, &mean])?),
+            },
+            hidden,
             parameters: len as u32,
             dense,
             params,
@@ -99,29 +111,36 @@ impl Optimise {
 
     /// Adds up gradient and loss of a batch, of which `batch` is the first part.
     pub fn record_reduction(&self, commands: &mut Commands<'_>, batch: Batch, piece: u32, losses: u32) {
-        let reduction = Reduction { batch, piece, dense: self.dense, parameters: self.parameters };
-        commands.run(&self.reduce, self.parameters.div_ceil(THREADS), bytes_of(&reduction));
-        commands.run(&self.sum_losses, 1, bytes_of(&losses));
+        let reduction = Reduction { batch, piece, dense: self.dense, parameters: self.parameters, losses };
+        commands.run(&self.reduce, 1 + self.parameters.div_ceil(THREADS), bytes_of(&reduction));
     }
 
     /// Moves the parameters along the gradient.
     pub fn record_update(&self, commands: &mut Commands<'_>, step: &Step) {
-        let groups = self.parameters.div_ceil(THREADS);
+        let hidden = &self.hidden;
         let [first_correction, second_correction] = corrections(step.number);
+        let [linear, cubic, quintic] = NEWTON_SCHULZ;
+        let mean_share = step.mean_share.unwrap_or(0.0);
+        let length = muon_step_length(step.rates.muon, hidden.size as usize);
         let rates = Rates {
             parameters: self.parameters,
             adam: step.rates.adam,
             grid: step.rates.grid,
             first_correction,
             second_correction,
+            mean_share,
+            matrices: if self.muon.is_some() { 0 } else { hidden.matrices },
+            size: hidden.size,
+            stride: hidden.stride,
+            muon: length,
+            linear,
+            cubic,
+            quintic,
         };
-        commands.run(&self.adam, groups, bytes_of(&rates));
+        let groups = rates.matrices + self.parameters.div_ceil(THREADS);
+        commands.run(&self.optimise, groups, bytes_of(&rates));
         if let Some(muon) = &self.muon {
-            muon.record(commands, step.rates.muon);
-        }
-        if let Some(share) = step.mean_share {
-            let mean = Mean { parameters: self.parameters, share };
-            commands.run(&self.average, groups, bytes_of(&mean));
+            muon.record(commands, hidden, (length, mean_share));
         }
     }
 
@@ -175,36 +194,50 @@ fn block_words(layout: &ParamLayout, muon: bool) -> Vec<u32> {
     blocks
 }
 
-impl MuonKernels {
-    /// For the hidden matrices of a layout; none if it has none.
-    fn new(
-        gpu: &Gpu,
-        layout: &ParamLayout,
-        progress: Binding<'_>,
-        [params, momentum, gradient]: [&Buffer<f32>; 3],
-    ) -> Result<Option<Self>, GpuError> {
-        let hidden = || layout.tensors.iter().filter(|tensor| tensor.role == Role::Hidden);
-        let Some(matrix) = hidden().next() else { return Ok(None) };
+impl Hidden {
+    /// Those of a layout; none without Muon.
+    fn new(gpu: &Gpu, layout: &ParamLayout, muon: bool) -> Result<Self, GpuError> {
+        let hidden = || layout.tensors.iter().filter(|tensor| muon && tensor.role == Role::Hidden);
         let starts: Vec<u32> = hidden().map(|tensor| tensor.start as u32).collect();
-        let squares = gpu.zeros::<f32>("squares of Muon", starts.len() * 4 * matrix.rows * matrix.cols)?;
-        let matrices = starts.len() as u32;
-        let starts = gpu.buffer_of("hidden matrices", &starts)?;
-        let x = squares.whole();
-        let kernel = |entry: &str| gpu.kernel("train/muon", entry, &[]);
-        let start = [x, starts.whole(), progress, momentum.whole(), gradient.whole()];
-        Ok(Some(Self {
-            size: matrix.rows as u32,
-            stride: matrix.stride as u32,
-            matrices,
-            start: kernel("start")?.bind(&start)?,
-            multiply: kernel("multiply")?.bind(&[x])?,
-            finish: kernel("finish")?.bind(&[x, starts.whole(), progress, params.whole()])?,
-            squares,
-        }))
+        let (size, stride) = hidden().next().map_or((0, 0), |matrix| (matrix.rows, matrix.stride));
+        Ok(Self {
+            matrices: starts.len() as u32,
+            // A buffer cannot be empty.
+            starts: gpu.buffer_of("hidden matrices", if starts.is_empty() { &[0] } else { &starts })?,
+            size: size as u32,
+            stride: stride as u32,
+        })
     }
 
-    fn record(&self, commands: &mut Commands<'_>, rate: f32) {
-        let Self { size, stride, matrices, .. } = *self;
+    /// Sides of the squares in which `train/optimise.wgsl` moves them, if they are small enough.
+    fn side(&self) -> Option<u32> {
+        (self.size <= LARGEST_SIDE).then_some(self.size.next_multiple_of(4).max(4))
+    }
+}
+
+impl MuonKernels {
+    fn new(
+        gpu: &Gpu,
+        hidden: &Hidden,
+        progress: Binding<'_>,
+        [params, momentum, gradient, mean]: [&Buffer<f32>; 4],
+    ) -> Result<Self, GpuError> {
+        let squares =
+            gpu.zeros::<f32>("squares of Muon", (hidden.matrices * 4 * hidden.size.pow(2)) as usize)?;
+        let (x, starts) = (squares.whole(), hidden.starts.whole());
+        let kernel = |entry: &str| gpu.kernel("train/muon", entry, &[]);
+        let start = [x, starts, progress, momentum.whole(), gradient.whole()];
+        let finish = [x, starts, progress, params.whole(), mean.whole()];
+        Ok(Self {
+            start: kernel("start")?.bind(&start)?,
+            multiply: kernel("multiply")?.bind(&[x])?,
+            finish: kernel("finish")?.bind(&finish)?,
+            squares,
+        })
+    }
+
+    fn record(&self, commands: &mut Commands<'_>, hidden: &Hidden, (step, mean_share): (f32, f32)) {
+        let &Hidden { size, stride, matrices, .. } = hidden;
         let own = Muon { size, stride, matrices, ..Zeroable::zeroed() };
         commands.run(&self.start, matrices, bytes_of(&own));
         let tiles = matrices * size.div_ceil(TILE) * size.div_ceil(TILE);
@@ -213,30 +246,13 @@ impl MuonKernels {
         let (gram, polynomial) = (1, 2);
         let (mut x, mut next) = (0, 3);
         for _ in 0..ROUNDS {
-            multiply(Muon {
-                left: x,
-                right: x,
-                turned: 1,
-                plus: x,
-                to: gram,
-                factor: 1.0,
-                share: 0.0,
-                ..own
-            });
-            multiply(Muon {
-                left: gram,
-                right: gram,
-                plus: gram,
-                to: polynomial,
-                factor: c,
-                share: b,
-                ..own
-            });
+            multiply(Muon { left: x, right: x, turned: 1, plus: x, to: gram, factor: 1.0, ..own });
+            let squared = Muon { left: gram, right: gram, plus: gram, to: polynomial, ..own };
+            multiply(Muon { factor: c, share: b, ..squared });
             multiply(Muon { left: polynomial, right: x, plus: x, to: next, factor: 1.0, share: a, ..own });
             std::mem::swap(&mut x, &mut next);
         }
-        let step = muon_step_length(rate, size as usize);
         let groups = (matrices * size * size).div_ceil(THREADS);
-        commands.run(&self.finish, groups, bytes_of(&Muon { left: x, step, ..own }));
+        commands.run(&self.finish, groups, bytes_of(&Muon { left: x, step, mean_share, ..own }));
     }
 }

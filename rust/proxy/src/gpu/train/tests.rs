@@ -164,10 +164,17 @@ fn the_largest_networks_have_a_plan() {
 
 #[test]
 fn steps_of_adam_and_muon_equal_those_of_the_cpu() {
+    // Matrices of Muon that fit workgroup memory, fill it, and do not fit it.
+    for width in [20, 64, 68] {
+        check_steps(width);
+    }
+}
+
+fn check_steps(width: usize) {
     let setup = setup(LightKind::Sphere);
     let grid = tiny_grid();
-    let network = FastNetwork::new(20, 2, &grid, setup.size, setup.encoding);
-    let config = config(NetworkConfig::Fast { width: 20, layers: 2, grid }, 1, 32);
+    let network = FastNetwork::new(width, 1, &grid, setup.size, setup.encoding);
+    let config = config(NetworkConfig::Fast { width, layers: 1, grid }, 1, 32);
     let batch = samples(&setup, 1, 32);
     let start = network.layout().start_values(5);
     let training = on_device(&network, &setup, &config, &start, &batch);
@@ -193,7 +200,7 @@ fn steps_of_adam_and_muon_equal_those_of_the_cpu() {
             let error = norm(expected.iter().zip(found).map(|(a, b)| a - b));
             // Newton-Schulz multiplies rounding errors of its first products by up to 3.4^5 in small singular values.
             let limit = if *what == "second" { 1e-6 } else { 1e-4 } * norm(expected.iter().copied());
-            assert!(error <= limit, "{what} of {}: error {error}, limit {limit}", tensor.name);
+            assert!(error <= limit, "{width} wide, {what} of {}: error {error}, limit {limit}", tensor.name);
         }
     }
 }
@@ -244,14 +251,14 @@ fn arguments_mirror_the_shaders() {
     assert_mirror!(Scatter as "train/scatter", "Scatter", {
         batch, first_draw, d_pixels, levels, features, width, height, grid,
     });
-    assert_mirror!(Reduction as "train/reduce", "Reduction", { batch, piece, dense, parameters });
-    assert_mirror!(Rates as "train/adam", "Rates", {
-        parameters, adam, grid, first_correction, second_correction,
+    assert_mirror!(Reduction as "train/reduce", "Reduction", { batch, piece, dense, parameters, losses });
+    assert_mirror!(Rates as "train/optimise", "Rates", {
+        parameters, adam, grid, first_correction, second_correction, mean_share, matrices, size, stride, muon, linear,
+        cubic, quintic,
     });
     assert_mirror!(Targets as "train/targets", "Targets", { samples, slots, first_block, blocks, block });
-    assert_mirror!(Mean as "train/mean", "Mean", { parameters, share });
     assert_mirror!(Muon as "train/muon", "Muon", {
-        size, stride, matrices, left, right, turned, plus, to, factor, share, step,
+        size, stride, matrices, left, right, turned, plus, to, factor, share, step, mean_share,
     });
     assert_mirror!(Progress as "train/reduce", "Progress", { loss, loss_sum, steps, diverged, bad_target });
 }
