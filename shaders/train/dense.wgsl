@@ -1,144 +1,142 @@
-// use: train/layers
-// Dense layers forwards, and backwards to their inputs. A workgroup computes 64 rows by 64 columns, a thread 4 by 4.
+// use: train/product
+// Dense layers forwards, and backwards to their inputs, for the columns of a workgroup.
 
-@group(0) @binding(0) var<storage, read> layers: array<Layer>;
-@group(0) @binding(1) var<storage, read> params: array<vec4f>;
-@group(0) @binding(2) var<storage, read_write> activations: array<vec4f>;
-var<immediate> arguments: Layers;
+@group(0) @binding(2) var<storage, read> params: array<vec4f>;
 
-const TILE: u32 = 64u;
-const SLAB: u32 = 16u;
-const QUADS: u32 = TILE / 4u;
-const THREADS: u32 = 256u;
-/// Fours from a row of the left slab to the next; one more than it has, so that columns written at once lie in different banks.
-const PITCH: u32 = QUADS + 1u;
-
-/// Slabs of both factors, `[depth][row or column]`.
-var<workgroup> left: array<vec4f, SLAB * PITCH>;
-var<workgroup> right: array<vec4f, SLAB * QUADS>;
-
+/// What a workgroup computes: layers from `first` on, of each the rows from `row` to `end`, of 64 columns.
 struct Task {
-    layer: u32,
+    first: u32,
     row: u32,
+    end: u32,
     column: u32,
 }
 
-/// What workgroup `group` computes, if tiles of `rows(layer)` rows are dealt out layer by layer.
-fn task_of(group: u32, forwards: bool) -> Task {
+/// The share of workgroup `group`. It takes all rows of a chain of several layers; of single layers, a tile of rows. If there
+/// is nothing left, `first` is NOTHING.
+fn task_of(chains: Chains, group: u32, forwards: bool) -> Task {
     var rest = group;
-    for (var index = arguments.first; index < arguments.first + arguments.count; index += 1u) {
-        let rows = select(layers[index].inputs, layers[index].outputs, forwards);
-        let column_tiles = (columns(arguments.batch, layers[index].space) + TILE - 1u) / TILE;
-        let tiles = (rows + TILE - 1u) / TILE * column_tiles;
-        if rest < tiles {
-            return Task(index, rest / column_tiles * TILE, rest % column_tiles * TILE);
+    for (var chain = 0u; chain < chains.count; chain += 1u) {
+        let index = chains.first + chain * chains.pitch;
+        let column_tiles = (columns(chains.batch, layers[index].space) + TILE - 1u) / TILE;
+        let column = rest % column_tiles * TILE;
+        var row_tiles = 1u;
+        if chains.length == 1u {
+            row_tiles = (select(layers[index].inputs, layers[index].outputs, forwards) + TILE - 1u) / TILE;
         }
-        rest -= tiles;
+        if rest < row_tiles * column_tiles {
+            let row = rest / column_tiles * TILE;
+            return Task(index, row, select(NOTHING, row + TILE, chains.length == 1u), column);
+        }
+        rest -= row_tiles * column_tiles;
     }
-    return Task(arguments.first + arguments.count, 0u, 0u);
+    return Task(NOTHING, 0u, 0u, 0u);
 }
 
-/// The product of a thread: four rows of four columns each.
-fn product(task: Task, forwards: bool, local: u32) -> mat4x4f {
-    let layer = layers[task.layer];
-    let stride = row_stride(arguments.batch, layer.space);
-    let width = columns(arguments.batch, layer.space);
-    let depth = select(layer.outputs, layer.inputs, forwards);
-    let rows = select(layer.inputs, layer.outputs, forwards);
-    let factor = select(layer.d_product, layer.input, forwards);
-    let ty = local / QUADS;
-    let tx = local % QUADS;
+/// Rows from `row` on of a layer's weights times its input.
+fn product(layer: Layer, batch: Batch, row: u32, column: u32, local: u32) -> mat4x4f {
+    let width = columns(batch, layer.space);
     var sum = mat4x4f();
-    for (var start = 0u; start < depth; start += SLAB) {
-        // Weights lie row by row: forwards four of one row are read and spread, backwards four of a row are kept.
-        if forwards {
-            let row = task.row + local / 4u;
-            let at = start + local % 4u * 4u;
-            var values = vec4f();
-            if row < rows && at < layer.stride {
-                values = params[(layer.weights + row * layer.stride + at) / 4u];
-            }
-            for (var i = 0u; i < 4u; i += 1u) {
-                left[(local % 4u * 4u + i) * PITCH + local / 16u][local / 4u % 4u] = values[i];
-            }
-        } else {
-            let row = start + ty;
-            let at = task.row + tx * 4u;
-            var values = vec4f();
-            if row < depth && at < layer.stride {
-                values = params[(layer.weights + row * layer.stride + at) / 4u];
-            }
-            left[ty * PITCH + tx] = values;
-        }
-        let column = task.column + tx * 4u;
+    for (var start = 0u; start < layer.inputs; start += SLAB) {
+        let own_row = row + local / 4u;
+        let at = start + local % 4u * 4u;
         var values = vec4f();
-        if start + ty < depth && column < width {
-            values = activations[(factor + (start + ty) * stride + column) / 4u];
+        if own_row < layer.outputs && at < layer.stride {
+            values = params[(layer.weights + own_row * layer.stride + at) / 4u];
         }
-        right[local] = values;
-        workgroupBarrier();
-        for (var k = 0u; k < SLAB; k += 1u) {
-            let a = left[k * PITCH + ty];
-            let b = right[k * QUADS + tx];
-            sum[0] += a.x * b;
-            sum[1] += a.y * b;
-            sum[2] += a.z * b;
-            sum[3] += a.w * b;
+        put_left(local, values);
+        let own_column = column + local % QUADS * 4u;
+        values = vec4f();
+        if start + local / QUADS < layer.inputs && own_column < width {
+            values = input_four(layer, batch, start + local / QUADS, own_column);
         }
-        workgroupBarrier();
+        right[local / QUADS * PITCH + local % QUADS] = values;
+        sum = add_slabs(sum, local);
+    }
+    return sum;
+}
+
+/// Rows from `row` on of a layer's weights, turned, times the gradient by its product.
+fn turned_product(layer: Layer, batch: Batch, row: u32, column: u32, local: u32) -> mat4x4f {
+    let stride = row_stride(batch, layer.space);
+    let width = columns(batch, layer.space);
+    let own_row = row + local % QUADS * 4u;
+    let own_column = column + local % QUADS * 4u;
+    let slab_at = local / QUADS * PITCH + local % QUADS;
+    var sum = mat4x4f();
+    for (var start = 0u; start < layer.outputs; start += SLAB) {
+        let depth = start + local / QUADS;
+        left[slab_at] = vec4f();
+        right[slab_at] = vec4f();
+        if depth < layer.outputs && own_row < layer.stride {
+            left[slab_at] = params[(layer.weights + depth * layer.stride + own_row) / 4u];
+        }
+        if depth < layer.outputs && own_column < width {
+            right[slab_at] = activations[(layer.d_product + depth * stride + own_column) / 4u];
+        }
+        sum = add_slabs(sum, local);
     }
     return sum;
 }
 
 /// Value of a row of the modulations for the tile of a sample.
-fn light_value(first: u32, row: u32, sample: u32) -> f32 {
-    let at = first + row * row_stride(arguments.batch, LIGHTS) + sample / LANES;
-    return activations[at / 4u][at % 4u];
+fn light_value(batch: Batch, first: u32, row: u32, sample: u32) -> f32 {
+    return value_at(first + row * row_stride(batch, LIGHTS) + sample / LANES);
 }
 
-@compute @workgroup_size(THREADS)
-fn forward(
-    @builtin(workgroup_id) group: vec3u,
-    @builtin(num_workgroups) groups: vec3u,
-    @builtin(local_invocation_index) local: u32,
-) {
-    let task = task_of(group.x + group.y * groups.x, true);
-    if task.layer == arguments.first + arguments.count {
-        return;
+/// Where a row of the trunk has its values for four samples.
+fn trunk_place(batch: Batch, first: u32, row: u32, sample: u32) -> u32 {
+    return (first + row * row_stride(batch, PIXELS) + pixel_of(batch, sample)) / 4u;
+}
+
+/// What follows a product: modulation, bias, ReLU.
+fn finished(layer: Layer, batch: Batch, row: u32, column: u32, own_product: vec4f) -> vec4f {
+    var value = own_product;
+    switch layer.finish {
+        case FINISH_MODULATED: {
+            let scale = 1.0 + light_value(batch, layer.modulation, row, column);
+            value = scale * value + light_value(batch, layer.modulation, layer.outputs + row, column);
+        }
+        case FINISH_TRUNK: {
+            let scale = 1.0 + light_value(batch, layer.modulation, row, column);
+            value += scale * activations[trunk_place(batch, layer.product, row, column)];
+            value += light_value(batch, layer.modulation, layer.outputs + row, column);
+        }
+        default: {
+            value += params[(layer.bias + row) / 4u][row % 4u];
+        }
     }
-    var sum = product(task, true, local);
-    let layer = layers[task.layer];
-    let stride = row_stride(arguments.batch, layer.space);
-    let column = task.column + local % QUADS * 4u;
-    if column >= columns(arguments.batch, layer.space) {
+    if layer.finish != FINISH_LINEAR {
+        value = max(value, vec4f());
+    }
+    return value;
+}
+
+fn forward_tile(layer: Layer, batch: Batch, first_row: u32, first_column: u32, local: u32) {
+    var sum = product(layer, batch, first_row, first_column, local);
+    let column = first_column + local % QUADS * 4u;
+    if column >= columns(batch, layer.space) {
         return;
     }
     for (var i = 0u; i < 4u; i += 1u) {
-        let row = task.row + local / QUADS * 4u + i;
+        let row = first_row + local / QUADS * 4u + i;
         if row >= layer.outputs {
             return;
         }
-        var value = sum[i];
-        let at = row * stride + column;
-        switch layer.finish {
-            case FINISH_MODULATED: {
-                activations[(layer.product + at) / 4u] = value;
-                let scale = 1.0 + light_value(layer.modulation, row, column);
-                value = scale * value + light_value(layer.modulation, layer.outputs + row, column);
-            }
-            case FINISH_TRUNK: {
-                let trunk = layer.product + row * row_stride(arguments.batch, PIXELS) + pixel_of(arguments.batch, column);
-                let scale = 1.0 + light_value(layer.modulation, row, column);
-                value += scale * activations[trunk / 4u] + light_value(layer.modulation, layer.outputs + row, column);
-            }
-            default: {
-                value += params[(layer.bias + row) / 4u][row % 4u];
-            }
+        let at = row * row_stride(batch, layer.space) + column;
+        if layer.finish == FINISH_MODULATED {
+            activations[(layer.product + at) / 4u] = sum[i];
         }
-        if layer.finish != FINISH_LINEAR {
-            value = max(value, vec4f());
+        activations[(layer.output + at) / 4u] = finished(layer, batch, row, column, sum[i]);
+    }
+}
+
+fn forward_chain(batch: Batch, length: u32, task: Task, local: u32) {
+    for (var index = task.first; index < task.first + length; index += 1u) {
+        let layer = layers[index];
+        for (var row = task.row; row < min(task.end, layer.outputs); row += TILE) {
+            forward_tile(layer, batch, row, task.column, local);
         }
-        activations[(layer.output + at) / 4u] = value;
+        storageBarrier();
     }
 }
 
@@ -146,42 +144,31 @@ fn forward(
 var<workgroup> scale_sums: array<f32, TILE * QUADS>;
 var<workgroup> shift_sums: array<f32, TILE * QUADS>;
 
-@compute @workgroup_size(THREADS)
-fn backward(
-    @builtin(workgroup_id) group: vec3u,
-    @builtin(num_workgroups) groups: vec3u,
-    @builtin(local_invocation_index) local: u32,
-) {
-    let task = task_of(group.x + group.y * groups.x, false);
-    if task.layer == arguments.first + arguments.count {
-        return;
-    }
-    var sum = product(task, false, local);
-    let layer = layers[task.layer];
-    let stride = row_stride(arguments.batch, layer.space);
-    let column = task.column + local % QUADS * 4u;
-    let inside = column < columns(arguments.batch, layer.space);
+fn backward_tile(layer: Layer, batch: Batch, first_row: u32, first_column: u32, local: u32) {
+    var sum = turned_product(layer, batch, first_row, first_column, local);
+    let column = first_column + local % QUADS * 4u;
+    let inside = column < columns(batch, layer.space);
     let modulated = layer.before == BEFORE_MODULATED || layer.before == BEFORE_TRUNK;
     for (var i = 0u; i < 4u; i += 1u) {
-        let row = task.row + local / QUADS * 4u + i;
+        let row = first_row + local / QUADS * 4u + i;
         var scale_sum = 0.0;
         var shift_sum = 0.0;
         if inside && row < layer.inputs {
-            let at = row * stride + column;
+            let at = row * row_stride(batch, layer.space) + column;
             var d = sum[i];
             if layer.before != BEFORE_NOTHING {
                 d = select(vec4f(), d, activations[(layer.input + at) / 4u] > vec4f());
             }
             if modulated {
-                var before = layer.before_product + at;
+                var before = (layer.before_product + at) / 4u;
                 if layer.before == BEFORE_TRUNK {
-                    before = layer.before_product + row * row_stride(arguments.batch, PIXELS) + pixel_of(arguments.batch, column);
+                    before = trunk_place(batch, layer.before_product, row, column);
                 }
-                scale_sum = dot(d, activations[before / 4u]);
+                scale_sum = dot(d, activations[before]);
                 shift_sum = dot(d, vec4f(1.0));
             }
             if layer.before == BEFORE_MODULATED {
-                d *= 1.0 + light_value(layer.before_modulation, row, column);
+                d *= 1.0 + light_value(batch, layer.before_modulation, row, column);
             }
             activations[(layer.d_input + at) / 4u] = d;
         }
@@ -189,11 +176,17 @@ fn backward(
         shift_sums[(local / QUADS * 4u + i) * QUADS + local % QUADS] = shift_sum;
     }
     workgroupBarrier();
-    // Two tiles of eight fours for each of the rows; one thread adds up one of them.
-    let row = task.row + local % TILE;
+    if modulated {
+        sum_modulations(layer, batch, first_row, first_column / LANES, local);
+    }
+}
+
+/// Gradients by the modulation of the layer before: two tiles of eight fours for each of the rows, each added up by a thread.
+fn sum_modulations(layer: Layer, batch: Batch, first_row: u32, first_light: u32, local: u32) {
+    let row = first_row + local % TILE;
     let tile = local / TILE % 2u;
-    let light = task.column / LANES + tile;
-    if !modulated || local >= 2u * TILE || row >= layer.inputs || light >= columns(arguments.batch, LIGHTS) {
+    let light = first_light + tile;
+    if local >= 2u * TILE || row >= layer.inputs || light >= columns(batch, LIGHTS) {
         return;
     }
     var total = vec2f();
@@ -201,8 +194,21 @@ fn backward(
         let place = local % TILE * QUADS + tile * (LANES / 4u) + i;
         total += vec2f(scale_sums[place], shift_sums[place]);
     }
-    let to = layer.before_d_modulation + row * row_stride(arguments.batch, LIGHTS) + light;
-    let shifts = layer.inputs * row_stride(arguments.batch, LIGHTS);
+    let to = layer.before_d_modulation + row * row_stride(batch, LIGHTS) + light;
+    let shifts = layer.inputs * row_stride(batch, LIGHTS);
     activations[to / 4u][to % 4u] = total.x;
     activations[(to + shifts) / 4u][(to + shifts) % 4u] = total.y;
+}
+
+/// The last layer first; those whose gradient by the input nobody needs do nothing.
+fn backward_chain(batch: Batch, length: u32, task: Task, local: u32) {
+    for (var i = 1u; i <= length; i += 1u) {
+        let layer = layers[task.first + length - i];
+        for (var row = task.row; row < min(task.end, layer.inputs); row += TILE) {
+            if layer.d_input != NOTHING {
+                backward_tile(layer, batch, row, task.column, local);
+            }
+        }
+        storageBarrier();
+    }
 }

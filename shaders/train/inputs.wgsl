@@ -1,19 +1,22 @@
 // use: train/store
 // use: proxy/grid
-// What enters the networks: encoded pixels, what is known of them, and encoded lights, from the chunks that a batch draws.
+// use: proxy/features
+// What enters the networks: encoded pixels, what is known of them, encoded lights, and analytic features of each sample's light
+// at its pixel's surface, from the chunks that a batch draws.
 
 struct Inputs {
     batch: Batch,
     /// Where the batch's chunks begin in the list of draws.
     first_draw: u32,
-    /// Activations: encoded pixels followed by what is known of them; encoded lights; surfaces.
+    /// Activations: encoded pixels followed by what is known of them; encoded lights; factors on the outputs and features, of
+    /// which there may be none.
     pixels: u32,
     lights: u32,
-    surfaces: u32,
-    /// Rows of them.
+    factors: u32,
+    values: u32,
+    /// Rows of what is known, and of lights.
     known: u32,
     light_inputs: u32,
-    surface_rows: u32,
     levels: u32,
     features: u32,
     /// Pixels of the image.
@@ -33,35 +36,79 @@ struct Inputs {
 @group(0) @binding(6) var<storage, read_write> activations: array<f32>;
 var<immediate> arguments: Inputs;
 
-/// Values that the scene holds for a pixel, the first of them what is known, the rest its surface.
+/// Values that the scene holds for a pixel: what is known, its surface, factors on its outputs.
 const SCENE_ROW: u32 = 25u;
 const KNOWN: u32 = 13u;
+const SURFACE: u32 = 9u;
+
+/// Instead of a place, where there is none.
+const NOTHING: u32 = 0xffffffffu;
 
 @compute @workgroup_size(64)
 fn inputs(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
-    let thread = id.x + id.y * groups.x * 64u;
     let pixels = columns(arguments.batch, PIXELS);
+    let lights = columns(arguments.batch, LIGHTS);
+    var thread = id.x + id.y * groups.x * 64u;
     if thread < pixels * (arguments.levels + 1u) {
         pixel_input(thread % pixels, thread / pixels);
         return;
     }
-    let rest = thread - pixels * (arguments.levels + 1u);
-    let lights = columns(arguments.batch, LIGHTS);
-    let row = rest / lights;
-    if row < arguments.light_inputs {
-        let tile = rest % lights;
-        let chunk = draws[arguments.first_draw + tile / (CHUNK / LANES)];
-        let light = chunk * (CHUNK / LANES) + tile % (CHUNK / LANES);
-        let to = arguments.lights + row * row_stride(arguments.batch, LIGHTS) + tile;
-        activations[to] = stored_lights[light * LIGHT_ROW + LIGHT_INPUTS + row];
+    thread -= pixels * (arguments.levels + 1u);
+    if thread < lights * arguments.light_inputs {
+        light_input(thread % lights, thread / lights);
+        return;
+    }
+    thread -= lights * arguments.light_inputs;
+    if thread < arguments.batch.samples && arguments.values != NOTHING {
+        sample_input(thread);
+    }
+}
+
+/// Row of the store of lights of a column of lights.
+fn stored_light(column: u32) -> u32 {
+    let chunk = draws[arguments.first_draw + column / (CHUNK / LANES)];
+    return (chunk * (CHUNK / LANES) + column % (CHUNK / LANES)) * LIGHT_ROW;
+}
+
+/// First value that the scene has of the pixel of a column of pixels.
+fn scene_row(column: u32) -> u32 {
+    return pixel_at(column) * SCENE_ROW;
+}
+
+fn pixel_at(column: u32) -> u32 {
+    let per_chunk = CHUNK / arguments.batch.slots;
+    let chunk = draws[arguments.first_draw + column / per_chunk];
+    return stored_pixels[chunk * per_chunk + column % per_chunk];
+}
+
+fn light_input(column: u32, row: u32) {
+    let to = arguments.lights + row * row_stride(arguments.batch, LIGHTS) + column;
+    activations[to] = stored_lights[stored_light(column) + LIGHT_INPUTS + row];
+}
+
+fn scene_vector(first: u32) -> vec3f {
+    return vec3f(scene[first], scene[first + 1u], scene[first + 2u]);
+}
+
+fn light_vector(first: u32) -> vec3f {
+    return vec3f(stored_lights[first], stored_lights[first + 1u], stored_lights[first + 2u]);
+}
+
+fn sample_input(sample: u32) {
+    let at = scene_row(pixel_of(arguments.batch, sample)) + KNOWN;
+    let surface = Surface(scene_vector(at), scene_vector(at + 3u), scene_vector(at + 6u));
+    let row = stored_light(sample / LANES);
+    // No derivative by a parameter of the light.
+    let light = feature_light(light_vector(row), light_vector(row + 3u), light_vector(row + 6u), LIGHT_WEIGHT);
+    var values = features(light, surface);
+    for (var i = 0u; i < FEATURES; i += 1u) {
+        activations[arguments.values + i * row_stride(arguments.batch, SAMPLES) + sample] = values[i].x;
     }
 }
 
 /// One level of the grid for a pixel column, or, as the last, all that is known of it.
 fn pixel_input(column: u32, level: u32) {
-    let per_chunk = CHUNK / arguments.batch.slots;
-    let chunk = draws[arguments.first_draw + column / per_chunk];
-    let pixel = stored_pixels[chunk * per_chunk + column % per_chunk];
+    let pixel = pixel_at(column);
     let stride = row_stride(arguments.batch, PIXELS);
     if level < arguments.levels {
         let table = levels[level];
@@ -83,7 +130,9 @@ fn pixel_input(column: u32, level: u32) {
     for (var row = 0u; row < arguments.known; row += 1u) {
         activations[first + row * stride] = scene[pixel * SCENE_ROW + row];
     }
-    for (var row = 0u; row < arguments.surface_rows; row += 1u) {
-        activations[arguments.surfaces + row * stride + column] = scene[pixel * SCENE_ROW + KNOWN + row];
+    if arguments.factors != NOTHING {
+        for (var row = 0u; row < 3u; row += 1u) {
+            activations[arguments.factors + row * stride + column] = scene[pixel * SCENE_ROW + KNOWN + SURFACE + row];
+        }
     }
 }

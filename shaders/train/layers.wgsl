@@ -9,7 +9,8 @@ struct Layer {
     inputs: u32,
     outputs: u32,
     space: u32,
-    /// Activations: first value of the input, of the output, and of the gradients by the product and by the input.
+    /// Activations: first value of the input, of the output, and of the gradients by the product and by the input, which
+    /// nobody may need (NOTHING).
     input: u32,
     output: u32,
     d_product: u32,
@@ -26,6 +27,10 @@ struct Layer {
     before_modulation: u32,
     before_d_modulation: u32,
     before_product: u32,
+    /// Of a layer over samples whose input is not kept by sample: rows of its pixel, which begin at `input`, and where those
+    /// of its light, which come after them, begin. Of others NOTHING.
+    pixel_rows: u32,
+    light_rows: u32,
 }
 
 /// Product plus bias.
@@ -46,17 +51,15 @@ const BEFORE_MODULATED: u32 = 2u;
 /// The layer with FINISH_TRUNK.
 const BEFORE_TRUNK: u32 = 3u;
 
-/// Instead of a first bias.
-const NO_BIAS: u32 = 0xffffffffu;
+/// Instead of a place, where there is none.
+const NOTHING: u32 = 0xffffffffu;
 
-struct Layers {
+/// Layers that one dispatch runs: chains of layers over the same columns, of which each takes the output of the one before it.
+struct Chains {
     batch: Batch,
-    /// Rows of the table that are run.
+    /// Row of the table of the first layer of the first chain, layers of a chain, rows from chain to chain, chains.
     first: u32,
+    length: u32,
+    pitch: u32,
     count: u32,
-    /// Columns that are summed up in one piece of a weight's gradient; whether pieces are added to.
-    piece: u32,
-    add: u32,
-    /// Values of such a piece.
-    parameters: u32,
 }

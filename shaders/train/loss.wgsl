@@ -1,39 +1,51 @@
 // use: train/store
-// The last layer (three outputs), the loss (paper, equation 4) and the gradient by the outputs; one sample a thread.
+// use: train/dense
+// The last layer (three outputs), the loss (paper, equation 4) and the gradient by the outputs; alone, or between the layers
+// of samples forwards and backwards.
 
 struct Loss {
-    batch: Batch,
+    /// The layers of samples before the last, which are one chain.
+    chain: Chains,
     first_draw: u32,
-    /// First weight, its row stride, first bias, inputs.
-    weights: u32,
-    stride: u32,
-    bias: u32,
-    inputs: u32,
-    /// Activations: the input; the gradient by the outputs; factors on the outputs, of which there may be none.
-    input: u32,
-    d_product: u32,
+    /// Activations: factors on the outputs, of which there may be none.
     factors: u32,
     /// Weight of a sample.
     weight: f32,
-    /// Where this part's sums of the loss begin.
+    /// Where this part's sums of the loss begin, one of each 64 samples.
     first_sum: u32,
 }
 
-@group(0) @binding(0) var<storage, read> params: array<f32>;
-@group(0) @binding(1) var<storage, read> draws: array<u32>;
-@group(0) @binding(2) var<storage, read> stored_lights: array<f32>;
+@group(0) @binding(3) var<storage, read> draws: array<u32>;
+@group(0) @binding(4) var<storage, read> stored_lights: array<f32>;
 /// `[chunk][tile][channel][lane]`
-@group(0) @binding(3) var<storage, read> stored_targets: array<f32>;
-@group(0) @binding(4) var<storage, read_write> activations: array<f32>;
-@group(0) @binding(5) var<storage, read_write> losses: array<f32>;
+@group(0) @binding(5) var<storage, read> stored_targets: array<f32>;
+@group(0) @binding(6) var<storage, read_write> losses: array<f32>;
 var<immediate> arguments: Loss;
 
 /// Constant of the loss.
 const EPSILON: f32 = 0.01;
-const NO_FACTORS: u32 = 0xffffffffu;
-const THREADS: u32 = 256u;
+/// Threads that share the outputs of a sample.
+const PARTS: u32 = THREADS / TILE;
 
-var<workgroup> sums: array<f32, THREADS>;
+var<workgroup> shares: array<vec3f, THREADS>;
+
+/// Forwards through all layers of samples, the loss, and backwards.
+@compute @workgroup_size(THREADS)
+fn samples(
+    @builtin(workgroup_id) workgroup: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let group = workgroup.x + workgroup.y * groups.x;
+    let chain = arguments.chain;
+    let task = Task(chain.first, 0u, NOTHING, group * TILE);
+    if task.column < chain.batch.samples {
+        forward_chain(chain.batch, chain.length, task, local);
+        loss_of(group, local);
+        storageBarrier();
+        backward_chain(chain.batch, chain.length + 1u, task, local);
+    }
+}
 
 @compute @workgroup_size(THREADS)
 fn loss(
@@ -42,37 +54,63 @@ fn loss(
     @builtin(local_invocation_index) local: u32,
 ) {
     let group = workgroup.x + workgroup.y * groups.x;
-    let sample = group * THREADS + local;
-    sums[local] = 0.0;
-    if sample < arguments.batch.samples {
-        sums[local] = sample_loss(sample);
-    }
-    for (var half = THREADS / 2u; half > 0u; half /= 2u) {
-        workgroupBarrier();
-        if local < half {
-            sums[local] += sums[local + half];
-        }
-    }
-    if local == 0u && group * THREADS < arguments.batch.samples {
-        losses[arguments.first_sum + group] = sums[0];
+    if group * TILE < arguments.chain.batch.samples {
+        loss_of(group, local);
     }
 }
 
-fn sample_loss(sample: u32) -> f32 {
-    let stride = row_stride(arguments.batch, SAMPLES);
-    var y = vec3f(params[arguments.bias], params[arguments.bias + 1u], params[arguments.bias + 2u]);
-    for (var i = 0u; i < arguments.inputs; i += 1u) {
-        let at = arguments.weights + i;
-        let w = vec3f(params[at], params[at + arguments.stride], params[at + 2u * arguments.stride]);
-        y += w * activations[arguments.input + i * stride + sample];
+/// Loss of 64 samples.
+fn loss_of(group: u32, local: u32) {
+    let layer = layers[arguments.chain.first + arguments.chain.length];
+    let sample = group * TILE + local % TILE;
+    shares[local] = output_share(layer, sample, local / TILE);
+    workgroupBarrier();
+    var own = 0.0;
+    if local < TILE {
+        var y = vec3f(param(layer.bias), param(layer.bias + 1u), param(layer.bias + 2u));
+        for (var part = 0u; part < PARTS; part += 1u) {
+            y += shares[part * TILE + local];
+        }
+        own = sample_loss(layer, sample, y);
     }
+    workgroupBarrier();
+    shares[local] = vec3f(own);
+    for (var half = TILE / 2u; half > 0u; half /= 2u) {
+        workgroupBarrier();
+        if local < half {
+            shares[local] += shares[local + half];
+        }
+    }
+    if local == 0u {
+        losses[arguments.first_sum + group] = shares[0].x;
+    }
+}
+
+fn param(place: u32) -> f32 {
+    return params[place / 4u][place % 4u];
+}
+
+/// Share of the outputs of a sample that every fourth input makes, from number `part` on.
+fn output_share(layer: Layer, sample: u32, part: u32) -> vec3f {
+    let stride = row_stride(arguments.chain.batch, SAMPLES);
+    var y = vec3f();
+    for (var i = part; i < layer.inputs; i += PARTS) {
+        let at = layer.weights + i;
+        y += vec3f(param(at), param(at + layer.stride), param(at + 2u * layer.stride))
+            * value_at(layer.input + i * stride + sample);
+    }
+    return y;
+}
+
+fn sample_loss(layer: Layer, sample: u32, output: vec3f) -> f32 {
+    let batch = arguments.chain.batch;
     var factor = vec3f(1.0);
-    if arguments.factors != NO_FACTORS {
-        let pixels = row_stride(arguments.batch, PIXELS);
-        let at = arguments.factors + pixel_of(arguments.batch, sample);
-        factor = vec3f(activations[at], activations[at + pixels], activations[at + 2u * pixels]);
+    if arguments.factors != NOTHING {
+        let pixels = row_stride(batch, PIXELS);
+        let at = arguments.factors + pixel_of(batch, sample);
+        factor = vec3f(value_at(at), value_at(at + pixels), value_at(at + 2u * pixels));
     }
-    y *= factor;
+    let y = output * factor;
     let chunk = draws[arguments.first_draw + sample / CHUNK];
     let tile = chunk * (CHUNK / LANES) + sample % CHUNK / LANES;
     let target_at = tile * 3u * LANES + sample % LANES;
@@ -82,7 +120,8 @@ fn sample_loss(sample: u32) -> f32 {
     let difference = y - target_value;
     let d = 2.0 * weight * difference * inverse * factor;
     for (var channel = 0u; channel < 3u; channel += 1u) {
-        activations[arguments.d_product + channel * stride + sample] = d[channel];
+        let to = layer.d_product + channel * row_stride(batch, SAMPLES) + sample;
+        activations[to / 4u][to % 4u] = d[channel];
     }
     return weight * dot(difference * difference, inverse);
 }

@@ -1,29 +1,43 @@
-// use: train/layers
+// use: train/product
 // Gradients by weights and biases. Columns are cut into pieces, each of which leaves its sum in a vector of its own; what
 // adds those up takes them in order, so that no atomics are needed and the result is always the same.
 
-@group(0) @binding(0) var<storage, read> layers: array<Layer>;
-@group(0) @binding(1) var<storage, read> activations: array<vec4f>;
+struct Weights {
+    batch: Batch,
+    /// Rows of the table of layers.
+    layers: u32,
+    /// Columns that are summed up in one piece of a weight's gradient; whether pieces are added to.
+    piece: u32,
+    add: u32,
+    /// Values of such a piece.
+    parameters: u32,
+}
+
 /// `[piece][parameter]`
 @group(0) @binding(2) var<storage, read_write> sums: array<vec4f>;
-var<immediate> arguments: Layers;
+var<immediate> arguments: Weights;
 
-const TILE: u32 = 64u;
-const SLAB: u32 = 16u;
-const QUADS: u32 = TILE / 4u;
-const THREADS: u32 = 256u;
-/// Fours from a row of a slab to the next; one more than it has, so that columns written at once lie in different banks.
-const PITCH: u32 = QUADS + 1u;
+/// A tile of a layer's gradient, and the piece.
+struct Task {
+    layer: u32,
+    row: u32,
+    column: u32,
+    piece: u32,
+}
 
-var<workgroup> left: array<vec4f, SLAB * PITCH>;
-var<workgroup> right: array<vec4f, SLAB * PITCH>;
-
-/// Four columns of a row of the activations, zeros outside.
-fn four(first: u32, row: u32, rows: u32, column: u32, end: u32, stride: u32) -> vec4f {
-    if row < rows && column < end {
-        return activations[(first + row * stride + column) / 4u];
+/// The share of workgroup `group`; without one, `layer` is that after the last.
+fn task_of(group: u32) -> Task {
+    var rest = group;
+    for (var index = 0u; index < arguments.layers; index += 1u) {
+        let tiles = (vec2u(layers[index].outputs, layers[index].inputs) + TILE - 1u) / TILE;
+        let pieces = (columns(arguments.batch, layers[index].space) + arguments.piece - 1u) / arguments.piece;
+        let own = tiles.x * tiles.y * pieces;
+        if rest < own {
+            return Task(index, rest / tiles.y % tiles.x * TILE, rest % tiles.y * TILE, rest / (tiles.x * tiles.y));
+        }
+        rest -= own;
     }
-    return vec4f();
+    return Task(arguments.layers, 0u, 0u, 0u);
 }
 
 @compute @workgroup_size(THREADS)
@@ -32,77 +46,63 @@ fn weights(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) local: u32,
 ) {
-    var rest = group.x + group.y * groups.x;
-    var index = arguments.first;
-    let last = arguments.first + arguments.count;
-    var tiles = vec2u();
-    for (; index < last; index += 1u) {
-        let size = vec2u(layers[index].outputs, layers[index].inputs);
-        tiles = (size + TILE - 1u) / TILE;
-        let pieces = (columns(arguments.batch, layers[index].space) + arguments.piece - 1u) / arguments.piece;
-        let own = tiles.x * tiles.y * pieces;
-        if rest < own {
-            break;
-        }
-        rest -= own;
-    }
-    if index == last {
+    let task = task_of(group.x + group.y * groups.x);
+    if task.layer == arguments.layers {
         return;
     }
-    let layer = layers[index];
-    let piece = rest / (tiles.x * tiles.y);
-    let row_start = rest / tiles.y % tiles.x * TILE;
-    let column_start = rest % tiles.y * TILE;
+    let layer = layers[task.layer];
     let stride = row_stride(arguments.batch, layer.space);
-    let end = min((piece + 1u) * arguments.piece, columns(arguments.batch, layer.space));
-    let ty = local / QUADS;
-    let tx = local % QUADS;
-    let place = local / 16u;
-    let lane = local / 4u % 4u;
+    let end = min((task.piece + 1u) * arguments.piece, columns(arguments.batch, layer.space));
+    let row = task.row + local / 4u;
+    let input_row = task.column + local / 4u;
     var sum = mat4x4f();
     var bias = vec4f();
-    for (var start = piece * arguments.piece; start < end; start += SLAB) {
+    for (var start = task.piece * arguments.piece; start < end; start += SLAB) {
         let at = start + local % 4u * 4u;
-        let d = four(layer.d_product, row_start + local / 4u, layer.outputs, at, end, stride);
-        let x = four(layer.input, column_start + local / 4u, layer.inputs, at, end, stride);
-        for (var i = 0u; i < 4u; i += 1u) {
-            left[(local % 4u * 4u + i) * PITCH + place][lane] = d[i];
-            right[(local % 4u * 4u + i) * PITCH + place][lane] = x[i];
+        var d = vec4f();
+        if row < layer.outputs && at < end {
+            d = activations[(layer.d_product + row * stride + at) / 4u];
         }
-        workgroupBarrier();
-        for (var k = 0u; k < SLAB; k += 1u) {
-            let a = left[k * PITCH + ty];
-            let b = right[k * PITCH + tx];
-            sum[0] += a.x * b;
-            sum[1] += a.y * b;
-            sum[2] += a.z * b;
-            sum[3] += a.w * b;
-            bias += a;
+        var x = vec4f();
+        if input_row < layer.inputs && at < end {
+            x = input_four(layer, arguments.batch, input_row, at);
         }
-        workgroupBarrier();
+        bias += d;
+        put_left(local, d);
+        put_right(local, x);
+        sum = add_slabs(sum, local);
     }
-    let vector = piece * arguments.parameters;
-    let column = column_start + tx * 4u;
+    add_tile(layer, task, local, sum);
+    if task.column == 0u && layer.bias != NOTHING {
+        left[local] = bias;
+        workgroupBarrier();
+        add_bias(layer, task, local);
+    }
+}
+
+fn add_tile(layer: Layer, task: Task, local: u32, sum: mat4x4f) {
+    let vector = task.piece * arguments.parameters;
+    let column = task.column + local % QUADS * 4u;
     for (var i = 0u; i < 4u; i += 1u) {
-        let row = row_start + ty * 4u + i;
-        if row >= layer.outputs {
-            return;
-        }
-        if column < layer.stride {
-            add((vector + layer.weights + row * layer.stride + column) / 4u, sum[i]);
-        }
-        if column == 0u && layer.bias != NO_BIAS {
-            let to = vector + layer.bias + row;
-            let before = select(0.0, sums[to / 4u][to % 4u], arguments.add != 0u);
-            sums[to / 4u][to % 4u] = before + bias[i];
+        let row = task.row + local / QUADS * 4u + i;
+        if row < layer.outputs && column < layer.stride {
+            let to = (vector + layer.weights + row * layer.stride + column) / 4u;
+            if arguments.add != 0u {
+                sums[to] += sum[i];
+            } else {
+                sums[to] = sum[i];
+            }
         }
     }
 }
 
-fn add(to: u32, value: vec4f) {
-    if arguments.add != 0u {
-        sums[to] += value;
-    } else {
-        sums[to] = value;
+/// Sums of rows, of which four threads have four columns each.
+fn add_bias(layer: Layer, task: Task, local: u32) {
+    let row = task.row + local;
+    if local < TILE && row < layer.outputs {
+        let sum = (left[4u * local] + left[4u * local + 1u]) + (left[4u * local + 2u] + left[4u * local + 3u]);
+        let to = task.piece * arguments.parameters + layer.bias + row;
+        let before = select(0.0, sums[to / 4u][to % 4u], arguments.add != 0u);
+        sums[to / 4u][to % 4u] = before + dot(sum, vec4f(1.0));
     }
 }

@@ -14,16 +14,12 @@ macro_rules! arguments {
 arguments! {
     Batch { samples: u32, capacity: u32, slots: u32 }
     Inputs {
-        batch: Batch, first_draw: u32, pixels: u32, lights: u32, surfaces: u32, known: u32, light_inputs: u32,
-        surface_rows: u32, levels: u32, features: u32, width: u32, height: u32,
+        batch: Batch, first_draw: u32, pixels: u32, lights: u32, factors: u32, values: u32, known: u32, light_inputs: u32,
+        levels: u32, features: u32, width: u32, height: u32,
     }
-    Features { batch: Batch, first_draw: u32, surfaces: u32, values: u32 }
-    Expansion { batch: Batch, pixels: u32, lights: u32, samples: u32, pixel_rows: u32, light_rows: u32 }
-    Layers { batch: Batch, first: u32, count: u32, piece: u32, add: u32, parameters: u32 }
-    Loss {
-        batch: Batch, first_draw: u32, weights: u32, stride: u32, bias: u32, inputs: u32, input: u32, d_product: u32,
-        factors: u32, weight: f32, first_sum: u32,
-    }
+    Chains { batch: Batch, first: u32, length: u32, pitch: u32, count: u32 }
+    Loss { chain: Chains, first_draw: u32, factors: u32, weight: f32, first_sum: u32 }
+    Weights { batch: Batch, layers: u32, piece: u32, add: u32, parameters: u32 }
     Slots { batch: Batch, samples: u32, pixels: u32, rows: u32, modulation: u32 }
     Scatter {
         batch: Batch, first_draw: u32, d_pixels: u32, levels: u32, features: u32, width: u32, height: u32, grid: u32,

@@ -1,10 +1,26 @@
 //! Training on a GPU: weights, moments, targets and gradients stay there; the host draws pixels and lights and says
 //! which chunks each step takes.
 //!
-//! A step is a chain of dispatches, recorded for several steps at once: inputs, layers forwards, loss, layers backwards, sums
-//! of the weights' gradients, optimiser. Layers run one after the other over a part of the batch whose activations fit the
-//! cache of a large card; each is a product of matrices with what follows it (modulation, ReLU, or their derivatives)
-//! in the same kernel.
+//! A step is a row of dispatches, recorded for several steps at once: inputs; layers of pixels and of lights; layers of samples,
+//! loss, and backwards through them; sums over the lights of each pixel; backwards through the layers of pixels and of
+//! lights; gradients by weights; by the grid; their sums; optimiser. Layers take a part of the batch whose activations fit the
+//! cache of a large card; each is a product of matrices with what follows it (modulation, ReLU, or their derivatives).
+//!
+//! # What bounds a step
+//!
+//! A batch of 16,384 samples with 32 lights a pixel, counted for a card of 3 TB/s and 30 TFLOP/s (half of an H200's
+//! peak without matrices) that needs 5 us from one dispatch to the next that waits for it:
+//!
+//! | | fast 64x2 | reference 256/8 |
+//! | --- | --- | --- |
+//! | products, 6 operations a weight and sample | 1.0 GFLOP, 35 us | 47 GFLOP, 1.6 ms |
+//! | activations, written once and read three times | 0.14 GB, 45 us at most (they fit the cache) | 1.1 GB, 0.35 ms |
+//! | dispatches, each layer on its own, Muon as 17 products | 39, 195 us | 26, 130 us |
+//! | dispatches as they are | 10, 50 us | 23, 115 us |
+//!
+//! So dispatches are what a narrow network waits for: up to 128 neurons a layer, a workgroup takes 64 samples through all
+//! layers forwards, the loss, and all layers backwards. Wide networks are bound by products, and their layers have more tiles
+//! than columns alone: they run layer by layer.
 
 mod arguments;
 mod optimise;
@@ -16,9 +32,9 @@ use std::sync::Arc;
 
 use relume_gpu::{Binding, Bound, Buffer, Commands, Gpu, GpuError, Kernel};
 
-use self::arguments::{Batch, Layers, Progress, Scatter};
+use self::arguments::{Batch, Chains, Loss, Progress, Scatter, Weights};
 use self::optimise::Optimise;
-use self::plan::{Plan, Shape, Space};
+use self::plan::{Plan, Shape, Space, TILE};
 pub(crate) use self::steps::DeviceCore;
 use self::store::Store;
 use crate::encoding::OutputScale;
@@ -30,8 +46,6 @@ use crate::scene_cache::SceneCache;
 use crate::simd::LANES;
 use crate::{DeviceTargets, GroupQueries, LightKind, LightParams, ProxyError, TrainConfig};
 
-/// Rows and columns of a tile of [`Plan::layers`], as in `train/dense.wgsl` and `train/weights.wgsl`.
-const TILE: u32 = 64;
 /// Most samples that run together; more do not fill a card better, and their activations leave its cache.
 const MOST_SAMPLES: u32 = 32_768;
 /// Bytes that activations may take.
@@ -40,8 +54,6 @@ const MOST_ACTIVATIONS: u64 = 120 << 20;
 const MOST_PIECES: u64 = 64 << 20;
 /// Fewest columns of such a piece.
 const LEAST_PIECE: u32 = 256;
-/// Samples of which a workgroup of `train/loss.wgsl` sums up the loss.
-const LOSS_GROUP: u32 = 256;
 
 /// What a training needs of its device.
 pub(crate) struct Demand<'a> {
@@ -97,9 +109,8 @@ struct Buffers {
 #[derive(Debug)]
 struct Kernels {
     inputs: Bound,
-    features: Bound,
-    expand: Bound,
     forward: Bound,
+    samples: Bound,
     loss: Bound,
     backward: Bound,
     sum_slots: Bound,
@@ -133,7 +144,7 @@ impl GpuTraining {
         let pieces = MOST_PIECES / (4 * u64::from(plan.dense));
         let pieces = pieces.clamp(1, u64::from(capacity / LEAST_PIECE)) as u32;
         let piece = capacity.div_ceil(pieces).next_multiple_of(LANES as u32);
-        let losses = largest_batch.div_ceil(capacity) * capacity.div_ceil(LOSS_GROUP);
+        let losses = largest_batch.div_ceil(capacity) * capacity.div_ceil(TILE);
 
         let scene: Vec<f32> = demand.scene.rows().collect();
         let buffers = Buffers {
@@ -222,63 +233,63 @@ impl GpuTraining {
         for start in (0..samples).step_by(self.part as usize) {
             let batch = Batch { samples: self.part.min(samples - start), ..self.batch };
             let draw = first_draw + start / CHUNK as u32;
-            self.record_forward(commands, batch, draw, weight, losses);
+            self.record_forward(commands, batch, draw);
+            let chain = Chains { batch, ..self.plan.samples };
+            let loss = Loss { chain, first_draw: draw, weight, first_sum: losses, ..self.plan.loss };
+            self.record_samples(commands, &loss);
             self.record_backward(commands, batch, draw, start > 0);
-            losses += batch.samples.div_ceil(LOSS_GROUP);
+            losses += batch.samples.div_ceil(TILE);
         }
         let batch = Batch { samples: samples.min(self.part), ..self.batch };
         self.optimise.record_reduction(commands, batch, self.piece, losses);
     }
 
-    fn record_forward(
-        &self,
-        commands: &mut Commands<'_>,
-        batch: Batch,
-        first_draw: u32,
-        weight: f32,
-        first_sum: u32,
-    ) {
+    fn record_forward(&self, commands: &mut Commands<'_>, batch: Batch, first_draw: u32) {
         let (plan, kernels) = (&self.plan, &self.kernels);
-        let (samples, pixels) = (batch.samples, batch.columns(Space::Pixels));
         let inputs = arguments::Inputs { batch, first_draw, ..plan.inputs };
-        let threads = pixels * (inputs.levels + 1) + batch.columns(Space::Lights) * inputs.light_inputs;
+        let columns = |space| batch.columns(space);
+        let threads = columns(Space::Pixels) * (inputs.levels + 1)
+            + columns(Space::Lights) * inputs.light_inputs
+            + columns(Space::Samples);
         commands.run(&kernels.inputs, threads.div_ceil(64), bytemuck::bytes_of(&inputs));
-        if let Some(features) = plan.features {
-            let features = arguments::Features { batch, first_draw, ..features };
-            commands.run(&kernels.features, samples.div_ceil(64), bytemuck::bytes_of(&features));
+        plan.forward.iter().for_each(|chains| self.record_layers(commands, batch, chains, true));
+    }
+
+    /// Layers of samples and the loss, forwards and backwards.
+    fn record_samples(&self, commands: &mut Commands<'_>, loss: &Loss) {
+        let batch = loss.chain.batch;
+        let groups = batch.samples.div_ceil(TILE);
+        if self.plan.chained {
+            return commands.run(&self.kernels.samples, groups, bytemuck::bytes_of(loss));
         }
-        if let Some(expansion) = plan.expansion {
-            let expansion = arguments::Expansion { batch, ..expansion };
-            let rows = expansion.pixel_rows + expansion.light_rows;
-            commands.run(&kernels.expand, (samples * rows).div_ceil(64), bytemuck::bytes_of(&expansion));
-        }
-        for rows in &plan.forward {
-            let groups = self
-                .groups(batch, rows, |layer, columns| layer.outputs.div_ceil(TILE) * columns.div_ceil(TILE));
-            commands.run(&kernels.forward, groups, bytemuck::bytes_of(&self.layers(batch, rows, false)));
-        }
-        let loss = arguments::Loss { batch, first_draw, weight, first_sum, ..plan.loss };
-        commands.run(&kernels.loss, samples.div_ceil(LOSS_GROUP), bytemuck::bytes_of(&loss));
+        let Chains { first, length, .. } = loss.chain;
+        let single = |row| Chains { first: row, length: 1, ..loss.chain };
+        (first..first + length).for_each(|row| self.record_layers(commands, batch, &single(row), true));
+        commands.run(&self.kernels.loss, groups, bytemuck::bytes_of(loss));
+        (first..=first + length)
+            .rev()
+            .for_each(|row| self.record_layers(commands, batch, &single(row), false));
     }
 
     fn record_backward(&self, commands: &mut Commands<'_>, batch: Batch, first_draw: u32, add: bool) {
         let (plan, kernels) = (&self.plan, &self.kernels);
         let pixels = batch.columns(Space::Pixels);
-        let [head, tail] = &plan.backward;
-        let backward = |commands: &mut Commands<'_>, rows: &plan::Rows| {
-            let groups = self
-                .groups(batch, rows, |layer, columns| layer.inputs.div_ceil(TILE) * columns.div_ceil(TILE));
-            commands.run(&kernels.backward, groups, bytemuck::bytes_of(&self.layers(batch, rows, add)));
-        };
-        head.iter().for_each(|rows| backward(commands, rows));
         let slots = arguments::Slots { batch, ..plan.slots };
         commands.run(&kernels.sum_slots, (pixels * slots.rows).div_ceil(64), bytemuck::bytes_of(&slots));
-        tail.iter().for_each(|rows| backward(commands, rows));
-        let all = 0..plan.layers.len() as u32;
-        let groups = self.groups(batch, &all, |layer, columns| {
-            layer.outputs.div_ceil(TILE) * layer.inputs.div_ceil(TILE) * columns.div_ceil(self.piece)
-        });
-        commands.run(&kernels.weights, groups, bytemuck::bytes_of(&self.layers(batch, &all, add)));
+        plan.backward.iter().for_each(|chains| self.record_layers(commands, batch, chains, false));
+        let tiles = |layer: &plan::Layer| {
+            let pieces = batch.columns(layer.space()).div_ceil(self.piece);
+            layer.outputs.div_ceil(TILE) * layer.inputs.div_ceil(TILE) * pieces
+        };
+        let weights = Weights {
+            batch,
+            layers: plan.layers.len() as u32,
+            piece: self.piece,
+            add: u32::from(add),
+            parameters: plan.dense,
+        };
+        let groups = plan.layers.iter().map(tiles).sum();
+        commands.run(&kernels.weights, groups, bytemuck::bytes_of(&weights));
         let inputs = &plan.inputs;
         let scatter = Scatter {
             batch,
@@ -293,21 +304,21 @@ impl GpuTraining {
         commands.run(&kernels.scatter, (pixels * inputs.levels).div_ceil(64), bytemuck::bytes_of(&scatter));
     }
 
-    /// Workgroups of some rows of the table.
-    fn groups(&self, batch: Batch, rows: &plan::Rows, tiles: impl Fn(&plan::Layer, u32) -> u32) -> u32 {
-        let layers = &self.plan.layers[rows.start as usize..rows.end as usize];
-        layers.iter().map(|layer| tiles(layer, batch.columns(layer.space()))).sum()
-    }
-
-    fn layers(&self, batch: Batch, rows: &plan::Rows, add: bool) -> Layers {
-        Layers {
-            batch,
-            first: rows.start,
-            count: rows.end - rows.start,
-            piece: self.piece,
-            add: u32::from(add),
-            parameters: self.plan.dense,
-        }
+    fn record_layers(&self, commands: &mut Commands<'_>, batch: Batch, chains: &Chains, forwards: bool) {
+        let first_layers = self.plan.layers[chains.first as usize..]
+            .iter()
+            .step_by(chains.pitch.max(1) as usize)
+            .take(chains.count as usize);
+        // A workgroup takes all rows of a chain; of single layers, a tile.
+        let groups = first_layers
+            .map(|layer| {
+                let rows = if forwards { layer.outputs } else { layer.inputs };
+                let tiles = if chains.length == 1 { rows.div_ceil(TILE) } else { 1 };
+                tiles * batch.columns(layer.space()).div_ceil(TILE)
+            })
+            .sum();
+        let kernel = if forwards { &self.kernels.forward } else { &self.kernels.backward };
+        commands.run(kernel, groups, bytemuck::bytes_of(&Chains { batch, ..*chains }));
     }
 
     /// Replaces weights and moments.
@@ -350,15 +361,14 @@ impl Kernels {
         let (pixels, lights, targets) = (store.pixels.whole(), store.lights.whole(), store.targets.whole());
         let params = optimise.params.whole();
         let inputs = [params, levels, scene, draws, pixels, lights, activations];
-        let loss = [params, draws, lights, targets, activations, buffers.losses.whole()];
-        let features = gpu.kernel("train/features", "fill", &[("QUAD", u32::from(quads))])?;
+        let dense = [layers, activations, params];
+        let loss = [layers, activations, params, draws, lights, targets, buffers.losses.whole()];
         Ok(Self {
-            inputs: bind("inputs", "inputs", &inputs)?,
-            features: features.bind(&[draws, lights, activations])?,
-            expand: bind("expand", "expand", &[activations])?,
-            forward: bind("dense", "forward", &[layers, params, activations])?,
+            inputs: gpu.kernel("train/inputs", "inputs", &[("QUAD", u32::from(quads))])?.bind(&inputs)?,
+            forward: bind("chains", "forward", &dense)?,
+            samples: bind("loss", "samples", &loss)?,
             loss: bind("loss", "loss", &loss)?,
-            backward: bind("dense", "backward", &[layers, params, activations])?,
+            backward: bind("chains", "backward", &dense)?,
             sum_slots: bind("slots", "sum_slots", &[activations])?,
             weights: bind("weights", "weights", &[layers, activations, buffers.pieces.whole()])?,
             scatter: bind(

@@ -1,14 +1,23 @@
 use bytemuck::{NoUninit, Zeroable};
 
-use super::arguments::{Batch, Expansion, Features, Inputs, Loss, Slots};
+use super::arguments::{Batch, Chains, Inputs, Loss, Slots};
 use crate::NetworkConfig;
 use crate::analytic::FEATURES;
 use crate::params::{ParamLayout, Role, Tensor};
 use crate::scene_cache::{AUX, AUX_PAPER, FACTOR, SURFACE};
+
 use crate::simd::LANES;
 
-/// Instead of an offset, where there is none.
-const NONE: u32 = u32::MAX;
+/// Instead of a place, where there is none.
+const NOTHING: u32 = u32::MAX;
+/// Rows and columns of a tile of a product, as in `train/product.wgsl`.
+pub(super) const TILE: u32 = 64;
+/// Widest network whose layers run in chains. A chain has a workgroup for each tile of columns, single layers one for each
+/// tile of rows as well: wider layers would leave most of a large card idle.
+const WIDEST_CHAIN: usize = 2 * TILE as usize;
+
+/// Factors on the outputs of a pixel.
+const FACTORS: usize = SURFACE - FACTOR;
 
 /// What the columns of activations stand for; numbers as in `train/batch.wgsl`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,6 +63,8 @@ pub(super) struct Layer {
     pub before_modulation: u32,
     pub before_d_modulation: u32,
     pub before_product: u32,
+    pub pixel_rows: u32,
+    pub light_rows: u32,
 }
 
 impl Layer {
@@ -73,21 +84,19 @@ const RELU: u32 = 1;
 const MODULATED: u32 = 2;
 const TRUNK: u32 = 3;
 
-/// Rows of the table of layers that run in one dispatch.
-pub(super) type Rows = std::ops::Range<u32>;
-
 /// A network as the kernels see it: its layers, the order in which they run, and where all values lie. Arguments hold
 /// everything but the batch and what changes from step to step.
 #[derive(Debug)]
 pub(super) struct Plan {
     pub layers: Vec<Layer>,
-    /// Forwards, up to the last layer, which is part of the loss.
-    pub forward: Vec<Rows>,
-    /// Backwards, before and after the sums over the lights of each pixel.
-    pub backward: [Vec<Rows>; 2],
+    /// What runs by pixel and by light, forwards and backwards.
+    pub forward: Vec<Chains>,
+    pub backward: Vec<Chains>,
+    /// What runs by sample, up to the last layer, which is part of the loss.
+    pub samples: Chains,
+    /// Whether that is one chain, else single layers.
+    pub chained: bool,
     pub inputs: Inputs,
-    pub features: Option<Features>,
-    pub expansion: Option<Expansion>,
     pub loss: Loss,
     pub slots: Slots,
     /// First value of the gradient by the encoded pixels.
@@ -141,38 +150,39 @@ impl Plan {
         let modulations = 2 * width * (depth + 1);
         let pixels = rooms.rows(Space::Pixels, pixel_inputs);
         let d_pixels = rooms.rows(Space::Pixels, pixel_inputs);
-        let surfaces = rooms.rows(Space::Pixels, SURFACE);
+        let factors = rooms.rows(Space::Pixels, FACTORS);
         let lights = rooms.rows(Space::Lights, shape.light_inputs);
         let features = rooms.rows(Space::Samples, FEATURES);
-        let trunk = plain(shape, "trunk", Space::Pixels, &[pixel_inputs, width, width, width], pixels, rooms);
+        let mut trunk =
+            plain(shape, "trunk", Space::Pixels, &[pixel_inputs, width, width, width], pixels, rooms);
         let sizes = [shape.light_inputs, width, width, modulations];
         let encoder = plain(shape, "encoder", Space::Lights, &sizes, lights, rooms);
         let head = Head { width, depth, trunk: trunk[2], encoder: encoder[2], features };
-        let (mut head, d_first) = head.layers(shape, rooms);
-        let mut layers: Vec<Layer> = trunk.iter().zip(&encoder).flat_map(|(t, e)| [*t, *e]).collect();
-        layers[0].d_input = d_pixels;
-        layers.append(&mut head);
-        let last = layers.len() as u32 - 1;
-        let forward = [0..2, 2..4, 4..6].into_iter().chain((6..last).map(|row| row..row + 1)).collect();
-        let before = (7..=last).rev().map(|row| row..row + 1).collect();
+        let head = head.layers(shape, rooms);
+        let slots = Slots {
+            samples: head[0].d_product,
+            pixels: trunk[2].d_product,
+            rows: width as u32,
+            modulation: encoder[2].output,
+            ..Zeroable::zeroed()
+        };
+        trunk[0].d_input = d_pixels;
+        let chained = width <= WIDEST_CHAIN;
+        // Trunk and encoder run side by side. The encoder has its many outputs alone, so that they are dealt out.
+        let sides = |first, length| Chains { first, length, pitch: 3, count: 2, ..Zeroable::zeroed() };
+        let single = [0, 1, 2].map(|first| sides(first, 1));
         Self {
-            forward,
-            backward: [before, vec![4..6, 2..4, 0..1]],
-            inputs: inputs(shape, [pixels, lights, surfaces], [AUX, SURFACE]),
-            features: Some(Features { surfaces, values: features, ..Zeroable::zeroed() }),
-            expansion: None,
-            loss: loss(&layers[last as usize], surfaces + FACTOR as u32 * rooms.stride(Space::Pixels)),
-            slots: Slots {
-                samples: d_first,
-                pixels: trunk[2].d_product,
-                rows: width as u32,
-                modulation: encoder[2].output,
-                ..Zeroable::zeroed()
-            },
+            forward: if chained { vec![sides(0, 2), sides(2, 1)] } else { single.to_vec() },
+            backward: if chained { vec![sides(0, 3)] } else { single.into_iter().rev().collect() },
+            samples: chain(6, depth + 1),
+            chained,
+            inputs: inputs(shape, [pixels, lights, factors, features], AUX),
+            loss: Loss { factors, ..Zeroable::zeroed() },
+            slots,
             d_pixels,
             activations: rooms.used,
             dense: dense(shape.layout),
-            layers,
+            layers: [trunk, encoder, head].concat(),
         }
     }
 
@@ -183,33 +193,25 @@ impl Plan {
         let pixels = rooms.rows(Space::Pixels, pixel_rows);
         let d_pixels = rooms.rows(Space::Pixels, shape.grid_outputs);
         let lights = rooms.rows(Space::Lights, shape.light_inputs);
-        let samples = rooms.rows(Space::Samples, rows);
         let d_samples = rooms.rows(Space::Samples, rows);
         let mut sizes = vec![rows];
         sizes.extend(std::iter::repeat_n(width, depth));
         sizes.push(3);
-        let mut layers = plain(shape, "mlp", Space::Samples, &sizes, samples, rooms);
-        layers[0].d_input = d_samples;
-        let last = layers.len() as u32 - 1;
+        let mut layers = plain(shape, "mlp", Space::Samples, &sizes, pixels, rooms);
+        let first = &mut layers[0];
+        (first.d_input, first.pixel_rows, first.light_rows) = (d_samples, pixel_rows as u32, lights);
         Self {
-            forward: (0..last).map(|row| row..row + 1).collect(),
-            backward: [(0..=last).rev().map(|row| row..row + 1).collect(), Vec::new()],
-            inputs: inputs(shape, [pixels, lights, 0], [AUX_PAPER, 0]),
-            features: None,
-            expansion: Some(Expansion {
-                pixels,
-                lights,
-                samples,
-                pixel_rows: pixel_rows as u32,
-                light_rows: shape.light_inputs as u32,
-                ..Zeroable::zeroed()
-            }),
-            loss: loss(&layers[last as usize], NONE),
+            forward: Vec::new(),
+            backward: Vec::new(),
+            samples: chain(0, depth),
+            chained: width <= WIDEST_CHAIN,
+            inputs: inputs(shape, [pixels, lights, NOTHING, NOTHING], AUX_PAPER),
+            loss: Loss { factors: NOTHING, ..Zeroable::zeroed() },
             slots: Slots {
                 samples: d_samples,
                 pixels: d_pixels,
                 rows: shape.grid_outputs as u32,
-                modulation: NONE,
+                modulation: NOTHING,
                 ..Zeroable::zeroed()
             },
             d_pixels,
@@ -218,6 +220,11 @@ impl Plan {
             layers,
         }
     }
+}
+
+/// One chain of layers.
+fn chain(first: u32, length: usize) -> Chains {
+    Chains { first, length: length as u32, count: 1, ..Zeroable::zeroed() }
 }
 
 /// Layers of a plain network, ReLU between them; the gradient by its input has no place yet.
@@ -237,7 +244,7 @@ fn plain(
         layers.push(Layer {
             bias: tensor(shape.layout, &format!("{name}.{index}.bias")).start as u32,
             input: before.map_or(input, |layer| layer.output),
-            d_input: before.map_or(NONE, |layer| layer.d_product),
+            d_input: before.map_or(NOTHING, |layer| layer.d_product),
             before: before.map_or(0, |_| RELU),
             finish: if index + 1 == count { FINISH_LINEAR } else { RELU },
             ..layer(weights, space, rooms)
@@ -251,7 +258,9 @@ fn layer(weights: &Tensor, space: Space, rooms: &mut Rooms) -> Layer {
     Layer {
         weights: weights.start as u32,
         stride: weights.stride as u32,
-        bias: NONE,
+        bias: NOTHING,
+        d_input: NOTHING,
+        pixel_rows: NOTHING,
         inputs: weights.cols as u32,
         outputs: weights.rows as u32,
         space: space as u32,
@@ -272,8 +281,7 @@ struct Head {
 }
 
 impl Head {
-    /// All its layers, and where the gradient by the sum of modulated trunk and features lies.
-    fn layers(&self, shape: &Shape<'_>, rooms: &mut Rooms) -> (Vec<Layer>, u32) {
+    fn layers(&self, shape: &Shape<'_>, rooms: &mut Rooms) -> Vec<Layer> {
         let space = Space::Samples;
         let stride = rooms.stride(Space::Lights);
         let modulation = |index: usize| (2 * self.width * index) as u32 * stride;
@@ -306,40 +314,22 @@ impl Head {
             }
             layers.push(next);
         }
-        let d_first = layers[0].d_product;
-        (layers, d_first)
+        layers
     }
 }
 
-fn inputs(
-    shape: &Shape<'_>,
-    [pixels, lights, surfaces]: [u32; 3],
-    [known, surface_rows]: [usize; 2],
-) -> Inputs {
+fn inputs(shape: &Shape<'_>, [pixels, lights, factors, values]: [u32; 4], known: usize) -> Inputs {
     Inputs {
         pixels,
         lights,
-        surfaces,
+        factors,
+        values,
         known: known as u32,
         light_inputs: shape.light_inputs as u32,
-        surface_rows: surface_rows as u32,
         levels: shape.grid_levels as u32,
         features: (shape.grid_outputs / shape.grid_levels) as u32,
         width: shape.image[0] as u32,
         height: shape.image[1] as u32,
-        ..Zeroable::zeroed()
-    }
-}
-
-fn loss(last: &Layer, factors: u32) -> Loss {
-    Loss {
-        weights: last.weights,
-        stride: last.stride,
-        bias: last.bias,
-        inputs: last.inputs,
-        input: last.input,
-        d_product: last.d_product,
-        factors,
         ..Zeroable::zeroed()
     }
 }

@@ -115,9 +115,13 @@ fn check_gradient<N: Network>(network: &N, setup: &Setup, config: &TrainConfig, 
 
 #[test]
 fn gradients_of_every_tensor_equal_those_of_the_cpu() {
-    for (kind, width, slots) in
-        [(LightKind::Sphere, 20, 8), (LightKind::Quad, 72, 32), (LightKind::FacingDisk, 16, 1)]
-    {
+    // Layers in chains, of one tile of rows and of two; layer by layer.
+    for (kind, width, slots) in [
+        (LightKind::Sphere, 20, 8),
+        (LightKind::Quad, 72, 32),
+        (LightKind::FacingDisk, 16, 1),
+        (LightKind::Sphere, 132, 16),
+    ] {
         let setup = setup(kind);
         let grid = tiny_grid();
         let fast = FastNetwork::new(width, 2, &grid, setup.size, setup.encoding);
@@ -234,19 +238,14 @@ fn arguments_mirror_the_shaders() {
     assert_mirror!(Batch as "train/batch", "Batch", { samples, capacity, slots });
     assert_mirror!(Layer as "train/dense", "Layer", {
         weights, stride, bias, inputs, outputs, space, input, output, d_product, d_input, finish, modulation, product,
-        before, before_modulation, before_d_modulation, before_product,
+        before, before_modulation, before_d_modulation, before_product, pixel_rows, light_rows,
     });
     assert_mirror!(Inputs as "train/inputs", "Inputs", {
-        batch, first_draw, pixels, lights, surfaces, known, light_inputs, surface_rows, levels, features, width, height,
+        batch, first_draw, pixels, lights, factors, values, known, light_inputs, levels, features, width, height,
     });
-    assert_mirror!(Features as "train/features", "Features", { batch, first_draw, surfaces, values });
-    assert_mirror!(Expansion as "train/expand", "Expansion", {
-        batch, pixels, lights, samples, pixel_rows, light_rows,
-    });
-    assert_mirror!(Layers as "train/dense", "Layers", { batch, first, count, piece, add, parameters });
-    assert_mirror!(Loss as "train/loss", "Loss", {
-        batch, first_draw, weights, stride, bias, inputs, input, d_product, factors, weight, first_sum,
-    });
+    assert_mirror!(Chains as "train/chains", "Chains", { batch, first, length, pitch, count });
+    assert_mirror!(Loss as "train/loss", "Loss", { chain, first_draw, factors, weight, first_sum });
+    assert_mirror!(Weights as "train/weights", "Weights", { batch, layers, piece, add, parameters });
     assert_mirror!(Slots as "train/slots", "Slots", { batch, samples, pixels, rows, modulation });
     assert_mirror!(Scatter as "train/scatter", "Scatter", {
         batch, first_draw, d_pixels, levels, features, width, height, grid,
