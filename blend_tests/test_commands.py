@@ -14,7 +14,8 @@ import pytest
 import relume
 
 from addon.engine.commands import run
-from addon.export import is_standard, trace_settings, write_view_table
+from addon.export import trace_settings, write_view_table
+from addon.export.view_transform import is_standard
 from helpers import add_light, add_material, add_quad, render_cycles
 
 REPOSITORY = Path(__file__).resolve().parents[1]

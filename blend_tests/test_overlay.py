@@ -80,6 +80,15 @@ def test_pixels_are_those_of_blenders_display(scene, name):
     assert np.all(np.abs(found[outside] - BACKGROUND) < 1e-6), "nothing is drawn outside of the frame"
 
 
+@pytest.mark.parametrize("name", VIEWS)
+def test_dark_pixels_are_those_of_blenders_display(scene, name):
+    VIEWS[name](scene)
+    picture = frame()
+    picture.image = picture.image.copy()
+    picture.image[..., :3] = np.random.default_rng(2).uniform(0.0, 0.02, (HEIGHT, WIDTH, 3))
+    assert_same(inside(drawn(scene, show(picture))), display(scene, picture))
+
+
 def display(scene, picture):
     """Blender's own display of a frame."""
     return displayed(scene, picture.image[..., :3])
@@ -195,7 +204,7 @@ def test_another_view_shows_the_same_frame_anew(scene):
 
 def test_a_frame_is_uploaded_once(scene, monkeypatch):
     uploads, upload = [], texture._upload
-    monkeypatch.setattr(texture, "_upload", lambda size, pixels: uploads.append(size) or upload(size, pixels))
+    monkeypatch.setattr(texture, "_upload", lambda size, *more: uploads.append(size) or upload(size, *more))
     picture = frame()
     for _ in range(3):
         drawn(scene, show(picture))

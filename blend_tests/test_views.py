@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from addon.engine import shot
+from addon.export import view_transform
 from addon.ui.start import start
 from addon.viewport import compare, handlers, light_marks, overlay, view_table
 from addon.viewport.overlay import Show
@@ -165,7 +166,7 @@ def test_a_table_that_cannot_be_made_is_said_and_tried_again(view, monkeypatch):
         raise OSError("cannot write the view transform; check the free space: /full")
 
     with monkeypatch.context() as broken:
-        broken.setattr(view_table, "displayed", full)
+        broken.setattr(view_transform, "displayed", full)
         assert handlers.bake_views() == handlers.RETRY_SECONDS
         assert "free space" in handlers._trouble[view.scene.session_uid]
     assert handlers.bake_views() == handlers.NEXT_SLICE_SECONDS

@@ -45,5 +45,7 @@ VIEWS = {
     "Filmic, look": view(view_transform="Filmic", look="Very High Contrast"),
     "Standard": view(view_transform="Standard"),
     "Standard, exposure and gamma": view(view_transform="Standard", exposure=0.8, gamma=0.7),
+    "False Color": view(view_transform="False Color"),
+    "False Color, exposure and gamma": view(view_transform="False Color", exposure=1.6, gamma=1.2),
     "Khronos": view(view_transform="Khronos PBR Neutral"),
 }

@@ -16,7 +16,7 @@ import bpy
 from ..core import command_line
 from ..core.bake_folder import clear, is_bake
 from ..core.progress import Reporter, clock
-from ..export import ExportError, ExportOptions, is_standard, trace_settings, write_view_table
+from ..export import ExportError, ExportOptions, trace_settings, write_view_table
 from . import record
 from .native import native
 from .scene import load_scene
@@ -73,8 +73,7 @@ def bake(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> i
         clear(folder)
     report = native().bake(exported, folder, settings, resume=options.resume).wait(reporter.progress, reporter.warning)
     record.of(scene, scene.objects.get(options.camera or ""), exported.resolution).write(folder)
-    if not is_standard(scene):
-        write_view_table(scene, folder / "view.png")
+    write_view_table(scene, folder / "view.png")
     reporter.result(
         report,
         f"{folder}: {report['width']} x {report['height']} pixels, {report['samples']} samples, "

@@ -3,13 +3,12 @@ module: the builder is passed in."""
 
 from .scene import ExportError, ExportOptions, export_scene
 from .settings import trace_settings
-from .view_transform import is_standard, write_view_table
+from .view_file import write_view_table
 
 __all__ = [
     "ExportError",
     "ExportOptions",
     "export_scene",
-    "is_standard",
     "trace_settings",
     "write_view_table",
 ]

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -16,9 +17,14 @@ from typing import Any
 import bpy
 import numpy as np
 
-SIZE = 65
 SHAPER_MIN, SHAPER_MAX, SHAPER_OFFSET = -12.0, 7.0, 2.0**-12
 PNG_END = b"IEND\xae\x42\x60\x82"
+SLICE_SECONDS = 0.012
+"""How long Blender may colour at once while an artist is at work."""
+FIRST_ENTRIES, MOST_ENTRIES = 8_000, 100_000
+
+_entries = FIRST_ENTRIES
+"""How many colours SLICE_SECONDS are enough for, by the slice before."""
 
 
 def is_srgb_curve(scene: bpy.types.Scene) -> bool:
@@ -36,31 +42,73 @@ def is_standard(scene: bpy.types.Scene) -> bool:
     return is_srgb_curve(scene) and view.exposure == 0.0 and view.gamma == 1.0
 
 
+def view_key(scene: bpy.types.Scene, with_exposure: bool = True) -> tuple:
+    """All that the view of a scene depends on, as plain values."""
+    view = scene.view_settings
+    apart = {"curve_mapping"} if with_exposure else {"curve_mapping", "exposure"}
+    key = [getattr(getattr(bpy.data, "colorspace", None), "working_space", "")]
+    key += _values(view, apart) + _values(scene.display_settings, set())
+    if view.use_curve_mapping:
+        key += _curves(view.curve_mapping)
+    return tuple(key)
+
+
+def _values(owner: bpy.types.bpy_struct, apart: set[str]) -> list[Any]:
+    found = []
+    for name in owner.bl_rna.properties.keys():
+        if name not in apart | {"rna_type"}:
+            value = getattr(owner, name)
+            found.append((name, value if isinstance(value, bool | int | float | str) else tuple(value)))
+    return found
+
+
+def _curves(mapping: bpy.types.CurveMapping) -> list[Any]:
+    points = [
+        (curve_index, *point.location, point.handle_type)
+        for curve_index, curve in enumerate(mapping.curves)
+        for point in curve.points
+    ]
+    return _values(mapping, {"curves"}) + points
+
+
 def shaper_axis(size: int, log_max: float = SHAPER_MAX) -> np.ndarray:
     """Scene-linear values of the entries along each axis of a table, [size]; the last one is about `2^log_max`."""
     steps = np.linspace(SHAPER_MIN, log_max, size, dtype=np.float64)
     return np.maximum(np.exp2(steps) - SHAPER_OFFSET, 0.0).astype(np.float32)
 
 
-def write_view_table(scene: bpy.types.Scene, path: Path) -> None:
-    """Writes the table as a 16-bit PNG of SIZE^2 by SIZE pixels, whole or not at all."""
-    axis = shaper_axis(SIZE)
-    pixels = np.empty((SIZE, SIZE, SIZE, 3), np.float32)  # [green from the top, blue, red, channel]
-    pixels[..., 0], pixels[..., 1], pixels[..., 2] = axis, axis[:, None, None], axis[:, None]
-    part = path.with_name(f".part-{path.name}")
-    try:
-        _write_displayed(scene, pixels.reshape(SIZE, -1, 3)[::-1], part)
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
+def displayed_in_slices(
+    scene: bpy.types.Scene,
+    height: int,
+    width: int,
+    colors_of: Callable[[slice], np.ndarray],
+    view: dict[str, Any] | None = None,
+) -> Iterator[tuple[slice, np.ndarray]]:
+    """Rows with their display colours, as many at a time as Blender colours in SLICE_SECONDS. `colors_of` gives
+    scene-linear colours of rows, [rows, width, 3]; `view` as for `displayed`."""
+    global _entries
+    # Blender reads the files of a view when it first colours anything with it, which takes as long as many slices.
+    displayed(scene, np.zeros((1, 1, 3), np.float32), view)
+    yield slice(0, 0), np.empty((0, width, 3), np.float32)
+    start = 0
+    while start < height:
+        rows = slice(start, min(start + max(1, _entries // width), height))
+        colors, begun = colors_of(rows), time.perf_counter()
+        shown = displayed(scene, colors, view)
+        took = max(time.perf_counter() - begun, 1e-6)
+        share = min(max(SLICE_SECONDS / took, 0.25), 2.0)
+        _entries = int(min(max(colors.size // 3 * share, width), MOST_ENTRIES))
+        start = rows.stop
+        yield rows, shown
 
 
-def displayed(scene: bpy.types.Scene, colors: np.ndarray) -> np.ndarray:
-    """Display colours as Blender makes them of opaque scene-linear ones, in 16 bits; both [height, width, 3]."""
+def displayed(scene: bpy.types.Scene, colors: np.ndarray, view: dict[str, Any] | None = None) -> np.ndarray:
+    """Display colours as Blender makes them of opaque scene-linear ones, in 16 bits; both [height, width, 3]. With
+    `view` in another view than the scene's: its `display_device` and properties of view settings."""
     handle, name = tempfile.mkstemp(suffix=".png", dir=bpy.app.tempdir or None)
     os.close(handle)
     try:
-        _write_displayed(scene, colors, Path(name))
+        _write_displayed(scene, colors, Path(name), view)
         image = bpy.data.images.load(name)
         try:
             image.colorspace_settings.name = "Non-Color"
@@ -73,15 +121,15 @@ def displayed(scene: bpy.types.Scene, colors: np.ndarray) -> np.ndarray:
     return pixels.reshape(*colors.shape[:2], -1)[..., :3]
 
 
-def _write_displayed(scene: bpy.types.Scene, colors: np.ndarray, path: Path) -> None:
-    """Writes scene-linear colours, [height from the bottom, width, 3], as a 16-bit PNG of the scene's view."""
+def _write_displayed(scene: bpy.types.Scene, colors: np.ndarray, path: Path, view: dict[str, Any] | None) -> None:
+    """Writes scene-linear colours, [height from the bottom, width, 3], as a 16-bit PNG of a view."""
     height, width = colors.shape[:2]
     pixels = np.ones((height, width, 4), np.float32)
     pixels[..., :3] = colors
     image = bpy.data.images.new("relume view table", width, height, float_buffer=True)
     try:
         image.pixels.foreach_set(pixels.reshape(-1))
-        with _png_settings(scene):
+        with _png_settings(scene, view):
             image.save_render(str(path), scene=scene)
     finally:
         bpy.data.images.remove(image)
@@ -91,8 +139,8 @@ def _write_displayed(scene: bpy.types.Scene, colors: np.ndarray, path: Path) -> 
 
 
 @contextmanager
-def _png_settings(scene: bpy.types.Scene) -> Iterator[None]:
-    """Sixteen bits, no dithering, coloured by the scene; all settings put back afterwards."""
+def _png_settings(scene: bpy.types.Scene, view: dict[str, Any] | None) -> Iterator[None]:
+    """Sixteen bits, no dithering, coloured by the scene or a view of its own; all settings put back afterwards."""
     output = scene.render.image_settings
     wanted: list[tuple[Any, str, Any]] = [
         (output, "media_type", "IMAGE"),
@@ -100,9 +148,11 @@ def _png_settings(scene: bpy.types.Scene) -> Iterator[None]:
         (output, "color_mode", "RGB"),
         (output, "color_depth", "16"),
         (output, "compression", 15),
-        (output, "color_management", "FOLLOW_SCENE"),
+        (output, "color_management", "OVERRIDE" if view else "FOLLOW_SCENE"),
         (scene.render, "dither_intensity", 0.0),
     ]
+    for name, value in (view or {}).items():
+        wanted.append((output.display_settings if name == "display_device" else output.view_settings, name, value))
     wanted = [(owner, name, value) for owner, name, value in wanted if hasattr(owner, name)]
     before = [(owner, name, getattr(owner, name)) for owner, name, _ in wanted]
     try:

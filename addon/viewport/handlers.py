@@ -15,13 +15,13 @@ from bpy.app.handlers import persistent
 from gpu_extras.batch import batch_for_shader
 
 from ..engine import shot
-from . import compare, light_marks, overlay, texture, view_table, warm_up
+from . import compare, light_marks, overlay, texture, view_files, view_table, warm_up
 from .overlay import Show
+from .view_files import NEXT_SLICE_SECONDS
 from .views import redraw
 
 WORDS_POINTS = 11.0
 MARGIN_POINTS = 14.0
-NEXT_SLICE_SECONDS = 0.005
 RETRY_SECONDS = 5.0
 JOB_SECONDS = 0.1
 """Pause while a render, or the reading of the scene, has the render settings."""
@@ -55,7 +55,7 @@ def draw_picture() -> None:
         if what is not None:
             prepare(scene)
         return
-    if not view_table.is_complete(scene):
+    if not (view_table.is_complete(scene) and _has_file(scene)):
         _waiting.add(scene.session_uid)
         wake()
     if view is not None:
@@ -86,7 +86,8 @@ def wake() -> None:
 
 
 def bake_views() -> float | None:
-    """One slice of the view table of each scene that waits for one; seconds until the next turn."""
+    """One slice of the view table of each scene that waits for one, and then of the file beside its bake; seconds until
+    the next turn."""
     if bpy.app.is_job_running("RENDER"):
         return JOB_SECONDS  # It would write its pictures with our settings.
     better, pause = False, JOB_SECONDS
@@ -95,21 +96,36 @@ def bake_views() -> float | None:
             continue
         try:
             better |= view_table.work(scene)
-            pause = NEXT_SLICE_SECONDS
+            pause = min(pause, _work_on_file(scene))
             _trouble.pop(scene.session_uid, None)
         except (OSError, RuntimeError) as error:
             _trouble[scene.session_uid], pause = str(error), RETRY_SECONDS
-        if view_table.is_complete(scene) or not (_has_picture(scene) or view_table.of(scene) is None):
-            _waiting.discard(scene.session_uid)  # The fine table comes after the first picture.
+        if _has_table(scene) and _has_file(scene):
+            _waiting.discard(scene.session_uid)
     if better or pause == RETRY_SECONDS:
         redraw()
     _waiting.intersection_update({scene.session_uid for scene in bpy.data.scenes})
     return pause if _waiting else None
 
 
-def _has_picture(scene: bpy.types.Scene) -> bool:
+def _has_table(scene: bpy.types.Scene) -> bool:
+    """The fine table is wanted with the first picture, before it a coarse one will do."""
     found = shot.of(scene)
-    return found is not None and found.frame is not None
+    has_picture = found is not None and found.frame is not None
+    return view_table.is_complete(scene) or not (has_picture or view_table.of(scene) is None)
+
+
+def _has_file(scene: bpy.types.Scene) -> bool:
+    found = shot.of(scene)
+    return found is None or view_files.is_done(found, scene)
+
+
+def _work_on_file(scene: bpy.types.Scene) -> float:
+    """Seconds until the next turn."""
+    found = shot.of(scene)
+    if found is None or not view_table.is_complete(scene) or view_files.is_done(found, scene):
+        return NEXT_SLICE_SECONDS
+    return view_files.work(found, scene)
 
 
 def register() -> None:

@@ -91,7 +91,7 @@ def draw(what: Show, view: View) -> None:
         program.shader.bind()
         for name, sampled in (("first", first), ("second", second)):
             program.shader.uniform_sampler(name, sampled)
-        program.shader.uniform_sampler("encoding", texture.encoding())
+        program.shader.uniform_sampler("levels", texture.of_levels(view))
         program.shader.uniform_sampler("table", texture.of_table(view))
         for name, number in (
             ("frame", (frame.left, frame.bottom, frame.right, frame.top)),
@@ -105,7 +105,7 @@ def draw(what: Show, view: View) -> None:
         ):
             program.shader.uniform_float(name, number)
         program.shader.uniform_int("mode", what.mode)
-        program.shader.uniform_int("use_table", int(view.table is not None))
+        program.shader.uniform_int("use_table", int(view.table is not None) + int(view.levels is not None))
         program.square.draw(program.shader)
 
 

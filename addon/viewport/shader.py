@@ -15,6 +15,7 @@ import numpy as np
 from gpu_extras.batch import batch_for_shader
 
 from ..export.view_transform import SHAPER_MIN, SHAPER_OFFSET
+from .false_color import LEVELS
 from .view_table import LOG_MAX
 
 VERTEX = """
@@ -35,6 +36,7 @@ FRAGMENT = (
     + """
 #define SPLIT 1
 #define DIFFERENCE 2
+#define PLACES 2
 #define LARGEST_RADIUS 16.0
 
 float finite(float x)
@@ -96,13 +98,23 @@ vec3 from_table(vec3 color)
   return sum;
 }
 
+/* Texel of the list `levels` at a place of 0..1. */
+int level_of(float place)
+{
+  return int(clamp(place, 0.0, 1.0) * float(textureSize(levels, 0) - 1) + 0.5);
+}
+
 /* Display colour, not multiplied by alpha, of a scene-linear one that is. As Blender's own display: light without cover
  * (alpha 0) is shown as it is. */
 vec4 displayed(vec4 pixel)
 {
   vec3 color = pixel.rgb * (scale / (pixel.a > 0.0 ? pixel.a : 1.0));
   if (use_table != 0) {
-    return vec4(from_table(color), pixel.a);
+    color = from_table(color);
+    if (use_table == PLACES) {
+      color = texelFetch(levels, level_of(color.r), 0).rgb;
+    }
+    return vec4(color, pixel.a);
   }
   color = vec3(srgb_from_linear(color.r), srgb_from_linear(color.g), srgb_from_linear(color.b));
   return vec4(exponent == 1.0 ? color : pow(color, vec3(exponent)), pixel.a);
@@ -110,8 +122,7 @@ vec4 displayed(vec4 pixel)
 
 float overlay_from_display(float color)
 {
-  int last = textureSize(encoding, 0) - 1;
-  return texelFetch(encoding, int(clamp(color, 0.0, 1.0) * float(last) + 0.5), 0).r;
+  return texelFetch(levels, level_of(color), 0).a;
 }
 
 void main()
@@ -138,7 +149,7 @@ void main()
 """
 )
 
-ENCODING_ENTRIES = 4096
+ENCODING_ENTRIES = LEVELS
 
 
 @dataclass(frozen=True)
@@ -153,14 +164,15 @@ class Program:
 def show(one_to_one: bool) -> Program:
     """With `one_to_one` each pixel is one texel, without any filter.
 
-    Samplers `first`, `second`, `encoding` (`overlay_encoding`) and `table` (`view_table`). Constants `frame` and
+    Samplers `first`, `second`, `levels` (`texture.of_levels`) and `table` (`view_table`). Constants `frame` and
     `drawn` (rectangles) and `split` in pixels of the `region`; `mode`: 0 first left of the split, SPLIT, DIFFERENCE;
-    `opacity`; `gain` of the difference; `scale`, `exponent` and `use_table` of the view.
+    `opacity`; `gain` of the difference; `scale`, `exponent` of the view; `use_table`: 1 it has one, 2 of places in
+    `levels`.
     """
     info = gpu.types.GPUShaderCreateInfo()
     info.sampler(0, "FLOAT_2D", "first")
     info.sampler(1, "FLOAT_2D", "second")
-    info.sampler(2, "FLOAT_1D", "encoding")
+    info.sampler(2, "FLOAT_1D", "levels")
     info.sampler(3, "FLOAT_3D", "table")
     for kind, names in (
         ("VEC4", ("frame", "drawn")),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from functools import cache
 from typing import Any
 
 import gpu
@@ -19,6 +18,8 @@ _frames: dict[int, tuple[Any, Any]] = {}
 """Frame and texture, by identity of the frame, which is kept alive."""
 _tables: dict[int, tuple[np.ndarray, Any]] = {}
 """The same of view tables, newest last."""
+_levels: dict[int, tuple[Any, Any]] = {}
+"""The same of their lists of colours, or none."""
 
 
 def of_frame(frame: Any) -> Any:
@@ -33,17 +34,30 @@ def of_table(view: View) -> Any:
     """The table of a view; something to bind if it has none."""
     table = NO_TABLE if view.table is None else view.table
     if id(table) not in _tables:
-        _tables[id(table)] = table, _upload(table.shape[2::-1], table)
-        while len(_tables) > TABLES_KEPT:
-            del _tables[next(iter(_tables))]
+        # Places in a list of colours are finer than half floats.
+        exact = view.levels is not None
+        _tables[id(table)] = table, _upload(table.shape[2::-1], table, "RGBA32F" if exact else "RGBA16F")
+        _forget(_tables)
     return _tables[id(table)][1]
 
 
-@cache
-def encoding() -> Any:
-    """The table of `shader.overlay_encoding`."""
-    values = shader.overlay_encoding()
-    return gpu.types.GPUTexture(values.size, format="R32F", data=gpu.types.Buffer("FLOAT", values.size, values))
+def of_levels(view: View) -> Any:
+    """The view's list of colours, if it has one, and in alpha `shader.overlay_encoding`."""
+    key = id(view.levels)
+    if key not in _levels:
+        values = np.zeros((shader.ENCODING_ENTRIES, 4), np.float32)
+        values[:, 3] = shader.overlay_encoding()
+        if view.levels is not None:
+            values[:, :3] = view.levels
+        _levels[key] = view.levels, _upload((len(values),), values, "RGBA32F")
+        _forget(_levels)
+    return _levels[key][1]
+
+
+def _forget(kept: dict) -> None:
+    """Drops the oldest."""
+    while len(kept) > TABLES_KEPT:
+        del kept[next(iter(kept))]
 
 
 def keep_only(frames: Iterable[Any]) -> None:
@@ -57,11 +71,11 @@ def free() -> None:
     """Lets go of everything."""
     _frames.clear()
     _tables.clear()
-    encoding.cache_clear()
+    _levels.clear()
     shader.free()
 
 
-def _upload(size: tuple[int, ...], pixels: np.ndarray) -> Any:
+def _upload(size: tuple[int, ...], pixels: np.ndarray, texels: str = "RGBA16F") -> Any:
     """Half floats: the same colours to 1/20 of a display step, in half the time."""
     flat = np.ascontiguousarray(pixels, np.float32).reshape(-1)
-    return gpu.types.GPUTexture(size, format="RGBA16F", data=gpu.types.Buffer("FLOAT", flat.size, flat))
+    return gpu.types.GPUTexture(size, format=texels, data=gpu.types.Buffer("FLOAT", flat.size, flat))

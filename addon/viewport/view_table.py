@@ -2,34 +2,36 @@
 
 Blender colours the entries of the table itself (`export.view_transform`), a slice at a time, so that the window never
 stands still: first a coarse table, then a fine one. Exposure multiplies before the table, so dragging it bakes
-nothing, unless the view has curves, which Blender applies before exposure. The plain sRGB curve needs no table.
-A view that jumps from one colour to the next ("False Color") is smoothed at its jumps, by 2.6 of 255 on average.
+nothing, unless the view has curves, which Blender applies before exposure. The plain sRGB curve needs no table. Of a
+view that jumps from one colour to the next the table holds places in a list of colours (`false_color`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import bpy
 import numpy as np
 
-from ..export.view_transform import SHAPER_MIN, SHAPER_OFFSET, displayed, is_srgb_curve, shaper_axis
+from ..export.view_transform import SHAPER_MIN, SHAPER_OFFSET, displayed_in_slices, is_srgb_curve, shaper_axis, view_key
+from . import false_color
 
 LOG_MAX = 10.0
 """Logarithm of the brightest value of the table. Filmic tells colours apart up to about 2^10."""
 COARSE, FINE = 45, 89
 """Entries along an axis: half and quarter stops, so that the clipping of "Standard" at 1.0 falls on an entry."""
-SLICE = 50_000
-"""Entries that Blender colours at once: 15 ms in Blender 5.2 and 25 ms in 4.2 on one slow core."""
 KEPT = 4
 """Tables that are kept for views seen before."""
 
-_tables: dict[tuple, np.ndarray] = {}
-_baking: dict[int, tuple[tuple, Iterator[np.ndarray | None]]] = {}
+Table = tuple[np.ndarray, np.ndarray | None]
+"""`View.table` and `View.levels`."""
+
+_tables: dict[tuple, Table] = {}
+_baking: dict[int, tuple[tuple, Iterator[Table | None]]] = {}
 """By scene: the view and its table in the making."""
-_shown: dict[int, np.ndarray] = {}
+_shown: dict[int, Table] = {}
 """By scene: the newest table, good enough until the next one is there."""
 
 
@@ -41,13 +43,16 @@ class View:
     """[blue, green, red, 4], entries spaced as `export.view_transform.shaper_axis` up to LOG_MAX."""
     scale: float
     exponent: float
+    levels: np.ndarray | None = None
+    """Display colours [LEVELS, 3] of which the table holds the places, 0..1, where the view jumps between them."""
 
     def apply(self, colors: np.ndarray) -> np.ndarray:
         """Display colours, 0..1, of opaque scene-linear ones, [..., 3]."""
         scaled = np.maximum(np.nan_to_num(colors, posinf=1e30) * self.scale, 0.0)
         if self.table is None:
             return srgb_from_linear(scaled) ** self.exponent
-        return _sample(self.table, scaled)
+        found = _sample(self.table, scaled)
+        return found if self.levels is None else false_color.look_up(self.levels, found[..., 0])
 
 
 def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
@@ -70,7 +75,7 @@ def of(scene: bpy.types.Scene) -> View | None:
         return None
     _shown[scene.session_uid] = table
     _forget(_shown)
-    return View(table, 1.0 if settings.use_curve_mapping else 2.0**settings.exposure, 1.0)
+    return View(table[0], 1.0 if settings.use_curve_mapping else 2.0**settings.exposure, 1.0, table[1])
 
 
 def is_complete(scene: bpy.types.Scene) -> bool:
@@ -120,49 +125,39 @@ def _forget(kept: dict) -> None:
 
 
 def _key(scene: bpy.types.Scene, size: int) -> tuple:
-    """All that the table depends on."""
-    view = scene.view_settings
-    apart = {"curve_mapping"} if view.use_curve_mapping else {"curve_mapping", "exposure"}
-    key = [size, getattr(getattr(bpy.data, "colorspace", None), "working_space", "")]
-    key += _values(view, apart) + _values(scene.display_settings, set())
-    if view.use_curve_mapping:
-        key += _curves(view.curve_mapping)
-    return tuple(key)
+    """All that the table depends on. Exposure multiplies before it, except where there are curves."""
+    return size, view_key(scene, with_exposure=scene.view_settings.use_curve_mapping)
 
 
-def _values(owner: bpy.types.bpy_struct, apart: set[str]) -> list[Any]:
-    found = []
-    for name in owner.bl_rna.properties.keys():
-        if name not in apart | {"rna_type"}:
-            value = getattr(owner, name)
-            found.append((name, value if isinstance(value, bool | int | float | str) else tuple(value)))
-    return found
-
-
-def _curves(mapping: bpy.types.CurveMapping) -> list[Any]:
-    points = [
-        (curve_index, *point.location, point.handle_type)
-        for curve_index, curve in enumerate(mapping.curves)
-        for point in curve.points
-    ]
-    return _values(mapping, {"curves"}) + points
-
-
-def _slices(scene: bpy.types.Scene, size: int) -> Iterator[np.ndarray | None]:
+def _slices(scene: bpy.types.Scene, size: int) -> Iterator[Table | None]:
     """The table after as many Nones as it takes."""
+    learnt = (yield from false_color.learn(scene, LOG_MAX)) if false_color.applies(scene) else None
+    if learnt is None:
+        yield (yield from _colored(scene, size, None)), None
+        return
+    weights, levels = learnt
+    table = yield from _colored(scene, size, false_color.formed_by(scene))
+    table[..., :3] = false_color.brightness(table[..., :3], weights)[..., None]
+    yield table, levels
+
+
+def _colored(scene: bpy.types.Scene, size: int, view: dict[str, Any] | None) -> Generator[None, None, np.ndarray]:
+    """The entries as the scene's view shows them, or another; see `displayed`."""
     axis = shaper_axis(size, LOG_MAX)
-    table = np.ones((size, size, size, 4), np.float32)  # [blue, green, red, channel]
-    blues = max(1, SLICE // size**2)
-    for start in range(0, size, blues):
-        view = scene.view_settings
+
+    def rows_of(rows: slice) -> np.ndarray:
+        blue, green = np.divmod(np.arange(rows.start, rows.stop), size)
+        colors = np.empty((len(blue), size, 3), np.float32)
+        colors[..., 0], colors[..., 1], colors[..., 2] = axis, axis[green, None], axis[blue, None]
         # Exposure multiplies before the table is looked up, so Blender's own is taken out of the entries.
-        exposed = axis if view.use_curve_mapping else axis / np.float32(2.0**view.exposure)
-        blue = exposed[start : start + blues]
-        colors = np.empty((len(blue), size, size, 3), np.float32)
-        colors[..., 0], colors[..., 1], colors[..., 2] = exposed, exposed[:, None], blue[:, None, None]
-        flat = displayed(scene, colors.reshape(len(blue) * size, size, 3))
-        table[start : start + blues, ..., :3] = flat.reshape(colors.shape)
-        yield table if start + blues >= size else None
+        settings = scene.view_settings
+        return colors if view or settings.use_curve_mapping else colors / np.float32(2.0**settings.exposure)
+
+    table = np.ones((size * size, size, 4), np.float32)  # [blue and green, red, channel]
+    for rows, shown in displayed_in_slices(scene, size * size, size, rows_of, view):
+        table[rows, :, :3] = shown
+        yield None
+    return table.reshape(size, size, size, 4)
 
 
 def _sample(table: np.ndarray, colors: np.ndarray) -> np.ndarray:

@@ -39,6 +39,13 @@ def frame(serial, seed=1, scale=1):
     return SimpleNamespace(serial=serial, request=serial, scale=scale, image=image, summary="{}")
 
 
+def dark(serial):
+    """Colours from 0 to 0.02."""
+    picture = frame(serial)
+    picture.image[..., :3] = np.random.default_rng(serial).uniform(0.0, 0.02, picture.image[..., :3].shape)
+    return picture
+
+
 def module(name):
     """A module of the installed extension."""
     return importlib.import_module(f"{ADDON}.{name}")
@@ -96,6 +103,7 @@ VIEWS = {
     "Filmic high contrast": {"view_transform": "Filmic", "look": "High Contrast"},
     "Standard": {"view_transform": "Standard"},
     "Standard darker": {"view_transform": "Standard", "exposure": -1.0},
+    "False Color": {"view_transform": "False Color"},
 }
 
 
@@ -224,7 +232,16 @@ def play(driver):
             set_view(view)
             pixels = yield from shown(driver, name.replace(" ", "-"))
         compare(driver, name, pixels, displayed(scene, image))
-    expected = displayed(scene, image)
+    for name in ("AgX", "Standard"):
+        with driver.step(f"dark, {name}"):
+            set_view(VIEWS[name])
+            Picture.given = dark(Picture.given.serial + 1)
+            yield from driver.until(found.poll, "a dark picture")
+            pixels = yield from shown(driver)
+        compare(driver, f"dark, {name}", pixels, displayed(scene, Picture.given.image[..., :3]))
+    Picture.given = frame(Picture.given.serial + 1)
+    yield from driver.until(found.poll, "the picture again")
+    expected = displayed(scene, Picture.given.image[..., :3])
     with driver.step("wipe"):
         settings.wipe, settings.wipe_position = True, 0.25
         pixels = yield from shown(driver, "wipe")
@@ -249,12 +266,12 @@ def play(driver):
         pixels = yield from shown(driver, "opacity")
         compare(driver, "opacity", pixels, (0.4 * expected**2.2 + 0.6 * without**2.2) ** (1 / 2.2))
         settings.opacity = 1.0
-    pictures = [frame(serial, seed=serial, scale=1 + serial % 2) for serial in range(2, 12)]
+    pictures = [frame(serial, seed=serial, scale=1 + serial % 2) for serial in range(20, 30)]
     with driver.step("new pictures"):
         for Picture.given in pictures:
             yield from driver.until(found.poll, "a new picture")
             yield from driver.drawn()
-    Picture.given = flat(12)
+    Picture.given = flat(30)
     yield from driver.until(found.poll, "a flat picture")
     set_view(VIEWS["Standard"])
     yield from check_places(driver)
