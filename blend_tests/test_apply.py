@@ -186,7 +186,7 @@ def linked(scene, tmp_path):
         wanted.objects = ["Key"]
     scene.collection.objects.link(wanted.objects[0])
     update()
-    row(scene, "Key").multiplier = 2.0
+    row(scene, "Key [rig.blend]").multiplier = 2.0
     return "light 'Key' is linked"
 
 

@@ -13,7 +13,7 @@ from addon.export import ExportOptions, export_scene
 from addon.ui import handlers
 from addon.ui.start import start
 from fake_live import FakeLive
-from helpers import add, add_light, update
+from helpers import add, add_light, row, update
 
 
 @pytest.fixture
@@ -250,13 +250,15 @@ def test_what_is_only_evaluated_again_asks_for_nothing(lit, live):
     assert live.requests == [] and not handlers._resting
 
 
-def test_lights_of_one_name_are_told_of(lit, live, tmp_path):
-    """A light of this file and one of a library can be called the same, and then share a row."""
+def test_lights_of_one_name_are_told_apart(lit, live, tmp_path):
+    """A light of this file and one of a library can be called the same: each has its own row and gain."""
     path = str(tmp_path / "rig.blend")
     bpy.data.libraries.write(path, {bpy.data.objects["Key"]})
     with bpy.data.libraries.load(path, link=True) as (_have, wanted):
         wanted.objects = ["Key"]
     lit.collection.objects.link(wanted.objects[0])
     update()
-    assert sorted(newest(live)) == ["Key", "Key#2"]
-    assert any("2 lights are called 'Key'" in note for note in shot.of(lit).notes)
+    assert sorted(newest(live)) == ["Key", "Key [rig.blend]"]
+    row(lit, "Key [rig.blend]").exposure = 1.0
+    row(lit, "Key").on = False
+    assert live.requests[-1]["gains"] == {"Key": [0.0] * 3, "Key [rig.blend]": [2.0] * 3}

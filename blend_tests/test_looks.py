@@ -9,7 +9,7 @@ import pytest
 
 from addon.apply.writable import RefusedError
 from addon.core import receivers
-from addon.core.looks import LookError, from_json, to_json
+from addon.core.looks import Look, LookError, from_json, match, to_json
 from addon.core.rows import GROUP, Row
 from addon.engine import shot
 from addon.ui import compare, handlers, looks, rows, thumbnails
@@ -395,6 +395,13 @@ def test_links_survive_names_and_numbers():
         assert json.loads(receivers.with_numbers(named, objects)) == json.loads(request)
     without = receivers.with_numbers(named, ["New", *objects[:20]])
     assert json.loads(without)["lights"][0]["receivers"] == {"receivers": [0, *range(1, 8), *range(9, 21)]}
+
+
+def test_a_look_meets_lights_that_are_linked_in_one_file_and_not_in_the_other():
+    made = [Row("Key", exposure=1.0), Row("Key [rig.blend]", exposure=2.0), Row("Fill [rig.blend]", exposure=3.0)]
+    found = match(Look("Look", tuple(made)), [Row("Key"), Row("Key [other.blend]"), Row("Fill"), Row("Rim")])
+    assert [row.exposure for row in found.rows] == [1.0, 2.0, 3.0, 0.0]
+    assert (found.missing, found.unknown) == ([], ["Rim"])
 
 
 def receivers_of_key(request):

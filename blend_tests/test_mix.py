@@ -203,7 +203,22 @@ def test_a_linked_light_of_the_same_name_has_a_row_of_its_own(scene, tmp_path):
     update()
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"))
-    assert listed(bpy.context.scene) == [(LIGHT, "Key", 0), (LIGHT, "Key", 0), *REST]
+    assert listed(bpy.context.scene) == [(LIGHT, "Key", 0), (LIGHT, "Key [rig.blend]", 0), *REST]
+
+
+def test_the_row_of_a_linked_light_from_before_its_library_was_named_keeps_its_values(scene, tmp_path):
+    key = add_light(scene, "POINT", "Key")
+    bpy.data.libraries.write(str(tmp_path / "rig.blend"), {key})
+    bpy.data.objects.remove(key)
+    with bpy.data.libraries.load(str(tmp_path / "rig.blend"), link=True) as (_have, wanted):
+        wanted.objects = ["Key"]
+    scene.collection.objects.link(wanted.objects[0])
+    update()
+    row(scene, "Key [rig.blend]").exposure = 2.0
+    row(scene, "Key [rig.blend]").name = "Key"
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"))
+    assert row(bpy.context.scene, "Key [rig.blend]").exposure == 2.0
 
 
 def test_a_linked_scene_is_left_alone(scene, tmp_path):

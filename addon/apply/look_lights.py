@@ -9,6 +9,7 @@ from typing import Any
 import bpy
 from mathutils import Matrix
 
+from ..export.lights import name_of
 from .writable import RefusedError, why_not
 
 SETTINGS = (
@@ -38,7 +39,7 @@ def light_state(obj: bpy.types.Object) -> dict[str, Any]:
     """One light of a `core.looks.Look`."""
     light = obj.data
     return {
-        "name": obj.name,
+        "name": name_of(obj),
         "type": light.type,
         "matrix": [list(row) for row in obj.matrix_world],
         "hidden": obj.hide_render or obj.hide_viewport,
@@ -55,7 +56,7 @@ def restore_lights(objects: Iterable[bpy.types.Object], states: Iterable[dict[st
         raise RefusedError(reasons)
     for restore in _matched(objects, states):
         restore.write()
-    names = {obj.name for obj in objects}
+    names = {name_of(obj) for obj in objects}
     return [state["name"] for state in states if state["name"] not in names]
 
 
@@ -65,7 +66,7 @@ def refusals(objects: Iterable[bpy.types.Object], states: Iterable[dict[str, Any
 
 
 def _matched(objects: Iterable[bpy.types.Object], states: Iterable[dict[str, Any]]) -> list[_Restore]:
-    by_name = {obj.name: obj for obj in objects}
+    by_name = {name_of(obj): obj for obj in objects}
     return [_Restore(by_name[state["name"]], state) for state in states if state["name"] in by_name]
 
 

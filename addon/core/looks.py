@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
-from .rows import GROUP, LIGHT, STATIC, WORLD, Row
+from .rows import GROUP, LIGHT, STATIC, WORLD, Row, bare_name
 
 FORMAT, VERSION = "relume-look", 1
 KINDS = (LIGHT, GROUP, WORLD, STATIC)
@@ -50,13 +50,19 @@ def match(look: Look, present: Iterable[Row]) -> Match:
     neutral. Raises LookError if it has no light of this scene."""
     present = list(present)
     known = {_key(row): row for row in look.rows}
-    keys = {_key(row) for row in present}
-    lights = [row.name for row in present if row.kind == LIGHT]
-    unknown = [name for name in lights if (LIGHT, name) not in known]
+    found = [known.pop(_key(row), None) for row in present]
+    # Linked here and not where the look was made, or the other way round.
+    bare = {_key(replace(row, name=bare_name(row.name))): key for key, row in known.items()}
+    for place, row in enumerate(present):
+        if found[place] is None:
+            key = bare.pop(_key(replace(row, name=bare_name(row.name))), None)
+            found[place] = known.pop(key) if key else None
+    lights = [place for place, row in enumerate(present) if row.kind == LIGHT]
+    unknown = [present[place].name for place in lights if found[place] is None]
     if lights and len(unknown) == len(lights):
         raise LookError(f"look '{look.name}' has none of this scene's lights; lights are matched by name")
-    rows = [known.get(_key(row)) or Row(row.name, row.kind, on=row.kind != LIGHT) for row in present]
-    missing = [row.name for key, row in known.items() if key not in keys and row.kind in {LIGHT, GROUP}]
+    rows = [was or Row(row.name, row.kind, on=row.kind != LIGHT) for was, row in zip(found, present, strict=True)]
+    missing = [row.name for row in known.values() if row.kind in {LIGHT, GROUP}]
     return Match(rows, missing, unknown)
 
 

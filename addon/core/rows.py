@@ -45,6 +45,12 @@ class Row:
         return [strength * color * kelvin for color, kelvin in zip(self.color, tint, strict=True)]
 
 
+def bare_name(name: str) -> str:
+    """The name of something in a library without the library, which Blender puts behind it: "Key [rig.blend]"."""
+    bare, bracket, _ = name.rpartition(" [")
+    return bare if bracket and name.endswith("]") else name
+
+
 def is_neutral(row: Row) -> bool:
     """Whether the row changes nothing."""
     return row.on and not row.solo and row.gain() == NEUTRAL

@@ -6,6 +6,7 @@ from typing import Any
 
 import bpy
 
+from ..export.lights import name_of
 from ..export.materials.graph import used_tree
 
 NEUTRAL = [1.0, 1.0, 1.0]
@@ -19,7 +20,7 @@ EMISSION_INPUTS = {
 def write_mix(scene: bpy.types.Scene, mix: dict[str, Any]) -> None:
     """Multiplies lights by their names, the world and all emissive materials by the gains of `mix`."""
     for obj in list(scene.objects):
-        gain = mix["gains"].get(obj.name, NEUTRAL)
+        gain = mix["gains"].get(name_of(obj), NEUTRAL)
         if obj.type == "LIGHT" and gain != NEUTRAL:
             _scale_light(obj, gain)
     if scene.world is not None and mix["world"] != NEUTRAL:

@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from ..export.lights import LightExporter, describe_light
+from ..export.lights import LightExporter, describe_light, name_of
 from ..export.linking import LightLinking
 
 
@@ -90,22 +90,12 @@ class SceneLights:
                 self._instancers |= {owner.session_uid, original.session_uid}
             if instance.show_self and not original.hide_render and owner in rendered:
                 exporter.export(obj, instance.matrix_world)
-                source = (original.session_uid, original.data.session_uid, original.name)
+                source = (original.session_uid, original.data.session_uid, name_of(original))
                 self._entries += [_Entry(*source, description) for description in descriptions[len(self._entries) :]]
         self._visibility = _visibility(depsgraph.view_layer)
-        self._warn_about_names()
         for obj in _lights(depsgraph.view_layer):
             if not obj.visible_get(view_layer=depsgraph.view_layer) and obj in rendered:
                 self._warn(f"light '{obj.name}' is hidden in the view only: off here, but on in renders")
-
-    def _warn_about_names(self) -> None:
-        """Lights of libraries may have the name of one of this file."""
-        uids: dict[str, set[int]] = {}
-        for entry in self._entries:
-            uids.setdefault(entry.object_name, set()).add(entry.object_uid)
-        for name, found in uids.items():
-            if len(found) > 1:
-                self._warn(f"{len(found)} lights are called '{name}', also in libraries: one row rules all; rename one")
 
     def _read_again(self, depsgraph: bpy.types.Depsgraph, uids: set[int]) -> bool:
         """Reads some lights; whether any is another one. Blender also names what was only evaluated again."""
@@ -117,7 +107,7 @@ class SceneLights:
                 continue
             obj = objects[entry.object_uid].evaluated_get(depsgraph)
             description = describe_light(obj, obj.matrix_world, linking, self._warn)
-            if description is None or obj.name != entry.object_name:
+            if description is None or name_of(obj.original) != entry.object_name:
                 self.read(depsgraph)
                 return True
             description |= {"name": entry.description["name"]}

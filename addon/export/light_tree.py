@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import bpy
 
 from ..core.rows import GROUP, LIGHT
-from .lights import is_portal
+from .lights import is_portal, name_of
 
 Path = tuple[bpy.types.Collection, ...]
 
@@ -22,7 +22,7 @@ class Line:
     depth: int
     """How many collections are around it."""
     groups: tuple[str, ...] = ()
-    """Names of all collections that a light is in, also through others and through instances."""
+    """Names (`name_of`) of all collections that a light is in, also through others and through instances."""
 
 
 def light_tree(scene: bpy.types.Scene) -> list[Line]:
@@ -73,7 +73,7 @@ class _Walk:
         for light in sorted(lights, key=lambda light: light.name.casefold()):
             if light not in self.listed:
                 self.listed.add(light)
-                names = dict.fromkeys(group.name for path in self.paths[light] for group in path)
+                names = dict.fromkeys(name_of(group) for path in self.paths[light] for group in path)
                 yield Line(light, LIGHT, depth, tuple(names))
 
 

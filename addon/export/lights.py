@@ -15,6 +15,11 @@ from .materials.graph import Source, constant_value, resolve, used_tree
 WHITE = [1.0, 1.0, 1.0]
 
 
+def name_of(block: bpy.types.ID) -> str:
+    """What a light or collection is called in pictures, rows and looks: libraries may have their own of a name."""
+    return block.name_full if block.library else block.name
+
+
 class LightExporter:
     """Describes every light that can be represented, under a name of its own, and names the others."""
 
@@ -28,7 +33,7 @@ class LightExporter:
         """Adds one light or one instance of a light."""
         description = describe_light(obj, world_from_object, self.linking, self.warn)
         if description is not None:
-            self.add(description | {"name": self._unique_name(obj.name)})
+            self.add(description | {"name": self._unique_name(name_of(obj.original))})
 
     def _unique_name(self, name: str) -> str:
         count = self.names.get(name, 0)

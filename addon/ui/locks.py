@@ -12,6 +12,7 @@ from ..apply.look_lights import PLACE
 from ..apply.writable import why_not
 from ..core.rows import LIGHT
 from ..core.solve import WORLD
+from ..export.lights import name_of
 from . import looks, rows
 from .solve_settings import MOVES
 
@@ -47,7 +48,7 @@ def moves_of(kind: str) -> list[str]:
 def free(scene: bpy.types.Scene, lights: Iterable[str]) -> tuple[dict[str, list[str]], list[str]]:
     """What is unlocked, by the names of lights in the picture and WORLD; and why some of it stays locked anyway."""
     lights, settings = list(lights), scene.relume_solve
-    objects = {obj.name: obj for obj in looks.lights_of(scene)}
+    objects = {name_of(obj): obj for obj in looks.lights_of(scene)}
     users = Counter(obj.data for obj in objects.values())
     instanced = {name.rpartition("#")[0] for name in lights if name.rpartition("#")[0] in objects}
     out: dict[str, list[str]] = {}
@@ -117,8 +118,8 @@ class RELUME_UL_locks(bpy.types.UIList):  # noqa: N801
         """Called by Blender."""
         line = layout.row(align=True)
         line.label(text=row.name, icon=row.icon)
-        obj = context.scene.objects.get(row.name)
-        kind = obj.data.type if obj is not None and obj.type == "LIGHT" else "SPOT"
+        obj = _light_of(context.scene, row)
+        kind = obj.data.type if obj is not None else "SPOT"
         for move in MOVES:
             cell = line.row(align=True)
             cell.enabled = move not in HAS_NOT[kind]
@@ -131,6 +132,12 @@ class RELUME_UL_locks(bpy.types.UIList):  # noqa: N801
         return shown, [row.order for row in found]
 
 
+def _light_of(scene: bpy.types.Scene, row: rows.RelumeRow) -> bpy.types.Object | None:
+    """The light of a row in this file; a linked one cannot be changed. Costs nothing."""
+    obj = scene.objects.get((row.name, None))
+    return obj if obj is not None and obj.type == "LIGHT" else None
+
+
 def draw(layout, scene: bpy.types.Scene) -> None:
     """The list of locks, with a switch for all lights over each column."""
     mix, settings = scene.relume_mix, scene.relume_solve
@@ -141,9 +148,10 @@ def draw(layout, scene: bpy.types.Scene) -> None:
     count = sum(row.kind == LIGHT for row in rows.present_rows(scene))
     layout.template_list("RELUME_UL_locks", "", mix, "rows", mix, "active", rows=max(2, min(count, 8)))
     active = mix.rows[mix.active] if 0 <= mix.active < len(mix.rows) else None
-    if active is not None and active.present and active.kind == LIGHT and active.name in scene.objects:
+    obj = _light_of(scene, active) if active is not None and active.present and active.kind == LIGHT else None
+    if obj is not None:
         column = layout.column(align=True)
-        for move in moves_of(scene.objects[active.name].data.type):
+        for move in moves_of(obj.data.type):
             _lock(column, active.locks, move)
     if scene.world is not None:
         line = layout.row(align=True)

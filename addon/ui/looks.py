@@ -19,6 +19,7 @@ from ..core.receivers import with_names
 from ..core.rows import LIGHT
 from ..engine import shot
 from ..export.light_tree import light_tree
+from ..export.lights import name_of
 from . import handlers, rows, thumbnails
 
 
@@ -125,7 +126,7 @@ def restore(scene: bpy.types.Scene, look: Look, lights: bool = False) -> Outcome
 def _restore_lights(scene: bpy.types.Scene, look: Look) -> None:
     """Makes the lights that the look adds and are not there, then writes all; or raises, and has done nothing."""
     lights = lights_of(scene)
-    names = {obj.name for obj in lights}
+    names = {name_of(obj) for obj in lights}
     added = [state for state in look.lights if state.get("added") and state["name"] not in names]
     reasons = [*refusals(lights, look.lights), *new_lights.refusals(scene, added)]
     if reasons:

@@ -11,6 +11,7 @@ from ..apply.lights import apply_mix, show_light
 from ..apply.writable import RefusedError
 from ..core.rows import GROUP, LIGHT, STATIC, Row
 from ..export.light_tree import light_tree
+from ..export.lights import name_of
 from . import handlers, rows
 from .panel import RelumePanel
 
@@ -22,7 +23,7 @@ def apply_to_lights(scene: bpy.types.Scene) -> None:
     """Writes the mix into the lights and makes the rows neutral: the picture stays. What emissive materials have
     cannot be written, so their row keeps it. Raises RefusedError."""
     rows.sync(scene)
-    lights = {line.block.name: line.block for line in light_tree(scene) if line.kind == LIGHT}
+    lights = {name_of(line.block): line.block for line in light_tree(scene) if line.kind == LIGHT}
     applied = apply_mix(scene, lights, *rows.plain(scene))
     for row in rows.present_rows(scene):
         values = row.values()

@@ -28,6 +28,7 @@ from bpy.props import (
 from ..core import rows as core
 from ..core.rows import GROUP, LIGHT, STATIC, WORLD
 from ..export.light_tree import Line, light_tree
+from ..export.lights import name_of
 from .solve_settings import RelumeLocks
 
 VALUES = ("on", "solo", "exposure", "multiplier", "color", "use_kelvin", "kelvin")
@@ -192,7 +193,7 @@ def plain(scene: bpy.types.Scene) -> tuple[list[core.Row], list[core.Row], dict[
 
 def light_of(scene: bpy.types.Scene, name: str) -> bpy.types.Object | None:
     """The light object of a row."""
-    return next((line.block for line in light_tree(scene) if line.kind == LIGHT and line.block.name == name), None)
+    return next((line.block for line in light_tree(scene) if line.kind == LIGHT and name_of(line.block) == name), None)
 
 
 def reset(scene: bpy.types.Scene, rows: Iterable[RelumeRow] | None = None) -> None:
@@ -229,7 +230,7 @@ def _line_values(line: Line) -> dict[str, Any]:
     block, is_light = line.block, line.kind == LIGHT
     return {
         "kind": line.kind,
-        "name": block.name,
+        "name": name_of(block),
         "icon": LIGHT_ICONS[block.data.type] if is_light else "OUTLINER_COLLECTION",
         "present": True,
         "uid": block.session_uid,
@@ -245,14 +246,14 @@ def _places(state: RelumeMix, wanted: list[dict[str, Any]]) -> list[int]:
     known: dict[tuple, int] = {}
     for place, row in enumerate(state.rows):
         known.setdefault((row.kind, row.uid if by_uid else row.name), place)
-    places = []
-    for values in wanted:
-        # Taken once: a linked light may have the name of a local one.
-        place = known.pop((values["kind"], values["uid"] if by_uid else values["name"]), None)
-        if place is None:
-            place = len(state.rows)
+    # Taken once. What is linked had its bare name before Relume told lights of libraries apart.
+    places = [known.pop((values["kind"], values["uid"] if by_uid else values["name"]), None) for values in wanted]
+    for number, values in enumerate(wanted):
+        if places[number] is None and not by_uid:
+            places[number] = known.pop((values["kind"], core.bare_name(values["name"])), None)
+        if places[number] is None:
+            places[number] = len(state.rows)
             state.rows.add()
-        places.append(place)
     return places
 
 

@@ -23,6 +23,7 @@ from ..core.rows import LIGHT, WORLD, Row, freed, times
 from ..core.solve import SolveError
 from ..core.strokes import goals
 from ..engine import region_masks, shot, solve
+from ..export.lights import name_of
 from ..export.target import resized
 from ..viewport import compare as pairs
 from . import compare, handlers, locks, looks, regions, rows, target, thumbnails
@@ -210,7 +211,7 @@ class Solving:
 
     def _finish(self, scene: bpy.types.Scene, answer: dict, request: dict, frame: Any, small: list[str]) -> None:
         """Keeps how it was and how it could be as looks; `small` has their thumbnails."""
-        present = {obj.name: light_state(obj) for obj in looks.lights_of(scene)}
+        present = {name_of(obj): light_state(obj) for obj in looks.lights_of(scene)}
         found = core.solved(answer, present, {obj.name for obj in bpy.data.objects})
         self.notes += [f"Light '{name}' is gone: what was solved for it is left out" for name in found.gone]
         self.notes += answer["warnings"]

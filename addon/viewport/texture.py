@@ -12,7 +12,8 @@ from . import shader
 from .view_table import View
 
 TABLES_KEPT = 3
-NO_TABLE = np.zeros((1, 1, 1, 4), np.float32)
+NO_TABLE = np.zeros((3, 3, 3, 4), np.float32)
+"""Drivers compile anew for edges that are powers of two."""
 
 _frames: dict[int, tuple[Any, Any]] = {}
 """Frame and texture, by identity of the frame, which is kept alive."""
