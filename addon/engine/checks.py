@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import os
 import shutil
 import tempfile
 from pathlib import Path
@@ -60,8 +59,7 @@ def check_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder, prefix=".check-") as file:
             file.write(bytes(4096))
-            file.flush()
-            os.fsync(file.fileno())
+            file.flush()  # Not on to the disk, which may take its time.
     except OSError as error:
         raise ProblemError(_folder_problem(folder, error)) from error
 

@@ -21,9 +21,10 @@ SHAPER_MIN, SHAPER_MAX, SHAPER_OFFSET = -12.0, 7.0, 2.0**-12
 PNG_END = b"IEND\xae\x42\x60\x82"
 SLICE_SECONDS = 0.012
 """How long Blender may colour at once while an artist is at work."""
-FIRST_ENTRIES, MOST_ENTRIES = 8_000, 100_000
+FEWEST_ENTRIES, MOST_ENTRIES = 8_000, 100_000
+"""Of a slice: fewer do not become quicker, for a file is written and read each time."""
 
-_entries = FIRST_ENTRIES
+_entries = FEWEST_ENTRIES
 """How many colours SLICE_SECONDS are enough for, by the slice before."""
 
 
@@ -96,8 +97,8 @@ def displayed_in_slices(
         colors, begun = colors_of(rows), time.perf_counter()
         shown = displayed(scene, colors, view)
         took = max(time.perf_counter() - begun, 1e-6)
-        share = min(max(SLICE_SECONDS / took, 0.25), 2.0)
-        _entries = int(min(max(colors.size // 3 * share, width), MOST_ENTRIES))
+        wanted = int(colors.size // 3 * min(SLICE_SECONDS / took, 2.0))
+        _entries = min(max(wanted, FEWEST_ENTRIES), MOST_ENTRIES)
         start = rows.stop
         yield rows, shown
 
