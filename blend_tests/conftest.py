@@ -70,6 +70,48 @@ def lit(scene, registered, tmp_path):
 
 
 @pytest.fixture
+def lit_by_two(scene, registered_for_all_files, monkeypatch, tmp_path):
+    """A key and a fill on a plane, with a folder to bake into and a fake solver."""
+    import relume
+
+    from fake_solve import FakeJob
+    from helpers import add_light, add_quad, update
+
+    monkeypatch.setattr(relume, "solve", FakeJob)
+    FakeJob.made.clear()
+    add_quad(scene)
+    add_light(scene, "AREA", "Key", location=(1, 2, 3), shape="DISK", size=0.5)
+    add_light(scene, "POINT", "Fill", shadow_soft_size=0.2)
+    scene.relume.folder = str(tmp_path / "bake")
+    update()
+    return scene
+
+
+@pytest.fixture
+def baked(lit_by_two):
+    """With a picture."""
+    from addon.ui import handlers
+    from addon.ui.start import start
+    from fake_live import FakeLive
+
+    start(lit_by_two)
+    live = FakeLive.made[-1]
+    live.tell(samples=4, state="ready")
+    live.show()
+    handlers.tick()
+    return lit_by_two
+
+
+@pytest.fixture
+def painted(baked):
+    """With a stroke."""
+    from solve_steps import LINE
+
+    assert bpy.ops.relume.scribble(points=LINE, goal="brighter", amount=1.0) == {"FINISHED"}
+    return baked
+
+
+@pytest.fixture
 def studio(scene, tmp_path):
     """The add-on enabled with the real native module, a plane and a light, a folder, no time for training."""
     from addon.engine import options

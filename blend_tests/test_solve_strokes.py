@@ -103,7 +103,7 @@ def test_an_eraser_takes_from_what_is_there_and_not_from_what_comes():
     brighter, keep = coverage.layers(strokes, SIZE).values()
     assert brighter[45, 80] == 0.0 and brighter[45, 40] == 1.0 and keep[45, 80] == 1.0
     brighter, keep = goals(strokes)
-    assert [part["erase"] for part in brighter["where"]["strokes"]] == [False, True]
+    assert [part["erase"] for part in brighter["where"]["strokes"]] == [False, True, True]
     assert [part["erase"] for part in keep["where"]["strokes"]] == [False]
 
 
@@ -116,7 +116,26 @@ def test_each_meaning_is_one_goal_with_its_unit():
         {"goal": "warmer", "mireds": 60.0},
         {"goal": "color", "color": [1, 0, 0]},
     ]
-    assert len(goals(strokes)[0]["where"]["strokes"]) == 2
+    assert [part["erase"] for part in goals(strokes)[0]["where"]["strokes"]] == [False, True, False]
+
+
+@pytest.mark.parametrize(
+    ("over", "under", "remains"),
+    [
+        (BRIGHTER, "darker", 0.0),
+        ("shadow", BRIGHTER, 0.0),
+        (KEEP, "warmer", 0.0),
+        ("cooler", COLOR, 0.0),
+        ("warmer", BRIGHTER, 1.0),
+        (BRIGHTER, BRIGHTER, 1.0),
+    ],
+)
+def test_what_is_painted_over_its_opposite_replaces_it(over, under, remains):
+    first, second = stroke(under), stroke(over, points=((0.5, 0.5, 1.0),))
+    found = coverage.layers([first, second], SIZE)
+    assert found[first.meaning][45, 80] == remains and found[first.meaning][45, 40] == 1.0
+    erased = [part["erase"] for part in goals([first, second])[0]["where"]["strokes"]]
+    assert (True in erased) == (remains == 0.0)
 
 
 def test_points_that_the_brush_hides_are_dropped():

@@ -25,7 +25,7 @@ from addon.apply import new_lights  # noqa: E402
 from addon.apply.look_lights import light_state, restore_lights  # noqa: E402
 from addon.core import solve  # noqa: E402
 from addon.engine.scene_lights import SceneLights  # noqa: E402
-from addon.export.target import read_target  # noqa: E402
+from addon.export.target import read_target, taken  # noqa: E402
 
 
 def bake(blend, folder):
@@ -86,7 +86,7 @@ def main():
     bake(args.blend, args.bake)
     manifest = json.loads((args.bake / "manifest.json").read_text())
     image = bpy.data.images.load(str(args.picture.resolve()))
-    target, how, _ = read_target(scene, image, "AUTO", (manifest["width"], manifest["height"]))
+    target, how, _ = read_target(scene, taken(image), "AUTO", (manifest["width"], manifest["height"]))
     print(how)
     images = {"target": target, "unclipped": unclipped(image, target)}
     job = relume.solve([str(args.bake)], request(scene, args), images)

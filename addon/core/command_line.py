@@ -44,6 +44,7 @@ def parser() -> argparse.ArgumentParser:
     _add_bake(commands)
     _add_relight(commands)
     _add_verify(commands)
+    _add_read_picture(commands)
     for name, text in FORWARDED.items():
         commands.add_parser(name, help=f"{text} (see `{PROGRAM} {name} --help`)", add_help=False)
     return top
@@ -79,6 +80,12 @@ def _add_verify(commands: argparse._SubParsersAction) -> None:
     verify = commands.add_parser("verify", help="compare a picture with a render by Cycles (used by the panel)")
     verify.add_argument("folder", help="folder with the job and the picture, for the results too")
     _add_output(verify)
+
+
+def _add_read_picture(commands: argparse._SubParsersAction) -> None:
+    read = commands.add_parser("read-picture", help="read a target or a mask for the solver (used by the panel)")
+    read.add_argument("folder", help="folder with the job, for the result too")
+    _add_output(read)
 
 
 def _add_view(command: argparse.ArgumentParser) -> None:

@@ -32,10 +32,10 @@ def layers(strokes: Iterable[Stroke], size: tuple[int, int]) -> dict[Meaning, np
     found: dict[Meaning, np.ndarray] = {}
     for stroke in strokes:
         box, cover = _cover(stroke, size)
-        if stroke.meaning.goal == ERASE:
-            for layer in found.values():
+        for meaning, layer in found.items():
+            if stroke.meaning.replaces(meaning):
                 layer[box] = np.minimum(layer[box], 1.0 - cover)
-        else:
+        if stroke.meaning.goal != ERASE:
             layer = found.setdefault(stroke.meaning, np.zeros((height, width), np.float32))
             layer[box] = np.maximum(layer[box], cover)
     return found

@@ -28,6 +28,10 @@ SETTINGS = {
 as they are."""
 
 
+NOTHING = 1e-3
+"""Share of the strongest channel that counts as none."""
+
+
 class SolveError(Exception):
     """Nothing can be solved; the message is one line for the artist."""
 
@@ -53,10 +57,12 @@ def request(shown: dict[str, Any], wish: Wish) -> dict[str, Any]:
         raise SolveError("Say what the picture should do first: paint a stroke, add a place, or choose a target")
     keeps = set() if COLORFUL & {goal["goal"] for goal in wish.goals} else {"color"}
     free = {name: [move for move in moves if move not in keeps] for name, moves in wish.free.items()}
+    colored = {name for name, moves in free.items() if "color" in moves}
     if not any(free.values()) and not wish.add_count:
         raise SolveError("Nothing may change: unlock something of a light, or allow new lights")
     out = {
-        **{name: shown[name] for name in ("lights", "gains", "world", "static")},
+        **{name: shown[name] for name in ("gains", "world", "static")},
+        "lights": [_tinted(light) if light["name"] in colored else light for light in shown["lights"]],
         "free": {name: moves for name, moves in free.items() if moves},
         "goals": wish.goals,
         "keep_rest": wish.keep_rest,
@@ -65,6 +71,30 @@ def request(shown: dict[str, Any], wish: Wish) -> dict[str, Any]:
         "steps": wish.steps,
     }
     return out | ({"add": {"count": wish.add_count, "type": wish.add_type}} if wish.add_count else {})
+
+
+def _lacks_color(light: dict[str, Any]) -> bool:
+    """Whether a light's temperature gives nothing of a channel, as that of a candle nothing of blue: no colour of the
+    light could bring it back."""
+    return min(light.get("temperature_color", (1.0,))) <= 0.0
+
+
+def _tinted(light: dict[str, Any]) -> dict[str, Any]:
+    """A light with a temperature that lacks a channel as one of that colour, which any other can take the place of."""
+    if not _lacks_color(light):
+        return light
+    tint = light["temperature_color"]
+    color = [channel * factor for channel, factor in zip(light["color"], tint, strict=True)]
+    return light | {"color": color, "temperature_color": [1.0, 1.0, 1.0]}
+
+
+def _untinted(color: list[float], light: dict[str, Any]) -> dict[str, Any]:
+    """Settings that give a tinted light a colour: under its temperature if that can be, else without."""
+    tint = light["temperature_color"]
+    if any(factor <= 0.0 and channel > NOTHING * max(color) for channel, factor in zip(color, tint, strict=True)):
+        return {"color": color, "use_temperature": False}
+    under = [channel / factor if factor > 0.0 else 1.0 for channel, factor in zip(color, tint, strict=True)]
+    return {"color": under}
 
 
 @dataclass
@@ -77,10 +107,17 @@ class Solved:
     """Lights that are no longer in the scene."""
 
 
-def solved(answer: dict[str, Any], present: dict[str, dict[str, Any]], taken: Iterable[str] = ()) -> Solved:
-    """What an answer makes of the lights of a scene, as they are now, by name. New lights get names that are not
-    `taken`."""
+def solved(
+    answer: dict[str, Any],
+    present: dict[str, dict[str, Any]],
+    shown: Iterable[dict[str, Any]] = (),
+    asked: Iterable[dict[str, Any]] = (),
+    taken: Iterable[str] = (),
+) -> Solved:
+    """What an answer makes of the lights of a scene, as they are now, by name; `shown` are those of the picture,
+    `asked` those of the request. New lights get names that are not `taken`."""
     out, taken = Solved(), set(taken)
+    tinted = {light["name"]: light for light, other in zip(shown, asked, strict=True) if light != other}
     changed = set(answer["changed"])
     for found in answer["blender"]:
         name = found["name"]
@@ -91,6 +128,8 @@ def solved(answer: dict[str, Any], present: dict[str, dict[str, Any]], taken: It
                 out.gone.append(name)
                 continue
             before = present[name]
+            if name in tinted and "color" in values:
+                values |= _untinted(values["color"], tinted[name])
             settings = {key: value for key, value in values.items() if key in before["settings"]}
             out.states.append(before | {"matrix": matrix, "settings": before["settings"] | settings})
         else:

@@ -24,6 +24,8 @@ BRIGHTER, DARKER, COLOR, WARMER, COOLER, SHADOW, KEEP = MEANINGS = (
 )
 ERASE = "erase"
 """An eraser takes from all strokes that were painted before it."""
+BRIGHTNESS, TINT = {BRIGHTER, DARKER, SHADOW, KEEP}, {COLOR, WARMER, COOLER, KEEP}
+"""Meanings of which a place can have one."""
 UNITS = {BRIGHTER: "stops", DARKER: "stops", SHADOW: "stops", WARMER: "mireds", COOLER: "mireds"}
 """What the amount of a meaning counts, which is also its name in a request."""
 SPACING = 0.2
@@ -61,6 +63,13 @@ class Meaning:
             out["color"] = list(self.color)
         return out
 
+    def replaces(self, other: Meaning) -> bool:
+        """Whether to paint this takes away what was painted before, as erasing does everything, and brighter darker;
+        but not warmer."""
+        if self.goal == ERASE:
+            return True
+        return self != other and any({self.goal, other.goal} <= group for group in (BRIGHTNESS, TINT))
+
 
 def meaning(goal: str, amount: float = 0.0, color: Iterable[float] = (1.0, 1.0, 1.0)) -> Meaning:
     """A meaning with only what its goal has, so that equal ones compare equal."""
@@ -81,9 +90,8 @@ class Stroke:
 
     def region(self) -> dict[str, Any]:
         """As a stroke of a request."""
-        erase = self.meaning.goal == ERASE
         points = [list(point) for point in self.points]
-        return {"radius": self.radius, "strength": self.strength, "erase": erase, "points": points}
+        return {"radius": self.radius, "strength": self.strength, "erase": False, "points": points}
 
 
 def thinned(movement: Iterable[Sequence[float]], radius: float, aspect: float) -> tuple[Point, ...]:
@@ -103,10 +111,10 @@ def goals(strokes: Iterable[Stroke]) -> list[dict[str, Any]]:
     """The goals of a request: one for each meaning, in the order of their first strokes."""
     found: dict[Meaning, list[dict[str, Any]]] = {}
     for stroke in strokes:
-        if stroke.meaning.goal == ERASE:
-            for regions in found.values():
-                regions.append(stroke.region())
-        else:
+        for meaning, regions in found.items():
+            if stroke.meaning.replaces(meaning):
+                regions.append(stroke.region() | {"erase": True})
+        if stroke.meaning.goal != ERASE:
             found.setdefault(stroke.meaning, []).append(stroke.region())
     return [meaning.plain() | {"where": {"strokes": regions}} for meaning, regions in found.items()]
 

@@ -17,7 +17,7 @@ from ..core import command_line
 from ..core.bake_folder import clear, is_bake
 from ..core.progress import Reporter, clock
 from ..export import ExportError, ExportOptions, trace_settings, write_view_table
-from . import record
+from . import pictures, record
 from .native import native
 from .scene import load_scene
 
@@ -123,6 +123,13 @@ def verify(options: argparse.Namespace, _rest: list[str], reporter: Reporter) ->
     return 0
 
 
+def read_picture(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
+    """Reads a target or a mask as the light that it shows."""
+    words, is_doubtful = pictures.read(Path(options.folder))
+    reporter.result({"words": words, "is_doubtful": is_doubtful}, words)
+    return 0
+
+
 def _open_scene(options: argparse.Namespace) -> bpy.types.Scene:
     _check_that_the_file_was_opened()
     scene = bpy.context.scene
@@ -147,7 +154,7 @@ def _export_options(options: argparse.Namespace) -> ExportOptions:
     )
 
 
-COMMANDS = {"bake": bake, "relight": relight, "verify": verify}
+COMMANDS = {"bake": bake, "relight": relight, "verify": verify, pictures.COMMAND: read_picture}
 
 
 def main(arguments: list[str]) -> int:

@@ -1,9 +1,10 @@
-"""Reads images of the artist's as targets and masks: scene-linear, of the picture's size, top row first."""
+"""Images of the artist's as targets and masks: scene-linear, of the picture's size, top row first."""
 
 from __future__ import annotations
 
 import os
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
@@ -23,35 +24,60 @@ class TargetError(Exception):
     """The image cannot be used; the message is one line for the artist."""
 
 
-def read_target(
-    scene: bpy.types.Scene, image: bpy.types.Image, colors: str, size: tuple[int, int]
-) -> tuple[np.ndarray, str, bool]:
-    """A target as scene-linear colours [height, width, 3] of width and height `size`, how its colours were understood,
-    and whether that is to be doubted. `colors` as `RelumeSolve.target_colors`. Raises TargetError."""
-    pixels = _pixels(image, size)[..., :3]
-    if not np.isfinite(pixels).all():
-        raise TargetError(f"target '{image.name}' has pixels that are not numbers")
-    if pixels.max() <= 0.0:
-        raise TargetError(f"target '{image.name}' is all black")
+@dataclass(frozen=True)
+class Picture:
+    """The pixels of an image data-block, and what they mean."""
+
+    name: str
+    pixels: np.ndarray
+    """[height, width, channels], bottom row first, as Blender holds them."""
+    is_float: bool
+    is_data: bool
+    """Not colours: Blender has left the numbers as they are in the file."""
+    is_display: bool
+    """As a display shows it, whatever its bits."""
+
+
+def taken(image: bpy.types.Image, room: np.ndarray | None = None) -> Picture:
+    """An image's pixels, in an array of that many numbers if there is `room`; Blender reads its file for it if it has
+    not yet."""
+    width, height = image.size
+    count = width * height * image.channels
+    flat = room if room is not None and room.size == count else np.empty(count, np.float32)
+    image.pixels.foreach_get(flat)
     is_display = not image.is_float or (image.source == "FILE" and image.file_format in DISPLAY_FORMATS)
-    if colors == "LINEAR" or (colors == "AUTO" and not is_display):
-        linear = pixels if image.is_float or image.colorspace_settings.is_data else from_srgb(pixels)
+    is_data = image.colorspace_settings.is_data
+    return Picture(image.name, flat.reshape(height, width, image.channels), image.is_float, is_data, is_display)
+
+
+def read_target(
+    scene: bpy.types.Scene, picture: Picture, colors: str, size: tuple[int, int]
+) -> tuple[np.ndarray, str, bool]:
+    """A target as scene-linear colours [height, width, 3] of width and height `size`, top row first, how its colours
+    were understood, and whether that is to be doubted. `colors` as `RelumeSolve.target_colors`. Raises TargetError."""
+    pixels = _fitted(picture, size)[..., :3]
+    if not np.isfinite(pixels).all():
+        raise TargetError(f"target '{picture.name}' has pixels that are not numbers")
+    if pixels.max() <= 0.0:
+        raise TargetError(f"target '{picture.name}' is all black")
+    if colors == "LINEAR" or (colors == "AUTO" and not picture.is_display):
+        linear = pixels if picture.is_float or picture.is_data else from_srgb(pixels)
         found = linear, "Target read as scene-linear light", False
     else:
         # Blender has made light of pixels with more than 8 bits, by the sRGB curve.
-        shown = to_srgb(pixels) if image.is_float and not image.colorspace_settings.is_data else pixels
+        shown = to_srgb(pixels) if picture.is_float and not picture.is_data else pixels
         found = (from_srgb(shown), "Target read as plain sRGB", False) if colors == "SRGB" else undone(scene, shown)
     return np.ascontiguousarray(found[0], np.float32), *found[1:]
 
 
-def read_mask(image: bpy.types.Image, size: tuple[int, int]) -> np.ndarray:
-    """A mask [height, width, 1] from 0 to 1 of width and height `size`. Raises TargetError."""
-    pixels = _pixels(image, size)
+def read_mask(picture: Picture, size: tuple[int, int]) -> np.ndarray:
+    """A mask [height, width, 1] from 0 to 1 of width and height `size`, top row first. Raises TargetError."""
+    pixels = _fitted(picture, size)
     mask = np.clip(pixels[..., :3].mean(axis=2) * pixels[..., 3], 0.0, 1.0)
     if not np.isfinite(mask).all():
-        raise TargetError(f"mask '{image.name}' has pixels that are not numbers")
+        raise TargetError(f"mask '{picture.name}' has pixels that are not numbers")
     if mask.max() <= 0.0:
-        raise TargetError(f"mask '{image.name}' is all black, so it has no place in the picture")
+        raise TargetError(f"mask '{picture.name}' is all black, so it has no place in the picture")
     return np.ascontiguousarray(mask[..., None], np.float32)
 
 
@@ -102,20 +128,17 @@ def _averaged(pixels: np.ndarray, count: int) -> np.ndarray:
     return np.diff(at_edges, axis=0) * (count / before)
 
 
-def _pixels(image: bpy.types.Image, size: tuple[int, int]) -> np.ndarray:
-    """RGBA as Blender holds it, resized, top row first."""
-    width, height = image.size
+def _fitted(picture: Picture, size: tuple[int, int]) -> np.ndarray:
+    """RGBA, resized, top row first."""
+    height, width, channels = picture.pixels.shape
     if width == 0 or height == 0:
-        raise TargetError(f"image '{image.name}' has no pixels: is its file still there?")
+        raise TargetError(f"image '{picture.name}' has no pixels: is its file still there?")
     if abs(width * size[1] / (height * size[0]) - 1.0) > ASPECT_TOLERANCE:
         wanted = f"{size[0]} x {size[1]}"
         raise TargetError(
-            f"image '{image.name}' is {width} x {height} and the camera's frame {wanted}: crop it to the same aspect"
+            f"image '{picture.name}' is {width} x {height} and the camera's frame {wanted}: crop it to the same aspect"
         )
-    channels = image.channels
-    flat = np.empty(width * height * channels, np.float32)
-    image.pixels.foreach_get(flat)
-    pixels = resized(flat.reshape(height, width, channels)[::-1], size)
+    pixels = resized(picture.pixels[::-1], size)
     if channels < 3:
         pixels = np.concatenate([pixels[..., :1]] * 3 + [pixels[..., 1:]], axis=2)
     return pixels if pixels.shape[2] == 4 else np.concatenate([pixels, np.ones_like(pixels[..., :1])], axis=2)

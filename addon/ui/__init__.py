@@ -15,6 +15,7 @@ from . import (
     rows,
     scribble_tool,
     settings,
+    solve_operators,
     solve_panel,
     solve_settings,
     solving,
@@ -26,6 +27,6 @@ from . import (
 MODULES = (
     *(preferences, settings, solve_settings, rows, looks, overlay, handlers),
     *(start, main_panel, mixer, looks_panel, verify, background, render),
-    *(regions, target, locks, solving, scribble_tool, solve_panel),
+    *(regions, target, locks, solving, scribble_tool, solve_operators, solve_panel),
 )
 """Registered in this order, unregistered in reverse."""

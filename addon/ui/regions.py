@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import bpy
-import numpy as np
 from bpy.props import EnumProperty, FloatVectorProperty
 
 from ..core import strokes as core
 from ..core.solve import SolveError
 from ..engine.region_masks import KINDS, Seen
-from ..export.target import TargetError, read_mask
 from ..viewport import strokes as drawing
 from ..viewport.views import redraw
 from .scribble_tool import NO_CAMERA_VIEW
@@ -39,9 +37,9 @@ def add_region(scene: bpy.types.Scene, kind: str) -> RelumeRegion:
     return region
 
 
-def where(region: RelumeRegion, size: tuple[int, int], name: str) -> tuple[dict[str, Any], np.ndarray | Seen | None]:
-    """The place as a request has it; with the mask that it refers to by `name`, or what has to be looked for to make
-    it. Raises SolveError."""
+def where(region: RelumeRegion, name: str) -> tuple[dict[str, Any], bpy.types.Image | Seen | None]:
+    """The place as a request has it; with the image of the mask that it refers to by `name`, or what has to be looked
+    for to make it. Raises SolveError."""
     if region.kind == "RECTANGLE":
         left, top, right, bottom = region.rectangle
         if right - left < LEAST or bottom - top < LEAST:
@@ -51,10 +49,7 @@ def where(region: RelumeRegion, size: tuple[int, int], name: str) -> tuple[dict[
     if region.kind == "MASK":
         if region.image is None:
             raise SolveError("A place has no mask: choose an image or remove the place")
-        try:
-            return mask, read_mask(region.image, size)
-        except TargetError as error:
-            raise SolveError(str(error)) from error
+        return mask, region.image
     assert region.kind in KINDS
     if region.kind.endswith("INDEX"):
         return mask, Seen(region.kind, region.index)

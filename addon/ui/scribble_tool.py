@@ -7,9 +7,9 @@ from typing import Any
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, StringProperty
-from gpu_extras.presets import draw_circle_2d
 
 from ..core import strokes as core
+from ..viewport import compare as pairs
 from ..viewport import strokes as drawing
 from ..viewport.views import redraw
 from .solve_settings import COLOR_TEXT, MEANING_ITEMS, strokes_of
@@ -20,7 +20,6 @@ NO_CAMERA_VIEW = "Look through the camera to paint what its picture should do (n
 ERASE_ITEM = (core.ERASE, "Erase", "Takes away what was painted here", "X", 7)
 LIGHTEST = 0.05
 """Pressure that a pen has at least."""
-CURSOR = (1.0, 1.0, 1.0, 0.8)
 
 _handle: Any = None
 
@@ -158,14 +157,14 @@ class RELUME_OT_pick_brush(bpy.types.Operator):  # noqa: N801
         return bpy.ops.wm.tool_set_by_id(name=TOOL)
 
 
-def draw_brush(layout, settings) -> None:
-    """What the brush means: the same in the header and in the panel."""
+def draw_brush(layout, below, settings) -> None:
+    """What the brush means, and `below` how much of it: the same in the header and in the panel."""
     layout.prop(settings, "meaning", text="")
     unit = core.UNITS.get(settings.meaning)
     if unit:
-        layout.prop(settings, unit)
+        below.prop(settings, unit)
     elif settings.meaning == core.COLOR:
-        layout.prop(settings, "color", text="")
+        below.prop(settings, "color", text="")
 
 
 class ScribbleTool(bpy.types.WorkSpaceTool):
@@ -207,7 +206,7 @@ class ScribbleTool(bpy.types.WorkSpaceTool):
         if view is not None and view.view_perspective != "CAMERA":
             layout.label(text="Strokes are painted in the camera's view", icon="INFO")
             return
-        draw_brush(layout, settings)
+        draw_brush(layout, layout, settings)
         layout.prop(settings, "size")
         layout.prop(settings, "strength", slider=True)
         layout.prop(settings, "show_strokes", text="", icon="HIDE_OFF" if settings.show_strokes else "HIDE_ON")
@@ -216,18 +215,18 @@ class ScribbleTool(bpy.types.WorkSpaceTool):
 
     def draw_cursor(context, _tool, xy):  # noqa: N805
         """Called by Blender while the mouse is over a view."""
-        radius = context.scene.relume_solve.size * context.preferences.system.pixel_size
-        draw_circle_2d(xy, CURSOR, radius, segments=48)
+        settings, pixel = context.scene.relume_solve, context.preferences.system.pixel_size
+        drawing.draw_brush(xy, settings.size * pixel, settings.brush(), pixel)
 
 
 def _draw() -> None:
-    """Called by Blender for every 3D view, over everything else."""
+    """Called by Blender for every 3D view, over everything else. Strokes would hide what is compared."""
     context = bpy.context
     settings = context.scene.relume_solve
     if not settings.show_strokes or not is_active(context):
         return
     frame = drawing.frame_in(context)
-    if frame is not None:
+    if frame is not None and (pairs.pair_of(context.scene) is None or drawing.is_painting(context.scene)):
         rectangles = [(it.meaning(), tuple(it.rectangle)) for it in settings.regions if it.kind == "RECTANGLE"]
         drawing.draw(context.scene, frame, strokes_of(context.scene), rectangles)
 

@@ -1,150 +1,17 @@
-"""The panel of solving, and the operators that begin it, end it, and write what came of it."""
+"""The panel of solving."""
 
 from __future__ import annotations
 
 import json
-import time
-from typing import Any
 
 import bpy
 
-from ..apply.writable import RefusedError
-from ..core.looks import LookError
-from ..core.solve import SolveError
+from ..viewport import compare as pairs
 from . import locks, looks, regions, scribble_tool, solving, target
 from .panel import RelumePanel, message
 from .solve_settings import strokes_of
 
-TICK_SECONDS = 1 / 30
-
-
-class RELUME_OT_solve(bpy.types.Operator):  # noqa: N801 -- Blender's naming
-    """Find lights that do what was painted. Work goes on meanwhile, Esc cancels; the result is a new look, and the \
-lights of the scene stay as they are until it is applied"""
-
-    bl_idname = "relume.solve"
-    bl_label = "Solve"
-    bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context):
-        """Not while it is solving already."""
-        return solving.running(context.scene) is None
-
-    def invoke(self, context, _event):
-        """Begins, and goes on by a timer."""
-        try:
-            self.solving = solving.begin(context.scene)
-        except SolveError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        manager = context.window_manager
-        self.timer = manager.event_timer_add(TICK_SECONDS, window=context.window)
-        manager.modal_handler_add(self)
-        _redraw(context)
-        return {"RUNNING_MODAL"}
-
-    def modal(self, context, event):
-        """A step at every tick of the timer; all else goes on to Blender."""
-        if solving.running(context.scene) is not self.solving:  # Cancelled by the button, or with its file.
-            return self._end(context, {"CANCELLED"})
-        if event.type == "ESC" and event.value == "PRESS":
-            self.solving.cancel()
-            return self._end(context, {"CANCELLED"})
-        if event.type != "TIMER":
-            return {"PASS_THROUGH"}
-        before = self.solving.progress
-        try:
-            goes_on = self.solving.step()
-        except SolveError as error:
-            self.report({"ERROR"}, str(error))
-            return self._end(context, {"CANCELLED"})
-        if not goes_on:
-            return self._end(context, {"FINISHED"})
-        if self.solving.progress != before:
-            _redraw(context)
-        return {"PASS_THROUGH"}
-
-    def cancel(self, context):
-        """Called by Blender when the window closes."""
-        self.solving.cancel()
-        self._end(context, set())
-
-    def _end(self, context, outcome: set[str]) -> set[str]:
-        context.window_manager.event_timer_remove(self.timer)
-        _redraw(context)
-        return outcome
-
-    def execute(self, context):
-        """Without a window: solves to the end."""
-        return told(self, lambda: _solve_at_once(context.scene))
-
-
-class RELUME_OT_cancel_solve(bpy.types.Operator):  # noqa: N801
-    """End solving; nothing has been changed"""
-
-    bl_idname = "relume.cancel_solve"
-    bl_label = "Cancel Solving"
-
-    @classmethod
-    def poll(cls, context):
-        """Only while solving."""
-        return solving.running(context.scene) is not None
-
-    def execute(self, context):
-        """Called by Blender."""
-        solving.running(context.scene).cancel()
-        return {"FINISHED"}
-
-
-class RELUME_OT_apply_solved(bpy.types.Operator):  # noqa: N801
-    """Write what was solved into the real lights, and make the new ones in the collection "Relume". One undo step"""
-
-    bl_idname = "relume.apply_solved"
-    bl_label = "Apply Solved Lights"
-    bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context):
-        """Only with a look that was solved."""
-        look = looks.active_look(context.scene)
-        return look is not None and look.solved
-
-    def execute(self, context):
-        """Called by Blender."""
-        return told(self, lambda: str(solving.apply(context.scene, looks.active_look(context.scene))))
-
-
-def told(operator: bpy.types.Operator, work: Any) -> set[str]:
-    """Does an operator's work; what keeps it from being done, and what else came of it, is said."""
-    try:
-        words = work()
-    except RefusedError as error:
-        for reason in error.reasons:
-            operator.report({"ERROR"}, f"Nothing was written: {reason}")
-        return {"CANCELLED"}
-    except (SolveError, LookError) as error:
-        operator.report({"ERROR"}, str(error))
-        return {"CANCELLED"}
-    if words:
-        operator.report({"WARNING"}, words)
-    return {"FINISHED"}
-
-
-def _solve_at_once(scene: bpy.types.Scene) -> None:
-    found = solving.begin(scene)
-    while found.step():
-        found.shot.poll()
-        time.sleep(TICK_SECONDS)
-
-
-def _redraw(context: bpy.types.Context) -> None:
-    for window in context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                for region in area.regions:
-                    if region.type == "UI":
-                        region.tag_redraw()
+MORE_FREEDOM = "For more, let more change below: unlock places, or allow new lights"
 
 
 class RELUME_PT_solve(RelumePanel, bpy.types.Panel):  # noqa: N801
@@ -158,9 +25,10 @@ class RELUME_PT_solve(RelumePanel, bpy.types.Panel):  # noqa: N801
         """Called by Blender."""
         layout, scene = self.layout, context.scene
         settings = scene.relume_solve
-        line = layout.row(align=True)
+        column = layout.column(align=True)
+        line = column.row(align=True)
         line.operator("relume.pick_brush", icon="BRUSH_DATA")
-        scribble_tool.draw_brush(line, settings)
+        scribble_tool.draw_brush(line, column, settings)
         strokes = strokes_of(scene)
         if strokes:
             line = layout.row(align=True)
@@ -220,22 +88,25 @@ def _draw_start(layout, scene: bpy.types.Scene) -> None:
 
 
 def _draw_report(layout, scene: bpy.types.Scene) -> None:
+    """What the last solve has reached, beside how it was before, and what to do with it."""
     report, box = json.loads(scene.relume_solve.report), layout.box()
-    box.label(text=report["look"])
+    box.label(text=report["look"] + (", applied" if report.get("applied") else ""))
     for line in report["lines"]:
         message(box, line["text"], "CHECKMARK" if line["met"] else "ERROR")
     for note in report["notes"]:
         message(box, note, "INFO")
-    look = looks.active_look(scene)
-    if look is not None and look.solved:
+    if not all(line["met"] for line in report["lines"]):
+        message(box, MORE_FREEDOM, "INFO")
+    if pairs.pair_of(scene) is not None:
         line = box.row(align=True)
-        line.operator("relume.apply_solved", text=f"Apply {look.name}", icon="CHECKMARK")
+        line.prop(scene.relume_view, "compare", expand=True)
+        line.operator("relume.stop_comparing", text="", icon="X")
+    look = looks.active_look(scene)
+    if look is not None and look.solved and not (report.get("applied") and look.name == report["look"]):
+        box.operator("relume.apply_solved", text=f"Apply {look.name}", icon="CHECKMARK")
 
 
 CLASSES = (
-    RELUME_OT_solve,
-    RELUME_OT_cancel_solve,
-    RELUME_OT_apply_solved,
     RELUME_PT_solve,
     RELUME_PT_solve_target,
     RELUME_PT_solve_locks,
@@ -243,7 +114,7 @@ CLASSES = (
 
 
 def register():
-    """Adds panels and operators."""
+    """Adds the panels."""
     for cls in CLASSES:
         bpy.utils.register_class(cls)
 

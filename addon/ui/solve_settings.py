@@ -17,6 +17,7 @@ from bpy.props import (
 
 from ..core import strokes as core
 from ..viewport.views import redraw
+from . import target
 
 MEANING_ITEMS = [
     (core.BRIGHTER, "Brighter", "More light here, by so many stops", "LIGHT_SUN", 0),
@@ -35,6 +36,10 @@ MOVES = ("position", "direction", "size", "cone", "color", "strength")
 
 def _redraw(_settings, _context) -> None:
     redraw()
+
+
+def _look_at_target(settings, _context) -> None:
+    target.look_at(settings.id_data)
 
 
 def _amount(unit: str) -> dict:
@@ -160,6 +165,7 @@ class RelumeSolve(bpy.types.PropertyGroup):
         name="Target",
         description="A picture that the shot is to come close to: a paint-over, or a photograph of the same framing",
         type=bpy.types.Image,
+        update=_look_at_target,
     )
     target_colors: EnumProperty(
         name="Colours",
@@ -179,6 +185,7 @@ class RelumeSolve(bpy.types.PropertyGroup):
             ("SRGB", "sRGB", "Plain sRGB without a view transform"),
             ("LINEAR", "Scene-Linear", "Light itself, as in an EXR"),
         ],
+        update=_look_at_target,
     )
     target_exposure: BoolProperty(
         name="Any Exposure",

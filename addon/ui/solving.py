@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import bpy
@@ -17,17 +19,20 @@ from bpy.app.handlers import persistent
 from ..apply.look_lights import light_state
 from ..core import coverage
 from ..core import solve as core
+from ..core.apart import apart
 from ..core.looks import Look
 from ..core.receivers import with_names
 from ..core.rows import LIGHT, WORLD, Row, freed, times
 from ..core.solve import SolveError
-from ..core.strokes import goals
+from ..core.strokes import Stroke, goals
 from ..engine import region_masks, shot, solve
+from ..engine.pictures import Reading
 from ..export.lights import name_of
 from ..export.target import resized
 from ..viewport import compare as pairs
+from ..viewport import view_table
 from . import compare, handlers, locks, looks, regions, rows, target, thumbnails
-from .solve_settings import EFFORTS, strokes_of
+from .solve_settings import EFFORTS, RelumeSolve, strokes_of
 
 PREVIEW_SECONDS = 0.4
 """Between previews: the picture needs the processor as well."""
@@ -59,22 +64,26 @@ class Solving:
             if not any(gain):  # What is switched off stays off.
                 free.pop(name, None)
         self._images: dict[str, np.ndarray] = {}
-        self._wanted: dict[str, region_masks.Seen] = {}
+        self._seen: dict[str, region_masks.Seen] = {}
+        self._readings: dict[str, Reading] = {}
         self._size = target.picture_size(scene)
-        self._request = core.request(content, self._wish(scene, free))
-        self._static = content["static"]
+        self._strokes = strokes_of(scene)
+        self._content = content
+        self._wish = self._wish_of(scene, free)
+        self._request: dict[str, Any] = {}
         self._before = looks.current(scene, BEFORE)
         self._before_request = found.request
         self._before_frame = found.frame if found.frame is not None and compare.is_final(found.frame) else None
         self._job: Any = None
         self._work = self._run()
 
-    def _wish(self, scene: bpy.types.Scene, free: dict[str, list[str]]) -> core.Wish:
+    def _wish_of(self, scene: bpy.types.Scene, free: dict[str, list[str]]) -> core.Wish:
+        """All that is asked for but the strokes."""
         settings = scene.relume_solve
         starts, steps = EFFORTS[settings.effort]
         return core.Wish(
             free,
-            [*self._stroke_goals(scene), *self._region_goals(scene), *self._target_goals(scene)],
+            [*self._region_goals(scene), *_target_goals(settings)],
             keep_rest=settings.keep_rest,
             add_count=settings.add_count,
             add_type=settings.add_type,
@@ -83,33 +92,17 @@ class Solving:
             steps=steps,
         )
 
-    def _stroke_goals(self, scene: bpy.types.Scene) -> list[dict[str, Any]]:
-        """The goals of strokes, without what was erased altogether."""
-        strokes = strokes_of(scene)
-        covered = coverage.layers(strokes, COARSE).values()
-        return [goal for goal, layer in zip(goals(strokes), covered, strict=True) if layer.any()]
-
     def _region_goals(self, scene: bpy.types.Scene) -> list[dict[str, Any]]:
         found = []
         for number, region in enumerate(scene.relume_solve.regions, 1):
             name = f"mask {number}"
-            where, mask = regions.where(region, self._size, name)
+            where, mask = regions.where(region, name)
             if isinstance(mask, region_masks.Seen):
-                self._wanted[name] = mask
+                self._seen[name] = mask
             elif mask is not None:
-                self._images[name] = mask
+                self._readings[name] = Reading(scene, mask, self._size, None)
             found.append(region.meaning().plain() | {"where": where})
         return found
-
-    def _target_goals(self, scene: bpy.types.Scene) -> list[dict[str, Any]]:
-        settings = scene.relume_solve
-        if settings.target is None:
-            return []
-        self._images["target"], words, is_doubtful = target.read(scene)
-        self.notes += [words] * is_doubtful
-        invariant = settings.target_exposure
-        weight = settings.target_weight
-        return [{"goal": "target", "image": "target", "exposure_invariant": invariant, "weight": weight}]
 
     def step(self) -> bool:
         """Goes on for a moment; whether there is more to do. Has ended if it raises, for the artist SolveError."""
@@ -129,6 +122,8 @@ class Solving:
         """Ends it and shows the lights as they are."""
         _running.pop(self.uid, None)
         self._work.close()
+        for reading in self._readings.values():
+            reading.close()
         if self._job is not None:
             self._job.cancel()
         scene = self._scene()
@@ -139,37 +134,61 @@ class Solving:
         """The scene, which undo may have replaced and another file removed."""
         return next((scene for scene in bpy.data.scenes if scene.session_uid == self.uid), None)
 
-    def _run(self) -> Iterator[None]:
+    def _run(self) -> Generator[None, None, None]:
+        strokes = yield from apart(lambda: _stroke_goals(self._strokes))
+        self._request = core.request(self._content, replace(self._wish, goals=[*strokes, *self._wish.goals]))
+        yield from self._read_pictures()
         yield from self._look_for_masks()
         self._job = solve.start(self.shot, self._request, self._images)
         yield from self._wait_for_job()
         answer = solve.answer(self._job)
         self.progress = (1.0, "Making the picture")
-        request = core.picture_request(answer, self._static)
+        request = core.picture_request(answer, self._content["static"])
         frame = yield from self._picture(json.dumps(request | {"interactive": False}))
-        small = []
-        for picture in (self._before_frame, frame):  # Each takes a moment of the window's time.
-            yield
-            small.append(self._thumbnail(picture))
-        yield
+        small = yield from self._thumbnails(frame)
         scene = self._scene()
         if scene is not None:
             self._finish(scene, answer, request, frame, small)
 
-    def _thumbnail(self, frame: Any) -> str:
+    def _read_pictures(self) -> Iterator[None]:
+        """Masks and the target."""
         scene = self._scene()
-        return "" if frame is None or scene is None else thumbnails.encode(scene, frame.image)
+        if scene is not None and scene.relume_solve.target is not None:
+            self.progress = (0.0, "Reading the target")
+            found = yield from target.awaited(scene)
+            self._images["target"] = found.pixels
+            self.notes += [found.words] * found.is_doubtful
+        for name, reading in self._readings.items():
+            self.progress = (0.0, "Reading masks")
+            while reading.step():
+                yield
+            if reading.found is None:
+                raise SolveError(reading.error)
+            self._images[name] = reading.found.pixels
+
+    def _thumbnails(self, frame: Any) -> Generator[None, None, list[str]]:
+        """Of how it was and how it could be; empty where there is no picture."""
+        scene, small = self._scene(), []
+        view = scene and view_table.of(scene)
+        for picture in (self._before_frame, frame):
+            if picture is None or scene is None:
+                small.append("")
+            elif view is None:
+                small.append(thumbnails.encode(scene, picture.image))
+            else:
+                small.append((yield from apart(partial(thumbnails.encode_in, view, picture.image))))
+        return small
 
     def _look_for_masks(self) -> Iterator[None]:
-        if not self._wanted:
+        if not self._seen:
             return
         self.progress = (0.0, "Looking for objects")
         masks: dict = {}
         width, height = self._size
-        for found in region_masks.masks(self.uid, list(self._wanted.values()), width / height):
+        for found in region_masks.masks(self.uid, list(self._seen.values()), width / height):
             masks = found or {}
             yield
-        for name, seen in self._wanted.items():
+        for name, seen in self._seen.items():
             if seen not in masks or not masks[seen].any():
                 raise SolveError(f"Not seen in the picture: {seen}")
             mask = resized(masks[seen], self._size)
@@ -191,7 +210,7 @@ class Solving:
 
     def _preview(self, lights: dict[str, Any]) -> None:
         """Shows the best lights so far, a light set."""
-        request = core.picture_request({"lights": lights, "world": self._request["world"]}, self._static)
+        request = core.picture_request({"lights": lights, "world": self._request["world"]}, self._content["static"])
         self.shot.ask(json.dumps(request | {"interactive": True}))
         handlers.wake()
 
@@ -212,7 +231,8 @@ class Solving:
     def _finish(self, scene: bpy.types.Scene, answer: dict, request: dict, frame: Any, small: list[str]) -> None:
         """Keeps how it was and how it could be as looks; `small` has their thumbnails."""
         present = {name_of(obj): light_state(obj) for obj in looks.lights_of(scene)}
-        found = core.solved(answer, present, {obj.name for obj in bpy.data.objects})
+        names = {obj.name for obj in bpy.data.objects}
+        found = core.solved(answer, present, self._content["lights"], self._request["lights"], names)
         self.notes += [f"Light '{name}' is gone: what was solved for it is left out" for name in found.gone]
         self.notes += answer["warnings"]
         before = self._keep_before(scene, small[0])
@@ -268,6 +288,19 @@ def _next_number(scene: bpy.types.Scene) -> int:
     return next(number for number in range(1, len(names) + 2) if f"{SOLVED} {number}" not in names)
 
 
+def _stroke_goals(strokes: tuple[Stroke, ...]) -> list[dict[str, Any]]:
+    """The goals of strokes, without what was erased altogether."""
+    covered = coverage.layers(strokes, COARSE).values()
+    return [goal for goal, layer in zip(goals(strokes), covered, strict=True) if layer.any()]
+
+
+def _target_goals(settings: RelumeSolve) -> list[dict[str, Any]]:
+    if settings.target is None:
+        return []
+    invariant, weight = settings.target_exposure, settings.target_weight
+    return [{"goal": "target", "image": "target", "exposure_invariant": invariant, "weight": weight}]
+
+
 def begin(scene: bpy.types.Scene) -> Solving:
     """Begins to solve; to be stepped until it ends. Raises SolveError with one line for the artist."""
     if running(scene) is not None:
@@ -282,10 +315,17 @@ def running(scene: bpy.types.Scene) -> Solving | None:
 
 
 def apply(scene: bpy.types.Scene, look: looks.RelumeLook) -> looks.Outcome:
-    """Writes what was solved into the scene's lights, and makes the new ones. Raises LookError or RefusedError, and has
-    then written nothing."""
+    """Writes what was solved into the scene's lights, and makes the new ones; strokes and places are done with. Raises
+    LookError or RefusedError, and has then written nothing."""
     outcome = looks.restore(scene, look.look(), lights=True)
     pairs.clear(scene)
+    settings = scene.relume_solve
+    # What was asked for is asked of how it was: once more would be twice as much.
+    settings.strokes = ""
+    settings.regions.clear()
+    if settings.report:
+        report = json.loads(settings.report)
+        settings.report = json.dumps(report | {"applied": report["look"] == look.name})
     return outcome
 
 

@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import time
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
 from types import SimpleNamespace
 
 import bpy
 import numpy as np
+from bpy.app.handlers import persistent
 from bpy.props import StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ..core.bake_folder import size_of
 from ..core.solve import SolveError
 from ..engine import shot
-from ..export.target import TargetError, read_target
+from ..engine.pictures import Read, Reading, is_in_memory
 from ..viewport import compare as pairs
+from ..viewport.views import redraw
+from .panel import message
 from .start import ShotOperator
 
+POLL_SECONDS = 0.05
+
 NO_CLIPBOARD = (
-    "The clipboard holds no picture that this Blender can take; copy one in a painting program, or open it as a file"
+    "The clipboard holds no picture that this Blender can take (under X11 it takes none at all); save it as a file and "
+    "open that"
 )
 
 
@@ -33,37 +42,97 @@ def picture_size(scene: bpy.types.Scene) -> tuple[int, int]:
     return max(round(render.resolution_x * share), 1), max(round(render.resolution_y * share), 1)
 
 
-def read(scene: bpy.types.Scene) -> tuple[np.ndarray, str, bool]:
-    """The scene's target, as `export.target.read_target` gives it. Raises SolveError."""
+@dataclass(frozen=True)
+class _Kept:
+    key: tuple
+    """What was read, and how."""
+    reading: Reading
+
+
+_readings: dict[int, _Kept] = {}
+"""By scene."""
+_waiting: dict[int, Iterator[None]] = {}
+"""Scenes whose target is shown as soon as it is read."""
+
+
+def look_at(scene: bpy.types.Scene) -> None:
+    """Begins to read the scene's target, to say whether and how it can be one."""
+    forget(scene.session_uid)
     settings = scene.relume_solve
-    try:
-        return read_target(scene, settings.target, settings.target_colors, picture_size(scene))
-    except TargetError as error:
-        raise SolveError(str(error)) from error
+    if settings.target is None:
+        return
+    size = picture_size(scene)
+    reading = Reading(scene, settings.target, size, settings.target_colors)
+    _readings[scene.session_uid] = _Kept(_key(scene, size), reading)
+    _wake()
 
 
-def choose(scene: bpy.types.Scene, image: bpy.types.Image) -> str:
-    """Takes an image as the target, if it can be one; how its colours are understood. Raises SolveError."""
-    settings = scene.relume_solve
-    before, settings.target = settings.target, image
-    try:
-        _pixels, words, _doubt = read(scene)
-    except SolveError:
-        settings.target = before
-        raise
-    return words
+def reading_of(scene: bpy.types.Scene) -> Reading | None:
+    """What is known of the scene's target."""
+    kept = _readings.get(scene.session_uid)
+    return kept.reading if kept else None
 
 
-def load(scene: bpy.types.Scene, path: str) -> str:
+def awaited(scene: bpy.types.Scene) -> Generator[None, None, Read]:
+    """Yields until the scene's target is read; anew, if it may be another picture by now. Raises SolveError."""
+    kept, image = _readings.get(scene.session_uid), scene.relume_solve.target
+    if kept is None or (kept.reading.is_done and is_in_memory(image)) or kept.key != _key(scene, picture_size(scene)):
+        look_at(scene)
+    reading = _readings[scene.session_uid].reading
+    while reading.step():
+        yield
+    if reading.found is None:
+        raise SolveError(reading.error or "The target became another one while it was read: solve again")
+    return reading.found
+
+
+def forget(uid: int) -> None:
+    """Forgets the target of a scene, and ends reading it."""
+    kept = _readings.pop(uid, None)
+    if kept is not None:
+        kept.reading.close()
+
+
+def _key(scene: bpy.types.Scene, size: tuple[int, int]) -> tuple:
+    """All that the light of a target depends on, apart from pixels that were painted."""
+    image, view = scene.relume_solve.target, scene.view_settings
+    path = Path(bpy.path.abspath(image.filepath, library=image.library))
+    changed = path.stat().st_mtime_ns if path.is_file() else 0
+    displayed = (view.view_transform, view.look, view.exposure, view.gamma, view.use_curve_mapping)
+    return image.session_uid, path, changed, scene.relume_solve.target_colors, size, displayed
+
+
+def _wake() -> None:
+    if not bpy.app.background and not bpy.app.timers.is_registered(_timer):
+        bpy.app.timers.register(_timer, first_interval=0.0)
+
+
+def _timer() -> float | None:
+    """Goes on with all that is read or waited for."""
+    goes_on = False
+    for kept in _readings.values():
+        if not kept.reading.is_done:
+            goes_on |= kept.reading.step()
+            if kept.reading.is_done:
+                redraw("UI")
+    for uid, work in list(_waiting.items()):
+        try:
+            next(work)
+            goes_on = True
+        except (StopIteration, SolveError):  # Why not is in the panel.
+            del _waiting[uid]
+    return POLL_SECONDS if goes_on else None
+
+
+def load(scene: bpy.types.Scene, path: str) -> None:
     """Takes a file as the target. Raises SolveError."""
     try:
-        image = bpy.data.images.load(path, check_existing=True)
+        scene.relume_solve.target = bpy.data.images.load(path, check_existing=True)
     except RuntimeError as error:
         raise SolveError(f"'{path}' cannot be opened as a picture") from error
-    return choose(scene, image)
 
 
-def paste(context: bpy.types.Context) -> str:
+def paste(context: bpy.types.Context) -> None:
     """Takes the clipboard's picture as the target. Raises SolveError."""
     if bpy.app.background:
         raise SolveError("Pasting needs Blender's window")
@@ -78,7 +147,7 @@ def paste(context: bpy.types.Context) -> str:
     pasted = [image for image in bpy.data.images if image not in before]
     if not pasted:
         raise SolveError(NO_CLIPBOARD)
-    return choose(context.scene, pasted[0])
+    context.scene.relume_solve.target = pasted[0]
 
 
 @contextmanager
@@ -98,9 +167,13 @@ def _image_editor(context: bpy.types.Context) -> Iterator[None]:
         area.ui_type = kind
 
 
-def show(scene: bpy.types.Scene) -> None:
-    """The target as A beside the live picture as B, in the camera's frame. Raises SolveError."""
-    pairs.set_pair(scene, frame_of(read(scene)[0]), None, scene.relume_view.compare, ("Target", "Relit"))
+def show(scene: bpy.types.Scene) -> Iterator[None]:
+    """Yields until the target is read, then shows it as A beside the live picture as B, in the camera's frame. Raises
+    SolveError."""
+    uid = scene.session_uid
+    found = yield from awaited(scene)
+    for scene in (scene for scene in bpy.data.scenes if scene.session_uid == uid):
+        pairs.set_pair(scene, frame_of(found.pixels), None, scene.relume_view.compare, ("Target", "Relit"))
 
 
 def frame_of(pixels: np.ndarray) -> SimpleNamespace:
@@ -111,14 +184,12 @@ def frame_of(pixels: np.ndarray) -> SimpleNamespace:
 
 
 def told(operator: bpy.types.Operator, work) -> set[str]:
-    """Does an operator's work and says what came of it."""
+    """Does an operator's work; what keeps it from being done is said."""
     try:
-        words = work()
+        work()
     except SolveError as error:
         operator.report({"ERROR"}, str(error))
         return {"CANCELLED"}
-    if words:
-        operator.report({"INFO"}, words)
     return {"FINISHED"}
 
 
@@ -177,7 +248,12 @@ difference"""
 
     def execute(self, context):
         """Called by Blender."""
-        return told(self, lambda: show(context.scene))
+        work = show(context.scene)
+        if bpy.app.background:
+            return told(self, lambda: [time.sleep(POLL_SECONDS) for _ in work])
+        _waiting[context.scene.session_uid] = work
+        _wake()
+        return {"FINISHED"}
 
 
 def draw(layout, scene: bpy.types.Scene) -> None:
@@ -190,6 +266,7 @@ def draw(layout, scene: bpy.types.Scene) -> None:
     if settings.target is None:
         return
     line.operator("relume.clear_target", text="", icon="X")
+    _draw_reading(layout, reading_of(scene))
     column = layout.column(align=True)
     column.prop(settings, "target_colors")
     column.prop(settings, "target_weight")
@@ -200,16 +277,41 @@ def draw(layout, scene: bpy.types.Scene) -> None:
         line.operator("relume.stop_comparing", text="", icon="X")
 
 
+def _draw_reading(layout, reading: Reading | None) -> None:
+    """Whether and how the target can be one."""
+    if reading is None:
+        return
+    if not reading.is_done:
+        message(layout, "Reading the picture", "SORTTIME")
+    elif reading.found is None:
+        message(layout, reading.error, "ERROR")
+    else:
+        message(layout, reading.found.words, "ERROR" if reading.found.is_doubtful else "CHECKMARK")
+
+
 CLASSES = (RELUME_OT_load_target, RELUME_OT_paste_target, RELUME_OT_clear_target, RELUME_OT_show_target)
+
+
+@persistent
+def _forget_all(*_arguments) -> None:
+    """Another file is about to be opened, or the add-on is disabled."""
+    _waiting.clear()
+    for uid in list(_readings):
+        forget(uid)
 
 
 def register():
     """Adds the operators."""
     for cls in CLASSES:
         bpy.utils.register_class(cls)
+    bpy.app.handlers.load_pre.append(_forget_all)
 
 
 def unregister():
     """Takes them away."""
+    bpy.app.handlers.load_pre.remove(_forget_all)
+    _forget_all()
+    if bpy.app.timers.is_registered(_timer):
+        bpy.app.timers.unregister(_timer)
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

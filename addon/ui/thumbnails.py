@@ -11,6 +11,7 @@ import bpy.utils.previews
 import numpy as np
 
 from ..export.view_transform import displayed
+from ..viewport.view_table import View
 
 WIDTH = 192
 """Pixels of a thumbnail at most."""
@@ -20,15 +21,28 @@ _icons: Any = None
 
 def encode(scene: bpy.types.Scene, image: np.ndarray) -> str:
     """A thumbnail of a scene-linear picture [height, width, 4], bottom row first, as the scene's view shows it."""
+    return _text(displayed(scene, _small(image)))
+
+
+def encode_in(view: View, image: np.ndarray) -> str:
+    """As `encode`, in a view that is known already; needs no Blender, so it may run on any thread."""
+    return _text(view.apply(_small(image)))
+
+
+def _small(image: np.ndarray) -> np.ndarray:
     stride = max(1, image.shape[1] // (4 * WIDTH))  # A few pixels of each block are enough, and quick.
     image = image[::stride, ::stride, :3]
     step = -(-image.shape[1] // WIDTH)
     height, width = (max(1, size // step) for size in image.shape[:2])
     step = min(step, *image.shape[:2])
     blocks = image[: height * step, : width * step].reshape(height, step, width, step, 3)
-    small = np.ascontiguousarray(np.nan_to_num(blocks.mean(axis=(1, 3)), posinf=1e4), np.float32)
-    bytes_ = np.round(displayed(scene, small) * 255.0).astype(np.uint8)
-    return f"{width} {height} {base64.b64encode(zlib.compress(bytes_.tobytes())).decode()}"
+    return np.ascontiguousarray(np.nan_to_num(blocks.mean(axis=(1, 3)), posinf=1e4), np.float32)
+
+
+def _text(colors: np.ndarray) -> str:
+    height, width = colors.shape[:2]
+    pixels = np.round(colors * 255.0).astype(np.uint8)
+    return f"{width} {height} {base64.b64encode(zlib.compress(pixels.tobytes())).decode()}"
 
 
 def decode(text: str) -> np.ndarray:

@@ -76,7 +76,7 @@ def draw_words() -> None:
     else:
         hint = what if context.space_data.overlay.show_overlays else None
     if hint:
-        _write(f"Relume: {hint}", region.width / 2, MARGIN_POINTS * _scale())
+        write(f"Relume: {hint}", region.width / 2, MARGIN_POINTS * _scale())
 
 
 def wake() -> None:
@@ -173,11 +173,12 @@ def _draw_split(what: Show) -> None:
         batch.draw(line)
         gpu.state.blend_set(blend)
     gap = MARGIN_POINTS * _scale()
-    _write(left, what.split - 2.5 * gap, bottom + gap)
-    _write(right, what.split + 2.5 * gap, bottom + gap)
+    write(left, what.split - 2.5 * gap, bottom + gap)
+    write(right, what.split + 2.5 * gap, bottom + gap)
 
 
-def _write(text: str, center: float, bottom: float) -> None:
+def write(text: str, center: float, bottom: float) -> None:
+    """Words over everything, around a place in pixels of the region that is drawn."""
     font = 0
     blf.size(font, WORDS_POINTS * _scale())
     blf.color(font, 1.0, 1.0, 1.0, 0.9)

@@ -50,7 +50,7 @@ def draw(context: bpy.types.Context, what: Show, scale: float) -> None:
     blend = gpu.state.blend_get()
     gpu.state.blend_set("ALPHA")
     for radius, paint in ((RADIUS_POINTS + 1.0, np.broadcast_to(SHADE, colors.shape)), (RADIUS_POINTS, colors)):
-        _rings(places[seen], radius * scale, paint)
+        rings(places[seen], radius * scale, paint)
     gpu.state.blend_set(blend)
 
 
@@ -58,7 +58,7 @@ def draw_nothing() -> None:
     """Compiles what `draw` needs."""
     blend = gpu.state.blend_get()
     gpu.state.blend_set("ALPHA")
-    _rings(np.full((1, 2), -100.0), RADIUS_POINTS, np.zeros((1, 4), np.float32))
+    rings(np.full((1, 2), -100.0), RADIUS_POINTS, np.zeros((1, 4), np.float32))
     gpu.state.blend_set(blend)
 
 
@@ -70,10 +70,11 @@ def _color(context: bpy.types.Context, light: bpy.types.Object) -> tuple[float, 
     return (*(theme.object_active if active else theme.object_selected)[:3], 1.0)
 
 
-def _rings(places: np.ndarray, radius: float, colors: np.ndarray) -> None:
-    angles = np.linspace(0.0, 2.0 * np.pi, CORNERS + 1)
-    corners = radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    ends = np.stack([corners[:-1], corners[1:]], axis=1).reshape(-1, 2)
+def rings(places: np.ndarray, radius: float, colors: np.ndarray, corners: int = CORNERS) -> None:
+    """Draws thin rings around pixels [rings, 2], in colours [rings, 4]; blending is up to the caller."""
+    angles = np.linspace(0.0, 2.0 * np.pi, corners + 1)
+    outline = radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    ends = np.stack([outline[:-1], outline[1:]], axis=1).reshape(-1, 2)
     points = np.zeros((len(places), len(ends), 3), np.float32)
     points[..., :2] = places[:, None] + ends
     shader = gpu.shader.from_builtin("FLAT_COLOR")

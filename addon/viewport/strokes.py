@@ -13,14 +13,18 @@ import numpy as np
 from gpu_extras.batch import batch_for_shader
 
 from ..core import coverage
-from ..core.strokes import FARTHEST, Meaning, Stroke
-from . import camera_frame
+from ..core.strokes import FARTHEST, KEEP, Meaning, Stroke
+from . import camera_frame, light_marks
 from .camera_frame import Rectangle
 
 HEIGHT = 270
 """Of the picture of the strokes, in pixels."""
+BRUSH_CORNERS = 64
 WIDEST = 4.0
 """Aspect from which on that picture does not get any wider."""
+
+OUTSIDE = Rectangle(-9.0, -9.0, -8.0, -8.0)
+"""Where nothing is seen."""
 
 _live: tuple[int, Stroke] | None = None
 """The movement that is being made, and its scene."""
@@ -32,6 +36,11 @@ def set_live(scene: bpy.types.Scene, stroke: Stroke | None) -> None:
     """Shows a movement before it is kept."""
     global _live
     _live = None if stroke is None else (scene.session_uid, stroke)
+
+
+def is_painting(scene: bpy.types.Scene) -> bool:
+    """Whether a movement is being made."""
+    return _live is not None and _live[0] == scene.session_uid
 
 
 def place_of(frame: Rectangle, x: float, y: float) -> tuple[float, float]:
@@ -47,7 +56,7 @@ def draw(
     rectangles: Iterable[tuple[Meaning, tuple[float, float, float, float]]],
 ) -> None:
     """Draws into the region of a 3D view, which is bound."""
-    if _live is not None and _live[0] == scene.session_uid:
+    if _live is not None and is_painting(scene):
         strokes = (*strokes, _live[1])
     blend = gpu.state.blend_get()
     if strokes:
@@ -56,6 +65,35 @@ def draw(
     gpu.state.blend_set("ALPHA")
     for meaning, rectangle in rectangles:
         _draw_outline(frame, rectangle, (*coverage.display_color(meaning), 1.0))
+    gpu.state.blend_set(blend)
+
+
+def draw_brush(place: tuple[float, float], radius: float, meaning: Meaning, scale: float) -> None:
+    """Draws the brush's rim: light and dark, to be seen on any picture, and in the colour of what it means."""
+    color = (*coverage.display_color(meaning), 1.0)
+    blend = gpu.state.blend_get()
+    gpu.state.blend_set("ALPHA")
+    for inset, paint in ((-1.0, light_marks.SHADE), (0.0, light_marks.PLAIN), (1.0, color), (2.0, color)):
+        shrunk = max(radius - inset * scale, 1.0)
+        light_marks.rings(np.array([place]), shrunk, np.array([paint], np.float32), BRUSH_CORNERS)
+    gpu.state.blend_set(blend)
+
+
+def draw_no_strokes() -> None:
+    """Compiles what drawing strokes needs."""
+    point = Stroke(Meaning(KEEP), 1.0, 1.0, ((0.5, 0.5, 1.0),))
+    blend = gpu.state.blend_get()
+    gpu.state.blend_set("ALPHA_PREMULT")
+    # Drivers compile anew for edges that are powers of two.
+    _draw_picture(OUTSIDE, _texture_of((point,), (3, 3)))
+    gpu.state.blend_set(blend)
+
+
+def draw_no_rectangles() -> None:
+    """Compiles what drawing rectangles needs."""
+    blend = gpu.state.blend_get()
+    gpu.state.blend_set("ALPHA")
+    _draw_outline(OUTSIDE, (0.0, 0.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.0))
     gpu.state.blend_set(blend)
 
 
@@ -78,10 +116,14 @@ def _picture(strokes: tuple[Stroke, ...], frame: Rectangle) -> Any:
     global _texture
     size = (round(HEIGHT * min(frame.width / frame.height, WIDEST)), HEIGHT)
     if _texture is None or _texture[0] != (strokes, size):
-        pixels = np.ascontiguousarray(coverage.painted(strokes, size)[::-1]).reshape(-1)
-        buffer = gpu.types.Buffer("FLOAT", pixels.size, pixels)
-        _texture = (strokes, size), gpu.types.GPUTexture(size, format="RGBA16F", data=buffer)
+        _texture = (strokes, size), _texture_of(strokes, size)
     return _texture[1]
+
+
+def _texture_of(strokes: tuple[Stroke, ...], size: tuple[int, int]) -> Any:
+    pixels = np.ascontiguousarray(coverage.painted(strokes, size)[::-1]).reshape(-1)
+    buffer = gpu.types.Buffer("FLOAT", pixels.size, pixels)
+    return gpu.types.GPUTexture(size, format="RGBA16F", data=buffer)
 
 
 def _draw_picture(frame: Rectangle, texture: Any) -> None:

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 
-from . import light_marks, overlay
+from . import light_marks, overlay, strokes
 from .camera_frame import Rectangle
 from .view_table import View
 from .views import redraw
@@ -53,7 +53,7 @@ def reset() -> None:
     global _is_wanted
     _is_wanted = False
     _picture_pieces[:] = [partial(_draw_nothing, edge=edge) for edge in (NOTHING, 2 * NOTHING)]
-    _word_pieces[:] = [light_marks.draw_nothing]
+    _word_pieces[:] = [light_marks.draw_nothing, strokes.draw_no_strokes, strokes.draw_no_rectangles]
     if bpy.app.timers.is_registered(redraw):
         bpy.app.timers.unregister(redraw)
 

@@ -4,6 +4,7 @@ import bpy
 import numpy as np
 from artist import addon
 from painter import Painter
+from screen import write_png
 
 NEEDS = ["cornell_box.blend"]
 SIZE = (256, 256)
@@ -59,8 +60,47 @@ def outside_the_camera(driver, artist):
     yield from driver.look_through_camera()
 
 
+def look_at_target(driver, artist):
+    """Reads the target and shows it beside the picture."""
+    target = addon("ui.target")
+    yield from driver.until(lambda: target.reading_of(artist.scene).is_done, "the target is read", 60)
+    yield from driver.drawn()
+    return target.reading_of(artist.scene)
+
+
+def large_targets(driver, artist):
+    """Pictures of as many pixels as 3840 x 2160, in a file or painted in Blender, are read while the window goes on."""
+    file, small = driver.scratch / "painting.png", driver.scratch / "small.png"
+    pixels = np.random.default_rng(1).integers(1, 255, (360, 360, 3), np.uint8)
+    write_png(file, pixels.repeat(8, axis=0).repeat(8, axis=1))
+    write_png(small, pixels)
+    bpy.data.images.load(str(small))  # Blender itself needs 0.1 s for the first file that it sees.
+    painted = bpy.data.images.new("Painted", 2880, 2880)
+    painted.pixels.foreach_set(np.full(2880 * 2880 * 4, 0.5, np.float32))
+    yield from driver.wait(0.2)
+    with driver.step("large target from a file"):
+        with driver.within("UI"):
+            bpy.ops.relume.load_target(filepath=str(file))
+        found = yield from look_at_target(driver, artist)
+        driver.check(found.found and "as this scene displays it" in found.found.words, f"it is read: {found.error}")
+        driver.check(not artist.settings.target.has_data, "this Blender has not opened it")
+    with driver.step("compare with a large target"):
+        with driver.within("UI"):
+            bpy.ops.relume.show_target()
+        yield from driver.until(lambda: addon("viewport.compare").pair_of(artist.scene), "the comparison")
+        yield from driver.drawn()
+        driver.photo("target")
+        with driver.within("UI"):
+            bpy.ops.relume.stop_comparing()
+    with driver.step("large target painted in Blender"):
+        artist.settings.target = painted
+        found = yield from look_at_target(driver, artist)
+        driver.check(found.found is not None, f"it is read: {found.error}")
+    artist.settings.target = None
+
+
 def paste_nothing(driver):
-    """An empty clipboard is said, and Blender's areas stay what they are."""
+    """No picture is said, and Blender's areas stay what they are. Under X11 Blender takes none from the clipboard."""
     kinds = [area.type for area in driver.window.screen.areas]
     driver.expect_error("The clipboard holds no picture")
     with driver.within("UI"):
@@ -87,6 +127,7 @@ def play(driver):
         yield from outside_the_camera(driver, artist)
     with driver.step("paste"):
         yield from paste_nothing(driver)
+    yield from large_targets(driver, artist)
     floor = (0.2, 0.82, 0.8, 0.88)
     lights, before = artist.values(), artist.brightness(*floor)
     with driver.step("cancel"):
@@ -110,7 +151,6 @@ def play(driver):
         yield from driver.wait(1)
         yield from driver.drawn()
         driver.photo("solved")
-        artist.settings.show_strokes = False
     with driver.step("compare"):
         for mode in ("A", "B", "DIFFERENCE", "WIPE"):
             artist.scene.relume_view.compare = mode
@@ -123,6 +163,7 @@ def play(driver):
         driver.photo("applied")
         driver.check(artist.values() != lights, "the lights are what was solved")
         driver.check("Relume" in bpy.data.collections, "the new light has a collection of its own")
+        driver.check(not artist.strokes, "strokes are done with")
         stops = float(np.log2(artist.brightness(*floor) / before))
         driver.record("asked for one stop, reached in the picture", stops, "stops")
         driver.check(stops > 0.5, f"the floor is brighter: {stops:.2f} stops")
@@ -130,6 +171,7 @@ def play(driver):
         yield from artist.undo()
         yield from artist.until_settled()
         driver.check(artist.values() == lights, "one undo puts the lights back")
+        driver.check(len(artist.strokes) == 2, "and the strokes")
         driver.check([it.name for it in artist.scene.relume_looks.items] == ["Before", "Solve 1"], "the looks stay")
     with driver.step("leave"):
         yield from driver.move_mouse(*artist.at(0.5, 0.5))
