@@ -23,6 +23,6 @@ fn backward(
 ) {
     let task = task_of(arguments, group.x + group.y * groups.x, false);
     if task.first != NOTHING {
-        backward_chain(arguments.batch, arguments.length, task, local);
+        backward_chain(arguments, arguments.length, task, local);
     }
 }

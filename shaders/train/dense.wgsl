@@ -1,4 +1,4 @@
-// use: train/product
+// use: train/values
 // Dense layers forwards, and backwards to their inputs, for the columns of a workgroup.
 
 @group(0) @binding(2) var<storage, read> params: array<vec4f>;
@@ -35,47 +35,53 @@ fn task_of(chains: Chains, group: u32, forwards: bool) -> Task {
 /// Rows from `row` on of a layer's weights times its input.
 fn product(layer: Layer, batch: Batch, row: u32, column: u32, local: u32) -> mat4x4f {
     let width = columns(batch, layer.space);
-    var sum = mat4x4f();
+    let own_row = row + local / 4u;
+    let own_column = column + local % QUADS * 4u;
+    var sum = Sum();
     for (var start = 0u; start < layer.inputs; start += SLAB) {
-        let own_row = row + local / 4u;
-        let at = start + local % 4u * 4u;
-        var values = vec4f();
-        if own_row < layer.outputs && at < layer.stride {
-            values = params[(layer.weights + own_row * layer.stride + at) / 4u];
+        for (var part = 0u; part < SLAB_PARTS; part += 1u) {
+            let at = start + part * 16u + local % 4u * 4u;
+            var values = vec4f();
+            if own_row < layer.outputs && at < layer.stride {
+                values = params[(layer.weights + own_row * layer.stride + at) / 4u];
+            }
+            spread_left(local, part, values);
+            let depth = start + part * 16u + local / QUADS;
+            values = vec4f();
+            if depth < layer.inputs && own_column < width {
+                values = input_four(layer, batch, depth, own_column);
+            }
+            put_right(local, part, values);
         }
-        put_left(local, values);
-        let own_column = column + local % QUADS * 4u;
-        values = vec4f();
-        if start + local / QUADS < layer.inputs && own_column < width {
-            values = input_four(layer, batch, start + local / QUADS, own_column);
-        }
-        right[local / QUADS * PITCH + local % QUADS] = values;
         sum = add_slabs(sum, local);
     }
-    return sum;
+    return values_of(sum, local);
 }
 
 /// Rows from `row` on of a layer's weights, turned, times the gradient by its product.
-fn turned_product(layer: Layer, batch: Batch, row: u32, column: u32, local: u32) -> mat4x4f {
+fn turned_product(layer: Layer, batch: Batch, scale: f32, row: u32, column: u32, local: u32) -> mat4x4f {
     let stride = row_stride(batch, layer.space);
     let width = columns(batch, layer.space);
     let own_row = row + local % QUADS * 4u;
     let own_column = column + local % QUADS * 4u;
-    let slab_at = local / QUADS * PITCH + local % QUADS;
-    var sum = mat4x4f();
+    var sum = Sum();
     for (var start = 0u; start < layer.outputs; start += SLAB) {
-        let depth = start + local / QUADS;
-        left[slab_at] = vec4f();
-        right[slab_at] = vec4f();
-        if depth < layer.outputs && own_row < layer.stride {
-            left[slab_at] = params[(layer.weights + depth * layer.stride + own_row) / 4u];
-        }
-        if depth < layer.outputs && own_column < width {
-            right[slab_at] = activations[(layer.d_product + depth * stride + own_column) / 4u];
+        for (var part = 0u; part < SLAB_PARTS; part += 1u) {
+            let depth = start + part * 16u + local / QUADS;
+            var weights = vec4f();
+            var d = vec4f();
+            if depth < layer.outputs && own_row < layer.stride {
+                weights = params[(layer.weights + depth * layer.stride + own_row) / 4u];
+            }
+            if depth < layer.outputs && own_column < width {
+                d = scale * activations[(layer.d_product + depth * stride + own_column) / 4u];
+            }
+            put_left(local, part, weights);
+            put_right(local, part, d);
         }
         sum = add_slabs(sum, local);
     }
-    return sum;
+    return (1.0 / scale) * values_of(sum, local);
 }
 
 /// Value of a row of the modulations for the tile of a sample.
@@ -140,19 +146,14 @@ fn forward_chain(batch: Batch, length: u32, task: Task, local: u32) {
     }
 }
 
-/// Sums of the gradients by scale and shift over four columns, for 64 rows of 16 fours.
-var<workgroup> scale_sums: array<f32, TILE * QUADS>;
-var<workgroup> shift_sums: array<f32, TILE * QUADS>;
-
-fn backward_tile(layer: Layer, batch: Batch, first_row: u32, first_column: u32, local: u32) {
-    var sum = turned_product(layer, batch, first_row, first_column, local);
+fn backward_tile(layer: Layer, batch: Batch, scale: f32, first_row: u32, first_column: u32, local: u32) {
+    var sum = turned_product(layer, batch, scale, first_row, first_column, local);
     let column = first_column + local % QUADS * 4u;
     let inside = column < columns(batch, layer.space);
     let modulated = layer.before == BEFORE_MODULATED || layer.before == BEFORE_TRUNK;
     for (var i = 0u; i < 4u; i += 1u) {
         let row = first_row + local / QUADS * 4u + i;
-        var scale_sum = 0.0;
-        var shift_sum = 0.0;
+        var sums = vec2f();
         if inside && row < layer.inputs {
             let at = row * row_stride(batch, layer.space) + column;
             var d = sum[i];
@@ -164,24 +165,23 @@ fn backward_tile(layer: Layer, batch: Batch, first_row: u32, first_column: u32, 
                 if layer.before == BEFORE_TRUNK {
                     before = trunk_place(batch, layer.before_product, row, column);
                 }
-                scale_sum = dot(d, activations[before]);
-                shift_sum = dot(d, vec4f(1.0));
+                sums = vec2f(dot(d, activations[before]), dot(d, vec4f(1.0)));
             }
             if layer.before == BEFORE_MODULATED {
                 d *= 1.0 + light_value(batch, layer.before_modulation, row, column);
             }
             activations[(layer.d_input + at) / 4u] = d;
         }
-        scale_sums[(local / QUADS * 4u + i) * QUADS + local % QUADS] = scale_sum;
-        shift_sums[(local / QUADS * 4u + i) * QUADS + local % QUADS] = shift_sum;
+        keep((local / QUADS * 4u + i) * QUADS + local % QUADS, sums);
     }
     workgroupBarrier();
     if modulated {
         sum_modulations(layer, batch, first_row, first_column / LANES, local);
     }
+    workgroupBarrier();
 }
 
-/// Gradients by the modulation of the layer before: two tiles of eight fours for each of the rows, each added up by a thread.
+/// Gradients by scale and shift of the layer before: two tiles of eight fours for each of 64 rows, each added up by a thread.
 fn sum_modulations(layer: Layer, batch: Batch, first_row: u32, first_light: u32, local: u32) {
     let row = first_row + local % TILE;
     let tile = local / TILE % 2u;
@@ -191,8 +191,7 @@ fn sum_modulations(layer: Layer, batch: Batch, first_row: u32, first_light: u32,
     }
     var total = vec2f();
     for (var i = 0u; i < LANES / 4u; i += 1u) {
-        let place = local % TILE * QUADS + tile * (LANES / 4u) + i;
-        total += vec2f(scale_sums[place], shift_sums[place]);
+        total += kept(local % TILE * QUADS + tile * (LANES / 4u) + i);
     }
     let to = layer.before_d_modulation + row * row_stride(batch, LIGHTS) + light;
     let shifts = layer.inputs * row_stride(batch, LIGHTS);
@@ -201,12 +200,12 @@ fn sum_modulations(layer: Layer, batch: Batch, first_row: u32, first_light: u32,
 }
 
 /// The last layer first; those whose gradient by the input nobody needs do nothing.
-fn backward_chain(batch: Batch, length: u32, task: Task, local: u32) {
+fn backward_chain(chains: Chains, length: u32, task: Task, local: u32) {
     for (var i = 1u; i <= length; i += 1u) {
         let layer = layers[task.first + length - i];
         for (var row = task.row; row < min(task.end, layer.inputs); row += TILE) {
             if layer.d_input != NOTHING {
-                backward_tile(layer, batch, row, task.column, local);
+                backward_tile(layer, chains.batch, chains.scale, row, task.column, local);
             }
         }
         storageBarrier();

@@ -62,4 +62,6 @@ struct Chains {
     length: u32,
     pitch: u32,
     count: u32,
+    /// Factor on gradients while they are multiplied, a power of two: 16 bits hold no smaller numbers than 6e-8.
+    scale: f32,
 }

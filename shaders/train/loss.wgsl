@@ -43,7 +43,7 @@ fn samples(
         forward_chain(chain.batch, chain.length, task, local);
         loss_of(group, local);
         storageBarrier();
-        backward_chain(chain.batch, chain.length + 1u, task, local);
+        backward_chain(chain, chain.length + 1u, task, local);
     }
 }
 

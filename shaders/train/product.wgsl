@@ -1,6 +1,6 @@
 // use: train/layers
 // Products of matrices by tiles: a workgroup computes 64 rows by 64 columns, a thread 4 by 4 of them, from slabs of both factors
-// in workgroup memory.
+// in workgroup memory. `product_matrices.wgsl` has the same names.
 
 @group(0) @binding(0) var<storage, read> layers: array<Layer>;
 @group(0) @binding(1) var<storage, read_write> activations: array<vec4f>;
@@ -16,9 +16,11 @@ const PITCH: u32 = QUADS + 1u;
 var<workgroup> left: array<vec4f, SLAB * PITCH>;
 var<workgroup> right: array<vec4f, SLAB * PITCH>;
 
-/// Adds the product of both slabs, once all threads have filled them; after it they may be filled again. Columns of the
-/// sum are a thread's rows, their values its columns.
-fn add_slabs(start: mat4x4f, local: u32) -> mat4x4f {
+/// A thread's share of a product: columns of the matrix are its rows.
+alias Sum = mat4x4f;
+
+/// Adds the product of both slabs, once all threads have filled them; after it they may be filled again.
+fn add_slabs(start: Sum, local: u32) -> Sum {
     workgroupBarrier();
     let ty = local / QUADS;
     let tx = local % QUADS;
@@ -35,31 +37,39 @@ fn add_slabs(start: mat4x4f, local: u32) -> mat4x4f {
     return sum;
 }
 
-/// Spreads four values of a row or column, four of its depth, over a slab.
-fn put_left(local: u32, values: vec4f) {
+/// A thread's 4 by 4 of a finished product.
+fn values_of(sum: Sum, local: u32) -> mat4x4f {
+    return sum;
+}
+
+/// Puts four values of a row or column, four of its depth, into part `part` of a slab, of which there is one.
+fn spread_left(local: u32, part: u32, values: vec4f) {
     for (var i = 0u; i < 4u; i += 1u) {
         left[(local % 4u * 4u + i) * PITCH + local / 16u][local / 4u % 4u] = values[i];
     }
 }
 
-fn put_right(local: u32, values: vec4f) {
+fn spread_right(local: u32, part: u32, values: vec4f) {
     for (var i = 0u; i < 4u; i += 1u) {
         right[(local % 4u * 4u + i) * PITCH + local / 16u][local / 4u % 4u] = values[i];
     }
 }
 
-fn value_at(place: u32) -> f32 {
-    return activations[place / 4u][place % 4u];
+/// Puts four neighbouring rows or columns of one depth into part `part` of a slab.
+fn put_left(local: u32, part: u32, values: vec4f) {
+    left[local / QUADS * PITCH + local % QUADS] = values;
 }
 
-/// Four columns of a row of a layer's input.
-fn input_four(layer: Layer, batch: Batch, row: u32, column: u32) -> vec4f {
-    if layer.pixel_rows == NOTHING {
-        return activations[(layer.input + row * row_stride(batch, layer.space) + column) / 4u];
-    }
-    if row < layer.pixel_rows {
-        return activations[(layer.input + row * row_stride(batch, PIXELS) + pixel_of(batch, column)) / 4u];
-    }
-    let light_row = row - layer.pixel_rows;
-    return vec4f(value_at(layer.light_rows + light_row * row_stride(batch, LIGHTS) + column / LANES));
+fn put_right(local: u32, part: u32, values: vec4f) {
+    right[local / QUADS * PITCH + local % QUADS] = values;
+}
+
+/// Keeps one of 1,024 pairs until the next product.
+fn keep(place: u32, pair: vec2f) {
+    left[place / 4u][place % 4u] = pair.x;
+    right[place / 4u][place % 4u] = pair.y;
+}
+
+fn kept(place: u32) -> vec2f {
+    return vec2f(left[place / 4u][place % 4u], right[place / 4u][place % 4u]);
 }

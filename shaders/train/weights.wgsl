@@ -1,4 +1,4 @@
-// use: train/product
+// use: train/values
 // Gradients by weights and biases. Columns are cut into pieces, each of which leaves its sum in a vector of its own; what
 // adds those up takes them in order, so that no atomics are needed and the result is always the same.
 
@@ -11,6 +11,8 @@ struct Weights {
     add: u32,
     /// Values of such a piece.
     parameters: u32,
+    /// Factor on gradients while they are multiplied.
+    scale: f32,
 }
 
 /// `[piece][parameter]`
@@ -55,26 +57,28 @@ fn weights(
     let end = min((task.piece + 1u) * arguments.piece, columns(arguments.batch, layer.space));
     let row = task.row + local / 4u;
     let input_row = task.column + local / 4u;
-    var sum = mat4x4f();
+    var sum = Sum();
     var bias = vec4f();
     for (var start = task.piece * arguments.piece; start < end; start += SLAB) {
-        let at = start + local % 4u * 4u;
-        var d = vec4f();
-        if row < layer.outputs && at < end {
-            d = activations[(layer.d_product + row * stride + at) / 4u];
+        for (var part = 0u; part < SLAB_PARTS; part += 1u) {
+            let at = start + part * 16u + local % 4u * 4u;
+            var d = vec4f();
+            if row < layer.outputs && at < end {
+                d = activations[(layer.d_product + row * stride + at) / 4u];
+            }
+            var x = vec4f();
+            if input_row < layer.inputs && at < end {
+                x = input_four(layer, arguments.batch, input_row, at);
+            }
+            bias += d;
+            spread_left(local, part, arguments.scale * d);
+            spread_right(local, part, x);
         }
-        var x = vec4f();
-        if input_row < layer.inputs && at < end {
-            x = input_four(layer, arguments.batch, input_row, at);
-        }
-        bias += d;
-        put_left(local, d);
-        put_right(local, x);
         sum = add_slabs(sum, local);
     }
-    add_tile(layer, task, local, sum);
+    add_tile(layer, task, local, (1.0 / arguments.scale) * values_of(sum, local));
     if task.column == 0u && layer.bias != NOTHING {
-        left[local] = bias;
+        keep(local, vec2f(dot(bias, vec4f(1.0)), 0.0));
         workgroupBarrier();
         add_bias(layer, task, local);
     }
@@ -100,9 +104,9 @@ fn add_tile(layer: Layer, task: Task, local: u32, sum: mat4x4f) {
 fn add_bias(layer: Layer, task: Task, local: u32) {
     let row = task.row + local;
     if local < TILE && row < layer.outputs {
-        let sum = (left[4u * local] + left[4u * local + 1u]) + (left[4u * local + 2u] + left[4u * local + 3u]);
+        let sum = kept(4u * local) + kept(4u * local + 1u) + kept(4u * local + 2u) + kept(4u * local + 3u);
         let to = task.piece * arguments.parameters + layer.bias + row;
         let before = select(0.0, sums[to / 4u][to % 4u], arguments.add != 0u);
-        sums[to / 4u][to % 4u] = before + dot(sum, vec4f(1.0));
+        sums[to / 4u][to % 4u] = before + sum.x;
     }
 }

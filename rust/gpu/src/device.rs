@@ -50,6 +50,8 @@ pub struct Limits {
     pub float_atomics: bool,
     /// 16x16 matrices of 16-bit floats that a subgroup multiplies at once.
     pub matrices: bool,
+    /// The same with sums of 32 bits.
+    pub matrices_with_wide_sums: bool,
     /// Times on the device.
     pub timestamps: bool,
 }
@@ -238,11 +240,14 @@ fn wanted_features() -> wgpu::Features {
 fn limits(adapter: &wgpu::Adapter, features: wgpu::Features) -> Limits {
     let (limits, info) = (adapter.limits(), adapter.get_info());
     let subgroup = (info.subgroup_min_size, info.subgroup_max_size);
-    let is_half_16 = |matrix: &wgpu::CooperativeMatrixProperties| {
-        let half = wgpu::CooperativeScalarType::F16;
-        (matrix.m_size, matrix.n_size, matrix.k_size) == (16, 16, 16)
-            && matrix.ab_type == half
-            && matrix.cr_type == half
+    let half = wgpu::CooperativeScalarType::F16;
+    let has_matrices = |sums: wgpu::CooperativeScalarType| {
+        let properties = adapter.cooperative_matrix_properties();
+        let fits = |matrix: &wgpu::CooperativeMatrixProperties| {
+            (matrix.m_size, matrix.n_size, matrix.k_size) == (16, 16, 16)
+                && (matrix.ab_type, matrix.cr_type) == (half, sums)
+        };
+        features.contains(wgpu::Features::EXPERIMENTAL_COOPERATIVE_MATRIX) && properties.iter().any(fits)
     };
     Limits {
         buffer: limits.max_buffer_size.min(limits.max_storage_buffer_binding_size),
@@ -252,8 +257,8 @@ fn limits(adapter: &wgpu::Adapter, features: wgpu::Features) -> Limits {
         subgroup: features.contains(wgpu::Features::SUBGROUP).then_some(subgroup),
         f16: features.contains(wgpu::Features::SHADER_F16),
         float_atomics: features.contains(wgpu::Features::SHADER_FLOAT32_ATOMIC),
-        matrices: features.contains(wgpu::Features::EXPERIMENTAL_COOPERATIVE_MATRIX)
-            && adapter.cooperative_matrix_properties().iter().any(is_half_16),
+        matrices: has_matrices(half),
+        matrices_with_wide_sums: has_matrices(wgpu::CooperativeScalarType::F32),
         timestamps: features.contains(wgpu::Features::TIMESTAMP_QUERY),
     }
 }

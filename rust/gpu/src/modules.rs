@@ -3,6 +3,7 @@
 //! ```text
 //! // use: common/packing           the declarations of another file
 //! // constant: LIGHTS 8            a `const LIGHTS: u32` that whoever makes the kernel may set; 8 if not
+//! // choose: LARGE a/small a/large  the declarations of one of some files: of the first if the constant is 0
 //! ```
 //!
 //! `enable` directives move to the top of what is put together.
@@ -52,11 +53,13 @@ files![
     "train/optimise",
     "train/parameters",
     "train/product",
+    "train/product_matrices",
     "train/reduce",
     "train/scatter",
     "train/slots",
     "train/store",
     "train/targets",
+    "train/values",
     "train/weights",
 ];
 
@@ -67,7 +70,7 @@ files![
 pub fn compose(name: &str, constants: &[(&str, u32)]) -> Result<String, GpuError> {
     let fail = |reason: String| GpuError::Shader { module: name.to_owned(), reason };
     let mut files = Vec::new();
-    collect(name, &mut files).map_err(fail)?;
+    collect(name, constants, &mut files).map_err(fail)?;
     let mut declared = Vec::new();
     for (_, text) in &files {
         for line in directives(text, "constant") {
@@ -101,14 +104,25 @@ pub fn compose(name: &str, constants: &[(&str, u32)]) -> Result<String, GpuError
 }
 
 /// A file and all that it uses, each once, what is used first.
-fn collect(name: &str, files: &mut Vec<(&'static str, &'static str)>) -> Result<(), String> {
+fn collect(
+    name: &str,
+    constants: &[(&str, u32)],
+    files: &mut Vec<(&'static str, &'static str)>,
+) -> Result<(), String> {
     if files.iter().any(|(known, _)| *known == name) {
         return Ok(());
     }
     let file = FILES.iter().find(|(known, _)| *known == name);
     let &(name, text) = file.ok_or_else(|| format!("there is no file {name}.wgsl"))?;
+    for line in directives(text, "choose") {
+        let mut words = line.split(' ');
+        let constant = words.next();
+        let set = constants.iter().find(|(name, _)| Some(*name) == constant).map_or(0, |(_, value)| *value);
+        let chosen = words.nth(set as usize).ok_or_else(|| format!("'{line}' has no choice {set}"))?;
+        collect(chosen, constants, files)?;
+    }
     for used in directives(text, "use") {
-        collect(used, files)?;
+        collect(used, constants, files)?;
     }
     files.push((name, text));
     Ok(())

@@ -143,13 +143,26 @@ fn a_device_has_a_measurable_peak() {
     assert!((1e6..1e15).contains(&peak), "{peak}");
 }
 
+#[test]
+fn a_constant_chooses_between_files() {
+    let text = |constants: &[_]| modules::compose("train/weights", constants);
+    assert!(!text(&[]).unwrap().contains("coopLoad"));
+    assert!(text(&[("MATRICES", 1)]).unwrap().contains("coopLoad"));
+    let error = text(&[("MATRICES", 2)]).unwrap_err().to_string();
+    assert!(error.contains("MATRICES") && error.contains("has no choice 2"), "{error}");
+}
+
 /// Software drivers have no cooperative matrices, and the compiler was seen to give up on such modules only when it writes them.
 #[test]
 fn every_entry_point_can_be_written_as_spirv() {
     let capabilities = naga::valid::Capabilities::all();
     let mut entries = 0;
-    for (name, _) in modules::FILES {
-        let module = modules::validate(name, &[]).unwrap();
+    let by_matrices = ["train/chains", "train/loss", "train/weights"].map(|name| (name, [("MATRICES", 1)]));
+    let of_files = modules::FILES.iter().map(|(name, _)| (*name, &[][..]));
+    for (name, constants) in
+        of_files.chain(by_matrices.iter().map(|(name, constants)| (*name, &constants[..])))
+    {
+        let module = modules::validate(name, constants).unwrap_or_else(|error| panic!("{error}"));
         let mut validator = naga::valid::Validator::new(naga::valid::ValidationFlags::all(), capabilities);
         let info = validator.validate(&module).unwrap();
         for entry in &module.entry_points {

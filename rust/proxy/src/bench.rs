@@ -79,7 +79,8 @@ pub fn device(gpu: &Arc<Gpu>) -> Result<Vec<Record>, ProxyError> {
     let peak = gpu.peak_multiply_adds()?;
     let mut records = Vec::new();
     for (name, network, _) in networks() {
-        records.extend(measure_device(gpu, peak, name, network, size)?);
+        records.extend(measure_device(gpu, peak, name, network.clone(), size)?);
+        records.extend(measure_training(gpu, peak, name, network, size)?);
     }
     Ok(records)
 }
@@ -90,14 +91,8 @@ fn measure_device(
     name: &str,
     network: NetworkConfig,
     [width, height]: [usize; 2],
-) -> Result<[Record; 4], ProxyError> {
-    let features = Arc::new(SyntheticRoom::new(width, height).features());
-    let config = TrainConfig {
-        muon: matches!(network, NetworkConfig::Fast { .. }),
-        network,
-        ..TrainConfig::fast(SizeRange { min: 0.1, max: 0.5 })
-    };
-    let trainer = Trainer::new(features, LightKind::Sphere, config, 1)?;
+) -> Result<[Record; 3], ProxyError> {
+    let trainer = device_trainer(network, [width, height])?;
     let on_device = GpuProxy::new(Arc::clone(gpu), &trainer.proxy()?)?;
     let light = LightParams::round(LightKind::Sphere, glam::Vec3::new(0.3, -0.5, 1.0), 0.2);
     let count = width * height;
@@ -111,9 +106,6 @@ fn measure_device(
     let pixels: Vec<u32> =
         (0..count / STEP_SHARE).map(|i| (i as u32).wrapping_mul(0x9e37_79b1) % count as u32).collect();
     let step = best_of_rounds(|| comparison.gradient(&[(light, [1.0; 3])], &pixels).map(drop))?;
-    let samples = if gpu.summary().software { 1024 } else { TRAINING_BATCH };
-    let train_cost = (samples * trainer.multiply_adds().0) as f64;
-    let training = trainer.seconds_on_gpu(gpu, &SyntheticRoom::new(width, height), samples, ROUNDS)?;
     let record = |task: &str, seconds: f64, cost: f64| Record {
         name: format!("{task} {name}, {width} x {height}"),
         value: 1e3 * seconds,
@@ -130,9 +122,44 @@ fn measure_device(
         record("unit image with read-back", image, cost),
         // Forward, forward again and backward.
         record("light step on 5 % of the pixels", step, 3.0 * cost / STEP_SHARE as f64),
-        // Backward costs a product for the inputs and one for the weights.
-        record(&format!("training step of {samples} samples"), training, 3.0 * train_cost),
     ])
+}
+
+fn device_trainer(network: NetworkConfig, [width, height]: [usize; 2]) -> Result<Trainer, ProxyError> {
+    let config = TrainConfig {
+        muon: matches!(network, NetworkConfig::Fast { .. }),
+        network,
+        ..TrainConfig::fast(SizeRange { min: 0.1, max: 0.5 })
+    };
+    Trainer::new(Arc::new(SyntheticRoom::new(width, height).features()), LightKind::Sphere, config, 1)
+}
+
+/// Steps of training in 32 bits, and by matrices of 16-bit floats where the device has them. The limit is that of 32 bits.
+fn measure_training(
+    gpu: &Arc<Gpu>,
+    peak: f64,
+    name: &str,
+    network: NetworkConfig,
+    [width, height]: [usize; 2],
+) -> Result<Vec<Record>, ProxyError> {
+    let samples = if gpu.summary().software { 1024 } else { TRAINING_BATCH };
+    let mut records = Vec::new();
+    for (by, matrices) in [("", false), (" by matrices", true)] {
+        let trainer = device_trainer(network.clone(), [width, height])?;
+        // Backward costs a product for the inputs and one for the weights.
+        let limit = 3.0 * (samples * trainer.multiply_adds().0) as f64 / peak;
+        let room = SyntheticRoom::new(width, height);
+        if let Some(seconds) = trainer.seconds_on_gpu(gpu, &room, (samples, ROUNDS), matrices)? {
+            records.push(Record {
+                name: format!("training step of {samples} samples{by} {name}, {width} x {height}"),
+                value: 1e3 * seconds,
+                unit: "ms",
+                limit: 1e3 * limit,
+                share_of_limit: limit / seconds,
+            });
+        }
+    }
+    Ok(records)
 }
 
 /// Seconds of a call on the clock on the wall; the first is for drivers that compile on first use.

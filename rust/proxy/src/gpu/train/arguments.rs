@@ -1,4 +1,4 @@
-//! Arguments of the kernels: twins of the structs of the same names in `shaders/proxy/train_*.wgsl`, which tell what the
+//! Arguments of the kernels: twins of the structs of the same names in `shaders/train/*.wgsl`, which tell what the
 //! fields are.
 
 use bytemuck::{NoUninit, Pod, Zeroable};
@@ -17,9 +17,9 @@ arguments! {
         batch: Batch, first_draw: u32, pixels: u32, lights: u32, factors: u32, values: u32, known: u32, light_inputs: u32,
         levels: u32, features: u32, width: u32, height: u32,
     }
-    Chains { batch: Batch, first: u32, length: u32, pitch: u32, count: u32 }
+    Chains { batch: Batch, first: u32, length: u32, pitch: u32, count: u32, scale: f32 }
     Loss { chain: Chains, first_draw: u32, factors: u32, weight: f32, first_sum: u32 }
-    Weights { batch: Batch, layers: u32, piece: u32, add: u32, parameters: u32 }
+    Weights { batch: Batch, layers: u32, piece: u32, add: u32, parameters: u32, scale: f32 }
     Slots { batch: Batch, samples: u32, pixels: u32, rows: u32, modulation: u32 }
     Scatter {
         batch: Batch, first_draw: u32, d_pixels: u32, levels: u32, features: u32, width: u32, height: u32, grid: u32,

@@ -14,15 +14,20 @@
 //! | | fast 64x2 | reference 256/8 |
 //! | --- | --- | --- |
 //! | products, 6 operations a weight and sample | 1.0 GFLOP, 35 us | 47 GFLOP, 1.6 ms |
+//! | the same by matrices, bound by what tiles read of the cache (16 operations a byte, 5.5 TB/s) | 12 us | 0.5 ms |
 //! | activations, written once and read three times | 0.14 GB, 45 us at most (they fit the cache) | 1.1 GB, 0.35 ms |
 //! | dispatches, each layer on its own, Muon as 17 products | 39, 195 us | 26, 130 us |
-//! | dispatches as they are | 10, 50 us | 23, 115 us |
+//! | dispatches as they are | 10, 50 us | 24, 120 us |
 //!
 //! So dispatches are what a narrow network waits for: up to 128 neurons a layer, a workgroup takes 64 samples through all
 //! layers forwards, the loss, and all layers backwards. Wide networks are bound by products, and their layers have more tiles
-//! than columns alone: they run layer by layer.
+//! than columns alone: they run layer by layer. From 128 neurons on they multiply 16-bit floats by matrices where the device
+//! can ([`matrices`]); factors are rounded on their way into workgroup memory, so that weights have no second copy. Activations
+//! in 16 bits too would save at most half of their time, a sixth of a step of 256/8.
 
 mod arguments;
+mod kernels;
+mod matrices;
 mod optimise;
 mod plan;
 mod steps;
@@ -30,9 +35,10 @@ mod store;
 
 use std::sync::Arc;
 
-use relume_gpu::{Binding, Bound, Buffer, Commands, Gpu, GpuError, Kernel};
+use relume_gpu::{Buffer, Commands, Gpu, GpuError};
 
 use self::arguments::{Batch, Chains, Loss, Progress, Scatter, Weights};
+use self::kernels::Kernels;
 use self::optimise::Optimise;
 use self::plan::{Plan, Shape, Space, TILE};
 pub(crate) use self::steps::DeviceCore;
@@ -63,6 +69,8 @@ pub(crate) struct Demand<'a> {
     pub chunks: usize,
     /// Most chunks that the steps of one [`GpuTraining::run`] draw together.
     pub draws: usize,
+    /// Whether the device may multiply matrices of 16-bit floats, if it can.
+    pub matrices: bool,
 }
 
 /// A step of training: which chunks of the store it takes, and how far it goes.
@@ -104,19 +112,6 @@ struct Buffers {
     activations: Buffer<f32>,
     pieces: Buffer<f32>,
     losses: Buffer<f32>,
-}
-
-#[derive(Debug)]
-struct Kernels {
-    inputs: Bound,
-    forward: Bound,
-    samples: Bound,
-    loss: Bound,
-    backward: Bound,
-    sum_slots: Bound,
-    weights: Bound,
-    scatter: Bound,
-    targets: Kernel,
 }
 
 impl GpuTraining {
@@ -162,7 +157,12 @@ impl GpuTraining {
         let quads = encoding.kind == LightKind::Quad;
         let kernels = Kernels::new(&gpu, &buffers, &store, &optimise, quads)?;
         let batch = Batch { samples: capacity, capacity, slots };
-        Ok(Self { gpu, plan, batch, part: capacity, piece, store, buffers, kernels, optimise })
+        let mut training =
+            Self { gpu, plan, batch, part: capacity, piece, store, buffers, kernels, optimise };
+        if demand.matrices {
+            training.try_matrices(network, config.size)?;
+        }
+        Ok(training)
     }
 
     /// Replaces the chunks from `first` on by those of a batch.
@@ -229,15 +229,16 @@ impl GpuTraining {
     fn record_gradient(&self, commands: &mut Commands<'_>, first_draw: u32, chunks: u32) {
         let samples = chunks * CHUNK as u32;
         let weight = 1.0 / (3.0 * samples as f32);
+        let scale = if self.kernels.products.by_matrices { matrices::gradient_scale(samples) } else { 1.0 };
         let mut losses = 0;
         for start in (0..samples).step_by(self.part as usize) {
             let batch = Batch { samples: self.part.min(samples - start), ..self.batch };
             let draw = first_draw + start / CHUNK as u32;
             self.record_forward(commands, batch, draw);
-            let chain = Chains { batch, ..self.plan.samples };
+            let chain = Chains { batch, scale, ..self.plan.samples };
             let loss = Loss { chain, first_draw: draw, weight, first_sum: losses, ..self.plan.loss };
             self.record_samples(commands, &loss);
-            self.record_backward(commands, batch, draw, start > 0);
+            self.record_backward(commands, (batch, draw), scale, start > 0);
             losses += batch.samples.div_ceil(TILE);
         }
         let batch = Batch { samples: samples.min(self.part), ..self.batch };
@@ -252,31 +253,36 @@ impl GpuTraining {
             + columns(Space::Lights) * inputs.light_inputs
             + columns(Space::Samples);
         commands.run(&kernels.inputs, threads.div_ceil(64), bytemuck::bytes_of(&inputs));
-        plan.forward.iter().for_each(|chains| self.record_layers(commands, batch, chains, true));
+        let chains = |chains: &Chains| Chains { batch, ..*chains };
+        plan.forward.iter().for_each(|own| self.record_layers(commands, &chains(own), true));
     }
 
     /// Layers of samples and the loss, forwards and backwards.
     fn record_samples(&self, commands: &mut Commands<'_>, loss: &Loss) {
-        let batch = loss.chain.batch;
-        let groups = batch.samples.div_ceil(TILE);
+        let groups = loss.chain.batch.samples.div_ceil(TILE);
         if self.plan.chained {
-            return commands.run(&self.kernels.samples, groups, bytemuck::bytes_of(loss));
+            return commands.run(&self.kernels.products.samples, groups, bytemuck::bytes_of(loss));
         }
         let Chains { first, length, .. } = loss.chain;
         let single = |row| Chains { first: row, length: 1, ..loss.chain };
-        (first..first + length).for_each(|row| self.record_layers(commands, batch, &single(row), true));
-        commands.run(&self.kernels.loss, groups, bytemuck::bytes_of(loss));
-        (first..=first + length)
-            .rev()
-            .for_each(|row| self.record_layers(commands, batch, &single(row), false));
+        (first..first + length).for_each(|row| self.record_layers(commands, &single(row), true));
+        commands.run(&self.kernels.products.loss, groups, bytemuck::bytes_of(loss));
+        (first..=first + length).rev().for_each(|row| self.record_layers(commands, &single(row), false));
     }
 
-    fn record_backward(&self, commands: &mut Commands<'_>, batch: Batch, first_draw: u32, add: bool) {
+    fn record_backward(
+        &self,
+        commands: &mut Commands<'_>,
+        (batch, first_draw): (Batch, u32),
+        scale: f32,
+        add: bool,
+    ) {
         let (plan, kernels) = (&self.plan, &self.kernels);
         let pixels = batch.columns(Space::Pixels);
         let slots = arguments::Slots { batch, ..plan.slots };
         commands.run(&kernels.sum_slots, (pixels * slots.rows).div_ceil(64), bytemuck::bytes_of(&slots));
-        plan.backward.iter().for_each(|chains| self.record_layers(commands, batch, chains, false));
+        let chains = |chains: &Chains| Chains { batch, scale, ..*chains };
+        plan.backward.iter().for_each(|own| self.record_layers(commands, &chains(own), false));
         let tiles = |layer: &plan::Layer| {
             let pieces = batch.columns(layer.space()).div_ceil(self.piece);
             layer.outputs.div_ceil(TILE) * layer.inputs.div_ceil(TILE) * pieces
@@ -287,9 +293,10 @@ impl GpuTraining {
             piece: self.piece,
             add: u32::from(add),
             parameters: plan.dense,
+            scale,
         };
         let groups = plan.layers.iter().map(tiles).sum();
-        commands.run(&kernels.weights, groups, bytemuck::bytes_of(&weights));
+        commands.run(&kernels.products.weights, groups, bytemuck::bytes_of(&weights));
         let inputs = &plan.inputs;
         let scatter = Scatter {
             batch,
@@ -304,7 +311,8 @@ impl GpuTraining {
         commands.run(&kernels.scatter, (pixels * inputs.levels).div_ceil(64), bytemuck::bytes_of(&scatter));
     }
 
-    fn record_layers(&self, commands: &mut Commands<'_>, batch: Batch, chains: &Chains, forwards: bool) {
+    fn record_layers(&self, commands: &mut Commands<'_>, chains: &Chains, forwards: bool) {
+        let batch = chains.batch;
         let first_layers = self.plan.layers[chains.first as usize..]
             .iter()
             .step_by(chains.pitch.max(1) as usize)
@@ -317,8 +325,9 @@ impl GpuTraining {
                 tiles * batch.columns(layer.space()).div_ceil(TILE)
             })
             .sum();
-        let kernel = if forwards { &self.kernels.forward } else { &self.kernels.backward };
-        commands.run(kernel, groups, bytemuck::bytes_of(&Chains { batch, ..*chains }));
+        let products = &self.kernels.products;
+        let kernel = if forwards { &products.forward } else { &products.backward };
+        commands.run(kernel, groups, bytemuck::bytes_of(chains));
     }
 
     /// Replaces weights and moments.
@@ -342,42 +351,6 @@ impl GpuTraining {
     /// Lets steps count from zero, and have an effect again after a bad one.
     fn forget_progress(&self) {
         self.optimise.forget_progress(&self.gpu);
-    }
-}
-
-impl Kernels {
-    fn new(
-        gpu: &Gpu,
-        buffers: &Buffers,
-        store: &Store,
-        optimise: &Optimise,
-        quads: bool,
-    ) -> Result<Self, GpuError> {
-        let bind = |stage: &str, entry: &str, bindings: &[Binding<'_>]| {
-            gpu.kernel(&format!("train/{stage}"), entry, &[])?.bind(bindings)
-        };
-        let (draws, layers, levels) = (buffers.draws.whole(), buffers.layers.whole(), buffers.levels.whole());
-        let (activations, scene) = (buffers.activations.whole(), buffers.scene.whole());
-        let (pixels, lights, targets) = (store.pixels.whole(), store.lights.whole(), store.targets.whole());
-        let params = optimise.params.whole();
-        let inputs = [params, levels, scene, draws, pixels, lights, activations];
-        let dense = [layers, activations, params];
-        let loss = [layers, activations, params, draws, lights, targets, buffers.losses.whole()];
-        Ok(Self {
-            inputs: gpu.kernel("train/inputs", "inputs", &[("QUAD", u32::from(quads))])?.bind(&inputs)?,
-            forward: bind("chains", "forward", &dense)?,
-            samples: bind("loss", "samples", &loss)?,
-            loss: bind("loss", "loss", &loss)?,
-            backward: bind("chains", "backward", &dense)?,
-            sum_slots: bind("slots", "sum_slots", &[activations])?,
-            weights: bind("weights", "weights", &[layers, activations, buffers.pieces.whole()])?,
-            scatter: bind(
-                "scatter",
-                "scatter",
-                &[levels, draws, pixels, activations, optimise.grid.whole()],
-            )?,
-            targets: gpu.kernel("train/targets", "store", &[])?,
-        })
     }
 }
 

@@ -1,3 +1,4 @@
+mod matrices;
 mod quotients;
 
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -66,7 +67,7 @@ fn on_device(
     batch: &Samples,
 ) -> GpuTraining {
     let chunks = batch.lights.len() / CHUNK_TILES;
-    let demand = Demand { config, scene: &setup.scene, chunks, draws: 8 * chunks };
+    let demand = Demand { config, scene: &setup.scene, chunks, draws: 8 * chunks, matrices: false };
     let training = GpuTraining::new(gpu(), network, &demand).expect("room on the device");
     let zeros = vec![0.0; params.len()];
     training.upload([params, params, &zeros, &zeros]);
@@ -158,7 +159,7 @@ fn the_largest_networks_have_a_plan() {
     let setup = setup(LightKind::Quad);
     let config = config(NetworkConfig::Reference { width: 2048, layers: 64, grid: tiny_grid() }, 4096, 1);
     let network = ReferenceNetwork::new(2048, 64, &tiny_grid(), setup.size, setup.encoding);
-    let demand = Demand { config: &config, scene: &setup.scene, chunks: 1, draws: 1 };
+    let demand = Demand { config: &config, scene: &setup.scene, chunks: 1, draws: 1, matrices: false };
     let gpu = gpu();
     gpu.set_memory_budget(64 << 20);
     let error = GpuTraining::new(gpu, &network, &demand).expect_err("a gigabyte of weights in 64 MiB");
@@ -243,9 +244,9 @@ fn arguments_mirror_the_shaders() {
     assert_mirror!(Inputs as "train/inputs", "Inputs", {
         batch, first_draw, pixels, lights, factors, values, known, light_inputs, levels, features, width, height,
     });
-    assert_mirror!(Chains as "train/chains", "Chains", { batch, first, length, pitch, count });
+    assert_mirror!(Chains as "train/chains", "Chains", { batch, first, length, pitch, count, scale });
     assert_mirror!(Loss as "train/loss", "Loss", { chain, first_draw, factors, weight, first_sum });
-    assert_mirror!(Weights as "train/weights", "Weights", { batch, layers, piece, add, parameters });
+    assert_mirror!(Weights as "train/weights", "Weights", { batch, layers, piece, add, parameters, scale });
     assert_mirror!(Slots as "train/slots", "Slots", { batch, samples, pixels, rows, modulation });
     assert_mirror!(Scatter as "train/scatter", "Scatter", {
         batch, first_draw, d_pixels, levels, features, width, height, grid,
@@ -493,7 +494,8 @@ fn gathered_blocks_begin_anew_at_the_end_of_the_store() {
     let network = FastNetwork::new(8, 1, &grid, setup.size, setup.encoding);
     let config = config(NetworkConfig::Fast { width: 8, layers: 1, grid }, 4, 8);
     let chunks = BLOCK as usize / CHUNK;
-    let demand = Demand { config: &config, scene: &setup.scene, chunks: 3 * chunks, draws: 1 };
+    let demand =
+        Demand { config: &config, scene: &setup.scene, chunks: 3 * chunks, draws: 1, matrices: false };
     let gpu = gpu();
     let training = GpuTraining::new(Arc::clone(&gpu), &network, &demand).expect("room on the device");
     let room = SyntheticRoom::new(setup.size[0], setup.size[1]);
