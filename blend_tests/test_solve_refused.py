@@ -105,6 +105,7 @@ def test_a_target_that_does_not_fit_is_said(baked, tmp_path):
             read(target.awaited(baked))
         assert says in target.reading_of(baked).error, "the panel says it"
     bpy.ops.relume.clear_target()
+    assert target.reading_of(baked) is None
     with pytest.raises(RuntimeError, match="cannot be opened"):
         bpy.ops.relume.load_target(filepath=str(tmp_path / "none.png"))
     assert baked.relume_solve.target is None

@@ -69,8 +69,8 @@ def look_at(scene: bpy.types.Scene) -> None:
 
 def reading_of(scene: bpy.types.Scene) -> Reading | None:
     """What is known of the scene's target."""
-    kept = _readings.get(scene.session_uid)
-    return kept.reading if kept else None
+    kept, image = _readings.get(scene.session_uid), scene.relume_solve.target
+    return kept.reading if kept and image is not None and kept.key[0] == image.session_uid else None
 
 
 def awaited(scene: bpy.types.Scene) -> Generator[None, None, Read]:
