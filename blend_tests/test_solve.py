@@ -149,10 +149,12 @@ def test_previews_go_to_the_picture_and_never_to_lights(painted):
     before = state_of(painted)
     found, job = begin(painted)
     job.reports.append({"done": 30, "total": 100})
-    job.previews.append({"format": "relume-lights", "version": 1, "lights": []})
+    lights = {"format": "relume-lights", "version": 1, "lights": [{"name": "Key"}, {"name": "New 1"}]}
+    job.previews.append({"lights": lights, "world": [0.5, 0.25, 0.125]})
     assert found.step() and found.progress == (0.3, "Solving, 30 %")
     asked = FakeLive.made[-1].requests[-1]
-    assert asked["interactive"] and asked["lights"]["format"] == "relume-lights" and asked["gains"] == {}
+    assert asked["interactive"] and asked["lights"] == lights and asked["gains"] == {}
+    assert asked["world"] == [0.5, 0.25, 0.125]
     assert state_of(painted) == before
     found.cancel()
     assert job.is_cancelled and solving.running(painted) is None

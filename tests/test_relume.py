@@ -113,7 +113,7 @@ def test_lights_are_solved_from_an_array(bake):
         previews += [preview] if preview else []
         time.sleep(0.001)
     solved = job.result()
-    assert previews and len(previews[-1]["lights"]) == 1
+    assert previews and len(previews[-1]["lights"]["lights"]) == 1 and len(previews[-1]["world"]) == 3
     assert solved["through"] == "gather" and solved["loss"] < 0.01 * solved["start_loss"]
     found = relighter.relight(json.dumps(solved["lights"]), maker="gather")["combined"]
     assert found.mean() == pytest.approx(target.mean(), rel=0.05)

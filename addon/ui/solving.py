@@ -202,15 +202,15 @@ class Solving:
                 share = min(max(report["done"] / max(report["total"], 1), 0.0), 1.0)
                 self.progress = (share, f"Solving, {100 * share:.0f} %")
             if time.monotonic() >= next_preview:
-                lights = self._job.preview()
-                if lights is not None:
-                    self._preview(lights)
+                found = self._job.preview()
+                if found is not None:
+                    self._preview(found)
                     next_preview = time.monotonic() + PREVIEW_SECONDS
             yield
 
-    def _preview(self, lights: dict[str, Any]) -> None:
-        """Shows the best lights so far, a light set."""
-        request = core.picture_request({"lights": lights, "world": self._request["world"]}, self._content["static"])
+    def _preview(self, found: dict[str, Any]) -> None:
+        """Shows the best lights and world so far."""
+        request = core.picture_request(found, self._content["static"])
         self.shot.ask(json.dumps(request | {"interactive": True}))
         handlers.wake()
 

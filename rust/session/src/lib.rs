@@ -60,7 +60,7 @@ pub use relighter::{Maker, RelightOptions, Relighter, With};
 pub use relit::{Relit, RelitLight};
 pub use sizes::default_sizes;
 pub use solve::{
-    Add, BoundsWish, Freedom, GoalKind, GoalReport, GoalWish, NewKind, Pictures, Preview, RegionWish,
+    Add, BoundsWish, Freedom, GoalKind, GoalReport, GoalWish, NewKind, Pictures, Preview, RegionWish, SoFar,
     SolveRequest, Solved, Through, Wish, solve_lights,
 };
 pub use targets::{DumpTargets, GpuTargets};

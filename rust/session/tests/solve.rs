@@ -5,8 +5,8 @@ use relume_session::image::{Image, metrics};
 use relume_session::scene::{Light, LightShape, LobeFactors, UpAxis};
 use relume_session::trace::TraceSettings;
 use relume_session::{
-    Cancel, LightSet, Listener, Monitor, ObjView, Pictures, Progress, RelightOptions, Relighter,
-    SessionError, SolveRequest, Solved, Stage, With, bake, obj_scene, solve_lights,
+    Cancel, Listener, Monitor, ObjView, Pictures, Progress, RelightOptions, Relighter, SessionError, SoFar,
+    SolveRequest, Solved, Stage, With, bake, obj_scene, solve_lights,
 };
 use serde_json::{Value, json};
 use std::collections::HashMap;
@@ -190,8 +190,8 @@ fn cancelling_works_at_any_step_and_previews_hold_all_lights() {
         let cancel = Cancel::default();
         let monitor = Monitor::new(Arc::new(StopAt(Mutex::new(step), cancel.clone())), cancel);
         let seen = Mutex::new(0);
-        let preview = |set: &LightSet| {
-            assert!(set.lights.len() == 2 && set.lights[0].name == "Key");
+        let preview = |found: &SoFar| {
+            assert!(found.lights.lights.len() == 2 && found.lights.lights[0].name == "Key");
             *seen.lock().unwrap() += 1;
         };
         let result = solve_lights(&[&relighter], &request, &pictures, &monitor, &preview);

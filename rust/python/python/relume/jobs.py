@@ -40,7 +40,7 @@ class Job:
         return json.loads(report) if report else None
 
     def preview(self) -> dict[str, Any] | None:
-        """What there is so far, if that is newer than at the last call: of `solve` a light set."""
+        """What there is so far, if newer than at the last call: of `solve` "lights", a light set, and "world"."""
         text = self._internal.preview()
         return json.loads(text) if text else None
 

@@ -35,8 +35,17 @@ pub use solved::{GoalReport, Solved};
 const SOFTNESS: [f32; 2] = [0.2, 0.04];
 const POLISH_SOFTNESS: [f32; 2] = [0.08, 0.002];
 
-/// Takes all lights as they are so far.
-pub type Preview<'a> = dyn Fn(&LightSet) + Sync + 'a;
+/// Takes what there is so far.
+pub type Preview<'a> = dyn Fn(&SoFar) + Sync + 'a;
+
+/// The best of a search that goes on.
+#[derive(Debug, serde::Serialize)]
+pub struct SoFar {
+    /// All lights, new ones included.
+    pub lights: LightSet,
+    /// Factor on the light of the world, linear RGB.
+    pub world: [f32; 3],
+}
 
 /// Solves lights as they are seen from one or several bakes of one scene.
 ///
@@ -201,8 +210,9 @@ impl Search<'_> {
     }
 
     fn show(&self, found: &[Light]) {
-        let (lights, _) = self.unknowns.all_lights(&self.request.now, found);
-        (self.preview)(&LightSet { name: "Solving".into(), lights, notes: Vec::new() });
+        let (lights, world) = self.unknowns.all_lights(&self.request.now, found);
+        let lights = LightSet { name: "Solving".into(), lights, notes: Vec::new() };
+        (self.preview)(&SoFar { lights, world });
     }
 
     fn problem<'b>(&'b self, relights: &'b [&'b dyn Relight]) -> Problem<'b> {
