@@ -1,10 +1,12 @@
 """The built wheel without Blender: scenes from numpy, errors by name, and the whole chain."""
 
 import json
+import struct
 import subprocess
 import sys
 import threading
 import time
+import zlib
 
 import numpy as np
 import pytest
@@ -197,6 +199,22 @@ def test_textures_take_bytes_and_floats(dtype):
         builder.add_texture("Brick", np.zeros((2, 3, 3), dtype))
     with pytest.raises(ValueError, match="encoding 'rec2020' is not known"):
         builder.add_texture("Brick", np.zeros((2, 3, 4), dtype), encoding="rec2020")
+
+
+def test_texture_files_are_read_where_they_can_be(tmp_path):
+    builder = relume.SceneBuilder()
+    rows = zlib.compress(b"".join(b"\0" + bytes(3 * 4) for _ in range(2)))
+    chunks = ((b"IHDR", struct.pack(">IIBBBBB", 4, 2, 8, 2, 0, 0, 0)), (b"IDAT", rows), (b"IEND", b""))
+    with (tmp_path / "brick.png").open("wb") as file:
+        file.write(b"\x89PNG\r\n\x1a\n")
+        for kind, data in chunks:
+            file.write(struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)))
+    (tmp_path / "words.png").write_text("no picture")
+    assert builder.add_texture_file("Words", tmp_path / "words.png") is None
+    assert builder.add_texture_file("Missing", tmp_path / "missing.jpg") is None
+    assert builder.add_texture_file("Brick", tmp_path / "brick.png", encoding="linear") == 0
+    with pytest.raises(ValueError, match="rec2020"):
+        builder.add_texture_file("Brick", tmp_path / "brick.png", encoding="rec2020")
 
 
 def test_commands_give_their_json_result(bake):

@@ -1,7 +1,11 @@
-"""Images: pixels in bulk, with what is needed to read them as Cycles does."""
+"""Images: pixels in bulk, with what is needed to read them as Cycles does.
+
+Blender decodes an image, and hands out its pixels, with Python's lock held: its window stands still for as long. So the
+native module reads the files that Blender would take as they are."""
 
 from __future__ import annotations
 
+from pathlib import PurePath
 from typing import Any
 
 import bpy
@@ -12,6 +16,7 @@ from .arrays import touched
 ALPHA = {"STRAIGHT": "straight", "PREMUL": "premultiplied", "CHANNEL_PACKED": "channel_packed", "NONE": "none"}
 LINEAR_SPACES = {"Non-Color", "Raw", "Linear Rec.709", "Linear", "scene_linear", "Generic Data"}
 SRGB_SPACES = {"sRGB", "Utility - sRGB - Texture"}
+PLAIN_FILES = {".png", ".jpg", ".jpeg"}
 MAGENTA = np.array([[[255, 0, 255, 255]]], np.uint8)
 
 
@@ -33,6 +38,13 @@ class ImageExporter:
         return self.builder.add_texture(user, MAGENTA, encoding="linear", alpha="none")
 
     def _export(self, image: bpy.types.Image, user: str) -> int:
+        alpha = ALPHA.get(image.alpha_mode, "straight")
+        if is_plain_file(image):
+            path = bpy.path.abspath(image.filepath, library=image.library)
+            encoding = "linear" if image.colorspace_settings.name in LINEAR_SPACES else "srgb"
+            number = self.builder.add_texture_file(image.name, path, encoding=encoding, alpha=alpha)
+            if number is not None:
+                return number
         texels = self._texels(image)
         if texels is None:
             path = bpy.path.abspath(image.filepath, library=image.library) or image.name
@@ -42,9 +54,7 @@ class ImageExporter:
             self.builder.warn(
                 f"{user}: image '{image.name}' is a {image.source.lower()}; its first tile or present frame is used"
             )
-        return self.builder.add_texture(
-            image.name, texels, encoding=self._encoding(image, user), alpha=ALPHA.get(image.alpha_mode, "straight")
-        )
+        return self.builder.add_texture(image.name, texels, encoding=self._encoding(image, user), alpha=alpha)
 
     def _texels(self, image: bpy.types.Image) -> np.ndarray | None:
         """RGBA [height, width, 4], bottom row first; None if there are no pixels."""
@@ -67,6 +77,15 @@ class ImageExporter:
         if space not in SRGB_SPACES:
             self.builder.warn(f"{user}: colour space '{space}' of image '{image.name}' is taken as sRGB")
         return "srgb"
+
+
+def is_plain_file(image: bpy.types.Image) -> bool:
+    """Whether the pixels are those of a file, as far as can be said without reading it: nothing painted, no colours
+    that Blender would convert or divide by their alpha, no alpha that it would fill."""
+    unchanged = image.source == "FILE" and not image.packed_file and not image.is_dirty
+    known = image.colorspace_settings.name in LINEAR_SPACES | SRGB_SPACES
+    as_stored = image.alpha_mode in {"STRAIGHT", "CHANNEL_PACKED"}
+    return unchanged and known and as_stored and PurePath(image.filepath).suffix.lower() in PLAIN_FILES
 
 
 def _as_rgba(values: np.ndarray) -> np.ndarray:

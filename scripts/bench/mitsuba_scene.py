@@ -101,6 +101,9 @@ class MitsubaScene:
         else:
             element(bsdf, "float", name=name, value=str(min(max(constant(value), 0.001), 1.0)))
 
+    def add_texture_file(self, _name, _path, **_options):
+        """None: Blender reads them."""
+
     def add_texture(self, name, texels, **_options):
         """A PNG file, and its mean colour."""
         file = f"texture{len(self.textures)}.png"

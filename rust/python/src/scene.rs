@@ -24,6 +24,12 @@ impl PyScene {
     }
 }
 
+fn texture_settings(encoding: &str, alpha: &str) -> PyResult<(scene::ColorEncoding, scene::Alpha)> {
+    let unknown = |what, value: &str| invalid(format!("{what} '{value}' is not known"));
+    let encoding = from_name(encoding).ok_or_else(|| unknown("encoding", encoding))?;
+    Ok((encoding, from_name(alpha).ok_or_else(|| unknown("alpha", alpha))?))
+}
+
 #[pymethods]
 impl PySceneBuilder {
     #[new]
@@ -128,16 +134,27 @@ impl PySceneBuilder {
             let floats = Array::<f32>::borrow("texels (uint8 or float32)", texels)?;
             ([floats.size(0), floats.size(1)], scene::Texels::Float(floats.cast()?.to_vec()))
         };
-        let named = |what, value: &str| format!("{what} '{value}' is not known");
-        let texture = scene::Texture {
-            name: name.into(),
-            width: size[1],
-            height: size[0],
-            texels,
-            encoding: from_name(encoding).ok_or_else(|| invalid(named("encoding", encoding)))?,
-            alpha: from_name(alpha).ok_or_else(|| invalid(named("alpha", alpha)))?,
-        };
+        let (encoding, alpha) = texture_settings(encoding, alpha)?;
+        let [height, width] = size;
+        let texture = scene::Texture { name: name.into(), width, height, texels, encoding, alpha };
         enter_native(py, || self.builder.add_texture(texture))
+    }
+
+    #[pyo3(signature = (name, path, *, encoding="srgb", alpha="straight"))]
+    fn add_texture_file(
+        &mut self,
+        py: Python<'_>,
+        name: &str,
+        path: PathBuf,
+        encoding: &str,
+        alpha: &str,
+    ) -> PyResult<Option<usize>> {
+        let (encoding, alpha) = texture_settings(encoding, alpha)?;
+        enter_native(py, || -> Result<_, NativeError> {
+            let picture = scene::PictureFile::read(&path).ok().filter(|picture| !picture.is_deep);
+            let texture = picture.map(|picture| picture.into_texture(name.into(), encoding, alpha));
+            Ok(texture.map(|texture| self.builder.add_texture(texture)).transpose()?)
+        })
     }
 
     fn set_camera(&mut self, py: Python<'_>, json: &str) -> PyResult<()> {

@@ -14,6 +14,7 @@ mod light_lanes;
 mod material;
 mod mesh;
 mod obj;
+mod picture_file;
 mod polygon;
 mod texture;
 mod validate;
@@ -34,6 +35,7 @@ pub use material::{
 };
 pub use mesh::{ColorAttribute, Instance, Mesh, UvMap};
 pub use obj::{ObjError, UpAxis, load_obj};
+pub use picture_file::PictureFile;
 pub use polygon::{PolygonError, PolygonMesh, PolygonNormals};
 pub use texture::{ColorEncoding, Extension, Interpolation, Texels, Texture};
 pub use validate::Problem;

@@ -6,7 +6,7 @@
 
 use crate::{
     Alpha, BuildError, ColorEncoding, Distribution, Extension, Input, Instance, Interpolation, Material,
-    Mesh, Node, Output, SceneBuilder, Texels, Texture, UvMap,
+    Mesh, Node, Output, PictureFile, SceneBuilder, UvMap,
 };
 use glam::{Affine3A, Vec2, Vec3};
 use std::collections::HashMap;
@@ -212,8 +212,11 @@ fn base_texture(
         return Ok(*number);
     }
     let path = folder.join(file.replace('\\', "/"));
-    let number = match read_png(&path) {
-        Ok(texture) => Some(builder.add_texture(texture)?),
+    let number = match PictureFile::read(&path) {
+        Ok(picture) => {
+            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            Some(builder.add_texture(picture.into_texture(name, ColorEncoding::Srgb, Alpha::Straight))?)
+        }
         Err(reason) => {
             builder.warn(format!("texture {}: {reason}; the plain colour is used", path.display()));
             None
@@ -221,39 +224,6 @@ fn base_texture(
     };
     loaded.insert(file.to_string(), number);
     Ok(number)
-}
-
-/// 8-bit RGBA, bottom row first.
-fn read_png(path: &Path) -> Result<Texture, String> {
-    /// Deflate makes at most 1032 bytes of one, and a pixel of one bit becomes four bytes.
-    const MOST_EXPANSION: u64 = 1032 * 32;
-    let file = std::fs::File::open(path).map_err(|error| error.to_string())?;
-    let most = file.metadata().map_err(|error| error.to_string())?.len().saturating_mul(MOST_EXPANSION);
-    let mut decoder = png::Decoder::new(std::io::BufReader::new(file));
-    decoder.set_transformations(
-        png::Transformations::EXPAND | png::Transformations::STRIP_16 | png::Transformations::ALPHA,
-    );
-    let mut reader = decoder.read_info().map_err(|error| format!("{error} (only PNG is read)"))?;
-    let size = reader.output_buffer_size().filter(|&size| size as u64 <= most);
-    let mut bytes = vec![0; size.ok_or("its header promises more pixels than the file can hold")?];
-    let info = reader.next_frame(&mut bytes).map_err(|error| error.to_string())?;
-    let bytes = &bytes[..info.buffer_size()];
-    let samples = info.color_type.samples();
-    let rgba = |pixel: &[u8]| match *pixel {
-        [v, a] => [v, v, v, a],
-        [r, g, b, a] => [r, g, b, a],
-        _ => [0, 0, 0, 255],
-    };
-    let rows = bytes.chunks_exact(info.width as usize * samples).rev();
-    let texels = rows.flat_map(|row| row.chunks_exact(samples).flat_map(rgba)).collect();
-    Ok(Texture {
-        name: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
-        width: info.width as usize,
-        height: info.height as usize,
-        texels: Texels::Byte(texels),
-        encoding: ColorEncoding::Srgb,
-        alpha: Alpha::Straight,
-    })
 }
 
 #[cfg(test)]

@@ -68,6 +68,16 @@ class SceneBuilder:
     ) -> int:
         """RGBA texels [height, width, 4], bottom row first."""
 
+    def add_texture_file(
+        self,
+        name: str,
+        path: str | os.PathLike[str],
+        *,
+        encoding: Literal["srgb", "linear"] = "srgb",
+        alpha: Literal["straight", "premultiplied", "channel_packed", "none"] = "straight",
+    ) -> int | None:
+        """The texels of a PNG or JPEG file of 8 bits a channel; None if it is none that can be read."""
+
     def set_camera(self, json: str) -> None:
         """A Blender camera in the JSON form of `relume_scene::BlenderCamera`."""
 
