@@ -42,13 +42,6 @@ def _look_at_target(settings, _context) -> None:
     target.look_at(settings.id_data)
 
 
-def _amount(unit: str) -> dict:
-    """The settings of an amount that both brush and places have."""
-    if unit == "stops":
-        return {"name": "Stops", "default": 1.0, "min": 0.05, "max": 10.0, "soft_max": 4.0, "step": 10, "precision": 2}
-    return {"name": "Mireds", "default": 60.0, "min": 1.0, "max": 500.0, "soft_max": 200.0, "step": 500, "precision": 0}
-
-
 STOPS_TEXT = "How much brighter or darker: one stop more is twice the light, one less is half"
 MIREDS_TEXT = "How much warmer or cooler, in mireds: an orange gel of half strength is about 80"
 COLOR_TEXT = "The tint of the light that is wanted"
@@ -85,7 +78,25 @@ class RelumeLocks(bpy.types.PropertyGroup):
     )
 
 
-class RelumeRegion(bpy.types.PropertyGroup):
+class HowMuch:
+    """Mix-in of what has a meaning: how much of it."""
+
+    stops: FloatProperty(
+        name="Stops", description=STOPS_TEXT, default=1.0, min=0.05, max=10.0, soft_max=4.0, step=10, precision=2
+    )
+    mireds: FloatProperty(
+        name="Mireds", description=MIREDS_TEXT, default=60.0, min=1.0, max=500.0, soft_max=200.0, step=500, precision=0
+    )
+    color: FloatVectorProperty(
+        name="Colour", description=COLOR_TEXT, subtype="COLOR", default=(1.0, 0.6, 0.3), min=0.0, soft_max=1.0
+    )
+
+    def meaning_of(self, goal: str) -> core.Meaning:
+        """A meaning with what it has of this."""
+        return core.meaning(goal, getattr(self, core.UNITS.get(goal, ""), 0.0), self.color)
+
+
+class RelumeRegion(HowMuch, bpy.types.PropertyGroup):
     """A place in the picture with a goal, other than strokes; kept in the .blend file."""
 
     kind: EnumProperty(
@@ -102,11 +113,6 @@ class RelumeRegion(bpy.types.PropertyGroup):
         update=_redraw,
     )
     goal: EnumProperty(name="Goal", description="What the picture is to do there", items=MEANING_ITEMS, update=_redraw)
-    stops: FloatProperty(description=STOPS_TEXT, **_amount("stops"))
-    mireds: FloatProperty(description=MIREDS_TEXT, **_amount("mireds"))
-    color: FloatVectorProperty(
-        name="Colour", description=COLOR_TEXT, subtype="COLOR", default=(1.0, 0.6, 0.3), min=0.0, soft_max=1.0
-    )
     rectangle: FloatVectorProperty(
         name="Rectangle",
         description="Left, top, right and bottom edge as fractions of the picture, from its top left corner",
@@ -123,18 +129,13 @@ class RelumeRegion(bpy.types.PropertyGroup):
 
     def meaning(self) -> core.Meaning:
         """What is asked of the place."""
-        return core.meaning(self.goal, getattr(self, core.UNITS.get(self.goal, ""), 0.0), self.color)
+        return self.meaning_of(self.goal)
 
 
-class RelumeSolve(bpy.types.PropertyGroup):
+class RelumeSolve(HowMuch, bpy.types.PropertyGroup):
     """Kept in the .blend file."""
 
     meaning: EnumProperty(name="Brush", description="What the picture is to do where you paint", items=MEANING_ITEMS)
-    stops: FloatProperty(description=STOPS_TEXT, **_amount("stops"))
-    mireds: FloatProperty(description=MIREDS_TEXT, **_amount("mireds"))
-    color: FloatVectorProperty(
-        name="Colour", description=COLOR_TEXT, subtype="COLOR", default=(1.0, 0.6, 0.3), min=0.0, soft_max=1.0
-    )
     size: IntProperty(
         name="Size",
         description="Radius of the brush in pixels of the screen (F in the view)",
@@ -237,7 +238,7 @@ class RelumeSolve(bpy.types.PropertyGroup):
 
     def brush(self) -> core.Meaning:
         """What the brush means at present."""
-        return core.meaning(self.meaning, getattr(self, core.UNITS.get(self.meaning, ""), 0.0), self.color)
+        return self.meaning_of(self.meaning)
 
 
 def strokes_of(scene: bpy.types.Scene) -> tuple[core.Stroke, ...]:
