@@ -45,9 +45,9 @@ class Shot:
         return job.result()
 
     def _preview(self, job, start, on_preview):
-        lights = on_preview and job.preview()
-        if lights:
-            on_preview(time.perf_counter() - start, lights)
+        found = on_preview and job.preview()
+        if found:
+            on_preview(time.perf_counter() - start, found["lights"])
 
     def _bake(self):
         print(f"  bake of {self.name}", flush=True)
