@@ -122,7 +122,8 @@ def play(driver):
     with driver.step("start"):
         yield from artist.start()
         yield from artist.until_settled()
-        yield from driver.until(lambda: addon("viewport.view_table").is_complete(artist.scene), "the table of the view")
+        view_table = addon("viewport.view_table")
+        yield from driver.until(lambda: view_table.is_complete(artist.scene), "the table of the view", 120)
         yield from driver.wait(2)
     with driver.step("redraws"):
         yield from redraws(driver, "with the picture", {"WINDOW"})

@@ -75,7 +75,8 @@ def rectangle(driver):
 def shown(driver, name=None):
     """What the screen shows in the camera's frame, 0..1, bottom row first."""
     yield from driver.drawn()
-    yield from driver.until(lambda: module("viewport.view_table").is_complete(bpy.context.scene), "the view's table")
+    view_table = module("viewport.view_table")
+    yield from driver.until(lambda: view_table.is_complete(bpy.context.scene), "the view's table", 120)
     yield from driver.drawn()
     left, top, right, bottom = rectangle(driver)
     return driver.photo(name)[top:bottom, left:right][::-1] / 255.0
