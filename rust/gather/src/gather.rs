@@ -45,6 +45,25 @@ impl Gather {
         Self { isa, ..self }
     }
 
+    /// What to gather for one half: whole passes where they split evenly, so that no pixel is searched for the place of the
+    /// cut, else the half itself.
+    pub fn split(&self, half: Half) -> (Self, Half) {
+        let passes = &self.dump.manifest().passes;
+        let sums = passes.iter().scan(0, |sum, pass| {
+            *sum += pass.samples;
+            Some(*sum)
+        });
+        let total: u32 = passes.iter().map(|pass| pass.samples).sum();
+        let is_complete = self.dump.complete_passes() == passes.len();
+        let cut = sums.take_while(|sum| 2 * sum <= total).enumerate().find(|(_, sum)| 2 * sum == total);
+        let passes = match (half, cut) {
+            (Half::First, Some((last, _))) if is_complete => 0..last + 1,
+            (Half::Second, Some((last, _))) if is_complete => last + 1..passes.len(),
+            _ => return (self.clone(), half),
+        };
+        (Self { dump: self.dump.passes(passes), ..self.clone() }, Half::All)
+    }
+
     /// The dump.
     pub fn dump(&self) -> &Dump {
         &self.dump

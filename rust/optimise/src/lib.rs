@@ -7,7 +7,7 @@
 //! let problem = Problem { views: vec![view], variables: vec![Variable { light, locks, bounds, stay: 0.0 }] };
 //! let starts = random_starts(&problem, &options)?;        // or the lights of the scene
 //! let solution = solve(&problem, &starts, &Settings::default(), &|step| ControlFlow::Continue(()))?;
-//! let polished = polish(&through_the_gather, &solution.lights, &settings, &mut |step| ControlFlow::Continue(()))?;
+//! let polished = polish(&through_the_gather, &solution.lights, 24, &mut |step| ControlFlow::Continue(()))?;
 //! ```
 //!
 //! What is free of a light is mapped to unconstrained values (`variable`); what is asked for becomes residuals of cells (`goal`,
@@ -35,7 +35,7 @@ mod variable;
 
 pub use error::OptimiseError;
 pub use goal::{Aim, Goal};
-pub use polish::{Polish, PolishStep, Polished, polish};
+pub use polish::{PolishStep, Polished, polish};
 pub use problem::{Problem, View};
 pub use prune::idle_lights;
 pub use region::{Region, Stroke};

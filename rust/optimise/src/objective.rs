@@ -63,26 +63,6 @@ impl<'a> Objective<'a> {
         self.views.iter().zip(draw).map(units).collect()
     }
 
-    /// As [`Self::units`] at another softness, with derivatives.
-    pub(crate) fn linear_units(
-        &self,
-        lights: &[Light],
-        softness: f32,
-        draw: &Draw,
-    ) -> Result<Vec<Vec<Linear>>, OptimiseError> {
-        let units = |(view, draw): (&ViewObjective, &Vec<Vec<u32>>)| {
-            let units = view.linear_units(lights, softness, &view.cells_of(draw))?;
-            let lacks = |(unit, still): (&Linear, &Option<_>)| still.is_none() && unit.slopes.is_empty();
-            match units.iter().zip(&view.still).any(lacks) {
-                true => Err(OptimiseError::Settings(
-                    "a polish needs a bake, which gives derivatives with its pictures",
-                )),
-                false => Ok(units),
-            }
-        };
-        self.views.iter().zip(draw).map(units).collect()
-    }
-
     /// Pictures of one light for radiance 1, by view.
     pub(crate) fn units_of(
         &self,
@@ -182,31 +162,28 @@ impl<'a> ViewObjective<'a> {
         Ok(self.view.relight.comparison(self.view.base, image, self.terms[0].exposure)?)
     }
 
-    /// All cells, as clean as they can be made.
-    pub(crate) fn clean_picture(&self, lights: &[Light]) -> Result<Vec<[f32; 3]>, RelightError> {
-        let mut picture = self.base.clone();
-        let mut add = |values: &[[f32; 3]], radiance: [f32; 3]| {
-            for (sum, value) in picture.iter_mut().zip(values) {
-                (0..3).for_each(|c| sum[c] += radiance[c] * value[c]);
-            }
-        };
+    /// All cells, as clean as they can be made: two estimates.
+    pub(crate) fn clean_pictures(&self, lights: &[Light]) -> Result<[Vec<[f32; 3]>; 2], RelightError> {
+        let mut rest = self.base.clone();
         let mut moving = Vec::new();
         for (light, still) in lights.iter().zip(&self.still) {
             match still {
-                Some(values) => add(values, light.radiance),
+                Some(values) => add(&mut rest, values, light.radiance),
                 None => moving.push(light),
             }
         }
-        if !moving.is_empty() {
-            add(&self.view.relight.clean_picture(&moving)?, [1.0; 3]);
+        if moving.is_empty() {
+            return Ok([rest.clone(), rest]);
         }
-        Ok(picture)
+        let mut pictures = self.view.relight.clean_pictures(&moving)?;
+        pictures.iter_mut().for_each(|picture| add(picture, &rest, [1.0; 3]));
+        Ok(pictures)
     }
 
     /// All cells, clean at softness 0.
     fn picture(&self, lights: &[Light], softness: f32) -> Result<Vec<[f32; 3]>, RelightError> {
         if softness == 0.0 {
-            return self.clean_picture(lights);
+            return Ok(mean(self.clean_pictures(lights)?));
         }
         let cells: Vec<u32> = (0..self.base.len() as u32).collect();
         let units = self.units(lights, softness, &cells)?;
@@ -345,4 +322,17 @@ impl<'a> ViewObjective<'a> {
         }
         Ok(sums.map(|sum| sum as f32))
     }
+}
+
+/// Adds a picture times a radiance.
+fn add(sum: &mut [[f32; 3]], picture: &[[f32; 3]], radiance: [f32; 3]) {
+    for (sum, value) in sum.iter_mut().zip(picture) {
+        (0..3).for_each(|c| sum[c] += radiance[c] * value[c]);
+    }
+}
+
+/// The mean of two estimates of a picture.
+pub(crate) fn mean([mut a, b]: [Vec<[f32; 3]>; 2]) -> Vec<[f32; 3]> {
+    a.iter_mut().zip(&b).for_each(|(a, b)| (0..3).for_each(|c| a[c] = 0.5 * (a[c] + b[c])));
+    a
 }

@@ -64,12 +64,13 @@ pub trait Relight: Sync {
         Ok(None)
     }
 
-    /// What some lights, each with its radiance, add to each cell of the picture, exact and as clean as it can be made: where
-    /// pictures are noisy, the mean of squared differences would be least for the lights with the least noise.
+    /// What some lights, each with its radiance, add to each cell of the picture, exact and as clean as it can be made: two
+    /// estimates with independent noise, or twice the same if there is none. Squared differences from noisy pictures are
+    /// least for the lights with the least noise, products of the differences from two such estimates are not.
     ///
     /// # Errors
     /// Whatever the relighter reports.
-    fn clean_picture(&self, lights: &[&Light]) -> Result<Vec<[f32; 3]>, RelightError> {
+    fn clean_pictures(&self, lights: &[&Light]) -> Result<[Vec<[f32; 3]>; 2], RelightError> {
         let (width, height) = self.size();
         let count = width.div_ceil(self.cell()) * height.div_ceil(self.cell());
         let cells: Vec<u32> = (0..count as u32).collect();
@@ -79,7 +80,7 @@ pub trait Relight: Sync {
                 (0..3).for_each(|c| sum[c] += light.radiance[c] * unit[c]);
             }
         }
-        Ok(sum)
+        Ok([sum.clone(), sum])
     }
 
     /// Takes over the comparison with a target, if that is better done where the pictures are made: on a device, from which

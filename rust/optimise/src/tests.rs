@@ -218,9 +218,7 @@ fn every_type_of_light_is_found_again() {
             solution.start_loss
         );
         let problem = Problem { views: vec![View { relight: &IN_CELLS, ..view }], ..problem };
-        let settings = Polish { steps: 60, softness: [0.02, 0.002] };
-        let polished =
-            polish(&problem, &solution.lights, &settings, &mut |_| ControlFlow::Continue(())).unwrap();
+        let polished = polish(&problem, &solution.lights, 60, &mut |_| ControlFlow::Continue(())).unwrap();
         assert!(polished.loss < 1e-6, "{light:?}: {} after {}", polished.loss, polished.start_loss);
         let found = &polished.lights[0];
         if let (Some(a), Some(b)) = (found.shape.center(), light.shape.center()) {

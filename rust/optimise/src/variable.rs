@@ -145,6 +145,20 @@ impl Mapping {
         Light { shape, radiance, ..light.clone() }
     }
 
+    /// The light with sizes in the outer `margin` of their range brought inside, at the same power.
+    pub(crate) fn inside(&self, light: &Light, margin: f32) -> Light {
+        let brought = |number: usize| match self.range(&light.shape, number) {
+            Some(range) if lane::SIZE.contains(&number) && self.is_free(&light.shape, number) => {
+                let (x, edge) = (coordinate(&light.shape, number), margin * (range.end - range.start));
+                x.clamp(range.start + edge, range.end - edge) - x
+            }
+            _ => 0.0,
+        };
+        let shape = light.shape.moved(&std::array::from_fn(brought));
+        let radiance = power(light).map(|power| power / shape.extent());
+        Light { shape, radiance, ..light.clone() }
+    }
+
     /// Derivative by the unconstrained values from that by the shape's lanes and by the radiance.
     pub(crate) fn pull_back(
         &self,
@@ -166,7 +180,15 @@ impl Mapping {
         })
     }
 
-    fn is_free(&self, shape: &LightShape, number: usize) -> bool {
+    /// Derivatives of the radiance by each of the last three unconstrained values.
+    pub(crate) fn radiance_slopes(&self, light: &Light) -> [[f32; 3]; 3] {
+        let by_channel: [[f32; PARAMS]; 3] = std::array::from_fn(|c| {
+            self.pull_back(light, &[0.0; LANES], std::array::from_fn(|k| if k == c { 1.0 } else { 0.0 }))
+        });
+        std::array::from_fn(|value| by_channel.map(|row| row[LANES + value]))
+    }
+
+    pub(crate) fn is_free(&self, shape: &LightShape, number: usize) -> bool {
         shape.has_lane(number) && !self.locks.holds(number)
     }
 

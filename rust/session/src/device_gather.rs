@@ -31,20 +31,25 @@ impl DeviceGather {
         &self.gather
     }
 
-    /// Unit images of some lights, by all paths.
+    /// Unit images of some lights.
     pub fn unit_images(
         &self,
         lights: &[Light],
+        half: Half,
         compute: &Compute,
         monitor: &Monitor,
     ) -> Result<Vec<Image>, SessionError> {
         let lights = self.gather.prepare_all(lights)?;
         let make = |gpu| GpuGather::new(gpu, &self.gather);
-        let work = |on_gpu: &GpuGather| on_gpu.unit_images(&lights, Half::All);
+        let work = |on_gpu: &GpuGather| on_gpu.unit_images(&lights, half);
         let images = self.on_gpu.attempt(compute, monitor, make, work)?;
         if images.is_some() && self.may_sort.load(Ordering::Relaxed) {
             self.sorting.relit(|| self.on_gpu.get());
         }
-        Ok(images.unwrap_or_else(|| self.gather.unit_images(&lights, Half::All)))
+        let on_cpu = || {
+            let (gather, half) = self.gather.split(half);
+            gather.unit_images(&lights, half)
+        };
+        Ok(images.unwrap_or_else(on_cpu))
     }
 }

@@ -8,7 +8,7 @@ use crate::relit::{Relit, RelitLight};
 use crate::unit_cache::UnitCache;
 use crate::{Compute, LightSet, SessionError, base_layers};
 use relume_dump::{Aovs, Dump, Manifest};
-use relume_gather::{DenoiseQuality, Environment, Gather, Half, relight};
+use relume_gather::{DenoiseQuality, Environment, Gather, Half};
 use relume_image::{Image, ViewTransform};
 use relume_proxy::{GpuProxy, LightKind};
 use relume_scene::{Camera, Light, LightShape, LobeFactors, Texture, World};
@@ -271,7 +271,7 @@ impl Relighter {
                 .iter()
                 .filter_map(|light| too_narrow(light, self.gather()?.dump().manifest().samples()))
                 .for_each(|text| monitor.warn(&text));
-            let mut images = self.gather_images(&group_lights, monitor)?;
+            let mut images = self.gather_images(&group_lights, Half::All, monitor)?;
             if options.denoise {
                 self.denoise.images(&mut images, DenoiseQuality::High)?;
             }
@@ -328,27 +328,22 @@ impl Relighter {
             }
             return Ok(vec![None; lights.len()]);
         }
-        let mut views =
-            self.gather_images(&seen.into_iter().map(camera_only).collect::<Vec<_>>(), monitor)?.into_iter();
+        let mut views = self
+            .gather_images(&seen.into_iter().map(camera_only).collect::<Vec<_>>(), Half::All, monitor)?
+            .into_iter();
         let view = |light: &Light| if light.lobes.camera != 0.0 { views.next() } else { None };
         Ok(lights.into_iter().map(view).collect())
-    }
-
-    /// The sum of some lights by the dump; black without one.
-    pub(crate) fn gathered_sum(&self, lights: &[Light], monitor: &Monitor) -> Result<Image, SessionError> {
-        let units = self.gather_images(lights, monitor)?;
-        let pairs: Vec<_> = units.iter().zip(lights).map(|(unit, light)| (unit, light.radiance)).collect();
-        Ok(relight((self.camera.width, self.camera.height), &pairs))
     }
 
     /// Unit images by the dump; none without one.
     pub(crate) fn gather_images(
         &self,
         lights: &[Light],
+        half: Half,
         monitor: &Monitor,
     ) -> Result<Vec<Image>, SessionError> {
         match &self.gather {
-            Some(gather) => gather.unit_images(lights, &self.compute, monitor),
+            Some(gather) => gather.unit_images(lights, half, &self.compute, monitor),
             None => Ok(Vec::new()),
         }
     }

@@ -68,6 +68,7 @@ mod tests {
     use glam::Vec3;
     use relume_dump::{Dump, MemoryWriter};
     use relume_gather::Gather;
+    use relume_gather::Half;
     use relume_gpu::GpuChoice;
     use relume_scene::LightShape;
     use relume_trace::{Control, TraceSettings, Tracer};
@@ -87,7 +88,7 @@ mod tests {
         let light = unit_light(&LightShape::Sphere { center: Vec3::new(0.3, 0.2, 0.4), radius: 0.05 });
         let lights = [light];
         let relight = |gather: &DeviceGather, compute: &Compute| {
-            gather.unit_images(&lights, compute, &Monitor::default()).expect("a picture").remove(0)
+            gather.unit_images(&lights, Half::All, compute, &Monitor::default()).expect("a picture").remove(0)
         };
         let [sorted, unsorted] = [true, false].map(|allowed| {
             let gather = DeviceGather::new(Gather::new(dump()));

@@ -235,3 +235,32 @@ fn visible_bounds_hold_what_camera_segments_reach() {
     let (min, max) = Gather::new(crossing_dump()).visible_bounds().unwrap();
     assert!(min.distance(Vec3::new(0.0, 0.0, -5.0)) < 1e-3 && max.distance(min) < 1e-3, "{min} {max}");
 }
+
+#[test]
+fn halves_of_whole_passes_make_up_the_whole() {
+    let dump = |passes: &[u32]| {
+        let mut random = Random(11);
+        dump(manifest(32, passes), move |_, _, samples: &mut TileSamples| {
+            let z = if random.next() < 0.25 { -5.0 } else { 4.0 };
+            samples.push(segment(End::Vertex(Vec3::new(0.0, 0.0, z)), Lobe::Diffuse));
+        })
+    };
+    let gather = Gather::new(dump(&[1, 1, 2, 4]));
+    let lamp = [gather.prepare(&light(LightShape::Sphere { center: Vec3::ZERO, radius: 1.0 })).unwrap()];
+    let of = |half| {
+        let (part, rest) = gather.split(half);
+        assert_eq!(
+            (rest, part.dump().manifest().passes.len()),
+            (Half::All, if half == Half::First { 3 } else { 1 })
+        );
+        part.unit_images(&lamp, rest).remove(0)
+    };
+    let (all, first, second) =
+        (gather.unit_images(&lamp, Half::All).remove(0), of(Half::First), of(Half::Second));
+    assert!(first != second);
+    for ((all, first), second) in all.data.iter().zip(&first.data).zip(&second.data) {
+        assert!((0.5 * (first + second) - all).abs() < 1e-6);
+    }
+    let uneven = Gather::new(dump(&[4, 2]));
+    assert_eq!(uneven.split(Half::First).1, Half::First);
+}

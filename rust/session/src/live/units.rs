@@ -1,6 +1,7 @@
 use super::view::{SharedImage, View, pass_samples};
 use crate::unit_cache::key;
 use crate::{Compute, Monitor, SessionError};
+use relume_gather::Half;
 use relume_image::Image;
 use relume_scene::Light;
 use std::sync::Arc;
@@ -77,7 +78,7 @@ impl Units {
         let group: Vec<Light> =
             lights.iter().filter(|light| done(light) == least).take(GROUP).map(key).collect();
         let pass = &view.passes[least];
-        let images = pass.unit_images(&group, compute, monitor)?;
+        let images = pass.unit_images(&group, Half::All, compute, monitor)?;
         for (light, image) in group.iter().zip(images) {
             self.of(light).add(image, pass_samples(pass));
         }

@@ -9,8 +9,8 @@ mod solved;
 
 use relume_image::Image;
 use relume_optimise::{
-    Goal, Polish, Polished, Problem, RandomStarts, Relight, Settings, Step, View, idle_lights, polish,
-    random_starts, solve,
+    Goal, Polished, Problem, RandomStarts, Relight, Settings, Step, View, idle_lights, polish, random_starts,
+    solve,
 };
 use relume_proxy::LightKind;
 use relume_scene::Light;
@@ -31,9 +31,8 @@ pub use request::{
 };
 pub use solved::{GoalReport, Solved};
 
-/// Softness of the smoothed gather at the first and the last step, and of the polish.
+/// Softness of the smoothed gather at the first and the last step.
 const SOFTNESS: [f32; 2] = [0.2, 0.04];
-const POLISH_SOFTNESS: [f32; 2] = [0.08, 0.002];
 
 /// Takes what there is so far.
 pub type Preview<'a> = dyn Fn(&SoFar) + Sync + 'a;
@@ -290,8 +289,7 @@ impl Search<'_> {
     fn polish(&self, problem: &Problem, lights: &[Light]) -> Result<Polished, SessionError> {
         let steps = self.request.wish.polish;
         let stage = self.monitor.stage(Stage::Polish, 0, steps as u64);
-        let settings = Polish { steps, softness: POLISH_SOFTNESS };
-        let polished = polish(problem, lights, &settings, &mut |step| {
+        let polished = polish(problem, lights, steps, &mut |step| {
             stage.set(step.iteration as u64 + 1, &format!("loss {:.2e}", step.loss));
             self.show(step.lights);
             if self.monitor.cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }

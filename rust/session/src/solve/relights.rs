@@ -1,16 +1,17 @@
 //! Proxies and the smoothed gather as the optimiser sees them.
 
 use glam::Vec3;
-use rayon::prelude::*;
 use relume_dump::Aovs;
-use relume_gather::{DenoiseQuality, Gather, GatherError, Half, Scratch, SoftGather};
+use relume_gather::{DenoiseQuality, Gather, Half, SoftGather, relight};
 use relume_image::Image;
 use relume_optimise::{Compare, Compared, Linear, Relight, RelightError};
 use relume_proxy::{GpuComparison, GpuProxy, LightKind, LightParams, Proxy};
 use relume_scene::{LANES, Light, lane};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::progress::Monitor;
 use crate::relighter::Relighter;
+use crate::unit_cache::key;
 use crate::{Denoise, Proxies, SessionError};
 
 /// Most pixels along the edge of the cells whose means are compared: the noise of a gathered picture is an eighth there, and a
@@ -157,6 +158,8 @@ pub(super) struct Prepared {
 
 /// From this softness on so many paths per pixel are enough.
 const ENOUGH: [(f32, u32); 2] = [(0.05, 6), (0.015, 24)];
+/// Bytes of unit images that are kept.
+const MOST_KEPT: usize = 1 << 28;
 /// Pixels that are denoised in a moment.
 const QUICKLY_DENOISED: usize = 160_000;
 
@@ -176,12 +179,20 @@ impl Prepared {
         Some(Self { few, denoise: Denoise::new(&features, None), shrink, cell })
     }
 
-    /// The means of cells of a picture without its noise.
-    fn clean_cells(&self, noisy: &Image) -> Result<Vec<[f32; 3]>, SessionError> {
-        let (width, height) = (noisy.width.div_ceil(self.shrink), noisy.height.div_ceil(self.shrink));
-        let mut images = [noisy.resized(width, height)];
+    fn shrunk(&self, image: &Image) -> Image {
+        image.resized(image.width.div_ceil(self.shrink), image.height.div_ceil(self.shrink))
+    }
+
+    /// The means of cells of a shrunken picture without its noise.
+    fn clean_cells(&self, noisy: Image) -> Result<Vec<[f32; 3]>, SessionError> {
+        let mut images = [noisy];
         self.denoise.images(&mut images, DenoiseQuality::High)?;
-        Ok(images[0].cell_means(self.cell / self.shrink))
+        Ok(self.cells(&images[0]))
+    }
+
+    /// The means of cells of a shrunken picture.
+    fn cells(&self, image: &Image) -> Vec<[f32; 3]> {
+        image.cell_means(self.cell / self.shrink)
     }
 }
 
@@ -202,7 +213,11 @@ pub(super) struct GatherRelight<'a> {
     soft: SoftGather<'a>,
     few: Vec<(f32, SoftGather<'a>)>,
     prepared: &'a Prepared,
+    units: Mutex<Vec<(Light, HalfUnits)>>,
 }
+
+/// Unit images of a light by either half of the paths, of the size that is denoised.
+type HalfUnits = Arc<[Image; 2]>;
 
 impl<'a> GatherRelight<'a> {
     /// None without a dump.
@@ -210,29 +225,33 @@ impl<'a> GatherRelight<'a> {
         let (gather, cell) = (relighter.gather()?, prepared.cell);
         let few =
             prepared.few.iter().map(|(softness, few)| (*softness, SoftGather::new(few, cell))).collect();
-        Some(Self { relighter, monitor, gather, soft: SoftGather::new(gather, cell), few, prepared })
+        let (soft, units) = (SoftGather::new(gather, cell), Mutex::default());
+        Some(Self { relighter, monitor, gather, soft, few, prepared, units })
+    }
+
+    /// Unit images of some lights; those of the last lights are kept, as most of them stay when one is moved.
+    fn half_units(&self, lights: &[&Light]) -> Result<Vec<HalfUnits>, SessionError> {
+        let mut kept = self.units.lock().unwrap_or_else(PoisonError::into_inner);
+        let keys: Vec<Light> = lights.iter().map(|light| key(light)).collect();
+        let new: Vec<Light> =
+            keys.iter().filter(|key| !kept.iter().any(|(light, _)| light == *key)).cloned().collect();
+        let gather = |half| self.relighter.gather_images(&new, half, self.monitor);
+        let halves = gather(Half::First)?.into_iter().zip(gather(Half::Second)?);
+        for (light, (first, second)) in new.into_iter().zip(halves) {
+            kept.push((light, Arc::new([first, second].map(|unit| self.prepared.shrunk(&unit)))));
+        }
+        kept.sort_by_key(|(light, _)| keys.contains(light));
+        let of = |key: &Light| kept.iter().find(|(light, _)| light == key).map(|(_, units)| units.clone());
+        let found = keys.iter().filter_map(of).collect();
+        let bytes = |(_, units): &(Light, HalfUnits)| 2 * size_of_val(&units[0].data[..]);
+        while kept.len() > keys.len() && kept.iter().map(bytes).sum::<usize>() > MOST_KEPT {
+            kept.remove(0);
+        }
+        Ok(found)
     }
 
     fn soft(&self, softness: f32) -> &SoftGather<'a> {
         self.few.iter().find(|(from, _)| softness >= *from).map_or(&self.soft, |(_, few)| few)
-    }
-
-    /// Means of gathered pixels.
-    fn exact(&self, light: &Light, cells: &[u32]) -> Result<Vec<[f32; 3]>, GatherError> {
-        let lights = [self.gather.prepare(light)?];
-        let ((width, height), columns, cell_edge) = (self.size(), self.soft.cells().0, self.prepared.cell);
-        let mean = |scratch: &mut Scratch, cell: &u32| {
-            let (column, row) = (*cell as usize % columns, *cell as usize / columns);
-            let (left, top) = (column * cell_edge, row * cell_edge);
-            let (right, bottom) = (width.min(left + cell_edge), height.min(top + cell_edge));
-            let (mut sum, mut value) = ([0.0; 3], [[0.0; 3]]);
-            for (x, y) in (top..bottom).flat_map(|y| (left..right).map(move |x| (x, y))) {
-                self.gather.pixel_into(x, y, &lights, Half::All, scratch, &mut value);
-                (0..3).for_each(|c| sum[c] += value[0][c]);
-            }
-            sum.map(|v| v / ((right - left) * (bottom - top)) as f32)
-        };
-        Ok(cells.par_iter().map_init(Scratch::default, mean).collect())
     }
 }
 
@@ -250,7 +269,10 @@ impl Relight for GatherRelight<'_> {
         if softness > 0.0 {
             return Ok(self.soft(softness).linearise(light, softness, cells)?.values);
         }
-        Ok(self.exact(light, cells)?)
+        let units = self.half_units(&[light])?;
+        let [a, b] = units[0].each_ref().map(|unit| self.prepared.cells(unit));
+        let mean = |cell: &u32| std::array::from_fn(|c| 0.5 * (a[*cell as usize][c] + b[*cell as usize][c]));
+        Ok(cells.iter().map(mean).collect())
     }
 
     fn pull_back(
@@ -270,10 +292,16 @@ impl Relight for GatherRelight<'_> {
         Ok(sums)
     }
 
-    /// Gathered and denoised.
-    fn clean_picture(&self, lights: &[&Light]) -> Result<Vec<[f32; 3]>, RelightError> {
-        let lights: Vec<Light> = lights.iter().map(|light| (*light).clone()).collect();
-        Ok(self.prepared.clean_cells(&self.relighter.gathered_sum(&lights, self.monitor)?)?)
+    /// Gathered from either half of the paths, and denoised.
+    fn clean_pictures(&self, lights: &[&Light]) -> Result<[Vec<[f32; 3]>; 2], RelightError> {
+        let units = self.half_units(lights)?;
+        let clean = |half: usize| {
+            let pairs: Vec<_> =
+                units.iter().zip(lights).map(|(unit, light)| (&unit[half], light.radiance)).collect();
+            let size = units.first().map_or((0, 0), |unit| (unit[half].width, unit[half].height));
+            self.prepared.clean_cells(relight(size, &pairs))
+        };
+        Ok([clean(0)?, clean(1)?])
     }
 
     fn linearise(&self, light: &Light, softness: f32, cells: &[u32]) -> Result<Option<Linear>, RelightError> {
