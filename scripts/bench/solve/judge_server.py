@@ -3,7 +3,6 @@
 A request is `{"do": METHOD, ...its arguments}` of `Judge`; the answer is one JSON line. `judge.py` is its client.
 """
 
-import contextlib
 import json
 import math
 import os
@@ -11,9 +10,13 @@ import random
 import sys
 from pathlib import Path
 
-import bpy
-import numpy as np
-from mathutils import Matrix
+# Blender prints where it likes, from its import on; only answers go to the client.
+ANSWERS = os.fdopen(os.dup(1), "w")
+os.dup2(2, 1)
+
+import bpy  # noqa: E402
+import numpy as np  # noqa: E402
+from mathutils import Matrix  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[3]
 sys.path[:0] = [str(ROOT), str(ROOT / "scripts/parity")]
@@ -198,14 +201,10 @@ def print_error(message):
 def main():
     bpy.ops.preferences.addon_enable(module="cycles")
     judge = Judge()
-    # Blender prints where it likes; only answers go to the client.
-    answers = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)
     for line in sys.stdin:
         request = json.loads(line)
-        with contextlib.redirect_stdout(sys.stderr):
-            answer = getattr(judge, request.pop("do"))(**request)
-        print(json.dumps(answer), file=answers, flush=True)
+        answer = getattr(judge, request.pop("do"))(**request)
+        print(json.dumps(answer), file=ANSWERS, flush=True)
 
 
 if __name__ == "__main__":
