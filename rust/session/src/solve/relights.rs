@@ -7,7 +7,7 @@ use relume_image::Image;
 use relume_optimise::{Compare, Compared, Linear, Relight, RelightError};
 use relume_proxy::{GpuComparison, GpuProxy, LightKind, LightParams, Proxy};
 use relume_scene::{LANES, Light, lane};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::progress::Monitor;
 use crate::relighter::Relighter;
@@ -231,23 +231,34 @@ impl<'a> GatherRelight<'a> {
 
     /// Unit images of some lights; those of the last lights are kept, as most of them stay when one is moved.
     fn half_units(&self, lights: &[&Light]) -> Result<Vec<HalfUnits>, SessionError> {
-        let mut kept = self.units.lock().unwrap_or_else(PoisonError::into_inner);
         let keys: Vec<Light> = lights.iter().map(|light| key(light)).collect();
-        let new: Vec<Light> =
-            keys.iter().filter(|key| !kept.iter().any(|(light, _)| light == *key)).cloned().collect();
+        let known: Vec<Option<HalfUnits>> = {
+            let kept = self.kept();
+            let of = |key| kept.iter().find(|(light, _)| light == key).map(|(_, units)| units.clone());
+            keys.iter().map(of).collect()
+        };
+        let is_new = |(key, known): (&Light, &Option<HalfUnits>)| known.is_none().then(|| key.clone());
+        let new: Vec<Light> = keys.iter().zip(&known).filter_map(is_new).collect();
+        // Not under the lock: threads that wait for parts of a gather take up other lights meanwhile.
         let gather = |half| self.relighter.gather_images(&new, half, self.monitor);
-        let halves = gather(Half::First)?.into_iter().zip(gather(Half::Second)?);
-        for (light, (first, second)) in new.into_iter().zip(halves) {
-            kept.push((light, Arc::new([first, second].map(|unit| self.prepared.shrunk(&unit)))));
-        }
-        kept.sort_by_key(|(light, _)| keys.contains(light));
-        let of = |key: &Light| kept.iter().find(|(light, _)| light == key).map(|(_, units)| units.clone());
-        let found = keys.iter().filter_map(of).collect();
+        let mut halves = gather(Half::First)?.into_iter().zip(gather(Half::Second)?);
+        let mut unit = || {
+            let (first, second) = halves.next()?;
+            Some(Arc::new([first, second].map(|unit| self.prepared.shrunk(&unit))))
+        };
+        let found: Vec<HalfUnits> = known.into_iter().filter_map(|known| known.or_else(&mut unit)).collect();
+        let mut kept = self.kept();
+        kept.retain(|(light, _)| !keys.contains(light));
+        kept.extend(keys.iter().cloned().zip(found.iter().cloned()));
         let bytes = |(_, units): &(Light, HalfUnits)| 2 * size_of_val(&units[0].data[..]);
         while kept.len() > keys.len() && kept.iter().map(bytes).sum::<usize>() > MOST_KEPT {
             kept.remove(0);
         }
         Ok(found)
+    }
+
+    fn kept(&self) -> MutexGuard<'_, Vec<(Light, HalfUnits)>> {
+        self.units.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn soft(&self, softness: f32) -> &SoftGather<'a> {
