@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+import subprocess
+import tempfile
 import time
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
@@ -27,9 +31,12 @@ from .start import ShotOperator
 POLL_SECONDS = 0.05
 
 NO_CLIPBOARD = (
-    "The clipboard holds no picture that this Blender can take (under X11 it takes none at all); save it as a file and "
-    "open that"
+    "The clipboard holds no picture that this Blender can take (under X11 it needs the program xclip); save it as a "
+    "file and open that"
 )
+PNG = b"\x89PNG"
+XCLIP_SECONDS = 1.0
+"""How long the owner of the clipboard may take to answer. It never does if that is this Blender, which waits."""
 
 
 def picture_size(scene: bpy.types.Scene) -> tuple[int, int]:
@@ -136,18 +143,43 @@ def paste(context: bpy.types.Context) -> None:
     """Takes the clipboard's picture as the target. Raises SolveError."""
     if bpy.app.background:
         raise SolveError("Pasting needs Blender's window")
-    if not bpy.ops.image.clipboard_paste.poll():
+    image = _pasted_by_blender(context) or _pasted_by_xclip()
+    if image is None:
         raise SolveError(NO_CLIPBOARD)
+    context.scene.relume_solve.target = image
+
+
+def _pasted_by_blender(context: bpy.types.Context) -> bpy.types.Image | None:
+    if not bpy.ops.image.clipboard_paste.poll():
+        return None
     before = set(bpy.data.images)
     try:
         with _image_editor(context):
             bpy.ops.image.clipboard_paste()
-    except RuntimeError as error:
-        raise SolveError(NO_CLIPBOARD) from error
-    pasted = [image for image in bpy.data.images if image not in before]
-    if not pasted:
-        raise SolveError(NO_CLIPBOARD)
-    context.scene.relume_solve.target = pasted[0]
+    except RuntimeError:  # It holds no picture.
+        return None
+    return next((image for image in bpy.data.images if image not in before), None)
+
+
+def _pasted_by_xclip() -> bpy.types.Image | None:
+    """Blender takes no pictures from X11's clipboard."""
+    program = shutil.which("xclip")
+    if program is None or not os.environ.get("DISPLAY"):
+        return None
+    command = (program, "-selection", "clipboard", "-target", "image/png", "-out")
+    try:
+        answer = subprocess.run(command, capture_output=True, timeout=XCLIP_SECONDS, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    if not answer.stdout.startswith(PNG):
+        return None
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "Clipboard.png")
+        path.write_bytes(answer.stdout)
+        image = bpy.data.images.load(str(path))
+        image.pack()
+    image.filepath_raw = ""  # `filepath` would look for the file again.
+    return image
 
 
 @contextmanager

@@ -1,5 +1,7 @@
 """An artist paints what the picture should do; the lights solve themselves, are compared, applied and undone."""
 
+import subprocess
+
 import bpy
 import numpy as np
 from artist import addon
@@ -100,7 +102,7 @@ def large_targets(driver, artist):
 
 
 def paste_nothing(driver):
-    """No picture is said, and Blender's areas stay what they are. Under X11 Blender takes none from the clipboard."""
+    """No picture is said, and Blender's areas stay what they are."""
     kinds = [area.type for area in driver.window.screen.areas]
     driver.expect_error("The clipboard holds no picture")
     with driver.within("UI"):
@@ -111,6 +113,23 @@ def paste_nothing(driver):
             driver.check("clipboard holds no picture" in str(error), f"in clear words: {error}")
     yield from driver.drawn()
     driver.check([area.type for area in driver.window.screen.areas] == kinds, "the areas are what they were")
+
+
+def paste_picture(driver, artist):
+    """One that another program has put into X11's clipboard."""
+    file = driver.scratch / "copied.png"
+    pixels = np.random.default_rng(2).integers(1, 255, (*SIZE[::-1], 3), np.uint8)
+    write_png(file, pixels)
+    command = ("xclip", "-selection", "clipboard", "-target", "image/png", "-in", str(file))
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    with driver.within("UI"):
+        bpy.ops.relume.paste_target()
+    found = yield from look_at_target(driver, artist)
+    driver.check(found.found is not None, f"it is read: {found.error}")
+    image = artist.settings.target
+    copied = np.array(image.pixels[:]).reshape(*SIZE[::-1], 4)[::-1, :, :3]
+    driver.check(np.array_equal(np.rint(255 * copied), pixels), "it is the picture that was copied")
+    artist.settings.target = None
 
 
 def play(driver):
@@ -127,6 +146,7 @@ def play(driver):
         yield from outside_the_camera(driver, artist)
     with driver.step("paste"):
         yield from paste_nothing(driver)
+        yield from paste_picture(driver, artist)
     yield from large_targets(driver, artist)
     floor = (0.2, 0.82, 0.8, 0.88)
     lights, before = artist.values(), artist.brightness(*floor)

@@ -45,8 +45,10 @@ pub struct Goal {
 
 /// What a stop is worth beside a difference of tonemapped values: the slope of Reinhard's curve by stops at its middle.
 const STOP: f32 = 0.173;
-/// What an excess counts where at least so much was asked for.
+/// What an excess of a single cell counts where at least so much was asked for.
 const EXCESS: f32 = 0.3;
+/// Stops by which more is done than asked for: a dump and a render differ by a percent or two.
+const MARGIN: f32 = 0.02;
 /// Added to exposed values under a logarithm or a quotient: a fiftieth of the mean.
 const FLOOR: f32 = 0.01;
 /// What a difference of colour ratios counts beside one of tonemapped values.
@@ -75,6 +77,20 @@ impl Aim {
                 [ratio(exposed, 0, 2).0 + RATIO_PER_MIRED * mireds, stop(luminance(exposed)).0, 0.0]
             }
             Self::Keep => exposed.map(|x| stop(x).0),
+        }
+    }
+
+    /// As [`Self::residual`] for the mean of cells and what it was before. It should be what was asked for, no more and no less,
+    /// but for `MARGIN`.
+    pub(crate) fn residual_of_mean(&self, mean: [f32; 3], before: [f32; 3]) -> ([f32; 3], [[f32; 3]; 3]) {
+        match self {
+            Self::Brightness { stops } => {
+                let (value, slope) = stop(luminance(mean));
+                let wanted = stop(luminance(before)).0 + stops + MARGIN.copysign(*stops);
+                let row = LUMINANCE.map(|w| STOP * slope * w);
+                ([STOP * (value - wanted), 0.0, 0.0], [row, [0.0; 3], [0.0; 3]])
+            }
+            _ => self.residual(mean, self.reference(before)),
         }
     }
 

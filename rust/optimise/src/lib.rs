@@ -19,6 +19,7 @@ mod adam;
 mod cells;
 mod error;
 mod goal;
+mod least_squares;
 mod objective;
 mod polish;
 mod preference;

@@ -180,6 +180,18 @@ impl<'a> ViewObjective<'a> {
         Ok(pictures)
     }
 
+    /// Some lights in the place of one of the problem, for radiance 1 at all cells: two estimates.
+    pub(crate) fn half_values(
+        &self,
+        number: usize,
+        lights: &[&Light],
+    ) -> Result<Vec<[Vec<[f32; 3]>; 2]>, RelightError> {
+        match &self.still[number] {
+            Some(values) => Ok(lights.iter().map(|_| [values.clone(), values.clone()]).collect()),
+            None => self.view.relight.half_values(lights),
+        }
+    }
+
     /// All cells, clean at softness 0.
     fn picture(&self, lights: &[Light], softness: f32) -> Result<Vec<[f32; 3]>, RelightError> {
         if softness == 0.0 {
@@ -240,12 +252,10 @@ impl<'a> ViewObjective<'a> {
 
     /// Each term at its drawn cells of a whole picture.
     pub(crate) fn compare_picture(&self, picture: &[[f32; 3]], draw: &[Vec<u32>]) -> Vec<Comparison<'_>> {
-        let mut first = 0;
         let mut comparisons = Vec::with_capacity(draw.len());
         for (term, draw) in self.terms.iter().zip(draw) {
             let at = |number: &u32| picture[term.cells[*number as usize] as usize];
-            comparisons.push(Comparison::new(term, draw, draw.iter().map(at).collect(), first));
-            first += draw.len();
+            comparisons.push(Comparison::new(term, draw, draw.iter().map(at).collect()));
         }
         comparisons
     }
@@ -264,7 +274,7 @@ impl<'a> ViewObjective<'a> {
                 self.sum(lights, units, term.cells[*number as usize] as usize, first + k)
             };
             let picture = draw.iter().enumerate().map(at).collect();
-            comparisons.push(Comparison::new(term, draw, picture, first));
+            comparisons.push(Comparison::new(term, draw, picture));
             first += draw.len();
         }
         comparisons
@@ -325,7 +335,7 @@ impl<'a> ViewObjective<'a> {
 }
 
 /// Adds a picture times a radiance.
-fn add(sum: &mut [[f32; 3]], picture: &[[f32; 3]], radiance: [f32; 3]) {
+pub(crate) fn add(sum: &mut [[f32; 3]], picture: &[[f32; 3]], radiance: [f32; 3]) {
     for (sum, value) in sum.iter_mut().zip(picture) {
         (0..3).for_each(|c| sum[c] += radiance[c] * value[c]);
     }

@@ -1,5 +1,6 @@
 use crate::OptimiseError;
-use crate::objective::{Draw, Objective, Unit, mean};
+use crate::least_squares::{Jacobian, NormalEquations};
+use crate::objective::{Draw, Objective, add, mean};
 use crate::problem::Problem;
 use crate::solve::mappings;
 use crate::term::Comparison;
@@ -33,19 +34,21 @@ pub struct Polished {
 /// Cells of each goal that are looked at.
 const MOST_CELLS: usize = 4096;
 /// Half widths of the differences that stand for derivatives, of unconstrained values. A dump's picture changes by single
-/// segments: wide differences have little noise, narrow ones little curvature.
-const STAGES: [f32; 2] = [0.5, 0.25];
+/// segments: wide differences have little noise, narrow ones little curvature. They are taken anew while that gains.
+const STAGES: [f32; 8] = [0.5, 0.25, 0.25, 0.12, 0.5, 0.25, 0.25, 0.12];
 /// Radians for each unit of these widths: an eighth of a box is half a unit, an eighth of a radian as far.
 const TURN: f32 = 0.25;
+/// Of differences by radiance, which add no noise.
+const BRIGHTEN: f32 = 0.05;
 /// A further step that improves the loss by less than this share is the last of its stage.
 const LEAST_GAIN: f64 = 1e-3;
 /// So is the last of so many that improve nothing.
 const PATIENCE: usize = 3;
+/// Two stages that together improve it by less than this share are the last ones.
+const LEAST_STAGE_GAIN: f64 = 0.05;
 /// Longest step of an unconstrained value; also what is expected of one, against which its derivatives are weighed: what they say
 /// less about than the residuals' scatter stays.
 const LONGEST: f64 = 0.7;
-/// Steps shorter than this tell nothing about derivatives.
-const SHORTEST: f32 = 1e-3;
 /// A size in this share at the ends of its range is brought inside first, where the logistic function has a slope: smoothing
 /// leaves it to the noise, which drives it there.
 const MARGIN: f32 = 0.1;
@@ -53,8 +56,12 @@ const MARGIN: f32 = 0.1;
 const HALF_TRUST: f32 = 2.0;
 
 /// Moves solved lights to where clean pictures serve the goals best, by Levenberg-Marquardt steps (Marquardt 1963) with
-/// derivatives from differences of clean pictures. What a proxy or smoothing gets wrong is gone afterwards; the basin is still
+/// derivatives from differences of exact pictures. What a proxy or smoothing gets wrong is gone afterwards; the basin is still
 /// the one that it found. At most `steps` steps are made.
+///
+/// The loss is the sum of products of residuals by two halves of the paths, and its derivative that of slopes by one half and
+/// residuals by the other: noise that both share would pull the lights to where there is least of it. So pictures of
+/// derivatives need not be denoised, only those that are compared with the goals.
 ///
 /// # Errors
 /// As [`crate::solve`].
@@ -72,14 +79,16 @@ pub fn polish(
     let start_loss = fit.loss(&start, &Trust::default());
     let inside = |(mapping, light): (&Mapping, &Light)| mapping.inside(light, MARGIN);
     let mut best = fit.state(&fit.mappings.iter().zip(lights).map(inside).collect::<Vec<_>>())?;
-    let mut iteration = 0;
-    for (stage, width) in STAGES.into_iter().enumerate() {
-        let most = steps * (stage + 1) / STAGES.len();
-        if fit.descend(&mut best, width, &mut iteration, most, on_step)?.is_break() {
+    let (mut iteration, mut losses) = (0, vec![fit.loss(&best, &Trust::default())]);
+    for width in STAGES {
+        let flow = fit.descend(&mut best, width, &mut iteration, steps, on_step)?;
+        losses.push(fit.loss(&best, &Trust::default()));
+        let gains_little = matches!(losses[..], [.., a, _, b] if b > (1.0 - LEAST_STAGE_GAIN) * a);
+        if flow.is_break() || gains_little || iteration >= steps {
             break;
         }
     }
-    let loss = fit.loss(&best, &Trust::default());
+    let loss = losses[losses.len() - 1];
     let (best, loss) = if loss <= start_loss { (best, loss) } else { (start, start_loss) };
     // A sum of products may fall below 0 by chance.
     Ok(Polished { lights: best.lights, loss: loss.max(0.0), start_loss: start_loss.max(0.0) })
@@ -144,9 +153,10 @@ impl Fit<'_> {
         let (mut damping, mut rejected, mut flow) = (1e-2, 0, ControlFlow::Continue(()));
         while *iteration < most && rejected < PATIENCE && flow.is_continue() {
             let before = best.trusted(&trust);
-            let squares: f64 = before.iter().map(|r| f64::from(r * r)).sum();
-            let noise = squares / before.len() as f64;
-            let system = self.normal_equations(&jacobian, &before, &best.lights);
+            let [a, b] = &before;
+            let squares: f64 = a.iter().zip(b).map(|(a, b)| f64::from(0.5 * (a + b)).powi(2)).sum();
+            let noise = squares / a.len() as f64;
+            let system = self.normal_equations(&jacobian, best, &trust);
             let Some(delta) = system.solve(damping, noise / (LONGEST * LONGEST)) else { break };
             let longest = delta.iter().fold(LONGEST, |most, d| most.max(d.abs()));
             let delta: Vec<f32> = delta.iter().map(|d| (d * LONGEST / longest) as f32).collect();
@@ -196,9 +206,10 @@ impl Fit<'_> {
         lights.iter().zip(&self.mappings).zip(delta.as_chunks::<PARAMS>().0).map(of_light).collect()
     }
 
-    fn normal_equations(&self, jacobian: &Jacobian, residuals: &[f32], lights: &[Light]) -> NormalEquations {
+    fn normal_equations(&self, jacobian: &Jacobian, state: &State, trust: &Trust) -> NormalEquations {
+        let lights = &state.lights;
         let mut system = NormalEquations::new(lights.len() * PARAMS);
-        system.add(&jacobian.columns, residuals);
+        system.add(jacobian, &state.trusted(trust));
         for (i, light) in lights.iter().enumerate() {
             for (value, row) in self.objective.preferences(i, &self.mappings[i], light) {
                 system.add_row(i * PARAMS, &row, value);
@@ -207,161 +218,91 @@ impl Fit<'_> {
         system
     }
 
-    /// None if the caller wants to stop.
+    /// Differences of pictures at both sides of each free value. None if the caller wants to stop.
     fn jacobian(
         &self,
         state: &State,
         width: f32,
         trust: &Trust,
-        on_column: &mut dyn FnMut() -> ControlFlow<()>,
+        on_light: &mut dyn FnMut() -> ControlFlow<()>,
     ) -> Result<Option<Jacobian>, OptimiseError> {
-        let units = self.objective.units(&state.lights, &self.draw)?;
         let mut columns = Vec::with_capacity(state.lights.len() * PARAMS);
         for (i, (light, mapping)) in state.lights.iter().zip(&self.mappings).enumerate() {
-            for number in 0..LANES {
-                if !mapping.is_free(&light.shape, number) {
-                    columns.push(Vec::new());
-                    continue;
-                }
-                let width = if lane::TURN.contains(&number) { TURN * width } else { width };
-                columns.push(self.difference(&state.lights, i * PARAMS + number, width, trust)?);
-                if on_column().is_break() {
-                    return Ok(None);
+            let mut moved = vec![light.clone()];
+            for (number, width) in widths(mapping, light, width) {
+                for step in [width, -width] {
+                    let mut delta = [0.0; PARAMS];
+                    delta[number] = step;
+                    moved.push(mapping.step(light, &delta));
                 }
             }
-            let by_radiance = mapping.radiance_slopes(light);
-            columns.extend(by_radiance.map(|slope| self.by_radiance(state, i, slope, &units, trust)));
+            let mut residuals = self.residuals_instead(state, i, &moved, trust)?.into_iter().skip(1);
+            let mut of_light: [[Vec<f32>; 2]; PARAMS] = std::array::from_fn(|_| Default::default());
+            for (number, width) in widths(mapping, light, width) {
+                let Some((above, below)) = residuals.next().zip(residuals.next()) else { break };
+                let slope = |(above, below): (&f32, &f32)| (above - below) / (2.0 * width);
+                of_light[number] =
+                    [0, 1].map(|half| above[half].iter().zip(&below[half]).map(slope).collect());
+            }
+            columns.extend(of_light);
+            if on_light().is_break() {
+                return Ok(None);
+            }
         }
         Ok(Some(Jacobian { columns }))
     }
 
-    /// Derivatives of the residuals by an unconstrained value, from pictures at both sides.
-    fn difference(
-        &self,
-        lights: &[Light],
-        number: usize,
-        width: f32,
-        trust: &Trust,
-    ) -> Result<Vec<f32>, OptimiseError> {
-        let at = |step: f32| {
-            let mut delta = vec![0.0; lights.len() * PARAMS];
-            delta[number] = step;
-            self.state(&self.moved(lights, &delta)).map(|state| state.trusted(trust))
-        };
-        let (above, below) = (at(width)?, at(-width)?);
-        Ok(above.iter().zip(&below).map(|(above, below)| (above - below) / (2.0 * width)).collect())
-    }
-
-    /// Derivatives of the residuals by a value that changes a light's radiance so much; empty if it does not.
-    fn by_radiance(
+    /// Residuals with some lights instead of one, the first of which is that one itself: of the clean picture with the difference
+    /// that each half of the paths makes.
+    fn residuals_instead(
         &self,
         state: &State,
         number: usize,
-        slope: [f32; 3],
-        units: &[Vec<Unit>],
+        lights: &[Light],
         trust: &Trust,
-    ) -> Vec<f32> {
-        if slope == [0.0; 3] {
-            return Vec::new();
-        }
-        let mut column = Vec::new();
-        let views = self.objective.views.iter().zip(&self.draw).zip(state.pictures.iter().zip(units));
-        for ((view, draw), (picture, units)) in views {
-            let change = |k: usize| std::array::from_fn(|c| slope[c] * units[number][k][c]);
-            for comparison in view.compare_picture(picture, draw) {
-                column.extend(comparison.push_forward(comparison.places().map(change)));
+    ) -> Result<Vec<[Vec<f32>; 2]>, OptimiseError> {
+        let mut residuals: Vec<[Vec<f32>; 2]> = vec![Default::default(); lights.len()];
+        for ((view, draw), picture) in self.objective.views.iter().zip(&self.draw).zip(&state.pictures) {
+            let is_other = |light: &&Light| light.shape != lights[0].shape;
+            let shapes: Vec<&Light> = lights[..1].iter().chain(lights.iter().filter(is_other)).collect();
+            let units = view.half_values(number, &shapes)?;
+            let unit =
+                |light: &Light| shapes.iter().position(|other| other.shape == light.shape).unwrap_or(0);
+            let by_light = lights.par_iter().map(|light| {
+                [0, 1].map(|half| {
+                    let mut picture = picture.clone();
+                    add(&mut picture, &units[unit(light)][half], light.radiance);
+                    add(&mut picture, &units[0][half], lights[0].radiance.map(|r| -r));
+                    let comparisons = view.compare_picture(&picture, draw);
+                    comparisons.iter().flat_map(Comparison::weighted_residuals).collect::<Vec<_>>()
+                })
+            });
+            let by_light: Vec<_> = by_light.collect();
+            for (residuals, new) in residuals.iter_mut().zip(by_light) {
+                residuals.iter_mut().zip(new).for_each(|(residuals, new)| residuals.extend(new));
             }
         }
-        column.iter_mut().enumerate().for_each(|(i, value)| *value *= trust.of(i));
-        column
+        for residuals in residuals.as_flattened_mut() {
+            residuals.iter_mut().enumerate().for_each(|(i, residual)| *residual *= trust.of(i));
+        }
+        Ok(residuals)
     }
+}
+
+/// Half widths of the differences for each free value.
+fn widths(mapping: &Mapping, light: &Light, width: f32) -> impl Iterator<Item = (usize, f32)> {
+    let of_value = move |number: usize| match number {
+        LANES.. => (number, BRIGHTEN),
+        _ if lane::TURN.contains(&number) => (number, TURN * width),
+        _ => (number, width),
+    };
+    (0..PARAMS).filter(|number| mapping.is_free(&light.shape, *number)).map(of_value)
 }
 
 impl State {
-    /// Means of the two estimates, times their trust.
-    fn trusted(&self, trust: &Trust) -> Vec<f32> {
-        let [a, b] = &self.residuals;
-        a.iter().zip(b).enumerate().map(|(i, (a, b))| trust.of(i) * 0.5 * (a + b)).collect()
-    }
-}
-
-/// Derivatives of the weighted residuals by each unconstrained value; empty where there are none.
-struct Jacobian {
-    columns: Vec<Vec<f32>>,
-}
-
-impl Jacobian {
-    /// Broyden's update (1965): the least change that makes it true for a step that was tried.
-    fn learn(&mut self, delta: &[f32], before: &[f32], after: &[f32]) {
-        let length2 = delta.iter().map(|d| d * d).sum::<f32>();
-        let mut missing: Vec<f32> = before.iter().zip(after).map(|(before, after)| after - before).collect();
-        for (column, delta) in self.columns.iter().zip(delta) {
-            missing.iter_mut().zip(column).for_each(|(missing, slope)| *missing -= slope * delta);
-        }
-        if !(length2 > SHORTEST * SHORTEST && missing.iter().all(|missing| missing.is_finite())) {
-            return;
-        }
-        self.columns.par_iter_mut().zip(delta).for_each(|(column, delta)| {
-            let share = delta / length2;
-            column.iter_mut().zip(&missing).for_each(|(slope, missing)| *slope += share * missing);
-        });
-    }
-}
-
-/// `J^T J` and `-J^T r`.
-struct NormalEquations {
-    matrix: Vec<Vec<f64>>,
-    right: Vec<f64>,
-}
-
-impl NormalEquations {
-    fn new(size: usize) -> Self {
-        Self { matrix: vec![vec![0.0; size]; size], right: vec![0.0; size] }
-    }
-
-    fn add(&mut self, columns: &[Vec<f32>], residuals: &[f32]) {
-        let dot =
-            |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum::<f64>();
-        self.matrix.par_iter_mut().zip(&mut self.right).zip(columns).for_each(|((row, right), a)| {
-            row.iter_mut().zip(columns).for_each(|(sum, b)| *sum += dot(a, b));
-            *right -= dot(a, residuals);
-        });
-    }
-
-    fn add_row(&mut self, first: usize, row: &[f32; PARAMS], value: f32) {
-        for (i, a) in row.iter().enumerate() {
-            for (j, b) in row.iter().enumerate() {
-                self.matrix[first + i][first + j] += f64::from(a * b);
-            }
-            self.right[first + i] -= f64::from(a * value);
-        }
-    }
-
-    /// The step with a damped and raised diagonal, by Cholesky's decomposition; none where nothing has a slope. Values without
-    /// one stay.
-    fn solve(&self, damping: f64, raise: f64) -> Option<Vec<f64>> {
-        let n = self.right.len();
-        let largest = (0..n).map(|i| self.matrix[i][i]).fold(0.0, f64::max);
-        let mut lower = vec![vec![0.0; n]; n];
-        for row in 0..n {
-            for column in 0..=row {
-                let known: f64 = (0..column).map(|k| lower[row][k] * lower[column][k]).sum();
-                let entry = self.matrix[row][column];
-                lower[row][column] = match row == column {
-                    true => (entry * (1.0 + damping) + raise + 1e-12 * largest - known).sqrt(),
-                    false => (entry - known) / lower[column][column],
-                };
-            }
-        }
-        let mut step = self.right.clone();
-        for row in 0..n {
-            let known: f64 = (0..row).map(|k| lower[row][k] * step[k]).sum();
-            step[row] = (step[row] - known) / lower[row][row];
-        }
-        for row in (0..n).rev() {
-            let known: f64 = (row + 1..n).map(|k| lower[k][row] * step[k]).sum();
-            step[row] = (step[row] - known) / lower[row][row];
-        }
-        (largest > 0.0 && step.iter().all(|value| value.is_finite())).then_some(step)
+    /// Residuals times their trust.
+    fn trusted(&self, trust: &Trust) -> [Vec<f32>; 2] {
+        let of_half = |half: &Vec<f32>| half.iter().enumerate().map(|(i, r)| trust.of(i) * r).collect();
+        self.residuals.each_ref().map(of_half)
     }
 }

@@ -64,23 +64,40 @@ pub trait Relight: Sync {
         Ok(None)
     }
 
-    /// What some lights, each with its radiance, add to each cell of the picture, exact and as clean as it can be made: two
-    /// estimates with independent noise, or twice the same if there is none. Squared differences from noisy pictures are
-    /// least for the lights with the least noise, products of the differences from two such estimates are not.
+    /// Values of some lights for radiance 1 at all cells, exact: two estimates with independent noise, or twice the same if there is
+    /// none. Squared differences from noisy pictures are least for the lights with the least noise, products of the differences
+    /// from two such estimates are not.
+    ///
+    /// # Errors
+    /// Whatever the relighter reports.
+    fn half_values(&self, lights: &[&Light]) -> Result<Vec<[Vec<[f32; 3]>; 2]>, RelightError> {
+        let (width, height) = self.size();
+        let cells: Vec<u32> =
+            (0..(width.div_ceil(self.cell()) * height.div_ceil(self.cell())) as u32).collect();
+        let twice = |light: &&Light| {
+            let values = self.values(light, 0.0, &cells)?;
+            Ok([values.clone(), values])
+        };
+        lights.iter().map(twice).collect()
+    }
+
+    /// What some lights, each with its radiance, add to each cell of the picture: as [`Self::half_values`], as clean as they can be
+    /// made.
     ///
     /// # Errors
     /// Whatever the relighter reports.
     fn clean_pictures(&self, lights: &[&Light]) -> Result<[Vec<[f32; 3]>; 2], RelightError> {
-        let (width, height) = self.size();
-        let count = width.div_ceil(self.cell()) * height.div_ceil(self.cell());
-        let cells: Vec<u32> = (0..count as u32).collect();
-        let mut sum = vec![[0.0; 3]; count];
-        for light in lights {
-            for (sum, unit) in sum.iter_mut().zip(self.values(light, 0.0, &cells)?) {
-                (0..3).for_each(|c| sum[c] += light.radiance[c] * unit[c]);
+        let halves = self.half_values(lights)?;
+        let sum = |half: usize| {
+            let mut sum = vec![[0.0; 3]; halves.first().map_or(0, |halves| halves[half].len())];
+            for (light, halves) in lights.iter().zip(&halves) {
+                for (sum, unit) in sum.iter_mut().zip(&halves[half]) {
+                    (0..3).for_each(|c| sum[c] += light.radiance[c] * unit[c]);
+                }
             }
-        }
-        Ok([sum.clone(), sum])
+            sum
+        };
+        Ok([sum(0), sum(1)])
     }
 
     /// Takes over the comparison with a target, if that is better done where the pictures are made: on a device, from which

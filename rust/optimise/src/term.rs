@@ -14,7 +14,12 @@ pub(crate) struct Term<'a> {
     weights: Vec<f32>,
     /// What each is compared to.
     references: Vec<[f32; 3]>,
+    /// What each was before, exposed.
+    before: Vec<[f32; 3]>,
 }
+
+/// What single cells count beside their mean, which is what was asked for: so much should a goal be reached everywhere alike.
+const EVEN: f32 = 0.2;
 
 impl<'a> Term<'a> {
     /// `before` is the picture before, and what brings it to moderate brightness.
@@ -26,13 +31,14 @@ impl<'a> Term<'a> {
         let weights = goal.pixels.as_ref().map(|weights| cells.mean_weights(weights));
         let weight = |cell: usize| weights.as_ref().map_or(1.0, |weights| weights[cell]);
         let chosen: Vec<usize> = (0..cells.count()).filter(|cell| weight(*cell) > 0.0).collect();
-        let at = |cell: &usize| goal.aim.reference(reference[*cell].map(|x| exposure * x));
+        let exposed = |image: &[[f32; 3]], cell: usize| image[cell].map(|x| exposure * x);
         Self {
             aim: &goal.aim,
             weight: goal.weight,
             exposure,
             weights: chosen.iter().map(|cell| weight(*cell)).collect(),
-            references: chosen.iter().map(at).collect(),
+            references: chosen.iter().map(|cell| goal.aim.reference(exposed(reference, *cell))).collect(),
+            before: chosen.iter().map(|cell| exposed(before, *cell)).collect(),
             cells: chosen.into_iter().map(|cell| cell as u32).collect(),
         }
     }
@@ -50,8 +56,6 @@ impl<'a> Term<'a> {
 /// A term at drawn cells of a picture.
 pub(crate) struct Comparison<'a> {
     term: &'a Term<'a>,
-    /// Place of its first cell among those of all terms.
-    first: usize,
     /// Exposed cells, before `gain`.
     exposed: Vec<[f32; 3]>,
     /// Weights that sum up to the term's.
@@ -62,10 +66,12 @@ pub(crate) struct Comparison<'a> {
     gain_slope: f32,
     residuals: Vec<[f32; 3]>,
     slopes: Vec<[[f32; 3]; 3]>,
+    /// How far the mean of the cells is from what was asked for, and its derivatives. A target asks for each cell by itself.
+    whole: Option<([f32; 3], [[f32; 3]; 3])>,
 }
 
 impl<'a> Comparison<'a> {
-    pub(crate) fn new(term: &'a Term<'a>, draw: &[u32], picture: Vec<[f32; 3]>, first: usize) -> Self {
+    pub(crate) fn new(term: &'a Term<'a>, draw: &[u32], picture: Vec<[f32; 3]>) -> Self {
         let total: f32 = draw.iter().map(|number| term.weights[*number as usize]).sum();
         let share = |number: &u32| term.weight * term.weights[*number as usize] / total;
         let shares: Vec<f32> = draw.iter().map(share).collect();
@@ -83,30 +89,50 @@ impl<'a> Comparison<'a> {
         let compare =
             |(x, number): (&[f32; 3], &u32)| term.aim.residual(x.map(|x| gain * x), reference(number));
         let (residuals, slopes) = exposed.iter().zip(draw).map(compare).unzip();
-        Self { term, first, exposed, shares, gain, gain_slope, residuals, slopes }
+        let whole = (!matches!(term.aim, Aim::Target { .. })).then(|| {
+            let before = draw.iter().map(|number| &term.before[*number as usize]);
+            let mean = |values: &mut dyn Iterator<Item = &[f32; 3]>| {
+                let mut mean = [0.0; 3];
+                for (value, share) in values.zip(&shares) {
+                    (0..3).for_each(|c| mean[c] += share / term.weight * value[c]);
+                }
+                mean
+            };
+            term.aim.residual_of_mean(mean(&mut exposed.iter()), mean(&mut before.into_iter()))
+        });
+        Self { term, exposed, shares, gain, gain_slope, residuals, slopes, whole }
     }
 
-    /// Places of its cells among those of all terms.
-    pub(crate) fn places(&self) -> std::ops::Range<usize> {
-        self.first..self.first + self.exposed.len()
+    /// Factor on the weights of single cells.
+    fn of_cells(&self) -> f32 {
+        if self.whole.is_some() { EVEN } else { 1.0 }
     }
 
     pub(crate) fn loss(&self) -> f64 {
         let square = |(r, share): (&[f32; 3], &f32)| f64::from(share * r.iter().map(|r| r * r).sum::<f32>());
-        self.residuals.iter().zip(&self.shares).map(square).sum()
+        let cells: f64 = self.residuals.iter().zip(&self.shares).map(square).sum();
+        let whole = self.whole.map_or(0.0, |(r, _)| square((&r, &self.term.weight)));
+        f64::from(self.of_cells()) * cells + whole
     }
 
     /// Residuals times the roots of their weights, so that the loss is the sum of their squares.
     pub(crate) fn weighted_residuals(&self) -> impl Iterator<Item = f32> {
-        self.residuals.iter().zip(&self.shares).flat_map(|(r, share)| r.map(|r| share.sqrt() * r))
+        let of_cells = self.of_cells();
+        let cells = self.residuals.iter().zip(&self.shares).map(move |(r, share)| (*r, of_cells * share));
+        let whole = self.whole.map(|(r, _)| (r, self.term.weight));
+        cells.chain(whole).flat_map(|(r, weight)| r.map(|r| weight.sqrt() * r))
     }
 
     /// Derivative of the loss by each value of the picture.
     pub(crate) fn pull_back(&self) -> Vec<[f32; 3]> {
+        let half_slope = |r: &[f32; 3], slopes: &[[f32; 3]; 3], c: usize| -> f32 {
+            (0..3).map(|j| r[j] * slopes[j][c]).sum()
+        };
         let by_gained = |k: usize| -> [f32; 3] {
             std::array::from_fn(|c| {
-                2.0 * self.shares[k]
-                    * (0..3).map(|j| self.residuals[k][j] * self.slopes[k][j][c]).sum::<f32>()
+                let cell = self.of_cells() * half_slope(&self.residuals[k], &self.slopes[k], c);
+                let whole = self.whole.as_ref().map_or(0.0, |(r, slopes)| half_slope(r, slopes, c));
+                2.0 * self.shares[k] * (cell + whole)
             })
         };
         let by_gained: Vec<[f32; 3]> = (0..self.exposed.len()).map(by_gained).collect();
@@ -116,17 +142,6 @@ impl<'a> Comparison<'a> {
             std::array::from_fn(|c| self.term.exposure * (self.gain * d[c] + by_gain * gain_slope[c]))
         };
         by_gained.iter().enumerate().map(by_value).collect()
-    }
-
-    /// Change of the weighted residuals with a change of the picture.
-    pub(crate) fn push_forward(&self, d_picture: impl Iterator<Item = [f32; 3]>) -> Vec<f32> {
-        let d_exposed: Vec<[f32; 3]> = d_picture.map(|d| d.map(|d| self.term.exposure * d)).collect();
-        let d_gain: f32 = d_exposed.iter().enumerate().map(|(k, d)| dot(self.gain_slope(k), *d)).sum();
-        let change = |(k, d): (usize, &[f32; 3])| -> [f32; 3] {
-            let d_gained = std::array::from_fn(|c| self.gain * d[c] + d_gain * self.exposed[k][c]);
-            self.slopes[k].map(|row| self.shares[k].sqrt() * dot(row, d_gained))
-        };
-        d_exposed.iter().enumerate().flat_map(change).collect()
     }
 
     /// Derivative of the gain by an exposed cell.

@@ -393,3 +393,20 @@ fn brighter_does_not_tint_and_warmer_does_not_dim() {
     assert!(ratio(warmer, 0) / ratio(warmer, 2) > 1.4, "{warmer:?}");
     assert!((luminance(warmer) - 1.0).abs() < 0.05, "{warmer:?}");
 }
+
+#[test]
+fn a_region_gets_as_many_stops_as_asked_for_on_average() {
+    let (base, light) = (flat(0.02), lamps()[0].clone());
+    // Its near side gains more than its far side as the light moves.
+    let region: Vec<f32> = (0..SIZE.0 * SIZE.1).map(|i| if i % SIZE.0 < 7 { 1.0 } else { 0.0 }).collect();
+    let goals = [Goal { aim: Aim::Brightness { stops: 1.0 }, pixels: Some(region.clone()), weight: 1.0 }];
+    let view = View { relight: &FLOOR, base: &base, still: vec![None], goals: &goals };
+    let locks = Locks { position: false, strength: false, ..Locks::ALL };
+    let problem = Problem { views: vec![view], variables: vec![Variable { locks, ..variable(&light) }] };
+    let settings = Settings { iterations: 300, pixel_fraction: 1.0, ..Settings::default() };
+    let found = solve(&problem, &[vec![light.clone()]], &settings, &|_| ControlFlow::Continue(())).unwrap();
+    let polished = polish(&problem, &found.lights, 60, &mut |_| ControlFlow::Continue(())).unwrap();
+    let [before, after] = [&[light][..], &polished.lights].map(|lights| picture(&FLOOR, &base, lights));
+    let reached = report(&goals[0], &before, &after).reached;
+    assert!((1.0..1.04).contains(&reached), "{reached}");
+}

@@ -180,16 +180,14 @@ impl Mapping {
         })
     }
 
-    /// Derivatives of the radiance by each of the last three unconstrained values.
-    pub(crate) fn radiance_slopes(&self, light: &Light) -> [[f32; 3]; 3] {
-        let by_channel: [[f32; PARAMS]; 3] = std::array::from_fn(|c| {
-            self.pull_back(light, &[0.0; LANES], std::array::from_fn(|k| if k == c { 1.0 } else { 0.0 }))
-        });
-        std::array::from_fn(|value| by_channel.map(|row| row[LANES + value]))
-    }
-
+    /// Whether an unconstrained value changes anything.
     pub(crate) fn is_free(&self, shape: &LightShape, number: usize) -> bool {
-        shape.has_lane(number) && !self.locks.holds(number)
+        match (number, self.locks.color, self.locks.strength) {
+            (0..LANES, ..) => shape.has_lane(number) && !self.locks.holds(number),
+            (_, true, true) => false,
+            (_, true, false) => number == LANES,
+            _ => true,
+        }
     }
 
     fn lane_step(&self, shape: &LightShape, number: usize, delta: f32) -> f32 {

@@ -350,24 +350,38 @@ fn the_cpu_goes_on_where_the_gpu_fails_unless_that_one_was_asked_for() {
 fn lights_solved_on_the_gpu_are_those_of_the_cpu() {
     let folder = tempfile::tempdir().unwrap();
     baked(folder.path());
-    trained(folder.path(), folder.path(), LightKind::Sphere);
+    for kind in [LightKind::Sphere, LightKind::Quad] {
+        trained(folder.path(), folder.path(), kind);
+    }
     let gpu = Relighter::open(folder.path()).unwrap().on(&Device::Gpu(GpuChoice::Best).open(None).unwrap());
     let cpu = Relighter::open(folder.path()).unwrap();
     let options = RelightOptions { with: With::Proxy, denoise: false };
     let target = cpu.relight(&[sphere("Hidden", 0.2)], &options, &Monitor::default()).unwrap().combined();
-    let request = r#"{"add": {"count": 1}, "goals": [{"goal": "target", "image": "target"}], "through": "proxy",
-        "starts": 1, "candidates": 1, "steps": 25, "polish": 0}"#;
-    let request = SolveRequest::parse(request).unwrap();
     let pictures = Pictures::named(HashMap::from([("target".into(), target)]));
-    let solved = [&gpu, &cpu].map(|relighter| {
-        solve_lights(&[relighter], &request, &pictures, &Monitor::default(), &|_| ()).unwrap()
-    });
-    let [a, b] = solved.each_ref().map(|solved| &solved.lights.lights[0]);
-    // The same steps, but for the order of sums.
-    let ratio = solved[0].loss / solved[1].loss;
-    assert!((ratio - 1.0).abs() < 1e-2 && solved[1].loss < 0.9 * solved[1].start_loss, "{solved:?}");
-    let (a, b) = (a.shape.center().unwrap(), b.shape.center().unwrap());
-    assert!(a.distance(b) < 1e-2, "{a} {b}");
+    // One light, and two of different types.
+    let bulb = r#"{"name": "Bulb", "shape": {"type": "sphere", "center": [0, 0, 1], "radius": 0.2}, "radiance": [1, 1, 1]}"#;
+    let panel = r#"{"name": "Panel", "kind": {"type": "AREA", "shape": "SQUARE", "size": 0.25}, "energy": 10,
+        "world_from_object": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 1.5], [0, 0, 0, 1]]}"#;
+    let two = format!(
+        r#""lights": [{bulb}, {panel}], "free": {{"Bulb": ["position", "strength"], "Panel": ["position", "strength"]}}"#
+    );
+    for wish in [r#""add": {"count": 1}"#, &two] {
+        let request = SolveRequest::parse(&format!(
+            r#"{{{wish}, "goals": [{{"goal": "target", "image": "target"}}], "through": "proxy",
+                "starts": 1, "candidates": 1, "steps": 25, "polish": 0}}"#
+        ));
+        let request = request.unwrap();
+        let solved = [&gpu, &cpu].map(|relighter| {
+            solve_lights(&[relighter], &request, &pictures, &Monitor::default(), &|_| ()).unwrap()
+        });
+        // The same steps, but for the order of sums.
+        let ratio = solved[0].loss / solved[1].loss;
+        assert!((ratio - 1.0).abs() < 1e-2 && solved[1].loss < 0.9 * solved[1].start_loss, "{solved:?}");
+        for (a, b) in solved[0].lights.lights.iter().zip(&solved[1].lights.lights) {
+            let (a, b) = (a.shape.center().unwrap(), b.shape.center().unwrap());
+            assert!(a.distance(b) < 1e-2, "{a} {b}");
+        }
+    }
 }
 
 /// Does something once a training has got so far, in thousandths.

@@ -12,7 +12,7 @@ use relume_optimise::{
     Goal, Polished, Problem, RandomStarts, Relight, Settings, Step, View, idle_lights, polish, random_starts,
     solve,
 };
-use relume_proxy::LightKind;
+use relume_proxy::{GpuProxy, LightKind};
 use relume_scene::Light;
 use std::ops::ControlFlow;
 use std::sync::Mutex;
@@ -25,7 +25,7 @@ use crate::{LightSet, SessionError};
 
 pub use goals::Pictures;
 use lights::Unknowns;
-use relights::{GatherRelight, GpuProxyRelight, Prepared, ProxyRelight};
+use relights::{GatherRelight, Prepared, ProxyRelight};
 pub use request::{
     Add, BoundsWish, Freedom, GoalKind, GoalWish, NewKind, RegionWish, SolveRequest, Through, Wish,
 };
@@ -173,6 +173,24 @@ pub(crate) struct Found {
     start: usize,
 }
 
+/// A proxy on the GPU that is held for a search, and those before it.
+struct Held<'a> {
+    relighter: &'a Relighter,
+    kind: LightKind,
+    proxy: &'a GpuProxy,
+    before: Option<&'a Held<'a>>,
+}
+
+impl<'a> Held<'a> {
+    fn find(held: Option<&'a Self>, relighter: &Relighter, kind: LightKind) -> Option<&'a GpuProxy> {
+        let held = held?;
+        match std::ptr::eq(held.relighter, relighter) && held.kind == kind {
+            true => Some(held.proxy),
+            false => Self::find(held.before, relighter, kind),
+        }
+    }
+}
+
 struct Search<'a> {
     request: &'a SolveRequest,
     unknowns: &'a Unknowns,
@@ -219,29 +237,43 @@ impl Search<'_> {
         Problem { views, variables: self.unknowns.variables.clone() }
     }
 
+    /// Through proxies, on the GPU where they are there.
     fn explore_proxies(&self) -> Result<Found, SessionError> {
-        if let Some(found) = self.explore_on_gpu()? {
-            return Ok(found);
+        let mut kinds = Vec::new();
+        for kind in self.unknowns.moving().filter_map(|light| LightKind::of(&light.shape)) {
+            if !kinds.contains(&kind) {
+                kinds.push(kind);
+            }
         }
-        let proxies: Vec<ProxyRelight> = self
-            .scenes
-            .iter()
-            .map(|scene| ProxyRelight::new(scene.relighter.proxies(), scene.size()))
-            .collect();
-        let relights: Vec<&dyn Relight> = proxies.iter().map(|proxy| proxy as &dyn Relight).collect();
-        self.explore(&self.problem(&relights), [0.0; 2])
+        let relighters = self.scenes.iter().map(|scene| scene.relighter);
+        let wanted = relighters.flat_map(|relighter| kinds.iter().map(move |kind| (relighter, *kind)));
+        self.explore_on(&wanted.collect::<Vec<_>>(), &kinds, None)
     }
 
-    /// Through a proxy on the GPU, where there is one, all moving lights are of its kind and there is one view.
-    fn explore_on_gpu(&self) -> Result<Option<Found>, SessionError> {
-        let mut kinds: Vec<_> =
-            self.unknowns.moving().filter_map(|light| LightKind::of(&light.shape)).collect();
-        kinds.dedup();
-        let ([scene], [kind]) = (self.scenes, &kinds[..]) else { return Ok(None) };
-        scene.relighter.on_gpu_proxy(*kind, self.monitor, |on_gpu| {
-            let relight = GpuProxyRelight { on_gpu, size: scene.size() };
-            self.explore(&self.problem(&[&relight]), [0.0; 2])
-        })
+    /// Takes hold of the wanted proxies on the GPU, one after the other, then explores.
+    fn explore_on(
+        &self,
+        wanted: &[(&Relighter, LightKind)],
+        kinds: &[LightKind],
+        held: Option<&Held>,
+    ) -> Result<Found, SessionError> {
+        let Some(((relighter, kind), rest)) = wanted.split_first() else {
+            let proxies = self.scenes.iter().map(|scene| ProxyRelight {
+                proxies: scene.relighter.proxies(),
+                kinds: kinds.iter().map(|kind| (*kind, Held::find(held, scene.relighter, *kind))).collect(),
+                size: scene.size(),
+            });
+            let proxies: Vec<ProxyRelight> = proxies.collect();
+            let relights: Vec<&dyn Relight> = proxies.iter().map(|proxy| proxy as &dyn Relight).collect();
+            return self.explore(&self.problem(&relights), [0.0; 2]);
+        };
+        let found = match Held::find(held, relighter, *kind) {
+            Some(_) => None, // By a view before, of the same bake.
+            None => relighter.on_gpu_proxy(*kind, self.monitor, |proxy| {
+                self.explore_on(rest, kinds, Some(&Held { relighter, kind: *kind, proxy, before: held }))
+            })?,
+        };
+        found.map_or_else(|| self.explore_on(rest, kinds, held), Ok)
     }
 
     fn explore(&self, problem: &Problem, softness: [f32; 2]) -> Result<Found, SessionError> {

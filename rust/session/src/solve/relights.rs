@@ -21,22 +21,26 @@ const LARGEST_CELL: usize = 8;
 const LEAST_CELLS: usize = 512;
 
 /// Proxies, each for its kind of light.
-#[derive(Clone, Copy)]
 pub(super) struct ProxyRelight<'a> {
-    proxies: &'a Proxies,
-    size: (usize, usize),
+    pub proxies: &'a Proxies,
+    /// The kinds of the lights that move, each with its proxy on the GPU where it is there.
+    pub kinds: Vec<(LightKind, Option<&'a GpuProxy>)>,
+    pub size: (usize, usize),
 }
 
 impl<'a> ProxyRelight<'a> {
-    pub fn new(proxies: &'a Proxies, size: (usize, usize)) -> Self {
-        Self { proxies, size }
+    fn params(light: &Light) -> Result<LightParams, RelightError> {
+        LightParams::from_shape(&light.shape)
+            .ok_or_else(|| format!("light '{}' has no proxy", light.name).into())
     }
 
-    fn of(&self, light: &Light) -> Result<(&'a Proxy, LightParams), RelightError> {
-        let params = LightParams::from_shape(&light.shape);
-        let trained = params.and_then(|params| self.proxies.of(params.kind()).zip(Some(params)));
-        let (trained, params) = trained.ok_or_else(|| format!("light '{}' has no proxy", light.name))?;
-        Ok((&trained.proxy, params))
+    fn on_gpu(&self, kind: LightKind) -> Option<&'a GpuProxy> {
+        self.kinds.iter().find(|(of, _)| *of == kind)?.1
+    }
+
+    fn on_cpu(&self, light: &Light, kind: LightKind) -> Result<&'a Proxy, RelightError> {
+        let trained = self.proxies.of(kind).ok_or_else(|| format!("light '{}' has no proxy", light.name))?;
+        Ok(&trained.proxy)
     }
 }
 
@@ -46,9 +50,12 @@ impl Relight for ProxyRelight<'_> {
     }
 
     fn values(&self, light: &Light, _: f32, cells: &[u32]) -> Result<Vec<[f32; 3]>, RelightError> {
-        let (proxy, params) = self.of(light)?;
+        let params = Self::params(light)?;
         let mut values = vec![[0.0; 3]; cells.len()];
-        proxy.forward_pixels(cells, &params, &mut values)?;
+        match self.on_gpu(params.kind()) {
+            Some(proxy) => proxy.forward_pixels(cells, &params, &mut values)?,
+            None => self.on_cpu(light, params.kind())?.forward_pixels(cells, &params, &mut values)?,
+        }
         Ok(values)
     }
 
@@ -59,44 +66,12 @@ impl Relight for ProxyRelight<'_> {
         cells: &[u32],
         d_values: &[[f32; 3]],
     ) -> Result<[f32; LANES], RelightError> {
-        let (proxy, params) = self.of(light)?;
-        Ok(by_lane(&params, &proxy.backward(cells, &params, d_values)?))
-    }
-}
-
-/// One proxy on a GPU.
-pub(super) struct GpuProxyRelight<'a> {
-    pub on_gpu: &'a GpuProxy,
-    pub size: (usize, usize),
-}
-
-impl GpuProxyRelight<'_> {
-    fn params(&self, light: &Light) -> Result<LightParams, RelightError> {
-        let params = LightParams::from_shape(&light.shape);
-        params.ok_or_else(|| format!("light '{}' has no proxy", light.name).into())
-    }
-}
-
-impl Relight for GpuProxyRelight<'_> {
-    fn size(&self) -> (usize, usize) {
-        self.size
-    }
-
-    fn values(&self, light: &Light, _: f32, cells: &[u32]) -> Result<Vec<[f32; 3]>, RelightError> {
-        let mut values = vec![[0.0; 3]; cells.len()];
-        self.on_gpu.forward_pixels(cells, &self.params(light)?, &mut values)?;
-        Ok(values)
-    }
-
-    fn pull_back(
-        &self,
-        light: &Light,
-        _: f32,
-        cells: &[u32],
-        d_values: &[[f32; 3]],
-    ) -> Result<[f32; LANES], RelightError> {
-        let params = self.params(light)?;
-        Ok(by_lane(&params, &self.on_gpu.backward(cells, &params, d_values)?))
+        let params = Self::params(light)?;
+        let gradient = match self.on_gpu(params.kind()) {
+            Some(proxy) => proxy.backward(cells, &params, d_values)?,
+            None => self.on_cpu(light, params.kind())?.backward(cells, &params, d_values)?,
+        };
+        Ok(by_lane(&params, &gradient))
     }
 
     fn comparison<'a>(
@@ -105,22 +80,19 @@ impl Relight for GpuProxyRelight<'_> {
         target: &Image,
         exposure: f32,
     ) -> Result<Option<Box<dyn Compare + 'a>>, RelightError> {
-        let comparison = self.on_gpu.comparison(&base.data, &target.data, exposure)?;
-        Ok(Some(Box::new(GpuCompare { relight: self, comparison })))
+        let [(_, Some(proxy))] = &self.kinds[..] else { return Ok(None) };
+        Ok(Some(Box::new(GpuCompare(proxy.comparison(&base.data, &target.data, exposure)?))))
     }
 }
 
 /// Pictures compared on the GPU.
-struct GpuCompare<'a> {
-    relight: &'a GpuProxyRelight<'a>,
-    comparison: GpuComparison<'a>,
-}
+struct GpuCompare<'a>(GpuComparison<'a>);
 
 impl Compare for GpuCompare<'_> {
     fn gradient(&self, lights: &[&Light], pixels: &[u32]) -> Result<Compared, RelightError> {
-        let params = |light: &&Light| Ok((self.relight.params(light)?, light.radiance));
+        let params = |light: &&Light| Ok((ProxyRelight::params(light)?, light.radiance));
         let lights = lights.iter().map(params).collect::<Result<Vec<_>, RelightError>>()?;
-        let (loss, gradients) = self.comparison.gradient(&lights, pixels)?;
+        let (loss, gradients) = self.0.gradient(&lights, pixels)?;
         let by_light = lights.iter().zip(gradients);
         Ok((loss, by_light.map(|((params, _), g)| (by_lane(params, &g.params), g.radiance)).collect()))
     }
@@ -160,6 +132,8 @@ pub(super) struct Prepared {
 const ENOUGH: [(f32, u32); 2] = [(0.05, 6), (0.015, 24)];
 /// Bytes of unit images that are kept.
 const MOST_KEPT: usize = 1 << 28;
+/// Lights of which full pictures are held at a time.
+const MOST_AT_ONCE: usize = 4;
 /// Pixels that are denoised in a moment.
 const QUICKLY_DENOISED: usize = 160_000;
 
@@ -229,7 +203,7 @@ impl<'a> GatherRelight<'a> {
         Some(Self { relighter, monitor, gather, soft, few, prepared, units })
     }
 
-    /// Unit images of some lights; those of the last lights are kept, as most of them stay when one is moved.
+    /// Unit images of some lights; of those that are kept, or gathered.
     fn half_units(&self, lights: &[&Light]) -> Result<Vec<HalfUnits>, SessionError> {
         let keys: Vec<Light> = lights.iter().map(|light| key(light)).collect();
         let known: Vec<Option<HalfUnits>> = {
@@ -239,22 +213,33 @@ impl<'a> GatherRelight<'a> {
         };
         let is_new = |(key, known): (&Light, &Option<HalfUnits>)| known.is_none().then(|| key.clone());
         let new: Vec<Light> = keys.iter().zip(&known).filter_map(is_new).collect();
+        let mut gathered = Vec::with_capacity(new.len());
         // Not under the lock: threads that wait for parts of a gather take up other lights meanwhile.
-        let gather = |half| self.relighter.gather_images(&new, half, self.monitor);
-        let mut halves = gather(Half::First)?.into_iter().zip(gather(Half::Second)?);
-        let mut unit = || {
-            let (first, second) = halves.next()?;
-            Some(Arc::new([first, second].map(|unit| self.prepared.shrunk(&unit))))
-        };
-        let found: Vec<HalfUnits> = known.into_iter().filter_map(|known| known.or_else(&mut unit)).collect();
+        for some in new.chunks(MOST_AT_ONCE) {
+            let gather = |half| self.relighter.gather_images(some, half, self.monitor);
+            let halves = gather(Half::First)?.into_iter().zip(gather(Half::Second)?);
+            gathered.extend(halves.map(|(a, b)| Arc::new([a, b].map(|unit| self.prepared.shrunk(&unit)))));
+        }
+        let mut gathered = gathered.into_iter();
+        Ok(known.into_iter().filter_map(|known| known.or_else(|| gathered.next())).collect())
+    }
+
+    /// As [`Self::half_units`], kept for the next time: most lights stay when one is moved.
+    fn kept_half_units(&self, lights: &[&Light]) -> Result<Vec<HalfUnits>, SessionError> {
+        let units = self.half_units(lights)?;
+        let keys: Vec<Light> = lights.iter().map(|light| key(light)).collect();
         let mut kept = self.kept();
         kept.retain(|(light, _)| !keys.contains(light));
-        kept.extend(keys.iter().cloned().zip(found.iter().cloned()));
+        kept.extend(keys.into_iter().zip(units.iter().cloned()));
         let bytes = |(_, units): &(Light, HalfUnits)| 2 * size_of_val(&units[0].data[..]);
-        while kept.len() > keys.len() && kept.iter().map(bytes).sum::<usize>() > MOST_KEPT {
+        while kept.len() > lights.len() && kept.iter().map(bytes).sum::<usize>() > MOST_KEPT {
             kept.remove(0);
         }
-        Ok(found)
+        Ok(units)
+    }
+
+    fn halves_of_cells(&self, units: &HalfUnits) -> [Vec<[f32; 3]>; 2] {
+        units.each_ref().map(|unit| self.prepared.cells(unit))
     }
 
     fn kept(&self) -> MutexGuard<'_, Vec<(Light, HalfUnits)>> {
@@ -280,10 +265,14 @@ impl Relight for GatherRelight<'_> {
         if softness > 0.0 {
             return Ok(self.soft(softness).linearise(light, softness, cells)?.values);
         }
-        let units = self.half_units(&[light])?;
-        let [a, b] = units[0].each_ref().map(|unit| self.prepared.cells(unit));
+        let units = self.kept_half_units(&[light])?;
+        let [a, b] = self.halves_of_cells(&units[0]);
         let mean = |cell: &u32| std::array::from_fn(|c| 0.5 * (a[*cell as usize][c] + b[*cell as usize][c]));
         Ok(cells.iter().map(mean).collect())
+    }
+
+    fn half_values(&self, lights: &[&Light]) -> Result<Vec<[Vec<[f32; 3]>; 2]>, RelightError> {
+        Ok(self.half_units(lights)?.iter().map(|units| self.halves_of_cells(units)).collect())
     }
 
     fn pull_back(
@@ -305,7 +294,7 @@ impl Relight for GatherRelight<'_> {
 
     /// Gathered from either half of the paths, and denoised.
     fn clean_pictures(&self, lights: &[&Light]) -> Result<[Vec<[f32; 3]>; 2], RelightError> {
-        let units = self.half_units(lights)?;
+        let units = self.kept_half_units(lights)?;
         let clean = |half: usize| {
             let pairs: Vec<_> =
                 units.iter().zip(lights).map(|(unit, light)| (&unit[half], light.radiance)).collect();

@@ -81,7 +81,7 @@ impl Default for Wish {
             pixel_fraction: 0.05,
             learning_rate: 0.05,
             seed: 0,
-            polish: 24,
+            polish: 64,
             through: Through::Auto,
         }
     }

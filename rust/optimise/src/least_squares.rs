@@ -1,0 +1,95 @@
+//! Linear least squares of residuals that are estimated twice with independent noise.
+
+use crate::variable::PARAMS;
+use rayon::prelude::*;
+
+/// Steps shorter than this tell nothing about derivatives.
+const SHORTEST: f32 = 1e-3;
+/// Derivatives of the weighted residuals by each unconstrained value, by either half of the paths; empty where there are none.
+pub(crate) struct Jacobian {
+    pub(crate) columns: Vec<[Vec<f32>; 2]>,
+}
+
+impl Jacobian {
+    /// Broyden's update (1965): the least change that makes it true for a step that was tried.
+    pub(crate) fn learn(&mut self, delta: &[f32], before: &[Vec<f32>; 2], after: &[Vec<f32>; 2]) {
+        let length2 = delta.iter().map(|d| d * d).sum::<f32>();
+        for half in 0..2 {
+            let change = after[half].iter().zip(&before[half]);
+            let mut missing: Vec<f32> = change.map(|(after, before)| after - before).collect();
+            for (column, delta) in self.columns.iter().zip(delta) {
+                missing.iter_mut().zip(&column[half]).for_each(|(missing, slope)| *missing -= slope * delta);
+            }
+            if !(length2 > SHORTEST * SHORTEST && missing.iter().all(|missing| missing.is_finite())) {
+                return;
+            }
+            self.columns.par_iter_mut().zip(delta).for_each(|(column, delta)| {
+                let share = delta / length2;
+                column[half].iter_mut().zip(&missing).for_each(|(slope, missing)| *slope += share * missing);
+            });
+        }
+    }
+}
+
+/// `J^T J` and `-J^T r`.
+pub(crate) struct NormalEquations {
+    matrix: Vec<Vec<f64>>,
+    right: Vec<f64>,
+}
+
+impl NormalEquations {
+    pub(crate) fn new(size: usize) -> Self {
+        Self { matrix: vec![vec![0.0; size]; size], right: vec![0.0; size] }
+    }
+
+    /// The right side takes slopes from one half and residuals from the other: it is the derivative of the loss, without what
+    /// noise that both share would add. The matrix is that of the means, which always has a root.
+    pub(crate) fn add(&mut self, jacobian: &Jacobian, [r_a, r_b]: &[Vec<f32>; 2]) {
+        let dot =
+            |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum::<f64>();
+        let mean = |[a, b]: &[Vec<f32>; 2]| a.iter().zip(b).map(|(a, b)| 0.5 * (a + b)).collect();
+        let means: Vec<Vec<f32>> = jacobian.columns.par_iter().map(mean).collect();
+        let rows = self.matrix.par_iter_mut().zip(&mut self.right).zip(&jacobian.columns).zip(&means);
+        rows.for_each(|(((row, right), [a, b]), mean)| {
+            row.iter_mut().zip(&means).for_each(|(sum, other)| *sum += dot(mean, other));
+            *right -= 0.5 * (dot(a, r_b) + dot(b, r_a));
+        });
+    }
+
+    pub(crate) fn add_row(&mut self, first: usize, row: &[f32; PARAMS], value: f32) {
+        for (i, a) in row.iter().enumerate() {
+            for (j, b) in row.iter().enumerate() {
+                self.matrix[first + i][first + j] += f64::from(a * b);
+            }
+            self.right[first + i] -= f64::from(a * value);
+        }
+    }
+
+    /// The step with a damped and raised diagonal, by Cholesky's decomposition; none where nothing has a slope. Values without
+    /// one stay.
+    pub(crate) fn solve(&self, damping: f64, raise: f64) -> Option<Vec<f64>> {
+        let n = self.right.len();
+        let largest = (0..n).map(|i| self.matrix[i][i]).fold(0.0, f64::max);
+        let mut lower = vec![vec![0.0; n]; n];
+        for row in 0..n {
+            for column in 0..=row {
+                let known: f64 = (0..column).map(|k| lower[row][k] * lower[column][k]).sum();
+                let entry = self.matrix[row][column];
+                lower[row][column] = match row == column {
+                    true => (entry * (1.0 + damping) + raise + 1e-12 * largest - known).sqrt(),
+                    false => (entry - known) / lower[column][column],
+                };
+            }
+        }
+        let mut step = self.right.clone();
+        for row in 0..n {
+            let known: f64 = (0..row).map(|k| lower[row][k] * step[k]).sum();
+            step[row] = (step[row] - known) / lower[row][row];
+        }
+        for row in (0..n).rev() {
+            let known: f64 = (row + 1..n).map(|k| lower[k][row] * step[k]).sum();
+            step[row] = (step[row] - known) / lower[row][row];
+        }
+        (largest > 0.0 && step.iter().all(|value| value.is_finite())).then_some(step)
+    }
+}
