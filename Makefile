@@ -87,10 +87,12 @@ solve: wheel
 	@scripts/install-wheel "$(WHEELS)" 4.2
 	RELUME_SCENES="$(SCENES)" $(PYTHON) scripts/bench/solve/run.py --peers $(CURDIR)/.venv-peers/bin/python $(SOLVE)
 
-# A GPU, a software one included; BENCH_GPU="--keep MACHINE" keeps the figures in docs/bench.
+# Tests and times the GPU, a software one if there is no other. BENCH_GPU="--keep MACHINE" keeps the figures in docs/bench;
+# with --quality "--seconds 300 --types sphere" proxies are trained on the real scenes as well.
 bench-gpu: wheel
+	$(CARGO) test -p relume-gpu -p relume-gather -p relume-proxy -p relume-optimise -p relume-session gpu
 	@scripts/install-wheel "$(WHEELS)" 4.2
-	$(PYTHON) scripts/bench/gpu.py $(BENCH_GPU)
+	RELUME_SCENES="$(SCENES)" $(PYTHON) scripts/bench/gpu.py $(BENCH_GPU)
 
 # Against Cycles on the real scenes; PARITY="--scenes cornell_box --sets 2" for less.
 parity: wheel

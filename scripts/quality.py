@@ -1,9 +1,9 @@
 """Proxy quality: both networks at equal training time, on lights never trained on, against the denoised gather of an
 independent bake; and what gathering from the bake that was trained on reaches on the same lights.
 
-Training time is processor time per thread, so that both networks get the same whatever else the machine does. Needs the
-real scenes (RELUME_SCENES or ../shared/scenes). Bakes are kept in the output folder and resumed, so that a stopped run
-goes on.
+Training time is processor time per thread, so that both networks get the same whatever else the machine does; on a GPU
+it is time by the clock. Needs the real scenes (RELUME_SCENES or ../shared/scenes). Bakes are kept in the output folder
+and resumed, so that a stopped run goes on.
 """
 
 import argparse
@@ -80,7 +80,7 @@ class Quality:
         for kind in self.args.types:
             trained = [
                 self.train(folder, kind, network, seconds)
-                for network in ("fast", "reference")
+                for network in self.args.networks
                 for seconds in self.args.seconds
             ]
             self.measure(folder, kind, trained)
@@ -90,8 +90,10 @@ class Quality:
     def train(self, folder, kind, network, seconds):
         """One training: the file of its proxy and its record as far as it is known."""
         out = folder / f"{kind}_{network}_{seconds:g}s"
-        options = ("--type", kind, "--network", network, "--seconds", seconds, "--processor-time", "--all-paths")
-        report = self.relume("train", folder / "train", *options, "--out", out)
+        options = ["--type", kind, "--network", network, "--seconds", seconds, "--all-paths"]
+        if self.args.device == "cpu":
+            options.append("--processor-time")
+        report = self.relume("--device", self.args.device, "train", folder / "train", *options, "--out", out)
         record = {"network": network, "train_seconds": seconds, "samples": report["samples"]}
         return out / f"proxy_{kind}.safetensors", record
 
@@ -128,6 +130,8 @@ def main():
     parser.add_argument("--samples", type=int, default=512, help="samples of the bake that is trained on")
     parser.add_argument("--reference-samples", type=int, default=4096)
     parser.add_argument("--lights", type=int, default=100)
+    parser.add_argument("--device", default="cpu", help="what trains: cpu, gpu or a part of a GPU's name")
+    parser.add_argument("--networks", nargs="+", default=["fast", "reference"])
     parser.add_argument("--threads", type=int, default=0, help="0 for one a core")
     parser.add_argument("--keep", action="store_true", help="keep the reference bakes (13 GB each)")
     args = parser.parse_args()

@@ -40,9 +40,9 @@ pub use polish::{PolishStep, Polished, polish};
 pub use problem::{Problem, View};
 pub use prune::idle_lights;
 pub use region::{Region, Stroke};
-pub use relight::{Compare, Compared, Linear, Relight, RelightError};
+pub use relight::{Compare, Compared, Linear, Picture, Relight, RelightError};
 pub use report::{Report, Worst, conflicts, report};
-pub use solve::{Settings, Solution, Step, TrajectoryPoint, solve};
+pub use solve::{RunnerUp, Settings, Solution, Step, TrajectoryPoint, solve};
 pub use starts::{RandomStarts, random_starts};
 pub use variable::{Bounds, Locks, Variable};
 

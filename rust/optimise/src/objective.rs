@@ -2,7 +2,7 @@ use crate::cells::Cells;
 use crate::goal::{Aim, Goal};
 use crate::preference;
 use crate::problem::{Problem, View, mean_luminance};
-use crate::relight::{Compare, Linear};
+use crate::relight::{Compare, Linear, Picture};
 use crate::term::{Comparison, Term};
 use crate::variable::{Mapping, PARAMS};
 use crate::{OptimiseError, RelightError};
@@ -162,8 +162,8 @@ impl<'a> ViewObjective<'a> {
         Ok(self.view.relight.comparison(self.view.base, image, self.terms[0].exposure)?)
     }
 
-    /// All cells, as clean as they can be made: two estimates.
-    pub(crate) fn clean_pictures(&self, lights: &[Light]) -> Result<[Vec<[f32; 3]>; 2], RelightError> {
+    /// All cells.
+    pub(crate) fn whole_picture(&self, lights: &[Light]) -> Result<Picture, RelightError> {
         let mut rest = self.base.clone();
         let mut moving = Vec::new();
         for (light, still) in lights.iter().zip(&self.still) {
@@ -173,11 +173,13 @@ impl<'a> ViewObjective<'a> {
             }
         }
         if moving.is_empty() {
-            return Ok([rest.clone(), rest]);
+            let exact = [rest.clone(), rest];
+            return Ok(Picture { clean: exact.clone(), exact });
         }
-        let mut pictures = self.view.relight.clean_pictures(&moving)?;
-        pictures.iter_mut().for_each(|picture| add(picture, &rest, [1.0; 3]));
-        Ok(pictures)
+        let mut picture = self.view.relight.picture(&moving)?;
+        let halves = picture.exact.iter_mut().chain(&mut picture.clean);
+        halves.for_each(|half| add(half, &rest, [1.0; 3]));
+        Ok(picture)
     }
 
     /// Some lights in the place of one of the problem, for radiance 1 at all cells: two estimates.
@@ -195,7 +197,7 @@ impl<'a> ViewObjective<'a> {
     /// All cells, clean at softness 0.
     fn picture(&self, lights: &[Light], softness: f32) -> Result<Vec<[f32; 3]>, RelightError> {
         if softness == 0.0 {
-            return Ok(mean(self.clean_pictures(lights)?));
+            return Ok(mean(&self.whole_picture(lights)?.clean));
         }
         let cells: Vec<u32> = (0..self.base.len() as u32).collect();
         let units = self.units(lights, softness, &cells)?;
@@ -252,12 +254,21 @@ impl<'a> ViewObjective<'a> {
 
     /// Each term at its drawn cells of a whole picture.
     pub(crate) fn compare_picture(&self, picture: &[[f32; 3]], draw: &[Vec<u32>]) -> Vec<Comparison<'_>> {
-        let mut comparisons = Vec::with_capacity(draw.len());
-        for (term, draw) in self.terms.iter().zip(draw) {
-            let at = |number: &u32| picture[term.cells[*number as usize] as usize];
-            comparisons.push(Comparison::new(term, draw, draw.iter().map(at).collect()));
-        }
-        comparisons
+        let terms = self.terms.iter().zip(draw);
+        terms.map(|(term, draw)| Comparison::new(term, draw, term.drawn(picture, draw))).collect()
+    }
+
+    /// Weighted residuals of a picture that differs from the one compared by noise and little else.
+    pub(crate) fn residuals_beside(
+        &self,
+        comparisons: &[Comparison],
+        picture: &[[f32; 3]],
+        draw: &[Vec<u32>],
+    ) -> Vec<f32> {
+        let of_term = |((comparison, term), draw): ((&Comparison, &Term), &Vec<u32>)| {
+            comparison.weighted_residuals(&term.drawn(picture, draw)).collect::<Vec<_>>()
+        };
+        comparisons.iter().zip(&self.terms).zip(draw).flat_map(of_term).collect()
     }
 
     /// Each term at its drawn cells.
@@ -342,7 +353,6 @@ pub(crate) fn add(sum: &mut [[f32; 3]], picture: &[[f32; 3]], radiance: [f32; 3]
 }
 
 /// The mean of two estimates of a picture.
-pub(crate) fn mean([mut a, b]: [Vec<[f32; 3]>; 2]) -> Vec<[f32; 3]> {
-    a.iter_mut().zip(&b).for_each(|(a, b)| (0..3).for_each(|c| a[c] = 0.5 * (a[c] + b[c])));
-    a
+pub(crate) fn mean([a, b]: &[Vec<[f32; 3]>; 2]) -> Vec<[f32; 3]> {
+    a.iter().zip(b).map(|(a, b)| std::array::from_fn(|c| 0.5 * (a[c] + b[c]))).collect()
 }

@@ -2,8 +2,8 @@ use crate::OptimiseError;
 use crate::least_squares::{Jacobian, NormalEquations};
 use crate::objective::{Draw, Objective, add, mean};
 use crate::problem::Problem;
+use crate::relight::Picture;
 use crate::solve::mappings;
-use crate::term::Comparison;
 use crate::variable::{Mapping, PARAMS};
 use rayon::prelude::*;
 use relume_scene::{LANES, Light, lane};
@@ -49,14 +49,20 @@ const LEAST_STAGE_GAIN: f64 = 0.05;
 /// Longest step of an unconstrained value; also what is expected of one, against which its derivatives are weighed: what they say
 /// less about than the residuals' scatter stays.
 const LONGEST: f64 = 0.7;
-/// A size in this share at the ends of its range is brought inside first, where the logistic function has a slope: smoothing
-/// leaves it to the noise, which drives it there.
-const MARGIN: f32 = 0.1;
+/// Shares of their range at which sizes are tried.
+const SIZES: [f32; 7] = [0.07, 0.21, 0.36, 0.5, 0.64, 0.79, 0.93];
+/// A size this near to an end of its range is where smoothing has left it to the noise: it says nothing.
+const END: f32 = 0.1;
+/// By so many of its standard deviations a gain must be above 0 to be believed.
+const SURE: f64 = 2.0;
 /// Noise, in units of its median, at which a cell counts half.
 const HALF_TRUST: f32 = 2.0;
+/// Cells to either side by which noise is told.
+const AROUND: usize = 4;
 
 /// Moves solved lights to where clean pictures serve the goals best, by Levenberg-Marquardt steps (Marquardt 1963) with
-/// derivatives from differences of exact pictures. What a proxy or smoothing gets wrong is gone afterwards; the basin is still
+/// derivatives from differences of exact pictures; between them sizes are chosen, and last of all radiances solved, by exact
+/// pictures alone. What a proxy or smoothing gets wrong is gone afterwards; the basin is still
 /// the one that it found. At most `steps` steps are made.
 ///
 /// The loss is the sum of products of residuals by two halves of the paths, and its derivative that of slopes by one half and
@@ -77,30 +83,47 @@ pub fn polish(
         Fit { draw: objective.spread(MOST_CELLS), mappings: mappings(problem, lights, 0.0)?, objective };
     let start = fit.state(lights)?;
     let start_loss = fit.loss(&start, &Trust::default());
-    let inside = |(mapping, light): (&Mapping, &Light)| mapping.inside(light, MARGIN);
-    let mut best = fit.state(&fit.mappings.iter().zip(lights).map(inside).collect::<Vec<_>>())?;
-    let (mut iteration, mut losses) = (0, vec![fit.loss(&best, &Trust::default())]);
-    for width in STAGES {
+    let mut best = start.clone();
+    let (mut iteration, mut left) = (0, [0.0, 0.0]);
+    for (number, width) in STAGES.into_iter().enumerate() {
+        if number > 0 {
+            best = fit.with_best_sizes(best)?;
+        }
+        let before = fit.loss(&best, &Trust::default());
         let flow = fit.descend(&mut best, width, &mut iteration, steps, on_step)?;
-        losses.push(fit.loss(&best, &Trust::default()));
-        let gains_little = matches!(losses[..], [.., a, _, b] if b > (1.0 - LEAST_STAGE_GAIN) * a);
+        left = [left[1], fit.loss(&best, &Trust::default()) / before.max(f64::MIN_POSITIVE)];
+        let gains_little = left[0] * left[1] > 1.0 - LEAST_STAGE_GAIN;
         if flow.is_break() || gains_little || iteration >= steps {
             break;
         }
     }
-    let loss = losses[losses.len() - 1];
-    let (best, loss) = if loss <= start_loss { (best, loss) } else { (start, start_loss) };
+    best = fit.with_exact_radiances(best)?;
+    let loss = fit.loss(&best, &Trust::default());
+    let [before, after] =
+        [&start, &best].map(|state| fit.residuals(&state.pictures, |picture| &picture.exact));
+    let (best, loss) =
+        if Gain::new(&before, &after).mean >= 0.0 { (best, loss) } else { (start, start_loss) };
     // A sum of products may fall below 0 by chance.
     Ok(Polished { lights: best.lights, loss: loss.max(0.0), start_loss: start_loss.max(0.0) })
 }
 
 /// Lights, and how far they are from the goals.
+#[derive(Clone)]
 struct State {
     lights: Vec<Light>,
-    /// Of all views: means of two estimates.
-    pictures: Vec<Vec<[f32; 3]>>,
-    /// Of all views, weighted: by two estimates with independent noise.
+    /// Of all views.
+    pictures: Vec<Picture>,
+    /// Of the clean pictures, weighted.
     residuals: [Vec<f32>; 2],
+}
+
+/// The picture to which differences that a light makes are added.
+#[derive(Clone, Copy)]
+enum Base {
+    /// The clean one, for both halves.
+    Clean,
+    /// Its exact halves.
+    Exact,
 }
 
 /// Factors on residuals, less where they are noisy; 1 where there are none.
@@ -108,20 +131,45 @@ struct State {
 struct Trust(Vec<f32>);
 
 impl Trust {
-    /// From how much the two estimates differ.
-    fn new(state: &State) -> Self {
-        let [a, b] = &state.residuals;
+    /// From how much the two estimates differ at the cells around each, not at itself: products of its two residuals would else
+    /// count less where their noise happens to be of opposite sign, and their sum be least for the lights with the least noise.
+    fn new([a, b]: &[Vec<f32>; 2]) -> Self {
         let square = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).map(|c| (a[c] - b[c]).powi(2)).sum::<f32>();
         let noise: Vec<f32> = a.as_chunks().0.iter().zip(b.as_chunks().0).map(square).collect();
+        let around = |i: usize| {
+            let near = &noise[i.saturating_sub(AROUND)..(i + AROUND + 1).min(noise.len())];
+            (near.iter().sum::<f32>() - noise[i]) / (near.len() - 1).max(1) as f32
+        };
+        let noise: Vec<f32> = (0..noise.len()).map(around).collect();
         let mut sorted = noise.clone();
         sorted.sort_by(f32::total_cmp);
         let half = HALF_TRUST * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
-        let trust = |noise: &f32| if half > 0.0 { (half / (half + noise)).sqrt() } else { 1.0 };
+        let trust = |noise: &f32| if half > 0.0 { (half / (half + noise.max(0.0))).sqrt() } else { 1.0 };
         Self(noise.iter().flat_map(|noise| [trust(noise); 3]).collect())
     }
 
     fn of(&self, number: usize) -> f32 {
         self.0.get(number).copied().unwrap_or(1.0)
+    }
+}
+
+/// By how much a loss is less than before, and the standard deviation of that. Both are estimated from the cells.
+struct Gain {
+    mean: f64,
+    deviation: f64,
+}
+
+impl Gain {
+    fn new(before: &[Vec<f32>; 2], after: &[Vec<f32>; 2]) -> Self {
+        let products = |[a, b]: &[Vec<f32>; 2]| -> Vec<f64> {
+            let of_cell = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).map(|c| f64::from(a[c] * b[c])).sum();
+            a.as_chunks().0.iter().zip(b.as_chunks().0).map(of_cell).collect()
+        };
+        let gains: Vec<f64> =
+            products(before).iter().zip(products(after)).map(|(before, after)| before - after).collect();
+        let mean = gains.iter().sum::<f64>();
+        let each = mean / gains.len().max(1) as f64;
+        Self { mean, deviation: gains.iter().map(|gain| (gain - each).powi(2)).sum::<f64>().sqrt() }
     }
 }
 
@@ -141,7 +189,7 @@ impl Fit<'_> {
         most: usize,
         on_step: &mut dyn FnMut(PolishStep) -> ControlFlow<()>,
     ) -> Result<ControlFlow<()>, OptimiseError> {
-        let trust = Trust::new(best);
+        let trust = Trust::new(&best.residuals);
         let mut loss = self.loss(best, &trust);
         let mut report =
             |iteration: usize, loss: f64, lights: &[Light]| on_step(PolishStep { iteration, loss, lights });
@@ -178,17 +226,88 @@ impl Fit<'_> {
         Ok(flow)
     }
 
-    fn state(&self, lights: &[Light]) -> Result<State, OptimiseError> {
-        let (mut pictures, mut residuals) = (Vec::new(), [Vec::new(), Vec::new()]);
-        for (view, draw) in self.objective.views.iter().zip(&self.draw) {
-            let estimates = view.clean_pictures(lights)?;
-            for (residuals, picture) in residuals.iter_mut().zip(&estimates) {
-                let comparisons = view.compare_picture(picture, draw);
-                residuals.extend(comparisons.iter().flat_map(Comparison::weighted_residuals));
+    /// With the sizes that suit best of some over their whole range.
+    fn with_best_sizes(&self, state: State) -> Result<State, OptimiseError> {
+        let trust = Trust::new(&self.residuals(&state.pictures, |picture| &picture.exact));
+        let mut lights = state.lights.clone();
+        for (i, mapping) in self.mappings.iter().enumerate() {
+            for number in lane::SIZE.filter(|number| mapping.is_free(&state.lights[i].shape, *number)) {
+                if let Some(share) = self.best_size(&state, i, number, &trust)? {
+                    lights[i] = mapping.with_size(&lights[i], number, share);
+                }
             }
-            pictures.push(mean(estimates));
         }
+        if lights == state.lights { Ok(state) } else { self.state(&lights) }
+    }
+
+    /// The share of its range that a size should have, if another than it has. A size shows in little but how soft shadows are: its
+    /// derivatives are small, and denoising, which takes more from small lights than from large ones, counts as much. So exact
+    /// pictures are compared, and a size is only taken if they leave little doubt; one at the end of its range is also left if
+    /// they do not ask for it.
+    fn best_size(
+        &self,
+        state: &State,
+        light: usize,
+        number: usize,
+        trust: &Trust,
+    ) -> Result<Option<f32>, OptimiseError> {
+        let (mapping, now) = (&self.mappings[light], &state.lights[light]);
+        let others = SIZES.map(|share| mapping.with_size(now, number, share));
+        let tried: Vec<Light> = std::iter::once(now.clone()).chain(others).collect();
+        let residuals = self.residuals_instead(state, light, &tried, trust, Base::Exact)?;
+        let strain = |tried: &Light| {
+            let preferences = self.objective.preferences(light, mapping, tried);
+            preferences.iter().map(|(value, _)| f64::from(value * value)).sum::<f64>()
+        };
+        let gain = |(tried, after): (&Light, &[Vec<f32>; 2])| {
+            let gain = Gain::new(&residuals[0], after);
+            Gain { mean: gain.mean + strain(now) - strain(tried), ..gain }
+        };
+        let gains: Vec<Gain> = tried.iter().zip(&residuals).skip(1).map(gain).collect();
+        let least = |gain: &Gain| gain.mean - SURE * gain.deviation;
+        let best = SIZES.into_iter().zip(&gains).max_by(|(_, a), (_, b)| least(a).total_cmp(&least(b)));
+        let best = best.filter(|(_, gain)| least(gain) > 0.0).map(|(share, _)| share);
+        let is_at_end = !(END..=1.0 - END).contains(&mapping.size_share(now, number));
+        let middle = &gains[SIZES.len() / 2];
+        let to_middle = is_at_end && middle.mean + middle.deviation > 0.0;
+        Ok(best.or(to_middle.then_some(SIZES[SIZES.len() / 2])))
+    }
+
+    /// With the radiances that exact pictures ask for, if they leave little doubt: denoising dims small lights.
+    fn with_exact_radiances(&self, state: State) -> Result<State, OptimiseError> {
+        let residuals = self.residuals(&state.pictures, |picture| &picture.exact);
+        let (trust, exact) = (Trust::new(&residuals), State { residuals, ..state.clone() });
+        let jacobian = self.jacobian(&exact, 0.0, &trust, &mut || ControlFlow::Continue(()))?;
+        let system = jacobian.map(|jacobian| self.normal_equations(&jacobian, &exact, &trust));
+        let [a, b] = exact.trusted(&trust);
+        let noise =
+            a.iter().zip(&b).map(|(a, b)| f64::from(0.5 * (a + b)).powi(2)).sum::<f64>() / a.len() as f64;
+        let Some(delta) = system.and_then(|system| system.solve(0.0, noise / (LONGEST * LONGEST))) else {
+            return Ok(state);
+        };
+        let delta: Vec<f32> = delta.iter().map(|d| *d as f32).collect();
+        let next = self.state(&self.moved(&state.lights, &delta))?;
+        let gain = Gain::new(&exact.residuals, &self.residuals(&next.pictures, |picture| &picture.exact));
+        Ok(if gain.mean > SURE * gain.deviation { next } else { state })
+    }
+
+    fn state(&self, lights: &[Light]) -> Result<State, OptimiseError> {
+        let pictures = self.objective.views.iter().map(|view| view.whole_picture(lights));
+        let pictures = pictures.collect::<Result<Vec<_>, _>>()?;
+        let residuals = self.residuals(&pictures, |picture| &picture.clean);
         Ok(State { lights: lights.to_vec(), pictures, residuals })
+    }
+
+    /// Weighted residuals of either half of the pictures of all views.
+    fn residuals(&self, pictures: &[Picture], halves: fn(&Picture) -> &[Vec<[f32; 3]>; 2]) -> [Vec<f32>; 2] {
+        let mut residuals = [Vec::new(), Vec::new()];
+        for ((view, draw), picture) in self.objective.views.iter().zip(&self.draw).zip(pictures) {
+            let comparisons = view.compare_picture(&mean(&picture.clean), draw);
+            for (residuals, half) in residuals.iter_mut().zip(halves(picture)) {
+                residuals.extend(view.residuals_beside(&comparisons, half, draw));
+            }
+        }
+        residuals
     }
 
     /// Sum of the products of two estimates: that of squares without what noise adds.
@@ -236,7 +355,8 @@ impl Fit<'_> {
                     moved.push(mapping.step(light, &delta));
                 }
             }
-            let mut residuals = self.residuals_instead(state, i, &moved, trust)?.into_iter().skip(1);
+            let mut residuals =
+                self.residuals_instead(state, i, &moved, trust, Base::Clean)?.into_iter().skip(1);
             let mut of_light: [[Vec<f32>; 2]; PARAMS] = std::array::from_fn(|_| Default::default());
             for (number, width) in widths(mapping, light, width) {
                 let Some((above, below)) = residuals.next().zip(residuals.next()) else { break };
@@ -252,14 +372,15 @@ impl Fit<'_> {
         Ok(Some(Jacobian { columns }))
     }
 
-    /// Residuals with some lights instead of one, the first of which is that one itself: of the clean picture with the difference
-    /// that each half of the paths makes.
+    /// Residuals with some lights instead of one, the first of which is that one itself, by the differences that either half of the
+    /// paths makes.
     fn residuals_instead(
         &self,
         state: &State,
         number: usize,
         lights: &[Light],
         trust: &Trust,
+        base: Base,
     ) -> Result<Vec<[Vec<f32>; 2]>, OptimiseError> {
         let mut residuals: Vec<[Vec<f32>; 2]> = vec![Default::default(); lights.len()];
         for ((view, draw), picture) in self.objective.views.iter().zip(&self.draw).zip(&state.pictures) {
@@ -268,13 +389,17 @@ impl Fit<'_> {
             let units = view.half_values(number, &shapes)?;
             let unit =
                 |light: &Light| shapes.iter().position(|other| other.shape == light.shape).unwrap_or(0);
+            let clean = mean(&picture.clean);
+            let comparisons = view.compare_picture(&clean, draw);
             let by_light = lights.par_iter().map(|light| {
                 [0, 1].map(|half| {
-                    let mut picture = picture.clone();
+                    let mut picture = match base {
+                        Base::Clean => clean.clone(),
+                        Base::Exact => picture.exact[half].clone(),
+                    };
                     add(&mut picture, &units[unit(light)][half], light.radiance);
                     add(&mut picture, &units[0][half], lights[0].radiance.map(|r| -r));
-                    let comparisons = view.compare_picture(&picture, draw);
-                    comparisons.iter().flat_map(Comparison::weighted_residuals).collect::<Vec<_>>()
+                    view.residuals_beside(&comparisons, &picture, draw)
                 })
             });
             let by_light: Vec<_> = by_light.collect();
@@ -289,14 +414,15 @@ impl Fit<'_> {
     }
 }
 
-/// Half widths of the differences for each free value.
+/// Half widths of the differences for each free value; with width 0 for those of the radiance alone.
 fn widths(mapping: &Mapping, light: &Light, width: f32) -> impl Iterator<Item = (usize, f32)> {
     let of_value = move |number: usize| match number {
         LANES.. => (number, BRIGHTEN),
         _ if lane::TURN.contains(&number) => (number, TURN * width),
         _ => (number, width),
     };
-    (0..PARAMS).filter(|number| mapping.is_free(&light.shape, *number)).map(of_value)
+    let first = if width > 0.0 { 0 } else { LANES };
+    (first..PARAMS).filter(|number| mapping.is_free(&light.shape, *number)).map(of_value)
 }
 
 impl State {
@@ -306,3 +432,7 @@ impl State {
         self.residuals.each_ref().map(of_half)
     }
 }
+
+#[cfg(test)]
+#[path = "polish_tests.rs"]
+mod tests;

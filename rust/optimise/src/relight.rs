@@ -81,12 +81,11 @@ pub trait Relight: Sync {
         lights.iter().map(twice).collect()
     }
 
-    /// What some lights, each with its radiance, add to each cell of the picture: as [`Self::half_values`], as clean as they can be
-    /// made.
+    /// What some lights, each with its radiance, add to each cell of the picture.
     ///
     /// # Errors
     /// Whatever the relighter reports.
-    fn clean_pictures(&self, lights: &[&Light]) -> Result<[Vec<[f32; 3]>; 2], RelightError> {
+    fn picture(&self, lights: &[&Light]) -> Result<Picture, RelightError> {
         let halves = self.half_values(lights)?;
         let sum = |half: usize| {
             let mut sum = vec![[0.0; 3]; halves.first().map_or(0, |halves| halves[half].len())];
@@ -97,7 +96,8 @@ pub trait Relight: Sync {
             }
             sum
         };
-        Ok([sum(0), sum(1)])
+        let exact = [sum(0), sum(1)];
+        Ok(Picture { clean: exact.clone(), exact })
     }
 
     /// Takes over the comparison with a target, if that is better done where the pictures are made: on a device, from which
@@ -114,6 +114,15 @@ pub trait Relight: Sync {
     ) -> Result<Option<Box<dyn Compare + 'a>>, RelightError> {
         Ok(None)
     }
+}
+
+/// The cells of a picture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Picture {
+    /// Two exact estimates with independent noise, or twice the same if there is none.
+    pub exact: [Vec<[f32; 3]>; 2],
+    /// The same with as little noise as they can be made, which need not be exact any more.
+    pub clean: [Vec<[f32; 3]>; 2],
 }
 
 /// Compares a base with lights over it to a target.

@@ -70,8 +70,21 @@ pub struct Solution {
     pub start: usize,
     /// Its steps, one by one.
     pub trajectory: Vec<TrajectoryPoint>,
+    /// The start that came second, which may be the better one where losses are exact.
+    pub runner_up: Option<RunnerUp>,
     /// Whether the caller stopped it early; the lights are the best until then.
     pub cancelled: bool,
+}
+
+/// The second best of several starts.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct RunnerUp {
+    /// The lights.
+    pub lights: Vec<Light>,
+    /// Loss of the start that they came from.
+    pub start_loss: f64,
+    /// Number of that start.
+    pub start: usize,
 }
 
 /// Least number of cells that a step looks at.
@@ -82,8 +95,9 @@ const CHECK_CELLS: usize = 1024;
 const CHECK_EVERY: usize = 25;
 /// Parts of the way. Softness is constant within one; after each the worse half of the starts is given up.
 const PARTS: usize = 8;
-/// After so many parts one start is left.
+/// After so many parts only finalists are left.
 const RACE: usize = 4;
+const FINALISTS: usize = 2;
 /// A start ends after so many comparisons of which none improves its loss by this share.
 const PATIENCE: usize = 4;
 const LEAST_GAIN: f64 = 1e-3;
@@ -164,15 +178,20 @@ impl Race<'_> {
             runs.par_iter_mut().try_for_each(|run| run.follow(self, &part))?;
             runs.retain(|run| run.best_loss.is_finite());
             runs.sort_by(|a, b| a.best_loss.total_cmp(&b.best_loss));
-            runs.truncate(if part.iterations.end >= at(RACE) { 1 } else { runs.len().div_ceil(2) });
+            let half = if part.iterations.end >= at(RACE) { 0 } else { runs.len().div_ceil(2) };
+            runs.truncate(half.max(FINALISTS));
         }
-        let best = runs.into_iter().next().ok_or(OptimiseError::Diverged)?;
+        let mut runs = runs.into_iter();
+        let best = runs.next().ok_or(OptimiseError::Diverged)?;
+        let runner_up =
+            |run: Run| RunnerUp { lights: run.best, start_loss: run.start_loss, start: run.number };
         Ok(Solution {
             lights: best.best,
             loss: best.best_loss,
             start_loss: best.start_loss,
             start: best.number,
             trajectory: best.trajectory,
+            runner_up: runs.next().map(runner_up),
             cancelled: self.cancelled.load(Ordering::Relaxed),
         })
     }

@@ -43,6 +43,11 @@ impl<'a> Term<'a> {
         }
     }
 
+    /// The drawn cells of a whole picture.
+    pub(crate) fn drawn(&self, picture: &[[f32; 3]], draw: &[u32]) -> Vec<[f32; 3]> {
+        draw.iter().map(|number| picture[self.cells[*number as usize] as usize]).collect()
+    }
+
     pub(crate) fn len(&self) -> usize {
         self.cells.len()
     }
@@ -115,12 +120,32 @@ impl<'a> Comparison<'a> {
         f64::from(self.of_cells()) * cells + whole
     }
 
-    /// Residuals times the roots of their weights, so that the loss is the sum of their squares.
-    pub(crate) fn weighted_residuals(&self) -> impl Iterator<Item = f32> {
+    /// Residuals times the roots of their weights, of another picture with these cells, to first order in what differs: where that
+    /// is noise around 0, the residuals have no more than such noise either.
+    pub(crate) fn weighted_residuals<'b>(&'b self, cells: &'b [[f32; 3]]) -> impl Iterator<Item = f32> + 'b {
         let of_cells = self.of_cells();
-        let cells = self.residuals.iter().zip(&self.shares).map(move |(r, share)| (*r, of_cells * share));
-        let whole = self.whole.map(|(r, _)| (r, self.term.weight));
-        cells.chain(whole).flat_map(|(r, weight)| r.map(|r| weight.sqrt() * r))
+        let differences: Vec<[f32; 3]> = cells
+            .iter()
+            .zip(&self.exposed)
+            .map(|(cell, exposed)| std::array::from_fn(|c| self.term.exposure * cell[c] - exposed[c]))
+            .collect();
+        let mut mean = [0.0; 3];
+        for (difference, share) in differences.iter().zip(&self.shares) {
+            (0..3).for_each(|c| mean[c] += share * difference[c]);
+        }
+        let gain_change = self.gain_slope * luminance(mean);
+        let beside = |r: &[f32; 3], slopes: &[[f32; 3]; 3], d: [f32; 3]| -> [f32; 3] {
+            std::array::from_fn(|j| r[j] + dot(slopes[j], d))
+        };
+        let whole = self
+            .whole
+            .as_ref()
+            .map(|(r, slopes)| (beside(r, slopes, mean.map(|d| d / self.term.weight)), self.term.weight));
+        let cell = move |k: usize| {
+            let d = std::array::from_fn(|c| self.gain * differences[k][c] + gain_change * self.exposed[k][c]);
+            (beside(&self.residuals[k], &self.slopes[k], d), of_cells * self.shares[k])
+        };
+        (0..self.exposed.len()).map(cell).chain(whole).flat_map(|(r, weight)| r.map(|r| weight.sqrt() * r))
     }
 
     /// Derivative of the loss by each value of the picture.

@@ -9,10 +9,10 @@ use relume_image::Image;
 use relume_scene::{LANES, Light, LightShape};
 use std::ops::ControlFlow;
 
-const SIZE: (usize, usize) = (12, 8);
+pub(crate) const SIZE: (usize, usize) = (12, 8);
 
 /// Irradiance of lights taken as small, each pixel a point of a floor or a wall.
-struct Lambert {
+pub(crate) struct Lambert {
     cell: usize,
     /// What `linearise` gives; else only `pull_back`.
     is_linear: bool,
@@ -50,7 +50,7 @@ impl Lambert {
         [value, 0.8 * value, 0.5 * value * (1.0 + 0.2 * x)]
     }
 
-    fn of_cell(&self, shape: &LightShape, cell: u32) -> [f32; 3] {
+    pub(crate) fn of_cell(&self, shape: &LightShape, cell: u32) -> [f32; 3] {
         let wide = SIZE.0.div_ceil(self.cell);
         let (column, row) = (cell as usize % wide * self.cell, cell as usize / wide * self.cell);
         let (mut sum, mut count) = ([0.0; 3], 0.0);
@@ -111,22 +111,22 @@ impl Relight for Lambert {
     }
 }
 
-const FLOOR: Lambert = Lambert { cell: 1, is_linear: false };
+pub(crate) const FLOOR: Lambert = Lambert { cell: 1, is_linear: false };
 const IN_CELLS: Lambert = Lambert { cell: 3, is_linear: true };
 
 fn bounds() -> Bounds {
     Bounds::new(Vec3::new(-1.0, -2.0, 0.5), Vec3::new(2.0, 5.0, 4.0), [0.05, 1.5])
 }
 
-fn variable(light: &Light) -> Variable {
+pub(crate) fn variable(light: &Light) -> Variable {
     Variable { light: light.clone(), locks: Locks::default(), bounds: bounds(), stay: 0.0 }
 }
 
-fn flat(value: f32) -> Image {
+pub(crate) fn flat(value: f32) -> Image {
     Image { width: SIZE.0, height: SIZE.1, channels: 3, data: vec![value; SIZE.0 * SIZE.1 * 3] }
 }
 
-fn picture(relight: &Lambert, base: &Image, lights: &[Light]) -> Image {
+pub(crate) fn picture(relight: &Lambert, base: &Image, lights: &[Light]) -> Image {
     let mut image = base.clone();
     for (i, pixel) in image.data.as_chunks_mut::<3>().0.iter_mut().enumerate() {
         for light in lights {
@@ -137,12 +137,12 @@ fn picture(relight: &Lambert, base: &Image, lights: &[Light]) -> Image {
     image
 }
 
-fn target(image: Image) -> Goal {
+pub(crate) fn target(image: Image) -> Goal {
     Goal { aim: Aim::Target { image, exposure_invariant: false }, pixels: None, weight: 1.0 }
 }
 
 /// Lights of all types that light the floor about equally.
-fn lamps() -> Vec<Light> {
+pub(crate) fn lamps() -> Vec<Light> {
     let shine =
         |light: Light| Light { radiance: [6.0, 3.0, 2.0].map(|power| power / light.shape.extent()), ..light };
     lights().into_iter().map(shine).collect()
@@ -270,6 +270,8 @@ fn more_starts_are_never_worse_and_the_best_is_kept() {
         |starts: &[Vec<Light>]| solve(&problem, starts, &settings, &|_| ControlFlow::Continue(())).unwrap();
     let (one, six) = (go(&starts[..1]), go(&starts));
     assert!(six.loss < one.loss, "{} for {}", six.loss, one.loss);
+    assert_eq!(one.runner_up, None);
+    assert!(six.runner_up.is_some_and(|second| second.start != six.start && second.lights != six.lights));
     let chosen = random_starts(&problem, &RandomStarts { candidates: 16, ..options }).unwrap();
     let loss = |starts: &[Vec<Light>]| {
         let none = Settings { iterations: 0, ..settings };

@@ -145,18 +145,23 @@ impl Mapping {
         Light { shape, radiance, ..light.clone() }
     }
 
-    /// The light with sizes in the outer `margin` of their range brought inside, at the same power.
-    pub(crate) fn inside(&self, light: &Light, margin: f32) -> Light {
-        let brought = |number: usize| match self.range(&light.shape, number) {
-            Some(range) if lane::SIZE.contains(&number) && self.is_free(&light.shape, number) => {
-                let (x, edge) = (coordinate(&light.shape, number), margin * (range.end - range.start));
-                x.clamp(range.start + edge, range.end - edge) - x
-            }
-            _ => 0.0,
-        };
-        let shape = light.shape.moved(&std::array::from_fn(brought));
+    /// The light with one of its sizes at a share of its range, at the same power.
+    pub(crate) fn with_size(&self, light: &Light, number: usize, share: f32) -> Light {
+        let to = |range: Range<f32>| range.start + share * (range.end - range.start);
+        let mut step = [0.0; LANES];
+        step[number] = self
+            .range(&light.shape, number)
+            .map_or(0.0, |range| to(range) - coordinate(&light.shape, number));
+        let shape = light.shape.moved(&step);
         let radiance = power(light).map(|power| power / shape.extent());
         Light { shape, radiance, ..light.clone() }
+    }
+
+    /// Where one of the light's sizes is in its range, 0..1.
+    pub(crate) fn size_share(&self, light: &Light, number: usize) -> f32 {
+        let share =
+            |range: Range<f32>| (coordinate(&light.shape, number) - range.start) / (range.end - range.start);
+        self.range(&light.shape, number).map_or(0.5, share)
     }
 
     /// Derivative by the unconstrained values from that by the shape's lanes and by the radiance.

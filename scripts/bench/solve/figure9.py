@@ -1,7 +1,8 @@
 """The paper's figure 9: one sphere light found again, Relume beside Mitsuba 3's gradients, error over time.
 
-Both start from the same light, with the same bounds, on this machine and after each other. Each fits a target of its
-own renderer, since kitchen's materials are simplified for Mitsuba: Relume a Cycles render, Mitsuba a Mitsuba render.
+Both start from the same light, with the same bounds, on this machine and after each other, each with its own number of
+steps: what is compared is how far they get in how many seconds. Each fits a target of its own renderer, since kitchen's
+materials are simplified for Mitsuba: Relume a Cycles render, Mitsuba a Mitsuba render.
 """
 
 import json
@@ -64,7 +65,7 @@ def settings(shot, args, method, number):
     """What a run's record is known by."""
     same = {"table": "9", "scene": shot.name, "lights": 1, "run": number, "starts": 1} | general(args)
     if method == MITSUBA:
-        return same | {"pixel_fraction": 1.0, "through": MITSUBA}
+        return same | {"pixel_fraction": 1.0, "through": MITSUBA, "steps": args.peer_steps}
     return same | {"pixel_fraction": FRACTION, "through": args.through}
 
 
@@ -103,7 +104,7 @@ class Mitsuba:
             command = [sys.executable, HERE.parent / "mitsuba_scene.py", shot.blend, folder]
             subprocess.run([str(word) for word in command], check=True, stdout=subprocess.DEVNULL)
         size = ("--width", shot.resolution["width"], "--height", shot.resolution["height"])
-        options = ("--bounces", BOUNCES, "--steps", args.steps)
+        options = ("--bounces", BOUNCES, "--steps", args.peer_steps)
         command = [args.peers, HERE / "mitsuba_solve.py", xml, *size, *options]
         self.process = subprocess.Popen(
             [str(word) for word in command], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
@@ -136,7 +137,7 @@ def line(record):
 
 def problem(record):
     """What two methods must have in common to be compared."""
-    return tuple(record[key] for key in ("run", *GENERAL))
+    return tuple(record[key] for key in ("run", *GENERAL) if key != "steps")
 
 
 def reached(trajectory, error):

@@ -9,8 +9,8 @@ mod solved;
 
 use relume_image::Image;
 use relume_optimise::{
-    Goal, Polished, Problem, RandomStarts, Relight, Settings, Step, View, idle_lights, polish, random_starts,
-    solve,
+    Goal, Polished, Problem, RandomStarts, Relight, RunnerUp, Settings, Solution, Step, View, idle_lights,
+    polish, random_starts, solve,
 };
 use relume_proxy::{GpuProxy, LightKind};
 use relume_scene::Light;
@@ -166,6 +166,8 @@ impl<'a> SceneView<'a> {
 pub(crate) struct Found {
     /// In the order of the unknowns.
     lights: Vec<Light>,
+    /// What may be better after a polish.
+    runner_up: Option<RunnerUp>,
     /// Numbers of those that are not needed.
     idle: Vec<usize>,
     loss: f64,
@@ -221,6 +223,14 @@ impl Search<'_> {
             let problem = self.problem(relights);
             let polished = self.polish(&problem, &found.lights)?;
             (found.lights, found.loss) = (polished.lights, polished.loss);
+            if let Some(second) = found.runner_up.take() {
+                let polished = self.polish(&problem, &second.lights)?;
+                if polished.loss < found.loss {
+                    let (lights, loss) = (polished.lights, polished.loss);
+                    found =
+                        Found { lights, loss, start: second.start, start_loss: second.start_loss, ..found };
+                }
+            }
             self.drop_idle(&problem, &mut found)?;
         }
         Ok(found)
@@ -314,8 +324,8 @@ impl Search<'_> {
         if solution.cancelled {
             return Err(SessionError::Cancelled);
         }
-        let (loss, start_loss, start) = (solution.loss, solution.start_loss, solution.start);
-        Ok(Found { lights: solution.lights, idle: Vec::new(), loss, start_loss, start })
+        let Solution { lights, runner_up, loss, start_loss, start, .. } = solution;
+        Ok(Found { lights, runner_up, idle: Vec::new(), loss, start_loss, start })
     }
 
     fn polish(&self, problem: &Problem, lights: &[Light]) -> Result<Polished, SessionError> {

@@ -4,7 +4,7 @@ use glam::Vec3;
 use relume_dump::Aovs;
 use relume_gather::{DenoiseQuality, Gather, Half, SoftGather, relight};
 use relume_image::Image;
-use relume_optimise::{Compare, Compared, Linear, Relight, RelightError};
+use relume_optimise::{Compare, Compared, Linear, Picture, Relight, RelightError};
 use relume_proxy::{GpuComparison, GpuProxy, LightKind, LightParams, Proxy};
 use relume_scene::{LANES, Light, lane};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -292,16 +292,18 @@ impl Relight for GatherRelight<'_> {
         Ok(sums)
     }
 
-    /// Gathered from either half of the paths, and denoised.
-    fn clean_pictures(&self, lights: &[&Light]) -> Result<[Vec<[f32; 3]>; 2], RelightError> {
+    /// Gathered from either half of the paths, which is then denoised.
+    fn picture(&self, lights: &[&Light]) -> Result<Picture, RelightError> {
         let units = self.kept_half_units(lights)?;
-        let clean = |half: usize| {
+        let half = |half: usize| {
             let pairs: Vec<_> =
                 units.iter().zip(lights).map(|(unit, light)| (&unit[half], light.radiance)).collect();
             let size = units.first().map_or((0, 0), |unit| (unit[half].width, unit[half].height));
-            self.prepared.clean_cells(relight(size, &pairs))
+            relight(size, &pairs)
         };
-        Ok([clean(0)?, clean(1)?])
+        let (a, b) = (half(0), half(1));
+        let exact = [&a, &b].map(|half| self.prepared.cells(half));
+        Ok(Picture { exact, clean: [self.prepared.clean_cells(a)?, self.prepared.clean_cells(b)?] })
     }
 
     fn linearise(&self, light: &Light, softness: f32, cells: &[u32]) -> Result<Option<Linear>, RelightError> {
