@@ -84,25 +84,27 @@ pub fn polish(
     let start = fit.state(lights)?;
     let start_loss = fit.loss(&start, &Trust::default());
     let mut best = start.clone();
-    let (mut iteration, mut left) = (0, [0.0, 0.0]);
+    let (mut iteration, mut left, mut flow) = (0, [0.0, 0.0], ControlFlow::Continue(()));
     for (number, width) in STAGES.into_iter().enumerate() {
         if number > 0 {
             best = fit.with_best_sizes(best)?;
         }
         let before = fit.loss(&best, &Trust::default());
-        let flow = fit.descend(&mut best, width, &mut iteration, steps, on_step)?;
+        flow = fit.descend(&mut best, width, &mut iteration, steps, on_step)?;
         left = [left[1], fit.loss(&best, &Trust::default()) / before.max(f64::MIN_POSITIVE)];
         let gains_little = left[0] * left[1] > 1.0 - LEAST_STAGE_GAIN;
         if flow.is_break() || gains_little || iteration >= steps {
             break;
         }
     }
-    best = fit.with_exact_radiances(best)?;
+    if flow.is_continue() {
+        best = fit.with_exact_radiances(best)?;
+    }
     let loss = fit.loss(&best, &Trust::default());
     let [before, after] =
         [&start, &best].map(|state| fit.residuals(&state.pictures, |picture| &picture.exact));
-    let (best, loss) =
-        if Gain::new(&before, &after).mean >= 0.0 { (best, loss) } else { (start, start_loss) };
+    let is_worse = Gain::new(&before, &after).mean < 0.0 && loss > start_loss;
+    let (best, loss) = if is_worse { (start, start_loss) } else { (best, loss) };
     // A sum of products may fall below 0 by chance.
     Ok(Polished { lights: best.lights, loss: loss.max(0.0), start_loss: start_loss.max(0.0) })
 }
