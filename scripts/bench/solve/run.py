@@ -22,7 +22,8 @@ from shot import Shot  # noqa: E402
 
 TABLES = {"3": table3, "9": figure9, "scribbles": scribbles}
 RUNS = {"3": 5, "9": 50, "scribbles": 2}
-QUICK = {"size": 96, "steps": 100, "samples": 16, "bake_samples": 64, "runs": 1, "fractions": [0.05], "lights": [1, 3]}
+QUICK_PICTURES = {"size": 96, "steps": 100, "peer_steps": 100, "samples": 16, "bake_samples": 64}
+QUICK = QUICK_PICTURES | {"runs": 1, "fractions": [0.05], "lights": [1, 3]}
 SIZES = {"3": 320, "9": 128, "scribbles": 320}
 
 
