@@ -109,7 +109,7 @@ fn residuals_beside_a_picture_are_its_own_to_first_order() {
         let problem = Problem { views: vec![view], variables: vec![variable(&light)] };
         let objective = Objective::new(&problem, 0.0).unwrap();
         let (draw, view) = (&objective.spread(MOST_CELLS)[0], &objective.views[0]);
-        let clean = mean(&view.whole_picture(&[light.clone()]).unwrap().clean);
+        let clean = mean(&view.whole_picture(std::slice::from_ref(&light)).unwrap().clean);
         let mut other = clean.clone();
         add(&mut other, &noisy.half(&light, 0), light.radiance);
         add(
