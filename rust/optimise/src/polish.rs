@@ -203,9 +203,8 @@ impl Fit<'_> {
         let (mut damping, mut rejected, mut flow) = (1e-2, 0, ControlFlow::Continue(()));
         while *iteration < most && rejected < PATIENCE && flow.is_continue() {
             let before = best.trusted(&trust);
-            let [a, b] = &before;
-            let squares: f64 = a.iter().zip(b).map(|(a, b)| f64::from(0.5 * (a + b)).powi(2)).sum();
-            let noise = squares / a.len() as f64;
+            let squares = squares_of_means(&before);
+            let noise = squares / before[0].len() as f64;
             let system = self.normal_equations(&jacobian, best, &trust);
             let Some(delta) = system.solve(damping, noise / (LONGEST * LONGEST)) else { break };
             let longest = delta.iter().fold(LONGEST, |most, d| most.max(d.abs()));
@@ -281,9 +280,8 @@ impl Fit<'_> {
         let (trust, exact) = (Trust::new(&residuals), State { residuals, ..state.clone() });
         let jacobian = self.jacobian(&exact, 0.0, &trust, &mut || ControlFlow::Continue(()))?;
         let system = jacobian.map(|jacobian| self.normal_equations(&jacobian, &exact, &trust));
-        let [a, b] = exact.trusted(&trust);
-        let noise =
-            a.iter().zip(&b).map(|(a, b)| f64::from(0.5 * (a + b)).powi(2)).sum::<f64>() / a.len() as f64;
+        let trusted = exact.trusted(&trust);
+        let noise = squares_of_means(&trusted) / trusted[0].len() as f64;
         let Some(delta) = system.and_then(|system| system.solve(0.0, noise / (LONGEST * LONGEST))) else {
             return Ok(state);
         };
@@ -414,6 +412,11 @@ impl Fit<'_> {
         }
         Ok(residuals)
     }
+}
+
+/// Sum of the squares of the means of two estimates.
+fn squares_of_means([a, b]: &[Vec<f32>; 2]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| f64::from(0.5 * (a + b)).powi(2)).sum()
 }
 
 /// Half widths of the differences for each free value; with width 0 for those of the radiance alone.
