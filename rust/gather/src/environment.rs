@@ -9,18 +9,18 @@ use crate::{Gather, GatherError, Half};
 /// A world to relight with: what escaped segments see.
 #[derive(Clone, Debug)]
 pub struct Environment {
-    color: Vec3,
-    map: Option<Map>,
-    texture_from_world: Mat3,
-    visible_camera: bool,
+    pub(crate) color: Vec3,
+    pub(crate) map: Option<Map>,
+    pub(crate) texture_from_world: Mat3,
+    pub(crate) visible_camera: bool,
 }
 
 /// Linear RGB; row 0 is the bottom.
 #[derive(Clone, Debug)]
-struct Map {
-    width: usize,
-    height: usize,
-    texels: Vec<Vec3>,
+pub(crate) struct Map {
+    pub width: usize,
+    pub height: usize,
+    pub texels: Vec<Vec3>,
 }
 
 impl Environment {
@@ -93,11 +93,12 @@ impl Map {
 }
 
 /// Blender's equirectangular map: u = 1/2 towards +x and falls towards +y, v = 1 straight up
-/// (`direction_to_equirectangular` of `intern/cycles/kernel/camera/projection.h`).
+/// (`direction_to_equirectangular` of `intern/cycles/kernel/camera/projection.h`, but for its arc cosine, which has half of the
+/// digits near the poles).
 fn equirectangular(direction: Vec3) -> [f32; 2] {
     use std::f32::consts::{PI, TAU};
-    let elevation = (direction.z / direction.length()).clamp(-1.0, 1.0).acos();
-    [0.5 - direction.y.atan2(direction.x) / TAU, 1.0 - elevation / PI]
+    let from_top = direction.truncate().length().atan2(direction.z);
+    [0.5 - direction.y.atan2(direction.x) / TAU, 1.0 - from_top / PI]
 }
 
 /// IEC 61966-2-1.

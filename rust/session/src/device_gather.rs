@@ -1,6 +1,6 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use relume_gather::{Gather, GpuGather, Half};
+use relume_gather::{Environment, Gather, GpuGather, Half};
 use relume_image::Image;
 use relume_scene::Light;
 
@@ -51,5 +51,18 @@ impl DeviceGather {
             gather.unit_images(&lights, half)
         };
         Ok(images.unwrap_or_else(on_cpu))
+    }
+
+    /// What a world gives to the picture.
+    pub fn world_image(
+        &self,
+        environment: &Environment,
+        compute: &Compute,
+        monitor: &Monitor,
+    ) -> Result<Image, SessionError> {
+        let make = |gpu| GpuGather::new(gpu, &self.gather);
+        let work = |on_gpu: &GpuGather| on_gpu.world_image(environment, Half::All);
+        let image = self.on_gpu.attempt(compute, monitor, make, work)?;
+        Ok(image.unwrap_or_else(|| self.gather.world_image(environment, Half::All)))
     }
 }

@@ -179,15 +179,21 @@ impl Relighter {
     /// Replaces the baked world by another, gathered from the segments that left the scene.
     ///
     /// # Errors
-    /// Without a dump, or if the world's texture is damaged.
-    pub fn set_world(&mut self, world: &World, textures: &[Texture]) -> Result<(), SessionError> {
-        let gather = self.gather().ok_or_else(|| {
+    /// Without a dump, if the world's texture is damaged, or if the GPU fails that the user asked for.
+    pub fn set_world(
+        &mut self,
+        world: &World,
+        textures: &[Texture],
+        monitor: &Monitor,
+    ) -> Result<(), SessionError> {
+        let gather = self.gather.as_ref().ok_or_else(|| {
             let folder = self.folder.display();
             SessionError::Settings(format!(
                 "{folder} holds no bake; only a bake can be relit by another world"
             ))
         })?;
-        self.aovs.world = gather.world_image(&Environment::new(world, textures)?, Half::All);
+        let environment = Environment::new(world, textures)?;
+        self.aovs.world = gather.world_image(&environment, &self.compute, monitor)?;
         Ok(())
     }
 

@@ -1,9 +1,11 @@
 //! What makes each light's picture, and what an edit costs.
 
-use glam::Vec3;
+use glam::{Mat3, Vec3};
 use relume_session::gpu::{Gpu, GpuChoice};
 use relume_session::proxy::{LightKind, SizeRange, TrainConfig};
-use relume_session::scene::{Light, LightShape, LobeFactors, ReceiverSet};
+use relume_session::scene::{
+    Alpha, ColorEncoding, Light, LightShape, LobeFactors, ReceiverSet, Texels, Texture, World,
+};
 use relume_session::trace::TraceSettings;
 use relume_session::{
     Cancel, Clock, Compute, Device, LightSet, Listener, Maker, Monitor, ObjView, Pictures, Progress,
@@ -257,6 +259,20 @@ fn cancelled_work_says_so_and_keeps_what_is_whole() {
     assert_eq!(LightSet::read(&folder.path().join("lights.json")).unwrap().lights.len(), 1);
 }
 
+const SKY: World = World {
+    color: [1.0, 2.0, 0.5],
+    texture: Some(0),
+    texture_from_world: Mat3::IDENTITY,
+    visible_camera: true,
+};
+
+/// 8 x 4 texels that grow brighter.
+fn sky() -> Texture {
+    let texels = Texels::Float((0..128).map(|i| 0.1 * i as f32).collect());
+    let (encoding, alpha) = (ColorEncoding::Linear, Alpha::None);
+    Texture { name: "Sky".into(), width: 8, height: 4, texels, encoding, alpha }
+}
+
 #[test]
 fn pictures_of_the_gpu_are_those_of_the_cpu() {
     let folder = tempfile::tempdir().unwrap();
@@ -286,6 +302,12 @@ fn pictures_of_the_gpu_are_those_of_the_cpu() {
             assert!(error < bound.powi(2) * whole, "{error} of {whole}");
         }
     }
+    let [a, b] = [gpu, cpu].map(|mut relighter| {
+        relighter.set_world(&SKY, &[sky()], &Monitor::default()).unwrap();
+        relighter.aovs().world.clone()
+    });
+    let brightest = b.data.iter().fold(0.0_f32, |most, value| most.max(*value));
+    assert!(brightest > 0.1 && a.data.iter().zip(&b.data).all(|(a, b)| (a - b).abs() < 1e-5 * brightest));
 }
 
 #[test]
@@ -338,9 +360,11 @@ fn the_cpu_goes_on_where_the_gpu_fails_unless_that_one_was_asked_for() {
     let lights = [sphere("Own", 0.2)];
     let error = on(false).relight(&lights, &RAW, &monitor).unwrap_err();
     assert!(error.to_string().contains("the GPU was lost"), "{error}");
-    let relighter = on(true);
-    let relit = relighter.relight(&lights, &RAW, &monitor).unwrap();
-    let cpu = Relighter::open(folder.path()).unwrap().relight(&lights, &RAW, &monitor).unwrap();
+    assert_eq!(on(false).set_world(&SKY, &[sky()], &monitor).unwrap_err().to_string(), error.to_string());
+    let [relit, cpu] = [on(true), Relighter::open(folder.path()).unwrap()].map(|mut relighter| {
+        relighter.set_world(&SKY, &[sky()], &monitor).unwrap();
+        relighter.relight(&lights, &RAW, &monitor).unwrap()
+    });
     assert_eq!(relit.combined(), cpu.combined());
     let warned = warnings.0.lock().unwrap();
     assert!(warned.len() == 1 && warned[0].contains("The CPU goes on"), "{warned:?}");

@@ -37,7 +37,7 @@ pub fn relight(args: &RelightArgs, context: &Context) -> anyhow::Result<()> {
 fn write_picture(bake: &Path, with: With, args: &PictureArgs, context: &Context) -> anyhow::Result<()> {
     let mut relighter = Relighter::open(bake)?.on(&context.compute()?);
     warn_if_unfinished(&relighter, context);
-    change_world(&mut relighter, args)?;
+    change_world(&mut relighter, args, context)?;
     let view = match &args.view {
         Some(path) => ViewTransform::read_lut(path)?,
         None => relighter.view()?,
@@ -81,7 +81,7 @@ fn warn_if_unfinished(relighter: &Relighter, context: &Context) {
 }
 
 /// Puts another world into its place, if one is asked for.
-fn change_world(relighter: &mut Relighter, args: &PictureArgs) -> anyhow::Result<()> {
+fn change_world(relighter: &mut Relighter, args: &PictureArgs, context: &Context) -> anyhow::Result<()> {
     if args.world.is_none() && args.environment.is_none() {
         return Ok(());
     }
@@ -92,7 +92,7 @@ fn change_world(relighter: &mut Relighter, args: &PictureArgs) -> anyhow::Result
         ..World::default()
     };
     let textures: Vec<_> = textures.into_iter().collect();
-    Ok(relighter.set_world(&world, &textures)?)
+    Ok(relighter.set_world(&world, &textures, context.monitor)?)
 }
 
 /// The light set of a file, or the scene's own.

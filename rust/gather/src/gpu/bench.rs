@@ -4,11 +4,13 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use glam::Vec3;
+use relume_dump::Flags;
 use relume_gpu::Gpu;
-use relume_scene::LightShape;
+use relume_scene::{Alpha, ColorEncoding, LightShape, Texels, Texture, World};
 
+use super::world::GpuWorld;
 use crate::bench::{Measurement, light, room, sphere};
-use crate::{Gather, GatherError, GpuGather, Half, PreparedLight};
+use crate::{Environment, Gather, GatherError, GpuGather, Half, PreparedLight};
 
 /// Rounds, of which the best counts.
 const ROUNDS: usize = 3;
@@ -35,6 +37,7 @@ pub fn measure(gpu: &Arc<Gpu>, megabytes: usize) -> Result<Vec<Measurement>, Gat
         });
     }
     measurements.push(figure("pixel targets, 4 lights a pixel", bench.targets(&spheres)?, "targets/s"));
+    measurements.push(bench.world(read)?);
     measurements.extend(bench.sorted(read)?);
     Ok(measurements)
 }
@@ -136,6 +139,31 @@ impl<'a> Bench<'a> {
         Ok((pixels.len() * LIGHTS) as f64 / seconds)
     }
 
+    /// The world, with a map that fits into a cache; `read` is the limit in bytes a second.
+    fn world(&self, read: f64) -> Result<Measurement, GatherError> {
+        const SIZE: (usize, usize) = (512, 256);
+        let texels = Texels::Float(vec![0.5; SIZE.0 * SIZE.1 * 4]);
+        let (encoding, alpha) = (ColorEncoding::Linear, Alpha::default());
+        let map = Texture { name: "bench".into(), width: SIZE.0, height: SIZE.1, texels, encoding, alpha };
+        let world = World { color: [1.0; 3], texture: Some(0), ..World::default() };
+        let environment = Environment::new(&world, &[map])?;
+        let on_gpu = GpuWorld::new(self.gpu, &environment, SIZE.1)?;
+        on_gpu.write(self.gpu, &environment, 0..SIZE.1);
+        let manifest = self.cpu.dump().manifest();
+        let image = self.gpu.zeros("image", manifest.width * manifest.height * 3)?;
+        let seconds = self.seconds(|| self.on_gpu.add_world(&on_gpu, Half::All, &image))?;
+        let records = self.cpu.dump().record_count() as f64;
+        let escaped =
+            |words: &[u32]| words.iter().filter(|word| Flags((*word >> 16) as u16).escaped()).count();
+        let escapes: usize = self.cpu.dump().shards().map(|shard| escaped(shard.position_z_flags())).sum();
+        // Flags of all records; direction and throughput of those that escape.
+        let bytes = 4.0 * records + 8.0 * escapes as f64;
+        Ok(Measurement {
+            limit: Some(read * records / bytes * 1e-9),
+            ..figure("gather of a world with a map", records / seconds * 1e-9, "G segments/s")
+        })
+    }
+
     /// A light of a tenth of the room from sorted segments; `read` is the limit in bytes a second.
     fn sorted(&self, read: f64) -> Result<Vec<Measurement>, GatherError> {
         let start = Instant::now();
@@ -166,7 +194,7 @@ mod tests {
     fn all_figures_are_measured_on_any_device() {
         let gpu = Gpu::open(&GpuChoice::Best).expect("tests need a GPU or a software driver");
         let figures = measure(&gpu, 1).unwrap();
-        assert_eq!(figures.len(), 8);
+        assert_eq!(figures.len(), 9);
         for figure in figures {
             println!("{figure:?}");
             assert!(figure.value.is_finite() && figure.value > 0.0, "{figure:?}");

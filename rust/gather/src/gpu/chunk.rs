@@ -133,7 +133,7 @@ impl GpuShard {
     }
 }
 
-/// `Pixel` of `shaders/gather/pixel.wgsl`.
+/// `Pixel` of `shaders/gather/records.wgsl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 struct GpuPixel {
@@ -142,7 +142,7 @@ struct GpuPixel {
     scale: f32,
 }
 
-/// `Part` of `shaders/gather/pixel.wgsl`.
+/// `Part` of `shaders/gather/records.wgsl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 struct GpuPart {
@@ -213,16 +213,20 @@ impl ChunkTable {
             + plan.pieces.len() * size_of::<GpuShard>()) as u64
     }
 
-    /// Bindings 2 to 7 of `shaders/gather/pixel.wgsl`.
-    pub fn bindings<'a>(&'a self, records: &'a ChunkRecords) -> [Binding<'a>; 6] {
+    /// Bindings 2 to 6 of `shaders/gather/records.wgsl`.
+    pub fn bindings<'a>(&'a self, records: &'a ChunkRecords) -> [Binding<'a>; 5] {
         [
             records.xy.whole(),
             records.z_flags.whole(),
             records.throughput.whole(),
-            self.shards.whole(),
             self.pixels.whole(),
             self.parts.whole(),
         ]
+    }
+
+    /// Bindings 2 to 7 of `shaders/gather/pixel.wgsl`.
+    pub fn bindings_and_shards<'a>(&'a self, records: &'a ChunkRecords) -> impl Iterator<Item = Binding<'a>> {
+        self.bindings(records).into_iter().chain([self.shards.whole()])
     }
 }
 
@@ -297,7 +301,7 @@ mod tests {
     #[test]
     fn tables_have_the_layout_of_their_wgsl_twins() {
         relume_gpu::assert_mirror!(GpuShard as "gather/pixel", "Shard", { step, minimum, camera });
-        relume_gpu::assert_mirror!(GpuPixel as "gather/pixel", "Pixel", { image, first_part, scale });
-        relume_gpu::assert_mirror!(GpuPart as "gather/pixel", "Part", { start, end, shard });
+        relume_gpu::assert_mirror!(GpuPixel as "gather/records", "Pixel", { image, first_part, scale });
+        relume_gpu::assert_mirror!(GpuPart as "gather/records", "Part", { start, end, shard });
     }
 }

@@ -7,7 +7,7 @@ use relume_gpu::{Gpu, GpuError, Kernel};
 pub const LIGHTS: [usize; 3] = [1, 4, 16];
 /// The same for sorted segments.
 pub const SORTED_LIGHTS: [usize; 2] = [1, 4];
-/// Threads of a workgroup (`shaders/gather/pixel.wgsl`).
+/// Threads of a workgroup (`shaders/gather/records.wgsl`).
 pub const GROUP_SIZE: u32 = 64;
 
 /// The kernels, each compiled when first asked for.
@@ -31,6 +31,11 @@ impl Kernels {
     /// `shaders/gather/blocks.wgsl` for at least so many lights.
     pub fn blocks(&self, gpu: &Gpu, lights: usize) -> Result<Arc<Kernel>, GpuError> {
         self.get(gpu, "add_blocks", ("gather/blocks", fitting(lights, &SORTED_LIGHTS), None))
+    }
+
+    /// `shaders/gather/world.wgsl`.
+    pub fn world(&self, gpu: &Gpu, lanes: u32) -> Result<Arc<Kernel>, GpuError> {
+        self.get(gpu, "add_world", ("gather/world", 1, Some(lanes)))
     }
 
     fn get(&self, gpu: &Gpu, entry: &str, key: Key) -> Result<Arc<Kernel>, GpuError> {

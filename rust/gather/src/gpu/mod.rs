@@ -17,6 +17,7 @@ mod kernels;
 mod light;
 mod sort;
 mod sorted;
+mod world;
 
 use std::sync::{Arc, OnceLock};
 
@@ -229,7 +230,7 @@ impl GpuGather {
             let lanes = lanes(table.part_length);
             let kernel = self.kernels.targets(&self.gpu, most, lanes)?;
             let mut bindings = vec![lights.lights.whole(), lights.receivers.whole()];
-            bindings.extend(table.bindings(&chunk.records));
+            bindings.extend(table.bindings_and_shards(&chunk.records));
             bindings.extend([numbers.whole(), pixels.whole(), out.whole()]);
             let bound = kernel.bind(&bindings)?;
             for first_light in (0..lights_per_pixel).step_by(most.max(1)) {
@@ -263,16 +264,22 @@ impl GpuGather {
         if large.is_empty() {
             return Ok(images);
         }
-        match &self.resident {
-            Some(chunks) => {
-                for chunk in chunks {
-                    let table = chunk.table(&self.gpu, &self.dump, half)?;
-                    self.add_chunk(&chunk.records, &table, &on_device, &images)?.submit()?;
-                }
-            }
-            None => self.stream(half, &on_device, &images)?,
-        }
+        self.each_chunk(half, |records, table| self.add_chunk(records, table, &on_device, &images))?;
         Ok(images)
+    }
+
+    /// Submits the commands that `add` makes of each chunk.
+    fn each_chunk<'a>(
+        &'a self,
+        half: Half,
+        add: impl Fn(&ChunkRecords, &ChunkTable) -> Result<Commands<'a>, GatherError>,
+    ) -> Result<(), GatherError> {
+        let Some(chunks) = &self.resident else { return self.stream(half, add) };
+        for chunk in chunks {
+            let table = chunk.table(&self.gpu, &self.dump, half)?;
+            add(&chunk.records, &table)?.submit()?;
+        }
+        Ok(())
     }
 
     fn lights_in_order<'a>(
@@ -313,9 +320,13 @@ impl GpuGather {
         Ok(commands.submit()?)
     }
 
-    /// Gathers from the shards, chunk by chunk. While the device works on one, the next is copied into the other of two
+    /// [`GpuGather::each_chunk`] from the shards. While the device works on one chunk, the next is copied into the other of two
     /// places.
-    fn stream(&self, half: Half, lights: &GpuLights, images: &[Images]) -> Result<(), GatherError> {
+    fn stream<'a>(
+        &'a self,
+        half: Half,
+        add: impl Fn(&ChunkRecords, &ChunkTable) -> Result<Commands<'a>, GatherError>,
+    ) -> Result<(), GatherError> {
         let plans = self.streamed_plans();
         let room = plans.iter().map(|plan| plan.records).max().unwrap_or(0);
         let places = [ChunkRecords::new(&self.gpu, room)?, ChunkRecords::new(&self.gpu, room)?];
@@ -327,7 +338,7 @@ impl GpuGather {
             }
             place.write(&self.gpu, plan);
             let table = ChunkTable::new(&self.gpu, &self.dump, plan, half)?;
-            let submission = self.add_chunk(place, &table, lights, images)?.submit_tracked()?;
+            let submission = add(place, &table)?.submit_tracked()?;
             *before = Some((table, submission));
         }
         Ok(())
@@ -363,7 +374,7 @@ impl GpuGather {
         for group in images.iter().filter(|group| !group.sorted) {
             let kernel = self.kernels.images(&self.gpu, group.lights.len(), lanes)?;
             let mut bindings = vec![lights.lights.whole(), lights.receivers.whole()];
-            bindings.extend(table.bindings(records));
+            bindings.extend(table.bindings_and_shards(records));
             bindings.push(group.sums.whole());
             let (first_light, count) = (group.first_light as u32, group.lights.len() as u32);
             let arguments = [table.pixel_count, first_light, count, self.image_values() as u32];
