@@ -145,9 +145,9 @@ impl Gpu {
             let _ = sender.send(result);
         });
         self.wait()?;
-        let lost = |reason: String| GpuError::Lost(reason);
-        receiver.recv().map_err(|error| lost(error.to_string()))?.map_err(|error| lost(error.to_string()))?;
-        let mapped = staging.get_mapped_range(..).map_err(|error| lost(error.to_string()))?;
+        let mapped = receiver.recv().map_err(|error| self.found_lost(&error))?;
+        mapped.map_err(|error| self.found_lost(&error))?;
+        let mapped = staging.get_mapped_range(..).map_err(|error| self.found_lost(&error))?;
         Ok(bytemuck::pod_collect_to_vec(&mapped))
     }
 }

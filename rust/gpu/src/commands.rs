@@ -47,7 +47,7 @@ impl Gpu {
         let wait = wgpu::PollType::Wait { submission_index: Some(submission.0), timeout: None };
         let polled = self.device.poll(wait);
         self.check()?;
-        polled.map(|_| ()).map_err(|error| GpuError::Lost(error.to_string()))
+        polled.map(|_| ()).map_err(|error| self.found_lost(&error))
     }
 }
 

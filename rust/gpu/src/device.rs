@@ -178,7 +178,13 @@ impl Gpu {
     pub fn wait(&self) -> Result<(), GpuError> {
         let polled = self.device.poll(wgpu::PollType::wait_indefinitely());
         self.check()?;
-        polled.map(|_| ()).map_err(|error| GpuError::Lost(error.to_string()))
+        polled.map(|_| ()).map_err(|error| self.found_lost(&error))
+    }
+
+    /// Notes a loss that the driver has not told of.
+    pub(crate) fn found_lost(&self, reason: &dyn std::fmt::Display) -> GpuError {
+        let mut trouble = self.trouble.lock().unwrap_or_else(PoisonError::into_inner);
+        GpuError::Lost(trouble.lost.get_or_insert_with(|| reason.to_string()).clone())
     }
 
     /// Takes the device away, as a driver reset would: for tests of what happens then.

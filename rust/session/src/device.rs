@@ -1,9 +1,10 @@
 use std::str::FromStr;
 use std::sync::Arc;
 
-use relume_gpu::{Gpu, GpuChoice};
+use relume_gpu::{Gpu, GpuChoice, GpuError};
 
 use crate::SessionError;
+use crate::progress::Monitor;
 
 /// Where to compute.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -38,15 +39,34 @@ impl Device {
     /// # Errors
     /// If a GPU was asked for and there is none, or it cannot be used.
     pub fn open(&self, memory: Option<u64>) -> Result<Compute, SessionError> {
-        let gpu = match self {
-            Self::Cpu => None,
-            Self::Auto => Gpu::shared(&GpuChoice::BestHardware).ok(),
-            Self::Gpu(choice) => Some(Gpu::shared(choice)?),
+        let choice = match self {
+            Self::Cpu => return Ok(Compute::default()),
+            Self::Auto => GpuChoice::BestHardware,
+            Self::Gpu(choice) => choice.clone(),
         };
-        if let (Some(gpu), Some(bytes)) = (&gpu, memory) {
-            gpu.set_memory_budget(bytes);
-        }
-        Ok(Compute { gpu, may_fall_back: *self == Self::Auto })
+        let again = Again { choice, memory };
+        let may_fall_back = *self == Self::Auto;
+        let gpu = match again.open() {
+            Err(_) if may_fall_back => return Ok(Compute::default()),
+            gpu => gpu?,
+        };
+        Ok(Compute { gpu: Some(gpu), may_fall_back, again: Some(again) })
+    }
+}
+
+/// How a GPU was opened.
+#[derive(Clone, Debug)]
+struct Again {
+    choice: GpuChoice,
+    memory: Option<u64>,
+}
+
+impl Again {
+    /// The one that is open, or a new one if that was lost.
+    fn open(&self) -> Result<Arc<Gpu>, GpuError> {
+        let gpu = Gpu::shared(&self.choice)?;
+        self.memory.iter().for_each(|bytes| gpu.set_memory_budget(*bytes));
+        Ok(gpu)
     }
 }
 
@@ -57,6 +77,43 @@ pub struct Compute {
     pub gpu: Option<Arc<Gpu>>,
     /// Whether the CPU may go on where the GPU fails.
     pub may_fall_back: bool,
+    /// None if it cannot be opened again.
+    again: Option<Again>,
+}
+
+impl Compute {
+    /// A device that somebody else has opened, and opens again if it is lost.
+    pub fn with(gpu: Arc<Gpu>, may_fall_back: bool) -> Self {
+        Self { gpu: Some(gpu), may_fall_back, again: None }
+    }
+
+    /// Does some work here. If the GPU was lost, it is opened anew and the work is done again, once; if it fails all the same, and
+    /// the CPU may go on, that does it. `from` says where it goes on, for the user: a part of a sentence, or nothing.
+    ///
+    /// # Errors
+    /// Those of the last try.
+    pub(crate) fn attempt<R>(
+        &self,
+        monitor: &Monitor,
+        from: &str,
+        mut work: impl FnMut(&Self) -> Result<R, SessionError>,
+    ) -> Result<R, SessionError> {
+        let mut result = work(self);
+        if let Err(error) = &result
+            && let Some(reason) = error.lost_gpu()
+            && let Some(Ok(gpu)) = self.again.as_ref().map(Again::open)
+        {
+            monitor.warn(&format!("the GPU was lost ({reason}); it was opened again and goes on{from}"));
+            result = work(&Self { gpu: Some(gpu), ..self.clone() });
+        }
+        match result {
+            Err(error) if self.may_fall_back && error.is_of_gpu() => {
+                monitor.warn(&format!("{error}. The CPU goes on{from}"));
+                work(&Self::default())
+            }
+            result => result,
+        }
+    }
 }
 
 #[cfg(test)]
@@ -77,5 +134,32 @@ mod tests {
         assert!(Device::Gpu(GpuChoice::Best).open(None).unwrap().gpu.is_some());
         let error = Device::Gpu(GpuChoice::Named("no such card".into())).open(None).unwrap_err();
         assert!(error.to_string().contains("no such card"), "{error}");
+    }
+
+    #[test]
+    fn a_device_is_opened_again_once_and_the_cpu_comes_last() {
+        use relume_gpu::adapters;
+        let upper = GpuChoice::Named(adapters()[0].name.to_uppercase());
+        let opened = Device::Gpu(upper).open(None).unwrap();
+        let lost = opened.gpu.clone().unwrap();
+        lost.lose();
+        let fails = |reason: &str| SessionError::from(GpuError::Lost(reason.into()));
+        for may_fall_back in [false, true] {
+            let compute = Compute { may_fall_back, ..opened.clone() };
+            let mut tries = Vec::new();
+            let outcome = compute.attempt(&Monitor::default(), "", |compute| {
+                tries.push(compute.gpu.as_ref().map(|gpu| Arc::ptr_eq(gpu, &lost)));
+                compute.gpu.as_ref().map_or(Ok("done"), |_| Err(fails("again")))
+            });
+            assert_eq!(tries, [Some(true), Some(false), None][..2 + usize::from(may_fall_back)]);
+            assert_eq!(outcome.is_ok(), may_fall_back);
+        }
+        // Other failures are no reason to try again.
+        let mut tries = 0;
+        let refused = opened.attempt(&Monitor::default(), "", |_| {
+            tries += 1;
+            Err::<(), _>(SessionError::from(GpuError::Refused("it".into())))
+        });
+        assert!(refused.is_err() && tries == 1);
     }
 }

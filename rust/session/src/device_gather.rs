@@ -1,6 +1,8 @@
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use relume_gather::{Environment, Gather, GpuGather, Half};
+use relume_gather::{Environment, Gather, GatherError, GpuGather, Half};
+use relume_gpu::Gpu;
 use relume_image::Image;
 use relume_scene::Light;
 
@@ -40,9 +42,8 @@ impl DeviceGather {
         monitor: &Monitor,
     ) -> Result<Vec<Image>, SessionError> {
         let lights = self.gather.prepare_all(lights)?;
-        let make = |gpu| GpuGather::new(gpu, &self.gather);
         let work = |on_gpu: &GpuGather| on_gpu.unit_images(&lights, half);
-        let images = self.on_gpu.attempt(compute, monitor, make, work)?;
+        let images = self.on_gpu.attempt(compute, monitor, |gpu| self.put_on(gpu), work)?;
         if images.is_some() && self.may_sort.load(Ordering::Relaxed) {
             self.sorting.relit(|| self.on_gpu.get());
         }
@@ -60,9 +61,13 @@ impl DeviceGather {
         compute: &Compute,
         monitor: &Monitor,
     ) -> Result<Image, SessionError> {
-        let make = |gpu| GpuGather::new(gpu, &self.gather);
         let work = |on_gpu: &GpuGather| on_gpu.world_image(environment, Half::All);
-        let image = self.on_gpu.attempt(compute, monitor, make, work)?;
+        let image = self.on_gpu.attempt(compute, monitor, |gpu| self.put_on(gpu), work)?;
         Ok(image.unwrap_or_else(|| self.gather.world_image(environment, Half::All)))
+    }
+
+    fn put_on(&self, gpu: Arc<Gpu>) -> Result<GpuGather, GatherError> {
+        self.sorting.begin_again();
+        GpuGather::new(gpu, &self.gather)
     }
 }

@@ -57,7 +57,7 @@ impl DeviceProxies {
         kind: LightKind,
         compute: &Compute,
         monitor: &Monitor,
-        work: impl FnOnce(&GpuProxy) -> Result<R, SessionError>,
+        work: impl Fn(&GpuProxy) -> Result<R, SessionError>,
     ) -> Result<Option<R>, SessionError> {
         let mut proxies = self.proxies.iter().zip(&self.on_gpu);
         let Some((trained, on_gpu)) = proxies.find(|(trained, _)| trained.proxy.info().kind == kind) else {

@@ -1,4 +1,5 @@
 use relume_gather::GatherError;
+use relume_gpu::GpuError;
 use relume_optimise::OptimiseError;
 use relume_proxy::ProxyError;
 use std::path::PathBuf;
@@ -65,15 +66,31 @@ pub enum SessionError {
 impl SessionError {
     /// Whether a GPU has failed, so that the same on the CPU may work.
     pub(crate) fn is_of_gpu(&self) -> bool {
+        self.of_gpu().is_some()
+    }
+
+    /// Why a GPU was lost, if it was: the same may work once it is opened anew.
+    pub(crate) fn lost_gpu(&self) -> Option<&str> {
+        match self.of_gpu()? {
+            GpuError::Lost(reason) => Some(reason),
+            _ => None,
+        }
+    }
+
+    fn of_gpu(&self) -> Option<&GpuError> {
         match self {
-            Self::Gpu(_) | Self::Gather(GatherError::Gpu(_)) | Self::Proxy(ProxyError::Gpu(_)) => true,
-            Self::Proxy(ProxyError::Targets(error)) => {
-                matches!(error.downcast_ref(), Some(GatherError::Gpu(_)))
-            }
-            Self::Optimise(OptimiseError::Relight(error)) => {
-                matches!(error.downcast_ref(), Some(ProxyError::Gpu(_)))
-            }
-            _ => false,
+            Self::Gpu(error)
+            | Self::Gather(GatherError::Gpu(error))
+            | Self::Proxy(ProxyError::Gpu(error)) => Some(error),
+            Self::Proxy(ProxyError::Targets(error)) => match error.downcast_ref()? {
+                GatherError::Gpu(error) => Some(error),
+                _ => None,
+            },
+            Self::Optimise(OptimiseError::Relight(error)) => match error.downcast_ref()? {
+                ProxyError::Gpu(error) => Some(error),
+                _ => None,
+            },
+            _ => None,
         }
     }
 

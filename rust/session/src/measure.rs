@@ -68,7 +68,7 @@ pub(crate) fn measure(
 /// should have many more samples, on lights that no training sees. The lights depend on the reference, the range and
 /// `seed` alone. With `compared`, gathering from that bake is measured on the same lights. With `pictures`, writes there
 /// for some lights a PNG of all: the reference, the gather and its denoised form if there is one, then the proxies. A GPU
-/// gathers and denoises; where it fails and the CPU may go on, that does all again.
+/// gathers and denoises; where it is lost, it does all again, once; where it fails and the CPU may go on, that does.
 ///
 /// # Errors
 /// If a bake cannot be read, its size is not the proxies', or the proxies differ in kind or range.
@@ -81,14 +81,9 @@ pub fn evaluate(
     compute: &Compute,
     monitor: &Monitor,
 ) -> Result<Evaluation, SessionError> {
-    let on = |compute| evaluate_on(compute, proxies, reference, compared, (lights, seed), pictures, monitor);
-    match on(compute) {
-        Err(error) if compute.may_fall_back && error.is_of_gpu() => {
-            monitor.warn(&format!("{error}. The CPU goes on"));
-            on(&Compute::default())
-        }
-        result => result,
-    }
+    compute.attempt(monitor, "", |compute| {
+        evaluate_on(compute, proxies, reference, compared, (lights, seed), pictures, monitor)
+    })
 }
 
 /// [`evaluate`] without another try.

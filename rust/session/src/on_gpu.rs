@@ -5,7 +5,8 @@ use relume_gpu::Gpu;
 use crate::progress::Monitor;
 use crate::{Compute, SessionError};
 
-/// Something that is put on the GPU when it is first needed, and given up where the GPU fails and the CPU may go on.
+/// Something that is put on the GPU when it is first needed, or when that was lost, and given up where the GPU fails and the
+/// CPU may go on.
 pub(crate) struct OnGpu<T>(Mutex<State<T>>);
 
 enum State<T> {
@@ -29,20 +30,25 @@ impl<T> OnGpu<T> {
         &self,
         compute: &Compute,
         monitor: &Monitor,
-        make: impl FnOnce(Arc<Gpu>) -> Result<T, E>,
-        work: impl FnOnce(&T) -> Result<R, E>,
+        make: impl Fn(Arc<Gpu>) -> Result<T, E>,
+        work: impl Fn(&T) -> Result<R, E>,
     ) -> Result<Option<R>, SessionError> {
-        let Some(gpu) = &compute.gpu else { return Ok(None) };
-        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let result = state.ready(|| make(gpu.clone())).and_then(|ready| ready.map(work).transpose());
-        match result.map_err(E::into) {
-            Err(error) if compute.may_fall_back && error.is_of_gpu() => {
-                *state = State::GivenUp;
-                monitor.warn(&format!("{error}. The CPU goes on"));
-                Ok(None)
-            }
-            result => result,
+        if compute.gpu.is_none() {
+            return Ok(None);
         }
+        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        compute.attempt(monitor, "", |compute| {
+            let Some(gpu) = &compute.gpu else {
+                *state = State::GivenUp;
+                return Ok(None);
+            };
+            let result = state.ready(|| make(gpu.clone())).and_then(|ready| ready.map(&work).transpose());
+            result.map_err(E::into).inspect_err(|error| {
+                if error.lost_gpu().is_some() {
+                    *state = State::NotStarted;
+                }
+            })
+        })
     }
 
     /// What is there, for work that must not keep others from theirs.

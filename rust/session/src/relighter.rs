@@ -312,7 +312,7 @@ impl Relighter {
         &self,
         kind: LightKind,
         monitor: &Monitor,
-        work: impl FnOnce(&GpuProxy) -> Result<R, SessionError>,
+        work: impl Fn(&GpuProxy) -> Result<R, SessionError>,
     ) -> Result<Option<R>, SessionError> {
         self.proxies.attempt(kind, &self.compute, monitor, work)
     }

@@ -32,6 +32,11 @@ impl Sorting {
         *self.thread.lock().unwrap_or_else(PoisonError::into_inner) = thread.ok();
     }
 
+    /// Counts from the start: what was sorted before is lost.
+    pub fn begin_again(&self) {
+        self.relights.store(0, Ordering::Relaxed);
+    }
+
     /// Waits until what was begun is done.
     fn wait(&self) {
         let thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take();

@@ -102,8 +102,8 @@ const TRAIN_UNITS: u64 = 1000;
 const MEASURED_LIGHTS: usize = 16;
 
 /// Trains a proxy on a bake and writes it into `out`, with all that relighting without the bake needs. With `resume` it
-/// goes on where a stopped training was, and ends as if it had never stopped. Where a GPU fails and the CPU may go on, that
-/// does so from the last checkpoint.
+/// goes on where a stopped training was, and ends as if it had never stopped. A GPU that is lost is opened again, once; where it
+/// fails and the CPU may go on, that does so: from the last checkpoint.
 ///
 /// # Errors
 /// [`SessionError::Cancelled`] if stopped, with a checkpoint and a usable proxy written.
@@ -116,13 +116,10 @@ pub fn train(
     monitor: &Monitor,
 ) -> Result<TrainReport, SessionError> {
     let mut saved = false;
-    match train_on(compute, bake, out, settings, resume, monitor, &mut saved) {
-        Err(error) if compute.may_fall_back && error.is_of_gpu() => {
-            monitor.warn(&format!("{error}. The CPU goes on from the last checkpoint"));
-            train_on(&Compute::default(), bake, out, settings, resume || saved, monitor, &mut saved)
-        }
-        result => result,
-    }
+    compute.attempt(monitor, " from the last checkpoint", |compute| {
+        let resume = resume || saved;
+        train_on(compute, bake, out, settings, resume, monitor, &mut saved)
+    })
 }
 
 /// [`train`] without another try. `saved` says afterwards whether there is a checkpoint of this training.

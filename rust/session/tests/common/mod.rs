@@ -1,0 +1,70 @@
+//! A small bake and its proxies.
+
+#![allow(dead_code, reason = "each test file uses a part of it")]
+
+use std::path::Path;
+use std::sync::Mutex;
+
+use glam::Vec3;
+use relume_session::proxy::{LightKind, SizeRange, TrainConfig};
+use relume_session::scene::{Light, LightShape, LobeFactors};
+use relume_session::trace::TraceSettings;
+use relume_session::{
+    Clock, Compute, Listener, Monitor, ObjView, Progress, RelightOptions, TrainReport, TrainSettings, With,
+    bake, obj_scene, train,
+};
+
+/// A small lit bake in a folder.
+pub fn baked(folder: &Path) {
+    let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/room.obj");
+    let view = ObjView {
+        up: relume_session::scene::UpAxis::Z,
+        eye: Some(Vec3::new(0.0, -4.2, 1.0)),
+        target: Some(Vec3::Z),
+        width: 20,
+        height: 16,
+        ..ObjView::default()
+    };
+    let mut scene = obj_scene(&room, &view).unwrap();
+    scene.lights = vec![sphere("Own", 0.2)];
+    let settings = TraceSettings { samples: 16, ..TraceSettings::default() };
+    bake(&scene, &settings, folder, false, &Monitor::default()).unwrap();
+}
+
+/// A light in the room.
+pub fn sphere(name: &str, radius: f32) -> Light {
+    Light {
+        name: name.into(),
+        shape: LightShape::Sphere { center: Vec3::new(0.2, 0.1, 1.3), radius },
+        radiance: [2.0, 1.0, 0.5],
+        lobes: LobeFactors::default(),
+        receivers: None,
+    }
+}
+
+/// A short training.
+pub fn training(kind: LightKind) -> TrainSettings {
+    let mut config = TrainConfig::fast(SizeRange { min: 0.1, max: 0.3 });
+    config.samples = 8192;
+    config.held_out = 2;
+    TrainSettings { kind, config, seed: 1, seconds: None, clock: Clock::Wall, half_for_measuring: true }
+}
+
+/// Trains on the CPU, from the start.
+pub fn trained(bake: &Path, out: &Path, kind: LightKind) -> TrainReport {
+    train(bake, out, &training(kind), false, &Compute::default(), &Monitor::default()).unwrap()
+}
+
+/// What makes pictures without a denoiser.
+pub const RAW: RelightOptions = RelightOptions { with: With::Auto, denoise: false };
+
+/// Remembers warnings.
+#[derive(Default)]
+pub struct Warnings(pub Mutex<Vec<String>>);
+
+impl Listener for Warnings {
+    fn progress(&self, _: &Progress) {}
+    fn warning(&self, message: &str) {
+        self.0.lock().unwrap().push(message.into());
+    }
+}
