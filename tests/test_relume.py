@@ -212,9 +212,10 @@ def test_texture_files_are_read_where_they_can_be(tmp_path):
     (tmp_path / "words.png").write_text("no picture")
     assert builder.add_texture_file("Words", tmp_path / "words.png") is None
     assert builder.add_texture_file("Missing", tmp_path / "missing.jpg") is None
-    assert builder.add_texture_file("Brick", tmp_path / "brick.png", encoding="linear") == 0
+    assert builder.add_texture_file("Brick", tmp_path / "brick.png", colors="linear") == 0
+    assert builder.add_texture_file("Packed", (tmp_path / "brick.png").read_bytes(), alpha="none") == 1
     with pytest.raises(ValueError, match="rec2020"):
-        builder.add_texture_file("Brick", tmp_path / "brick.png", encoding="rec2020")
+        builder.add_texture_file("Brick", tmp_path / "brick.png", colors="rec2020")
 
 
 def test_commands_give_their_json_result(bake):

@@ -20,8 +20,8 @@ from ..core.differences import Print
 from ..export import trace_settings
 from ..export.camera import UnsupportedCameraError, camera_json, film_size
 from ..export.materials.graph import used_tree
+from ..export.working_space import working_space
 from ..export.world import export_world
-from .scene import working_space
 
 Take = Callable[[], Print | None]
 

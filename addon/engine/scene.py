@@ -8,6 +8,7 @@ from typing import Any
 import bpy
 
 from ..export import ExportOptions, export_scene
+from ..export.working_space import LINEAR_REC709, working_space
 from .native import native
 from .render_depsgraph import (
     ExportCancelled,
@@ -16,8 +17,6 @@ from .render_depsgraph import (
     start_with_render_depsgraph,
     with_render_depsgraph,
 )
-
-LINEAR_REC709 = "Linear Rec.709"
 
 
 def load_scene(scene: bpy.types.Scene, options: ExportOptions | None = None) -> Any:
@@ -69,9 +68,3 @@ class _Stoppable:
         if self._stop():
             raise ExportCancelled("cancelled")
         return getattr(self._builder, name)
-
-
-def working_space() -> str:
-    """Name of the file's scene-linear space (chosen by the file from Blender 5.0 on)."""
-    colorspace = getattr(bpy.data, "colorspace", None)
-    return colorspace.working_space if colorspace else LINEAR_REC709

@@ -1,22 +1,21 @@
 """Images: pixels in bulk, with what is needed to read them as Cycles does.
 
 Blender decodes an image, and hands out its pixels, with Python's lock held: its window stands still for as long. So the
-native module reads the files that Blender would take as they are."""
+native module decodes files, packed ones too, as far as it comes to the pixels that Blender has of them."""
 
 from __future__ import annotations
 
-from pathlib import PurePath
 from typing import Any
 
 import bpy
 import numpy as np
 
 from .arrays import touched
+from .working_space import LINEAR_REC709, working_space
 
 ALPHA = {"STRAIGHT": "straight", "PREMUL": "premultiplied", "CHANNEL_PACKED": "channel_packed", "NONE": "none"}
 LINEAR_SPACES = {"Non-Color", "Raw", "Linear Rec.709", "Linear", "scene_linear", "Generic Data"}
 SRGB_SPACES = {"sRGB", "Utility - sRGB - Texture"}
-PLAIN_FILES = {".png", ".jpg", ".jpeg"}
 MAGENTA = np.array([[[255, 0, 255, 255]]], np.uint8)
 
 
@@ -39,15 +38,16 @@ class ImageExporter:
 
     def _export(self, image: bpy.types.Image, user: str) -> int:
         alpha = ALPHA.get(image.alpha_mode, "straight")
-        if is_plain_file(image):
-            path = bpy.path.abspath(image.filepath, library=image.library)
-            encoding = "linear" if image.colorspace_settings.name in LINEAR_SPACES else "srgb"
-            number = self.builder.add_texture_file(image.name, path, encoding=encoding, alpha=alpha)
+        path = bpy.path.abspath(image.filepath, library=image.library)
+        colors = colors_of_file(image)
+        if colors is not None:
+            file = image.packed_file.data if image.packed_file else path
+            number = self.builder.add_texture_file(image.name, file, colors=colors, alpha=alpha)
             if number is not None:
                 return number
         texels = self._texels(image)
         if texels is None:
-            path = bpy.path.abspath(image.filepath, library=image.library) or image.name
+            path = path or image.name
             self.builder.warn(f"{user}: image '{image.name}' could not be read from {path}; shown magenta")
             return self.missing(image.name)
         if image.source in {"MOVIE", "SEQUENCE", "TILED"}:
@@ -79,13 +79,17 @@ class ImageExporter:
         return "srgb"
 
 
-def is_plain_file(image: bpy.types.Image) -> bool:
-    """Whether the pixels are those of a file, as far as can be said without reading it: nothing painted, no colours
-    that Blender would convert or divide by their alpha, no alpha that it would fill."""
-    unchanged = image.source == "FILE" and not image.packed_file and not image.is_dirty
-    known = image.colorspace_settings.name in LINEAR_SPACES | SRGB_SPACES
-    as_stored = image.alpha_mode in {"STRAIGHT", "CHANNEL_PACKED"}
-    return unchanged and known and as_stored and PurePath(image.filepath).suffix.lower() in PLAIN_FILES
+def colors_of_file(image: bpy.types.Image) -> str | None:
+    """What the values in an image's file stand for, in the native module's words; None where Blender may have others
+    than those of one file, or where the native module does not know the colour space."""
+    if image.source != "FILE" or image.is_dirty:
+        return None
+    if image.colorspace_settings.is_data:
+        return "data"
+    if working_space() != LINEAR_REC709:  # Blender converts floats, and only it knows which files have them.
+        return None
+    space = image.colorspace_settings.name
+    return "linear" if space in LINEAR_SPACES else "srgb" if space in SRGB_SPACES else None
 
 
 def _as_rgba(values: np.ndarray) -> np.ndarray:

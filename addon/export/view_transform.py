@@ -17,6 +17,8 @@ from typing import Any
 import bpy
 import numpy as np
 
+from .working_space import LINEAR_REC709, working_space
+
 SHAPER_MIN, SHAPER_MAX, SHAPER_OFFSET = -12.0, 7.0, 2.0**-12
 PNG_END = b"IEND\xae\x42\x60\x82"
 SLICE_SECONDS = 0.012
@@ -32,9 +34,8 @@ def is_srgb_curve(scene: bpy.types.Scene) -> bool:
     """Whether the view is the sRGB curve after exposure and before gamma, for which the formula is exact."""
     view = scene.view_settings
     plain = view.view_transform == "Standard" and view.look == "None" and not view.use_curve_mapping
-    linear = getattr(getattr(bpy.data, "colorspace", None), "working_space", "Linear Rec.709")
     balanced = not getattr(view, "use_white_balance", False)
-    return plain and balanced and linear == "Linear Rec.709" and scene.display_settings.display_device == "sRGB"
+    return plain and balanced and working_space() == LINEAR_REC709 and scene.display_settings.display_device == "sRGB"
 
 
 def is_standard(scene: bpy.types.Scene) -> bool:
@@ -47,7 +48,7 @@ def view_key(scene: bpy.types.Scene, with_exposure: bool = True) -> tuple:
     """All that the view of a scene depends on, as plain values."""
     view = scene.view_settings
     apart = {"curve_mapping"} if with_exposure else {"curve_mapping", "exposure"}
-    key = [getattr(getattr(bpy.data, "colorspace", None), "working_space", "")]
+    key = [working_space()]
     key += _values(view, apart) + _values(scene.display_settings, set())
     if view.use_curve_mapping:
         key += _curves(view.curve_mapping)

@@ -1,15 +1,28 @@
-//! An EXR or PNG file of any bytes is refused, or is a picture of the size that it says.
+//! An EXR, PNG, JPEG, TIFF or Radiance file of any bytes is refused, or is a picture of the size that it says.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
 use relume_image::{ViewTransform, read_exr, read_picture};
+use relume_scene::{Alpha, FileColors, PictureFile, Texels};
 use tempfile::TempDir;
 
 thread_local! {
     static FOLDER: TempDir = tempfile::tempdir().expect("a folder");
 }
 
+/// As a texture.
+fn decode(bytes: &[u8]) {
+    let Ok(picture) = PictureFile::decode(bytes) else { return };
+    let texture = picture.into_texture("fuzzed".into(), FileColors::Srgb, Alpha::Premultiplied);
+    let values = match &texture.texels {
+        Texels::Byte(texels) => texels.len(),
+        Texels::Float(texels) => texels.len(),
+    };
+    assert_eq!(values, texture.width * texture.height * 4);
+}
+
 fuzz_target!(|bytes: &[u8]| FOLDER.with(|folder| {
+    decode(bytes);
     let png = bytes.starts_with(b"\x89PNG");
     let path = folder.path().join(if png { "picture.png" } else { "picture.exr" });
     std::fs::write(&path, bytes).expect("written");

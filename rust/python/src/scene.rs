@@ -4,11 +4,12 @@ use crate::array::{Array, affine_from_rows, mat3_from_rows};
 use crate::error::{NativeError, enter_native, invalid};
 use crate::job::PyJob;
 use glam::{Vec2, Vec3};
+use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyBytes, PyDict};
 use relume_scene as scene;
 use relume_session::trace::TraceSettings;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Collects a scene; see the stubs for shapes and units.
@@ -24,10 +25,26 @@ impl PyScene {
     }
 }
 
-fn texture_settings(encoding: &str, alpha: &str) -> PyResult<(scene::ColorEncoding, scene::Alpha)> {
-    let unknown = |what, value: &str| invalid(format!("{what} '{value}' is not known"));
-    let encoding = from_name(encoding).ok_or_else(|| unknown("encoding", encoding))?;
-    Ok((encoding, from_name(alpha).ok_or_else(|| unknown("alpha", alpha))?))
+/// Where the bytes of a texture are.
+#[derive(FromPyObject)]
+enum TextureFile<'py> {
+    Packed(Bound<'py, PyBytes>),
+    Stored(PathBuf),
+}
+
+impl TextureFile<'_> {
+    fn bytes(&self) -> Result<&[u8], &Path> {
+        match self {
+            Self::Packed(bytes) => Ok(bytes.as_bytes()),
+            Self::Stored(path) => Err(path),
+        }
+    }
+}
+
+/// A value of an enum by its name; `what` is for messages.
+fn known<T: serde::de::DeserializeOwned>(what: &str, name: &str) -> PyResult<T> {
+    let value = serde_json::from_value(serde_json::Value::from(name));
+    Ok(value.map_err(|_| invalid(format!("{what} '{name}' is not known")))?)
 }
 
 #[pymethods]
@@ -134,25 +151,29 @@ impl PySceneBuilder {
             let floats = Array::<f32>::borrow("texels (uint8 or float32)", texels)?;
             ([floats.size(0), floats.size(1)], scene::Texels::Float(floats.cast()?.to_vec()))
         };
-        let (encoding, alpha) = texture_settings(encoding, alpha)?;
+        let (encoding, alpha) = (known("encoding", encoding)?, known("alpha", alpha)?);
         let [height, width] = size;
         let texture = scene::Texture { name: name.into(), width, height, texels, encoding, alpha };
         enter_native(py, || self.builder.add_texture(texture))
     }
 
-    #[pyo3(signature = (name, path, *, encoding="srgb", alpha="straight"))]
+    #[pyo3(signature = (name, file, *, colors="srgb", alpha="straight"))]
     fn add_texture_file(
         &mut self,
         py: Python<'_>,
         name: &str,
-        path: PathBuf,
-        encoding: &str,
+        file: TextureFile<'_>,
+        colors: &str,
         alpha: &str,
     ) -> PyResult<Option<usize>> {
-        let (encoding, alpha) = texture_settings(encoding, alpha)?;
+        let (colors, alpha) = (known("colors", colors)?, known("alpha", alpha)?);
+        let bytes = file.bytes();
         enter_native(py, || -> Result<_, NativeError> {
-            let picture = scene::PictureFile::read(&path).ok().filter(|picture| !picture.is_deep);
-            let texture = picture.map(|picture| picture.into_texture(name.into(), encoding, alpha));
+            let picture = match bytes {
+                Ok(bytes) => scene::PictureFile::decode(bytes),
+                Err(path) => scene::PictureFile::read(path),
+            };
+            let texture = picture.ok().map(|picture| picture.into_texture(name.into(), colors, alpha));
             Ok(texture.map(|texture| self.builder.add_texture(texture)).transpose()?)
         })
     }
@@ -246,6 +267,17 @@ impl PyScene {
         enter_native(py, || serde_json::to_string(&self.scene.lights))
     }
 
+    /// The texels of a texture as rendering sees them.
+    fn texels<'py>(&self, py: Python<'py>, texture: usize) -> PyResult<Bound<'py, PyAny>> {
+        let texture = self.scene.textures.get(texture);
+        let texture = texture.ok_or_else(|| invalid("there is no texture of that number"))?;
+        let shape = [texture.height, texture.width, 4];
+        Ok(match &texture.texels {
+            scene::Texels::Byte(texels) => PyArray1::from_slice(py, texels).reshape(shape)?.into_any(),
+            scene::Texels::Float(texels) => PyArray1::from_slice(py, texels).reshape(shape)?.into_any(),
+        })
+    }
+
     /// Counts and parts as JSON, for tests and `info`.
     fn summary(&self, py: Python<'_>) -> PyResult<String> {
         enter_native(py, || serde_json::to_string(&summary(&self.scene)))
@@ -295,8 +327,4 @@ fn summary(scene: &scene::Scene) -> serde_json::Value {
         "instanced_triangles": scene.instances.iter().map(triangles).sum::<usize>(),
         "warnings": scene.warnings,
     })
-}
-
-fn from_name<T: serde::de::DeserializeOwned>(name: &str) -> Option<T> {
-    serde_json::from_value(serde_json::Value::from(name)).ok()
 }

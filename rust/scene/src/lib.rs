@@ -35,7 +35,7 @@ pub use material::{
 };
 pub use mesh::{ColorAttribute, Instance, Mesh, UvMap};
 pub use obj::{ObjError, UpAxis, load_obj};
-pub use picture_file::PictureFile;
+pub use picture_file::{FileColors, PictureFile};
 pub use polygon::{PolygonError, PolygonMesh, PolygonNormals};
 pub use texture::{ColorEncoding, Extension, Interpolation, Texels, Texture};
 pub use validate::Problem;

@@ -5,8 +5,8 @@
 //! alpha, `Ni` IOR, `Pr` and `Pm` roughness and metallic, `Tf` or a transmissive `illum` transmission.
 
 use crate::{
-    Alpha, BuildError, ColorEncoding, Distribution, Extension, Input, Instance, Interpolation, Material,
-    Mesh, Node, Output, PictureFile, SceneBuilder, UvMap,
+    Alpha, BuildError, Distribution, Extension, FileColors, Input, Instance, Interpolation, Material, Mesh,
+    Node, Output, PictureFile, SceneBuilder, UvMap,
 };
 use glam::{Affine3A, Vec2, Vec3};
 use std::collections::HashMap;
@@ -215,7 +215,7 @@ fn base_texture(
     let number = match PictureFile::read(&path) {
         Ok(picture) => {
             let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            Some(builder.add_texture(picture.into_texture(name, ColorEncoding::Srgb, Alpha::Straight))?)
+            Some(builder.add_texture(picture.into_texture(name, FileColors::Srgb, Alpha::Straight))?)
         }
         Err(reason) => {
             builder.warn(format!("texture {}: {reason}; the plain colour is used", path.display()));

@@ -71,12 +71,13 @@ class SceneBuilder:
     def add_texture_file(
         self,
         name: str,
-        path: str | os.PathLike[str],
+        file: str | os.PathLike[str] | bytes,
         *,
-        encoding: Literal["srgb", "linear"] = "srgb",
+        colors: Literal["srgb", "linear", "data"] = "srgb",
         alpha: Literal["straight", "premultiplied", "channel_packed", "none"] = "straight",
     ) -> int | None:
-        """The texels of a PNG or JPEG file of 8 bits a channel; None if it is none that can be read."""
+        """The texels that Blender has of a picture file, or of its bytes: PNG, JPEG, OpenEXR, TIFF or Radiance; None if
+        it is none that can be read. `colors`: what its values stand for."""
 
     def set_camera(self, json: str) -> None:
         """A Blender camera in the JSON form of `relume_scene::BlenderCamera`."""
@@ -120,6 +121,9 @@ class Scene:
 
     def lights(self) -> str:
         """The scene's lights, a light set in JSON."""
+
+    def texels(self, texture: int) -> NDArray[np.uint8] | NDArray[np.float32]:
+        """RGBA texels [height, width, 4] of a texture, bottom row first, as rendering sees them."""
 
     def summary(self) -> str:
         """Camera, lights, materials and sizes as JSON."""
