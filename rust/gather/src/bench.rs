@@ -55,7 +55,9 @@ pub fn measure(megabytes: usize) -> Result<Vec<Measurement>, DumpError> {
         unit: "GB/s",
         limit: None,
     }];
-    for (kind, shape) in [("sphere", sphere as fn(usize) -> LightShape), ("quad", quad)] {
+    type Shape = fn(usize) -> LightShape;
+    let kinds = [("sphere", sphere as Shape), ("quad", quad), ("neighbouring sphere", neighbour)];
+    for (kind, shape) in kinds {
         for count in [1, 16] {
             let lights: Vec<_> = (0..count).map(|index| light(shape(index))).collect();
             let Ok(lights) = gather.prepare_all(&lights) else { continue };
@@ -197,6 +199,12 @@ pub(crate) fn light(shape: LightShape) -> Light {
 pub(crate) fn sphere(index: usize) -> LightShape {
     let mut random = Random(100 + index as u64);
     LightShape::Sphere { center: random.point(3.0), radius: 0.2 }
+}
+
+/// Lights from which derivatives by a light's place are taken.
+fn neighbour(index: usize) -> LightShape {
+    let beside_camera = Vec3::new(1.0, 2.0, 1.0);
+    LightShape::Sphere { center: beside_camera + Random(300 + index as u64).point(0.3), radius: 0.2 }
 }
 
 fn quad(index: usize) -> LightShape {

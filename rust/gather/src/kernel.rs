@@ -197,6 +197,9 @@ pub fn visit_candidates(
 /// Most lights for each of which a first test on all packed records costs less than decoding them once for all.
 #[cfg(target_arch = "x86_64")]
 const FEW: usize = 2;
+/// Largest radius of a ball around many lights, by the diagonal of the scene, for which one first test for all of them pays.
+#[cfg(target_arch = "x86_64")]
+const SMALL: f32 = 0.25;
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx2,fma,popcnt,bmi1")]
@@ -204,10 +207,10 @@ fn visit_avx512(shard: &Shard, records: Range<usize>, work: &mut Work, visitor: 
     let Some(scans) = first_tests(shard, visitor, Scan::new) else {
         return visit_avx2(shard, records, work, visitor);
     };
-    for (index, scan) in scans.iter().enumerate() {
+    for (lights, scan) in scans {
         let find =
             |chunk: Range<usize>, work: &mut SieveWork| scan.run(shard, chunk, work.found.as_mut_slice());
-        visit_found(shard, records.clone(), work, index, find, visitor);
+        visit_found(shard, records.clone(), work, lights, find, visitor);
     }
 }
 
@@ -219,28 +222,38 @@ fn visit_avx2(shard: &Shard, records: Range<usize>, work: &mut Work, visitor: &m
     let Some(sieves) = first_tests(shard, visitor, Sieve::new) else {
         return visit_lanes::<Avx2>(shard, records, &mut work.block, visitor);
     };
-    for (index, sieve) in sieves.iter().enumerate() {
+    for (lights, sieve) in sieves {
         let find = |chunk: Range<usize>, work: &mut SieveWork| {
             let (xy, z_flags) =
                 (&shard.position_xy()[chunk.clone()], &shard.position_z_flags()[chunk.clone()]);
             sieve.run(xy, z_flags, chunk.start as u32, chunk.start > records.start, work)
         };
-        visit_found(shard, records.clone(), work, index, find, visitor);
+        visit_found(shard, records.clone(), work, lights, find, visitor);
     }
 }
 
-/// A first test for each of a few lights; nothing if they are many, or one of them is everywhere.
+/// First tests, each for some of the lights: one for all of many that are near each other, as those are from which derivatives
+/// are taken, or one for each of a few. Nothing if they are many and far apart, or one of them is everywhere.
 #[cfg(target_arch = "x86_64")]
 fn first_tests<T>(
     shard: &Shard,
     visitor: &impl Visitor,
     test: impl Fn(&Shard, &Reach, f32) -> Option<T>,
-) -> Option<Vec<T>> {
+) -> Option<Vec<(Range<usize>, T)>> {
     let test = |reach: &Reach| test(shard, reach, ROUNDING * magnitude(shard, reach.center()));
-    if visitor.lights() > FEW || !visitor.is_selective() {
+    let count = visitor.lights();
+    if !visitor.is_selective() {
         return None;
     }
-    (0..visitor.lights()).map(|light| test(visitor.reach(light))).collect()
+    if count <= FEW {
+        return (0..count).map(|light| Some((light..light + 1, test(visitor.reach(light))?))).collect();
+    }
+    let balls = (0..count).map(|light| visitor.reach(light).ball()).collect::<Option<Vec<_>>>()?;
+    let (common, Grid { min, max }) = (Ball::around(&balls), shard.grid());
+    if common.radius > SMALL * min.distance(max) {
+        return None;
+    }
+    Some(vec![(0..count, test(&Reach::Ball(common))?)])
 }
 
 /// Decodes and tests only the records that `find` leaves of each chunk: their numbers are in [`SieveWork::found`], as many as
@@ -252,7 +265,7 @@ fn visit_found(
     shard: &Shard,
     records: Range<usize>,
     work: &mut Work,
-    light: usize,
+    lights: Range<usize>,
     find: impl Fn(Range<usize>, &mut SieveWork) -> usize,
     visitor: &mut impl Visitor,
 ) {
@@ -261,7 +274,9 @@ fn visit_found(
         for numbers in work.sieve.found[..count].chunks(BLOCK) {
             decode_listed::<Avx2>(shard, numbers, &mut work.block);
             visitor.begin_block(numbers[0] as usize);
-            cross::<Avx2>(shard, &mut work.block, light, visitor);
+            for light in lights.clone() {
+                cross::<Avx2>(shard, &mut work.block, light, visitor);
+            }
         }
     }
 }

@@ -88,6 +88,18 @@ pub(crate) struct Ball {
     pub radius: f32,
 }
 
+#[cfg(target_arch = "x86_64")]
+impl Ball {
+    /// A ball that holds some others, not the least one.
+    pub fn around(balls: &[Self]) -> Self {
+        let low = balls.iter().fold(Vec3::INFINITY, |low, ball| low.min(ball.center));
+        let high = balls.iter().fold(Vec3::NEG_INFINITY, |high, ball| high.max(ball.center));
+        let center = 0.5 * (low + high);
+        let reach = |ball: &Self| ball.center.distance(center) + ball.radius;
+        Self { center, radius: balls.iter().map(reach).fold(0.0, f32::max) }
+    }
+}
+
 /// A rectangle or an ellipse inscribed in it, seen from the side of its normal.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Plane {

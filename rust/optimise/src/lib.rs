@@ -7,7 +7,7 @@
 //! let problem = Problem { views: vec![view], variables: vec![Variable { light, locks, bounds, stay: 0.0 }] };
 //! let starts = random_starts(&problem, &options)?;        // or the lights of the scene
 //! let solution = solve(&problem, &starts, &Settings::default(), &|step| ControlFlow::Continue(()))?;
-//! let polished = polish(&through_the_gather, &solution.lights, 24, &mut |step| ControlFlow::Continue(()))?;
+//! let polished = polish(&through_the_gather, &[&solution.lights[..]], 24, &mut |step| ControlFlow::Continue(()))?;
 //! ```
 //!
 //! What is free of a light is mapped to unconstrained values (`variable`); what is asked for becomes residuals of cells (`goal`,

@@ -218,7 +218,8 @@ fn every_type_of_light_is_found_again() {
             solution.start_loss
         );
         let problem = Problem { views: vec![View { relight: &IN_CELLS, ..view }], ..problem };
-        let polished = polish(&problem, &solution.lights, 60, &mut |_| ControlFlow::Continue(())).unwrap();
+        let polished =
+            polish(&problem, &[&solution.lights[..]], 60, &mut |_| ControlFlow::Continue(())).unwrap();
         assert!(polished.loss < 1e-6, "{light:?}: {} after {}", polished.loss, polished.start_loss);
         let found = &polished.lights[0];
         if let (Some(a), Some(b)) = (found.shape.center(), light.shape.center()) {
@@ -407,7 +408,7 @@ fn a_region_gets_as_many_stops_as_asked_for_on_average() {
     let problem = Problem { views: vec![view], variables: vec![Variable { locks, ..variable(&light) }] };
     let settings = Settings { iterations: 300, pixel_fraction: 1.0, ..Settings::default() };
     let found = solve(&problem, &[vec![light.clone()]], &settings, &|_| ControlFlow::Continue(())).unwrap();
-    let polished = polish(&problem, &found.lights, 60, &mut |_| ControlFlow::Continue(())).unwrap();
+    let polished = polish(&problem, &[&found.lights[..]], 60, &mut |_| ControlFlow::Continue(())).unwrap();
     let [before, after] = [&[light][..], &polished.lights].map(|lights| picture(&FLOOR, &base, lights));
     let reached = report(&goals[0], &before, &after).reached;
     assert!((1.0..1.04).contains(&reached), "{reached}");

@@ -88,6 +88,34 @@ fn all_instruction_sets_and_one_by_one_are_equal_bit_by_bit() {
 }
 
 #[test]
+fn lights_near_each_other_are_gathered_as_one_by_one() {
+    let dump = random_dump();
+    let portable = Gather::new(dump.clone()).with_isa(Isa::Portable);
+    for radius in [0.2, 0.6, 3.0] {
+        let mut random = Random(6);
+        let center = random.point(0.5);
+        let mut shape = |number: usize| match (center + random.point(0.3 * radius), number % 2) {
+            (center, 0) => LightShape::Sphere { center, radius },
+            (center, _) => {
+                let (edge_u, edge_v) = (Vec3::X * radius, Vec3::Y * radius);
+                LightShape::Quad { center, edge_u, edge_v, spread: std::f32::consts::PI }
+            }
+        };
+        let lights: Vec<_> = (0..7).map(|number| light(shape(number))).collect();
+        let lights = portable.prepare_all(&lights).unwrap();
+        let expected: Vec<_> = lights
+            .iter()
+            .flat_map(|one| portable.unit_images(std::slice::from_ref(one), Half::All))
+            .collect();
+        assert!(expected.iter().any(|image| image.data.iter().any(|value| *value > 0.0)), "{radius}");
+        for isa in Isa::available() {
+            let gather = Gather::new(dump.clone()).with_isa(isa);
+            assert_eq!(gather.unit_images(&lights, Half::All), expected, "{isa:?}, {radius}");
+        }
+    }
+}
+
+#[test]
 fn the_kernel_equals_a_plain_loop_over_decoded_segments() {
     let dump = random_dump();
     let gather = Gather::new(dump.clone());

@@ -221,16 +221,14 @@ impl Search<'_> {
         };
         if let (Some(relights), true) = (&by_gather, self.request.wish.polish > 0) {
             let problem = self.problem(relights);
-            let polished = self.polish(&problem, &found.lights)?;
-            (found.lights, found.loss) = (polished.lights, polished.loss);
-            if let Some(second) = found.runner_up.take() {
-                let polished = self.polish(&problem, &second.lights)?;
-                if polished.loss < found.loss {
-                    let (lights, loss) = (polished.lights, polished.loss);
-                    found =
-                        Found { lights, loss, start: second.start, start_loss: second.start_loss, ..found };
-                }
+            let second = found.runner_up.take();
+            let mut candidates = vec![&found.lights[..]];
+            candidates.extend(second.iter().map(|second| &second.lights[..]));
+            let polished = self.polish(&problem, &candidates)?;
+            if let (1, Some(second)) = (polished.candidate, &second) {
+                (found.start, found.start_loss) = (second.start, second.start_loss);
             }
+            (found.lights, found.loss) = (polished.lights, polished.loss);
             self.drop_idle(&problem, &mut found)?;
         }
         Ok(found)
@@ -328,10 +326,10 @@ impl Search<'_> {
         Ok(Found { lights, runner_up, idle: Vec::new(), loss, start_loss, start })
     }
 
-    fn polish(&self, problem: &Problem, lights: &[Light]) -> Result<Polished, SessionError> {
+    fn polish(&self, problem: &Problem, candidates: &[&[Light]]) -> Result<Polished, SessionError> {
         let steps = self.request.wish.polish;
         let stage = self.monitor.stage(Stage::Polish, 0, steps as u64);
-        let polished = polish(problem, lights, steps, &mut |step| {
+        let polished = polish(problem, candidates, steps, &mut |step| {
             stage.set(step.iteration as u64 + 1, &format!("loss {:.2e}", step.loss));
             self.show(step.lights);
             if self.monitor.cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
@@ -353,7 +351,7 @@ impl Search<'_> {
             view.still = kept.iter().map(|i| view.still[*i]).collect();
         }
         let lights: Vec<Light> = kept.iter().map(|i| found.lights[*i].clone()).collect();
-        let polished = self.polish(&rest, &lights)?;
+        let polished = self.polish(&rest, &[&lights])?;
         found.loss = polished.loss;
         for (i, light) in kept.into_iter().zip(polished.lights) {
             found.lights[i] = light;

@@ -132,10 +132,10 @@ pub(super) struct Prepared {
 const ENOUGH: [(f32, u32); 2] = [(0.05, 6), (0.015, 24)];
 /// Bytes of unit images that are kept.
 const MOST_KEPT: usize = 1 << 28;
-/// Lights of which full pictures are held at a time.
-const MOST_AT_ONCE: usize = 4;
-/// Pixels that are denoised in a moment.
-const QUICKLY_DENOISED: usize = 160_000;
+/// Bytes of full pictures that are held at a time: lights near each other cost less together.
+const MOST_AT_ONCE: usize = 1 << 27;
+/// Pixels that are denoised in a moment, and more than there are cells to be compared.
+const QUICKLY_DENOISED: usize = 40_000;
 
 impl Prepared {
     /// None without a dump.
@@ -214,8 +214,10 @@ impl<'a> GatherRelight<'a> {
         let is_new = |(key, known): (&Light, &Option<HalfUnits>)| known.is_none().then(|| key.clone());
         let new: Vec<Light> = keys.iter().zip(&known).filter_map(is_new).collect();
         let mut gathered = Vec::with_capacity(new.len());
+        let (width, height) = self.size();
+        let at_once = (MOST_AT_ONCE / (width * height * 3 * size_of::<f32>())).max(1);
         // Not under the lock: threads that wait for parts of a gather take up other lights meanwhile.
-        for some in new.chunks(MOST_AT_ONCE) {
+        for some in new.chunks(at_once) {
             let gather = |half| self.relighter.gather_images(some, half, self.monitor);
             let halves = gather(Half::First)?.into_iter().zip(gather(Half::Second)?);
             gathered.extend(halves.map(|(a, b)| Arc::new([a, b].map(|unit| self.prepared.shrunk(&unit)))));

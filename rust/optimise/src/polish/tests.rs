@@ -1,9 +1,11 @@
 use super::*;
+use crate::objective::{add, mean};
 use crate::random::Random;
+use crate::relight::Picture;
 use crate::tests::{FLOOR, SIZE, flat, lamps, picture, target, variable};
 use crate::{Aim, Goal, Relight, RelightError, View};
 use glam::Vec3;
-use relume_scene::LightShape;
+use relume_scene::{LANES, LightShape};
 
 /// A floor with noise, from whose bright cells cleaning takes a part: the more of both the smaller the light.
 struct Noisy {
@@ -62,11 +64,8 @@ fn sizes(relight: Noisy, radius: f32, rounds: usize) -> (f32, f64) {
     let lights = [lamp(1.0)];
     let problem = Problem { views: vec![view], variables: vec![variable(&lights[0])] };
     let objective = Objective::new(&problem, 0.0).unwrap();
-    let fit = Fit {
-        draw: objective.spread(MOST_CELLS),
-        mappings: mappings(&problem, &lights, 0.0).unwrap(),
-        objective,
-    };
+    let draw = objective.spread(MOST_CELLS);
+    let fit = Fit { objective: &objective, draw: &draw, mappings: mappings(&problem, &lights, 0.0).unwrap() };
     let [asked, larger] = [radius, 1.5 * radius].map(|radius| fit.state(&[lamp(radius)]).unwrap());
     let against = fit.loss(&asked, &Trust::default()) - fit.loss(&larger, &Trust::default());
     let mut found = fit.state(&lights).unwrap();

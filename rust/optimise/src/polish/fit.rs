@@ -1,0 +1,248 @@
+use super::PolishStep;
+use super::noise::Trust;
+use crate::OptimiseError;
+use crate::least_squares::{Jacobian, NormalEquations};
+use crate::objective::{Draw, Objective, add, mean};
+use crate::relight::Picture;
+use crate::variable::{Mapping, PARAMS};
+use rayon::prelude::*;
+use relume_scene::{LANES, Light, lane};
+use std::ops::ControlFlow;
+
+/// Radians for each unit of a difference's width: an eighth of a box is half a unit, an eighth of a radian as far.
+const TURN: f32 = 0.25;
+/// Half width of differences by radiance, which add no noise.
+const BRIGHTEN: f32 = 0.05;
+/// A further step that improves the loss by less than this share is the last of its stage.
+const LEAST_GAIN: f64 = 1e-3;
+/// So is the last of so many that improve nothing.
+const PATIENCE: usize = 3;
+/// Longest step of an unconstrained value; also what is expected of one, against which its derivatives are weighed: what they say
+/// less about than the residuals' scatter stays.
+const LONGEST: f64 = 0.7;
+
+/// Lights, and how far they are from the goals.
+#[derive(Clone)]
+pub(super) struct State {
+    pub lights: Vec<Light>,
+    /// Of all views.
+    pub pictures: Vec<Picture>,
+    /// Of the clean pictures, weighted.
+    pub residuals: [Vec<f32>; 2],
+}
+
+impl State {
+    /// Residuals times their trust.
+    fn trusted(&self, trust: &Trust) -> [Vec<f32>; 2] {
+        let of_half = |half: &Vec<f32>| half.iter().enumerate().map(|(i, r)| trust.of(i) * r).collect();
+        self.residuals.each_ref().map(of_half)
+    }
+
+    /// The square of a residual that a value leaves which is [`LONGEST`] from where it should be.
+    pub fn expected_square(&self, trust: &Trust) -> f64 {
+        squares_of_means(&self.trusted(trust)) / self.residuals[0].len() as f64 / (LONGEST * LONGEST)
+    }
+}
+
+/// The picture to which differences that a light makes are added.
+#[derive(Clone, Copy)]
+pub(super) enum Base {
+    /// The clean one, for both halves.
+    Clean,
+    /// Its exact halves.
+    Exact,
+}
+
+/// Pictures of lights against the goals.
+pub(super) struct Fit<'a> {
+    pub objective: &'a Objective<'a>,
+    pub draw: &'a Draw,
+    pub mappings: Vec<Mapping>,
+}
+
+impl Fit<'_> {
+    /// Steps until nothing is gained any more, or there were `most`; whether the caller wants to stop altogether.
+    pub fn descend(
+        &self,
+        best: &mut State,
+        width: f32,
+        iteration: &mut usize,
+        most: usize,
+        on_step: &mut dyn FnMut(PolishStep) -> ControlFlow<()>,
+    ) -> Result<ControlFlow<()>, OptimiseError> {
+        let trust = Trust::new(&best.residuals);
+        let mut loss = self.loss(best, &trust);
+        let mut report =
+            |iteration: usize, loss: f64, lights: &[Light]| on_step(PolishStep { iteration, loss, lights });
+        let Some(mut jacobian) =
+            self.jacobian(best, width, &trust, &mut || report(*iteration, loss, &best.lights))?
+        else {
+            return Ok(ControlFlow::Break(()));
+        };
+        let (mut damping, mut rejected, mut flow) = (1e-2, 0, ControlFlow::Continue(()));
+        while *iteration < most && rejected < PATIENCE && flow.is_continue() {
+            let before = best.trusted(&trust);
+            let system = self.normal_equations(&jacobian, best, &trust);
+            let Some(delta) = system.solve(damping, best.expected_square(&trust)) else { break };
+            let longest = delta.iter().fold(LONGEST, |most, d| most.max(d.abs()));
+            let delta: Vec<f32> = delta.iter().map(|d| (d * LONGEST / longest) as f32).collect();
+            let next = self.state(&self.moved(&best.lights, &delta))?;
+            let (next_loss, after) = (self.loss(&next, &trust), next.trusted(&trust));
+            jacobian.learn(&delta, &before, &after);
+            let gain = (loss - next_loss) / squares_of_means(&before).max(f64::MIN_POSITIVE);
+            if gain > 0.0 {
+                (*best, loss, rejected, damping) = (next, next_loss, 0, 0.1 * damping);
+            } else {
+                (rejected, damping) = (rejected + 1, 10.0 * damping);
+            }
+            flow = report(*iteration, loss, &best.lights);
+            *iteration += 1;
+            if (0.0..LEAST_GAIN).contains(&gain) {
+                break;
+            }
+        }
+        Ok(flow)
+    }
+
+    pub fn state(&self, lights: &[Light]) -> Result<State, OptimiseError> {
+        let pictures = self.objective.views.iter().map(|view| view.whole_picture(lights));
+        let pictures = pictures.collect::<Result<Vec<_>, _>>()?;
+        let residuals = self.residuals(&pictures, |picture| &picture.clean);
+        Ok(State { lights: lights.to_vec(), pictures, residuals })
+    }
+
+    /// Weighted residuals of either half of the pictures of all views.
+    pub fn residuals(
+        &self,
+        pictures: &[Picture],
+        halves: fn(&Picture) -> &[Vec<[f32; 3]>; 2],
+    ) -> [Vec<f32>; 2] {
+        let mut residuals = [Vec::new(), Vec::new()];
+        for ((view, draw), picture) in self.objective.views.iter().zip(self.draw).zip(pictures) {
+            let comparisons = view.compare_picture(&mean(&picture.clean), draw);
+            for (residuals, half) in residuals.iter_mut().zip(halves(picture)) {
+                residuals.extend(view.residuals_beside(&comparisons, half, draw));
+            }
+        }
+        residuals
+    }
+
+    /// Sum of the products of two estimates: that of squares without what noise adds.
+    pub fn loss(&self, state: &State, trust: &Trust) -> f64 {
+        let [a, b] = &state.residuals;
+        let product = |(i, (a, b)): (usize, (&f32, &f32))| f64::from(a * b) * f64::from(trust.of(i)).powi(2);
+        let goals: f64 = a.iter().zip(b).enumerate().map(product).sum();
+        let loss = goals + self.objective.preference_loss(&self.mappings, &state.lights);
+        if loss.is_finite() { loss } else { f64::INFINITY }
+    }
+
+    pub fn moved(&self, lights: &[Light], delta: &[f32]) -> Vec<Light> {
+        let of_light =
+            |((light, mapping), delta): ((&Light, &Mapping), &[f32; PARAMS])| mapping.step(light, delta);
+        lights.iter().zip(&self.mappings).zip(delta.as_chunks::<PARAMS>().0).map(of_light).collect()
+    }
+
+    pub fn normal_equations(&self, jacobian: &Jacobian, state: &State, trust: &Trust) -> NormalEquations {
+        let lights = &state.lights;
+        let mut system = NormalEquations::new(lights.len() * PARAMS);
+        system.add(jacobian, &state.trusted(trust));
+        for (i, light) in lights.iter().enumerate() {
+            for (value, row) in self.objective.preferences(i, &self.mappings[i], light) {
+                system.add_row(i * PARAMS, &row, value);
+            }
+        }
+        system
+    }
+
+    /// Differences of pictures at both sides of each free value. None if the caller wants to stop.
+    pub fn jacobian(
+        &self,
+        state: &State,
+        width: f32,
+        trust: &Trust,
+        on_light: &mut dyn FnMut() -> ControlFlow<()>,
+    ) -> Result<Option<Jacobian>, OptimiseError> {
+        let mut columns = Vec::with_capacity(state.lights.len() * PARAMS);
+        for (i, (light, mapping)) in state.lights.iter().zip(&self.mappings).enumerate() {
+            let mut moved = vec![light.clone()];
+            for (number, width) in widths(mapping, light, width) {
+                for step in [width, -width] {
+                    let mut delta = [0.0; PARAMS];
+                    delta[number] = step;
+                    moved.push(mapping.step(light, &delta));
+                }
+            }
+            let mut residuals =
+                self.residuals_instead(state, i, &moved, trust, Base::Clean)?.into_iter().skip(1);
+            let mut of_light: [[Vec<f32>; 2]; PARAMS] = std::array::from_fn(|_| Default::default());
+            for (number, width) in widths(mapping, light, width) {
+                let Some((above, below)) = residuals.next().zip(residuals.next()) else { break };
+                let slope = |(above, below): (&f32, &f32)| (above - below) / (2.0 * width);
+                of_light[number] =
+                    [0, 1].map(|half| above[half].iter().zip(&below[half]).map(slope).collect());
+            }
+            columns.extend(of_light);
+            if on_light().is_break() {
+                return Ok(None);
+            }
+        }
+        Ok(Some(Jacobian { columns }))
+    }
+
+    /// Residuals with some lights instead of one, the first of which is that one itself, by the differences that either half of the
+    /// paths makes.
+    pub fn residuals_instead(
+        &self,
+        state: &State,
+        number: usize,
+        lights: &[Light],
+        trust: &Trust,
+        base: Base,
+    ) -> Result<Vec<[Vec<f32>; 2]>, OptimiseError> {
+        let mut residuals: Vec<[Vec<f32>; 2]> = vec![Default::default(); lights.len()];
+        for ((view, draw), picture) in self.objective.views.iter().zip(self.draw).zip(&state.pictures) {
+            let is_other = |light: &&Light| light.shape != lights[0].shape;
+            let shapes: Vec<&Light> = lights[..1].iter().chain(lights.iter().filter(is_other)).collect();
+            let units = view.half_values(number, &shapes)?;
+            let unit =
+                |light: &Light| shapes.iter().position(|other| other.shape == light.shape).unwrap_or(0);
+            let clean = mean(&picture.clean);
+            let comparisons = view.compare_picture(&clean, draw);
+            let by_light = lights.par_iter().map(|light| {
+                [0, 1].map(|half| {
+                    let mut picture = match base {
+                        Base::Clean => clean.clone(),
+                        Base::Exact => picture.exact[half].clone(),
+                    };
+                    add(&mut picture, &units[unit(light)][half], light.radiance);
+                    add(&mut picture, &units[0][half], lights[0].radiance.map(|r| -r));
+                    view.residuals_beside(&comparisons, &picture, draw)
+                })
+            });
+            let by_light: Vec<_> = by_light.collect();
+            for (residuals, new) in residuals.iter_mut().zip(by_light) {
+                residuals.iter_mut().zip(new).for_each(|(residuals, new)| residuals.extend(new));
+            }
+        }
+        for residuals in residuals.as_flattened_mut() {
+            residuals.iter_mut().enumerate().for_each(|(i, residual)| *residual *= trust.of(i));
+        }
+        Ok(residuals)
+    }
+}
+
+/// Sum of the squares of the means of two estimates.
+fn squares_of_means([a, b]: &[Vec<f32>; 2]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| f64::from(0.5 * (a + b)).powi(2)).sum()
+}
+
+/// Half widths of the differences for each free value; with width 0 for those of the radiance alone.
+fn widths(mapping: &Mapping, light: &Light, width: f32) -> impl Iterator<Item = (usize, f32)> {
+    let of_value = move |number: usize| match number {
+        LANES.. => (number, BRIGHTEN),
+        _ if lane::TURN.contains(&number) => (number, TURN * width),
+        _ => (number, width),
+    };
+    let first = if width > 0.0 { 0 } else { LANES };
+    (first..PARAMS).filter(|number| mapping.is_free(&light.shape, *number)).map(of_value)
+}
