@@ -182,6 +182,14 @@ def test_a_packed_file_has_the_texels_that_blender_reads(save, monkeypatch, tmp_
     check_same(image, monkeypatch, "Linear Rec.709", "STRAIGHT")
 
 
+def test_an_image_made_in_blender_keeps_what_its_packed_file_lacks(scene):
+    image = bpy.data.images.new("Opaque", 8, 8)
+    image.pixels.foreach_set(np.random.default_rng(1).random(8 * 8 * 4, np.float32))
+    image.pack()
+    assert exported(image) == ([], [])
+    assert texels(image)[..., 3].std() > 10
+
+
 def test_another_working_space_is_left_to_blender(save):
     if not hasattr(bpy.data, "colorspace"):
         pytest.skip("files have no working space before Blender 5.0")

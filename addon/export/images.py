@@ -84,6 +84,8 @@ def colors_of_file(image: bpy.types.Image) -> str | None:
     than those of one file, or where the native module does not know the colour space."""
     if image.source != "FILE" or image.is_dirty:
         return None
+    if image.has_data and not image.filepath:  # Made in Blender: what is packed may lack the alpha that it has.
+        return None
     if image.colorspace_settings.is_data:
         return "data"
     if working_space() != LINEAR_REC709:  # Blender converts floats, and only it knows which files have them.
