@@ -74,18 +74,23 @@ fn is_near(light: u32, s: Segment) -> bool {
 
 // What a segment is weighted with: profile and factors; 0 if it does not cross the light or is left out by it.
 fn weight(light: u32, s: Segment) -> f32 {
-    let lobe = lobe_code(s.z_flags);
-    let factor = lights[light].factors[lobe];
+    let factor = factor(light, s.z_flags);
     if factor == 0.0 {
         return 0.0;
     }
-    let bit = receiver(s.z_flags);
+    return factor * profile(light, s);
+}
+
+// Factor of a light on what segments with these flags see of it; 0 for those that it leaves out.
+fn factor(light: u32, z_flags: u32) -> f32 {
+    let lobe = lobe_code(z_flags);
+    let bit = receiver(z_flags);
     let word = receivers[lights[light].receivers * RECEIVER_WORDS + (bit >> 5u)];
     // Camera rays leave no object; light linking does not concern them.
     if lobe != 0u && ((word >> (bit & 31u)) & 1u) == 0u {
         return 0.0;
     }
-    return factor * profile(light, s);
+    return lights[light].factors[lobe];
 }
 
 fn profile(light: u32, s: Segment) -> f32 {

@@ -28,7 +28,7 @@ struct Part {
 @group(0) @binding(5) var<storage, read> pixels: array<Pixel>;
 @group(0) @binding(6) var<storage, read> parts: array<Part>;
 
-// One per light, of what this thread has seen.
+// One per light or derivative, of what this thread has seen.
 var<private> sums: array<vec3f, LIGHTS>;
 // Channel by channel, then thread by thread.
 var<workgroup> partial: array<f32, 3u * LIGHTS * GROUP_SIZE>;

@@ -27,7 +27,7 @@
 //!
 //! Derivatives are those of these formulas, exactly.
 
-mod light;
+pub(crate) mod light;
 mod profile;
 mod wide;
 
@@ -50,7 +50,7 @@ use crate::{Gather, GatherError};
 const SELECTIVE: f32 = 0.06;
 
 /// The value and its derivatives by lanes.
-const OUTPUTS: usize = 1 + LANES;
+pub(crate) const OUTPUTS: usize = 1 + LANES;
 
 /// Smoothed unit values of cells with derivatives. Cells are the means of squares of pixels: single pixels of a dump are too
 /// noisy to be compared.
@@ -59,7 +59,7 @@ const OUTPUTS: usize = 1 + LANES;
 #[derive(Clone, Copy, Debug)]
 pub struct SoftGather<'a> {
     gather: &'a Gather,
-    edge: usize,
+    pub(crate) edge: usize,
     extent: f32,
 }
 
@@ -70,6 +70,17 @@ pub struct Linear {
     pub values: Vec<[f32; 3]>,
     /// By [`relume_scene::lane`], one per cell that was asked for.
     pub slopes: Vec<[[f32; 3]; LANES]>,
+}
+
+impl Linear {
+    /// From value and slopes of each cell.
+    pub(crate) fn new(outputs: &[[[f32; 3]; OUTPUTS]]) -> Self {
+        let slopes = |outputs: &[[f32; 3]; OUTPUTS]| std::array::from_fn(|lane| outputs[1 + lane]);
+        Self {
+            values: outputs.iter().map(|outputs| outputs[0]).collect(),
+            slopes: outputs.iter().map(slopes).collect(),
+        }
+    }
 }
 
 impl<'a> SoftGather<'a> {
@@ -96,6 +107,21 @@ impl<'a> SoftGather<'a> {
     /// # Errors
     /// If the light cannot be gathered, the softness is out of range or there is no such cell.
     pub fn linearise(&self, light: &Light, softness: f32, cells: &[u32]) -> Result<Linear, GatherError> {
+        let light = self.soften(light, softness, cells)?;
+        let outputs: Vec<_> = cells
+            .par_iter()
+            .map_init(Work::default, |work, &cell| self.cell(&light, cell as usize, work))
+            .collect();
+        Ok(Linear::new(&outputs))
+    }
+
+    /// The smoothed light, if that and the cells can be.
+    pub(crate) fn soften(
+        &self,
+        light: &Light,
+        softness: f32,
+        cells: &[u32],
+    ) -> Result<SoftLight, GatherError> {
         if !(softness > 0.0 && softness <= 1.0) {
             return Err(GatherError::Softness(softness));
         }
@@ -103,17 +129,7 @@ impl<'a> SoftGather<'a> {
         if let Some(&cell) = cells.iter().find(|&&cell| cell as usize >= columns * rows) {
             return Err(GatherError::Cell { cell, cells: columns * rows });
         }
-        let width = softness * self.extent;
-        let light = SoftLight::new(light, self.gather, softness, width)?;
-        let outputs: Vec<_> = cells
-            .par_iter()
-            .map_init(Work::default, |work, &cell| self.cell(&light, cell as usize, work))
-            .collect();
-        let slopes = |outputs: &[[f32; 3]; OUTPUTS]| std::array::from_fn(|lane| outputs[1 + lane]);
-        Ok(Linear {
-            values: outputs.iter().map(|outputs| outputs[0]).collect(),
-            slopes: outputs.iter().map(slopes).collect(),
-        })
+        SoftLight::new(light, self.gather, softness, softness * self.extent)
     }
 
     /// Value and slopes of a cell.

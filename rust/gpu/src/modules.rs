@@ -29,6 +29,8 @@ files![
     "gather/pixel",
     "gather/read",
     "gather/records",
+    "gather/slopes",
+    "gather/soft",
     "gather/targets",
     "gather/world",
     "peak",

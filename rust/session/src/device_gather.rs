@@ -1,7 +1,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use relume_gather::{Environment, Gather, GatherError, GpuGather, Half};
+use relume_gather::{Environment, Gather, GatherError, GpuGather, Half, Linear, SoftGather};
 use relume_gpu::Gpu;
 use relume_image::Image;
 use relume_scene::Light;
@@ -64,6 +64,24 @@ impl DeviceGather {
         let work = |on_gpu: &GpuGather| on_gpu.world_image(environment, Half::All);
         let image = self.on_gpu.attempt(compute, monitor, |gpu| self.put_on(gpu), work)?;
         Ok(image.unwrap_or_else(|| self.gather.world_image(environment, Half::All)))
+    }
+
+    /// A smoothed light's values at some cells with their derivatives; `soft` is of the same dump. On the CPU where the dump does
+    /// not fit into the GPU's memory.
+    pub fn linearise(
+        &self,
+        soft: &SoftGather,
+        (light, softness): (&Light, f32),
+        cells: &[u32],
+        compute: &Compute,
+        monitor: &Monitor,
+    ) -> Result<Linear, SessionError> {
+        let work = |on_gpu: &GpuGather| match on_gpu.is_resident() {
+            true => on_gpu.linearise(soft, light, softness, cells).map(Some),
+            false => Ok(None),
+        };
+        let linear = self.on_gpu.attempt(compute, monitor, |gpu| self.put_on(gpu), work)?.flatten();
+        linear.map_or_else(|| Ok(soft.linearise(light, softness, cells)?), Ok)
     }
 
     fn put_on(&self, gpu: Arc<Gpu>) -> Result<GpuGather, GatherError> {

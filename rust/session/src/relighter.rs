@@ -154,6 +154,16 @@ impl Relighter {
         self.gather.as_ref().map(DeviceGather::gather)
     }
 
+    /// The dump where it is gathered from.
+    pub(crate) fn device_gather(&self) -> Option<&DeviceGather> {
+        self.gather.as_ref()
+    }
+
+    /// What does it.
+    pub(crate) fn compute(&self) -> &Compute {
+        &self.compute
+    }
+
     /// The proxies.
     pub fn proxies(&self) -> &Proxies {
         self.proxies.proxies()

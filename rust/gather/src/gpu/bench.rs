@@ -10,7 +10,7 @@ use relume_scene::{Alpha, ColorEncoding, LightShape, Texels, Texture, World};
 
 use super::world::GpuWorld;
 use crate::bench::{Measurement, light, room, sphere};
-use crate::{Environment, Gather, GatherError, GpuGather, Half, PreparedLight};
+use crate::{Environment, Gather, GatherError, GpuGather, Half, PreparedLight, SoftGather};
 
 /// Rounds, of which the best counts.
 const ROUNDS: usize = 3;
@@ -38,6 +38,7 @@ pub fn measure(gpu: &Arc<Gpu>, megabytes: usize) -> Result<Vec<Measurement>, Gat
     }
     measurements.push(figure("pixel targets, 4 lights a pixel", bench.targets(&spheres)?, "targets/s"));
     measurements.push(bench.world(read)?);
+    measurements.extend(bench.smoothed(read)?);
     measurements.extend(bench.sorted(read)?);
     Ok(measurements)
 }
@@ -164,6 +165,26 @@ impl<'a> Bench<'a> {
         })
     }
 
+    /// What solving lights asks for: all cells of one light with all derivatives, from barely to widely smoothed.
+    fn smoothed(&self, read: f64) -> Result<Vec<Measurement>, GatherError> {
+        let soft = SoftGather::new(&self.cpu, 8);
+        let cells: Vec<u32> = (0..(soft.cells().0 * soft.cells().1) as u32).collect();
+        let light = light(sphere(0));
+        let measure = |softness: f32| {
+            let linearise = || self.on_gpu.linearise(&soft, &light, softness, &cells).map(drop);
+            let segments = self.cpu.dump().record_count() as f64 / self.seconds(linearise)?;
+            Ok(Measurement {
+                limit: Some(read / POSITION_BYTES * 1e-9),
+                ..figure(
+                    &format!("derivatives of 1 sphere light at softness {softness}"),
+                    segments * 1e-9,
+                    "G segments/s",
+                )
+            })
+        };
+        [0.01, 0.1].into_iter().map(measure).collect()
+    }
+
     /// A light of a tenth of the room from sorted segments; `read` is the limit in bytes a second.
     fn sorted(&self, read: f64) -> Result<Vec<Measurement>, GatherError> {
         let start = Instant::now();
@@ -194,7 +215,7 @@ mod tests {
     fn all_figures_are_measured_on_any_device() {
         let gpu = Gpu::open(&GpuChoice::Best).expect("tests need a GPU or a software driver");
         let figures = measure(&gpu, 1).unwrap();
-        assert_eq!(figures.len(), 9);
+        assert_eq!(figures.len(), 11);
         for figure in figures {
             println!("{figure:?}");
             assert!(figure.value.is_finite() && figure.value > 0.0, "{figure:?}");

@@ -3,12 +3,17 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use relume_gpu::{Gpu, GpuError, Kernel};
 
+use crate::soft::OUTPUTS;
+
 /// Lights that one pass over the records can take, by the kernels that there are.
 pub const LIGHTS: [usize; 3] = [1, 4, 16];
 /// The same for sorted segments.
 pub const SORTED_LIGHTS: [usize; 2] = [1, 4];
 /// Threads of a workgroup (`shaders/gather/records.wgsl`).
 pub const GROUP_SIZE: u32 = 64;
+
+/// A workgroup of it sums a whole cell, with fewer threads for each pixel.
+const SLOPES: &str = "gather/slopes";
 
 /// The kernels, each compiled when first asked for.
 #[derive(Debug, Default)]
@@ -38,6 +43,11 @@ impl Kernels {
         self.get(gpu, "add_world", ("gather/world", 1, Some(lanes)))
     }
 
+    /// `shaders/gather/slopes.wgsl` with so many threads for a pixel at a time.
+    pub fn slopes(&self, gpu: &Gpu, pixel_lanes: u32) -> Result<Arc<Kernel>, GpuError> {
+        self.get(gpu, "add_slopes", (SLOPES, OUTPUTS, Some(pixel_lanes)))
+    }
+
     fn get(&self, gpu: &Gpu, entry: &str, key: Key) -> Result<Arc<Kernel>, GpuError> {
         let mut kernels = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(kernel) = kernels.get(&key) {
@@ -45,7 +55,8 @@ impl Kernels {
         }
         let (module, lights, lanes) = key;
         let mut constants = vec![("LIGHTS", lights as u32)];
-        constants.extend(lanes.map(|lanes| ("LANES", lanes)));
+        let of_pixel = if module == SLOPES { "PIXEL_LANES" } else { "LANES" };
+        constants.extend(lanes.map(|lanes| (of_pixel, lanes)));
         let kernel = Arc::new(gpu.kernel(module, entry, &constants)?);
         kernels.insert(key, Arc::clone(&kernel));
         Ok(kernel)

@@ -15,6 +15,7 @@ mod bounds;
 mod chunk;
 mod kernels;
 mod light;
+mod soft;
 mod sort;
 mod sorted;
 mod world;

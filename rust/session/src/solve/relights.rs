@@ -9,6 +9,7 @@ use relume_proxy::{GpuComparison, GpuProxy, LightKind, LightParams, Proxy};
 use relume_scene::{LANES, Light, lane};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use crate::device_gather::DeviceGather;
 use crate::progress::Monitor;
 use crate::relighter::Relighter;
 use crate::unit_cache::key;
@@ -121,7 +122,7 @@ fn by_lane(params: &LightParams, gradient: &[f32]) -> [f32; LANES] {
 /// What solving through a dump needs besides it.
 pub(super) struct Prepared {
     /// The first passes: much softened lights are crossed by so many paths that few of them are enough.
-    few: [(f32, Gather); 2],
+    few: [(f32, DeviceGather); 2],
     denoise: Denoise,
     /// Pixels along the edge of those that are denoised as one: only the means of cells are wanted.
     shrink: usize,
@@ -149,7 +150,8 @@ impl Prepared {
         let shrink = shrinks.clone().find(is_quick).or(shrinks.max()).unwrap_or(1);
         let small = |image: &Image| image.resized(width.div_ceil(shrink), height.div_ceil(shrink));
         let features = Aovs { albedo: small(&aovs.albedo), normal: small(&aovs.normal), ..aovs.clone() };
-        let few = ENOUGH.map(|(softness, samples)| (softness, first_passes(gather, samples)));
+        let few =
+            ENOUGH.map(|(softness, samples)| (softness, DeviceGather::new(first_passes(gather, samples))));
         Some(Self { few, denoise: Denoise::new(&features, None), shrink, cell })
     }
 
@@ -183,11 +185,19 @@ fn first_passes(gather: &Gather, samples: u32) -> Gather {
 pub(super) struct GatherRelight<'a> {
     relighter: &'a Relighter,
     monitor: &'a Monitor,
-    gather: &'a Gather,
-    soft: SoftGather<'a>,
-    few: Vec<(f32, SoftGather<'a>)>,
+    soft: Soft<'a>,
+    few: Vec<(f32, Soft<'a>)>,
     prepared: &'a Prepared,
     units: Mutex<Vec<(Light, HalfUnits)>>,
+}
+
+/// A dump, smoothed where it is.
+struct Soft<'a>(&'a DeviceGather, SoftGather<'a>);
+
+impl<'a> Soft<'a> {
+    fn new(gather: &'a DeviceGather, cell: usize) -> Self {
+        Self(gather, SoftGather::new(gather.gather(), cell))
+    }
 }
 
 /// Unit images of a light by either half of the paths, of the size that is denoised.
@@ -196,11 +206,10 @@ type HalfUnits = Arc<[Image; 2]>;
 impl<'a> GatherRelight<'a> {
     /// None without a dump.
     pub fn new(relighter: &'a Relighter, prepared: &'a Prepared, monitor: &'a Monitor) -> Option<Self> {
-        let (gather, cell) = (relighter.gather()?, prepared.cell);
-        let few =
-            prepared.few.iter().map(|(softness, few)| (*softness, SoftGather::new(few, cell))).collect();
-        let (soft, units) = (SoftGather::new(gather, cell), Mutex::default());
-        Some(Self { relighter, monitor, gather, soft, few, prepared, units })
+        let (gather, cell) = (relighter.device_gather()?, prepared.cell);
+        let few = prepared.few.iter().map(|(softness, few)| (*softness, Soft::new(few, cell))).collect();
+        let (soft, units) = (Soft::new(gather, cell), Mutex::default());
+        Some(Self { relighter, monitor, soft, few, prepared, units })
     }
 
     /// Unit images of some lights; of those that are kept, or gathered.
@@ -248,14 +257,22 @@ impl<'a> GatherRelight<'a> {
         self.units.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn soft(&self, softness: f32) -> &SoftGather<'a> {
-        self.few.iter().find(|(from, _)| softness >= *from).map_or(&self.soft, |(_, few)| few)
+    /// A smoothed light's values and derivatives: of few paths while it is soft.
+    fn slopes(
+        &self,
+        light: &Light,
+        softness: f32,
+        cells: &[u32],
+    ) -> Result<relume_gather::Linear, SessionError> {
+        let few = self.few.iter().find(|(from, _)| softness >= *from);
+        let Soft(gather, soft) = few.map_or(&self.soft, |(_, few)| few);
+        gather.linearise(soft, (light, softness), cells, self.relighter.compute(), self.monitor)
     }
 }
 
 impl Relight for GatherRelight<'_> {
     fn size(&self) -> (usize, usize) {
-        let manifest = self.gather.dump().manifest();
+        let manifest = self.soft.0.gather().dump().manifest();
         (manifest.width, manifest.height)
     }
 
@@ -265,7 +282,7 @@ impl Relight for GatherRelight<'_> {
 
     fn values(&self, light: &Light, softness: f32, cells: &[u32]) -> Result<Vec<[f32; 3]>, RelightError> {
         if softness > 0.0 {
-            return Ok(self.soft(softness).linearise(light, softness, cells)?.values);
+            return Ok(self.slopes(light, softness, cells)?.values);
         }
         let units = self.kept_half_units(&[light])?;
         let [a, b] = self.halves_of_cells(&units[0]);
@@ -284,7 +301,7 @@ impl Relight for GatherRelight<'_> {
         cells: &[u32],
         d_values: &[[f32; 3]],
     ) -> Result<[f32; LANES], RelightError> {
-        let slopes = self.soft(softness).linearise(light, softness, cells)?.slopes;
+        let slopes = self.slopes(light, softness, cells)?.slopes;
         let mut sums = [0.0; LANES];
         for (d, slopes) in d_values.iter().zip(&slopes) {
             for (sum, slope) in sums.iter_mut().zip(slopes) {
@@ -309,7 +326,7 @@ impl Relight for GatherRelight<'_> {
     }
 
     fn linearise(&self, light: &Light, softness: f32, cells: &[u32]) -> Result<Option<Linear>, RelightError> {
-        let linear = self.soft(softness).linearise(light, softness, cells)?;
+        let linear = self.slopes(light, softness, cells)?;
         Ok(Some(Linear { values: linear.values, slopes: linear.slopes }))
     }
 }

@@ -1,0 +1,247 @@
+use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
+use relume_scene::Light;
+
+use super::kernels::{GROUP_SIZE, lanes};
+use super::{GpuGather, GpuLight};
+use crate::soft::OUTPUTS;
+use crate::soft::light::{ConeSlope, Enlarged, SoftBall, SoftCone, SoftLight, SoftProfile};
+use crate::{GatherError, Half, Linear, SoftGather};
+
+/// Room for rounding of what a light reaches, as a share of its size and of the largest coordinate.
+const REACH_ROUNDING: f32 = 1e-5;
+
+/// `Enlarged` of `shaders/gather/soft.wgsl`.
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+#[repr(C)]
+struct GpuEnlarged {
+    inverse: f32,
+    share: f32,
+    edge: f32,
+    is_free: f32,
+}
+
+/// `SoftLight` of `shaders/gather/soft.wgsl`, where the fields are described.
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+#[repr(C)]
+struct GpuSoftLight {
+    center: [f32; 3],
+    kind: u32,
+    direction: [f32; 3],
+    width: f32,
+    along_u: [f32; 3],
+    radius: f32,
+    along_v: [f32; 3],
+    fade: f32,
+    half: [GpuEnlarged; 2],
+    inverse_middle: f32,
+    share: f32,
+    edge: f32,
+    by_angle: [f32; 3],
+    by_blend: [f32; 3],
+    tan_half: f32,
+    normalisation: f32,
+    knee: f32,
+    chord2_by_angle: f32,
+    reach2: f32,
+    unused: [u32; 2],
+}
+
+impl From<&Enlarged> for GpuEnlarged {
+    fn from(of: &Enlarged) -> Self {
+        Self { inverse: of.inverse, share: of.share, edge: of.edge, is_free: f32::from(u8::from(of.is_free)) }
+    }
+}
+
+impl GpuSoftLight {
+    /// `kind` is that of the light as it is, `magnitude` the largest coordinate in the scene.
+    fn new(light: &SoftLight, kind: u32, magnitude: f32) -> Self {
+        let reach2 = light.reach.ball().map_or(0.0, |ball| {
+            let slack = REACH_ROUNDING * (ball.radius + magnitude.max(ball.center.abs().max_element()));
+            (ball.radius + slack).powi(2)
+        });
+        let shared = Self { kind, reach2, ..Self::default() };
+        match &light.profile {
+            SoftProfile::Sphere(ball) | SoftProfile::FacingDisk(ball) => shared.with_ball(ball),
+            SoftProfile::Spot { ball, cone, .. } => shared.with_ball(ball).with_cone(cone),
+            SoftProfile::Area(plane) => Self {
+                center: plane.center.into(),
+                direction: plane.normal.into(),
+                width: plane.width,
+                along_u: plane.along[0].into(),
+                along_v: plane.along[1].into(),
+                fade: plane.fade,
+                half: plane.half.each_ref().map(GpuEnlarged::from),
+                tan_half: plane.spread.map_or(0.0, |spread| spread.exact.tan_half),
+                normalisation: plane.spread.map_or(0.0, |spread| spread.exact.normalisation),
+                knee: plane.spread.map_or(0.0, |spread| spread.knee),
+                ..shared
+            },
+            SoftProfile::Sun(sun) => Self {
+                direction: sun.direction.into(),
+                half: [GpuEnlarged::from(&sun.enlarged); 2],
+                chord2_by_angle: sun.chord2_by_angle,
+                center: Vec3::ZERO.into(),
+                ..shared
+            },
+        }
+    }
+
+    fn with_ball(self, ball: &SoftBall) -> Self {
+        let half = [GpuEnlarged::from(&ball.enlarged); 2];
+        Self { center: ball.center.into(), width: ball.width, radius: ball.radius, half, ..self }
+    }
+
+    fn with_cone(self, cone: &SoftCone) -> Self {
+        let slope = |slope: &ConeSlope| [slope.middle, slope.share, slope.edge];
+        let (by_angle, by_blend) = (slope(&cone.by_angle), slope(&cone.by_blend));
+        let SoftCone { inverse_middle, share, edge, .. } = *cone;
+        Self { direction: cone.axis.into(), inverse_middle, share, edge, by_angle, by_blend, ..self }
+    }
+}
+
+impl GpuGather {
+    /// [`SoftGather::linearise`] on the device, for the dump that this was made of.
+    ///
+    /// # Errors
+    /// As there; [`GatherError::NotResident`] if the dump is streamed; if there is no room for the values, or the device was lost.
+    pub fn linearise(
+        &self,
+        soft: &SoftGather<'_>,
+        light: &Light,
+        softness: f32,
+        cells: &[u32],
+    ) -> Result<Linear, GatherError> {
+        let light = soft.soften(light, softness, cells)?;
+        let chunks = self.resident.as_ref().ok_or(GatherError::NotResident)?;
+        let kind = GpuLight::new(&light.exact, self.magnitude, 0).kind;
+        let smoothed = [GpuSoftLight::new(&light, kind, self.magnitude)];
+        let smoothed = self.gpu.buffer_of("smoothed light", &smoothed)?;
+        let lights = self.lights(std::slice::from_ref(&light.exact))?;
+        let on_device = self.gpu.buffer_of("cells", cells)?;
+        let values = self.gpu.zeros::<[[f32; 3]; OUTPUTS]>("values of cells", cells.len())?;
+        let manifest = self.dump.manifest();
+        let (columns, edge) = (soft.cells().0, soft.edge);
+        let arguments =
+            [cells.len(), columns, edge, manifest.width, manifest.height].map(|number| number as u32);
+        let mut commands = self.gpu.commands("smoothed gather");
+        for chunk in chunks {
+            let table = chunk.table(&self.gpu, &self.dump, Half::All)?;
+            let numbers = chunk.numbers(&self.gpu, &self.dump)?;
+            // A record a thread, where parts are long enough: those of the exact gather take eight.
+            let pixel_lanes = lanes(8 * table.part_length).min(GROUP_SIZE);
+            let kernel = self.kernels.slopes(&self.gpu, pixel_lanes)?;
+            let mut bindings = vec![lights.lights.whole(), lights.receivers.whole()];
+            bindings.extend(table.bindings_and_shards(&chunk.records));
+            bindings.extend([smoothed.whole(), numbers.whole(), on_device.whole(), values.whole()]);
+            commands.run(&kernel.bind(&bindings)?, cells.len() as u32, bytemuck::bytes_of(&arguments));
+        }
+        commands.submit()?;
+        Ok(Linear::new(&self.gpu.read(&values, 0..cells.len())?))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use glam::Vec3;
+    use relume_gpu::{Gpu, GpuChoice};
+    use relume_scene::{LANES, LightShape};
+
+    use super::*;
+    use crate::Gather;
+    use crate::tests::kernels::{random_dump_of, random_lights};
+    use crate::tests::light;
+
+    fn gpu() -> Arc<Gpu> {
+        Gpu::open(&GpuChoice::Best).expect("tests need a GPU or a software driver")
+    }
+
+    /// Root mean squares over all cells and channels of the difference of one number, and of the number itself.
+    fn apart(found: &[[f32; 3]], expected: &[[f32; 3]]) -> (f32, f32) {
+        let pairs = found.as_flattened().iter().zip(expected.as_flattened());
+        let (error, whole) = pairs.fold((0.0, 0.0), |(error, whole), (a, b)| {
+            assert!(a.is_finite(), "{a} for {b}");
+            (error + (a - b).powi(2), whole + b * b)
+        });
+        (error.sqrt(), whole.sqrt())
+    }
+
+    fn slopes_of(linear: &Linear, lane: usize) -> Vec<[f32; 3]> {
+        linear.slopes.iter().map(|slopes| slopes[lane]).collect()
+    }
+
+    #[test]
+    fn values_and_slopes_are_those_of_the_cpu_for_all_lights() {
+        let gather = Gather::new(random_dump_of(10, &[1, 3, 20]));
+        // Cells of three pixels lie across tiles; those of the last row and column are smaller.
+        let soft = SoftGather::new(&gather, 3);
+        let on_gpu = GpuGather::new(gpu(), &gather).unwrap();
+        let in_chunks = GpuGather::in_chunks(gpu(), &gather, 400).unwrap();
+        let cells: Vec<u32> = (0..16).rev().chain([3, 3]).collect();
+        // Distances of metres are rounded to 1e-6 m, 2e-5 of the narrowest soft edge, and slopes of both signs cancel.
+        let (mut most, mut sloped) = (0.0_f32, 0);
+        for (index, light) in random_lights().iter().enumerate() {
+            for softness in [0.01, 0.1, 0.7] {
+                let expected = soft.linearise(light, softness, &cells).unwrap();
+                for on_gpu in [&on_gpu, &in_chunks] {
+                    let found = on_gpu.linearise(&soft, light, softness, &cells).unwrap();
+                    let (error, whole) = apart(&found.values, &expected.values);
+                    most = most.max(error / whole);
+                    for lane in 0..LANES {
+                        let (error, whole) = apart(&slopes_of(&found, lane), &slopes_of(&expected, lane));
+                        assert!(whole == 0.0 || light.shape.has_lane(lane), "light {index}, lane {lane}");
+                        sloped += usize::from(whole != 0.0);
+                        most = most.max(if error > 0.0 { error / whole } else { 0.0 });
+                    }
+                }
+            }
+        }
+        assert!(most < 3e-4 && sloped > 1800, "{most:e} apart at most, {sloped} slopes");
+    }
+
+    #[test]
+    fn all_is_finite_where_a_light_sits_on_the_vertices() {
+        let gather = Gather::new(random_dump_of(4, &[4]));
+        let soft = SoftGather::new(&gather, 4);
+        let on_gpu = GpuGather::new(gpu(), &gather).unwrap();
+        let shards: Vec<_> = gather.dump().shards().collect();
+        let origin = (0..40).filter_map(|record| shards[0].segment(record)).nth(9).unwrap().origin;
+        for light in random_lights() {
+            let mut step = [0.0; LANES];
+            let to_origin = origin - light.shape.center().unwrap_or_default();
+            step[..3].copy_from_slice(&to_origin.to_array());
+            let light = Light { shape: light.shape.moved(&step), ..light };
+            for softness in [1e-6, 1e-2, 1.0] {
+                let linear = on_gpu.linearise(&soft, &light, softness, &[0]).unwrap();
+                let all =
+                    linear.values.as_flattened().iter().chain(linear.slopes.as_flattened().as_flattened());
+                assert!(all.into_iter().all(|number| number.is_finite()), "{:?} at {softness}", light.shape);
+            }
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_done_is_refused() {
+        let gather = Gather::new(random_dump_of(6, &[4]));
+        let (soft, gpu) = (SoftGather::new(&gather, 4), gpu());
+        let on_gpu = GpuGather::new(Arc::clone(&gpu), &gather).unwrap();
+        let lamp = light(LightShape::Sphere { center: Vec3::ZERO, radius: 0.5 });
+        assert!(matches!(on_gpu.linearise(&soft, &lamp, 0.0, &[0]), Err(GatherError::Softness(_))));
+        assert!(matches!(on_gpu.linearise(&soft, &lamp, 0.1, &[4]), Err(GatherError::Cell { .. })));
+        assert_eq!(on_gpu.linearise(&soft, &lamp, 0.1, &[]).unwrap(), Linear::default());
+        gpu.set_memory_budget(1000);
+        let streamed = GpuGather::new(gpu, &gather).unwrap();
+        assert!(matches!(streamed.linearise(&soft, &lamp, 0.1, &[0]), Err(GatherError::NotResident)));
+    }
+
+    #[test]
+    fn the_smoothed_light_has_the_layout_of_its_wgsl_twin() {
+        relume_gpu::assert_mirror!(GpuEnlarged as "gather/soft", "Enlarged", { inverse, share, edge, is_free });
+        relume_gpu::assert_mirror!(GpuSoftLight as "gather/soft", "SoftLight", {
+            center, kind, direction, width, along_u, radius, along_v, fade, half, inverse_middle, share, edge, by_angle,
+            by_blend, tan_half, normalisation, knee, chord2_by_angle, reach2,
+        });
+    }
+}
