@@ -15,6 +15,7 @@ from addon.engine import shot
 from addon.ui import compare, handlers, looks, rows, thumbnails
 from addon.ui.start import start
 from addon.viewport import compare as pairs
+from addon.viewport import view_table
 from fake_live import FakeLive
 from helpers import add_light, add_quad, row, update
 
@@ -269,6 +270,16 @@ def test_thumbnails_of_odd_sizes(lit, size):
     image[0, 0] = np.nan
     height, width = thumbnails.decode(thumbnails.encode(lit, image)).shape[:2]
     assert 1 <= width <= thumbnails.WIDTH and height >= 1
+
+
+def test_thumbnails_in_a_known_view_are_the_same(lit):
+    image = np.ones((100, 160, 4), np.float32)
+    image[..., :3] = np.exp2(np.linspace(-6.0, 4.0, 160))[:, None]
+    slow = thumbnails.decode(thumbnails.encode(lit, image))
+    view_table.complete(lit)
+    quick = thumbnails.decode(thumbnails.encode(lit, image))
+    view_table.clear()
+    assert np.abs(slow.astype(int) - quick).max() <= 1 and slow.std() > 20
 
 
 @pytest.fixture

@@ -106,9 +106,20 @@ class Shot:
 
     def _export(self, scene: bpy.types.Scene) -> None:
         """Reads the scene, in a window on another thread, then bakes it."""
+        self.is_exporting = True
+        if bpy.app.background:
+            self._load(scene)
+        else:  # The window is drawn between this and Blender's operator that begins a render: either takes its time.
+            bpy.app.timers.register(self._load_own_scene, first_interval=0.0, persistent=True)
+
+    def _load_own_scene(self) -> None:
+        scene = next((scene for scene in bpy.data.scenes if scene.session_uid == self.scene_uid), None)
+        if self.is_open and self.is_exporting and scene is not None:
+            self._load(scene)
+
+    def _load(self, scene: bpy.types.Scene) -> None:
         settings = trace_settings(scene, self.warnings.append)
         settings |= {"samples": self.options.samples, "threads": self.options.threads}
-        self.is_exporting = True
         self._task = load_scene_async(
             scene, ExportOptions(), lambda exported, error: self._exported(exported, error, settings)
         )
@@ -237,6 +248,8 @@ class Shot:
         """Ends baking and training; what is there stays, relighting goes on."""
         if self._task is not None:
             self._task.cancel()
+        elif self.is_exporting:
+            self._exported(None, ExportCancelled("cancelled"), {})
         self._live.cancel()
 
     def close(self, wait_seconds: float = 0.0) -> None:

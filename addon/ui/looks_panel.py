@@ -209,7 +209,7 @@ def _draw_look(layout, scene, look) -> None:
     column.enabled = shot.of(scene) is not None
     column.prop_search(scene.relume_looks, "other", scene.relume_looks, "items", text="With")
     line = column.row(align=True)
-    line.operator("relume.compare_looks")
+    line.operator("relume.compare_looks", text=f"Compare with {scene.relume_looks.other or 'Now'}")
     if pairs.pair_of(scene) is not None:
         line.operator("relume.stop_comparing", text="", icon="X")
         column.row(align=True).prop(scene.relume_view, "compare", expand=True)

@@ -57,7 +57,7 @@ class RelumeView(bpy.types.PropertyGroup):
             ("WIPE", "Wipe", "A left of a line, B on the right"),
             ("A", "A", "The first one"),
             ("B", "B", "The second one"),
-            ("DIFFERENCE", "Difference", "How far they are from each other; black where they are the same"),
+            ("DIFFERENCE", "Diff", "How far they are from each other; black where they are the same"),
         ],
         default="WIPE",
         update=_redraw,

@@ -11,6 +11,7 @@ import bpy.utils.previews
 import numpy as np
 
 from ..export.view_transform import displayed
+from ..viewport import view_table
 from ..viewport.view_table import View
 
 WIDTH = 192
@@ -20,8 +21,10 @@ _icons: Any = None
 
 
 def encode(scene: bpy.types.Scene, image: np.ndarray) -> str:
-    """A thumbnail of a scene-linear picture [height, width, 4], bottom row first, as the scene's view shows it."""
-    return _text(displayed(scene, _small(image)))
+    """A thumbnail of a scene-linear picture [height, width, 4], bottom row first, as the scene's view shows it. Blender
+    itself, which takes its time to colour pixels, is asked only where the view is not known yet."""
+    view = view_table.of(scene)
+    return _text(displayed(scene, _small(image))) if view is None else encode_in(view, image)
 
 
 def encode_in(view: View, image: np.ndarray) -> str:

@@ -11,15 +11,16 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 
-from . import light_marks, overlay, strokes
+from ..export.camera import film_size
+from . import light_marks, overlay, shader, strokes, texture
 from .camera_frame import Rectangle
 from .view_table import View
 from .views import redraw
 
 PAUSE_SECONDS = 0.02
 """Between redraws: what the artist does comes in between."""
-NOTHING = 3
-"""Edge of an invisible picture, in pixels. Drivers compile anew for edges that are powers of two."""
+NOTHING, POWER_OF_TWO = 3, 4
+"""Edges of an invisible picture, in pixels. Drivers compile anew for edges that are powers of two."""
 
 _is_wanted = False
 _picture_pieces: list[Callable[[tuple[int, int], View], None]] = []
@@ -52,16 +53,25 @@ def reset() -> None:
     """What was compiled is gone, or never was."""
     global _is_wanted
     _is_wanted = False
-    _picture_pieces[:] = [partial(_draw_nothing, edge=edge) for edge in (NOTHING, 2 * NOTHING)]
+    _picture_pieces[:] = [
+        lambda _region, view: texture.of_levels(view),
+        lambda _region, view: texture.of_table(view),
+        lambda _region, _view: shader.show(one_to_one=True),
+        lambda _region, _view: shader.show(one_to_one=False),
+        partial(_draw_nothing, one_to_one=True),
+        partial(_draw_nothing, one_to_one=False),
+    ]
     _word_pieces[:] = [light_marks.draw_nothing, strokes.draw_no_strokes, strokes.draw_no_rectangles]
     if bpy.app.timers.is_registered(redraw):
         bpy.app.timers.unregister(redraw)
 
 
-def _draw_nothing(region: tuple[int, int], view: View, edge: int) -> None:
-    """An invisible picture, over as many pixels as it has, or more."""
-    place = Rectangle(0.0, 0.0, edge, edge)
-    picture = SimpleNamespace(image=np.zeros((NOTHING, NOTHING, 4), np.float32))
+def _draw_nothing(region: tuple[int, int], view: View, one_to_one: bool) -> None:
+    """An invisible picture, as a driver sees it like those of the scene, over as many pixels as it has, or more."""
+    width, height = (NOTHING if edge & (edge - 1) else POWER_OF_TWO for edge in film_size(bpy.context.scene.render))
+    larger = 1 if one_to_one else 2
+    place = Rectangle(0.0, 0.0, larger * width, larger * height)
+    picture = SimpleNamespace(image=np.zeros((height, width, 4), np.float32))
     overlay.draw(overlay.Show(region, place, place, picture, picture, opacity=0.0), view)
 
 
