@@ -31,7 +31,7 @@ impl Jacobian {
     }
 }
 
-/// `J^T J` and `-J^T r`.
+/// `J^T J`, of which the part above the diagonal is not kept, and `-J^T r`.
 pub(crate) struct NormalEquations {
     matrix: Vec<Vec<f64>>,
     right: Vec<f64>,
@@ -49,16 +49,16 @@ impl NormalEquations {
             |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum::<f64>();
         let mean = |[a, b]: &[Vec<f32>; 2]| a.iter().zip(b).map(|(a, b)| 0.5 * (a + b)).collect();
         let means: Vec<Vec<f32>> = jacobian.columns.par_iter().map(mean).collect();
-        let rows = self.matrix.par_iter_mut().zip(&mut self.right).zip(&jacobian.columns).zip(&means);
-        rows.for_each(|(((row, right), [a, b]), mean)| {
-            row.iter_mut().zip(&means).for_each(|(sum, other)| *sum += dot(mean, other));
+        let rows = self.matrix.par_iter_mut().zip(&mut self.right).zip(&jacobian.columns);
+        rows.enumerate().for_each(|(i, ((row, right), [a, b]))| {
+            row.iter_mut().zip(&means[..=i]).for_each(|(sum, other)| *sum += dot(&means[i], other));
             *right -= 0.5 * (dot(a, r_b) + dot(b, r_a));
         });
     }
 
     pub(crate) fn add_row(&mut self, first: usize, row: &[f32; PARAMS], value: f32) {
         for (i, a) in row.iter().enumerate() {
-            for (j, b) in row.iter().enumerate() {
+            for (j, b) in row[..=i].iter().enumerate() {
                 self.matrix[first + i][first + j] += f64::from(a * b);
             }
             self.right[first + i] -= f64::from(a * value);

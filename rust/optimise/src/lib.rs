@@ -13,7 +13,7 @@
 //! What is free of a light is mapped to unconstrained values (`variable`); what is asked for becomes residuals of cells (`goal`,
 //! `term`); their squares and what moves cost (`preference`) are the loss (`objective`). [`solve`] steps by Adam on random
 //! subsets, from several starts of which the worse are given up; [`polish`] by Levenberg-Marquardt on exact pictures.
-//! [`idle_lights`] finds lights that are not needed, [`report()`] says what became of each goal.
+//! [`regroupings`] leads out of local minima, [`idle_lights`] finds lights that are not needed, [`report()`] says what became of each goal.
 
 mod adam;
 mod cells;
@@ -27,6 +27,7 @@ mod problem;
 mod prune;
 mod random;
 mod region;
+mod regroup;
 mod relight;
 mod report;
 mod solve;
@@ -40,6 +41,7 @@ pub use polish::{PolishStep, Polished, polish};
 pub use problem::{Problem, View};
 pub use prune::idle_lights;
 pub use region::{Region, Stroke};
+pub use regroup::regroupings;
 pub use relight::{Compare, Compared, Linear, Picture, Relight, RelightError};
 pub use report::{Report, Worst, conflicts, report};
 pub use solve::{RunnerUp, Settings, Solution, Step, TrajectoryPoint, solve};

@@ -18,6 +18,7 @@ class Records:
     def add(self, record, **more):
         """Keeps a record; one of the same settings goes."""
         self.all = [old for old in self.all if not same(old, record)] + [record | more]
+        self.path.parent.mkdir(parents=True, exist_ok=True)
         self.path.write_text(json.dumps(self.all, indent=1))
 
     def has(self, settings):

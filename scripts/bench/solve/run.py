@@ -1,10 +1,13 @@
 """Light solving measured: the paper's table 3 and figure 9, and painted strokes. Writes `out/solve.json`: `make solve`.
 
 Records of the same settings that are there already are kept, so that a stopped run goes on; delete the file to begin
-anew. Bakes stay in `out/solve`. Runs in a Python with `bpy` and `relume`; Mitsuba lives in an environment of its own.
+anew. With --keep they are those of `docs/bench/solve`, where runs of many days add up, and the tables go there too.
+Bakes stay in `out/solve`. Runs in a Python with `bpy` and `relume`; Mitsuba lives in an environment of its own.
 """
 
 import argparse
+import contextlib
+import io
 import os
 import sys
 from pathlib import Path
@@ -17,13 +20,14 @@ import figure9  # noqa: E402
 import scribbles  # noqa: E402
 import table3  # noqa: E402
 from judge import Cycles  # noqa: E402
-from records import Records  # noqa: E402
+from records import GENERAL, Records  # noqa: E402
 from shot import Shot  # noqa: E402
 
 TABLES = {"3": table3, "9": figure9, "scribbles": scribbles}
 RUNS = {"3": 5, "9": 50, "scribbles": 2}
 QUICK_PICTURES = {"size": 96, "steps": 100, "peer_steps": 100, "samples": 16, "bake_samples": 64}
 QUICK = QUICK_PICTURES | {"runs": 1, "fractions": [0.05], "lights": [1, 3]}
+KEPT = ROOT / "docs/bench/solve"
 SIZES = {"3": 320, "9": 128, "scribbles": 320}
 
 
@@ -45,6 +49,7 @@ def arguments():
     parser.add_argument("--train", type=float, default=0.0, help="seconds to train a proxy of sphere lights first")
     parser.add_argument("--threads", type=int, default=0, help="0 for one a core")
     parser.add_argument("--quick", action="store_true", help="small pictures, few runs: whether it works")
+    parser.add_argument("--keep", action="store_true", help="add to the records and tables in docs/bench")
     parser.add_argument("--blender", type=Path, default=sys.executable, help="python with bpy that renders")
     parser.add_argument("--peers", type=Path, help="python with mitsuba; figure 9 shows Relume alone without")
     parser.add_argument("--out", type=Path, default=ROOT / "out")
@@ -61,7 +66,7 @@ def main():
     if not args.scenes_folder.is_dir():
         sys.exit(f"solve: the scenes are not in {args.scenes_folder}; set RELUME_SCENES")
     (args.out / "solve").mkdir(parents=True, exist_ok=True)
-    records = Records(args.out / "solve.json")
+    records = Records(KEPT / "records.json" if args.keep else args.out / "solve.json")
     judge = Cycles(args.blender, args.threads)
     asked = args.runs, args.size
     for table in args.table:
@@ -72,8 +77,24 @@ def main():
                 print(f"{table}: {name}", flush=True)
                 module.run(Shot(judge, name, args), records, args)
     judge.close()
+    if args.keep:
+        (KEPT / "README.md").write_text(page(records))
     for table in args.table:
         TABLES[table].show(records)
+
+
+def page(records):
+    """All tables as a document, with the settings of what is in them."""
+    made_by = 'Made by `make solve SOLVE="--keep ..."` from the records beside it.'
+    text = f"# Lights found again\n\n{made_by}\n"
+    for number, table in TABLES.items():
+        found = records.select(table=number)
+        shown = io.StringIO()
+        with contextlib.redirect_stdout(shown):
+            table.show(records)
+        settings = sorted({", ".join(f"{key} {record[key]}" for key in GENERAL) for record in found})
+        text += f"\n```text\n{shown.getvalue().strip()}\n```\n\n{'; '.join(settings)}\n" if found else ""
+    return text
 
 
 if __name__ == "__main__":

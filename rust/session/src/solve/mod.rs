@@ -5,34 +5,25 @@ mod goals;
 mod lights;
 mod relights;
 mod request;
+mod search;
 mod solved;
 
 use relume_image::Image;
-use relume_optimise::{
-    Goal, Polished, Problem, RandomStarts, Relight, RunnerUp, Settings, Solution, Step, View, idle_lights,
-    polish, random_starts, solve,
-};
-use relume_proxy::{GpuProxy, LightKind};
+use relume_optimise::{Goal, Relight, View};
 use relume_scene::Light;
-use std::ops::ControlFlow;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
-use crate::progress::{Monitor, Stage};
+use crate::progress::Monitor;
 use crate::relighter::{RelightOptions, Relighter, With};
 use crate::{LightSet, SessionError};
 
 pub use goals::Pictures;
 use lights::Unknowns;
-use relights::{GatherRelight, Prepared, ProxyRelight};
 pub use request::{
     Add, BoundsWish, Freedom, GoalKind, GoalWish, NewKind, RegionWish, SolveRequest, Through, Wish,
 };
+use search::Search;
 pub use solved::{GoalReport, Solved};
-
-/// Softness of the smoothed gather at the first and the last step.
-const SOFTNESS: [f32; 2] = [0.2, 0.04];
 
 /// Takes what there is so far.
 pub type Preview<'a> = dyn Fn(&SoFar) + Sync + 'a;
@@ -159,203 +150,5 @@ impl<'a> SceneView<'a> {
 
     fn size(&self) -> (usize, usize) {
         (self.base.width, self.base.height)
-    }
-}
-
-/// What a search has found.
-pub(crate) struct Found {
-    /// In the order of the unknowns.
-    lights: Vec<Light>,
-    /// What may be better after a polish.
-    runner_up: Option<RunnerUp>,
-    /// Numbers of those that are not needed.
-    idle: Vec<usize>,
-    loss: f64,
-    start_loss: f64,
-    start: usize,
-}
-
-/// A proxy on the GPU that is held for a search, and those before it.
-struct Held<'a> {
-    relighter: &'a Relighter,
-    kind: LightKind,
-    proxy: &'a GpuProxy,
-    before: Option<&'a Held<'a>>,
-}
-
-impl<'a> Held<'a> {
-    fn find(held: Option<&'a Self>, relighter: &Relighter, kind: LightKind) -> Option<&'a GpuProxy> {
-        let held = held?;
-        match std::ptr::eq(held.relighter, relighter) && held.kind == kind {
-            true => Some(held.proxy),
-            false => Self::find(held.before, relighter, kind),
-        }
-    }
-}
-
-struct Search<'a> {
-    request: &'a SolveRequest,
-    unknowns: &'a Unknowns,
-    scenes: &'a [SceneView<'a>],
-    through: Through,
-    monitor: &'a Monitor,
-    preview: &'a Preview<'a>,
-}
-
-impl Search<'_> {
-    fn run(&self) -> Result<Found, SessionError> {
-        let prepared: Vec<Option<Prepared>> =
-            self.scenes.iter().map(|scene| Prepared::new(scene.relighter)).collect();
-        let gathers =
-            self.scenes.iter().zip(&prepared).map(|(scene, prepared)| {
-                GatherRelight::new(scene.relighter, prepared.as_ref()?, self.monitor)
-            });
-        let gathers: Vec<Option<GatherRelight>> = gathers.collect();
-        let by_gather: Option<Vec<&dyn Relight>> =
-            gathers.iter().map(|gather| gather.as_ref().map(|gather| gather as &dyn Relight)).collect();
-        let mut found = match (&by_gather, self.through) {
-            (Some(relights), Through::Auto | Through::Gather) => {
-                self.explore(&self.problem(relights), SOFTNESS)?
-            }
-            _ => self.explore_proxies()?,
-        };
-        if let (Some(relights), true) = (&by_gather, self.request.wish.polish > 0) {
-            let problem = self.problem(relights);
-            let second = found.runner_up.take();
-            let mut candidates = vec![&found.lights[..]];
-            candidates.extend(second.iter().map(|second| &second.lights[..]));
-            let polished = self.polish(&problem, &candidates)?;
-            if let (1, Some(second)) = (polished.candidate, &second) {
-                (found.start, found.start_loss) = (second.start, second.start_loss);
-            }
-            (found.lights, found.loss) = (polished.lights, polished.loss);
-            self.drop_idle(&problem, &mut found)?;
-        }
-        Ok(found)
-    }
-
-    fn show(&self, found: &[Light]) {
-        let (lights, world) = self.unknowns.all_lights(&self.request.now, found);
-        let lights = LightSet { name: "Solving".into(), lights, notes: Vec::new() };
-        (self.preview)(&SoFar { lights, world });
-    }
-
-    fn problem<'b>(&'b self, relights: &'b [&'b dyn Relight]) -> Problem<'b> {
-        let views = self.scenes.iter().zip(relights).map(|(scene, relight)| scene.view(*relight)).collect();
-        Problem { views, variables: self.unknowns.variables.clone() }
-    }
-
-    /// Through proxies, on the GPU where they are there.
-    fn explore_proxies(&self) -> Result<Found, SessionError> {
-        let mut kinds = Vec::new();
-        for kind in self.unknowns.moving().filter_map(|light| LightKind::of(&light.shape)) {
-            if !kinds.contains(&kind) {
-                kinds.push(kind);
-            }
-        }
-        let relighters = self.scenes.iter().map(|scene| scene.relighter);
-        let wanted = relighters.flat_map(|relighter| kinds.iter().map(move |kind| (relighter, *kind)));
-        self.explore_on(&wanted.collect::<Vec<_>>(), &kinds, None)
-    }
-
-    /// Takes hold of the wanted proxies on the GPU, one after the other, then explores.
-    fn explore_on(
-        &self,
-        wanted: &[(&Relighter, LightKind)],
-        kinds: &[LightKind],
-        held: Option<&Held>,
-    ) -> Result<Found, SessionError> {
-        let Some(((relighter, kind), rest)) = wanted.split_first() else {
-            let proxies = self.scenes.iter().map(|scene| ProxyRelight {
-                proxies: scene.relighter.proxies(),
-                kinds: kinds.iter().map(|kind| (*kind, Held::find(held, scene.relighter, *kind))).collect(),
-                size: scene.size(),
-            });
-            let proxies: Vec<ProxyRelight> = proxies.collect();
-            let relights: Vec<&dyn Relight> = proxies.iter().map(|proxy| proxy as &dyn Relight).collect();
-            return self.explore(&self.problem(&relights), [0.0; 2]);
-        };
-        let found = match Held::find(held, relighter, *kind) {
-            Some(_) => None, // By a view before, of the same bake.
-            None => relighter.on_gpu_proxy(*kind, self.monitor, |proxy| {
-                self.explore_on(rest, kinds, Some(&Held { relighter, kind: *kind, proxy, before: held }))
-            })?,
-        };
-        found.map_or_else(|| self.explore_on(rest, kinds, held), Ok)
-    }
-
-    fn explore(&self, problem: &Problem, softness: [f32; 2]) -> Result<Found, SessionError> {
-        let wish = &self.request.wish;
-        let settings = Settings {
-            iterations: wish.steps,
-            learning_rate: wish.learning_rate,
-            pixel_fraction: wish.pixel_fraction,
-            softness,
-            seed: wish.seed,
-        };
-        let random = RandomStarts {
-            count: wish.starts.max(1),
-            candidates: wish.candidates,
-            softness: softness[0],
-            seed: wish.seed,
-        };
-        let starts = self.unknowns.starts(random_starts(problem, &random)?);
-        let stage = self.monitor.stage(Stage::Optimise, 0, wish.steps as u64);
-        let furthest = AtomicU64::new(0);
-        let best = Mutex::new(f64::INFINITY);
-        let on_step = |step: Step| {
-            let done = step.iteration as u64 + 1;
-            if furthest.fetch_max(done, Ordering::Relaxed) < done {
-                let starts =
-                    if step.starts > 1 { format!("{} starts, ", step.starts) } else { String::new() };
-                stage.set(done, &format!("{starts}loss {:.2e}", step.loss));
-            }
-            if let Ok(mut best) = best.lock()
-                && (step.loss < *best || step.starts == 1)
-            {
-                *best = step.loss;
-                self.show(step.lights);
-            }
-            if self.monitor.cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-        };
-        let solution = solve(problem, &starts, &settings, &on_step)?;
-        if solution.cancelled {
-            return Err(SessionError::Cancelled);
-        }
-        let Solution { lights, runner_up, loss, start_loss, start, .. } = solution;
-        Ok(Found { lights, runner_up, idle: Vec::new(), loss, start_loss, start })
-    }
-
-    fn polish(&self, problem: &Problem, candidates: &[&[Light]]) -> Result<Polished, SessionError> {
-        let steps = self.request.wish.polish;
-        let stage = self.monitor.stage(Stage::Polish, 0, steps as u64);
-        let polished = polish(problem, candidates, steps, &mut |step| {
-            stage.set(step.iteration as u64 + 1, &format!("loss {:.2e}", step.loss));
-            self.show(step.lights);
-            if self.monitor.cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-        })?;
-        if self.monitor.cancelled() { Err(SessionError::Cancelled) } else { Ok(polished) }
-    }
-
-    /// Finds lights that are not needed, and polishes the others without them.
-    fn drop_idle(&self, problem: &Problem, found: &mut Found) -> Result<(), SessionError> {
-        let may_go = self.unknowns.may_go(self.request.wish.remove);
-        found.idle = idle_lights(problem, &found.lights, &may_go, 0.0)?;
-        let kept: Vec<usize> = (0..found.lights.len()).filter(|i| !found.idle.contains(i)).collect();
-        if found.idle.is_empty() || kept.is_empty() {
-            return Ok(());
-        }
-        let mut rest = problem.clone();
-        rest.variables = kept.iter().map(|i| problem.variables[*i].clone()).collect();
-        for view in &mut rest.views {
-            view.still = kept.iter().map(|i| view.still[*i]).collect();
-        }
-        let lights: Vec<Light> = kept.iter().map(|i| found.lights[*i].clone()).collect();
-        let polished = self.polish(&rest, &[&lights])?;
-        found.loss = polished.loss;
-        for (i, light) in kept.into_iter().zip(polished.lights) {
-            found.lights[i] = light;
-        }
-        Ok(())
     }
 }

@@ -6,9 +6,10 @@ use serde_json::{Map, Value, json};
 use std::collections::HashSet;
 use std::time::Instant;
 
+use super::SceneView;
 use super::lights::{Source, Unknowns};
 use super::request::{GoalKind, SolveRequest, Through};
-use super::{Found, SceneView};
+use super::search::Found;
 use crate::progress::Monitor;
 use crate::relighter::{RelightOptions, With};
 use crate::{LightSet, SessionError};
