@@ -151,9 +151,12 @@ def play(driver):
     floor = (0.2, 0.82, 0.8, 0.88)
     lights, before = artist.values(), artist.brightness(*floor)
     with driver.step("cancel"):
+        # Enough to do that it is not done before it is cancelled.
+        artist.settings.effort, artist.settings.add_count = "THOROUGH", 4
         yield from driver.move_mouse(*artist.at(0.5, 0.5))
         yield from driver.press("RET")
-        yield from driver.wait(1.5)
+        yield from driver.wait(1)
+        driver.check(addon("ui.solving").running(artist.scene) is not None, "it solves")
         driver.photo("solving")
         yield from driver.press("ESC")
         yield from driver.wait(0.5)

@@ -3,12 +3,15 @@
 pub enum GpuError {
     /// No driver, or only drivers of back ends that are not used.
     #[error(
-        "no GPU was found: install the driver of your graphics card and, on Linux, the Vulkan loader (libvulkan1); or \
-         use --device cpu"
+        "no GPU was found: install the driver of your graphics card and, on Linux, the Vulkan loader \
+         (libvulkan1); or use the CPU (--device cpu, or the device in Blender's preferences)"
     )]
     NoAdapter,
     /// No adapter of this name.
-    #[error("no GPU is called '{wanted}'; there are: {found}; or use --device cpu")]
+    #[error(
+        "no GPU is called '{wanted}'; there are: {found}; or use the CPU (--device cpu, or the device in \
+         Blender's preferences)"
+    )]
     NotFound {
         /// What was asked for.
         wanted: String,
@@ -16,7 +19,10 @@ pub enum GpuError {
         found: String,
     },
     /// The driver lacks what every kernel needs.
-    #[error("{adapter} cannot be used: {missing}; update its driver, or use --device cpu")]
+    #[error(
+        "{adapter} cannot be used: {missing}; update its driver, or use the CPU (--device cpu, or the device in \
+         Blender's preferences)"
+    )]
     Unsuitable {
         /// Name of the adapter.
         adapter: String,
@@ -26,7 +32,8 @@ pub enum GpuError {
     /// A buffer does not fit into the memory budget, or into what the driver has left.
     #[error(
         "not enough GPU memory for {what}: {wanted} MiB are needed, {free} MiB are free of the budget; raise \
-         --gpu-memory, close other programs, or use --device cpu"
+         --gpu-memory, close other programs, or use the CPU (--device cpu, or the device in Blender's \
+         preferences)"
     )]
     OutOfMemory {
         /// Label of the buffer.
@@ -37,7 +44,10 @@ pub enum GpuError {
         free: u64,
     },
     /// A single buffer above the driver's limit.
-    #[error("{what} is larger than a buffer of this GPU can be ({limit} MiB); use --device cpu")]
+    #[error(
+        "{what} is larger than a buffer of this GPU can be ({limit} MiB); use the CPU (--device cpu, or the \
+         device in Blender's preferences)"
+    )]
     TooLarge {
         /// Label of the buffer.
         what: String,
@@ -45,11 +55,15 @@ pub enum GpuError {
         limit: u64,
     },
     /// The driver reset the device, or it was removed. Everything on it is gone.
-    #[error("the GPU was lost ({0}); start again, or use --device cpu")]
+    #[error(
+        "the GPU was lost ({0}); start again, or use the CPU (--device cpu, or the device in Blender's \
+         preferences)"
+    )]
     Lost(String),
     /// A WGSL module that this driver does not take.
     #[error(
-        "the GPU's driver refuses the shader {module}: {reason}; please report this, and use --device cpu"
+        "the GPU's driver refuses the shader {module}: {reason}; please report this, and use the CPU (--device \
+         cpu, or the device in Blender's preferences)"
     )]
     Shader {
         /// Name of the module.
@@ -58,6 +72,9 @@ pub enum GpuError {
         reason: String,
     },
     /// A mistake of ours that the validation found.
-    #[error("the GPU refused a command: {0}; please report this, and use --device cpu")]
+    #[error(
+        "the GPU refused a command: {0}; please report this, and use the CPU (--device cpu, or the device in \
+         Blender's preferences)"
+    )]
     Refused(String),
 }

@@ -311,7 +311,7 @@ impl Trainer {
     }
 
     /// Multiply-adds of one sample in training (forward only) and in inference.
-    pub(crate) fn multiply_adds(&self) -> (usize, usize) {
+    pub fn multiply_adds(&self) -> (usize, usize) {
         let slots = self.config.lights_per_pixel;
         match &self.core {
             Core::Reference(core) => core.network.multiply_adds(slots),

@@ -1,12 +1,15 @@
 //! Speeds of this machine, collected from the crates that own the kernels.
 
 use crate::progress::{Monitor, Stage};
+use crate::solve::bench as solve_bench;
 use crate::targets::unit_light;
 use crate::{Compute, SessionError};
 use glam::{Affine3A, Vec2, Vec3};
 use relume_dump::MemoryWriter;
 use relume_gather::{Gather, GpuGather, Half};
 use relume_gpu::Gpu;
+use relume_proxy::synthetic::SyntheticRoom;
+use relume_proxy::{GpuProxy, LightKind, SizeRange, TrainConfig, Trainer};
 use relume_scene::{Camera, Input, Instance, LightShape, Material, Mesh, Node, Scene, SceneBuilder};
 use relume_trace::{Control, TraceSettings, Tracer};
 use serde::Serialize;
@@ -58,6 +61,7 @@ pub fn bench(compute: &Compute, monitor: &Monitor) -> Result<Vec<Record>, Sessio
                     ("first picture", &|| first_picture(gpu)),
                     ("gather", &|| gather_on(gpu)),
                     ("networks", &|| networks_on(gpu)),
+                    ("light", &|| light_on(gpu)),
                 ],
                 monitor,
             )?;
@@ -135,6 +139,28 @@ fn networks() -> Result<Vec<Record>, SessionError> {
 
 fn networks_on(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
     Ok(relume_proxy::bench::device(gpu)?.into_iter().map(network_record).collect())
+}
+
+/// One light solved as in the paper's section 6.2, through the default network. The limit is that of its products.
+fn light_on(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
+    let (width, height) = if gpu.summary().software { (177, 100) } else { PICTURE };
+    let config = TrainConfig::fast(SizeRange { min: 0.1, max: 0.5 });
+    let features = Arc::new(SyntheticRoom::new(width, height).features());
+    let trainer = Trainer::new(features, LightKind::Sphere, config, 1)?;
+    let proxy = GpuProxy::new(Arc::clone(gpu), &trainer.proxy()?)?;
+    let seconds = solve_bench::seconds_of_a_light(&proxy, (width, height))?;
+    // Each step goes forward, forward again and backward.
+    let evaluated = 3.0 * (solve_bench::STEPS * width * height) as f64 * f64::from(solve_bench::PIXELS);
+    let limit = evaluated * trainer.multiply_adds().1 as f64 / gpu.peak_multiply_adds()?;
+    let (steps, share) = (solve_bench::STEPS, 100.0 * solve_bench::PIXELS);
+    Ok(vec![Record {
+        name: format!("one light solved, {steps} steps on {share} % of {width} x {height} pixels"),
+        value: seconds,
+        unit: "s".into(),
+        limit: Some(limit),
+        share_of_limit: Some(limit / seconds),
+        ..Record::default()
+    }])
 }
 
 fn network_record(m: relume_proxy::bench::Record) -> Record {

@@ -1,6 +1,7 @@
 //! Solving lights (paper, sections 5.3 and 6.2): a request in JSON, bakes, and pictures in; lights, what to write into Blender, and
 //! what became of each goal out.
 
+pub(crate) mod bench;
 mod goals;
 mod lights;
 mod relights;
