@@ -40,7 +40,7 @@ const MOST_CELLS: usize = 4096;
 /// Half widths of the differences that stand for derivatives, of unconstrained values. A dump's picture changes by single
 /// segments: wide differences have little noise, narrow ones little curvature. They are taken anew while that gains.
 const STAGES: [f32; 8] = [0.5, 0.25, 0.25, 0.12, 0.5, 0.25, 0.25, 0.12];
-/// Sizes are chosen before each stage that has one before it and is a multiple of this from that one.
+/// Sizes are chosen before the second stage, and again after so many.
 const SIZES_EVERY: usize = 2;
 /// Two stages that together improve the loss by less than this share are the last ones.
 const LEAST_STAGE_GAIN: f64 = 0.05;
