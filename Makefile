@@ -2,8 +2,8 @@
 
 DEV := $(CURDIR)/.venv-4.2
 PYTHON := $(DEV)/bin/python
-# Blender versions that the tests run on; those whose Python is not here are skipped with a message.
-BLENDERS ?= 4.2 4.5 5.2
+# Blender versions that the tests run on; those whose Python is not here are skipped with a message, but not where CI is set.
+BLENDERS ?= 4.2 4.5 5.0 5.2
 WHEELS := $(CURDIR)/build/wheels
 SCENES := $(or $(RELUME_SCENES),$(CURDIR)/../shared/scenes)
 
@@ -21,6 +21,7 @@ setup:
 wheel: setup
 	@scripts/build-wheel "$(WHEELS)"
 
+# The zip for this machine's platform.
 extension: wheel
 	@scripts/build-extension build/extension "$(WHEELS)"
 

@@ -135,8 +135,9 @@ def studio(scene, tmp_path):
 @pytest.fixture(scope="session")
 def scenes_folder():
     """Real scenes made by others; skips without them."""
-    folder = Path(os.environ.get("RELUME_SCENES", REPOSITORY.parent / "shared" / "scenes"))
+    folder = Path(os.environ.get("RELUME_SCENES") or REPOSITORY.parent / "shared" / "scenes")
     if not (folder / "cornell_box.blend").exists():
+        assert not (os.environ.get("CI") and folder.is_dir()), f"{folder} has no cornell_box.blend"
         pytest.skip(f"the real scenes are not in {folder}; set RELUME_SCENES")
     return folder
 

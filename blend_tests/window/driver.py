@@ -37,7 +37,8 @@ class Driver:
         self.watch = Watch(bpy.utils.user_resource("EXTENSIONS"))
         self._framebuffer = folder / "screen" / "Xvfb_screen0"
         self._file = folder / "result.json"
-        self._result = {"finished": False, "step": "start", "checks": 0, "failures": [], "figures": [], "expected": []}
+        self._result = {"finished": False, "step": "start", "checks": 0}
+        self._result |= {name: [] for name in ("failures", "figures", "expected", "skipped")}
         self._longest_gap = 0.0
         self._mouse = (0, 0)
         self._save()
@@ -110,6 +111,10 @@ class Driver:
     def expect_error(self, pattern):
         """An error that the scenario provokes, a regular expression found in a line of the log or in what is shown."""
         self._result["expected"].append(pattern)
+
+    def skip(self, what):
+        """Something that this machine does not allow: what and why. It is said beside the outcome."""
+        self._result["skipped"].append(what)
 
     def record(self, name, value, unit, goal=None):
         """A figure for out/window.json."""

@@ -161,13 +161,13 @@ def read_only(driver, artist):
         yield from driver.show_tab("Relume")
         yield from refused(driver, artist, "is read-only")
     else:
-        print("misuse: no right to mount a disk: no read-only folder was tried", flush=True)
+        driver.skip("a read-only folder: no right to mount")
 
 
 def full_disk(driver, artist):
     """A disk that is full in the middle of the bake."""
     if not os.path.ismount(folder := driver.scratch.parent / "small"):
-        print("misuse: no right to mount a disk: no full one was tried", flush=True)
+        driver.skip("a full disk: no right to mount")
         return
     artist.scene.relume.folder = str(folder / "bake")
     bpy.ops.relume.start()
