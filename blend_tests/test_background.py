@@ -87,14 +87,18 @@ def test_a_proxy_is_trained_for_each_type_of_light(room, tmp_path, monkeypatch):
     assert {"trace", "train"} <= stages
 
 
-def test_a_stopped_bake_goes_on(room, tmp_path, no_training):
+@pytest.mark.parametrize(
+    "stop", [lambda job: job.cancel(), lambda _job: bpy.ops.relume.background_cancel(number=0)], ids=["api", "operator"]
+)
+def test_a_stopped_bake_goes_on(room, tmp_path, no_training, stop):
     room.relume.samples = 4096
     job = background.start(room)
     deadline = time.monotonic() + 60
     while not list((tmp_path / "bake").glob("tile_*")) and time.monotonic() < deadline:
         job.poll()
         time.sleep(0.01)
-    job.cancel()
+    assert bpy.ops.relume.background_cancel(number=1) == {"CANCELLED"} and job.is_running
+    stop(job)
     end(job)
     if not job.done:  # Unless it was quicker than the signal.
         assert "again" in job.error

@@ -171,13 +171,20 @@ def test_every_slider_asks_for_an_interactive_picture(scene, tmp_path):
     assert live.requests[-1]["gains"] == {"Key": NEUTRAL} and live.requests[-1]["interactive"] is False
 
 
-def test_reset_is_for_one_row_or_all(scene):
+def reset_by_operator(scene, found):
+    """As the button beside the row that is looked at."""
+    scene.relume_mix.active = scene.relume_mix.rows.find(found.name)
+    assert bpy.ops.relume.reset_row() == {"FINISHED"}
+
+
+@pytest.mark.parametrize("reset", [lambda scene, found: rows.reset(scene, [found]), reset_by_operator])
+def test_reset_is_for_one_row_or_all(scene, reset):
     for name in ("Key", "Fill"):
         add_light(scene, "POINT", name)
     update()
     for name in ("Key", "Fill"):
         row(scene, name).multiplier = 5.0
-    rows.reset(scene, [row(scene, "Key")])
+    reset(scene, row(scene, "Key"))
     assert (row(scene, "Key").multiplier, row(scene, "Fill").multiplier) == (1.0, 5.0)
     rows.reset(scene)
     assert row(scene, "Fill").multiplier == 1.0

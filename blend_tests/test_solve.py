@@ -126,6 +126,20 @@ def test_places_become_goals_with_their_masks(baked):
     found.cancel()
 
 
+def test_places_are_taken_away(baked):
+    settings = baked.relume_solve
+    assert not bpy.ops.relume.remove_region.poll()
+    for kind in ("OBJECT", "MASK", "MATERIAL"):
+        bpy.ops.relume.add_region(kind=kind)
+    settings.region = 1
+    assert bpy.ops.relume.remove_region() == {"FINISHED"}
+    assert [(it.kind, settings.region) for it in settings.regions] == [("OBJECT", 1), ("MATERIAL", 1)]
+    bpy.ops.relume.remove_region()
+    assert [(it.kind, settings.region) for it in settings.regions] == [("OBJECT", 0)]
+    bpy.ops.relume.remove_region()
+    assert not settings.regions and settings.region == 0
+
+
 def test_a_target_goes_along_as_light(baked):
     baked.view_settings.view_transform = "Standard"
     settings = baked.relume_solve

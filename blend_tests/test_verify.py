@@ -158,6 +158,11 @@ def test_the_panel_verifies_what_it_shows(shot, monkeypatch):
         assert compare.pair_of(shot) is None
         bpy.ops.relume.verify()
         running = verify.of(shot)._worker._process
+        # As `verify.close` does.
+        assert bpy.ops.relume.verify_cancel() == {"FINISHED"}
+        assert running.poll() is not None and verify.of(shot) is None
+        bpy.ops.relume.verify()
+        running = verify.of(shot)._worker._process
     finally:
         addon.unregister()
     assert running.poll() is not None and verify.of(shot) is None

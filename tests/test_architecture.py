@@ -1,5 +1,6 @@
 """ARCHITECTURE.md tells the truth: its table of rooms and arrows is what cargo sees."""
 
+import ast
 import json
 import re
 import subprocess
@@ -38,3 +39,61 @@ def test_arrows_have_no_cycle():
         leaves = {crate for crate, uses in arrows.items() if not uses & arrows.keys()}
         assert leaves, f"cycle among {sorted(arrows)}"
         arrows = {crate: uses for crate, uses in arrows.items() if crate not in leaves}
+
+
+def rooms_of_addon():
+    """Rooms of the add-on in the order of ARCHITECTURE.md: each may use those before it."""
+    row = re.search(r"^\| `addon/` \|(.*)\|$", (ROOT / "ARCHITECTURE.md").read_text(), re.M)[1]
+    found = re.search(r"arrows point down this list:(.*)", row)[1]
+    return re.findall(r"`(\w+)` \(", found)
+
+
+def imports_of(path):
+    """Absolute names of the modules that a file imports anywhere, "addon.core.rows", "bpy"."""
+    package = path.relative_to(ROOT).parent.parts
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else ()
+            module = ".".join([*base, *([node.module] if node.module else [])])
+            # A name may be a module of a package.
+            yield from (f"{module}.{alias.name}" for alias in node.names)
+
+
+def imports_by_room():
+    """Room of the add-on -> (file, imported name) of each import in it."""
+    rooms = rooms_of_addon()
+    found = {room: [] for room in rooms}
+    for path in sorted((ROOT / "addon").rglob("*.py")):
+        room = path.relative_to(ROOT / "addon").parts[0]
+        if room != "__init__.py":
+            found[room] += [(str(path.relative_to(ROOT)), name) for name in imports_of(path)]
+    return found
+
+
+def test_every_folder_of_the_addon_is_a_room():
+    folders = {path.parent.name for path in (ROOT / "addon").glob("*/__init__.py")}
+    assert set(rooms_of_addon()) == folders and len(folders) == 6
+
+
+def test_arrows_of_the_addon_point_down_the_list():
+    rooms = rooms_of_addon()
+    for number, room in enumerate(rooms):
+        allowed = {room, *rooms[:number]}
+        for file, name in imports_by_room()[room]:
+            parts = name.split(".")
+            assert parts[0] != "addon" or parts[1] in allowed, f"{file} imports {name}"
+
+
+def test_core_needs_no_blender():
+    blender = {"bpy", "bpy_extras", "bl_math", "blf", "bmesh", "gpu", "gpu_extras", "imbuf", "mathutils"}
+    for file, name in imports_by_room()["core"]:
+        assert name.split(".")[0] not in blender, f"{file} imports {name}"
+
+
+def test_engine_alone_imports_the_native_module():
+    importers = {
+        room for room, imports in imports_by_room().items() for _, name in imports if name.split(".")[0] == "relume"
+    }
+    assert importers == {"engine"}

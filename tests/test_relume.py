@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 import zlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -230,3 +231,50 @@ def test_module_runs_as_a_command_line(bake):
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert json.loads(done.stdout.splitlines()[-1])["event"] == "result"
     assert subprocess.run([sys.executable, "-m", "relume", "explode"], capture_output=True).returncode == 2
+
+
+FULL_DISK = """
+import json, resource, sys, time
+from test_relume import SETTINGS_OF_FULL_DISK, lit_plane
+import relume
+
+folder, limit = sys.argv[1], int(sys.argv[2])
+# A file-size limit fails a write half-way, like a full disk.
+resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+live = relume.Live(folder, device="cpu")
+scene = lit_plane()
+lights = json.loads(scene.lights())
+live.relight(json.dumps({"lights": lights}))
+live.bake(scene, SETTINGS_OF_FULL_DISK, train_seconds=0.0)
+while json.loads(live.status())["state"] not in ("failed", "ready"):
+    time.sleep(0.01)
+number = live.relight(json.dumps({"lights": lights, "gains": {"Key": [2, 2, 2]}}))
+end, frame = time.monotonic() + 60, None
+while (frame is None or frame.request != number) and time.monotonic() < end:
+    frame = live.frame(0)
+    time.sleep(0.01)
+status = json.loads(live.status())
+status["relit"] = frame is not None and frame.request == number and float(frame.image.max()) > 0.0
+live.close(wait_seconds=20)
+print(json.dumps(status))
+"""
+SETTINGS_OF_FULL_DISK = {"samples": 64, "tile_size": 24}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit on the size of a process's files")
+def test_a_disk_that_is_full_in_the_middle_of_a_live_bake_loses_nothing(tmp_path):
+    relume.bake(lit_plane(), tmp_path / "whole", SETTINGS_OF_FULL_DISK).wait()
+    shards = sorted(path.stat().st_size for path in (tmp_path / "whole").glob("tile_*"))
+    command = [sys.executable, "-c", FULL_DISK, tmp_path / "cut", str(shards[-1] - 1)]
+    done = subprocess.run(command, cwd=Path(__file__).parent, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    status = json.loads(done.stdout.splitlines()[-1])
+    assert status["state"] == "failed" and 0 < status["samples"] < 64 and status["relit"], status
+    assert str(tmp_path / "cut") in status["error"] and "too large" in status["error"], status
+    assert not list((tmp_path / "cut").glob("**/*.part"))
+    # Once there is room it goes on from there, to the same bake.
+    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "cut").glob("tile_*")}
+    relume.bake(lit_plane(), tmp_path / "cut", SETTINGS_OF_FULL_DISK, resume=True).wait()
+    assert kept and all(path.stat().st_mtime_ns == time_ns for path, time_ns in kept.items())
+    for path in (tmp_path / "whole").glob("tile_*"):
+        assert (tmp_path / "cut" / path.name).read_bytes() == path.read_bytes()

@@ -85,6 +85,10 @@ def _writable(obj: bpy.types.Object, moves: list[str], users: int) -> tuple[str 
     return reason, kept
 
 
+def _lock_all_text(move: str) -> str:
+    return f"Let solving change the {'colour' if move == 'color' else move} of all lights, or of none"
+
+
 class RELUME_OT_lock_all(bpy.types.Operator):  # noqa: N801 -- Blender's naming
     """Lock this of all lights, or unlock it if all are locked"""
 
@@ -93,14 +97,15 @@ class RELUME_OT_lock_all(bpy.types.Operator):  # noqa: N801 -- Blender's naming
     bl_options = {"REGISTER", "UNDO"}
 
     move: EnumProperty(
-        name="What", description="What is locked or unlocked", items=[(move, move.capitalize(), "") for move in MOVES]
+        name="What",
+        description="What is locked or unlocked",
+        items=[(move, move.capitalize(), _lock_all_text(move)) for move in MOVES],
     )
 
     @classmethod
     def description(cls, _context, properties):
         """The tooltip."""
-        what = {"color": "colour"}.get(properties.move, properties.move)
-        return f"Let solving change the {what} of all lights, or of none"
+        return _lock_all_text(properties.move)
 
     def execute(self, context):
         """Called by Blender."""

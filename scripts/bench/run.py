@@ -100,7 +100,12 @@ def mitsuba_paths(name, blend, sizes, peers):
 def live():
     """How soon an artist sees something, against the project's goals."""
     rows = last_json(sys.executable, HERE / "live.py", SCENES / "modern_hall.blend")[-1]["records"]
-    return [against(row["name"], row["value"], row["unit"], "the goal", row["goal"]) for row in rows]
+    records = []
+    for row in rows:
+        name, value, unit, goal = (row.pop(key) for key in ("name", "value", "unit", "goal"))
+        found = against(name, value, unit, "the goal", goal) if goal else record(name, value, unit)
+        records.append(found | row)
+    return records
 
 
 def main():

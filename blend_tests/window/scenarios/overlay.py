@@ -114,15 +114,27 @@ VIEWS = {
     "Filmic high contrast": {"view_transform": "Filmic", "look": "High Contrast"},
     "Standard": {"view_transform": "Standard"},
     "Standard darker": {"view_transform": "Standard", "exposure": -1.0},
+    "AgX curves": {"view_transform": "AgX", "exposure": 0.7, "curves": {3: (0.4, 0.6), 0: (0.5, 0.45)}},
+    "Standard curves": {"view_transform": "Standard", "curves": {1: (0.3, 0.5)}},
 }
+"""`curves`: a point for each of some of the curves red, green, blue and all of them together."""
 
 
 def set_view(settings):
     """Sets the scene's view; what is not named is neutral."""
     view = bpy.context.scene.view_settings
     view.view_transform = settings["view_transform"]
-    for key, value in ({"look": "None", "exposure": 0.0, "gamma": 1.0} | settings).items():
+    plain = {"look": "None", "exposure": 0.0, "gamma": 1.0} | settings
+    curves = plain.pop("curves", {})
+    for key, value in plain.items():
         setattr(view, key, value)
+    view.use_curve_mapping = bool(curves)
+    for number, curve in enumerate(view.curve_mapping.curves if curves else ()):
+        for point in list(curve.points)[1:-1]:
+            curve.points.remove(point)
+        if number in curves:
+            curve.points.new(*curves[number])
+    view.curve_mapping.update()
 
 
 def flat(serial, color=(1.0, 0.0, 1.0)):

@@ -149,7 +149,7 @@ impl Proxy {
     }
 
     /// Whether this proxy answers for such a light: its kind, and sizes within the trained range (with a tenth of
-    /// slack). Positions are not checked.
+    /// slack). [`Proxy::has_learned_place`] is about positions.
     pub fn covers(&self, shape: &LightShape) -> bool {
         let sizes = match *shape {
             LightShape::Sphere { radius, .. } | LightShape::FacingDisk { radius, .. } => [radius, radius],
@@ -159,6 +159,17 @@ impl Proxy {
         let SizeRange { min, max } = self.info.size;
         LightKind::of(shape) == Some(self.info.kind)
             && sizes.iter().all(|size| (0.9 * min..=1.1 * max).contains(size))
+    }
+
+    /// Whether the centre of a light of this kind is in the box of the training lights (with a tenth of slack on each side).
+    /// True before the first step, when nothing was learned anywhere.
+    pub fn has_learned_place(&self, shape: &LightShape) -> bool {
+        let Some(light) = LightParams::from_shape(shape) else { return false };
+        // The first three parameters of every kind.
+        light.as_slice().iter().zip(&self.info.trained_ranges).take(3).all(|(value, [least, greatest])| {
+            let slack = 0.1 * (greatest - least);
+            (least - slack..=greatest + slack).contains(value)
+        })
     }
 
     /// The unit image of a light.

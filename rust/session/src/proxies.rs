@@ -103,6 +103,11 @@ impl Proxies {
         let usual = unseen == LobeFactors::default() && light.receivers.is_none();
         self.list.iter().find(|trained| usual && trained.proxy.covers(&light.shape))
     }
+
+    /// [`Proxies::covering`], if the light also is where that proxy has learned lights: what it says of others is a guess.
+    pub fn knowing(&self, light: &Light) -> Option<&TrainedProxy> {
+        self.covering(light).filter(|trained| trained.proxy.has_learned_place(&light.shape))
+    }
 }
 
 /// File of a proxy in its folder.

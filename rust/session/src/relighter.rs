@@ -303,7 +303,8 @@ impl Relighter {
         let proxy = self.proxies().covering(light).filter(|proxy| match options.with {
             With::Gather => false,
             With::Proxy => true,
-            With::Auto => self.gather.is_none() || proxy.beats_gather(options.denoise),
+            With::Auto if self.gather.is_none() => true,
+            With::Auto => proxy.beats_gather(options.denoise) && self.proxies().knowing(light).is_some(),
         });
         match (proxy, &self.gather, options.denoise) {
             (Some(_), _, _) => Ok(Maker::Proxy),

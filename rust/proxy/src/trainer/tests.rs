@@ -73,12 +73,20 @@ fn lights_in_bounds_and_ranges_are_reported() {
     let config = TrainConfig { placement: LightPlacement::Bounds, ..config(20_000) };
     let trainer = trained(config, LightKind::Sphere, &room);
     let (low, high) = room.bounds();
-    let ranges = trainer.proxy().expect("weights").info().trained_ranges.clone();
+    let proxy = trainer.proxy().expect("weights");
+    let ranges = proxy.info().trained_ranges.clone();
     for axis in 0..3 {
         let [least, greatest] = ranges[axis];
         assert!(least >= low[axis] && greatest <= high[axis] && least < greatest, "axis {axis}: {ranges:?}");
     }
     assert!(ranges[3][0] >= 0.0999 && ranges[3][1] <= 0.5001, "radius: {ranges:?}");
+    let at = |place| LightParams::round(LightKind::Sphere, place, 0.2).shape();
+    let (middle, extent) = (0.5 * (low + high), high - low);
+    assert!(proxy.has_learned_place(&at(middle)));
+    for axis in [glam::Vec3::X, glam::Vec3::Y, glam::Vec3::Z] {
+        assert!(!proxy.has_learned_place(&at(middle + 0.7 * extent * axis)), "beyond {axis}");
+        assert!(!proxy.has_learned_place(&at(middle - 0.7 * extent * axis)), "beyond -{axis}");
+    }
 }
 
 /// A source that fails when told to.

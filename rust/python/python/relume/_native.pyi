@@ -187,7 +187,8 @@ class Live:
 
     def relight(self, request: str) -> int:
         """Asks for a picture; the newest request wins. JSON: `lights` (a light set), `gains` (RGB factors by name of
-        light), `world`, `static` (RGB factors), `interactive` (quick before exact), `with` (auto, gather, proxy)."""
+        light), `world`, `static` (RGB factors), `interactive` (quick before exact), `half` (whether
+        such a picture has half the size; by default on slow machines), `with` (auto, gather, proxy)."""
 
     def frame(self, newer_than: int = 0) -> Frame | None:
         """The newest frame, if its serial number is above this."""

@@ -14,6 +14,7 @@
 
 mod compose;
 mod painter;
+mod parts;
 mod request;
 mod shared;
 mod units;

@@ -1,14 +1,13 @@
 use super::compose::{Layer, weighted_sum, with_alpha};
+use super::parts::{How, Part, parts};
 use super::shared::{Frame, LiveState, Shared, Shown, State};
 use super::units::{Unit, Units};
 use super::view::{Delivered, SharedImage, View, half};
 use super::{LiveOptions, LiveRequest};
 use crate::device_gather::DeviceGather;
-use crate::relighter::{camera_only, too_narrow};
-use crate::{Cancel, Compute, Listener, Maker, Monitor, Progress, Proxies, SessionError, With};
+use crate::{Cancel, Compute, Listener, Maker, Monitor, Progress, SessionError, With};
 use relume_gather::DenoiseQuality;
 use relume_image::Image;
-use relume_proxy::{LightKind, SizeRange};
 use relume_scene::Light;
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -49,22 +48,6 @@ impl Listener for Notes {
     fn warning(&self, message: &str) {
         self.0.warn(message);
     }
-}
-
-/// A part of the picture: a light as it is shown.
-struct Part {
-    light: Light,
-    how: How,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum How {
-    /// Summed over the paths.
-    Gather,
-    /// By a proxy.
-    Proxy,
-    /// The light itself as the camera sees it, summed over the paths.
-    View,
 }
 
 impl Painter {
@@ -185,7 +168,7 @@ impl Painter {
         let start = Instant::now();
         let replaced = |part: &&Part| {
             let proxied =
-                request.with != With::Gather && view.proxies.proxies().covering(&part.light).is_some();
+                request.with != With::Gather && view.proxies.proxies().knowing(&part.light).is_some();
             part.how == How::Proxy
                 || part.how == How::Gather
                     && (proxied || self.units.get(&part.light).is_some_and(Unit::has_clean))
@@ -197,7 +180,8 @@ impl Painter {
                 break;
             }
         }
-        let scale = if view.can_be_halved() { self.drag_scale } else { 1 };
+        let wanted = request.half.map_or(self.drag_scale, |half| if half { 2 } else { 1 });
+        let scale = if view.can_be_halved() { wanted } else { 1 };
         self.show(request, view, parts, Manner { scale, drag: true })?;
         let took = start.elapsed();
         if took > SLOW {
@@ -318,7 +302,7 @@ impl Painter {
                 && unit.passes < view.passes.len()
                 && !(manner.drag && unit.has_clean())
                 && request.with != With::Gather
-                && view.proxies.proxies().covering(&part.light).is_some();
+                && view.proxies.proxies().knowing(&part.light).is_some();
             images.push(match &unit.proxy {
                 _ if part.how != How::Proxy && !waits => None,
                 Some(image) => Some(image.clone()),
@@ -413,52 +397,4 @@ impl<'a> Picture<'a> {
 fn is_new(state: &State, painted: (u64, u64)) -> bool {
     let something = state.dump.is_some() || state.base.is_some();
     state.closed || something && state.request.is_some() && (state.requests, state.deliveries) != painted
-}
-
-/// The lights that give light, each with what shows it, and what there is to say about them.
-fn parts(request: &LiveRequest, view: &View) -> (Vec<Part>, Vec<String>) {
-    let (mut parts, mut warnings) = (Vec::new(), request.notes.clone());
-    for light in request.lights.iter().filter(|light| light.radiance != [0.0; 3]) {
-        match part(light, request.with, view, &mut warnings) {
-            Ok(how) => {
-                if how == How::Proxy && light.lobes.camera != 0.0 && !view.passes.is_empty() {
-                    parts.push(Part { light: camera_only(light), how: How::View });
-                }
-                parts.push(Part { light: light.clone(), how });
-            }
-            Err(reason) => warnings.push(reason),
-        }
-    }
-    (parts, warnings)
-}
-
-fn part(light: &Light, with: With, view: &View, warnings: &mut Vec<String>) -> Result<How, String> {
-    let proxies = view.proxies.proxies();
-    let Some(pass) = view.passes.first() else {
-        let covered = proxies.covering(light).map(|_| How::Proxy);
-        return covered
-            .ok_or_else(|| format!("light '{}': no proxy covers it, and there is no bake", light.name));
-    };
-    match proxies.covering(light) {
-        Some(_) if with == With::Proxy => return Ok(How::Proxy),
-        Some(proxy) if with == With::Auto && proxy.beats_gather(true) => return Ok(How::Proxy),
-        _ => {}
-    }
-    pass.gather().prepare(light).map_err(|error| error.to_string())?;
-    warnings.extend(outside_of_training(light, proxies));
-    warnings.extend(too_narrow(light, view.samples()));
-    Ok(How::Gather)
-}
-
-/// What to say of a light whose kind has a proxy that does not answer for it.
-fn outside_of_training(light: &Light, proxies: &Proxies) -> Option<String> {
-    let trained = proxies.of(LightKind::of(&light.shape)?)?;
-    let SizeRange { min, max } = trained.proxy.info().size;
-    proxies.covering(light).is_none().then(|| {
-        format!(
-            "light '{}' is not among what its proxy has learned (sizes of {min:.2} to {max:.2} m, usual ray visibility, no \
-             light linking); it is summed from the samples, which is slower",
-            light.name
-        )
-    })
 }

@@ -15,6 +15,8 @@ pub struct LiveRequest {
     pub static_light: [f32; 3],
     /// Whether something is being dragged: quick before exact, and another request follows.
     pub interactive: bool,
+    /// Whether an interactive picture has half the size; where nothing is said, on machines that are too slow for the full one.
+    pub half: Option<bool>,
     /// What makes the pictures.
     pub with: With,
     /// What was changed on reading the lights, in words for the user.
@@ -33,6 +35,7 @@ struct Json {
     static_light: [f32; 3],
     #[serde(default)]
     interactive: bool,
+    half: Option<bool>,
     #[serde(default)]
     with: With,
 }
@@ -43,7 +46,7 @@ fn one() -> [f32; 3] {
 
 impl LiveRequest {
     /// Reads `{"lights": [...], "gains": {"Key": [1, 1, 1]}, "world": [1, 1, 1], "static": [1, 1, 1], "interactive": false,
-    /// "with": "auto"}`; the lights are a light set ([`LightSet::parse`]), gains go by their names.
+    /// "half": null, "with": "auto"}`; the lights are a light set ([`LightSet::parse`]), gains go by their names.
     ///
     /// # Errors
     /// In words that name the light or the field.
@@ -62,7 +65,7 @@ impl LiveRequest {
             }
             None => {}
         }
-        let Json { world, static_light, interactive, with, .. } = json;
-        Ok(Self { lights, world, static_light, interactive, with, notes })
+        let Json { world, static_light, interactive, half, with, .. } = json;
+        Ok(Self { lights, world, static_light, interactive, half, with, notes })
     }
 }

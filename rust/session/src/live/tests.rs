@@ -1,7 +1,7 @@
 use super::units::Units;
 use super::view::{Delivered, View};
 use super::*;
-use crate::{Compute, LightSet, Maker, Monitor, ObjView, bake, obj_scene};
+use crate::{Compute, LightSet, Maker, Monitor, ObjView, With, bake, obj_scene};
 use glam::Vec3;
 use relume_dump::Dump;
 use relume_gather::{Gather, Half};
@@ -208,16 +208,51 @@ fn training_gives_a_proxy_that_stands_in_while_dragging() {
     assert!(!states(1.0), "a proxy that is there was trained again");
     assert!(states(2.0), "a longer training was not done");
 
-    let huge = LightShape::Sphere { center: Vec3::Z, radius: 3.0 };
-    settled(
-        &live,
-        live.relight(request(&[Light { name: "Huge".into(), ..crate::targets::unit_light(&huge) }])),
-    );
+    let sphere = |center: Vec3, radius: f32| LightShape::Sphere { center, radius };
+    for (name, shape, reason) in [
+        ("Huge", sphere(Vec3::Z, 3.0), "sizes of"),
+        ("Far", sphere(Vec3::new(0.0, 0.0, 40.0), 0.3), "places of"),
+    ] {
+        let light = Light { name: name.into(), ..crate::targets::unit_light(&shape) };
+        let frame = settled(&live, live.relight(request(&[light])));
+        assert_eq!(frame.shown.makers[name], Maker::GatherDenoised);
+        let warnings = live.status().warnings;
+        let said = |warning: &String| warning.contains(&format!("'{name}'")) && warning.contains(reason);
+        assert!(warnings.iter().any(said), "{warnings:?}");
+        let number = live.relight(LiveRequest { with: With::Proxy, ..request(&[lamp(0.0)]) });
+        settled(&live, number);
+        assert!(live.status().warnings.is_empty(), "what was said of another light stays");
+    }
+    let guess = LiveRequest { with: With::Proxy, ..request(&[lamp(40.0)]) };
+    settled(&live, live.relight(guess));
     let warnings = live.status().warnings;
-    assert!(
-        warnings.iter().any(|warning| warning.contains("'Huge'") && warning.contains("learned")),
-        "{warnings:?}"
-    );
+    assert!(warnings.iter().any(|warning| warning.contains("is a guess")), "{warnings:?}");
+}
+
+#[test]
+fn slow_drags_are_shown_at_half_size_and_what_is_still_at_the_full_one() {
+    let folder = tempfile::tempdir().unwrap();
+    bake(&room(160, 128), &settings(8), folder.path(), false, &Monitor::default()).unwrap();
+    let live = live(folder.path());
+    live.open(0.0).unwrap();
+    state(&live, LiveState::Ready);
+    // More than can be gathered in the time that a quick drag has.
+    let many = |shift: f32| -> Vec<Light> {
+        let lamp = |i: u16| Light { name: format!("Lamp {i}"), ..lamp(shift + f32::from(i) * 1e-3) };
+        (0..200).map(lamp).collect()
+    };
+    let dragged = |lights: &[Light], half| {
+        let number = live.relight(LiveRequest { interactive: true, half, ..request(lights) });
+        wait("a frame of the drag", || live.frame(0).filter(|frame| frame.shown.request == number))
+    };
+    let size = |frame: &Frame| (frame.shown.scale, frame.image.width, frame.image.height);
+    assert_eq!(size(&dragged(&many(0.0), None)), (1, 160, 128), "the first of a drag");
+    assert_eq!(size(&dragged(&many(0.3), None)), (2, 80, 64), "the next after a slow one");
+    assert_eq!(size(&dragged(&many(0.4), Some(false))), (1, 160, 128), "asked for");
+    assert_eq!(size(&settled(&live, live.relight(request(&[lamp(0.1)])))), (1, 160, 128), "still");
+    let quick = || (dragged(&[], None).shown.scale == 1).then_some(());
+    wait("the full size of quick drags", quick);
+    assert_eq!(size(&dragged(&[], Some(true))), (2, 80, 64), "asked for");
 }
 
 #[test]

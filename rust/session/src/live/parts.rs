@@ -1,0 +1,85 @@
+use super::LiveRequest;
+use super::view::View;
+use crate::relighter::{camera_only, too_narrow};
+use crate::{Proxies, With};
+use relume_proxy::LightKind;
+use relume_scene::Light;
+
+/// A part of the picture: a light as it is shown.
+pub(super) struct Part {
+    pub light: Light,
+    pub how: How,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum How {
+    /// Summed over the paths.
+    Gather,
+    /// By a proxy.
+    Proxy,
+    /// The light itself as the camera sees it, summed over the paths.
+    View,
+}
+
+/// The lights that give light, each with what shows it, and what there is to say about them.
+pub(super) fn parts(request: &LiveRequest, view: &View) -> (Vec<Part>, Vec<String>) {
+    let (mut parts, mut warnings) = (Vec::new(), request.notes.clone());
+    for light in request.lights.iter().filter(|light| light.radiance != [0.0; 3]) {
+        match part(light, request.with, view, &mut warnings) {
+            Ok(how) => {
+                if how == How::Proxy && light.lobes.camera != 0.0 && !view.passes.is_empty() {
+                    parts.push(Part { light: camera_only(light), how: How::View });
+                }
+                parts.push(Part { light: light.clone(), how });
+            }
+            Err(reason) => warnings.push(reason),
+        }
+    }
+    (parts, warnings)
+}
+
+fn part(light: &Light, with: With, view: &View, warnings: &mut Vec<String>) -> Result<How, String> {
+    let proxies = view.proxies.proxies();
+    let pass = view.passes.first();
+    let covering = proxies.covering(light);
+    if covering.is_some() && (with == With::Proxy || pass.is_none()) {
+        let guess = format!(
+            "light '{}' is outside of where its proxy has learned; what it shows is a guess",
+            light.name
+        );
+        warnings.extend(proxies.knowing(light).is_none().then_some(guess));
+        return Ok(How::Proxy);
+    }
+    let Some(pass) = pass else {
+        return Err(format!("light '{}': no proxy covers it, and there is no bake", light.name));
+    };
+    if with == With::Auto && proxies.knowing(light).is_some_and(|proxy| proxy.beats_gather(true)) {
+        return Ok(How::Proxy);
+    }
+    pass.gather().prepare(light).map_err(|error| error.to_string())?;
+    warnings.extend(outside_of_training(light, proxies));
+    warnings.extend(too_narrow(light, view.samples()));
+    Ok(How::Gather)
+}
+
+/// What to say of a light whose kind has a proxy that does not know it.
+fn outside_of_training(light: &Light, proxies: &Proxies) -> Option<String> {
+    let info = proxies.of(LightKind::of(&light.shape)?)?.proxy.info();
+    if proxies.knowing(light).is_some() {
+        return None;
+    }
+    let reason = if proxies.covering(light).is_none() {
+        let (min, max) = (info.size.min, info.size.max);
+        format!("sizes of {min:.2} to {max:.2} m, usual ray visibility, no light linking")
+    } else {
+        let range = |axis: usize| {
+            let [least, greatest] = info.trained_ranges[axis];
+            format!("{least:.2} to {greatest:.2}")
+        };
+        format!("places of x {}, y {}, z {} m", range(0), range(1), range(2))
+    };
+    Some(format!(
+        "light '{}' is not among what its proxy has learned ({reason}); it is summed from the samples, which is slower",
+        light.name
+    ))
+}
