@@ -12,6 +12,8 @@ struct Arguments {
     // Of the image, pixels.
     width: u32,
     height: u32,
+    // Number of the light in `lights` and `values`.
+    light: u32,
 }
 var<immediate> arguments: Arguments;
 
@@ -20,7 +22,7 @@ const ELSEWHERE = 0xffffffffu;
 // By place in the image: number in `pixels`, or ELSEWHERE for those of other chunks.
 @group(0) @binding(9) var<storage, read> numbers: array<u32>;
 @group(0) @binding(10) var<storage, read> cells: array<u32>;
-// RGB of the value and of each derivative, cell by cell.
+// RGB of the value and of each derivative; light by light, then cell by cell.
 @group(0) @binding(11) var<storage, read_write> values: array<f32>;
 
 @compute @workgroup_size(GROUP_SIZE)
@@ -45,7 +47,7 @@ fn add_slopes(
     reduce(thread);
     workgroupBarrier();
     if thread < 3u * OUTPUTS {
-        values[index * 3u * OUTPUTS + thread] += total(thread / 3u, thread % 3u, 0u);
+        values[(arguments.light * arguments.cells + index) * 3u * OUTPUTS + thread] += total(thread / 3u, thread % 3u, 0u);
     }
 }
 
@@ -63,7 +65,7 @@ fn add_pixel(pixel: u32, lane: u32, share: f32) {
 fn add_record(record: u32, shard: Shard, scale: f32) {
     let z_flags = z_flags_of(record);
     let is_escape = (z_flags & ESCAPED) != 0u;
-    let weight = factor(0u, z_flags) * scale;
+    let weight = factor(arguments.light, z_flags) * scale;
     if weight == 0.0 || (soft.kind == SUN && !is_escape) {
         return;
     }

@@ -75,17 +75,30 @@ impl Gpu {
         self.check()?;
         let free = self.free_memory() >> 20;
         self.memory().take(label, bytes)?;
+        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST;
+        match self.allocate(label, bytes, usage, free) {
+            Ok(raw) => Ok(Buffer { raw, len, bytes, memory: Arc::clone(self.memory()), values: PhantomData }),
+            Err(error) => {
+                self.memory().give_back(bytes);
+                Err(error)
+            }
+        }
+    }
+
+    /// A buffer of the driver; `free` says how many MiB of the budget are left, for its error.
+    fn allocate(
+        &self,
+        label: &str,
+        bytes: u64,
+        usage: wgpu::BufferUsages,
+        free: u64,
+    ) -> Result<wgpu::Buffer, GpuError> {
         let scope = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
-        let raw = self.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some(label),
-            size: bytes,
-            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST,
-            mapped_at_creation: false,
-        });
-        // Counted from here on: dropped with an error it is given back.
-        let buffer = Buffer { raw, len, bytes, memory: Arc::clone(self.memory()), values: PhantomData };
+        let descriptor =
+            wgpu::BufferDescriptor { label: Some(label), size: bytes, usage, mapped_at_creation: false };
+        let raw = self.device.create_buffer(&descriptor);
         match pollster::block_on(scope.pop()) {
-            None => self.check().map(|()| buffer),
+            None => self.check().map(|()| raw),
             Some(_) => {
                 let wanted = bytes.div_ceil(1 << 20);
                 Err(GpuError::OutOfMemory { what: label.to_owned(), wanted, free })
@@ -115,6 +128,16 @@ impl Gpu {
         }
     }
 
+    /// Waits until all that was written is on the device. What is written is held twice until the next submission, so that whoever
+    /// writes a lot should call this now and then.
+    ///
+    /// # Errors
+    /// As [`Gpu::check`].
+    pub fn flush_writes(&self) -> Result<(), GpuError> {
+        self.queue.submit([]);
+        self.wait()
+    }
+
     /// Copies values to the CPU, after all that has been submitted so far.
     ///
     /// # Errors
@@ -130,12 +153,9 @@ impl Gpu {
         self.check()?;
         let size = size_of::<T>() as u64;
         let (start, bytes) = (range.start as u64 * size, range.len() as u64 * size);
-        let staging = self.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("read back"),
-            size: bytes,
-            usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
-            mapped_at_creation: false,
-        });
+        // Memory of the CPU, where the budget does not count.
+        let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
+        let staging = self.allocate("read back", bytes, usage, self.free_memory() >> 20)?;
         let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         encoder.copy_buffer_to_buffer(&buffer.raw, start, &staging, 0, bytes);
         self.queue.submit([encoder.finish()]);

@@ -46,31 +46,28 @@ pub fn adapters() -> Vec<AdapterSummary> {
     sorted_adapters().iter().map(|adapter| AdapterSummary::new(&adapter.get_info())).collect()
 }
 
-pub(crate) fn choose(choice: &GpuChoice) -> Result<wgpu::Adapter, GpuError> {
+/// Those that a choice means, the best first; one at least.
+pub(crate) fn choose(choice: &GpuChoice) -> Result<Vec<wgpu::Adapter>, GpuError> {
     if *choice == GpuChoice::BestHardware && !has_hardware() {
         return Err(GpuError::NoAdapter);
     }
-    let mut adapters = sorted_adapters();
+    let adapters = sorted_adapters();
     if adapters.is_empty() {
         return Err(GpuError::NoAdapter);
     }
     let names: Vec<String> = adapters.iter().map(|adapter| adapter.get_info().name).collect();
-    let position = match choice {
-        GpuChoice::Best => Some(0),
-        GpuChoice::BestHardware => {
-            let hardware = |adapter: &wgpu::Adapter| adapter.get_info().device_type != wgpu::DeviceType::Cpu;
-            return adapters.into_iter().find(hardware).ok_or(GpuError::NoAdapter);
-        }
-        GpuChoice::Named(wanted) => {
-            names.iter().position(|name| name.to_lowercase().contains(&wanted.to_lowercase()))
-        }
+    let is_meant = |adapter: &wgpu::Adapter| match choice {
+        GpuChoice::Best => true,
+        GpuChoice::BestHardware => adapter.get_info().device_type != wgpu::DeviceType::Cpu,
+        GpuChoice::Named(wanted) => adapter.get_info().name.to_lowercase().contains(&wanted.to_lowercase()),
     };
-    match (position, choice) {
-        (Some(position), _) => Ok(adapters.swap_remove(position)),
-        (None, GpuChoice::Named(wanted)) => {
+    let meant: Vec<_> = adapters.into_iter().filter(is_meant).collect();
+    match (meant.is_empty(), choice) {
+        (false, _) => Ok(meant),
+        (true, GpuChoice::Named(wanted)) => {
             Err(GpuError::NotFound { wanted: wanted.clone(), found: names.join(", ") })
         }
-        (None, _) => Err(GpuError::NoAdapter),
+        (true, _) => Err(GpuError::NoAdapter),
     }
 }
 
@@ -80,21 +77,29 @@ fn has_hardware() -> bool {
     if !cfg!(target_os = "linux") {
         return true;
     }
-    /// Mesa and AMD, NVIDIA, and Windows' subsystem for Linux.
-    const NODES: [&str; 3] = ["/dev/dri/renderD128", "/dev/nvidiactl", "/dev/dxg"];
-    NODES.iter().any(|node| std::path::Path::new(node).exists())
+    let renders = |entry: std::io::Result<std::fs::DirEntry>| {
+        entry.is_ok_and(|entry| entry.file_name().to_string_lossy().starts_with("renderD"))
+    };
+    // Mesa and AMD, NVIDIA, and Windows' subsystem for Linux.
+    std::fs::read_dir("/dev/dri").is_ok_and(|mut nodes| nodes.any(renders))
+        || ["/dev/nvidiactl", "/dev/dxg"].iter().any(|node| std::path::Path::new(node).exists())
 }
 
 fn sorted_adapters() -> Vec<wgpu::Adapter> {
     let mut adapters = pollster::block_on(instance().enumerate_adapters(BACKENDS));
-    adapters.sort_by_key(|adapter| match adapter.get_info().device_type {
+    adapters.sort_by_key(|adapter| rank(adapter.get_info().device_type));
+    adapters
+}
+
+/// The lower, the better.
+pub(crate) fn rank(device_type: wgpu::DeviceType) -> u32 {
+    match device_type {
         wgpu::DeviceType::DiscreteGpu => 0,
         wgpu::DeviceType::IntegratedGpu => 1,
         wgpu::DeviceType::VirtualGpu => 2,
         wgpu::DeviceType::Other => 3,
         wgpu::DeviceType::Cpu => 4,
-    });
-    adapters
+    }
 }
 
 /// Never OpenGL: it makes its context current on the calling thread, which ends Blender.

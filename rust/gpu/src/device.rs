@@ -104,7 +104,14 @@ impl Gpu {
     }
 
     fn open_here(choice: &GpuChoice) -> Result<Arc<Self>, GpuError> {
-        let adapter = choose(choice)?;
+        let adapters = choose(choice)?;
+        let mut opened = adapters.iter().map(Self::open_adapter);
+        // The next best may do; if none does, what the best one lacks is said.
+        let best = opened.next().unwrap_or(Err(GpuError::NoAdapter));
+        best.or_else(|error| opened.find_map(Result::ok).ok_or(error))
+    }
+
+    fn open_adapter(adapter: &wgpu::Adapter) -> Result<Arc<Self>, GpuError> {
         let info = adapter.get_info();
         let unsuitable = |missing: String| GpuError::Unsuitable { adapter: info.name.clone(), missing };
         if let Some(missing) = missing(adapter.features(), &adapter.limits()) {
@@ -124,8 +131,8 @@ impl Gpu {
             .map_err(|error| unsuitable(error.to_string()))?;
         let trouble = Arc::new(Mutex::new(Trouble::default()));
         watch(&device, &trouble);
-        let memory = Arc::new(Memory { used: 0.into(), budget: default_budget(&adapter).into() });
-        let limits = limits(&adapter, features);
+        let memory = Arc::new(Memory { used: 0.into(), budget: default_budget(adapter).into() });
+        let limits = limits(adapter, features);
         let kernels = Mutex::default();
         let summary = AdapterSummary::new(&info);
         Ok(Arc::new(Self { device, queue, summary, limits, features, memory, trouble, kernels }))
@@ -288,6 +295,13 @@ fn default_budget(adapter: &wgpu::Adapter) -> u64 {
 }
 
 /// Bytes of the largest heap on the device itself; nothing where the back end does not say.
+#[cfg(target_vendor = "apple")]
+fn device_memory(_adapter: &wgpu::Adapter) -> Option<u64> {
+    None
+}
+
+/// Bytes of the largest heap on the device itself; nothing where the back end does not say.
+#[cfg(not(target_vendor = "apple"))]
 fn device_memory(adapter: &wgpu::Adapter) -> Option<u64> {
     // SAFETY: the handles are only asked a question, while the guard keeps the adapter alive.
     let properties = unsafe {

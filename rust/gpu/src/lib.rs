@@ -1,5 +1,6 @@
 //! A GPU of any vendor through `wgpu`: device, WGSL modules, buffers, read-back, timers. Knows nothing of light or
-//! networks; the crates of the stages bring their kernels' arguments, the WGSL is embedded from `shaders/`.
+//! networks; the crates of the stages bring their kernels' arguments, the WGSL is embedded from `shaders/`. One kernel that two
+//! of them need is here too: pictures compared with a target ([`CompareKernel`]).
 //!
 //! ```no_run
 //! # fn main() -> Result<(), relume_gpu::GpuError> {
@@ -22,6 +23,7 @@
 mod buffer;
 mod choice;
 mod commands;
+mod compare;
 mod device;
 mod error;
 mod kernel;
@@ -33,6 +35,7 @@ mod timer;
 pub use buffer::{Binding, Buffer};
 pub use choice::{AdapterSummary, GpuChoice, adapters};
 pub use commands::{Commands, Submission, fold};
+pub use compare::{CompareArguments, CompareKernel};
 pub use device::{Gpu, Limits};
 pub use error::GpuError;
 pub use kernel::{Bound, Kernel};

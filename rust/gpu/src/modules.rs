@@ -21,12 +21,14 @@ macro_rules! files {
 }
 
 files![
+    "common/compare",
     "common/packing",
     "gather/blocks",
     "gather/bounds",
     "gather/images",
     "gather/light",
     "gather/pixel",
+    "gather/pull",
     "gather/read",
     "gather/records",
     "gather/slopes",
@@ -36,7 +38,6 @@ files![
     "peak",
     "proxy/block",
     "proxy/collect",
-    "proxy/compare",
     "proxy/features",
     "proxy/grid",
     "proxy/infer",

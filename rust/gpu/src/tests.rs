@@ -152,19 +152,23 @@ fn a_constant_chooses_between_files() {
     assert!(error.contains("MATRICES") && error.contains("has no choice 2"), "{error}");
 }
 
+fn valid(name: &str, constants: &[(&str, u32)]) -> (naga::Module, naga::valid::ModuleInfo) {
+    let module = modules::validate(name, constants).unwrap_or_else(|error| panic!("{error}"));
+    let (flags, capabilities) = (naga::valid::ValidationFlags::all(), naga::valid::Capabilities::all());
+    let info = naga::valid::Validator::new(flags, capabilities).validate(&module).unwrap();
+    (module, info)
+}
+
 /// Software drivers have no cooperative matrices, and the compiler was seen to give up on such modules only when it writes them.
 #[test]
 fn every_entry_point_can_be_written_as_spirv() {
-    let capabilities = naga::valid::Capabilities::all();
     let mut entries = 0;
     let by_matrices = ["train/chains", "train/loss", "train/weights"].map(|name| (name, [("MATRICES", 1)]));
     let of_files = modules::FILES.iter().map(|(name, _)| (*name, &[][..]));
     for (name, constants) in
         of_files.chain(by_matrices.iter().map(|(name, constants)| (*name, &constants[..])))
     {
-        let module = modules::validate(name, constants).unwrap_or_else(|error| panic!("{error}"));
-        let mut validator = naga::valid::Validator::new(naga::valid::ValidationFlags::all(), capabilities);
-        let info = validator.validate(&module).unwrap();
+        let (module, info) = valid(name, constants);
         for entry in &module.entry_points {
             let options =
                 naga::back::spv::Options { lang_version: (1, 6), ..naga::back::spv::Options::default() };
@@ -178,4 +182,41 @@ fn every_entry_point_can_be_written_as_spirv() {
         }
     }
     assert!(entries > 10, "{entries}");
+}
+
+/// Metal's language and DirectX's; modules with cooperative matrices run only where the device says that it has them.
+#[test]
+fn every_module_can_be_written_for_metal_and_directx() {
+    use naga::back::{hlsl, msl};
+    let mut written = 0;
+    for (name, text) in modules::FILES {
+        let (module, info) = valid(name, &[]);
+        if module.entry_points.is_empty() {
+            continue;
+        }
+        let is_plain = !text.contains("wgpu_cooperative_matrix") && !name.ends_with("matrices");
+        let metal =
+            msl::Options { lang_version: (2, 4), fake_missing_bindings: true, ..msl::Options::default() };
+        let of_metal = msl::write_string(&module, &info, &metal, &msl::PipelineOptions::default());
+        assert!(of_metal.is_ok() || !is_plain, "{name} for Metal: {of_metal:?}");
+        let directx = hlsl::Options {
+            shader_model: hlsl::ShaderModel::V6_2,
+            fake_missing_bindings: true,
+            ..hlsl::Options::default()
+        };
+        let mut text = String::new();
+        let pipeline = hlsl::PipelineOptions::default();
+        let of_directx = hlsl::Writer::new(&mut text, &directx, &pipeline).write(&module, &info, None);
+        assert!(of_directx.is_ok() || !is_plain, "{name} for DirectX: {of_directx:?}");
+        written += usize::from(is_plain);
+    }
+    assert!(written > 20, "{written}");
+}
+
+#[test]
+fn discrete_cards_come_first_and_software_last() {
+    use wgpu::DeviceType::{Cpu, DiscreteGpu, IntegratedGpu, Other, VirtualGpu};
+    let mut types = [Cpu, Other, IntegratedGpu, VirtualGpu, DiscreteGpu];
+    types.sort_by_key(|device_type| choice::rank(*device_type));
+    assert_eq!(types, [DiscreteGpu, IntegratedGpu, VirtualGpu, Other, Cpu]);
 }

@@ -144,22 +144,23 @@ impl<'a> ViewObjective<'a> {
         };
         let of_before = 0.5 / mean_luminance(&before).max(f32::MIN_POSITIVE);
         new.terms = view.goals.iter().map(|goal| Term::new(goal, cells, &before, of_before)).collect();
-        new.comparison = new.own_comparison(problem)?;
+        new.comparison = new.own_comparison()?;
         Ok(new)
     }
 
     /// The comparison that a relighter makes itself, if the view asks for nothing but to look like one picture.
-    fn own_comparison(&self, problem: &Problem) -> Result<Option<Box<dyn Compare + 'a>>, OptimiseError> {
+    fn own_comparison(&self) -> Result<Option<Box<dyn Compare + 'a>>, OptimiseError> {
         let [Goal { aim: Aim::Target { image, exposure_invariant: false }, pixels: None, .. }] =
             self.view.goals
         else {
             return Ok(None);
         };
-        let all_move = self.still.iter().all(Option::is_none);
-        if !all_move || problem.views.len() > 1 || self.view.relight.cell() > 1 {
+        if self.still.iter().any(Option::is_some) {
             return Ok(None);
         }
-        Ok(self.view.relight.comparison(self.view.base, image, self.terms[0].exposure)?)
+        let relight = self.view.relight;
+        let target = Cells::new(relight.size(), relight.cell()).means(image);
+        Ok(relight.comparison(&self.base, &target, self.terms[0].exposure)?)
     }
 
     /// All cells.
@@ -299,7 +300,14 @@ impl<'a> ViewObjective<'a> {
     ) -> Result<(f64, Vec<LightGradient>), OptimiseError> {
         let cells = self.cells_of(draw);
         if let Some(comparison) = &self.comparison {
-            return Ok(comparison.gradient(&lights.iter().collect::<Vec<_>>(), &cells)?);
+            let moving: Vec<&Light> = lights.iter().collect();
+            if let Some((loss, mut by_light)) = comparison.gradient(&moving, softness, &cells)? {
+                let weight = self.terms[0].weight;
+                for (d_shape, d_radiance) in &mut by_light {
+                    d_shape.iter_mut().chain(d_radiance).for_each(|d| *d *= weight);
+                }
+                return Ok((f64::from(weight) * loss, by_light));
+            }
         }
         let units = self.linear_units(lights, softness, &cells)?;
         let comparisons = self.compare(lights, &units, draw);

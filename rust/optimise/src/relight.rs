@@ -1,4 +1,3 @@
-use relume_image::Image;
 use relume_scene::{LANES, Light};
 
 /// Whatever a relighter reports.
@@ -101,15 +100,15 @@ pub trait Relight: Sync {
     }
 
     /// Takes over the comparison with a target, if that is better done where the pictures are made: on a device, from which
-    /// they then need not come back. `base` and `target` are of [`Relight::size`], and what is compared is multiplied with
-    /// `exposure` before Reinhard's curve.
+    /// they then need not come back. `base` and `target` are of all cells, and what is compared is multiplied with `exposure` before
+    /// Reinhard's curve.
     ///
     /// # Errors
     /// Whatever the relighter reports.
     fn comparison<'a>(
         &'a self,
-        _base: &Image,
-        _target: &Image,
+        _base: &[[f32; 3]],
+        _target: &[[f32; 3]],
         _exposure: f32,
     ) -> Result<Option<Box<dyn Compare + 'a>>, RelightError> {
         Ok(None)
@@ -127,11 +126,17 @@ pub struct Picture {
 
 /// Compares a base with lights over it to a target.
 pub trait Compare: Sync {
-    /// The paper's equation 6 at some pixels, and its derivative by the lanes of each light's shape and by its radiance.
+    /// The paper's equation 6 at some cells, and its derivative by the lanes of each light's shape and by its radiance. Nothing if
+    /// the device cannot do it any more: then it is for whoever asks.
     ///
     /// # Errors
     /// Whatever the relighter reports.
-    fn gradient(&self, lights: &[&Light], pixels: &[u32]) -> Result<Compared, RelightError>;
+    fn gradient(
+        &self,
+        lights: &[&Light],
+        softness: f32,
+        cells: &[u32],
+    ) -> Result<Option<Compared>, RelightError>;
 }
 
 /// Loss, and its derivatives for each light.

@@ -6,7 +6,7 @@ use relume_image::metrics;
 /// A goal at the cells that it concerns.
 pub(crate) struct Term<'a> {
     aim: &'a Aim,
-    weight: f32,
+    pub(crate) weight: f32,
     /// What pictures are multiplied with: the paper's curve I / (1 + I) presumes moderate brightness, ours may be in any unit.
     pub(crate) exposure: f32,
     /// Numbers of the cells with a weight above 0.

@@ -27,6 +27,7 @@ pub fn solve(
     PyJob::start_with_preview(move |monitor, show| -> Result<_, NativeError> {
         on_threads(threads, || {
             let compute = device.open(gpu_memory)?;
+            compute.warn(monitor);
             let open = |folder: &PathBuf| Ok(Relighter::open(folder)?.on(&compute));
             let relighters = folders.iter().map(open).collect::<Result<Vec<_>, NativeError>>()?;
             let views: Vec<&Relighter> = relighters.iter().collect();

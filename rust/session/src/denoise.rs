@@ -5,7 +5,8 @@ use relume_gpu::Gpu;
 use relume_image::Image;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// A denoiser for pictures of one view, with its albedo and normals. The device starts when it is first needed.
+/// A denoiser for pictures of one view, with its albedo and normals. The device starts when it is first needed; where a GPU
+/// cannot do it or fails, the CPU does.
 pub struct Denoise {
     aovs: Aovs,
     /// PCI address of the GPU to denoise on, if the library knows it.
@@ -17,8 +18,20 @@ pub struct Denoise {
 
 enum Device {
     NotStarted,
-    Ready(Denoiser, DenoiseFeatures),
+    Ready(Ready),
     Missing(String),
+}
+
+struct Ready {
+    denoiser: Denoiser,
+    features: DenoiseFeatures,
+    is_gpu: bool,
+}
+
+impl Ready {
+    fn denoise(&self, images: &mut [Image], quality: DenoiseQuality) -> Result<(), DenoiseError> {
+        self.denoiser.denoise(images, &self.features, quality)
+    }
 }
 
 impl Denoise {
@@ -48,34 +61,80 @@ impl Denoise {
     /// # Errors
     /// If the denoiser fails.
     pub fn images(&self, images: &mut [Image], quality: DenoiseQuality) -> Result<(), SessionError> {
-        match &*self.started() {
-            Device::Ready(denoiser, features) => Ok(denoiser.denoise(images, features, quality)?),
-            _ => Ok(()),
+        let mut device = self.started();
+        let Device::Ready(ready) = &*device else { return Ok(()) };
+        if !ready.is_gpu {
+            return Ok(ready.denoise(images, quality)?);
         }
+        let noisy = images.to_vec();
+        if ready.denoise(images, quality).is_err() {
+            // The card was lost or is full: what has come back from it may be anything.
+            images.clone_from_slice(&noisy);
+            let on_cpu = self.start_on_cpu()?;
+            let result = on_cpu.denoise(images, quality);
+            *device = Device::Ready(on_cpu);
+            result?;
+        }
+        Ok(())
     }
 
     fn started(&self) -> MutexGuard<'_, Device> {
         let mut device = self.device.lock().unwrap_or_else(PoisonError::into_inner);
         if matches!(*device, Device::NotStarted) {
             *device = match self.start() {
-                Ok((denoiser, features)) => Device::Ready(denoiser, features),
+                Ok(ready) => Device::Ready(ready),
                 Err(error) => Device::Missing(error.to_string()),
             };
         }
         device
     }
 
-    fn start(&self) -> Result<(Denoiser, DenoiseFeatures), DenoiseError> {
-        let start = |device: &DenoiseDevice| {
-            let denoiser = Denoiser::new(device)?;
-            let features = match self.cleans {
-                true => denoiser.features(&self.aovs)?,
-                false => DenoiseFeatures::noisy(&self.aovs),
-            };
-            Ok((denoiser, features))
+    fn start(&self) -> Result<Ready, DenoiseError> {
+        let on_gpu = self.gpu.clone().and_then(|address| self.start_on(&DenoiseDevice::Gpu(address)).ok());
+        on_gpu.map_or_else(|| self.start_on_cpu(), Ok)
+    }
+
+    fn start_on_cpu(&self) -> Result<Ready, DenoiseError> {
+        self.start_on(&DenoiseDevice::Cpu(Some(rayon::current_num_threads())))
+    }
+
+    fn start_on(&self, device: &DenoiseDevice) -> Result<Ready, DenoiseError> {
+        let denoiser = Denoiser::new(device)?;
+        let features = match self.cleans {
+            true => denoiser.features(&self.aovs)?,
+            false => DenoiseFeatures::noisy(&self.aovs),
         };
-        let on_gpu = self.gpu.clone().and_then(|address| start(&DenoiseDevice::Gpu(address)).ok());
-        let threads = rayon::current_num_threads();
-        on_gpu.map_or_else(|| start(&DenoiseDevice::Cpu(Some(threads))), Ok)
+        Ok(Ready { denoiser, features, is_gpu: matches!(device, DenoiseDevice::Gpu(_)) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn aovs(width: usize, height: usize) -> Aovs {
+        let black = |channels: usize| Image::new(width, height, channels);
+        let (albedo, normal, emission, world) = (black(3), black(3), black(3), black(3));
+        Aovs { albedo, normal, emission, world, depth: black(1), alpha: black(1) }
+    }
+
+    #[test]
+    fn what_the_gpu_fails_on_the_cpu_denoises_and_goes_on() {
+        let broken = match Denoise::quick(&aovs(8, 8), None).start_on_cpu() {
+            Err(error @ DenoiseError::NotBuilt) => return println!("skipped: {error}"),
+            broken => broken.unwrap(),
+        };
+        let noise = |i: usize| (i * 2654435761 % 1000) as f32 / 1000.0;
+        let noisy = Image { data: (0..3 * 64 * 64).map(noise).collect(), ..Image::new(64, 64, 3) };
+        let denoise = Denoise::quick(&aovs(64, 64), None);
+        let mut expected = noisy.clone();
+        denoise.images(std::slice::from_mut(&mut expected), DenoiseQuality::Fast).unwrap();
+        assert_ne!(expected, noisy);
+
+        *denoise.device.lock().unwrap() = Device::Ready(Ready { is_gpu: true, ..broken });
+        let mut found = noisy.clone();
+        denoise.images(std::slice::from_mut(&mut found), DenoiseQuality::Fast).unwrap();
+        assert_eq!(found, expected);
+        assert!(matches!(&*denoise.device.lock().unwrap(), Device::Ready(Ready { is_gpu: false, .. })));
     }
 }

@@ -46,11 +46,14 @@ impl Device {
         };
         let again = Again { choice, memory };
         let may_fall_back = *self == Self::Auto;
-        let gpu = match again.open() {
-            Err(_) if may_fall_back => return Ok(Compute::default()),
-            gpu => gpu?,
-        };
-        Ok(Compute { gpu: Some(gpu), may_fall_back, again: Some(again) })
+        match again.open() {
+            Ok(gpu) => Ok(Compute { gpu: Some(gpu), may_fall_back, again: Some(again), passed_over: None }),
+            Err(GpuError::NoAdapter) if may_fall_back => Ok(Compute::default()),
+            Err(error) if may_fall_back => {
+                Ok(Compute { passed_over: Some(error.to_string()), ..Compute::default() })
+            }
+            Err(error) => Err(error.into()),
+        }
     }
 }
 
@@ -77,6 +80,8 @@ pub struct Compute {
     pub gpu: Option<Arc<Gpu>>,
     /// Whether the CPU may go on where the GPU fails.
     pub may_fall_back: bool,
+    /// Why the CPU does it all although there is a GPU.
+    passed_over: Option<String>,
     /// None if it cannot be opened again.
     again: Option<Again>,
 }
@@ -84,7 +89,12 @@ pub struct Compute {
 impl Compute {
     /// A device that somebody else has opened, and opens again if it is lost.
     pub fn with(gpu: Arc<Gpu>, may_fall_back: bool) -> Self {
-        Self { gpu: Some(gpu), may_fall_back, again: None }
+        Self { gpu: Some(gpu), may_fall_back, ..Self::default() }
+    }
+
+    /// Tells the user why the CPU does it all although there is a GPU, if that is so.
+    pub fn warn(&self, monitor: &Monitor) {
+        self.passed_over.iter().for_each(|reason| monitor.warn(&format!("{reason}. The CPU does it")));
     }
 
     /// Does some work here. If the GPU was lost, it is opened anew and the work is done again, once; if it fails all the same, and

@@ -1,7 +1,9 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use relume_gather::{Environment, Gather, GatherError, GpuGather, Half, Linear, SoftGather};
+use relume_gather::{
+    Environment, Gather, GatherError, GpuGather, Half, Linear, SoftCompared, SoftGather, Wanted,
+};
 use relume_gpu::Gpu;
 use relume_image::Image;
 use relume_scene::Light;
@@ -82,6 +84,23 @@ impl DeviceGather {
         };
         let linear = self.on_gpu.attempt(compute, monitor, |gpu| self.put_on(gpu), work)?.flatten();
         linear.map_or_else(|| Ok(soft.linearise(light, softness, cells)?), Ok)
+    }
+
+    /// [`GpuGather::compare`]; nothing where the CPU has to do it.
+    pub fn compare(
+        &self,
+        soft: &SoftGather,
+        (lights, softness): (&[&Light], f32),
+        cells: &[u32],
+        wanted: &Wanted,
+        compute: &Compute,
+        monitor: &Monitor,
+    ) -> Result<Option<SoftCompared>, SessionError> {
+        let work = |on_gpu: &GpuGather| match on_gpu.is_resident() {
+            true => on_gpu.compare(soft, lights, softness, cells, wanted).map(Some),
+            false => Ok(None),
+        };
+        Ok(self.on_gpu.attempt(compute, monitor, |gpu| self.put_on(gpu), work)?.flatten())
     }
 
     fn put_on(&self, gpu: Arc<Gpu>) -> Result<GpuGather, GatherError> {

@@ -92,8 +92,9 @@ pub struct TrainReport {
     pub measured: Option<Measured>,
 }
 
-/// Seconds between checkpoints.
+/// Time between checkpoints: a graphics card does more in it, and may be lost at any time.
 const CHECKPOINT: Duration = Duration::from_secs(60);
+const CHECKPOINT_OF_GPU: Duration = Duration::from_secs(10);
 /// Times that the held-out error is measured on the way.
 const CURVE_POINTS: f64 = 10.0;
 /// Steps of the progress report.
@@ -115,14 +116,22 @@ pub fn train(
     compute: &Compute,
     monitor: &Monitor,
 ) -> Result<TrainReport, SessionError> {
-    let mut saved = false;
+    let mut kept = Kept::default();
     compute.attempt(monitor, " from the last checkpoint", |compute| {
-        let resume = resume || saved;
-        train_on(compute, bake, out, settings, resume, monitor, &mut saved)
+        let resume = resume || kept.has_checkpoint;
+        train_on(compute, bake, out, settings, resume, monitor, &mut kept)
     })
 }
 
-/// [`train`] without another try. `saved` says afterwards whether there is a checkpoint of this training.
+/// What is left of a try that failed.
+#[derive(Default)]
+struct Kept {
+    has_checkpoint: bool,
+    /// Time of training up to it.
+    trained: Duration,
+}
+
+/// [`train`] without another try. `kept` is of the one before, and afterwards of this one.
 fn train_on(
     compute: &Compute,
     bake: &Path,
@@ -130,7 +139,7 @@ fn train_on(
     settings: &TrainSettings,
     resume: bool,
     monitor: &Monitor,
-    saved: &mut bool,
+    kept: &mut Kept,
 ) -> Result<TrainReport, SessionError> {
     let dump = Dump::open(bake)?;
     if let Some((tile, pass)) = dump.missing().first() {
@@ -170,9 +179,11 @@ fn train_on(
         None => trainer,
     };
     let samples_before = trainer.samples();
-    let (trained, filled) = (Duration::ZERO, Duration::ZERO);
+    let (trained, filled) = (kept.trained, Duration::ZERO);
     let curve = Vec::new();
-    let mut run = Run { trainer, settings, out, state, trained, filled, curve, samples_before, saved };
+    let checkpoint = if compute.gpu.is_some() { CHECKPOINT_OF_GPU } else { CHECKPOINT };
+    let mut run =
+        Run { trainer, settings, out, state, checkpoint, trained, filled, curve, samples_before, kept };
     run.steps(&training, &held_out, monitor)?;
     // The last figures belong to the last weights, wherever the training was interrupted.
     if settings.half_for_measuring && run.trainer.done() {
@@ -242,14 +253,15 @@ struct Run<'a> {
     settings: &'a TrainSettings,
     out: &'a Path,
     state: PathBuf,
+    /// Time between checkpoints.
+    checkpoint: Duration,
     trained: Duration,
     /// The part of `trained` before the first batch, when the pool of denoised images was filled.
     filled: Duration,
     curve: Vec<CurvePoint>,
     /// Samples that an interrupted run had done.
     samples_before: u64,
-    /// Whether this training has left a checkpoint.
-    saved: &'a mut bool,
+    kept: &'a mut Kept,
 }
 
 impl Run<'_> {
@@ -282,7 +294,7 @@ impl Run<'_> {
                 next_measure += 1.0 / CURVE_POINTS;
                 self.add_curve_point(held_out, &stage)?;
             }
-            if saved.elapsed() > CHECKPOINT {
+            if saved.elapsed() > self.checkpoint {
                 self.save()?;
                 saved = Instant::now();
             }
@@ -335,7 +347,7 @@ impl Run<'_> {
             std::fs::remove_file(&measured).map_err(SessionError::io("remove", &measured))?;
         }
         self.trainer.save(&self.state)?;
-        *self.saved = true;
+        *self.kept = Kept { has_checkpoint: true, trained: self.trained };
         Ok(self.trainer.proxy()?.save(&proxy_path(self.out, self.settings.kind))?)
     }
 }

@@ -204,6 +204,34 @@ fn lights_solved_on_the_gpu_are_those_of_the_cpu() {
     }
 }
 
+#[test]
+fn a_solve_on_a_lost_gpu_is_done_by_the_cpu_or_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    baked(folder.path());
+    trained(folder.path(), folder.path(), LightKind::Sphere);
+    let cpu = Relighter::open(folder.path()).unwrap();
+    let options = RelightOptions { with: With::Gather, denoise: false };
+    let target = cpu.relight(&[sphere("Hidden", 0.2)], &options, &Monitor::default()).unwrap().combined();
+    let pictures = Pictures::named(HashMap::from([("target".into(), target)]));
+    for through in ["gather", "proxy"] {
+        let request = SolveRequest::parse(&format!(
+            r#"{{"add": {{"count": 1}}, "goals": [{{"goal": "target", "image": "target"}}], "through": "{through}",
+                "starts": 1, "candidates": 1, "steps": 10, "polish": 1}}"#
+        ));
+        let solve = |relighter: &Relighter| {
+            solve_lights(&[relighter], request.as_ref().unwrap(), &pictures, &Monitor::default(), &|_| ())
+        };
+        let on_lost = |may_fall_back| {
+            let lost = Gpu::open(&GpuChoice::Best).unwrap();
+            lost.lose();
+            solve(&Relighter::open(folder.path()).unwrap().on(&Compute::with(lost, may_fall_back)))
+        };
+        assert_eq!(on_lost(true).unwrap().lights, solve(&cpu).unwrap().lights, "{through}");
+        let error = on_lost(false).unwrap_err().to_string();
+        assert!(error.contains("the GPU was lost"), "{through}: {error}");
+    }
+}
+
 /// Does something once a training has got so far, in thousandths.
 struct At<F>(u64, F, Warnings);
 

@@ -32,6 +32,8 @@ pub struct Context<'a> {
 impl Context<'_> {
     /// The device of `--device`, opened.
     fn compute(&self) -> anyhow::Result<Compute> {
-        Ok(self.global.device.open(self.global.gpu_memory.map(|mebibytes| mebibytes << 20))?)
+        let compute = self.global.device.open(self.global.gpu_memory.map(|mebibytes| mebibytes << 20))?;
+        compute.warn(self.monitor);
+        Ok(compute)
     }
 }

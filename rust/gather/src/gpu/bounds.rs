@@ -154,6 +154,11 @@ mod tests {
     use crate::tests::kernels::{random_dump_of, random_lights};
 
     #[test]
+    fn bounds_have_the_layout_of_their_wgsl_twin() {
+        relume_gpu::assert_mirror!(Bounds as "gather/bounds", "Bounds", { start, end });
+    }
+
+    #[test]
     fn a_block_that_no_light_touches_has_no_segment_that_crosses_it() {
         let gather = Gather::new(random_dump_of(16, &[5, 9]));
         let (dump, frame) = (gather.dump(), Frame::new(gather.dump()));

@@ -10,6 +10,9 @@ use crate::Half;
 /// Bytes of a record on the device.
 pub const RECORD_BYTES: u64 = 12;
 
+/// Bytes of records on their way to the device.
+const MOST_PENDING: u64 = 64 << 20;
+
 /// Shards, or pieces of them, that are gathered in one run, those of a tile side by side.
 #[derive(Clone, Debug, Default)]
 pub struct ChunkPlan {
@@ -104,12 +107,14 @@ impl ChunkRecords {
 
     /// Replaces the records, once the device has done what was submitted before.
     pub fn write(&self, gpu: &Gpu, plan: &ChunkPlan) {
-        for piece in &plan.pieces {
-            let (shard, records) = (&piece.shard, piece.records());
-            gpu.write(&self.xy, piece.first, &shard.position_xy()[records.clone()]);
-            gpu.write(&self.z_flags, piece.first, &shard.position_z_flags()[records.clone()]);
-            gpu.write(&self.throughput, piece.first, &shard.throughput()[records]);
-        }
+        plan.pieces.iter().for_each(|piece| self.write_piece(gpu, piece));
+    }
+
+    fn write_piece(&self, gpu: &Gpu, piece: &Piece) {
+        let (shard, records) = (&piece.shard, piece.records());
+        gpu.write(&self.xy, piece.first, &shard.position_xy()[records.clone()]);
+        gpu.write(&self.z_flags, piece.first, &shard.position_z_flags()[records.clone()]);
+        gpu.write(&self.throughput, piece.first, &shard.throughput()[records]);
     }
 }
 
@@ -244,7 +249,15 @@ pub struct Chunk {
 impl Chunk {
     pub fn new(gpu: &Gpu, plan: ChunkPlan) -> Result<Self, GpuError> {
         let records = ChunkRecords::new(gpu, plan.records)?;
-        records.write(gpu, &plan);
+        let mut pending = 0;
+        for piece in &plan.pieces {
+            records.write_piece(gpu, piece);
+            pending += piece.records().len() as u64 * RECORD_BYTES;
+            if pending > MOST_PENDING {
+                gpu.flush_writes()?;
+                pending = 0;
+            }
+        }
         Ok(Self { plan, records, tables: Default::default(), numbers: OnceLock::new() })
     }
 

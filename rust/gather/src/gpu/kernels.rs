@@ -1,7 +1,7 @@
 use std::collections::HashMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-use relume_gpu::{Gpu, GpuError, Kernel};
+use relume_gpu::{CompareKernel, Gpu, GpuError, Kernel};
 
 use crate::soft::OUTPUTS;
 
@@ -17,7 +17,18 @@ const SLOPES: &str = "gather/slopes";
 
 /// The kernels, each compiled when first asked for.
 #[derive(Debug, Default)]
-pub struct Kernels(Mutex<HashMap<Key, Arc<Kernel>>>);
+pub struct Kernels {
+    known: Mutex<HashMap<Key, Arc<Kernel>>>,
+    compare: OnceLock<CompareKernels>,
+}
+
+/// From what `slopes.wgsl` leaves to a loss and the gradients by lights.
+#[derive(Debug)]
+pub struct CompareKernels {
+    pub compare: CompareKernel,
+    /// `shaders/gather/pull.wgsl`.
+    pub pull: Kernel,
+}
 
 /// Module, lights, and threads of a pixel.
 type Key = (&'static str, usize, Option<u32>);
@@ -48,8 +59,17 @@ impl Kernels {
         self.get(gpu, "add_slopes", (SLOPES, OUTPUTS, Some(pixel_lanes)))
     }
 
+    pub fn compare(&self, gpu: &Gpu) -> Result<&CompareKernels, GpuError> {
+        if let Some(kernels) = self.compare.get() {
+            return Ok(kernels);
+        }
+        let compare = CompareKernel::new(gpu, 1, 3 * OUTPUTS)?;
+        let kernels = CompareKernels { compare, pull: gpu.kernel("gather/pull", "pull_back", &[])? };
+        Ok(self.compare.get_or_init(|| kernels))
+    }
+
     fn get(&self, gpu: &Gpu, entry: &str, key: Key) -> Result<Arc<Kernel>, GpuError> {
-        let mut kernels = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut kernels = self.known.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(kernel) = kernels.get(&key) {
             return Ok(Arc::clone(kernel));
         }

@@ -13,6 +13,7 @@
 pub(crate) mod bench;
 mod bounds;
 mod chunk;
+mod compare;
 mod kernels;
 mod light;
 mod soft;
@@ -29,6 +30,7 @@ use relume_image::Image;
 use crate::kernel::magnitude;
 use crate::{Gather, GatherError, Half, PreparedLight};
 use chunk::{Chunk, ChunkPlan, ChunkRecords, ChunkTable, RECORD_BYTES};
+pub use compare::{SoftCompared, Wanted};
 use kernels::{GROUP_SIZE, Kernels, LIGHTS, SORTED_LIGHTS, lanes};
 pub use light::{GpuLight, GpuLights, Receivers};
 use sorted::Sorted;

@@ -1,12 +1,14 @@
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
+use relume_gpu::{Buffer, Commands};
 use relume_scene::Light;
 
+use super::chunk::Chunk;
 use super::kernels::{GROUP_SIZE, lanes};
 use super::{GpuGather, GpuLight};
 use crate::soft::OUTPUTS;
 use crate::soft::light::{ConeSlope, Enlarged, SoftBall, SoftCone, SoftLight, SoftProfile};
-use crate::{GatherError, Half, Linear, SoftGather};
+use crate::{GatherError, Half, Linear, PreparedLight, SoftGather};
 
 /// Room for rounding of what a light reaches, as a share of its size and of the largest coordinate.
 const REACH_ROUNDING: f32 = 1e-5;
@@ -46,6 +48,9 @@ struct GpuSoftLight {
     reach2: f32,
     unused: [u32; 2],
 }
+
+/// A light's value at a cell, then its derivatives by the lanes of its shape; RGB.
+pub(super) type Outputs = [[f32; 3]; OUTPUTS];
 
 impl From<&Enlarged> for GpuEnlarged {
     fn from(of: &Enlarged) -> Self {
@@ -113,31 +118,57 @@ impl GpuGather {
         cells: &[u32],
     ) -> Result<Linear, GatherError> {
         let light = soft.soften(light, softness, cells)?;
-        let chunks = self.resident.as_ref().ok_or(GatherError::NotResident)?;
-        let kind = GpuLight::new(&light.exact, self.magnitude, 0).kind;
-        let smoothed = [GpuSoftLight::new(&light, kind, self.magnitude)];
-        let smoothed = self.gpu.buffer_of("smoothed light", &smoothed)?;
-        let lights = self.lights(std::slice::from_ref(&light.exact))?;
-        let on_device = self.gpu.buffer_of("cells", cells)?;
-        let values = self.gpu.zeros::<[[f32; 3]; OUTPUTS]>("values of cells", cells.len())?;
-        let manifest = self.dump.manifest();
-        let (columns, edge) = (soft.cells().0, soft.edge);
-        let arguments =
-            [cells.len(), columns, edge, manifest.width, manifest.height].map(|number| number as u32);
+        self.resident_chunks()?;
         let mut commands = self.gpu.commands("smoothed gather");
+        let on_device = self.gpu.buffer_of("cells", cells)?;
+        let values = self.add_slopes(&mut commands, soft, &[light], &on_device)?;
+        commands.submit()?;
+        Ok(Linear::new(&self.gpu.read(&values, 0..cells.len())?))
+    }
+
+    /// Smoothed lights are gathered from these alone.
+    ///
+    /// # Errors
+    /// [`GatherError::NotResident`] if the dump is streamed.
+    pub(super) fn resident_chunks(&self) -> Result<&[Chunk], GatherError> {
+        self.resident.as_deref().ok_or(GatherError::NotResident)
+    }
+
+    /// Appends values and derivatives of some lights at some cells: light by light, then cell by cell.
+    pub(super) fn add_slopes(
+        &self,
+        commands: &mut Commands<'_>,
+        soft: &SoftGather<'_>,
+        softened: &[SoftLight],
+        cells: &Buffer<u32>,
+    ) -> Result<Buffer<Outputs>, GatherError> {
+        let chunks = self.resident_chunks()?;
+        let values = self.gpu.zeros::<Outputs>("values of cells", softened.len() * cells.len())?;
+        let exact: Vec<PreparedLight> = softened.iter().map(|light| light.exact.clone()).collect();
+        let lights = self.lights(&exact)?;
+        let smoothed = |light: &SoftLight| {
+            let kind = GpuLight::new(&light.exact, self.magnitude, 0).kind;
+            self.gpu.buffer_of("smoothed light", &[GpuSoftLight::new(light, kind, self.magnitude)])
+        };
+        let smoothed = softened.iter().map(smoothed).collect::<Result<Vec<_>, _>>()?;
+        let manifest = self.dump.manifest();
         for chunk in chunks {
             let table = chunk.table(&self.gpu, &self.dump, Half::All)?;
             let numbers = chunk.numbers(&self.gpu, &self.dump)?;
             // A record a thread, where parts are long enough: those of the exact gather take eight.
             let pixel_lanes = lanes(8 * table.part_length).min(GROUP_SIZE);
             let kernel = self.kernels.slopes(&self.gpu, pixel_lanes)?;
-            let mut bindings = vec![lights.lights.whole(), lights.receivers.whole()];
-            bindings.extend(table.bindings_and_shards(&chunk.records));
-            bindings.extend([smoothed.whole(), numbers.whole(), on_device.whole(), values.whole()]);
-            commands.run(&kernel.bind(&bindings)?, cells.len() as u32, bytemuck::bytes_of(&arguments));
+            for (number, smoothed) in smoothed.iter().enumerate() {
+                let mut bindings = vec![lights.lights.whole(), lights.receivers.whole()];
+                bindings.extend(table.bindings_and_shards(&chunk.records));
+                bindings.extend([smoothed.whole(), numbers.whole(), cells.whole(), values.whole()]);
+                let (columns, edge) = (soft.cells().0, soft.edge);
+                let arguments = [cells.len(), columns, edge, manifest.width, manifest.height, number];
+                let arguments = arguments.map(|number| number as u32);
+                commands.run(&kernel.bind(&bindings)?, cells.len() as u32, bytemuck::bytes_of(&arguments));
+            }
         }
-        commands.submit()?;
-        Ok(Linear::new(&self.gpu.read(&values, 0..cells.len())?))
+        Ok(values)
     }
 }
 

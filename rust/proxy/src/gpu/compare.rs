@@ -1,12 +1,9 @@
-use relume_gpu::Buffer;
+use relume_gpu::{Buffer, CompareArguments, CompareKernel};
 
 use super::gradient::{GradientKernels, LightGradient};
 use super::proxy::{GpuProxy, Shared, grow};
 use crate::proxy::check_length;
 use crate::{LightParams, ProxyError};
-
-/// Pixels of a workgroup of `compare.wgsl`.
-const GROUP: usize = 64;
 
 /// A picture to be matched, on the device of a proxy: steps of a light optimiser without pictures coming back.
 #[derive(Debug)]
@@ -15,17 +12,6 @@ pub struct GpuComparison<'a> {
     base: Buffer<f32>,
     target: Buffer<f32>,
     exposure: f32,
-}
-
-/// Arguments of `compare`.
-#[derive(Clone, Copy, bytemuck::NoUninit)]
-#[repr(C)]
-struct CompareArguments {
-    count: u32,
-    lights: u32,
-    exposure: f32,
-    share: f32,
-    losses: u32,
 }
 
 impl GpuProxy {
@@ -91,14 +77,15 @@ impl GpuComparison<'_> {
         let (proxy, count) = (self.proxy, pixels.len());
         grow(proxy.gpu(), &mut shared.units, 3 * count * lights)?;
         let gradients = lights * proxy.gradient_len();
-        let groups = count.div_ceil(GROUP);
+        let losses = CompareKernel::losses(count);
         let d_picture = proxy.gpu().zeros("gradient by a picture", 3 * count)?;
-        let results = proxy.gpu().zeros("loss and gradients", gradients + groups)?;
+        let results = proxy.gpu().zeros("loss and gradients", gradients + losses)?;
 
         let mut commands = proxy.gpu().commands("light step");
         proxy.add_pixels(&mut commands, shared, pixels)?;
         proxy.add_units(&mut commands, shared, lights, count)?;
-        let bound = GradientKernels::of(&mut shared.gradient, proxy)?.compare.bind(&[
+        let kernels = GradientKernels::of(&mut shared.gradient, proxy)?;
+        let buffers = [
             shared.lights.whole(),
             shared.pixels.whole(),
             shared.units.whole(),
@@ -106,7 +93,7 @@ impl GpuComparison<'_> {
             self.target.whole(),
             d_picture.whole(),
             results.whole(),
-        ])?;
+        ];
         let arguments = CompareArguments {
             count: count as u32,
             lights: lights as u32,
@@ -114,9 +101,9 @@ impl GpuComparison<'_> {
             share,
             losses: gradients as u32,
         };
-        commands.run(&bound, groups as u32, bytemuck::bytes_of(&arguments));
+        kernels.compare.add(&mut commands, &buffers, &arguments)?;
         proxy.add_gradients(&mut commands, shared, lights, count, &d_picture, &results)?;
         commands.submit()?;
-        Ok(proxy.gpu().read(&results, 0..gradients + groups)?)
+        Ok(proxy.gpu().read(&results, 0..gradients + losses)?)
     }
 }

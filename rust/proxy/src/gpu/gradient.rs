@@ -1,4 +1,4 @@
-use relume_gpu::{Binding, Buffer, Commands, Gpu, Kernel};
+use relume_gpu::{Binding, Buffer, Commands, CompareKernel, Gpu, Kernel};
 
 use super::proxy::{GpuProxy, Shared, grow};
 use crate::proxy::check_length;
@@ -14,7 +14,7 @@ const LAST: usize = 12;
 pub(super) struct GradientKernels {
     gradient: Kernel,
     add_up: Kernel,
-    pub compare: Kernel,
+    pub compare: CompareKernel,
     kept: Buffer<f32>,
     sums: Buffer<f32>,
 }
@@ -151,13 +151,25 @@ impl GradientKernels {
             ("PIXEL_BLOCKS", (proxy.threads() / row_blocks) as u32),
             ("ROW_BLOCKS", row_blocks as u32),
         ];
-        let light_quads = [("LIGHT_QUADS", (proxy.light_len() / 4) as u32)];
         Ok(Self {
             gradient: gpu.kernel("proxy/light_gradient", "light_gradient", &proxy.constants())?,
             add_up: gpu.kernel("proxy/light_sums", "light_sums", &sizes)?,
-            compare: gpu.kernel("proxy/compare", "compare", &light_quads)?,
+            compare: CompareKernel::new(gpu, proxy.light_len() / 4, 3)?,
             kept: gpu.zeros("activations of a proxy", 1)?,
             sums: gpu.zeros("gradients of a proxy", 1)?,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn arguments_have_the_layout_of_their_wgsl_twins() {
+        relume_gpu::assert_mirror!(GradientArguments as "proxy/light_gradient", "Arguments", {
+            count, groups, lights,
+        });
+        relume_gpu::assert_mirror!(SumArguments as "proxy/light_sums", "Arguments", { groups, lights });
     }
 }

@@ -400,3 +400,14 @@ pub(super) fn grow<T: bytemuck::NoUninit>(
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn arguments_have_the_layout_of_their_wgsl_twins() {
+        relume_gpu::assert_mirror!(CollectArguments as "proxy/collect", "Arguments", { count, first, end });
+        relume_gpu::assert_mirror!(InferArguments as "proxy/infer", "Arguments", { count, lights });
+    }
+}

@@ -83,7 +83,10 @@ impl Painter {
 
     fn paint_until_closed(&mut self) {
         match self.options.device.open(self.options.gpu_memory) {
-            Ok(compute) => self.compute = compute,
+            Ok(compute) => {
+                compute.warn(&self.monitor);
+                self.compute = compute;
+            }
             Err(error) => self.monitor.warn(&format!("{error}; pictures are made on the CPU")),
         }
         let device = self.device_in_words();

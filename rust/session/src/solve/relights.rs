@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use relume_dump::Aovs;
-use relume_gather::{DenoiseQuality, Gather, Half, SoftGather, relight};
+use relume_gather::{DenoiseQuality, Gather, Half, SoftGather, Wanted, relight};
 use relume_image::Image;
 use relume_optimise::{Compare, Compared, Linear, Picture, Relight, RelightError};
 use relume_proxy::{GpuComparison, GpuProxy, LightKind, LightParams, Proxy};
@@ -77,25 +77,27 @@ impl Relight for ProxyRelight<'_> {
 
     fn comparison<'a>(
         &'a self,
-        base: &Image,
-        target: &Image,
+        base: &[[f32; 3]],
+        target: &[[f32; 3]],
         exposure: f32,
     ) -> Result<Option<Box<dyn Compare + 'a>>, RelightError> {
         let [(_, Some(proxy))] = &self.kinds[..] else { return Ok(None) };
-        Ok(Some(Box::new(GpuCompare(proxy.comparison(&base.data, &target.data, exposure)?))))
+        let comparison = proxy.comparison(base.as_flattened(), target.as_flattened(), exposure)?;
+        Ok(Some(Box::new(ProxyCompare(comparison))))
     }
 }
 
-/// Pictures compared on the GPU.
-struct GpuCompare<'a>(GpuComparison<'a>);
+/// A proxy's pictures compared on the GPU.
+struct ProxyCompare<'a>(GpuComparison<'a>);
 
-impl Compare for GpuCompare<'_> {
-    fn gradient(&self, lights: &[&Light], pixels: &[u32]) -> Result<Compared, RelightError> {
+impl Compare for ProxyCompare<'_> {
+    fn gradient(&self, lights: &[&Light], _: f32, pixels: &[u32]) -> Result<Option<Compared>, RelightError> {
         let params = |light: &&Light| Ok((ProxyRelight::params(light)?, light.radiance));
         let lights = lights.iter().map(params).collect::<Result<Vec<_>, RelightError>>()?;
         let (loss, gradients) = self.0.gradient(&lights, pixels)?;
         let by_light = lights.iter().zip(gradients);
-        Ok((loss, by_light.map(|((params, _), g)| (by_lane(params, &g.params), g.radiance)).collect()))
+        let by_light = by_light.map(|((params, _), g)| (by_lane(params, &g.params), g.radiance));
+        Ok(Some((loss, by_light.collect())))
     }
 }
 
@@ -257,15 +259,20 @@ impl<'a> GatherRelight<'a> {
         self.units.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A smoothed light's values and derivatives: of few paths while it is soft.
+    /// What a light of this softness is gathered from: few paths while it is soft.
+    fn soft(&self, softness: f32) -> &Soft<'a> {
+        let few = self.few.iter().find(|(from, _)| softness >= *from);
+        few.map_or(&self.soft, |(_, few)| few)
+    }
+
+    /// A smoothed light's values and derivatives.
     fn slopes(
         &self,
         light: &Light,
         softness: f32,
         cells: &[u32],
     ) -> Result<relume_gather::Linear, SessionError> {
-        let few = self.few.iter().find(|(from, _)| softness >= *from);
-        let Soft(gather, soft) = few.map_or(&self.soft, |(_, few)| few);
+        let Soft(gather, soft) = self.soft(softness);
         gather.linearise(soft, (light, softness), cells, self.relighter.compute(), self.monitor)
     }
 }
@@ -328,6 +335,43 @@ impl Relight for GatherRelight<'_> {
     fn linearise(&self, light: &Light, softness: f32, cells: &[u32]) -> Result<Option<Linear>, RelightError> {
         let linear = self.slopes(light, softness, cells)?;
         Ok(Some(Linear { values: linear.values, slopes: linear.slopes }))
+    }
+
+    fn comparison<'b>(
+        &'b self,
+        base: &[[f32; 3]],
+        target: &[[f32; 3]],
+        exposure: f32,
+    ) -> Result<Option<Box<dyn Compare + 'b>>, RelightError> {
+        if self.relighter.compute().gpu.is_none() {
+            return Ok(None);
+        }
+        let (base, target) = (base.to_vec(), target.to_vec());
+        Ok(Some(Box::new(GatherCompare { relight: self, base, target, exposure })))
+    }
+}
+
+/// Smoothed lights' pictures compared on the GPU.
+struct GatherCompare<'a> {
+    relight: &'a GatherRelight<'a>,
+    base: Vec<[f32; 3]>,
+    target: Vec<[f32; 3]>,
+    exposure: f32,
+}
+
+impl Compare for GatherCompare<'_> {
+    fn gradient(
+        &self,
+        lights: &[&Light],
+        softness: f32,
+        cells: &[u32],
+    ) -> Result<Option<Compared>, RelightError> {
+        let GatherRelight { relighter, monitor, .. } = self.relight;
+        let Soft(gather, soft) = self.relight.soft(softness);
+        let at = |image: &[[f32; 3]]| cells.iter().map(|cell| image[*cell as usize]).collect::<Vec<_>>();
+        let (base, target) = (at(&self.base), at(&self.target));
+        let wanted = Wanted { base: &base, target: &target, exposure: self.exposure };
+        Ok(gather.compare(soft, (lights, softness), cells, &wanted, relighter.compute(), monitor)?)
     }
 }
 

@@ -1,6 +1,7 @@
-// The loss of `objective.rs` in `optimise` between a picture and a target, both under Reinhard's curve, and its gradient by
+// The loss of `term.rs` in `optimise` between a picture and a target, both under Reinhard's curve, and its gradient by
 // the picture: base and the unit images of some lights times their radiances.
-// constant: LIGHT_QUADS 68
+// constant: LIGHT_QUADS 1
+// constant: UNIT_VALUES 3
 
 const GROUP: u32 = 64u;
 
@@ -14,8 +15,11 @@ struct Arguments {
     losses: u32,
 }
 
+// LIGHT_QUADS of each light; the last one is its radiance.
 @group(0) @binding(0) var<storage, read> lights: array<vec4f>;
+// Places in `base` and `target_picture`.
 @group(0) @binding(1) var<storage, read> pixels: array<u32>;
+// Light by light, then pixel by pixel UNIT_VALUES, of which RGB come first.
 @group(0) @binding(2) var<storage, read> units: array<f32>;
 @group(0) @binding(3) var<storage, read> base: array<f32>;
 @group(0) @binding(4) var<storage, read> target_picture: array<f32>;
@@ -41,7 +45,7 @@ fn compare(
             var value = base[pixel + channel];
             for (var light = 0u; light < arguments.lights; light++) {
                 let radiance = lights[(light + 1u) * LIGHT_QUADS - 1u];
-                value += radiance[channel] * units[3u * (light * arguments.count + index) + channel];
+                value += radiance[channel] * units[UNIT_VALUES * (light * arguments.count + index) + channel];
             }
             let scale = 1.0 / (1.0 + abs(arguments.exposure * value));
             let wanted = arguments.exposure * target_picture[pixel + channel];
