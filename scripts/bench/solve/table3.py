@@ -115,7 +115,7 @@ def line(record):
 
 def show(records):
     """The table, means over scenes and runs, beside the paper's."""
-    print("\nTable 3: PSNR in dB of Cycles renders of what was found (the paper's)  [runs, processor seconds of a solve]")
+    print("\nTable 3: PSNR in dB of Cycles renders of what was found (the paper's)  [runs, processor seconds of each]")
     found = records.select(table="3")
     counts = sorted({record["lights"] for record in found})
     row("Initial", counts, found, lambda chosen, _: f"{mean(r['initial_psnr'] for r in chosen):.1f}")
