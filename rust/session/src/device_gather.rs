@@ -1,5 +1,5 @@
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Once};
 
 use relume_gather::{
     Environment, Gather, GatherError, GpuGather, Half, Linear, SoftCompared, SoftGather, Wanted,
@@ -19,11 +19,18 @@ pub(crate) struct DeviceGather {
     pub(crate) on_gpu: OnGpu<GpuGather>,
     may_sort: AtomicBool,
     pub(crate) sorting: Sorting,
+    told_of_streaming: Once,
 }
 
 impl DeviceGather {
     pub fn new(gather: Gather) -> Self {
-        Self { gather, on_gpu: OnGpu::default(), may_sort: false.into(), sorting: Sorting::default() }
+        Self {
+            gather,
+            on_gpu: OnGpu::default(),
+            may_sort: false.into(),
+            sorting: Sorting::default(),
+            told_of_streaming: Once::new(),
+        }
     }
 
     /// Lets the GPU's copy be sorted in the background when it is relit often: once nothing else needs the CPU.
@@ -78,11 +85,8 @@ impl DeviceGather {
         compute: &Compute,
         monitor: &Monitor,
     ) -> Result<Linear, SessionError> {
-        let work = |on_gpu: &GpuGather| match on_gpu.is_resident() {
-            true => on_gpu.linearise(soft, light, softness, cells).map(Some),
-            false => Ok(None),
-        };
-        let linear = self.on_gpu.attempt(compute, monitor, |gpu| self.put_on(gpu), work)?.flatten();
+        let work = |on_gpu: &GpuGather| on_gpu.linearise(soft, light, softness, cells);
+        let linear = self.if_resident(compute, monitor, work)?;
         linear.map_or_else(|| Ok(soft.linearise(light, softness, cells)?), Ok)
     }
 
@@ -96,9 +100,29 @@ impl DeviceGather {
         compute: &Compute,
         monitor: &Monitor,
     ) -> Result<Option<SoftCompared>, SessionError> {
+        let work = |on_gpu: &GpuGather| on_gpu.compare(soft, lights, softness, cells, wanted);
+        self.if_resident(compute, monitor, work)
+    }
+
+    /// Does some work on the GPU if the whole dump is there.
+    fn if_resident<R>(
+        &self,
+        compute: &Compute,
+        monitor: &Monitor,
+        work: impl Fn(&GpuGather) -> Result<R, GatherError>,
+    ) -> Result<Option<R>, SessionError> {
+        let tell = || {
+            monitor.warn(
+                "the bake does not fit into the GPU's memory: the CPU smooths lights for solving; raise --gpu-memory, or bake \
+                 fewer samples",
+            );
+        };
         let work = |on_gpu: &GpuGather| match on_gpu.is_resident() {
-            true => on_gpu.compare(soft, lights, softness, cells, wanted).map(Some),
-            false => Ok(None),
+            true => work(on_gpu).map(Some),
+            false => {
+                self.told_of_streaming.call_once(tell);
+                Ok(None)
+            }
         };
         Ok(self.on_gpu.attempt(compute, monitor, |gpu| self.put_on(gpu), work)?.flatten())
     }

@@ -33,6 +33,11 @@ impl GpuTargets {
         Ok(Self { gpu: Arc::clone(gpu), gather: GpuGather::new(Arc::clone(gpu), gather)? })
     }
 
+    /// Whether all of the dump stays there: single pixels are not gathered from one that is streamed.
+    pub fn is_resident(&self) -> bool {
+        self.gather.is_resident()
+    }
+
     /// Gathers pixels under lights that neighbours share.
     fn pixel_targets(
         &self,
@@ -73,7 +78,7 @@ impl<'a> DumpTargets<'a> {
 
     /// The dump on the GPU, if all of it stays there.
     fn resident(&self) -> Option<&GpuTargets> {
-        self.gpu.filter(|gpu| gpu.gather.is_resident())
+        self.gpu.filter(|gpu| gpu.is_resident())
     }
 
     fn prepare(&self, shape: &LightShape) -> Result<PreparedLight, ProxyError> {

@@ -160,12 +160,6 @@ fn train_on(
     let features = Arc::new(pixel_features(&aovs, &camera));
     let (denoise, bounds) = (Denoise::new(&aovs, compute.gpu.as_deref()), features.visible_bounds());
     let gather = Gather::new(dump);
-    let on_gpu = compute.gpu.as_ref().map(|gpu| GpuTargets::new(gpu, &gather)).transpose()?;
-    let halves =
-        if settings.half_for_measuring { (Half::First, Half::Second) } else { (Half::All, Half::All) };
-    let targets = |half| DumpTargets::new(&gather, half, bounds, &denoise).on(on_gpu.as_ref());
-    let (training, held_out) = (targets(halves.0), targets(halves.1));
-
     let state = state_path(out, settings.kind);
     let trainer = if resume && state.exists() {
         resumed(&state, settings, &scene_hash)?
@@ -178,6 +172,18 @@ fn train_on(
         Some(gpu) => trainer.on_gpu(Arc::clone(gpu))?,
         None => trainer,
     };
+    // After the training: what is left of the memory is the dump's, which can be streamed, or gathered from on the CPU.
+    let on_gpu = compute.gpu.as_ref().map(|gpu| GpuTargets::new(gpu, &gather)).transpose()?;
+    if on_gpu.as_ref().is_some_and(|targets| !targets.is_resident()) {
+        monitor.warn(
+            "the bake does not fit into the GPU's memory beside the training: the CPU gathers for it; raise --gpu-memory, or \
+             bake fewer samples",
+        );
+    }
+    let halves =
+        if settings.half_for_measuring { (Half::First, Half::Second) } else { (Half::All, Half::All) };
+    let targets = |half| DumpTargets::new(&gather, half, bounds, &denoise).on(on_gpu.as_ref());
+    let (training, held_out) = (targets(halves.0), targets(halves.1));
     let samples_before = trainer.samples();
     let (trained, filled) = (kept.trained, Duration::ZERO);
     let curve = Vec::new();

@@ -288,3 +288,36 @@ fn a_training_on_the_gpu_ends_like_one_on_the_cpu_even_if_the_gpu_is_lost_on_the
         assert!(other.complete && (found - expected).abs() < 0.05, "{found} dB instead of {expected} dB");
     }
 }
+
+#[test]
+fn a_bake_that_does_not_fit_beside_its_training_is_gathered_by_the_cpu() {
+    let folder = tempfile::tempdir().unwrap();
+    baked(folder.path());
+    let mut settings = training(LightKind::Sphere);
+    settings.config.samples = 4096;
+    let gpu = Gpu::open(&GpuChoice::Best).unwrap();
+    let compute = Compute::with(gpu.clone(), false);
+    let run = |budget: u64| {
+        gpu.set_memory_budget(budget);
+        let warnings = Arc::new(Warnings::default());
+        let monitor = Monitor::new(warnings.clone(), Cancel::default());
+        let report = train(folder.path(), &folder.path().join("out"), &settings, false, &compute, &monitor);
+        let warned = warnings.0.lock().unwrap().clone();
+        report.map(|report| (report, warned))
+    };
+    // The least memory that is enough.
+    let (mut few, mut enough) = (0, 1 << 30);
+    assert!(run(enough).unwrap().1.is_empty());
+    while enough - few > 1 << 18 {
+        let budget = few.midpoint(enough);
+        match run(budget) {
+            Ok(_) => enough = budget,
+            Err(error) => {
+                assert!(error.to_string().contains("not enough GPU memory"), "{error}");
+                few = budget;
+            }
+        }
+    }
+    let (report, warned) = run(enough).unwrap();
+    assert!(report.complete && warned.len() == 1 && warned[0].contains("does not fit"), "{warned:?}");
+}

@@ -33,7 +33,7 @@ class Shot:
         return self.judge.picture(self.args.samples, seed)
 
     def solve(self, request, images=None, on_preview=None):
-        """The result of `relume.solve`, with its processor seconds; `on_preview(seconds, light set)` is told of better ones."""
+        """The result of `relume.solve`, with processor seconds; better lights go to `on_preview(seconds, lights)`."""
         general = {"steps": self.args.steps, "through": self.args.through}
         text = json.dumps(general | request)
         start, processor = time.perf_counter(), time.process_time()
