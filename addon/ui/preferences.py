@@ -47,7 +47,8 @@ class RelumePreferences(bpy.types.AddonPreferences):
     )
     limit_gpu_memory: BoolProperty(
         name="Limit GPU Memory",
-        description="Use no more of the graphics card's memory than this; larger shots are streamed",
+        description="Use no more of the graphics card's memory than this; larger shots are streamed. The computer's "
+        "own memory needs no limit: it holds the scene and about 1 GiB of pictures of lights; paths stay on the disk",
         default=False,
     )
     gpu_memory: IntProperty(

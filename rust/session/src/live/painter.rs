@@ -6,7 +6,7 @@ use super::view::{Delivered, SharedImage, View, half};
 use super::{LiveOptions, LiveRequest};
 use crate::device_gather::DeviceGather;
 use crate::{Cancel, Compute, Listener, Maker, Monitor, Progress, SessionError, With};
-use relume_gather::DenoiseQuality;
+use relume_gather::{DenoiseQuality, Noise};
 use relume_image::Image;
 use relume_scene::Light;
 use std::collections::BTreeMap;
@@ -272,16 +272,19 @@ impl Painter {
         let image = picture.image(view, manner)?;
         self.serial += 1;
         self.first_frame = false;
+        // Without a denoiser nothing gets better than it is.
+        let settled = picture.noisy.is_empty() || view.denoise(manner.scale).missing().is_some();
+        let noise =
+            if settled && !manner.drag { noise(&self.units, parts, &stand_ins, &image) } else { None };
         let shown = Shown {
             serial: self.serial,
             request: self.painted.0,
             scale: manner.scale,
             samples: picture.samples,
             makers: picture.makers,
-            // Without a denoiser nothing gets better than it is.
-            settled: picture.noisy.is_empty() || view.denoise(manner.scale).missing().is_some(),
+            settled,
+            noise,
         };
-        let settled = shown.settled;
         let frame = Arc::new(Frame { image, shown: shown.clone() });
         self.shared.change(|state| {
             state.frame = Some(frame);
@@ -394,6 +397,27 @@ impl<'a> Picture<'a> {
         }
         Ok(with_alpha(&sum, alpha))
     }
+}
+
+/// [`Shown::noise`] of an RGBA picture of the full size.
+fn noise(units: &Units, parts: &[Part], stand_ins: &[Option<SharedImage>], picture: &Image) -> Option<f32> {
+    let summed =
+        parts.iter().zip(stand_ins).filter(|(part, stand_in)| part.how == How::Gather && stand_in.is_none());
+    let layers: Option<Vec<Layer>> = summed
+        .map(|(part, _)| {
+            let image = &units.get(&part.light)?.error;
+            (!image.data.is_empty()).then_some(Layer { image, weight: part.light.radiance })
+        })
+        .collect();
+    let layers = layers.filter(|layers| !layers.is_empty())?;
+    // Passes are those of all lights, so that errors add up as the lights do.
+    let error = weighted_sum(&layers, picture.width, picture.height);
+    let squares: f64 = error.data.iter().map(|value| f64::from(value * value)).sum();
+    let sum: f64 =
+        picture.data.as_chunks::<4>().0.iter().flat_map(|[rgb @ .., _]| rgb).map(|v| f64::from(*v)).sum();
+    let count = error.data.len() as f64;
+    let noise = Noise { rmse: (squares / count).sqrt() as f32, mean: (sum / count) as f32 };
+    Some(noise.relative())
 }
 
 /// Whether there is something that was not painted yet.

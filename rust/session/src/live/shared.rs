@@ -80,6 +80,10 @@ pub struct Shown {
     pub makers: BTreeMap<String, Maker>,
     /// Whether nothing better will come for this request, unless more paths or proxies do.
     pub settled: bool,
+    /// Of a settled picture: the noise of all that was summed over paths, before it was denoised. Root of the mean square error
+    /// over pixels and channels, by the mean of the picture; estimated from the newest pass beside those before it, and nothing
+    /// where a light has a single pass only or no light is summed.
+    pub noise: Option<f32>,
 }
 
 /// A finished picture.

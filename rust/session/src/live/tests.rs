@@ -93,6 +93,33 @@ fn a_light_gathered_pass_by_pass_is_the_light_gathered_at_once() {
 }
 
 #[test]
+fn noise_of_settled_frames_is_that_of_their_samples() {
+    let folder = tempfile::tempdir().unwrap();
+    let (few, many) = (folder.path().join("few"), folder.path().join("many"));
+    bake(&room(32, 24), &settings(16), &few, false, &Monitor::default()).unwrap();
+    let other_paths = TraceSettings { seed: 7, ..settings(2048) };
+    bake(&room(32, 24), &other_paths, &many, false, &Monitor::default()).unwrap();
+    let lights = [lamp(0.3), lamp(-0.4)];
+    let [seen, reference] = [&few, &many].map(|folder| {
+        let gather = Gather::new(Dump::open(folder).unwrap());
+        let images = gather.unit_images(&gather.prepare_all(&lights).unwrap(), Half::All);
+        let layers: Vec<_> = images.iter().zip(lights.each_ref().map(|light| light.radiance)).collect();
+        relume_gather::relight((32, 24), &layers)
+    });
+    let live = live(&few);
+    live.open(0.0).unwrap();
+    let frame = settled(&live, live.relight(request(&lights)));
+    let squares: f32 = seen.data.iter().zip(&reference.data).map(|(a, b)| (a - b) * (a - b)).sum();
+    let colors = frame.image.data.as_chunks::<4>().0;
+    let mean = colors.iter().map(|[r, g, b, _]| r + g + b).sum::<f32>() / (3 * colors.len()) as f32;
+    let noise = (squares / seen.data.len() as f32).sqrt() / mean;
+    let estimate = frame.shown.noise.expect("an estimate");
+    assert!((0.5..2.0).contains(&(estimate / noise)), "estimated {estimate}, it is {noise}");
+    let dark = settled(&live, live.relight(request(&[])));
+    assert_eq!(dark.shown.noise, None, "nothing is summed");
+}
+
+#[test]
 fn frames_grow_settle_and_answer_the_newest_request() {
     let folder = tempfile::tempdir().unwrap();
     let live = live(folder.path());

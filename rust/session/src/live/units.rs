@@ -19,6 +19,8 @@ pub(super) struct Unit {
     pub mean: Image,
     pub passes: usize,
     pub samples: u32,
+    /// A draw of the error of `mean`; empty for a single pass.
+    pub error: Image,
     /// The mean of so many passes, denoised.
     pub clean: Option<(usize, Image)>,
     /// What a proxy says.
@@ -39,8 +41,8 @@ impl Units {
         self.clock += 1;
         let key = key(light);
         let index = self.list.iter().position(|unit| unit.light == key).unwrap_or_else(|| {
-            let (mean, clean, proxy) = (Image::default(), None, None);
-            self.list.push(Unit { light: key, mean, passes: 0, samples: 0, clean, proxy, used: 0 });
+            let (mean, error, clean, proxy) = (Image::default(), Image::default(), None, None);
+            self.list.push(Unit { light: key, mean, passes: 0, samples: 0, error, clean, proxy, used: 0 });
             self.list.len() - 1
         });
         self.list[index].used = self.clock;
@@ -90,7 +92,10 @@ impl Units {
         let size = |unit: &Unit| {
             let clean = unit.clean.as_ref().map_or(0, |(_, image)| image.data.len());
             size_of::<f32>()
-                * (unit.mean.data.len() + clean + unit.proxy.as_ref().map_or(0, |p| p.data.len()))
+                * (unit.mean.data.len()
+                    + unit.error.data.len()
+                    + clean
+                    + unit.proxy.as_ref().map_or(0, |p| p.data.len()))
         };
         let mut sum: usize = self.list.iter().map(size).sum();
         while sum > LIMIT && self.list.len() > 1 {
@@ -110,8 +115,14 @@ impl Unit {
             return;
         }
         let share = samples as f32 / self.samples as f32;
-        for (mean, value) in self.mean.data.iter_mut().zip(&image.data) {
-            *mean += share * (value - *mean);
+        // Means a and b of independent samples, m and n of them: a - b has the variance v (1/m + 1/n), the mean of all has
+        // v / (m + n), which is m n / (m + n)^2 of it.
+        let scale = (share * (1.0 - share)).sqrt();
+        self.error = image;
+        for (mean, value) in self.mean.data.iter_mut().zip(&mut self.error.data) {
+            let difference = *value - *mean;
+            *mean += share * difference;
+            *value = scale * difference;
         }
     }
 
