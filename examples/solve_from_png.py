@@ -35,17 +35,22 @@ def bake(blend, folder):
         subprocess.run([str(word) for word in command], check=True)
 
 
-def request(scene, args):
-    """What the solver is asked for, as JSON text."""
+def present_lights():
+    """The lights of the open file, as the solver reads them."""
     lights = SceneLights(bpy.context.view_layer.name, [])
     lights.read(bpy.context.evaluated_depsgraph_get())
-    shown = {"lights": lights.descriptions, "gains": {}, "world": [1, 1, 1], "static": [1, 1, 1]}
-    names = args.lights or [light["name"] for light in lights.descriptions]
+    return lights.descriptions
+
+
+def request(lights, args):
+    """What the solver is asked for."""
+    shown = {"lights": lights, "gains": {}, "world": [1, 1, 1], "static": [1, 1, 1]}
+    names = args.lights or [light["name"] for light in lights]
     goal = {"goal": "target", "image": "target", "exposure_invariant": args.mood, "where": {"mask": "unclipped"}}
     wish = solve.Wish(
         free={name: args.free for name in names}, goals=[goal], keep_rest=0.0, add_count=args.add, starts=args.starts
     )
-    return json.dumps(solve.request(shown, wish))
+    return solve.request(shown, wish)
 
 
 def unclipped(image, target):
@@ -55,12 +60,12 @@ def unclipped(image, target):
     return np.where(clipped & (not image.is_float), 0.0, 1.0).astype(np.float32)
 
 
-def write(scene, answer):
-    """Makes the scene's lights what the answer says: changed ones, new ones in a collection "Relume"."""
+def write(scene, answer, lights, asked):
+    """Makes the scene's lights what the answer says: changed ones, new ones in a collection "Relume". `lights` are
+    those that were there, and `asked` the request that was made of them."""
     objects = {obj.name: obj for obj in scene.objects if obj.type == "LIGHT"}
-    states = solve.solved(
-        answer, {name: light_state(obj) for name, obj in objects.items()}, bpy.data.objects.keys()
-    ).states
+    present = {name: light_state(obj) for name, obj in objects.items()}
+    states = solve.solved(answer, present, lights, asked["lights"], bpy.data.objects.keys()).states
     made = new_lights.make(scene, [state for state in states if state.get("added")])
     restore_lights([*objects.values(), *made], states)
 
@@ -89,13 +94,15 @@ def main():
     target, how, _ = read_target(scene, taken(image), "AUTO", (manifest["width"], manifest["height"]))
     print(how)
     images = {"target": target, "unclipped": unclipped(image, target)}
-    job = relume.solve([str(args.bake)], request(scene, args), images)
+    lights = present_lights()
+    asked = request(lights, args)
+    job = relume.solve([str(args.bake)], json.dumps(asked), images)
     answer = job.wait(on_warning=print)
     for row in answer["report"]:
         print(row["text"])
     for warning in answer["warnings"]:
         print(f"Warning: {warning}")
-    write(scene, answer)
+    write(scene, answer, lights, asked)
     bpy.ops.wm.save_as_mainfile(filepath=str(args.out.resolve()), copy=True)
     print(f"Wrote {args.out}")
 

@@ -23,8 +23,9 @@ pub struct RandomStarts {
 
 /// Cells of each goal by which places are compared.
 const COMPARED: usize = 256;
-/// Strengths tried in each place, in units of an equal share of what the picture lacks.
+/// Strengths tried in each place, in units of an equal share of what the picture lacks; a locked one stays.
 const STRENGTHS: [f32; 3] = [0.3, 1.0, 3.0];
+const OWN_STRENGTH: [f32; 1] = [1.0];
 
 /// Random starts: what is free of a light is drawn uniformly in its bounds (sizes by their logarithm, directions on the
 /// sphere), white where colour is free, and together about as bright as the picture lacks.
@@ -95,7 +96,7 @@ impl Search<'_> {
             for (units, own) in placed.units.iter_mut().zip(&own) {
                 units[number] = own.clone();
             }
-            for strength in STRENGTHS {
+            for strength in strengths(&self.problem.variables[number]) {
                 let light = Light { radiance: candidate.radiance.map(|r| strength * r), ..candidate.clone() };
                 placed.lights[number] = light.clone();
                 let loss = self.objective.loss_of_goals(&placed.lights, &placed.units, &self.draw);
@@ -112,6 +113,11 @@ impl Search<'_> {
         }
         Ok(())
     }
+}
+
+fn strengths(variable: &Variable) -> impl Iterator<Item = f32> {
+    let all: &[f32] = if variable.locks.strength { &OWN_STRENGTH } else { &STRENGTHS };
+    all.iter().copied()
 }
 
 /// What is free of the shape drawn anew.
@@ -151,5 +157,33 @@ fn radiance(variable: &Variable, shape: &LightShape, share: f32) -> [f32; 3] {
         (_, true) => power.map(|power| power / shape.extent()),
         (true, false) if own > 0.0 => power.map(|power| share * power / own),
         _ => [share; 3],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tests::{FLOOR, flat, lamps, picture, target, variable};
+    use crate::{Locks, View};
+
+    #[test]
+    fn what_is_locked_is_as_it_was_in_every_start() {
+        let base = flat(0.02);
+        let goals = [target(picture(&FLOOR, &base, &lamps()))];
+        let view = View { relight: &FLOOR, base: &base, still: vec![None, None], goals: &goals };
+        let locked = Locks { strength: true, size: true, ..Locks::default() };
+        for lamp in lamps() {
+            let variables = vec![Variable { locks: locked, ..variable(&lamp) }, variable(&lamps()[0])];
+            let problem = Problem { views: vec![view.clone()], variables };
+            for candidates in [1, 16] {
+                let options = RandomStarts { count: 4, candidates, softness: 0.0, seed: 1 };
+                for start in random_starts(&problem, &options).unwrap() {
+                    let [now, was] = [&start[0], &lamp].map(|light| luminance(power(light)));
+                    assert!((now / was - 1.0).abs() < 1e-4, "{candidates} candidates: {now} for {was}");
+                    let sizes = start[0].shape.sizes().into_iter().zip(lamp.shape.sizes());
+                    assert!(sizes.into_iter().all(|(now, was)| (now - was).abs() < 1e-5), "{start:?}");
+                }
+            }
+        }
     }
 }
