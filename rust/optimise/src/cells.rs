@@ -32,6 +32,16 @@ impl Cells {
         sums.iter().map(|(sum, count)| sum / count).collect()
     }
 
+    /// Least of one value a pixel.
+    pub(crate) fn least_weights(&self, weights: &[f32]) -> Vec<f32> {
+        let mut least = vec![f32::INFINITY; self.count()];
+        for (i, weight) in weights.iter().enumerate() {
+            let cell = &mut least[self.of_pixel(i)];
+            *cell = cell.min(*weight);
+        }
+        least
+    }
+
     fn of_pixel(&self, number: usize) -> usize {
         let (width, edge) = (self.size.0, self.edge);
         number / width / edge * width.div_ceil(edge) + number % width / edge

@@ -1,7 +1,7 @@
 use crate::cells::Cells;
 use crate::goal::{Aim, Goal};
 use crate::variable::{LUMINANCE, luminance};
-use relume_image::metrics;
+use relume_image::{Image, metrics};
 
 /// A goal at the cells that it concerns.
 pub(crate) struct Term<'a> {
@@ -25,10 +25,13 @@ impl<'a> Term<'a> {
     /// `before` is the picture before, and what brings it to moderate brightness.
     pub(crate) fn new(goal: &'a Goal, cells: Cells, before: &[[f32; 3]], of_before: f32) -> Self {
         let (reference, exposure) = match &goal.aim {
-            Aim::Target { image, .. } => (&cells.means(image), metrics::exposure(image)),
+            Aim::Target { image, .. } => (&cells.means(image), metrics::exposure(&within(image, goal))),
             _ => (&before.to_vec(), of_before),
         };
-        let weights = goal.pixels.as_ref().map(|weights| cells.mean_weights(weights));
+        let weights = goal.pixels.as_ref().map(|weights| match &goal.aim {
+            Aim::Target { .. } => target_weights(cells, weights),
+            _ => cells.mean_weights(weights),
+        });
         let weight = |cell: usize| weights.as_ref().map_or(1.0, |weights| weights[cell]);
         let chosen: Vec<usize> = (0..cells.count()).filter(|cell| weight(*cell) > 0.0).collect();
         let exposed = |image: &[[f32; 3]], cell: usize| image[cell].map(|x| exposure * x);
@@ -56,6 +59,21 @@ impl<'a> Term<'a> {
     fn is_exposure_invariant(&self) -> bool {
         matches!(self.aim, Aim::Target { exposure_invariant: true, .. })
     }
+}
+
+/// Weights of cells in which a target counts. Outside of its place a target may hold anything, which the mean of a cell that it
+/// only touches would mix in; such cells count only if there are no others.
+fn target_weights(cells: Cells, weights: &[f32]) -> Vec<f32> {
+    let least = cells.least_weights(weights);
+    if least.iter().any(|weight| *weight > 0.0) { least } else { cells.mean_weights(weights) }
+}
+
+/// The pixels of a target that count, in one row.
+fn within(image: &Image, goal: &Goal) -> Image {
+    let Some(weights) = &goal.pixels else { return image.clone() };
+    let pixels = image.data.as_chunks::<3>().0.iter().zip(weights);
+    let data: Vec<f32> = pixels.filter(|(_, weight)| **weight > 0.0).flat_map(|(pixel, _)| *pixel).collect();
+    Image { width: data.len() / 3, height: 1, channels: 3, data }
 }
 
 /// A term at drawn cells of a picture.

@@ -60,8 +60,8 @@ pub use relighter::{Maker, RelightOptions, Relighter, With};
 pub use relit::{Relit, RelitLight};
 pub use sizes::default_sizes;
 pub use solve::{
-    Add, BoundsWish, Freedom, GoalKind, GoalReport, GoalWish, NewKind, Pictures, Preview, RegionWish, SoFar,
-    SolveRequest, Solved, Through, Wish, solve_lights,
+    Add, BoundsWish, Freedom, GoalKind, GoalReport, GoalWish, NewKind, Own, Pictures, Preview, RegionWish,
+    SoFar, SolveRequest, Solved, Through, Wish, solve_lights,
 };
 pub use targets::{DumpTargets, GpuTargets};
 pub use threads::on_threads;

@@ -41,19 +41,58 @@ pub(super) struct Gain {
 
 impl Gain {
     pub fn new(before: &[Vec<f32>; 2], after: &[Vec<f32>; 2]) -> Self {
-        let products = |[a, b]: &[Vec<f32>; 2]| -> Vec<f64> {
-            let of_cell = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).map(|c| f64::from(a[c] * b[c])).sum();
-            a.as_chunks().0.iter().zip(b.as_chunks().0).map(of_cell).collect()
-        };
         let gains: Vec<f64> =
-            products(before).iter().zip(products(after)).map(|(before, after)| before - after).collect();
+            products(before).zip(products(after)).map(|(before, after)| before - after).collect();
         let mean = gains.iter().sum::<f64>();
         let each = mean / gains.len().max(1) as f64;
-        Self { mean, deviation: gains.iter().map(|gain| (gain - each).powi(2)).sum::<f64>().sqrt() }
+        let seen = gains.iter().map(|gain| (gain - each).powi(2)).sum::<f64>().sqrt();
+        Self { mean, deviation: seen.max(scatter_of_products(after)) }
     }
 
     /// What is left of it for sure: above 0 if there is little doubt.
     pub fn least(&self) -> f64 {
         self.mean - SURE * self.deviation
+    }
+}
+
+/// Of each cell.
+fn products([a, b]: &[Vec<f32>; 2]) -> impl Iterator<Item = f64> {
+    let of_cell = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).map(|c| f64::from(a[c] * b[c])).sum();
+    a.as_chunks().0.iter().zip(b.as_chunks().0).map(of_cell)
+}
+
+/// Standard deviation of the sum of products by the noise of one residual, the same for all cells. A light that few segments meet
+/// makes few and bright cells: both halves of one are seldom among them, though half of the loss is there, and what is seen
+/// of the products scatters too little.
+fn scatter_of_products([a, b]: &[Vec<f32>; 2]) -> f64 {
+    let square = |(a, b): (&f32, &f32)| 0.5 * f64::from(a - b).powi(2);
+    let cells = (a.len() / 3).max(1) as f64;
+    a.iter().zip(b).map(square).sum::<f64>() / cells.sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CELLS: usize = 4096;
+
+    /// Residuals of a light that lacks altogether, but for hits in every n-th cell of either half, never of both.
+    fn residuals(every: usize) -> [Vec<f32>; 2] {
+        let hit = every as f32;
+        [0, every / 2].map(|first| {
+            let value = |cell: usize| if cell % every == first { hit - 1.0 } else { -1.0 };
+            (0..CELLS).flat_map(|cell| [value(cell); 3]).collect()
+        })
+    }
+
+    #[test]
+    fn hits_that_no_cell_has_in_both_halves_are_no_gain() {
+        let dark = [0, 1].map(|_| vec![-1.0; 3 * CELLS]);
+        let gain = Gain::new(&dark, &residuals(256));
+        assert!(gain.mean > 0.0 && gain.least() < 0.0, "{} of {}", gain.mean, gain.deviation);
+        // What every cell sees is believed.
+        let bright = [0.1, -0.1].map(|noise| vec![noise; 3 * CELLS]);
+        let gain = Gain::new(&dark, &bright);
+        assert!(gain.least() > 0.9 * (3 * CELLS) as f64, "{} of {}", gain.mean, gain.deviation);
     }
 }

@@ -3,10 +3,14 @@ use relume_optimise::{Bounds, Locks, Variable};
 use relume_proxy::LightKind;
 use relume_scene::{Light, LightShape, LobeFactors};
 
-use super::request::{Freedom, NewKind, SolveRequest, Through};
+use super::request::{Freedom, NewKind, SolveRequest, Through, Wish};
 use crate::live::LiveRequest;
 use crate::relighter::Relighter;
 use crate::{SessionError, pixel_features};
+
+/// Half angles of a new spot's cone and of a new sun, radians, from which both can be found that are wider and narrower.
+const NEW_CONE: f32 = 0.6;
+const NEW_SUN: f32 = 0.05;
 
 /// What a variable stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,13 +45,15 @@ impl Unknowns {
     pub fn new(request: &SolveRequest, relighter: &Relighter) -> Result<Self, SessionError> {
         let wish = &request.wish;
         let visible = pixel_features(relighter.aovs(), relighter.camera()).visible_bounds();
-        let bounds = bounds(request, visible)?;
+        let bounds_of = |name| bounds(wish, name, visible);
+        let stay_of = |name: &str| wish.each.get(name).and_then(|own| own.stay).unwrap_or(wish.stay);
         let mut new = Self { variables: Vec::new(), sources: Vec::new(), world: None };
         for (i, light) in request.now.lights.iter().enumerate() {
             let locks = wish.free.get(&light.name).map_or(Locks::ALL, |free| locks(free));
             if !locks.hold_all(&light.shape) {
-                let bounds = bounds.including(light);
-                new.push(Source::Scene(i), Variable { light: light.clone(), locks, bounds, stay: wish.stay });
+                let bounds = bounds_of(Some(&light.name))?.including(light);
+                let stay = stay_of(&light.name);
+                new.push(Source::Scene(i), Variable { light: light.clone(), locks, bounds, stay });
             }
         }
         let world = wish.free.get("world").map_or(Locks::ALL, |free| locks(free));
@@ -57,12 +63,13 @@ impl Unknowns {
             // Its picture is made already, so that its shape does not matter.
             let shape = LightShape::Sphere { center: Vec3::ZERO, radius: 1.0 };
             let light = Light { radiance: request.now.world, ..plain("world", shape) };
-            new.push(Source::World, Variable { light, locks, bounds, stay: wish.stay });
+            let (bounds, stay) = (bounds_of(None)?, stay_of("world"));
+            new.push(Source::World, Variable { light, locks, bounds, stay });
         }
         for _ in 0..wish.add.map_or(0, |add| add.count) {
             let shape = new_shape(wish.add.map_or(NewKind::Point, |add| add.kind), visible, relighter);
             let light = Light { radiance: [0.0; 3], ..plain("new light", shape) };
-            let (locks, bounds) = (Locks::default(), bounds.including(&light));
+            let (locks, bounds) = (Locks::default(), bounds_of(None)?.including(&light));
             new.push(Source::New, Variable { light, locks, bounds, stay: 0.0 });
         }
         Ok(new)
@@ -151,22 +158,22 @@ impl Unknowns {
     }
 }
 
-/// Those of the request, or what the camera sees and a little beyond it (more above and below what is flat), and sizes from a
-/// two-hundredth to a fifth of that.
-fn bounds(request: &SolveRequest, (low, high): (Vec3, Vec3)) -> Result<Bounds, SessionError> {
+/// Those of the request for this light, or for all, or what the camera sees and a little beyond it (more above and below what is
+/// flat), and sizes from a two-hundredth to a fifth of that.
+fn bounds(wish: &Wish, light: Option<&str>, (low, high): (Vec3, Vec3)) -> Result<Bounds, SessionError> {
     let extent = low.distance(high).max(1e-3);
-    let sizes = [extent / 200.0, extent / 5.0];
-    let Some(wish) = request.wish.bounds else {
-        let beyond = (0.3 * extent - 0.5 * (high - low)).max(Vec3::splat(0.02 * extent));
-        return Ok(Bounds::new(low - beyond, high + beyond, sizes));
-    };
-    let (min, max) = (Vec3::from(wish.min), Vec3::from(wish.max));
-    let [small, large] = wish.size.unwrap_or(sizes);
+    let beyond = (0.3 * extent - 0.5 * (high - low)).max(Vec3::splat(0.02 * extent));
+    let own = light.and_then(|name| wish.each.get(name)).and_then(|own| own.bounds).unwrap_or_default();
+    let min = own.min.or(wish.bounds.min).map_or(low - beyond, Vec3::from);
+    let max = own.max.or(wish.bounds.max).map_or(high + beyond, Vec3::from);
+    let [small, large] = own.size.or(wish.bounds.size).unwrap_or([extent / 200.0, extent / 5.0]);
     let is_box = min.is_finite() && max.is_finite() && min.cmplt(max).all();
     if !(is_box && 0.0 < small && small < large && large.is_finite()) {
-        let reason =
-            "\"bounds\" must hold something: each \"min\" below its \"max\", sizes above 0 and rising";
-        return Err(SessionError::Settings(reason.into()));
+        let of = light.map_or(String::new(), |name| format!(" of light '{name}'"));
+        return Err(SessionError::Settings(format!(
+            "\"bounds\"{of} must hold something: each \"min\" below its \"max\" (here {min} and {max}), sizes above 0 and \
+             rising"
+        )));
     }
     Ok(Bounds::new(min, max, [small, large]))
 }
@@ -183,8 +190,8 @@ fn locks(free: &[Freedom]) -> Locks {
     }
 }
 
-/// In the middle of what is seen, of a size that the proxies of the bake know, an area light facing down. A point light is
-/// Blender's default, or a sphere where only those were learned.
+/// In the middle of what is seen, of a size that the proxies of the bake know, facing down. A point light is Blender's default, or
+/// a sphere where only those were learned.
 fn new_shape(kind: NewKind, (low, high): (Vec3, Vec3), relighter: &Relighter) -> LightShape {
     let (center, extent) = (0.5 * (low + high), low.distance(high).max(1e-3));
     let known = |kind: LightKind| relighter.proxies().of(kind).map(|trained| trained.proxy.info().size);
@@ -201,6 +208,15 @@ fn new_shape(kind: NewKind, (low, high): (Vec3, Vec3), relighter: &Relighter) ->
             let (edge_u, edge_v) = (-edge * Vec3::X, edge * Vec3::Y);
             LightShape::Quad { center, edge_u, edge_v, spread: std::f32::consts::PI }
         }
+        NewKind::Spot => LightShape::Spot {
+            center,
+            radius: 0.02 * extent,
+            axis: -Vec3::Z,
+            half_angle: NEW_CONE,
+            blend: 0.15,
+            soft_falloff: true,
+        },
+        NewKind::Sun => LightShape::Sun { direction: Vec3::Z, half_angle: NEW_SUN },
     }
 }
 

@@ -21,7 +21,7 @@ use crate::{LightSet, SessionError};
 pub use goals::Pictures;
 use lights::Unknowns;
 pub use request::{
-    Add, BoundsWish, Freedom, GoalKind, GoalWish, NewKind, RegionWish, SolveRequest, Through, Wish,
+    Add, BoundsWish, Freedom, GoalKind, GoalWish, NewKind, Own, RegionWish, SolveRequest, Through, Wish,
 };
 use search::Search;
 pub use solved::{GoalReport, Solved};
@@ -79,7 +79,7 @@ fn through(relighters: &[&Relighter], unknowns: &Unknowns, wanted: Through) -> R
     let uncovered = |relighter: &&Relighter| {
         moving
             .iter()
-            .find(|light| relighter.proxies().covering(light).is_none())
+            .find(|light| relighter.proxies().knowing(light).is_none())
             .map(|light| light.name.clone())
     };
     let without_proxy = relighters.iter().find_map(uncovered);

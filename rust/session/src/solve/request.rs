@@ -9,7 +9,8 @@ use std::collections::HashMap;
 /// ```json
 /// { "lights": [...], "gains": {}, "world": [1, 1, 1], "static": [1, 1, 1],
 ///   "free": {"Key": ["position", "strength"], "world": ["strength"]},
-///   "bounds": {"min": [-2, -2, 0], "max": [2, 2, 3], "size": [0.05, 1]},
+///   "bounds": {"min": [-2, -2, 0], "max": [2, 2, 3], "size": [0.05, 1]}, "stay": 0,
+///   "each": {"Key": {"bounds": {"max": [2, 2, 1.5]}, "stay": 0.1}},
 ///   "add": {"count": 2, "type": "point"}, "remove": true,
 ///   "goals": [{"goal": "target", "image": "target.exr", "exposure_invariant": true},
 ///             {"goal": "brighter", "stops": 1, "where": {"rectangle": [0, 0, 0.5, 1]}},
@@ -35,8 +36,10 @@ pub struct SolveRequest {
 pub struct Wish {
     /// What may change, by the light's name; `world` for the world's colour and strength.
     pub free: HashMap<String, Vec<Freedom>>,
-    /// Where lights may go; what the camera sees if absent.
-    pub bounds: Option<BoundsWish>,
+    /// Where lights may go.
+    pub bounds: BoundsWish,
+    /// What is said of single lights, by their names, in place of `bounds` and `stay`; of the world only `stay`.
+    pub each: HashMap<String, Own>,
     /// New lights.
     pub add: Option<Add>,
     /// Whether free lights that do nothing may go.
@@ -69,7 +72,8 @@ impl Default for Wish {
     fn default() -> Self {
         Self {
             free: HashMap::new(),
-            bounds: None,
+            bounds: BoundsWish::default(),
+            each: HashMap::new(),
             add: None,
             remove: false,
             goals: Vec::new(),
@@ -100,17 +104,27 @@ pub enum Freedom {
     Strength,
 }
 
-/// A box for centres, metres, and the sizes between which a light may be.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
+/// A box for centres, metres, and the sizes between which a light may be. What is absent is as for all lights, and if it is
+/// absent there what the camera sees and its parts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct BoundsWish {
     /// Lower corner.
-    pub min: [f32; 3],
+    pub min: Option<[f32; 3]>,
     /// Upper corner.
-    pub max: [f32; 3],
-    /// Smallest and largest radius or edge; of the bake if absent.
-    #[serde(default)]
+    pub max: Option<[f32; 3]>,
+    /// Smallest and largest radius or edge.
     pub size: Option<[f32; 2]>,
+}
+
+/// What is said of one light.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Own {
+    /// Where it may go.
+    pub bounds: Option<BoundsWish>,
+    /// How much it is drawn to where it is.
+    pub stay: Option<f32>,
 }
 
 /// Lights that may be added.
@@ -133,6 +147,10 @@ pub enum NewKind {
     Point,
     /// A rectangular area light.
     Area,
+    /// A spot.
+    Spot,
+    /// A sun.
+    Sun,
 }
 
 /// What makes the gradients.
@@ -237,6 +255,17 @@ impl SolveRequest {
         if let Some(name) = wish.free.keys().find(|name| !known(name)) {
             return Err(format!("\"free\" names '{name}', which is not one of the lights"));
         }
+        for (name, own) in &wish.each {
+            if !known(name) {
+                return Err(format!("\"each\" names '{name}', which is not one of the lights"));
+            }
+            if name == "world" && own.bounds.is_some() {
+                return Err("\"each\": the world is nowhere, so it can have no \"bounds\"".into());
+            }
+            if !own.stay.is_none_or(|stay| stay.is_finite() && stay >= 0.0) {
+                return Err(format!("\"each\": \"stay\" of '{name}' must not be below 0"));
+            }
+        }
         if wish.add.is_some_and(|add| add.count > MOST_NEW) {
             return Err(format!("\"add\" may ask for {MOST_NEW} lights at most"));
         }
@@ -305,6 +334,21 @@ mod tests {
                 .contains("goal 1")
         );
         assert!(fault(r#""add": {"count": 100000}"#).contains("at most"));
+        assert!(fault(r#""add": {"count": 1, "type": "tube"}"#).contains("tube"));
         assert!(SolveRequest::parse("[]").is_err());
+    }
+    #[test]
+    fn what_is_said_of_one_light_is_read_and_its_faults_name_it() {
+        let read = |each: &str| SolveRequest::parse(&format!(r#"{{"lights": [{LIGHT}], "each": {each}}}"#));
+        let wish = read(r#"{"Key": {"bounds": {"max": [1, 1, 1.5]}, "stay": 0.5}, "world": {"stay": 1}}"#);
+        let each = wish.unwrap().wish.each;
+        let bounds = BoundsWish { max: Some([1.0, 1.0, 1.5]), ..BoundsWish::default() };
+        assert_eq!(each["Key"], Own { bounds: Some(bounds), stay: Some(0.5) });
+        assert_eq!(each["world"].stay, Some(1.0));
+        let fault = |each: &str| read(each).unwrap_err();
+        assert!(fault(r#"{"Kay": {}}"#).contains("'Kay'"));
+        assert!(fault(r#"{"Key": {"stay": -1}}"#).contains("\"stay\" of 'Key'"));
+        assert!(fault(r#"{"Key": {"box": 1}}"#).contains("box"));
+        assert!(fault(r#"{"world": {"bounds": {}}}"#).contains("nowhere"));
     }
 }

@@ -1,71 +1,23 @@
 //! Solving lights on a small bake, through the smoothed gather and as a user asks for it.
 
+#[path = "../common/mod.rs"]
+mod common;
+mod goals;
+mod lights;
+mod room;
+
 use glam::Vec3;
-use relume_session::image::{Image, metrics};
-use relume_session::scene::{Light, LightShape, LobeFactors, UpAxis};
-use relume_session::trace::TraceSettings;
+use relume_session::image::metrics;
+use relume_session::proxy::LightKind;
+use relume_session::scene::{Light, LightShape};
 use relume_session::{
-    Cancel, Listener, Monitor, ObjView, Pictures, Progress, RelightOptions, Relighter, SessionError, SoFar,
-    SolveRequest, Solved, Stage, With, bake, obj_scene, solve_lights,
+    Cancel, Listener, Monitor, Pictures, Progress, Relighter, SessionError, SoFar, SolveRequest, Stage,
+    solve_lights,
 };
-use serde_json::{Value, json};
+use room::{baked, inside, key, picture, solve, target_request};
+use serde_json::json;
 use std::collections::HashMap;
-use std::path::Path;
 use std::sync::{Arc, Mutex};
-
-const ROOM: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/room.obj");
-const GATHER: RelightOptions = RelightOptions { with: With::Gather, denoise: true };
-
-/// A bake of the room, seen from a little to the left (-1) or right (1).
-fn baked(folder: &Path, side: f32) {
-    let view = ObjView {
-        up: UpAxis::Z,
-        eye: Some(Vec3::new(0.05 * side, -4.2, 1.0)),
-        target: Some(Vec3::Z),
-        width: 96,
-        height: 72,
-        ..ObjView::default()
-    };
-    let scene = obj_scene(Path::new(ROOM), &view).unwrap();
-    let settings = TraceSettings { samples: 96, ..TraceSettings::default() };
-    bake(&scene, &settings, folder, false, &Monitor::default()).unwrap();
-}
-
-fn light(name: &str, shape: LightShape, radiance: [f32; 3]) -> Light {
-    Light { name: name.into(), shape, radiance, lobes: LobeFactors::default(), receivers: None }
-}
-
-fn picture(relighter: &Relighter, lights: &[Light]) -> Image {
-    relighter.relight(lights, &GATHER, &Monitor::default()).unwrap().combined()
-}
-
-fn solve(
-    relighters: &[&Relighter],
-    request: &Value,
-    images: &[(&str, &Image)],
-) -> Result<Solved, SessionError> {
-    let request = SolveRequest::parse(&request.to_string()).map_err(SessionError::Settings)?;
-    let named: HashMap<_, _> =
-        images.iter().map(|(name, image)| (name.to_string(), (*image).clone())).collect();
-    solve_lights(relighters, &request, &Pictures::named(named), &Monitor::default(), &|_| ())
-}
-
-fn key() -> Light {
-    light("Key", LightShape::Sphere { center: Vec3::new(0.3, -0.1, 1.3), radius: 0.2 }, [12.0, 9.0, 6.0])
-}
-
-/// Bounds in which the room's lights are.
-fn inside() -> Value {
-    json!({"min": [-0.9, -0.9, 0.2], "max": [0.9, 0.9, 1.9], "size": [0.05, 0.6]})
-}
-
-fn target_request(extra: Value) -> Value {
-    let mut request = json!({
-        "goals": [{"goal": "target", "image": "target"}], "bounds": inside(), "starts": 3, "steps": 64
-    });
-    request.as_object_mut().unwrap().extend(extra.as_object().unwrap().clone());
-    request
-}
 
 #[test]
 fn a_hidden_light_is_found_through_the_dump_alone() {
@@ -158,6 +110,69 @@ fn contradictions_are_named_and_an_unreachable_target_says_where_and_how_much() 
     let report = &solved.report[0];
     assert!(!report.report.met && report.text.contains("too dark"), "{report:?}");
     assert!(report.report.worst.unwrap().x > 0.7, "{report:?}");
+}
+
+#[test]
+fn bounds_and_stay_of_one_light_hold_that_one_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    baked(folder.path(), 0.0);
+    let relighter = Relighter::open(folder.path()).unwrap();
+    let target = picture(&relighter, &[key()]);
+    let center = |x: f32| Vec3::new(x, 0.1, 1.1);
+    let at = |x: f32| Light { shape: LightShape::Sphere { center: center(x), radius: 0.2 }, ..key() };
+    let found = |each: serde_json::Value| {
+        let free = json!({"Key": ["position", "strength"]});
+        let request = json!({"lights": [at(-0.3)], "free": free, "each": each, "starts": 1});
+        solve(&[&relighter], &target_request(request), &[("target", &target)])
+            .map(|solved| solved.lights.lights[0].shape.center().unwrap())
+    };
+    let held = found(json!({"Key": {"bounds": {"max": [-0.2, 0.9, 1.9]}}})).unwrap();
+    assert!(held.x <= -0.2 && held.x > -0.9, "{held}");
+    let [near, free] = [1.0, 0.0].map(|stay| found(json!({"Key": {"stay": stay}})).unwrap());
+    let moved = [near, free].map(|place| place.distance(center(-0.3)));
+    assert!(free.distance(key().shape.center().unwrap()) < 0.1 && moved[0] < 0.5 * moved[1], "{moved:?}");
+    let error = found(json!({"Key": {"bounds": {"min": [2, -0.9, 0.2]}}})).unwrap_err().to_string();
+    assert!(error.contains("light 'Key'") && error.contains("\"min\" below its \"max\""), "{error}");
+}
+
+#[test]
+fn new_lights_are_of_the_type_that_was_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    baked(folder.path(), 0.0);
+    let relighter = Relighter::open(folder.path()).unwrap();
+    let target = picture(&relighter, &[key()]);
+    for (kind, blender) in [("point", "POINT"), ("area", "AREA"), ("spot", "SPOT"), ("sun", "SUN")] {
+        let request = json!({"add": {"count": 1, "type": kind}, "starts": 1, "steps": 16, "polish": 0});
+        let solved = solve(&[&relighter], &target_request(request), &[("target", &target)]).unwrap();
+        assert_eq!(solved.added.len(), 1, "{kind}");
+        assert_eq!(solved.blender[0]["type"], blender);
+        assert!(solved.blender[0]["energy"].as_f64().unwrap() > 0.0, "{:?}", solved.blender[0]);
+    }
+}
+
+#[test]
+fn a_light_outside_of_what_proxies_were_trained_for_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    common::baked(folder.path());
+    common::trained(folder.path(), folder.path(), LightKind::Sphere);
+    let relighter = Relighter::open(folder.path()).unwrap();
+    let usual = common::sphere("Lamp", 0.2);
+    let sphere = |x: f32, radius: f32| LightShape::Sphere { center: Vec3::new(x, 0.1, 1.3), radius };
+    let wall = json!({"rectangle": [0.3, 0.2, 0.7, 0.5]});
+    let error_of = |shape: LightShape| {
+        let request = json!({
+            "lights": [Light { shape, ..usual.clone() }], "free": {"Lamp": ["position", "direction"]}, "through": "proxy",
+            "goals": [{"goal": "brighter", "where": wall}], "starts": 1, "steps": 4, "polish": 0,
+        });
+        solve(&[&relighter], &request, &[]).err().map(|error| error.to_string())
+    };
+    assert_eq!(error_of(sphere(0.2, 0.2)), None);
+    let sun = LightShape::Sun { direction: Vec3::Z, half_angle: 0.1 };
+    for shape in [sphere(50.0, 0.2), sphere(0.2, 0.9), sun] {
+        let error = error_of(shape).unwrap();
+        let says = ["light 'Lamp'", "outside of where one was", "solve through the bake, or train a proxy"];
+        assert!(says.iter().all(|words| error.contains(words)), "{error}");
+    }
 }
 
 /// Stops a solver at its n-th report.

@@ -1,0 +1,131 @@
+//! Every kind of goal is reached, as the picture of what was found says, not the solver.
+
+use crate::room::{Bakes, key, picture, solve};
+use glam::Vec3;
+use relume_session::image::Image;
+use relume_session::scene::{Light, LightShape};
+use serde_json::{Value, json};
+
+/// Left, top, right and bottom of a part of the floor, and of one of the back wall.
+const FLOOR: [f32; 4] = [0.4, 0.75, 0.7, 0.95];
+const WALL: [f32; 4] = [0.35, 0.2, 0.65, 0.45];
+
+/// Mean colour of a part of a picture.
+fn mean(image: &Image, [left, top, right, bottom]: [f32; 4]) -> Vec3 {
+    let (width, height) = (image.width as f32, image.height as f32);
+    let is_in = |i: &usize| {
+        let (x, y) = ((i % image.width) as f32 + 0.5, (i / image.width) as f32 + 0.5);
+        (left * width..right * width).contains(&x) && (top * height..bottom * height).contains(&y)
+    };
+    let pixels: Vec<usize> = (0..image.pixel_count()).filter(is_in).collect();
+    let sum: Vec3 = pixels.iter().map(|i| Vec3::from_slice(&image.data[3 * i..])).sum();
+    sum / pixels.len() as f32
+}
+
+fn luminance(color: Vec3) -> f32 {
+    color.dot(Vec3::new(0.2126, 0.7152, 0.0722))
+}
+
+fn fill() -> Light {
+    let shape = LightShape::Sphere { center: Vec3::new(-0.5, -0.4, 0.5), radius: 0.2 };
+    Light { name: "Fill".into(), shape, ..key() }
+}
+
+struct Reached {
+    before: Image,
+    after: Image,
+    lights: Vec<Light>,
+}
+
+/// Solves one goal by colours and strengths of two lights. The solver must be content with what it has reached.
+fn reached(goal: Value, images: &[(&str, &Image)]) -> Reached {
+    let bakes = Bakes::open();
+    let (lights, free) = ([key(), fill()], ["color", "strength"]);
+    let request = json!({"lights": lights, "free": {"Key": free, "Fill": free}, "goals": [goal], "starts": 2, "steps": 64});
+    let solved = solve(&[&bakes.own], &request, images).unwrap();
+    assert!(
+        solved.report[0].report.met && !solved.report[0].text.contains("not reached"),
+        "{:?}",
+        solved.report
+    );
+    let [before, after] = [&lights[..], &solved.lights.lights].map(|lights| picture(&bakes.own, lights));
+    Reached { before, after, lights: solved.lights.lights }
+}
+
+/// Mireds by which one colour is warmer than another: their ratio of red to blue changes by c2 (1/lambda_B - 1/lambda_R) 1e-6 for
+/// each, by Wien's approximation at 460 and 610 nm.
+fn warmer_by(before: Vec3, after: Vec3) -> f32 {
+    let per_mired = 1.4388e-2 * (1.0 / 460e-9 - 1.0 / 610e-9) * 1e-6;
+    ((after.x / after.z) / (before.x / before.z)).ln() / per_mired
+}
+
+#[test]
+fn a_place_gets_this_colour() {
+    let found =
+        reached(json!({"goal": "color", "color": [0.2, 0.5, 0.8], "where": {"rectangle": WALL}}), &[]);
+    let color = mean(&found.after, WALL);
+    let [to_green, to_blue] = [color.x / color.y, color.z / color.y];
+    assert!((to_green / 0.4 - 1.0).abs() < 0.1 && (to_blue / 1.6 - 1.0).abs() < 0.1, "{color}");
+}
+
+#[test]
+fn warmer_and_cooler_are_as_many_mireds() {
+    for (goal, sign) in [("warmer", 1.0), ("cooler", -1.0)] {
+        let found = reached(json!({"goal": goal, "mireds": 40, "where": {"rectangle": WALL}}), &[]);
+        let [before, after] = [&found.before, &found.after].map(|image| mean(image, WALL));
+        let change = sign * warmer_by(before, after);
+        assert!((36.0..44.0).contains(&change), "{goal}: {change} mireds, {before} to {after}");
+        let stops = (luminance(after) / luminance(before)).log2();
+        assert!(stops.abs() < 0.3, "{goal} is no other brightness: {stops} stops");
+    }
+}
+
+#[test]
+fn a_shadow_falls_where_it_is_asked_for() {
+    let goal = json!({"goal": "shadow", "stops": 1.5, "where": {"rectangle": FLOOR}});
+    let found = reached(goal, &[]);
+    let stops = (luminance(mean(&found.after, FLOOR)) / luminance(mean(&found.before, FLOOR))).log2();
+    assert!((stops + 1.5).abs() < 0.15, "{stops} stops");
+}
+
+#[test]
+fn a_target_of_any_exposure_gives_colours_and_contrast() {
+    let bakes = Bakes::open();
+    let hidden =
+        [Light { radiance: [4.0, 6.0, 9.0], ..key() }, Light { radiance: [6.0, 3.0, 1.5], ..fill() }];
+    let mut target = picture(&bakes.other, &hidden);
+    target.data.iter_mut().for_each(|value| *value *= 8.0);
+    let goal = json!({"goal": "target", "image": "target", "exposure_invariant": true});
+    let found = reached(goal, &[("target", &target)]);
+    // All of both lights but one common factor.
+    let factors = found
+        .lights
+        .iter()
+        .zip(&hidden)
+        .flat_map(|(is, was)| (0..3).map(|c| is.radiance[c] / was.radiance[c]));
+    let factors: Vec<f32> = factors.collect();
+    let mean = factors.iter().sum::<f32>() / 6.0;
+    assert!(factors.iter().all(|factor| (factor / mean - 1.0).abs() < 0.06), "{factors:?}");
+}
+
+#[test]
+fn a_target_counts_where_its_mask_is_white() {
+    let bakes = Bakes::open();
+    let hidden =
+        [Light { radiance: [4.0, 6.0, 9.0], ..key() }, Light { radiance: [6.0, 3.0, 1.5], ..fill() }];
+    let mut target = picture(&bakes.other, &hidden);
+    let mut mask = Image::new(target.width, target.height, 1);
+    for (i, pixel) in target.data.as_chunks_mut::<3>().0.iter_mut().enumerate() {
+        let is_right = i % mask.width >= mask.width / 3;
+        mask.data[i] = f32::from(is_right);
+        if !is_right {
+            *pixel = [20.0, 0.0, 0.0];
+        }
+    }
+    let goal = json!({"goal": "target", "image": "target", "where": {"mask": "right"}});
+    let found = reached(goal, &[("target", &target), ("right", &mask)]);
+    for (is, was) in found.lights.iter().zip(&hidden) {
+        let errors = (0..3).map(|c| (is.radiance[c] / was.radiance[c] - 1.0).abs());
+        assert!(errors.fold(0.0, f32::max) < 0.06, "{is:?} for {was:?}");
+    }
+}

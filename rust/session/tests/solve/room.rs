@@ -1,0 +1,102 @@
+//! The room of the tests, its pictures, and what is asked of the solver.
+
+use glam::Vec3;
+use relume_session::image::Image;
+use relume_session::scene::{Light, LightShape, LobeFactors, UpAxis};
+use relume_session::trace::TraceSettings;
+use relume_session::{
+    Monitor, ObjView, Pictures, RelightOptions, Relighter, SessionError, SolveRequest, Solved, With, bake,
+    obj_scene, solve_lights,
+};
+use serde_json::{Value, json};
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::{Mutex, PoisonError};
+
+const ROOM: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/room.obj");
+const GATHER: RelightOptions = RelightOptions { with: With::Gather, denoise: true };
+
+/// A bake of the room, seen from a little to the left (-1) or right (1).
+pub fn baked(folder: &Path, side: f32) {
+    traced(folder, side, &TraceSettings { samples: 96, ..TraceSettings::default() });
+}
+
+/// One of other paths.
+pub fn traced(folder: &Path, side: f32, settings: &TraceSettings) {
+    let view = ObjView {
+        up: UpAxis::Z,
+        eye: Some(Vec3::new(0.05 * side, -4.2, 1.0)),
+        target: Some(Vec3::Z),
+        width: 96,
+        height: 72,
+        ..ObjView::default()
+    };
+    let scene = obj_scene(Path::new(ROOM), &view).unwrap();
+    bake(&scene, settings, folder, false, &Monitor::default()).unwrap();
+}
+
+/// Two bakes of the room from the same place: one that is solved with, and one of other and more paths for what it is to look
+/// like, so that their noise is not the same.
+pub struct Bakes {
+    pub own: Relighter,
+    pub other: Relighter,
+}
+
+impl Bakes {
+    /// All tests of a run share their files.
+    pub fn open() -> Self {
+        let own = TraceSettings { samples: 384, ..TraceSettings::default() };
+        let other = TraceSettings { samples: 384, seed: 1, ..own.clone() };
+        let [own, other] =
+            [("own", own), ("other", other)].map(|(name, settings)| made_once(name, &settings));
+        Self { own, other }
+    }
+}
+
+fn made_once(name: &str, settings: &TraceSettings) -> Relighter {
+    static MADE: Mutex<Vec<String>> = Mutex::new(Vec::new());
+    let mut made = MADE.lock().unwrap_or_else(PoisonError::into_inner);
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("solve-room-{name}"));
+    if !made.iter().any(|other| other == name) {
+        std::fs::remove_dir_all(&folder).ok();
+        traced(&folder, 0.0, settings);
+        made.push(name.into());
+    }
+    Relighter::open(&folder).unwrap()
+}
+
+pub fn light(name: &str, shape: LightShape, radiance: [f32; 3]) -> Light {
+    Light { name: name.into(), shape, radiance, lobes: LobeFactors::default(), receivers: None }
+}
+
+pub fn picture(relighter: &Relighter, lights: &[Light]) -> Image {
+    relighter.relight(lights, &GATHER, &Monitor::default()).unwrap().combined()
+}
+
+pub fn solve(
+    relighters: &[&Relighter],
+    request: &Value,
+    images: &[(&str, &Image)],
+) -> Result<Solved, SessionError> {
+    let request = SolveRequest::parse(&request.to_string()).map_err(SessionError::Settings)?;
+    let named: HashMap<_, _> =
+        images.iter().map(|(name, image)| (name.to_string(), (*image).clone())).collect();
+    solve_lights(relighters, &request, &Pictures::named(named), &Monitor::default(), &|_| ())
+}
+
+pub fn key() -> Light {
+    light("Key", LightShape::Sphere { center: Vec3::new(0.3, -0.1, 1.3), radius: 0.2 }, [12.0, 9.0, 6.0])
+}
+
+/// Bounds in which the room's lights are.
+pub fn inside() -> Value {
+    json!({"min": [-0.9, -0.9, 0.2], "max": [0.9, 0.9, 1.9], "size": [0.05, 0.6]})
+}
+
+pub fn target_request(extra: Value) -> Value {
+    let mut request = json!({
+        "goals": [{"goal": "target", "image": "target"}], "bounds": inside(), "starts": 3, "steps": 64
+    });
+    request.as_object_mut().unwrap().extend(extra.as_object().unwrap().clone());
+    request
+}
