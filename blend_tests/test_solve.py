@@ -11,7 +11,7 @@ from addon.engine import shot
 from addon.ui import locks, looks, solve_operators, solving
 from fake_live import FakeLive
 from fake_solve import light
-from helpers import row, update
+from helpers import add, row, update
 
 
 def test_the_request_has_the_picture_the_locks_and_the_goals(painted):
@@ -27,6 +27,7 @@ def test_the_request_has_the_picture_the_locks_and_the_goals(painted):
     assert request["free"] == {"Key": ["position", "strength"], "Fill": ["strength"]}, "no goal is about colour"
     assert request["add"] == {"count": 2, "type": "area"} and request["remove"] is True
     assert request["keep_rest"] == 0.25 and (request["starts"], request["steps"]) == (4, 300)
+    assert request["stay"] == 0.0 and "bounds" not in request
     (goal,) = request["goals"]
     assert goal["goal"] == "brighter" and goal["stops"] == 1.0
     assert goal["where"]["strokes"][0]["points"] == [[0.2, 0.5, 1.0], [0.8, 0.5, 1.0]]
@@ -106,6 +107,24 @@ def test_locks_follow_their_light_and_all_can_be_switched_at_once(painted):
         assert all(row(painted, name).locks.size == free for name in ("Hauptlicht", "Fill"))
 
 
+def test_lights_can_be_held_near_and_within_a_box(painted):
+    settings = painted.relume_solve
+    box = settings.box = add(painted, "Box", bpy.data.objects["Plane"].data)
+    box.location, box.rotation_euler, box.scale = (1.0, 2.0, 3.0), (np.pi / 2, 0.0, 0.0), (2.0, 1.0, 1.0)
+    update()
+    with pytest.raises(SolveError, match="'Box' is flat, so no light can be within it"):
+        begin(painted)
+    box.data = bpy.data.meshes.new("Box")
+    box.data.from_pydata([(-1, -1, -1), (1, 1, 0.5)], [], [])
+    update()
+    settings.stay = 0.5
+    found, job = begin(painted)
+    assert job.request["stay"] == 0.5
+    assert np.allclose(job.request["bounds"]["min"], (-1.0, 1.5, 2.0), atol=1e-5)
+    assert np.allclose(job.request["bounds"]["max"], (3.0, 3.0, 4.0), atol=1e-5)
+    found.cancel()
+
+
 def test_places_become_goals_with_their_masks(baked):
     settings = baked.relume_solve
     settings.meaning, settings.mireds = "warmer", 40.0
@@ -149,6 +168,47 @@ def test_a_target_goes_along_as_light(baked):
     assert job.images["target"].shape == (48, 64, 3) and np.allclose(job.images["target"], 0.216, atol=3e-3)
     assert not found.notes
     found.cancel()
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "share"),
+    [
+        ("RECTANGLE", None, None),
+        ("MASK", "image", 0.5),
+        # Two metres at five of a 50 mm lens on 36 mm film, of 4 to 3.
+        *((kind, name, 4.0 / (3.6 * 2.7)) for kind, name in (("OBJECT", "object"), ("MATERIAL", "material"))),
+        *((kind, "index", 4.0 / (3.6 * 2.7)) for kind in ("OBJECT_INDEX", "MATERIAL_INDEX")),
+    ],
+)
+def test_a_target_can_count_in_a_place_alone(baked, kind, name, share):
+    plane, material = bpy.data.objects["Plane"], bpy.data.materials.new("Clay")
+    plane.data.materials.append(material)
+    plane.pass_index = material.pass_index = 7
+    mask = bpy.data.images.new("Left", 128, 96)
+    mask.pixels.foreach_set(np.repeat(np.tile(np.arange(128) < 64, 96), 4).astype(np.float32))
+    settings = baked.relume_solve
+    settings.target = target_image((128, 96))
+    settings.target_place.kind = kind
+    if name is not None:
+        values = {"image": mask, "object": plane, "material": material, "index": 7}
+        setattr(settings.target_place, name, values[name])
+    update()
+    found, job = begin(baked)
+    (goal,) = job.request["goals"]
+    if name is None:
+        assert np.allclose(goal["where"]["rectangle"], [0.25, 0.25, 0.75, 0.75]) and set(job.images) == {"target"}
+    else:
+        assert goal["goal"] == "target" and goal["where"] == {"mask": "mask of the target"}
+        assert job.images["mask of the target"].shape == (48, 64, 1)
+        assert job.images["mask of the target"].mean() == pytest.approx(share, rel=0.05)
+    found.cancel()
+
+
+def test_the_rectangle_of_a_target_is_drawn(baked):
+    settings = baked.relume_solve
+    assert bpy.ops.relume.draw_rectangle(rectangle=(0.1, 0.2, 0.5, 0.6), of_target=True) == {"FINISHED"}
+    assert settings.target_place.kind == "RECTANGLE" and len(settings.regions) == 0
+    assert np.allclose(settings.target_place.rectangle, (0.1, 0.2, 0.5, 0.6))
 
 
 def test_a_doubtful_reading_of_the_target_is_said(baked):

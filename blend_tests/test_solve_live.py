@@ -79,3 +79,36 @@ def test_a_new_light_is_made_where_it_is_needed(shown):
     assert len(made) == 1 and made[0].name == "Relume Light"
     gain = np.log2(after.mean(axis=2) / before.mean(axis=2))
     assert gain[:, 24:].mean() > 0.3 and gain[:, 24:].mean() > gain[:, :8].mean()
+
+
+@pytest.mark.parametrize("kind", ["spot", "sun"])
+def test_a_new_light_is_of_the_type_that_was_asked_for(shown, kind):
+    settings = shown.relume_solve
+    bpy.ops.relume.lock_all(move="strength")
+    settings.add_count, settings.add_type, settings.keep_rest = 1, kind, 0.0
+    before = picture(shown)
+    bpy.ops.relume.scribble(points="[[0.5, 0.5, 1.0]]", goal="brighter", amount=1.0, radius=0.4)
+    assert bpy.ops.relume.solve() == {"FINISHED"}
+    after = apply(shown)
+    (made,) = bpy.data.collections["Relume"].objects
+    assert made.data.type == kind.upper()
+    middle = (slice(6, 18), slice(8, 24))
+    assert 0.7 < np.log2(after[middle].mean() / before[middle].mean()) < 1.4
+
+
+def test_places_of_every_kind_are_solved(shown):
+    """Objects, materials and masks, as the panel gives them."""
+    plane, settings = bpy.data.objects["Plane"], shown.relume_solve
+    plane.pass_index = plane.active_material.pass_index = 3
+    mask = bpy.data.images.new("Left", 32, 24)
+    mask.pixels.foreach_set(np.repeat(np.tile(np.arange(32) < 16, 24), 4).astype(np.float32))
+    before, values = picture(shown), {"image": mask, "object": plane, "material": plane.active_material, "index": 3}
+    for kind, name in (("OBJECT", "object"), ("MATERIAL", "material"), ("OBJECT_INDEX", "index"), ("MASK", "image")):
+        settings.regions.clear()
+        settings.stops = 1.0
+        assert bpy.ops.relume.add_region(kind=kind) == {"FINISHED"}
+        setattr(settings.regions[0], name, values[name])
+        assert bpy.ops.relume.solve() == {"FINISHED"}
+        frame = pairs.pair_of(shown).a
+        ratio = frame.image[..., :3].mean() / before.mean()
+        assert ratio == pytest.approx(2.0, rel=0.06), kind

@@ -67,6 +67,17 @@ def unseen(scene):
     return "Not seen in the picture: object index 99"
 
 
+def target_without_mask(scene):
+    scene.relume_solve.target, scene.relume_solve.target_place.kind = target_image(), "MASK"
+    return "The target's place has no mask: choose an image or let it count in the whole picture"
+
+
+def target_without_size(scene):
+    place, scene.relume_solve.target = scene.relume_solve.target_place, target_image()
+    place.kind, place.rectangle = "RECTANGLE", (0.5, 0.5, 0.5, 0.9)
+    return "The target's place has a rectangle without size"
+
+
 def solver_refuses(scene):
     FakeJob.made.append(None)
 
@@ -81,7 +92,7 @@ def solver_refuses(scene):
     "spoil",
     [
         *(no_bake, no_picture, no_goal, all_erased, nothing_free, black_target, square_target, empty_mask, no_object),
-        *(unseen, solver_refuses),
+        *(unseen, target_without_mask, target_without_size, solver_refuses),
     ],
 )
 def test_what_cannot_be_solved_is_one_clear_line(painted, spoil):

@@ -33,6 +33,27 @@ def test_the_result_is_a_look_compared_with_before(painted):
     assert [look.name for look in painted.relume_looks.items] == ["Before", "Solve 1", "Solve 2"]
 
 
+@pytest.mark.parametrize(
+    ("kind", "settings", "written"),
+    [
+        (
+            "SPOT",
+            {"spot_size": 0.6, "spot_blend": 0.25, "radius": 0.2},
+            ("spot_size", "spot_blend", "shadow_soft_size"),
+        ),
+        ("SUN", {"angle": 0.12}, ("angle",)),
+        ("POINT", {"radius": 0.3, "use_soft_falloff": False}, ("shadow_soft_size", "use_soft_falloff")),
+    ],
+)
+def test_new_lights_of_every_type_are_made_as_solved(painted, kind, settings, written):
+    solve(painted, added=[light("Relume Light", kind, (0.0, 1.0, 2.5), **settings)])
+    assert bpy.ops.relume.apply_solved() == {"FINISHED"}
+    data = painted.objects["Relume Light"].data
+    assert data.type == kind and data.energy == 50.0 and tuple(data.color) == (1.0, 0.5, 0.25)
+    for name, value in zip(written, settings.values(), strict=True):
+        assert getattr(data, name) == pytest.approx(value), name
+
+
 def test_apply_writes_lights_and_makes_new_ones_in_one_undo_step(painted):
     bpy.ops.ed.undo_push(message="painted")
     row(painted, "Key").exposure = 1.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -44,6 +44,9 @@ class Wish:
     """By the name of a light, or WORLD: what may change of it."""
     goals: list[dict[str, Any]]
     keep_rest: float = 0.1
+    stay: float = 0.0
+    box: tuple[Sequence[float], Sequence[float]] | None = None
+    """Lower and upper corner, metres, of where lights may go; None for what the camera sees."""
     add_count: int = 0
     add_type: str = "point"
     remove: bool = False
@@ -66,10 +69,14 @@ def request(shown: dict[str, Any], wish: Wish) -> dict[str, Any]:
         "free": {name: moves for name, moves in free.items() if moves},
         "goals": wish.goals,
         "keep_rest": wish.keep_rest,
+        "stay": wish.stay,
         "remove": wish.remove,
         "starts": wish.starts,
         "steps": wish.steps,
     }
+    if wish.box is not None:
+        low, high = wish.box
+        out["bounds"] = {"min": list(low), "max": list(high)}
     return out | ({"add": {"count": wish.add_count, "type": wish.add_type}} if wish.add_count else {})
 
 

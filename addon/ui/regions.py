@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import bpy
-from bpy.props import EnumProperty, FloatVectorProperty
+from bpy.props import BoolProperty, EnumProperty, FloatVectorProperty
 
 from ..core import strokes as core
 from ..core.solve import SolveError
@@ -13,15 +13,9 @@ from ..engine.region_masks import KINDS, Seen
 from ..viewport import strokes as drawing
 from ..viewport.views import redraw
 from .scribble_tool import NO_CAMERA_VIEW
-from .solve_settings import MEANING_ITEMS, RelumeRegion
+from .solve_settings import MEANING_ITEMS, PLACE_ITEMS, Place, RelumeRegion
 
-KIND_ITEMS = [
-    ("MASK", "Mask", "An image: white is in, black is out"),
-    ("OBJECT", "Object", "Where an object is seen"),
-    ("MATERIAL", "Material", "Where a material is seen"),
-    ("OBJECT_INDEX", "Object Index", "Where objects of a pass index are seen"),
-    ("MATERIAL_INDEX", "Material Index", "Where materials of a pass index are seen"),
-]
+KIND_ITEMS = [item[:3] for item in PLACE_ITEMS if item[0] != "RECTANGLE"]
 """Places that are chosen; rectangles are drawn."""
 LEAST = 0.005
 """Width and height that a rectangle has at least, of the picture's."""
@@ -37,25 +31,27 @@ def add_region(scene: bpy.types.Scene, kind: str) -> RelumeRegion:
     return region
 
 
-def where(region: RelumeRegion, name: str) -> tuple[dict[str, Any], bpy.types.Image | Seen | None]:
+def where(
+    region: Place, name: str, who: str = "A place", instead: str = "remove the place"
+) -> tuple[dict[str, Any], bpy.types.Image | Seen | None]:
     """The place as a request has it; with the image of the mask that it refers to by `name`, or what has to be looked
-    for to make it. Raises SolveError."""
+    for to make it. Raises SolveError, which says `who` lacks something and what to do `instead` of giving it."""
     if region.kind == "RECTANGLE":
         left, top, right, bottom = region.rectangle
         if right - left < LEAST or bottom - top < LEAST:
-            raise SolveError("A rectangle has no size: draw it again or remove it")
+            raise SolveError(f"{who} has a rectangle without size: draw it again or {instead}")
         return {"rectangle": [left, top, right, bottom]}, None
     mask = {"mask": name}
     if region.kind == "MASK":
         if region.image is None:
-            raise SolveError("A place has no mask: choose an image or remove the place")
+            raise SolveError(f"{who} has no mask: choose an image or {instead}")
         return mask, region.image
     assert region.kind in KINDS
     if region.kind.endswith("INDEX"):
         return mask, Seen(region.kind, region.index)
     block = region.object if region.kind == "OBJECT" else region.material
     if block is None:
-        raise SolveError(f"A place has no {region.kind.lower()}: choose one or remove the place")
+        raise SolveError(f"{who} has no {region.kind.lower()}: choose one or {instead}")
     return mask, Seen(region.kind, block.name)
 
 
@@ -110,6 +106,16 @@ class RELUME_OT_draw_rectangle(bpy.types.Operator):  # noqa: N801
         name="Rectangle", description="Left, top, right, bottom", size=4, options={"HIDDEN", "SKIP_SAVE"}
     )
     goal: EnumProperty(name="Goal", description="What the picture is to do there", items=MEANING_ITEMS)
+    of_target: BoolProperty(
+        name="Of the Target",
+        description="It is where the target counts, not a place with a goal of its own",
+        options={"HIDDEN", "SKIP_SAVE"},
+    )
+
+    @classmethod
+    def description(cls, _context, properties):
+        """The tooltip."""
+        return "Draw in the camera's frame where the target counts" if properties.of_target else cls.__doc__
 
     def invoke(self, context, event):
         """From a button it waits for the mouse; with the brush in hand it has begun."""
@@ -157,6 +163,10 @@ class RELUME_OT_draw_rectangle(bpy.types.Operator):  # noqa: N801
             self.report({"WARNING"}, "Drag from one corner of the rectangle to the other")
             redraw()
             return {"CANCELLED"}
+        if self.of_target:
+            place = context.scene.relume_solve.target_place
+            place.kind, place.rectangle = "RECTANGLE", self.rectangle
+            return {"FINISHED"}
         region = add_region(context.scene, "RECTANGLE")
         region.rectangle, region.goal = self.rectangle, self.goal
         return {"FINISHED"}
@@ -188,18 +198,23 @@ def draw(layout, scene: bpy.types.Scene) -> None:
         return
     region = settings.regions[settings.region]
     column = layout.column(align=True)
-    column.prop(region, "kind")
-    name = {"MASK": "image", "OBJECT": "object", "MATERIAL": "material"}.get(region.kind)
-    if name:
-        column.prop(region, name, text="")
-    elif region.kind.endswith("INDEX"):
-        column.prop(region, "index")
+    draw_place(column, region)
     column.prop(region, "goal")
     unit = core.UNITS.get(region.goal)
     if unit:
         column.prop(region, unit)
     elif region.goal == core.COLOR:
         column.prop(region, "color", text="")
+
+
+def draw_place(column, place: Place) -> None:
+    """How a place is given."""
+    column.prop(place, "kind")
+    name = {"MASK": "image", "OBJECT": "object", "MATERIAL": "material"}.get(place.kind)
+    if name:
+        column.prop(place, name, text="")
+    elif place.kind.endswith("INDEX"):
+        column.prop(place, "index")
 
 
 CLASSES = (RELUME_OT_add_region, RELUME_OT_remove_region, RELUME_OT_draw_rectangle, RELUME_UL_regions)

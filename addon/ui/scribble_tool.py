@@ -21,6 +21,9 @@ ERASE_ITEM = (core.ERASE, "Erase", "Takes away what was painted here", "X", 7)
 LIGHTEST = 0.05
 """Pressure that a pen has at least."""
 
+TARGET_LOOKS = core.meaning(core.COLOR)
+"""The rectangle in which the target counts is drawn as what asks for white."""
+
 _handle: Any = None
 
 
@@ -228,6 +231,8 @@ def _draw() -> None:
     frame = drawing.frame_in(context)
     if frame is not None and (pairs.pair_of(context.scene) is None or drawing.is_painting(context.scene)):
         rectangles = [(it.meaning(), tuple(it.rectangle)) for it in settings.regions if it.kind == "RECTANGLE"]
+        if settings.target is not None and settings.target_place.kind == "RECTANGLE":
+            rectangles.append((TARGET_LOOKS, tuple(settings.target_place.rectangle)))
         drawing.draw(context.scene, frame, strokes_of(context.scene), rectangles)
 
 

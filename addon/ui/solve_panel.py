@@ -51,7 +51,14 @@ class RELUME_PT_solve_target(RelumePanel, bpy.types.Panel):  # noqa: N801
 
     def draw(self, context):
         """Called by Blender."""
-        target.draw(self.layout, context.scene)
+        layout, settings = self.layout, context.scene.relume_solve
+        target.draw(layout, context.scene)
+        if settings.target is None:
+            return
+        column = layout.column(align=True)
+        regions.draw_place(column, settings.target_place)
+        if settings.target_place.kind == "RECTANGLE":
+            column.operator("relume.draw_rectangle", icon="SELECT_SET").of_target = True
 
 
 class RELUME_PT_solve_locks(RelumePanel, bpy.types.Panel):  # noqa: N801
@@ -71,6 +78,8 @@ class RELUME_PT_solve_locks(RelumePanel, bpy.types.Panel):  # noqa: N801
         if settings.add_count:
             line.prop(settings, "add_type", text="")
         layout.prop(settings, "remove")
+        layout.prop(settings, "box")
+        layout.prop(settings, "stay", slider=True)
         layout.prop(settings, "keep_rest", slider=True)
         layout.prop(settings, "effort")
 

@@ -28,6 +28,16 @@ MEANING_ITEMS = [
     (core.SHADOW, "Shadow", "A shadow is to fall here: less light by so many stops", "GHOST_ENABLED", 5),
     (core.KEEP, "Keep", "Here the picture is to stay as it is", "LOCKED", 6),
 ]
+PLACE_ITEMS = [
+    ("RECTANGLE", "Rectangle", "A rectangle of the picture", "SELECT_SET", 0),
+    ("MASK", "Mask", "An image: white is in, black is out", "IMAGE_ALPHA", 1),
+    ("OBJECT", "Object", "Where an object is seen", "OBJECT_DATA", 2),
+    ("MATERIAL", "Material", "Where a material is seen", "MATERIAL", 3),
+    ("OBJECT_INDEX", "Object Index", "Where objects of a pass index are seen", "LINENUMBERS_ON", 4),
+    ("MATERIAL_INDEX", "Material Index", "Where materials of a pass index are seen", "LINENUMBERS_ON", 5),
+]
+WHOLE = "WHOLE"
+"""The target counts in the whole picture."""
 EFFORTS = {"QUICK": (2, 150), "NORMAL": (4, 300), "THOROUGH": (12, 600)}
 """Starts and steps of each."""
 MOVES = ("position", "direction", "size", "cone", "color", "strength")
@@ -40,6 +50,10 @@ def _redraw(_settings, _context) -> None:
 
 def _look_at_target(settings, _context) -> None:
     target.look_at(settings.id_data)
+
+
+def _has_size(_settings, obj) -> bool:
+    return max(obj.dimensions) > 0.0
 
 
 STOPS_TEXT = "How much brighter or darker: one stop more is twice the light, one less is half"
@@ -96,23 +110,9 @@ class HowMuch:
         return core.meaning(goal, getattr(self, core.UNITS.get(goal, ""), 0.0), self.color)
 
 
-class RelumeRegion(HowMuch, bpy.types.PropertyGroup):
-    """A place in the picture with a goal, other than strokes; kept in the .blend file."""
+class Place:
+    """Mix-in of what is a part of the picture; its `kind` says which of these values count."""
 
-    kind: EnumProperty(
-        name="Place",
-        description="How the place is given",
-        items=[
-            ("RECTANGLE", "Rectangle", "A rectangle of the picture", "SELECT_SET", 0),
-            ("MASK", "Mask", "An image: white is in, black is out", "IMAGE_ALPHA", 1),
-            ("OBJECT", "Object", "Where an object is seen", "OBJECT_DATA", 2),
-            ("MATERIAL", "Material", "Where a material is seen", "MATERIAL", 3),
-            ("OBJECT_INDEX", "Object Index", "Where objects of a pass index are seen", "LINENUMBERS_ON", 4),
-            ("MATERIAL_INDEX", "Material Index", "Where materials of a pass index are seen", "LINENUMBERS_ON", 5),
-        ],
-        update=_redraw,
-    )
-    goal: EnumProperty(name="Goal", description="What the picture is to do there", items=MEANING_ITEMS, update=_redraw)
     rectangle: FloatVectorProperty(
         name="Rectangle",
         description="Left, top, right and bottom edge as fractions of the picture, from its top left corner",
@@ -127,9 +127,29 @@ class RelumeRegion(HowMuch, bpy.types.PropertyGroup):
     material: PointerProperty(name="Material", description="The material", type=bpy.types.Material)
     index: IntProperty(name="Index", description="The pass index", default=1, min=0)
 
+
+class RelumeRegion(HowMuch, Place, bpy.types.PropertyGroup):
+    """A place in the picture with a goal, other than strokes; kept in the .blend file."""
+
+    kind: EnumProperty(name="Place", description="How the place is given", items=PLACE_ITEMS, update=_redraw)
+    goal: EnumProperty(name="Goal", description="What the picture is to do there", items=MEANING_ITEMS, update=_redraw)
+
     def meaning(self) -> core.Meaning:
         """What is asked of the place."""
         return self.meaning_of(self.goal)
+
+
+class RelumeTargetPlace(Place, bpy.types.PropertyGroup):
+    """Where the target counts; kept in the .blend file."""
+
+    kind: EnumProperty(
+        name="Where",
+        description="The part of the picture that is to come close to the target. The rest stays as much as Keep the "
+        "Rest says",
+        items=[(WHOLE, "Whole Picture", "Everywhere", "IMAGE_DATA", len(PLACE_ITEMS)), *PLACE_ITEMS],
+        default=WHOLE,
+        update=_redraw,
+    )
 
 
 class RelumeSolve(HowMuch, bpy.types.PropertyGroup):
@@ -195,6 +215,7 @@ class RelumeSolve(HowMuch, bpy.types.PropertyGroup):
     target_weight: FloatProperty(
         name="Weight", description="How much the target counts beside strokes", default=1.0, min=0.01, max=100.0
     )
+    target_place: PointerProperty(type=RelumeTargetPlace, name="Where", description="Where the target counts")
     world_color: BoolProperty(
         name="World Colour",
         description="Whether solving may tint the light of the world. Locked at first: it belongs to the place and the "
@@ -211,10 +232,31 @@ class RelumeSolve(HowMuch, bpy.types.PropertyGroup):
     add_type: EnumProperty(
         name="Type",
         description="What new lights are",
-        items=[("point", "Point", "Spheres", "LIGHT_POINT", 0), ("area", "Area", "Rectangles", "LIGHT_AREA", 1)],
+        items=[
+            ("point", "Point", "Spheres", "LIGHT_POINT", 0),
+            ("area", "Area", "Rectangles", "LIGHT_AREA", 1),
+            ("spot", "Spot", "Cones", "LIGHT_SPOT", 2),
+            ("sun", "Sun", "Parallel light from far away", "LIGHT_SUN", 3),
+        ],
     )
     remove: BoolProperty(
         name="May Switch Off", description="Lights with something free that turn out to do nothing may be hidden"
+    )
+    stay: FloatProperty(
+        name="Stay Near",
+        description="How much lights are drawn to where and as strong as they are, beside the goals. 0: not at all",
+        subtype="FACTOR",
+        default=0.0,
+        min=0.0,
+        max=1.0,
+        precision=3,
+    )
+    box: PointerProperty(
+        name="Within",
+        description="Lights that move, and new ones, stay in the box around this object, unless they are outside of it "
+        "already. Without one they may go a little beyond what the camera sees",
+        type=bpy.types.Object,
+        poll=_has_size,
     )
     keep_rest: FloatProperty(
         name="Keep the Rest",
@@ -249,7 +291,7 @@ def strokes_of(scene: bpy.types.Scene) -> tuple[core.Stroke, ...]:
         return ()
 
 
-CLASSES = (RelumeLocks, RelumeRegion, RelumeSolve)
+CLASSES = (RelumeLocks, RelumeRegion, RelumeTargetPlace, RelumeSolve)
 
 
 def register():

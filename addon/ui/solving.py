@@ -15,6 +15,7 @@ from typing import Any
 import bpy
 import numpy as np
 from bpy.app.handlers import persistent
+from mathutils import Vector
 
 from ..apply.look_lights import light_state
 from ..core import coverage
@@ -32,7 +33,7 @@ from ..export.target import resized
 from ..viewport import compare as pairs
 from ..viewport import view_table
 from . import compare, handlers, locks, looks, regions, rows, target, thumbnails
-from .solve_settings import EFFORTS, RelumeSolve, strokes_of
+from .solve_settings import EFFORTS, WHOLE, strokes_of
 
 PREVIEW_SECONDS = 0.4
 """Between previews: the picture needs the processor as well."""
@@ -83,8 +84,10 @@ class Solving:
         starts, steps = EFFORTS[settings.effort]
         return core.Wish(
             free,
-            [*self._region_goals(scene), *_target_goals(settings)],
+            [*self._region_goals(scene), *self._target_goals(scene)],
             keep_rest=settings.keep_rest,
+            stay=settings.stay,
+            box=_box_of(settings.box),
             add_count=settings.add_count,
             add_type=settings.add_type,
             remove=settings.remove,
@@ -96,13 +99,30 @@ class Solving:
         found = []
         for number, region in enumerate(scene.relume_solve.regions, 1):
             name = f"mask {number}"
-            where, mask = regions.where(region, name)
-            if isinstance(mask, region_masks.Seen):
-                self._seen[name] = mask
-            elif mask is not None:
-                self._readings[name] = Reading(scene, mask, self._size, None)
-            found.append(region.meaning().plain() | {"where": where})
+            place = self._with_mask(scene, name, regions.where(region, name))
+            found.append(region.meaning().plain() | {"where": place})
         return found
+
+    def _target_goals(self, scene: bpy.types.Scene) -> list[dict[str, Any]]:
+        settings = scene.relume_solve
+        if settings.target is None:
+            return []
+        invariant, weight = settings.target_exposure, settings.target_weight
+        goal = {"goal": "target", "image": "target", "exposure_invariant": invariant, "weight": weight}
+        if settings.target_place.kind == WHOLE:
+            return [goal]
+        name, instead = "mask of the target", "let it count in the whole picture"
+        found = regions.where(settings.target_place, name, "The target's place", instead)
+        return [goal | {"where": self._with_mask(scene, name, found)}]
+
+    def _with_mask(self, scene: bpy.types.Scene, name: str, found: tuple[dict[str, Any], Any]) -> dict[str, Any]:
+        """A place, whose mask is still to be read or looked for."""
+        place, mask = found
+        if isinstance(mask, region_masks.Seen):
+            self._seen[name] = mask
+        elif mask is not None:
+            self._readings[name] = Reading(scene, mask, self._size, None)
+        return place
 
     def step(self) -> bool:
         """Goes on for a moment; whether there is more to do. Has ended if it raises, for the artist SolveError."""
@@ -294,11 +314,15 @@ def _stroke_goals(strokes: tuple[Stroke, ...]) -> list[dict[str, Any]]:
     return [goal for goal, layer in zip(goals(strokes), covered, strict=True) if layer.any()]
 
 
-def _target_goals(settings: RelumeSolve) -> list[dict[str, Any]]:
-    if settings.target is None:
-        return []
-    invariant, weight = settings.target_exposure, settings.target_weight
-    return [{"goal": "target", "image": "target", "exposure_invariant": invariant, "weight": weight}]
+def _box_of(obj: bpy.types.Object | None) -> tuple[list[float], list[float]] | None:
+    """Corners of the box around an object, in the world. Raises SolveError if it holds nothing."""
+    if obj is None:
+        return None
+    corners = np.array([obj.matrix_world @ Vector(corner) for corner in obj.bound_box])
+    low, high = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
+    if not all(one < other for one, other in zip(low, high, strict=True)):
+        raise SolveError(f"'{obj.name}' is flat, so no light can be within it: give it a height, or choose another box")
+    return low, high
 
 
 def begin(scene: bpy.types.Scene) -> Solving:

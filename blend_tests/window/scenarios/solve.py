@@ -45,6 +45,15 @@ def scribble(driver, artist):
     yield from driver.press("LEFTMOUSE")
     driver.check(artist.settings.size != before, f"F sets the size: {artist.settings.size}")
     artist.settings.size = before
+    yield from driver.move_mouse(x, y)
+    yield from driver.press("F", shift=True)
+    yield from driver.move_mouse(x - 40, y)
+    driver.photo("strength")
+    yield from driver.press("LEFTMOUSE")
+    strength = artist.settings.strength
+    driver.check(strength < 1.0, f"Shift F sets the strength: {strength:.2f}")
+    driver.check(artist.settings.size == before, "and leaves the size")
+    artist.settings.strength = 1.0
 
 
 def outside_the_camera(driver, artist):
