@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{RELUME, contents, data, failure, one_error, result, room, run, trace_room};
+use common::{contents, data, failure, one_error, program, result, room, run, trace_room};
 use std::path::Path;
 use std::process::Command;
 
@@ -192,7 +192,7 @@ fn full_disk_leaves_no_half_written_file() {
     let path = folder.path();
     small_bake(path);
     let limited = |blocks: u32, arguments: &str| {
-        let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec {RELUME} {arguments} --quiet");
+        let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec {} {arguments} --quiet", program());
         one_error(&Command::new("sh").current_dir(path).args(["-c", &script]).output().unwrap())
     };
     let message = limited(16, &room("--out full --width 64 --height 64 --samples 64"));

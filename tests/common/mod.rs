@@ -5,17 +5,21 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-/// The program.
-pub const RELUME: &str = env!("CARGO_BIN_EXE_relume");
+/// The program; where `scripts/gpu-check` runs tests that were built elsewhere, it says which.
+pub fn program() -> String {
+    std::env::var("CARGO_BIN_EXE_relume").unwrap_or_else(|_| env!("CARGO_BIN_EXE_relume").into())
+}
 
 /// A file of `tests/data`.
 pub fn data(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data").join(name)
+    // At run time, which is where they lie if this was built elsewhere.
+    let package = std::env::var("CARGO_MANIFEST_DIR").unwrap_or_else(|_| env!("CARGO_MANIFEST_DIR").into());
+    Path::new(&package).join("../../tests/data").join(name)
 }
 
 /// `relume` with arguments, in words.
 pub fn relume(folder: &Path, arguments: &str) -> Command {
-    let mut command = Command::new(RELUME);
+    let mut command = Command::new(program());
     command.current_dir(folder).args(arguments.split_whitespace()).arg("--quiet");
     command
 }

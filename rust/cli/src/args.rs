@@ -339,9 +339,15 @@ pub struct PathArgs {
 
 #[derive(Args, Debug)]
 pub struct BenchArgs {
-    /// JSON file to write: a list of flat records.
+    /// JSON file to write: a list of flat records. It is written anew after each part.
     #[arg(long, short)]
     pub out: Option<PathBuf>,
+    /// Measure this part alone; can be given several times. Without it, all parts; a name that there is not lists them.
+    #[arg(long)]
+    pub part: Vec<String>,
+    /// Keep what the JSON file holds of other figures.
+    #[arg(long, requires = "out")]
+    pub add: bool,
 }
 
 #[cfg(test)]

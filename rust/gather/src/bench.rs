@@ -11,7 +11,7 @@ use relume_dump::{
 };
 use relume_scene::{Light, LightShape, LobeFactors};
 
-pub use crate::gpu::bench::measure as measure_gpu;
+pub use crate::gpu::bench::{measure as measure_gpu, measure_paper, paper_names};
 use crate::{Gather, Half, Isa, Scratch, SoftGather};
 
 /// One figure.
@@ -28,9 +28,10 @@ pub struct Measurement {
 }
 
 impl Measurement {
-    /// `value / limit`.
+    /// `value / limit`; of a time, `limit / value`.
     pub fn share_of_limit(&self) -> Option<f64> {
-        self.limit.map(|limit| self.value / limit)
+        let share = |limit| if self.unit == "ms" { limit / self.value } else { self.value / limit };
+        self.limit.map(share)
     }
 }
 
@@ -212,35 +213,58 @@ fn quad(index: usize) -> LightShape {
     LightShape::Quad { center, edge_u: Vec3::X * 0.5, edge_v: Vec3::Y * 0.5, spread: std::f32::consts::PI }
 }
 
-/// Paths between random points on the walls of a room, a few of which escape.
+/// A made-up dump: paths between random points on the walls of a room, a few of which escape.
+pub(crate) struct Room {
+    pub width: usize,
+    pub height: usize,
+    /// Edge of a tile, pixels.
+    pub tile: usize,
+    /// Paths of a pixel.
+    pub samples: usize,
+    /// Segments of a path.
+    pub segments: usize,
+}
+
+/// The smallest that has so many megabytes of positions.
 pub(crate) fn room(megabytes: usize) -> Result<Dump, DumpError> {
     const SAMPLES: usize = 256;
     let bytes_per_tile = TILE * TILE * SAMPLES * SEGMENTS_PER_PATH * POSITION_BYTES as usize;
     let tiles = (megabytes << 20).div_ceil(bytes_per_tile).max(1);
-    let manifest = Manifest {
-        format_version: FORMAT_VERSION,
-        scene_hash: "bench".into(),
-        width: TILE * tiles,
-        height: TILE,
-        tile_size: TILE,
-        passes: vec![Pass { first_sample: 0, samples: SAMPLES as u32 }],
-        seed: 0,
-        camera: Default::default(),
-        camera_position: Some([0.0; 3]),
-        receivers: Vec::new(),
-        settings: Default::default(),
-        working_space: String::new(),
-    };
-    let writer = MemoryWriter::new(manifest.clone())?;
-    let mut random = Random(1);
-    for tile in 0..tiles {
+    let (width, height, tile, samples, segments) = (TILE * tiles, TILE, TILE, SAMPLES, SEGMENTS_PER_PATH);
+    Room { width, height, tile, samples, segments }.dump()
+}
+
+impl Room {
+    pub fn dump(&self) -> Result<Dump, DumpError> {
+        let manifest = Manifest {
+            format_version: FORMAT_VERSION,
+            scene_hash: "bench".into(),
+            width: self.width,
+            height: self.height,
+            tile_size: self.tile,
+            passes: vec![Pass { first_sample: 0, samples: self.samples as u32 }],
+            seed: 0,
+            camera: Default::default(),
+            camera_position: Some([0.0; 3]),
+            receivers: Vec::new(),
+            settings: Default::default(),
+            working_space: String::new(),
+        };
+        let writer = MemoryWriter::new(manifest.clone())?;
+        let write = |tile| writer.write(tile, 0, &self.samples_of_tile(&manifest, tile));
+        (0..manifest.tile_count()).into_par_iter().try_for_each(write)?;
+        Ok(writer.snapshot())
+    }
+
+    fn samples_of_tile(&self, manifest: &Manifest, tile: usize) -> TileSamples {
+        let mut random = Random(1 + ((tile as u64) << 32));
         let mut samples = TileSamples::new(manifest.tile_rect(tile));
-        for _ in 0..TILE * TILE {
+        for _ in 0..samples.rect().pixel_count() {
             samples.begin_pixel();
-            for _ in 0..SAMPLES {
+            for _ in 0..self.samples {
                 samples.begin_path(None);
-                for depth in 0..SEGMENTS_PER_PATH {
-                    let last = depth + 1 == SEGMENTS_PER_PATH && random.next() < 0.25;
+                for depth in 0..self.segments {
+                    let last = depth + 1 == self.segments && random.next() < 0.25;
                     let wall = random.point(1.0);
                     let end = match last {
                         true => End::Escape(wall.normalize_or(Vec3::Z)),
@@ -251,9 +275,8 @@ pub(crate) fn room(megabytes: usize) -> Result<Dump, DumpError> {
                 }
             }
         }
-        writer.write(tile, 0, &samples)?;
+        samples
     }
-    Ok(writer.snapshot())
 }
 
 /// SplitMix64.

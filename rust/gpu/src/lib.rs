@@ -30,6 +30,7 @@ mod kernel;
 pub mod layout;
 pub mod modules;
 mod peak;
+mod properties;
 mod timer;
 
 pub use buffer::{Binding, Buffer};
@@ -39,6 +40,8 @@ pub use compare::{CompareArguments, CompareKernel};
 pub use device::{Gpu, Limits};
 pub use error::GpuError;
 pub use kernel::{Bound, Kernel};
+pub use peak::{Costs, Peaks};
+pub use properties::Property;
 pub use timer::Timer;
 
 #[cfg(test)]

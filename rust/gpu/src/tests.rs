@@ -137,10 +137,34 @@ fn a_driver_without_what_kernels_need_is_refused_by_name() {
 }
 
 #[test]
-fn a_device_has_a_measurable_peak() {
+fn a_device_has_measurable_peaks_and_costs() {
     let gpu = gpu();
-    let peak = gpu.peak_multiply_adds().unwrap();
-    assert!((1e6..1e15).contains(&peak), "{peak}");
+    let peaks = gpu.peaks().unwrap();
+    let rates =
+        [Some(peaks.multiply_adds), peaks.half, peaks.matrices, peaks.wide_matrices, Some(peaks.read)];
+    let transfers = gpu.transfers().unwrap().map(Some);
+    for rate in rates.into_iter().chain(transfers).chain([Some(gpu.peak_copy().unwrap())]).flatten() {
+        assert!((1e6..1e16).contains(&rate), "{rate}: {peaks:?}");
+    }
+    assert_eq!(peaks.half.is_some(), gpu.limits().f16);
+    // Where matrices multiply at all, they do so faster than the plain units: else the sums were not what was measured.
+    assert!(peaks.matrices.is_none_or(|rate| rate > peaks.multiply_adds), "{peaks:?}");
+    let costs = gpu.costs().unwrap();
+    for seconds in [costs.submit, costs.wait] {
+        assert!((1e-8..1.0).contains(&seconds), "{costs:?}");
+    }
+    assert!((0.0..0.1).contains(&costs.dispatch), "{costs:?}");
+}
+
+#[test]
+fn properties_are_those_of_the_driver() {
+    let gpu = gpu();
+    let properties = gpu.properties().unwrap();
+    let value =
+        |name: &str| properties.iter().find(|p| p.name == name).unwrap_or_else(|| panic!("no {name}")).value;
+    assert_eq!(value("bytes of a buffer that can be bound"), gpu.limits().buffer as f64);
+    assert_eq!(value("16-bit floats in kernels"), f64::from(u8::from(gpu.limits().f16)));
+    assert_eq!(value("bytes that our buffers may take"), gpu.free_memory() as f64);
 }
 
 #[test]

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use cpu_time::ThreadTime;
-use relume_gpu::Gpu;
+use relume_gpu::{Gpu, Peaks};
 use serde::Serialize;
 
 use crate::simd::{Isa, peak};
@@ -25,7 +25,7 @@ pub struct Record {
     pub value: f64,
     /// Its unit.
     pub unit: &'static str,
-    /// The limit in the same unit: what the peak of the core would allow.
+    /// The limit in the same unit: what the peak of the core, or of the device, would allow.
     pub limit: f64,
     /// `value / limit`; of a time, `limit / value`.
     pub share_of_limit: f64,
@@ -69,60 +69,83 @@ const TRAINING_BATCH: usize = 16_384;
 /// Share of the pixels that a step of the light optimiser looks at.
 const STEP_SHARE: usize = 20;
 
-/// Inference of whole images, and steps of the light optimiser and of training, of the usual networks on a GPU, in milliseconds.
-/// An image of the paper's size; a tenth of it in both directions on a software driver.
+/// Inference of whole images, and steps of the light optimiser, of the usual networks on a GPU, in milliseconds; and iterations of
+/// their training per second. An image of the paper's size; a tenth of it in both directions on a software driver.
 ///
 /// # Errors
 /// If the device fails or has not the memory.
 pub fn device(gpu: &Arc<Gpu>) -> Result<Vec<Record>, ProxyError> {
-    let size = if gpu.summary().software { [88, 50] } else { [885, 500] };
-    let peak = gpu.peak_multiply_adds()?;
+    let size = if gpu.summary().software { [88, 50] } else { PAPER_SIZE };
+    let peaks = gpu.peaks()?;
     let mut records = Vec::new();
     for (name, network, _) in networks() {
-        records.extend(measure_device(gpu, peak, name, network.clone(), size)?);
-        records.extend(measure_training(gpu, peak, name, network, size)?);
+        records.extend(measure_device(gpu, &peaks, name, network.clone(), size)?);
+        records.extend(measure_training(gpu, &peaks, name, network, size)?);
     }
     Ok(records)
 }
 
+/// Pixels of the paper's pictures (section 6.1).
+const PAPER_SIZE: [usize; 2] = [885, 500];
+
+/// Names that [`device`] gives the inference of a network at the paper's size: by matrices, and by the plain kernel.
+pub fn inference_names(network: &str) -> [String; 2] {
+    [true, false].map(|by_matrices| name_of(inference(by_matrices), network, PAPER_SIZE))
+}
+
+fn inference(by_matrices: bool) -> &'static str {
+    if by_matrices { "inference by matrices" } else { "inference kernel" }
+}
+
+fn name_of(task: &str, network: &str, [width, height]: [usize; 2]) -> String {
+    format!("{task} {network}, {width} x {height}")
+}
+
 fn measure_device(
     gpu: &Arc<Gpu>,
-    peak: f64,
+    peaks: &Peaks,
     name: &str,
     network: NetworkConfig,
     [width, height]: [usize; 2],
-) -> Result<[Record; 3], ProxyError> {
+) -> Result<Vec<Record>, ProxyError> {
     let trainer = device_trainer(network, [width, height])?;
     let on_device = GpuProxy::new(Arc::clone(gpu), &trainer.proxy()?)?;
     let light = LightParams::round(LightKind::Sphere, glam::Vec3::new(0.3, -0.5, 1.0), 0.2);
     let count = width * height;
     let cost = count as f64 * trainer.multiply_adds().1 as f64;
-
-    let kernel = on_device.seconds(&light)?;
+    // Bound by products, or by what is read of the pixels.
+    let limit = |peak: f64, cost: f64, share: f64| {
+        (cost / peak).max(share * on_device.image_bytes() as f64 / peaks.read)
+    };
+    let record = |task: &str, seconds: f64, limit: f64| Record {
+        name: name_of(task, name, [width, height]),
+        value: 1e3 * seconds,
+        unit: "ms",
+        limit: 1e3 * limit,
+        share_of_limit: limit / seconds,
+    };
+    let mut records = Vec::new();
+    for by_matrices in [false, true] {
+        if let Some(seconds) = on_device.seconds(&light, by_matrices)? {
+            let peak = peaks.matrices.filter(|_| by_matrices).unwrap_or(peaks.multiply_adds);
+            records.push(record(inference(by_matrices), seconds, limit(peak, cost, 1.0)));
+        }
+    }
+    let peak = peaks.matrices.filter(|_| on_device.by_matrices()).unwrap_or(peaks.multiply_adds);
     let image = best_of_rounds(|| on_device.unit_image(&light).map(drop))?;
+    records.push(record("unit image with read-back", image, limit(peak, cost, 1.0)));
+
     let picture = vec![0.5; 3 * count];
     let comparison = on_device.comparison(&picture, &picture, 1.0)?;
     // Every so manieth pixel in an order without pattern.
     let pixels: Vec<u32> =
         (0..count / STEP_SHARE).map(|i| (i as u32).wrapping_mul(0x9e37_79b1) % count as u32).collect();
     let step = best_of_rounds(|| comparison.gradient(&[(light, [1.0; 3])], &pixels).map(drop))?;
-    let record = |task: &str, seconds: f64, cost: f64| Record {
-        name: format!("{task} {name}, {width} x {height}"),
-        value: 1e3 * seconds,
-        unit: "ms",
-        limit: 1e3 * cost / peak,
-        share_of_limit: cost / peak / seconds,
-    };
-    Ok([
-        record(
-            if on_device.by_matrices() { "inference by matrices" } else { "inference kernel" },
-            kernel,
-            cost,
-        ),
-        record("unit image with read-back", image, cost),
-        // Forward, forward again and backward.
-        record("light step on 5 % of the pixels", step, 3.0 * cost / STEP_SHARE as f64),
-    ])
+    // Forward, forward again and backward, by the plain units.
+    let share = 1.0 / STEP_SHARE as f64;
+    let least = limit(peaks.multiply_adds, 3.0 * cost * share, share);
+    records.push(record("light step on 5 % of the pixels", step, least));
+    Ok(records)
 }
 
 fn device_trainer(network: NetworkConfig, [width, height]: [usize; 2]) -> Result<Trainer, ProxyError> {
@@ -134,10 +157,11 @@ fn device_trainer(network: NetworkConfig, [width, height]: [usize; 2]) -> Result
     Trainer::new(Arc::new(SyntheticRoom::new(width, height).features()), LightKind::Sphere, config, 1)
 }
 
-/// Steps of training in 32 bits, and by matrices of 16-bit floats where the device has them. The limit is that of 32 bits.
+/// Iterations of training in 32 bits, and by matrices of 16-bit floats where the device has them. The limit is that of products
+/// in 32 bits, or of such matrices.
 fn measure_training(
     gpu: &Arc<Gpu>,
-    peak: f64,
+    peaks: &Peaks,
     name: &str,
     network: NetworkConfig,
     [width, height]: [usize; 2],
@@ -146,16 +170,17 @@ fn measure_training(
     let mut records = Vec::new();
     for (by, matrices) in [("", false), (" by matrices", true)] {
         let trainer = device_trainer(network.clone(), [width, height])?;
+        let peak = peaks.wide_matrices.filter(|_| matrices).unwrap_or(peaks.multiply_adds);
         // Backward costs a product for the inputs and one for the weights.
-        let limit = 3.0 * (samples * trainer.multiply_adds().0) as f64 / peak;
+        let limit = peak / (3.0 * (samples * trainer.multiply_adds().0) as f64);
         let room = SyntheticRoom::new(width, height);
         if let Some(seconds) = trainer.seconds_on_gpu(gpu, &room, (samples, ROUNDS), matrices)? {
             records.push(Record {
-                name: format!("training step of {samples} samples{by} {name}, {width} x {height}"),
-                value: 1e3 * seconds,
-                unit: "ms",
-                limit: 1e3 * limit,
-                share_of_limit: limit / seconds,
+                name: format!("training on {samples} samples an iteration{by} {name}, {width} x {height}"),
+                value: 1.0 / seconds,
+                unit: "iterations/s",
+                limit,
+                share_of_limit: 1.0 / seconds / limit,
             });
         }
     }

@@ -1,8 +1,10 @@
 use super::Context;
 use crate::args::BenchArgs;
+use relume_session::SessionError;
 use relume_session::bench::{Record, bench as measure};
 use relume_session::image::write_atomically;
 use serde::Serialize;
+use std::path::Path;
 
 #[derive(Serialize)]
 struct Measured {
@@ -11,19 +13,34 @@ struct Measured {
 
 /// Measures this machine: the GPU of `--device`, or the CPU.
 pub fn bench(args: &BenchArgs, context: &Context) -> anyhow::Result<()> {
-    let records = measure(&context.compute()?, context.monitor)?;
-    if let Some(path) = &args.out {
-        write_atomically(path, |writer| Ok(serde_json::to_writer_pretty(writer, &records)?))?;
-    }
+    let mut file = match &args.out {
+        Some(path) if args.add && path.exists() => read(path)?,
+        _ => Vec::new(),
+    };
+    let keep = &mut |records: &[Record]| -> Result<(), SessionError> {
+        let Some(path) = &args.out else { return Ok(()) };
+        file.retain(|old| records.iter().all(|new| new.name != old.name));
+        file.extend_from_slice(records);
+        Ok(write_atomically(path, |writer| Ok(serde_json::to_writer_pretty(writer, &file)?))?)
+    };
+    let records = measure(&context.compute()?, &args.part, keep, context.monitor)?;
     let lines: Vec<String> = records.iter().map(line).collect();
     context.console.result(&lines.join("\n"), &Measured { records });
     Ok(())
 }
 
+fn read(path: &Path) -> anyhow::Result<Vec<Record>> {
+    let text = std::fs::read(path)?;
+    serde_json::from_slice(&text).map_err(|error| {
+        let path = path.display();
+        anyhow::anyhow!("{path} holds no records of a benchmark ({error}); remove it, or leave out --add")
+    })
+}
+
 fn line(record: &Record) -> String {
-    let share = record
-        .share_of_limit
-        .map(|share| format!("  {:.0} % of the limit", 100.0 * share))
-        .unwrap_or_default();
-    format!("{:<44} {:>12.4e} {}{share}", record.name, record.value, record.unit)
+    let share = record.share_of_limit.map(|share| format!("  {:.0} % of the limit", 100.0 * share));
+    let goal = record.goal.map(|goal| format!("  goal {goal:.4}"));
+    let peer = record.peer.iter().zip(record.peer_value).map(|(peer, value)| format!("  {peer}: {value:.4}"));
+    let beside: String = share.into_iter().chain(goal).chain(peer).collect();
+    format!("{:<76} {:>12.4e} {}{beside}", record.name, record.value, record.unit).trim_end().to_owned()
 }

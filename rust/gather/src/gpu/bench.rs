@@ -8,8 +8,9 @@ use relume_dump::Flags;
 use relume_gpu::Gpu;
 use relume_scene::{Alpha, ColorEncoding, LightShape, Texels, Texture, World};
 
+use super::chunk::RECORD_BYTES;
 use super::world::GpuWorld;
-use crate::bench::{Measurement, light, room, sphere};
+use crate::bench::{Measurement, Room, light, room, sphere};
 use crate::{Environment, Gather, GatherError, GpuGather, Half, PreparedLight, SoftGather};
 
 /// Rounds, of which the best counts.
@@ -17,18 +18,26 @@ const ROUNDS: usize = 3;
 /// Bytes that are read of a segment that the light is far from, in the order of paths.
 const POSITION_BYTES: f64 = 8.0;
 
-/// Measures the device, and gathers on it from a made-up room. `megabytes` is the size of the positions; 1024 is well beyond
+/// The paper's picture, and its samples (table 1).
+const PAPER: (usize, usize, usize) = (885, 500, 512);
+/// Segments of a path: what measured scenes have on average, whose paths end where they leave the scene or carry next to nothing.
+const PAPER_SEGMENTS: usize = 3;
+/// Bytes of a record of a sorted dump, which lies beside that in the order of paths.
+const SORTED_BYTES: u64 = 21;
+/// How much more of the CPU's memory a dump takes while it is made than when it is there.
+const CPU_FACTOR: u64 = 2;
+
+/// Measures gathers on the device, from a made-up room. `megabytes` is the size of the positions; 1024 is well beyond
 /// the caches of a graphics card.
 ///
 /// # Errors
 /// If the device has not the memory, or was lost.
 pub fn measure(gpu: &Arc<Gpu>, megabytes: usize) -> Result<Vec<Measurement>, GatherError> {
-    let bench = Bench::new(gpu, megabytes)?;
-    let read = bench.read()?;
-    let mut measurements = vec![figure("plain read", read * 1e-9, "GB/s")];
-    measurements.push(figure("plain copy, bytes read and written", bench.copy()? * 1e-9, "GB/s"));
-    let spheres: Vec<_> = (0..16).map(sphere).collect();
-    for count in [1, 16] {
+    let bench = Bench::new(gpu, Gather::new(room(megabytes)?))?;
+    let read = gpu.peak_read()?;
+    let mut measurements = Vec::new();
+    let spheres: Vec<_> = (0..32).map(sphere).collect();
+    for count in [1, 8, 16, 32] {
         let segments = bench.gather(&spheres[..count])?;
         measurements.push(Measurement {
             // Many lights share one pass over the bytes: no limit by reading.
@@ -36,11 +45,79 @@ pub fn measure(gpu: &Arc<Gpu>, megabytes: usize) -> Result<Vec<Measurement>, Gat
             ..figure(&format!("gather of {count} sphere lights"), segments * 1e-9, "G segments/s")
         });
     }
-    measurements.push(figure("pixel targets, 4 lights a pixel", bench.targets(&spheres)?, "targets/s"));
+    measurements.push(figure("pixel targets, 4 lights a pixel", bench.targets(&spheres[..16])?, "targets/s"));
     measurements.push(bench.world(read)?);
     measurements.extend(bench.smoothed(read)?);
     measurements.extend(bench.sorted(read)?);
     Ok(measurements)
+}
+
+/// Measures gathers of one light at the paper's size: 885 x 500 pixels, 512 samples, or as many of those as fit the memory of
+/// device and CPU; a single one on a software driver. The names say how many. The last figure is that of a light of a tenth of
+/// the scene; it is missing if there is no room to sort the segments.
+///
+/// # Errors
+/// If the device has not the memory, or was lost.
+pub fn measure_paper(gpu: &Arc<Gpu>) -> Result<Vec<Measurement>, GatherError> {
+    let (width, height, most) = PAPER;
+    let samples = if gpu.summary().software { 1 } else { fitting_samples(gpu, most) };
+    let segments = PAPER_SEGMENTS;
+    let cpu = Gather::new(Room { width, height, tile: 32, samples, segments }.dump()?);
+    let bench = Bench::new(gpu, cpu)?;
+    let (records, read) = (bench.cpu.dump().record_count() as f64, gpu.peak_read()?);
+    let time = |what: &str, bytes: f64, rate: f64| Measurement {
+        name: paper_name(what, samples),
+        value: 1e3 * records / rate,
+        unit: "ms",
+        limit: Some(1e3 * records * bytes / read),
+    };
+    let rate = bench.gather(&[sphere(0)])?;
+    let mut figures = vec![
+        time(ONE_LIGHT, POSITION_BYTES, rate),
+        Measurement {
+            name: paper_name("positions read for 1 sphere light", samples),
+            value: rate * POSITION_BYTES * 1e-9,
+            unit: "GB/s",
+            limit: Some(read * 1e-9),
+        },
+    ];
+    if bench.on_gpu.sort()? {
+        let bytes = bench.on_gpu.sorted_bytes(&bench.prepare(&[SMALL])?[0]).unwrap_or(POSITION_BYTES);
+        figures.push(time(SMALL_LIGHT, bytes, bench.gather(&[SMALL])?));
+    }
+    Ok(figures)
+}
+
+/// A light of a tenth of the room.
+const SMALL: LightShape = LightShape::Sphere { center: Vec3::new(1.0, -2.0, 0.5), radius: 0.4 };
+const ONE_LIGHT: &str = "gather of 1 sphere light";
+const SMALL_LIGHT: &str = "gather of a light of a tenth of the room, sorted";
+
+/// Names of the times of [`measure_paper`] where all samples fit.
+pub fn paper_names() -> [String; 2] {
+    [ONE_LIGHT, SMALL_LIGHT].map(|what| paper_name(what, PAPER.2))
+}
+
+fn paper_name(what: &str, samples: usize) -> String {
+    format!("{what}, {} x {} at {samples} samples", PAPER.0, PAPER.1)
+}
+
+/// At most so many samples, halved until the dump fits, sorted and not.
+fn fitting_samples(gpu: &Gpu, most: usize) -> usize {
+    let halves = std::iter::successors(Some(most), |samples| Some(samples / 2));
+    let fits = |samples: &usize| {
+        let records = (PAPER.0 * PAPER.1 * samples * PAPER_SEGMENTS) as u64;
+        records * (RECORD_BYTES + SORTED_BYTES) <= gpu.free_memory() / 10 * 9
+            && available_memory().is_none_or(|bytes| CPU_FACTOR * records * RECORD_BYTES <= bytes)
+    };
+    halves.take_while(|samples| *samples > 1).find(fits).unwrap_or(1)
+}
+
+/// Bytes of the CPU's memory that nobody uses, where the system says.
+fn available_memory() -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    line.split_whitespace().next()?.parse::<u64>().ok().map(|kibibytes| kibibytes << 10)
 }
 
 fn figure(what: &str, value: f64, unit: &'static str) -> Measurement {
@@ -56,8 +133,7 @@ struct Bench<'a> {
 }
 
 impl<'a> Bench<'a> {
-    fn new(gpu: &'a Arc<Gpu>, megabytes: usize) -> Result<Self, GatherError> {
-        let cpu = Gather::new(room(megabytes)?);
+    fn new(gpu: &'a Arc<Gpu>, cpu: Gather) -> Result<Self, GatherError> {
         let on_gpu = GpuGather::new(Arc::clone(gpu), &cpu)?;
         let calls = if gpu.summary().software { 1 } else { 20 };
         Ok(Self { gpu, cpu, on_gpu, calls })
@@ -77,39 +153,6 @@ impl<'a> Bench<'a> {
             best = best.min(start.elapsed().as_secs_f64() / self.calls as f64);
         }
         Ok(best)
-    }
-
-    /// Words of a buffer to measure the device with.
-    fn words(&self) -> usize {
-        let positions = self.cpu.dump().record_count() * 2;
-        positions.min(self.gpu.limits().buffer as usize / 4) & !3
-    }
-
-    /// Bytes a second.
-    fn read(&self) -> Result<f64, GatherError> {
-        let words = self.gpu.zeros::<u32>("words", self.words())?;
-        let sums = self.gpu.zeros::<u32>("sums", 1)?;
-        let bound = self.gpu.kernel("gather/read", "read_all", &[])?.bind(&[words.whole(), sums.whole()])?;
-        let groups = (self.words() / 4 / 256 / 16).clamp(1, 16_384) as u32;
-        let seconds = self.seconds(|| {
-            let mut commands = self.gpu.commands("read");
-            commands.run(&bound, groups, &[]);
-            Ok(commands.submit()?)
-        })?;
-        Ok(self.words() as f64 * 4.0 / seconds)
-    }
-
-    /// Bytes a second, those read and those written.
-    fn copy(&self) -> Result<f64, GatherError> {
-        let half = self.words() / 2;
-        let make = |what| self.gpu.zeros::<u32>(what, half);
-        let (from, to) = (make("source")?, make("destination")?);
-        let seconds = self.seconds(|| {
-            let mut commands = self.gpu.commands("copy");
-            commands.copy(&from, &to);
-            Ok(commands.submit()?)
-        })?;
-        Ok(2.0 * half as f64 * 4.0 / seconds)
     }
 
     fn prepare(&self, shapes: &[LightShape]) -> Result<Vec<PreparedLight>, GatherError> {
@@ -193,13 +236,12 @@ impl<'a> Bench<'a> {
         }
         let records = self.cpu.dump().record_count() as f64;
         let sort = records / start.elapsed().as_secs_f64();
-        let shape = LightShape::Sphere { center: Vec3::new(1.0, -2.0, 0.5), radius: 0.4 };
-        let bytes = self.on_gpu.sorted_bytes(&self.prepare(&[shape])?[0]).unwrap_or(POSITION_BYTES);
-        let gather = self.gather(&[shape])?;
+        let bytes = self.on_gpu.sorted_bytes(&self.prepare(&[SMALL])?[0]).unwrap_or(POSITION_BYTES);
+        let gather = self.gather(&[SMALL])?;
         let mut figures = vec![
             figure("sorting of segments by the CPU", sort * 1e-6, "M segments/s"),
             figure("bytes read of a sorted segment for a light of a tenth of the room", bytes, "B"),
-            figure("gather of a light of a tenth of the room, sorted", gather * 1e-9, "G segments/s"),
+            figure(SMALL_LIGHT, gather * 1e-9, "G segments/s"),
         ];
         figures[2].limit = Some(read / bytes * 1e-9);
         Ok(figures)
@@ -211,14 +253,29 @@ mod tests {
     use super::*;
     use relume_gpu::GpuChoice;
 
+    fn gpu() -> Arc<Gpu> {
+        Gpu::open(&GpuChoice::Best).expect("tests need a GPU or a software driver")
+    }
+
     #[test]
     fn all_figures_are_measured_on_any_device() {
-        let gpu = Gpu::open(&GpuChoice::Best).expect("tests need a GPU or a software driver");
-        let figures = measure(&gpu, 1).unwrap();
+        let figures = measure(&gpu(), 1).unwrap();
         assert_eq!(figures.len(), 11);
         for figure in figures {
             println!("{figure:?}");
             assert!(figure.value.is_finite() && figure.value > 0.0, "{figure:?}");
         }
+    }
+
+    #[test]
+    fn samples_of_the_paper_are_halved_until_they_fit() {
+        let gpu = gpu();
+        let records = (PAPER.0 * PAPER.1 * PAPER_SEGMENTS) as u64;
+        for (budget, samples) in [(0, 1), (33 * 8 * records / 9 * 10 + 10, 8), (33 * 15 * records, 8)] {
+            gpu.set_memory_budget(budget);
+            assert_eq!(fitting_samples(&gpu, 16), samples, "{budget}");
+        }
+        gpu.set_memory_budget(u64::MAX);
+        assert_eq!(fitting_samples(&gpu, 2), 2);
     }
 }

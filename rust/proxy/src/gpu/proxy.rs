@@ -228,13 +228,24 @@ impl GpuProxy {
         self.matrices.is_some()
     }
 
-    /// Seconds of the kernel that makes a unit image, without anything around it ([`Gpu::seconds`]).
-    pub(crate) fn seconds(&self, light: &LightParams) -> Result<f64, ProxyError> {
+    /// Bytes that making a unit image reads and writes at least: what is known of the pixels, and the image.
+    pub(crate) fn image_bytes(&self) -> usize {
+        self.proxy.features().pixel_count() * 4 * (self.network.pixel_rows + 3)
+    }
+
+    /// Seconds of the kernel that makes a unit image, by matrices or not, without anything around it ([`Gpu::seconds`]); nothing
+    /// where there is no such kernel.
+    pub(crate) fn seconds(&self, light: &LightParams, by_matrices: bool) -> Result<Option<f64>, ProxyError> {
+        let matrices = self.matrices.as_ref().filter(|_| by_matrices);
+        if matrices.is_some() != by_matrices {
+            return Ok(None);
+        }
         let shared = &mut *self.shared();
         grow(&self.gpu, &mut shared.units, 3 * self.proxy.features().pixel_count())?;
         self.write_lights(shared, &[(*light, [1.0; 3])])?;
-        let matrices = self.matrices.as_ref();
-        self.gpu.seconds(|commands| self.add_whole(commands, matrices, &shared.lights, &shared.units))
+        let add =
+            |commands: &mut Commands<'_>| self.add_whole(commands, matrices, &shared.lights, &shared.units);
+        self.gpu.seconds(add).map(Some)
     }
 
     /// Listed pixels that may be worked on together for so many lights: what is collected of them, and their unit values, fit

@@ -1,4 +1,4 @@
-// Reads a buffer, and does nothing else: what a gather can be compared with.
+// Reads a buffer, and does nothing else: what a kernel that is bound by memory can be compared with.
 
 const GROUP_SIZE = 256u;
 

@@ -1,0 +1,129 @@
+//! What is measured of a GPU.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use glam::Vec3;
+use relume_dump::MemoryWriter;
+use relume_gather::{Gather, GpuGather, Half};
+use relume_gpu::Gpu;
+use relume_proxy::synthetic::SyntheticRoom;
+use relume_proxy::{GpuProxy, LightKind, SizeRange, TrainConfig, Trainer};
+use relume_scene::LightShape;
+use relume_trace::{Control, TraceSettings, Tracer};
+
+use super::{Record, closed_box, gather_record, network_record};
+use crate::SessionError;
+use crate::solve::bench as solve_bench;
+use crate::targets::unit_light;
+
+/// Megabytes of made-up positions that the gather reads: on a graphics card well beyond caches, and on a software driver, which is
+/// some hundred times slower.
+const GATHER_MEGABYTES: usize = 1024;
+const SOFTWARE_GATHER_MEGABYTES: usize = 4;
+
+/// What the driver says, what the device can do at best, and what it costs to have it do anything.
+pub fn limits(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
+    let says = |property: relume_gpu::Property| Record {
+        name: format!("driver: {}", property.name),
+        value: property.value,
+        ..Record::default()
+    };
+    let mut records: Vec<Record> = gpu.properties()?.into_iter().map(says).collect();
+    let mut add = |name: &str, value: f64, unit: &str| {
+        records.push(Record { name: name.into(), value, unit: unit.into(), ..Record::default() });
+    };
+    let peaks = gpu.peaks()?;
+    // A multiply-add is two operations.
+    let multiply_adds = [
+        ("32-bit floats", Some(peaks.multiply_adds)),
+        ("16-bit floats", peaks.half),
+        ("16-bit matrices", peaks.matrices),
+        ("16-bit matrices with sums of 32 bits", peaks.wide_matrices),
+    ];
+    for (what, rate) in multiply_adds {
+        rate.iter().for_each(|rate| add(&format!("peak of {what}"), 2e-12 * rate, "TFLOP/s"));
+    }
+    add("plain read of several buffers", 1e-9 * peaks.read, "GB/s");
+    add("plain copy, bytes read and written", 1e-9 * gpu.peak_copy()?, "GB/s");
+    let [upload, read] = gpu.transfers()?;
+    add("copy from the CPU to the device", 1e-9 * upload, "GB/s");
+    add("copy from the device to the CPU", 1e-9 * read, "GB/s");
+    let costs = gpu.costs()?;
+    add("a dispatch that waits for the one before", 1e6 * costs.dispatch, "us");
+    add("a submission", 1e6 * costs.submit, "us");
+    add("a submission that is waited for", 1e6 * costs.wait, "us");
+    Ok(records)
+}
+
+/// Size of the picture of [`first_picture`], the paper's.
+pub const PICTURE: (usize, usize) = (885, 500);
+
+/// What passes from the first path to the first relit picture: one path a pixel is traced by the CPU and copied, a light
+/// is gathered, and its picture comes back. Kernels are compiled, as on the first use in a process.
+pub fn first_picture(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
+    let scene = closed_box(PICTURE)?;
+    let tracer = Tracer::new(&scene, &TraceSettings { samples: 1, ..TraceSettings::default() })?;
+    let shape = LightShape::Sphere { center: Vec3::new(0.3, 0.2, 0.4), radius: 0.2 };
+    let start = Instant::now();
+    let writer = MemoryWriter::new(tracer.manifest())?;
+    tracer.trace(&writer, &Control::default())?;
+    let traced = start.elapsed().as_secs_f64();
+    let gather = Gather::new(writer.snapshot());
+    let on_gpu = GpuGather::new(Arc::clone(gpu), &gather)?;
+    let lights = [gather.prepare(&unit_light(&shape))?];
+    let images = on_gpu.unit_images(&lights, Half::All)?;
+    let seconds = start.elapsed().as_secs_f64();
+    let (width, height) = (images[0].width, images[0].height);
+    let record = |what: &str, value: f64| Record {
+        name: format!("first picture, closed box, {width} x {height}, {what}"),
+        value,
+        unit: "s".into(),
+        ..Record::default()
+    };
+    Ok(vec![record("in all", seconds), record("of that after tracing", seconds - traced)])
+}
+
+/// Gathers from a made-up room of one size on every card.
+pub fn gather(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
+    let software = gpu.summary().software;
+    let megabytes = if software { SOFTWARE_GATHER_MEGABYTES } else { GATHER_MEGABYTES };
+    Ok(relume_gather::bench::measure_gpu(gpu, megabytes)?.into_iter().map(gather_record).collect())
+}
+
+/// Gathers of one light at the paper's size.
+pub fn paper_gather(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
+    Ok(relume_gather::bench::measure_paper(gpu)?.into_iter().map(gather_record).collect())
+}
+
+/// Inference, light steps and training of the usual networks.
+pub fn networks(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
+    Ok(relume_proxy::bench::device(gpu)?.into_iter().map(network_record).collect())
+}
+
+/// One light solved as in the paper's section 6.2, through the default network. The limit is that of its products.
+pub fn light(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
+    let (width, height) = if gpu.summary().software { (177, 100) } else { PICTURE };
+    let config = TrainConfig::fast(SizeRange { min: 0.1, max: 0.5 });
+    let features = Arc::new(SyntheticRoom::new(width, height).features());
+    let trainer = Trainer::new(features, LightKind::Sphere, config, 1)?;
+    let proxy = GpuProxy::new(Arc::clone(gpu), &trainer.proxy()?)?;
+    let seconds = solve_bench::seconds_of_a_light(&proxy, (width, height))?;
+    // Each step goes forward, forward again and backward.
+    let evaluated = 3.0 * (solve_bench::STEPS * width * height) as f64 * f64::from(solve_bench::PIXELS);
+    let limit = evaluated * trainer.multiply_adds().1 as f64 / gpu.peak_multiply_adds()?;
+    Ok(vec![Record {
+        name: solve_name((width, height)),
+        value: seconds,
+        unit: "s".into(),
+        limit: Some(limit),
+        share_of_limit: Some(limit / seconds),
+        ..Record::default()
+    }])
+}
+
+/// Name of the figure of [`light`].
+pub fn solve_name((width, height): (usize, usize)) -> String {
+    let (steps, share) = (solve_bench::STEPS, 100.0 * solve_bench::PIXELS);
+    format!("one light solved, {steps} steps on {share} % of {width} x {height} pixels")
+}
