@@ -88,10 +88,10 @@ solve: wheel
 	@scripts/install-wheel "$(WHEELS)" 4.2
 	RELUME_SCENES="$(SCENES)" $(PYTHON) scripts/bench/solve/run.py --peers $(CURDIR)/.venv-peers/bin/python $(SOLVE)
 
-# Tests and times the GPU, a software one if there is no other. BENCH_GPU="--keep MACHINE" keeps the figures in docs/bench;
-# with --quality "--seconds 300 --types sphere" proxies are trained on the real scenes as well.
+# Tests and times a graphics card (scripts/gpu-check). BENCH_GPU="--keep MACHINE" keeps the figures in docs/bench;
+# "--from FILE" takes those of a run elsewhere; "--software" takes a software driver; with --quality "--seconds 300 --types sphere"
+# proxies are trained on the real scenes as well.
 bench-gpu: wheel
-	$(CARGO) test -p relume-gpu -p relume-gather -p relume-proxy -p relume-optimise -p relume-session gpu
 	@scripts/install-wheel "$(WHEELS)" 4.2
 	RELUME_SCENES="$(SCENES)" $(PYTHON) scripts/bench/gpu.py $(BENCH_GPU)
 

@@ -1,6 +1,6 @@
-"""Benchmarks of a GPU. Writes `out/bench-gpu.json`; with --keep also a file of this machine under `docs/bench`, and the
-table over all machines there. With --quality proxies are trained on the real scenes as well, and measured beside the
-paper's table 2.
+"""Benchmarks of a GPU. Runs `scripts/gpu-check`, or takes the figures that one made elsewhere (--from); writes
+`out/bench-gpu.json`; with --keep also a file of this machine under `docs/bench`, and the tables over all machines
+there. With --quality proxies are trained on the real scenes as well, and measured beside the paper's table 2.
 """
 
 import argparse
@@ -14,15 +14,24 @@ from statistics import mean
 
 ROOT = Path(__file__).resolve().parents[2]
 KEPT = ROOT / "docs/bench"
-PAPER = {"psnr": (41.07, "dB"), "smape": (0.0263, ""), "ssim": (0.9885, ""), "flip": (0.1014, "")}
-"""Quality of the paper's full configuration (table 2), and units."""
+GOALS = json.loads((ROOT / "rust/session/src/bench/goals.json").read_text())
+"""What an H200 is to reach, beside the paper's figures; `relume bench` puts the same beside its records."""
+QUALITY = {"psnr": "dB", "smape": "", "ssim": "", "flip": ""}
+"""Measures of the paper's table 2, and units."""
 
 
-def measure(device):
-    """The records of `relume bench` on a device."""
-    command = [sys.executable, "-m", "relume", "--json", "--device", device, "bench"]
-    output = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
-    return json.loads(output.splitlines()[-1])["records"]
+def measure(device, software, out):
+    """The records of a run of `scripts/gpu-check` here."""
+    command = [ROOT / "scripts/gpu-check", "--device", device, "--out", out, *(["--software"] if software else [])]
+    (out / "bench-gpu.json").unlink(missing_ok=True)
+    if subprocess.run([str(word) for word in command], check=False).returncode:
+        sys.exit("bench: see above; the figures that there are can be taken with --from")
+    return json.loads((out / "bench-gpu.json").read_text())
+
+
+def goal_of(name):
+    """The goal of a figure."""
+    return next((goal for goal in GOALS if any(name.startswith(begin) for begin in goal["names"])), None)
 
 
 def measure_quality(device, options, out, adapter):
@@ -32,61 +41,142 @@ def measure_quality(device, options, out, adapter):
     groups = {}
     for record in json.loads((out / "quality.json").read_text()):
         if record["train_seconds"]:
-            name = "{light_type} proxy {network}, {train_seconds:g} s of training".format(**record)
+            name = "the {light_type} proxy {network}, {train_seconds:g} s of training".format(**record)
             groups.setdefault(name, []).append(record)
-    general = {"peer": "paper, table 2", "limit": None, "share_of_limit": None, "adapter": adapter}
-    records = []
-    for name, group in groups.items():
-        scenes = ", ".join(record["scene"] for record in group)
-        for key, (paper, unit) in PAPER.items():
-            value = mean(record[key] for record in group)
-            own = {"name": f"{name}, {scenes}: {key.upper()}", "value": value, "unit": unit}
-            records.append(own | {"peer_value": paper, "ratio": value / paper} | general)
-    return records
+    return [quality_record(name, key, group, adapter) for name, group in groups.items() for key in QUALITY]
+
+
+def quality_record(name, key, group, adapter):
+    """The mean of a measure of proxies, beside the paper's, which trained for an hour."""
+    name = f"{key.upper()} of {name}, {', '.join(record['scene'] for record in group)}"
+    paper = next(goal["paper"] for goal in GOALS if goal["names"][0].startswith(f"{key.upper()} of "))
+    goal = goal_of(name)
+    value = mean(record[key] for record in group)
+    return {
+        "name": name,
+        "value": value,
+        "unit": QUALITY[key],
+        "peer": "the paper, table 2",
+        "peer_value": paper,
+        "ratio": value / paper,
+        "limit": None,
+        "share_of_limit": None,
+        "adapter": adapter,
+        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+    } | ({"goal": goal["goal"]} if goal else {})
 
 
 def line(record):
     """A record for people."""
-    share, peer = record["share_of_limit"], record["peer"]
+    share, peer, goal = record["share_of_limit"], record["peer"], record.get("goal")
     limit = f", {share:.0%} of the limit" if share is not None else ""
+    wanted = f", goal {goal:.4g}" if goal is not None else ""
     beside = f" ({peer}: {record['peer_value']:.4g})" if peer else ""
-    return f"{record['value']:.4g} {record['unit']}".rstrip() + limit + beside
+    return f"{record['value']:.4g} {record['unit']}".rstrip() + limit + wanted + beside
+
+
+def rows(head, lines):
+    """A table in Markdown."""
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in [head, ["---"] * len(head), *lines])
+
+
+def figure_of(goal, records):
+    """What a machine has reached of a goal: the first of its figures that there is."""
+    found = (record for name in goal["names"] for record in records if record["name"].startswith(name))
+    record = next(found, None)
+    return f"{record['value']:.4g} {record['unit']}".rstrip() if record else "not measured"
+
+
+def goals_table(machines):
+    """A row for each goal, a column for each machine with a graphics card."""
+
+    def number(goal, key):
+        bound = "at least " if key == "goal" and goal.get("at_least") else ""
+        return "" if goal[key] is None else f"{bound}{goal[key]:g} {goal['unit']}".rstrip()
+
+    def limit(goal):
+        return f"{number(goal, 'limit')} ({goal['limit_by']})" if goal["limit"] else ""
+
+    head = ["", "goal on an H200", "the paper, RTX 5090", "limit of an H200", *(machines or ["any card"])]
+    lines = [
+        [goal["what"], number(goal, "goal"), number(goal, "paper"), limit(goal)]
+        + ([figure_of(goal, records) for records in machines.values()] or ["not measured"])
+        for goal in GOALS
+    ]
+    return rows(head, lines)
 
 
 def table(folder):
-    """Markdown: a row for each figure, a column for each kept machine."""
+    """What `docs/bench/README.md` says: goals, and a row for each figure, a column for each kept machine."""
     machines = {path.stem: json.loads(path.read_text()) for path in sorted(folder.glob("*.json"))}
+    cards = {name: records for name, records in machines.items() if "llvmpipe" not in records[0]["adapter"]}
     names = dict.fromkeys(record["name"] for records in machines.values() for record in records)
     heads = [f"{machine} ({records[0]['adapter']}, {records[0]['date']})" for machine, records in machines.items()]
-    rows = [["", *heads], ["---"] * (len(heads) + 1)]
-    for name in names:
-        cells = [next((line(r) for r in records if r["name"] == name), "") for records in machines.values()]
-        rows.append([name, *cells])
-    lines = "\n".join(f"| {' | '.join(row)} |" for row in rows)
-    made_by = 'Made by `make bench-gpu BENCH_GPU="--keep MACHINE"` from the files beside it.'
-    return f"# GPU benchmarks\n\n{made_by}\n\n{lines}\n"
+    lines = [
+        [name, *(next((line(r) for r in records if r["name"] == name), "") for records in machines.values())]
+        for name in names
+    ]
+    return TEXT.format(
+        state=NO_CARD if not cards else f"Graphics cards so far: {', '.join(cards)}.",
+        goals=goals_table(cards),
+        all=rows(["", *heads], lines),
+    )
+
+
+NO_CARD = """**No graphics card, an H200 or any other, has run this yet.** None of the goals is shown to be reached.
+What stands below was measured on a software driver, which shows that everything runs, and nothing about speed."""
+
+TEXT = """# GPU benchmarks
+
+{state}
+
+Made by `make bench-gpu BENCH_GPU="--keep MACHINE"` from the files beside it. A machine that has nothing but its driver:
+`scripts/gpu-check build` here, copy `build/gpu-check.tar.gz`, unpack it there, `./gpu-check`; then here
+`python3 scripts/bench/gpu.py --from bench-gpu.json --keep MACHINE`. Training to the paper's quality needs Blender's
+Python and the scenes:
+`make bench-gpu BENCH_GPU='--keep MACHINE --quality "--seconds 300 --types sphere --networks fast"'`.
+
+## Goals
+
+Limits here are arithmetic with what others measured of H200s: 4.3 TB/s, 790 TFLOP/s of 16-bit matrices; and 67 TFLOP/s
+of 32-bit floats by its data sheet. Each figure further below has the limit that was measured in the same run.
+
+{goals}
+
+## All figures
+
+{all}
+"""
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--device", default="gpu", help="gpu for the best, or a part of its name")
+    parser.add_argument("--software", action="store_true", help="take a software driver if there is no card")
+    parser.add_argument("--from", dest="source", type=Path, metavar="FILE", help="take the bench-gpu.json of gpu-check")
     parser.add_argument("--keep", metavar="MACHINE", help="name of this machine in docs/bench")
     parser.add_argument("--quality", metavar="OPTIONS", help='of scripts/quality.py: "--seconds 300 --types sphere"')
     parser.add_argument("--out", type=Path, default=ROOT / "out")
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
-    records = measure(args.device)
+    if args.source:
+        records = json.loads(args.source.read_text())
+    else:
+        records = measure(args.device, args.software, args.out)
     if args.quality is not None:
         records += measure_quality(args.device, args.quality, args.out, records[0]["adapter"])
-    date = datetime.datetime.now(datetime.UTC).date().isoformat()
-    records = [record | {"date": date} for record in records]
     (args.out / "bench-gpu.json").write_text(json.dumps(records, indent=1))
     for record in records:
         print(f"{record['name']:60} {line(record)}")
     if args.keep:
-        KEPT.mkdir(parents=True, exist_ok=True)
-        (KEPT / f"{args.keep}.json").write_text(json.dumps(records, indent=1) + "\n")
-        (KEPT / "README.md").write_text(table(KEPT))
+        keep(records, args.keep, KEPT)
+
+
+def keep(records, machine, folder):
+    """Keeps the figures of a machine, and makes the tables anew."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / f"{machine}.json").write_text(json.dumps(records, indent=1) + "\n")
+    (folder / "README.md").write_text(table(folder))
 
 
 if __name__ == "__main__":

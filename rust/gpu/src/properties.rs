@@ -16,7 +16,8 @@ impl Gpu {
     /// # Errors
     /// If the adapter has gone.
     pub fn properties(&self) -> Result<Vec<Property>, GpuError> {
-        let adapter = choose(&GpuChoice::Named(self.summary().name.clone()))?;
+        let found = choose(&GpuChoice::Named(self.summary().name.clone()))?;
+        let adapter = found.first().ok_or(GpuError::NoAdapter)?;
         let (all, limits) = (adapter.limits(), self.limits());
         let yes = |is: bool| f64::from(u8::from(is));
         let subgroup = limits.subgroup.unwrap_or_default();
