@@ -248,28 +248,3 @@ def brighten(artist, light):
     after = artist.picture()
     driver.check(after.mean() > before.mean() and not same(after, before), "a stop more of a light is brighter")
     driver.check(artist.scene.objects[light].data.energy == energy, "rows write nothing to lights")
-
-
-def visit(driver, blend, size, light, patient=True):
-    """A short visit to a shot of somebody else's: bake, look, drag a light, brighten it. Without patience the bake is
-    cancelled in the middle, and the shot relit from the samples that are there."""
-    artist = Artist(driver)
-    with driver.step("open"):
-        yield from artist.open(blend, size, samples=4, train_seconds=2)
-    with driver.step("start"):
-        yield from artist.start()
-        driver.photo("first-picture")
-    with driver.step("samples and training" if patient else "cancel"):
-        if not patient:
-            yield from driver.press_button("relume.cancel", across=0.7)
-        yield from artist.until_settled()
-        driver.photo("settled")
-        driver.check(artist.state == ("ready" if patient else "cancelled"), f"the end of the bake: {artist.words()}")
-    with driver.step("look like the render"):
-        yield from artist.compare_with_display("overlay")
-    with driver.step("drag and undo"):
-        yield from driver.look_through_camera()
-        yield from drag_and_undo(artist, light, 100)
-    with driver.step("rows"):
-        yield from brighten(artist, light)
-        driver.photo("brighter")

@@ -275,15 +275,19 @@ class Driver:
         # Away from what the mouse is on now: Blender notices a move only when it comes to it.
         yield from self.move_mouse(0, 0)
         yield from self.wait(10 * INTERVAL)
+        seen = []
         for scroll in (-100_000, *[region.height // 2] * 3):
             yield from self.scroll_tab(scroll)
             for y in range(region.y + region.height - ROW_PIXELS, region.y, -ROW_PIXELS):
                 yield from self.move_mouse(region.x + across * region.width, y)
-                if what in self._button_under_mouse():
+                seen.append(self._button_under_mouse())
+                # A window that draws slowly may still tell of the place before.
+                for place in (y, y + ROW_PIXELS) if what in seen[-1] else ():
+                    yield from self.move_mouse(region.x + across * region.width, place)
                     yield from self.wait(10 * INTERVAL)
                     if what in self._button_under_mouse():
                         return self._mouse
-        raise LookupError(f"no button for {what} in the side bar")
+        raise LookupError(f"no button for {what} in the side bar, but {list(dict.fromkeys(seen))}")
 
     def _button_under_mouse(self):
         """Python command or data path of the button in the side bar that the mouse is over."""

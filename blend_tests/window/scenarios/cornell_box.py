@@ -1,10 +1,10 @@
-"""An artist relights the Cornell box."""
+"""An artist relights the Cornell box, which has one light."""
 
-from artist import visit
+from visit import visit
 
 NEEDS = ["cornell_box.blend"]
 
 
 def play(driver):
     """See the first line of this file."""
-    yield from visit(driver, "cornell_box.blend", (320, 320), "light_0")
+    yield from visit(driver, "cornell_box.blend", (320, 320), ("light_0", "light_0", "World"))
