@@ -6,12 +6,16 @@ const LANES: u32 = 32u;
 
 @group(0) @binding(0) var<storage, read_write> results: array<f32>;
 
-var<immediate> factor: vec2f;
+// A struct: DirectX takes no other arguments.
+struct Arguments {
+    factor: vec2f,
+}
+var<immediate> arguments: Arguments;
 
 @compute @workgroup_size(128)
 fn peak(@builtin(local_invocation_index) thread: u32) {
-    let scale = vec4f(factor.x);
-    let shift = vec4f(factor.y);
+    let scale = vec4f(arguments.factor.x);
+    let shift = vec4f(arguments.factor.y);
     var a = vec4f(f32(thread));
     var b = a + 1.0;
     var c = a + 2.0;

@@ -5,12 +5,16 @@ enable f16;
 
 @group(0) @binding(0) var<storage, read_write> results: array<f32>;
 
-var<immediate> factor: vec2f;
+// A struct: DirectX takes no other arguments.
+struct Arguments {
+    factor: vec2f,
+}
+var<immediate> arguments: Arguments;
 
 @compute @workgroup_size(128)
 fn peak_half(@builtin(local_invocation_index) thread: u32) {
-    let scale = vec4h(f16(factor.x));
-    let shift = vec4h(f16(factor.y));
+    let scale = vec4h(f16(arguments.factor.x));
+    let shift = vec4h(f16(arguments.factor.y));
     var a = vec4h(f16(thread));
     var b = a + 1.0h;
     var c = a + 2.0h;

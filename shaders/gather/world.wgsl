@@ -23,7 +23,11 @@ struct Environment {
 @group(0) @binding(1) var<storage, read> texels: array<f32>;
 @group(0) @binding(7) var<storage, read_write> image: array<f32>;
 
-var<immediate> pixel_count: u32;
+// A struct: DirectX takes no other arguments.
+struct Arguments {
+    pixel_count: u32,
+}
+var<immediate> arguments: Arguments;
 
 const PI = 3.14159265;
 // Code of camera rays, and number of codes; what is above is not a segment.
@@ -37,13 +41,13 @@ fn add_world(
     @builtin(local_invocation_index) thread: u32,
 ) {
     let pixel = (group.x + group.y * groups.x) * (GROUP_SIZE / LANES) + thread / LANES;
-    if pixel < pixel_count {
+    if pixel < arguments.pixel_count {
         for (var part = pixels[pixel].first_part; part < pixels[pixel + 1u].first_part; part++) {
             visit_part(parts[part], thread % LANES);
         }
     }
     reduce(thread);
-    if thread % LANES != 0u || pixel >= pixel_count {
+    if thread % LANES != 0u || pixel >= arguments.pixel_count {
         return;
     }
     for (var channel = 0u; channel < 3u; channel++) {

@@ -226,6 +226,7 @@ fn every_module_can_be_written_for_metal_and_directx() {
         let directx = hlsl::Options {
             shader_model: hlsl::ShaderModel::V6_2,
             fake_missing_bindings: true,
+            immediates_target: Some(hlsl::BindTarget::default()),
             ..hlsl::Options::default()
         };
         let mut text = String::new();
