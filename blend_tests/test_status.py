@@ -55,10 +55,10 @@ SHOWN = [
         "Showing the proxy (error 8.0 %) and 12 samples, denoised",
     ),
     (state(shown=picture()), "Showing 12 samples"),
-    (state(shown=picture(Key="gather") | {"noise": 0.042}), "Showing 12 samples (noise 4.2 %)"),
+    (state(shown=picture(Key="gather") | {"noise": 0.042}), "Showing 12 samples (noise 4 %)"),
     (
         state(shown=picture(Key="gather_denoised") | {"noise": 0.042}),
-        "Showing 12 samples, denoised (noise 4.2 % before)",
+        "Showing 12 samples, denoised (noise 4 % before)",
     ),
     (state(shown=picture(Key="gather") | {"noise": None}), "Showing 12 samples"),
 ]

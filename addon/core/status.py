@@ -26,7 +26,7 @@ def shown(status: dict[str, Any]) -> str:
     plain = f"{samples} {'sample' if samples == 1 else 'samples'}"
     denoised = ", denoised" if any(maker.endswith("denoised") for maker in makers) else ""
     if (noise := picture.get("noise")) is not None:
-        denoised += f" (noise {100 * noise:.1f} %{' before' if denoised else ''})"
+        denoised += f" (noise {100 * noise:.0f} %{' before' if denoised else ''})"
     size = f", at 1/{picture['scale']} size" if picture.get("scale", 1) > 1 else ""
     if "proxy" not in makers:
         return f"Showing {plain}{denoised}{size}"

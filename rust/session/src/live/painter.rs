@@ -6,8 +6,8 @@ use super::view::{Delivered, SharedImage, View, half};
 use super::{LiveOptions, LiveRequest};
 use crate::device_gather::DeviceGather;
 use crate::{Cancel, Compute, Listener, Maker, Monitor, Progress, SessionError, With};
-use relume_gather::{DenoiseQuality, Noise};
-use relume_image::Image;
+use relume_gather::DenoiseQuality;
+use relume_image::{Image, metrics};
 use relume_scene::Light;
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -411,13 +411,11 @@ fn noise(units: &Units, parts: &[Part], stand_ins: &[Option<SharedImage>], pictu
         .collect();
     let layers = layers.filter(|layers| !layers.is_empty())?;
     // Passes are those of all lights, so that errors add up as the lights do.
-    let error = weighted_sum(&layers, picture.width, picture.height);
-    let squares: f64 = error.data.iter().map(|value| f64::from(value * value)).sum();
-    let sum: f64 =
-        picture.data.as_chunks::<4>().0.iter().flat_map(|[rgb @ .., _]| rgb).map(|v| f64::from(*v)).sum();
-    let count = error.data.len() as f64;
-    let noise = Noise { rmse: (squares / count).sqrt() as f32, mean: (sum / count) as f32 };
-    Some(noise.relative())
+    let mut noisy = weighted_sum(&layers, picture.width, picture.height);
+    let colors = picture.data.as_chunks::<4>().0.iter().flat_map(|[rgb @ .., _]| rgb).copied();
+    let clean = Image { data: colors.collect(), ..Image::new(picture.width, picture.height, 3) };
+    noisy.data.iter_mut().zip(&clean.data).for_each(|(error, value)| *error += value);
+    Some(metrics::smape(&noisy, &clean) as f32)
 }
 
 /// Whether there is something that was not painted yet.

@@ -80,9 +80,9 @@ pub struct Shown {
     pub makers: BTreeMap<String, Maker>,
     /// Whether nothing better will come for this request, unless more paths or proxies do.
     pub settled: bool,
-    /// Of a settled picture: the noise of all that was summed over paths, before it was denoised. Root of the mean square error
-    /// over pixels and channels, by the mean of the picture; estimated from the newest pass beside those before it, and nothing
-    /// where a light has a single pass only or no light is summed.
+    /// Of a settled picture: the noise of all that was summed over paths, before it was denoised, as the errors of proxies are
+    /// measured ([`relume_image::metrics::smape`], which few bright pixels do not outweigh). Estimated from the newest pass beside
+    /// those before it; nothing where a light has a single pass only or no light is summed.
     pub noise: Option<f32>,
 }
 

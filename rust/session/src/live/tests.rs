@@ -5,6 +5,7 @@ use crate::{Compute, LightSet, Maker, Monitor, ObjView, With, bake, obj_scene};
 use glam::Vec3;
 use relume_dump::Dump;
 use relume_gather::{Gather, Half};
+use relume_image::metrics;
 use relume_scene::{Light, LightShape};
 
 /// The room of the tests, with a size in pixels.
@@ -109,10 +110,7 @@ fn noise_of_settled_frames_is_that_of_their_samples() {
     let live = live(&few);
     live.open(0.0).unwrap();
     let frame = settled(&live, live.relight(request(&lights)));
-    let squares: f32 = seen.data.iter().zip(&reference.data).map(|(a, b)| (a - b) * (a - b)).sum();
-    let colors = frame.image.data.as_chunks::<4>().0;
-    let mean = colors.iter().map(|[r, g, b, _]| r + g + b).sum::<f32>() / (3 * colors.len()) as f32;
-    let noise = (squares / seen.data.len() as f32).sqrt() / mean;
+    let noise = metrics::smape(&seen, &reference) as f32;
     let estimate = frame.shown.noise.expect("an estimate");
     assert!((0.5..2.0).contains(&(estimate / noise)), "estimated {estimate}, it is {noise}");
     let dark = settled(&live, live.relight(request(&[])));
