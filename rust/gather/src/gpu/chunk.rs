@@ -249,6 +249,7 @@ pub struct Chunk {
 impl Chunk {
     pub fn new(gpu: &Gpu, plan: ChunkPlan) -> Result<Self, GpuError> {
         let records = ChunkRecords::new(gpu, plan.records)?;
+        // Until they are flushed the driver keeps a copy: of a large dump there would be two.
         let mut pending = 0;
         for piece in &plan.pieces {
             records.write_piece(gpu, piece);

@@ -88,13 +88,7 @@ impl GpuGather {
         let tables: u64 = plans.iter().map(ChunkTable::bytes).sum();
         let needed = gather.dump.record_count() as u64 * RECORD_BYTES + tables;
         if gather.has_room(needed) {
-            let chunks = plans.into_iter().map(|plan| {
-                let chunk = Chunk::new(&gather.gpu, plan)?;
-                // Until then the driver keeps a copy: of a large dump there would be two.
-                let written = gather.gpu.commands("dump").submit_tracked()?;
-                gather.gpu.wait_for(written)?;
-                Ok::<_, GpuError>(chunk)
-            });
+            let chunks = plans.into_iter().map(|plan| Chunk::new(&gather.gpu, plan));
             gather.resident = if_it_fits(chunks.collect())?;
         }
         Ok(gather)
