@@ -28,8 +28,10 @@ extension: wheel
 # A zip for each platform that can be built here.
 extension-all: wheel
 	@scripts/setup windows
+	@scripts/setup macos
 	@scripts/build-wheel "$(WHEELS)-windows" --windows
-	@scripts/build-extension build/extension "$(WHEELS)" "$(WHEELS)-windows"
+	@scripts/build-wheel "$(WHEELS)-macos" --macos
+	@scripts/build-extension build/extension "$(WHEELS)" "$(WHEELS)-windows" "$(WHEELS)-macos"
 
 test: test-rust test-python test-blender window
 

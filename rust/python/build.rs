@@ -2,7 +2,10 @@
 //! goes first, because it carries the same soname.
 
 fn main() {
-    if std::env::var("CARGO_CFG_TARGET_OS").as_deref() == Ok("linux") {
-        println!("cargo::rustc-link-arg-cdylib=-Wl,-rpath,$ORIGIN/oidn/lib");
-    }
+    let folder_of_the_module = match std::env::var("CARGO_CFG_TARGET_OS").as_deref() {
+        Ok("linux") => "$ORIGIN",
+        Ok("macos") => "@loader_path",
+        _ => return,
+    };
+    println!("cargo::rustc-link-arg-cdylib=-Wl,-rpath,{folder_of_the_module}/oidn/lib");
 }

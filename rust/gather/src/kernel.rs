@@ -44,6 +44,7 @@ impl Isa {
 
     /// All that this processor has, the best first.
     pub fn available() -> Vec<Self> {
+        #[cfg_attr(not(target_arch = "x86_64"), expect(unused_mut, reason = "nothing else is known of others"))]
         let mut all = vec![Self::Portable];
         #[cfg(target_arch = "x86_64")]
         if is_x86_feature_detected!("avx2")
@@ -77,6 +78,7 @@ pub trait Visitor {
     /// The region that crossings of a light touch.
     fn reach(&self, light: usize) -> &Reach;
     /// Whether few segments come near any of the lights.
+    #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code, reason = "first tests are AVX's"))]
     fn is_selective(&self) -> bool;
     /// Segments of the records from `first_record` on follow, for one light after the other.
     fn begin_block(&mut self, first_record: usize);

@@ -73,6 +73,7 @@ pub struct SceneBvh {
     mirrored: Vec<bool>,
     /// Instances that stand in the tree by reference.
     placed: Vec<bool>,
+    #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code, reason = "no other processor has it"))]
     use_avx2: bool,
 }
 
