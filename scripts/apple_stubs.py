@@ -1,6 +1,6 @@
-"""Writes what linking for macOS needs of Apple's libraries, into a folder that SDKROOT can name: for each, where it lies on a
-Mac, and those of its symbols that Relume's dependencies use (Apple's developer documentation names the framework of each).
-The rest of macOS, `libSystem`, comes with zig. Usage: apple_stubs.py FOLDER
+"""Writes what linking for macOS needs of Apple's libraries, into a folder that SDKROOT can name: for each, where it
+lies on a Mac, and those of its symbols that Relume's dependencies use (Apple's developer documentation names the
+framework of each). The rest of macOS, `libSystem`, comes with zig. Usage: apple_stubs.py FOLDER
 """
 
 import sys

@@ -44,12 +44,12 @@ def open_scene(path, pixels):
     return scene
 
 
-def bake(scene, samples, folder):
-    """Relighters of two independent bakes in `folder`, of half the samples each; prints warnings."""
+def bake(scene, samples, folder, more):
+    """Relighters of two independent bakes of half the samples each, with `more` settings; prints warnings."""
     exported, settings = load_scene(scene), trace_settings(scene, print)
     relighters = []
     for seed in (0, 1):
-        job = relume.bake(exported, folder / str(seed), settings | {"samples": samples // 2, "seed": seed})
+        job = relume.bake(exported, folder / str(seed), settings | more | {"samples": samples // 2, "seed": seed})
         report = job.wait(on_warning=lambda text: print(f"  warning: {text}"))
         print(f"  baked {report['segments'] / 1e6:.1f} M segments in {report['seconds']:.0f} s", flush=True)
         relighters.append(relume.Relighter(folder / str(seed)))
@@ -116,6 +116,7 @@ def main():
     parser.add_argument("--pixels", type=int, default=6400, help="about how many a picture has")
     parser.add_argument("--samples", type=int, default=4096, help="gathered paths per pixel, of both bakes together")
     parser.add_argument("--cycles-samples", type=int, default=512, help="of the two Cycles renders together")
+    parser.add_argument("--guiding", type=float, help="share of directions that look for lights; default: the tracer's")
     parser.add_argument("--out", type=Path, default=ROOT / "out")
     args = parser.parse_args()
     folder = Path(args.folder)
@@ -125,12 +126,13 @@ def main():
     (args.out / "parity").mkdir(parents=True, exist_ok=True)
     table = args.out / "parity.json"
     records = json.loads(table.read_text()) if table.exists() else []
+    more = {} if args.guiding is None else {"guiding": args.guiding}
     for name in args.scenes:
         print(name, flush=True)
         records = [record for record in records if record["scene"] != name]
         scene = open_scene(folder / f"{name}.blend", args.pixels)
         with tempfile.TemporaryDirectory(prefix="relume-parity-") as baked:
-            relighters = bake(scene, args.samples, Path(baked))
+            relighters = bake(scene, args.samples, Path(baked), more)
             for seed in light_sets_of(scene, args.sets):
                 record = parity(scene, name, relighters, seed, args)
                 records.append(record)

@@ -56,7 +56,7 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     /// What rays that leave the scene see.
     pub world: World,
-    /// The lights of the file; the tracer never looks at them.
+    /// The lights of the file. They are no part of what is traced; the tracer only looks more often to where they stand.
     pub lights: Vec<Light>,
     /// Name of the scene-linear space of all colours, e.g. `"Linear Rec.709"`.
     pub working_space: String,

@@ -1,15 +1,16 @@
-//! Light-free paths: sampled by the BSDFs alone, recorded segment by segment (paper, sections 3.1 and 4.1).
+//! Light-free paths: sampled by the BSDFs and a [`Guide`], recorded segment by segment (paper, sections 3.1 and 4.1).
 
 use glam::Vec3;
 use relume_dump::{AovSample, End, Lobe, Segment, TileSamples};
 use relume_scene::Scene;
 
 use crate::{
-    bsdf::Surface,
+    bsdf::{BsdfSample, Surface},
     bvh::{Ray, SceneBvh},
     camera::CameraSampler,
     departure::{start_at, start_lifted},
     environment::Environment,
+    guide::{Cones, Guide},
     path::{Horizon, PathState},
     sampler::PixelSampler,
     settings::PathSettings,
@@ -46,6 +47,7 @@ impl PathSink for TileSamples {
 pub struct Scratch {
     surface: Surface,
     shadow: Surface,
+    cones: Cones,
 }
 
 /// Everything that paths are traced in.
@@ -57,12 +59,15 @@ pub(crate) struct Integrator<'a> {
     pub camera: CameraSampler,
     pub environment: Environment,
     pub lights: Option<StaticLights>,
+    pub guide: Option<Guide>,
     pub settings: PathSettings,
 }
 
 /// Groups of the sampler: the camera takes the first, each surface of a path two.
 const CAMERA_GROUP: u32 = 0;
 const GROUPS_PER_SURFACE: u32 = 2;
+/// Added to a surface's first group: numbers of the guide.
+const GUIDE_GROUP: u32 = 1 << 31;
 
 /// The AOVs of one path while it is traced.
 struct Features {
@@ -126,7 +131,7 @@ impl Integrator<'_> {
                 scratch,
                 &mut features,
                 &mut last,
-                || sampler.draw(sample, group + 1),
+                |other| sampler.draw(sample, other.wrapping_add(group)),
             ) {
                 break;
             }
@@ -187,7 +192,7 @@ impl Integrator<'_> {
         scratch: &mut Scratch,
         features: &mut Features,
         last: &mut Option<LastBounce>,
-        light_numbers: impl FnOnce() -> [f32; 4],
+        draw: impl Fn(u32) -> [f32; 4],
     ) -> bool {
         let limits = &self.settings.bounces;
         let surface = &mut scratch.surface;
@@ -200,27 +205,28 @@ impl Integrator<'_> {
             return through.max_element() > 0.0;
         }
         self.filter_closures(path, surface);
+        let cones = match &self.guide {
+            Some(guide) if surface.is_guided() => {
+                guide.look_from(point.position, &mut scratch.cones);
+                Some(&scratch.cones).filter(|cones| cones.share > 0.0)
+            }
+            _ => None,
+        };
         if let Some(lights) = &self.lights {
             let lookup = Lookup {
                 scene: self.scene,
                 bvh: &self.bvh,
                 materials: &self.materials,
                 environment: &self.environment,
+                cones,
             };
-            match lights.sample(
-                &lookup,
-                point,
-                surface,
-                &mut scratch.shadow,
-                path.throughput,
-                light_numbers(),
-            ) {
+            match lights.sample(&lookup, point, surface, &mut scratch.shadow, path.throughput, draw(1)) {
                 Some(StaticSample::Emission(light)) => features.sample.emission += path.throughput * light,
                 Some(StaticSample::World(light)) => features.sample.world += path.throughput * light,
                 None => {}
             }
         }
-        let Some(sample) = surface.sample(u) else {
+        let Some((sample, pdf)) = direction(surface, cones, u, || draw(GUIDE_GROUP)) else {
             features.meet(surface);
             return false;
         };
@@ -235,7 +241,7 @@ impl Integrator<'_> {
             }
             path.scatter(&sample, limits);
             path.receiver = self.scene.instances[point.instance as usize].receiver;
-            *last = (!sample.singular).then_some(LastBounce { position: point.position, pdf: sample.pdf });
+            *last = (!sample.singular).then_some(LastBounce { position: point.position, pdf });
         }
         ray.direction = sample.wi;
         if sample.lights_only {
@@ -266,6 +272,28 @@ impl Integrator<'_> {
             }
         }
     }
+}
+
+/// Where a path goes on, weighted by the density of surface and cones together, which comes second; that of the sample stays the
+/// surface's own, by which Filter Glossy goes.
+fn direction(
+    surface: &Surface,
+    cones: Option<&Cones>,
+    u: [f32; 3],
+    cone_numbers: impl FnOnce() -> [f32; 4],
+) -> Option<(BsdfSample, f32)> {
+    let Some(cones) = cones.filter(|_| !surface.chooses_singular(u[2])) else {
+        return surface.sample(u).map(|sample| (sample, sample.pdf));
+    };
+    let v = cone_numbers();
+    let mut sample = if v[0] < cones.share {
+        surface.sample_towards(cones.sample([v[1], v[2], v[3]]), v[0] / cones.share)?
+    } else {
+        surface.sample(u)?
+    };
+    let pdf = surface.guided_pdf(sample.pdf, cones, sample.wi);
+    sample.weight *= sample.pdf / pdf;
+    Some((sample, pdf))
 }
 
 impl Features {

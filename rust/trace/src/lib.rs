@@ -1,7 +1,8 @@
 //! Light-free path tracing: scene -> dump.
 //!
-//! [`Tracer`] (or [`trace`]) samples camera paths by the BSDFs alone and hands them, tile by tile and pass by pass, to
-//! a [`relume_dump::ShardSink`]. What the scene itself emits goes to static layers, so that any virtual light can be
+//! [`Tracer`] (or [`trace`]) samples camera paths and hands them, tile by tile and pass by pass, to a
+//! [`relume_dump::ShardSink`]. Directions come from the BSDFs and in part from where the file's lights stand, which changes only
+//! the noise. What the scene itself emits goes to static layers, so that any virtual light can be
 //! added up from the paths later.
 
 pub mod bench;
@@ -13,6 +14,7 @@ mod distribution;
 mod emitters;
 mod environment;
 pub mod filter;
+mod guide;
 mod integrator;
 mod path;
 mod render;

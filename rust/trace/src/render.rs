@@ -12,9 +12,10 @@ use crate::{
     bvh::{BvhError, SceneBvh},
     camera::CameraSampler,
     environment::Environment,
+    guide::Guide,
     integrator::{Integrator, PathSink, Scratch},
     sampler::PixelSampler,
-    settings::TraceSettings,
+    settings::{MOST_GUIDING, TraceSettings},
     shading::PreparedMaterials,
     static_light::StaticLights,
 };
@@ -116,6 +117,7 @@ impl<'a> Tracer<'a> {
             materials,
             environment,
             lights,
+            guide: Guide::new(&scene.lights, settings.guiding.min(MOST_GUIDING)),
             settings: paths,
         };
         Ok(Self { integrator, settings: settings.clone(), warnings })
@@ -131,8 +133,9 @@ impl<'a> Tracer<'a> {
         manifest(self.integrator.scene, &self.settings)
     }
 
-    /// Traces every shard that `sink` does not have yet. What is traced depends on the scene, the seed and the path
-    /// settings alone, not on threads, tiles or passes.
+    /// Traces every shard that `sink` does not have yet. What is traced depends on the scene with its lights, the seed and the
+    /// settings of paths and guiding alone, not on threads, tiles or passes. A dump may hold shards that were guided to
+    /// other lights: each is right by itself.
     ///
     /// # Errors
     /// If `sink` is for a dump of another shape, or cannot store a shard.

@@ -4,6 +4,9 @@ use relume_dump::Pass;
 
 use crate::filter::PixelFilter;
 
+/// Of [`TraceSettings::guiding`]: above, lights that were moved would be too noisy.
+pub const MOST_GUIDING: f32 = 0.9;
+
 /// All settings of a bake.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -18,6 +21,9 @@ pub struct TraceSettings {
     pub passes: PassSchedule,
     /// Worker threads; 0 for one a core. Does not change the result.
     pub threads: usize,
+    /// Share of the directions that look for where the file's lights stand, 0 for none, at most [`MOST_GUIDING`]. Changes only
+    /// the noise, never what is expected: less for lights near there, at each bounce up to `1 / (1 - guiding)` of the variance elsewhere.
+    pub guiding: f32,
     /// What the paths are; everything that changes the dump but for the samples.
     pub paths: PathSettings,
 }
@@ -30,6 +36,7 @@ impl Default for TraceSettings {
             tile_size: 64,
             passes: PassSchedule::default(),
             threads: 0,
+            guiding: 0.25,
             paths: PathSettings::default(),
         }
     }

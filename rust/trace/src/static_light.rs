@@ -1,6 +1,6 @@
 //! Direct sampling of what the scene itself emits, for the static layers only: the paths of the dump never use it.
 //!
-//! Both ways to meet an emitter (a light sample here, the BSDF's own direction in the path) are weighted by the power
+//! Both ways to meet an emitter (a light sample here, the path's own direction) are weighted by the power
 //! heuristic (Veach 1997, section 9.2.4). A shadow ray goes straight through transparent surfaces.
 
 use glam::Vec3;
@@ -13,6 +13,7 @@ use crate::{
     departure::start_at,
     emitters::{Emitters, may_be_transparent},
     environment::Environment,
+    guide::Cones,
     shading::{Hit, PreparedMaterials, SurfacePoint},
 };
 
@@ -111,7 +112,7 @@ impl StaticLights {
         let share = self.environment_share();
         if u[3] < share {
             let (direction, density) = tracer.environment.sample([u[0], u[1], u[2]])?;
-            let factor = weighted(surface, point, direction, density * share)?;
+            let factor = tracer.weighted(surface, point, direction, density * share)?;
             let radiance = tracer.environment.radiance(tracer.scene, tracer.materials, direction, false);
             let factor = factor / survival(throughput * factor * radiance, u[3] / share)?;
             let through = self.transmittance(tracer, point, direction, None, scratch)?;
@@ -123,7 +124,7 @@ impl StaticLights {
         let direction = towards.try_normalize()?;
         let cos = target.normal.dot(direction).abs();
         let density = target.area_density * (1.0 - share) * distance_squared / cos;
-        let factor = weighted(surface, point, direction, density)?;
+        let factor = tracer.weighted(surface, point, direction, density)?;
         let factor =
             factor / survival(throughput * factor * target.brightness, (u[3] - share) / (1.0 - share))?;
         let goal = (target.instance, target.triangle);
@@ -175,6 +176,8 @@ pub(crate) struct Lookup<'a> {
     pub bvh: &'a SceneBvh,
     pub materials: &'a PreparedMaterials,
     pub environment: &'a Environment,
+    /// What the path's own directions are drawn from beside the surface.
+    pub cones: Option<&'a Cones>,
 }
 
 impl Lookup<'_> {
@@ -183,17 +186,24 @@ impl Lookup<'_> {
         self.materials.evaluate(self.scene, &point, surface);
         point
     }
-}
 
-/// `f |cos| / density`, weighted against BSDF sampling; nothing if the surface sends no light that way.
-fn weighted(surface: &Surface, point: &SurfacePoint, direction: Vec3, density: f32) -> Option<Vec3> {
-    // Directions between the true and the shading surface, which only the lights of the dump are met in.
-    if point.geometric_normal.dot(direction) * point.shading_normal.dot(direction) <= 0.0 {
-        return None;
+    /// `f |cos| / density`, weighted against the path's own directions; nothing if the surface sends no light that way.
+    fn weighted(
+        &self,
+        surface: &Surface,
+        point: &SurfacePoint,
+        direction: Vec3,
+        density: f32,
+    ) -> Option<Vec3> {
+        // Directions between the true and the shading surface, which only the lights of the dump are met in.
+        if point.geometric_normal.dot(direction) * point.shading_normal.dot(direction) <= 0.0 {
+            return None;
+        }
+        let (value, pdf) = surface.eval(direction);
+        let pdf = self.cones.map_or(pdf, |cones| surface.guided_pdf(pdf, cones, direction));
+        let factor = value * (power_heuristic(density, pdf) / density);
+        (factor.is_finite() && factor.max_element() > 0.0).then_some(factor)
     }
-    let (value, pdf) = surface.eval(direction);
-    let factor = value * (power_heuristic(density, pdf) / density);
-    (factor.is_finite() && factor.max_element() > 0.0).then_some(factor)
 }
 
 /// Probability of a shadow ray for a light that adds up to `contribution`, if the number `u` is below it. Weak lights get

@@ -3,7 +3,7 @@ use relume_dump::Lobe;
 
 use super::frame::{cosine_pdf, sample_cosine};
 use super::normal::{Reach, Sides, bump_shadowing};
-use super::{AshikhminShirley, Microfacet, OrenNayar, Sheen};
+use super::{AshikhminShirley, Interface, Microfacet, OrenNayar, Sheen};
 
 /// One way in which a surface scatters, and how much of it there is.
 #[derive(Clone, Copy, Debug)]
@@ -53,6 +53,17 @@ pub struct ClosureSample {
     pub lobe: Lobe,
     /// How far it counts.
     pub reach: Reach,
+}
+
+/// Whether the directions of a closure have a density.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Sharpness {
+    /// All have.
+    Dull,
+    /// None has.
+    Singular,
+    /// Reflected ones have, transmitted ones go straight on.
+    Both,
 }
 
 impl Closure {
@@ -129,6 +140,30 @@ impl Closure {
     /// Whether what it reflects is glossy, not diffuse.
     pub fn is_glossy(&self) -> bool {
         matches!(self.scatter, Scatter::Microfacet(_) | Scatter::AshikhminShirley(_))
+    }
+
+    pub(crate) fn sharpness(&self) -> Sharpness {
+        match &self.scatter {
+            Scatter::Transparent => Sharpness::Singular,
+            Scatter::AshikhminShirley(model) if model.is_singular() => Sharpness::Singular,
+            Scatter::Microfacet(model) if model.is_singular() => Sharpness::Singular,
+            Scatter::Microfacet(model)
+                if model.interface != Interface::Reflection && model.is_unbending() =>
+            {
+                Sharpness::Both
+            }
+            _ => Sharpness::Dull,
+        }
+    }
+
+    /// Class of `wi` where this closure scatters there.
+    pub(crate) fn lobe_towards(&self, wi: Vec3) -> Lobe {
+        match &self.scatter {
+            Scatter::Microfacet(_) if self.normal.dot(wi) < 0.0 => Lobe::Transmission,
+            Scatter::Microfacet(_) | Scatter::AshikhminShirley(_) => Lobe::Glossy,
+            Scatter::Translucent | Scatter::Transparent => Lobe::Transmission,
+            Scatter::Diffuse | Scatter::OrenNayar(_) | Scatter::Sheen(_) => Lobe::Diffuse,
+        }
     }
 
     /// Perceptual roughness: 1 for diffuse closures, 0 for what does not blur.

@@ -88,7 +88,7 @@ impl Microfacet {
     }
 
     /// Whether the two sides have the same index, so that refraction is a straight line however rough the surface.
-    fn is_unbending(&self) -> bool {
+    pub fn is_unbending(&self) -> bool {
         (self.ior - 1.0).abs() < 1e-4
     }
 

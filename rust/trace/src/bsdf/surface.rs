@@ -1,9 +1,9 @@
 use glam::{Vec3, Vec4};
 use relume_dump::Lobe;
 
-use super::closure::{Closure, Scatter};
+use super::closure::{Closure, Scatter, Sharpness};
 use super::{Interface, Reach, Sides};
-use crate::shading::SurfacePoint;
+use crate::{guide::Cones, shading::SurfacePoint};
 
 /// Most closures that one point keeps; further ones are dropped.
 const MAX_CLOSURES: usize = 16;
@@ -179,16 +179,7 @@ impl Surface {
             (value / pdf, pdf)
         };
         // The low bits of a number that chose the direction are as good as a number of their own.
-        let light_lobe = match choice.lobe {
-            Lobe::Diffuse | Lobe::Glossy if !choice.singular => {
-                if (u[0] * 4096.0).fract() < glossy {
-                    Lobe::Glossy
-                } else {
-                    Lobe::Diffuse
-                }
-            }
-            lobe => lobe,
-        };
+        let light_lobe = if choice.singular { choice.lobe } else { light_lobe(choice.lobe, glossy, u[0]) };
         let is_valid = value.is_finite() && value.max_element() > 0.0 && pdf > 0.0;
         if !is_valid {
             return None;
@@ -205,6 +196,84 @@ impl Surface {
             lights_only: choice.reach == Reach::Lights,
             roughness: if choice.singular { 0.0 } else { closure.roughness() },
         })
+    }
+
+    /// What [`Surface::sample`] says where it happens to choose `wi`: a number in 0..1 picks the closure, each as often as there.
+    /// Nothing if the path ends then.
+    pub(crate) fn sample_towards(&self, wi: Vec3, u: f32) -> Option<BsdfSample> {
+        let total: f32 = self.closures.iter().map(|closure| closure.sample_weight).sum();
+        let mut densities = [0.0; MAX_CLOSURES];
+        let (mut value, mut glossy) = (Vec3::ZERO, 0.0);
+        for (closure, density) in self.closures.iter().zip(&mut densities) {
+            let (f, pdf) = closure.eval(self.sides.shading, self.wo, wi);
+            let part = closure.weight * f;
+            if closure.is_glossy() {
+                glossy += part.element_sum();
+            }
+            value += part;
+            *density = pdf * (closure.sample_weight / total);
+        }
+        let pdf: f32 = densities.iter().sum();
+        let is_valid = value.is_finite() && value.max_element() > 0.0 && pdf > 0.0;
+        if !is_valid {
+            return None;
+        }
+        let mut rest = u * pdf;
+        let is_chosen = |(_, density): &(&Closure, &f32)| {
+            rest -= **density;
+            **density > 0.0 && rest < 0.0
+        };
+        let mut candidates = self.closures.iter().zip(&densities);
+        // Rounding may leave a rest after the last one.
+        let (closure, _) =
+            candidates.clone().find(is_chosen).or_else(|| candidates.rfind(|(_, d)| **d > 0.0))?;
+        let lobe = closure.lobe_towards(wi);
+        let reach = self.sides.reach(wi, lobe == Lobe::Transmission)?;
+        Some(BsdfSample {
+            wi,
+            weight: value / pdf,
+            pdf,
+            lobe,
+            light_lobe: light_lobe(lobe, glossy / value.element_sum(), u),
+            singular: false,
+            transparent: false,
+            transmitted: lobe == Lobe::Transmission,
+            lights_only: reach == Reach::Lights,
+            roughness: closure.roughness(),
+        })
+    }
+
+    /// Share of the choices of [`Surface::sample`] that fall on closures whose directions have a density; 0 where one has a
+    /// density on one of its sides alone.
+    fn dull_share(&self) -> f32 {
+        let (mut dull, mut total) = (0.0, 0.0);
+        for closure in &self.closures {
+            total += closure.sample_weight;
+            match closure.sharpness() {
+                Sharpness::Dull => dull += closure.sample_weight,
+                Sharpness::Singular => {}
+                Sharpness::Both => return 0.0,
+            }
+        }
+        if total > 0.0 { dull / total } else { 0.0 }
+    }
+
+    /// Whether some of its directions are drawn from a guide: not where mirrors and glass find the light by themselves.
+    pub(crate) fn is_guided(&self) -> bool {
+        !self.is_specular() && self.dull_share() > 0.0
+    }
+
+    /// Density of a direction where the share of `cones` is drawn from them instead of from the closures that have a density;
+    /// `pdf` is the surface's own.
+    pub(crate) fn guided_pdf(&self, pdf: f32, cones: &Cones, wi: Vec3) -> f32 {
+        (1.0 - cones.share) * pdf + cones.share * self.dull_share() * cones.density(wi)
+    }
+
+    /// Whether the closure that the third of [`Surface::sample`]'s numbers chooses has no density.
+    pub(crate) fn chooses_singular(&self, u: f32) -> bool {
+        let total: f32 = self.closures.iter().map(|closure| closure.sample_weight).sum();
+        let chosen = self.choose(u, total);
+        chosen.is_none_or(|(index, _)| self.closures[index].sharpness() != Sharpness::Dull)
     }
 
     /// `f |cos|` of all closures that are not singular for light from `wi`, and the density with which
@@ -295,5 +364,15 @@ impl Surface {
             rest -= closure.sample_weight;
         }
         None
+    }
+}
+
+/// Class that lights are collected under where the sampled closure is of class `lobe` and a share of what is reflected is
+/// glossy ([`BsdfSample::light_lobe`]).
+fn light_lobe(lobe: Lobe, glossy: f32, u: f32) -> Lobe {
+    match lobe {
+        Lobe::Diffuse | Lobe::Glossy if (u * 4096.0).fract() < glossy => Lobe::Glossy,
+        Lobe::Diffuse | Lobe::Glossy => Lobe::Diffuse,
+        lobe => lobe,
     }
 }

@@ -396,3 +396,30 @@ fn weights_that_are_not_numbers_are_dropped() {
     let sample = surface.sample([0.5; 3]);
     assert!(sample.is_none_or(|sample| sample.weight.is_finite()));
 }
+
+#[test]
+fn a_direction_is_told_as_sampling_tells_it() {
+    let mut random = Random(11);
+    let wo = Vec3::new(0.3, -0.4, 0.8).normalize();
+    for (name, build) in models() {
+        let mut surface = facing(wo);
+        surface.add(Vec3::splat(0.3), Vec3::ONE, Vec3::Z, Scatter::Diffuse);
+        surface.add(Vec3::new(0.6, 0.5, 0.4), Vec3::ONE, Vec3::Z, build(wo));
+        let mut by_class = [[0_i32; 8]; 2];
+        for _ in 0..20_000 {
+            let Some(sampled) = surface.sample(random.next3()) else { continue };
+            let told = surface.sample_towards(sampled.wi, random.next());
+            // Another closure may not reach there.
+            let Some(told) = told else { continue };
+            assert!((told.pdf / sampled.pdf - 1.0).abs() < 1e-3, "{name}: {} for {}", told.pdf, sampled.pdf);
+            let apart = (told.weight - sampled.weight).abs().max_element();
+            assert!(apart < 1e-3 * sampled.weight.max_element(), "{name}: {apart}");
+            by_class[0][sampled.lobe as usize] += 1;
+            by_class[1][told.lobe as usize] += 1;
+        }
+        for (sampled, told) in by_class[0].iter().zip(by_class[1]) {
+            // Five standard deviations of the difference.
+            assert!((sampled - told).pow(2) <= 50 * (sampled + told), "{name}: {by_class:?}");
+        }
+    }
+}
