@@ -10,7 +10,7 @@ use std::f32::consts::{PI, TAU};
 use glam::Vec3;
 use relume_scene::{Light, LightShape};
 
-use crate::bsdf::Frame;
+use crate::bsdf::{Frame, Surface};
 
 /// Most lights that are looked for: each costs some arithmetic at every vertex.
 const MOST_LIGHTS: usize = 32;
@@ -121,8 +121,14 @@ impl Cones {
         self.list.iter().find(is_chosen).unwrap_or(&self.list[self.list.len() - 1]).sample([u[1], u[2]])
     }
 
+    /// Density of a direction from a surface that draws the share of these cones from them, and the rest as [`Surface::sample`]
+    /// does, whose density is `pdf`. Choices of mirrors stay choices of mirrors.
+    pub fn pdf_with(&self, surface: &Surface, pdf: f32, wi: Vec3) -> f32 {
+        (1.0 - self.share) * pdf + self.share * surface.dull_share() * self.density(wi)
+    }
+
     /// Density of [`Cones::sample`] over solid angle.
-    pub fn density(&self, direction: Vec3) -> f32 {
+    fn density(&self, direction: Vec3) -> f32 {
         let density = |cone: &Cone| if cone.holds(direction) { cone.probability / cone.angle } else { 0.0 };
         self.list.iter().map(density).sum()
     }

@@ -291,7 +291,7 @@ fn direction(
     } else {
         surface.sample(u)?
     };
-    let pdf = surface.guided_pdf(sample.pdf, cones, sample.wi);
+    let pdf = cones.pdf_with(surface, sample.pdf, sample.wi);
     sample.weight *= sample.pdf / pdf;
     Some((sample, pdf))
 }

@@ -200,7 +200,7 @@ impl Lookup<'_> {
             return None;
         }
         let (value, pdf) = surface.eval(direction);
-        let pdf = self.cones.map_or(pdf, |cones| surface.guided_pdf(pdf, cones, direction));
+        let pdf = self.cones.map_or(pdf, |cones| cones.pdf_with(surface, pdf, direction));
         let factor = value * (power_heuristic(density, pdf) / density);
         (factor.is_finite() && factor.max_element() > 0.0).then_some(factor)
     }

@@ -3,7 +3,7 @@ use relume_dump::Lobe;
 
 use super::closure::{Closure, Scatter, Sharpness};
 use super::{Interface, Reach, Sides};
-use crate::{guide::Cones, shading::SurfacePoint};
+use crate::shading::SurfacePoint;
 
 /// Most closures that one point keeps; further ones are dropped.
 const MAX_CLOSURES: usize = 16;
@@ -245,7 +245,7 @@ impl Surface {
 
     /// Share of the choices of [`Surface::sample`] that fall on closures whose directions have a density; 0 where one has a
     /// density on one of its sides alone.
-    fn dull_share(&self) -> f32 {
+    pub(crate) fn dull_share(&self) -> f32 {
         let (mut dull, mut total) = (0.0, 0.0);
         for closure in &self.closures {
             total += closure.sample_weight;
@@ -261,12 +261,6 @@ impl Surface {
     /// Whether some of its directions are drawn from a guide: not where mirrors and glass find the light by themselves.
     pub(crate) fn is_guided(&self) -> bool {
         !self.is_specular() && self.dull_share() > 0.0
-    }
-
-    /// Density of a direction where the share of `cones` is drawn from them instead of from the closures that have a density;
-    /// `pdf` is the surface's own.
-    pub(crate) fn guided_pdf(&self, pdf: f32, cones: &Cones, wi: Vec3) -> f32 {
-        (1.0 - cones.share) * pdf + cones.share * self.dull_share() * cones.density(wi)
     }
 
     /// Whether the closure that the third of [`Surface::sample`]'s numbers chooses has no density.
