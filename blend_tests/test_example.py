@@ -22,7 +22,7 @@ def shot(scene, tmp_path):
     tree.links.new(diffuse.outputs[0], output.inputs["Surface"])
     add_quad(scene, size=4.0, material=material)
     key = add_light(scene, "POINT", name="Key", shadow_soft_size=0.5).data
-    scene.render.resolution_x, scene.render.resolution_y, scene.cycles.samples = 32, 24, 16
+    scene.render.resolution_x, scene.render.resolution_y, scene.cycles.samples = 32, 24, 64
     blend, bake, picture = (tmp_path / name for name in ("shot.blend", "bake", "edited.exr"))
     assert run(["bake", "--out", str(bake), "--quiet"]) == 0
     key.energy = 40.0
@@ -45,7 +45,7 @@ def solved(shot, *options):
 
 def test_the_lights_of_the_file_are_given_the_strength_of_the_picture(shot):
     key = solved(shot, "--free", "strength")["Key"]
-    # The picture has 8 bits, and both pictures the noise of the same 16 samples.
+    # The picture has 8 bits, and both pictures the noise of the same 64 samples.
     assert key.data.energy == pytest.approx(40.0, rel=0.02)
     assert tuple(key.location) == (0.0, 0.0, 2.0), "its place was not free"
 

@@ -14,12 +14,12 @@ use crate::bsdf::{Frame, Surface};
 
 /// Most lights that are looked for: each costs some arithmetic at every vertex.
 const MOST_LIGHTS: usize = 32;
-/// Solid angle from which on a light is left to chance.
-const LARGE: f32 = 0.6;
-/// Narrowest cone, as the sine of its half angle: below, single precision would miss it.
-const NARROWEST: f32 = 1e-3;
-/// Least of a light's second cone, which is four times as wide as the light, for lights that are moved a little.
-const WIDE: f32 = 1.0 / 12.0;
+/// Height of the cone from which on a light is left to chance: a solid angle of 0.6.
+const LARGE: f32 = 0.1;
+/// Narrowest cone, as the squared sine of its half angle: below, single precision would miss it.
+const NARROWEST: f32 = 1e-6;
+/// Least of a light's second cone, which is four times as wide as the light, for lights that are moved a little; 5 degrees.
+const WIDE: f32 = 1.0 / 144.0;
 
 /// The lights that are looked for.
 #[derive(Clone, Debug)]
@@ -42,8 +42,8 @@ struct Aim {
 enum Place {
     /// In a ball.
     Ball { center: Vec3, radius: f32 },
-    /// In directions around one; the sine of their half angle.
-    Sky { direction: Vec3, sine: f32 },
+    /// In directions around one.
+    Sky { direction: Vec3, sine_squared: f32 },
 }
 
 /// Where a light shines to.
@@ -61,23 +61,21 @@ enum Beam {
     },
 }
 
-/// The cones as one point sees them. Reused from point to point: nothing is allocated.
+/// The lights as one point sees them. Reused from point to point: nothing is allocated.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Cones {
-    list: Vec<Cone>,
+    list: Vec<Pair>,
     /// Share of the directions that are drawn from them, below 1; 0 where chance does as well.
     pub share: f32,
 }
 
-/// Directions around an axis, at most a quarter turn from it.
+/// Two cones around one axis, the first as narrow as a light. A cone is told by its height, 1 less the cosine of its half angle,
+/// which stays precise where cosines are all 1.
 #[derive(Clone, Copy, Debug)]
-struct Cone {
+struct Pair {
     axis: Vec3,
-    /// Sine of the half angle.
-    sine: f32,
-    /// Solid angle.
-    angle: f32,
-    /// Probability to be drawn from, where one is.
+    heights: [f32; 2],
+    /// Probability that one of them is drawn from, where any is; both alike.
     probability: f32,
 }
 
@@ -93,19 +91,19 @@ impl Guide {
         cones.list.clear();
         let (mut all, mut wanted) = (0.0, 0.0);
         for aim in &self.lights {
-            let (axis, sine) = aim.seen_from(point);
-            let narrow = Cone::new(axis, sine.clamp(NARROWEST, 1.0));
+            let (axis, sine_squared) = aim.seen_from(point);
+            let height = height(sine_squared.clamp(NARROWEST, 1.0));
             // Irradiance is what a light matters by here; by its root, so that weak lights can be turned up later.
-            let weight = (aim.brightness * aim.beam.towards(-axis) * narrow.angle).sqrt();
-            let want = weight * (1.0 - narrow.angle / LARGE).max(0.0);
+            let weight = (aim.brightness * aim.beam.towards(-axis) * height).sqrt();
+            let want = weight * (1.0 - height / LARGE).max(0.0);
             all += weight;
             if want > 0.0 {
                 wanted += want;
-                let wide = Cone::new(axis, (4.0 * sine).clamp(WIDE, 1.0));
-                cones.list.extend([narrow, wide].map(|cone| Cone { probability: 0.5 * want, ..cone }));
+                let wide = self::height((16.0 * sine_squared).clamp(WIDE, 1.0));
+                cones.list.push(Pair { axis, heights: [height, wide], probability: want });
             }
         }
-        cones.list.iter_mut().for_each(|cone| cone.probability /= wanted);
+        cones.list.iter_mut().for_each(|pair| pair.probability /= wanted);
         cones.share = if wanted > 0.0 { self.share * wanted / all } else { 0.0 };
     }
 }
@@ -114,11 +112,16 @@ impl Cones {
     /// A direction from three numbers in 0..1. There has to be a cone.
     pub fn sample(&self, u: [f32; 3]) -> Vec3 {
         let mut rest = u[0];
-        let is_chosen = |cone: &&Cone| {
-            rest -= cone.probability;
-            rest < 0.0
-        };
-        self.list.iter().find(is_chosen).unwrap_or(&self.list[self.list.len() - 1]).sample([u[1], u[2]])
+        let mut chosen = &self.list[0];
+        for pair in &self.list {
+            chosen = pair;
+            if rest < pair.probability {
+                break;
+            }
+            rest -= pair.probability;
+        }
+        let height = chosen.heights[usize::from(rest < 0.5 * chosen.probability)];
+        sample_cone(chosen.axis, height, [u[1], u[2]])
     }
 
     /// Density of a direction from a surface that draws the share of these cones from them, and the rest as [`Surface::sample`]
@@ -129,8 +132,17 @@ impl Cones {
 
     /// Density of [`Cones::sample`] over solid angle.
     fn density(&self, direction: Vec3) -> f32 {
-        let density = |cone: &Cone| if cone.holds(direction) { cone.probability / cone.angle } else { 0.0 };
-        self.list.iter().map(density).sum()
+        let mut sum = 0.0;
+        for pair in &self.list {
+            // Of two unit vectors: 1 less their cosine.
+            let apart = 0.5 * (direction - pair.axis).length_squared();
+            // The second holds the first.
+            if apart <= pair.heights[1] {
+                let narrow = if apart <= pair.heights[0] { 1.0 / pair.heights[0] } else { 0.0 };
+                sum += pair.probability * (narrow + 1.0 / pair.heights[1]);
+            }
+        }
+        sum * 0.5 / TAU
     }
 }
 
@@ -152,20 +164,22 @@ impl Aim {
                 let radius = 0.5 * edge_u.length().max(edge_v.length());
                 (Place::Ball { center, radius }, front(edge_u, edge_v))
             }
-            LightShape::Sun { direction, half_angle } => {
-                (Place::Sky { direction, sine: half_angle.min(0.5 * PI).sin() }, Beam::Everywhere)
-            }
+            LightShape::Sun { direction, half_angle } => (
+                Place::Sky { direction, sine_squared: half_angle.min(0.5 * PI).sin().powi(2) },
+                Beam::Everywhere,
+            ),
         };
         Self { place, brightness: Vec3::from(light.radiance).element_sum() / 3.0, beam }
     }
 
-    /// Direction and sine of the half angle; 1 or more from inside of it.
+    /// Direction and squared sine of the half angle; 1 or more from inside of it.
     fn seen_from(&self, point: Vec3) -> (Vec3, f32) {
         match self.place {
-            Place::Sky { direction, sine } => (direction, sine),
+            Place::Sky { direction, sine_squared } => (direction, sine_squared),
             Place::Ball { center, radius } => {
-                let (axis, distance) = (center - point).normalize_and_length();
-                (axis, radius / distance)
+                let to_center = center - point;
+                let inverse = to_center.length_recip();
+                (to_center * inverse, (radius * inverse).powi(2))
             }
         }
     }
@@ -182,26 +196,17 @@ impl Beam {
     }
 }
 
-impl Cone {
-    fn new(axis: Vec3, sine: f32) -> Self {
-        // 1 less the cosine, precise for narrow cones.
-        let height = sine * sine / (1.0 + (1.0 - sine * sine).max(0.0).sqrt());
-        Self { axis, sine, angle: TAU * height, probability: 0.0 }
-    }
+/// Height of the cone that holds a ball, by the squared sine of its half angle: 1 - sqrt(1 - s), to the second order.
+fn height(sine_squared: f32) -> f32 {
+    sine_squared * (0.5 + 0.125 * sine_squared)
+}
 
-    fn sample(&self, u: [f32; 2]) -> Vec3 {
-        let height = u[0] * self.angle / TAU;
-        let sine = (height * (2.0 - height)).max(0.0).sqrt();
-        let (sin_phi, cos_phi) = (TAU * u[1]).sin_cos();
-        let local = Vec3::new(sine * cos_phi, sine * sin_phi, 1.0 - height);
-        Frame::from_normal(self.axis).world(local).normalize_or(self.axis)
-    }
-
-    fn holds(&self, direction: Vec3) -> bool {
-        // By the sine: cosines of narrow cones are all 1.
-        let along = direction.dot(self.axis);
-        along > 0.0 && (direction - self.axis * along).length_squared() <= self.sine * self.sine
-    }
+fn sample_cone(axis: Vec3, height: f32, u: [f32; 2]) -> Vec3 {
+    let height = u[0] * height;
+    let sine = (height * (2.0 - height)).max(0.0).sqrt();
+    let (sin_phi, cos_phi) = (TAU * u[1]).sin_cos();
+    let local = Vec3::new(sine * cos_phi, sine * sin_phi, 1.0 - height);
+    Frame::from_normal(axis).world(local).normalize_or(axis)
 }
 
 #[cfg(test)]
@@ -321,7 +326,7 @@ mod tests {
         };
         assert!(guide(&[spot(Vec3::X)]).seen().share == 0.0);
         let to_us = guide(&[spot(-Vec3::X)]).seen();
-        assert_eq!((to_us.list.len(), to_us.share > 0.49), (2, true));
+        assert_eq!((to_us.list.len(), to_us.share > 0.49), (1, true));
         let quad = LightShape::Quad { center: all, edge_u: 0.1 * Vec3::Y, edge_v: 0.1 * Vec3::Z, spread: PI };
         assert!(guide(&[quad]).seen().share == 0.0);
         assert!(guide(&[quad]).seen_from(Vec3::new(6.0, 0.0, 0.0)).share > 0.0);
