@@ -3,7 +3,7 @@
 //! A share of the directions is drawn from cones around the lights instead of from the BSDF, and every direction is weighted by
 //! the density of both ways together (one-sample model with the balance heuristic; Veach 1997, section 9.2.4). So paths stay
 //! right for any light whatever, and those lights that stand near a cone are met far more often than by chance: a bulb of 5 cm
-//! in 3 m distance fills 1/14,000 of a hemisphere. Lights that chance meets often enough are left to it.
+//! radius in 3 m distance fills 1/7200 of a hemisphere. Lights that chance meets often enough are left to it.
 
 use std::f32::consts::{PI, TAU};
 

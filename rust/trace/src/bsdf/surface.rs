@@ -149,7 +149,7 @@ impl Surface {
     /// Chooses a closure and a direction from three numbers in 0..1; nothing if the path ends here. The density and
     /// the value are those of all closures together (one-sample model with the balance heuristic).
     pub fn sample(&self, u: [f32; 3]) -> Option<BsdfSample> {
-        let total: f32 = self.closures.iter().map(|closure| closure.sample_weight).sum();
+        let total = self.total_weight();
         let (index, remapped) = self.choose(u[2], total)?;
         let closure = &self.closures[index];
         let probability = closure.sample_weight / total;
@@ -201,7 +201,7 @@ impl Surface {
     /// What [`Surface::sample`] says where it happens to choose `wi`: a number in 0..1 picks the closure, each as often as there.
     /// Nothing if the path ends then.
     pub(crate) fn sample_towards(&self, wi: Vec3, u: f32) -> Option<BsdfSample> {
-        let total: f32 = self.closures.iter().map(|closure| closure.sample_weight).sum();
+        let total = self.total_weight();
         let mut densities = [0.0; MAX_CLOSURES];
         let (mut value, mut glossy) = (Vec3::ZERO, 0.0);
         for (closure, density) in self.closures.iter().zip(&mut densities) {
@@ -246,9 +246,8 @@ impl Surface {
     /// Share of the choices of [`Surface::sample`] that fall on closures whose directions have a density; 0 where one has a
     /// density on one of its sides alone.
     pub(crate) fn dull_share(&self) -> f32 {
-        let (mut dull, mut total) = (0.0, 0.0);
+        let (mut dull, total) = (0.0, self.total_weight());
         for closure in &self.closures {
-            total += closure.sample_weight;
             match closure.sharpness() {
                 Sharpness::Dull => dull += closure.sample_weight,
                 Sharpness::Singular => {}
@@ -265,7 +264,7 @@ impl Surface {
 
     /// Whether the closure that the third of [`Surface::sample`]'s numbers chooses has no density.
     pub(crate) fn chooses_singular(&self, u: f32) -> bool {
-        let total: f32 = self.closures.iter().map(|closure| closure.sample_weight).sum();
+        let total = self.total_weight();
         let chosen = self.choose(u, total);
         chosen.is_none_or(|(index, _)| self.closures[index].sharpness() != Sharpness::Dull)
     }
@@ -273,7 +272,7 @@ impl Surface {
     /// `f |cos|` of all closures that are not singular for light from `wi`, and the density with which
     /// [`Surface::sample`] chooses `wi` (before it rejects directions on the wrong side of the geometry).
     pub fn eval(&self, wi: Vec3) -> (Vec3, f32) {
-        let total: f32 = self.closures.iter().map(|closure| closure.sample_weight).sum();
+        let total = self.total_weight();
         let mut sum = (Vec3::ZERO, 0.0);
         if total == 0.0 {
             return sum;
@@ -334,7 +333,7 @@ impl Surface {
     /// Raises rarely sampled closures to an eighth of the choices each (Cycles' defensive sampling, for the first
     /// surface of a path): highlights of dull reflections become less noisy.
     pub fn sample_defensively(&mut self) {
-        let total: f32 = self.closures.iter().map(|closure| closure.sample_weight).sum();
+        let total = self.total_weight();
         for closure in &mut self.closures {
             closure.sample_weight = closure.sample_weight.max(0.125 * total);
         }
@@ -345,6 +344,10 @@ impl Surface {
         for closure in &mut self.closures {
             closure.widen(alpha);
         }
+    }
+
+    fn total_weight(&self) -> f32 {
+        self.closures.iter().map(|closure| closure.sample_weight).sum()
     }
 
     /// The closure that `u` falls on, and `u` stretched over it to 0..1.
