@@ -50,6 +50,7 @@ class FakeJob:
             "blender": [*changed, *added],
             "report": [],
             "warnings": [],
+            "rarely_met": [],
             **more,
         }
         self.done = True

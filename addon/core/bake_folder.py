@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import json
 import re
+from contextlib import suppress
 from pathlib import Path
 
 MANIFEST = "manifest.json"
 OWN_FILES = (
-    *(MANIFEST, "lights.json", "shot.json", "view.png", "base.exr", "tile_*.safetensors"),
+    *(MANIFEST, "lights.json", "guided.json", "shot.json", "view.png", "base.exr", "tile_*.safetensors"),
     *("proxy_*.safetensors", "proxy_*.json", "training_*.safetensors"),
 )
 """Of a bake and its proxies. The manifest goes first: what is left after a crash is never taken for a bake."""
+
+
+SOLVE = "solve"
+"""Folder in a bake's, for the few paths that a solver needs for a moment."""
 
 
 def default_folder(blend_file: str, scene: str, camera: str, cache: Path, unsaved: str) -> Path:
@@ -55,7 +60,11 @@ def _file_name(text: str) -> str:
 
 
 def clear(folder: Path) -> None:
-    """Removes the files of a bake and its proxies; other files stay."""
+    """Removes the files of a bake and its proxies, and what a solver left there; other files stay."""
     for pattern in OWN_FILES:
         for file in folder.glob(pattern):
             file.unlink()
+    if is_bake(folder / SOLVE):
+        clear(folder / SOLVE)
+        with suppress(OSError):  # Something else is in it.
+            (folder / SOLVE).rmdir()

@@ -58,6 +58,7 @@ def _add_bake(commands: argparse._SubParsersAction) -> None:
     bake.add_argument("--bounces", type=_count, help="most bounces, in all and of each kind; default: the scene's")
     bake.add_argument("--tile", type=_positive, default=64, help="edge of the image tiles in pixels")
     bake.add_argument("--seed", type=_count, help="seed of all random numbers; default: the scene's")
+    bake.add_argument("--towards", metavar="FILE", help="light set that paths look for besides, as optimise found it")
     bake.add_argument("--resume", action="store_true", help="go on with an interrupted bake")
     bake.add_argument("--replace", action="store_true", help="remove a bake of another scene from the folder first")
     _add_run(bake)

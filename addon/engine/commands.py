@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import signal
 import sys
 import tempfile
@@ -91,7 +92,17 @@ def _settings(scene: bpy.types.Scene, options: argparse.Namespace, reporter: Rep
     if options.bounces is not None:
         bounces = settings.setdefault("paths", {}).setdefault("bounces", {})
         bounces |= dict.fromkeys(("total", "diffuse", "glossy", "transmission"), options.bounces)
+    if options.towards:
+        settings["towards"] = _light_set(Path(options.towards))
     return settings | {"tile_size": options.tile, "threads": options.threads}
+
+
+def _light_set(file: Path) -> list[dict[str, Any]]:
+    """The lights of a light set that the native command line wrote."""
+    try:
+        return json.loads(file.read_text(encoding="utf-8"))["lights"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ExportError(f"{file} cannot be read as a light set: {error}") from error
 
 
 def relight(options: argparse.Namespace, rest: list[str], reporter: Reporter) -> int:

@@ -60,7 +60,7 @@ class Shot:
         self.request = ""
         """The newest request, JSON."""
         self._content: dict[str, Any] = {}
-        self._is_interactive = False
+        self._is_interactive = self._anew = False
         self.refusal = ""
         """Why the newest request has no picture."""
         self._request_number = 0
@@ -71,12 +71,14 @@ class Shot:
         )
 
     @classmethod
-    def start(cls, scene: bpy.types.Scene) -> Shot:
-        """Exports the scene and bakes it into its folder; goes on with an interrupted bake of the same scene."""
+    def start(cls, scene: bpy.types.Scene, anew: bool = False) -> Shot:
+        """Exports the scene and bakes it into its folder; goes on with an interrupted bake of the same scene. A whole
+        one is traced `anew` if its paths look for lights where they no longer are."""
         before = of(scene)
         if before is not None:
             before.changes.reload_images()
         shot = cls._replace(scene, options_of(scene), None)
+        shot._anew = anew
         shot._export(scene)
         return shot
 
@@ -143,7 +145,7 @@ class Shot:
         record.forget(self.folder)
         for scene in (scene for scene in bpy.data.scenes if scene.session_uid == self.scene_uid):
             remember_bake(scene, self.folder)
-        self._live.bake(exported, settings, train_seconds=self.options.train_seconds)
+        self._live.bake(exported, settings, train_seconds=self.options.train_seconds, anew=self._anew)
 
     def _end(self, status: dict[str, Any]) -> None:
         """There was no bake, and the native module has nothing to say."""

@@ -65,7 +65,7 @@ class RELUME_PT_bake(RelumePanel, bpy.types.Panel):  # noqa: N801
         _draw_choices(layout, context.scene)
         row = layout.row()
         row.enabled = not found.is_working
-        row.operator("relume.start", text="Rebake", icon="FILE_REFRESH")
+        row.operator("relume.rebake", icon="FILE_REFRESH")
         if found.status["device"]:
             layout.label(text=f"On {found.status['device']}")
 
@@ -126,7 +126,7 @@ def _draw_changes(layout, sentences: list[str]) -> None:
         message(box, sentence)
     if len(sentences) > MOST_CHANGES:
         box.label(text=f"and {len(sentences) - MOST_CHANGES} more")
-    box.operator("relume.start", text="Rebake", icon="FILE_REFRESH")
+    box.operator("relume.rebake", icon="FILE_REFRESH")
 
 
 def _draw_notes(layout, scene, notes: list[str]) -> None:

@@ -26,7 +26,7 @@ from ..core.receivers import with_names
 from ..core.rows import LIGHT, WORLD, Row, freed, times
 from ..core.solve import SolveError
 from ..core.strokes import Stroke, goals
-from ..engine import region_masks, shot, solve
+from ..engine import new_paths, region_masks, shot, solve
 from ..engine.pictures import Reading
 from ..export.lights import name_of
 from ..export.target import resized
@@ -162,6 +162,8 @@ class Solving:
         self._job = solve.start(self.shot, self._request, self._images)
         yield from self._wait_for_job()
         answer = solve.answer(self._job)
+        if answer["rarely_met"]:
+            answer = yield from self._solve_on(answer)
         self.progress = (1.0, "Making the picture")
         request = core.picture_request(answer, self._content["static"])
         frame = yield from self._picture(json.dumps(request | {"interactive": False}))
@@ -169,6 +171,40 @@ class Solving:
         scene = self._scene()
         if scene is not None:
             self._finish(scene, answer, request, frame, small)
+
+    def _solve_on(self, answer: dict[str, Any]) -> Generator[None, None, dict[str, Any]]:
+        """The answer, polished with paths that look for its lights. It stays as it is where the scene was edited since it
+        was baked."""
+        scene, names = self._scene(), ", ".join(f"'{name}'" for name in answer["rarely_met"])
+        if scene is None:
+            return answer
+        self.progress = (0.0, "Looking for the lights")
+        with new_paths.folder_in(self.shot) as folder:
+            work = new_paths.bake(scene, self.shot, answer["lights"]["lights"], folder)
+            is_there = yield from self._wait_for_paths(work)
+            if not is_there:
+                self.notes.append(f"How well {names} does is uncertain, since few paths meet it: Rebake, then solve again")
+                return answer
+            request = self._request | {"from": answer, "steps": 0, "starts": 1}
+            self._job = solve.start(self.shot, request, self._images, folder)
+            yield from self._wait_for_job()
+            found = solve.answer(self._job)
+        self.notes.append(f"Few paths of the bake meet {names} in the new place; Rebake looks there")
+        return found
+
+    def _wait_for_paths(self, work: Generator[Any, None, bool]) -> Generator[None, None, bool]:
+        try:
+            while True:
+                job = next(work)
+                report = job.progress() if job is not None else None
+                if report is not None:
+                    share = min(max(report["done"] / max(report["total"], 1), 0.0), 1.0)
+                    self.progress = (share, f"Looking for the lights, {100 * share:.0f} %")
+                yield
+        except StopIteration as end:
+            return end.value
+        finally:
+            work.close()
 
     def _read_pictures(self) -> Iterator[None]:
         """Masks and the target."""

@@ -17,10 +17,11 @@ FAILURES = (ProblemError, NativeModuleError, RuntimeError, ValueError, OSError)
 """What is told to the artist instead of shown as a fault of the program."""
 
 
-def start(scene: bpy.types.Scene) -> shot.Shot:
-    """Bakes the scene and shows it under its present lights. Raises ProblemError with one line for the artist."""
+def start(scene: bpy.types.Scene, anew: bool = False) -> shot.Shot:
+    """Bakes the scene and shows it under its present lights; `anew` is as of `Shot.start`. Raises ProblemError with one
+    line for the artist."""
     check_start(scene)
-    found = shot.Shot.start(scene)
+    found = shot.Shot.start(scene, anew)
     if found.status["state"] == "failed":  # As without a window, where the scene is read at once.
         found.close()
         raise ProblemError(found.status["error"])
@@ -73,6 +74,17 @@ class RELUME_OT_start(bpy.types.Operator):  # noqa: N801 -- Blender's naming
     def execute(self, context):
         """Called by Blender."""
         return told(self, lambda: start(context.scene))
+
+
+class RELUME_OT_rebake(bpy.types.Operator):  # noqa: N801
+    """Trace the paths again where the scene has changed, or where lights have moved away from where the paths look"""
+
+    bl_idname = "relume.rebake"
+    bl_label = "Rebake"
+
+    def execute(self, context):
+        """Called by Blender."""
+        return told(self, lambda: start(context.scene, anew=True))
 
 
 class RELUME_OT_show_bake(bpy.types.Operator):  # noqa: N801
@@ -151,6 +163,7 @@ class RELUME_OT_look_through_camera(bpy.types.Operator):  # noqa: N801
 
 CLASSES = (
     RELUME_OT_start,
+    RELUME_OT_rebake,
     RELUME_OT_show_bake,
     RELUME_OT_find_bake,
     RELUME_OT_pause,

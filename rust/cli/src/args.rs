@@ -102,9 +102,12 @@ pub struct TraceArgs {
     /// Up axis of the file.
     #[arg(long, value_enum, default_value = "y")]
     pub up: Up,
-    /// Light set to keep with the bake as the scene's own.
+    /// Light set to keep with the bake as the scene's own; its paths look for those lights.
     #[arg(long)]
     pub lights: Option<PathBuf>,
+    /// Light set that paths look for besides, such as what `optimise` has found.
+    #[arg(long)]
+    pub towards: Option<PathBuf>,
 }
 
 /// Up axis of an OBJ file.
@@ -317,6 +320,9 @@ pub struct OptimiseArgs {
     /// Most steps on gathered pictures afterwards, which take out the proxy's error; needs the bake.
     #[arg(long, default_value_t = 16)]
     pub polish: usize,
+    /// Light set of an earlier answer, which is polished instead of searching anew: by a bake whose paths look for it.
+    #[arg(long)]
+    pub from: Option<PathBuf>,
     /// Keep positions and directions as they are.
     #[arg(long)]
     pub lock_center: bool,

@@ -27,17 +27,18 @@ impl PyLive {
         Self { live: live::Live::new(&folder, LiveOptions { device, gpu_memory, threads }) }
     }
 
-    #[pyo3(signature = (scene, settings, *, train_seconds=60.0))]
+    #[pyo3(signature = (scene, settings, *, train_seconds=60.0, anew=false))]
     fn bake(
         &self,
         py: Python<'_>,
         scene: &PyScene,
         settings: &Bound<'_, PyDict>,
         train_seconds: f64,
+        anew: bool,
     ) -> PyResult<()> {
         let json: String = py.import("json")?.call_method1("dumps", (settings,))?.extract()?;
         let settings: TraceSettings = serde_json::from_str(&json).map_err(NativeError::from)?;
-        enter_native(py, || self.live.bake(scene.shared(), settings, train_seconds))
+        enter_native(py, || self.live.bake(scene.shared(), settings, train_seconds, anew))
     }
 
     #[pyo3(signature = (*, train_seconds=0.0))]

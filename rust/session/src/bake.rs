@@ -1,8 +1,8 @@
 use crate::progress::{Monitor, Stage};
-use crate::{LightSet, SessionError};
+use crate::{GUIDED_FILE, Guided, LightSet, SessionError};
 use relume_dump::{Dump, DumpError, DumpWriter, Manifest, Shard, ShardSink, TileSamples};
-use relume_scene::Scene;
-use relume_trace::{Control, Outcome, TraceSettings, Tracer};
+use relume_scene::{Light, Scene};
+use relume_trace::{Control, Outcome, TraceSettings, Tracer, lights_looked_for};
 use serde::Serialize;
 use std::path::Path;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -48,17 +48,26 @@ pub fn bake(
     resume: bool,
     monitor: &Monitor,
 ) -> Result<BakeReport, SessionError> {
-    bake_observed(scene, settings, folder, resume, monitor, &|_| {})
+    let lights = || lights_looked_for(scene, settings);
+    bake_observed(scene, settings, folder, resume, monitor, &Observer { lights: &lights, passes: &|_| {} })
 }
 
-/// [`bake`] that hands over all whole passes whenever there is one more, from the first on.
+/// Who watches a bake, and says where its paths look.
+pub(crate) struct Observer<'a> {
+    /// The lights that the paths of the next pass look for.
+    pub lights: &'a (dyn Fn() -> Vec<Light> + Sync),
+    /// Takes all whole passes whenever there is one more, from the first on.
+    pub passes: &'a (dyn Fn(Dump) + Sync),
+}
+
+/// [`bake`] for somebody who watches.
 pub(crate) fn bake_observed(
     scene: &Scene,
     settings: &TraceSettings,
     folder: &Path,
     resume: bool,
     monitor: &Monitor,
-    observe: &(dyn Fn(Dump) + Sync),
+    observer: &Observer,
 ) -> Result<BakeReport, SessionError> {
     let start = Instant::now();
     check(scene, settings)?;
@@ -76,8 +85,11 @@ pub(crate) fn bake_observed(
     let lights =
         LightSet { name: scene.camera.name.clone(), lights: scene.lights.clone(), notes: Vec::new() };
     lights.write(&folder.join(LIGHTS_FILE))?;
-    let sink = ObservedWriter::new(writer, folder, observe)?;
-    trace(&tracer, &sink, monitor)?;
+    let guided = if resume { Guided::of_bake(folder).unwrap_or_default() } else { Guided::default() };
+    let recorder =
+        GuideRecorder { folder, guiding: settings.guiding, lights: observer.lights, guided: guided.into() };
+    let sink = ObservedWriter::new(writer, folder, observer.passes)?;
+    trace(&tracer, &sink, &recorder, monitor)?;
 
     let dump = sink.writer.finish()?;
     let samples = dump.manifest().samples();
@@ -107,17 +119,45 @@ fn check(scene: &Scene, settings: &TraceSettings) -> Result<(), SessionError> {
 }
 
 /// Runs the tracer with its progress and the cancel flag passed on.
-fn trace(tracer: &Tracer, sink: &dyn ShardSink, monitor: &Monitor) -> Result<(), SessionError> {
+fn trace(
+    tracer: &Tracer,
+    sink: &dyn ShardSink,
+    recorder: &GuideRecorder,
+    monitor: &Monitor,
+) -> Result<(), SessionError> {
     let stage = OnceLock::new();
     let on_progress = |progress: relume_trace::Progress| {
         let stage = stage.get_or_init(|| monitor.stage(Stage::Trace, progress.paths, progress.paths_total));
         stage.set(progress.paths, &format!("{} of {} shards", progress.shards, progress.shards_total));
     };
     let cancel = monitor.cancel().flag().clone();
-    let control = Control { cancel, on_progress: Some(Box::new(on_progress)) };
+    let lights = |pass| recorder.lights_of(pass, monitor);
+    let control =
+        Control { cancel, on_progress: Some(Box::new(on_progress)), lights: Some(Box::new(lights)) };
     match tracer.trace(sink, &control)? {
         Outcome::Complete => Ok(()),
         Outcome::Cancelled => Err(SessionError::Cancelled),
+    }
+}
+
+/// Writes down what the paths of each pass look for.
+struct GuideRecorder<'a> {
+    folder: &'a Path,
+    guiding: f32,
+    lights: &'a (dyn Fn() -> Vec<Light> + Sync),
+    guided: Mutex<Guided>,
+}
+
+impl GuideRecorder<'_> {
+    fn lights_of(&self, pass: usize, monitor: &Monitor) -> Vec<Light> {
+        let lights = (self.lights)();
+        let mut guided = self.guided.lock().unwrap_or_else(PoisonError::into_inner);
+        if guided.note(pass, &lights, self.guiding)
+            && let Err(error) = guided.write(self.folder)
+        {
+            monitor.warn(&error.to_string());
+        }
+        lights
     }
 }
 
@@ -175,6 +215,16 @@ fn tell((dump, told): &mut (Dump, usize), observe: &dyn Fn(Dump)) {
 /// # Errors
 /// If the folder holds no bake, or a file cannot be removed.
 pub(crate) fn clear(folder: &Path) -> Result<(), SessionError> {
+    remove(folder, &["tile_", "proxy_", "training_"], &["base.exr", LIGHTS_FILE, GUIDED_FILE, VIEW_FILE])
+}
+
+/// As [`clear`], for new paths of the same scene: its proxies stay right.
+pub(crate) fn clear_paths(folder: &Path) -> Result<(), SessionError> {
+    remove(folder, &["tile_", "training_"], &[GUIDED_FILE])
+}
+
+/// Removes the manifest, then what has such a name or begins so.
+fn remove(folder: &Path, beginnings: &[&str], names: &[&str]) -> Result<(), SessionError> {
     Manifest::read(folder)?;
     let remove = |path: &Path| {
         std::fs::remove_file(path).map_err(SessionError::io("remove the old bake's file", path))
@@ -184,9 +234,9 @@ pub(crate) fn clear(folder: &Path) -> Result<(), SessionError> {
     for entry in entries.flatten() {
         let name = entry.file_name();
         let name = name.to_string_lossy();
-        let ours = ["tile_", "proxy_", "training_"].iter().any(|start| name.starts_with(start))
+        let ours = beginnings.iter().any(|start| name.starts_with(start))
             && [".safetensors", ".json"].iter().any(|end| name.ends_with(end));
-        if ours || ["base.exr", LIGHTS_FILE, VIEW_FILE].contains(&name.as_ref()) {
+        if ours || names.contains(&name.as_ref()) {
             remove(&entry.path())?;
         }
     }

@@ -16,6 +16,18 @@ pub fn pixel_ray(camera: &Camera, x: usize, y: usize) -> (Vec3, Vec3) {
     (world.transform_point3(origin), world.transform_vector3(direction).normalize_or_zero())
 }
 
+/// About so many points that are seen, spread over the picture.
+pub(crate) fn seen_points(aovs: &Aovs, camera: &Camera, count: usize) -> Vec<Vec3> {
+    let (width, depth) = (aovs.depth.width, &aovs.depth.data);
+    let seen: Vec<usize> = (0..depth.len()).filter(|i| depth[*i] > 0.0 && depth[*i].is_finite()).collect();
+    let spread = seen.iter().step_by(seen.len().div_ceil(count).max(1));
+    let point = |i: &usize| {
+        let (origin, direction) = pixel_ray(camera, i % width, i / width);
+        origin + depth[*i] * direction
+    };
+    spread.map(point).collect()
+}
+
 /// What proxies know of each pixel: the AOVs, and the positions that depth and camera rays give.
 pub fn pixel_features(aovs: &Aovs, camera: &Camera) -> PixelFeatures {
     let (width, height) = (aovs.depth.width, aovs.depth.height);

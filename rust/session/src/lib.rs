@@ -26,6 +26,7 @@ mod device_proxies;
 mod environment;
 mod error;
 mod features;
+mod guided;
 mod inspect;
 mod light_set;
 pub mod live;
@@ -49,7 +50,9 @@ pub use denoise::Denoise;
 pub use device::{Compute, Device};
 pub use environment::environment_texture;
 pub use error::SessionError;
+pub(crate) use features::seen_points;
 pub use features::{pixel_features, pixel_ray};
+pub use guided::{GUIDED_FILE, Guided};
 pub use inspect::{Info, ProxySummary, info, validate};
 pub use light_set::LightSet;
 pub use measure::{Evaluation, evaluate};
@@ -60,8 +63,8 @@ pub use relighter::{Maker, RelightOptions, Relighter, With};
 pub use relit::{Relit, RelitLight};
 pub use sizes::default_sizes;
 pub use solve::{
-    Add, BoundsWish, Freedom, GoalKind, GoalReport, GoalWish, NewKind, Own, Pictures, Preview, RegionWish,
-    SoFar, SolveRequest, Solved, Through, Wish, solve_lights,
+    Add, Answer, BoundsWish, Freedom, GoalKind, GoalReport, GoalWish, NewKind, Own, Pictures, Preview,
+    RegionWish, SoFar, SolveRequest, Solved, Through, Wish, solve_lights,
 };
 pub use targets::{DumpTargets, GpuTargets};
 pub use threads::on_threads;

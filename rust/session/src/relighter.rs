@@ -2,22 +2,20 @@ use crate::bake::VIEW_FILE;
 use crate::denoise::Denoise;
 use crate::device_gather::DeviceGather;
 use crate::device_proxies::DeviceProxies;
+use crate::guided::Sight;
 use crate::progress::{Monitor, Stage};
 use crate::proxies::Proxies;
 use crate::relit::{Relit, RelitLight};
 use crate::unit_cache::UnitCache;
-use crate::{Compute, LightSet, SessionError, base_layers};
+use crate::{Compute, Guided, LightSet, SessionError, base_layers};
 use relume_dump::{Aovs, Dump, Manifest};
 use relume_gather::{DenoiseQuality, Environment, Gather, Half};
 use relume_image::{Image, ViewTransform};
 use relume_proxy::{GpuProxy, LightKind};
-use relume_scene::{Camera, Light, LightShape, LobeFactors, Texture, World};
+use relume_scene::{Camera, Light, LobeFactors, Texture, World};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-
-/// Paths of a lit pixel that find a sun, below which denoising leaves blotches (and darkens, at a tenth of this).
-const LEAST_SUN_HITS: f64 = 0.1;
 
 /// What makes a light's picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
@@ -67,6 +65,7 @@ pub struct Relighter {
     camera: Camera,
     aovs: Aovs,
     gather: Option<DeviceGather>,
+    sight: Option<Sight>,
     proxies: DeviceProxies,
     denoise: Denoise,
     compute: Compute,
@@ -101,7 +100,9 @@ impl Relighter {
         let (camera, scene_hash) = (camera(manifest)?, manifest.scene_hash.clone());
         let proxies = Proxies::open(folder, &scene_hash)?;
         let aovs = dump.aovs();
-        Ok(Self::new(folder, scene_hash, camera, aovs, Some(Gather::new(dump)), proxies))
+        let sight = Sight::new(&Guided::of_bake(folder)?, manifest, &aovs, &camera);
+        let new = Self::new(folder, scene_hash, camera, aovs, Some(Gather::new(dump)), proxies);
+        Ok(Self { sight: Some(sight), ..new })
     }
 
     fn new(
@@ -125,6 +126,7 @@ impl Relighter {
             camera,
             aovs,
             gather,
+            sight: None,
             proxies: DeviceProxies::new(proxies),
             denoise,
             compute: Compute::default(),
@@ -157,6 +159,11 @@ impl Relighter {
     /// The dump where it is gathered from.
     pub(crate) fn device_gather(&self) -> Option<&DeviceGather> {
         self.gather.as_ref()
+    }
+
+    /// How often its paths meet lights, if there are paths.
+    pub(crate) fn sight(&self) -> Option<&Sight> {
+        self.sight.as_ref()
     }
 
     /// What does it.
@@ -285,7 +292,7 @@ impl Relighter {
             let group_lights: Vec<Light> = group.iter().map(|i| lights[*i].clone()).collect();
             group_lights
                 .iter()
-                .filter_map(|light| too_narrow(light, self.gather()?.dump().manifest().samples()))
+                .filter_map(|light| self.sight.as_ref()?.warning(light))
                 .for_each(|text| monitor.warn(&text));
             let mut images = self.gather_images(&group_lights, Half::All, monitor)?;
             if options.denoise {
@@ -364,24 +371,6 @@ impl Relighter {
             None => Ok(Vec::new()),
         }
     }
-}
-
-/// What to tell the user about a sun that hardly any of so many paths per pixel finds. A diffuse surface that faces it sends
-/// the share `half_angle^2` of its directions there.
-pub(crate) fn too_narrow(light: &Light, samples: u32) -> Option<String> {
-    let LightShape::Sun { half_angle, .. } = light.shape else { return None };
-    let samples = f64::from(samples);
-    let angle = 2.0 * f64::from(half_angle).to_degrees();
-    let hits = samples * f64::from(half_angle).powi(2);
-    let wide_enough = 2.0 * (LEAST_SUN_HITS / samples).sqrt().to_degrees();
-    (hits < LEAST_SUN_HITS).then(|| {
-        format!(
-            "light '{}': {angle:.2} degrees wide, its direct light is found by one path in {:.0} pixels and will be \
-             noise; widen it to {wide_enough:.1} degrees, or bake more samples",
-            light.name,
-            (1.0 / hits).ceil()
-        )
-    })
 }
 
 /// The part of a light that the camera sees directly, which proxies do not learn.

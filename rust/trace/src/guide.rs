@@ -11,6 +11,7 @@ use glam::Vec3;
 use relume_scene::{Light, LightShape};
 
 use crate::bsdf::{Frame, Surface};
+use crate::settings::MOST_GUIDING;
 
 /// Most lights that are looked for: each costs some arithmetic at every vertex.
 const MOST_LIGHTS: usize = 32;
@@ -23,7 +24,7 @@ const WIDE: f32 = 1.0 / 144.0;
 
 /// The lights that are looked for.
 #[derive(Clone, Debug)]
-pub(crate) struct Guide {
+pub struct Guide {
     /// Most of the directions that are drawn from cones.
     share: f32,
     lights: Vec<Aim>,
@@ -61,6 +62,20 @@ enum Beam {
     },
 }
 
+/// Share of the directions from a matt surface that faces a light which meet it if nothing is in between, with paths that look
+/// for what `guide` says. Nothing where the light does not shine to.
+pub fn chance_to_meet(guide: Option<&Guide>, point: Vec3, light: &Light) -> Option<f32> {
+    let aim = Aim::at(light);
+    let (axis, sine_squared) = aim.seen_from(point);
+    let mut cones = Cones::default();
+    if let Some(guide) = guide {
+        guide.look_from(point, &mut cones);
+    }
+    let density = (1.0 - cones.share) / PI + cones.share * cones.density(axis);
+    let shines = aim.beam.towards(-axis) > 0.0;
+    shines.then(|| (TAU * height(sine_squared.clamp(NARROWEST, 1.0)) * density).min(1.0))
+}
+
 /// The lights as one point sees them. Reused from point to point: nothing is allocated.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Cones {
@@ -80,14 +95,18 @@ struct Pair {
 }
 
 impl Guide {
-    /// Nothing if there are no lights or nothing is to be drawn from them.
+    /// Looks for the strongest of these lights with a share of the directions, at most [`MOST_GUIDING`]. Nothing if there are no
+    /// lights or nothing is to be drawn from them.
     pub fn new(lights: &[Light], share: f32) -> Option<Self> {
-        let lights: Vec<Aim> = lights.iter().take(MOST_LIGHTS).map(Aim::at).collect();
-        (share > 0.0 && !lights.is_empty()).then_some(Self { share, lights })
+        let power = |light: &Light| Vec3::from(light.radiance).element_sum() * light.shape.extent();
+        let mut strongest: Vec<&Light> = lights.iter().collect();
+        strongest.sort_by(|a, b| power(b).total_cmp(&power(a)));
+        let lights: Vec<Aim> = strongest.into_iter().take(MOST_LIGHTS).map(Aim::at).collect();
+        (share > 0.0 && !lights.is_empty()).then_some(Self { share: share.min(MOST_GUIDING), lights })
     }
 
     /// Makes `cones` those that are seen from a point.
-    pub fn look_from(&self, point: Vec3, cones: &mut Cones) {
+    pub(crate) fn look_from(&self, point: Vec3, cones: &mut Cones) {
         cones.list.clear();
         let (mut all, mut wanted) = (0.0, 0.0);
         for aim in &self.lights {
@@ -215,14 +234,17 @@ mod tests {
 
     use super::*;
 
-    fn guide(shapes: &[LightShape]) -> Guide {
-        let light = |shape: &LightShape| Light {
+    fn light(shape: &LightShape) -> Light {
+        Light {
             name: "light".into(),
             shape: *shape,
             radiance: [1.0; 3],
             lobes: LobeFactors::default(),
             receivers: None,
-        };
+        }
+    }
+
+    fn guide(shapes: &[LightShape]) -> Guide {
         let lights: Vec<Light> = shapes.iter().map(light).collect();
         Guide::new(&lights, 0.5).expect("lights")
     }
@@ -334,13 +356,42 @@ mod tests {
 
     #[test]
     fn there_is_none_without_lights_or_share() {
-        let light = Light {
-            name: "light".into(),
-            shape: ball(Vec3::ZERO, 1.0),
-            radiance: [1.0; 3],
-            lobes: LobeFactors::default(),
-            receivers: None,
-        };
+        let light = light(&ball(Vec3::ZERO, 1.0));
         assert!(Guide::new(&[], 0.5).is_none() && Guide::new(&[light], 0.0).is_none());
+    }
+
+    #[test]
+    fn of_too_many_lights_the_strongest_are_looked_for() {
+        let at = |i: usize| light(&ball(Vec3::new(3.0, 0.3 * i as f32, 0.0), 0.01));
+        let mut lights: Vec<Light> = (0..MOST_LIGHTS + 1).map(at).collect();
+        lights[MOST_LIGHTS].radiance = [2.0; 3];
+        let guide = Guide::new(&lights, 0.5).unwrap();
+        assert_eq!(guide.lights.len(), MOST_LIGHTS);
+        assert!((guide.lights[0].brightness - 2.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn chance_to_meet_a_light_is_that_of_what_is_drawn() {
+        let lamp = ball(Vec3::new(2.0, -1.0, 1.0), 0.05);
+        let moved = ball(Vec3::new(2.0, 1.5, 1.0), 0.05);
+        let guide = guide(&[lamp]);
+        let cones = guide.seen();
+        let at = |shape: &LightShape| chance_to_meet(Some(&guide), Vec3::ZERO, &light(shape)).unwrap();
+        let by_chance = chance_to_meet(None, Vec3::ZERO, &light(&lamp)).unwrap();
+        assert!((by_chance / (0.05 * 0.05 / 6.0) - 1.0).abs() < 0.01, "{by_chance}");
+        let hit = |direction: &Vec3| Vec3::new(2.0, -1.0, 1.0).cross(*direction).length() <= 0.05;
+        let drawn = samples(&cones).filter(hit).count() as f32 / 200_000.0;
+        let expected = 0.5 * drawn + 0.5 * by_chance;
+        assert!((at(&lamp) / expected - 1.0).abs() < 0.02, "{} for {expected}", at(&lamp));
+        assert!(at(&moved) < by_chance && at(&moved) > 0.4 * by_chance, "{}", at(&moved));
+        let away = LightShape::Spot {
+            center: Vec3::new(2.0, -1.0, 1.0),
+            radius: 0.05,
+            axis: Vec3::X,
+            half_angle: 0.5,
+            blend: 0.0,
+            soft_falloff: true,
+        };
+        assert!(chance_to_meet(None, Vec3::ZERO, &light(&away)).is_none());
     }
 }

@@ -59,7 +59,6 @@ pub(crate) struct Integrator<'a> {
     pub camera: CameraSampler,
     pub environment: Environment,
     pub lights: Option<StaticLights>,
-    pub guide: Option<Guide>,
     pub settings: PathSettings,
 }
 
@@ -83,6 +82,7 @@ impl Integrator<'_> {
         (x, y): (usize, usize),
         sampler: PixelSampler,
         sample: u32,
+        guide: Option<&Guide>,
         scratch: &mut Scratch,
         sink: &mut impl PathSink,
     ) {
@@ -127,6 +127,7 @@ impl Integrator<'_> {
                 &mut path,
                 &point,
                 [u[0], u[1], u[2]],
+                guide,
                 &mut ray,
                 scratch,
                 &mut features,
@@ -188,6 +189,7 @@ impl Integrator<'_> {
         path: &mut PathState,
         point: &SurfacePoint,
         u: [f32; 3],
+        guide: Option<&Guide>,
         ray: &mut Ray,
         scratch: &mut Scratch,
         features: &mut Features,
@@ -205,7 +207,7 @@ impl Integrator<'_> {
             return through.max_element() > 0.0;
         }
         self.filter_closures(path, surface);
-        let cones = match &self.guide {
+        let cones = match guide {
             Some(guide) if surface.is_guided() => {
                 guide.look_from(point.position, &mut scratch.cones);
                 Some(&scratch.cones).filter(|cones| cones.share > 0.0)

@@ -23,6 +23,7 @@ pub mod settings;
 pub mod shading;
 mod static_light;
 
+pub use guide::{Guide, chance_to_meet};
 pub use integrator::{PathSink, Scratch};
-pub use render::{Control, Outcome, Progress, TraceError, Tracer, manifest, trace};
+pub use render::{Control, Outcome, Progress, TraceError, Tracer, lights_looked_for, manifest, trace};
 pub use settings::TraceSettings;

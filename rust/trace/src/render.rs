@@ -1,12 +1,12 @@
 //! From a scene to a path dump: all passes, all tiles, all cores.
 
 use std::sync::{
-    Arc, Mutex, PoisonError,
+    Arc, Mutex, OnceLock, PoisonError,
     atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering},
 };
 
 use relume_dump::{DumpError, FORMAT_VERSION, Manifest, Pass, ShardSink, TileRect, TileSamples};
-use relume_scene::Scene;
+use relume_scene::{Light, Scene};
 
 use crate::{
     bvh::{BvhError, SceneBvh},
@@ -15,7 +15,7 @@ use crate::{
     guide::Guide,
     integrator::{Integrator, PathSink, Scratch},
     sampler::PixelSampler,
-    settings::{MOST_GUIDING, TraceSettings},
+    settings::TraceSettings,
     shading::PreparedMaterials,
     static_light::StaticLights,
 };
@@ -73,12 +73,16 @@ pub struct Control<'a> {
     pub cancel: Arc<AtomicBool>,
     /// Called after every shard, one call at a time.
     pub on_progress: Option<Box<dyn Fn(Progress) + Sync + Send + 'a>>,
+    /// Called with its number before the first path of every pass that is traced: the lights that it looks for, instead of
+    /// those of the scene and the settings.
+    pub lights: Option<Box<dyn Fn(usize) -> Vec<Light> + Sync + Send + 'a>>,
 }
 
 /// A scene made ready for tracing.
 #[derive(Debug)]
 pub struct Tracer<'a> {
     integrator: Integrator<'a>,
+    guide: Option<Guide>,
     settings: TraceSettings,
     warnings: Vec<String>,
 }
@@ -117,10 +121,10 @@ impl<'a> Tracer<'a> {
             materials,
             environment,
             lights,
-            guide: Guide::new(&scene.lights, settings.guiding.min(MOST_GUIDING)),
             settings: paths,
         };
-        Ok(Self { integrator, settings: settings.clone(), warnings })
+        let guide = Guide::new(&lights_looked_for(scene, settings), settings.guiding);
+        Ok(Self { integrator, guide, settings: settings.clone(), warnings })
     }
 
     /// What of the materials could not be represented, in words for the user.
@@ -163,11 +167,27 @@ impl<'a> Tracer<'a> {
         scratch: &mut Scratch,
         sink: &mut impl PathSink,
     ) {
+        self.trace_guided((x, y), pass, self.guide.as_ref(), scratch, sink);
+    }
+
+    fn trace_guided(
+        &self,
+        (x, y): (usize, usize),
+        pass: Pass,
+        guide: Option<&Guide>,
+        scratch: &mut Scratch,
+        sink: &mut impl PathSink,
+    ) {
         let sampler = PixelSampler::new(self.settings.seed, x as u32, y as u32);
         for sample in pass.first_sample..pass.first_sample + pass.samples {
-            self.integrator.trace((x, y), sampler, sample, scratch, sink);
+            self.integrator.trace((x, y), sampler, sample, guide, scratch, sink);
         }
     }
+}
+
+/// The lights that paths of these settings look for: the scene's and those that the settings name.
+pub fn lights_looked_for(scene: &Scene, settings: &TraceSettings) -> Vec<Light> {
+    scene.lights.iter().chain(&settings.towards).cloned().collect()
 }
 
 /// The manifest of a dump of `scene`.
@@ -197,6 +217,8 @@ struct Run<'a> {
     manifest: &'a Manifest,
     sink: &'a dyn ShardSink,
     control: &'a Control<'a>,
+    /// Where the paths of each pass look, once that is known.
+    guides: Vec<OnceLock<Option<Guide>>>,
     next: AtomicUsize,
     segments: AtomicU64,
     /// Paths and shards done.
@@ -216,6 +238,7 @@ impl<'a> Run<'a> {
             manifest,
             sink,
             control,
+            guides: vec![OnceLock::new(); manifest.passes.len()],
             next: AtomicUsize::new(0),
             segments: AtomicU64::new(0),
             done: Mutex::new((0, 0)),
@@ -239,7 +262,7 @@ impl<'a> Run<'a> {
             }
             let (pass, tile) = (index / tiles, index % tiles);
             if !self.sink.is_complete(tile, pass) {
-                if !self.trace_tile(tile, self.manifest.passes[pass], &mut scratch, &mut samples) {
+                if !self.trace_tile(tile, pass, &mut scratch, &mut samples) {
                     break;
                 }
                 if let Err(error) = self.sink.write(tile, pass, &samples) {
@@ -254,8 +277,9 @@ impl<'a> Run<'a> {
     }
 
     /// False if cancelled half-way.
-    fn trace_tile(&self, tile: usize, pass: Pass, scratch: &mut Scratch, samples: &mut TileSamples) -> bool {
+    fn trace_tile(&self, tile: usize, pass: usize, scratch: &mut Scratch, samples: &mut TileSamples) -> bool {
         let rect = self.manifest.tile_rect(tile);
+        let (guide, pass) = (self.guide(pass), self.manifest.passes[pass]);
         samples.reset(rect);
         for y in rect.y..rect.y + rect.height {
             for x in rect.x..rect.x + rect.width {
@@ -263,11 +287,21 @@ impl<'a> Run<'a> {
                     return false;
                 }
                 samples.begin_pixel();
-                self.tracer.trace_pixel(x, y, pass, scratch, samples);
+                self.tracer.trace_guided((x, y), pass, guide, scratch, samples);
             }
         }
         self.segments.fetch_add(samples.record_count() as u64, Ordering::Relaxed);
         true
+    }
+
+    fn guide(&self, pass: usize) -> Option<&Guide> {
+        match &self.control.lights {
+            Some(lights) => {
+                let new = || Guide::new(&lights(pass), self.tracer.settings.guiding);
+                self.guides[pass].get_or_init(new).as_ref()
+            }
+            None => self.tracer.guide.as_ref(),
+        }
     }
 
     fn report(&self, tile: usize, pass: usize) {

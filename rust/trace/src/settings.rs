@@ -1,6 +1,7 @@
 //! How paths are traced. Defaults are those of a new Blender file.
 
 use relume_dump::Pass;
+use relume_scene::Light;
 
 use crate::filter::PixelFilter;
 
@@ -24,6 +25,8 @@ pub struct TraceSettings {
     /// Share of the directions that look for where the file's lights stand, 0 for none, at most [`MOST_GUIDING`]. Changes only
     /// the noise, never what is expected: less for lights near there, at each bounce up to `1 / (1 - guiding)` of the variance elsewhere.
     pub guiding: f32,
+    /// Lights that are looked for besides those of the file.
+    pub towards: Vec<Light>,
     /// What the paths are; everything that changes the dump but for the samples.
     pub paths: PathSettings,
 }
@@ -37,6 +40,7 @@ impl Default for TraceSettings {
             passes: PassSchedule::default(),
             threads: 0,
             guiding: 0.25,
+            towards: Vec::new(),
             paths: PathSettings::default(),
         }
     }

@@ -1,6 +1,8 @@
 """A scene of the benchmark: its bake, made once, and solving with it."""
 
 import json
+import resource
+import shutil
 import subprocess
 import sys
 import time
@@ -10,6 +12,14 @@ import relume
 
 ROOT = Path(__file__).resolve().parents[3]
 POLL_SECONDS = 0.02
+SAMPLES_TOWARDS = 64
+"""As in the add-on (`addon/engine/new_paths.py`)."""
+
+
+def processor_seconds():
+    """Of this process and those that it has waited for."""
+    own, children = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return own.ru_utime + own.ru_stime + children.ru_utime + children.ru_stime
 
 
 class Shot:
@@ -33,16 +43,24 @@ class Shot:
         return self.judge.picture(self.args.samples, seed)
 
     def solve(self, request, images=None, on_preview=None):
-        """The result of `relume.solve`, with processor seconds; better lights go to `on_preview(seconds, lights)`."""
+        """The result of `relume.solve`, with processor seconds; better lights go to `on_preview(seconds, lights)`. As in
+        the add-on, lights that hardly any path meets are solved on with paths that look for them."""
         general = {"steps": self.args.steps, "through": self.args.through}
-        text = json.dumps(general | request)
-        start, processor = time.perf_counter(), time.process_time()
-        job = relume.solve([str(self.folder)], text, images or {}, threads=self.args.threads)
+        start, processor = time.perf_counter(), processor_seconds()
+        result = self._solved(self.folder, general | request, images, start, on_preview)
+        if result["rarely_met"]:
+            again = general | request | {"from": result, "steps": 0, "starts": 1}
+            result = self._solved(self._bake_towards(result), again, images, start, on_preview)
+        seconds = {"seconds": time.perf_counter() - start, "processor_seconds": processor_seconds() - processor}
+        return result | seconds
+
+    def _solved(self, folder, request, images, start, on_preview):
+        job = relume.solve([str(folder)], json.dumps(request), images or {}, threads=self.args.threads)
         while not job.done:
             self._preview(job, start, on_preview)
             time.sleep(POLL_SECONDS)
         self._preview(job, start, on_preview)
-        return job.result() | {"processor_seconds": time.process_time() - processor}
+        return job.result()
 
     def _preview(self, job, start, on_preview):
         found = on_preview and job.preview()
@@ -51,10 +69,25 @@ class Shot:
 
     def _bake(self):
         print(f"  bake of {self.name}", flush=True)
+        resume = ["--resume"] if (self.folder / "manifest.json").exists() else []
+        self._run_bake(self.folder, "--samples", self.args.bake_samples, *resume)
+
+    def _bake_towards(self, result):
+        """A folder with a few paths that look for the lights as they are and as they were found."""
+        folder = self.folder.with_name(f"{self.folder.name}-towards")
+        shutil.rmtree(folder, ignore_errors=True)
+        lights = self.judge.light_set()
+        lights["lights"] += result["lights"]["lights"]
+        towards = self.folder / "towards.json"
+        towards.write_text(json.dumps(lights))
+        self._run_bake(folder, "--samples", min(SAMPLES_TOWARDS, self.args.bake_samples), "--towards", towards)
+        return folder
+
+    def _run_bake(self, folder, *options):
         size = "{width}x{height}".format(**self.resolution)
-        options = ("--samples", self.args.bake_samples, "--resolution", size, "--threads", self.args.threads, "--quiet")
-        command = [sys.executable, ROOT / "relume_bake.py", self.blend, "--", "bake", "--out", self.folder, *options]
-        command += ["--resume"] if (self.folder / "manifest.json").exists() else []
+        general = ("--resolution", size, "--threads", self.args.threads, "--quiet")
+        script = ROOT / "relume_bake.py"
+        command = [sys.executable, script, self.blend, "--", "bake", "--out", folder, *general, *options]
         subprocess.run([str(word) for word in command], check=True)
 
     def _train(self):

@@ -1,7 +1,7 @@
 use super::Context;
 use crate::args::OptimiseArgs;
 use anyhow::Context as _;
-use relume_session::{LightSet, Pictures, Relighter, SolveRequest, Solved, solve_lights};
+use relume_session::{Answer, LightSet, Pictures, Relighter, SolveRequest, Solved, solve_lights};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -10,10 +10,15 @@ pub fn optimise(args: &OptimiseArgs, context: &Context) -> anyhow::Result<()> {
     let compute = context.compute()?;
     let open = |folder: &PathBuf| Ok(Relighter::open(folder)?.on(&compute));
     let relighters = args.bakes.iter().map(open).collect::<anyhow::Result<Vec<_>>>()?;
-    let (request, folder) = match (&args.request, &args.target) {
+    let (mut request, folder) = match (&args.request, &args.target) {
         (Some(path), _) => (read_request(path, &relighters[0])?, path.parent().unwrap_or(Path::new(""))),
         (None, target) => (short_request(args, target.as_deref(), context)?, Path::new("")),
     };
+    if let Some(path) = &args.from {
+        let LightSet { lights, .. } = LightSet::read(path)?;
+        request.wish.from = Some(Answer { lights, world: request.now.world });
+        request.wish.steps = 0;
+    }
     let views: Vec<&Relighter> = relighters.iter().collect();
     let mut solved = solve_lights(&views, &request, &Pictures::in_folder(folder), context.monitor, &|_| ())?;
     if let Some(path) = &args.lights {

@@ -26,7 +26,9 @@ pub fn trace(args: &TraceArgs, context: &Context) -> anyhow::Result<()> {
         set.notes.iter().for_each(|note| context.monitor.warn(note));
         scene.lights = set.lights;
     }
-    let report = bake(&scene, &settings(args, context), &args.out, args.resume, context.monitor)?;
+    let towards = args.towards.as_deref().map(LightSet::read).transpose()?.unwrap_or_default().lights;
+    let settings = TraceSettings { towards, ..settings(args, context) };
+    let report = bake(&scene, &settings, &args.out, args.resume, context.monitor)?;
     let text = format!(
         "{}: {} x {} pixels, {} paths per pixel, {} segments, {:.1} MiB, {:.1} s",
         args.out.display(),

@@ -177,10 +177,13 @@ class Live:
         """A shot with its bake in a folder. Nothing is read or written yet. Devices as of `Relighter`; 0 threads for
         one a core."""
 
-    def bake(self, scene: Scene, settings: dict[str, Any], *, train_seconds: float = 60.0) -> None:
+    def bake(
+        self, scene: Scene, settings: dict[str, Any], *, train_seconds: float = 60.0, anew: bool = False
+    ) -> None:
         """Bakes a scene into the folder, with pictures after every pass, then trains a proxy for so many seconds for
         each kind of light in use. Goes on with a bake of the same scene and settings (JSON form of
-        `relume_trace::TraceSettings`), replaces one of another. Raises RelumeError if that is going on already."""
+        `relume_trace::TraceSettings`), replaces one of another, and if asked (`anew`) also a whole one whose paths
+        look for other lights than the present ones. Raises RelumeError if that is going on already."""
 
     def open(self, *, train_seconds: float = 0.0) -> None:
         """Shows what the folder holds, and trains if asked and not trained yet."""

@@ -66,7 +66,9 @@ impl Live {
     }
 
     /// Bakes a scene into the folder and shows pictures after every pass, then trains a proxy for so many seconds for each
-    /// kind of light in use. Goes on with a bake of the same scene and settings, replaces one of another.
+    /// kind of light in use. Goes on with a bake of the same scene and settings, replaces one of another, and where `anew` is asked
+    /// for also a whole one whose paths look for other lights than the present ones. The paths of each pass look for where the lights
+    /// of the newest request are.
     ///
     /// # Errors
     /// If work is going on already. What goes wrong later is in [`Live::status`].
@@ -75,8 +77,9 @@ impl Live {
         scene: Arc<Scene>,
         settings: TraceSettings,
         train_seconds: f64,
+        anew: bool,
     ) -> Result<(), SessionError> {
-        self.start(Work::Bake { scene, settings }, train_seconds)
+        self.start(Work::Bake { scene, settings, anew }, train_seconds)
     }
 
     /// Shows what the folder holds, and trains if asked and not trained yet.

@@ -1,6 +1,6 @@
 use super::LiveRequest;
 use super::view::View;
-use crate::relighter::{camera_only, too_narrow};
+use crate::relighter::camera_only;
 use crate::{Proxies, With};
 use relume_proxy::LightKind;
 use relume_scene::Light;
@@ -58,7 +58,7 @@ fn part(light: &Light, with: With, view: &View, warnings: &mut Vec<String>) -> R
     }
     pass.gather().prepare(light).map_err(|error| error.to_string())?;
     warnings.extend(outside_of_training(light, proxies));
-    warnings.extend(too_narrow(light, view.samples()));
+    warnings.extend(view.sight.as_ref().and_then(|sight| sight.warning(light)));
     Ok(How::Gather)
 }
 

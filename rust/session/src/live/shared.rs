@@ -1,5 +1,5 @@
 use super::LiveRequest;
-use crate::{Cancel, Listener, Maker, Measured, Progress, Proxies};
+use crate::{Cancel, Guided, Listener, Maker, Measured, Progress, Proxies};
 use relume_dump::Dump;
 use relume_image::Image;
 use relume_proxy::LightKind;
@@ -110,6 +110,8 @@ pub(super) struct State {
     pub requests: u64,
     /// Whole passes of the bake so far.
     pub dump: Option<Dump>,
+    /// What its paths look for.
+    pub guided: Guided,
     /// Folder of proxies alone, for a shot without paths.
     pub base: Option<Arc<crate::base_layers::BaseLayers>>,
     /// Proxies that the painter has not taken yet.

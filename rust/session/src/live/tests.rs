@@ -122,7 +122,7 @@ fn frames_grow_settle_and_answer_the_newest_request() {
     let folder = tempfile::tempdir().unwrap();
     let live = live(folder.path());
     live.relight(request(&[lamp(0.0)]));
-    live.bake(room(24, 16), settings(16), 0.0).unwrap();
+    live.bake(room(24, 16), settings(16), 0.0, false).unwrap();
     let first = wait("a first frame", || live.frame(0));
     assert!(first.shown.samples >= 1 && first.image.channels == 4);
     assert_eq!(state(&live, LiveState::Ready).samples, 16);
@@ -149,19 +149,20 @@ fn frames_grow_settle_and_answer_the_newest_request() {
 fn cancelled_bake_is_shown_and_goes_on_to_the_same_files() {
     let folder = tempfile::tempdir().unwrap();
     let (whole, cut) = (folder.path().join("whole"), folder.path().join("cut"));
-    bake(&room(48, 32), &settings(64), &whole, false, &Monitor::default()).unwrap();
+    let towards = TraceSettings { towards: vec![lamp(0.0)], ..settings(64) };
+    bake(&room(48, 32), &towards, &whole, false, &Monitor::default()).unwrap();
 
     let live = live(&cut);
     live.relight(request(&[lamp(0.0)]));
-    live.bake(room(48, 32), settings(64), 0.0).unwrap();
-    assert!(live.bake(room(48, 32), settings(64), 0.0).is_err(), "two bakes at once");
+    live.bake(room(48, 32), settings(64), 0.0, false).unwrap();
+    assert!(live.bake(room(48, 32), settings(64), 0.0, false).is_err(), "two bakes at once");
     wait("some samples", || (live.status().samples >= 2).then_some(()));
     live.cancel();
     let status = state(&live, LiveState::Cancelled);
     assert!(status.samples < 64 && status.error.is_none(), "it was done before it was stopped");
-    settled(&live, live.relight(request(&[lamp(0.2)])));
+    settled(&live, live.relight(LiveRequest { world: [0.5; 3], ..request(&[lamp(0.0)]) }));
 
-    live.bake(room(48, 32), settings(64), 0.0).unwrap();
+    live.bake(room(48, 32), settings(64), 0.0, false).unwrap();
     state(&live, LiveState::Ready);
     let bytes = |folder: &Path| {
         let mut files: Vec<_> =
@@ -177,7 +178,7 @@ fn paused_work_stands_still_while_relighting_goes_on_and_closing_ends_it() {
     let folder = tempfile::tempdir().unwrap();
     let live = live(folder.path());
     live.relight(request(&[lamp(0.0)]));
-    live.bake(room(96, 64), settings(4096), 0.0).unwrap();
+    live.bake(room(96, 64), settings(4096), 0.0, false).unwrap();
     wait("a first frame", || live.frame(0));
     live.pause(true);
     thread::sleep(Duration::from_millis(300));
@@ -196,7 +197,7 @@ fn a_bake_of_another_scene_is_replaced_and_foreign_files_stay() {
     std::fs::write(folder.path().join("notes.txt"), "mine").unwrap();
     bake(&room(48, 32), &settings(4), folder.path(), false, &Monitor::default()).unwrap();
     let live = live(folder.path());
-    live.bake(room(16, 16), settings(4), 0.0).unwrap();
+    live.bake(room(16, 16), settings(4), 0.0, false).unwrap();
     state(&live, LiveState::Ready);
     let manifest = Dump::open(folder.path()).unwrap().manifest().clone();
     assert_eq!((manifest.width, manifest.height), (16, 16));
@@ -208,11 +209,39 @@ fn a_bake_of_another_scene_is_replaced_and_foreign_files_stay() {
 }
 
 #[test]
+fn a_rebake_looks_for_lights_that_have_moved() {
+    let folder = tempfile::tempdir().unwrap();
+    let small = |x: f32| Light {
+        shape: LightShape::Sphere { center: Vec3::new(x, 0.0, 1.5), radius: 0.005 },
+        ..lamp(x)
+    };
+    let shards = || -> Vec<Vec<u8>> {
+        let dump = Dump::open(folder.path()).unwrap();
+        dump.shards().map(|shard| shard.as_bytes().to_vec()).collect()
+    };
+    let rebaked = |x: f32, anew: bool| {
+        let live = live(folder.path());
+        let number = live.relight(request(&[small(x)]));
+        live.bake(room(24, 16), settings(8), 0.0, anew).unwrap();
+        state(&live, LiveState::Ready);
+        assert_eq!(settled(&live, number).shown.samples, 8);
+        (shards(), live.status().warnings)
+    };
+    let (first, warnings) = rebaked(-0.6, false);
+    assert!(warnings.is_empty(), "{warnings:?}");
+    let (same, warnings) = rebaked(0.6, false);
+    assert!(same == first && warnings.iter().any(|text| text.contains("Rebake")), "{warnings:?}");
+    let (moved, warnings) = rebaked(0.6, true);
+    assert!(moved != first && warnings.is_empty(), "{warnings:?}");
+    assert!(rebaked(0.6, true).0 == moved, "paths that look there already were traced again");
+}
+
+#[test]
 fn training_gives_a_proxy_that_stands_in_while_dragging() {
     let folder = tempfile::tempdir().unwrap();
     let live = live(folder.path());
     live.relight(request(&[lamp(0.0)]));
-    live.bake(room(32, 32), settings(128), 1.0).unwrap();
+    live.bake(room(32, 32), settings(128), 1.0, false).unwrap();
     assert_eq!(state(&live, LiveState::Training).samples, 64, "the first training waited for all samples");
     let status = state(&live, LiveState::Ready);
     assert_eq!((status.samples, status.samples_total), (128, 128));
@@ -222,7 +251,7 @@ fn training_gives_a_proxy_that_stands_in_while_dragging() {
     assert_eq!(frame.shown.makers["light"], Maker::Proxy);
 
     let states = |seconds: f64| {
-        live.bake(room(32, 32), settings(128), seconds).unwrap();
+        live.bake(room(32, 32), settings(128), seconds, false).unwrap();
         let mut trained = false;
         wait("the end", || {
             let state = live.status().state;

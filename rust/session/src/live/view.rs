@@ -3,7 +3,9 @@ use crate::base_layers::BaseLayers;
 use crate::denoise::Denoise;
 use crate::device_gather::DeviceGather;
 use crate::device_proxies::DeviceProxies;
-use crate::{Compute, Proxies};
+use crate::guided::Sight;
+use crate::relighter::camera;
+use crate::{Compute, Guided, Proxies};
 use relume_dump::{Aovs, Dump};
 use relume_gather::Gather;
 use relume_image::Image;
@@ -22,6 +24,8 @@ pub(super) struct View {
     pub proxies: DeviceProxies,
     /// For the full size, and for half of it.
     pub denoise: [Denoise; 2],
+    /// How often the paths meet lights.
+    pub sight: Option<Sight>,
     /// Paths per pixel behind the features that the denoisers use.
     feature_samples: u32,
 }
@@ -37,6 +41,7 @@ pub(super) struct StaticLayer {
 pub(super) struct Delivered {
     deliveries: u64,
     dump: Option<Dump>,
+    guided: Guided,
     base: Option<Arc<BaseLayers>>,
     pub proxies: Option<Proxies>,
 }
@@ -46,6 +51,7 @@ impl Delivered {
         Self {
             deliveries: state.deliveries,
             dump: state.dump.clone(),
+            guided: state.guided.clone(),
             base: state.base.clone(),
             proxies: state.proxies.take(),
         }
@@ -55,7 +61,7 @@ impl Delivered {
 impl View {
     /// What there is now; takes over what the previous view knows of the same bake.
     pub fn new(delivered: Delivered, compute: &Compute, before: Option<Self>) -> Option<Self> {
-        let Delivered { deliveries, dump, base, proxies } = delivered;
+        let Delivered { deliveries, dump, guided, base, proxies } = delivered;
         let Some(dump) = dump else {
             let base = base?;
             let proxies = DeviceProxies::new(proxies.unwrap_or_default());
@@ -71,14 +77,17 @@ impl View {
         let bake = dump.manifest().bake_id();
         let same =
             before.filter(|before| before.bake == bake && before.samples() <= dump.manifest().samples());
-        Some(match same {
+        let view = match same {
             Some(before) => before.grown(deliveries, &dump, proxies, compute),
             None => {
                 let proxies = DeviceProxies::new(proxies.unwrap_or_default());
                 let passes = (0..dump.manifest().passes.len()).map(|pass| gather(&dump, pass)).collect();
                 Self::of(deliveries, &bake, dump.aovs(), passes, proxies, compute)
             }
-        })
+        };
+        let camera = camera(dump.manifest()).ok();
+        let sight = camera.map(|camera| Sight::new(&guided, dump.manifest(), &view.aovs, &camera));
+        Some(Self { sight, ..view })
     }
 
     fn of(
@@ -99,6 +108,7 @@ impl View {
             statics,
             proxies,
             denoise,
+            sight: None,
             feature_samples: 0,
         };
         view.feature_samples = view.samples();

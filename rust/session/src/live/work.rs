@@ -1,14 +1,16 @@
 use super::LiveOptions;
 use super::shared::{Gate, LiveState, ProxyStatus, Shared, State};
-use crate::bake::{bake_observed, clear};
+use crate::bake::{Observer, bake_observed, clear, clear_paths};
+use crate::guided::Sight;
+use crate::relighter::camera;
 use crate::{
-    Cancel, Clock, Compute, LightSet, Monitor, Proxies, SessionError, TrainSettings, base_layers,
+    Cancel, Clock, Compute, Guided, LightSet, Monitor, Proxies, SessionError, TrainSettings, base_layers,
     default_sizes, train,
 };
 use relume_dump::{Dump, DumpError, Manifest};
 use relume_proxy::{LightKind, TrainConfig};
 use relume_scene::{Light, Scene};
-use relume_trace::TraceSettings;
+use relume_trace::{TraceSettings, lights_looked_for};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -18,8 +20,8 @@ const SAMPLES_TO_TRAIN: u32 = 64;
 
 /// What the work thread does first; training follows.
 pub(super) enum Work {
-    /// Bakes a scene.
-    Bake { scene: Arc<Scene>, settings: TraceSettings },
+    /// Bakes a scene; `anew` where a whole bake of it is there whose paths do not look for the present lights.
+    Bake { scene: Arc<Scene>, settings: TraceSettings, anew: bool },
     /// Takes what the folder holds.
     Open,
 }
@@ -54,12 +56,32 @@ impl Job {
         let gate = Gate { shared: self.shared.clone(), cancel: self.cancel.clone() };
         let monitor = Monitor::new(Arc::new(gate), self.cancel.clone());
         match &self.work {
-            Work::Bake { scene, settings } => self.bake(scene, settings, &monitor),
+            Work::Bake { scene, settings, anew } => {
+                if *anew && self.looks_elsewhere(scene, settings)? {
+                    clear_paths(&self.folder)?;
+                }
+                self.bake(scene, settings, &monitor)
+            }
             Work::Open => {
                 let complete = self.open()?;
                 if complete { self.train(&monitor) } else { Ok(()) }
             }
         }
+    }
+
+    /// Whether the folder holds a whole bake of the scene, and the lights that are shown now would have much less noise from paths
+    /// that look for them.
+    fn looks_elsewhere(&self, scene: &Scene, settings: &TraceSettings) -> Result<bool, SessionError> {
+        let is_there = self.folder.join(Manifest::FILE).exists();
+        let Some(dump) = is_there.then(|| Dump::open(&self.folder)).transpose()? else { return Ok(false) };
+        let manifest = dump.manifest();
+        let is_same = manifest.scene_hash == scene.hash() && manifest.samples() >= settings.samples;
+        if !is_same || !dump.missing().is_empty() {
+            return Ok(false);
+        }
+        let guided = Guided::of_bake(&self.folder).unwrap_or_default();
+        let sight = Sight::new(&guided, manifest, &dump.aovs(), &camera(manifest)?);
+        Ok(sight.would_gain(&self.lights_to_look_for(scene, settings), settings.guiding))
     }
 
     /// Bakes and trains, then bakes the rest and trains anew if that is much more: a proxy is at hand long before a bake of
@@ -84,7 +106,9 @@ impl Job {
         settings: &TraceSettings,
         monitor: &Monitor,
     ) -> Result<(), SessionError> {
-        let bake = || bake_observed(scene, settings, &self.folder, true, monitor, &|dump| self.deliver(dump));
+        let lights = || self.lights_to_look_for(scene, settings);
+        let observer = Observer { lights: &lights, passes: &|dump| self.deliver(dump) };
+        let bake = || bake_observed(scene, settings, &self.folder, true, monitor, &observer);
         match bake() {
             Err(SessionError::Dump(DumpError::OtherBake { .. })) => {
                 clear(&self.folder)?;
@@ -96,6 +120,17 @@ impl Job {
             }
             done => done.map(drop),
         }
+    }
+
+    /// The scene's, and those that are shown now where they are other than the scene's: they may have moved since it was read.
+    fn lights_to_look_for(&self, scene: &Scene, settings: &TraceSettings) -> Vec<Light> {
+        let mut lights = lights_looked_for(scene, settings);
+        if let Some(request) = &self.shared.lock().request {
+            let is_elsewhere = |light: &&Light| lights.iter().all(|known| known.shape != light.shape);
+            let shown: Vec<Light> = request.lights.iter().filter(is_elsewhere).cloned().collect();
+            lights.extend(shown);
+        }
+        lights
     }
 
     /// Whether the folder holds a whole bake.
@@ -122,7 +157,10 @@ impl Job {
     }
 
     fn deliver(&self, dump: Dump) {
+        // Without the record nothing is lost but what it has to say about rare lights.
+        let guided = Guided::of_bake(&self.folder).unwrap_or_default();
         self.shared.change(|state| {
+            state.guided = guided;
             state.status.samples = dump.manifest().samples();
             state.dump = Some(dump);
             state.deliveries += 1;

@@ -3,7 +3,7 @@ use relume_optimise::{Bounds, Locks, Variable};
 use relume_proxy::LightKind;
 use relume_scene::{Light, LightShape, LobeFactors};
 
-use super::request::{Freedom, NewKind, SolveRequest, Through, Wish};
+use super::request::{Answer, Freedom, NewKind, SolveRequest, Through, Wish};
 use crate::live::LiveRequest;
 use crate::relighter::Relighter;
 use crate::{SessionError, pixel_features};
@@ -113,6 +113,22 @@ impl Unknowns {
             }
         }
         random
+    }
+
+    /// The unknowns as an answer has them. Lights that it left out are dark; its new ones are those that are not there now.
+    pub fn of_answer(&self, now: &LiveRequest, answer: &Answer) -> Vec<Light> {
+        let named = |name: &str| answer.lights.iter().find(|light| light.name == name);
+        let is_new = |light: &&Light| now.lights.iter().all(|known| known.name != light.name);
+        let mut new = answer.lights.iter().filter(is_new);
+        let found = self.sources.iter().zip(&self.variables).map(|(source, variable)| {
+            let found = match source {
+                Source::Scene(_) => named(&variable.light.name),
+                Source::World => return Light { radiance: answer.world, ..variable.light.clone() },
+                Source::New => new.next(),
+            };
+            found.cloned().unwrap_or_else(|| Light { radiance: [0.0; 3], ..variable.light.clone() })
+        });
+        found.collect()
     }
 
     /// All lights with found ones in their places, new ones without names at the end; and the factor on the world.

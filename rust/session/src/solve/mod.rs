@@ -21,7 +21,8 @@ use crate::{LightSet, SessionError};
 pub use goals::Pictures;
 use lights::Unknowns;
 pub use request::{
-    Add, BoundsWish, Freedom, GoalKind, GoalWish, NewKind, Own, RegionWish, SolveRequest, Through, Wish,
+    Add, Answer, BoundsWish, Freedom, GoalKind, GoalWish, NewKind, Own, RegionWish, SolveRequest, Through,
+    Wish,
 };
 use search::Search;
 pub use solved::{GoalReport, Solved};

@@ -1,6 +1,9 @@
+use crate::LightSet;
 use crate::live::LiveRequest;
 use relume_optimise::Region;
+use relume_scene::Light;
 use serde::Deserialize;
+use serde::de::Error as _;
 use serde_json::{Map, Value};
 use std::collections::HashMap;
 
@@ -66,6 +69,29 @@ pub struct Wish {
     pub polish: usize,
     /// What makes the gradients.
     pub through: Through,
+    /// Where to start instead of now and in random places: an earlier answer. With 0 steps it is only polished.
+    pub from: Option<Answer>,
+}
+
+/// Of an earlier answer ([`super::Solved`], whose other fields may be there too).
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct Answer {
+    /// All lights as they were found.
+    #[serde(deserialize_with = "light_set")]
+    pub lights: Vec<Light>,
+    /// Factor on the world's light.
+    #[serde(default = "white")]
+    pub world: [f32; 3],
+}
+
+fn light_set<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<Vec<Light>, D::Error> {
+    let value = Value::deserialize(deserializer)?;
+    let set = LightSet::parse(&value.to_string());
+    Ok(set.map_err(|reason| D::Error::custom(format!("\"from\": {reason}")))?.lights)
+}
+
+fn white() -> [f32; 3] {
+    [1.0; 3]
 }
 
 impl Default for Wish {
@@ -87,6 +113,7 @@ impl Default for Wish {
             seed: 0,
             polish: 64,
             through: Through::Auto,
+            from: None,
         }
     }
 }
@@ -265,6 +292,9 @@ impl SolveRequest {
             if !own.stay.is_none_or(|stay| stay.is_finite() && stay >= 0.0) {
                 return Err(format!("\"each\": \"stay\" of '{name}' must not be below 0"));
             }
+        }
+        if wish.from.as_ref().is_some_and(|from| !from.world.iter().all(|value| value.is_finite())) {
+            return Err("\"from\": the world's factor must be finite".into());
         }
         if wish.add.is_some_and(|add| add.count > MOST_NEW) {
             return Err(format!("\"add\" may ask for {MOST_NEW} lights at most"));

@@ -156,7 +156,10 @@ impl Search<'_> {
             softness: softness[0],
             seed: wish.seed,
         };
-        let starts = self.unknowns.starts(random_starts(problem, &random)?);
+        let starts = match &wish.from {
+            Some(answer) => vec![self.unknowns.of_answer(&self.request.now, answer)],
+            None => self.unknowns.starts(random_starts(problem, &random)?),
+        };
         self.race(problem, &starts, wish.steps, softness)
     }
 

@@ -10,6 +10,7 @@ use super::SceneView;
 use super::lights::{Source, Unknowns};
 use super::request::{GoalKind, SolveRequest, Through};
 use super::search::Found;
+use crate::guided::Sight;
 use crate::progress::Monitor;
 use crate::relighter::{RelightOptions, With};
 use crate::{LightSet, SessionError};
@@ -33,6 +34,9 @@ pub struct Solved {
     pub report: Vec<GoalReport>,
     /// What the user should know.
     pub warnings: Vec<String>,
+    /// Names of lights that were solved and that hardly any path of a bake meets where they are now, so that all that is said of
+    /// them is noise. Bake towards the answer ([`relume_trace::TraceSettings::towards`]) and solve on from it ([`super::Wish::from`]).
+    pub rarely_met: Vec<String>,
     /// What is left of the loss.
     pub loss: f64,
     /// The loss at the start that it was found from.
@@ -76,6 +80,13 @@ pub(super) fn solved(
         warnings.extend(conflict_lines(request, number, scene));
     }
     report.sort_by_key(|report| report.number);
+    let sights: Vec<&Sight> = scenes.iter().filter_map(|scene| scene.relighter.sight()).collect();
+    let solved = new
+        .lights
+        .iter()
+        .filter(|light| new.changed.contains(&light.name) || new.added.contains(&light.name));
+    let rarely_met = solved.filter(|light| sights.iter().any(|sight| sight.rarely_meets(light)));
+    let rarely_met = rarely_met.map(|light| light.name.clone()).collect();
     Ok(Solved {
         lights: LightSet { name: "Solved".into(), lights: new.lights, notes: Vec::new() },
         world: new.world,
@@ -85,6 +96,7 @@ pub(super) fn solved(
         blender: new.blender,
         report,
         warnings,
+        rarely_met,
         loss: found.loss,
         start_loss: found.start_loss,
         start: found.start,

@@ -10,12 +10,13 @@ use glam::Vec3;
 use relume_session::image::metrics;
 use relume_session::proxy::LightKind;
 use relume_session::scene::{Light, LightShape};
+use relume_session::trace::TraceSettings;
 use relume_session::{
-    Cancel, Listener, Monitor, Pictures, Progress, Relighter, SessionError, SoFar, SolveRequest, Stage,
-    solve_lights,
+    Cancel, Listener, Monitor, Pictures, Progress, Relighter, SessionError, SoFar, SolveRequest, Solved,
+    Stage, solve_lights,
 };
-use room::{baked, inside, key, picture, solve, target_request};
-use serde_json::json;
+use room::{baked, inside, key, light, picture, solve, target_request, traced};
+use serde_json::{Value, json};
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex};
 
@@ -189,6 +190,40 @@ impl Listener for StopAt {
         }
     }
     fn warning(&self, _: &str) {}
+}
+
+#[test]
+fn a_light_that_paths_hardly_meet_is_named_and_solved_on_with_paths_that_look_for_it() {
+    let small = |x: f32| {
+        light("Key", LightShape::Sphere { center: Vec3::new(x, -0.1, 1.3), radius: 0.006 }, [9000.0; 3])
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let towards = |name: &str, lights: &[Light], seed: u64| {
+        let folder = folder.path().join(name);
+        let settings =
+            TraceSettings { samples: 128, towards: lights.to_vec(), seed, ..TraceSettings::default() };
+        traced(&folder, 0.0, &settings);
+        Relighter::open(&folder).unwrap()
+    };
+    let now = towards("now", &[small(-0.6)], 0);
+    let target = picture(&towards("there", &[small(0.5)], 1), &[small(0.5)]);
+    let request = |answer: Value| {
+        let lights = [small(-0.6)];
+        let free = json!({"Key": ["position"]});
+        target_request(json!({"lights": lights, "free": free, "from": answer, "steps": 0, "starts": 1}))
+    };
+    let solved = |relighter: &Relighter, answer: Value| {
+        solve(&[relighter], &request(answer), &[("target", &target)]).unwrap()
+    };
+    let first = solved(&now, json!({"lights": [small(0.4)]}));
+    assert_eq!(first.rarely_met, ["Key"]);
+    let again = towards("again", &[small(-0.6), first.lights.lights[0].clone()], 2);
+    let second = solved(&again, json!(first));
+    assert!(second.rarely_met.is_empty());
+    let off = |solved: &Solved| {
+        solved.lights.lights[0].shape.center().unwrap().distance(small(0.5).shape.center().unwrap())
+    };
+    assert!(off(&second) < 0.03, "{} m, {} m before", off(&second), off(&first));
 }
 
 #[test]

@@ -1,12 +1,12 @@
 //! The same seed gives the same paths, however the work is divided.
 
-use relume_dump::MemoryWriter;
+use relume_dump::{Dump, MemoryWriter};
 use relume_scene::{
-    Scene,
+    Light, LightShape, LobeFactors, Scene,
     glam::{Affine3A, Vec3},
 };
 use relume_trace::{Control, Outcome, TraceSettings, Tracer, settings::PassSchedule};
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use crate::support::*;
 
@@ -90,4 +90,42 @@ fn cancelled_traces_leave_whole_shards_and_go_on_later() {
     assert_eq!(tracer.trace(&writer, &Control::default()).unwrap(), Outcome::Complete);
     let resumed: Vec<Vec<u8>> = writer.snapshot().shards().map(|shard| shard.as_bytes().to_vec()).collect();
     assert_eq!(resumed, shards(&scene, &settings));
+}
+
+#[test]
+fn every_pass_looks_for_the_lights_of_its_time() {
+    let scene = scene();
+    let settings = TraceSettings { threads: 1, guiding: 0.5, ..settings() };
+    let lamp = |x: f32| Light {
+        name: "lamp".into(),
+        shape: LightShape::Sphere { center: Vec3::new(x, 0.3, 1.5), radius: 0.05 },
+        radiance: [1.0; 3],
+        lobes: LobeFactors::default(),
+        receivers: None,
+    };
+    let traced = |settings: &TraceSettings, control: &Control| {
+        let tracer = Tracer::new(&scene, settings).unwrap();
+        let writer = MemoryWriter::new(tracer.manifest()).unwrap();
+        tracer.trace(&writer, control).unwrap();
+        writer.snapshot()
+    };
+    let asked = AtomicUsize::new(0);
+    let moving = |pass: usize| {
+        asked.fetch_add(1, Ordering::Relaxed);
+        vec![lamp(pass as f32)]
+    };
+    let control = Control { lights: Some(Box::new(moving)), ..Control::default() };
+    let found = traced(&settings, &control);
+    let passes = found.manifest().passes.len();
+    assert_eq!((asked.load(Ordering::Relaxed), passes > 1), (passes, true));
+    let of = |dump: &Dump, pass: usize| -> Vec<Vec<u8>> {
+        dump.passes(pass..pass + 1).shards().map(|shard| shard.as_bytes().to_vec()).collect()
+    };
+    for time in 0..passes {
+        let towards = vec![lamp(time as f32)];
+        let still = traced(&TraceSettings { towards, ..settings.clone() }, &Control::default());
+        for pass in 0..passes {
+            assert_eq!(of(&found, pass) == of(&still, pass), pass == time, "pass {pass}, lamp {time}");
+        }
+    }
 }
