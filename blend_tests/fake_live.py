@@ -44,9 +44,9 @@ class FakeLive:
         shown = {"serial": serial, "request": len(self.requests), "scale": scale, "settled": True}
         self.state["shown"] = shown | summary
 
-    def bake(self, scene, settings, *, train_seconds=60.0):
+    def bake(self, scene, settings, *, train_seconds=60.0, anew=False):
         """As Live.bake."""
-        self.calls.append(("bake", settings, train_seconds))
+        self.calls.append(("bake", settings, train_seconds, *["anew"] * anew))
         self.tell(state="baking", samples_total=settings["samples"])
 
     def open(self, *, train_seconds=0.0):

@@ -87,6 +87,19 @@ def test_resume_of_a_complete_bake_changes_nothing(shot, tmp_path):
     assert {path: path.read_bytes() for path in bake.rglob("*.safetensors")} == before
 
 
+def test_paths_look_for_the_lights_of_a_set(shot, tmp_path, capsys):
+    lamp = {"name": "Lamp", "shape": {"type": "sphere", "center": [1, 0, 1], "radius": 0.01}, "radiance": [9, 9, 9]}
+    found = tmp_path / "found.json"
+    found.write_text(json.dumps({"format": "relume-lights", "version": 1, "name": "Found", "lights": [lamp]}))
+    bake = tmp_path / "bake"
+    assert run(["bake", "--out", str(bake), "--quiet", "--towards", str(found)]) == 0
+    (since,) = json.loads((bake / "guided.json").read_text())["since"]
+    assert [light["name"] for light in since["lights"]["lights"]] == ["Key", "Lamp"]
+    found.write_text("{}")
+    assert run(["bake", "--out", str(tmp_path / "other"), "--quiet", "--towards", str(found)]) == 1
+    assert "found.json cannot be read as a light set" in capsys.readouterr().err
+
+
 def test_native_commands_are_forwarded(shot, tmp_path, capfd):
     bake = tmp_path / "bake"
     assert run(["bake", "--out", str(bake), "--quiet"]) == 0

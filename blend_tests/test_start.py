@@ -36,6 +36,13 @@ def test_operator_does_what_the_function_does(lit):
     assert by_function.calls[-1] == ("close",)
 
 
+def test_rebake_asks_for_paths_that_look_for_moved_lights(lit):
+    assert bpy.ops.relume.rebake() == {"FINISHED"}
+    assert FakeLive.made[-1].calls[0][-1] == "anew"
+    assert bpy.ops.relume.start() == {"FINISHED"}
+    assert "anew" not in FakeLive.made[-1].calls[0]
+
+
 def test_pause_and_cancel_reach_the_native_module(lit):
     found = start(lit)
     handlers.tick()

@@ -219,6 +219,32 @@ def test_texture_files_are_read_where_they_can_be(tmp_path):
         builder.add_texture_file("Brick", tmp_path / "brick.png", colors="rec2020")
 
 
+def test_an_answer_is_polished_further(bake, tmp_path):
+    relighter = relume.Relighter(bake)
+    lamp = {"name": "Lamp", "shape": {"type": "sphere", "center": [0.4, 0.2, 1.5], "radius": 0.3}, "radiance": [5, 4, 2]}
+    target = relighter.relight(json.dumps([lamp]), maker="gather")["combined"]
+    near = lamp | {"shape": lamp["shape"] | {"center": [0.3, 0.3, 1.5]}}
+    request = {"add": {"count": 1}, "goals": [{"goal": "target", "image": "target"}], "steps": 0}
+    request["bounds"] = {"min": [-1.5, -1.5, 0.5], "max": [1.5, 1.5, 3], "size": [0.05, 1]}
+    solved = relume.solve([bake], request | {"from": {"lights": [near]}}, {"target": target}).result()
+    assert solved["loss"] < 0.1 * solved["start_loss"] and solved["added"] == ["Relume Light"]
+    with pytest.raises(ValueError, match='"from"'):
+        relume.solve([bake], request | {"from": {"lights": [{"name": "Lamp"}]}})
+
+    picture, answer, out = tmp_path / "target.exr", tmp_path / "near.json", tmp_path / "found.json"
+    relume.start("relight", bake, lights=write(answer, [lamp]), out=picture).result()
+    write(answer, [near])
+    short = {"target": picture, "from_": answer, "iterations": 500, "out": out}
+    found = relume.start("optimise", bake, **short).result()["solved"]
+    assert found["loss"] < 0.1 * found["start_loss"] and found["start"] == 0
+
+
+def write(path, lights):
+    """A light set's file."""
+    path.write_text(json.dumps({"format": "relume-lights", "version": 1, "name": path.stem, "lights": lights}))
+    return path
+
+
 def test_commands_give_their_json_result(bake):
     assert relume.info(bake)["lights"] == ["Key"]
     relume.validate(bake)

@@ -40,11 +40,9 @@ def _remove(folder: Path) -> None:
         folder.rmdir()
 
 
-def bake(
-    scene: bpy.types.Scene, shot: Shot, lights: list[dict[str, Any]], folder: Path
-) -> Generator[Any, None, bool]:
+def bake(scene: bpy.types.Scene, shot: Shot, lights: list[dict[str, Any]], folder: Path) -> Generator[Any, None, bool]:
     """Bakes a few paths of the shot into the folder which look for these lights besides those of the scene; yields the
-    running job, or None before there is one. False where the scene is no longer the one of the shot. Raises SolveError."""
+    running job, or None before there is one. False where the scene is no longer that of the shot. Raises SolveError."""
     exported = yield from _export(scene)
     if exported.hash != json.loads((shot.folder / MANIFEST).read_text(encoding="utf-8"))["scene_hash"]:
         return False

@@ -173,8 +173,8 @@ class Solving:
             self._finish(scene, answer, request, frame, small)
 
     def _solve_on(self, answer: dict[str, Any]) -> Generator[None, None, dict[str, Any]]:
-        """The answer, polished with paths that look for its lights. It stays as it is where the scene was edited since it
-        was baked."""
+        """The answer, polished with paths that look for its lights. It stays as it is where the scene was edited since
+        the bake."""
         scene, names = self._scene(), ", ".join(f"'{name}'" for name in answer["rarely_met"])
         if scene is None:
             return answer
@@ -183,7 +183,7 @@ class Solving:
             work = new_paths.bake(scene, self.shot, answer["lights"]["lights"], folder)
             is_there = yield from self._wait_for_paths(work)
             if not is_there:
-                self.notes.append(f"How well {names} does is uncertain, since few paths meet it: Rebake, then solve again")
+                self.notes.append(f"Few paths meet {names}, so the result is uncertain: Rebake, then solve again")
                 return answer
             request = self._request | {"from": answer, "steps": 0, "starts": 1}
             self._job = solve.start(self.shot, request, self._images, folder)
@@ -196,10 +196,8 @@ class Solving:
         try:
             while True:
                 job = next(work)
-                report = job.progress() if job is not None else None
-                if report is not None:
-                    share = min(max(report["done"] / max(report["total"], 1), 0.0), 1.0)
-                    self.progress = (share, f"Looking for the lights, {100 * share:.0f} %")
+                if job is not None:
+                    self._tell("Looking for the lights", job)
                 yield
         except StopIteration as end:
             return end.value
@@ -253,16 +251,20 @@ class Solving:
     def _wait_for_job(self) -> Iterator[None]:
         next_preview = 0.0
         while not self._job.done:
-            report = self._job.progress()
-            if report is not None:
-                share = min(max(report["done"] / max(report["total"], 1), 0.0), 1.0)
-                self.progress = (share, f"Solving, {100 * share:.0f} %")
+            self._tell("Solving", self._job)
             if time.monotonic() >= next_preview:
                 found = self._job.preview()
                 if found is not None:
                     self._preview(found)
                     next_preview = time.monotonic() + PREVIEW_SECONDS
             yield
+
+    def _tell(self, words: str, job: Any) -> None:
+        """How far a job is."""
+        report = job.progress()
+        if report is not None:
+            share = min(max(report["done"] / max(report["total"], 1), 0.0), 1.0)
+            self.progress = (share, f"{words}, {100 * share:.0f} %")
 
     def _preview(self, found: dict[str, Any]) -> None:
         """Shows the best lights and world so far."""

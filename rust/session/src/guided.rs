@@ -172,7 +172,8 @@ impl Sight {
                 "bake again (Rebake), and paths look for it there".to_string()
             }
             LightShape::Sun { .. } => {
-                let wide_enough = 2.0 * (LEAST_HITS / self.samples().max(FEWEST_SAMPLES) as f32).sqrt().to_degrees();
+                let wide_enough =
+                    2.0 * (LEAST_HITS / self.samples().max(FEWEST_SAMPLES) as f32).sqrt().to_degrees();
                 format!("widen it to {wide_enough:.1} degrees, or bake more samples")
             }
             _ => "make it larger, or bake more samples".to_string(),

@@ -43,8 +43,8 @@ class Shot:
         return self.judge.picture(self.args.samples, seed)
 
     def solve(self, request, images=None, on_preview=None):
-        """The result of `relume.solve`, with processor seconds; better lights go to `on_preview(seconds, lights)`. As in
-        the add-on, lights that hardly any path meets are solved on with paths that look for them."""
+        """The result of `relume.solve`, with processor seconds; better lights go to `on_preview(seconds, lights)`. As
+        in the add-on, lights that hardly any path meets are solved on with paths that look for them."""
         general = {"steps": self.args.steps, "through": self.args.through}
         start, processor = time.perf_counter(), processor_seconds()
         result = self._solved(self.folder, general | request, images, start, on_preview)

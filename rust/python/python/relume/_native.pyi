@@ -131,9 +131,7 @@ class Scene:
 class Relighter:
     """An open bake folder, or a folder of proxies."""
 
-    def __init__(
-        self, folder: str | os.PathLike[str], *, device: str = "auto", gpu_memory: int | None = None
-    ) -> None:
+    def __init__(self, folder: str | os.PathLike[str], *, device: str = "auto", gpu_memory: int | None = None) -> None:
         """Device: auto, cpu, gpu or a part of a GPU's name. GPU memory to use, bytes; by default what its driver says,
         less some for others."""
 
@@ -177,9 +175,7 @@ class Live:
         """A shot with its bake in a folder. Nothing is read or written yet. Devices as of `Relighter`; 0 threads for
         one a core."""
 
-    def bake(
-        self, scene: Scene, settings: dict[str, Any], *, train_seconds: float = 60.0, anew: bool = False
-    ) -> None:
+    def bake(self, scene: Scene, settings: dict[str, Any], *, train_seconds: float = 60.0, anew: bool = False) -> None:
         """Bakes a scene into the folder, with pictures after every pass, then trains a proxy for so many seconds for
         each kind of light in use. Goes on with a bake of the same scene and settings (JSON form of
         `relume_trace::TraceSettings`), replaces one of another, and if asked (`anew`) also a whole one whose paths
