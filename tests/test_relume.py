@@ -221,9 +221,10 @@ def test_texture_files_are_read_where_they_can_be(tmp_path):
 
 def test_an_answer_is_polished_further(bake, tmp_path):
     relighter = relume.Relighter(bake)
-    lamp = {"name": "Lamp", "shape": {"type": "sphere", "center": [0.4, 0.2, 1.5], "radius": 0.3}, "radiance": [5, 4, 2]}
+    shape = {"type": "sphere", "center": [0.4, 0.2, 1.5], "radius": 0.3}
+    lamp = {"name": "Lamp", "shape": shape, "radiance": [5, 4, 2]}
     target = relighter.relight(json.dumps([lamp]), maker="gather")["combined"]
-    near = lamp | {"shape": lamp["shape"] | {"center": [0.3, 0.3, 1.5]}}
+    near = lamp | {"shape": shape | {"center": [0.3, 0.3, 1.5]}}
     request = {"add": {"count": 1}, "goals": [{"goal": "target", "image": "target"}], "steps": 0}
     request["bounds"] = {"min": [-1.5, -1.5, 0.5], "max": [1.5, 1.5, 3], "size": [0.05, 1]}
     solved = relume.solve([bake], request | {"from": {"lights": [near]}}, {"target": target}).result()
