@@ -25,6 +25,7 @@ class FakeLive:
             "proxies": {},
             "device": "CPU, 2 threads",
             "warnings": [],
+            "rarely_met": [],
             "error": None,
             "shown": None,
         }

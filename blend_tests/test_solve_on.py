@@ -5,6 +5,7 @@ import json
 import bpy
 import pytest
 
+from addon.core.status import out_of_sight
 from addon.engine import shot, solve
 from addon.ui import solving
 from addon.ui.start import start
@@ -52,9 +53,10 @@ def test_it_is_solved_on_with_paths_that_look_for_it(shown, asked):
     assert bpy.ops.relume.apply_solved() == {"FINISHED"}
     until(shown, settled, "the picture")
     assert any("'Key': its direct light is found by one path in" in note for note in shot.of(shown).notes)
+    assert out_of_sight(shot.of(shown).status) == ["Few paths meet 'Key' where it is now"]
     assert bpy.ops.relume.rebake() == {"FINISHED"}
     until(shown, settled, "the new picture")
-    assert not shot.of(shown).notes
+    assert not shot.of(shown).notes and not out_of_sight(shot.of(shown).status)
 
 
 def test_an_edited_scene_is_left_to_the_paths_that_are_there(shown, asked):

@@ -40,6 +40,13 @@ def _error(status: dict[str, Any]) -> str:
     return f" (error {100 * max(errors):.1f} %)" if errors else ""
 
 
+def out_of_sight(status: dict[str, Any]) -> list[str]:
+    """What to say of lights that were moved away from where the paths look; nothing while more paths come."""
+    if status["state"] in {"preparing", "baking"}:
+        return []
+    return [f"Few paths meet '{name}' where it is now" for name in status["rarely_met"]]
+
+
 FULL_DISK = ("No space left on device", "os error 112", "Disk quota exceeded")
 """In messages of operating systems."""
 

@@ -29,6 +29,7 @@ EMPTY: dict[str, Any] = {
     "proxies": {},
     "device": "",
     "warnings": [],
+    "rarely_met": [],
     "error": None,
     "shown": None,
 }

@@ -113,8 +113,9 @@ def _draw_shot(layout, scene, found: shot.Shot) -> None:
         message(layout, "Showing the bake before")
     elif status.shown(state):
         message(layout, status.shown(state))
-    if found.changes.sentences:
-        _draw_changes(layout, found.changes.sentences)
+    sentences = [*found.changes.sentences, *status.out_of_sight(state)]
+    if sentences:
+        _draw_changes(layout, sentences)
     if found.notes:
         _draw_notes(layout, scene, found.notes)
 

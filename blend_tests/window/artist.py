@@ -108,7 +108,7 @@ class Artist:
         """Bakes anew, by the operator (its button is in a panel that is closed), and waits for the first picture."""
         before = self.shot
         with self.driver.within("UI"):
-            bpy.ops.relume.start()
+            bpy.ops.relume.rebake()
         yield from self._until_first_picture(before)
 
     def _until_first_picture(self, before):

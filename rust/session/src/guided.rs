@@ -4,7 +4,7 @@ use crate::{LightSet, SessionError, seen_points};
 use glam::Vec3;
 use relume_dump::{Aovs, Manifest};
 use relume_scene::{Camera, Light, LightShape};
-use relume_trace::{Guide, chance_to_meet};
+use relume_trace::{Guide, TraceSettings, chance_to_meet};
 use serde::Serialize;
 use serde_json::Value;
 use std::io::Write;
@@ -161,16 +161,18 @@ impl Sight {
         self.hits(light).is_some_and(|hits| hits < LEAST_HITS)
     }
 
+    /// Whether so few paths meet a light, while enough would if they looked for it.
+    pub fn misses(&self, light: &Light) -> bool {
+        let guiding = if self.guiding > 0.0 { self.guiding } else { TraceSettings::default().guiding };
+        let looked_for = self.hits_with(std::slice::from_ref(light), light, guiding);
+        self.rarely_meets(light) && looked_for.is_some_and(|hits| hits >= LEAST_HITS)
+    }
+
     /// What to tell the user about a light that hardly any path meets.
     pub fn warning(&self, light: &Light) -> Option<String> {
         let hits = self.hits(light).filter(|hits| *hits < LEAST_HITS)?;
-        let guiding =
-            if self.guiding > 0.0 { self.guiding } else { relume_trace::TraceSettings::default().guiding };
-        let looked_for = self.hits_with(std::slice::from_ref(light), light, guiding);
         let advice = match light.shape {
-            _ if looked_for.is_some_and(|hits| hits >= LEAST_HITS) => {
-                "bake again (Rebake), and paths look for it there".to_string()
-            }
+            _ if self.misses(light) => "bake again (Rebake), and paths look for it there".to_string(),
             LightShape::Sun { .. } => {
                 let wide_enough =
                     2.0 * (LEAST_HITS / self.samples().max(FEWEST_SAMPLES) as f32).sqrt().to_degrees();
@@ -273,6 +275,7 @@ mod tests {
         );
         assert!(sight.warning(&moved).unwrap().ends_with("bake again (Rebake), and paths look for it there"));
         assert_eq!(sight.warning(&Light { radiance: [0.0; 3], ..moved.clone() }), None);
+        assert!(sight.misses(&moved) && !sight.misses(&lamp(0.5, 0.01)));
         assert!(sight.would_gain(&[moved], 0.25) && !sight.would_gain(&[lamp(0.5, 0.01)], 0.25));
         assert!(!sight.would_gain(&[lamp(-0.8, 1.0)], 0.25));
     }

@@ -156,7 +156,14 @@ impl Painter {
         // Starting a denoiser of the full size denoises its features, which takes longer than all of the first picture.
         let scale = if self.first_frame && view.can_be_halved() { 2 } else { 1 };
         warnings.extend(view.denoise(scale).missing());
-        self.shared.change(|state| state.light_warnings = warnings);
+        let is_missed = |part: &&Part| {
+            part.how == How::Gather && view.sight.as_ref().is_some_and(|sight| sight.misses(&part.light))
+        };
+        let rarely_met = parts.iter().filter(is_missed).map(|part| part.light.name.clone()).collect();
+        self.shared.change(|state| {
+            state.light_warnings = warnings;
+            state.status.rarely_met = rarely_met;
+        });
         let outcome = if request.interactive {
             self.paint_drag(request, &view, &parts)
         } else {

@@ -48,6 +48,8 @@ pub struct LiveStatus {
     pub device: String,
     /// What cannot be represented, or is to be trusted less, in words for the user.
     pub warnings: Vec<String>,
+    /// Lights of the newest request that hardly any path meets where they are now, while new paths would.
+    pub rarely_met: Vec<String>,
     /// Why work or painting ended.
     pub error: Option<String>,
     /// The newest frame.

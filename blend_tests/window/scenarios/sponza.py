@@ -1,0 +1,42 @@
+"""A small lamp of a large hall is moved away from where the paths look, and found again."""
+
+from artist import Artist, addon
+
+NEEDS = ["sponza.blend"]
+LAMP = "point"
+
+
+def play(driver):
+    """See the first line of this file."""
+    artist = Artist(driver)
+    with driver.step("open"):
+        yield from artist.open("sponza.blend", (320, 180), samples=16, train_seconds=0)
+    with driver.step("start"):
+        yield from artist.start()
+        yield from artist.until_settled()
+        driver.photo("settled")
+        driver.check(not missed(artist), f"paths look for the lamps: {artist.words()}")
+    with driver.step("move the lamp away"):
+        yield from artist.select(LAMP)
+        before = artist.shot.frame.serial
+        artist.scene.objects[LAMP].location = (-4.0, 1.5, 1.5)
+        yield from driver.until(lambda: artist.shot.frame.serial > before, "the picture with the lamp elsewhere")
+        yield from artist.until_settled()
+        driver.photo("moved")
+        dim = artist.picture()[..., :3].mean()
+        driver.check(missed(artist) == [f"Few paths meet '{LAMP}' where it is now"], f"it is said: {artist.words()}")
+    with driver.step("rebake"):
+        yield from driver.press_button("relume.rebake")
+        yield from driver.until(lambda: artist.shot.is_working or artist.shot.is_exporting, "a new bake")
+        yield from artist.until_settled()
+        driver.photo("rebaked")
+        driver.check(not missed(artist), f"paths look for the lamp in its new place: {artist.words()}")
+        # What is hardly met is missing rather than noisy: a few paths hold all of its light, and the denoiser takes them out.
+        gain = artist.picture()[..., :3].mean() / dim
+        driver.record("light of the picture after a rebake, of that before", gain, "x")
+        driver.check(gain > 1.05, f"its light is there: {gain:.3f} of what it was")
+
+
+def missed(artist):
+    """What the panel says of lights that few paths meet."""
+    return addon("core.status").out_of_sight(artist.shot.status)
