@@ -118,7 +118,7 @@ class Driver:
 
     def record(self, name, value, unit, goal=None):
         """A figure for out/window.json."""
-        figure = {"name": f"{self.name}: {name}", "value": round(value, 3), "unit": unit, "goal": goal}
+        figure = {"name": f"{self.name}: {name}", "value": round(float(value), 3), "unit": unit, "goal": goal}
         self._result["figures"].append(figure)
 
     # Waiting
