@@ -31,7 +31,7 @@ def play(driver):
         yield from artist.until_settled()
         driver.photo("rebaked")
         driver.check(not missed(artist), f"paths look for the lamp in its new place: {artist.words()}")
-        # What is hardly met is missing rather than noisy: a few paths hold all of its light, and the denoiser takes them out.
+        # What is hardly met is missing rather than noisy: few paths hold all of its light, and denoising removes them.
         gain = beside_the_lamp(artist) / dim
         driver.record("light beside the lamp after a rebake, of that before", gain, "x")
         driver.check(gain > 1.05, f"its light is there: {gain:.3f} of what it was")
