@@ -83,7 +83,7 @@ impl Guided {
 }
 
 /// Points that stand for all that is seen.
-const POINTS: usize = 256;
+const POINTS: usize = 64;
 /// Paths of a lit pixel that find a light, below which denoising leaves blotches (and darkens, at a tenth of this).
 const LEAST_HITS: f32 = 0.1;
 /// A bake of fewer paths is taken for one that goes on to these.
@@ -156,35 +156,42 @@ impl Sight {
         })
     }
 
-    /// Whether so few paths meet a light that its picture is worth nothing.
-    pub fn rarely_meets(&self, light: &Light) -> bool {
-        self.hits(light).is_some_and(|hits| hits < LEAST_HITS)
-    }
-
-    /// Whether so few paths meet a light, while enough would if they looked for it.
-    pub fn misses(&self, light: &Light) -> bool {
-        let guiding = if self.guiding > 0.0 { self.guiding } else { TraceSettings::default().guiding };
-        let looked_for = self.hits_with(std::slice::from_ref(light), light, guiding);
-        self.rarely_meets(light) && looked_for.is_some_and(|hits| hits >= LEAST_HITS)
-    }
-
-    /// What to tell the user about a light that hardly any path meets.
-    pub fn warning(&self, light: &Light) -> Option<String> {
+    /// What there is to say of a light that so few paths meet that its picture is worth nothing.
+    pub fn rare(&self, light: &Light) -> Option<Rare> {
         let hits = self.hits(light).filter(|hits| *hits < LEAST_HITS)?;
+        let guiding = if self.guiding > 0.0 { self.guiding } else { TraceSettings::default().guiding };
+        let hits_of_new = self.hits_with(std::slice::from_ref(light), light, guiding);
+        let would_be_met = hits_of_new.is_some_and(|hits| hits >= LEAST_HITS);
+        Some(Rare { hits, would_be_met, samples: self.samples().max(FEWEST_SAMPLES) })
+    }
+}
+
+/// A light that hardly any path meets.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Rare {
+    /// Paths of a lit pixel that do.
+    hits: f32,
+    /// Whether new paths would, if they looked for it.
+    pub would_be_met: bool,
+    samples: u32,
+}
+
+impl Rare {
+    /// What to tell the user.
+    pub fn warning(&self, light: &Light) -> String {
         let advice = match light.shape {
-            _ if self.misses(light) => "bake again (Rebake), and paths look for it there".to_string(),
+            _ if self.would_be_met => "bake again (Rebake), and paths look for it there".to_string(),
             LightShape::Sun { .. } => {
-                let wide_enough =
-                    2.0 * (LEAST_HITS / self.samples().max(FEWEST_SAMPLES) as f32).sqrt().to_degrees();
+                let wide_enough = 2.0 * (LEAST_HITS / self.samples as f32).sqrt().to_degrees();
                 format!("widen it to {wide_enough:.1} degrees, or bake more samples")
             }
             _ => "make it larger, or bake more samples".to_string(),
         };
-        Some(format!(
+        format!(
             "light '{}': its direct light is found by one path in {:.0} pixels and will be noise; {advice}",
             light.name,
-            (1.0 / hits).ceil()
-        ))
+            (1.0 / self.hits).ceil()
+        )
     }
 }
 
@@ -267,15 +274,18 @@ mod tests {
         let mut guided = Guided::default();
         guided.note(0, &[lamp(0.5, 0.01)], 0.25);
         let sight = sight(&guided);
-        assert_eq!(sight.warning(&lamp(0.5, 0.01)), None);
-        assert_eq!(sight.warning(&lamp(-0.8, 0.5)), None);
+        assert!(sight.rare(&lamp(0.5, 0.01)).is_none() && sight.rare(&lamp(-0.8, 0.5)).is_none());
         let moved = lamp(-0.8, 0.01);
+        let rare = sight.rare(&moved).unwrap();
+        let warning = rare.warning(&moved);
         assert!(
-            sight.warning(&moved).unwrap().contains("'lamp -0.8': its direct light is found by one path in")
+            warning.starts_with("light 'lamp -0.8': its direct light is found by one path in"),
+            "{warning}"
         );
-        assert!(sight.warning(&moved).unwrap().ends_with("bake again (Rebake), and paths look for it there"));
-        assert_eq!(sight.warning(&Light { radiance: [0.0; 3], ..moved.clone() }), None);
-        assert!(sight.misses(&moved) && !sight.misses(&lamp(0.5, 0.01)));
+        assert!(warning.ends_with("bake again (Rebake), and paths look for it there") && rare.would_be_met);
+        let dust = lamp(-0.8, 1e-5);
+        assert!(sight.rare(&dust).unwrap().warning(&dust).ends_with("make it larger, or bake more samples"));
+        assert!(sight.rare(&Light { radiance: [0.0; 3], ..moved.clone() }).is_none());
         assert!(sight.would_gain(&[moved], 0.25) && !sight.would_gain(&[lamp(0.5, 0.01)], 0.25));
         assert!(!sight.would_gain(&[lamp(-0.8, 1.0)], 0.25));
     }

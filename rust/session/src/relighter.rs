@@ -292,7 +292,7 @@ impl Relighter {
             let group_lights: Vec<Light> = group.iter().map(|i| lights[*i].clone()).collect();
             group_lights
                 .iter()
-                .filter_map(|light| self.sight.as_ref()?.warning(light))
+                .filter_map(|light| Some(self.sight.as_ref()?.rare(light)?.warning(light)))
                 .for_each(|text| monitor.warn(&text));
             let mut images = self.gather_images(&group_lights, Half::All, monitor)?;
             if options.denoise {

@@ -73,7 +73,7 @@ pub fn chance_to_meet(guide: Option<&Guide>, point: Vec3, light: &Light) -> Opti
     }
     let density = (1.0 - cones.share) / PI + cones.share * cones.density(axis);
     let shines = aim.beam.towards(-axis) > 0.0;
-    shines.then(|| (TAU * height(sine_squared.clamp(NARROWEST, 1.0)) * density).min(1.0))
+    shines.then(|| (TAU * height(sine_squared.min(1.0)) * density).min(1.0))
 }
 
 /// The lights as one point sees them. Reused from point to point: nothing is allocated.

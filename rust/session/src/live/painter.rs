@@ -152,17 +152,13 @@ impl Painter {
 
     fn paint(&mut self, request: &LiveRequest) -> Result<(), SessionError> {
         let Some(mut view) = self.view.take() else { return Ok(()) };
-        let (parts, mut warnings) = parts(request, &view);
+        let (parts, mut told) = parts(request, &mut view);
         // Starting a denoiser of the full size denoises its features, which takes longer than all of the first picture.
         let scale = if self.first_frame && view.can_be_halved() { 2 } else { 1 };
-        warnings.extend(view.denoise(scale).missing());
-        let is_missed = |part: &&Part| {
-            part.how == How::Gather && view.sight.as_ref().is_some_and(|sight| sight.misses(&part.light))
-        };
-        let rarely_met = parts.iter().filter(is_missed).map(|part| part.light.name.clone()).collect();
+        told.warnings.extend(view.denoise(scale).missing());
         self.shared.change(|state| {
-            state.light_warnings = warnings;
-            state.status.rarely_met = rarely_met;
+            state.light_warnings = told.warnings;
+            state.status.rarely_met = told.rarely_met;
         });
         let outcome = if request.interactive {
             self.paint_drag(request, &view, &parts)

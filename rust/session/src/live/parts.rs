@@ -21,21 +21,33 @@ pub(super) enum How {
     View,
 }
 
+/// What there is to say about the lights of a request.
+#[derive(Default)]
+pub(super) struct Told {
+    pub warnings: Vec<String>,
+    /// Names of those that new paths would meet, while those of the bake hardly do.
+    pub rarely_met: Vec<String>,
+}
+
 /// The lights that give light, each with what shows it, and what there is to say about them.
-pub(super) fn parts(request: &LiveRequest, view: &View) -> (Vec<Part>, Vec<String>) {
-    let (mut parts, mut warnings) = (Vec::new(), request.notes.clone());
+pub(super) fn parts(request: &LiveRequest, view: &mut View) -> (Vec<Part>, Told) {
+    let (mut parts, mut told) = (Vec::new(), Told { warnings: request.notes.clone(), ..Told::default() });
     for light in request.lights.iter().filter(|light| light.radiance != [0.0; 3]) {
-        match part(light, request.with, view, &mut warnings) {
+        match part(light, request.with, view, &mut told.warnings) {
             Ok(how) => {
+                if let (How::Gather, Some(rare)) = (how, view.rare(light)) {
+                    told.warnings.push(rare.warning(light));
+                    told.rarely_met.extend(rare.would_be_met.then(|| light.name.clone()));
+                }
                 if how == How::Proxy && light.lobes.camera != 0.0 && !view.passes.is_empty() {
                     parts.push(Part { light: camera_only(light), how: How::View });
                 }
                 parts.push(Part { light: light.clone(), how });
             }
-            Err(reason) => warnings.push(reason),
+            Err(reason) => told.warnings.push(reason),
         }
     }
-    (parts, warnings)
+    (parts, told)
 }
 
 fn part(light: &Light, with: With, view: &View, warnings: &mut Vec<String>) -> Result<How, String> {
@@ -58,7 +70,6 @@ fn part(light: &Light, with: With, view: &View, warnings: &mut Vec<String>) -> R
     }
     pass.gather().prepare(light).map_err(|error| error.to_string())?;
     warnings.extend(outside_of_training(light, proxies));
-    warnings.extend(view.sight.as_ref().and_then(|sight| sight.warning(light)));
     Ok(How::Gather)
 }
 

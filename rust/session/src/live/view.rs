@@ -3,12 +3,14 @@ use crate::base_layers::BaseLayers;
 use crate::denoise::Denoise;
 use crate::device_gather::DeviceGather;
 use crate::device_proxies::DeviceProxies;
-use crate::guided::Sight;
+use crate::guided::{Rare, Sight};
 use crate::relighter::camera;
 use crate::{Compute, Guided, Proxies};
 use relume_dump::{Aovs, Dump};
 use relume_gather::Gather;
 use relume_image::Image;
+use relume_scene::{Light, LightShape};
+use std::collections::VecDeque;
 use std::sync::Arc;
 
 /// What there is to make pictures from: whole passes, features, static layers, proxies.
@@ -25,7 +27,9 @@ pub(super) struct View {
     /// For the full size, and for half of it.
     pub denoise: [Denoise; 2],
     /// How often the paths meet lights.
-    pub sight: Option<Sight>,
+    sight: Option<Sight>,
+    /// What it says of the shapes that were asked for last.
+    rare: VecDeque<(LightShape, Option<Rare>)>,
     /// Paths per pixel behind the features that the denoisers use.
     feature_samples: u32,
 }
@@ -87,7 +91,7 @@ impl View {
         };
         let camera = camera(dump.manifest()).ok();
         let sight = camera.map(|camera| Sight::new(&guided, dump.manifest(), &view.aovs, &camera));
-        Some(Self { sight, ..view })
+        Some(Self { sight, rare: VecDeque::new(), ..view })
     }
 
     fn of(
@@ -109,6 +113,7 @@ impl View {
             proxies,
             denoise,
             sight: None,
+            rare: VecDeque::new(),
             feature_samples: 0,
         };
         view.feature_samples = view.samples();
@@ -135,6 +140,18 @@ impl View {
             view.feature_samples = view.samples();
         }
         view
+    }
+
+    /// What there is to say of a light that hardly any path meets. Kept, since it is asked again for every picture of a drag.
+    pub fn rare(&mut self, light: &Light) -> Option<Rare> {
+        const KEPT: usize = 256;
+        if let Some((_, rare)) = self.rare.iter().find(|(shape, _)| *shape == light.shape) {
+            return *rare;
+        }
+        let rare = self.sight.as_ref()?.rare(light);
+        self.rare.push_front((light.shape, rare));
+        self.rare.truncate(KEPT);
+        rare
     }
 
     /// Paths per pixel.

@@ -85,7 +85,7 @@ pub(super) fn solved(
         .lights
         .iter()
         .filter(|light| new.changed.contains(&light.name) || new.added.contains(&light.name));
-    let rarely_met = solved.filter(|light| sights.iter().any(|sight| sight.rarely_meets(light)));
+    let rarely_met = solved.filter(|light| sights.iter().any(|sight| sight.rare(light).is_some()));
     let rarely_met = rarely_met.map(|light| light.name.clone()).collect();
     Ok(Solved {
         lights: LightSet { name: "Solved".into(), lights: new.lights, notes: Vec::new() },
