@@ -159,6 +159,18 @@ def test_another_view_is_baked_for_the_picture_alone(shot, tmp_path):
     assert (render(shot, tmp_path)["Combined"] == first).all()
 
 
+def test_a_lamp_that_was_moved_out_of_sight_is_traced_for(shot, tmp_path):
+    key = shot.objects["Key"]
+    key.data.shadow_soft_size, key.data.energy = 0.02, 300.0
+    render(shot, tmp_path)
+    key.location = (-1.0, 0.6, 0.8)
+    bpy.context.view_layer.update()
+    assert relume.Relighter(tmp_path / "bake").rarely_met(load_scene(shot).lights()) == ["Key"]
+    found = render(shot, tmp_path)["Combined_Key"]
+    shot.relume.folder = str(tmp_path / "other")
+    assert (render(shot, tmp_path)["Combined_Key"] == found).all()
+
+
 def test_a_bake_that_was_found_elsewhere_is_used(shot, tmp_path):
     first = render(shot, tmp_path)["Combined"]
     (tmp_path / "bake").rename(tmp_path / "moved")

@@ -95,6 +95,7 @@ class _FinalRender:
         self.scene = depsgraph.scene
         self.options: Options = options_of(self.scene)
         self.passes = passes_of(self.scene, depsgraph.view_layer)
+        self.mix: dict[str, Any] = {}
 
     def run(self) -> None:
         if self.scene.render.use_multiview:
@@ -102,25 +103,32 @@ class _FinalRender:
         self._say("Reading the scene", 0.0)
         size = film_size(self.scene.render)
         exported = scene_of_depsgraph(self.depsgraph, ExportOptions(resolution=size), self._is_stopped)
-        with self._baked(exported) as folder:
-            picture = self._relit(folder, json.loads(exported.lights()))
+        lights = self._mixed(json.loads(exported.lights()))
+        with self._baked(exported, lights) as relighter:
+            picture = self._relit(relighter, lights)
         self._write(picture)
 
     @contextmanager
-    def _baked(self, exported: Any) -> Iterator[Path]:
-        """A folder with a bake of the scene: its own where that fits or is free, else one for this picture only."""
-        folder, temporary = self._folder(), ExitStack()
+    def _baked(self, exported: Any, lights: list[dict[str, Any]]) -> Iterator[Any]:
+        """A relighter of the scene: of its own bake where that fits or is free, else of one for this picture only."""
+        folder = self._folder()
         info = native().info(folder) if is_bake(folder) else {}
         is_same = bool(info) and info["manifest"]["scene_hash"] == exported.hash
-        with temporary:
-            if not (is_same and self._is_whole(info)):
-                if not (is_same or _is_free(folder)) or self._is_being_baked():
+        relighter = self._open(folder) if is_same and self._is_whole(info) else None
+        misses = relighter is not None and self._misses(relighter, lights)
+        with ExitStack() as temporary:
+            if relighter is None or misses:
+                if not (is_same or _is_free(folder)) or self._is_being_baked() or misses:
                     path = tempfile.TemporaryDirectory(
                         prefix="relume-", dir=bpy.app.tempdir, ignore_cleanup_errors=True
                     )
                     folder = Path(temporary.enter_context(path))
                 self._bake(exported, folder)
-            yield folder
+                relighter = self._open(folder)
+            yield relighter
+
+    def _open(self, folder: Path) -> Any:
+        return native().Relighter(folder, device=self.options.device, gpu_memory=self.options.gpu_memory)
 
     def _folder(self) -> Path:
         """The bake that the panel shows or would show."""
@@ -137,6 +145,14 @@ class _FinalRender:
             self.engine.report({"WARNING"}, f"Relume: the bake is unfinished, {100 * there // wanted} % of it is used")
         return whole
 
+    def _misses(self, relighter: Any, lights: list[dict[str, Any]]) -> bool:
+        """Whether lights were moved to where the bake's paths do not look: their light would be missing."""
+        names = relighter.rarely_met(json.dumps(lights))
+        if names:
+            words = f"few paths of the bake meet {', '.join(names)} now: new ones are traced for this picture"
+            self.engine.report({"INFO"}, f"Relume: {words}")
+        return bool(names)
+
     def _is_being_baked(self) -> bool:
         found = shot.of(self.scene)
         return found is not None and found.is_working
@@ -149,20 +165,24 @@ class _FinalRender:
         settings |= {"samples": self.options.samples, "threads": self.options.threads}
         self._wait(native().bake(exported, folder, settings, resume=True), 0.0, BAKE_SHARE, warn)
 
-    def _relit(self, folder: Path, lights: list[dict[str, Any]]) -> dict[str, Any]:
+    def _mixed(self, lights: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        """The lights with the gains of the rows."""
+        self.mix = self.mix_of(self.scene, [light["name"] for light in lights])
+        gains = self.mix["gains"]
+        return [
+            light | {"radiance": [a * b for a, b in zip(light["radiance"], gains[light["name"]], strict=True)]}
+            for light in lights
+        ]
+
+    def _relit(self, relighter: Any, lights: list[dict[str, Any]]) -> dict[str, Any]:
         """Layers of the picture, each with its gain; a silent light is black and costs nothing."""
-        relighter = native().Relighter(folder, device=self.options.device, gpu_memory=self.options.gpu_memory)
-        names = [light["name"] for light in lights]
-        mix = self.mix_of(self.scene, names)
-        for light in lights:
-            light["radiance"] = [a * b for a, b in zip(light["radiance"], mix["gains"][light["name"]], strict=True)]
         request = json.dumps([light for light in lights if any(light["radiance"])])
         self._wait(native().Job(relighter.prepare(request)), BAKE_SHARE, 1.0, lambda _: None)
         picture = relighter.relight(request)
         for name in ("static", "world"):
-            picture[name] = picture[name] * np.array(mix[name], np.float32)
+            picture[name] = picture[name] * np.array(self.mix[name], np.float32)
         silent = np.zeros_like(picture["static"])
-        picture["lights"] = {name: picture["lights"].get(name, silent) for name in names}
+        picture["lights"] = {light["name"]: picture["lights"].get(light["name"], silent) for light in lights}
         return picture
 
     def _wait(self, job: Any, start: float, end: float, warn: Callable[[str], None]) -> None:

@@ -41,6 +41,15 @@ impl PyRelighter {
         })
     }
 
+    /// Names of lights that hardly any path meets, while new paths would.
+    #[pyo3(signature = (lights=None))]
+    fn rarely_met(&self, py: Python<'_>, lights: Option<&str>) -> PyResult<Vec<String>> {
+        enter_native(py, || -> Result<_, NativeError> {
+            let lights = self.lights(lights)?;
+            Ok(self.relighter.rarely_met(&lights).into_iter().map(|light| light.name.clone()).collect())
+        })
+    }
+
     #[pyo3(signature = (lights=None, *, maker="auto", denoise=true))]
     fn relight<'py>(
         &self,

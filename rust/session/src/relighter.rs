@@ -161,9 +161,18 @@ impl Relighter {
         self.gather.as_ref()
     }
 
-    /// How often its paths meet lights, if there are paths.
-    pub(crate) fn sight(&self) -> Option<&Sight> {
-        self.sight.as_ref()
+    /// Whether hardly any path of the bake meets a light, so that its gathered picture is noise, while new paths would meet it that
+    /// look for it ([`relume_trace::TraceSettings::towards`]).
+    pub fn misses(&self, light: &Light) -> bool {
+        let rare = self.sight.as_ref().and_then(|sight| sight.rare(light));
+        rare.is_some_and(|rare| rare.would_be_met)
+    }
+
+    /// Those of some lights whose pictures would be gathered from paths that hardly meet them ([`Self::misses`]).
+    pub fn rarely_met<'a>(&self, lights: &'a [Light]) -> Vec<&'a Light> {
+        let maker = |light: &Light| self.maker(light, &RelightOptions::default());
+        let is_gathered = |light: &Light| matches!(maker(light), Ok(Maker::GatherDenoised));
+        lights.iter().filter(|light| is_gathered(light) && self.misses(light)).collect()
     }
 
     /// What does it.

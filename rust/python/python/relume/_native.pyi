@@ -142,6 +142,10 @@ class Relighter:
     def scene_lights(self) -> str:
         """The lights that the scene came with, a light set in JSON."""
 
+    def rarely_met(self, lights: str | None = None) -> list[str]:
+        """Names of those lights (a light set in JSON; the scene's if None) that hardly any path of the bake meets, so
+        that their pictures are noise, while paths that look for them would."""
+
     def relight(
         self,
         lights: str | None = None,

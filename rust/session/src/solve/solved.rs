@@ -10,7 +10,6 @@ use super::SceneView;
 use super::lights::{Source, Unknowns};
 use super::request::{GoalKind, SolveRequest, Through};
 use super::search::Found;
-use crate::guided::Sight;
 use crate::progress::Monitor;
 use crate::relighter::{RelightOptions, With};
 use crate::{LightSet, SessionError};
@@ -80,12 +79,9 @@ pub(super) fn solved(
         warnings.extend(conflict_lines(request, number, scene));
     }
     report.sort_by_key(|report| report.number);
-    let sights: Vec<&Sight> = scenes.iter().filter_map(|scene| scene.relighter.sight()).collect();
-    let solved = new
-        .lights
-        .iter()
-        .filter(|light| new.changed.contains(&light.name) || new.added.contains(&light.name));
-    let rarely_met = solved.filter(|light| sights.iter().any(|sight| sight.rare(light).is_some()));
+    let is_solved = |light: &&Light| new.changed.contains(&light.name) || new.added.contains(&light.name);
+    let is_missed = |light: &&Light| scenes.iter().any(|scene| scene.relighter.misses(light));
+    let rarely_met = new.lights.iter().filter(is_solved).filter(is_missed);
     let rarely_met = rarely_met.map(|light| light.name.clone()).collect();
     Ok(Solved {
         lights: LightSet { name: "Solved".into(), lights: new.lights, notes: Vec::new() },
