@@ -76,10 +76,9 @@ class Shot:
         """A folder with a few paths that look for the lights as they are and as they were found."""
         folder = self.folder.with_name(f"{self.folder.name}-towards")
         shutil.rmtree(folder, ignore_errors=True)
-        lights = self.judge.light_set()
-        lights["lights"] += result["lights"]["lights"]
+        found = result["lights"]
         towards = self.folder / "towards.json"
-        towards.write_text(json.dumps(lights))
+        towards.write_text(json.dumps(found | {"lights": [*self.judge.light_set(), *found["lights"]]}))
         self._run_bake(folder, "--samples", min(SAMPLES_TOWARDS, self.args.bake_samples), "--towards", towards)
         return folder
 
