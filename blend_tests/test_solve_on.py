@@ -66,6 +66,13 @@ def test_an_edited_scene_is_left_to_the_paths_that_are_there(shown, asked):
     assert len(asked) == 1 and any("uncertain" in note for note in notes(shown))
 
 
+def test_what_keeps_new_paths_from_being_traced_loses_no_answer(shown, asked):
+    (shot.of(shown).folder / "solve").write_text("in the way")
+    assert bpy.ops.relume.solve() == {"FINISHED"}
+    assert len(asked) == 1 and any("uncertain" in note for note in notes(shown))
+    assert [look.name for look in shown.relume_looks.items] == ["Before", "Solve 1"]
+
+
 def test_cancelling_leaves_nothing_behind(shown, asked):
     energy, place = bpy.data.lights["Key"].energy, tuple(bpy.data.objects["Key"].location)
     found = solving.begin(shown)

@@ -173,9 +173,18 @@ class Solving:
             self._finish(scene, answer, request, frame, small)
 
     def _solve_on(self, answer: dict[str, Any]) -> Generator[None, None, dict[str, Any]]:
-        """The answer, polished with paths that look for its lights. It stays as it is where the scene was edited since
-        the bake."""
-        scene, names = self._scene(), ", ".join(f"'{name}'" for name in answer["rarely_met"])
+        """The answer, polished with paths that look for its lights; as it is where there can be none."""
+        names = ", ".join(f"'{name}'" for name in answer["rarely_met"])
+        try:
+            found = yield from self._polished(answer)
+        except (SolveError, OSError) as error:
+            self.notes.append(f"Few paths meet {names}, so the result is uncertain: {error}")
+            return answer
+        self.notes.append(f"Few paths of the bake meet {names} in the new place; Rebake looks there")
+        return found
+
+    def _polished(self, answer: dict[str, Any]) -> Generator[None, None, dict[str, Any]]:
+        scene = self._scene()
         if scene is None:
             return answer
         self.progress = (0.0, "Looking for the lights")
@@ -183,14 +192,11 @@ class Solving:
             work = new_paths.bake(scene, self.shot, answer["lights"]["lights"], folder)
             is_there = yield from self._wait_for_paths(work)
             if not is_there:
-                self.notes.append(f"Few paths meet {names}, so the result is uncertain: Rebake, then solve again")
-                return answer
+                raise SolveError("Rebake, then solve again")
             request = self._request | {"from": answer, "steps": 0, "starts": 1}
             self._job = solve.start(self.shot, request, self._images, folder)
             yield from self._wait_for_job()
-            found = solve.answer(self._job)
-        self.notes.append(f"Few paths of the bake meet {names} in the new place; Rebake looks there")
-        return found
+            return solve.answer(self._job)
 
     def _wait_for_paths(self, work: Generator[Any, None, bool]) -> Generator[None, None, bool]:
         try:
