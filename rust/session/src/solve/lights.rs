@@ -2,6 +2,7 @@ use glam::Vec3;
 use relume_optimise::{Bounds, Locks, Variable};
 use relume_proxy::LightKind;
 use relume_scene::{Light, LightShape, LobeFactors};
+use std::mem::discriminant;
 
 use super::request::{Answer, Freedom, NewKind, SolveRequest, Through, Wish};
 use crate::live::LiveRequest;
@@ -116,17 +117,28 @@ impl Unknowns {
     }
 
     /// The unknowns as an answer has them. Lights that it left out are dark; its new ones are those that are not there now.
-    pub fn of_answer(&self, now: &LiveRequest, answer: &Answer) -> Vec<Light> {
+    ///
+    /// # Errors
+    /// Names a light that is of another type there.
+    pub fn of_answer(&self, now: &LiveRequest, answer: &Answer) -> Result<Vec<Light>, SessionError> {
         let named = |name: &str| answer.lights.iter().find(|light| light.name == name);
         let is_new = |light: &&Light| now.lights.iter().all(|known| known.name != light.name);
         let mut new = answer.lights.iter().filter(is_new);
         let found = self.sources.iter().zip(&self.variables).map(|(source, variable)| {
+            let light = &variable.light;
             let found = match source {
-                Source::Scene(_) => named(&variable.light.name),
-                Source::World => return Light { radiance: answer.world, ..variable.light.clone() },
+                Source::Scene(_) => named(&light.name),
+                Source::World => return Ok(Light { radiance: answer.world, ..light.clone() }),
                 Source::New => new.next(),
             };
-            found.cloned().unwrap_or_else(|| Light { radiance: [0.0; 3], ..variable.light.clone() })
+            let is_other = |found: &Light| discriminant(&found.shape) != discriminant(&light.shape);
+            match found {
+                Some(found) if *source != Source::New && is_other(found) => Err(SessionError::Settings(format!(
+                    "\"from\": light '{}' is of another type than it is now; solve again without \"from\"",
+                    light.name
+                ))),
+                found => Ok(found.cloned().unwrap_or_else(|| Light { radiance: [0.0; 3], ..light.clone() })),
+            }
         });
         found.collect()
     }

@@ -157,7 +157,7 @@ impl Search<'_> {
             seed: wish.seed,
         };
         let starts = match &wish.from {
-            Some(answer) => vec![self.unknowns.of_answer(&self.request.now, answer)],
+            Some(answer) => vec![self.unknowns.of_answer(&self.request.now, answer)?],
             None => self.unknowns.starts(random_starts(problem, &random)?),
         };
         self.race(problem, &starts, wish.steps, softness)

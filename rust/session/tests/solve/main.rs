@@ -223,6 +223,9 @@ fn a_light_that_paths_hardly_meet_is_named_and_solved_on_with_paths_that_look_fo
     // What was said of it was noise, and is its picture now.
     let decibels = |solved: &Solved| solved.report[0].report.reached;
     assert!(decibels(&first) < 25.0 && decibels(&second) > 35.0, "{:?} {:?}", first.report, second.report);
+    let sun = light("Key", LightShape::Sun { direction: Vec3::Z, half_angle: 0.1 }, [1.0; 3]);
+    let other = solve(&[&now], &request(json!({"lights": [sun]})), &[("target", &target)]);
+    assert!(other.unwrap_err().to_string().contains("light 'Key' is of another type"));
 }
 
 #[test]
