@@ -154,12 +154,13 @@ def test_unwritable_folder_is_one_clear_error(shot, tmp_path, capsys):
 
 def test_settings_are_those_of_cycles(shot):
     shot.cycles.max_bounces, shot.cycles.blur_glossy, shot.cycles.pixel_filter_type = 7, 0.5, "BOX"
-    shot.cycles.caustics_reflective = False
+    shot.cycles.caustics_reflective, shot.cycles.film_exposure = False, 2.5
     settings = trace_settings(shot, pytest.fail)
     assert settings["paths"]["bounces"]["total"] == 7
     assert settings["paths"]["filter_glossy"] == 0.5
     assert settings["paths"]["filter"] == {"type": "box"}
     assert settings["paths"]["caustics_reflective"] is False
+    assert settings["paths"]["film_exposure"] == 2.5
     shot.cycles.sample_clamp_indirect = 10.0
     warnings = []
     trace_settings(shot, warnings.append)

@@ -35,6 +35,7 @@ def trace_settings(scene: bpy.types.Scene, warn: Callable[[str], None]) -> dict[
             "caustics_reflective": cycles.caustics_reflective,
             "caustics_refractive": cycles.caustics_refractive,
             "filter": _pixel_filter(scene, warn),
+            "film_exposure": cycles.film_exposure,
         },
     }
 

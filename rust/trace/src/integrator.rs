@@ -102,13 +102,13 @@ impl Integrator<'_> {
             if let Some(horizon) = path.horizon {
                 if (hit.instance, hit.triangle) != horizon.triangle {
                     let end = End::Vertex(horizon.vertex + ray.direction * hit.distance);
-                    sink.push(path.segment(end));
+                    sink.push(self.segment(&path, end));
                 }
                 break;
             }
             footprint += camera.spread * hit.distance;
             let point = self.materials.surface_point(self.scene, &hit, ray.origin, ray.direction, footprint);
-            sink.push(path.segment(End::Vertex(point.position)));
+            sink.push(self.segment(&path, End::Vertex(point.position)));
             self.materials.evaluate(self.scene, &point, &mut scratch.surface);
             if surface_number == 0 {
                 features.sample.depth = Some(camera.start + hit.distance);
@@ -137,7 +137,15 @@ impl Integrator<'_> {
                 break;
             }
         }
+        features.sample.emission *= self.settings.film_exposure;
+        features.sample.world *= self.settings.film_exposure;
         sink.end_path(features.sample);
+    }
+
+    /// The path's current segment, as the film sees it.
+    fn segment(&self, path: &PathState, end: End) -> Segment {
+        let segment = path.segment(end);
+        Segment { throughput: segment.throughput * self.settings.film_exposure, ..segment }
     }
 
     /// The path leaves the scene.
@@ -149,7 +157,7 @@ impl Integrator<'_> {
         features: &mut Features,
         sink: &mut impl PathSink,
     ) {
-        sink.push(path.segment(End::Escape(direction)));
+        sink.push(self.segment(path, End::Escape(direction)));
         let is_camera = path.lobe == Lobe::Camera;
         if is_camera {
             features.sample.alpha = 1.0 - path.throughput.element_sum() / 3.0;

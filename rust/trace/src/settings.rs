@@ -60,6 +60,8 @@ pub struct PathSettings {
     pub caustics_refractive: bool,
     /// Pixel filter.
     pub filter: PixelFilter,
+    /// Factor of all light that reaches the film (Cycles' Film > Exposure), at least 0.
+    pub film_exposure: f32,
     /// Whether the scene's own emitters and the world are also sampled directly. Changes only the noise of the static
     /// layers, never a path.
     pub sample_static_lights: bool,
@@ -73,6 +75,7 @@ impl Default for PathSettings {
             caustics_reflective: true,
             caustics_refractive: true,
             filter: PixelFilter::default(),
+            film_exposure: 1.0,
             sample_static_lights: true,
         }
     }

@@ -116,3 +116,29 @@ fn a_sampled_sky_keeps_the_mean_and_cuts_the_noise() {
     let [by_bsdf, sampled] = [false, true].map(|sampled| image_paths(&scene, &settings(2048, sampled)));
     check_gain(&by_bsdf, &sampled, |path| path.aovs.world.x, 20.0);
 }
+
+#[test]
+fn film_exposure_multiplies_all_light_and_changes_no_path() {
+    let mut scene = Scene::default();
+    add(&mut scene, square(0.0), Affine3A::IDENTITY, glowing(0.5));
+    scene.world.color = [0.2, 0.4, 0.8];
+    scene.camera = look_at_origin(Vec3::new(0.5, -2.0, 1.0), 8, 1.5);
+    let exposed = |film_exposure| {
+        let mut settings = settings(16, true);
+        settings.paths.film_exposure = film_exposure;
+        image_paths(&scene, &settings)
+    };
+    let (plain, bright) = (exposed(1.0), exposed(4.0));
+    for light in [|path: &Path| path.aovs.emission, |path: &Path| path.aovs.world] {
+        assert!(mean(&plain, light).min_element() > 0.0);
+    }
+    for (plain, bright) in plain.iter().flatten().zip(bright.iter().flatten()) {
+        assert_eq!(plain.segments.len(), bright.segments.len());
+        for (a, b) in plain.segments.iter().zip(&bright.segments) {
+            assert_eq!((a.end, a.throughput * 4.0), (b.end, b.throughput));
+        }
+        let light = |path: &Path| [path.aovs.emission, path.aovs.world];
+        assert_eq!(light(plain).map(|light| light * 4.0), light(bright));
+        assert_eq!((plain.aovs.alpha, plain.aovs.albedo), (bright.aovs.alpha, bright.aovs.albedo));
+    }
+}
