@@ -159,6 +159,15 @@ def test_another_view_is_baked_for_the_picture_alone(shot, tmp_path):
     assert (render(shot, tmp_path)["Combined"] == first).all()
 
 
+def test_other_settings_of_paths_are_baked_for_the_picture_alone(shot, tmp_path):
+    first = render(shot, tmp_path)["Combined"]
+    manifest = (tmp_path / "bake" / "manifest.json").read_bytes()
+    shot.cycles.film_exposure = 2.0
+    brighter = render(shot, tmp_path)["Combined"]
+    assert brighter[..., :3].mean() == pytest.approx(2.0 * first[..., :3].mean(), rel=0.02)
+    assert (tmp_path / "bake" / "manifest.json").read_bytes() == manifest
+
+
 def test_a_lamp_that_was_moved_out_of_sight_is_traced_for(shot, tmp_path):
     key = shot.objects["Key"]
     key.data.shadow_soft_size, key.data.energy = 0.02, 300.0

@@ -70,7 +70,7 @@ def bake(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> i
     scene = _open_scene(options)
     exported = load_scene(scene, _export_options(options))
     settings = _settings(scene, options, reporter)
-    if options.replace and is_bake(folder) and native().info(folder)["manifest"]["scene_hash"] != exported.hash:
+    if options.replace and is_bake(folder) and exported.difference(folder, json.dumps(settings)) is not None:
         clear(folder)
     report = native().bake(exported, folder, settings, resume=options.resume).wait(reporter.progress, reporter.warning)
     record.of(scene, scene.objects.get(options.camera or ""), exported.resolution).write(folder)

@@ -113,7 +113,7 @@ class _FinalRender:
         """A relighter of the scene: of its own bake where that fits or is free, else of one for this picture only."""
         folder = self._folder()
         info = native().info(folder) if is_bake(folder) else {}
-        is_same = bool(info) and info["manifest"]["scene_hash"] == exported.hash
+        is_same = bool(info) and self._is_of(info, exported, folder)
         relighter = self._open(folder) if is_same and self._is_whole(info) else None
         misses = relighter is not None and self._misses(relighter, lights)
         with ExitStack() as temporary:
@@ -126,6 +126,11 @@ class _FinalRender:
                 self._bake(exported, folder)
                 relighter = self._open(folder)
             yield relighter
+
+    def _is_of(self, info: dict[str, Any], exported: Any, folder: Path) -> bool:
+        """Whether the bake is of this scene with its settings; any seed will do."""
+        settings = self._settings(lambda _: None) | {"seed": info["manifest"]["seed"]}
+        return exported.difference(folder, json.dumps(settings)) is None
 
     def _open(self, folder: Path) -> Any:
         return native().Relighter(folder, device=self.options.device, gpu_memory=self.options.gpu_memory)
@@ -161,9 +166,11 @@ class _FinalRender:
         def warn(text: str) -> None:
             self.engine.report({"WARNING"}, f"Relume: {text}")
 
-        settings = trace_settings(self.scene, warn)
-        settings |= {"samples": self.options.samples, "threads": self.options.threads}
-        self._wait(native().bake(exported, folder, settings, resume=True), 0.0, BAKE_SHARE, warn)
+        self._wait(native().bake(exported, folder, self._settings(warn), resume=True), 0.0, BAKE_SHARE, warn)
+
+    def _settings(self, warn: Callable[[str], None]) -> dict[str, Any]:
+        own = {"samples": self.options.samples, "threads": self.options.threads}
+        return trace_settings(self.scene, warn) | own
 
     def _mixed(self, lights: list[dict[str, Any]]) -> list[dict[str, Any]]:
         """The lights with the gains of the rows."""

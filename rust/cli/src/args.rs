@@ -50,7 +50,7 @@ pub enum Command {
     Evaluate(EvaluateArgs),
     /// Relight a bake, or proxies without their bake, into an EXR and a PNG.
     Relight(RelightArgs),
-    /// Find sphere lights that make a target picture, through a proxy.
+    /// Find lights that make a target picture, or do what a request asks for.
     Optimise(OptimiseArgs),
     /// Say what a bake folder, proxy or light set is.
     Info(PathArgs),
@@ -231,6 +231,9 @@ pub struct TrainArgs {
     /// Where training lights are put.
     #[arg(long, value_enum, default_value = "segments")]
     pub placement: Placement,
+    /// Draw targets from a pool of so many denoised pictures (300 in the paper) instead of gathering each by itself.
+    #[arg(long)]
+    pub pool: Option<usize>,
     /// Neurons of a hidden layer; default is the network's own.
     #[arg(long)]
     pub neurons: Option<usize>,

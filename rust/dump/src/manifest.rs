@@ -139,16 +139,15 @@ impl Manifest {
         Ok(())
     }
 
-    /// The first thing in which `other` is a bake of something else; more or fewer passes are the same bake as
-    /// long as the common ones agree.
+    /// The first thing in which `other` is a bake of something else; more or fewer samples are the same bake as
+    /// long as they are divided into the same passes, of which a last one may hold just what is left.
     pub fn difference(&self, other: &Self) -> Option<&'static str> {
-        let common = self.passes.len().min(other.passes.len());
         [
             ("format version", self.format_version == other.format_version),
             ("scene", self.scene_hash == other.scene_hash),
             ("image size", (self.width, self.height) == (other.width, other.height)),
             ("tile size", self.tile_size == other.tile_size),
-            ("sample range of a pass", self.passes[..common] == other.passes[..common]),
+            ("sample range of a pass", self.is_divided_as(other)),
             ("seed", self.seed == other.seed),
             ("camera", (&self.camera, self.camera_position) == (&other.camera, other.camera_position)),
             ("receiver list", self.receivers == other.receivers),
@@ -157,6 +156,18 @@ impl Manifest {
         ]
         .into_iter()
         .find_map(|(name, same)| (!same).then_some(name))
+    }
+
+    fn is_divided_as(&self, other: &Self) -> bool {
+        let ends_in = |passes: &[Pass], index: usize| index + 1 == passes.len();
+        self.passes.iter().zip(&other.passes).enumerate().all(|(index, (a, b))| {
+            let is_rest = if a.samples < b.samples {
+                ends_in(&self.passes, index)
+            } else {
+                ends_in(&other.passes, index)
+            };
+            a == b || (a.first_sample == b.first_sample && is_rest)
+        })
     }
 
     /// Hash of everything but the passes, hex; every shard carries it, so that files of different bakes cannot mix.
@@ -181,27 +192,20 @@ impl Manifest {
         Ok(manifest)
     }
 
+    /// Whether a folder holds a manifest of another format version than ours.
+    pub fn is_of_another_version(dir: &Path) -> bool {
+        let value: Option<serde_json::Value> =
+            std::fs::read(dir.join(Self::FILE)).ok().and_then(|json| serde_json::from_slice(&json).ok());
+        let version = value.and_then(|value| value.get("format_version")?.as_u64());
+        version.is_some_and(|version| version != u64::from(FORMAT_VERSION))
+    }
+
     /// Writes the manifest atomically.
     pub fn write(&self, dir: &Path) -> Result<(), DumpError> {
+        let path = dir.join(Self::FILE);
         let mut json = serde_json::to_vec_pretty(self).expect("plain data with string keys");
         json.push(b'\n');
-        write_atomically(&dir.join(Self::FILE), &json)
+        relume_image::replace_file(&path, |writer| writer.write_all(&json))
+            .map_err(DumpError::io("write", &path))
     }
-}
-
-/// Writes a whole file or nothing: to a temporary file in the same folder, then renamed.
-pub(crate) fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), DumpError> {
-    let dir = path.parent().unwrap_or(Path::new("."));
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".relume-").suffix(".tmp");
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // What a plain `File::create` gives (the umask applies), so that other users of a farm can read it.
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
-    }
-    let mut file = builder.tempfile_in(dir).map_err(DumpError::io("create a file", path))?;
-    file.write_all(bytes).map_err(DumpError::io("write", path))?;
-    file.persist(path).map_err(|error| DumpError::io("rename into place", path)(error.error))?;
-    Ok(())
 }

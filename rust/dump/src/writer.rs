@@ -1,9 +1,11 @@
 use std::fs;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use rayon::prelude::*;
+
 use crate::dump::check_membership;
-use crate::manifest::write_atomically;
 use crate::{Dump, DumpError, Manifest, Shard, TileSamples};
 
 /// Where a tracer puts its tiles. Many threads may write at the same time, each its own tile and pass.
@@ -43,24 +45,32 @@ impl DumpWriter {
     }
 
     /// Goes on with the dump in a folder: complete shards stay, damaged ones are removed, to be baked again. Starts
-    /// one if there is none. The manifest may have more passes than the dump has.
+    /// one if there is none. The manifest may ask for more samples than the dump has; if it asks for fewer, the other
+    /// shards stay as files and are found when they are asked for again.
     ///
     /// # Errors
     /// If the folder holds a dump of something else, cannot be written, or the manifest is invalid.
     pub fn resume(dir: &Path, manifest: Manifest) -> Result<Self, DumpError> {
         if dir.join(Manifest::FILE).exists() {
-            let existing = Manifest::read(dir)?;
-            if let Some(difference) = existing.difference(&manifest) {
+            let difference = if Manifest::is_of_another_version(dir) {
+                Some("format version")
+            } else {
+                Manifest::read(dir)?.difference(&manifest)
+            };
+            if let Some(difference) = difference {
                 return Err(DumpError::OtherBake { path: dir.to_owned(), difference });
             }
         }
         let mut writer = Self::start(dir, manifest)?;
-        for tile in 0..writer.found.len() {
-            for pass in 0..writer.found[tile].len() {
-                writer.found[tile][pass] = writer.keep_or_remove(tile, pass)?;
-            }
-        }
+        writer.found = writer.find()?;
         Ok(writer)
+    }
+
+    /// Which shards are there and sound, by tile and pass. Reads all of them.
+    fn find(&self) -> Result<Vec<Vec<bool>>, DumpError> {
+        let passes = 0..self.manifest.passes.len();
+        let of_tile = |tile| passes.clone().map(|pass| self.keep_or_remove(tile, pass)).collect();
+        (0..self.manifest.tile_count()).into_par_iter().map(of_tile).collect()
     }
 
     fn start(dir: &Path, manifest: Manifest) -> Result<Self, DumpError> {
@@ -110,8 +120,26 @@ impl ShardSink for DumpWriter {
 
     fn write(&self, tile: usize, pass: usize, samples: &TileSamples) -> Result<(), DumpError> {
         let shard = Shard::encode(&self.manifest, tile, pass, samples)?;
-        write_atomically(&Manifest::shard_path(&self.dir, tile, pass), shard.as_bytes())
+        write_shard(&Manifest::shard_path(&self.dir, tile, pass), shard.as_bytes())
     }
+}
+
+/// Writes a whole file or nothing: to a temporary file in the same folder, then renamed. Does not wait for the disk: what a
+/// power failure tears is found by its hash and traced again.
+fn write_shard(path: &Path, bytes: &[u8]) -> Result<(), DumpError> {
+    let dir = path.parent().unwrap_or(Path::new("."));
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".relume-").suffix(".tmp");
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        // What a plain `File::create` gives (the umask applies), so that other users of a farm can read it.
+        builder.permissions(std::fs::Permissions::from_mode(0o666));
+    }
+    let mut file = builder.tempfile_in(dir).map_err(DumpError::io("create a file", path))?;
+    file.write_all(bytes).map_err(DumpError::io("write", path))?;
+    file.persist(path).map_err(|error| DumpError::io("rename into place", path)(error.error))?;
+    Ok(())
 }
 
 /// Collects a dump in memory; [`MemoryWriter::snapshot`] gives what is there so far at any time.

@@ -138,10 +138,35 @@ fn resume_keeps_complete_shards_and_bakes_damaged_ones_again() {
     longer.passes.push(Pass { first_sample: 5, samples: 5 });
     let writer = DumpWriter::resume(dir.path(), longer).unwrap();
     assert!(writer.is_complete(1, 1) && !writer.is_complete(0, 2));
+    assert!(
+        DumpWriter::resume(dir.path(), manifest()).unwrap().is_complete(1, 1),
+        "fewer, and then more again"
+    );
+    let mut fuller = manifest();
+    fuller.passes[1].samples = 4;
+    let writer = DumpWriter::resume(dir.path(), fuller.clone()).unwrap();
+    assert!(writer.is_complete(1, 0), "a rest that grows costs nothing but itself");
+    assert!(!writer.is_complete(1, 1));
+    fuller.passes.push(Pass { first_sample: 6, samples: 1 });
+    let split = vec![Pass { first_sample: 0, samples: 1 }, Pass { first_sample: 1, samples: 4 }];
+    let divided_otherwise = Manifest { passes: split, ..manifest() };
+    for (one, two) in [(&manifest(), &divided_otherwise), (&divided_otherwise, &fuller)] {
+        assert_eq!(one.difference(two), Some("sample range of a pass"));
+    }
     let other = Manifest { scene_hash: "other".into(), ..manifest() };
     assert!(matches!(
         DumpWriter::resume(dir.path(), other),
         Err(DumpError::OtherBake { difference: "scene", .. })
+    ));
+}
+
+#[test]
+fn a_dump_of_another_version_is_another_bake() {
+    let dir = tempfile::tempdir().unwrap();
+    Manifest { format_version: FORMAT_VERSION + 1, ..manifest() }.write(dir.path()).unwrap();
+    assert!(matches!(
+        DumpWriter::resume(dir.path(), manifest()),
+        Err(DumpError::OtherBake { difference: "format version", .. })
     ));
 }
 

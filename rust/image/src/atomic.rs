@@ -3,16 +3,20 @@ use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
-/// Writes a file so that a reader never sees half of it: into a temporary file of the same folder, flushed to
-/// disk, then renamed. On any error the temporary file is removed and an older file at `path` stays as it was.
+/// [`replace_file`] with an error that names the file.
 pub fn write_atomically(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
 ) -> Result<(), ImageError> {
-    try_write(path, write).map_err(|source| ImageError::Write { path: path.to_path_buf(), source })
+    replace_file(path, write).map_err(|source| ImageError::Write { path: path.to_path_buf(), source })
 }
 
-fn try_write(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> io::Result<()> {
+/// Writes a file so that a reader never sees half of it: into a temporary file of the same folder, flushed to
+/// disk, then renamed. On any error the temporary file is removed and an older file at `path` stays as it was.
+pub fn replace_file(
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
+) -> io::Result<()> {
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),

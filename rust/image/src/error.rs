@@ -5,7 +5,7 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 pub enum ImageError {
     /// The file could not be created or written; nothing is left at its place.
-    #[error("cannot write the image: {source}; check the folder's permissions and free space: {}", path.display())]
+    #[error("cannot write the file: {source}; check the folder's permissions and free space: {}", path.display())]
     Write {
         /// Where the file was to go.
         path: PathBuf,

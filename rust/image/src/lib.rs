@@ -10,7 +10,7 @@ mod picture;
 mod ssim;
 mod view;
 
-pub use atomic::write_atomically;
+pub use atomic::{replace_file, write_atomically};
 pub use error::ImageError;
 pub use exr_file::{Layer, LayeredImage, Precision, read_exr, write_exr};
 pub use image::Image;

@@ -22,6 +22,11 @@ pub enum OptimiseError {
     /// A target without light.
     #[error("the target is black everywhere; no light can be found from it, choose another picture")]
     BlackTarget,
+    /// A picture without light, and no target beside what is asked for.
+    #[error(
+        "the picture is black, so that a stroke has nothing to go by; give a light some strength, or choose a target picture"
+    )]
+    BlackBefore,
     /// A colour that has no hue.
     #[error("goal {0} asks for black; ask for darker instead, or choose a colour")]
     BlackColor(usize),

@@ -60,11 +60,6 @@ const SIDE: f32 = 0.3;
 pub(crate) const RATIO_PER_MIRED: f32 = 0.00769;
 
 impl Aim {
-    /// Whether it compares with the picture before.
-    pub(crate) fn needs_before(&self) -> bool {
-        !matches!(self, Self::Target { .. } | Self::Color { .. })
-    }
-
     /// What [`Aim::residual`] compares an exposed cell to, from the cell before, or in the target, exposed as well.
     pub(crate) fn reference(&self, exposed: [f32; 3]) -> [f32; 3] {
         match self {

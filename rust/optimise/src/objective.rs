@@ -7,6 +7,7 @@ use crate::term::{Comparison, Term};
 use crate::variable::{Mapping, PARAMS};
 use crate::{OptimiseError, RelightError};
 use rayon::prelude::*;
+use relume_image::metrics;
 use relume_scene::{LANES, Light};
 
 /// Loss and gradient of lights at one softness.
@@ -125,6 +126,15 @@ impl<'a> Objective<'a> {
     }
 }
 
+/// What brings a picture of some mean luminance to moderate brightness. A black one goes by a target beside it.
+fn exposure_before(view: &View<'_>, luminance: f32) -> Result<f32, OptimiseError> {
+    let target = view.goals.iter().find_map(|goal| match &goal.aim {
+        Aim::Target { image, .. } => Some(metrics::exposure(image)),
+        _ => None,
+    });
+    if luminance > 0.0 { Ok(0.5 / luminance) } else { target.ok_or(OptimiseError::BlackBefore) }
+}
+
 /// A light's picture for radiance 1 at some cells.
 pub(crate) type Unit = Vec<[f32; 3]>;
 
@@ -136,13 +146,14 @@ impl<'a> ViewObjective<'a> {
         let cells = Cells::new(view.relight.size(), view.relight.cell());
         let still = view.still.iter().map(|image| image.map(|image| cells.means(image))).collect();
         let mut new = Self { view, base: cells.means(view.base), still, terms: Vec::new(), comparison: None };
-        let before = match view.goals.iter().any(|goal| goal.aim.needs_before()) {
-            true => {
-                new.picture(&problem.variables.iter().map(|v| v.light.clone()).collect::<Vec<_>>(), softness)?
-            }
-            false => new.base.clone(),
+        let lights = || problem.variables.iter().map(|v| v.light.clone()).collect::<Vec<_>>();
+        let is_target = |goal: &Goal| matches!(goal.aim, Aim::Target { .. });
+        let before = if view.goals.iter().all(is_target) {
+            new.base.clone()
+        } else {
+            new.picture(&lights(), softness)?
         };
-        let of_before = 0.5 / mean_luminance(&before).max(f32::MIN_POSITIVE);
+        let of_before = exposure_before(view, mean_luminance(&before))?;
         new.terms = view.goals.iter().map(|goal| Term::new(goal, cells, &before, of_before)).collect();
         new.comparison = new.own_comparison()?;
         Ok(new)

@@ -347,6 +347,37 @@ fn bad_input_is_named() {
     assert!(attempt(&[target(flat(1.0))], inverted).contains("'Lamp': bounds of the size"));
 }
 
+#[test]
+fn a_black_picture_gives_strokes_nothing_to_go_by_but_a_target_does() {
+    let (base, dark) = (flat(0.0), Light { radiance: [0.0; 3], ..lamps()[0].clone() });
+    let of = |aim: Aim| Goal { aim, pixels: None, weight: 1.0 };
+    let attempt = |goals: &[Goal]| {
+        let view = View { relight: &FLOOR, base: &base, still: vec![None], goals };
+        let problem = Problem { views: vec![view], variables: vec![variable(&dark)] };
+        let found =
+            solve(&problem, &[lamps()[..1].to_vec()], &Settings::default(), &|_| ControlFlow::Continue(()));
+        found.map(|found| found.lights[0].radiance)
+    };
+    for aim in [Aim::Brightness { stops: 1.0 }, Aim::Color { color: [1.0, 0.5, 0.2] }] {
+        assert!(matches!(attempt(&[of(aim)]), Err(OptimiseError::BlackBefore)));
+    }
+    let wanted = picture(&FLOOR, &base, &lamps()[..1]);
+    let found = attempt(&[target(wanted), Goal { weight: 0.1, ..of(Aim::Keep) }]).unwrap();
+    assert!(found.iter().all(|channel| channel.is_finite() && *channel > 0.0), "{found:?}");
+}
+
+#[test]
+fn a_colour_is_found_for_light_that_is_all_there_is() {
+    let (base, lamp) = (flat(0.0), lamps()[0].clone());
+    let goals = [Goal { aim: Aim::Color { color: [1.0, 0.5, 0.25] }, pixels: None, weight: 1.0 }];
+    let view = View { relight: &FLOOR, base: &base, still: vec![None], goals: &goals };
+    let problem = Problem { views: vec![view], variables: vec![variable(&lamp)] };
+    let settings = Settings { iterations: 300, pixel_fraction: 1.0, ..Settings::default() };
+    let found = solve(&problem, &[vec![lamp]], &settings, &|_| ControlFlow::Continue(())).unwrap();
+    let [red, green, blue] = found.lights[0].radiance;
+    assert!((1.8..2.2).contains(&(red / green)) && (1.8..2.2).contains(&(green / blue)), "{found:?}");
+}
+
 struct Broken;
 
 impl Relight for Broken {

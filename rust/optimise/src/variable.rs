@@ -1,6 +1,7 @@
 use glam::Vec3;
 use relume_scene::{LANES, Light, LightShape, lane};
 use serde::{Deserialize, Serialize};
+use std::f32::consts::FRAC_PI_2;
 use std::ops::Range;
 
 /// Lanes of a light: those of its shape, then its power in each channel.
@@ -51,6 +52,9 @@ impl Locks {
     }
 }
 
+/// Half angles of suns and spots end here: just above those of a half space, which Blender's lights may have.
+const WIDEST: f32 = FRAC_PI_2 + 1e-3;
+
 /// Where lights may go.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Bounds {
@@ -80,13 +84,13 @@ impl Bounds {
         }
         for number in lane::SIZE.chain([lane::CONE]).filter(|number| light.shape.has_lane(*number)) {
             let value = coordinate(&light.shape, number);
-            let range = match (number, &light.shape) {
-                (lane::CONE, _) => &mut self.cone,
-                (_, LightShape::Sun { .. }) => &mut self.sun,
-                _ => &mut self.size,
+            let (range, most) = match (number, &light.shape) {
+                (lane::CONE, _) => (&mut self.cone, WIDEST),
+                (_, LightShape::Sun { .. }) => (&mut self.sun, WIDEST),
+                _ => (&mut self.size, f32::INFINITY),
             };
             let value = if number == lane::CONE { value } else { value.exp() };
-            *range = [range[0].min(0.99 * value), range[1].max(1.01 * value)];
+            *range = [range[0].min(0.99 * value), range[1].max((1.01 * value).min(most))];
         }
         self
     }
@@ -100,8 +104,8 @@ impl Bounds {
         match () {
             _ if !is_box => Some("the centre"),
             _ if !rises(self.size) => Some("the size"),
-            _ if !(rises(self.sun) && self.sun[1] < 1.57) => Some("a sun's angle"),
-            _ if !(rises(self.cone) && self.cone[1] < 1.58) => Some("a spot's angle"),
+            _ if !(rises(self.sun) && self.sun[1] <= WIDEST) => Some("a sun's angle"),
+            _ if !(rises(self.cone) && self.cone[1] <= WIDEST) => Some("a spot's angle"),
             _ => None,
         }
     }

@@ -138,3 +138,22 @@ fn pull_back_is_the_slope_of_the_step() {
         }
     }
 }
+
+#[test]
+fn bounds_hold_the_widest_spots_and_suns_that_there_are() {
+    let bounds = Bounds::new(Vec3::splat(-1.0), Vec3::splat(1.0), [0.1, 1.0]);
+    let half_angle = std::f32::consts::FRAC_PI_2;
+    let mut widest = lights();
+    widest.retain_mut(|light| match &mut light.shape {
+        LightShape::Spot { half_angle: angle, .. } | LightShape::Sun { half_angle: angle, .. } => {
+            *angle = half_angle;
+            true
+        }
+        _ => false,
+    });
+    for light in widest {
+        let with = bounds.including(&light);
+        assert_eq!(with.fault(), None, "{light:?}");
+        assert!(with.cone[1].max(with.sun[1]) > half_angle, "{light:?} does not fit in");
+    }
+}

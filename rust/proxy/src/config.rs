@@ -15,7 +15,7 @@ pub struct TrainConfig {
     pub targets: TargetMode,
     /// Samples (pixel and light) of the whole training; the learning rate and the batch follow the share done.
     pub samples: u64,
-    /// Samples a step at the start, a multiple of 1,024.
+    /// Samples a step at the start; rounded up to a multiple of 1,024.
     pub batch_start: usize,
     /// Samples a step at the end; doubles on the way.
     pub batch_end: usize,
@@ -103,18 +103,13 @@ impl Default for GridConfig {
 }
 
 /// Where training lights are put (paper, section 4.4).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case")]
 pub enum LightPlacement {
     /// Uniformly on a random segment of a random pixel.
     Segments,
     /// Uniformly in the box of visible positions.
     Bounds,
-    /// Segments, but this share of the lights in the box.
-    Mixed {
-        /// 0..1.
-        bounds_fraction: f32,
-    },
 }
 
 /// Where target values come from.
@@ -225,7 +220,6 @@ impl TrainConfig {
             (in_range(self.area_weight, 0.0, 2.0), "area_weight must be 0 to 2"),
             (self.ema_decay >= 0.0 && self.ema_decay < 1.0, "ema_decay must be 0 to below 1"),
             (self.pool_ok(), "a pool's size must be 1 to 100000"),
-            (self.placement_ok(), "bounds_fraction must be 0 to 1"),
         ];
         match checks.iter().find(|(ok, _)| !ok) {
             Some((_, message)) => Err(ProxyError::Config(format!("{message} ({kind} lights)"))),
@@ -237,13 +231,6 @@ impl TrainConfig {
         match self.targets {
             TargetMode::Raw => true,
             TargetMode::Pool { size, .. } => (1..=100_000).contains(&size),
-        }
-    }
-
-    fn placement_ok(&self) -> bool {
-        match self.placement {
-            LightPlacement::Mixed { bounds_fraction } => in_range(bounds_fraction, 0.0, 1.0),
-            _ => true,
         }
     }
 }

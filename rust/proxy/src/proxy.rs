@@ -45,7 +45,7 @@ pub struct ProxyInfo {
 pub struct Scores {
     /// Peak signal-to-noise ratio of Reinhard-mapped values, decibels; each image exposed to a mean of 0.5.
     pub psnr: f32,
-    /// Symmetric mean absolute percentage error, 0..2 (lower is better).
+    /// Symmetric mean absolute percentage error, 0..1 (lower is better).
     pub smape: f32,
     /// Lights measured.
     pub lights: usize,

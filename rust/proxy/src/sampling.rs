@@ -24,20 +24,21 @@ pub(crate) struct Sampler {
 }
 
 impl Sampler {
-    /// A light on a segment of one of `pixels`, or in the box (paper, section 4.4).
+    /// A light on a segment beside one of `pixels`, or in the box (paper, section 4.4). Beside it: a segment of the pixel
+    /// itself would meet the light for certain, so that a small light's gather, of few paths, would be too bright.
     pub fn light(&self, source: &dyn TargetSource, pixels: &[u32], rng: &mut Rng) -> LightParams {
-        let in_box = match self.placement {
-            LightPlacement::Segments => false,
-            LightPlacement::Bounds => true,
-            LightPlacement::Mixed { bounds_fraction } => rng.next_f32() < bounds_fraction,
-        };
         let on_segment = |rng: &mut Rng| {
             (0..SEGMENT_TRIES).find_map(|_| {
                 let pixel = pixels[rng.below(pixels.len() as u32) as usize];
-                source.segment_point(pixel, rng).filter(|p| p.is_finite())
+                let beside = if pixel + 1 < self.pixel_count { pixel + 1 } else { pixel.saturating_sub(1) };
+                source.segment_point(beside, rng).filter(|p| p.is_finite())
             })
         };
-        let center = if in_box { None } else { on_segment(rng) }.unwrap_or_else(|| {
+        let center = match self.placement {
+            LightPlacement::Segments => on_segment(rng),
+            LightPlacement::Bounds => None,
+        };
+        let center = center.unwrap_or_else(|| {
             let (low, high) = source.bounds();
             low + (high - low) * Vec3::new(rng.next_f32(), rng.next_f32(), rng.next_f32())
         });
@@ -177,5 +178,66 @@ fn gather(source: &dyn TargetSource, batch: &Batch) -> Result<Vec<[f32; 3]>, Pro
     match values.iter().position(|value| value.iter().any(|x| !x.is_finite())) {
         Some(bad) => Err(ProxyError::BadTarget { pixel: batch.pixels[bad / batch.slots] }),
         None => Ok(values),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use relume_image::Image;
+
+    /// Pixels that see a few random points of a box: a light shines into a pixel by the share of them that it holds.
+    struct Points(Vec<[Vec3; 8]>);
+
+    impl Points {
+        fn new(pixels: usize, seed: u64) -> Self {
+            let mut rng = Rng::stream(seed, 0, 0);
+            let mut point = || Vec3::new(rng.next_f32(), rng.next_f32(), rng.next_f32());
+            Self((0..pixels).map(|_| std::array::from_fn(|_| point())).collect())
+        }
+
+        fn share(points: &[Vec3], light: &LightShape) -> f32 {
+            let LightShape::Sphere { center, radius } = light else { unreachable!("spheres are drawn") };
+            points.iter().filter(|point| point.distance(*center) < *radius).count() as f32
+                / points.len() as f32
+        }
+    }
+
+    impl TargetSource for Points {
+        fn bounds(&self) -> (Vec3, Vec3) {
+            (Vec3::ZERO, Vec3::ONE)
+        }
+        fn segment_point(&self, pixel: u32, rng: &mut Rng) -> Option<Vec3> {
+            Some(self.0[pixel as usize][rng.below(8) as usize])
+        }
+        fn pixel_targets(&self, queries: &PixelQueries<'_>, out: &mut [[f32; 3]]) -> Result<(), ProxyError> {
+            let all =
+                queries.iter().flat_map(|(pixel, lights)| lights.iter().map(move |light| (pixel, light)));
+            all.zip(out)
+                .for_each(|((pixel, light), out)| *out = [Self::share(&self.0[pixel as usize], light); 3]);
+            Ok(())
+        }
+        fn images(&self, _: &[LightShape], _: bool) -> Result<Vec<Image>, ProxyError> {
+            Ok(Vec::new())
+        }
+    }
+
+    #[test]
+    fn small_lights_are_no_brighter_to_learn_than_they_are() {
+        let (source, others) = (Points::new(4096, 1), Points::new(512, 2));
+        let sampler = Sampler {
+            kind: LightKind::Sphere,
+            size: SizeRange { min: 0.1, max: 0.101 },
+            placement: LightPlacement::Segments,
+            area_weight: 0.0,
+            pixel_count: 4096,
+        };
+        let batch = sampler.drawn(&source, (1 << 17, 4), (3, 0));
+        let mean = |values: &[f32]| values.iter().sum::<f32>() / values.len() as f32;
+        let learned: Vec<f32> = gather(&source, &batch).unwrap().iter().map(|rgb| rgb[0]).collect();
+        let truth: Vec<f32> =
+            batch.lights.iter().map(|light| Points::share(others.0.as_flattened(), &light.shape())).collect();
+        let ratio = mean(&learned) / mean(&truth);
+        assert!((0.93..1.07).contains(&ratio), "{ratio}");
     }
 }

@@ -252,6 +252,14 @@ impl PyScene {
         enter_native(py, || Ok::<_, NativeError>(self.scene.hash()))
     }
 
+    #[pyo3(signature = (folder, settings="{}"))]
+    fn difference(&self, py: Python<'_>, folder: PathBuf, settings: &str) -> PyResult<Option<&'static str>> {
+        let settings: TraceSettings = serde_json::from_str(settings).map_err(NativeError::from)?;
+        enter_native(py, || {
+            relume_session::difference(&self.scene, &settings, &folder).map_err(NativeError::from)
+        })
+    }
+
     #[pyo3(signature = (folder, settings="{}", *, resume=false))]
     fn bake(&self, folder: PathBuf, settings: &str, resume: bool) -> PyResult<PyJob> {
         let settings: TraceSettings = serde_json::from_str(settings).map_err(NativeError::from)?;

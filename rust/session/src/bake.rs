@@ -2,7 +2,7 @@ use crate::progress::{Monitor, Stage};
 use crate::{GUIDED_FILE, Guided, LightSet, SessionError};
 use relume_dump::{Dump, DumpError, DumpWriter, Manifest, Shard, ShardSink, TileSamples};
 use relume_scene::{Light, Scene};
-use relume_trace::{Control, Outcome, TraceSettings, Tracer, lights_looked_for};
+use relume_trace::{Control, Outcome, TraceSettings, Tracer, lights_looked_for, manifest};
 use serde::Serialize;
 use std::path::Path;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -52,6 +52,19 @@ pub fn bake(
     bake_observed(scene, settings, folder, resume, monitor, &Observer { lights: &lights, passes: &|_| {} })
 }
 
+/// The first thing in which the bake in a folder differs from one of this scene with these settings; more or fewer samples are no
+/// difference.
+///
+/// # Errors
+/// If the folder holds no bake that can be read.
+pub fn difference(
+    scene: &Scene,
+    settings: &TraceSettings,
+    folder: &Path,
+) -> Result<Option<&'static str>, SessionError> {
+    Ok(Manifest::read(folder)?.difference(&manifest(scene, settings)))
+}
+
 /// Who watches a bake, and says where its paths look.
 pub(crate) struct Observer<'a> {
     /// The lights that the paths of the next pass look for.
@@ -77,10 +90,9 @@ pub(crate) fn bake_observed(
     let warnings: Vec<String> = scene.warnings.iter().chain(tracer.warnings()).cloned().collect();
     warnings.iter().for_each(|warning| monitor.warn(warning));
 
-    let manifest = tracer.manifest();
     let writer = match resume {
-        true => DumpWriter::resume(folder, manifest)?,
-        false => DumpWriter::create(folder, manifest)?,
+        true => DumpWriter::resume(folder, tracer.manifest())?,
+        false => DumpWriter::create(folder, tracer.manifest())?,
     };
     let lights =
         LightSet { name: scene.camera.name.clone(), lights: scene.lights.clone(), notes: Vec::new() };

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 pub enum SessionError {
     /// The caller asked to stop; what is complete has been kept.
-    #[error("stopped; start it again with --resume to go on")]
+    #[error("stopped; what is whole was kept, and bake and train go on with --resume")]
     Cancelled,
     /// A file or folder could not be read or written.
     #[error("cannot {action}: {source} ({})", path.display())]

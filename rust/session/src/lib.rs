@@ -46,7 +46,7 @@ mod threads;
 mod train;
 mod unit_cache;
 
-pub use bake::{BakeReport, LIGHTS_FILE, VIEW_FILE, bake};
+pub use bake::{BakeReport, LIGHTS_FILE, VIEW_FILE, bake, difference};
 pub use denoise::Denoise;
 pub use device::{Compute, Device};
 pub use environment::environment_texture;

@@ -4,6 +4,8 @@ use relume_scene::{Light, LobeFactors};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
+const KINDS: [LightKind; 3] = [LightKind::Sphere, LightKind::FacingDisk, LightKind::Quad];
+
 /// Mean errors over some lights, against independent gathers of the other half of the paths.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MeanQuality {
@@ -44,11 +46,25 @@ pub struct TrainedProxy {
 }
 
 impl TrainedProxy {
-    /// Whether its measured error is below that of gathering. Unmeasured proxies do not beat anything.
-    pub fn beats_gather(&self, denoised: bool) -> bool {
+    fn open(folder: &Path, kind: LightKind, scene_hash: &str) -> Result<Option<Self>, SessionError> {
+        let path = proxy_path(folder, kind);
+        if !path.exists() {
+            return Ok(None);
+        }
+        let proxy = Proxy::open(&path)?;
+        if proxy.info().scene_hash != scene_hash {
+            let reason = format!("{} is of another scene; train it again on this bake", path.display());
+            return Err(SessionError::Settings(reason));
+        }
+        Ok(Some(Self { proxy, measured: read_measured(&measured_path(folder, kind))? }))
+    }
+
+    /// Whether its measured error is below that of gathering so many paths per pixel, whose error falls with the root of their
+    /// number. Unmeasured proxies do not beat anything.
+    pub fn beats_gather(&self, denoised: bool, samples: u32) -> bool {
         self.measured.is_some_and(|m| {
             let gather = if denoised { m.gather_denoised } else { m.gather };
-            m.proxy.smape < gather.smape
+            m.proxy.smape < gather.smape * (f64::from(m.samples) / f64::from(samples.max(1))).sqrt()
         })
     }
 }
@@ -65,20 +81,21 @@ impl Proxies {
     /// # Errors
     /// If one is damaged or of another scene.
     pub fn open(folder: &Path, scene_hash: &str) -> Result<Self, SessionError> {
-        let mut list = Vec::new();
-        for kind in [LightKind::Sphere, LightKind::FacingDisk, LightKind::Quad] {
-            let path = proxy_path(folder, kind);
-            if !path.exists() {
-                continue;
+        let list =
+            KINDS.into_iter().filter_map(|kind| TrainedProxy::open(folder, kind, scene_hash).transpose());
+        Ok(Self { list: list.collect::<Result<_, _>>()? })
+    }
+
+    /// As [`Proxies::open`], without those that it refuses, and why.
+    pub(crate) fn open_usable(folder: &Path, scene_hash: &str) -> (Self, Vec<String>) {
+        let (mut list, mut unusable) = (Vec::new(), Vec::new());
+        for kind in KINDS {
+            match TrainedProxy::open(folder, kind, scene_hash) {
+                Ok(proxy) => list.extend(proxy),
+                Err(error) => unusable.push(error.to_string()),
             }
-            let proxy = Proxy::open(&path)?;
-            if proxy.info().scene_hash != scene_hash {
-                let reason = format!("{} is of another scene; train it again on this bake", path.display());
-                return Err(SessionError::Settings(reason));
-            }
-            list.push(TrainedProxy { proxy, measured: read_measured(&measured_path(folder, kind))? });
         }
-        Ok(Self { list })
+        (Self { list }, unusable)
     }
 
     /// Whether there are none.

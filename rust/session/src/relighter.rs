@@ -15,7 +15,7 @@ use relume_proxy::{GpuProxy, LightKind};
 use relume_scene::{Camera, Light, LobeFactors, Texture, World};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// What makes a light's picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
@@ -70,6 +70,7 @@ pub struct Relighter {
     denoise: Denoise,
     compute: Compute,
     cache: UnitCache,
+    clean_statics: OnceLock<[Image; 2]>,
 }
 
 impl Relighter {
@@ -131,6 +132,7 @@ impl Relighter {
             denoise,
             compute: Compute::default(),
             cache,
+            clean_statics: OnceLock::new(),
         }
     }
 
@@ -220,6 +222,7 @@ impl Relighter {
         })?;
         let environment = Environment::new(world, textures)?;
         self.aovs.world = gather.world_image(&environment, &self.compute, monitor)?;
+        self.clean_statics = OnceLock::new();
         Ok(())
     }
 
@@ -241,13 +244,10 @@ impl Relighter {
             image.add_scaled(&unit, &light.radiance);
             RelitLight { name: light.name.clone(), image, maker }
         });
-        let mut statics = [self.aovs.emission.clone(), self.aovs.world.clone()];
-        for image in
-            statics.iter_mut().filter(|image| options.denoise && image.data.iter().any(|v| *v != 0.0))
-        {
-            self.denoise.images(std::slice::from_mut(image), DenoiseQuality::High)?;
-        }
-        let [static_light, world] = statics;
+        let [static_light, world] = match options.denoise {
+            true => self.clean_statics()?,
+            false => [self.aovs.emission.clone(), self.aovs.world.clone()],
+        };
         Ok(Relit {
             lights: lights.collect(),
             static_light,
@@ -257,12 +257,29 @@ impl Relighter {
             depth: self.aovs.depth.clone(),
             alpha: self.aovs.alpha.clone(),
             scene_hash: self.scene_hash.clone(),
-            samples: self.gather().map_or(0, |gather| gather.dump().manifest().samples()),
+            samples: self.samples(),
         })
     }
 
+    /// Paths per pixel of the bake; 0 without one.
+    fn samples(&self) -> u32 {
+        self.gather().map_or(0, |gather| gather.dump().manifest().samples())
+    }
+
+    /// Static light and world without noise, made once.
+    fn clean_statics(&self) -> Result<[Image; 2], SessionError> {
+        if let Some(clean) = self.clean_statics.get() {
+            return Ok(clean.clone());
+        }
+        let mut statics = [self.aovs.emission.clone(), self.aovs.world.clone()];
+        for image in statics.iter_mut().filter(|image| image.data.iter().any(|v| *v != 0.0)) {
+            self.denoise.images(std::slice::from_mut(image), DenoiseQuality::High)?;
+        }
+        Ok(self.clean_statics.get_or_init(|| statics).clone())
+    }
+
     /// The options without denoising where there is no denoiser, which the user is told.
-    fn possible(&self, options: &RelightOptions, monitor: &Monitor) -> RelightOptions {
+    pub(crate) fn possible(&self, options: &RelightOptions, monitor: &Monitor) -> RelightOptions {
         let missing = if options.denoise { self.denoise.missing() } else { None };
         if let Some(reason) = &missing {
             monitor.warn(reason);
@@ -271,7 +288,7 @@ impl Relighter {
     }
 
     /// Each light's picture for radiance 1, from the cache or made anew; all that are gathered in one pass.
-    fn unit_images(
+    pub(crate) fn unit_images(
         &self,
         lights: &[Light],
         options: &RelightOptions,
@@ -320,7 +337,9 @@ impl Relighter {
             With::Gather => false,
             With::Proxy => true,
             With::Auto if self.gather.is_none() => true,
-            With::Auto => proxy.beats_gather(options.denoise) && self.proxies().knowing(light).is_some(),
+            With::Auto => {
+                proxy.beats_gather(options.denoise, self.samples()) && self.proxies().knowing(light).is_some()
+            }
         });
         match (proxy, &self.gather, options.denoise) {
             (Some(_), _, _) => Ok(Maker::Proxy),

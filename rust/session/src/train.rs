@@ -9,8 +9,9 @@ use cpu_time::ProcessTime;
 use relume_dump::Dump;
 use relume_gather::{Gather, Half};
 use relume_image::write_atomically;
-use relume_proxy::{LightKind, TrainConfig, Trainer, read_info};
+use relume_proxy::{LightKind, ProxyInfo, TrainConfig, Trainer, read_info};
 use serde::Serialize;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -152,9 +153,7 @@ fn train_on(
     std::fs::create_dir_all(out).map_err(SessionError::io("create the folder", out))?;
     let (camera, aovs) = (camera(dump.manifest())?, dump.aovs());
     let scene_hash = dump.manifest().scene_hash.clone();
-    if out != bake {
-        copy_companions(bake, out)?;
-    }
+    copy_companions(bake, out)?;
     base_layers::write(out, &aovs, &camera, &scene_hash)?;
 
     let features = Arc::new(pixel_features(&aovs, &camera));
@@ -165,7 +164,7 @@ fn train_on(
         resumed(&state, settings, &scene_hash)?
     } else {
         let mut trainer = Trainer::new(features, settings.kind, settings.config.clone(), settings.seed)?;
-        trainer.set_scene_hash(scene_hash);
+        trainer.set_scene_hash(scene_hash.clone());
         trainer
     };
     let trainer = match &compute.gpu {
@@ -188,8 +187,20 @@ fn train_on(
     let (trained, filled) = (kept.trained, Duration::ZERO);
     let curve = Vec::new();
     let checkpoint = if compute.gpu.is_some() { CHECKPOINT_OF_GPU } else { CHECKPOINT };
-    let mut run =
-        Run { trainer, settings, out, state, checkpoint, trained, filled, curve, samples_before, kept };
+    let replaces_measured = has_measured(out, settings.kind, &scene_hash);
+    let mut run = Run {
+        trainer,
+        settings,
+        out,
+        state,
+        checkpoint,
+        trained,
+        filled,
+        curve,
+        samples_before,
+        replaces_measured,
+        kept,
+    };
     run.steps(&training, &held_out, monitor)?;
     // The last figures belong to the last weights, wherever the training was interrupted.
     if settings.half_for_measuring && run.trainer.done() {
@@ -202,13 +213,11 @@ fn train_on(
     let measured = if settings.half_for_measuring {
         let proxy = run.trainer.proxy()?;
         let measured = measure(&proxy, &gather, halves, &held_out, MEASURED_LIGHTS, settings.seed, monitor)?;
-        let measured = Measured { seconds: settings.seconds, ..measured };
-        let path = measured_path(out, settings.kind);
-        write_atomically(&path, |writer| Ok(serde_json::to_writer_pretty(writer, &measured)?))?;
-        Some(measured)
+        Some(Measured { seconds: settings.seconds, ..measured })
     } else {
         None
     };
+    run.publish(measured.as_ref())?;
     Ok(TrainReport {
         proxy: proxy_path(out, settings.kind),
         steps: run.trainer.steps(),
@@ -218,6 +227,12 @@ fn train_on(
         curve: run.curve,
         measured,
     })
+}
+
+/// Whether a folder has a proxy of the scene that was measured.
+fn has_measured(out: &Path, kind: LightKind, scene_hash: &str) -> bool {
+    let is_of_scene = |info: ProxyInfo| info.scene_hash == scene_hash;
+    measured_path(out, kind).exists() && read_info(&proxy_path(out, kind)).is_ok_and(is_of_scene)
 }
 
 /// Goes on with a training of the same scene and settings, but for the number of samples.
@@ -242,13 +257,17 @@ fn state_path(out: &Path, kind: LightKind) -> PathBuf {
     out.join(format!("training_{kind}.safetensors"))
 }
 
-/// Lights and view transform belong to a folder of proxies too.
+/// Lights and view transform belong to a folder of proxies too, if it is another.
 fn copy_companions(bake: &Path, out: &Path) -> Result<(), SessionError> {
+    let place = |folder: &Path| folder.canonicalize().map_err(SessionError::io("open the folder", folder));
+    if place(bake)? == place(out)? {
+        return Ok(());
+    }
     for name in [crate::LIGHTS_FILE, crate::VIEW_FILE] {
         let from = bake.join(name);
         if from.exists() {
-            std::fs::copy(&from, out.join(name))
-                .map_err(SessionError::io("copy into the proxy's folder", &from))?;
+            let bytes = std::fs::read(&from).map_err(SessionError::io("read", &from))?;
+            write_atomically(&out.join(name), |writer| writer.write_all(&bytes))?;
         }
     }
     Ok(())
@@ -267,6 +286,8 @@ struct Run<'a> {
     curve: Vec<CurvePoint>,
     /// Samples that an interrupted run had done.
     samples_before: u64,
+    /// Whether a proxy of the scene is there that was measured.
+    replaces_measured: bool,
     kept: &'a mut Kept,
 }
 
@@ -343,17 +364,24 @@ impl Run<'_> {
         scores.map(|s| format!(", held out {:.1} dB, SMAPE {:.3}", s.psnr, s.smape)).unwrap_or_default()
     }
 
-    /// The checkpoint and the proxy as it is now. The comparison with gathering was of other weights and goes.
+    /// The checkpoint, and the proxy as it is now, unless one that was measured would make way for one that was not.
     fn save(&mut self) -> Result<(), SessionError> {
         if self.trainer.steps() == 0 {
             return Ok(());
         }
-        let measured = measured_path(self.out, self.settings.kind);
-        if measured.exists() {
-            std::fs::remove_file(&measured).map_err(SessionError::io("remove", &measured))?;
-        }
         self.trainer.save(&self.state)?;
         *self.kept = Kept { has_checkpoint: true, trained: self.trained };
-        Ok(self.trainer.proxy()?.save(&proxy_path(self.out, self.settings.kind))?)
+        if self.replaces_measured { Ok(()) } else { self.publish(None) }
+    }
+
+    /// The proxy as it is now, with how it was measured. An older measurement was of other weights and goes first.
+    fn publish(&self, measured: Option<&Measured>) -> Result<(), SessionError> {
+        let path = measured_path(self.out, self.settings.kind);
+        if path.exists() {
+            std::fs::remove_file(&path).map_err(SessionError::io("remove", &path))?;
+        }
+        self.trainer.proxy()?.save(&proxy_path(self.out, self.settings.kind))?;
+        let Some(measured) = measured else { return Ok(()) };
+        Ok(write_atomically(&path, |writer| Ok(serde_json::to_writer_pretty(writer, measured)?))?)
     }
 }

@@ -32,6 +32,18 @@ impl Listener for Gathers {
     fn warning(&self, _: &str) {}
 }
 
+/// Stops a training as soon as it has learned something.
+struct StopsTraining(Cancel);
+
+impl Listener for StopsTraining {
+    fn progress(&self, progress: &Progress) {
+        if progress.stage == Stage::Train && progress.done > 0 {
+            self.0.request();
+        }
+    }
+    fn warning(&self, _: &str) {}
+}
+
 #[test]
 fn edits_cost_what_they_change() {
     let folder = tempfile::tempdir().unwrap();
@@ -198,10 +210,26 @@ fn cancelled_work_says_so_and_keeps_what_is_whole() {
     let error =
         train(out, out, &training(LightKind::Sphere), false, &Compute::default(), &monitor).unwrap_err();
     assert!(matches!(error, relume_session::SessionError::Cancelled));
-    // A training that was stopped before its first step does not replace what was there.
+    // A training that was stopped before its first step, or later, does not replace what was there.
+    let cancel = Cancel::default();
+    let after_first_steps = Monitor::new(Arc::new(StopsTraining(cancel.clone())), cancel);
+    let (settings, compute) = (training(LightKind::Sphere), Compute::default());
+    let later = train(out, out, &settings, false, &compute, &after_first_steps).unwrap_err();
+    assert!(matches!(later, relume_session::SessionError::Cancelled));
     let relighter = Relighter::open(out).unwrap();
     let kept = relighter.proxies().of(LightKind::Sphere).unwrap();
     assert_eq!(kept.proxy.info().steps, good.steps);
     assert_eq!(kept.measured, good.measured);
+    let begun = relume_session::proxy::read_info(&out.join("training_sphere.safetensors")).unwrap();
+    assert!((1..good.steps).contains(&begun.steps), "stopped after {} of {} steps", begun.steps, good.steps);
     assert_eq!(LightSet::read(&folder.path().join("lights.json")).unwrap().lights.len(), 1);
+}
+
+#[test]
+fn the_folder_of_the_bake_by_another_spelling_keeps_its_lights() {
+    let folder = tempfile::tempdir().unwrap();
+    baked(folder.path());
+    let before = std::fs::read(folder.path().join("lights.json")).unwrap();
+    trained(folder.path(), &folder.path().join("."), LightKind::Sphere);
+    assert_eq!(std::fs::read(folder.path().join("lights.json")).unwrap(), before);
 }

@@ -26,7 +26,9 @@ pub fn optimise(args: &OptimiseArgs, context: &Context) -> anyhow::Result<()> {
     }
     solved.lights.write(&args.out)?;
     solved.warnings.iter().for_each(|warning| context.monitor.warn(warning));
-    context.console.result(&text(args, &solved), &json!({"lights": args.out, "solved": solved}));
+    context
+        .console
+        .result(&text(args, &solved, request.now.world), &json!({"lights": args.out, "solved": solved}));
     Ok(())
 }
 
@@ -74,7 +76,7 @@ fn short_request(
     SolveRequest::parse(&request.to_string()).map_err(|reason| anyhow::anyhow!(reason))
 }
 
-fn text(args: &OptimiseArgs, solved: &Solved) -> String {
+fn text(args: &OptimiseArgs, solved: &Solved, world: [f32; 3]) -> String {
     let mut lines = vec![format!(
         "{}: {} lights ({} changed, {} new, {} dropped) in {:.1} s, loss {:.3e} (start {} had {:.3e})",
         args.out.display(),
@@ -87,6 +89,10 @@ fn text(args: &OptimiseArgs, solved: &Solved) -> String {
         solved.start + 1,
         solved.start_loss
     )];
+    if solved.world != world {
+        let [red, green, blue] = solved.world;
+        lines.push(format!("world times {red:.4}, {green:.4}, {blue:.4}, which a light set does not hold"));
+    }
     lines.extend(solved.report.iter().map(|report| report.text.clone()));
     lines.join("\n")
 }

@@ -35,6 +35,12 @@ pub fn relight(args: &RelightArgs, context: &Context) -> anyhow::Result<()> {
 }
 
 fn write_picture(bake: &Path, with: With, args: &PictureArgs, context: &Context) -> anyhow::Result<()> {
+    if args.out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")) {
+        anyhow::bail!(
+            "--out is the EXR's file, and the PNG goes beside it: end {} in .exr",
+            args.out.display()
+        );
+    }
     let mut relighter = Relighter::open(bake)?.on(&context.compute()?);
     warn_if_unfinished(&relighter, context);
     change_world(&mut relighter, args, context)?;

@@ -1,6 +1,6 @@
 use super::Context;
 use crate::args::{Kind, Network, Placement, TrainArgs};
-use relume_session::proxy::{LightKind, LightPlacement, NetworkConfig, SizeRange, TrainConfig};
+use relume_session::proxy::{LightKind, LightPlacement, NetworkConfig, SizeRange, TargetMode, TrainConfig};
 use relume_session::{Clock, TrainSettings, default_sizes, train as train_proxy};
 
 /// Trains a proxy on a bake.
@@ -56,6 +56,9 @@ fn config(args: &TrainArgs, kind: LightKind) -> anyhow::Result<TrainConfig> {
         Placement::Segments => LightPlacement::Segments,
         Placement::Bounds => LightPlacement::Bounds,
     };
+    if let Some(size) = args.pool {
+        config.targets = TargetMode::Pool { size, denoised: true };
+    }
     let (NetworkConfig::Fast { width, layers, .. } | NetworkConfig::Reference { width, layers, .. }) =
         &mut config.network;
     *width = args.neurons.unwrap_or(*width);

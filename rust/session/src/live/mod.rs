@@ -145,7 +145,7 @@ impl Live {
                 SessionError::Settings(format!("cannot start a thread: {source}"))
             })
         };
-        if threads.painter.is_none() {
+        if threads.painter.as_ref().is_none_or(JoinHandle::is_finished) {
             let painter = Painter::new(self.shared.clone(), self.options.clone());
             threads.painter = Some(spawn("relume-painter", Box::new(move || painter.run()))?);
         }

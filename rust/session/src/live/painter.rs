@@ -77,7 +77,10 @@ impl Painter {
             outcome.map_err(|_| "internal error while painting; please report it".to_string())
         });
         if let Err(error) = outcome {
-            self.shared.change(|state| state.status.error = Some(error));
+            self.shared.change(|state| {
+                state.painting = false;
+                state.picture_error = Some(error);
+            });
         }
     }
 
@@ -93,12 +96,9 @@ impl Painter {
         self.shared.change(|state| state.status.device = device);
         while let Some(request) = self.next() {
             let outcome = self.paint(&request);
-            let error = outcome.err().map(|error| error.to_string());
             self.shared.change(|state| {
                 state.painting = false;
-                if error.is_some() {
-                    state.status.error = error;
-                }
+                state.picture_error = outcome.err().map(|error| error.to_string());
             });
         }
     }

@@ -65,7 +65,9 @@ fn part(light: &Light, with: With, view: &View, warnings: &mut Vec<String>) -> R
     let Some(pass) = pass else {
         return Err(format!("light '{}': no proxy covers it, and there is no bake", light.name));
     };
-    if with == With::Auto && proxies.knowing(light).is_some_and(|proxy| proxy.beats_gather(true)) {
+    if with == With::Auto
+        && proxies.knowing(light).is_some_and(|proxy| proxy.beats_gather(true, view.samples()))
+    {
         return Ok(How::Proxy);
     }
     pass.gather().prepare(light).map_err(|error| error.to_string())?;

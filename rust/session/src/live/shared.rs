@@ -126,6 +126,8 @@ pub(super) struct State {
     pub status: LiveStatus,
     /// Of the newest request alone.
     pub light_warnings: Vec<String>,
+    /// Why there is no picture of it.
+    pub picture_error: Option<String>,
     /// Whether the painter makes a picture that the caller waits for.
     pub painting: bool,
     pub closed: bool,
@@ -169,6 +171,7 @@ impl Shared {
         let state = self.lock();
         let mut status = state.status.clone();
         status.warnings.extend(state.light_warnings.iter().cloned());
+        status.error = status.error.or_else(|| state.picture_error.clone());
         status
     }
 

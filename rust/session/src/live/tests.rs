@@ -209,6 +209,34 @@ fn a_bake_of_another_scene_is_replaced_and_foreign_files_stay() {
 }
 
 #[test]
+fn samples_that_are_there_stay_whatever_number_is_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    bake(&room(16, 16), &settings(5), folder.path(), false, &Monitor::default()).unwrap();
+    // What is removed where another bake is in the way.
+    let trace_of_training = folder.path().join("proxy_sphere.json");
+    std::fs::write(&trace_of_training, "{}").unwrap();
+    let live = live(folder.path());
+    for (asked, found) in [(16, 16), (3, 16)] {
+        live.bake(room(16, 16), settings(asked), 0.0, false).unwrap();
+        let status = state(&live, LiveState::Ready);
+        assert_eq!((status.samples, status.samples_total), (found, found));
+        assert_eq!(Dump::open(folder.path()).unwrap().manifest().samples(), found);
+    }
+    assert!(trace_of_training.exists());
+}
+
+#[test]
+fn a_stale_proxy_is_said_and_does_not_end_a_bake() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("proxy_sphere.safetensors"), "not a proxy").unwrap();
+    let live = live(folder.path());
+    live.relight(request(&[lamp(0.0)]));
+    live.bake(room(16, 16), settings(4), 0.0, false).unwrap();
+    let status = state(&live, LiveState::Ready);
+    assert!(status.warnings.iter().any(|warning| warning.contains("proxy_sphere")), "{status:?}");
+}
+
+#[test]
 fn a_rebake_looks_for_lights_that_have_moved() {
     let folder = tempfile::tempdir().unwrap();
     let small = |x: f32| Light {

@@ -6,7 +6,7 @@ use relume_image::Image;
 use relume_scene::Light;
 use std::sync::Arc;
 
-/// Bytes of unit images that are kept; those that were not used for longest go first.
+/// Bytes of unit images that are kept for later; what the present picture needs is kept whatever it takes.
 const LIMIT: usize = 1 << 30;
 /// Lights that are gathered together.
 const GROUP: usize = 8;
@@ -84,28 +84,30 @@ impl Units {
         for (light, image) in group.iter().zip(images) {
             self.of(light).add(image, pass_samples(pass));
         }
-        self.trim();
+        self.trim(lights, LIMIT);
         Ok(true)
     }
 
-    fn trim(&mut self) {
-        let size = |unit: &Unit| {
-            let clean = unit.clean.as_ref().map_or(0, |(_, image)| image.data.len());
-            size_of::<f32>()
-                * (unit.mean.data.len()
-                    + unit.error.data.len()
-                    + clean
-                    + unit.proxy.as_ref().map_or(0, |p| p.data.len()))
-        };
-        let mut sum: usize = self.list.iter().map(size).sum();
-        while sum > LIMIT && self.list.len() > 1 {
-            let oldest = (0..self.list.len()).min_by_key(|i| self.list[*i].used).unwrap_or(0);
-            sum -= size(&self.list.swap_remove(oldest));
+    /// Forgets the units that were not used for longest, until the rest takes no more than `limit` bytes. Those of `needed` stay:
+    /// gathered anew, each would push out another, without end.
+    fn trim(&mut self, needed: &[Light], limit: usize) {
+        let needed: Vec<Light> = needed.iter().map(key).collect();
+        let mut sum: usize = self.list.iter().map(Unit::bytes).sum();
+        while sum > limit {
+            let others = (0..self.list.len()).filter(|i| !needed.contains(&self.list[*i].light));
+            let Some(oldest) = others.min_by_key(|i| self.list[*i].used) else { return };
+            sum -= self.list.swap_remove(oldest).bytes();
         }
     }
 }
 
 impl Unit {
+    fn bytes(&self) -> usize {
+        let clean = self.clean.as_ref().map(|(_, image)| image);
+        let images = [Some(&self.mean), Some(&self.error), clean, self.proxy.as_deref()];
+        images.into_iter().flatten().map(|image| size_of_val(image.data.as_slice())).sum()
+    }
+
     /// Takes the mean of one more pass in.
     fn add(&mut self, image: Image, samples: u32) {
         self.passes += 1;
@@ -141,5 +143,29 @@ impl Unit {
         let image = Arc::new(image);
         self.proxy = Some(image.clone());
         image
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use relume_scene::LightShape;
+
+    #[test]
+    fn what_the_present_picture_needs_is_never_forgotten() {
+        let light =
+            |radius| crate::targets::unit_light(&LightShape::Sphere { center: glam::Vec3::ZERO, radius });
+        let lights: Vec<Light> = [1.0, 2.0, 3.0, 4.0].map(light).to_vec();
+        let mut units = Units::default();
+        for light in &lights {
+            units.of(light).add(Image::new(4, 4, 3), 1);
+        }
+        let bytes = units.get(&lights[0]).unwrap().bytes();
+        assert_eq!(bytes, 4 * 4 * 3 * 4);
+        let known = |units: &Units| lights.iter().map(|light| units.get(light).is_some()).collect::<Vec<_>>();
+        units.trim(&lights[..2], 3 * bytes);
+        assert_eq!(known(&units), [true, true, false, true], "the oldest of the others goes");
+        units.trim(&lights[..2], 0);
+        assert_eq!(known(&units), [true, true, false, false]);
     }
 }

@@ -1,11 +1,11 @@
 use super::LiveOptions;
 use super::shared::{Gate, LiveState, ProxyStatus, Shared, State};
-use crate::bake::{Observer, bake_observed, clear, clear_paths};
+use crate::bake::{Observer, bake_observed, clear, clear_paths, difference};
 use crate::guided::Sight;
 use crate::relighter::camera;
 use crate::{
     Cancel, Clock, Compute, Guided, LightSet, Monitor, Proxies, SessionError, TrainSettings, base_layers,
-    default_sizes, train,
+    default_sizes, on_threads, train,
 };
 use relume_dump::{Dump, DumpError, Manifest};
 use relume_proxy::{LightKind, TrainConfig};
@@ -38,7 +38,7 @@ pub(super) struct Job {
 
 impl Job {
     pub fn run(self) {
-        let outcome = catch_unwind(AssertUnwindSafe(|| self.work()));
+        let outcome = catch_unwind(AssertUnwindSafe(|| on_threads(self.options.threads, || self.work())));
         let (state, error) = match outcome {
             Ok(Ok(())) => (LiveState::Ready, None),
             Ok(Err(SessionError::Cancelled)) => (LiveState::Cancelled, None),
@@ -85,19 +85,29 @@ impl Job {
     }
 
     /// Bakes and trains, then bakes the rest and trains anew if that is much more: a proxy is at hand long before a bake of
-    /// many samples ends.
+    /// many samples ends. What is there already stays, even if fewer samples are asked for.
     fn bake(&self, scene: &Scene, settings: &TraceSettings, monitor: &Monitor) -> Result<(), SessionError> {
-        self.shared.change(|state| state.status.samples_total = settings.samples);
-        let early =
-            Some(SAMPLES_TO_TRAIN).filter(|early| *early < settings.samples && self.train_seconds > 0.0);
-        for samples in early.into_iter().chain([settings.samples]) {
+        let there = self.whole_samples(scene, settings);
+        let wanted = settings.samples.max(there);
+        self.shared.change(|state| state.status.samples_total = wanted);
+        let early = Some(SAMPLES_TO_TRAIN).filter(|early| (there + 1..wanted).contains(early));
+        for samples in early.filter(|_| self.train_seconds > 0.0).into_iter().chain([wanted]) {
             self.shared.change(|state| state.status.state = LiveState::Baking);
             let settings = TraceSettings { samples, threads: self.options.threads, ..settings.clone() };
             self.bake_samples(scene, &settings, monitor)?;
-            self.deliver_proxies()?;
+            self.deliver_proxies();
             self.train(monitor)?;
         }
         Ok(())
+    }
+
+    /// Samples of the whole passes that the folder holds of this very bake.
+    fn whole_samples(&self, scene: &Scene, settings: &TraceSettings) -> u32 {
+        if !matches!(difference(scene, settings, &self.folder), Ok(None)) {
+            return 0;
+        }
+        let whole = |dump: Dump| dump.passes(0..dump.complete_passes()).manifest().samples();
+        Dump::open(&self.folder).map_or(0, whole)
     }
 
     fn bake_samples(
@@ -141,7 +151,7 @@ impl Job {
                 state.base = Some(base);
                 state.deliveries += 1;
             });
-            self.deliver_proxies()?;
+            self.deliver_proxies();
             return Ok(false);
         }
         let dump = Dump::open(&self.folder)?;
@@ -152,7 +162,7 @@ impl Job {
         }
         self.shared.change(|state| state.status.samples_total = dump.manifest().samples());
         self.deliver(dump.passes(0..complete));
-        self.deliver_proxies()?;
+        self.deliver_proxies();
         Ok(dump.missing().is_empty())
     }
 
@@ -167,9 +177,10 @@ impl Job {
         });
     }
 
-    fn deliver_proxies(&self) -> Result<(), SessionError> {
-        let Some(hash) = self.scene_hash() else { return Ok(()) };
-        let proxies = Proxies::open(&self.folder, &hash)?;
+    fn deliver_proxies(&self) {
+        let Some(hash) = self.scene_hash() else { return };
+        let (proxies, unusable) = Proxies::open_usable(&self.folder, &hash);
+        unusable.iter().for_each(|problem| self.shared.warn(problem));
         let status = proxies.iter().filter_map(|trained| {
             let measured = trained.measured?;
             let status = ProxyStatus {
@@ -189,7 +200,6 @@ impl Job {
             state.proxies = Some(proxies);
             state.deliveries += 1;
         });
-        Ok(())
     }
 
     fn scene_hash(&self) -> Option<String> {
@@ -207,7 +217,7 @@ impl Job {
             if !self.is_trained(kind) {
                 self.shared.change(|state| state.status.state = LiveState::Training);
                 self.train_kind(kind, &compute, monitor)?;
-                self.deliver_proxies()?;
+                self.deliver_proxies();
             }
         }
         Ok(())

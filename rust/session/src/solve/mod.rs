@@ -117,7 +117,7 @@ impl<'a> SceneView<'a> {
         goals: Vec<Goal>,
         monitor: &Monitor,
     ) -> Result<Self, SessionError> {
-        let options = RelightOptions { with: With::Auto, denoise: true };
+        let options = relighter.possible(&RelightOptions { with: With::Auto, denoise: true }, monitor);
         let relit = relighter.relight(&request.now.lights, &options, monitor)?;
         let mut base = Image::new(relit.world.width, relit.world.height, 3);
         base.add_scaled(&relit.static_light, &request.now.static_light);
@@ -134,12 +134,11 @@ impl<'a> SceneView<'a> {
         }
         let held: Vec<Light> =
             unknowns.held().map(|light| Light { radiance: [1.0; 3], ..light.clone() }).collect();
-        let mut units =
-            relighter.relight(&held, &options, monitor)?.lights.into_iter().map(|light| light.image);
+        let mut units = relighter.unit_images(&held, &options, monitor)?.into_iter();
         let picture = |place: lights::Picture| match place {
             lights::Picture::Moves => None,
             lights::Picture::World => Some(relit.world.clone()),
-            lights::Picture::Held => units.next(),
+            lights::Picture::Held => units.next().map(|(image, _)| Image::clone(&image)),
         };
         let still = unknowns.pictures().map(picture).collect();
         Ok(Self { relighter, base, still, before, goals })

@@ -326,6 +326,9 @@ impl GoalWish {
         if !numbers.into_iter().flatten().chain(colors).all(|value| value.is_finite() && value >= 0.0) {
             return Err("its numbers must be finite and not below 0".into());
         }
+        if self.weight == 0.0 {
+            return Err("its weight is 0; leave it out instead".into());
+        }
         if let Some(reason) = self.region.as_ref().and_then(|region| region.drawn.fault()) {
             return Err(reason.into());
         }

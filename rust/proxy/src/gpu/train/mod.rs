@@ -35,7 +35,7 @@ mod store;
 
 use std::sync::Arc;
 
-use relume_gpu::{Buffer, Commands, Gpu, GpuError};
+use relume_gpu::{Buffer, Commands, Gpu, GpuError, Submission};
 
 use self::arguments::{Batch, Chains, Loss, Progress, Scatter, Weights};
 use self::kernels::Kernels;
@@ -212,7 +212,7 @@ impl GpuTraining {
     ///
     /// # Errors
     /// If the device was lost.
-    pub fn run(&self, steps: &[Step]) -> Result<(), GpuError> {
+    pub fn run(&self, steps: &[Step]) -> Result<Submission, GpuError> {
         let draws: Vec<u32> = steps.iter().flat_map(|step| step.draws.iter().copied()).collect();
         self.gpu.write(&self.buffers.draws, 0, &draws);
         let mut commands = self.gpu.commands("training steps");
@@ -222,7 +222,7 @@ impl GpuTraining {
             self.optimise.record_update(&mut commands, step);
             first += step.draws.len() as u32;
         }
-        commands.submit()
+        commands.submit_tracked()
     }
 
     /// Gradient and loss of the samples of some chunks.

@@ -2,7 +2,7 @@ use std::borrow::Cow;
 use std::sync::Arc;
 use std::time::Instant;
 
-use relume_gpu::Gpu;
+use relume_gpu::{Gpu, Submission};
 
 use super::arguments::Progress;
 use super::matrices::are_worth_it;
@@ -36,9 +36,10 @@ pub(crate) struct DeviceCore {
     loss: Option<f64>,
     /// First block of gathered samples that is not there yet.
     next_block: u64,
-    /// Chunk that the next batch from a pool begins at.
+    /// Chunk that the next batch from a pool begins at, among those of the steps that are handed over next.
     next_chunk: usize,
-    chunks: usize,
+    /// The steps that were handed over last.
+    submitted: Option<Submission>,
     /// Whether its targets are gathered on the CPU, because one of those from the device was not finite.
     distrusted: bool,
 }
@@ -91,7 +92,7 @@ impl Trainer {
             loss: None,
             next_block: 0,
             next_chunk: 0,
-            chunks,
+            submitted: None,
             distrusted: false,
         };
         self.upload_blocks(&mut device, None)?;
@@ -157,6 +158,7 @@ impl Trainer {
     ) -> Result<StepReport, ProxyError> {
         let before = (self.state.step, self.state.samples);
         let targets = source.on_device().filter(|_| !device.distrusted);
+        device.next_chunk = 0;
         let mut steps = Vec::new();
         let mut ready = Ok(true);
         while steps.len() < device.steps && (steps.is_empty() || !self.done()) {
@@ -187,7 +189,11 @@ impl Trainer {
     ) -> Result<(), ProxyError> {
         self.upload_blocks(device, targets)?;
         if !steps.is_empty() {
-            device.training.run(steps)?;
+            let submission = device.training.run(steps)?;
+            // At most two groups of steps wait on the device, since a picture that is asked for meanwhile waits behind them.
+            if let Some(before) = device.submitted.replace(submission) {
+                device.training.gpu.wait_for(before)?;
+            }
             device.unread.extend(steps.iter().map(|step| (step.draws.len() * CHUNK) as u64));
         }
         Ok(())
@@ -247,9 +253,6 @@ impl Trainer {
         let batch = self.random_batch(&scale, samples);
         self.widen_ranges(&batch.lights);
         let count = samples / CHUNK;
-        if device.next_chunk + count > device.chunks {
-            device.next_chunk = 0;
-        }
         device.training.write_chunks(device.next_chunk, &batch, &scale);
         let first = device.next_chunk as u32;
         device.next_chunk += count;
