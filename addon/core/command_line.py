@@ -45,6 +45,7 @@ def parser() -> argparse.ArgumentParser:
     _add_relight(commands)
     _add_verify(commands)
     _add_read_picture(commands)
+    _add_render_world(commands)
     for name, text in FORWARDED.items():
         commands.add_parser(name, help=f"{text} (see `{PROGRAM} {name} --help`)", add_help=False)
     return top
@@ -87,6 +88,12 @@ def _add_read_picture(commands: argparse._SubParsersAction) -> None:
     read = commands.add_parser("read-picture", help="read a target or a mask for the solver (used by the panel)")
     read.add_argument("folder", help="folder with the job, for the result too")
     _add_output(read)
+
+
+def _add_render_world(commands: argparse._SubParsersAction) -> None:
+    render = commands.add_parser("render-world", help="render a world with Cycles over all directions (used by a bake)")
+    render.add_argument("folder", help="folder with the job, for the result too")
+    _add_output(render)
 
 
 def _add_view(command: argparse.ArgumentParser) -> None:

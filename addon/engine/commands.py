@@ -18,7 +18,7 @@ from ..core import command_line
 from ..core.bake_folder import clear, is_bake
 from ..core.progress import Reporter, clock
 from ..export import ExportError, ExportOptions, trace_settings, write_view_table
-from . import pictures, record
+from . import pictures, record, world_render, worlds
 from .native import native
 from .scene import load_scene
 
@@ -141,6 +141,13 @@ def read_picture(options: argparse.Namespace, _rest: list[str], reporter: Report
     return 0
 
 
+def render_world(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
+    """Renders a world with Cycles over all directions."""
+    world_render.render(Path(options.folder))
+    reporter.result({}, "rendered")
+    return 0
+
+
 def _open_scene(options: argparse.Namespace) -> bpy.types.Scene:
     _check_that_the_file_was_opened()
     scene = bpy.context.scene
@@ -165,7 +172,7 @@ def _export_options(options: argparse.Namespace) -> ExportOptions:
     )
 
 
-COMMANDS = {"bake": bake, "relight": relight, "verify": verify, pictures.COMMAND: read_picture}
+COMMANDS = {"bake": bake, "relight": relight, "verify": verify, pictures.COMMAND: read_picture, worlds.COMMAND: render_world}
 
 
 def main(arguments: list[str]) -> int:

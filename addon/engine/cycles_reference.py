@@ -102,14 +102,14 @@ def _render_halves(
         scene.cycles.samples, scene.cycles.seed = count, part
         scene.render.filepath = str(path)
         bpy.ops.render.render(write_still=True, scene=scene.name)
-        sums[part % 2] = sums[part % 2] + count * _read(path)
+        sums[part % 2] = sums[part % 2] + count * read_picture(path)
         weights[part % 2] += count
     on_progress(parts, parts)
     path.unlink()
     return [total / weight for total, weight in zip(sums, weights, strict=True)]
 
 
-def _read(path: Path) -> np.ndarray:
+def read_picture(path: Path) -> np.ndarray:
     """RGBA [height, width, 4], bottom row first."""
     image = bpy.data.images.load(str(path))
     try:

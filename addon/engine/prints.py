@@ -20,17 +20,15 @@ from ..core.differences import Print
 from ..export import trace_settings
 from ..export.camera import UnsupportedCameraError, camera_json, film_size
 from ..export.materials.graph import used_tree
+from ..export.plain import SIMPLE, effective_properties, plain
 from ..export.working_space import working_space
-from ..export.world import export_world
+from ..export.world import export_world, world_of
+from ..export.world_graph import WorldGraph
+from .render_depsgraph import render_layer
 
 Take = Callable[[], Print | None]
 
 GEOMETRY = {"MESH", "CURVE", "SURFACE", "FONT", "META", "CURVES", "POINTCLOUD", "VOLUME"}
-LOOKS_ONLY = {
-    "color", "height", "hide", "label", "location", "location_absolute", "name", "parent", "select", "use_custom_color",
-    "warning_propagation", "width",
-}  # fmt: skip
-"""Properties of nodes and modifiers that do not change what they do."""
 DATA = (bpy.types.Mesh, bpy.types.Curve, bpy.types.MetaBall)
 
 
@@ -63,7 +61,7 @@ def walk(scene: bpy.types.Scene) -> Iterator[tuple[str, Take]]:
     for kind, take in ONE_OF_A_KIND.items():
         yield kind, partial(take, scene)
     walked: set[int] = set()
-    yield from _images(scene.world, walked)
+    yield from _images(world_of(scene, render_layer(scene)), walked)
     for obj in list(scene.objects):
         if not _counts(obj):
             yield "", _nothing
@@ -162,7 +160,7 @@ def _object(obj: bpy.types.Object) -> Print | None:
 
 
 def _modifier(modifier: bpy.types.Modifier) -> list:
-    inputs = [(name, _plain(value)) for name, value in modifier.items()] if modifier.type == "NODES" else []
+    inputs = [(name, plain(value)) for name, value in modifier.items()] if modifier.type == "NODES" else []
     return [modifier.type, modifier.show_render, _values(modifier), inputs]
 
 
@@ -235,8 +233,8 @@ def _tree(tree: bpy.types.NodeTree) -> list:
 
 
 def _node(node: bpy.types.Node) -> list:
-    inputs = [_plain(socket.default_value) for socket in node.inputs if hasattr(socket, "default_value")]
-    outputs = [_plain(socket.default_value) for socket in node.outputs if hasattr(socket, "default_value")]
+    inputs = [plain(socket.default_value) for socket in node.inputs if hasattr(socket, "default_value")]
+    outputs = [plain(socket.default_value) for socket in node.outputs if hasattr(socket, "default_value")]
     extra: list[Any] = []
     if (ramp := getattr(node, "color_ramp", None)) is not None:
         extra.append([ramp.interpolation, [(stop.position, tuple(stop.color)) for stop in ramp.elements]])
@@ -252,25 +250,14 @@ def _node(node: bpy.types.Node) -> list:
 def _values(struct: Any) -> list:
     """Simple settings of any part of a file."""
     found = []
-    for prop in struct.bl_rna.properties:
+    for prop in effective_properties(struct):
         name = prop.identifier
-        if prop.is_readonly or name in LOOKS_ONLY or name.startswith(("show_", "bl_", "is_", "use_fake", "select")):
-            continue
-        if prop.type in {"BOOLEAN", "INT", "FLOAT", "ENUM", "STRING"}:
-            found.append((name, _plain(getattr(struct, name))))
+        if prop.type in SIMPLE:
+            found.append((name, plain(getattr(struct, name))))
         elif prop.type == "POINTER":
             target = getattr(struct, name)
             found.append((name, target.name_full if isinstance(target, bpy.types.ID) else ""))
     return found
-
-
-def _plain(value: Any) -> Any:
-    """A value whose text is the same for the same setting."""
-    if isinstance(value, bpy.types.ID):
-        return value.name_full
-    if isinstance(value, (bool, int, float, str, set)) or value is None:
-        return sorted(value) if isinstance(value, set) else value
-    return [_plain(entry) for entry in value] if hasattr(value, "__iter__") else type(value).__name__
 
 
 def _camera(scene: bpy.types.Scene) -> Print | None:
@@ -309,6 +296,10 @@ class _WorldRecorder:
         """As the image exporter's."""
         return image.name_full
 
+    def texture_of(self, graph: WorldGraph, _name: str) -> str:
+        """In place of rendering the world."""
+        return graph.text
+
     def warn(self, message: str) -> None:
         """What cannot be represented is a part of the world too."""
         self.shape.append(message)
@@ -317,7 +308,7 @@ class _WorldRecorder:
 def world(scene: bpy.types.Scene) -> Print:
     """The print of the scene's world."""
     recorder: Any = _WorldRecorder()
-    export_world(recorder, recorder, scene)
+    export_world(recorder, recorder, recorder.texture_of, scene, render_layer(scene))
     return {"shape": _hash(recorder.shape), "color": " ".join(f"{channel:.9g}" for channel in recorder.color)}
 
 

@@ -100,7 +100,7 @@ def with_render_depsgraph(scene: bpy.types.Scene, work: Callable[[bpy.types.Deps
     what says whether to stop. Blender's window stands still meanwhile."""
     task = RenderTask(scene, work)
     with _hidden_engine(task), _kept_render_result(), _render_settings(task):
-        bpy.ops.render.render(layer=_layer(scene), scene=scene.name)
+        bpy.ops.render.render(layer=render_layer(scene).name, scene=scene.name)
     return task.result()
 
 
@@ -119,7 +119,7 @@ def start_with_render_depsgraph(
         around.push(settings)
         settings.enter_context(_render_settings(task))
         with _no_render_window(), bpy.context.temp_override(window=_window()):
-            answer = bpy.ops.render.render("INVOKE_DEFAULT", layer=_layer(scene), scene=scene.name)
+            answer = bpy.ops.render.render("INVOKE_DEFAULT", layer=render_layer(scene).name, scene=scene.name)
         if answer == {"CANCELLED"}:
             raise RuntimeError("Blender is rendering already; wait for its end or press Esc there")
     except BaseException:
@@ -156,8 +156,9 @@ def _is_waiting() -> bool:
     return any(operator.bl_idname == "RENDER_OT_render" for window in windows for operator in window.modal_operators)
 
 
-def _layer(scene: bpy.types.Scene) -> str:
-    return next((layer.name for layer in scene.view_layers if layer.use), scene.view_layers[0].name)
+def render_layer(scene: bpy.types.Scene) -> bpy.types.ViewLayer:
+    """The view layer that a scene is read with."""
+    return next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
 
 
 def _window() -> bpy.types.Window:

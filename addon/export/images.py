@@ -82,9 +82,7 @@ class ImageExporter:
 def colors_of_file(image: bpy.types.Image) -> str | None:
     """What the values in an image's file stand for, in the native module's words; None where Blender may have others
     than those of one file, or where the native module does not know the colour space."""
-    if image.source != "FILE" or image.is_dirty:
-        return None
-    if image.has_data and not image.filepath:  # Made in Blender: what is packed may lack the alpha that it has.
+    if not is_as_in_file(image):
         return None
     if image.colorspace_settings.is_data:
         return "data"
@@ -92,6 +90,13 @@ def colors_of_file(image: bpy.types.Image) -> str | None:
         return None
     space = image.colorspace_settings.name
     return "linear" if space in LINEAR_SPACES else "srgb" if space in SRGB_SPACES else None
+
+
+def is_as_in_file(image: bpy.types.Image) -> bool:
+    """Whether the pixels of an image are those of its one file, which may be packed."""
+    if image.source != "FILE" or image.is_dirty:
+        return False
+    return not image.has_data or bool(image.filepath)  # Made in Blender: what is packed may lack the alpha that it has.
 
 
 def _as_rgba(values: np.ndarray) -> np.ndarray:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Callable
 from typing import Any
 
 import bpy
+import numpy as np
 
 from ..core.random_number import MASK, random_of_name
 from .camera import camera_json, film_size
@@ -15,7 +17,8 @@ from .images import ImageExporter
 from .lights import LightExporter
 from .linking import LightLinking
 from .materials import MaterialExporter
-from .world import export_world
+from .world import WorldRenderError, export_world
+from .world_graph import WorldGraph
 
 UNSUPPORTED_TYPES = {
     "VOLUME": "volumes",
@@ -38,18 +41,30 @@ class ExportOptions:
     """Width and height in pixels; the scene's if None."""
 
 
+RenderWorld = Callable[[WorldGraph], np.ndarray]
+"""Renders a world over all directions: equirectangular RGBA [height, width, 4], bottom row first, scene-linear. Raises
+WorldRenderError."""
+
+
 class ExportError(Exception):
     """The scene cannot be exported; the message says why and what to do."""
 
 
-def export_scene(builder: Any, depsgraph: bpy.types.Depsgraph, options: ExportOptions) -> None:
-    """Feeds `builder` (a `relume.SceneBuilder`) with everything that `depsgraph` renders."""
+def _no_render(_world: WorldGraph) -> np.ndarray:
+    raise WorldRenderError("there is no other Blender to render it")
+
+
+def export_scene(
+    builder: Any, depsgraph: bpy.types.Depsgraph, options: ExportOptions, render_world: RenderWorld = _no_render
+) -> None:
+    """Feeds `builder` (a `relume.SceneBuilder`) with everything that `depsgraph` renders. What a world's nodes do
+    `render_world` finds out where they are more than a colour or an environment texture."""
     if depsgraph.mode != "RENDER":
         raise ExportError("the scene must be evaluated for rendering; start the export from a render engine")
     scene = depsgraph.scene_eval
     size = options.resolution or film_size(scene.render, options.resolution_percentage)
     builder.set_camera(camera_json(_camera_object(depsgraph, options), scene, size))
-    _SceneExporter(builder, depsgraph).run()
+    _SceneExporter(builder, depsgraph, render_world).run()
 
 
 def _camera_object(depsgraph: bpy.types.Depsgraph, options: ExportOptions) -> bpy.types.Object:
@@ -64,8 +79,9 @@ def _camera_object(depsgraph: bpy.types.Depsgraph, options: ExportOptions) -> bp
 
 
 class _SceneExporter:
-    def __init__(self, builder: Any, depsgraph: bpy.types.Depsgraph):
+    def __init__(self, builder: Any, depsgraph: bpy.types.Depsgraph, render_world: RenderWorld):
         self.builder = builder
+        self.render_world = render_world
         self.depsgraph = depsgraph
         self.view_layer = depsgraph.view_layer
         self.images = ImageExporter(builder)
@@ -85,7 +101,11 @@ class _SceneExporter:
                 self.lights.export(obj, instance.matrix_world)
             elif obj.type == "MESH":  # Curves, text and metaballs appear as meshes of their own.
                 self._export_geometry(instance)
-        export_world(self.builder, self.images, self.depsgraph.scene_eval)
+        scene, view_layer = self.depsgraph.scene_eval, self.depsgraph.view_layer_eval
+        export_world(self.builder, self.images, self._world_texture, scene, view_layer)
+
+    def _world_texture(self, world: WorldGraph, name: str) -> int:
+        return self.builder.add_texture(name, self.render_world(world), encoding="linear", alpha="none")
 
     def _export_geometry(self, instance: bpy.types.DepsgraphObjectInstance) -> None:
         obj = instance.object

@@ -1,34 +1,91 @@
-"""The world: a colour or one environment texture."""
+"""The world: a colour, an environment texture, or a texture that Cycles renders of whatever its nodes do."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import bpy
 from mathutils import Euler, Matrix
 
 from .images import ImageExporter
-from .materials.graph import Source, constant_value, resolve, used_tree
+from .materials.graph import Source, Unlinked, used_tree
+from .world_graph import UnsupportedNodeError, WorldGraph, WorldReader, place_of
 
 BLACK = [0.0, 0.0, 0.0]
+HIDDEN_RAYS = ("diffuse", "glossy", "transmission", "scatter")
+FORWARD = {
+    *(("ShaderNodeTexCoord", output) for output in ("Generated", "Object")),
+    ("ShaderNodeNewGeometry", "Position"),
+}
+"""Outputs that are the direction in which a ray leaves the scene."""
+BACKWARD = {
+    *(("ShaderNodeTexCoord", output) for output in ("Normal", "Reflection")),
+    *(("ShaderNodeNewGeometry", output) for output in ("Normal", "True Normal", "Incoming")),
+}
+"""Those that are the opposite direction."""
 
 
-def export_world(builder: Any, images: ImageExporter, scene: bpy.types.Scene) -> None:
-    """Sets the world of `builder`; what cannot be represented is named and black."""
-    world = scene.world
+class WorldRenderError(Exception):
+    """Cycles could not render a world; the message says why."""
+
+
+TextureOf = Callable[[WorldGraph, str], Any]
+"""Number of a texture of a world, rendered over all directions; the name is for messages. Raises WorldRenderError."""
+
+
+def world_of(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> bpy.types.World | None:
+    """The world that a view layer is rendered with."""
+    return (view_layer.world_override or scene.world) if view_layer.use_sky else None
+
+
+def export_world(
+    builder: Any,
+    images: ImageExporter,
+    texture_of: TextureOf,
+    scene: bpy.types.Scene,
+    view_layer: bpy.types.ViewLayer,
+) -> None:
+    """Sets the world of `builder`; what cannot be represented is named."""
+    world = world_of(scene, view_layer)
     if world is None:
         builder.set_world(BLACK)
         return
-    _WorldExporter(builder, images, world, scene.render.film_transparent).run()
+    exporter = _WorldExporter(builder, images, texture_of, world, scene.render.film_transparent)
+    exporter.name_settings(scene)
+    exporter.run()
 
 
 class _WorldExporter:
-    def __init__(self, builder: Any, images: ImageExporter, world: bpy.types.World, film_transparent: bool):
+    def __init__(
+        self,
+        builder: Any,
+        images: ImageExporter,
+        texture_of: TextureOf,
+        world: bpy.types.World,
+        film_transparent: bool,
+    ):
         self.builder = builder
         self.images = images
+        self.texture_of = texture_of
         self.world = world
+        self.reader = WorldReader()
         visibility = getattr(world, "cycles_visibility", None)
         self.visible_camera = (visibility is None or visibility.camera) and not film_transparent
+
+    def name_settings(self, scene: bpy.types.Scene) -> None:
+        """Names settings of the world that paths without lights cannot represent."""
+        visibility = getattr(self.world, "cycles_visibility", None)
+        for ray in HIDDEN_RAYS:
+            if not getattr(visibility, ray, True):
+                self._name(f"ray visibility without {ray} is not supported yet; {ray} rays see it")
+        cycles = getattr(self.world, "cycles", None)
+        if cycles is None:
+            return
+        if cycles.max_bounces < scene.cycles.max_bounces:
+            self._name("a limit of its bounces is not supported yet; it lights along whole paths")
+        if not getattr(cycles, "use_shadows", True):
+            self._name("light without shadow is not supported; objects block it")
 
     def run(self) -> None:
         tree = used_tree(self.world)
@@ -38,78 +95,99 @@ class _WorldExporter:
         output = tree.get_output_node("CYCLES")
         if output and output.inputs["Volume"].is_linked:
             self._name("its volume is not supported yet; left out")
-        source = resolve(output.inputs["Surface"], ()) if output else None
-        if source is None:
+        source = self.reader.follow(output.inputs["Surface"], ()) if output else None
+        if not isinstance(source, Source):
             self._set(BLACK)
-        elif source.node.bl_idname != "ShaderNodeBackground":
-            self._name(f"node '{source.node.name}' is not supported yet; the world is black")
-            self._set(BLACK)
-        else:
-            self._background(source)
+        elif not (source.node.bl_idname == "ShaderNodeBackground" and self._background(source)):
+            self._rendered(source)
+        if self.reader.uses_light_path:
+            self._name(
+                "what depends on Light Path is taken as diffuse rays see it; camera and reflections may see another world"
+            )
 
-    def _background(self, source: Source) -> None:
-        strength = constant_value(source.node.inputs["Strength"], source.context)
-        if not isinstance(strength, float):
-            self._name(f"node '{source.node.name}' has a strength that is not constant; taken as 1")
-            strength = 1.0
-        color = constant_value(source.node.inputs["Color"], source.context)
+    def _background(self, source: Source) -> bool:
+        """Sets a colour or an environment texture, if that is what the node shows."""
+        strength = self._strength(source)
+        if strength is None:
+            return False
+        color = self.reader.constant(source.node.inputs["Color"], source.context)
         if color is not None:
             color = color if isinstance(color, list) else [color] * 3
             self._set([channel * strength for channel in color])
-            return
-        texture = resolve(source.node.inputs["Color"], source.context)
-        if texture is not None and texture.node.bl_idname == "ShaderNodeTexEnvironment" and texture.node.image:
-            self._texture(texture, strength)
-            return
-        name = texture.node.name if texture else source.node.name
-        self._name(f"node '{name}' is not supported yet; the world is black")
-        self._set(BLACK)
+            return True
+        texture = self.reader.follow(source.node.inputs["Color"], source.context)
+        if not isinstance(texture, Source) or texture.node.bl_idname != "ShaderNodeTexEnvironment":
+            return False
+        mapping = self._direction(texture, "Vector")
+        if texture.node.projection != "EQUIRECTANGULAR" or texture.node.image is None or mapping is None:
+            return False
+        number = self.images.number(texture.node.image, f"world '{self.world.name}'")
+        self._set([strength] * 3, texture=number, matrix=mapping)
+        return True
 
-    def _texture(self, source: Source, strength: float) -> None:
-        node = source.node
-        if node.projection != "EQUIRECTANGULAR":
-            self._name(f"node '{node.name}' has a mirror ball projection, taken as equirectangular")
-        number = self.images.number(node.image, f"world '{self.world.name}'")
-        self._set([strength] * 3, texture=number, matrix=self._mapping(source))
+    def _strength(self, background: Source) -> float | None:
+        strength = self.reader.constant(background.node.inputs["Strength"], background.context)
+        return strength if isinstance(strength, float) else None
 
-    def _mapping(self, source: Source) -> Matrix:
-        """Texture direction from world direction."""
-        vector = resolve(source.node.inputs["Vector"], source.context)
-        if vector is None or _is_direction(vector):
+    def _direction(self, user: Source, socket: str) -> Matrix | None:
+        """The texture direction that a node gets, from the world direction; None if it is no linear map of it."""
+        wanted = user.node.inputs[socket]
+        found = self.reader.follow(wanted, user.context)
+        if isinstance(found, Unlinked) and found.socket == wanted and user.node.bl_idname != "ShaderNodeMapping":
             return Matrix.Identity(3)
-        mapping = vector.node
-        before = resolve(mapping.inputs["Vector"], vector.context) if mapping.bl_idname == "ShaderNodeMapping" else None
-        if before is None or not _is_direction(before):
-            self._name(f"node '{mapping.name}' is not supported before an environment texture; ignored")
+        if not isinstance(found, Source):
+            return None
+        node, key = found.node, (found.node.bl_idname, found.socket.identifier)
+        if key == ("ShaderNodeTexCoord", "Object") and node.object is not None:
+            place = Matrix(place_of(node.object))
+            return None if any(place.translation) else place.to_3x3().inverted_safe()
+        if key in FORWARD:
             return Matrix.Identity(3)
+        if key in BACKWARD:
+            return -Matrix.Identity(3)
+        return self._mapping(found) if node.bl_idname == "ShaderNodeMapping" else None
+
+    def _mapping(self, source: Source) -> Matrix | None:
+        """Of a Mapping node, with what is before it."""
+        node, before = source.node, self._direction(source, "Vector")
         values = {
-            name: constant_value(mapping.inputs[name], vector.context) if name in mapping.inputs else None
-            for name in ("Location", "Rotation", "Scale")
+            name: self.reader.constant(node.inputs[name], source.context) if name in node.inputs else default
+            for name, default in (("Location", BLACK), ("Rotation", BLACK), ("Scale", [1.0] * 3))
         }
-        rotation = Euler(values["Rotation"] or BLACK, "XYZ").to_matrix()
-        scale = Matrix.Diagonal(values["Scale"] or (1.0, 1.0, 1.0))
-        moves = values["Location"] not in (None, BLACK)
-        if moves and mapping.vector_type in {"POINT", "TEXTURE"}:
-            self._name(f"node '{mapping.name}' moves the environment texture; only its rotation and scale are used")
-        match mapping.vector_type:
+        if before is None or not all(isinstance(value, list) for value in values.values()):
+            return None
+        if values["Location"] != BLACK and node.vector_type in {"POINT", "TEXTURE"}:
+            return None
+        rotation = Euler(values["Rotation"], "XYZ").to_matrix()
+        scale = Matrix.Diagonal(values["Scale"])
+        match node.vector_type:
             case "TEXTURE":
-                return scale.inverted_safe() @ rotation.transposed()
+                return scale.inverted_safe() @ rotation.transposed() @ before
             case "NORMAL":
-                return rotation @ scale.inverted_safe()
+                return rotation @ scale.inverted_safe() @ before
             case _:
-                return rotation @ scale
+                return rotation @ scale @ before
 
-    def _set(self, color: list[float], texture: int | None = None, matrix: Matrix | None = None) -> None:
+    def _rendered(self, surface: Source) -> None:
+        """Sets a texture that Cycles renders; the strength of a Background node stays a factor of it."""
+        strength = self._strength(surface) if surface.node.bl_idname == "ShaderNodeBackground" else None
+        try:
+            graph = WorldGraph(surface, self.reader)
+            if strength is not None:
+                graph.take_strength()
+            texture = self.texture_of(graph, self.world.name)
+        except UnsupportedNodeError as error:
+            self._name(f"{error}, which is not supported yet; the world is black")
+            self._set(BLACK)
+        except WorldRenderError as error:
+            self._name(f"Cycles could not render it: {error}; the world is black")
+            self._set(BLACK)
+        else:
+            self._set([1.0 if strength is None else strength] * 3, texture=texture)
+
+    def _set(self, color: list[float], texture: Any = None, matrix: Matrix | None = None) -> None:
         rows = [list(row) for row in (matrix or Matrix.Identity(3))]
         self.builder.set_world(color, texture=texture, texture_from_world=rows, visible_camera=self.visible_camera)
 
     def _name(self, what: str) -> None:
         self.builder.warn(f"world '{self.world.name}': {what}")
-
-
-def _is_direction(source: Source) -> bool:
-    """Whether a texture vector is the world direction of the ray."""
-    node, socket = source.node, source.socket.identifier
-    return (node.bl_idname == "ShaderNodeTexCoord" and socket in {"Generated", "Object", "Normal"}) or (
-        node.bl_idname == "ShaderNodeNewGeometry" and socket in {"Position"}
-    )

@@ -76,7 +76,11 @@ def resolve(socket: bpy.types.NodeSocket, context: Context) -> Source | None:
 
 def constant_value(socket: bpy.types.NodeSocket, context: Context) -> Value | None:
     """The value of a socket that nothing but a constant feeds, as this socket sees it; None otherwise."""
-    source = trace(socket, context)
+    return constant_of(trace(socket, context), socket)
+
+
+def constant_of(source: Source | Unlinked | None, socket: bpy.types.NodeSocket) -> Value | None:
+    """The value of what feeds `socket` (as `trace` finds it), as `socket` sees it; None if it is no constant."""
     if source is None:
         return convert([0.0, 0.0, 0.0], socket, is_color=True)
     if isinstance(source, Unlinked):
@@ -95,6 +99,9 @@ def node_constant(source: Source) -> Value | None:
     if source.node.bl_idname == "ShaderNodeBlackbody":
         kelvin = constant_value(source.node.inputs["Temperature"], source.context)
         return blackbody_color(kelvin) if isinstance(kelvin, float) else None
+    if source.node.bl_idname == "ShaderNodeCombineXYZ":
+        parts = [constant_value(socket, source.context) for socket in source.node.inputs]
+        return parts if all(isinstance(part, float) for part in parts) else None
     return None
 
 

@@ -1,0 +1,200 @@
+"""What a world computes, as plain data from which another Blender builds the same world: a flat list of nodes, without
+groups, reroutes and muted nodes, with the values of the evaluated file.
+
+A baked world is the one that lights: light paths are those of a diffuse ray after its first hit."""
+
+from __future__ import annotations
+
+import json
+from typing import Any, NamedTuple
+
+import bpy
+
+from .materials.graph import Context, Source, Unlinked, Value, constant_of, convert, trace
+from .plain import plain, settings_of
+
+LIGHT_PATH = {
+    "Is Diffuse Ray": 1.0,
+    "Is Reflection Ray": 1.0,
+    "Ray Length": 1e4,
+    "Ray Depth": 1.0,
+    "Diffuse Depth": 1.0,
+}
+"""Outputs of the Light Path node for a diffuse ray after its first hit; the others are 0."""
+UNSUPPORTED = {
+    "ShaderNodeAttribute": "reads attributes",
+    "ShaderNodeCameraData": "depends on the camera",
+    "ShaderNodeScript": "is a script",
+}
+VALUES = {"ShaderNodeValue", "ShaderNodeRGB", "ShaderNodeNormal"}
+"""Nodes that keep their value in an output."""
+CAMERA_SPACE = {("ShaderNodeTexCoord", "Camera"), ("ShaderNodeTexCoord", "Window")}
+"""Outputs that depend on the camera."""
+
+
+class UnsupportedNodeError(Exception):
+    """A node cannot be handed over; the message names it."""
+
+
+class Sides(NamedTuple):
+    """Sockets of a node that mixes two inputs."""
+
+    factor: bpy.types.NodeSocket
+    first: bpy.types.NodeSocket
+    second: bpy.types.NodeSocket
+    is_second_alone: bool
+    """Whether factor 1 gives the second input alone."""
+
+
+class WorldReader:
+    """Follows the nodes of a world, past mixtures of which one side counts only."""
+
+    def __init__(self) -> None:
+        self.uses_light_path = False
+        """Whether anything depended on what sees the world."""
+
+    def follow(self, socket: bpy.types.NodeSocket, context: Context) -> Source | Unlinked | None:
+        """As `trace`, through Mix nodes with a factor of 0 or 1 too."""
+        while True:
+            found = trace(socket, context)
+            sides = _sides(found.node) if isinstance(found, Source) else None
+            if not isinstance(found, Source) or sides is None:
+                return found
+            factor = self.constant(sides.factor, found.context)
+            if factor == 0.0:
+                socket = sides.first
+            elif factor == 1.0 and sides.is_second_alone:
+                socket = sides.second
+            else:
+                return found
+            context = found.context
+
+    def constant(self, socket: bpy.types.NodeSocket, context: Context) -> Value | None:
+        """The value of a socket that nothing but a constant feeds; None otherwise."""
+        found = self.follow(socket, context)
+        if isinstance(found, Source) and found.node.bl_idname == "ShaderNodeLightPath":
+            self.uses_light_path = True
+            return convert(LIGHT_PATH.get(found.socket.identifier, 0.0), socket, is_color=False)
+        return constant_of(found, socket)
+
+
+class WorldGraph:
+    """The nodes behind a surface shader of a world, each with its type, settings and inputs."""
+
+    def __init__(self, surface: Source, reader: WorldReader):
+        self.nodes: list[dict[str, Any]] = []
+        self.images: dict[str, bpy.types.Image] = {}
+        """By their full names."""
+        self._reader = reader
+        self._numbers: dict[tuple[int, ...], int] = {}
+        self.surface = self._link(surface)
+
+    def take_strength(self) -> None:
+        """Sets the surface, a Background node, to strength 1."""
+        self.nodes[self.surface["node"]]["inputs"]["Strength"] = 1.0
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """All but the images' pixels, for JSON."""
+        return {"surface": self.surface, "nodes": self.nodes}
+
+    @property
+    def text(self) -> str:
+        """The same text for the same world."""
+        return json.dumps(self.content, sort_keys=True)
+
+    def _link(self, source: Source) -> dict[str, Any]:
+        node, output = source.node, source.socket.identifier
+        if (node.bl_idname, output) in CAMERA_SPACE:
+            raise UnsupportedNodeError(f"node '{node.name}' ({output}) depends on the camera")
+        key = (node.as_pointer(), *(group.as_pointer() for group in source.context))
+        if key not in self._numbers:
+            # The number first: the nodes behind come after.
+            self._numbers[key] = len(self.nodes)
+            self.nodes.append({})
+            self.nodes[self._numbers[key]] |= self._node(node, source.context)
+        return {"node": self._numbers[key], "output": output}
+
+    def _node(self, node: bpy.types.Node, context: Context) -> dict[str, Any]:
+        if node.bl_idname in UNSUPPORTED:
+            raise UnsupportedNodeError(f"node '{node.name}' {UNSUPPORTED[node.bl_idname]}")
+        inputs = {}
+        for socket in node.inputs:
+            if not socket.is_unavailable and (value := self._input(socket, context)) is not None:
+                inputs[socket.identifier] = value
+        return {
+            "type": node.bl_idname,
+            "settings": settings_of(node) | {"mute": False},
+            "inputs": inputs,
+            "value": plain(node.outputs[0].default_value) if node.bl_idname in VALUES else None,
+            "parts": self._parts(node),
+        }
+
+    def _input(self, socket: bpy.types.NodeSocket, context: Context) -> Any:
+        """A value, a link, or None of what is implied."""
+        found = self._reader.follow(socket, context)
+        if isinstance(found, Source) and found.node.bl_idname != "ShaderNodeLightPath":
+            return self._link(found)
+        if socket.type == "SHADER" or not hasattr(socket, "default_value"):
+            return None
+        if isinstance(found, Unlinked) and found.socket == socket:
+            return None if socket.hide_value else plain(socket.default_value)
+        value = self._reader.constant(socket, context)
+        value = 0.0 if value is None else value
+        own = plain(socket.default_value)
+        if not isinstance(own, list):
+            return value
+        values = value if isinstance(value, list) else [value] * 3
+        return [*values, *own[len(values) :]]
+
+    def _parts(self, node: bpy.types.Node) -> dict[str, Any]:
+        """What belongs to a node besides its own settings."""
+        parts: dict[str, Any] = {}
+        for prop in node.bl_rna.properties:
+            name = prop.identifier
+            if name in bpy.types.Node.bl_rna.properties or name in {"color_mapping", "image_user"}:
+                continue
+            value = getattr(node, name) if prop.type in {"POINTER", "COLLECTION"} else None
+            if value is None or (prop.type == "COLLECTION" and not len(value)):
+                continue
+            parts[name] = self._part(node, value)
+        return parts
+
+    def _part(self, node: bpy.types.Node, value: Any) -> Any:
+        if isinstance(value, bpy.types.Image):
+            self.images[value.name_full] = value
+            return {"image": value.name_full}
+        if isinstance(value, bpy.types.Object):
+            return {"object": place_of(value)}
+        if isinstance(value, bpy.types.ColorRamp):
+            stops = [[stop.position, plain(stop.color)] for stop in value.elements]
+            return {"settings": settings_of(value), "stops": stops}
+        if isinstance(value, bpy.types.CurveMapping):
+            curves = [
+                [[plain(point.location), point.handle_type] for point in curve.points] for curve in value.curves
+            ]
+            return {"settings": settings_of(value), "curves": curves}
+        if isinstance(value, bpy.types.TexMapping):
+            return {"settings": settings_of(value)}
+        raise UnsupportedNodeError(f"node '{node.name}' ({node.bl_label})")
+
+
+def place_of(obj: bpy.types.Object) -> list[list[float]]:
+    """Rows of an object's matrix, to six digits: evaluating a file again may differ by a rounding."""
+    return [[float(f"{cell:.6g}") for cell in row] for row in obj.matrix_world]
+
+
+def _sides(node: bpy.types.Node) -> Sides | None:
+    """Of a node that mixes; None of others."""
+    if node.bl_idname == "ShaderNodeMixShader":
+        return Sides(*node.inputs, is_second_alone=True)
+    if node.bl_idname == "ShaderNodeMixRGB" and not node.use_clamp:
+        return Sides(*node.inputs, is_second_alone=node.blend_type == "MIX")
+    if node.bl_idname != "ShaderNodeMix" or node.data_type not in {"FLOAT", "RGBA"}:
+        return None
+    if node.data_type == "RGBA" and node.clamp_result:
+        return None
+    suffix = "Float" if node.data_type == "FLOAT" else "Color"
+    sockets = {socket.identifier: socket for socket in node.inputs}
+    is_mix = node.data_type == "FLOAT" or node.blend_type == "MIX"
+    return Sides(sockets["Factor_Float"], sockets[f"A_{suffix}"], sockets[f"B_{suffix}"], is_mix)
