@@ -1,25 +1,31 @@
-"""Worlds: colour, environment texture, and what is named."""
+"""Worlds: colour, environment texture, what of nodes can be folded into them, and what is named."""
 
 import bpy
 import numpy as np
 import pytest
 from mathutils import Euler
 
-from helpers import add_quad, exported
+from helpers import add, add_quad, add_world, exported
 
 
 def world_tree(scene):
     """A world with Background and Output only."""
-    world = bpy.data.worlds.new("World")
-    scene.world = world
-    if bpy.app.version < (5, 2, 0):
-        world.use_nodes = True
-    world.node_tree.nodes.clear()
-    background = world.node_tree.nodes.new("ShaderNodeBackground")
-    output = world.node_tree.nodes.new("ShaderNodeOutputWorld")
-    world.node_tree.links.new(background.outputs[0], output.inputs["Surface"])
+    background = add_world(scene)
     add_quad(scene)
-    return world.node_tree, background
+    return scene.world.node_tree, background
+
+
+def environment(tree, background):
+    """An environment texture that feeds the colour; returns the node."""
+    texture = tree.nodes.new("ShaderNodeTexEnvironment")
+    texture.image = bpy.data.images.new("Sky", 8, 4, float_buffer=True)
+    tree.links.new(texture.outputs[0], background.inputs["Color"])
+    return texture
+
+
+def matrix_of(world):
+    """Texture direction from world direction."""
+    return np.array(world["texture_from_world"]).reshape(3, 3).T
 
 
 def test_color_times_strength(scene):
@@ -62,16 +68,96 @@ def test_environment_texture_keeps_its_mapping(scene, kind):
     assert matrix == pytest.approx(expected, abs=1e-5)
 
 
-def test_other_worlds_are_named(scene):
-    tree, background = world_tree(scene)
-    sky = tree.nodes.new("ShaderNodeTexSky")
-    tree.links.new(sky.outputs[0], background.inputs["Color"])
-    out = exported(scene)
-    assert out["world"]["color"] == [0, 0, 0]
-    assert any("world 'World': node 'Sky Texture' is not supported" in warning for warning in out["warnings"])
-
-
 def test_camera_visibility(scene):
     world_tree(scene)
     scene.world.cycles_visibility.camera = False
     assert exported(scene)["world"]["visible_camera"] is False
+
+
+def test_a_rotation_that_nodes_give_is_followed(scene):
+    tree, background = world_tree(scene)
+    texture, mapping = environment(tree, background), tree.nodes.new("ShaderNodeMapping")
+    combine, value = tree.nodes.new("ShaderNodeCombineXYZ"), tree.nodes.new("ShaderNodeValue")
+    coordinates = tree.nodes.new("ShaderNodeTexCoord")
+    value.outputs[0].driver_add("default_value").driver.expression = "0.5 + 0.2"
+    tree.links.new(value.outputs[0], combine.inputs["Z"])
+    tree.links.new(combine.outputs[0], mapping.inputs["Rotation"])
+    tree.links.new(coordinates.outputs["Generated"], mapping.inputs["Vector"])
+    tree.links.new(mapping.outputs[0], texture.inputs["Vector"])
+    assert matrix_of(exported(scene)["world"]) == pytest.approx(np.array(Euler((0, 0, 0.7)).to_matrix()), abs=1e-5)
+
+
+def test_an_object_turns_the_environment_texture(scene):
+    tree, background = world_tree(scene)
+    texture, coordinates = environment(tree, background), tree.nodes.new("ShaderNodeTexCoord")
+    coordinates.object = empty = add(scene, "Turn", None)
+    empty.rotation_euler = (0.1, 0.2, 0.7)
+    tree.links.new(coordinates.outputs["Object"], texture.inputs["Vector"])
+    turn = np.array(empty.rotation_euler.to_matrix())
+    assert matrix_of(exported(scene)["world"]) == pytest.approx(turn.T, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("kind", "output"), [("TexCoord", "Normal"), ("TexCoord", "Reflection"), ("NewGeometry", "Incoming")]
+)
+def test_what_looks_back_gives_the_opposite_direction(scene, kind, output):
+    tree, background = world_tree(scene)
+    texture, source = environment(tree, background), tree.nodes.new(f"ShaderNode{kind}")
+    tree.links.new(source.outputs[output], texture.inputs["Vector"])
+    assert matrix_of(exported(scene)["world"]) == pytest.approx(-np.identity(3))
+
+
+@pytest.mark.parametrize("kind", ["shader", "color", "strength"])
+def test_another_background_for_the_camera_is_left_out_and_named(scene, kind):
+    tree, background = world_tree(scene)
+    background.inputs["Color"].default_value = (1.0, 0.5, 0.25, 1.0)
+    background.inputs["Strength"].default_value = 2.0
+    path = tree.nodes.new("ShaderNodeLightPath")
+    camera = path.outputs["Is Camera Ray"]
+    if kind == "shader":
+        mix, other = tree.nodes.new("ShaderNodeMixShader"), tree.nodes.new("ShaderNodeBackground")
+        for source, target in zip((camera, background.outputs[0], other.outputs[0]), mix.inputs[:3], strict=True):
+            tree.links.new(source, target)
+        tree.links.new(mix.outputs[0], tree.get_output_node("CYCLES").inputs["Surface"])
+    else:
+        mix = tree.nodes.new("ShaderNodeMix")
+        mix.data_type = "RGBA" if kind == "color" else "FLOAT"
+        sockets = {socket.identifier: socket for socket in mix.inputs}
+        tree.links.new(camera, sockets["Factor_Float"])
+        if kind == "color":
+            sockets["A_Color"].default_value = background.inputs["Color"].default_value
+            tree.links.new(next(socket for socket in mix.outputs if socket.type == "RGBA"), background.inputs["Color"])
+        else:
+            sockets["A_Float"].default_value, sockets["B_Float"].default_value = 2.0, 7.0
+            tree.links.new(mix.outputs[0], background.inputs["Strength"])
+    found = exported(scene)
+    assert found["world"]["color"] == pytest.approx([2.0, 1.0, 0.5]) and found["world"]["texture"] is None
+    assert [warning for warning in found["warnings"] if "depends on Light Path" in warning]
+
+
+def test_the_view_layer_chooses_the_world(scene):
+    _, background = world_tree(scene)
+    background.inputs["Color"].default_value = (1.0, 0.0, 0.0, 1.0)
+    background.inputs["Strength"].default_value = 1.0
+    override, kept = scene.world, bpy.data.worlds.new("Kept")
+    scene.world = kept
+    scene.view_layers[0].world_override = override
+    assert exported(scene)["world"]["color"] == [1, 0, 0]
+    scene.view_layers[0].use_sky = False
+    assert exported(scene)["world"]["color"] == [0, 0, 0]
+
+
+def test_settings_that_paths_cannot_represent_are_named(scene):
+    world_tree(scene)
+    assert exported(scene)["warnings"] == []
+    world = scene.world
+    for ray in ("diffuse", "glossy", "transmission", "scatter"):
+        setattr(world.cycles_visibility, ray, False)
+    world.cycles.max_bounces = 3
+    words = ["without diffuse", "without glossy", "without transmission", "without scatter", "limit of its bounces"]
+    if hasattr(world.cycles, "use_shadows"):
+        world.cycles.use_shadows = False
+        words.append("light without shadow")
+    warnings = exported(scene)["warnings"]
+    assert len(warnings) == len(words)
+    assert all(any(word in warning and "world 'Sky'" in warning for warning in warnings) for word in words)

@@ -172,7 +172,13 @@ def _export_options(options: argparse.Namespace) -> ExportOptions:
     )
 
 
-COMMANDS = {"bake": bake, "relight": relight, "verify": verify, pictures.COMMAND: read_picture, worlds.COMMAND: render_world}
+COMMANDS = {
+    "bake": bake,
+    "relight": relight,
+    "verify": verify,
+    pictures.COMMAND: read_picture,
+    worlds.COMMAND: render_world,
+}
 
 
 def main(arguments: list[str]) -> int:

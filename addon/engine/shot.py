@@ -12,7 +12,7 @@ import bpy
 
 from ..core.bake_folder import camera_of
 from ..export import ExportOptions, trace_settings
-from . import record
+from . import record, worlds
 from .changes import Changes
 from .native import native
 from .options import Options, options_of, remember_bake, remembered_bake
@@ -287,3 +287,4 @@ def close_all(wait_seconds: float = 0.0) -> None:
     """Closes every shot: before another file is opened, and when the add-on is disabled."""
     for shot in all_open():
         shot.close(wait_seconds)
+    worlds.forget()

@@ -236,14 +236,14 @@ def strong_parts(pixels: np.ndarray) -> list[tuple[int, int, int, int]]:
     if not np.isfinite(total) or total <= 0.0:
         return []
     share = _differences(light) / total
-    found = []
+    found: list[tuple[float, tuple[int, int, int, int]]] = []
     for bottom in range(0, height, TILE):
         for left in range(0, width, TILE):
             rows, columns = np.nonzero(share[bottom : bottom + TILE, left : left + TILE] > REFINED_SHARE)
             if len(rows):
-                strength = share[bottom : bottom + TILE, left : left + TILE].max()
-                box = (left + columns.min(), bottom + rows.min(), left + columns.max() + 1, bottom + rows.max() + 1)
-                found.append((strength, tuple(int(edge) for edge in box)))
+                strength = float(share[bottom : bottom + TILE, left : left + TILE].max())
+                low, high = (int(columns.min()), int(rows.min())), (int(columns.max()) + 1, int(rows.max()) + 1)
+                found.append((strength, (left + low[0], bottom + low[1], left + high[0], bottom + high[1])))
     found.sort(reverse=True)
     return [box for _, box in found[:MOST_TILES]]
 

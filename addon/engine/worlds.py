@@ -53,7 +53,10 @@ def rendered(world: WorldGraph, stop: Stop) -> np.ndarray:
         if key in _kept:
             _kept.move_to_end(key)
             return _kept[key]
-    pixels = _render(text, contents, stop)
+    try:
+        pixels = _render(text, contents, stop)
+    except OSError as error:
+        raise WorldRenderError(str(error)) from error
     with _lock:
         _kept[key] = pixels
         while len(_kept) > KEPT:

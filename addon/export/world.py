@@ -102,7 +102,7 @@ class _WorldExporter:
             self._rendered(source)
         if self.reader.uses_light_path:
             self._name(
-                "what depends on Light Path is taken as diffuse rays see it; camera and reflections may see another world"
+                "what depends on Light Path is as diffuse rays see it; to camera and reflections it may look different"
             )
 
     def _background(self, source: Source) -> bool:
@@ -144,7 +144,7 @@ class _WorldExporter:
         if key in FORWARD:
             return Matrix.Identity(3)
         if key in BACKWARD:
-            return -Matrix.Identity(3)
+            return Matrix.Identity(3) * -1.0
         return self._mapping(found) if node.bl_idname == "ShaderNodeMapping" else None
 
     def _mapping(self, source: Source) -> Matrix | None:

@@ -33,7 +33,7 @@ CAMERA_SPACE = {("ShaderNodeTexCoord", "Camera"), ("ShaderNodeTexCoord", "Window
 
 
 class UnsupportedNodeError(Exception):
-    """A node cannot be handed over; the message names it."""
+    """A node cannot be rendered; the message names it."""
 
 
 class Sides(NamedTuple):
@@ -170,9 +170,7 @@ class WorldGraph:
             stops = [[stop.position, plain(stop.color)] for stop in value.elements]
             return {"settings": settings_of(value), "stops": stops}
         if isinstance(value, bpy.types.CurveMapping):
-            curves = [
-                [[plain(point.location), point.handle_type] for point in curve.points] for curve in value.curves
-            ]
+            curves = [[[plain(point.location), point.handle_type] for point in curve.points] for curve in value.curves]
             return {"settings": settings_of(value), "curves": curves}
         if isinstance(value, bpy.types.TexMapping):
             return {"settings": settings_of(value)}
@@ -187,9 +185,9 @@ def place_of(obj: bpy.types.Object) -> list[list[float]]:
 def _sides(node: bpy.types.Node) -> Sides | None:
     """Of a node that mixes; None of others."""
     if node.bl_idname == "ShaderNodeMixShader":
-        return Sides(*node.inputs, is_second_alone=True)
+        return Sides(node.inputs[0], node.inputs[1], node.inputs[2], True)
     if node.bl_idname == "ShaderNodeMixRGB" and not node.use_clamp:
-        return Sides(*node.inputs, is_second_alone=node.blend_type == "MIX")
+        return Sides(node.inputs[0], node.inputs[1], node.inputs[2], node.blend_type == "MIX")
     if node.bl_idname != "ShaderNodeMix" or node.data_type not in {"FLOAT", "RGBA"}:
         return None
     if node.data_type == "RGBA" and node.clamp_result:

@@ -101,7 +101,8 @@ def node_constant(source: Source) -> Value | None:
         return blackbody_color(kelvin) if isinstance(kelvin, float) else None
     if source.node.bl_idname == "ShaderNodeCombineXYZ":
         parts = [constant_value(socket, source.context) for socket in source.node.inputs]
-        return parts if all(isinstance(part, float) for part in parts) else None
+        numbers = [part for part in parts if isinstance(part, float)]
+        return numbers if len(numbers) == len(parts) else None
     return None
 
 
