@@ -1,13 +1,14 @@
 """What became of a scene since its bake is noticed, in words, and outlives saving and opening."""
 
 import bpy
+import numpy as np
 import pytest
 
-from addon.engine import record, shot
+from addon.engine import prints, record, shot, worlds
 from addon.ui import handlers
 from addon.ui.start import start
 from fake_live import FakeLive
-from helpers import add_material, add_quad
+from helpers import add, add_material, add_quad
 
 
 @pytest.fixture
@@ -244,6 +245,59 @@ def test_a_brighter_world_is_relit_and_no_change(baked):
     node.inputs["Color"].default_value = (0.25, 0.5, 1.0, 1.0)
     assert said(baked) == []
     assert live.requests[-1]["world"] == pytest.approx([1.5, 3.0, 6.0])
+
+
+@pytest.fixture
+def under_sky(lit, monkeypatch):
+    """A bake under a sky that an empty turns, which nobody renders."""
+    monkeypatch.setattr(worlds, "rendered", lambda _world, _stop: np.ones((2, 4, 4), np.float32))
+    lit.world = bpy.data.worlds.new("World")
+    if bpy.app.version < (5, 2, 0):
+        lit.world.use_nodes = True
+    tree = lit.world.node_tree
+    sky, coordinates = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("TexSky", "TexCoord"))
+    sky.sky_type, coordinates.object = "HOSEK_WILKIE", add(lit, "Turn", None)
+    tree.links.new(coordinates.outputs["Object"], sky.inputs["Vector"])
+    tree.links.new(sky.outputs[0], background(lit).inputs["Color"])
+    bpy.context.view_layer.update()
+    start(lit)
+    FakeLive.made[-1].tell(state="ready", samples=4, samples_total=4)
+    assert said(lit) == []
+    return lit
+
+
+def hazier_sky(scene):
+    scene.world.node_tree.nodes["Sky Texture"].turbidity = 5.0
+
+
+def turn_sky(_scene):
+    bpy.data.objects["Turn"].rotation_euler.z = 1.0
+
+
+def no_sky(scene):
+    scene.view_layers[0].use_sky = False
+    scene.update_tag()
+
+
+@pytest.mark.parametrize("change", [hazier_sky, turn_sky, no_sky])
+def test_changes_of_a_rendered_world_are_named(under_sky, change):
+    change(under_sky)
+    assert said(under_sky) == ["The world changed"]
+
+
+def test_a_brighter_rendered_world_is_relit_and_no_change(under_sky):
+    background(under_sky).inputs["Strength"].default_value = 2.0
+    assert said(under_sky) == []
+    assert FakeLive.made[-1].requests[-1]["world"] == pytest.approx([2.0, 2.0, 2.0])
+
+
+def test_a_turned_mapping_is_a_change(scene):
+    material, tree, _ = add_material("Wood")
+    mapping = tree.nodes.new("ShaderNodeMapping")
+    add_quad(scene, material=material)
+    before = prints.take(scene, "material Wood")
+    mapping.inputs["Rotation"].default_value = (0.0, 0.0, 1.0)
+    assert prints.take(scene, "material Wood") != before
 
 
 def test_looking_comes_to_an_end_while_the_scene_is_edited(baked):
