@@ -10,6 +10,7 @@ from typing import Any
 
 import bpy
 import numpy as np
+from mathutils import Matrix
 
 from ..export.materials.graph import resolve
 from ..export.working_space import working_space
@@ -123,7 +124,7 @@ class _World:
         for obj in (origin, empty):
             self.scene.collection.objects.link(obj)
         empty.parent = origin
-        empty.matrix_parent_inverse = place
+        empty.matrix_parent_inverse = Matrix(place)
         return empty
 
     def _check(self, output: bpy.types.Node) -> None:
