@@ -70,11 +70,16 @@ class WorldReader:
             context = found.context
 
     def constant(self, socket: bpy.types.NodeSocket, context: Context) -> Value | None:
-        """The value of a socket that nothing but a constant feeds; None otherwise."""
+        """The value of a socket that only constants feed, also through Combine XYZ; None otherwise."""
         found = self.follow(socket, context)
-        if isinstance(found, Source) and found.node.bl_idname == "ShaderNodeLightPath":
+        kind = found.node.bl_idname if isinstance(found, Source) else ""
+        if isinstance(found, Source) and kind == "ShaderNodeLightPath":
             self.uses_light_path = True
             return convert(LIGHT_PATH.get(found.socket.identifier, 0.0), socket, is_color=False)
+        if isinstance(found, Source) and kind == "ShaderNodeCombineXYZ":
+            parts = [self.constant(part, found.context) for part in found.node.inputs]
+            numbers = [part for part in parts if isinstance(part, float)]
+            return convert(numbers, socket, is_color=False) if len(numbers) == len(parts) else None
         return constant_of(found, socket)
 
 

@@ -99,10 +99,6 @@ def node_constant(source: Source) -> Value | None:
     if source.node.bl_idname == "ShaderNodeBlackbody":
         kelvin = constant_value(source.node.inputs["Temperature"], source.context)
         return blackbody_color(kelvin) if isinstance(kelvin, float) else None
-    if source.node.bl_idname == "ShaderNodeCombineXYZ":
-        parts = [constant_value(socket, source.context) for socket in source.node.inputs]
-        numbers = [part for part in parts if isinstance(part, float)]
-        return numbers if len(numbers) == len(parts) else None
     return None
 
 
