@@ -58,6 +58,7 @@ def fake(monkeypatch):
 def painted(name="Painted"):
     """An image of random colours that is in no file."""
     image = bpy.data.images.new(name, COLUMNS, ROWS, float_buffer=True)
+    image.colorspace_settings.name = "Non-Color"  # Otherwise saving would encode them.
     pixels = np.random.default_rng(1).random((ROWS, COLUMNS, 4), np.float32)
     pixels[..., 3] = 1.0
     image.pixels.foreach_set(pixels.reshape(-1))
@@ -91,12 +92,24 @@ def refined(image, factor):
     return lower * (1 - v) + upper * v
 
 
-@pytest.mark.parametrize("is_packed", [False, True])
-def test_a_rendered_texture_lies_as_the_environment_texture_does(scene, world, small, is_packed):
+def opened(image, file):
+    """The image from a file that it is written to."""
+    image.file_format, image.filepath_raw = "OPEN_EXR", str(file)
+    image.save()
+    found = bpy.data.images.load(str(file))
+    found.colorspace_settings.name = "Non-Color"
+    return found
+
+
+@pytest.mark.parametrize("lies", ["in memory", "in a file", "packed"])
+def test_a_rendered_texture_lies_as_the_environment_texture_does(scene, world, small, tmp_path, lies):
     background, tree = world
     image, pixels = painted()
-    if is_packed:
+    if lies != "in memory":
+        image = opened(image, tmp_path / "sky.exr")
+    if lies == "packed":
         image.pack()
+        (tmp_path / "sky.exr").unlink()
     texture, gamma = nodes(tree, "TexEnvironment", "Gamma")
     texture.image = image
     gamma.inputs["Gamma"].default_value = 2.0
@@ -255,6 +268,16 @@ def test_what_cannot_be_rendered_is_named(scene, world, fake):
     out = exported(scene)
     assert out["world"]["color"] == [0, 0, 0] and fake == []
     assert any("node 'Texture Coordinate' (Window) depends on the camera" in text for text in out["warnings"])
+
+
+def test_a_missing_picture_is_named(scene, world, tmp_path):
+    background, tree = world
+    texture, gamma = nodes(tree, "TexEnvironment", "Gamma")
+    texture.image = opened(painted()[0], tmp_path / "sky.exr")
+    (tmp_path / "sky.exr").unlink()
+    tree.links.new(texture.outputs[0], gamma.inputs["Color"])
+    tree.links.new(gamma.outputs[0], background.inputs["Color"])
+    assert any("image 'sky.exr' could not be read" in text for text in exported(scene)["warnings"])
 
 
 def other_program(monkeypatch, code):

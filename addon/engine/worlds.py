@@ -84,6 +84,8 @@ class _Contents:
 def _contents(image: bpy.types.Image) -> _Contents:
     common = {"space": image.colorspace_settings.name, "alpha": image.alpha_mode}
     if not is_as_in_file(image):
+        if not len(image.pixels):
+            raise WorldRenderError(f"image '{image.name}' has no pixels: is its file still there?")
         pixels = np.empty(len(image.pixels), np.float32)
         image.pixels.foreach_get(pixels)
         name = _name(pixels.tobytes())

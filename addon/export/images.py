@@ -50,10 +50,8 @@ class ImageExporter:
             path = path or image.name
             self.builder.warn(f"{user}: image '{image.name}' could not be read from {path}; shown magenta")
             return self.missing(image.name)
-        if image.source in {"MOVIE", "SEQUENCE", "TILED"}:
-            self.builder.warn(
-                f"{user}: image '{image.name}' is a {image.source.lower()}; its first tile or present frame is used"
-            )
+        if note := note_on(image):
+            self.builder.warn(f"{user}: {note}")
         return self.builder.add_texture(image.name, texels, encoding=self._encoding(image, user), alpha=alpha)
 
     def _texels(self, image: bpy.types.Image) -> np.ndarray | None:
@@ -90,6 +88,13 @@ def colors_of_file(image: bpy.types.Image) -> str | None:
         return None
     space = image.colorspace_settings.name
     return "linear" if space in LINEAR_SPACES else "srgb" if space in SRGB_SPACES else None
+
+
+def note_on(image: bpy.types.Image) -> str:
+    """What is left out of an image with several pictures; empty of others."""
+    if image.source not in {"MOVIE", "SEQUENCE", "TILED"}:
+        return ""
+    return f"image '{image.name}' is a {image.source.lower()}; its first tile or present frame is used"
 
 
 def is_as_in_file(image: bpy.types.Image) -> bool:

@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 from mathutils import Euler, Matrix
 
-from .images import ImageExporter
+from .images import ImageExporter, note_on
 from .materials.graph import Source, Unlinked, used_tree
 from .world_graph import UnsupportedNodeError, WorldGraph, WorldReader, place_of
 
@@ -175,6 +175,8 @@ class _WorldExporter:
             graph = WorldGraph(surface, self.reader)
             if strength is not None:
                 graph.take_strength()
+            for note in filter(None, map(note_on, graph.images.values())):
+                self._name(note)
             texture = self.texture_of(graph, self.world.name)
         except UnsupportedNodeError as error:
             self._name(f"{error}, which is not supported yet; the world is black")
