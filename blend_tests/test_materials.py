@@ -245,6 +245,41 @@ def test_unsupported_nodes_are_named_with_object_material_and_node(tree):
     assert material["nodes"][-1]["color"] == [0.5, 0.5, 0.5]
 
 
+@pytest.mark.parametrize("volume, seen_through", [("ShaderNodeVolumeScatter", True), (None, False)])
+def test_a_volume_alone_is_passed_through_and_nothing_at_all_is_black(tree, volume, seen_through):
+    tree, output, export = tree
+    if volume is not None:
+        tree.links.new(tree.nodes.new(volume).outputs[0], output.inputs["Volume"])
+    material, warnings, _ = export()
+    if seen_through:
+        assert material["nodes"][material["surface"]] == {"type": "transparent", "color": [1.0, 1.0, 1.0]}
+        assert ["volume is not supported" in warning for warning in warnings] == [True]
+    else:
+        assert material["surface"] is None
+
+
+@pytest.mark.skipif(bpy.app.version < (5, 2, 0), reason="the convention of normal maps is new in Blender 5.2")
+@pytest.mark.parametrize("is_linked", [False, True])
+def test_normal_maps_of_directx_point_the_other_way_in_green(tree, is_linked):
+    tree, output, export = tree
+    node = tree.nodes.new("ShaderNodeNormalMap")
+    node.convention = "DIRECTX"
+    node.inputs["Color"].default_value = (0.6, 0.8, 0.9, 1.0)
+    if is_linked:
+        image = tree.nodes.new("ShaderNodeTexImage")
+        image.image = bpy.data.images.new("Bumps", 4, 2)
+        tree.links.new(image.outputs["Color"], node.inputs["Color"])
+    diffuse_with(tree, output, node.outputs[0], "Normal")
+    nodes = export()[0]["nodes"]
+    color = next(found for found in nodes if found["type"] == "normal_map")["color"]
+    if is_linked:
+        flip = nodes[color["node"]]
+        assert (flip["operation"], flip["b"], flip["c"]) == ("MULTIPLY_ADD", [1, -1, 1], [0, 1, 0])
+        assert nodes[flip["a"]["node"]]["type"] == "image_texture"
+    else:
+        assert color == pytest.approx([0.6, 0.2, 0.9])
+
+
 @pytest.mark.parametrize("kind", ["ShaderNodeBsdfToon", "ShaderNodeSubsurfaceScattering", "ShaderNodeHoldout"])
 def test_unsupported_closures_become_the_nearest_thing(tree, kind):
     tree, output, export = tree

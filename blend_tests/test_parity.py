@@ -104,3 +104,26 @@ def test_world_colour(room, tmp_path):
     background = next(node for node in room.world.node_tree.nodes if node.bl_idname == "ShaderNodeBackground")
     background.inputs["Color"].default_value = (0.2, 0.5, 0.9, 1.0)
     assert_equal(*pictures(room, tmp_path))
+
+
+def test_a_fog_box_around_the_set(room, tmp_path):
+    add_light(room, "POINT", name="Key", location=(-0.6, -0.4, 1.8), shadow_soft_size=0.4)
+    material, tree, output = add_material("Fog")
+    fog = tree.nodes.new("ShaderNodeVolumeScatter")
+    fog.inputs["Density"].default_value = 0.0  # So that there is nothing but the box to tell apart.
+    tree.links.new(fog.outputs[0], output.inputs["Volume"])
+    bpy.ops.mesh.primitive_cube_add(size=3.5, location=(0.0, 0.0, 1.5))
+    bpy.context.object.data.materials.append(material)
+    assert_equal(*pictures(room, tmp_path))
+
+
+@pytest.mark.skipif(bpy.app.version < (5, 2, 0), reason="the convention of normal maps is new in Blender 5.2")
+def test_a_normal_map_of_directx(room, tmp_path):
+    add_light(room, "POINT", name="Key", location=(-0.6, -0.4, 1.8), shadow_soft_size=0.4)
+    tree = room.objects["Floor"].data.materials[0].node_tree
+    node = tree.nodes.new("ShaderNodeNormalMap")
+    node.convention = "DIRECTX"
+    node.inputs["Color"].default_value = (0.6, 0.8, 0.9, 1.0)
+    surface = next(found for found in tree.nodes if found.bl_idname == "ShaderNodeBsdfPrincipled")
+    tree.links.new(node.outputs[0], surface.inputs["Normal"])
+    assert_equal(*pictures(room, tmp_path))

@@ -59,9 +59,11 @@ class Translation:
         output = tree.get_output_node("CYCLES")
         if output is None:
             return None
-        for socket, kind in (("Volume", "volume"), ("Displacement", "displacement")):
-            if resolve(output.inputs[socket], ()) is not None:
-                self.name(f"{kind} is not supported yet; left out")
+        unsupported = [kind for kind in ("Volume", "Displacement") if resolve(output.inputs[kind], ()) is not None]
+        for kind in unsupported:
+            self.name(f"{kind.lower()} is not supported yet; left out")
+        if "Volume" in unsupported and resolve(output.inputs["Surface"], ()) is None:
+            return self.emit({"type": "transparent", "color": [1.0, 1.0, 1.0]})  # Cycles passes through it as well.
         return self.shader(output.inputs["Surface"], ())
 
     def emit(self, node: dict[str, Any]) -> int:

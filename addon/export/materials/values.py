@@ -258,6 +258,28 @@ def _attribute(t: Translation, source: Source) -> Any:
     return {"node": t.once(source, lambda: {"type": "color_attribute", "name": name}), "output": output}
 
 
+def _normal_map(t: Translation, source: Source) -> Any:
+    node = source.node
+
+    def description() -> dict[str, Any]:
+        color = t.value(node, "Color", source.context, [0.5, 0.5, 1.0])
+        if getattr(node, "convention", "OPENGL") == "DIRECTX":  # From Blender 5.2 on: green points down, in all spaces.
+            color = _with_green_flipped(t, color)
+        strength = t.value(node, "Strength", source.context, 1.0)
+        settings = {"space": node.space.lower(), "uv_map": node.uv_map}
+        return {"type": "normal_map", **settings, "strength": strength, "color": color}
+
+    return {"node": t.once(source, description), "output": "normal"}
+
+
+def _with_green_flipped(t: Translation, color: Any) -> Any:
+    """A colour with 1 - green in the place of green."""
+    if isinstance(color, list):
+        return [color[0], 1.0 - color[1], color[2]]
+    inputs = {"a": color, "b": [1.0, -1.0, 1.0], "c": [0.0, 1.0, 0.0], "scale": 1.0}
+    return {"node": t.emit({"type": "vector_math", "operation": "MULTIPLY_ADD", **inputs}), "output": "vector"}
+
+
 def _bump(t: Translation, source: Source) -> Any:
     node = source.node
 
@@ -321,13 +343,7 @@ VALUES: dict[str, Translate] = {
         ("scale", "Scale", [1.0] * 3),
         properties={"kind": ("vector_type", str.lower)},
     ),
-    "ShaderNodeNormalMap": _simple(
-        "normal_map",
-        "normal",
-        ("strength", "Strength", 1.0),
-        ("color", "Color", [0.5, 0.5, 1.0]),
-        properties={"space": ("space", str.lower), "uv_map": ("uv_map", str)},
-    ),
+    "ShaderNodeNormalMap": _normal_map,
     "ShaderNodeBump": _bump,
     "ShaderNodeVertexColor": _attribute,
     "ShaderNodeAttribute": _attribute,
