@@ -58,9 +58,13 @@ def learn(scene: bpy.types.Scene, log_max: float) -> Generator[None, None, tuple
     colors = np.empty((ROWS, COLUMNS, 3), np.float32)
     colors[:-1] = np.exp2(np.linspace(SHAPER_MIN, log_max, (ROWS - 1) * COLUMNS)).reshape(ROWS - 1, COLUMNS, 1)
     colors[-1] = np.exp2(np.random.default_rng(1).uniform(-8.0, 4.0, (COLUMNS, 3)))
-    exposure = np.float32(2.0**scene.view_settings.exposure)
     shown, formed = np.empty_like(colors), np.empty_like(colors)
-    for rows, part in displayed_in_slices(scene, ROWS, COLUMNS, lambda rows: colors[rows] / exposure):
+
+    def without_exposure(rows: slice) -> np.ndarray:
+        # Read for each slice, as it may be dragged between them.
+        return colors[rows] / np.float32(2.0**scene.view_settings.exposure)
+
+    for rows, part in displayed_in_slices(scene, ROWS, COLUMNS, without_exposure):
         shown[rows] = part
         yield None
     for rows, part in displayed_in_slices(scene, ROWS, COLUMNS, colors.__getitem__, formed_by(scene)):
