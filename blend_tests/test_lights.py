@@ -126,14 +126,31 @@ def test_light_linking_lists_receivers(scene):
 
 def test_what_a_light_cannot_do_is_named(scene):
     add_quad(scene)
-    light = add_light(scene, "POINT", name="Bare", use_shadow=False)
+    light = add_light(scene, "POINT", name="Bare", use_shadow=False, shadow_soft_size=0.1)
     light.light_linking.blocker_collection = bpy.data.collections.new("Blockers")
+    cycles = light.data.cycles
+    cycles.max_bounces, cycles.use_multiple_importance_sampling, cycles.is_caustics_light = 1, False, True
     portal = add_light(scene, "AREA", name="Portal")
     portal.data.cycles.is_portal = True
     out = exported(scene)
     assert [light["name"] for light in out["lights"]] == ["Bare"]
-    warnings = " ".join(out["warnings"])
-    assert "'Bare': a light without shadow" in warnings and "'Bare': shadow linking" in warnings
+    said = ("a light without shadow", "shadow linking", "a limit of its own", "Multiple Importance", "shadow caustics")
+    assert [any(f"'Bare': {what}" in warning for warning in out["warnings"]) for what in said] == [True] * len(said)
+    assert len(out["warnings"]) == len(said)
+
+
+@pytest.mark.parametrize("strength", [0.0, 2.0])
+def test_linking_of_emissive_meshes_is_named(scene, strength):
+    material, tree, output = add_material("Neon")
+    emission = tree.nodes.new("ShaderNodeEmission")
+    emission.inputs["Strength"].default_value = strength
+    tree.links.new(emission.outputs[0], output.inputs["Surface"])
+    linking = add_quad(scene, "Tube", material=material).light_linking
+    linking.receiver_collection = bpy.data.collections.new("Receivers")
+    linking.blocker_collection = bpy.data.collections.new("Blockers")
+    warnings = exported(scene)["warnings"]
+    said = [any(f"'Tube': {what} linking" in warning for warning in warnings) for what in ("light", "shadow")]
+    assert said == [strength > 0.0] * 2 and len(warnings) == sum(said)
 
 
 def test_instanced_lights_are_lights_of_their_own(scene):

@@ -245,6 +245,30 @@ def test_unsupported_nodes_are_named_with_object_material_and_node(tree):
     assert material["nodes"][-1]["color"] == [0.5, 0.5, 0.5]
 
 
+@pytest.mark.parametrize("kind", ["ShaderNodeBsdfPrincipled", "ShaderNodeBsdfGlass", "ShaderNodeBsdfMetallic"])
+def test_thin_film_is_named(tree, kind):
+    tree, output, export = tree
+    if not hasattr(bpy.types, kind):
+        pytest.skip("this Blender has no such node")
+    node = tree.nodes.new(kind)
+    if "Thin Film Thickness" not in node.inputs:
+        pytest.skip("this Blender has no thin film on this node")
+    tree.links.new(node.outputs[0], output.inputs["Surface"])
+    assert not any("thin film" in warning for warning in export()[1])
+    node.inputs["Thin Film Thickness"].default_value = 300.0
+    assert any(f"node '{node.name}': thin film" in warning for warning in export()[1])
+
+
+@pytest.mark.parametrize("alpha", [0.5, 1.0])
+def test_transparency_without_its_shadow_is_named(tree, alpha):
+    tree, output, export = tree
+    node = tree.nodes.new("ShaderNodeBsdfPrincipled")
+    node.inputs["Alpha"].default_value = alpha
+    tree.links.new(node.outputs[0], output.inputs["Surface"])
+    bpy.data.materials["Paint"].use_transparent_shadow = False
+    assert any("shadows that ignore transparency" in warning for warning in export()[1]) == (alpha < 1.0)
+
+
 @pytest.mark.parametrize("volume, seen_through", [("ShaderNodeVolumeScatter", True), (None, False)])
 def test_a_volume_alone_is_passed_through_and_nothing_at_all_is_black(tree, volume, seen_through):
     tree, output, export = tree

@@ -13,6 +13,8 @@ from .linking import LightLinking
 from .materials.graph import Source, constant_value, resolve, used_tree
 
 WHITE = [1.0, 1.0, 1.0]
+ALL_BOUNCES = 1024
+"""Of a light in Cycles, unless somebody has set fewer: no scene has more."""
 
 
 def name_of(block: bpy.types.ID) -> str:
@@ -92,10 +94,29 @@ def _problem(light: bpy.types.Light, world_from_object: Any) -> str:
 
 
 def _warn_about(obj: bpy.types.Object, warn: Callable[[str], None]) -> None:
-    if not obj.data.use_shadow:
-        warn(f"light '{obj.name}': a light without shadow is not representable; it casts shadows")
-    if obj.light_linking.blocker_collection is not None:
-        warn(f"light '{obj.name}': shadow linking is not representable; every object blocks it")
+    cycles = getattr(obj.data, "cycles", None)
+    problems = (
+        (not obj.data.use_shadow, "a light without shadow is not representable; it casts shadows"),
+        (
+            obj.light_linking.blocker_collection is not None,
+            "shadow linking is not representable; every object blocks it",
+        ),
+        (
+            cycles is not None and cycles.max_bounces < ALL_BOUNCES,
+            "a limit of its own to bounces is not representable; it has the scene's",
+        ),
+        (
+            cycles is not None and not cycles.use_multiple_importance_sampling,
+            "Multiple Importance counts as on: it is seen in mirrors, where Cycles shows none",
+        ),
+        (
+            cycles is not None and cycles.is_caustics_light,
+            "shadow caustics are not supported; its caustics are those of ordinary paths",
+        ),
+    )
+    for has_problem, what in problems:
+        if has_problem:
+            warn(f"light '{obj.name}': {what}")
 
 
 def is_portal(light: bpy.types.Light) -> bool:

@@ -113,11 +113,14 @@ class _SceneExporter:
         if mesh is None:
             return
         original = instance.parent.original if instance.is_instance and instance.parent else obj.original
+        materials = self._materials(obj)
+        if self.materials.emissive.intersection(materials):
+            self._warn_about_emitter(obj)
         self.builder.add_instance(
             obj.name,
             mesh,
             [tuple(row) for row in instance.matrix_world],
-            self._materials(obj),
+            materials,
             receiver=self.linking.receiver_number(obj.original, original),
             color=tuple(obj.color),
             pass_index=obj.pass_index,
@@ -154,6 +157,13 @@ class _SceneExporter:
         for system in obj.particle_systems:
             if system.settings.type == "HAIR" and system.settings.render_type == "PATH":
                 warn(f"object '{name}': hair of particle system '{system.name}' is not supported yet; left out")
+
+    def _warn_about_emitter(self, obj: bpy.types.Object) -> None:
+        linking = obj.light_linking
+        if linking.receiver_collection is not None:
+            self.builder.warn(f"object '{obj.name}': light linking of meshes is not supported; it shines on everything")
+        if linking.blocker_collection is not None:
+            self.builder.warn(f"object '{obj.name}': shadow linking is not representable; every object blocks its light")
 
     def _warn_about_settings(self) -> None:
         scene, warn = self.depsgraph.scene, self.builder.warn

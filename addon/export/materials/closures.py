@@ -48,11 +48,16 @@ def _principled(t: Translation, node: bpy.types.Node, context: Context) -> int:
     fields = {field: t.value(node, socket, context, default) for field, socket, default in PRINCIPLED}
     if fields["subsurface_weight"] != 0.0:
         t.name(f"node '{node.name}': subsurface scattering is not supported yet; taken as diffuse")
-    if t.value(node, "Thin Film Thickness", context, 0.0) != 0.0:
-        t.name(f"node '{node.name}': thin film is not supported yet; left out")
+    _name_thin_film(t, node, context)
     if t.value(node, "Thin Wall", context, 0.0) != 0.0:
         t.name(f"node '{node.name}': thin walls are not supported yet; taken as solid")
     return t.emit({"type": "principled", **fields, "distribution": distribution(t, node)})
+
+
+def _name_thin_film(t: Translation, node: bpy.types.Node, context: Context) -> None:
+    """From Blender 5.0 on glass and metal have it too."""
+    if t.value(node, "Thin Film Thickness", context, 0.0) != 0.0:
+        t.name(f"node '{node.name}': thin film is not supported yet; left out")
 
 
 def distribution(t: Translation, node: bpy.types.Node) -> str:
@@ -108,7 +113,13 @@ def _nothing(_t: Translation, _node: bpy.types.Node, _context: Context) -> None:
     return None
 
 
+def _glass(t: Translation, node: bpy.types.Node, context: Context) -> int | None:
+    _name_thin_film(t, node, context)
+    return _simple("glass", COLOR, ROUGHNESS, IOR, NORMAL, microfacet=True)(t, node, context)
+
+
 def _metallic(t: Translation, node: bpy.types.Node, context: Context) -> int | None:
+    _name_thin_film(t, node, context)
     fields = (
         ("color", "Base Color", [0.6, 0.6, 0.6]),
         ROUGHNESS,
@@ -133,7 +144,7 @@ CLOSURES: dict[str, Translate] = {
         ("tangent", "Tangent", None),
         microfacet=True,
     ),
-    "ShaderNodeBsdfGlass": _simple("glass", COLOR, ROUGHNESS, IOR, NORMAL, microfacet=True),
+    "ShaderNodeBsdfGlass": _glass,
     "ShaderNodeBsdfRefraction": _simple("refraction", COLOR, ROUGHNESS, IOR, NORMAL, microfacet=True),
     "ShaderNodeBsdfTranslucent": _simple("translucent", COLOR, NORMAL),
     "ShaderNodeBsdfTransparent": _simple("transparent", ("color", "Color", WHITE)),

@@ -15,6 +15,11 @@ from .values import VALUES
 DEFAULT_SURFACE = {"type": "diffuse", "color": [0.8, 0.8, 0.8], "roughness": 0.0, "normal": None}
 
 
+EMISSION = {"emission": ("strength", 0.0), "principled": ("emission_strength", 0.0)}
+TRANSPARENCY = {"transparent": ("color", [0.0, 0.0, 0.0]), "principled": ("alpha", 1.0)}
+"""Fields of closures by their type, and the values that do nothing."""
+
+
 class MaterialExporter:
     """Exports each material once and remembers its number."""
 
@@ -22,14 +27,25 @@ class MaterialExporter:
         self.builder = builder
         self.images = images
         self.numbers: dict[str | None, int] = {}
+        self.emissive: set[int] = set()
+        """Numbers of those that may emit light."""
 
     def number(self, material: bpy.types.Material | None, object_name: str) -> int:
         """Number of a material; None is Cycles' grey default. `object_name` is for messages."""
         key = material.name_full if material else None
         if key not in self.numbers:
-            description = Translation(self.builder, self.images, material, object_name).run()
-            self.numbers[key] = self.builder.add_material(json.dumps(description))
+            self.numbers[key] = self._export(material, object_name)
         return self.numbers[key]
+
+    def _export(self, material: bpy.types.Material | None, object_name: str) -> int:
+        translation = Translation(self.builder, self.images, material, object_name)
+        description = translation.run()
+        if material is not None and not material.use_transparent_shadow and _any(description, TRANSPARENCY):
+            translation.name("shadows that ignore transparency are not supported; light passes what is transparent")
+        number = self.builder.add_material(json.dumps(description))
+        if _any(description, EMISSION):
+            self.emissive.add(number)
+        return number
 
 
 class Translation:
@@ -139,6 +155,12 @@ class Translation:
         if key not in self.done:
             self.done[key] = self.emit(description())
         return self.done[key]
+
+
+def _any(description: dict[str, Any], fields: dict[str, tuple[str, Any]]) -> bool:
+    """Whether a closure of a material has one of the fields at another value than that which does nothing."""
+    closures = (node for node in description["nodes"] if node["type"] in fields)
+    return any(node[field] != nothing for node in closures for field, nothing in (fields[node["type"]],))
 
 
 def _key(source: Source) -> tuple[int, ...]:
