@@ -390,3 +390,22 @@ def test_missing_images_are_magenta_and_named(scene):
     texture, warnings = textured(scene, image)
     assert (texture["width"], texture["height"]) == (1, 1)
     assert any("'Lost' could not be read from /nowhere/lost.png" in warning for warning in warnings)
+
+
+def test_attributes_are_exported_where_a_material_asks_for_them_and_named_where_they_are_missing(tree, scene):
+    tree, output, export = tree
+    node = tree.nodes.new("ShaderNodeAttribute")
+    node.attribute_name = "mask"
+    diffuse_with(tree, output, node.outputs["Color"])
+    wall = bpy.data.objects["Wall"].data
+    for name in ("mask", "unasked"):
+        wall.attributes.new(name, "FLOAT", "POINT")
+    _, warnings, out = export()
+    assert out["meshes"][0]["color_attributes"] == ["mask"] and warnings == []
+    for name in ("Floor", "Ceiling"):
+        add_quad(scene, name, material=bpy.data.materials["Paint"])
+    _, warnings, _ = export()
+    assert len(warnings) == 1 and "material 'Paint', node 'Attribute'" in warnings[0] and "'mask'" in warnings[0]
+    node.attribute_name = ""  # Not the colour that renders, as the empty name of a Color Attribute is.
+    material, warnings, _ = export()
+    assert material["nodes"][-1]["color"] == [0.0, 0.0, 0.0] and warnings == []

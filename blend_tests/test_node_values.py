@@ -170,3 +170,39 @@ def test_color_attributes_match_cycles(scene, emitter, tmp_path):
     node.layer_name = "Paint"
     tree.links.new(node.outputs["Color"], emission.inputs["Color"])
     assert_equal(scene, tmp_path)
+
+
+@pytest.mark.parametrize("output", ["Color", "Vector", "Fac", "Alpha"])
+@pytest.mark.parametrize(
+    "kind, domain, width",
+    [
+        ("FLOAT", "POINT", 1),
+        ("FLOAT", "FACE", 1),
+        ("FLOAT_VECTOR", "CORNER", 3),
+        ("FLOAT_COLOR", "FACE", 4),
+        ("BOOLEAN", "POINT", 1),
+    ],
+)
+def test_attributes_match_cycles(scene, emitter, tmp_path, kind, domain, width, output):
+    tree, _, emission = emitter
+    mesh = bpy.data.objects["Plane"].data
+    corners = [(-1, -1, 0), (1, -1, 0), (1, 0, 0), (-1, 0, 0), (1, 1, 0), (-1, 1, 0)]
+    mesh.clear_geometry()
+    mesh.from_pydata(corners, [], [(0, 1, 2, 3), (3, 2, 4, 5)])
+    attribute = mesh.attributes.new("mask", kind, domain)
+    values = np.random.default_rng(2).random(len(attribute.data) * width, dtype=np.float32)
+    field = {1: "value", 3: "vector", 4: "color"}[width]
+    attribute.data.foreach_set(field, values > 0.5 if kind == "BOOLEAN" else values)
+    node = tree.nodes.new("ShaderNodeAttribute")
+    node.attribute_name = "mask"
+    socket = next(socket for socket in node.outputs if socket.identifier == output)
+    tree.links.new(socket, emission.inputs["Color"])
+    assert_equal(scene, tmp_path)
+
+
+def test_a_uv_map_by_its_name_as_attribute_matches_cycles(scene, emitter, tmp_path):
+    tree, _, emission = emitter
+    node = tree.nodes.new("ShaderNodeAttribute")
+    node.attribute_name = "UVMap"
+    tree.links.new(node.outputs["Vector"], emission.inputs["Strength"])
+    assert_equal(scene, tmp_path)

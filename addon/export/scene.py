@@ -16,7 +16,7 @@ from .geometry import GeometryExporter
 from .images import ImageExporter
 from .lights import LightExporter
 from .linking import LightLinking
-from .materials import MaterialExporter
+from .materials import MaterialExporter, asked_attributes
 from .world import WorldRenderError, export_world
 from .world_graph import WorldGraph
 
@@ -88,7 +88,7 @@ class _SceneExporter:
         self.materials = MaterialExporter(builder, self.images)
         self.linking = LightLinking([obj.name_full for obj in depsgraph.scene.objects], builder.warn)
         self.lights = LightExporter(lambda light: builder.add_light(json.dumps(light)), builder.warn, self.linking)
-        self.geometry = GeometryExporter(builder)
+        self.geometry = GeometryExporter(builder, asked_attributes())
 
     def run(self) -> None:
         self._warn_about_settings()
@@ -116,6 +116,7 @@ class _SceneExporter:
         materials = self._materials(obj)
         if self.materials.emissive.intersection(materials):
             self._warn_about_emitter(obj)
+        self._warn_about_attributes(obj, mesh, materials)
         self.builder.add_instance(
             obj.name,
             mesh,
@@ -159,11 +160,18 @@ class _SceneExporter:
                 warn(f"object '{name}': hair of particle system '{system.name}' is not supported yet; left out")
 
     def _warn_about_emitter(self, obj: bpy.types.Object) -> None:
-        linking = obj.light_linking
+        warn, name, linking = self.builder.warn, obj.name, obj.light_linking
         if linking.receiver_collection is not None:
-            self.builder.warn(f"object '{obj.name}': light linking of meshes is not supported; it shines on everything")
+            warn(f"object '{name}': light linking of meshes is not supported; it shines on everything")
         if linking.blocker_collection is not None:
-            self.builder.warn(f"object '{obj.name}': shadow linking is not representable; every object blocks its light")
+            warn(f"object '{name}': shadow linking is not representable; every object blocks its light")
+
+    def _warn_about_attributes(self, obj: bpy.types.Object, mesh: int, materials: list[int]) -> None:
+        for asked in (self.materials.attributes[number] for number in materials):
+            for name in sorted(asked.keys() - self.geometry.attributes[mesh]):
+                where = asked.pop(name)  # Said once for each material.
+                what = f"its vertices, corners and faces have no attribute '{name}'; taken as 0"
+                self.builder.warn(f"object '{obj.name}', {where}: {what}")
 
     def _warn_about_settings(self) -> None:
         scene, warn = self.depsgraph.scene, self.builder.warn

@@ -10,7 +10,7 @@ import bpy
 from ..images import ImageExporter
 from .closures import CLOSURES, FALLBACK_CLOSURES
 from .graph import Context, Source, Unlinked, convert, node_constant, resolve, socket_default, trace, used_tree
-from .values import VALUES
+from .values import VALUES, attribute_name
 
 DEFAULT_SURFACE = {"type": "diffuse", "color": [0.8, 0.8, 0.8], "roughness": 0.0, "normal": None}
 
@@ -29,6 +29,8 @@ class MaterialExporter:
         self.numbers: dict[str | None, int] = {}
         self.emissive: set[int] = set()
         """Numbers of those that may emit light."""
+        self.attributes: dict[int, dict[str, str]] = {}
+        """Of a material's number: names that it asks meshes for, with the material and node for messages."""
 
     def number(self, material: bpy.types.Material | None, object_name: str) -> int:
         """Number of a material; None is Cycles' grey default. `object_name` is for messages."""
@@ -43,9 +45,18 @@ class MaterialExporter:
         if material is not None and not material.use_transparent_shadow and _any(description, TRANSPARENCY):
             translation.name("shadows that ignore transparency are not supported; light passes what is transparent")
         number = self.builder.add_material(json.dumps(description))
+        self.attributes[number] = {
+            name: f"material '{description['name']}', node '{node}'" for name, node in translation.attributes.items()
+        }
         if _any(description, EMISSION):
             self.emissive.add(number)
         return number
+
+
+def asked_attributes() -> set[str]:
+    """Names that the materials of the open file ask meshes for."""
+    trees = [block.node_tree for block in bpy.data.materials if block.node_tree] + list(bpy.data.node_groups)
+    return {name for tree in trees for node in tree.nodes if (name := attribute_name(node))}
 
 
 class Translation:
@@ -58,6 +69,8 @@ class Translation:
         self.owner = f"object '{object_name}', material '{material.name}'" if material else f"object '{object_name}'"
         self.nodes: list[dict[str, Any]] = []
         self.done: dict[tuple[int, ...], Any] = {}
+        self.attributes: dict[str, str] = {}
+        """Names of what it asks meshes for, and of a node that does."""
 
     def run(self) -> dict[str, Any]:
         """The JSON form of the material."""

@@ -249,13 +249,26 @@ def _float_curve(t: Translation, source: Source) -> Any:
 
 def _attribute(t: Translation, source: Source) -> Any:
     """Color Attribute, and Attribute where it names one."""
-    node = source.node
+    node, output = source.node, source.socket.identifier
     if getattr(node, "attribute_type", "GEOMETRY") != "GEOMETRY":
         t.name(f"node '{node.name}': attributes of the {node.attribute_type.lower()} are not supported yet; black")
         return [0.0, 0.0, 0.0]
-    name = node.layer_name if node.bl_idname == "ShaderNodeVertexColor" else node.attribute_name
-    output = "alpha" if source.socket.identifier == "Alpha" else "color"
-    return {"node": t.once(source, lambda: {"type": "color_attribute", "name": name}), "output": output}
+    name = attribute_name(node)
+    if name == "" and node.bl_idname == "ShaderNodeAttribute":
+        return 1.0 if output == "Alpha" else [0.0, 0.0, 0.0]
+    if name:
+        t.attributes[name] = node.name
+    number = t.once(source, lambda: {"type": "color_attribute", "name": name})
+    if output == "Fac":  # The mean, not the luminance.
+        dot = {"operation": "DOT_PRODUCT", "a": {"node": number, "output": "vector"}, "b": [1.0 / 3.0] * 3}
+        return {"node": t.emit({"type": "vector_math", **dot, "c": [0.0] * 3, "scale": 1.0}), "output": "value"}
+    return {"node": number, "output": output.lower()}
+
+
+def attribute_name(node: Any) -> str | None:
+    """What a node asks meshes for; the empty name of Color Attribute is the colour that renders. None for others."""
+    names = {"ShaderNodeVertexColor": "layer_name", "ShaderNodeAttribute": "attribute_name"}
+    return getattr(node, names[node.bl_idname]) if node.bl_idname in names else None
 
 
 def _normal_map(t: Translation, source: Source) -> Any:
