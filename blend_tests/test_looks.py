@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -119,6 +120,75 @@ def test_a_child_of_a_moved_parent_comes_back_to_its_place(lit):
     assert np.allclose(key.matrix_world, before, atol=1e-5)
 
 
+@pytest.fixture
+def hung(lit):
+    """The fill hangs on the key, and a bulb on the fill by an empty between them; all stand askew."""
+    add_light(lit, "POINT", "Bulb", location=(0.3, 0.1, -0.4), shadow_soft_size=0.1)
+    arm = bpy.data.objects.new("Arm", None)
+    lit.collection.objects.link(arm)
+    chain = [bpy.data.objects[name] for name in ("Key", "Fill", "Arm", "Bulb")]
+    for parent, child in zip(chain, chain[1:], strict=False):
+        child.parent = parent
+        child.rotation_euler = (0.2, 0.1, 0.4)
+    update()
+    return lit
+
+
+def places(*names):
+    """Of objects in the scene."""
+    update()
+    return [np.array(bpy.data.objects[name].matrix_world) for name in names]
+
+
+@pytest.mark.parametrize("is_reversed", [False, True])
+def test_lights_that_hang_on_lights_come_back_to_their_places(hung, is_reversed):
+    look = looks.snapshot(hung).look()
+    look = replace(look, lights=tuple(sorted(look.lights, key=lambda light: light["name"], reverse=is_reversed)))
+    before = places("Key", "Fill", "Bulb")
+    for name in ("Key", "Fill", "Bulb"):
+        bpy.data.objects[name].location.x += 1.0
+        bpy.data.objects[name].rotation_euler.z += 0.5
+    update()
+    looks.restore(hung, look, lights=True)
+    assert np.allclose(places("Key", "Fill", "Bulb"), before, atol=1e-5)
+
+
+def solved_key(scene, **changes):
+    """A look that moves the key alone, as solving makes them."""
+    look = looks.snapshot(scene).look()
+    state = next(light for light in look.lights if light["name"] == "Key")
+    moved = [[*row[:3], row[3] + 1.0] for row in state["matrix"][:3]] + [state["matrix"][3]]
+    return replace(look, lights=(state | {"matrix": moved} | changes,))
+
+
+def test_lights_that_hang_on_one_that_moves_stay_where_they_are(hung):
+    key, fill, bulb = places("Key", "Fill", "Bulb")
+    bpy.data.objects["Bulb"].keyframe_insert("location")  # Nothing is to be written: the fill has come back.
+    looks.restore(hung, solved_key(hung), lights=True)
+    found = places("Key", "Fill", "Bulb")
+    assert np.allclose(found[0][:3, 3], key[:3, 3] + 1.0, atol=1e-5)
+    assert np.allclose(found[1:], [fill, bulb], atol=1e-5)
+
+
+def test_a_rig_that_comes_along_writes_nothing_to_its_lights(hung):
+    look = looks.snapshot(hung).look()
+    before = places("Key", "Fill", "Bulb")
+    bpy.data.objects["Key"].location.x += 2.0
+    bpy.data.objects["Bulb"].keyframe_insert("location")  # Could not be written, and need not.
+    update()
+    looks.restore(hung, look, lights=True)
+    assert np.allclose(places("Key", "Fill", "Bulb"), before, atol=1e-5)
+
+
+def test_a_light_that_could_not_be_kept_in_its_place_is_refused_by_name(hung):
+    bpy.data.objects["Fill"].keyframe_insert("location")
+    before = scene_state(hung)
+    says = "light 'Fill' hangs on a light that moves, and has animation on its location"
+    with pytest.raises(RefusedError, match=says):
+        looks.restore(hung, solved_key(hung), lights=True)
+    assert scene_state(hung) == before
+
+
 def constrained(_scene):
     bpy.data.objects["Key"].constraints.new("COPY_LOCATION").name = "Follow"
     return "light 'Key' is placed by its constraint 'Follow'"
@@ -151,6 +221,8 @@ def test_what_cannot_be_written_is_refused_by_name_and_nothing_is(lit, spoil):
     ("change", "says"),
     [
         ({"type": "LASER"}, "cannot be of type 'LASER'"),
+        ({"type": "point"}, "cannot be of type 'point'"),
+        ({"type": ""}, "cannot be of type ''"),
         ({"settings": {"shape": "STAR"}}, "cannot have 'STAR' as its shape"),
         ({"settings": {"energy": [1.0, 2.0, 3.0]}}, r"cannot have \[1.0, 2.0, 3.0\] as its energy"),
         ({"settings": {"color": 1.0}}, "cannot have 1.0 as its color"),

@@ -78,11 +78,35 @@ def shared(scene):
     return ["position"], "light 'Key' shares its data 'Key' with other lights: that stays as it is"
 
 
-@pytest.mark.parametrize("spoil", [driven, constrained, shared])
+def fixture(scene):
+    arm = add(scene, "Arm", None)
+    shade = add(scene, "Shade", bpy.data.meshes.new("Shade"))
+    arm.parent, shade.parent = bpy.data.objects["Key"], arm
+    row(scene, "Key").locks.position = True
+    says = "light 'Key' carries 'Shade', which would move in the scene, but not in the bake: that stays as it is"
+    return ["color", "strength"], says
+
+
+def hung(scene):
+    fill = bpy.data.objects["Fill"]
+    fill.parent = bpy.data.objects["Key"]
+    fill.keyframe_insert("location")
+    row(scene, "Key").locks.direction = True
+    return ["color", "strength"], "light 'Key' carries 'Fill', which has animation on its location: that stays as it is"
+
+
+@pytest.mark.parametrize("spoil", [driven, constrained, shared, fixture, hung])
 def test_what_could_not_be_written_stays_locked_and_is_said(painted, spoil):
     wanted, says = spoil(painted)
     free, notes = locks.free(painted, ["Key", "Fill"])
     assert free["Key"] == wanted and says in notes
+
+
+def test_what_hangs_on_a_light_and_does_no_harm_locks_nothing(painted):
+    for child in (add(painted, "Arm", None), bpy.data.objects["Fill"]):
+        child.parent = bpy.data.objects["Key"]
+    row(painted, "Key").locks.position = True
+    assert locks.free(painted, ["Key"]) == ({"Key": ["position", "color", "strength"], "world": []}, [])
 
 
 def test_lights_shown_by_instances_stay_locked(painted):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
@@ -31,6 +32,8 @@ SETTINGS = (
 )
 """What a look keeps of a light, as far as its type and its Blender have it."""
 PLACE = ("location", "rotation_euler", "rotation_quaternion", "rotation_axis_angle", "scale")
+STRUCTS = {"POINT": "PointLight", "SPOT": "SpotLight", "AREA": "AreaLight", "SUN": "SunLight"}
+"""Blender's class for each type of light."""
 TOLERANCE = 1e-5
 """Of a matrix entry: Blender stores location, rotation and scale in 32 bits."""
 
@@ -54,8 +57,14 @@ def restore_lights(objects: Iterable[bpy.types.Object], states: Iterable[dict[st
     reasons = refusals(objects, states)
     if reasons:
         raise RefusedError(reasons)
-    for restore in _matched(objects, states):
-        restore.write()
+    has_moved = False
+    for _, level in itertools.groupby(_matched(objects, states), lambda restore: _depth(restore.obj)):
+        restores = list(level)
+        if has_moved:  # A light is placed by where its parent is now.
+            bpy.context.view_layer.update()
+        for restore in restores:
+            restore.write()
+        has_moved |= any(restore.moves for restore in restores)
     names = {name_of(obj) for obj in objects}
     return [state["name"] for state in states if state["name"] not in names]
 
@@ -65,9 +74,52 @@ def refusals(objects: Iterable[bpy.types.Object], states: Iterable[dict[str, Any
     return [reason for restore in _matched(objects, states) for reason in restore.refusals()]
 
 
+def why_not_placed(obj: bpy.types.Object) -> str | None:
+    """Why an object's place cannot be written, to be put behind its name; None if it can."""
+    reason = why_not(obj, *PLACE)
+    if reason is None and obj.constraints:
+        return f"is placed by its constraint '{obj.constraints[0].name}'"
+    return reason
+
+
 def _matched(objects: Iterable[bpy.types.Object], states: Iterable[dict[str, Any]]) -> list[_Restore]:
-    by_name = {name_of(obj): obj for obj in objects}
-    return [_Restore(by_name[state["name"]], state) for state in states if state["name"] in by_name]
+    """What is to be written, parents before children: of lights with a state, and of others that hang on them, as
+    they are to stay where they are."""
+    by_name = {state["name"]: state for state in states}
+    places: dict[bpy.types.Object, Matrix] = {}
+    restores = []
+    for obj in sorted(objects, key=_depth):
+        state = by_name.get(name_of(obj))
+        if state is None and _carrier(obj, places) is None:
+            continue
+        restores.append(_Restore(obj, state or light_state(obj), _carried(obj, places), is_kept=state is None))
+        places[obj] = Matrix(restores[-1].state["matrix"])
+    return restores
+
+
+def _depth(obj: bpy.types.Object) -> int:
+    return 0 if obj.parent is None else 1 + _depth(obj.parent)
+
+
+def _carrier(obj: bpy.types.Object, places: dict[bpy.types.Object, Matrix]) -> bpy.types.Object | None:
+    """The nearest of some objects that another hangs on."""
+    above = obj.parent
+    while above is not None and above not in places:
+        above = above.parent
+    return above
+
+
+def _carried(obj: bpy.types.Object, places: dict[bpy.types.Object, Matrix]) -> Matrix:
+    """Where a light will be once those that it hangs on have got their places."""
+    carrier = _carrier(obj, places)
+    if carrier is None or not _differ(carrier.matrix_world, places[carrier]):
+        return obj.matrix_world.copy()
+    return places[carrier] @ carrier.matrix_world.inverted_safe() @ obj.matrix_world
+
+
+def _differ(matrix: Matrix, other: Matrix) -> bool:
+    pairs = zip(matrix, other, strict=True)
+    return any(abs(a - b) > TOLERANCE for row, other_row in pairs for a, b in zip(row, other_row, strict=True))
 
 
 @dataclass
@@ -76,6 +128,10 @@ class _Restore:
 
     obj: bpy.types.Object
     state: dict[str, Any]
+    carried: Matrix
+    """Where it will be if nothing is written to it."""
+    is_kept: bool
+    """Not in the look: only to stay in its place."""
     settings: dict[str, Any] = field(init=False)
     moves: bool = field(init=False)
     hides: bool = field(init=False)
@@ -93,8 +149,7 @@ class _Restore:
             if before.get(name) != value and name in _properties(self.state["type"])
         }
         self.hides = now["hidden"] != self.state["hidden"]
-        pairs = zip(now["matrix"], self.state["matrix"], strict=True)
-        self.moves = any(abs(a - b) > TOLERANCE for row, other in pairs for a, b in zip(row, other, strict=True))
+        self.moves = _differ(self.carried, Matrix(self.state["matrix"]))
 
     def refusals(self) -> list[str]:
         obj, light = self.obj, self.obj.data
@@ -102,12 +157,11 @@ class _Restore:
         if self.settings or self.retypes:
             reasons += [why_not(light, *self.settings), self._unfit()]
         if self.moves:
-            reasons.append(why_not(obj, *PLACE))
-            if obj.constraints:
-                reasons.append(f"is placed by its constraint '{obj.constraints[0].name}'")
+            reasons.append(why_not_placed(obj))
         if self.hides:
             reasons.append(why_not(obj, "hide_render", "hide_viewport"))
-        return [f"light '{obj.name}' {reason}" for reason in dict.fromkeys(reasons) if reason]
+        what = f"light '{obj.name}'" + (" hangs on a light that moves, and" if self.is_kept else "")
+        return [f"{what} {reason}" for reason in dict.fromkeys(reasons) if reason]
 
     def _unfit(self) -> str | None:
         """Values that the light cannot take, as a look may come from anywhere."""
@@ -137,8 +191,7 @@ def _plain(value: Any) -> Any:
 
 def _properties(kind: str) -> Any:
     """The RNA properties of a type of light, by name; nothing for types that there are not."""
-    struct = getattr(bpy.types, f"{kind.capitalize()}Light", None)
-    return struct.bl_rna.properties if struct else {}
+    return getattr(bpy.types, STRUCTS[kind]).bl_rna.properties if kind in STRUCTS else {}
 
 
 def _fits(found: bpy.types.Property, value: Any) -> bool:

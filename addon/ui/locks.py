@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable
 
 import bpy
 from bpy.props import EnumProperty
 
-from ..apply.look_lights import PLACE
-from ..apply.writable import why_not
+from ..apply.free_moves import FreeMoves
 from ..core.rows import LIGHT
 from ..core.solve import WORLD
 from ..export.lights import name_of
@@ -23,13 +21,6 @@ HAS_NOT = {
     "SUN": {"position", "cone"},
 }
 """What a type of light does not have."""
-PATHS = {
-    "size": ("shadow_soft_size", "size", "size_y", "angle"),
-    "cone": ("spot_size", "spot_blend"),
-    "color": ("color",),
-    "strength": ("energy",),
-}
-"""Properties of the light's data; the others are the object's place."""
 ICONS = {
     "position": "EMPTY_ARROWS",
     "direction": "ORIENTATION_GIMBAL",
@@ -49,7 +40,7 @@ def free(scene: bpy.types.Scene, lights: Iterable[str]) -> tuple[dict[str, list[
     """What is unlocked, by the names of lights in the picture and WORLD; and why some of it stays locked anyway."""
     lights, settings = list(lights), scene.relume_solve
     objects = {name_of(obj): obj for obj in looks.lights_of(scene)}
-    users = Counter(obj.data for obj in objects.values())
+    moves = FreeMoves(scene, objects.values())
     instanced = {name.rpartition("#")[0] for name in lights if name.rpartition("#")[0] in objects}
     out: dict[str, list[str]] = {}
     notes = []
@@ -61,28 +52,12 @@ def free(scene: bpy.types.Scene, lights: Iterable[str]) -> tuple[dict[str, list[
         if row.name in instanced:
             reason, kept = "is shown several times, by instances", []
         else:
-            reason, kept = _writable(obj, wanted, users[obj.data])
+            reason, kept = moves.of(obj, wanted)
         if reason and wanted:
             notes.append(f"light '{row.name}' {reason}: that stays as it is")
         out[row.name] = kept
     out[WORLD] = [move for move in ("color", "strength") if scene.world and getattr(settings, f"world_{move}")]
     return out, notes
-
-
-def _writable(obj: bpy.types.Object, moves: list[str], users: int) -> tuple[str | None, list[str]]:
-    """Why some moves could not be written to a light, and the others."""
-    place = why_not(obj, *PLACE)
-    if place is None and obj.constraints:
-        place = f"is placed by its constraint '{obj.constraints[0].name}'"
-    shared = f"shares its data '{obj.data.name}' with other lights" if users > 1 else None
-    reason, kept = None, []
-    for move in moves:
-        paths = PATHS.get(move)
-        problem = place if paths is None else shared or why_not(obj.data, *paths)
-        reason = reason or problem
-        if problem is None:
-            kept.append(move)
-    return reason, kept
 
 
 def _lock_all_text(move: str) -> str:
