@@ -146,33 +146,46 @@ def reached(trajectory, error):
 
 
 def show(records):
-    """Medians over the runs, and how much sooner Relume is where Mitsuba ends."""
+    """Medians over the runs, where there are both over those that both have; how much sooner Relume is where Mitsuba
+    is at its best."""
     print("\nFigure 9: one light from random starts, medians")
     found = records.select(table="9")
     for scene in sorted({record["scene"] for record in found}):
         by_method = {}
         for record in found:
             if record["scene"] == scene:
-                by_method.setdefault(record["method"], []).append(record)
-        for method, chosen in sorted(by_method.items()):
-            error, seconds, psnr = (median(r[key] for r in chosen) for key in ("parameter_error", "seconds", "psnr"))
-            print(f"{scene:12} {method:28} {len(chosen):3} runs  error {error:.4f}  {psnr:5.1f} dB  {seconds:7.1f} s")
-        compare(scene, by_method)
+                method = (record["through"] == MITSUBA, record["method"], record["steps"], record["through"])
+                by_method.setdefault(method, {})[problem(record)] = record
+        ours = [some for (is_peer, *_), some in sorted(by_method.items()) if not is_peer]
+        theirs = [some for (is_peer, *_), some in sorted(by_method.items()) if is_peer]
+        pairs = [(mine, peer) for mine in ours for peer in theirs if mine.keys() & peer.keys()]
+        for mine, peer in pairs:
+            runs = sorted(mine.keys() & peer.keys())
+            compare([mine[run] for run in runs], [peer[run] for run in runs])
+        if not pairs:
+            for some in ours + theirs:
+                row(list(some.values()))
 
 
-def compare(scene, by_method):
-    """Prints how much sooner Relume is where Mitsuba is at its best, median of the runs; 0 if it never gets there."""
-    records = [record for some in by_method.values() for record in some]
-    mitsuba = {problem(record): record for record in records if record["through"] == MITSUBA}
-    ours = [record for record in records if record["through"] != MITSUBA and problem(record) in mitsuba]
-    pairs = [(record, mitsuba[problem(record)]) for record in ours]
-    if not pairs:
-        return
-    lower = sum(ours["parameter_error"] < theirs["parameter_error"] for ours, theirs in pairs)
+def row(records):
+    """Prints the medians of one method."""
+    first, number = records[0], len(records)
+    error, seconds, psnr = (median(record[key] for record in records) for key in ("parameter_error", "seconds", "psnr"))
+    name = f"{first['scene']:12} {first['method']:28} {first['steps']:3} steps {number:3} runs"
+    print(f"{name}  error {error:.4f}  {psnr:5.1f} dB  {seconds:7.1f} s")
+
+
+def compare(ours, theirs):
+    """Prints the medians of two methods over the same runs, and how much sooner Relume is where Mitsuba is at its best,
+    median of the runs; 0 if it never gets there."""
+    row(ours)
+    row(theirs)
+    pairs = list(zip(ours, theirs, strict=True))
+    lower = sum(mine["parameter_error"] < peer["parameter_error"] for mine, peer in pairs)
     factors = []
-    for ours, theirs in pairs:
-        best = min(error for _, error in theirs["trajectory"])
-        mine, its = reached(ours["trajectory"], best), reached(theirs["trajectory"], best)
-        factors.append(its / max(mine, 1e-3) if mine is not None else 0.0)
-    text = f"lower final error in {lower} of {len(pairs)} runs; Mitsuba's best error {median(factors):.1f} x sooner"
-    print(f"{scene:12} Relume: {text}")
+    for mine, peer in pairs:
+        best = min(error for _, error in peer["trajectory"])
+        sooner, later = reached(mine["trajectory"], best), reached(peer["trajectory"], best)
+        factors.append(later / max(sooner, 1e-3) if sooner is not None else 0.0)
+    best = f"Mitsuba's best error of {theirs[0]['steps']} steps {median(factors):.1f} x sooner"
+    print(f"{ours[0]['scene']:12} Relume: lower final error in {lower} of {len(pairs)} runs; {best}")
