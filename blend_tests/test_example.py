@@ -6,6 +6,7 @@ from pathlib import Path
 
 import bpy
 import pytest
+import relume
 
 from addon.engine.commands import run
 from helpers import add_light, add_material, add_quad
@@ -32,13 +33,14 @@ def shot(scene, tmp_path):
     return blend, bake, picture.with_suffix(".png")
 
 
-def solved(shot, *options):
-    """Runs the script and opens what it has written."""
+def solved(shot, *options, says=()):
+    """Runs the script, which is to say some lines, and opens what it has written."""
     out = shot[0].with_name("solved.blend")
     command = [sys.executable, SCRIPT, *shot, "--out", out, "--starts", "2", *options]
     done = subprocess.run([str(word) for word in command], capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0 and f"Wrote {out}" in done.stdout, done.stdout + done.stderr
     assert "Target read as this scene displays it" in done.stdout and "reached" in done.stdout
+    assert all(line in done.stdout for line in says), done.stdout
     bpy.ops.wm.open_mainfile(filepath=str(out))
     return bpy.data.objects
 
@@ -56,3 +58,28 @@ def test_a_light_can_be_added(shot):
     key = objects["Key"].data
     luminance = sum(weight * channel for weight, channel in zip((0.2126, 0.7152, 0.0722), key.color, strict=True))
     assert luminance * key.energy == pytest.approx(20.0, rel=1e-3), "its strength was not free"
+
+
+def test_linked_lights_shine_and_what_cannot_be_written_is_said(shot):
+    key = bpy.data.objects["Key"]
+    key.light_linking.receiver_collection = bpy.data.collections.new("Receivers")
+    key.light_linking.receiver_collection.objects.link(bpy.data.objects["Plane"])
+    fill = add_light(bpy.context.scene, "POINT", name="Fill", shadow_soft_size=0.1, use_shadow=False).data
+    fill.energy = 0.0
+    fill.driver_add("energy")
+    bpy.ops.wm.save_as_mainfile(filepath=str(shot[0]))
+    says = (
+        "Warning: light 'Fill': a light without shadow",
+        "Warning: light 'Fill' has a driver on its energy: that stays",
+    )
+    key = solved(shot, "--free", "strength", says=says)["Key"]
+    assert key.data.energy == pytest.approx(40.0, rel=0.02)
+
+
+def test_a_bake_that_was_stopped_is_made_whole(shot):
+    bake = shot[1]
+    next(bake.rglob("*.safetensors")).unlink()
+    done, wanted = relume.info(bake)["shards"]
+    assert done < wanted
+    solved(shot, "--free", "strength")
+    assert relume.info(bake)["shards"] == [wanted, wanted]

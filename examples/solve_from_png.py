@@ -22,34 +22,63 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from addon.apply import new_lights  # noqa: E402
+from addon.apply.free_moves import FreeMoves  # noqa: E402
 from addon.apply.look_lights import light_state, restore_lights  # noqa: E402
 from addon.core import solve  # noqa: E402
+from addon.engine import record  # noqa: E402
 from addon.engine.scene_lights import SceneLights  # noqa: E402
+from addon.export.lights import name_of  # noqa: E402
 from addon.export.target import read_target, taken  # noqa: E402
 
 
 def bake(blend, folder):
-    """Bakes the shot where there is no bake yet."""
-    if not (folder / "manifest.json").exists():
-        command = [sys.executable, ROOT / "relume_bake.py", blend, "--", "bake", "--out", folder]
-        subprocess.run([str(word) for word in command], check=True)
+    """Bakes the shot where there is no whole bake yet."""
+    if (folder / "manifest.json").exists():
+        done, wanted = relume.info(folder)["shards"]
+        if done == wanted:
+            return
+    command = [sys.executable, ROOT / "relume_bake.py", blend, "--", "bake", "--out", folder, "--resume"]
+    subprocess.run([str(word) for word in command], check=True)
 
 
-def present_lights():
-    """The lights of the open file, as the solver reads them."""
-    lights = SceneLights(bpy.context.view_layer.name, [])
+def present_lights(scene, folder):
+    """The lights of the open file, as the solver reads them; light linking counts objects as the bake does."""
+    kept = record.read(folder)
+    receivers = kept.receivers if kept else [obj.name_full for obj in scene.objects]
+    lights = SceneLights(bpy.context.view_layer.name, receivers)
     lights.read(bpy.context.evaluated_depsgraph_get())
+    warn(lights.warnings)
     return lights.descriptions
 
 
-def request(lights, args):
+def warn(messages):
+    """Tells what is not as it should be."""
+    for message in messages:
+        print(f"Warning: {message}")
+
+
+def light_objects(scene):
+    """The light objects of the scene, by the names that they have in pictures."""
+    return {name_of(obj): obj for obj in scene.objects if obj.type == "LIGHT"}
+
+
+def free_moves(scene, lights, args):
+    """What may change of each light, less what could not be written back."""
+    shown = [light["name"] for light in lights]
+    objects = light_objects(scene)
+    moves, free = FreeMoves(scene, objects.values(), shown), {}
+    for name in args.lights or shown:
+        if name in objects:
+            reason, free[name] = moves.of(objects[name], args.free)
+            warn([f"light '{name}' {reason}: that stays as it is"] if reason else [])
+    return free
+
+
+def request(lights, free, args):
     """What the solver is asked for."""
     shown = {"lights": lights, "gains": {}, "world": [1, 1, 1], "static": [1, 1, 1]}
-    names = args.lights or [light["name"] for light in lights]
     goal = {"goal": "target", "image": "target", "exposure_invariant": args.mood, "where": {"mask": "unclipped"}}
-    wish = solve.Wish(
-        free={name: args.free for name in names}, goals=[goal], keep_rest=0.0, add_count=args.add, starts=args.starts
-    )
+    wish = solve.Wish(free=free, goals=[goal], keep_rest=0.0, add_count=args.add, starts=args.starts)
     return solve.request(shown, wish)
 
 
@@ -63,7 +92,7 @@ def unclipped(image, target):
 def write(scene, answer, lights, asked):
     """Makes the scene's lights what the answer says: changed ones, new ones in a collection "Relume". `lights` are
     those that were there, and `asked` the request that was made of them."""
-    objects = {obj.name: obj for obj in scene.objects if obj.type == "LIGHT"}
+    objects = light_objects(scene)
     present = {name: light_state(obj) for name, obj in objects.items()}
     states = solve.solved(answer, present, lights, asked["lights"], bpy.data.objects.keys()).states
     made = new_lights.make(scene, [state for state in states if state.get("added")])
@@ -94,14 +123,13 @@ def main():
     target, how, _ = read_target(scene, taken(image), "AUTO", (manifest["width"], manifest["height"]))
     print(how)
     images = {"target": target, "unclipped": unclipped(image, target)}
-    lights = present_lights()
-    asked = request(lights, args)
+    lights = present_lights(scene, args.bake)
+    asked = request(lights, free_moves(scene, lights, args), args)
     job = relume.solve([str(args.bake)], json.dumps(asked), images)
     answer = job.wait(on_warning=print)
     for row in answer["report"]:
         print(row["text"])
-    for warning in answer["warnings"]:
-        print(f"Warning: {warning}")
+    warn(answer["warnings"])
     write(scene, answer, lights, asked)
     bpy.ops.wm.save_as_mainfile(filepath=str(args.out.resolve()), copy=True)
     print(f"Wrote {args.out}")

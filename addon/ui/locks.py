@@ -40,8 +40,7 @@ def free(scene: bpy.types.Scene, lights: Iterable[str]) -> tuple[dict[str, list[
     """What is unlocked, by the names of lights in the picture and WORLD; and why some of it stays locked anyway."""
     lights, settings = list(lights), scene.relume_solve
     objects = {name_of(obj): obj for obj in looks.lights_of(scene)}
-    moves = FreeMoves(scene, objects.values())
-    instanced = {name.rpartition("#")[0] for name in lights if name.rpartition("#")[0] in objects}
+    moves = FreeMoves(scene, objects.values(), lights)
     out: dict[str, list[str]] = {}
     notes = []
     for row in rows.present_rows(scene):
@@ -49,10 +48,7 @@ def free(scene: bpy.types.Scene, lights: Iterable[str]) -> tuple[dict[str, list[
             continue
         obj = objects[row.name]
         wanted = [move for move in moves_of(obj.data.type) if getattr(row.locks, move)]
-        if row.name in instanced:
-            reason, kept = "is shown several times, by instances", []
-        else:
-            reason, kept = moves.of(obj, wanted)
+        reason, kept = moves.of(obj, wanted)
         if reason and wanted:
             notes.append(f"light '{row.name}' {reason}: that stays as it is")
         out[row.name] = kept
