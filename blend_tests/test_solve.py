@@ -103,7 +103,9 @@ def test_what_could_not_be_written_stays_locked_and_is_said(painted, spoil):
 
 
 def test_what_hangs_on_a_light_and_does_no_harm_locks_nothing(painted):
-    for child in (add(painted, "Arm", None), bpy.data.objects["Fill"]):
+    helper = add(painted, "Helper", bpy.data.meshes.new("Helper"))
+    helper.hide_render = True
+    for child in (helper, add(painted, "Arm", None), bpy.data.objects["Fill"]):
         child.parent = bpy.data.objects["Key"]
     row(painted, "Key").locks.position = True
     assert locks.free(painted, ["Key"]) == ({"Key": ["position", "color", "strength"], "world": []}, [])

@@ -63,6 +63,6 @@ def _carriers(scene: bpy.types.Scene, lights: set[bpy.types.Object]) -> dict[bpy
 def _needs_its_place(obj: bpy.types.Object) -> str | None:
     if obj.type == "LIGHT":
         return why_not_placed(obj)
-    if obj.type == "EMPTY" and obj.instance_type == "NONE":
+    if obj.hide_render or (obj.type == "EMPTY" and obj.instance_type == "NONE"):
         return None
     return "would move in the scene, but not in the bake"

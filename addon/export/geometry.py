@@ -21,7 +21,7 @@ FIELDS: dict[str, tuple[str, int, Any]] = {
     "FLOAT_COLOR": ("color", 4, np.float32),
     "QUATERNION": ("value", 4, np.float32),
 }
-"""Where an attribute of a type has its values, and how many. Cycles reads no others."""
+"""Where an attribute of a type has its values, and how many, of the types that Cycles reads."""
 
 
 class GeometryExporter:
@@ -52,8 +52,7 @@ class GeometryExporter:
 
 def mesh_arrays(mesh: bpy.types.Mesh, asked: Collection[str] = ()) -> dict[str, Any]:
     """The arrays that `SceneBuilder.add_mesh` takes, one copy each; attributes that are `asked` for by name are among
-    the colours. Attributes are read by their stored arrays:
-    `vertices.co` and its like are up to 300 times slower."""
+    the colours. Attributes are read by their stored arrays: `vertices.co` and its like are up to 300 times slower."""
     faces, corners, vertices = len(mesh.polygons), len(mesh.loops), len(mesh.vertices)
     arrays: dict[str, Any] = {
         "positions": _attribute(mesh, "position", "vector", (vertices, 3), np.float32),

@@ -13,8 +13,6 @@ from .graph import Context, Source, Unlinked, convert, node_constant, resolve, s
 from .values import VALUES, attribute_name
 
 DEFAULT_SURFACE = {"type": "diffuse", "color": [0.8, 0.8, 0.8], "roughness": 0.0, "normal": None}
-
-
 EMISSION = {"emission": ("strength", 0.0), "principled": ("emission_strength", 0.0)}
 TRANSPARENCY = {"transparent": ("color", [0.0, 0.0, 0.0]), "principled": ("alpha", 1.0)}
 """Fields of closures by their type, and the values that do nothing."""
