@@ -81,6 +81,7 @@ def test_value_nodes_round_trip(tree, kind):
         setattr(node, key, value)
     if kind == "ShaderNodeTexImage":
         node.image = bpy.data.images.new("Brick", 4, 2)
+    bpy.data.objects["Wall"].data.color_attributes.new("Paint", "FLOAT_COLOR", "POINT")
     diffuse_with(tree, output, node.outputs[socket])
     material, warnings, _ = export()
     surface = material["nodes"][material["surface"]]
