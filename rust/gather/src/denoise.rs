@@ -9,7 +9,10 @@
 //! On Windows they are `OpenImageDenoise.dll`, `OpenImageDenoise_core.dll` and so on, and the Python package names the folder.
 
 #[cfg(oidn)]
+use std::cell::RefCell;
+#[cfg(oidn)]
 use std::ffi::CStr;
+use std::sync::Arc;
 
 #[cfg(oidn)]
 use oidn::sys;
@@ -58,6 +61,8 @@ pub struct DenoiseFeatures {
     albedo: Vec<f32>,
     normal: Vec<f32>,
     is_clean: bool,
+    /// The same in no others.
+    identity: Arc<()>,
 }
 
 impl DenoiseFeatures {
@@ -65,7 +70,8 @@ impl DenoiseFeatures {
     pub fn noisy(aovs: &Aovs) -> Self {
         let (width, height) = (aovs.albedo.width, aovs.albedo.height);
         let albedo = aovs.albedo.data.iter().map(|value| value.clamp(0.0, 1.0)).collect();
-        Self { width, height, albedo, normal: aovs.normal.data.clone(), is_clean: false }
+        let (normal, identity) = (aovs.normal.data.clone(), Arc::default());
+        Self { width, height, albedo, normal, is_clean: false, identity }
     }
 }
 
@@ -79,8 +85,11 @@ pub enum DenoiseDevice {
     Gpu(String),
 }
 
-/// A denoising device. It may move between threads; one thread uses it at a time.
+/// A denoising device. It may move between threads; one thread uses it at a time. It keeps what it has made ready for the
+/// features that were used last.
 pub struct Denoiser {
+    #[cfg(oidn)]
+    kept: RefCell<Kept>,
     #[cfg(oidn)]
     device: oidn::Device,
     #[cfg(not(oidn))]
@@ -155,7 +164,7 @@ impl Denoiser {
             oidn::Device::from_raw(raw)
         };
         device.get_error().map_err(library)?;
-        Ok(Self { device })
+        Ok(Self { kept: RefCell::default(), device })
     }
 
     /// Version of the library in use: Blender's or the bundled one.
@@ -172,9 +181,9 @@ impl Denoiser {
     pub fn features(&self, aovs: &Aovs) -> Result<DenoiseFeatures, DenoiseError> {
         let mut features = DenoiseFeatures::noisy(aovs);
         for (name, values) in [(c"albedo", &mut features.albedo), (c"normal", &mut features.normal)] {
-            let mut filter = Filter::new(&self.device, features.width, features.height, name)?;
+            let filter = Filter::new(&self.device, features.width, features.height, name)?;
             filter.commit(DenoiseQuality::High);
-            filter.run(values)?;
+            filter.run(&self.device, values)?;
         }
         features.is_clean = true;
         Ok(features)
@@ -191,34 +200,62 @@ impl Denoiser {
         features: &DenoiseFeatures,
         quality: DenoiseQuality,
     ) -> Result<(), DenoiseError> {
-        let (width, height) = (features.width, features.height);
-        let mut filter = Filter::new(&self.device, width, height, c"color")?;
-        filter.input(c"albedo", &features.albedo)?;
-        filter.input(c"normal", &features.normal)?;
-        filter.flag(c"hdr");
-        if features.is_clean {
-            filter.flag(c"cleanAux");
-        }
-        filter.commit(quality);
-        for image in images {
-            if (image.width, image.height, image.channels) != (width, height, 3) {
+        let mut kept = self.kept.borrow_mut();
+        let filter = kept.filter(&self.device, features, quality)?;
+        let result = images.iter_mut().try_for_each(|image| {
+            if (image.width, image.height, image.channels) != (features.width, features.height, 3) {
                 let found = format!("{} x {}, {} channels", image.width, image.height, image.channels);
-                return Err(DenoiseError::Size { image: found, features: format!("{width} x {height}") });
+                let features = format!("{} x {}", features.width, features.height);
+                return Err(DenoiseError::Size { image: found, features });
             }
             let clean = |value: &mut f32| *value = if value.is_finite() { value.max(0.0) } else { 0.0 };
             image.data.iter_mut().for_each(clean);
-            filter.run(&mut image.data)?;
+            filter.run(&self.device, &mut image.data)
+        });
+        if matches!(result, Err(DenoiseError::Library(_))) {
+            *kept = Kept::default();
         }
-        Ok(())
+        result
+    }
+}
+
+/// Filters for pictures with the same features: to make one takes a while, and memory of the device.
+#[cfg(oidn)]
+#[derive(Default)]
+struct Kept {
+    features: Option<Arc<()>>,
+    filters: Vec<(DenoiseQuality, Filter)>,
+}
+
+#[cfg(oidn)]
+impl Kept {
+    /// The filter of this quality; those of other features are dropped.
+    fn filter(
+        &mut self,
+        device: &oidn::Device,
+        features: &DenoiseFeatures,
+        quality: DenoiseQuality,
+    ) -> Result<&Filter, DenoiseError> {
+        if !self.features.as_ref().is_some_and(|kept| Arc::ptr_eq(kept, &features.identity)) {
+            *self = Self { features: Some(Arc::clone(&features.identity)), filters: Vec::new() };
+        }
+        let known = self.filters.iter().position(|(of, _)| *of == quality);
+        let place = match known {
+            Some(place) => place,
+            None => {
+                self.filters.push((quality, Filter::of_pictures(device, features, quality)?));
+                self.filters.len() - 1
+            }
+        };
+        Ok(&self.filters[place].1)
     }
 }
 
 /// OIDN's `RT` filter over buffers on its device. The crate's safe filter can neither say that features are clean (2.5.1
 /// sets a parameter that the library does not know) nor denoise the features themselves.
 #[cfg(oidn)]
-struct Filter<'a> {
+struct Filter {
     raw: sys::OIDNFilter,
-    device: &'a oidn::Device,
     width: usize,
     height: usize,
     /// What the library reads and writes: RGB.
@@ -226,10 +263,31 @@ struct Filter<'a> {
     inputs: Vec<DeviceImage>,
 }
 
+// SAFETY: the library's objects may be used from any thread, and they keep their device alive.
 #[cfg(oidn)]
-impl<'a> Filter<'a> {
+unsafe impl Send for Filter {}
+
+#[cfg(oidn)]
+impl Filter {
+    /// A filter of pictures with these features.
+    fn of_pictures(
+        device: &oidn::Device,
+        features: &DenoiseFeatures,
+        quality: DenoiseQuality,
+    ) -> Result<Self, DenoiseError> {
+        let mut filter = Self::new(device, features.width, features.height, c"color")?;
+        filter.input(device, c"albedo", &features.albedo)?;
+        filter.input(device, c"normal", &features.normal)?;
+        filter.flag(c"hdr");
+        if features.is_clean {
+            filter.flag(c"cleanAux");
+        }
+        filter.commit(quality);
+        Ok(filter)
+    }
+
     /// A filter of the image that the library calls `name`.
-    fn new(device: &'a oidn::Device, width: usize, height: usize, name: &CStr) -> Result<Self, DenoiseError> {
+    fn new(device: &oidn::Device, width: usize, height: usize, name: &CStr) -> Result<Self, DenoiseError> {
         let pixels = DeviceImage::new(device, width * height * 3)?;
         // SAFETY: the device is alive; the name ends with a zero; null is checked for before the filter is used.
         let raw = unsafe { sys::oidnNewFilter(device.raw(), c"RT".as_ptr()) };
@@ -237,15 +295,15 @@ impl<'a> Filter<'a> {
             device.get_error().map_err(library)?;
             return Err(DenoiseError::Library("it has no ray tracing filter".into()));
         }
-        let filter = Self { raw, device, width, height, pixels, inputs: Vec::new() };
+        let filter = Self { raw, width, height, pixels, inputs: Vec::new() };
         filter.image(name, &filter.pixels);
         filter.image(c"output", &filter.pixels);
         Ok(filter)
     }
 
     /// An RGB image that the filter only reads.
-    fn input(&mut self, name: &CStr, values: &[f32]) -> Result<(), DenoiseError> {
-        let image = DeviceImage::new(self.device, self.width * self.height * 3)?;
+    fn input(&mut self, device: &oidn::Device, name: &CStr, values: &[f32]) -> Result<(), DenoiseError> {
+        let image = DeviceImage::new(device, self.width * self.height * 3)?;
         image.write(values);
         self.image(name, &image);
         self.inputs.push(image);
@@ -261,12 +319,12 @@ impl<'a> Filter<'a> {
         };
     }
 
-    fn flag(&mut self, name: &CStr) {
+    fn flag(&self, name: &CStr) {
         // SAFETY: the filter is alive; the name ends with a zero.
         unsafe { sys::oidnSetFilterBool(self.raw, name.as_ptr(), true) };
     }
 
-    fn commit(&mut self, quality: DenoiseQuality) {
+    fn commit(&self, quality: DenoiseQuality) {
         let quality = oidn::Quality::from(quality).as_raw_oidn_quality();
         // SAFETY: the filter is alive; the name ends with a zero.
         unsafe {
@@ -276,18 +334,18 @@ impl<'a> Filter<'a> {
     }
 
     /// Denoises one image in place.
-    fn run(&mut self, image: &mut [f32]) -> Result<(), DenoiseError> {
+    fn run(&self, device: &oidn::Device, image: &mut [f32]) -> Result<(), DenoiseError> {
         self.pixels.write(image);
         // SAFETY: the filter is committed, and its images are alive.
         unsafe { sys::oidnExecuteFilter(self.raw) };
-        self.device.get_error().map_err(library)?;
+        device.get_error().map_err(library)?;
         self.pixels.read(image);
-        self.device.get_error().map_err(library)
+        device.get_error().map_err(library)
     }
 }
 
 #[cfg(oidn)]
-impl Drop for Filter<'_> {
+impl Drop for Filter {
     fn drop(&mut self) {
         // SAFETY: the only reference to the filter.
         unsafe { sys::oidnReleaseFilter(self.raw) };
@@ -376,6 +434,46 @@ impl From<DenoiseQuality> for oidn::Quality {
             DenoiseQuality::Fast => Self::Fast,
             DenoiseQuality::Balanced => Self::Balanced,
             DenoiseQuality::High => Self::High,
+        }
+    }
+}
+
+#[cfg(all(test, oidn))]
+mod tests {
+    use super::*;
+
+    fn noise(seed: usize, channels: usize) -> Image {
+        let value = |i: usize| ((i + seed) * 2_654_435_761 % 1000) as f32 / 1000.0;
+        Image { data: (0..64 * 48 * channels).map(value).collect(), ..Image::new(64, 48, channels) }
+    }
+
+    fn features(denoiser: &Denoiser, seed: usize) -> DenoiseFeatures {
+        let aovs = Aovs {
+            albedo: noise(seed, 3),
+            normal: noise(seed + 1, 3),
+            depth: noise(0, 1),
+            emission: noise(0, 3),
+            world: noise(0, 3),
+            alpha: noise(0, 1),
+        };
+        denoiser.features(&aovs).unwrap()
+    }
+
+    #[test]
+    fn a_filter_is_made_once_for_its_features_and_quality() {
+        let new = || Denoiser::new(&DenoiseDevice::Cpu(Some(1))).unwrap();
+        let denoiser = new();
+        let views = [features(&denoiser, 7), features(&denoiser, 70)];
+        let (fast, balanced) = (DenoiseQuality::Fast, DenoiseQuality::Balanced);
+        // Which view, in which quality, and how many filters there are then.
+        for (seed, (view, quality, kept)) in
+            [(0, fast, 1), (0, balanced, 2), (0, fast, 2), (1, fast, 1), (0, fast, 1)].into_iter().enumerate()
+        {
+            let [mut found, mut expected] = [0; 2].map(|_| [noise(100 * seed, 3)]);
+            denoiser.denoise(&mut found, &views[view], quality).unwrap();
+            new().denoise(&mut expected, &views[view], quality).unwrap();
+            assert_eq!(found, expected, "picture {seed}");
+            assert_eq!(denoiser.kept.borrow().filters.len(), kept, "picture {seed}");
         }
     }
 }
