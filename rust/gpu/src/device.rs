@@ -3,6 +3,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::choice::choose;
+use crate::kernel::Compiled;
 use crate::{AdapterSummary, GpuChoice, GpuError};
 
 /// Bytes of arguments that a dispatch may carry ([`crate::Commands::run`]); every back end has them.
@@ -28,7 +29,7 @@ pub struct Gpu {
     features: wgpu::Features,
     memory: Arc<Memory>,
     trouble: Arc<Mutex<Trouble>>,
-    kernels: Mutex<HashMap<String, wgpu::ShaderModule>>,
+    compiled: Compiled,
 }
 
 /// What kernels and buffers of a GPU may be.
@@ -133,9 +134,9 @@ impl Gpu {
         watch(&device, &trouble);
         let memory = Arc::new(Memory { used: 0.into(), budget: default_budget(adapter).into() });
         let limits = limits(adapter, features);
-        let kernels = Mutex::default();
+        let compiled = Compiled::default();
         let summary = AdapterSummary::new(&info);
-        Ok(Arc::new(Self { device, queue, summary, limits, features, memory, trouble, kernels }))
+        Ok(Arc::new(Self { device, queue, summary, limits, features, memory, trouble, compiled }))
     }
 
     /// What the user is told about it.
@@ -200,9 +201,8 @@ impl Gpu {
         let _ = self.device.poll(wgpu::PollType::Poll);
     }
 
-    /// Compiled modules by name.
-    pub(crate) fn kernels(&self) -> &Mutex<HashMap<String, wgpu::ShaderModule>> {
-        &self.kernels
+    pub(crate) fn compiled(&self) -> &Compiled {
+        &self.compiled
     }
 }
 

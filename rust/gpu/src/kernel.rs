@@ -1,15 +1,25 @@
+use std::collections::HashMap;
 use std::fmt::Write as _;
-use std::sync::PoisonError;
+use std::sync::{Mutex, PoisonError};
 
 use crate::device::IMMEDIATES;
 use crate::{Binding, Gpu, GpuError, modules};
 
-/// An entry point of a module, compiled. Its buffers are bindings 0, 1, 2 ... of group 0.
-#[derive(Debug)]
+/// An entry point of a module, compiled. Its buffers are bindings 0, 1, 2 ... of group 0. Cheap to clone.
+#[derive(Clone, Debug)]
 pub struct Kernel {
-    pipeline: wgpu::ComputePipeline,
+    pub(crate) pipeline: wgpu::ComputePipeline,
     device: wgpu::Device,
     label: String,
+}
+
+/// What a device has compiled so far.
+#[derive(Debug, Default)]
+pub(crate) struct Compiled {
+    /// By name and constants.
+    modules: Mutex<HashMap<String, wgpu::ShaderModule>>,
+    /// By module, constants and entry point.
+    kernels: Mutex<HashMap<String, Kernel>>,
 }
 
 /// A kernel with its buffers. Keeps them alive on the device.
@@ -20,15 +30,22 @@ pub struct Bound {
 }
 
 impl Gpu {
-    /// Compiles an entry point of a module of `shaders/`, with these values of its constants. The module is compiled once a
-    /// device.
+    /// An entry point of a module of `shaders/`, with these values of its constants: compiled once a device.
     ///
     /// # Errors
     /// If the driver refuses it, or the device was lost.
     pub fn kernel(&self, module: &str, entry: &str, constants: &[(&str, u32)]) -> Result<Kernel, GpuError> {
         self.check()?;
-        let shader = self.module(module, constants)?;
-        self.pipeline(module, &shader, entry)
+        let module_key = with_constants(module, constants);
+        let key = format!("{module_key}: {entry}");
+        let known = || self.compiled().kernels.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(kernel) = known().get(&key) {
+            return Ok(kernel.clone());
+        }
+        // Others go on meanwhile: drivers may take seconds.
+        let shader = self.module(module, constants, module_key)?;
+        let kernel = self.pipeline(module, &shader, entry)?;
+        Ok(known().entry(key).or_insert(kernel).clone())
     }
 
     /// Compiles an entry point of a text that is not of `shaders/`: for tests that stand in for what a device lacks.
@@ -60,13 +77,13 @@ impl Gpu {
         Ok(Kernel { pipeline, device: self.device.clone(), label })
     }
 
-    fn module(&self, name: &str, constants: &[(&str, u32)]) -> Result<wgpu::ShaderModule, GpuError> {
-        let key = constants.iter().fold(name.to_owned(), |mut key, (constant, value)| {
-            // Writing to a string cannot fail.
-            let _ = write!(key, " {constant}={value}");
-            key
-        });
-        let mut known = self.kernels().lock().unwrap_or_else(PoisonError::into_inner);
+    fn module(
+        &self,
+        name: &str,
+        constants: &[(&str, u32)],
+        key: String,
+    ) -> Result<wgpu::ShaderModule, GpuError> {
+        let mut known = self.compiled().modules.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(module) = known.get(&key) {
             return Ok(module.clone());
         }
@@ -105,6 +122,15 @@ impl Gpu {
             Some(error) => Err(GpuError::Shader { module: module.to_owned(), reason: error.to_string() }),
         }
     }
+}
+
+/// A module's name and the values of its constants.
+fn with_constants(module: &str, constants: &[(&str, u32)]) -> String {
+    constants.iter().fold(module.to_owned(), |mut text, (constant, value)| {
+        // Writing to a string cannot fail.
+        let _ = write!(text, " {constant}={value}");
+        text
+    })
 }
 
 impl Kernel {

@@ -48,6 +48,22 @@ fn a_kernel_adds_up_a_buffer() {
 }
 
 #[test]
+fn a_kernel_is_compiled_once_a_device() {
+    let (gpu, other) = (gpu(), gpu());
+    let kernel = |gpu: &Gpu, module: &str, entry: &str, size: u32| {
+        gpu.kernel(module, entry, &[("GROUP_SIZE", size)]).unwrap().pipeline
+    };
+    let first = kernel(&gpu, "selftest", "sum", 32);
+    assert_eq!(kernel(&gpu, "selftest", "sum", 32), first);
+    assert_ne!(kernel(&gpu, "selftest", "sum", 64), first);
+    assert_ne!(kernel(&other, "selftest", "sum", 32), first);
+    // The entry points of a module are kernels of their own.
+    let muon = |entry: &str| gpu.kernel("train/muon", entry, &[]).unwrap().pipeline;
+    let [one, another] = ["start", "finish"].map(muon);
+    assert_ne!(one, another);
+}
+
+#[test]
 fn many_workgroups_are_folded_into_rows() {
     for groups in [0, 1, 65_535, 65_536, 442_500, 10_000_000] {
         let [x, y] = fold(groups);

@@ -2,6 +2,7 @@ use relume_gpu::{Buffer, CompareArguments, CompareKernel};
 use relume_scene::{LANES, Light};
 
 use super::GpuGather;
+use super::kernels;
 use super::soft::Outputs;
 use crate::soft::OUTPUTS;
 use crate::soft::light::SoftLight;
@@ -121,10 +122,9 @@ impl GpuGather {
             share: 1.0 / all as f32,
             losses: gradients as u32,
         };
-        let kernels = self.kernels.compare(&self.gpu)?;
-        kernels.compare.add(&mut commands, &buffers, &arguments)?;
-        let bound =
-            kernels.pull.bind(&[radiances.whole(), values.whole(), d_picture.whole(), results.whole()])?;
+        kernels::compare(&self.gpu)?.add(&mut commands, &buffers, &arguments)?;
+        let pulled = [radiances.whole(), values.whole(), d_picture.whole(), results.whole()];
+        let bound = kernels::pull(&self.gpu)?.bind(&pulled)?;
         let arguments = [count as u32, lights as u32];
         commands.run(&bound, (lights * OUTPUTS) as u32, bytemuck::bytes_of(&arguments));
         commands.submit()?;

@@ -1,5 +1,4 @@
-use std::collections::HashMap;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+//! The kernels of the gather; a device compiles each once, when it is first asked for.
 
 use relume_gpu::{CompareKernel, Gpu, GpuError, Kernel};
 
@@ -12,80 +11,44 @@ pub const SORTED_LIGHTS: [usize; 2] = [1, 4];
 /// Threads of a workgroup (`shaders/gather/records.wgsl`).
 pub const GROUP_SIZE: u32 = 64;
 
-/// A workgroup of it sums a whole cell, with fewer threads for each pixel.
-const SLOPES: &str = "gather/slopes";
-
-/// The kernels, each compiled when first asked for.
-#[derive(Debug, Default)]
-pub struct Kernels {
-    known: Mutex<HashMap<Key, Arc<Kernel>>>,
-    compare: OnceLock<CompareKernels>,
+/// `shaders/gather/images.wgsl` for at least so many lights.
+pub fn images(gpu: &Gpu, lights: usize, lanes: u32) -> Result<Kernel, GpuError> {
+    gpu.kernel("gather/images", "add_images", &[("LIGHTS", fitting(lights, &LIGHTS)), ("LANES", lanes)])
 }
 
-/// From what `slopes.wgsl` leaves to a loss and the gradients by lights.
-#[derive(Debug)]
-pub struct CompareKernels {
-    pub compare: CompareKernel,
-    /// `shaders/gather/pull.wgsl`.
-    pub pull: Kernel,
+/// `shaders/gather/targets.wgsl` for at least so many lights.
+pub fn targets(gpu: &Gpu, lights: usize, lanes: u32) -> Result<Kernel, GpuError> {
+    gpu.kernel("gather/targets", "add_targets", &[("LIGHTS", fitting(lights, &LIGHTS)), ("LANES", lanes)])
 }
 
-/// Module, lights, and threads of a pixel.
-type Key = (&'static str, usize, Option<u32>);
+/// `shaders/gather/blocks.wgsl` for at least so many lights.
+pub fn blocks(gpu: &Gpu, lights: usize) -> Result<Kernel, GpuError> {
+    gpu.kernel("gather/blocks", "add_blocks", &[("LIGHTS", fitting(lights, &SORTED_LIGHTS))])
+}
 
-impl Kernels {
-    /// `shaders/gather/images.wgsl` for at least so many lights.
-    pub fn images(&self, gpu: &Gpu, lights: usize, lanes: u32) -> Result<Arc<Kernel>, GpuError> {
-        self.get(gpu, "add_images", ("gather/images", fitting(lights, &LIGHTS), Some(lanes)))
-    }
+/// `shaders/gather/world.wgsl`.
+pub fn world(gpu: &Gpu, lanes: u32) -> Result<Kernel, GpuError> {
+    gpu.kernel("gather/world", "add_world", &[("LIGHTS", 1), ("LANES", lanes)])
+}
 
-    /// `shaders/gather/targets.wgsl` for at least so many lights.
-    pub fn targets(&self, gpu: &Gpu, lights: usize, lanes: u32) -> Result<Arc<Kernel>, GpuError> {
-        self.get(gpu, "add_targets", ("gather/targets", fitting(lights, &LIGHTS), Some(lanes)))
-    }
+/// `shaders/gather/slopes.wgsl` with so many threads for a pixel at a time: a workgroup of it sums a whole cell.
+pub fn slopes(gpu: &Gpu, pixel_lanes: u32) -> Result<Kernel, GpuError> {
+    gpu.kernel("gather/slopes", "add_slopes", &[("LIGHTS", OUTPUTS as u32), ("PIXEL_LANES", pixel_lanes)])
+}
 
-    /// `shaders/gather/blocks.wgsl` for at least so many lights.
-    pub fn blocks(&self, gpu: &Gpu, lights: usize) -> Result<Arc<Kernel>, GpuError> {
-        self.get(gpu, "add_blocks", ("gather/blocks", fitting(lights, &SORTED_LIGHTS), None))
-    }
+/// From what `slopes.wgsl` leaves to a loss.
+pub fn compare(gpu: &Gpu) -> Result<CompareKernel, GpuError> {
+    CompareKernel::new(gpu, 1, 3 * OUTPUTS)
+}
 
-    /// `shaders/gather/world.wgsl`.
-    pub fn world(&self, gpu: &Gpu, lanes: u32) -> Result<Arc<Kernel>, GpuError> {
-        self.get(gpu, "add_world", ("gather/world", 1, Some(lanes)))
-    }
-
-    /// `shaders/gather/slopes.wgsl` with so many threads for a pixel at a time.
-    pub fn slopes(&self, gpu: &Gpu, pixel_lanes: u32) -> Result<Arc<Kernel>, GpuError> {
-        self.get(gpu, "add_slopes", (SLOPES, OUTPUTS, Some(pixel_lanes)))
-    }
-
-    pub fn compare(&self, gpu: &Gpu) -> Result<&CompareKernels, GpuError> {
-        if let Some(kernels) = self.compare.get() {
-            return Ok(kernels);
-        }
-        let compare = CompareKernel::new(gpu, 1, 3 * OUTPUTS)?;
-        let kernels = CompareKernels { compare, pull: gpu.kernel("gather/pull", "pull_back", &[])? };
-        Ok(self.compare.get_or_init(|| kernels))
-    }
-
-    fn get(&self, gpu: &Gpu, entry: &str, key: Key) -> Result<Arc<Kernel>, GpuError> {
-        let mut kernels = self.known.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(kernel) = kernels.get(&key) {
-            return Ok(Arc::clone(kernel));
-        }
-        let (module, lights, lanes) = key;
-        let mut constants = vec![("LIGHTS", lights as u32)];
-        let of_pixel = if module == SLOPES { "PIXEL_LANES" } else { "LANES" };
-        constants.extend(lanes.map(|lanes| (of_pixel, lanes)));
-        let kernel = Arc::new(gpu.kernel(module, entry, &constants)?);
-        kernels.insert(key, Arc::clone(&kernel));
-        Ok(kernel)
-    }
+/// `shaders/gather/pull.wgsl`: from there to the gradients by lights.
+pub fn pull(gpu: &Gpu) -> Result<Kernel, GpuError> {
+    gpu.kernel("gather/pull", "pull_back", &[])
 }
 
 /// The smallest of the kernels that takes so many lights.
-fn fitting(lights: usize, kernels: &[usize]) -> usize {
-    kernels.iter().copied().find(|&most| most >= lights).unwrap_or(kernels[kernels.len() - 1])
+fn fitting(lights: usize, kernels: &[usize]) -> u32 {
+    kernels.iter().copied().find(|&most| most >= lights).unwrap_or(kernels[kernels.len() - 1]) as u32
 }
 
 /// Threads of a pixel whose parts have so many records: each should have two loads of four.

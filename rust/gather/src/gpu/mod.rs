@@ -31,7 +31,7 @@ use crate::kernel::magnitude;
 use crate::{Gather, GatherError, Half, PreparedLight};
 use chunk::{Chunk, ChunkPlan, ChunkRecords, ChunkTable, RECORD_BYTES};
 pub use compare::{SoftCompared, Wanted};
-use kernels::{GROUP_SIZE, Kernels, LIGHTS, SORTED_LIGHTS, lanes};
+use kernels::{GROUP_SIZE, LIGHTS, SORTED_LIGHTS, lanes};
 pub use light::{GpuLight, GpuLights, Receivers};
 use sorted::Sorted;
 
@@ -53,7 +53,6 @@ pub struct GpuGather {
     resident: Option<Vec<Chunk>>,
     /// The same with sorted segments, if asked for.
     sorted: OnceLock<Sorted>,
-    kernels: Kernels,
 }
 
 /// Images of some of the lights of a call, one behind the other.
@@ -82,8 +81,8 @@ impl GpuGather {
         let dump = gather.dump().clone();
         let largest = |shard: &Arc<relume_dump::Shard>| magnitude(shard, glam::Vec3::ZERO);
         let magnitude = dump.shards().map(largest).fold(0.0, f32::max);
-        let (sorted, kernels) = (OnceLock::new(), Kernels::default());
-        let mut gather = Self { gpu, dump, magnitude, chunk_limit, resident: None, sorted, kernels };
+        let sorted = OnceLock::new();
+        let mut gather = Self { gpu, dump, magnitude, chunk_limit, resident: None, sorted };
         let plans = ChunkPlan::cut(&gather.dump, chunk_limit);
         let tables: u64 = plans.iter().map(ChunkTable::bytes).sum();
         let needed = gather.dump.record_count() as u64 * RECORD_BYTES + tables;
@@ -231,7 +230,7 @@ impl GpuGather {
             let table = chunk.table(&self.gpu, &self.dump, half)?;
             let numbers = chunk.numbers(&self.gpu, &self.dump)?;
             let lanes = lanes(table.part_length);
-            let kernel = self.kernels.targets(&self.gpu, most, lanes)?;
+            let kernel = kernels::targets(&self.gpu, most, lanes)?;
             let mut bindings = vec![lights.lights.whole(), lights.receivers.whole()];
             bindings.extend(table.bindings_and_shards(&chunk.records));
             bindings.extend([numbers.whole(), pixels.whole(), out.whole()]);
@@ -317,7 +316,7 @@ impl GpuGather {
         let mut commands = self.gpu.commands("gather sorted segments");
         for group in images.iter().filter(|group| group.sorted) {
             let count = group.lights.len();
-            let kernel = self.kernels.blocks(&self.gpu, count)?;
+            let kernel = kernels::blocks(&self.gpu, count)?;
             sorted.add(&mut commands, &kernel, lights, (group.first_light, count), half, &group.sums)?;
         }
         Ok(commands.submit()?)
@@ -375,7 +374,7 @@ impl GpuGather {
         let mut commands = self.gpu.commands("gather");
         let lanes = lanes(table.part_length);
         for group in images.iter().filter(|group| !group.sorted) {
-            let kernel = self.kernels.images(&self.gpu, group.lights.len(), lanes)?;
+            let kernel = kernels::images(&self.gpu, group.lights.len(), lanes)?;
             let mut bindings = vec![lights.lights.whole(), lights.receivers.whole()];
             bindings.extend(table.bindings_and_shards(records));
             bindings.push(group.sums.whole());

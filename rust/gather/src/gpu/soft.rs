@@ -4,7 +4,7 @@ use relume_gpu::{Buffer, Commands};
 use relume_scene::Light;
 
 use super::chunk::Chunk;
-use super::kernels::{GROUP_SIZE, lanes};
+use super::kernels::{self, GROUP_SIZE, lanes};
 use super::{GpuGather, GpuLight};
 use crate::soft::OUTPUTS;
 use crate::soft::light::{ConeSlope, Enlarged, SoftBall, SoftCone, SoftLight, SoftProfile};
@@ -157,7 +157,7 @@ impl GpuGather {
             let numbers = chunk.numbers(&self.gpu, &self.dump)?;
             // A record a thread, where parts are long enough: those of the exact gather take eight.
             let pixel_lanes = lanes(8 * table.part_length).min(GROUP_SIZE);
-            let kernel = self.kernels.slopes(&self.gpu, pixel_lanes)?;
+            let kernel = kernels::slopes(&self.gpu, pixel_lanes)?;
             for (number, smoothed) in smoothed.iter().enumerate() {
                 let mut bindings = vec![lights.lights.whole(), lights.receivers.whole()];
                 bindings.extend(table.bindings_and_shards(&chunk.records));

@@ -6,7 +6,7 @@ use relume_gpu::{Buffer, Gpu, GpuError};
 use relume_image::Image;
 
 use super::GpuGather;
-use super::kernels::{GROUP_SIZE, lanes};
+use super::kernels::{self, GROUP_SIZE, lanes};
 use crate::environment::Map;
 use crate::{Environment, GatherError, Half};
 
@@ -111,7 +111,7 @@ impl GpuGather {
     ) -> Result<(), GatherError> {
         self.each_chunk(half, |records, table| {
             let lanes = lanes(table.part_length);
-            let kernel = self.kernels.world(&self.gpu, lanes)?;
+            let kernel = kernels::world(&self.gpu, lanes)?;
             let mut bindings = vec![world.environment.whole(), world.texels.whole()];
             bindings.extend(table.bindings(records));
             bindings.push(image.whole());
