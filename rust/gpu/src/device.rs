@@ -1,4 +1,3 @@
-use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -62,6 +61,8 @@ pub struct Limits {
 pub(crate) struct Memory {
     used: AtomicU64,
     budget: AtomicU64,
+    /// Budget if the user sets none.
+    default: u64,
 }
 
 /// What went wrong since the last check.
@@ -72,19 +73,21 @@ struct Trouble {
 }
 
 impl Gpu {
-    /// The process's device of this choice: the one that is open, or a new one if there is none or it was lost.
+    /// The process's device of this choice: the one that is open, or a new one if there is none or it was lost. Choices that mean
+    /// the same GPU share its device.
     ///
     /// # Errors
     /// As [`Gpu::open`].
     pub fn shared(choice: &GpuChoice) -> Result<Arc<Self>, GpuError> {
-        static OPEN: Mutex<Option<HashMap<GpuChoice, Arc<Gpu>>>> = Mutex::new(None);
+        static OPEN: Mutex<Vec<(GpuChoice, Arc<Gpu>)>> = Mutex::new(Vec::new());
         let mut open = OPEN.lock().unwrap_or_else(PoisonError::into_inner);
-        let open = open.get_or_insert_default();
-        if let Some(gpu) = open.get(choice).filter(|gpu| gpu.check().is_ok()) {
+        open.retain(|(_, gpu)| !gpu.is_lost());
+        if let Some((_, gpu)) = open.iter().find(|(of, _)| of == choice) {
             return Ok(Arc::clone(gpu));
         }
-        let gpu = Self::open(choice)?;
-        open.insert(choice.clone(), Arc::clone(&gpu));
+        let others = open.iter().map(|(_, gpu)| Arc::clone(gpu)).collect();
+        let gpu = Self::open_beside(choice, others)?;
+        open.push((choice.clone(), Arc::clone(&gpu)));
         Ok(gpu)
     }
 
@@ -94,9 +97,15 @@ impl Gpu {
     /// # Errors
     /// If there is none, or none that is suitable.
     pub fn open(choice: &GpuChoice) -> Result<Arc<Self>, GpuError> {
+        Self::open_beside(choice, Vec::new())
+    }
+
+    /// [`Gpu::open`], but one of these devices if it is of the same GPU.
+    fn open_beside(choice: &GpuChoice, others: Vec<Arc<Self>>) -> Result<Arc<Self>, GpuError> {
         let choice = choice.clone();
         let thread = std::thread::Builder::new().name("relume-gpu".into());
-        let opened = thread.spawn(move || Self::open_here(&choice)).map(std::thread::JoinHandle::join);
+        let opened =
+            thread.spawn(move || Self::open_here(&choice, &others)).map(std::thread::JoinHandle::join);
         match opened {
             Ok(Ok(result)) => result,
             Ok(Err(_)) => Err(GpuError::Lost("its driver failed while it was opened".into())),
@@ -104,9 +113,13 @@ impl Gpu {
         }
     }
 
-    fn open_here(choice: &GpuChoice) -> Result<Arc<Self>, GpuError> {
+    fn open_here(choice: &GpuChoice, others: &[Arc<Self>]) -> Result<Arc<Self>, GpuError> {
         let adapters = choose(choice)?;
-        let mut opened = adapters.iter().map(Self::open_adapter);
+        let mut opened = adapters.iter().map(|adapter| {
+            let summary = AdapterSummary::new(&adapter.get_info());
+            let known = others.iter().find(|gpu| gpu.summary == summary);
+            known.map_or_else(|| Self::open_adapter(adapter), |gpu| Ok(Arc::clone(gpu)))
+        });
         // The next best may do; if none does, what the best one lacks is said.
         let best = opened.next().unwrap_or(Err(GpuError::NoAdapter));
         best.or_else(|error| opened.find_map(Result::ok).ok_or(error))
@@ -132,7 +145,8 @@ impl Gpu {
             .map_err(|error| unsuitable(error.to_string()))?;
         let trouble = Arc::new(Mutex::new(Trouble::default()));
         watch(&device, &trouble);
-        let memory = Arc::new(Memory { used: 0.into(), budget: default_budget(adapter).into() });
+        let default = default_budget(adapter);
+        let memory = Arc::new(Memory { used: 0.into(), budget: default.into(), default });
         let limits = limits(adapter, features);
         let compiled = Compiled::default();
         let summary = AdapterSummary::new(&info);
@@ -162,9 +176,9 @@ impl Gpu {
         self.memory.budget.load(Ordering::Relaxed).saturating_sub(self.memory.used.load(Ordering::Relaxed))
     }
 
-    /// Sets how many bytes all our buffers together may take.
-    pub fn set_memory_budget(&self, bytes: u64) {
-        self.memory.budget.store(bytes, Ordering::Relaxed);
+    /// Sets how many bytes all our buffers together may take; if not given, what the driver says, less what others may need.
+    pub fn set_memory_budget(&self, bytes: Option<u64>) {
+        self.memory.budget.store(bytes.unwrap_or(self.memory.default), Ordering::Relaxed);
     }
 
     /// Whether the device still works and has taken all commands so far.
@@ -187,6 +201,10 @@ impl Gpu {
         let polled = self.device.poll(wgpu::PollType::wait_indefinitely());
         self.check()?;
         polled.map(|_| ()).map_err(|error| self.found_lost(&error))
+    }
+
+    fn is_lost(&self) -> bool {
+        self.trouble.lock().unwrap_or_else(PoisonError::into_inner).lost.is_some()
     }
 
     /// Notes a loss that the driver has not told of.

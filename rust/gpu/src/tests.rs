@@ -77,7 +77,7 @@ fn many_workgroups_are_folded_into_rows() {
 #[test]
 fn buffers_count_against_the_budget_until_they_are_dropped() {
     let gpu = gpu();
-    gpu.set_memory_budget(1 << 20);
+    gpu.set_memory_budget(Some(1 << 20));
     let first = gpu.zeros::<f32>("first", 200_000).unwrap();
     let error = gpu.zeros::<f32>("second", 100_000).unwrap_err();
     assert_eq!(error, GpuError::OutOfMemory { what: "second".into(), wanted: 1, free: 0 });
@@ -87,9 +87,32 @@ fn buffers_count_against_the_budget_until_they_are_dropped() {
 }
 
 #[test]
+fn without_a_budget_of_the_user_the_first_one_counts_again() {
+    let gpu = gpu();
+    let first = gpu.free_memory();
+    gpu.set_memory_budget(Some(1 << 20));
+    gpu.set_memory_budget(None);
+    assert_eq!(gpu.free_memory(), first);
+}
+
+#[test]
 fn a_lost_device_says_so_and_is_replaced() {
     let gpu = Gpu::shared(&GpuChoice::Best).unwrap();
     assert!(std::sync::Arc::ptr_eq(&gpu, &Gpu::shared(&GpuChoice::Best).unwrap()));
+    // Another word for the same GPU.
+    let name = GpuChoice::Named(adapters()[0].name.clone());
+    assert!(std::sync::Arc::ptr_eq(&gpu, &Gpu::shared(&name).unwrap()));
+    // What was refused is told to whoever asks for it, and no reason for another device.
+    let unusable = wgpu::BufferUsages::empty();
+    let label = Some("for nothing");
+    let _ = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label,
+        size: 4,
+        usage: unusable,
+        mapped_at_creation: false,
+    });
+    assert!(std::sync::Arc::ptr_eq(&gpu, &Gpu::shared(&GpuChoice::Best).unwrap()));
+    assert!(matches!(gpu.check(), Err(GpuError::Refused(_))));
     let buffer = gpu.buffer_of("values", &[1u32, 2]).unwrap();
     gpu.lose();
     assert!(matches!(gpu.read(&buffer, 0..2), Err(GpuError::Lost(_))));

@@ -68,7 +68,7 @@ impl Again {
     /// The one that is open, or a new one if that was lost.
     fn open(&self) -> Result<Arc<Gpu>, GpuError> {
         let gpu = Gpu::shared(&self.choice)?;
-        self.memory.iter().for_each(|bytes| gpu.set_memory_budget(*bytes));
+        gpu.set_memory_budget(self.memory);
         Ok(gpu)
     }
 }
@@ -148,11 +148,10 @@ mod tests {
 
     #[test]
     fn a_device_is_opened_again_once_and_the_cpu_comes_last() {
-        use relume_gpu::adapters;
-        let upper = GpuChoice::Named(adapters()[0].name.to_uppercase());
-        let opened = Device::Gpu(upper).open(None).unwrap();
-        let lost = opened.gpu.clone().unwrap();
+        let lost = Gpu::open(&GpuChoice::Best).unwrap();
         lost.lose();
+        let again = Some(Again { choice: GpuChoice::Best, memory: None });
+        let opened = Compute { again, ..Compute::with(Arc::clone(&lost), false) };
         let fails = |reason: &str| SessionError::from(GpuError::Lost(reason.into()));
         for may_fall_back in [false, true] {
             let compute = Compute { may_fall_back, ..opened.clone() };

@@ -12,7 +12,7 @@ use relume_session::{
     SolveRequest, Stage, TrainReport, With, evaluate, solve_lights, train,
 };
 use std::collections::HashMap;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 const SKY: World = World {
     color: [1.0, 2.0, 0.5],
@@ -28,12 +28,20 @@ fn sky() -> Texture {
     Texture { name: "Sky".into(), width: 8, height: 4, texels, encoding, alpha }
 }
 
+/// A device that no other test loses.
+fn unshared() -> Compute {
+    Compute::with(Gpu::open(&GpuChoice::Best).unwrap(), false)
+}
+
+/// For tests that lose the device which the process shares.
+static SHARED: Mutex<()> = Mutex::new(());
+
 #[test]
 fn pictures_of_the_gpu_are_those_of_the_cpu() {
     let folder = tempfile::tempdir().unwrap();
     baked(folder.path());
     trained(folder.path(), folder.path(), LightKind::Sphere);
-    let compute = Device::Gpu(GpuChoice::Best).open(None).unwrap();
+    let compute = unshared();
     let has_matrices = compute.gpu.as_ref().unwrap().limits().matrices;
     let gpu = Relighter::open(folder.path()).unwrap().on(&compute);
     let cpu = Relighter::open(folder.path()).unwrap();
@@ -77,7 +85,7 @@ fn a_proxy_is_measured_on_the_gpu_as_on_the_cpu() {
         evaluate(proxies, &bake, Some(&bake), (3, 1), None, compute, &Monitor::default())
     };
     let cpu = on(&Compute::default()).unwrap();
-    let gpu = on(&Device::Gpu(GpuChoice::Best).open(None).unwrap()).unwrap();
+    let gpu = on(&unshared()).unwrap();
     assert_eq!((gpu.lights, cpu.lights), (3, 3));
     for (gpu, cpu) in [
         (&gpu.proxies[0], &cpu.proxies[0]),
@@ -127,11 +135,12 @@ fn the_cpu_goes_on_where_the_gpu_fails_unless_that_one_was_asked_for() {
 
 #[test]
 fn a_gpu_that_is_lost_between_pictures_is_opened_again_with_its_budget() {
+    let _alone = SHARED.lock().unwrap_or_else(PoisonError::into_inner);
     let folder = tempfile::tempdir().unwrap();
     baked(folder.path());
     trained(folder.path(), folder.path(), LightKind::Sphere);
-    let device = Device::Gpu(GpuChoice::Named(adapters()[0].name.clone()));
-    let compute = device.open(Some(1 << 28)).unwrap();
+    let choice = GpuChoice::Named(adapters()[0].name.clone());
+    let compute = Device::Gpu(choice.clone()).open(Some(1 << 28)).unwrap();
     let warnings = Arc::new(Warnings::default());
     let monitor = Monitor::new(warnings.clone(), Cancel::default());
     let mut relighter = Relighter::open(folder.path()).unwrap().on(&compute);
@@ -139,8 +148,7 @@ fn a_gpu_that_is_lost_between_pictures_is_opened_again_with_its_budget() {
         let options = RelightOptions { with, denoise: false };
         relighter.relight(&[sphere("Own", radius)], &options, &monitor).unwrap().combined()
     };
-    let unharmed =
-        Relighter::open(folder.path()).unwrap().on(&Device::Gpu(GpuChoice::Best).open(None).unwrap());
+    let unharmed = Relighter::open(folder.path()).unwrap().on(&unshared());
     picture(&relighter, 0.25, With::Gather);
     picture(&relighter, 0.25, With::Proxy);
     let mut lost = compute.gpu.unwrap();
@@ -151,7 +159,7 @@ fn a_gpu_that_is_lost_between_pictures_is_opened_again_with_its_budget() {
         }
         // Once for the dump, once for the proxy.
         assert_eq!(warnings.0.lock().unwrap().len(), 2 * times);
-        let opened = device.open(None).unwrap().gpu.unwrap();
+        let opened = Gpu::shared(&choice).unwrap();
         assert!(!Arc::ptr_eq(&opened, &lost) && opened.free_memory() < 1 << 28);
         lost = opened;
     }
@@ -169,7 +177,7 @@ fn lights_solved_on_the_gpu_are_those_of_the_cpu() {
     for kind in [LightKind::Sphere, LightKind::Quad] {
         trained(folder.path(), folder.path(), kind);
     }
-    let gpu = Relighter::open(folder.path()).unwrap().on(&Device::Gpu(GpuChoice::Best).open(None).unwrap());
+    let gpu = Relighter::open(folder.path()).unwrap().on(&unshared());
     let cpu = Relighter::open(folder.path()).unwrap();
     let options = RelightOptions { with: With::Proxy, denoise: false };
     let target = cpu.relight(&[sphere("Hidden", 0.2)], &options, &Monitor::default()).unwrap().combined();
@@ -248,6 +256,7 @@ impl<F: Fn() + Send + Sync> Listener for At<F> {
 
 #[test]
 fn a_training_on_the_gpu_ends_like_one_on_the_cpu_even_if_the_gpu_is_lost_on_the_way() {
+    let _alone = SHARED.lock().unwrap_or_else(PoisonError::into_inner);
     let folder = tempfile::tempdir().unwrap();
     baked(folder.path());
     let mut settings = training(LightKind::Sphere);
@@ -257,7 +266,7 @@ fn a_training_on_the_gpu_ends_like_one_on_the_cpu_even_if_the_gpu_is_lost_on_the
     };
     let quiet = Monitor::default();
     let cpu = run("cpu", false, &Compute::default(), &quiet).unwrap();
-    let on = Device::Gpu(GpuChoice::Best).open(None).unwrap();
+    let on = unshared();
     let gpu = run("gpu", false, &on, &quiet).unwrap();
 
     // Stopped with a checkpoint, resumed, and lost on the way.
@@ -298,7 +307,7 @@ fn a_bake_that_does_not_fit_beside_its_training_is_gathered_by_the_cpu() {
     let gpu = Gpu::open(&GpuChoice::Best).unwrap();
     let compute = Compute::with(gpu.clone(), false);
     let run = |budget: u64| {
-        gpu.set_memory_budget(budget);
+        gpu.set_memory_budget(Some(budget));
         let warnings = Arc::new(Warnings::default());
         let monitor = Monitor::new(warnings.clone(), Cancel::default());
         let report = train(folder.path(), &folder.path().join("out"), &settings, false, &compute, &monitor);

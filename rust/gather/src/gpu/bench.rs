@@ -272,10 +272,10 @@ mod tests {
         let gpu = gpu();
         let records = (PAPER.0 * PAPER.1 * PAPER_SEGMENTS) as u64;
         for (budget, samples) in [(0, 1), (33 * 8 * records / 9 * 10 + 10, 8), (33 * 15 * records, 8)] {
-            gpu.set_memory_budget(budget);
+            gpu.set_memory_budget(Some(budget));
             assert_eq!(fitting_samples(&gpu, 16), samples, "{budget}");
         }
-        gpu.set_memory_budget(u64::MAX);
+        gpu.set_memory_budget(None);
         assert_eq!(fitting_samples(&gpu, 2), 2);
     }
 }

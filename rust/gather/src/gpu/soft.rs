@@ -262,7 +262,7 @@ mod tests {
         assert!(matches!(on_gpu.linearise(&soft, &lamp, 0.0, &[0]), Err(GatherError::Softness(_))));
         assert!(matches!(on_gpu.linearise(&soft, &lamp, 0.1, &[4]), Err(GatherError::Cell { .. })));
         assert_eq!(on_gpu.linearise(&soft, &lamp, 0.1, &[]).unwrap(), Linear::default());
-        gpu.set_memory_budget(1000);
+        gpu.set_memory_budget(Some(1000));
         let streamed = GpuGather::new(gpu, &gather).unwrap();
         assert!(matches!(streamed.linearise(&soft, &lamp, 0.1, &[0]), Err(GatherError::NotResident)));
     }

@@ -74,7 +74,7 @@ fn results_do_not_depend_on_the_run_or_on_the_lights_beside() {
 /// A dump of 17 shards of up to 700 records, of which 60 KB hold about a fifth.
 fn streamed(gpu: &Arc<Gpu>) -> (Gather, GpuGather) {
     let gather = Gather::new(random_dump_of(10, &[1, 3, 4, 6]));
-    gpu.set_memory_budget(60_000);
+    gpu.set_memory_budget(Some(60_000));
     let on_gpu = GpuGather::new(Arc::clone(gpu), &gather).unwrap();
     assert!(!on_gpu.is_resident());
     (gather, on_gpu)
@@ -104,7 +104,7 @@ fn a_shard_larger_than_the_memory_is_cut() {
     let largest = gather.dump().shards().map(|shard| shard.record_count() as u64).max().unwrap();
     // The image and the light take less than a kilobyte.
     let budget = largest * RECORD_BYTES / 3;
-    gpu.set_memory_budget(budget);
+    gpu.set_memory_budget(Some(budget));
     let on_gpu = GpuGather::new(Arc::clone(&gpu), &gather).unwrap();
     assert!(!on_gpu.is_resident());
     let found = on_gpu.unit_images(&light, Half::All).unwrap();
@@ -271,7 +271,7 @@ fn a_device_lost_in_mid_work_is_an_error_that_says_so() {
         let error = gather.unit_images(&lights, Half::All).unwrap_err();
         assert!(matches!(error, GatherError::Gpu(GpuError::Lost(_))), "{error}");
     }
-    gpu.set_memory_budget(1 << 30);
+    gpu.set_memory_budget(Some(1 << 30));
     let error = resident.sort().unwrap_err();
     assert!(matches!(error, GatherError::Gpu(GpuError::Lost(_))), "{error}");
     let error = GpuGather::new(gpu, &gather).unwrap_err();

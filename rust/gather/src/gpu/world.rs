@@ -223,7 +223,7 @@ mod tests {
     #[test]
     fn a_streamed_dump_and_a_map_larger_than_the_memory_give_the_same_world() {
         let (gather, gpu) = (Gather::new(random_dump_of(10, &[1, 3, 4, 6])), gpu());
-        gpu.set_memory_budget(60_000);
+        gpu.set_memory_budget(Some(60_000));
         let on_gpu = GpuGather::new(Arc::clone(&gpu), &gather).unwrap();
         assert!(!on_gpu.is_resident());
         // 86 KB.
@@ -257,10 +257,10 @@ mod tests {
     fn without_room_or_device_there_is_an_error() {
         let (gather, gpu) = (Gather::new(random_dump_of(10, &[9])), gpu());
         let on_gpu = GpuGather::new(Arc::clone(&gpu), &gather).unwrap();
-        gpu.set_memory_budget(1000);
+        gpu.set_memory_budget(Some(1000));
         let error = on_gpu.world_image(&mapped(40, 20), Half::All).unwrap_err();
         assert!(matches!(error, GatherError::Gpu(GpuError::OutOfMemory { .. })), "{error}");
-        gpu.set_memory_budget(1 << 30);
+        gpu.set_memory_budget(Some(1 << 30));
         gpu.lose();
         let error = on_gpu.world_image(&mapped(40, 20), Half::All).unwrap_err();
         assert!(matches!(error, GatherError::Gpu(GpuError::Lost(_))), "{error}");

@@ -161,7 +161,7 @@ fn the_largest_networks_have_a_plan() {
     let network = ReferenceNetwork::new(2048, 64, &tiny_grid(), setup.size, setup.encoding);
     let demand = Demand { config: &config, scene: &setup.scene, chunks: 1, draws: 1, matrices: false };
     let gpu = gpu();
-    gpu.set_memory_budget(64 << 20);
+    gpu.set_memory_budget(Some(64 << 20));
     let error = GpuTraining::new(gpu, &network, &demand).expect_err("a gigabyte of weights in 64 MiB");
     let fitting = matches!(error, ProxyError::Gpu(GpuError::OutOfMemory { .. } | GpuError::TooLarge { .. }));
     assert!(fitting, "{error}");
