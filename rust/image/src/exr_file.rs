@@ -164,7 +164,7 @@ fn io_error(error: exr::Error) -> io::Error {
     }
 }
 
-/// Reads all passes of an EXR file, of one part or several.
+/// Reads all passes of an EXR file, of one part or several: what lies in its display window, black where there is no data.
 pub fn read_exr(path: &Path) -> Result<LayeredImage, ImageError> {
     use exr::{ReadChannels, ReadLayers};
     let read_error = |source| ImageError::Read { path: path.into(), source };
@@ -181,7 +181,7 @@ pub fn read_exr(path: &Path) -> Result<LayeredImage, ImageError> {
         .all_attributes()
         .from_buffered(file)
         .map_err(|error| error.to_string())
-        .and_then(|image| passes(image.layer_data))
+        .and_then(|image| passes(image.layer_data, image.attributes.display_window))
         .map_err(format)
 }
 
@@ -189,26 +189,32 @@ pub fn read_exr(path: &Path) -> Result<LayeredImage, ImageError> {
 fn check_size(file: &mut impl io::Read, bytes: u64) -> Result<(), String> {
     /// Deflate makes at most 1032 bytes of one.
     const MOST_EXPANSION: u64 = 1032;
+    /// Bytes of a picture that a file of any length may hold, 7680 x 4320 pixels of four 32-bit floats and a little more: DWA
+    /// packs black up to sixty times further than deflate, and a small data window may lie in a large display window.
+    const ALWAYS_READ: u64 = 512 << 20;
     let meta = exr::MetaData::read_from_buffered(file, false).map_err(|error| error.to_string())?;
+    let area = |size: exr::Vec2<usize>| (size.0 as u64).saturating_mul(size.1 as u64);
     let promised = meta.headers.iter().map(|header| {
-        let pixels = (header.layer_size.0 as u64).saturating_mul(header.layer_size.1 as u64);
-        pixels.saturating_mul(header.channels.bytes_per_pixel as u64)
+        let data = area(header.layer_size).saturating_mul(header.channels.bytes_per_pixel as u64);
+        let shown = area(header.shared_attributes.display_window.size)
+            .saturating_mul((header.channels.list.len() * size_of::<f32>()) as u64);
+        data.max(shown)
     });
-    if promised.fold(0, u64::saturating_add) > bytes.saturating_mul(MOST_EXPANSION) {
+    if promised.fold(0, u64::saturating_add) > bytes.saturating_mul(MOST_EXPANSION).max(ALWAYS_READ) {
         return Err("its header promises more pixels than the file can hold".into());
     }
     Ok(())
 }
 
-/// Gathers the channels of all parts into passes.
-fn passes(parts: exr::Layers<exr::AnyChannels<exr::FlatSamples>>) -> Result<LayeredImage, String> {
+/// Gathers the channels of all parts into passes of the display window.
+fn passes(
+    parts: exr::Layers<exr::AnyChannels<exr::FlatSamples>>,
+    display: exr::IntegerBounds,
+) -> Result<LayeredImage, String> {
     let mut passes = BTreeMap::<_, Vec<_>>::new();
     let mut attributes = BTreeMap::new();
-    let size = parts.first().map(|part| part.size).unwrap_or_default();
     for part in parts {
-        if part.size != size {
-            return Err("its parts differ in size; save them without a render border".into());
-        }
+        let data = exr::IntegerBounds { position: part.attributes.layer_position, size: part.size };
         let part_name = part.attributes.layer_name.map(|name| name.to_string()).unwrap_or_default();
         for (name, value) in &part.attributes.other {
             if let exr::AttributeValue::Text(value) = value {
@@ -221,11 +227,40 @@ fn passes(parts: exr::Layers<exr::AnyChannels<exr::FlatSamples>>) -> Result<Laye
             }
             let (view_layer, pass, name) = split_name(&part_name, &channel.name.to_string());
             let values = channel.sample_data.values_as_f32().collect();
+            let values = in_window(values, &data, &display);
             passes.entry((view_layer, pass)).or_default().push((name, values));
         }
     }
+    let size = display.size;
     let layers = passes.into_iter().map(|(names, channels)| interleave(names, channels, size)).collect();
     Ok(LayeredImage { width: size.0, height: size.1, layers, attributes })
+}
+
+/// What lies of the values of the window `from` in the window `to`, which is 0 elsewhere.
+fn in_window(values: Vec<f32>, from: &exr::IntegerBounds, to: &exr::IntegerBounds) -> Vec<f32> {
+    if from == to {
+        return values;
+    }
+    // The columns or rows that both have, by number in `to`, and the first of them in `from`.
+    let common = |from_start: i32, from_size: usize, to_start: i32, to_size: usize| {
+        let shift = i64::from(from_start) - i64::from(to_start);
+        let clamp = |place: i64| place.clamp(0, to_size as i64);
+        let shared = clamp(shift)..clamp(shift + from_size as i64);
+        (shared.start as usize..shared.end as usize, (shared.start - shift) as usize)
+    };
+    let (columns, left) = common(from.position.0, from.size.0, to.position.0, to.size.0);
+    let (rows, top) = common(from.position.1, from.size.1, to.position.1, to.size.1);
+    let mut out = vec![0.0; to.size.0 * to.size.1];
+    if columns.is_empty() {
+        return out;
+    }
+    for (number, row) in rows.enumerate() {
+        let source = (top + number) * from.size.0 + left;
+        let target = row * to.size.0;
+        out[target + columns.start..target + columns.end]
+            .copy_from_slice(&values[source..source + columns.len()]);
+    }
+    out
 }
 
 /// View layer, pass and channel from the names of a part and of its channel. Plain `R G B A` is `Combined`.

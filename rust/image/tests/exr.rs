@@ -126,3 +126,83 @@ fn flipped_bits_are_errors_or_other_pixels_but_never_a_panic() {
         }
     }
 }
+
+/// One part of RGBA, whose data window starts at `position`, in a display window of the size 7 x 5 that starts at (2, 3).
+fn write_window(
+    path: &std::path::Path,
+    position: (i32, i32),
+    size: (usize, usize),
+    value: impl Fn(i32, i32) -> f32,
+) {
+    use exr::prelude::*;
+    let places =
+        (0..size.0 * size.1).map(|i| (position.0 + (i % size.0) as i32, position.1 + (i / size.0) as i32));
+    let samples: Vec<f32> = places.map(|(x, y)| value(x, y)).collect();
+    let list = ["R", "G", "B", "A"].map(|c| AnyChannel::new(c, FlatSamples::F32(samples.clone())));
+    let attributes = LayerAttributes::default().with_position(Vec2(position.0, position.1));
+    let channels = AnyChannels::sort(list.into_iter().collect());
+    let layer = exr::image::Layer::new(size, attributes, Encoding::FAST_LOSSLESS, channels);
+    let window = IntegerBounds::new((2, 3), (7, 5));
+    let layers: Layers<_> = [layer].into_iter().collect();
+    exr::image::Image::from_layers(ImageAttributes::new(window), layers).write().to_file(path).unwrap();
+}
+
+#[test]
+fn data_lies_where_the_display_window_says() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("window.exr");
+    let value = |x: i32, y: i32| (x * 100 + y) as f32;
+    // Overscan on all sides, cropped to what is not black, beside the frame, and across a corner.
+    for (position, size) in [((0, 0), (12, 14)), ((4, 4), (3, 2)), ((20, 3), (4, 4)), ((-5, 6), (10, 40))] {
+        write_window(&path, position, size, value);
+        let read = read_exr(&path).unwrap();
+        assert_eq!((read.width, read.height), (7, 5));
+        let image = read.get("Combined").unwrap();
+        for (pixel, found) in image.data.chunks_exact(4).enumerate() {
+            let (x, y) = (2 + pixel as i32 % 7, 3 + pixel as i32 / 7);
+            let has = |at: i32, start: i32, size: usize| (start..start + size as i32).contains(&at);
+            let expected = match has(x, position.0, size.0) && has(y, position.1, size.1) {
+                true => value(x, y),
+                false => 0.0,
+            };
+            assert_eq!(found, [expected; 4], "({x}, {y}) of data at {position:?}, {size:?}");
+        }
+    }
+}
+
+#[test]
+fn a_black_picture_may_be_packed_further_than_deflate_can() {
+    use exr::prelude::*;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("black.exr");
+    let (width, height) = (2048, 1024);
+    let list =
+        ["R", "G", "B", "A"].map(|c| AnyChannel::new(c, FlatSamples::F16(vec![f16::ZERO; width * height])));
+    let encoding = Encoding { compression: Compression::DWAB(None), ..Encoding::SMALL_LOSSLESS };
+    let channels = AnyChannels::sort(list.into_iter().collect());
+    let layer = exr::image::Layer::new((width, height), LayerAttributes::default(), encoding, channels);
+    exr::image::Image::from_layer(layer).write().to_file(&path).unwrap();
+    let bytes = std::fs::metadata(&path).unwrap().len() as usize;
+    assert!(width * height * 8 > 1032 * bytes, "{bytes} bytes are no case");
+    let read = read_exr(&path).unwrap();
+    assert_eq!(read.get("Combined").unwrap(), &relume_image::Image::new(width, height, 4));
+}
+
+#[test]
+fn a_header_that_promises_gigabytes_is_refused_before_memory_is_taken() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bomb.exr");
+    write_window(&path, (2, 3), (7, 5), |_, _| 0.5);
+    let honest = std::fs::read(&path).unwrap();
+    // Two corners, inclusive, as little-endian numbers behind the attribute's name, type and length.
+    for name in [&b"dataWindow\0box2i\0"[..], b"displayWindow\0box2i\0"] {
+        let mut bytes = honest.clone();
+        let start = bytes.windows(name.len()).position(|window| window == name).unwrap() + name.len() + 4;
+        for corner in [start + 8, start + 12] {
+            bytes[corner..corner + 4].copy_from_slice(&60_000i32.to_le_bytes());
+        }
+        std::fs::write(&path, &bytes).unwrap();
+        let error = read_exr(&path).unwrap_err().to_string();
+        assert!(error.contains("promises more pixels"), "{error}");
+    }
+}
