@@ -47,7 +47,7 @@ fn may_touch(light: u32, bounds: Bounds, frame: Frame) -> bool {
         let high = Box(directions.low - far, directions.high - far);
         return boxes_meet(low, high, vec3f(0.0), vec3f(sqrt(lights[light].reach2) + 1e-4));
     }
-    let end = Box(directions.low * FAR, directions.high * FAR);
+    let end = Box(start.low + directions.low * FAR, start.high + directions.high * FAR);
     return boxes_meet(start, end, lights[light].center, half_extent(light) + frame.slack);
 }
 

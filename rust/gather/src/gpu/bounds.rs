@@ -122,7 +122,7 @@ impl Bounds {
             let chord = Vec3::splat(light.reach2.sqrt() + 1e-4);
             return boxes_meet(&seen_from(0.57), &seen_from(1.0), Vec3::ZERO, chord);
         }
-        let end = Aabb { low: directions.low * FAR, high: directions.high * FAR };
+        let end = Aabb { low: start.low + directions.low * FAR, high: start.high + directions.high * FAR };
         boxes_meet(&start, &end, center, reach)
     }
 }

@@ -225,6 +225,28 @@ fn lights_at_whose_edges_blocks_pass_are_not_missed() {
 }
 
 #[test]
+fn far_from_the_origin_lights_that_escaping_paths_pass_are_not_missed() {
+    // Kilometres from the origin to where paths escape along an axis, and from there to a light that they pass at its far side.
+    const PLACE: f32 = 50e3;
+    const WAY: f32 = 10e3;
+    let place = PLACE * Vec3::X;
+    let gather = Gather::new(dump(manifest(4, &[64]), |pixel, _, samples| {
+        samples.push(segment(End::Vertex(place), Lobe::Camera));
+        samples.push(segment(End::Escape(if pixel == 0 { Vec3::Y } else { Vec3::NEG_Y }), Lobe::Diffuse));
+    }));
+    let lights =
+        [LightShape::Sphere { center: place + WAY * Vec3::Y + 4.0 * Vec3::X, radius: 5.0 }].map(light);
+    let lights = gather.prepare_all(&lights).unwrap();
+    let on_gpu = GpuGather::new(gpu(), &gather).unwrap();
+    assert!(on_gpu.sort().unwrap());
+    assert!(on_gpu.sorted.get().unwrap().pays(&GpuLight::new(&lights[0], on_gpu.magnitude, 0)));
+    let [expected, found] =
+        [gather.unit_images(&lights, Half::All), on_gpu.unit_images(&lights, Half::All).unwrap()];
+    assert!(expected[0].pixel(0, 0)[0] > 0.99);
+    assert_eq!(differing(&found[0], &expected[0]), 0);
+}
+
+#[test]
 fn without_room_segments_stay_as_they_are() {
     let gpu = gpu();
     let (gather, on_gpu) = streamed(&gpu);
