@@ -5,7 +5,7 @@ use std::sync::Arc;
 use bytemuck::{NoUninit, Pod};
 
 use crate::device::Memory;
-use crate::{Gpu, GpuError};
+use crate::{Gpu, GpuError, Submission};
 
 /// Values on the GPU, for kernels to read and write. Its bytes count against the memory budget until it is dropped.
 #[derive(Debug)]
@@ -128,14 +128,13 @@ impl Gpu {
         }
     }
 
-    /// Waits until all that was written is on the device. What is written is held twice until the next submission, so that whoever
-    /// writes a lot should call this now and then.
+    /// Sends on what was written, for [`Gpu::wait_for`]. It is held twice until it is on the device and that was waited for, so that
+    /// whoever writes a lot should call this now and then.
     ///
     /// # Errors
     /// As [`Gpu::check`].
-    pub fn flush_writes(&self) -> Result<(), GpuError> {
-        self.queue.submit([]);
-        self.wait()
+    pub fn submit_writes(&self) -> Result<Submission, GpuError> {
+        self.commands("writes").submit_tracked()
     }
 
     /// Copies values to the CPU, after all that has been submitted so far.

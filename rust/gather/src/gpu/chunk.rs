@@ -10,8 +10,8 @@ use crate::Half;
 /// Bytes of a record on the device.
 pub const RECORD_BYTES: u64 = 12;
 
-/// Bytes of records on their way to the device.
-const MOST_PENDING: u64 = 64 << 20;
+/// Records that are handed to the device at once: 64 MiB. The driver keeps a copy until they are there.
+const MOST_PENDING: usize = (64 << 20) / RECORD_BYTES as usize;
 
 /// Shards, or pieces of them, that are gathered in one run, those of a tile side by side.
 #[derive(Clone, Debug, Default)]
@@ -35,6 +35,12 @@ impl Piece {
     fn records(&self) -> Range<usize> {
         let offsets = self.shard.pixel_offsets();
         offsets[self.pixels.start] as usize..offsets[self.pixels.end] as usize
+    }
+
+    /// The same in runs of at most so many.
+    fn runs(&self, most: usize) -> impl Iterator<Item = Range<usize>> {
+        let records = self.records();
+        records.clone().step_by(most).map(move |start| start..records.end.min(start.saturating_add(most)))
     }
 }
 
@@ -106,15 +112,37 @@ impl ChunkRecords {
     }
 
     /// Replaces the records, once the device has done what was submitted before.
-    pub fn write(&self, gpu: &Gpu, plan: &ChunkPlan) {
-        plan.pieces.iter().for_each(|piece| self.write_piece(gpu, piece));
+    ///
+    /// # Errors
+    /// If the device was lost.
+    pub fn write(&self, gpu: &Gpu, plan: &ChunkPlan) -> Result<(), GpuError> {
+        self.write_in_runs(gpu, plan, MOST_PENDING)
     }
 
-    fn write_piece(&self, gpu: &Gpu, piece: &Piece) {
-        let (shard, records) = (&piece.shard, piece.records());
-        gpu.write(&self.xy, piece.first, &shard.position_xy()[records.clone()]);
-        gpu.write(&self.z_flags, piece.first, &shard.position_z_flags()[records.clone()]);
-        gpu.write(&self.throughput, piece.first, &shard.throughput()[records]);
+    /// [`ChunkRecords::write`] with copies of at most three times so many records on the CPU: while the device takes one run, the
+    /// next is copied.
+    fn write_in_runs(&self, gpu: &Gpu, plan: &ChunkPlan, most: usize) -> Result<(), GpuError> {
+        let (mut pending, mut under_way) = (0, None);
+        for piece in &plan.pieces {
+            for records in piece.runs(most) {
+                pending += records.len();
+                self.write_run(gpu, piece, records);
+                if pending >= most {
+                    pending = 0;
+                    if let Some(before) = under_way.replace(gpu.submit_writes()?) {
+                        gpu.wait_for(before)?;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn write_run(&self, gpu: &Gpu, piece: &Piece, records: Range<usize>) {
+        let (shard, first) = (&piece.shard, piece.first + records.start - piece.records().start);
+        gpu.write(&self.xy, first, &shard.position_xy()[records.clone()]);
+        gpu.write(&self.z_flags, first, &shard.position_z_flags()[records.clone()]);
+        gpu.write(&self.throughput, first, &shard.throughput()[records]);
     }
 }
 
@@ -249,16 +277,7 @@ pub struct Chunk {
 impl Chunk {
     pub fn new(gpu: &Gpu, plan: ChunkPlan) -> Result<Self, GpuError> {
         let records = ChunkRecords::new(gpu, plan.records)?;
-        // Until they are flushed the driver keeps a copy: of a large dump there would be two.
-        let mut pending = 0;
-        for piece in &plan.pieces {
-            records.write_piece(gpu, piece);
-            pending += piece.records().len() as u64 * RECORD_BYTES;
-            if pending > MOST_PENDING {
-                gpu.flush_writes()?;
-                pending = 0;
-            }
-        }
+        records.write(gpu, &plan)?;
         Ok(Self { plan, records, tables: Default::default(), numbers: OnceLock::new() })
     }
 
@@ -310,6 +329,32 @@ mod tests {
         }
         // A pixel is not cut.
         assert!(ChunkPlan::cut(&dump, 1).iter().all(|plan| plan.pieces.len() <= 1 || plan.records <= 1));
+    }
+
+    #[test]
+    fn records_are_the_same_however_few_are_written_at_once() {
+        let gpu = Gpu::open(&relume_gpu::GpuChoice::Best).expect("tests need a GPU or a software driver");
+        let dump = random_dump_of(10, &[1, 3, 40]);
+        let plan = &ChunkPlan::cut(&dump, usize::MAX)[0];
+        let written = |most: usize| {
+            let runs: Vec<_> = plan.pieces.iter().flat_map(|piece| piece.runs(most)).collect();
+            assert!(runs.iter().all(|run| run.len() <= most));
+            let records = ChunkRecords::new(&gpu, plan.records).unwrap();
+            records.write_in_runs(&gpu, plan, most).unwrap();
+            let read = |buffer: &Buffer<u32>| gpu.read(buffer, 0..plan.records).unwrap();
+            (runs.len(), [&records.xy, &records.z_flags, &records.throughput].map(read))
+        };
+        let (shards, whole) = written(usize::MAX);
+        let all =
+            |words: fn(&Shard) -> &[u32]| dump.shards().flat_map(|shard| words(shard)).copied().collect();
+        let expected: [Vec<u32>; 3] =
+            [all(Shard::position_xy), all(Shard::position_z_flags), all(Shard::throughput)];
+        assert_eq!(whole, expected);
+        for most in [100, 7, 1] {
+            let (runs, found) = written(most);
+            assert!(runs > 2 * shards, "{runs} runs");
+            assert_eq!(found, expected);
+        }
     }
 
     #[test]

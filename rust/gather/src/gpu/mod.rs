@@ -338,7 +338,7 @@ impl GpuGather {
             if let Some((_, submission)) = before.take() {
                 self.gpu.wait_for(submission)?;
             }
-            place.write(&self.gpu, plan);
+            place.write(&self.gpu, plan)?;
             let table = ChunkTable::new(&self.gpu, &self.dump, plan, half)?;
             let submission = add(place, &table)?.submit_tracked()?;
             *before = Some((table, submission));
