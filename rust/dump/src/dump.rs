@@ -5,14 +5,26 @@ use std::sync::Arc;
 use relume_image::Image;
 
 use crate::samples::{AOV_CHANNELS, aov_channel};
-use crate::{DumpError, Manifest, Shard, ShardHeader};
+use crate::{DumpError, Manifest, Shard, ShardHeader, TileRect};
 
 /// A path dump: the shards that there are so far. Cloning shares them.
 #[derive(Clone, Debug)]
 pub struct Dump {
     manifest: Arc<Manifest>,
+    /// [`Manifest::bake_id`], which every shard is compared with.
+    bake_id: Arc<str>,
     /// By tile, then by pass.
     shards: Vec<Vec<Option<Arc<Shard>>>>,
+}
+
+/// Sums of the per-pixel features over the first passes of a dump: a dump that grows is not summed from its start again.
+#[derive(Clone, Debug, Default)]
+pub struct AovSums {
+    passes: usize,
+    /// By tile.
+    samples: Vec<u32>,
+    /// By place in the image, row by row.
+    sums: Vec<[f32; AOV_CHANNELS]>,
 }
 
 /// Per-pixel features, averaged over all samples so far.
@@ -40,7 +52,8 @@ impl Dump {
     pub fn in_memory(manifest: Manifest) -> Result<Self, DumpError> {
         manifest.check()?;
         let shards = vec![vec![None; manifest.passes.len()]; manifest.tile_count()];
-        Ok(Self { manifest: Arc::new(manifest), shards })
+        let bake_id = manifest.bake_id().into();
+        Ok(Self { manifest: Arc::new(manifest), bake_id, shards })
     }
 
     /// Opens a folder and maps the shards that there are; an unfinished dump is fine, see [`Dump::missing`].
@@ -64,7 +77,7 @@ impl Dump {
     /// # Errors
     /// If it is of another bake, tile or pass.
     pub fn insert(&mut self, tile: usize, pass: usize, shard: Arc<Shard>) -> Result<(), DumpError> {
-        check_membership(&self.manifest, tile, pass, shard.header())
+        check_place(&self.manifest, &self.bake_id, tile, pass, shard.header())
             .map_err(|reason| DumpError::damaged(shard.path(), reason))?;
         self.shards[tile][pass] = Some(shard);
         Ok(())
@@ -76,7 +89,7 @@ impl Dump {
         let manifest =
             Manifest { passes: self.manifest.passes[passes.clone()].to_vec(), ..(*self.manifest).clone() };
         let shards = self.shards.iter().map(|tile| tile[passes.clone()].to_vec()).collect();
-        Self { manifest: Arc::new(manifest), shards }
+        Self { manifest: Arc::new(manifest), bake_id: Arc::clone(&self.bake_id), shards }
     }
 
     /// Passes from the first on that are there for every tile.
@@ -138,35 +151,9 @@ impl Dump {
 
     /// Averages the AOVs over all samples; black where there are none.
     pub fn aovs(&self) -> Aovs {
-        let Manifest { width, height, .. } = *self.manifest;
-        let image = |channels| Image::new(width, height, channels);
-        let mut aovs = Aovs {
-            albedo: image(3),
-            normal: image(3),
-            depth: image(1),
-            emission: image(3),
-            world: image(3),
-            alpha: image(1),
-        };
-        for tile in 0..self.manifest.tile_count() {
-            let rect = self.manifest.tile_rect(tile);
-            let scale = 1.0 / self.tile_samples(tile).max(1) as f32;
-            for pixel in 0..rect.pixel_count() {
-                let target = (rect.y + pixel / rect.width) * width + rect.x + pixel % rect.width;
-                aovs.set(target, &self.aov_sums(tile, pixel), scale);
-            }
-        }
-        aovs
-    }
-
-    fn aov_sums(&self, tile: usize, pixel: usize) -> [f32; AOV_CHANNELS] {
-        let mut sums = [0.0; AOV_CHANNELS];
-        for shard in self.tile(tile) {
-            for (sum, value) in sums.iter_mut().zip(shard.aov()[pixel]) {
-                *sum += value;
-            }
-        }
-        sums
+        let mut sums = AovSums::default();
+        sums.extend(self);
+        sums.means(self)
     }
 
     /// Reads everything and lists all that is wrong, in words, each with its file; an empty list means sound and
@@ -201,6 +188,48 @@ impl Dump {
     }
 }
 
+impl AovSums {
+    /// Adds the passes of a dump that have not been added yet. Shards that are missing in a pass are left out for good.
+    pub fn extend(&mut self, dump: &Dump) {
+        let manifest = &dump.manifest;
+        self.samples.resize(manifest.tile_count(), 0);
+        self.sums.resize(manifest.width * manifest.height, [0.0; AOV_CHANNELS]);
+        for (tile, shards) in dump.shards.iter().enumerate() {
+            for shard in shards.iter().skip(self.passes).flatten() {
+                self.samples[tile] += shard.samples();
+                let places = places(manifest.tile_rect(tile), manifest.width);
+                for (place, values) in places.zip(shard.aov()) {
+                    for (sum, value) in self.sums[place].iter_mut().zip(values) {
+                        *sum += value;
+                    }
+                }
+            }
+        }
+        self.passes = manifest.passes.len();
+    }
+
+    /// The averages over all samples that were added, in the image of this dump; black where there are none.
+    pub fn means(&self, dump: &Dump) -> Aovs {
+        let Manifest { width, height, .. } = *dump.manifest;
+        let image = |channels| Image::new(width, height, channels);
+        let mut aovs = Aovs {
+            albedo: image(3),
+            normal: image(3),
+            depth: image(1),
+            emission: image(3),
+            world: image(3),
+            alpha: image(1),
+        };
+        for (tile, &samples) in self.samples.iter().enumerate() {
+            let scale = 1.0 / samples.max(1) as f32;
+            for place in places(dump.manifest.tile_rect(tile), width) {
+                aovs.set(place, &self.sums[place], scale);
+            }
+        }
+        aovs
+    }
+}
+
 impl Aovs {
     fn set(&mut self, pixel: usize, sums: &[f32; AOV_CHANNELS], scale: f32) {
         let copy = |image: &mut Image, first: usize, scale: f32| {
@@ -217,6 +246,12 @@ impl Aovs {
     }
 }
 
+/// Places of a tile's pixels in an image of this width, row by row.
+fn places(rect: TileRect, width: usize) -> impl Iterator<Item = usize> {
+    (0..rect.pixel_count())
+        .map(move |pixel| (rect.y + pixel / rect.width) * width + rect.x + pixel % rect.width)
+}
+
 /// Whether a shard is of this bake, tile and pass.
 pub(crate) fn check_membership(
     manifest: &Manifest,
@@ -224,7 +259,17 @@ pub(crate) fn check_membership(
     pass: usize,
     header: &ShardHeader,
 ) -> Result<(), String> {
-    if header.bake_id != manifest.bake_id() {
+    check_place(manifest, &manifest.bake_id(), tile, pass, header)
+}
+
+fn check_place(
+    manifest: &Manifest,
+    bake_id: &str,
+    tile: usize,
+    pass: usize,
+    header: &ShardHeader,
+) -> Result<(), String> {
+    if header.bake_id != bake_id {
         return Err("it belongs to another bake".into());
     }
     if tile >= manifest.tile_count() || header.rect != manifest.tile_rect(tile) {

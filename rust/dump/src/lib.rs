@@ -30,7 +30,7 @@ mod segment;
 mod shard;
 mod writer;
 
-pub use dump::{Aovs, Dump};
+pub use dump::{AovSums, Aovs, Dump};
 pub use error::DumpError;
 pub use manifest::{FORMAT_VERSION, Manifest, Pass, TileRect};
 pub use packing::{

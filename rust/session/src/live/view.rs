@@ -6,7 +6,7 @@ use crate::device_proxies::DeviceProxies;
 use crate::guided::{Rare, Sight};
 use crate::relighter::camera;
 use crate::{Compute, Guided, Proxies};
-use relume_dump::{Aovs, Dump};
+use relume_dump::{AovSums, Aovs, Dump};
 use relume_gather::Gather;
 use relume_image::Image;
 use relume_scene::{Light, LightShape};
@@ -20,6 +20,8 @@ pub(super) struct View {
     /// Which bake it is of.
     pub bake: String,
     pub aovs: Aovs,
+    /// What `aovs` are the means of; nothing without paths.
+    sums: AovSums,
     pub passes: Vec<DeviceGather>,
     /// Light of the scene's own emitters, and of the world.
     pub statics: [StaticLayer; 2],
@@ -72,7 +74,7 @@ impl View {
             return Some(Self::of(
                 deliveries,
                 &base.scene_hash,
-                base.aovs.clone(),
+                (AovSums::default(), base.aovs.clone()),
                 Vec::new(),
                 proxies,
                 compute,
@@ -86,7 +88,10 @@ impl View {
             None => {
                 let proxies = DeviceProxies::new(proxies.unwrap_or_default());
                 let passes = (0..dump.manifest().passes.len()).map(|pass| gather(&dump, pass)).collect();
-                Self::of(deliveries, &bake, dump.aovs(), passes, proxies, compute)
+                let mut sums = AovSums::default();
+                sums.extend(&dump);
+                let aovs = sums.means(&dump);
+                Self::of(deliveries, &bake, (sums, aovs), passes, proxies, compute)
             }
         };
         let camera = camera(dump.manifest()).ok();
@@ -97,7 +102,7 @@ impl View {
     fn of(
         deliveries: u64,
         bake: &str,
-        aovs: Aovs,
+        (sums, aovs): (AovSums, Aovs),
         passes: Vec<DeviceGather>,
         proxies: DeviceProxies,
         compute: &Compute,
@@ -108,6 +113,7 @@ impl View {
             deliveries,
             bake: bake.into(),
             aovs,
+            sums,
             passes,
             statics,
             proxies,
@@ -131,7 +137,8 @@ impl View {
             return view;
         }
         view.passes.extend((known..now).map(|pass| gather(dump, pass)));
-        view.aovs = dump.aovs();
+        view.sums.extend(dump);
+        view.aovs = view.sums.means(dump);
         view.statics = static_layers(&view.aovs);
         // Features settle long before the light does; preparing them costs two denoised pictures.
         const RENEW: u32 = 4;
