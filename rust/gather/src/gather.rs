@@ -2,7 +2,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 use relume_dump::Dump;
 use relume_image::Image;
-use relume_scene::Light;
+use relume_scene::{Light, LightShape};
 
 use crate::kernel::{self, Isa, Sink, Work};
 use crate::light::PreparedLight;
@@ -72,6 +72,21 @@ impl Gather {
     /// Smallest radius that is gathered as it is, metres.
     pub fn radius_floor(&self) -> f32 {
         self.floor
+    }
+
+    /// The radius, or half of an edge, that a light is gathered with which is smaller than [`Gather::radius_floor`], metres; none
+    /// for others.
+    pub fn enlarged(&self, shape: &LightShape) -> Option<f32> {
+        let least = match *shape {
+            LightShape::Sphere { radius, .. }
+            | LightShape::FacingDisk { radius, .. }
+            | LightShape::Spot { radius, .. } => radius,
+            LightShape::Quad { edge_u, edge_v, .. } | LightShape::Ellipse { edge_u, edge_v, .. } => {
+                0.5 * edge_u.length().min(edge_v.length())
+            }
+            LightShape::Sun { .. } => return None,
+        };
+        (least < self.floor).then_some(self.floor)
     }
 
     /// Makes a light ready; once per change of its shape, factors or receivers.

@@ -319,6 +319,7 @@ impl Relighter {
             group_lights
                 .iter()
                 .filter_map(|light| Some(self.sight.as_ref()?.rare(light)?.warning(light)))
+                .chain(group_lights.iter().filter_map(|light| too_small(self.gather()?, light)))
                 .for_each(|text| monitor.warn(&text));
             let mut images = self.gather_images(&group_lights, Half::All, monitor)?;
             if options.denoise {
@@ -399,6 +400,20 @@ impl Relighter {
             None => Ok(Vec::new()),
         }
     }
+}
+
+/// What there is to say of a light that is smaller than the steps in which a dump holds positions: those grow with the distance
+/// of the farthest vertex that a tile sees.
+pub(crate) fn too_small(gather: &Gather, light: &Light) -> Option<String> {
+    /// Metres. Penumbras of larger lights show.
+    const SHOWS: f32 = 5e-3;
+    let radius = gather.enlarged(&light.shape).filter(|radius| *radius > SHOWS)?;
+    Some(format!(
+        "light '{}' is too small for this bake and lights as if it were {:.0} mm across; what lies that close to it may lose \
+         some of its light. Hide or shrink what is far away (a ground plane, a backdrop), and bake again",
+        light.name,
+        2000.0 * radius
+    ))
 }
 
 /// The part of a light that the camera sees directly, which proxies do not learn.

@@ -2,10 +2,10 @@
 
 mod common;
 
-use common::{RAW, Warnings, baked, sphere, trained, training};
-use glam::Vec3;
+use common::{RAW, Warnings, baked, baked_with, sphere, trained, training};
+use glam::{Affine3A, Vec3};
 use relume_session::proxy::LightKind;
-use relume_session::scene::{Light, LightShape, LobeFactors, ReceiverSet};
+use relume_session::scene::{Instance, Light, LightShape, LobeFactors, Mesh, ReceiverSet, Scene};
 use relume_session::trace::TraceSettings;
 use relume_session::{
     Cancel, Compute, LightSet, Listener, Maker, Monitor, ObjView, Progress, RelightOptions, Relighter, Stage,
@@ -87,6 +87,33 @@ fn sun_too_narrow_for_the_samples_is_named() {
             && warnings[0].ends_with("paths look for it there"),
         "{warnings:?}"
     );
+}
+
+#[test]
+fn a_light_too_small_for_a_bake_that_looks_far_is_named() {
+    let backdrop = |scene: &mut Scene| {
+        let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
+        let positions = corners.map(|(x, z)| 1000.0 * Vec3::new(x, -1.0, z)).to_vec();
+        let triangles = vec![[0, 1, 2], [0, 2, 3]];
+        let mesh = Mesh { name: "backdrop".into(), positions, triangles, ..Mesh::default() };
+        let number = scene.meshes.len();
+        scene.instances.push(Instance::new("backdrop", number, Affine3A::IDENTITY, vec![0]));
+        scene.meshes.push(mesh);
+    };
+    let named = |change: &dyn Fn(&mut Scene)| {
+        let folder = tempfile::tempdir().unwrap();
+        baked_with(folder.path(), change);
+        let warnings = Arc::new(Warnings::default());
+        let monitor = Monitor::new(warnings.clone(), Cancel::default());
+        let lights = [sphere("pin", 0.001), sphere("lamp", 0.2)];
+        Relighter::open(folder.path()).unwrap().relight(&lights, &RAW, &monitor).unwrap();
+        let mut warnings = warnings.0.lock().unwrap().clone();
+        warnings.retain(|text| text.contains("too small for this bake"));
+        warnings
+    };
+    assert!(named(&|_| ()).is_empty());
+    let warnings = named(&backdrop);
+    assert!(warnings.len() == 1 && warnings[0].starts_with("light 'pin' is too small"), "{warnings:?}");
 }
 
 #[test]

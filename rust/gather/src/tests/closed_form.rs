@@ -199,7 +199,9 @@ fn a_light_below_the_radius_floor_keeps_its_power() {
         let prepared = gather.prepare(&light(shape)).unwrap();
         let found = gather.pixel(0, 0, &[prepared], Half::All)[0][0];
         assert_close(found / share_of_floor, value_at_floor);
+        assert_eq!(gather.enlarged(&shape), Some(0.1));
     }
+    assert_eq!(gather.enlarged(&LightShape::Sphere { center: ABOVE, radius: 0.2 }), None);
 }
 
 #[test]

@@ -1,6 +1,6 @@
 use super::LiveRequest;
 use super::view::View;
-use crate::relighter::camera_only;
+use crate::relighter::{camera_only, too_small};
 use crate::{Proxies, With};
 use relume_proxy::LightKind;
 use relume_scene::Light;
@@ -35,6 +35,8 @@ pub(super) fn parts(request: &LiveRequest, view: &mut View) -> (Vec<Part>, Told)
     for light in request.lights.iter().filter(|light| light.radiance != [0.0; 3]) {
         match part(light, request.with, view, &mut told.warnings) {
             Ok(how) => {
+                let pass = view.passes.first().filter(|_| how == How::Gather);
+                told.warnings.extend(pass.and_then(|pass| too_small(pass.gather(), light)));
                 if let (How::Gather, Some(rare)) = (how, view.rare(light)) {
                     told.warnings.push(rare.warning(light));
                     told.rarely_met.extend(rare.would_be_met.then(|| light.name.clone()));

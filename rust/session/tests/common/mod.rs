@@ -7,7 +7,7 @@ use std::sync::Mutex;
 
 use glam::Vec3;
 use relume_session::proxy::{LightKind, SizeRange, TrainConfig};
-use relume_session::scene::{Light, LightShape, LobeFactors};
+use relume_session::scene::{Light, LightShape, LobeFactors, Scene};
 use relume_session::trace::TraceSettings;
 use relume_session::{
     Clock, Compute, Listener, Monitor, ObjView, Progress, RelightOptions, TrainReport, TrainSettings, With,
@@ -16,6 +16,11 @@ use relume_session::{
 
 /// A small lit bake in a folder.
 pub fn baked(folder: &Path) {
+    baked_with(folder, |_| ());
+}
+
+/// The same of a changed scene.
+pub fn baked_with(folder: &Path, change: impl FnOnce(&mut Scene)) {
     // At run time: `scripts/gpu-check` runs this where it was not built.
     let package = std::env::var("CARGO_MANIFEST_DIR").unwrap_or_else(|_| env!("CARGO_MANIFEST_DIR").into());
     let room = Path::new(&package).join("../../tests/data/room.obj");
@@ -29,6 +34,7 @@ pub fn baked(folder: &Path) {
     };
     let mut scene = obj_scene(&room, &view).unwrap();
     scene.lights = vec![sphere("Own", 0.2)];
+    change(&mut scene);
     let settings = TraceSettings { samples: 16, ..TraceSettings::default() };
     bake(&scene, &settings, folder, false, &Monitor::default()).unwrap();
 }
