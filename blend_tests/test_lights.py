@@ -6,7 +6,8 @@ import bpy
 import numpy as np
 import pytest
 
-from helpers import add_light, add_material, add_quad, exported, render_cycles
+from addon.engine.scene import load_scene
+from helpers import add, add_light, add_material, add_quad, exported, render_cycles
 
 VERSION = bpy.app.version
 # Light settings, and whether they need Blender 4.5.
@@ -122,6 +123,22 @@ def test_light_linking_lists_receivers(scene):
     receivers = exported(scene)["lights"][0]["receivers"]["receivers"]
     assert receiver["Inside"] not in receivers and receiver["Outside"] in receivers
     assert outside.name == "Outside"
+
+
+def test_lamps_and_cameras_that_come_and_go_leave_the_hash(scene):
+    room = bpy.data.collections.new("Room")
+    scene.collection.children.link(room)
+    plane = add_quad(scene)
+    scene.collection.objects.unlink(plane)
+    room.objects.link(plane)
+    before = load_scene(scene).hash
+    added = [add_light(scene, "POINT"), add(scene, "Close-up", bpy.data.cameras.new("Close-up"))]
+    added += [add(scene, "Radio", bpy.data.speakers.new("Radio"))]
+    assert list(scene.objects).index(added[0]) < list(scene.objects).index(plane)
+    assert load_scene(scene).hash == before
+    for obj in added:
+        bpy.data.objects.remove(obj)
+    assert load_scene(scene).hash == before
 
 
 def test_what_a_light_cannot_do_is_named(scene):

@@ -10,6 +10,7 @@ from pathlib import Path
 import bpy
 
 from ..core.differences import Print
+from ..export.linking import receiver_names
 from . import prints
 
 FILE = "shot.json"
@@ -22,7 +23,7 @@ class Record:
 
     camera: str
     receivers: list[str]
-    """Full names of the scene's objects, in the order that light linking counts them."""
+    """Full names of the scene's objects that light linking counts, in its order."""
     prints: dict[str, Print]
 
     def write(self, folder: Path) -> None:
@@ -60,4 +61,4 @@ def _print(value: dict) -> Print:
 def of(scene: bpy.types.Scene, camera: bpy.types.Object | None = None, size: tuple[int, int] | None = None) -> Record:
     """A record of the present scene, taken at once; of another camera or size than the scene's if named."""
     camera = camera or scene.camera
-    return Record(camera.name, [obj.name_full for obj in scene.objects], prints.take_all(scene, camera, size))
+    return Record(camera.name, receiver_names(scene), prints.take_all(scene, camera, size))

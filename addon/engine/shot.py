@@ -12,6 +12,7 @@ import bpy
 
 from ..core.bake_folder import camera_of
 from ..export import ExportOptions, trace_settings
+from ..export.linking import receiver_names
 from . import record, worlds
 from .changes import Changes
 from .native import native
@@ -53,7 +54,7 @@ class Shot:
         self.frame_before: Any = None
         """The last picture of the bake that this one replaces."""
         self.warnings: list[str] = []
-        self.lights = SceneLights(_view_layer(scene), kept.receivers if kept else _names(scene))
+        self.lights = SceneLights(_view_layer(scene), kept.receivers if kept else receiver_names(scene))
         self.changes = Changes(kept.prints if kept else None)
         self.is_recorded = kept is not None
         self.is_exporting = self._has_ended = False
@@ -267,10 +268,6 @@ class Shot:
 
 def _view_layer(scene: bpy.types.Scene) -> str:
     return bpy.context.view_layer.name if bpy.context.scene == scene else scene.view_layers[0].name
-
-
-def _names(scene: bpy.types.Scene) -> list[str]:
-    return [obj.name_full for obj in scene.objects]
 
 
 def of(scene: bpy.types.Scene) -> Shot | None:

@@ -8,10 +8,18 @@ import bpy
 
 from ..core.receivers import RECEIVER_LIMIT, numbers_of
 
+NEVER_LIT = frozenset({"LIGHT", "CAMERA", "LIGHT_PROBE", "SPEAKER"})
+
+
+def receiver_names(scene: bpy.types.Scene) -> list[str]:
+    """Full names of the objects that light linking counts, in order: all that have a surface or may instance one. Lamps
+    and cameras have no number, so that those of surfaces, which a bake depends on, stay when a lamp comes or goes."""
+    return [obj.name_full for obj in scene.objects if obj.type not in NEVER_LIT]
+
 
 class LightLinking:
-    """Gives every object a receiver number: its place in `objects`, the full names of a scene's objects. Objects
-    beyond the limit share the last one."""
+    """Gives every object a receiver number: its place in `objects`, see `receiver_names`. Objects beyond the limit
+    share the last one."""
 
     def __init__(self, objects: list[str], warn: Callable[[str], None]):
         self.warn = warn

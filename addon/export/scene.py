@@ -15,7 +15,7 @@ from .camera import camera_json, film_size
 from .geometry import GeometryExporter
 from .images import ImageExporter
 from .lights import LightExporter
-from .linking import LightLinking
+from .linking import LightLinking, receiver_names
 from .materials import MaterialExporter, asked_attributes
 from .world import WorldRenderError, export_world
 from .world_graph import WorldGraph
@@ -86,7 +86,7 @@ class _SceneExporter:
         self.view_layer = depsgraph.view_layer
         self.images = ImageExporter(builder)
         self.materials = MaterialExporter(builder, self.images)
-        self.linking = LightLinking([obj.name_full for obj in depsgraph.scene.objects], builder.warn)
+        self.linking = LightLinking(receiver_names(depsgraph.scene), builder.warn)
         self.lights = LightExporter(lambda light: builder.add_light(json.dumps(light)), builder.warn, self.linking)
         self.geometry = GeometryExporter(builder, asked_attributes())
 
