@@ -60,8 +60,9 @@ impl SceneBuilder {
         Ok(())
     }
 
-    /// Adds an image and returns its number.
-    pub fn add_texture(&mut self, texture: Texture) -> Result<usize, BuildError> {
+    /// Adds an image and returns its number. Texels that are not finite become black, as when Cycles loads an image, and are
+    /// named in a warning: an HDRI's sun may be too bright for half floats.
+    pub fn add_texture(&mut self, mut texture: Texture) -> Result<usize, BuildError> {
         let found = match &texture.texels {
             Texels::Byte(texels) => texels.len(),
             Texels::Float(texels) => texels.len(),
@@ -73,6 +74,16 @@ impl SceneBuilder {
                 "image",
                 &texture.name,
                 format!("{found} values do not make {size} RGBA pixels"),
+            ));
+        }
+        let blackened = match &mut texture.texels {
+            Texels::Byte(_) => 0,
+            Texels::Float(texels) => blacken_infinite(texels),
+        };
+        if blackened > 0 {
+            let name = &texture.name;
+            self.warn(format!(
+                "image '{name}': {blackened} of its pixels are not finite numbers; taken for black"
             ));
         }
         self.scene.textures.push(texture);
@@ -168,6 +179,12 @@ impl SceneBuilder {
     }
 }
 
+/// Sets all channels of RGBA texels that are not finite to 0, so that none changes its hue; returns their number.
+fn blacken_infinite(texels: &mut [f32]) -> usize {
+    let unsound = texels.chunks_exact_mut(4).filter(|texel| !texel.iter().all(|value| value.is_finite()));
+    unsound.map(|texel| texel.fill(0.0)).count()
+}
+
 /// Node numbers must point backwards and `surface` must exist.
 fn check_links(material: &Value) -> Result<(), String> {
     let nodes = material["nodes"].as_array().map(Vec::as_slice).unwrap_or_default();
@@ -250,6 +267,27 @@ mod tests {
         assert!(builder.add_mesh(mesh).unwrap_err().to_string().contains("'Tri'"));
         let nowhere = Instance::new("Object", 4, Affine3A::IDENTITY, vec![]);
         assert!(builder.add_instance(nowhere).unwrap_err().to_string().contains("'Object'"));
+    }
+
+    #[test]
+    fn texels_that_are_not_finite_are_black_and_named_once() {
+        let mut builder = SceneBuilder::default();
+        let mut texels = vec![0.5; 16];
+        (texels[1], texels[7], texels[9]) = (f32::INFINITY, f32::NAN, 65504.0);
+        let sky = Texture {
+            name: "sky.hdr".into(),
+            width: 4,
+            height: 1,
+            texels: Texels::Float(texels),
+            encoding: crate::ColorEncoding::Linear,
+            alpha: crate::Alpha::Premultiplied,
+        };
+        builder.add_texture(sky).unwrap();
+        let Texels::Float(found) = &builder.scene.textures[0].texels else { panic!("bytes") };
+        assert_eq!(found[..8], [0.0; 8]);
+        assert_eq!(found[8..], [0.5, 65504.0, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5]);
+        assert_eq!(builder.scene.warnings.len(), 1);
+        assert!(builder.scene.warnings[0].starts_with("image 'sky.hdr': 2 "), "{:?}", builder.scene.warnings);
     }
 
     #[test]
