@@ -34,7 +34,7 @@ pub struct Guide {
 #[derive(Clone, Copy, Debug)]
 struct Aim {
     place: Place,
-    /// Of its radiance, mean of RGB.
+    /// See [`brightness`].
     brightness: f32,
     beam: Beam,
 }
@@ -98,7 +98,7 @@ impl Guide {
     /// Looks for the strongest of these lights with a share of the directions, at most [`MOST_GUIDING`]. Nothing if there are no
     /// lights or nothing is to be drawn from them.
     pub fn new(lights: &[Light], share: f32) -> Option<Self> {
-        let power = |light: &Light| Vec3::from(light.radiance).element_sum() * light.shape.extent();
+        let power = |light: &Light| brightness(light) * light.shape.extent();
         let mut strongest: Vec<&Light> = lights.iter().collect();
         strongest.sort_by(|a, b| power(b).total_cmp(&power(a)));
         let lights: Vec<Aim> = strongest.into_iter().take(MOST_LIGHTS).map(Aim::at).collect();
@@ -188,7 +188,7 @@ impl Aim {
                 Beam::Everywhere,
             ),
         };
-        Self { place, brightness: Vec3::from(light.radiance).element_sum() / 3.0, beam }
+        Self { place, brightness: brightness(light), beam }
     }
 
     /// Direction and squared sine of the half angle; 1 or more from inside of it.
@@ -213,6 +213,11 @@ impl Beam {
             Self::Front { normal } => normal.dot(direction).max(0.0),
         }
     }
+}
+
+/// Of a light's radiance, mean of RGB; of lights that take light away (their power may be negative) as much.
+fn brightness(light: &Light) -> f32 {
+    Vec3::from(light.radiance).abs().element_sum() / 3.0
 }
 
 /// Height of the cone that holds a ball, by the squared sine of its half angle: 1 - sqrt(1 - s), to the second order.
@@ -368,6 +373,18 @@ mod tests {
         let guide = Guide::new(&lights, 0.5).unwrap();
         assert_eq!(guide.lights.len(), MOST_LIGHTS);
         assert!((guide.lights[0].brightness - 2.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn lights_that_take_light_away_are_looked_for_like_others() {
+        let shape = ball(Vec3::new(2.0, 1.0, 0.0), 0.05);
+        let bright = light(&shape);
+        let dark = Light { radiance: [-1.0; 3], ..bright.clone() };
+        let chances = [&bright, &dark].map(|one| {
+            let guide = Guide::new(&[one.clone(), light(&ball(Vec3::X, 0.01))], 0.5);
+            chance_to_meet(guide.as_ref(), Vec3::ZERO, one).unwrap()
+        });
+        assert!(chances[0] > 0.1 && chances[0] == chances[1], "{chances:?}");
     }
 
     #[test]
