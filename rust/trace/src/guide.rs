@@ -95,12 +95,13 @@ struct Pair {
 }
 
 impl Guide {
-    /// Looks for the strongest of these lights with a share of the directions, at most [`MOST_GUIDING`]. Nothing if there are no
-    /// lights or nothing is to be drawn from them.
+    /// Looks for the strongest of these lights with a share of the directions, at most [`MOST_GUIDING`]; suns go first, since
+    /// their power is told in another unit. Nothing if there are no lights or nothing is to be drawn from them.
     pub fn new(lights: &[Light], share: f32) -> Option<Self> {
+        let is_sun = |light: &Light| matches!(light.shape, LightShape::Sun { .. });
         let power = |light: &Light| brightness(light) * light.shape.extent();
         let mut strongest: Vec<&Light> = lights.iter().collect();
-        strongest.sort_by(|a, b| power(b).total_cmp(&power(a)));
+        strongest.sort_by(|a, b| is_sun(b).cmp(&is_sun(a)).then(power(b).total_cmp(&power(a))));
         let lights: Vec<Aim> = strongest.into_iter().take(MOST_LIGHTS).map(Aim::at).collect();
         (share > 0.0 && !lights.is_empty()).then_some(Self { share: share.min(MOST_GUIDING), lights })
     }
@@ -373,6 +374,15 @@ mod tests {
         let guide = Guide::new(&lights, 0.5).unwrap();
         assert_eq!(guide.lights.len(), MOST_LIGHTS);
         assert!((guide.lights[0].brightness - 2.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn suns_are_looked_for_before_any_lamp() {
+        let lamp = light(&ball(Vec3::X, 1.0));
+        let sun = light(&LightShape::Sun { direction: Vec3::Z, half_angle: 0.005 });
+        let lights: Vec<Light> = [vec![lamp; MOST_LIGHTS], vec![sun]].concat();
+        let guide = Guide::new(&lights, 0.5).unwrap();
+        assert!(matches!(guide.lights[0].place, Place::Sky { .. }));
     }
 
     #[test]
