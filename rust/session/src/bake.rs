@@ -125,6 +125,10 @@ fn check(scene: &Scene, settings: &TraceSettings) -> Result<(), SessionError> {
     if settings.tile_size == 0 {
         return settings_error("the tile size must be at least 1 pixel");
     }
+    let exposure = settings.paths.film_exposure;
+    if !(exposure >= 0.0 && exposure.is_finite()) {
+        return settings_error("the film exposure must be a finite number, 0 or more");
+    }
     scene.validate().map_err(|problems| {
         SessionError::Settings(problems.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))
     })

@@ -230,7 +230,8 @@ impl Integrator<'_> {
                 environment: &self.environment,
                 cones,
             };
-            match lights.sample(&lookup, point, surface, &mut scratch.shadow, path.throughput, draw(1)) {
+            let on_film = path.throughput * self.settings.film_exposure;
+            match lights.sample(&lookup, point, surface, &mut scratch.shadow, on_film, draw(1)) {
                 Some(StaticSample::Emission(light)) => features.sample.emission += path.throughput * light,
                 Some(StaticSample::World(light)) => features.sample.world += path.throughput * light,
                 None => {}

@@ -98,15 +98,15 @@ impl StaticLights {
         power_heuristic(last.pdf, environment.density(direction) * self.environment_share())
     }
 
-    /// One light sample for `surface` at `point`, before the path's `throughput`, which decides whether it is worth a
-    /// shadow ray.
+    /// One light sample for `surface` at `point`, before the path's throughput. That times film exposure, `on_film`, decides
+    /// whether it is worth a shadow ray.
     pub fn sample(
         &self,
         tracer: &Lookup<'_>,
         point: &SurfacePoint,
         surface: &Surface,
         scratch: &mut Surface,
-        throughput: Vec3,
+        on_film: Vec3,
         u: [f32; 4],
     ) -> Option<StaticSample> {
         let share = self.environment_share();
@@ -114,7 +114,7 @@ impl StaticLights {
             let (direction, density) = tracer.environment.sample([u[0], u[1], u[2]])?;
             let factor = tracer.weighted(surface, point, direction, density * share)?;
             let radiance = tracer.environment.radiance(tracer.scene, tracer.materials, direction, false);
-            let factor = factor / survival(throughput * factor * radiance, u[3] / share)?;
+            let factor = factor / survival(on_film * factor * radiance, u[3] / share)?;
             let through = self.transmittance(tracer, point, direction, None, scratch)?;
             return Some(StaticSample::World(factor * radiance * through));
         }
@@ -125,8 +125,7 @@ impl StaticLights {
         let cos = target.normal.dot(direction).abs();
         let density = target.area_density * (1.0 - share) * distance_squared / cos;
         let factor = tracer.weighted(surface, point, direction, density)?;
-        let factor =
-            factor / survival(throughput * factor * target.brightness, (u[3] - share) / (1.0 - share))?;
+        let factor = factor / survival(on_film * factor * target.brightness, (u[3] - share) / (1.0 - share))?;
         let goal = (target.instance, target.triangle);
         let through = self.transmittance(tracer, point, direction, Some(goal), scratch)?;
         Some(StaticSample::Emission(factor * through * scratch.emission()))
@@ -206,8 +205,8 @@ impl Lookup<'_> {
     }
 }
 
-/// Probability of a shadow ray for a light that adds up to `contribution`, if the number `u` is below it. Weak lights get
-/// few, as with Cycles' `light_sampling_threshold`.
+/// Probability of a shadow ray for a light that adds up to `contribution` to the film, if the number `u` is below it. Weak
+/// lights get few, as with Cycles' `light_sampling_threshold`, which it, too, divides by the film's exposure.
 fn survival(contribution: Vec3, u: f32) -> Option<f32> {
     let probability = (contribution.max_element() / LIGHT_THRESHOLD).min(1.0);
     (u < probability).then_some(probability)

@@ -142,3 +142,21 @@ fn film_exposure_multiplies_all_light_and_changes_no_path() {
         assert_eq!((plain.aovs.alpha, plain.aovs.albedo), (bright.aovs.alpha, bright.aovs.albedo));
     }
 }
+
+/// Light samples that are too weak for the film are left to chance: on a film exposed by more, fewer are.
+#[test]
+fn film_exposure_decides_which_light_samples_are_too_weak() {
+    let mut scene = Scene::default();
+    add(&mut scene, square(0.0), Affine3A::IDENTITY, diffuse(0.5));
+    let lamp = Affine3A::from_translation(Vec3::Z * 2.0) * Affine3A::from_scale(Vec3::splat(0.1));
+    add(&mut scene, square(0.0), lamp, material(emission([1.0; 3], 0.5)));
+    scene.camera = look_at_origin(Vec3::new(0.3, -0.6, 1.5), 4, 0.4);
+    let lit = |film_exposure| {
+        let mut settings = settings(256, true);
+        settings.paths.film_exposure = film_exposure;
+        let paths = image_paths(&scene, &settings);
+        mean(&paths, |path| Vec3::splat(f32::from(path.aovs.emission.x > 0.0))).x
+    };
+    let (plain, bright) = (lit(1.0), lit(1000.0));
+    assert!(plain < 0.5 && bright > 0.95, "{plain} of the paths, {bright} of the bright ones");
+}
