@@ -1,9 +1,10 @@
 //! Where the file's lights stand, for paths to look there more often.
 //!
-//! A share of the directions is drawn from cones around the lights instead of from the BSDF, and every direction is weighted by
-//! the density of both ways together (one-sample model with the balance heuristic; Veach 1997, section 9.2.4). So paths stay
-//! right for any light whatever, and those lights that stand near a cone are met far more often than by chance: a bulb of 5 cm
-//! radius in 3 m distance fills 1/7200 of a hemisphere. Lights that chance meets often enough are left to it.
+//! A share of the directions is drawn towards the lights (points of area lights, cones around others) instead of from the BSDF,
+//! and every direction is weighted by the density of both ways together (one-sample model with the balance heuristic; Veach
+//! 1997, section 9.2.4). So paths stay right for any light whatever, and those lights that stand near these are met far more
+//! often than by chance: a bulb of 5 cm radius in 3 m distance fills 1/7200 of a hemisphere. Lights that chance meets often
+//! enough are left to it.
 
 use std::f32::consts::{PI, TAU};
 
@@ -19,6 +20,8 @@ const MOST_LIGHTS: usize = 32;
 const LARGE: f32 = 0.1;
 /// Narrowest cone, as the squared sine of its half angle: below, single precision would miss it.
 const NARROWEST: f32 = 1e-6;
+/// Points are drawn on area lights that are larger by this in each direction, so that rounding at their rims is not at theirs.
+const RIM: f32 = 1.01;
 /// Least of a light's second cone, which is four times as wide as the light, for lights that are moved a little; 5 degrees.
 const WIDE: f32 = 1.0 / 144.0;
 
@@ -43,6 +46,8 @@ struct Aim {
 enum Place {
     /// In a ball.
     Ball { center: Vec3, radius: f32 },
+    /// On one side of a plane, in a ball.
+    Flat { center: Vec3, radius: f32, plate: Plate },
     /// In directions around one.
     Sky { direction: Vec3, sine_squared: f32 },
 }
@@ -56,24 +61,46 @@ enum Beam {
         axis: Vec3,
         cos: f32,
     },
-    /// By the cosine to the normal.
+    /// To one side.
     Front {
         normal: Vec3,
     },
+}
+
+/// A rectangle or an ellipse around a centre, larger by [`RIM`] than the light.
+#[derive(Clone, Copy, Debug)]
+struct Plate {
+    /// Full edges, perpendicular.
+    edges: [Vec3; 2],
+    /// Edges over their squared length: they give a place on the plate, -1/2 to 1/2.
+    across: [Vec3; 2],
+    /// Unit, to the side that shines.
+    normal: Vec3,
+    area: f32,
+    is_ellipse: bool,
+}
+
+/// What directions to a light are drawn from.
+#[derive(Clone, Copy, Debug)]
+enum Narrow {
+    /// A cone of this height around the axis.
+    Cone(f32),
+    /// Points of a plate that is there from here, all alike.
+    Plate { to_center: Vec3, plate: Plate },
 }
 
 /// Share of the directions from a matt surface that faces a light which meet it if nothing is in between, with paths that look
 /// for what `guide` says. Nothing where the light does not shine to.
 pub fn chance_to_meet(guide: Option<&Guide>, point: Vec3, light: &Light) -> Option<f32> {
     let aim = Aim::at(light);
-    let (axis, sine_squared) = aim.seen_from(point);
+    let seen = aim.seen_from(point);
     let mut cones = Cones::default();
     if let Some(guide) = guide {
         guide.look_from(point, &mut cones);
     }
-    let density = (1.0 - cones.share) / PI + cones.share * cones.density(axis);
-    let shines = aim.beam.towards(-axis) > 0.0;
-    shines.then(|| (TAU * height(sine_squared.min(1.0)) * density).min(1.0))
+    let density = (1.0 - cones.share) / PI + cones.share * cones.density(seen.axis);
+    let shines = aim.beam.reaches(-seen.axis);
+    shines.then(|| (TAU * seen.height * density).min(1.0))
 }
 
 /// The lights as one point sees them. Reused from point to point: nothing is allocated.
@@ -84,12 +111,14 @@ pub(crate) struct Cones {
     pub share: f32,
 }
 
-/// Two cones around one axis, the first as narrow as a light. A cone is told by its height, 1 less the cosine of its half angle,
-/// which stays precise where cosines are all 1.
+/// Directions to a light, and a cone that holds them. A cone is told by its height, 1 less the cosine of its half angle, which
+/// stays precise where cosines are all 1.
 #[derive(Clone, Copy, Debug)]
 struct Pair {
     axis: Vec3,
-    heights: [f32; 2],
+    narrow: Narrow,
+    /// Height of the cone.
+    wide: f32,
     /// Probability that one of them is drawn from, where any is; both alike.
     probability: f32,
 }
@@ -111,16 +140,18 @@ impl Guide {
         cones.list.clear();
         let (mut all, mut wanted) = (0.0, 0.0);
         for aim in &self.lights {
-            let (axis, sine_squared) = aim.seen_from(point);
-            let height = height(sine_squared.clamp(NARROWEST, 1.0));
+            let seen = aim.seen_from(point);
+            if !aim.beam.reaches(-seen.axis) {
+                continue;
+            }
             // Irradiance is what a light matters by here; by its root, so that weak lights can be turned up later.
-            let weight = (aim.brightness * aim.beam.towards(-axis) * height).sqrt();
-            let want = weight * (1.0 - height / LARGE).max(0.0);
+            let weight = (aim.brightness * seen.height).sqrt();
+            let want = weight * (1.0 - seen.height / LARGE).max(0.0);
             all += weight;
             if want > 0.0 {
                 wanted += want;
-                let wide = self::height((16.0 * sine_squared).clamp(WIDE, 1.0));
-                cones.list.push(Pair { axis, heights: [height, wide], probability: want });
+                let wide = height((32.0 * seen.height).max(seen.sine_squared).clamp(WIDE, 1.0));
+                cones.list.push(Pair { axis: seen.axis, narrow: seen.narrow, wide, probability: want });
             }
         }
         cones.list.iter_mut().for_each(|pair| pair.probability /= wanted);
@@ -140,8 +171,14 @@ impl Cones {
             }
             rest -= pair.probability;
         }
-        let height = chosen.heights[usize::from(rest < 0.5 * chosen.probability)];
-        sample_cone(chosen.axis, height, [u[1], u[2]])
+        let u = [u[1], u[2]];
+        if rest >= 0.5 * chosen.probability {
+            return sample_cone(chosen.axis, chosen.wide, u);
+        }
+        match chosen.narrow {
+            Narrow::Cone(height) => sample_cone(chosen.axis, height, u),
+            Narrow::Plate { to_center, plate } => (to_center + plate.sample(u)).normalize_or(chosen.axis),
+        }
     }
 
     /// Density of a direction from a surface that draws the share of these cones from them, and the rest as [`Surface::sample`]
@@ -156,19 +193,80 @@ impl Cones {
         for pair in &self.list {
             // Of two unit vectors: 1 less their cosine.
             let apart = 0.5 * (direction - pair.axis).length_squared();
-            // The second holds the first.
-            if apart <= pair.heights[1] {
-                let narrow = if apart <= pair.heights[0] { 1.0 / pair.heights[0] } else { 0.0 };
-                sum += pair.probability * (narrow + 1.0 / pair.heights[1]);
-            }
+            let narrow = match &pair.narrow {
+                Narrow::Cone(height) if apart <= *height => 1.0 / (TAU * height),
+                Narrow::Cone(_) => 0.0,
+                Narrow::Plate { to_center, plate } => plate.density(*to_center, direction),
+            };
+            let wide = if apart <= pair.wide { 1.0 / (TAU * pair.wide) } else { 0.0 };
+            sum += pair.probability * 0.5 * (narrow + wide);
         }
-        sum * 0.5 / TAU
+        sum
     }
+}
+
+impl Plate {
+    fn new(edge_u: Vec3, edge_v: Vec3, is_ellipse: bool) -> Self {
+        let edges = [edge_u * RIM, edge_v * RIM];
+        let cross = edges[0].cross(edges[1]);
+        let share = if is_ellipse { 0.25 * PI } else { 1.0 };
+        Self {
+            edges,
+            across: edges.map(|edge| edge / edge.length_squared()),
+            normal: cross.normalize_or(Vec3::Z),
+            area: cross.length() * share,
+            is_ellipse,
+        }
+    }
+
+    /// Solid angle from afar, over that of a hemisphere; 0 from behind.
+    fn height(&self, to_center: Vec3) -> f32 {
+        let cos = -self.normal.dot(to_center) / to_center.length();
+        self.area * cos.max(0.0) / (to_center.length_squared() * TAU)
+    }
+
+    /// A point, from the centre.
+    fn sample(&self, u: [f32; 2]) -> Vec3 {
+        let [x, y] = if self.is_ellipse {
+            let (sin_phi, cos_phi) = (TAU * u[1]).sin_cos();
+            let radius = 0.5 * u[0].sqrt();
+            [radius * cos_phi, radius * sin_phi]
+        } else {
+            u.map(|u| u - 0.5)
+        };
+        self.edges[0] * x + self.edges[1] * y
+    }
+
+    /// Density over solid angle of directions to [`Plate::sample`]: squared distance over area and cosine.
+    fn density(&self, to_center: Vec3, direction: Vec3) -> f32 {
+        let cos = -self.normal.dot(direction);
+        let distance = -self.normal.dot(to_center) / cos;
+        if !(cos > 0.0 && distance > 0.0) {
+            return 0.0;
+        }
+        let from_center = direction * distance - to_center;
+        let [x, y] = self.across.map(|across| across.dot(from_center));
+        let is_inside = if self.is_ellipse { x * x + y * y <= 0.25 } else { x.abs().max(y.abs()) <= 0.5 };
+        if is_inside { distance * distance / (self.area * cos) } else { 0.0 }
+    }
+}
+
+/// A light as a point sees it.
+struct Seen {
+    /// Direction to its middle.
+    axis: Vec3,
+    /// Of the half angle of the cone around it; 1 or more from inside of the ball that holds the light.
+    sine_squared: f32,
+    /// Solid angle over that of a hemisphere.
+    height: f32,
+    narrow: Narrow,
 }
 
 impl Aim {
     fn at(light: &Light) -> Self {
-        let front = |u: Vec3, v: Vec3| Beam::Front { normal: u.cross(v).normalize_or(Vec3::Z) };
+        let flat = |center: Vec3, radius: f32, plate: Plate| {
+            (Place::Flat { center, radius, plate }, Beam::Front { normal: plate.normal })
+        };
         let (place, beam) = match light.shape {
             LightShape::Sphere { center, radius } | LightShape::FacingDisk { center, radius } => {
                 (Place::Ball { center, radius }, Beam::Everywhere)
@@ -178,11 +276,11 @@ impl Aim {
             }
             LightShape::Quad { center, edge_u, edge_v, .. } => {
                 let radius = 0.5 * (edge_u.length_squared() + edge_v.length_squared()).sqrt();
-                (Place::Ball { center, radius }, front(edge_u, edge_v))
+                flat(center, radius, Plate::new(edge_u, edge_v, false))
             }
             LightShape::Ellipse { center, edge_u, edge_v, .. } => {
                 let radius = 0.5 * edge_u.length().max(edge_v.length());
-                (Place::Ball { center, radius }, front(edge_u, edge_v))
+                flat(center, radius, Plate::new(edge_u, edge_v, true))
             }
             LightShape::Sun { direction, half_angle } => (
                 Place::Sky { direction, sine_squared: half_angle.min(0.5 * PI).sin().powi(2) },
@@ -192,26 +290,40 @@ impl Aim {
         Self { place, brightness: brightness(light), beam }
     }
 
-    /// Direction and squared sine of the half angle; 1 or more from inside of it.
-    fn seen_from(&self, point: Vec3) -> (Vec3, f32) {
-        match self.place {
-            Place::Sky { direction, sine_squared } => (direction, sine_squared),
-            Place::Ball { center, radius } => {
-                let to_center = center - point;
-                let inverse = to_center.length_recip();
-                (to_center * inverse, (radius * inverse).powi(2))
-            }
+    fn seen_from(&self, point: Vec3) -> Seen {
+        let (to_center, radius, plate) = match self.place {
+            Place::Sky { direction, sine_squared } => return Seen::in_cone(direction, sine_squared),
+            Place::Ball { center, radius } => (center - point, radius, None),
+            Place::Flat { center, radius, plate } => (center - point, radius, Some(plate)),
+        };
+        let inverse = to_center.length_recip();
+        let ball = Seen::in_cone(to_center * inverse, (radius * inverse).powi(2));
+        let Some(plate) = plate else { return ball };
+        let height = plate.height(to_center).min(ball.height);
+        // Single precision would miss plates that look smaller.
+        let is_large = 2.0 * height > NARROWEST;
+        Seen {
+            height,
+            narrow: if is_large { Narrow::Plate { to_center, plate } } else { ball.narrow },
+            ..ball
         }
     }
 }
 
+impl Seen {
+    fn in_cone(axis: Vec3, sine_squared: f32) -> Self {
+        let narrow = Narrow::Cone(height(sine_squared.clamp(NARROWEST, 1.0)));
+        Self { axis, sine_squared, height: height(sine_squared.min(1.0)), narrow }
+    }
+}
+
 impl Beam {
-    /// How bright a light is in a direction away from it.
-    fn towards(&self, direction: Vec3) -> f32 {
+    /// Whether a light shines in a direction away from it.
+    fn reaches(&self, direction: Vec3) -> bool {
         match self {
-            Self::Everywhere => 1.0,
-            Self::Cone { axis, cos } => f32::from(axis.dot(direction) >= *cos),
-            Self::Front { normal } => normal.dot(direction).max(0.0),
+            Self::Everywhere => true,
+            Self::Cone { axis, cos } => axis.dot(direction) >= *cos,
+            Self::Front { normal } => normal.dot(direction) > 0.0,
         }
     }
 }
@@ -295,7 +407,23 @@ mod tests {
         let sun = LightShape::Sun { direction: Vec3::Y, half_angle: 0.005 };
         let near = ball(Vec3::new(0.0, 1.0, 0.3), 0.4);
         let far = ball(Vec3::new(4.0, 0.0, 2.0), 1e-4);
-        for shapes in [vec![sun], vec![near], vec![far], vec![sun, near, far]] {
+        let u = Vec3::new(0.6, 0.0, 0.8);
+        let strip =
+            LightShape::Quad { center: 2.0 * Vec3::X, edge_u: 1.2 * u, edge_v: 0.04 * Vec3::Y, spread: PI };
+        let oval = LightShape::Ellipse {
+            center: 2.0 * Vec3::X,
+            edge_u: 0.2 * u,
+            edge_v: 0.9 * Vec3::Y,
+            spread: 1.0,
+        };
+        let grazing = LightShape::Quad {
+            center: Vec3::new(1.0, 0.3, 0.0),
+            edge_u: Vec3::X,
+            edge_v: 0.4 * Vec3::Z + 0.1 * Vec3::Y,
+            spread: PI,
+        };
+        let all = vec![sun, near, far, strip, oval];
+        for shapes in [vec![sun], vec![near], vec![far], vec![strip], vec![oval], vec![grazing], all] {
             let cones = guide(&shapes).seen();
             // The integral of 1 over a half-space and over the rest, where there is any density.
             let mut integrals = [0.0_f64; 2];
@@ -358,6 +486,25 @@ mod tests {
         let quad = LightShape::Quad { center: all, edge_u: 0.1 * Vec3::Y, edge_v: 0.1 * Vec3::Z, spread: PI };
         assert!(guide(&[quad]).seen().share == 0.0);
         assert!(guide(&[quad]).seen_from(Vec3::new(6.0, 0.0, 0.0)).share > 0.0);
+    }
+
+    #[test]
+    fn chance_to_meet_a_strip_is_that_of_its_solid_angle() {
+        let center = Vec3::new(0.0, 0.0, 3.0);
+        let strip = LightShape::Quad { center, edge_u: 1.2 * Vec3::X, edge_v: -0.03 * Vec3::Y, spread: PI };
+        let chance = chance_to_meet(None, Vec3::ZERO, &light(&strip)).unwrap();
+        assert!((chance / (1.2 * 0.03 / (9.0 * PI)) - 1.0).abs() < 0.03, "{chance}");
+        let far = Vec3::new(0.0, 0.0, -3000.0);
+        let chance_from_far = chance_to_meet(None, far, &light(&strip)).unwrap();
+        assert!((chance_from_far / chance * 1001.0_f32.powi(2) - 1.0).abs() < 1e-3, "{chance_from_far}");
+        let guide = guide(&[strip]);
+        let guided = chance_to_meet(Some(&guide), Vec3::ZERO, &light(&strip)).unwrap();
+        let meets = |direction: Vec3| {
+            let place = direction * (3.0 / direction.z);
+            direction.z > 0.0 && place.x.abs() <= 0.6 && place.y.abs() <= 0.015
+        };
+        let drawn = samples(&guide.seen()).filter(|direction| meets(*direction)).count() as f32 / 200_000.0;
+        assert!((guided / (0.5 * drawn + 0.5 * chance) - 1.0).abs() < 0.03, "{guided}, {drawn} drawn");
     }
 
     #[test]

@@ -35,8 +35,8 @@ fn crosses(origin: Vec3, direction: Vec3, length: f32) -> bool {
     (enter > 0.0 && enter < length) || (exit > 0.0 && exit < length)
 }
 
-/// Radiance 1 of the light, collected from a path (paper, equation 1); invisible to the camera.
-fn gather(start: Vec3, path: &Path) -> Vec3 {
+/// Radiance 1 of a light, collected from a path (paper, equation 1); invisible to the camera.
+fn gather(start: Vec3, path: &Path, crosses: impl Fn(Vec3, Vec3, f32) -> bool) -> Vec3 {
     let mut origin = start;
     let mut sum = Vec3::ZERO;
     for segment in &path.segments {
@@ -140,9 +140,9 @@ fn gather_equals_direct_trace_of_the_same_light() {
     let mut variance = |lights: Vec<Light>| {
         scene.lights = lights;
         let paths = image_paths(&scene, &settings);
-        let gathered = mean(&paths, |path| gather(camera, path)).x;
+        let gathered = mean(&paths, |path| gather(camera, path, crosses)).x;
         assert!((gathered / expected - 1.0).abs() < 0.015, "gathered {gathered}, direct {expected}");
-        mean(&paths, |path| (gather(camera, path) - gathered).powf(2.0)).x
+        mean(&paths, |path| (gather(camera, path, crosses) - gathered).powf(2.0)).x
     };
     let unguided = variance(Vec::new());
     let guided = variance(vec![sphere_light(LIGHT_CENTER, LIGHT_RADIUS)]);
@@ -150,6 +150,39 @@ fn gather_equals_direct_trace_of_the_same_light() {
     // Paths that look elsewhere are right for this light, too, and have no more than a third more of noise at each bounce.
     let misled = variance(vec![sphere_light(Vec3::new(-0.6, 0.5, -0.5), 0.05)]);
     assert!(misled < (4.0_f32 / 3.0).powi(3) * unguided, "{misled} beside {unguided}");
+}
+
+/// A strip of 1.2 x 0.03 m under the ceiling, facing down.
+const STRIP: LightShape = LightShape::Quad {
+    center: Vec3::new(0.0, 0.0, 0.9),
+    edge_u: Vec3::new(1.2, 0.0, 0.0),
+    edge_v: Vec3::new(0.0, -0.03, 0.0),
+    spread: std::f32::consts::PI,
+};
+
+fn crosses_strip(origin: Vec3, direction: Vec3, length: f32) -> bool {
+    let distance = (0.9 - origin.z) / direction.z;
+    let place = origin + direction * distance;
+    let is_met = direction.z > 0.0 && distance > 0.0 && distance < length;
+    is_met && place.x.abs() <= 0.6 && place.y.abs() <= 0.015
+}
+
+#[test]
+fn paths_look_for_strips_as_they_are() {
+    let mut scene = open_box();
+    let settings = TraceSettings { samples: 8192, ..TraceSettings::default() };
+    let camera = scene.camera.world_from_camera.translation.into();
+    let mut measured = |lights: Vec<Light>| {
+        scene.lights = lights;
+        let paths = image_paths(&scene, &settings);
+        let gathered = mean(&paths, |path| gather(camera, path, crosses_strip)).x;
+        (gathered, mean(&paths, |path| (gather(camera, path, crosses_strip) - gathered).powf(2.0)).x)
+    };
+    let (expected, unguided) = measured(Vec::new());
+    let (gathered, guided) = measured(vec![Light { shape: STRIP, ..sphere_light(Vec3::ZERO, 1.0) }]);
+    let error = ((unguided + guided) / (36.0 * settings.samples as f32)).sqrt();
+    assert!((gathered - expected).abs() < 4.0 * error, "{gathered} instead of {expected}, error {error}");
+    assert!(guided < 0.1 * unguided, "{guided} beside {unguided}");
 }
 
 fn sphere_light(center: Vec3, radius: f32) -> Light {
