@@ -96,7 +96,7 @@ pub fn chance_to_meet(guide: Option<&Guide>, point: Vec3, light: &Light) -> Opti
     let seen = aim.seen_from(point);
     let mut cones = Cones::default();
     if let Some(guide) = guide {
-        guide.look_from(point, &mut cones);
+        guide.look_from(point, Horizon::default(), &mut cones);
     }
     let density = (1.0 - cones.share) / PI + cones.share * cones.density(seen.axis);
     let shines = aim.beam.reaches(-seen.axis);
@@ -135,13 +135,13 @@ impl Guide {
         (share > 0.0 && !lights.is_empty()).then_some(Self { share: share.min(MOST_GUIDING), lights })
     }
 
-    /// Makes `cones` those that are seen from a point.
-    pub(crate) fn look_from(&self, point: Vec3, cones: &mut Cones) {
+    /// Makes `cones` those that are seen from a point above its horizon.
+    pub(crate) fn look_from(&self, point: Vec3, horizon: Horizon, cones: &mut Cones) {
         cones.list.clear();
         let (mut all, mut wanted) = (0.0, 0.0);
         for aim in &self.lights {
             let seen = aim.seen_from(point);
-            if !aim.beam.reaches(-seen.axis) {
+            if !aim.beam.reaches(-seen.axis) || horizon.hides(seen.axis, seen.sine_squared) {
                 continue;
             }
             // Irradiance is what a light matters by here; by its root, so that weak lights can be turned up later.
@@ -156,6 +156,23 @@ impl Guide {
         }
         cones.list.iter_mut().for_each(|pair| pair.probability /= wanted);
         cones.share = if wanted > 0.0 { self.share * wanted / all } else { 0.0 };
+    }
+}
+
+/// Where a surface gets no light from: nothing comes in from below both of its normals. By default, everything counts.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Horizon(pub Option<[Vec3; 2]>);
+
+impl Horizon {
+    /// Whether a cone of less than a half-space is all below.
+    fn hides(self, axis: Vec3, sine_squared: f32) -> bool {
+        self.0.is_some_and(|normals| {
+            let is_below = |normal: Vec3| {
+                let cos = normal.dot(axis);
+                cos < 0.0 && cos * cos > sine_squared
+            };
+            normals.into_iter().all(is_below)
+        })
     }
 }
 
@@ -370,7 +387,7 @@ mod tests {
     impl Guide {
         fn seen_from(&self, point: Vec3) -> Cones {
             let mut cones = Cones::default();
-            self.look_from(point, &mut cones);
+            self.look_from(point, Horizon::default(), &mut cones);
             cones
         }
 
@@ -486,6 +503,19 @@ mod tests {
         let quad = LightShape::Quad { center: all, edge_u: 0.1 * Vec3::Y, edge_v: 0.1 * Vec3::Z, spread: PI };
         assert!(guide(&[quad]).seen().share == 0.0);
         assert!(guide(&[quad]).seen_from(Vec3::new(6.0, 0.0, 0.0)).share > 0.0);
+    }
+
+    #[test]
+    fn lights_below_both_normals_are_not_looked_for() {
+        let guide = guide(&[LightShape::Sun { direction: Vec3::Z, half_angle: 0.005 }]);
+        let share = |normals| {
+            let mut cones = Cones::default();
+            guide.look_from(Vec3::ZERO, Horizon(normals), &mut cones);
+            cones.share
+        };
+        let (down, level) = (Vec3::new(0.6, 0.0, -0.8), Vec3::new(1.0, 0.0, -0.001));
+        assert_eq!(share(Some([down, -Vec3::Z])), 0.0);
+        assert!(share(Some([down, level])) > 0.0 && share(Some([Vec3::Z, down])) > 0.0 && share(None) > 0.0);
     }
 
     #[test]

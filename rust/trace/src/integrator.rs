@@ -217,7 +217,7 @@ impl Integrator<'_> {
         self.filter_closures(path, surface);
         let cones = match guide {
             Some(guide) if surface.is_guided() => {
-                guide.look_from(point.position, &mut scratch.cones);
+                guide.look_from(point.position, surface.horizon(), &mut scratch.cones);
                 Some(&scratch.cones).filter(|cones| cones.share > 0.0)
             }
             _ => None,

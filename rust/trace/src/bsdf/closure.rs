@@ -156,6 +156,15 @@ impl Closure {
         }
     }
 
+    /// Whether some directions that have a density lead to the other side.
+    pub(crate) fn transmits(&self) -> bool {
+        match &self.scatter {
+            Scatter::Translucent => true,
+            Scatter::Microfacet(model) => model.interface != Interface::Reflection,
+            _ => false,
+        }
+    }
+
     /// Class of `wi` where this closure scatters there.
     pub(crate) fn lobe_towards(&self, wi: Vec3) -> Lobe {
         match &self.scatter {

@@ -3,7 +3,7 @@ use relume_dump::Lobe;
 
 use super::closure::{Closure, Scatter, Sharpness};
 use super::{Interface, Reach, Sides};
-use crate::shading::SurfacePoint;
+use crate::{guide::Horizon, shading::SurfacePoint};
 
 /// Most closures that one point keeps; further ones are dropped.
 const MAX_CLOSURES: usize = 16;
@@ -260,6 +260,12 @@ impl Surface {
     /// Whether some of its directions are drawn from a guide: not where mirrors and glass find the light by themselves.
     pub(crate) fn is_guided(&self) -> bool {
         !self.is_specular() && self.dull_share() > 0.0
+    }
+
+    /// Where no light comes in from: a surface that does not transmit gets none from below both of its normals.
+    pub(crate) fn horizon(&self) -> Horizon {
+        let transmits = self.closures.iter().any(Closure::transmits);
+        Horizon((!transmits).then_some([self.sides.geometric, self.sides.shading]))
     }
 
     /// Whether the closure that the third of [`Surface::sample`]'s numbers chooses has no density.

@@ -1,6 +1,6 @@
 //! The purpose of it all: lights added up from the paths equal lights that were there while tracing.
 
-use relume_dump::{End, Lobe};
+use relume_dump::{End, Lobe, Segment};
 use relume_scene::{
     Light, LightShape, LobeFactors, Scene,
     glam::{Affine3A, DVec3, Vec3},
@@ -183,6 +183,24 @@ fn paths_look_for_strips_as_they_are() {
     let error = ((unguided + guided) / (36.0 * settings.samples as f32)).sqrt();
     assert!((gathered - expected).abs() < 4.0 * error, "{gathered} instead of {expected}, error {error}");
     assert!(guided < 0.1 * unguided, "{guided} beside {unguided}");
+}
+
+#[test]
+fn a_sun_behind_a_surface_changes_none_of_its_paths() {
+    let mut scene = Scene::default();
+    add(&mut scene, square(0.0), Affine3A::from_scale(Vec3::splat(9.0)), diffuse(0.5));
+    scene.camera = look_at_origin(Vec3::new(0.5, -2.0, 1.0), 4, 0.5);
+    let settings = TraceSettings { samples: 64, ..TraceSettings::default() };
+    let unguided = image_paths(&scene, &settings);
+    let direction = Vec3::new(0.6, 0.0, -0.8);
+    let sun = LightShape::Sun { direction, half_angle: 0.005 };
+    scene.lights = vec![Light { shape: sun, ..sphere_light(Vec3::ZERO, 1.0) }];
+    assert!(image_paths(&scene, &settings) == unguided, "paths look for what cannot light them");
+    // From below it is looked for.
+    scene.camera = look_at_origin(Vec3::new(0.5, -2.0, -1.0), 4, 0.5);
+    let towards = |path: &Path| matches!(path.segments.last(), Some(Segment { end: End::Escape(wi), .. }) if wi.dot(direction) > 0.999);
+    let share = mean(&image_paths(&scene, &settings), |path| Vec3::splat(f32::from(towards(path)))).x;
+    assert!(share > 0.1, "{share} of the paths");
 }
 
 fn sphere_light(center: Vec3, radius: f32) -> Light {
