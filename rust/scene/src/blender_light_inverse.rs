@@ -20,14 +20,14 @@ impl BlenderLight {
         }
         // What the light would be at a power of 1 and white.
         let (unit, _) = Self { energy: 1.0, color: [1.0; 3], ..new.clone() }.to_light()?;
-        let is_missing = |c: usize| unit.radiance[c] <= 0.0 && light.radiance[c] > 0.0;
+        let is_missing = |c: usize| unit.radiance[c] == 0.0 && light.radiance[c] != 0.0;
         if (0..3).any(is_missing) {
             return Err(
                 self.error("its temperature or nodes give none of a colour that it needs; make it white")
             );
         }
         let share =
-            |c: usize| if unit.radiance[c] > 0.0 { light.radiance[c] / unit.radiance[c] } else { 0.0 };
+            |c: usize| if unit.radiance[c] == 0.0 { 0.0 } else { light.radiance[c] / unit.radiance[c] };
         let wanted = std::array::from_fn(share);
         (new.energy, new.color) = self.energy_and_color(wanted);
         new.lobes = light.lobes;
@@ -149,18 +149,24 @@ impl BlenderLight {
         }
     }
 
-    /// Energy and colour whose product is this, the colour as it is if it can stay, else as bright as it is.
+    /// Energy and colour whose product is this, the colour as it is if it can stay, else as bright as it is. The energy of a
+    /// light that takes light away is negative, not its colour.
     fn energy_and_color(&self, product: [f32; 3]) -> (f32, [f32; 3]) {
         let dot = |a: [f32; 3], b: [f32; 3]| (0..3).map(|c| a[c] * b[c]).sum::<f32>();
-        let strongest = |color: [f32; 3]| color.into_iter().fold(0.0, f32::max);
+        let largest =
+            |of: [f32; 3]| of.into_iter().fold(0.0, |a: f32, b| if b.abs() > a.abs() { b } else { a });
+        let peak = largest(product);
+        if peak == 0.0 {
+            return (0.0, self.color);
+        }
         let along = dot(product, self.color) / dot(self.color, self.color);
         if along.is_finite()
-            && (0..3).all(|c| (product[c] - along * self.color[c]).abs() <= EQUAL * strongest(product))
+            && (0..3).all(|c| (product[c] - along * self.color[c]).abs() <= EQUAL * peak.abs())
         {
             return (along, self.color);
         }
-        let brightness = if strongest(self.color) > 0.0 { strongest(self.color) } else { 1.0 };
-        let energy = strongest(product) / brightness;
+        let brightness = largest(self.color);
+        let energy = peak / if brightness > 0.0 { brightness } else { 1.0 };
         (energy, product.map(|value| value / energy))
     }
 }
@@ -262,6 +268,28 @@ mod tests {
             let step: [f32; LANES] = [0.1; LANES];
             let light = Light { shape: light.shape.moved(&step), ..light };
             assert_same(&BlenderLight::from_light(&light).unwrap().to_light().unwrap().0, &light, &blender);
+        }
+    }
+
+    #[test]
+    fn black_lights_and_those_that_take_light_away_keep_sound_colours() {
+        let lamp = lights()[0].clone();
+        for (energy, color, wanted) in [
+            (0.0, [1.0, 0.6, 0.3], [0.0; 3]),
+            (60.0, [0.0; 3], [0.0; 3]),
+            (60.0, [0.0; 3], [3.0, 4.0, 9.0]),
+            (-60.0, [1.0, 0.6, 0.3], [-3.0, -4.0, -9.0]),
+            (60.0, [1.0, 0.6, 0.3], [-1.0, -2.0, -0.5]),
+            (60.0, [1.0, 0.6, 0.3], [0.0; 3]),
+        ] {
+            let blender = BlenderLight { energy, color, ..lamp.clone() };
+            let light = Light { radiance: wanted, ..blender.to_light().unwrap().0 };
+            let written = blender.with_light(&light).unwrap();
+            assert!(written.energy.is_finite() && written.color.into_iter().all(|c| c >= 0.0), "{written:?}");
+            let found = written.to_light().unwrap().0.radiance;
+            for c in 0..3 {
+                assert!((found[c] - wanted[c]).abs() <= 1e-3 * wanted[c].abs(), "{found:?} for {wanted:?}");
+            }
         }
     }
 
