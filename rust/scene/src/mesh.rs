@@ -73,6 +73,12 @@ impl Instance {
     /// Receivers are stored in 11 bits of a segment.
     pub const RECEIVER_LIMIT: usize = 2048;
 
+    /// Number of the material of a triangle of its mesh; the last one where the slot is missing, none where all are.
+    pub fn material_of(&self, mesh: &Mesh, triangle: usize) -> Option<usize> {
+        let slot = mesh.material_slots.get(triangle).map_or(0, |slot| usize::from(*slot));
+        self.materials.get(slot).or(self.materials.last()).copied()
+    }
+
     /// An instance with Blender's defaults.
     pub fn new(
         name: impl Into<String>,

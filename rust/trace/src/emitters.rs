@@ -11,6 +11,9 @@ use crate::{
     shading::{Hit, PreparedMaterials},
 };
 
+/// Points of a triangle whose emission differs from place to place.
+const POINTS_WHERE_IT_VARIES: usize = 16;
+
 /// All triangles that emit light.
 #[derive(Debug)]
 pub(crate) struct Emitters {
@@ -28,7 +31,7 @@ struct Emitter {
     corner: Vec3,
     edge_1: Vec3,
     edge_2: Vec3,
-    /// Largest channel of the radiance in the middle, of the brighter side.
+    /// Largest channel of the radiance that was found on it, of the brighter side.
     brightness: f32,
 }
 
@@ -56,16 +59,20 @@ impl Emitters {
     /// Finds the emitters; nothing if there are none. Only instances that all rays see take part, since a light sample
     /// does not know what kind of ray it stands for; others are left to BSDF sampling.
     pub fn new(scene: &Scene, materials: &PreparedMaterials) -> Option<Self> {
-        let may_emit: Vec<bool> = scene.materials.iter().map(may_emit).collect();
+        let points_by_material: Vec<usize> = scene.materials.iter().map(points_to_measure).collect();
         let mut surface = Surface::default();
         let (mut triangles, mut powers) = (Vec::new(), Vec::new());
         for (index, instance) in scene.instances.iter().enumerate() {
-            let emits = instance.materials.iter().any(|material| may_emit.get(*material) == Some(&true));
-            if !emits || !is_seen_by_all(instance) {
+            if !is_seen_by_all(instance) {
                 continue;
             }
             let mesh = &scene.meshes[instance.mesh];
             for (number, triangle) in mesh.triangles.iter().enumerate() {
+                let material = instance.material_of(mesh, number);
+                let points = material.map_or(0, |material| points_by_material[material]);
+                if points == 0 {
+                    continue;
+                }
                 let [a, b, c] = triangle.map(|vertex| {
                     instance.world_from_object.transform_point3(mesh.positions[vertex as usize])
                 });
@@ -77,7 +84,7 @@ impl Emitters {
                     edge_2: c - a,
                     brightness: 0.0,
                 };
-                let power = emitter.measure(scene, materials, &mut surface);
+                let power = emitter.measure(scene, materials, points, &mut surface);
                 if power > 0.0 {
                     triangles.push(emitter);
                     powers.push(power);
@@ -117,24 +124,44 @@ impl Emitters {
 }
 
 impl Emitter {
-    /// Evaluates both sides in the middle and returns their sum times the area.
-    fn measure(&mut self, scene: &Scene, materials: &PreparedMaterials, surface: &mut Surface) -> f32 {
+    /// Evaluates both sides at so many points, and returns the mean of their sum times the area. Where all points of an image
+    /// happen to be black, it is left to BSDF sampling.
+    fn measure(
+        &mut self,
+        scene: &Scene,
+        materials: &PreparedMaterials,
+        points: usize,
+        surface: &mut Surface,
+    ) -> f32 {
         let cross = self.cross();
         let area = 0.5 * cross.length();
         if !(area > 0.0 && area.is_finite()) {
             return 0.0;
         }
         let normal = cross / (2.0 * area);
-        let middle = self.corner + (self.edge_1 + self.edge_2) / 3.0;
-        let [front, back] = [normal, -normal].map(|wo| {
-            let hit = Hit::on(scene, [self.instance, self.triangle], [1.0 / 3.0; 2], 1.0);
-            let point = materials.surface_point(scene, &hit, middle + wo, -wo, 0.0);
-            materials.evaluate(scene, &point, surface);
-            surface.emission().max_element()
-        });
-        self.brightness = front.max(back);
-        (front + back) * area
+        let mut sum = 0.0;
+        for barycentrics in spread_points(points) {
+            let position = self.corner + self.edge_1 * barycentrics[0] + self.edge_2 * barycentrics[1];
+            for wo in [normal, -normal] {
+                let hit = Hit::on(scene, [self.instance, self.triangle], barycentrics, 1.0);
+                let point = materials.surface_point(scene, &hit, position + wo, -wo, 0.0);
+                materials.evaluate(scene, &point, surface);
+                let brightness = surface.emission().max_element();
+                sum += brightness;
+                self.brightness = self.brightness.max(brightness);
+            }
+        }
+        sum / points as f32 * area
     }
+}
+
+/// Barycentric coordinates of points that are spread evenly over a triangle (Roberts's sequence, folded), the first in the
+/// middle.
+fn spread_points(count: usize) -> impl Iterator<Item = [f32; 2]> {
+    (0..count).map(|i| {
+        let [u, v] = [0.754_877_7, 0.569_840_3].map(|step| (1.0 / 3.0 + i as f32 * step).fract());
+        if u + v > 1.0 { [1.0 - u, 1.0 - v] } else { [u, v] }
+    })
 }
 
 fn is_seen_by_all(instance: &Instance) -> bool {
@@ -144,20 +171,29 @@ fn is_seen_by_all(instance: &Instance) -> bool {
         && instance.visible_transmission
 }
 
-/// Whether a material can emit at all, judged by its nodes.
-fn may_emit(material: &Material) -> bool {
+/// At how many points of a triangle a material's emission is to be measured, judged by its nodes: none if it cannot emit.
+fn points_to_measure(material: &Material) -> usize {
     let is_zero = |input: &Input| match input {
         Input::Float(value) => *value == 0.0,
         Input::Rgb(color) => *color == [0.0; 3],
         Input::Link { .. } => false,
     };
-    material.nodes.iter().any(|node| match node {
+    let emits = material.nodes.iter().any(|node| match node {
         Node::Emission { color, strength } => !is_zero(color) && !is_zero(strength),
         Node::Principled { emission_color, emission_strength, .. } => {
             !is_zero(emission_color) && !is_zero(emission_strength)
         }
         _ => false,
-    })
+    });
+    let mut varies = false;
+    for node in &material.nodes {
+        node.clone().for_each_input(|input| varies |= matches!(input, Input::Link { .. }));
+    }
+    match (emits, varies) {
+        (false, _) => 0,
+        (true, false) => 1,
+        (true, true) => POINTS_WHERE_IT_VARIES,
+    }
 }
 
 /// Whether light can go straight through a material, judged by its nodes.

@@ -117,16 +117,13 @@ impl PreparedMaterials {
     pub fn evaluate(&self, scene: &Scene, point: &SurfacePoint, surface: &mut Surface) {
         surface.reset(point);
         let instance = &scene.instances[point.instance as usize];
-        let slot = scene.meshes[point.mesh as usize]
-            .material_slots
-            .get(point.triangle as usize)
-            .map_or(0, |slot| usize::from(*slot));
-        let Some(material) = instance.materials.get(slot).or(instance.materials.last()) else {
+        let mesh = &scene.meshes[point.mesh as usize];
+        let Some(material) = instance.material_of(mesh, point.triangle as usize) else {
             // Blender's default surface.
             surface.add(Vec3::splat(0.8), Vec3::ONE, point.shading_normal, Scatter::Diffuse);
             return;
         };
-        let graph = &self.graphs[*material];
+        let graph = &self.graphs[material];
         if let Some(root) = graph.surface {
             let context = Context { prepared: self, scene, graph, point };
             let mut values = surface.take_values(2 * graph.nodes.len());

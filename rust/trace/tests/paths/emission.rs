@@ -1,8 +1,9 @@
 //! Static layers: light that the scene itself emits.
 
 use relume_scene::{
-    Alpha, ColorEncoding, Input, Material, Node, Scene, Texels, Texture,
-    glam::{Affine3A, Vec3},
+    Alpha, ColorEncoding, Extension, Input, Interpolation, Material, Node, Output, Scene, Texels, Texture,
+    UvMap,
+    glam::{Affine3A, Vec2, Vec3},
 };
 use relume_trace::{TraceSettings, settings::BounceLimits};
 
@@ -159,4 +160,41 @@ fn film_exposure_decides_which_light_samples_are_too_weak() {
     };
     let (plain, bright) = (lit(1.0), lit(1000.0));
     assert!(plain < 0.5 && bright > 0.95, "{plain} of the paths, {bright} of the bright ones");
+}
+
+#[test]
+fn screens_that_are_black_in_the_middle_are_sampled_where_they_shine() {
+    let mut scene = Scene::default();
+    add(&mut scene, cube(), Affine3A::IDENTITY, diffuse(0.6));
+    let mut screen = square(0.0);
+    let corners = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+    screen.uv_maps = vec![UvMap { name: "UVMap".into(), coords: corners.map(Vec2::from).to_vec() }];
+    // Only the first and the last of four rows shine, which hold the middle of neither triangle.
+    let row = |value: f32| [value, value, value, 1.0].repeat(4);
+    scene.textures.push(Texture {
+        name: "screen".into(),
+        width: 4,
+        height: 4,
+        texels: Texels::Float([row(1.0), row(0.0), row(0.0), row(1.0)].concat()),
+        encoding: ColorEncoding::Linear,
+        alpha: Alpha::None,
+    });
+    let image = Node::ImageTexture {
+        texture: 0,
+        vector: None,
+        interpolation: Interpolation::Closest,
+        extension: Extension::Repeat,
+    };
+    let color = Input::Link { node: 0, output: Output::Color };
+    let shows = Node::Emission { color, strength: Input::Float(20.0) };
+    let material = Material { name: "screen".into(), nodes: vec![image, shows], surface: Some(1) };
+    let place = Affine3A::from_translation(Vec3::Z * 0.9) * Affine3A::from_scale(Vec3::splat(0.15));
+    add(&mut scene, screen, place, material);
+    scene.camera = look_at_origin(Vec3::new(0.1, -0.9, -0.2), 8, 1.0);
+    let [by_bsdf, sampled] = [false, true].map(|sampled| {
+        let mut settings = settings(2048, sampled);
+        settings.paths.bounces = BounceLimits::default();
+        image_paths(&scene, &settings)
+    });
+    check_gain(&by_bsdf, &sampled, |path| path.aovs.emission.x, 3.0);
 }
