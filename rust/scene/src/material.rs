@@ -54,7 +54,6 @@ pub enum Output {
     Tangent,
     Location,
     ObjectIndex,
-    MaterialIndex,
     Random,
     X,
     Y,

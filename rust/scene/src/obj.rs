@@ -43,7 +43,7 @@ pub enum ObjError {
     },
 }
 
-/// Loads an OBJ file with its materials and PNG textures. Camera and world are left to the caller. Missing or unread
+/// Loads an OBJ file with its materials and textures. Camera and world are left to the caller. Missing or unread
 /// textures and materials are named as warnings.
 ///
 /// # Errors

@@ -21,8 +21,7 @@ impl fmt::Display for Problem {
 
 impl Scene {
     /// Whether the tracer can take the scene: all indices in range, all numbers finite, something to see and a camera
-    /// to see it with. Triangles without area are no problem, the tracer leaves them out
-    /// ([`Scene::flat_triangles`]).
+    /// to see it with. Triangles without area are no problem, the tracer leaves them out.
     ///
     /// # Errors
     /// All problems found, at most one for each part.
@@ -55,24 +54,6 @@ impl Scene {
         }
         check("world", "World", self.world_problem());
         if problems.is_empty() { Ok(()) } else { Err(problems) }
-    }
-
-    /// Number of triangles without area, by mesh: the tracer cannot meet them. For a note to the user.
-    pub fn flat_triangles(&self) -> Vec<(String, usize)> {
-        let count = |mesh: &Mesh| {
-            mesh.triangles
-                .iter()
-                .filter(|triangle| {
-                    let [a, b, c] = triangle.map(|vertex| mesh.positions[vertex as usize]);
-                    (b - a).cross(c - a).length_squared() == 0.0
-                })
-                .count()
-        };
-        self.meshes
-            .iter()
-            .map(|mesh| (mesh.name.clone(), count(mesh)))
-            .filter(|(_, count)| *count > 0)
-            .collect()
     }
 
     /// Object names by receiver number, for light linking.
@@ -249,10 +230,9 @@ mod tests {
     }
 
     #[test]
-    fn flat_triangles_are_counted_by_mesh() {
+    fn triangles_without_area_pass() {
         let mut scene = scene();
         scene.meshes[0].triangles.push([0, 1, 1]);
         assert_eq!(scene.validate(), Ok(()));
-        assert_eq!(scene.flat_triangles(), [("Plane".to_owned(), 1)]);
     }
 }

@@ -133,9 +133,7 @@ mod tests {
             light_lobe: lobe,
             singular: false,
             transparent: false,
-            transmitted: false,
             lights_only: false,
-            roughness: 1.0,
         }
     }
 

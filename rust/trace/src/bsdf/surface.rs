@@ -30,13 +30,9 @@ pub struct BsdfSample {
     pub singular: bool,
     /// Whether the ray goes straight through (Transparent BSDF and alpha); counts as a transparent bounce.
     pub transparent: bool,
-    /// Whether `wi` is on the other side of the surface.
-    pub transmitted: bool,
     /// Whether `wi` is between the true and the shading surface: what it meets only lights the surface, see
     /// [`Reach::Lights`].
     pub lights_only: bool,
-    /// Perceptual roughness (square root of alpha) of the sampled closure; 1 for diffuse ones.
-    pub roughness: f32,
 }
 
 impl BsdfSample {
@@ -192,9 +188,7 @@ impl Surface {
             light_lobe,
             singular: choice.singular,
             transparent: matches!(closure.scatter, Scatter::Transparent),
-            transmitted: choice.lobe == Lobe::Transmission,
             lights_only: choice.reach == Reach::Lights,
-            roughness: if choice.singular { 0.0 } else { closure.roughness() },
         })
     }
 
@@ -237,9 +231,7 @@ impl Surface {
             light_lobe: light_lobe(lobe, glossy / value.element_sum(), u),
             singular: false,
             transparent: false,
-            transmitted: lobe == Lobe::Transmission,
             lights_only: reach == Reach::Lights,
-            roughness: closure.roughness(),
         })
     }
 

@@ -36,8 +36,6 @@ impl Inputs for Known<'_, '_> {
             Output::Tangent => context.tangent().extend(1.0),
             Output::Location => Vec3::from(instance.world_from_object.translation).extend(1.0),
             Output::ObjectIndex => Vec4::splat(instance.pass_index as f32),
-            // Materials carry no pass index yet; Blender's default is 0.
-            Output::MaterialIndex => Vec4::ZERO,
             Output::Random => Vec4::splat(instance.random),
             _ => self.values[node as usize],
         }

@@ -69,13 +69,6 @@ impl Graph {
         cut_forward_links(&mut nodes, &material.name, &mut warnings);
         fold_constants(&mut nodes);
         let surface = material.surface.filter(|surface| (*surface as usize) < nodes.len());
-        let scatters_below = |node: &Node| matches!(node, Node::Principled { subsurface_weight, .. } if !is_zero(subsurface_weight));
-        if nodes.iter().any(scatters_below) {
-            warnings.push(format!(
-                "material '{}': subsurface scattering is rendered as diffuse reflection of the same colour",
-                material.name
-            ));
-        }
         let mut graph = Self { surface, needs: vec![Vec::new(); nodes.len()], aids: Vec::new(), nodes };
         if let Some(surface) = surface
             && graph.plan(surface, &BTreeSet::new(), &mut 0).is_none()
@@ -194,10 +187,6 @@ fn has_constant_parameters(node: &Node) -> bool {
         (*normal, *coat_normal, *tangent) = (None, None, None);
     }
     !inputs_of(&node).iter().any(|input| matches!(input, Input::Link { .. }))
-}
-
-fn is_zero(input: &Input) -> bool {
-    matches!(input, Input::Float(value) if *value == 0.0)
 }
 
 fn inputs_of(node: &Node) -> Vec<Input> {

@@ -47,7 +47,6 @@ pub fn component(value: Vec4, output: Output) -> Option<f32> {
         | Output::X
         | Output::Backfacing
         | Output::ObjectIndex
-        | Output::MaterialIndex
         | Output::Random => Some(value.x),
         Output::Facing | Output::Y => Some(value.y),
         Output::Z => Some(value.z),
