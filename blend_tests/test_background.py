@@ -11,7 +11,9 @@ import relume
 import addon
 from addon.core.bake_folder import clear, is_bake
 from addon.engine import background, shot
+from addon.engine.options import remembered_bake
 from addon.ui import background as ui
+from addon.ui.start import start
 from helpers import add_light, add_material, add_quad
 
 
@@ -148,3 +150,23 @@ def test_what_goes_wrong_is_said(room, tmp_path, no_training):
     with pytest.raises(RuntimeError, match="camera"):
         bpy.ops.relume.background_start()
     assert not is_bake(tmp_path / "bake")
+
+
+def test_a_finished_bake_leaves_a_live_one_alone(room, tmp_path, no_training):
+    job = background.start(room)
+    room.relume.folder = str(tmp_path / "other")
+    room.relume.samples = 60000
+    live = start(room)
+    end(job)
+    assert job.done and job.error == "" and shot.of(room) is live and live.is_working
+    assert remembered_bake(room) == tmp_path / "other"
+
+
+def test_a_finished_bake_that_cannot_be_opened_is_said(room, no_training, monkeypatch):
+    job = background.start(room)
+
+    def fail(_scene):
+        raise RuntimeError("damaged")
+
+    monkeypatch.setattr(ui.handlers, "open_bake", fail)
+    assert "damaged" in end(job).error

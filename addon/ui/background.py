@@ -5,8 +5,11 @@ from __future__ import annotations
 import bpy
 
 from ..core.progress import clock
-from ..engine import background
+from ..engine import background, shot
+from ..engine.native import NativeModuleError
+from ..engine.options import remember_bake
 from ..engine.process import NoCopyError
+from ..viewport.views import redraw
 from . import handlers
 from .panel import RelumePanel, message
 
@@ -26,28 +29,31 @@ def tick() -> bool:
     """One turn of polling; opens what is ready. Whether there is to be another one."""
     for job in background.all_jobs():
         if job.poll():
-            _redraw()
+            redraw("UI")
             if job.done:
                 _open(job)
     return any(job.is_running for job in background.all_jobs())
 
 
 def _open(job: background.BackgroundBake) -> None:
-    """Shows a finished bake in the file it came from, if that is still open."""
+    """Shows a finished bake in the file it came from, if that is still open and nothing else of the scene is shown."""
     for scene in bpy.data.scenes:
-        if scene.session_uid == job.scene_uid:
+        if scene.session_uid != job.scene_uid or not _is_free(shot.of(scene), job):
+            continue
+        try:
+            remember_bake(scene, job.folder)
             handlers.open_bake(scene)
+        except (NativeModuleError, RuntimeError, ValueError, OSError) as error:
+            job.error = f"it could not be opened: {error}"
+
+
+def _is_free(found: shot.Shot | None, job: background.BackgroundBake) -> bool:
+    """Whether a finished bake may take the place of what is shown of its scene."""
+    return found is None or (found.folder == job.folder and not found.is_working)
 
 
 def _timer() -> float | None:
     return TICK_SECONDS if tick() else None
-
-
-def _redraw() -> None:
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                area.tag_redraw()
 
 
 def progress(job: background.BackgroundBake) -> tuple[float, str]:
@@ -114,7 +120,8 @@ class RELUME_PT_background(RelumePanel, bpy.types.Panel):  # noqa: N801
                 row.progress(factor=factor, text=text)
                 row.operator("relume.background_cancel", text="", icon="X").number = number
         if mine is not None and not mine.is_running:
-            message(layout, mine.error or "The background bake is ready", "ERROR" if mine.error else "CHECKMARK")
+            words = mine.error or f"The background bake is ready in '{mine.folder}'"
+            message(layout, words, "ERROR" if mine.error else "CHECKMARK")
 
 
 CLASSES = (RELUME_OT_background_start, RELUME_OT_background_cancel, RELUME_PT_background)
