@@ -9,10 +9,12 @@ import pytest
 import relume
 
 import addon
-from addon.core.bake_folder import clear, is_bake
+from addon.core.bake_folder import clear, is_bake, size_of
 from addon.engine import background, shot
-from addon.engine.options import remembered_bake
+from addon.engine.checks import ProblemError, disk_space
+from addon.engine.options import options_of, remembered_bake
 from addon.ui import background as ui
+from addon.ui import handlers
 from addon.ui.start import start
 from helpers import add_light, add_material, add_quad
 
@@ -63,7 +65,7 @@ def test_a_bake_is_made_beside_and_opened(room, tmp_path, no_training):
     temporary = os.listdir(bpy.app.tempdir)
     assert bpy.ops.relume.background_start() == {"FINISHED"}
     job = background.of(room)
-    with pytest.raises(RuntimeError, match="already"):
+    with pytest.raises(RuntimeError, match="being baked in the background"):
         bpy.ops.relume.background_start()
     bpy.data.objects["Key"].location.x = 1.0  # The artist goes on working.
     end(job)
@@ -139,6 +141,59 @@ def test_it_survives_another_file_and_ends_with_the_add_on(room, tmp_path):
         assert set(os.listdir(bpy.app.tempdir)) <= temporary
     finally:
         addon.register()
+
+
+def test_two_scenes_do_not_share_a_folder(room, no_training):
+    assert end(ui.start(room)).done
+    other = room.copy()
+    with pytest.raises(ProblemError, match="Another scene"):
+        ui.start(other)
+    shot.of(room).close()
+    bpy.context.window.scene = other
+    ui.start(room)
+    with pytest.raises(ProblemError, match="background"):
+        ui.start(other)
+
+
+def test_the_scene_of_the_panel_is_baked(room, tmp_path, no_training):
+    other = bpy.data.scenes.new("Other")
+    for obj in room.objects:
+        other.collection.objects.link(obj)
+    other.camera, other.relume.folder = room.camera, str(tmp_path / "other")
+    other.relume.quality, other.relume.samples = "CUSTOM", 4
+    other.render.resolution_x, other.render.resolution_y = 16, 8
+    assert end(ui.start(other)).error == ""
+    assert size_of(tmp_path / "other") == (16, 8)
+
+
+def test_no_bake_goes_beside_a_file_that_is_not_saved(room, monkeypatch, tmp_path):
+    room.relume.folder = "//bake"
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(RuntimeError, match="not saved"):
+        bpy.ops.relume.background_start()
+    with pytest.raises(ValueError, match="not saved"):
+        options_of(room)
+    assert disk_space(room) == (
+        "The bake folder is beside a file that is not saved; save it, or choose another folder",
+        False,
+    )
+    assert not (tmp_path / "bake").exists()
+
+
+def test_only_a_bake_that_is_there_is_remembered(room, tmp_path, no_training):
+    job = ui.start(room)
+    assert remembered_bake(room) is None
+    assert end(job).done and remembered_bake(room) == tmp_path / "bake"
+
+
+def test_a_file_that_was_closed_meanwhile_shows_its_bake(room, tmp_path, no_training):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    job = ui.start(room)
+    bpy.ops.wm.read_homefile(use_empty=True)
+    assert end(job).done
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"))
+    handlers.open_bakes()
+    assert shot.of(bpy.context.scene).folder == tmp_path / "bake"
 
 
 def test_what_goes_wrong_is_said(room, tmp_path, no_training):

@@ -97,6 +97,7 @@ def _add_render_world(commands: argparse._SubParsersAction) -> None:
 
 
 def _add_view(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--scene", metavar="NAME", help="scene of the file; default: that of its first window")
     command.add_argument("--camera", metavar="NAME", help="camera object; default: the scene's camera")
     command.add_argument("--frame", type=int, help="frame; default: the file's present one")
     size = command.add_mutually_exclusive_group()

@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 
 from . import shot
-from .options import Options, options_of, remember_bake
+from .options import Options, options_of
 from .process import SavedCopy, Worker, blender_command
 
 LIGHTS_FILE = "lights.json"
@@ -31,11 +31,8 @@ class BackgroundBake:
         found = shot.of(scene)
         if found is not None and found.is_working:
             raise BackgroundError("this shot is being traced already; cancel that first")
-        if scene.camera is None:
-            raise BackgroundError("the scene has no camera; add one and set it as the scene's camera")
         self.scene_uid, self.name = scene.session_uid, scene.name
         self.options: Options = options_of(scene)
-        remember_bake(scene, self.folder)
         self.camera = scene.camera.name
         self.stage: dict[str, Any] = {"stage": "prepare", "done": 0, "total": 1, "remaining_s": None, "message": ""}
         self.warnings: list[str] = []
@@ -96,8 +93,17 @@ class BackgroundBake:
 
     def _bake_arguments(self) -> list[str]:
         options = self.options
-        command = ["bake", "--out", str(options.folder), "--camera", self.camera, "--samples", str(options.samples)]
-        return [*command, "--resume", "--replace", "--json", "--threads", str(options.threads)]
+        command = ["bake", "--out", str(options.folder), "--scene", self.name, "--camera", self.camera]
+        return [
+            *command,
+            "--samples",
+            str(options.samples),
+            "--resume",
+            "--replace",
+            "--json",
+            "--threads",
+            str(options.threads),
+        ]
 
     def _train_arguments(self, kind: str) -> list[str]:
         options = self.options
@@ -137,10 +143,8 @@ _jobs: list[BackgroundBake] = []
 
 
 def start(scene: bpy.types.Scene) -> BackgroundBake:
-    """Starts a job for a scene. It replaces the scene's last one, if that has ended."""
-    folder = options_of(scene).folder
-    if any(job.is_running and job.folder == folder for job in _jobs):
-        raise BackgroundError("this shot is being baked in the background already")
+    """Starts a job for a scene that can be baked (`checks.check_start`). It replaces the scene's last one, if that has
+    ended."""
     forget(scene)
     job = BackgroundBake(scene)
     _jobs.append(job)

@@ -12,7 +12,7 @@ import bpy
 from ..core.bake_cache import expected_size, in_words
 from ..export.camera import film_size
 from . import background, shot
-from .options import bake_folder, options_of
+from .options import FolderError, bake_folder, options_of
 
 
 class ProblemError(Exception):
@@ -29,9 +29,10 @@ def check_start(scene: bpy.types.Scene) -> None:
     if camera.data.type not in {"PERSP", "ORTHO"}:
         kind = camera.data.type.lower()
         raise ProblemError(f"Camera '{camera.name}' is {kind}; Relume needs a perspective or orthographic one")
-    if scene.relume.folder.startswith("//") and not bpy.data.filepath:
-        raise ProblemError("The bake folder is beside a file that is not saved; save it, or choose another folder")
-    folder = bake_folder(scene)
+    try:
+        folder = bake_folder(scene)
+    except FolderError as error:
+        raise ProblemError(str(error)) from error
     if any(job.is_running and job.folder == folder for job in background.all_jobs()):
         raise ProblemError("This shot is being baked in the background; wait for its end, or stop it there")
     if any(other.folder == folder and other.scene_uid != scene.session_uid for other in shot.all_open()):
@@ -41,7 +42,10 @@ def check_start(scene: bpy.types.Scene) -> None:
 
 def disk_space(scene: bpy.types.Scene) -> tuple[str, bool]:
     """How much a bake of the scene will take, in words, and whether there is so much."""
-    options = options_of(scene)
+    try:
+        options = options_of(scene)
+    except FolderError as error:
+        return str(error), False
     size = expected_size(film_size(scene.render), options.samples)
     words = f"About {in_words(size)} on disk"
     try:

@@ -150,10 +150,20 @@ def render_world(options: argparse.Namespace, _rest: list[str], reporter: Report
 
 def _open_scene(options: argparse.Namespace) -> bpy.types.Scene:
     _check_that_the_file_was_opened()
+    if options.scene is not None:
+        _show(options.scene)
     scene = bpy.context.scene
     if options.frame is not None:
         scene.frame_set(options.frame)
     return scene
+
+
+def _show(name: str) -> None:
+    """Makes a scene that of the window: only that one is evaluated."""
+    scene = bpy.data.scenes.get(name)
+    if scene is None:
+        raise ExportError(f"the file has no scene '{name}'")
+    bpy.context.window.scene = scene
 
 
 def _check_that_the_file_was_opened() -> None:

@@ -16,6 +16,11 @@ from ..core.bake_folder import default_folder, is_bake
 PACKAGE = __package__.rpartition(".")[0]
 """Name of the add-on: Blender renames the package of an extension."""
 
+
+class FolderError(ValueError):
+    """A scene's bake folder cannot be told; the message says why and what to do."""
+
+
 QUALITIES = {
     "DRAFT": ("Draft", 16, "for a first look"),
     "GOOD": ("Good", 64, "for daily work"),
@@ -40,7 +45,7 @@ class Options:
 
 
 def options_of(scene: bpy.types.Scene) -> Options:
-    """Options of a scene; defaults where the panel or the preferences are not registered."""
+    """Options of a scene; defaults where the panel or the preferences are not registered. Raises FolderError."""
     settings, chosen = getattr(scene, "relume", None), preferences()
     samples = _samples(settings) if settings else Options.samples
     folder = bake_folder(scene)
@@ -61,8 +66,10 @@ def _samples(settings: Any) -> int:
 
 
 def bake_folder(scene: bpy.types.Scene) -> Path:
-    """Absolute path of the folder that a bake of the scene is written to."""
+    """Absolute path of the folder that a bake of the scene is written to. Raises FolderError."""
     chosen = getattr(getattr(scene, "relume", None), "folder", "")
+    if chosen.startswith("//") and not bpy.data.filepath:
+        raise FolderError("The bake folder is beside a file that is not saved; save it, or choose another folder")
     if chosen:
         return absolute(chosen)
     camera = scene.camera.name if scene.camera else "camera"

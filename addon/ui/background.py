@@ -6,6 +6,7 @@ import bpy
 
 from ..core.progress import clock
 from ..engine import background, shot
+from ..engine.checks import ProblemError, check_start
 from ..engine.native import NativeModuleError
 from ..engine.options import remember_bake
 from ..engine.process import NoCopyError
@@ -18,7 +19,8 @@ STAGES = {"prepare": "Preparing", "trace": "Tracing", "train": "Learning", "meas
 
 
 def start(scene: bpy.types.Scene) -> background.BackgroundBake:
-    """Bakes the scene as it is now. Raises BackgroundError or NoCopyError."""
+    """Bakes the scene as it is now. Raises ProblemError, BackgroundError or NoCopyError."""
+    check_start(scene)
     job = background.start(scene)
     if not bpy.app.background and not bpy.app.timers.is_registered(_timer):
         bpy.app.timers.register(_timer, first_interval=TICK_SECONDS, persistent=True)
@@ -76,7 +78,7 @@ class RELUME_OT_background_start(bpy.types.Operator):  # noqa: N801 -- Blender's
         """Called by Blender."""
         try:
             start(context.scene)
-        except (background.BackgroundError, NoCopyError) as error:
+        except (ProblemError, background.BackgroundError, NoCopyError) as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         return {"FINISHED"}

@@ -12,7 +12,7 @@ from bpy.app.handlers import persistent
 from ..core.bake_folder import is_bake
 from ..engine import shot
 from ..engine.native import NativeModuleError
-from ..engine.options import preferences, remember_bake, remembered_bake
+from ..engine.options import FolderError, bake_folder, preferences, remember_bake, remembered_bake
 from . import redraws, rows
 
 TICK_SECONDS = 1 / 60
@@ -194,14 +194,12 @@ def on_load_post(*_arguments) -> None:
 
 
 def open_bakes() -> None:
-    """Opens every bake that the file remembers and that is there."""
+    """Opens every bake that the file remembers, or that was made in the background after it was closed."""
     for scene in bpy.data.scenes:
-        folder = remembered_bake(scene)
-        if folder is None or not is_bake(folder) or shot.of(scene) is not None:
-            continue
         try:
-            open_bake(scene)
-        except (NativeModuleError, RuntimeError) as error:
+            if shot.of(scene) is None and is_bake(remembered_bake(scene) or bake_folder(scene)):
+                open_bake(scene)
+        except (NativeModuleError, RuntimeError, FolderError) as error:
             print(f"Relume: the bake of scene '{scene.name}' could not be opened: {error}")
 
 
