@@ -87,8 +87,17 @@ lights of the scene stay as they are until it is applied"""
         return outcome
 
     def execute(self, context):
-        """Without a window: solves to the end."""
-        return told(self, lambda: _solve_at_once(context.scene))
+        """Called by Blender for Repeat Last and for scripts. Without a window solves to the end; in one it begins an
+        operator of its own, as a repeated one is kept by Blender and cannot go on by a timer."""
+        if bpy.app.background:
+            return told(self, lambda: _solve_at_once(context.scene))
+        try:
+            with context.temp_override(window=context.window or context.window_manager.windows[0]):
+                bpy.ops.relume.solve("INVOKE_DEFAULT")
+        except RuntimeError as error:
+            self.report({"ERROR"}, str(error).strip().removeprefix("Error: "))
+            return {"CANCELLED"}
+        return {"FINISHED"}
 
 
 class RELUME_OT_cancel_solve(bpy.types.Operator):  # noqa: N801
