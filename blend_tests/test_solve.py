@@ -1,5 +1,7 @@
 """Solving asks for what was painted and what is unlocked, and changes nothing on the way."""
 
+from types import SimpleNamespace
+
 import bpy
 import numpy as np
 import pytest
@@ -270,6 +272,28 @@ def test_only_one_is_solved_at_a_time(painted):
     assert not solve_operators.RELUME_OT_solve.poll(bpy.context)
     assert bpy.ops.relume.cancel_solve() == {"FINISHED"}
     assert found.shot.is_open and solving.running(painted) is None
+
+
+def test_it_goes_on_while_another_scene_is_shown(painted):
+    found, job = begin(painted)
+    operator = SimpleNamespace(solving=found, shown=found.progress, next_words=float("inf"))
+    bpy.context.window.scene = bpy.data.scenes.new("Other")
+    event = SimpleNamespace(type="TIMER", value="NOTHING")
+    job.reports.append({"done": 1, "total": 2})
+    assert solve_operators.RELUME_OT_solve.modal(operator, bpy.context, event) == {"PASS_THROUGH"}
+    assert found.progress == (0.5, "Solving, 50 %") and found.is_running
+    found.cancel()
+    assert not found.is_running
+
+
+def test_objects_are_not_looked_for_in_another_scene(painted):
+    bpy.ops.relume.add_region(kind="OBJECT")
+    painted.relume_solve.regions[0].object = bpy.data.objects["Plane"]
+    found = solving.begin(painted)
+    bpy.context.window.scene = bpy.data.scenes.new("Other")
+    with pytest.raises(SolveError, match="go back to it"):
+        finish(found)
+    assert not found.is_running
 
 
 def test_a_failure_on_the_way_ends_it(painted):

@@ -12,6 +12,8 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
+from ..core.solve import SolveError
+
 SIZE = 160
 """Rays along the longer side of the picture."""
 SLICE_SECONDS = 0.01
@@ -34,7 +36,8 @@ class Seen:
 
 def masks(scene_uid: int, wanted: list[Seen], aspect: float) -> Iterator[dict[Seen, np.ndarray] | None]:
     """Yields None after every slice of work, and masks [height, width, 1] of 0 and 1, top row first, in the end. Scene
-    and camera are looked up anew in every slice: undo replaces them."""
+    and camera are looked up anew in every slice: undo replaces them. Raises SolveError where the window shows another
+    scene by then: Blender evaluates only the one that is shown."""
     width, height = (SIZE, max(round(SIZE / aspect), 1)) if aspect >= 1.0 else (max(round(SIZE * aspect), 1), SIZE)
     found = {seen: np.zeros((height, width, 1), np.float32) for seen in wanted}
     place, end = 0, width * height
@@ -43,6 +46,10 @@ def masks(scene_uid: int, wanted: list[Seen], aspect: float) -> Iterator[dict[Se
         scene = next((scene for scene in bpy.data.scenes if scene.session_uid == scene_uid), None)
         if scene is None or scene.camera is None:
             return
+        if bpy.context.scene != scene:
+            raise SolveError(
+                f"Objects are looked for while scene '{scene.name}' is shown: go back to it and solve again"
+            )
         cast = _Caster(scene)
         while place < end and time.perf_counter() < deadline:
             y, x = divmod(place, width)

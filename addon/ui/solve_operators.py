@@ -52,7 +52,7 @@ lights of the scene stay as they are until it is applied"""
 
     def modal(self, context, event):
         """A step at every tick of the timer; all else goes on to Blender."""
-        if solving.running(context.scene) is not self.solving:  # Cancelled by the button, or with its file.
+        if not self.solving.is_running:  # Cancelled by the button, or with its file.
             return self._end(context, {"CANCELLED"})
         if event.type == "ESC" and event.value == "PRESS":
             self.solving.cancel()

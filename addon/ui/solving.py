@@ -124,6 +124,11 @@ class Solving:
             self._readings[name] = Reading(scene, mask, self._size, None)
         return place
 
+    @property
+    def is_running(self) -> bool:
+        """Whether it has not ended, whatever scene is shown."""
+        return _running.get(self.uid) is self
+
     def step(self) -> bool:
         """Goes on for a moment; whether there is more to do. Has ended if it raises, for the artist SolveError."""
         try:
