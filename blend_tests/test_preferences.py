@@ -3,13 +3,14 @@
 import json
 import os
 import time
+from types import SimpleNamespace
 
 import bpy
 import pytest
 
 from addon.core import bake_cache
 from addon.core.bake_folder import MANIFEST
-from addon.engine import devices, options
+from addon.engine import background, devices, options
 from addon.ui.preferences import clean_cache, count_cache
 from addon.ui.start import start
 from fake_live import FakeLive
@@ -69,6 +70,17 @@ def test_clean_up_keeps_what_is_shown(lit, chosen, tmp_path):
     gone, problems = clean_cache()
     assert gone == 0 and "in use" in problems[0]
     assert found.folder.exists()
+
+
+def test_clean_up_keeps_what_is_baked_in_the_background(chosen, tmp_path, monkeypatch):
+    make_bake(tmp_path / "cache" / "one")
+    job = SimpleNamespace(is_running=True, folder=tmp_path / "cache" / "one")
+    monkeypatch.setattr(background, "_jobs", [job])
+    gone, problems = clean_cache()
+    assert gone == 0 and "in use" in problems[0]
+    job.is_running = False
+    assert clean_cache() == (1, [])
+    background._jobs.clear()
 
 
 def test_a_missing_cache_folder_is_empty(chosen):

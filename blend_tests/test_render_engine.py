@@ -10,7 +10,7 @@ import relume
 
 import addon
 from addon.core.pass_names import light_passes
-from addon.engine import render_engine
+from addon.engine import background, render_engine
 from addon.engine.commands import run
 from addon.engine.options import remember_bake
 from addon.engine.render_engine import ALBEDO
@@ -166,6 +166,14 @@ def test_other_settings_of_paths_are_baked_for_the_picture_alone(shot, tmp_path)
     brighter = render(shot, tmp_path)["Combined"]
     assert brighter[..., :3].mean() == pytest.approx(2.0 * first[..., :3].mean(), rel=0.02)
     assert (tmp_path / "bake" / "manifest.json").read_bytes() == manifest
+
+
+def test_a_folder_that_is_baked_in_the_background_is_left_alone(shot, tmp_path, monkeypatch):
+    job = SimpleNamespace(is_running=True, folder=tmp_path / "bake", scene_uid=0)
+    monkeypatch.setattr(background, "_jobs", [job])
+    assert render(shot, tmp_path)["Combined"].max() > 0.0
+    assert not (tmp_path / "bake").exists()
+    job.is_running = False
 
 
 def test_a_lamp_that_was_moved_out_of_sight_is_traced_for(shot, tmp_path):

@@ -33,11 +33,23 @@ def check_start(scene: bpy.types.Scene) -> None:
         folder = bake_folder(scene)
     except FolderError as error:
         raise ProblemError(str(error)) from error
-    if any(job.is_running and job.folder == folder for job in background.all_jobs()):
-        raise ProblemError("This shot is being baked in the background; wait for its end, or stop it there")
-    if any(other.folder == folder and other.scene_uid != scene.session_uid for other in shot.all_open()):
-        raise ProblemError(f"Another scene of this file is baked in '{folder}'; choose another bake folder")
+    use = folders_in_use(scene).get(folder)
+    if use is not None:
+        raise ProblemError(use)
     check_folder(folder)
+
+
+def folders_in_use(scene: bpy.types.Scene | None = None) -> dict[Path, str]:
+    """Bake folders that are shown or written to, other than by the open shot of `scene`, with what to do about it."""
+    uid = scene.session_uid if scene is not None else None
+    shown = {found.folder for found in shot.all_open() if found.scene_uid != uid}
+    written = {job.folder for job in background.all_jobs() if job.is_running}
+    return {
+        **{
+            folder: f"Another scene of this file is baked in '{folder}'; choose another bake folder" for folder in shown
+        },
+        **dict.fromkeys(written, "This shot is being baked in the background; wait for its end, or stop it there"),
+    }
 
 
 def disk_space(scene: bpy.types.Scene) -> tuple[str, bool]:

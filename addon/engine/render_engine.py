@@ -21,6 +21,7 @@ from ..core.progress import progress_line
 from ..export import ExportOptions, trace_settings
 from ..export.camera import film_size
 from . import shot
+from .checks import folders_in_use
 from .native import native
 from .options import Options, options_of, remembered_bake
 from .render_depsgraph import ExportCancelled
@@ -118,7 +119,7 @@ class _FinalRender:
         misses = relighter is not None and self._misses(relighter, lights)
         with ExitStack() as temporary:
             if relighter is None or misses:
-                if not (is_same or _is_free(folder)) or self._is_being_baked() or misses:
+                if not (is_same or _is_free(folder)) or self._is_being_baked(folder) or misses:
                     path = tempfile.TemporaryDirectory(
                         prefix="relume-", dir=bpy.app.tempdir, ignore_cleanup_errors=True
                     )
@@ -158,9 +159,10 @@ class _FinalRender:
             self.engine.report({"INFO"}, f"Relume: {words}")
         return bool(names)
 
-    def _is_being_baked(self) -> bool:
+    def _is_being_baked(self, folder: Path) -> bool:
+        """Whether something else works with the folder, in this Blender or beside it."""
         found = shot.of(self.scene)
-        return found is not None and found.is_working
+        return (found is not None and found.is_working) or folder in folders_in_use(self.scene)
 
     def _bake(self, exported: Any, folder: Path) -> None:
         def warn(text: str) -> None:

@@ -4,7 +4,8 @@ import bpy
 from bpy.props import BoolProperty, FloatProperty, IntProperty, StringProperty
 
 from ..core import bake_cache
-from ..engine import devices, shot
+from ..engine import devices
+from ..engine.checks import folders_in_use
 from ..engine.options import PACKAGE, cache_folder
 
 POLL_SECONDS = 0.1
@@ -22,9 +23,8 @@ def count_cache() -> tuple[int, int]:
 
 
 def clean_cache() -> tuple[int, list[str]]:
-    """Deletes the bakes in the cache folder but for those that are shown. How many are gone, and problems in words."""
-    in_use = {found.folder for found in shot.all_open()}
-    outcome = bake_cache.remove(list(bake_cache.bakes_in(cache_folder())), in_use)
+    """Deletes the bakes in the cache folder but for those in use. How many are gone, and problems in words."""
+    outcome = bake_cache.remove(list(bake_cache.bakes_in(cache_folder())), folders_in_use())
     count_cache()
     return outcome
 
@@ -148,7 +148,7 @@ class RELUME_OT_count_cache(bpy.types.Operator):  # noqa: N801
 
 
 class RELUME_OT_clean_cache(bpy.types.Operator):  # noqa: N801
-    """Delete all bakes in the cache folder, but for those that are shown now. Bakes beside your files stay"""
+    """Delete all bakes in the cache folder, but for those that are shown or made now. Bakes beside your files stay"""
 
     bl_idname = "relume.clean_cache"
     bl_label = "Clean Up"
