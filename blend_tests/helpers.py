@@ -52,6 +52,23 @@ def add_light(scene, kind, name="Lamp", location=(0, 0, 2), **settings):
     return obj
 
 
+def instance_linked_light(scene, folder, name="Bulb"):
+    """A light of another file in an instanced collection; its name in pictures."""
+    rig = bpy.data.collections.new("Rig")
+    rig.objects.link(bpy.data.objects.new(name, bpy.data.lights.new(name, "POINT")))
+    bpy.data.libraries.write(str(folder / "rig.blend"), {rig})
+    for obj in list(rig.objects):
+        bpy.data.lights.remove(obj.data)
+    bpy.data.collections.remove(rig)
+    with bpy.data.libraries.load(str(folder / "rig.blend"), link=True) as (_, wanted):
+        wanted.collections = ["Rig"]
+    empty = add(scene, "Rig", None)
+    empty.instance_type, empty.instance_collection = "COLLECTION", wanted.collections[0]
+    empty.location.z = 2.0
+    wanted.collections[0].objects[0].data.energy = 100.0
+    return f"{name} [rig.blend]"
+
+
 def add_material(name="Material"):
     """A material with an empty tree; returns it, its tree and its output node."""
     material = bpy.data.materials.new(name)

@@ -20,7 +20,7 @@ from addon.ui import rows
 from addon.viewport import rendered
 from addon.viewport.camera_frame import Rectangle
 from exr import read_exr
-from helpers import add_light, add_material, add_quad
+from helpers import add_light, add_material, add_quad, instance_linked_light
 
 
 @pytest.fixture
@@ -248,6 +248,15 @@ def test_pass_names_are_those_of_the_command_line():
         long,
         long[:-2] + "_2",
     ]
+
+
+def test_sockets_have_the_names_of_the_passes(shot, tmp_path):
+    linked = instance_linked_light(shot, tmp_path)
+    shot.objects["Key"].hide_render = True
+    names = []
+    engine = SimpleNamespace(register_pass=lambda _scene, _layer, name, *_rest: names.append(name))
+    ui.RelumeRenderEngine.update_render_passes(engine, shot, bpy.context.view_layer)
+    assert set(light_passes(["Rim.001", linked]).values()) == {name for name in names if name.startswith("Combined_")}
 
 
 def test_panels_of_cycles_show_and_go_again():

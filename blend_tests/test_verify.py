@@ -1,5 +1,6 @@
 """Verify: a copy of the file, rendered by Cycles in another Blender, against a picture."""
 
+import json
 import os
 import time
 from types import SimpleNamespace
@@ -12,10 +13,11 @@ import addon
 from addon.core import metrics
 from addon.engine import verify
 from addon.engine.cycles_mix import write_mix
+from addon.engine.cycles_reference import JOB
 from addon.engine.verify import Picture, VerifyError
 from addon.ui import verify as ui
 from addon.viewport import compare
-from helpers import add_light, add_material, add_quad, render_cycles
+from helpers import add_light, add_material, add_quad, instance_linked_light, render_cycles
 
 NEUTRAL = {"gains": {}, "world": [1.0, 1.0, 1.0], "static": [1.0, 1.0, 1.0]}
 
@@ -116,6 +118,19 @@ def test_gains_multiply_what_each_source_gives(shot):
     assert mixed.mean(axis=(0, 1)) == pytest.approx(expected.mean(axis=(0, 1)), rel=0.02)
 
 
+def test_lights_of_libraries_are_in_the_mix(shot, tmp_path):
+    name = instance_linked_light(shot, tmp_path)
+    shot.world = None
+    whole = render_cycles(shot, samples=64).mean()
+    write_mix(shot, {"gains": {"Key": [0.0] * 3, "Fill": [0.0] * 3}, "static": [0.0] * 3, "world": [1.0] * 3})
+    alone = render_cycles(shot, samples=64).mean()
+    assert 0.0 < alone < 0.9 * whole
+    write_mix(shot, NEUTRAL | {"gains": {name: [0.5] * 3}})
+    assert render_cycles(shot, samples=64).mean() == pytest.approx(0.5 * alone, rel=0.05)
+    write_mix(shot, NEUTRAL | {"gains": {name: [0.0] * 3}})
+    assert render_cycles(shot, samples=64).max() == 0.0
+
+
 def test_cancel_ends_the_process_and_leaves_nothing(shot):
     before = set(os.listdir(bpy.app.tempdir))
     frame = Picture(np.zeros((24, 32, 4), np.float32))
@@ -136,7 +151,8 @@ def test_what_cannot_be_verified_is_said(shot):
     assert verify.of(shot) is None
 
 
-def test_the_panel_verifies_what_it_shows(shot, monkeypatch):
+def test_the_panel_verifies_what_it_shows(shot, tmp_path, monkeypatch):
+    linked = instance_linked_light(shot, tmp_path)
     addon.register()
     try:
         shot.relume_verify.samples = 16
@@ -145,6 +161,8 @@ def test_the_panel_verifies_what_it_shows(shot, monkeypatch):
         opened = SimpleNamespace(frame=picture(shot, samples=16), camera="Camera")
         monkeypatch.setattr(ui.shot, "of", lambda scene: opened)
         assert bpy.ops.relume.verify() == {"FINISHED"}
+        job = json.loads((verify.of(shot)._copy.folder / JOB).read_text())
+        assert set(job["mix"]["gains"]) == {"Key", "Fill", linked}
         found = end(verify.of(shot))
         assert found.result["samples"] == 16 and "Noise of Cycles" in ui.words(found)
         for view, pictures in {

@@ -6,6 +6,8 @@ from typing import Any
 
 import bpy
 
+from ..core.rows import LIGHT
+from ..export.light_tree import light_tree
 from ..export.lights import name_of
 from ..export.materials.graph import used_tree
 
@@ -19,10 +21,10 @@ EMISSION_INPUTS = {
 
 def write_mix(scene: bpy.types.Scene, mix: dict[str, Any]) -> None:
     """Multiplies lights by their names, the world and all emissive materials by the gains of `mix`."""
-    for obj in list(scene.objects):
-        gain = mix["gains"].get(name_of(obj), NEUTRAL)
-        if obj.type == "LIGHT" and gain != NEUTRAL:
-            _scale_light(obj, gain)
+    for line in light_tree(scene):
+        gain = mix["gains"].get(name_of(line.block), NEUTRAL)
+        if line.kind == LIGHT and gain != NEUTRAL:
+            _scale_light(line.block, gain)
     if scene.world is not None and mix["world"] != NEUTRAL:
         _scale_world(scene.world, mix["world"])
     if mix["static"] != NEUTRAL:

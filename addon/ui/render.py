@@ -10,8 +10,10 @@ from bpy.props import BoolProperty, PointerProperty
 
 from ..engine import render_engine
 from ..engine.render_engine import PassSettings
+from ..export.lights import name_of
 from ..viewport import rendered
 from . import rows
+from .looks import lights_of
 
 ENGINE = "RELUME"
 CYCLES_RENDER_PANELS = ("CYCLES_RENDER_PT_light_paths", "CYCLES_RENDER_PT_film", "CYCLES_RENDER_PT_simplify")
@@ -46,7 +48,7 @@ class RelumeRenderEngine(bpy.types.RenderEngine):
 
     def update_render_passes(self, scene, renderlayer):
         """Called by Blender where passes become sockets of the compositor."""
-        lights = [obj.name for obj in scene.objects if obj.type == "LIGHT" and not obj.hide_render]
+        lights = [name_of(obj) for obj in lights_of(scene) if not obj.hide_render]
         for name, channels, letters, kind in pass_settings(scene, renderlayer).declare(lights):
             self.register_pass(scene, renderlayer, name, channels, letters, kind)
 

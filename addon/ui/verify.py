@@ -7,8 +7,10 @@ from bpy.props import EnumProperty, IntProperty, PointerProperty
 
 from ..engine import shot, verify
 from ..engine.process import NoCopyError
+from ..export.lights import name_of
 from ..viewport import compare
 from . import rows
+from .looks import lights_of
 from .panel import RelumePanel, message
 
 TICK_SECONDS = 0.25
@@ -25,7 +27,7 @@ def start(scene: bpy.types.Scene) -> verify.Verification:
     found = shot.of(scene)
     if found is None or found.frame is None:
         raise verify.VerifyError("there is no picture yet; press Start and wait for it")
-    lights = [obj.name for obj in scene.objects if obj.type == "LIGHT"]
+    lights = [name_of(obj) for obj in lights_of(scene)]
     compare.clear(scene)
     running = verify.start(scene, found.frame, found.camera, scene.relume_verify.samples, rows.mix(scene, lights))
     if not bpy.app.background and not bpy.app.timers.is_registered(_timer):
