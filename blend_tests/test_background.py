@@ -196,6 +196,20 @@ def test_a_file_that_was_closed_meanwhile_shows_its_bake(room, tmp_path, no_trai
     assert shot.of(bpy.context.scene).folder == tmp_path / "bake"
 
 
+def test_what_fails_on_the_way_is_said_in_a_line(room, no_training, monkeypatch):
+    def fail(*_arguments):
+        raise OSError(28, "No space left on device")
+
+    job = ui.start(room)
+    monkeypatch.setattr(job, "_kinds", fail)
+    assert "No space left" in end(job).error
+    temporary = os.listdir(bpy.app.tempdir)
+    monkeypatch.setattr(background, "Worker", fail)
+    with pytest.raises(RuntimeError, match="No space left") as told:
+        bpy.ops.relume.background_start()
+    assert "Traceback" not in str(told.value) and os.listdir(bpy.app.tempdir) == temporary
+
+
 def test_what_goes_wrong_is_said(room, tmp_path, no_training):
     (tmp_path / "file").write_text("not a folder")
     room.relume.folder = str(tmp_path / "file" / "bake")

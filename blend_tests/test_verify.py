@@ -151,6 +151,37 @@ def test_what_cannot_be_verified_is_said(shot):
     assert verify.of(shot) is None
 
 
+def test_it_ends_with_its_scene_and_its_file(shot):
+    addon.register()
+    try:
+        frame = Picture(np.zeros((24, 32, 4), np.float32))
+        other = shot.copy()
+        found = verify.start(other, frame, "Camera", 100_000, NEUTRAL)
+        bpy.data.scenes.remove(other)
+        assert not ui.tick() and not found.is_running and not verify._verifications
+        found = verify.start(shot, frame, "Camera", 100_000, NEUTRAL)
+        bpy.ops.wm.read_homefile(use_empty=True)
+        assert not found.is_running and not verify._verifications
+    finally:
+        addon.unregister()
+
+
+def test_a_full_disk_is_said_in_a_line(shot, monkeypatch):
+    def fail(*_arguments):
+        raise OSError(28, "No space left on device")
+
+    addon.register()
+    try:
+        opened = SimpleNamespace(frame=Picture(np.zeros((24, 32, 4), np.float32)), camera="Camera")
+        monkeypatch.setattr(ui.shot, "of", lambda scene: opened)
+        monkeypatch.setattr(verify, "SavedCopy", fail)
+        with pytest.raises(RuntimeError, match="No space left") as told:
+            bpy.ops.relume.verify()
+        assert "Traceback" not in str(told.value)
+    finally:
+        addon.unregister()
+
+
 def test_the_panel_verifies_what_it_shows(shot, tmp_path, monkeypatch):
     linked = instance_linked_light(shot, tmp_path)
     addon.register()

@@ -41,7 +41,11 @@ class BackgroundBake:
         self._stopped = False
         self._copy: SavedCopy | None = SavedCopy()
         self._steps = [self._bake_arguments()]
-        self._start_next()
+        try:
+            self._start_next()
+        except OSError:
+            self._remove_copy()
+            raise
 
     @property
     def is_running(self) -> bool:
@@ -75,17 +79,24 @@ class BackgroundBake:
 
     def _next_step(self) -> None:
         if self._worker.code != 0:
-            self.error = (
-                "stopped; start it again to go on" if self._stopped else self.error or self._worker.last_words()
-            )
-        elif self._copy is not None:  # It was the bake.
+            self.error = STOPPED if self._stopped else self.error or self._worker.last_words()
+        else:
+            try:
+                self._go_on()
+            except (OSError, ValueError, KeyError) as error:
+                self.error = f"it could not go on: {error}"
+        if not self.is_running:
+            self._remove_copy()
+
+    def _go_on(self) -> None:
+        """Starts what follows a step that went well; there may be nothing."""
+        if self._copy is not None:  # It was the bake.
             self._remove_copy()
             self._steps += [self._train_arguments(kind) for kind in self._kinds()]
-        if not self.error and self._steps:
+        if self._steps:
             self._start_next()
         else:
-            self.done = not self.error
-            self._remove_copy()
+            self.done = True
 
     def _start_next(self) -> None:
         arguments = self._steps.pop(0)

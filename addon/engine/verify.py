@@ -140,6 +140,12 @@ def close(scene_uid: int) -> None:
         found.cancel()
 
 
+def close_gone() -> None:
+    """Ends and forgets the comparisons of scenes that were deleted."""
+    for uid in _verifications.keys() - {scene.session_uid for scene in bpy.data.scenes}:
+        close(uid)
+
+
 def close_all() -> None:
     """Ends and forgets all."""
     for uid in list(_verifications):

@@ -78,7 +78,7 @@ class RELUME_OT_background_start(bpy.types.Operator):  # noqa: N801 -- Blender's
         """Called by Blender."""
         try:
             start(context.scene)
-        except (ProblemError, background.BackgroundError, NoCopyError) as error:
+        except (ProblemError, background.BackgroundError, NoCopyError, OSError) as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         return {"FINISHED"}

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import bpy
+from bpy.app.handlers import persistent
 from bpy.props import EnumProperty, IntProperty, PointerProperty
 
 from ..engine import shot, verify
 from ..engine.process import NoCopyError
 from ..export.lights import name_of
 from ..viewport import compare
+from ..viewport.views import redraw
 from . import rows
 from .looks import lights_of
 from .panel import RelumePanel, message
@@ -44,7 +46,6 @@ def show(scene: bpy.types.Scene, view: str) -> None:
         compare.set_pair(scene, found.difference, found.difference, "A")
     else:
         compare.set_pair(scene, found.reference, found.ours, view, ("Cycles", "Relume"))
-    _redraw()
 
 
 def words(found: verify.Verification) -> str:
@@ -60,18 +61,23 @@ def words(found: verify.Verification) -> str:
     )
 
 
-def _timer() -> float | None:
+def tick() -> bool:
+    """One turn of polling. Whether there is to be another one."""
+    verify.close_gone()
     running = verify.all_running()
     if any([found.poll() for found in running]):
-        _redraw()
-    return TICK_SECONDS if running else None
+        redraw("UI")
+    return bool(running)
 
 
-def _redraw() -> None:
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                area.tag_redraw()
+def _timer() -> float | None:
+    return TICK_SECONDS if tick() else None
+
+
+@persistent
+def _on_load_pre(*_arguments) -> None:
+    """Another file is about to be opened."""
+    verify.close_all()
 
 
 class RelumeVerifySettings(bpy.types.PropertyGroup):
@@ -96,7 +102,7 @@ class RELUME_OT_verify(bpy.types.Operator):  # noqa: N801 -- Blender's naming
         """Called by Blender."""
         try:
             start(context.scene)
-        except (verify.VerifyError, NoCopyError) as error:
+        except (verify.VerifyError, NoCopyError, OSError) as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         return {"FINISHED"}
@@ -184,10 +190,12 @@ def register():
     for cls in CLASSES:
         bpy.utils.register_class(cls)
     bpy.types.Scene.relume_verify = PointerProperty(type=RelumeVerifySettings)
+    bpy.app.handlers.load_pre.append(_on_load_pre)
 
 
 def unregister():
     """Takes them away and ends what runs."""
+    bpy.app.handlers.load_pre.remove(_on_load_pre)
     verify.close_all()
     if bpy.app.timers.is_registered(_timer):
         bpy.app.timers.unregister(_timer)
