@@ -4,7 +4,7 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.engine.render_depsgraph import ExportCancelled, RelumeExportEngine, with_render_depsgraph
+from addon.engine.render_depsgraph import MARK, ExportCancelled, RelumeExportEngine, with_render_depsgraph
 from addon.engine.scene import load_scene, load_scene_async, scene_of_depsgraph
 from addon.export import ExportError, ExportOptions
 from helpers import add_light, add_quad, render_cycles
@@ -49,6 +49,37 @@ def test_nothing_stays_where_nothing_was_rendered(shot):
     assert {image.name for image in bpy.data.images} == names
     assert (shot.render.engine, shot.render.use_compositing, shot.render.use_sequencer) == settings
     assert not RelumeExportEngine.is_registered
+
+
+def settings_of(scene):
+    """What is switched while a scene is read."""
+    return scene.render.engine, scene.render.use_sequencer, scene.render.use_compositing
+
+
+def test_a_file_that_is_saved_meanwhile_has_the_artists_settings(shot, registered_for_all_files, tmp_path):
+    before = settings_of(shot)
+    path = str(tmp_path / "saved.blend")
+
+    def save(_depsgraph, _stop):
+        bpy.ops.wm.save_as_mainfile(filepath=path, copy=True)
+        return settings_of(bpy.context.scene), list(shot.keys())
+
+    (engine, *_), _ = with_render_depsgraph(shot, save)
+    assert engine == "RELUME_EXPORT" and settings_of(shot) == before
+    with bpy.data.libraries.load(path) as (names, wanted):
+        wanted.scenes = names.scenes
+    assert settings_of(wanted.scenes[0]) == before and MARK not in wanted.scenes[0]
+
+
+def test_undo_does_not_bring_the_hidden_engine_back(shot, registered_for_all_files):
+    before = settings_of(shot)
+    bpy.ops.ed.undo_push(message="before")
+    with_render_depsgraph(shot, lambda _depsgraph, _stop: bpy.ops.ed.undo_push(message="while it is read"))
+    bpy.context.scene.render.resolution_x = 77
+    bpy.ops.ed.undo_push(message="after")
+    bpy.ops.ed.undo()
+    assert bpy.context.scene.render.resolution_x == 64
+    assert settings_of(bpy.context.scene) == before and MARK not in bpy.context.scene
 
 
 def test_later_without_a_window_is_at_once_and_the_same(shot):

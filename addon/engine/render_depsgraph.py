@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from typing import Any, Generic, TypeVar
 
 import bpy
@@ -44,6 +44,14 @@ class RelumeExportEngine(bpy.types.RenderEngine):
         task, type(self).task = type(self).task, None
         if task is not None:
             task.run(self, depsgraph)
+
+
+HIDDEN = {"engine": RelumeExportEngine.bl_idname, "use_sequencer": False, "use_compositing": False}
+"""Render settings of a scene that is being read, until Blender has copied them."""
+MARK = "relume_render_settings"
+"""Custom property of such a scene, with what they were: it is in undo steps and files that are written meanwhile."""
+_reading: set[int] = set()
+"""Such scenes."""
 
 
 class RenderTask(Generic[Result]):
@@ -83,16 +91,6 @@ class RenderTask(Generic[Result]):
         raise RuntimeError(
             f"Blender did not render scene '{self.scene_name}'; is a camera set, is a view layer enabled?"
         )
-
-    def set_render(self, values: dict[str, Any]) -> dict[str, Any]:
-        """Changes render settings of the scene and returns what they were. Finds the scene by its number, as undo and
-        other files free the object itself; does nothing if it is gone."""
-        before = {}
-        for scene in (scene for scene in bpy.data.scenes if scene.session_uid == self.scene_uid):
-            before = {name: getattr(scene.render, name) for name in values}
-            for name, value in values.items():
-                setattr(scene.render, name, value)
-        return before
 
 
 def with_render_depsgraph(scene: bpy.types.Scene, work: Callable[[bpy.types.Depsgraph, Stop], Result]) -> Result:
@@ -180,11 +178,38 @@ def _hidden_engine(task: RenderTask[Any]) -> Iterator[None]:
 @contextmanager
 def _render_settings(task: RenderTask[Any]) -> Iterator[None]:
     """Switches to the hidden engine, without sequencer and compositor, and back."""
-    before = task.set_render({"engine": RelumeExportEngine.bl_idname, "use_sequencer": False, "use_compositing": False})
+    _reading.add(task.scene_uid)
+    settle_settings()
     try:
         yield
     finally:
-        task.set_render(before)
+        _reading.discard(task.scene_uid)
+        settle_settings()
+
+
+def settle_settings() -> None:
+    """Gives the hidden engine to the scenes that are being read and to no others. To be called after a file was
+    written, and after undo or a file brought back a moment in which a scene was being read."""
+    show_settings()
+    for scene in bpy.data.scenes:
+        if scene.session_uid in _reading:
+            scene[MARK] = {name: getattr(scene.render, name) for name in HIDDEN}
+            _set_render(scene, HIDDEN)
+
+
+def show_settings() -> None:
+    """Gives every scene the artist's render settings back. To be called before a file is written."""
+    for scene in bpy.data.scenes:
+        if MARK in scene:
+            before = scene[MARK].to_dict()
+            del scene[MARK]
+            _set_render(scene, before)
+
+
+def _set_render(scene: bpy.types.Scene, values: dict[str, Any]) -> None:
+    for name, value in values.items():
+        with suppress(TypeError):  # The engine of an add-on that is not enabled any more.
+            setattr(scene.render, name, value)
 
 
 @contextmanager

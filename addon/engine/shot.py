@@ -63,6 +63,8 @@ class Shot:
         """The newest request, JSON."""
         self._content: dict[str, Any] = {}
         self._is_interactive = self._anew = False
+        self.was_interrupted = False
+        """Whether reading the scene was stopped, and nobody has looked at that yet."""
         self.refusal = ""
         """Why the newest request has no picture."""
         self._request_number = 0
@@ -137,6 +139,7 @@ class Shot:
                 raise error
             self._bake(exported, settings)
         except ExportCancelled:
+            self.was_interrupted = True
             self._end({"state": "cancelled"})
         except Exception as problem:
             self._end({"state": "failed", "error": str(problem) or repr(problem)})

@@ -13,6 +13,7 @@ from ..core.bake_folder import is_bake
 from ..engine import shot
 from ..engine.native import NativeModuleError
 from ..engine.options import FolderError, bake_folder, preferences, remember_bake, remembered_bake
+from ..engine.render_depsgraph import settle_settings, show_settings
 from . import redraws, rows
 
 TICK_SECONDS = 1 / 60
@@ -113,6 +114,11 @@ def tick() -> bool:
         if found.scene_uid not in scenes:
             found.close()
             continue
+        if found.was_interrupted:  # Such as by undo. The bake before is whole still.
+            found.was_interrupted = False
+            _open_stored(scenes[found.scene_uid])
+            goes_on = True
+            continue
         frame = found.frame
         found.poll()
         if not _resting and not _is_playing():
@@ -158,6 +164,7 @@ def on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> N
 @persistent
 def on_undo(scene: bpy.types.Scene, *_arguments) -> None:
     """Undo and redo may have changed anything."""
+    settle_settings()
     _remember_bakes()
     found = shot.of(scene)
     if found is not None:
@@ -168,6 +175,7 @@ def on_undo(scene: bpy.types.Scene, *_arguments) -> None:
 @persistent
 def on_save_pre(*_arguments) -> None:
     """The file is about to be written."""
+    show_settings()
     _remember_bakes()
 
 
@@ -180,6 +188,12 @@ def _remember_bakes() -> None:
 
 
 @persistent
+def on_save_post(*_arguments) -> None:
+    """The file was written, or could not be."""
+    settle_settings()
+
+
+@persistent
 def on_load_pre(*_arguments) -> None:
     """Another file is about to be opened."""
     close_all()
@@ -188,6 +202,7 @@ def on_load_pre(*_arguments) -> None:
 @persistent
 def on_load_post(*_arguments) -> None:
     """A file was opened. Its bakes are opened a moment later, when it is on screen."""
+    settle_settings()
     chosen = preferences()
     if not bpy.app.background and chosen is not None and chosen.open_bakes:
         bpy.app.timers.register(open_bakes, first_interval=0.1)
@@ -196,11 +211,17 @@ def on_load_post(*_arguments) -> None:
 def open_bakes() -> None:
     """Opens every bake that the file remembers, or that was made in the background after it was closed."""
     for scene in bpy.data.scenes:
-        try:
-            if shot.of(scene) is None and is_bake(remembered_bake(scene) or bake_folder(scene)):
-                open_bake(scene)
-        except (NativeModuleError, RuntimeError, FolderError) as error:
-            print(f"Relume: the bake of scene '{scene.name}' could not be opened: {error}")
+        if shot.of(scene) is None:
+            _open_stored(scene)
+
+
+def _open_stored(scene: bpy.types.Scene) -> None:
+    """Shows the stored bake of a scene, if there is one."""
+    try:
+        if is_bake(remembered_bake(scene) or bake_folder(scene)):
+            open_bake(scene)
+    except (NativeModuleError, RuntimeError, FolderError) as error:
+        print(f"Relume: the bake of scene '{scene.name}' could not be opened: {error}")
 
 
 def open_bake(scene: bpy.types.Scene) -> shot.Shot:
@@ -229,6 +250,8 @@ HANDLERS = {
     "undo_post": on_undo,
     "redo_post": on_undo,
     "save_pre": on_save_pre,
+    "save_post": on_save_post,
+    "save_post_fail": on_save_post,
     "load_pre": on_load_pre,
     "load_post": on_load_post,
 }
