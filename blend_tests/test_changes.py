@@ -46,6 +46,26 @@ def said(scene):
     raise AssertionError("looking for changes does not come to an end")
 
 
+def test_a_walk_holds_nothing_that_an_edit_frees(scene):
+    material, tree, _ = add_material("Both")
+    images = [bpy.data.images.new(name, 4, 4) for name in ("One", "Two")]
+    for image in images:
+        tree.nodes.new("ShaderNodeTexImage").image = image
+    plane = add_quad(scene, material=material)
+    plane.data.materials.append(add_material("Other")[0])
+    walk = prints.walk(scene)
+    keys = [next(key for key, _ in walk if key.startswith("image "))]
+    tree.nodes.clear()
+    plane.data.materials.clear()
+    keys += [key for key, _ in walk]
+    assert {"image One", "image Two", "material Other"} <= set(keys)
+    walk = prints.walk(scene)
+    next(key for key, _ in walk if key.startswith("object "))
+    bpy.data.objects.remove(plane)
+    with pytest.raises(ReferenceError):
+        list(walk)
+
+
 def move_camera(scene):
     scene.camera.location.x = 1.0
     return "The camera moved"

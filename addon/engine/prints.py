@@ -57,7 +57,8 @@ def _counts(obj: bpy.types.Object) -> bool:
 
 def walk(scene: bpy.types.Scene) -> Iterator[tuple[str, Take]]:
     """Every key with what takes its print, in steps of microseconds: steps without a key are there to be interrupted.
-    It holds references, so it is to be thrown away when anything is added, deleted or undone."""
+    Between steps it holds data-blocks, and nothing inside of them that an edit could free. Where one was deleted a step
+    raises ReferenceError; after undo it is to be thrown away."""
     for kind, take in ONE_OF_A_KIND.items():
         yield kind, partial(take, scene)
     walked: set[int] = set()
@@ -71,8 +72,7 @@ def walk(scene: bpy.types.Scene) -> Iterator[tuple[str, Take]]:
         if data is not None and data.session_uid not in walked:
             walked.add(data.session_uid)
             yield f"data {data.name_full}", partial(_data, data)
-        for slot in obj.material_slots:
-            material = slot.material
+        for material in [slot.material for slot in obj.material_slots]:
             if material is not None and material.session_uid not in walked:
                 walked.add(material.session_uid)
                 yield f"material {material.name_full}", partial(_material, material)
@@ -82,7 +82,7 @@ def walk(scene: bpy.types.Scene) -> Iterator[tuple[str, Take]]:
 def _images(owner: bpy.types.Material | bpy.types.World | None, walked: set[int]) -> Iterator[tuple[str, Take]]:
     """What takes the prints of the images in the nodes of a material or world, of each once."""
     tree = used_tree(owner) if owner else None
-    for image in _images_of(tree) if tree else ():
+    for image in list(_images_of(tree)) if tree else ():
         if image.session_uid not in walked:
             walked.add(image.session_uid)
             yield f"image {image.name_full}", partial(_image, image)
