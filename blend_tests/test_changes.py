@@ -46,6 +46,20 @@ def said(scene):
     raise AssertionError("looking for changes does not come to an end")
 
 
+def test_undo_is_looked_at_in_every_scene(baked, tmp_path):
+    other = baked.copy()
+    other.relume.folder = str(tmp_path / "other")
+    start(other)
+    bpy.ops.ed.undo_push(message="before")
+    bpy.data.objects["Sofa"].location.x = 2.0
+    bpy.ops.ed.undo_push(message="moved")
+    while any(found.changes.is_pending for found in shot.all_open()):
+        handlers.tick()
+        handlers._resting.clear()
+    bpy.ops.ed.undo()
+    assert all(found.changes.is_pending for found in shot.all_open()) and len(shot.all_open()) == 2
+
+
 def test_a_walk_holds_nothing_that_an_edit_frees(scene):
     material, tree, _ = add_material("Both")
     images = [bpy.data.images.new(name, 4, 4) for name in ("One", "Two")]

@@ -162,14 +162,15 @@ def on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> N
 
 
 @persistent
-def on_undo(scene: bpy.types.Scene, *_arguments) -> None:
-    """Undo and redo may have changed anything."""
+def on_undo(*_arguments) -> None:
+    """Undo and redo may have changed anything, in every scene."""
     settle_settings()
     _remember_bakes()
-    found = shot.of(scene)
-    if found is not None:
-        found.changes.mark_all()
-    read_lights(scene)
+    for scene in bpy.data.scenes:
+        found = shot.of(scene)
+        if found is not None:
+            found.changes.mark_all()
+            read_lights(scene)
 
 
 @persistent
