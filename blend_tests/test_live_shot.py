@@ -219,6 +219,15 @@ def test_rebake_that_is_cancelled_while_reading_keeps_the_bake(studio, tmp_path,
     assert until(studio, settled, "the bake from before").changes.sentences == []
 
 
+def test_a_file_that_cannot_be_opened_leaves_the_bakes(studio, tmp_path, monkeypatch):
+    opened = []
+    monkeypatch.setattr(handlers, "settle_settings", lambda: opened.append(bpy.context.scene))
+    (tmp_path / "broken.blend").write_text("no file of Blender")
+    with pytest.raises(RuntimeError):
+        bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "broken.blend"))
+    assert opened == [studio]
+
+
 def test_what_goes_wrong_while_reading_is_one_line(studio, monkeypatch):
     def broken(_scene, _options, done):
         done(None, RuntimeError("object 'Sofa' is broken"))
