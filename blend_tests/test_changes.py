@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from addon.engine import prints, record, shot, worlds
+from addon.engine.changes import Changes
 from addon.ui import handlers
 from addon.ui.start import start
 from fake_live import FakeLive
@@ -58,6 +59,18 @@ def test_undo_is_looked_at_in_every_scene(baked, tmp_path):
         handlers._resting.clear()
     bpy.ops.ed.undo()
     assert all(found.changes.is_pending for found in shot.all_open()) and len(shot.all_open()) == 2
+
+
+def test_a_large_mesh_is_looked_at_in_slices(lit, monkeypatch):
+    whole = prints.take_all(lit, lit.camera)["data Plane"]
+    monkeypatch.setattr(prints, "SLICE_BYTES", 8)
+    sizes = [48, 16, 32]  # Of positions, corners and UVs; each array has a step of its own besides.
+    assert len(list(prints.take(lit, "data Plane"))) == sum(size // 8 + 1 for size in sizes)
+    found, looks = Changes({"data Plane": whole}), 0
+    while found.is_pending and looks < 100:
+        found.look(lit, 0.0)
+        looks += 1
+    assert 15 < looks < 100 and found.present["data Plane"] == whole
 
 
 def test_a_walk_holds_nothing_that_an_edit_frees(scene):

@@ -28,6 +28,8 @@ class Changes:
         self._different: dict[str, None] = {}
         self._waiting: dict[str, None] = {}
         self._walk: Iterator[tuple[str, prints.Take]] | None = None
+        self._taking: tuple[str, prints.Steps] | None = None
+        """The print that is being taken."""
         self._walked: set[str] = set()
         self._wants_walk = self._takes_all = True
         self._is_outdated = False
@@ -36,7 +38,7 @@ class Changes:
     @property
     def is_pending(self) -> bool:
         """Whether something has still to be looked at."""
-        return bool(self._waiting) or self._wants_walk
+        return bool(self._waiting) or self._wants_walk or self._taking is not None
 
     def mark(self, scene: bpy.types.Scene, updates: list[bpy.types.DepsgraphUpdate]) -> bool:
         """Data-blocks were updated and are to be looked at again. The world is at once: whether it is another one."""
@@ -64,7 +66,7 @@ class Changes:
 
     def mark_all(self) -> None:
         """Anything may have been edited, such as by undo."""
-        self._walk, self._is_outdated = None, False
+        self._walk, self._taking, self._is_outdated = None, None, False
         self._wants_walk = self._takes_all = True
 
     def mark_files(self) -> bool:
@@ -95,20 +97,38 @@ class Changes:
             return False
         deadline = time.perf_counter() + seconds
         try:
+            if not self._go_on_taking(deadline):
+                return False
             self._take_waiting(scene, deadline)
-            if not self._go_on_walking(scene, deadline):
+            if self._taking is not None or not self._go_on_walking(scene, deadline):
                 return False
         except ReferenceError:  # Something was deleted in the middle of the walk.
-            self._walk = None
+            self._walk = self._taking = None
             return False
         before, self.sentences = self.sentences, sentences(self._different, self.baked, self.present)
         return self.sentences != before
 
+    def _go_on_taking(self, deadline: float) -> bool:
+        """Goes on with the print that is being taken, if there is one. Whether there is time for another."""
+        if self._taking is None:
+            return True
+        key, steps = self._taking
+        try:
+            while True:
+                next(steps)
+                if time.perf_counter() > deadline:
+                    return False
+        except StopIteration as end:
+            self._taking = None
+            self._keep(key, end.value)
+        return time.perf_counter() <= deadline
+
     def _take_waiting(self, scene: bpy.types.Scene, deadline: float) -> None:
+        """Takes the prints of what was edited."""
         while self._waiting:
             key, _ = self._waiting.popitem()
-            self._keep(key, prints.take(scene, key))
-            if time.perf_counter() > deadline:
+            self._taking = key, prints.take(scene, key)
+            if not self._go_on_taking(deadline):
                 return
 
     def _go_on_walking(self, scene: bpy.types.Scene, deadline: float) -> bool:
@@ -122,8 +142,8 @@ class Changes:
             if key:
                 self._walked.add(key)
                 if self._takes_all or key not in self.present:
-                    self._keep(key, take())
-            if time.perf_counter() > deadline:
+                    self._taking = key, take()
+            if not self._go_on_taking(deadline):
                 return False
         for key in {**self.baked, **self.present}.keys() - self._walked:
             self._keep(key, None)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from functools import partial
 from typing import Any
 
@@ -26,9 +26,13 @@ from ..export.world import export_world, world_of
 from ..export.world_graph import WorldGraph
 from .render_depsgraph import render_layer
 
-Take = Callable[[], Print | None]
+Steps = Generator[None, None, Print | None]
+"""Takes a print, in steps of a few milliseconds; those of large meshes are many."""
+Take = Callable[[], Steps]
 
 GEOMETRY = {"MESH", "CURVE", "SURFACE", "FONT", "META", "CURVES", "POINTCLOUD", "VOLUME"}
+SLICE_BYTES = 2**22
+"""Of a mesh, that are looked at in one step."""
 DATA = (bpy.types.Mesh, bpy.types.Curve, bpy.types.MetaBall)
 
 
@@ -60,14 +64,14 @@ def walk(scene: bpy.types.Scene) -> Iterator[tuple[str, Take]]:
     Between steps it holds data-blocks, and nothing inside of them that an edit could free. Where one was deleted a step
     raises ReferenceError; after undo it is to be thrown away."""
     for kind, take in ONE_OF_A_KIND.items():
-        yield kind, partial(take, scene)
+        yield kind, partial(_at_once, take, scene)
     walked: set[int] = set()
     yield from _images(world_of(scene, render_layer(scene)), walked)
     for obj in list(scene.objects):
         if not _counts(obj):
             yield "", _nothing
             continue
-        yield f"object {obj.name_full}", partial(_object, obj)
+        yield f"object {obj.name_full}", partial(_at_once, _object, obj)
         data = obj.data if obj.type in GEOMETRY else None
         if data is not None and data.session_uid not in walked:
             walked.add(data.session_uid)
@@ -75,7 +79,7 @@ def walk(scene: bpy.types.Scene) -> Iterator[tuple[str, Take]]:
         for material in [slot.material for slot in obj.material_slots]:
             if material is not None and material.session_uid not in walked:
                 walked.add(material.session_uid)
-                yield f"material {material.name_full}", partial(_material, material)
+                yield f"material {material.name_full}", partial(_at_once, _material, material)
                 yield from _images(material, walked)
 
 
@@ -85,7 +89,7 @@ def _images(owner: bpy.types.Material | bpy.types.World | None, walked: set[int]
     for image in list(_images_of(tree)) if tree else ():
         if image.session_uid not in walked:
             walked.add(image.session_uid)
-            yield f"image {image.name_full}", partial(_image, image)
+            yield f"image {image.name_full}", partial(_at_once, _image, image)
 
 
 def _images_of(tree: bpy.types.NodeTree) -> Iterator[bpy.types.Image]:
@@ -96,23 +100,35 @@ def _images_of(tree: bpy.types.NodeTree) -> Iterator[bpy.types.Image]:
             yield from _images_of(inner)
 
 
-def _nothing() -> None:
-    return None
+def _nothing() -> Steps:
+    return _at_once(lambda: None)
 
 
-def take(scene: bpy.types.Scene, key: str) -> Print | None:
-    """The print of a key; None of what is not there, or cannot be seen any more."""
+def _at_once(of: Callable[..., Print | None], *arguments: Any) -> Steps:
+    """A print that takes no time."""
+    return of(*arguments)
+    yield
+
+
+def take(scene: bpy.types.Scene, key: str) -> Steps:
+    """Takes the print of a key; None of what is not there, or cannot be seen any more."""
     kind, _, name = key.partition(" ")
     if kind in ONE_OF_A_KIND:
-        return ONE_OF_A_KIND[kind](scene)
-    places, of = {
-        "object": ((scene.objects,), _object),
-        "data": ((bpy.data.meshes, bpy.data.curves, bpy.data.metaballs), _data),
-        "material": ((bpy.data.materials,), _material),
-        "image": ((bpy.data.images,), _image),
+        return _at_once(ONE_OF_A_KIND[kind], scene)
+    if kind == "data":
+        block = _first(name, bpy.data.meshes, bpy.data.curves, bpy.data.metaballs)
+        return _data(block) if block is not None else _nothing()
+    place, of = {
+        "object": (scene.objects, _object),
+        "material": (bpy.data.materials, _material),
+        "image": (bpy.data.images, _image),
     }[kind]
-    found = (_by_full_name(place, name) for place in places)
-    return next((of(block) for block in found if block is not None), None)
+    block = _first(name, place)
+    return _at_once(of, block) if block is not None else _nothing()
+
+
+def _first(name: str, *places: Any) -> Any:
+    return next((block for place in places if (block := _by_full_name(place, name)) is not None), None)
 
 
 def _by_full_name(place: Any, name: str) -> Any:
@@ -125,8 +141,16 @@ def _by_full_name(place: Any, name: str) -> Any:
 
 def take_all(scene: bpy.types.Scene, camera: bpy.types.Object, size: tuple[int, int] | None = None) -> dict[str, Print]:
     """All prints at once, of a camera and a picture size; takes long for a large scene."""
-    found = {key: taken for key, take in walk(scene) if (taken := take()) is not None}
+    found = {key: taken for key, take in walk(scene) if (taken := _all_of(take())) is not None}
     return found | {"camera": _camera_print(scene, camera), "film": _film(scene, size)}
+
+
+def _all_of(steps: Steps) -> Print | None:
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
 
 
 def _hash(value: Any) -> str:
@@ -164,15 +188,17 @@ def _modifier(modifier: bpy.types.Modifier) -> list:
     return [modifier.type, modifier.show_render, _values(modifier), inputs]
 
 
-def _data(data: bpy.types.ID) -> Print | None:
+def _data(data: bpy.types.ID) -> Steps:
     if getattr(data, "is_editmode", False):  # Its arrays are empty then.
         return None
     shapes = [(block.value, block.mute) for block in data.shape_keys.key_blocks] if _shape_keys(data) else []
     if not isinstance(data, bpy.types.Mesh):
         return {"shape": _hash([_values(data), shapes, _points(data)])}
-    arrays = [_array(data.attributes.get(name), kind, width) for name, kind, width in MESH_ARRAYS]
+    arrays = []
+    for name, kind, width in MESH_ARRAYS:
+        arrays.append((yield from _array(data, name, kind, width)))
     uvs = data.uv_layers.active
-    arrays.append(_array(data.attributes.get(uvs.name), "vector", 2) if uvs else "")
+    arrays.append((yield from _array(data, uvs.name, "vector", 2)) if uvs else "")
     return {"shape": _hash([len(data.vertices), len(data.polygons), arrays, shapes])}
 
 
@@ -189,13 +215,27 @@ def _points(data: bpy.types.ID) -> list:
     return [points, [tuple(element.co) for element in getattr(data, "elements", ())]]
 
 
-def _array(attribute: Any, name: str, width: int) -> str:
-    """Of all values of an attribute."""
-    if attribute is None:
+def _array(data: bpy.types.Mesh, name: str, kind: str, width: int) -> Generator[None, None, str]:
+    """Of all values of an attribute: a copy of them, then a part at a time."""
+    values = _values_of(data, name, kind, width)
+    if values is None:
         return ""
-    values = np.empty(len(attribute.data) * width, np.float32 if name == "vector" else np.int32)
-    attribute.data.foreach_get(name, values)
-    return _hash(values.tobytes())
+    found = 0
+    for start in range(0, len(values), SLICE_BYTES):
+        yield
+        found = zlib.crc32(values[start : start + SLICE_BYTES], found)
+    yield
+    return f"{found:08x}"
+
+
+def _values_of(data: bpy.types.Mesh, name: str, kind: str, width: int) -> np.ndarray | None:
+    """The bytes of an attribute; None if it is not there."""
+    attribute = data.attributes.get(name)
+    if attribute is None:
+        return None
+    values = np.empty(len(attribute.data) * width, np.float32 if kind == "vector" else np.int32)
+    attribute.data.foreach_get(kind, values)
+    return values.view(np.uint8)
 
 
 def _material(material: bpy.types.Material) -> Print:

@@ -202,7 +202,8 @@ def on_load_pre(*_arguments) -> None:
 
 @persistent
 def on_load_post(*_arguments) -> None:
-    """A file was opened, or could not be and the one before stays. Its bakes are opened a moment later, when it is on screen."""
+    """A file was opened, or could not be and the one before stays. Its bakes are opened a moment later, when it is on
+    screen."""
     settle_settings()
     chosen = preferences()
     if not bpy.app.background and chosen is not None and chosen.open_bakes:
