@@ -73,6 +73,22 @@ def test_a_large_mesh_is_looked_at_in_slices(lit, monkeypatch):
     assert 15 < looks < 100 and found.present["data Plane"] == whole
 
 
+def test_meshes_are_walked_last(baked):
+    kinds = [key.partition(" ")[0] for key, _ in prints.walk(baked) if key]
+    assert kinds.index("data") > max(place for place, kind in enumerate(kinds) if kind != "data")
+
+
+def test_a_material_that_is_edited_while_the_bake_begins_is_named(lit):
+    material, tree, output = add_material("Red")
+    diffuse = tree.nodes.new("ShaderNodeBsdfDiffuse")
+    tree.links.new(diffuse.outputs[0], output.inputs["Surface"])
+    add_quad(lit, "Sofa", material=material)
+    bpy.context.view_layer.update()
+    start(lit)
+    diffuse.inputs["Roughness"].default_value = 0.5
+    assert said(lit) == ["'Red' was edited while the bake began"]
+
+
 def test_a_walk_holds_nothing_that_an_edit_frees(scene):
     material, tree, _ = add_material("Both")
     images = [bpy.data.images.new(name, 4, 4) for name in ("One", "Two")]

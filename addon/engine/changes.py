@@ -56,13 +56,14 @@ class Changes:
         return "world" in found and self._look_at_world(scene)
 
     def _mark_edited(self, scene: bpy.types.Scene, updates: list[bpy.types.DepsgraphUpdate]) -> None:
-        """What was moved or reshaped before its print was taken is not what was baked. Blender also names what was only
-        evaluated again."""
+        """What was moved, reshaped or given another look before its print was taken is not what was baked. Blender also
+        names what was only evaluated again, and for its shading what uses an edited material."""
         for update in updates:
-            if update.is_updated_transform or update.is_updated_geometry:
-                for key in prints.keys_of(update.id.original, scene):
-                    if key.startswith(("object ", "data ")):
-                        self.baked.setdefault(key, EDITED)
+            kinds = ("object ", "data ") if update.is_updated_transform or update.is_updated_geometry else ()
+            kinds += ("material ",) * update.is_updated_shading
+            for key in prints.keys_of(update.id.original, scene):
+                if key.startswith(kinds):
+                    self.baked.setdefault(key, EDITED)
 
     def mark_all(self) -> None:
         """Anything may have been edited, such as by undo."""
@@ -99,7 +100,8 @@ class Changes:
         try:
             if not self._go_on_taking(deadline):
                 return False
-            self._take_waiting(scene, deadline)
+            if not self.recording:  # Until then what was edited may not be what was baked.
+                self._take_waiting(scene, deadline)
             if self._taking is not None or not self._go_on_walking(scene, deadline):
                 return False
         except ReferenceError:  # Something was deleted in the middle of the walk.

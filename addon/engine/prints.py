@@ -60,27 +60,29 @@ def _counts(obj: bpy.types.Object) -> bool:
 
 
 def walk(scene: bpy.types.Scene) -> Iterator[tuple[str, Take]]:
-    """Every key with what takes its print, in steps of microseconds: steps without a key are there to be interrupted.
+    """Every key with what takes its print, meshes last as they take longest, in steps of microseconds: steps without a
+    key are there to be interrupted.
     Between steps it holds data-blocks, and nothing inside of them that an edit could free. Where one was deleted a step
     raises ReferenceError; after undo it is to be thrown away."""
     for kind, take in ONE_OF_A_KIND.items():
         yield kind, partial(_at_once, take, scene)
     walked: set[int] = set()
+    shapes: dict[int, bpy.types.ID] = {}
     yield from _images(world_of(scene, render_layer(scene)), walked)
     for obj in list(scene.objects):
         if not _counts(obj):
             yield "", _nothing
             continue
         yield f"object {obj.name_full}", partial(_at_once, _object, obj)
-        data = obj.data if obj.type in GEOMETRY else None
-        if data is not None and data.session_uid not in walked:
-            walked.add(data.session_uid)
-            yield f"data {data.name_full}", partial(_data, data)
+        if obj.type in GEOMETRY and obj.data is not None:
+            shapes[obj.data.session_uid] = obj.data
         for material in [slot.material for slot in obj.material_slots]:
             if material is not None and material.session_uid not in walked:
                 walked.add(material.session_uid)
                 yield f"material {material.name_full}", partial(_at_once, _material, material)
                 yield from _images(material, walked)
+    for data in shapes.values():
+        yield f"data {data.name_full}", partial(_data, data)
 
 
 def _images(owner: bpy.types.Material | bpy.types.World | None, walked: set[int]) -> Iterator[tuple[str, Take]]:
