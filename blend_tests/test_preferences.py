@@ -11,6 +11,8 @@ import pytest
 from addon.core import bake_cache
 from addon.core.bake_folder import MANIFEST
 from addon.engine import background, devices, options
+from addon.engine.native import NativeModuleError, native
+from addon.ui import timers
 from addon.ui.preferences import clean_cache, count_cache
 from addon.ui.start import start
 from fake_live import FakeLive
@@ -96,6 +98,34 @@ def test_devices_are_found(chosen):
         assert time.monotonic() < deadline, "looking for devices does not end"
         time.sleep(0.01)
     assert devices.names()[:3] == ["auto", "cpu", "gpu"]
+
+
+def test_a_native_module_of_another_version_is_refused(monkeypatch):
+    import relume
+
+    assert native() is relume
+    monkeypatch.setattr(relume, "__version__", "0.0.1")
+    with pytest.raises(NativeModuleError, match="restart Blender"):
+        native()
+
+
+def test_timers_of_windows_go_with_the_add_on():
+    added, removed = [], []
+
+    class Manager:
+        def event_timer_add(self, seconds, window):
+            added.append((seconds, window))
+            return object()
+
+    manager = Manager()
+    one, two = (timers.begin(SimpleNamespace(window_manager=manager, window="window"), 0.1) for _ in range(2))
+    context = SimpleNamespace(window_manager=SimpleNamespace(event_timer_remove=removed.append))
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(timers, "bpy", SimpleNamespace(context=context))
+        timers.end(one)
+        timers.unregister()
+        timers.end(two)
+    assert added == [(0.1, "window")] * 2 and removed == [one, two]
 
 
 def test_sizes_in_words():

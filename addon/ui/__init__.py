@@ -21,11 +21,12 @@ from . import (
     solving,
     start,
     target,
+    timers,
     verify,
 )
 
 MODULES = (
-    *(preferences, settings, solve_settings, rows, looks, overlay, handlers),
+    *(timers, preferences, settings, solve_settings, rows, looks, overlay, handlers),
     *(start, main_panel, mixer, looks_panel, verify, background, render),
     *(regions, target, locks, solving, scribble_tool, solve_operators, solve_panel),
 )

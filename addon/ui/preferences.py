@@ -7,6 +7,7 @@ from ..core import bake_cache
 from ..engine import devices
 from ..engine.checks import folders_in_use
 from ..engine.options import PACKAGE, cache_folder
+from . import timers
 
 POLL_SECONDS = 0.1
 
@@ -120,15 +121,15 @@ class RELUME_OT_find_devices(bpy.types.Operator):  # noqa: N801 -- Blender's nam
         devices.look()
         if bpy.app.background:
             return {"FINISHED"}
-        self._timer = context.window_manager.event_timer_add(POLL_SECONDS, window=context.window)
+        self._timer = timers.begin(context, POLL_SECONDS)
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
-    def modal(self, context, event):
+    def modal(self, _context, event):
         """Called by Blender."""
         if event.type != "TIMER" or devices.is_looking():
             return {"PASS_THROUGH"}
-        context.window_manager.event_timer_remove(self._timer)
+        timers.end(self._timer)
         found = devices.names()[len(devices.ALWAYS) :]
         self.report({"INFO"}, f"Found {', '.join(found)}" if found else "Found no graphics card; the processor is used")
         return {"FINISHED"}

@@ -13,7 +13,7 @@ from ..core.solve import SolveError
 from ..viewport import strokes as drawing
 from ..viewport.handlers import write
 from ..viewport.views import redraw, settle
-from . import looks, solving
+from . import looks, solving, timers
 
 TICK_SECONDS = 1 / 30
 WORDS_SECONDS = 0.5
@@ -44,28 +44,27 @@ lights of the scene stay as they are until it is applied"""
         except SolveError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        manager = context.window_manager
-        self.timer = manager.event_timer_add(TICK_SECONDS, window=context.window)
-        manager.modal_handler_add(self)
+        self.timer = timers.begin(context, TICK_SECONDS)
+        context.window_manager.modal_handler_add(self)
         self._show()
         return {"RUNNING_MODAL"}
 
     def modal(self, context, event):
         """A step at every tick of the timer; all else goes on to Blender."""
         if not self.solving.is_running:  # Cancelled by the button, or with its file.
-            return self._end(context, {"CANCELLED"})
+            return self._end({"CANCELLED"})
         if event.type == "ESC" and event.value == "PRESS":
             self.solving.cancel()
-            return self._end(context, {"CANCELLED"})
+            return self._end({"CANCELLED"})
         if event.type != "TIMER":
             return {"PASS_THROUGH"}
         try:
             goes_on = self.solving.step()
         except SolveError as error:
             self.report({"ERROR"}, str(error))
-            return self._end(context, {"CANCELLED"})
+            return self._end({"CANCELLED"})
         if not goes_on:
-            return self._end(context, {"FINISHED"})
+            return self._end({"FINISHED"})
         if self.solving.progress != self.shown and time.monotonic() >= self.next_words:
             self._show()
         return {"PASS_THROUGH"}
@@ -75,13 +74,13 @@ lights of the scene stay as they are until it is applied"""
         redraw()
         redraw("UI")
 
-    def cancel(self, context):
+    def cancel(self, _context):
         """Called by Blender when the window closes."""
         self.solving.cancel()
-        self._end(context, set())
+        self._end(set())
 
-    def _end(self, context, outcome: set[str]) -> set[str]:
-        context.window_manager.event_timer_remove(self.timer)
+    def _end(self, outcome: set[str]) -> set[str]:
+        timers.end(self.timer)
         redraw()
         settle()
         return outcome
