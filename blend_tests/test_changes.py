@@ -1,5 +1,8 @@
 """What became of a scene since its bake is noticed, in words, and outlives saving and opening."""
 
+import json
+import time
+
 import bpy
 import numpy as np
 import pytest
@@ -71,6 +74,21 @@ def test_a_large_mesh_is_looked_at_in_slices(lit, monkeypatch):
         found.look(lit, 0.0)
         looks += 1
     assert 15 < looks < 100 and found.present["data Plane"] == whole
+
+
+def test_kinds_of_a_newer_relume_are_left_out(tmp_path):
+    content = {"format": record.FORMAT, "version": record.VERSION, "camera": "C", "receivers": []}
+    text = json.dumps(content | {"prints": {"volume Fog": {"grid": "1"}, "film": {"size": "4 x 4"}}})
+    (tmp_path / record.FILE).write_text(text)
+    assert record.read(tmp_path).prints == {"film": {"size": "4 x 4"}}
+
+
+def test_a_deleted_scene_keeps_nothing_awake(baked):
+    other = baked.copy()
+    handlers._resting[other.session_uid] = time.monotonic() + 60.0
+    bpy.data.scenes.remove(other)
+    handlers.tick()
+    assert not handlers._resting
 
 
 def test_meshes_are_walked_last(baked):

@@ -1,6 +1,7 @@
 """Strokes are kept, drawn and asked for as they were painted."""
 
 import json
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -22,6 +23,7 @@ from addon.core.strokes import (
     thinned,
     to_json,
 )
+from addon.ui import solve_settings
 from addon.ui.solve_settings import strokes_of
 from addon.viewport import strokes as drawing
 from addon.viewport.camera_frame import Rectangle
@@ -41,6 +43,17 @@ def registered(scene):
 def stroke(goal=BRIGHTER, amount=1.0, points=LINE, radius=0.1, strength=1.0, color=(1, 1, 1)):
     """A stroke across the middle."""
     return Stroke(meaning(goal, amount, color), radius, strength, points)
+
+
+def test_strokes_are_parsed_once(monkeypatch):
+    parsed = []
+    monkeypatch.setattr(solve_settings.core, "from_json", lambda text: parsed.append(text) or ())
+    solve_settings._strokes_in.cache_clear()
+    painted = SimpleNamespace(relume_solve=SimpleNamespace(strokes="[]"))
+    for _ in range(3):
+        strokes_of(painted)
+    assert len(parsed) == 1
+    solve_settings._strokes_in.cache_clear()
 
 
 def test_text_brings_strokes_back():

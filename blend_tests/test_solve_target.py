@@ -164,3 +164,8 @@ def test_objects_and_materials_are_seen_where_they_are(scene, kind):
 def test_what_is_not_seen_has_an_empty_mask(scene):
     (mask,) = all_masks(scene, Seen("OBJECT", "Nobody"))
     assert not mask.any() and str(Seen("OBJECT_INDEX", 7)) == "object index 7"
+
+
+def test_without_a_target_there_is_nothing_to_compare(baked):
+    with pytest.raises(RuntimeError, match="poll"):
+        bpy.ops.relume.show_target()

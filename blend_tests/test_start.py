@@ -12,9 +12,19 @@ import pytest
 import addon
 from addon.engine import checks, shot
 from addon.engine.checks import ProblemError
-from addon.ui import handlers
+from addon.ui import handlers, main_panel
 from addon.ui.start import start
 from fake_live import FakeLive
+
+
+def test_the_disk_is_looked_at_now_and_then(monkeypatch):
+    looks = []
+    for _ in range(5):
+        assert main_panel._lately(("test",), lambda: looks.append(1) or "found") == "found"
+    assert len(looks) == 1
+    monkeypatch.setattr(main_panel, "DISK_SECONDS", -1.0)
+    main_panel._lately(("test",), lambda: looks.append(1))
+    assert len(looks) == 2
 
 
 def test_start_bakes_and_asks_for_the_present_lights(lit):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import bpy
 
-from ..core.differences import Print
+from ..core.differences import ORDER, Print
 from ..export.linking import receiver_names
 from . import prints
 
@@ -48,7 +48,8 @@ def read(folder: Path) -> Record | None:
         content = json.loads((folder / FILE).read_text(encoding="utf-8"))
         if content["format"] != FORMAT or content["version"] != VERSION:
             return None
-        found = {str(key): _print(value) for key, value in content["prints"].items()}
+        known = {key: value for key, value in content["prints"].items() if key.partition(" ")[0] in ORDER}
+        found = {key: _print(value) for key, value in known.items()}
         return Record(str(content["camera"]), [str(name) for name in content["receivers"]], found)
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None

@@ -131,6 +131,8 @@ def tick() -> bool:
 def _rest() -> None:
     """Asks for the full picture of every scene where nothing was changed for a while."""
     now = time.monotonic()
+    for uid in _resting.keys() - {scene.session_uid for scene in bpy.data.scenes}:
+        del _resting[uid]
     for scene in bpy.data.scenes:
         if _resting.get(scene.session_uid, now + 1.0) <= now:
             changed(scene)

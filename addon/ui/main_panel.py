@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
+from typing import Any
+
 import bpy
 
 from ..core import status
@@ -9,9 +13,12 @@ from ..core.bake_folder import is_bake
 from ..engine import shot
 from ..engine.checks import disk_space
 from ..engine.options import remembered_bake
+from ..export.camera import film_size
 from ..viewport import handlers as viewport
 from .panel import RelumePanel, message
 
+DISK_SECONDS = 2.0
+"""Between looks at the disk."""
 MOST_CHANGES = 6
 """Changes that are listed one by one."""
 
@@ -70,16 +77,36 @@ class RELUME_PT_bake(RelumePanel, bpy.types.Panel):  # noqa: N801
             layout.label(text=f"On {found.status['device']}")
 
 
+_known: dict[tuple, tuple[float, Any]] = {}
+"""What the disk said, and when."""
+
+
+def _lately(key: tuple, look: Callable[[], Any]) -> Any:
+    """What `look` finds on the disk, at most DISK_SECONDS ago: panels are drawn for every movement of the mouse."""
+    now = time.monotonic()
+    for old in [old for old, (when, _) in _known.items() if now - when > DISK_SECONDS]:
+        del _known[old]
+    if key not in _known:
+        _known[key] = now, look()
+    return _known[key][1]
+
+
 def _draw_stored_bake(layout, scene) -> None:
     folder = remembered_bake(scene)
     if folder is None:
         return
-    if is_bake(folder):
+    if _lately(("bake", folder), lambda: is_bake(folder)):
         layout.operator("relume.show_bake", icon="HIDE_OFF")
         return
     box = layout.box()
     message(box, f"The bake is not where it was: {folder}", "ERROR")
     box.operator("relume.find_bake", icon="FILE_FOLDER")
+
+
+def _wishes(scene) -> tuple:
+    """What the space of a bake depends on."""
+    settings = scene.relume
+    return scene.session_uid, settings.quality, settings.samples, settings.folder, *film_size(scene.render)
 
 
 def _draw_choices(layout, scene) -> None:
@@ -89,7 +116,7 @@ def _draw_choices(layout, scene) -> None:
         column.prop(scene.relume, "samples")
     place = "Beside the file" if bpy.data.filepath else "In the cache folder"
     column.prop(scene.relume, "folder", text="Folder", placeholder=place)
-    words, is_enough = disk_space(scene)
+    words, is_enough = _lately(("disk", *_wishes(scene)), lambda: disk_space(scene))
     message(layout, words, "NONE" if is_enough else "ERROR")
 
 

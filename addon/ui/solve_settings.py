@@ -3,6 +3,8 @@ what may move and how hard to try. `scene.relume_solve`, and `locks` of each row
 
 from __future__ import annotations
 
+import functools
+
 import bpy
 from bpy.props import (
     BoolProperty,
@@ -285,8 +287,14 @@ class RelumeSolve(HowMuch, bpy.types.PropertyGroup):
 
 def strokes_of(scene: bpy.types.Scene) -> tuple[core.Stroke, ...]:
     """The scene's strokes; none if they cannot be read, such as those of a newer Relume."""
+    return _strokes_in(scene.relume_solve.strokes)
+
+
+@functools.lru_cache(maxsize=8)
+def _strokes_in(text: str) -> tuple[core.Stroke, ...]:
+    """They are asked for at every drawing."""
     try:
-        return core.from_json(scene.relume_solve.strokes)
+        return core.from_json(text)
     except core.StrokeError:
         return ()
 

@@ -278,6 +278,11 @@ difference"""
     bl_idname = "relume.show_target"
     bl_label = "Compare with Target"
 
+    @classmethod
+    def poll(cls, context):
+        """Only with an open shot and a target."""
+        return super().poll(context) and context.scene.relume_solve.target is not None
+
     def execute(self, context):
         """Called by Blender."""
         work = show(context.scene)
