@@ -1,12 +1,15 @@
 """A small light that is moved away from where the paths look, in a tiny shot with the real solver."""
 
 import json
+import time
+from types import SimpleNamespace
 
 import bpy
 import pytest
 
+from addon.core.solve import SolveError
 from addon.core.status import out_of_sight
-from addon.engine import shot, solve
+from addon.engine import new_paths, shot, solve
 from addon.ui import solving
 from addon.ui.start import start
 from helpers import settled, until
@@ -79,5 +82,28 @@ def test_cancelling_leaves_nothing_behind(shown, asked):
     until(shown, lambda _: found.step() and len(asked) == 2, "the second part")
     assert asked[1][1].exists()
     found.cancel()
+    while new_paths.clean_up() is not None:
+        time.sleep(0.01)
     assert not asked[1][1].exists() and not shown.relume_looks.items
     assert (bpy.data.lights["Key"].energy, tuple(bpy.data.objects["Key"].location)) == (energy, place)
+
+
+def test_cancelling_does_not_wait_for_a_job_that_prepares(studio, tmp_path):
+    calls = []
+    job = SimpleNamespace(done=False, cancel=lambda: calls.append("cancel"), result=lambda: calls.append("result"))
+    found = SimpleNamespace(folder=tmp_path, status={"samples": 4}, options=SimpleNamespace(threads=1))
+    (tmp_path / "manifest.json").write_text('{"scene_hash": "same"}')
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(new_paths, "load_scene_async", lambda _s, _o, done: done(SimpleNamespace(hash="same"), None))
+        patched.setattr(new_paths, "native", lambda: SimpleNamespace(bake=lambda *_arguments: job))
+        with new_paths.folder_in(found) as folder:
+            folder.mkdir()
+            (folder / "lights.json").write_text("{}")
+            work = new_paths.bake(studio, found, [], folder)
+            assert next(work) is job
+            work.close()
+    assert calls == ["cancel"] and (folder / "lights.json").exists(), "it may still write there"
+    with pytest.raises(SolveError, match="still ending"), new_paths.folder_in(found):
+        pass
+    job.done = True
+    assert new_paths.clean_up() is None and not folder.exists()

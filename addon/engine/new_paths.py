@@ -19,19 +19,52 @@ from .scene import load_scene_async
 from .shot import Shot
 from .solve import answer
 
+CLEAN_SECONDS = 0.25
+"""Between looks whether cancelled jobs have ended."""
 SAMPLES = 64
 """Paths per pixel, where the bake has as many."""
 
 
+_ending: list[tuple[Any, Path]] = []
+"""Cancelled jobs that may still write or read, and the folder that goes when they are done."""
+
+
 @contextmanager
 def folder_in(shot: Shot) -> Iterator[Path]:
-    """A folder for a small bake inside of a shot's, which is emptied in the end."""
+    """A folder for a small bake inside of a shot's, which is emptied in the end. Raises SolveError while a job that was
+    cancelled still works in it."""
     folder = shot.folder / SOLVE
+    clean_up()
+    if _is_used(folder):
+        raise SolveError("the solve before is still ending")
     _remove(folder)
     try:
         yield folder
     finally:
-        _remove(folder)
+        if not _is_used(folder):
+            _remove(folder)
+
+
+def cancel(job: Any, folder: Path) -> None:
+    """Asks a job to end without waiting for that; the folder is emptied once it has."""
+    job.cancel()
+    _ending.append((job, folder))
+    if not bpy.app.background and not bpy.app.timers.is_registered(clean_up):
+        bpy.app.timers.register(clean_up, first_interval=CLEAN_SECONDS, persistent=True)
+
+
+def clean_up() -> float | None:
+    """Empties the folders of cancelled jobs that have ended; seconds until the next look."""
+    folders = {folder for job, folder in _ending if job.done}
+    _ending[:] = [(job, folder) for job, folder in _ending if not job.done]
+    for folder in folders:
+        if not _is_used(folder):
+            _remove(folder)
+    return CLEAN_SECONDS if _ending else None
+
+
+def _is_used(folder: Path) -> bool:
+    return any(used == folder for _, used in _ending)
 
 
 def _remove(folder: Path) -> None:
@@ -52,10 +85,8 @@ def bake(scene: bpy.types.Scene, shot: Shot, lights: list[dict[str, Any]], folde
     try:
         while not job.done:
             yield job
-    except GeneratorExit:  # Cancelled: it must not write into a folder that is being emptied.
-        job.cancel()
-        with suppress(RuntimeError):
-            job.result()
+    except GeneratorExit:  # Cancelled. Waiting for its end would hold up the window.
+        cancel(job, folder)
         raise
     answer(job)
     return True

@@ -146,11 +146,11 @@ class Solving:
     def cancel(self) -> None:
         """Ends it and shows the lights as they are."""
         _running.pop(self.uid, None)
+        if self._job is not None:
+            self._job.cancel()
         self._work.close()
         for reading in self._readings.values():
             reading.close()
-        if self._job is not None:
-            self._job.cancel()
         scene = self._scene()
         if scene is not None:
             handlers.changed(scene)
@@ -200,7 +200,11 @@ class Solving:
                 raise SolveError("Rebake, then solve again")
             request = self._request | {"from": answer, "steps": 0, "starts": 1}
             self._job = solve.start(self.shot, request, self._images, folder)
-            yield from self._wait_for_job()
+            try:
+                yield from self._wait_for_job()
+            except GeneratorExit:  # It reads from the folder.
+                new_paths.cancel(self._job, folder)
+                raise
             return solve.answer(self._job)
 
     def _wait_for_paths(self, work: Generator[Any, None, bool]) -> Generator[None, None, bool]:
