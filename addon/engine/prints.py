@@ -230,14 +230,14 @@ def _array(data: bpy.types.Mesh, name: str, kind: str, width: int) -> Generator[
     return f"{found:08x}"
 
 
-def _values_of(data: bpy.types.Mesh, name: str, kind: str, width: int) -> np.ndarray | None:
+def _values_of(data: bpy.types.Mesh, name: str, kind: str, width: int) -> memoryview | None:
     """The bytes of an attribute; None if it is not there."""
     attribute = data.attributes.get(name)
     if attribute is None:
         return None
     values = np.empty(len(attribute.data) * width, np.float32 if kind == "vector" else np.int32)
     attribute.data.foreach_get(kind, values)
-    return values.view(np.uint8)
+    return values.view(np.uint8).data
 
 
 def _material(material: bpy.types.Material) -> Print:
