@@ -168,11 +168,11 @@ def on_undo(*_arguments) -> None:
     """Undo and redo may have changed anything, in every scene."""
     settle_settings()
     _remember_bakes()
-    for scene in bpy.data.scenes:
-        found = shot.of(scene)
-        if found is not None:
-            found.changes.mark_all()
-            read_lights(scene)
+    for found in shot.all_open():
+        found.changes.mark_all()
+    # What no window shows is not evaluated again before it is shown; its old state may hold what undo has freed.
+    for scene in {window.scene for window in bpy.context.window_manager.windows}:
+        read_lights(scene)
 
 
 @persistent
