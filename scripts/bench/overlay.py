@@ -36,10 +36,12 @@ void main()
 """
 
 # Four neurons in each texel; activations and weights are read as they lie, row by row.
-HEAD_FRAGMENT = f"""
+HEAD_FRAGMENT = (
+    f"""
 #define QUADS {WIDTH // 4}
 #define HIDDEN {HIDDEN}
-""" + """
+"""
+    + """
 void main()
 {
   vec4 now[QUADS];
@@ -69,6 +71,7 @@ void main()
   result = vec4(color, 1.0);
 }
 """
+)
 
 
 class Target:

@@ -117,7 +117,7 @@ class Scene:
         """Hash of all that decides the paths, as a bake's `manifest.json` carries it; lights do not count."""
 
     def difference(self, folder: str | os.PathLike[str], settings: str = "{}") -> str | None:
-        """What keeps the bake in a folder from being of this scene with these settings; more or fewer samples do not."""
+        """What keeps the bake in a folder from being of this scene and these settings; samples do not count."""
 
     def bake(self, folder: str | os.PathLike[str], settings: str = "{}", *, resume: bool = False) -> Job:
         """Traces the paths into a folder; settings in the JSON form of `relume_trace::TraceSettings`."""
