@@ -16,6 +16,7 @@ mod mesh;
 mod obj;
 mod picture_file;
 mod polygon;
+mod procedural;
 mod texture;
 mod validate;
 mod world;
@@ -37,6 +38,10 @@ pub use mesh::{ColorAttribute, Instance, Mesh, UvMap};
 pub use obj::{ObjError, UpAxis, load_obj};
 pub use picture_file::{FileColors, PictureFile};
 pub use polygon::{PolygonError, PolygonMesh, PolygonNormals};
+pub use procedural::{
+    Dimensions, GradientKind, Metric, NoiseKind, Procedural, VoronoiFeature, VoronoiHash, WaveDirection,
+    WaveKind, WaveProfile,
+};
 pub use texture::{ColorEncoding, Extension, Interpolation, Texels, Texture};
 pub use validate::Problem;
 pub use world::World;

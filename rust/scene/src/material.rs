@@ -3,6 +3,8 @@
 //! The exporter flattens groups and reroutes, folds constants, bakes ramps and curves to tables, and names what it
 //! could not translate in [`crate::Scene::warnings`]. A graph is evaluated front to back for each hit.
 
+use crate::Procedural;
+
 /// Index into [`Material::nodes`]; a node refers only to nodes before it.
 pub type NodeId = u32;
 
@@ -58,6 +60,10 @@ pub enum Output {
     X,
     Y,
     Z,
+    W,
+    Factor,
+    Distance,
+    Radius,
 }
 
 /// Microfacet distribution.
@@ -383,6 +389,8 @@ pub enum Node {
         interpolation: crate::Interpolation,
         extension: crate::Extension,
     },
+    /// In JSON `{"type": "procedural", "texture": "noise", ...}`.
+    Procedural(Procedural),
     TextureCoordinate {
         kind: TexCoord,
     },
@@ -586,6 +594,7 @@ impl Node {
             | Self::Geometry
             | Self::ObjectInfo => {}
             Self::ImageTexture { vector, .. } => vector.iter_mut().for_each(visit),
+            Self::Procedural(texture) => texture.for_each_input(visit),
             Self::Mapping { kind: _, vector, location, rotation, scale } => {
                 all(&mut [vector, location, rotation, scale]);
             }

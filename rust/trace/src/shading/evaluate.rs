@@ -6,7 +6,7 @@ use relume_scene::{Input, Instance, Mesh, Node, NodeId, NormalSpace, Output, Sce
 use super::coordinates;
 use super::graph::{Aid, Graph, rotation};
 use super::values::{Inputs, evaluate_pure};
-use super::{PreparedMaterials, SurfacePoint};
+use super::{PreparedMaterials, SurfacePoint, procedural};
 use crate::bsdf;
 
 /// Where a graph is evaluated.
@@ -88,6 +88,12 @@ impl<'a> Context<'a> {
                     *extension,
                     straight,
                 );
+            }
+            Node::Procedural(texture) => {
+                let generated = || coordinates::generated(self);
+                let at = texture.vector().as_ref().map_or_else(generated, |vector| known.vector(vector));
+                let colored = matches!(self.graph.aids[index], Aid::Colored);
+                return procedural::evaluate(texture, at, &known, colored);
             }
             Node::TextureCoordinate { kind } => coordinates::coordinate(self, *kind),
             Node::UvMap { .. } => self.uv(self.attribute(index)),

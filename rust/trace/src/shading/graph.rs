@@ -41,6 +41,8 @@ pub enum Aid {
     Parameters(Box<Parameters>),
     /// Whether an Image Texture node's alpha is in use, so that its colour must not be multiplied by it.
     StraightColor,
+    /// Whether a procedural texture's colour is in use.
+    Colored,
 }
 
 /// Names of attributes that graphs ask for; meshes are searched for each once.
@@ -162,6 +164,7 @@ impl Graph {
                 Aid::Height(found.into_iter().collect())
             }
             Node::ImageTexture { .. } if self.is_used(node as NodeId, Output::Alpha) => Aid::StraightColor,
+            Node::Procedural(_) if self.is_used(node as NodeId, Output::Color) => Aid::Colored,
             _ => Aid::None,
         }
     }

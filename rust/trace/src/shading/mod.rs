@@ -12,6 +12,7 @@ mod math;
 mod point;
 mod prepared;
 mod principled;
+mod procedural;
 mod tangents;
 #[cfg(test)]
 mod tests;

@@ -6,7 +6,7 @@ use relume_scene::{Input, MixData, Node, NodeId, Output};
 use super::{color, math};
 
 /// A node's outputs in four numbers: colour or vector in xyz and alpha in w. A float is in every component, Layer
-/// Weight has its Fresnel and facing outputs in x and y.
+/// Weight has its Fresnel and facing outputs in x and y, a procedural texture its number in w.
 pub trait Inputs {
     /// The four numbers of a linked node. Outputs that are read from the geometry have them in place of the node's.
     fn link(&self, node: NodeId, output: Output) -> Vec4;
@@ -50,7 +50,7 @@ pub fn component(value: Vec4, output: Output) -> Option<f32> {
         | Output::Random => Some(value.x),
         Output::Facing | Output::Y => Some(value.y),
         Output::Z => Some(value.z),
-        Output::Alpha => Some(value.w),
+        Output::Alpha | Output::W | Output::Factor | Output::Distance | Output::Radius => Some(value.w),
         Output::Color
         | Output::Vector
         | Output::Normal

@@ -1,18 +1,22 @@
 """Measures closures and node values in Cycles and writes them beside this file, for `cycles_reference.rs`.
 
-Run with a Python that has the `bpy` module: `python generate.py`. A square of side 2 lies in the plane z = 0 about the
+Run with a Python that has the `bpy` module: `python generate.py`, or `python generate.py noise voronoi` for the cases alone
+whose names begin with one of these words; the others are kept. A square of side 2 lies in the plane z = 0 about the
 origin, its UV map is (x + 1) / 2, (y + 1) / 2. An orthographic camera looks at it along `direction`. For closures, the
 world's radiance is a polynomial of the direction, see `WORLD`, and the mean over the square is recorded. For values,
-the nodes' result is emitted and recorded at the centres of 4 x 4 pixels seen from above; some read a 4 x 4 image.
+the nodes' result is emitted and recorded at the centres of 4 x 4 pixels seen from above, of 6 x 6 for procedural textures;
+some read a 4 x 4 image.
 """
 
 import json
 import math
 import os
+import sys
 import tempfile
 
 import bpy
 import mathutils
+import procedural
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 
@@ -80,6 +84,8 @@ def output_of(node, name):
         return node.outputs[0]
     if node.bl_idname == "ShaderNodeTexCoord":
         return node.outputs[node["kind"]]
+    if node.bl_idname in procedural.TEXTURES.values():
+        return next(o for o in node.outputs if o.identifier == procedural.OUTPUTS[name])
     return node.outputs[OUTPUTS[name]]
 
 
@@ -114,15 +120,21 @@ def build(tree, nodes):
     """Blender's nodes for a graph; returns the last one."""
     made = []
     for spec in nodes:
-        node = tree.nodes.new({**SHADERS, **VALUES}[spec["type"]])
+        if spec["type"] == "procedural":
+            node = tree.nodes.new(procedural.TEXTURES[spec["texture"]])
+            settings = (*procedural.set_properties(node, spec), *procedural.NOT_SOCKETS)
+        else:
+            node = tree.nodes.new({**SHADERS, **VALUES}[spec["type"]])
+            for field, value in spec.items():
+                if field in PROPERTIES:
+                    set_property(node, field, value)
+            settings = (*PROPERTIES, *NOT_SOCKETS)
         for field, value in spec.items():
-            if field in PROPERTIES:
-                set_property(node, field, value)
-        for field, value in spec.items():
-            if field in PROPERTIES or field in NOT_SOCKETS or value is None:
+            if field in settings or value is None:
                 continue
             # Blender hides sockets that the node's mode does not use.
-            if field in ("diffuse_roughness", "scale", "steps", "location") and socket_name(field) not in node.inputs:
+            hidden = field in ("diffuse_roughness", "scale", "steps", "location") or spec["type"] == "procedural"
+            if hidden and socket_name(field) not in node.inputs:
                 continue
             socket = input_of(node, field)
             if field in "ab" and spec["type"] in ("mix_shader", "add_shader"):
@@ -222,7 +234,8 @@ def render(scene, pixels):
     bpy.ops.render.render(write_still=True)
     image = bpy.data.images.load(path)
     values = list(image.pixels)
-    return [values[4 * i : 4 * i + 3] for i in range(pixels * pixels)]
+    # Six digits are what single precision has.
+    return [[float(f"{value:.6g}") for value in values[4 * i : 4 * i + 3]] for i in range(pixels * pixels)]
 
 
 def closure_graphs():
@@ -362,8 +375,16 @@ def views():
         yield [-math.sin(theta) * 0.96, -math.sin(theta) * 0.28, -math.cos(theta)]
 
 
+def is_wanted(name):
+    """Whether a case is among those that the command line names."""
+    wanted = tuple(sys.argv[1:])
+    return not wanted or name.startswith(wanted)
+
+
 def measure_closures():
     for name, nodes in closure_graphs():
+        if not is_wanted(name):
+            continue
         transmits = any(n["type"] in ("glass", "refraction") or n.get("transmission_weight") for n in nodes)
         for direction in views():
             for z in (1, -1) if transmits or "bent" in name else (1,):
@@ -397,6 +418,8 @@ def texture_graphs():
 
 def measure_textures():
     for name, encoding, alpha, nodes, output in texture_graphs():
+        if not is_wanted(name):
+            continue
         emission = {"type": "emission", "color": link(len(nodes) - 1, output), "strength": 1.0}
         setup = scene([*nodes, emission], [0, 0, -1], 2.0, 1, 4)
         for node in bpy.data.materials["test"].node_tree.nodes:
@@ -406,20 +429,33 @@ def measure_textures():
         yield {"name": name, "texture": texture, "nodes": [*nodes, emission], "pixels": render(setup, 4)}
 
 
-def measure_values():
-    for name, nodes, output in value_graphs():
+def measure_values(graphs, side):
+    for name, nodes, output in graphs:
+        if not is_wanted(name):
+            continue
         emission = {"type": "emission", "color": link(len(nodes) - 1, output), "strength": 1.0}
-        setup = scene([*nodes, emission], [0, 0, -1], 2.0, 1, 4)
-        yield {"name": name, "nodes": [*nodes, emission], "pixels": render(setup, 4)}
+        setup = scene([*nodes, emission], [0, 0, -1], 2.0, 1, side)
+        yield {"name": name, "nodes": [*nodes, emission], "pixels": render(setup, side)}
+
+
+def merged(old, new):
+    """The old cases with the new ones in place of those of the same names."""
+    names = {case["name"] for case in new}
+    return [case for case in old if case["name"] not in names] + new
 
 
 def main():
+    path = os.path.join(HERE, "reference.json")
+    with open(path, encoding="utf-8") as file:
+        known = json.load(file)
+    closures = list(measure_closures())
+    values = [*measure_values(value_graphs(), 4), *measure_textures(), *measure_values(procedural.graphs(), 6)]
     result = {
-        "blender": bpy.app.version_string,
-        "closures": list(measure_closures()),
-        "values": list(measure_values()) + list(measure_textures()),
+        "blender": known["blender"] if sys.argv[1:] else bpy.app.version_string,
+        "closures": merged(known["closures"], closures),
+        "values": merged(known["values"], values),
     }
-    with open(os.path.join(HERE, "reference.json"), "w", encoding="utf-8") as file:
+    with open(path, "w", encoding="utf-8") as file:
         json.dump(result, file, indent=None, separators=(",", ":"))
 
 
