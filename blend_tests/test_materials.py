@@ -236,12 +236,12 @@ def test_ramps_and_curves_are_baked_as_blender_evaluates_them(tree):
 
 def test_unsupported_nodes_are_named_with_object_material_and_node(tree):
     tree, output, export = tree
-    noise = tree.nodes.new("ShaderNodeTexNoise")
-    diffuse_with(tree, output, noise.outputs[0])
+    wireframe = tree.nodes.new("ShaderNodeWireframe")
+    diffuse_with(tree, output, wireframe.outputs[0])
     displacement = tree.nodes.new("ShaderNodeDisplacement")
     tree.links.new(displacement.outputs[0], output.inputs["Displacement"])
     material, warnings, _ = export()
-    assert any("object 'Wall', material 'Paint': node 'Noise Texture'" in warning for warning in warnings)
+    assert any("object 'Wall', material 'Paint': node 'Wireframe'" in warning for warning in warnings)
     assert any("displacement is not supported" in warning for warning in warnings)
     assert material["nodes"][-1]["color"] == [0.5, 0.5, 0.5]
 

@@ -122,6 +122,18 @@ NODES = {
     "object color": ("ShaderNodeObjectInfo", {}, {}, "Color"),
     "object random": ("ShaderNodeObjectInfo", {}, {}, "Random"),
     "object index": ("ShaderNodeObjectInfo", {}, {}, "Object Index"),
+    "noise": ("ShaderNodeTexNoise", {}, {"Scale": 3.0, "Detail": 1.5, "Distortion": 0.3}, 1),
+    "noise at uv": ("ShaderNodeTexNoise", {"noise_dimensions": "2D"}, {"Vector": "uv", "Scale": 3.0}, 0),
+    "noise of w": ("ShaderNodeTexNoise", {"noise_dimensions": "1D"}, {"W": "u", "Scale": 5.0}, 0),
+    "white noise": ("ShaderNodeTexWhiteNoise", {"noise_dimensions": "1D"}, {"W": 0.37}, 1),
+    "checker": ("ShaderNodeTexChecker", {}, {"Scale": 2.0}, 0),
+    "gradient": ("ShaderNodeTexGradient", {"gradient_type": "EASING"}, {}, 1),
+    "voronoi": ("ShaderNodeTexVoronoi", {"normalize": True}, {"Scale": 2.0, "Detail": 1.0}, 0),
+    "voronoi position": ("ShaderNodeTexVoronoi", {"feature": "SMOOTH_F1"}, {"Scale": 2.0, "Vector": "uv"}, 2),
+    "voronoi edge": ("ShaderNodeTexVoronoi", {"feature": "DISTANCE_TO_EDGE"}, {"Scale": 2.0}, 0),
+    "wave": ("ShaderNodeTexWave", {"wave_type": "RINGS"}, {"Scale": 0.3, "Distortion": 1.0}, 0),
+    "magic": ("ShaderNodeTexMagic", {}, {"Scale": 0.5}, 0),
+    "brick": ("ShaderNodeTexBrick", {}, {"Scale": 1.3, "Mortar Size": 0.1, "Mortar Smooth": 1.0}, 0),
 }
 
 

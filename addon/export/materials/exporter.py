@@ -12,6 +12,9 @@ from .closures import CLOSURES, FALLBACK_CLOSURES
 from .graph import Context, Source, Unlinked, convert, node_constant, resolve, socket_default, trace, used_tree
 from .values import VALUES, attribute_name
 
+Key = tuple[int | str, ...]
+"""A node in its groups, and which part of it."""
+
 DEFAULT_SURFACE = {"type": "diffuse", "color": [0.8, 0.8, 0.8], "roughness": 0.0, "normal": None}
 EMISSION = {"emission": ("strength", 0.0), "principled": ("emission_strength", 0.0)}
 TRANSPARENCY = {"transparent": ("color", [0.0, 0.0, 0.0]), "principled": ("alpha", 1.0)}
@@ -66,7 +69,7 @@ class Translation:
         self.material = material
         self.owner = f"object '{object_name}', material '{material.name}'" if material else f"object '{object_name}'"
         self.nodes: list[dict[str, Any]] = []
-        self.done: dict[tuple[int, ...], Any] = {}
+        self.done: dict[Key, Any] = {}
         self.attributes: dict[str, str] = {}
         """Names of what it asks meshes for, and of a node that does."""
 
@@ -160,9 +163,10 @@ class Translation:
             return neutral
         return translate(self, source)
 
-    def once(self, source: Source, description: Any) -> int:
-        """Number of a node that several outputs share; `description` makes it the first time."""
-        key = _key(source)
+    def once(self, source: Source, description: Any, part: str = "") -> int:
+        """Number of a node that several outputs share; `description` makes it the first time. `part` tells several
+        nodes apart that one node of Blender becomes."""
+        key: Key = (*_key(source), part)
         if key not in self.done:
             self.done[key] = self.emit(description())
         return self.done[key]
@@ -174,5 +178,5 @@ def _any(description: dict[str, Any], fields: dict[str, tuple[str, Any]]) -> boo
     return any(node[field] != nothing for node in closures for field, nothing in (fields[node["type"]],))
 
 
-def _key(source: Source) -> tuple[int, ...]:
+def _key(source: Source) -> Key:
     return (source.node.as_pointer(), *(group.as_pointer() for group in source.context))

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from .graph import convert
+from .procedural import TEXTURES
 from .tables import color_ramp, float_curve, rgb_curves
 
 if TYPE_CHECKING:
@@ -345,6 +346,7 @@ def _first_input(what: str) -> Translate:
 
 VALUES: dict[str, Translate] = {
     "ShaderNodeTexImage": _image_texture,
+    **TEXTURES,
     "ShaderNodeTexCoord": _texture_coordinate,
     "ShaderNodeUVMap": _uv_map,
     "ShaderNodeMapping": _simple(

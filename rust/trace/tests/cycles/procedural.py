@@ -1,5 +1,5 @@
-"""Graphs with Blender's procedural textures for `generate.py`, each at points that float arithmetic gives exactly: they are
-snapped to a grid, so that a texture's value is compared and not the rounding of where it is taken.
+"""Graphs with Blender's procedural textures for `generate.py`, each at points that float arithmetic gives exactly: they
+are snapped to a grid, so that a texture's value is compared and not the rounding of where it is taken.
 
 Voronoi textures have other random points from Blender 5.0 on: their cases are named "voronoi pcg", measured there with
 `python generate.py voronoi`. Everything else is as in 4.2 (compared with 5.2)."""
@@ -16,7 +16,9 @@ PROPERTIES = {
     "checker": {},
     "gradient": {"kind": "gradient_type"},
     "white_noise": {"dimensions": "noise_dimensions"},
-    "voronoi": {"dimensions": "voronoi_dimensions", "feature": "feature", "metric": "distance", "normalize": "normalize"},
+    "voronoi": {
+        "dimensions": "voronoi_dimensions", "feature": "feature", "metric": "distance", "normalize": "normalize",
+    },
     "wave": {"kind": "wave_type", "profile": "wave_profile"},
     "magic": {"depth": "turbulence_depth"},
     "brick": {
@@ -28,10 +30,12 @@ NOT_SOCKETS = ("type", "texture", "position", "hash", "direction")
 OUTPUTS = {"factor": "Fac", "color": "Color", "value": "Value", "distance": "Distance", "vector": "Position", "w": "W",
            "radius": "Radius"}  # fmt: skip
 
-NOISE = {"scale": 1.0, "detail": 2.0, "roughness": 0.5, "lacunarity": 2.0, "offset": 0.0, "gain": 1.0, "distortion": 0.0}
+NOISE = {"scale": 1.0, "detail": 2.0, "roughness": 0.5, "lacunarity": 2.0, "offset": 0.0, "gain": 1.0,
+         "distortion": 0.0}  # fmt: skip
 VORONOI = {"scale": 1.0, "detail": 0.0, "roughness": 0.5, "lacunarity": 2.0, "smoothness": 1.0, "exponent": 0.5,
            "randomness": 1.0, "metric": "EUCLIDEAN", "normalize": False, "position": False}  # fmt: skip
-WAVE = {"scale": 0.3, "distortion": 0.0, "detail": 2.0, "detail_scale": 1.0, "detail_roughness": 0.5, "phase_offset": 0.0}
+WAVE = {"scale": 0.3, "distortion": 0.0, "detail": 2.0, "detail_scale": 1.0, "detail_roughness": 0.5,
+        "phase_offset": 0.0}  # fmt: skip
 BRICK = {"scale": 1.0, "mortar_size": 0.1, "mortar_smooth": 0.1, "bias": 0.0, "brick_width": 1.1, "row_height": 0.7,
          "offset": 0.5, "offset_frequency": 2, "squash": 1.0, "squash_frequency": 2,
          "color1": [0.8, 0.3, 0.1], "color2": [0.2, 0.7, 0.9], "mortar": [0.05, 0.04, 0.5]}  # fmt: skip
@@ -52,8 +56,8 @@ def link(node, output):
 
 
 def points(spread, offset=(0.0, 0.0, 0.0)):
-    """Nodes that spread the square's points over `spread` in each direction about the origin, on a grid of 1/64, and then
-    move them by `offset`. The position is the last node's, w that of node 5."""
+    """Nodes that spread the square's points over `spread` in each direction about the origin, on a grid of 1/64, and
+    then move them by `offset`. The position is the last node's, w that of node 5."""
     x, y, z = (0.73 * spread, 0.61 * spread, 0.57 * spread)
     return [
         {"type": "uv_map", "name": "UVMap"},
@@ -66,7 +70,8 @@ def points(spread, offset=(0.0, 0.0, 0.0)):
          "c": [-0.53 * x, -0.47 * y, -1.31 * z], "scale": 1.0},
         {"type": "vector_math", "operation": "SNAP", "a": link(6, "vector"), "b": [0.015625] * 3, "c": [0.0] * 3,
          "scale": 1.0},
-        {"type": "vector_math", "operation": "ADD", "a": link(7, "vector"), "b": list(offset), "c": [0.0] * 3, "scale": 1.0},
+        {"type": "vector_math", "operation": "ADD", "a": link(7, "vector"), "b": list(offset), "c": [0.0] * 3,
+         "scale": 1.0},
     ]  # fmt: skip
 
 
@@ -170,8 +175,9 @@ def voronoi_graphs():
 
 def pattern_graphs():
     start = points(9.0)
-    directions = [("BANDS", d) for d in ("X", "Y", "Z", "DIAGONAL")] + [("RINGS", d) for d in ("X", "Y", "Z", "SPHERICAL")]
-    for kind, direction in directions:
+    bands = [("BANDS", direction) for direction in ("X", "Y", "Z", "DIAGONAL")]
+    rings = [("RINGS", direction) for direction in ("X", "Y", "Z", "SPHERICAL")]
+    for kind, direction in bands + rings:
         for profile in ("SIN", "SAW", "TRI"):
             spec = texture("wave", kind=kind, direction=direction, profile=profile)
             yield f"wave {kind} {direction} {profile}", [*start, {**spec, **WAVE, "phase_offset": 0.4}], "color"
@@ -198,9 +204,10 @@ def coordinate_graphs():
     """Textures without a vector are taken at generated coordinates; heights for bumps at shifted points."""
     noise = {"dimensions": "3D", "kind": "FBM", "normalize": True, "w": 0.0, **NOISE, "scale": 7.3}
     yield "noise generated", [{**texture("noise"), **noise, "vector": None}], "factor"
+    voronoi = {"dimensions": "3D", "feature": "F1", "hash": "jenkins", "w": 0.0, **VORONOI, "scale": 1.3}
     for name, spec, output in (
         ("noise", {**texture("noise"), **noise, "scale": 1.3}, "factor"),
-        ("voronoi", {**texture("voronoi", dimensions="3D", feature="F1", hash="jenkins", w=0.0), **VORONOI, "scale": 1.3}, "distance"),
+        ("voronoi", {**texture("voronoi"), **voronoi}, "distance"),
     ):
         bump = {"type": "bump", "invert": False, "strength": 0.8, "distance": 0.3, "normal": None}
         graph = [{**spec, "vector": None}, {**bump, "height": link(0, output)}]

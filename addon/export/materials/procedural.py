@@ -1,0 +1,97 @@
+"""Blender's procedural textures. Their formulas are the tracer's; here only their settings and sockets are read."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import bpy
+
+if TYPE_CHECKING:
+    from .exporter import Translation
+    from .graph import Source
+    from .values import Translate
+
+OUTPUTS = {
+    "Fac": "factor",
+    "Color": "color",
+    "Value": "value",
+    "Distance": "distance",
+    "Position": "vector",
+    "W": "w",
+    "Radius": "radius",
+}
+"""The tracer's names of output sockets, by identifier."""
+
+
+def _texture(name: str, sockets: str, settings: dict[str, str]) -> Translate:
+    """A texture with the fields `sockets`, named like Blender's sockets, and `settings` as field -> attribute."""
+
+    def translate(t: Translation, source: Source) -> Any:
+        node, output = source.node, OUTPUTS[source.socket.identifier]
+        # A Voronoi texture's position is a node of its own, since a node has four numbers.
+        is_position = name == "voronoi" and output in {"vector", "w"}
+
+        def description() -> dict[str, Any]:
+            _name_mapping(t, node)
+            values = {field: getattr(node, attribute) for field, attribute in settings.items()}
+            if name == "voronoi":
+                values |= {"hash": "pcg" if bpy.app.version >= (5, 0, 0) else "jenkins", "position": is_position}
+            elif name == "wave":
+                values["direction"] = node.bands_direction if node.wave_type == "BANDS" else node.rings_direction
+            for field in sockets.split():
+                values[field] = t.value(node, field.replace("_", " ").title(), source.context)
+            vector = t.value(node, "Vector", source.context, None)
+            return {"type": "procedural", "texture": name, **values, "vector": vector}
+
+        return {"node": t.once(source, description, part="position" if is_position else ""), "output": output}
+
+    return translate
+
+
+def _name_mapping(t: Translation, node: bpy.types.Node) -> None:
+    """White noise has no such mapping."""
+    mapping = getattr(node, "texture_mapping", None)
+    if mapping is None:
+        return
+    axes = (mapping.mapping_x, mapping.mapping_y, mapping.mapping_z)
+    is_changed = any(mapping.translation) or any(mapping.rotation) or any(scale != 1.0 for scale in mapping.scale)
+    if is_changed or axes != ("X", "Y", "Z"):
+        t.name(f"node '{node.name}': the texture mapping in its properties is not supported yet; use a Mapping node")
+
+
+TEXTURES: dict[str, Translate] = {
+    "ShaderNodeTexNoise": _texture(
+        "noise",
+        "w scale detail roughness lacunarity offset gain distortion",
+        {"dimensions": "noise_dimensions", "kind": "noise_type", "normalize": "normalize"},
+    ),
+    "ShaderNodeTexWhiteNoise": _texture("white_noise", "w", {"dimensions": "noise_dimensions"}),
+    "ShaderNodeTexChecker": _texture("checker", "color1 color2 scale", {}),
+    "ShaderNodeTexGradient": _texture("gradient", "", {"kind": "gradient_type"}),
+    "ShaderNodeTexVoronoi": _texture(
+        "voronoi",
+        "w scale detail roughness lacunarity smoothness exponent randomness",
+        {
+            "dimensions": "voronoi_dimensions",
+            "feature": "feature",
+            "metric": "distance",
+            "normalize": "normalize",
+        },
+    ),
+    "ShaderNodeTexWave": _texture(
+        "wave",
+        "scale distortion detail detail_scale detail_roughness phase_offset",
+        {"kind": "wave_type", "profile": "wave_profile"},
+    ),
+    "ShaderNodeTexMagic": _texture("magic", "scale distortion", {"depth": "turbulence_depth"}),
+    "ShaderNodeTexBrick": _texture(
+        "brick",
+        "color1 color2 mortar scale mortar_size mortar_smooth bias brick_width row_height",
+        {
+            "offset": "offset",
+            "offset_frequency": "offset_frequency",
+            "squash": "squash",
+            "squash_frequency": "squash_frequency",
+        },
+    ),
+}
