@@ -39,8 +39,8 @@ pub use obj::{ObjError, UpAxis, load_obj};
 pub use picture_file::{FileColors, PictureFile};
 pub use polygon::{PolygonError, PolygonMesh, PolygonNormals};
 pub use procedural::{
-    Dimensions, GradientKind, Metric, NoiseKind, Procedural, VoronoiFeature, VoronoiHash, WaveDirection,
-    WaveKind, WaveProfile,
+    BrickTexture, Dimensions, GradientKind, Metric, NoiseKind, NoiseTexture, Procedural, VoronoiFeature,
+    VoronoiHash, VoronoiTexture, WaveDirection, WaveKind, WaveProfile, WaveTexture,
 };
 pub use texture::{ColorEncoding, Extension, Interpolation, Texels, Texture};
 pub use validate::Problem;

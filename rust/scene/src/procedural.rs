@@ -108,97 +108,131 @@ pub enum WaveProfile {
     Tri,
 }
 
-/// A procedural texture. Fields carry Blender's socket names. A `vector` of `None` is the generated coordinate.
+/// A Noise Texture node.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[expect(missing_docs, reason = "the sockets and properties of Blender's node")]
+pub struct NoiseTexture {
+    pub dimensions: Dimensions,
+    pub kind: NoiseKind,
+    pub normalize: bool,
+    pub vector: Option<Input>,
+    pub w: Input,
+    pub scale: Input,
+    pub detail: Input,
+    pub roughness: Input,
+    pub lacunarity: Input,
+    pub offset: Input,
+    pub gain: Input,
+    pub distortion: Input,
+}
+
+/// A Voronoi Texture node. Its colour and distance are one node here, the position of the cell's point another.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[expect(missing_docs, reason = "the sockets and properties of Blender's node")]
+pub struct VoronoiTexture {
+    pub dimensions: Dimensions,
+    pub feature: VoronoiFeature,
+    pub metric: Metric,
+    pub hash: VoronoiHash,
+    pub normalize: bool,
+    /// Whether the outputs are vector (Blender's Position) and w, not color and distance.
+    pub position: bool,
+    pub vector: Option<Input>,
+    pub w: Input,
+    pub scale: Input,
+    pub detail: Input,
+    pub roughness: Input,
+    pub lacunarity: Input,
+    pub smoothness: Input,
+    pub exponent: Input,
+    pub randomness: Input,
+}
+
+/// A Wave Texture node.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[expect(missing_docs, reason = "the sockets and properties of Blender's node")]
+pub struct WaveTexture {
+    pub kind: WaveKind,
+    pub direction: WaveDirection,
+    pub profile: WaveProfile,
+    pub vector: Option<Input>,
+    pub scale: Input,
+    pub distortion: Input,
+    pub detail: Input,
+    pub detail_scale: Input,
+    pub detail_roughness: Input,
+    pub phase_offset: Input,
+}
+
+/// A Brick Texture node.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[expect(missing_docs, reason = "the sockets and properties of Blender's node")]
+pub struct BrickTexture {
+    pub offset: f32,
+    pub offset_frequency: u32,
+    pub squash: f32,
+    pub squash_frequency: u32,
+    pub vector: Option<Input>,
+    pub color1: Input,
+    pub color2: Input,
+    pub mortar: Input,
+    pub scale: Input,
+    pub mortar_size: Input,
+    pub mortar_smooth: Input,
+    pub bias: Input,
+    pub brick_width: Input,
+    pub row_height: Input,
+}
+
+/// A procedural texture. Fields carry Blender's socket names; a `vector` of `None` is the generated coordinate. Outputs are
+/// factor and color unless said otherwise.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(tag = "texture", rename_all = "snake_case")]
 #[expect(missing_docs, reason = "the sockets and properties of Blender's nodes of the same name")]
 pub enum Procedural {
-    /// Outputs factor and color.
-    Noise {
-        dimensions: Dimensions,
-        kind: NoiseKind,
-        normalize: bool,
-        vector: Option<Input>,
-        w: Input,
-        scale: Input,
-        detail: Input,
-        roughness: Input,
-        lacunarity: Input,
-        offset: Input,
-        gain: Input,
-        distortion: Input,
-    },
+    Noise(NoiseTexture),
     /// Outputs value and color.
-    WhiteNoise { dimensions: Dimensions, vector: Option<Input>, w: Input },
-    /// Outputs factor and color.
-    Checker { vector: Option<Input>, color1: Input, color2: Input, scale: Input },
-    /// Outputs factor and color.
-    Gradient { kind: GradientKind, vector: Option<Input> },
-    /// Outputs distance and color, or vector (the position of the cell's point) and w if `position`; for
-    /// [`VoronoiFeature::NSphereRadius`] radius.
-    Voronoi {
+    WhiteNoise {
         dimensions: Dimensions,
-        feature: VoronoiFeature,
-        metric: Metric,
-        hash: VoronoiHash,
-        normalize: bool,
-        position: bool,
         vector: Option<Input>,
         w: Input,
-        scale: Input,
-        detail: Input,
-        roughness: Input,
-        lacunarity: Input,
-        smoothness: Input,
-        exponent: Input,
-        randomness: Input,
     },
-    /// Outputs factor and color.
-    Wave {
-        kind: WaveKind,
-        direction: WaveDirection,
-        profile: WaveProfile,
-        vector: Option<Input>,
-        scale: Input,
-        distortion: Input,
-        detail: Input,
-        detail_scale: Input,
-        detail_roughness: Input,
-        phase_offset: Input,
-    },
-    /// Outputs factor and color.
-    Magic { depth: u32, vector: Option<Input>, scale: Input, distortion: Input },
-    /// Outputs factor (1 on mortar) and color.
-    Brick {
-        offset: f32,
-        offset_frequency: u32,
-        squash: f32,
-        squash_frequency: u32,
+    /// The factor is 1 where the first colour is shown.
+    Checker {
         vector: Option<Input>,
         color1: Input,
         color2: Input,
-        mortar: Input,
         scale: Input,
-        mortar_size: Input,
-        mortar_smooth: Input,
-        bias: Input,
-        brick_width: Input,
-        row_height: Input,
     },
+    Gradient {
+        kind: GradientKind,
+        vector: Option<Input>,
+    },
+    /// Outputs distance and color, or vector and w if `position`; for [`VoronoiFeature::NSphereRadius`] radius.
+    Voronoi(VoronoiTexture),
+    Wave(WaveTexture),
+    Magic {
+        depth: u32,
+        vector: Option<Input>,
+        scale: Input,
+        distortion: Input,
+    },
+    /// The factor is 1 on mortar.
+    Brick(BrickTexture),
 }
 
 impl Procedural {
     /// Where the texture is taken; `None` is the generated coordinate.
     pub fn vector(&self) -> &Option<Input> {
         match self {
-            Self::Noise { vector, .. }
+            Self::Noise(NoiseTexture { vector, .. })
             | Self::WhiteNoise { vector, .. }
             | Self::Checker { vector, .. }
             | Self::Gradient { vector, .. }
-            | Self::Voronoi { vector, .. }
-            | Self::Wave { vector, .. }
+            | Self::Voronoi(VoronoiTexture { vector, .. })
+            | Self::Wave(WaveTexture { vector, .. })
             | Self::Magic { vector, .. }
-            | Self::Brick { vector, .. } => vector,
+            | Self::Brick(BrickTexture { vector, .. }) => vector,
         }
     }
 
@@ -209,74 +243,97 @@ impl Procedural {
             inputs.iter_mut().for_each(|input| visit(input));
         };
         match self {
-            Self::Noise {
-                dimensions: _,
-                kind: _,
-                normalize: _,
-                vector,
-                w,
-                scale,
-                detail,
-                roughness,
-                lacunarity,
-                offset,
-                gain,
-                distortion,
-            } => all(vector, &mut [w, scale, detail, roughness, lacunarity, offset, gain, distortion]),
+            Self::Noise(t) => {
+                let octaves =
+                    [&mut t.detail, &mut t.roughness, &mut t.lacunarity, &mut t.offset, &mut t.gain];
+                all(&mut t.vector, &mut [&mut t.w, &mut t.scale, &mut t.distortion]);
+                octaves.into_iter().for_each(visit);
+            }
             Self::WhiteNoise { dimensions: _, vector, w } => all(vector, &mut [w]),
             Self::Checker { vector, color1, color2, scale } => all(vector, &mut [color1, color2, scale]),
             Self::Gradient { kind: _, vector } => all(vector, &mut []),
-            Self::Voronoi {
-                dimensions: _,
-                feature: _,
-                metric: _,
-                hash: _,
-                normalize: _,
-                position: _,
-                vector,
-                w,
-                scale,
-                detail,
-                roughness,
-                lacunarity,
-                smoothness,
-                exponent,
-                randomness,
-            } => {
-                all(vector, &mut [w, scale, detail, roughness, lacunarity, smoothness, exponent, randomness])
+            Self::Voronoi(t) => {
+                let octaves = [&mut t.detail, &mut t.roughness, &mut t.lacunarity];
+                all(
+                    &mut t.vector,
+                    &mut [&mut t.w, &mut t.scale, &mut t.smoothness, &mut t.exponent, &mut t.randomness],
+                );
+                octaves.into_iter().for_each(visit);
             }
-            Self::Wave {
-                kind: _,
-                direction: _,
-                profile: _,
-                vector,
-                scale,
-                distortion,
-                detail,
-                detail_scale,
-                detail_roughness,
-                phase_offset,
-            } => all(vector, &mut [scale, distortion, detail, detail_scale, detail_roughness, phase_offset]),
+            Self::Wave(t) => {
+                let octaves = [&mut t.detail, &mut t.detail_scale, &mut t.detail_roughness];
+                all(&mut t.vector, &mut [&mut t.scale, &mut t.distortion, &mut t.phase_offset]);
+                octaves.into_iter().for_each(visit);
+            }
             Self::Magic { depth: _, vector, scale, distortion } => all(vector, &mut [scale, distortion]),
-            Self::Brick {
-                offset: _,
-                offset_frequency: _,
-                squash: _,
-                squash_frequency: _,
-                vector,
-                color1,
-                color2,
-                mortar,
-                scale,
-                mortar_size,
-                mortar_smooth,
-                bias,
-                brick_width,
-                row_height,
-            } => {
-                all(vector, &mut [color1, color2, mortar, scale, mortar_size, mortar_smooth]);
-                all(&mut None, &mut [bias, brick_width, row_height]);
+            Self::Brick(t) => {
+                let mortar = [&mut t.mortar, &mut t.mortar_size, &mut t.mortar_smooth];
+                all(
+                    &mut t.vector,
+                    &mut [
+                        &mut t.color1,
+                        &mut t.color2,
+                        &mut t.scale,
+                        &mut t.bias,
+                        &mut t.brick_width,
+                        &mut t.row_height,
+                    ],
+                );
+                mortar.into_iter().for_each(visit);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::{Value, json};
+
+    use super::*;
+    use crate::{NodeId, Output};
+
+    /// Every socket of a texture, made a link to a node of its own in JSON, is visited once: a forgotten one would be
+    /// left out of what is evaluated.
+    #[track_caller]
+    fn assert_visits_all(settings: Value, sockets: &str) {
+        let mut value = settings;
+        let sockets: Vec<&str> = sockets.split(' ').collect();
+        for (node, socket) in sockets.iter().enumerate() {
+            value[*socket] = json!({ "node": node, "output": "value" });
+        }
+        let mut texture: Procedural = serde_json::from_value(value).expect("a texture");
+        let mut visited = Vec::new();
+        texture.for_each_input(|input| {
+            if let Input::Link { node, output: Output::Value } = input {
+                visited.push(*node);
+            }
+        });
+        visited.sort_unstable();
+        assert_eq!(visited, (0..sockets.len() as NodeId).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn every_socket_is_visited() {
+        assert_visits_all(
+            json!({"texture": "noise", "dimensions": "4D", "kind": "FBM", "normalize": true}),
+            "vector w scale detail roughness lacunarity offset gain distortion",
+        );
+        assert_visits_all(json!({"texture": "white_noise", "dimensions": "1D"}), "vector w");
+        assert_visits_all(json!({"texture": "checker"}), "vector color1 color2 scale");
+        assert_visits_all(json!({"texture": "gradient", "kind": "QUADRATIC_SPHERE"}), "vector");
+        assert_visits_all(
+            json!({"texture": "voronoi", "dimensions": "2D", "feature": "SMOOTH_F1", "metric": "MINKOWSKI",
+                   "hash": "pcg", "normalize": false, "position": false}),
+            "vector w scale detail roughness lacunarity smoothness exponent randomness",
+        );
+        assert_visits_all(
+            json!({"texture": "wave", "kind": "RINGS", "direction": "SPHERICAL", "profile": "SAW"}),
+            "vector scale distortion detail detail_scale detail_roughness phase_offset",
+        );
+        assert_visits_all(json!({"texture": "magic", "depth": 2}), "vector scale distortion");
+        assert_visits_all(
+            json!({"texture": "brick", "offset": 0.5, "offset_frequency": 2, "squash": 1.0, "squash_frequency": 2}),
+            "vector color1 color2 mortar scale mortar_size mortar_smooth bias brick_width row_height",
+        );
     }
 }

@@ -1,11 +1,11 @@
 """Measures closures and node values in Cycles and writes them beside this file, for `cycles_reference.rs`.
 
 Run with a Python that has the `bpy` module: `python generate.py`, or `python generate.py noise voronoi` for the cases
-alone whose names begin with one of these words; the others are kept. A square of side 2 lies in the plane z = 0 about the
-origin, its UV map is (x + 1) / 2, (y + 1) / 2. An orthographic camera looks at it along `direction`. For closures, the
-world's radiance is a polynomial of the direction, see `WORLD`, and the mean over the square is recorded. For values,
-the nodes' result is emitted and recorded at the centres of 4 x 4 pixels seen from above, of 6 x 6 for procedural
-textures; some read a 4 x 4 image.
+alone whose names begin with one of these words; the others are kept. A square of side 2 lies in the plane z = 0 about
+the origin, its UV map is (x + 1) / 2, (y + 1) / 2. An orthographic camera looks at it along `direction`. For closures,
+the world's radiance is a polynomial of the direction, see `WORLD`, and the mean over the square is recorded. For
+values, the nodes' result is emitted and recorded at the centres of 4 x 4 pixels seen from above, of 6 x 6 for
+procedural textures; some read a 4 x 4 image.
 """
 
 import json

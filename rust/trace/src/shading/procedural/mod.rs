@@ -8,7 +8,7 @@ mod patterns;
 mod voronoi;
 
 use glam::{Vec3, Vec4};
-use relume_scene::{Dimensions, Procedural};
+use relume_scene::{BrickTexture, Dimensions, NoiseTexture, Procedural, VoronoiTexture, WaveTexture};
 
 use super::values::Inputs;
 use hash::random_color;
@@ -20,15 +20,15 @@ use voronoi::Voronoi;
 const MAX_DETAIL: f32 = 15.0;
 
 /// A texture at the point `at`, in four numbers: colour in xyz, and in w factor, distance or radius; see
-/// [`Procedural::Voronoi`] for positions. Colours may be left out, but for their red, unless `colored`.
+/// [`VoronoiTexture`] for positions. Colours may be left out, but for their red, unless `colored`.
 pub fn evaluate(texture: &Procedural, at: Vec3, inputs: &impl Inputs, colored: bool) -> Vec4 {
     let float = |input| inputs.float(input);
     let color = |input| inputs.vector(input);
     match texture {
-        Procedural::Noise { .. } => noise(texture, at, inputs, colored),
-        Procedural::Voronoi { .. } => voronoi(texture, at, inputs, colored),
-        Procedural::Wave { .. } => wave(texture, at, inputs),
-        Procedural::Brick { .. } => brick(texture, at, inputs),
+        Procedural::Noise(texture) => noise(texture, at, inputs, colored),
+        Procedural::Voronoi(texture) => voronoi(texture, at, inputs, colored),
+        Procedural::Wave(texture) => wave(texture, at, inputs),
+        Procedural::Brick(texture) => brick(texture, at, inputs),
         Procedural::WhiteNoise { dimensions, w, .. } => {
             let Vec3 { x, y, z } = at;
             let color = match dimensions {
@@ -50,150 +50,84 @@ pub fn evaluate(texture: &Procedural, at: Vec3, inputs: &impl Inputs, colored: b
     }
 }
 
-fn noise(texture: &Procedural, at: Vec3, inputs: &impl Inputs, colored: bool) -> Vec4 {
-    let Procedural::Noise {
-        dimensions,
-        kind,
-        normalize,
-        vector: _,
-        w,
-        scale,
-        detail,
-        roughness,
-        lacunarity,
-        offset,
-        gain,
-        distortion,
-    } = texture
-    else {
-        return Vec4::ZERO;
-    };
+fn noise(texture: &NoiseTexture, at: Vec3, inputs: &impl Inputs, colored: bool) -> Vec4 {
     let float = |input| inputs.float(input);
     let octaves = Octaves {
-        kind: *kind,
-        normalize: *normalize,
-        detail: float(detail).clamp(0.0, MAX_DETAIL),
-        roughness: float(roughness).max(0.0),
-        lacunarity: float(lacunarity),
-        offset: float(offset),
-        gain: float(gain),
+        kind: texture.kind,
+        normalize: texture.normalize,
+        detail: float(&texture.detail).clamp(0.0, MAX_DETAIL),
+        roughness: float(&texture.roughness).max(0.0),
+        lacunarity: float(&texture.lacunarity),
+        offset: float(&texture.offset),
+        gain: float(&texture.gain),
     };
-    let (scale, distortion) = (float(scale), float(distortion));
+    let (scale, distortion) = (float(&texture.scale), float(&texture.distortion));
     let Vec3 { x, y, z } = at * scale;
-    match dimensions {
-        Dimensions::One => noise::texture([float(w) * scale], &octaves, distortion, colored),
+    match texture.dimensions {
+        Dimensions::One => noise::texture([float(&texture.w) * scale], &octaves, distortion, colored),
         Dimensions::Two => noise::texture([x, y], &octaves, distortion, colored),
         Dimensions::Three => noise::texture([x, y, z], &octaves, distortion, colored),
-        Dimensions::Four => noise::texture([x, y, z, float(w) * scale], &octaves, distortion, colored),
+        Dimensions::Four => {
+            noise::texture([x, y, z, float(&texture.w) * scale], &octaves, distortion, colored)
+        }
     }
 }
 
-fn voronoi(texture: &Procedural, at: Vec3, inputs: &impl Inputs, colored: bool) -> Vec4 {
-    let Procedural::Voronoi {
-        dimensions,
-        feature,
-        metric,
-        hash,
-        normalize,
-        position,
-        vector: _,
-        w,
-        scale,
-        detail,
-        roughness,
-        lacunarity,
-        smoothness,
-        exponent,
-        randomness,
-    } = texture
-    else {
-        return Vec4::ZERO;
-    };
+fn voronoi(texture: &VoronoiTexture, at: Vec3, inputs: &impl Inputs, colored: bool) -> Vec4 {
     let float = |input| inputs.float(input);
-    let scale = float(scale);
+    let scale = float(&texture.scale);
     let voronoi = Voronoi {
-        feature: *feature,
-        metric: *metric,
-        hash: *hash,
-        normalize: *normalize,
-        position: *position,
+        feature: texture.feature,
+        metric: texture.metric,
+        hash: texture.hash,
+        normalize: texture.normalize,
+        position: texture.position,
         colored,
         scale,
-        detail: float(detail).clamp(0.0, MAX_DETAIL),
-        roughness: float(roughness).clamp(0.0, 1.0),
-        lacunarity: float(lacunarity),
-        smoothness: (float(smoothness) * 0.5).clamp(0.0, 0.5),
-        exponent: float(exponent),
-        randomness: float(randomness).clamp(0.0, 1.0),
+        detail: float(&texture.detail).clamp(0.0, MAX_DETAIL),
+        roughness: float(&texture.roughness).clamp(0.0, 1.0),
+        lacunarity: float(&texture.lacunarity),
+        smoothness: (float(&texture.smoothness) * 0.5).clamp(0.0, 0.5),
+        exponent: float(&texture.exponent),
+        randomness: float(&texture.randomness).clamp(0.0, 1.0),
     };
     let Vec3 { x, y, z } = at * scale;
-    match dimensions {
-        Dimensions::One => voronoi.evaluate([float(w) * scale]),
+    match texture.dimensions {
+        Dimensions::One => voronoi.evaluate([float(&texture.w) * scale]),
         Dimensions::Two => voronoi.evaluate([x, y]),
         Dimensions::Three => voronoi.evaluate([x, y, z]),
-        Dimensions::Four => voronoi.evaluate([x, y, z, float(w) * scale]),
+        Dimensions::Four => voronoi.evaluate([x, y, z, float(&texture.w) * scale]),
     }
 }
 
-fn wave(texture: &Procedural, at: Vec3, inputs: &impl Inputs) -> Vec4 {
-    let Procedural::Wave {
-        kind,
-        direction,
-        profile,
-        vector: _,
-        scale,
-        distortion,
-        detail,
-        detail_scale,
-        detail_roughness,
-        phase_offset,
-    } = texture
-    else {
-        return Vec4::ZERO;
-    };
+fn wave(texture: &WaveTexture, at: Vec3, inputs: &impl Inputs) -> Vec4 {
     let float = |input| inputs.float(input);
     let distortion = Distortion {
-        strength: float(distortion),
-        scale: float(detail_scale),
-        octaves: Octaves::doubling(float(detail).clamp(0.0, MAX_DETAIL), float(detail_roughness).max(0.0)),
+        strength: float(&texture.distortion),
+        scale: float(&texture.detail_scale),
+        octaves: Octaves::doubling(
+            float(&texture.detail).clamp(0.0, MAX_DETAIL),
+            float(&texture.detail_roughness).max(0.0),
+        ),
     };
-    let shape = (*kind, *direction, *profile);
-    Vec4::splat(patterns::wave(shape, at * float(scale), float(phase_offset), &distortion))
+    let shape = (texture.kind, texture.direction, texture.profile);
+    Vec4::splat(patterns::wave(shape, at * float(&texture.scale), float(&texture.phase_offset), &distortion))
 }
 
-fn brick(texture: &Procedural, at: Vec3, inputs: &impl Inputs) -> Vec4 {
-    let Procedural::Brick {
-        offset,
-        offset_frequency,
-        squash,
-        squash_frequency,
-        vector: _,
-        color1,
-        color2,
-        mortar,
-        scale,
-        mortar_size,
-        mortar_smooth,
-        bias,
-        brick_width,
-        row_height,
-    } = texture
-    else {
-        return Vec4::ZERO;
-    };
+fn brick(texture: &BrickTexture, at: Vec3, inputs: &impl Inputs) -> Vec4 {
     let float = |input| inputs.float(input);
     let bricks = Bricks {
-        width: float(brick_width),
-        row_height: float(row_height),
-        offset: *offset,
-        offset_frequency: *offset_frequency,
-        squash: *squash,
-        squash_frequency: *squash_frequency,
-        mortar_size: float(mortar_size),
-        mortar_smooth: float(mortar_smooth),
-        bias: float(bias),
+        width: float(&texture.brick_width),
+        row_height: float(&texture.row_height),
+        offset: texture.offset,
+        offset_frequency: texture.offset_frequency,
+        squash: texture.squash,
+        squash_frequency: texture.squash_frequency,
+        mortar_size: float(&texture.mortar_size),
+        mortar_smooth: float(&texture.mortar_smooth),
+        bias: float(&texture.bias),
     };
-    let (tint, factor) = bricks.tint_and_mortar((at * float(scale)).truncate());
-    let brick = inputs.vector(color1).lerp(inputs.vector(color2), tint);
-    brick.lerp(inputs.vector(mortar), factor).extend(factor)
+    let (tint, factor) = bricks.tint_and_mortar((at * float(&texture.scale)).truncate());
+    let brick = inputs.vector(&texture.color1).lerp(inputs.vector(&texture.color2), tint);
+    brick.lerp(inputs.vector(&texture.mortar), factor).extend(factor)
 }

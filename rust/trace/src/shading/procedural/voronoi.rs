@@ -250,25 +250,23 @@ impl Voronoi {
 
     /// Visits all cells at most `REACH` away, the first axis fastest.
     #[inline(always)]
-    fn for_each_cell<const REACH: usize, const N: usize>(
+    fn for_each_cell<const REACH: i32, const N: usize>(
         &self,
         middle: [f32; N],
         mut visit: impl FnMut(Candidate<N>),
     ) {
-        let side = 2 * REACH + 1;
-        let mut digits = [0; N];
-        for _ in 0..side.pow(N as u32) {
-            let offset = digits.map(|digit| digit as f32 - REACH as f32);
-            let cell = add(middle, offset);
-            let point = self.point(cell);
-            let position = std::array::from_fn(|i| offset[i] + point[i] * self.randomness);
-            visit(Candidate { cell, position });
-            for digit in &mut digits {
-                *digit += 1;
-                if *digit < side {
-                    break;
+        let along = |axis: usize| if axis < N { -REACH..=REACH } else { 0..=0 };
+        for w in along(3) {
+            for z in along(2) {
+                for y in along(1) {
+                    for x in along(0) {
+                        let steps = [x, y, z, w];
+                        let offset = std::array::from_fn(|i| steps[i] as f32);
+                        let cell = add(middle, offset);
+                        let position = add(offset, scale(self.point(cell), self.randomness));
+                        visit(Candidate { cell, position });
+                    }
                 }
-                *digit = 0;
             }
         }
     }
