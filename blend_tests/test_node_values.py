@@ -218,3 +218,12 @@ def test_a_uv_map_by_its_name_as_attribute_matches_cycles(scene, emitter, tmp_pa
     node.attribute_name = "UVMap"
     tree.links.new(node.outputs["Vector"], emission.inputs["Strength"])
     assert_equal(scene, tmp_path)
+
+
+def test_generated_coordinates_are_those_before_modifiers(scene, emitter, tmp_path):
+    tree, coordinates, emission = emitter
+    plane = bpy.data.objects["Plane"]
+    modifier = plane.modifiers.new("Smooth", "SUBSURF")
+    modifier.levels = modifier.render_levels = 2
+    tree.links.new(coordinates.outputs["Generated"], emission.inputs["Color"])
+    assert_equal(scene, tmp_path)

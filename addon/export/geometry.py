@@ -63,6 +63,8 @@ def mesh_arrays(mesh: bpy.types.Mesh, asked: Collection[str] = ()) -> dict[str, 
             for layer in sorted(mesh.uv_layers, key=lambda layer: not layer.active_render)
         },
     }
+    # Centre and half size, so that generated coordinates are Cycles' after a modifier changed the mesh.
+    arrays["texture_space"] = [list(mesh.texspace_location), list(mesh.texspace_size)]
     arrays["color_attributes"] = _color_attributes(mesh, arrays["corner_verts"])
     for name in sorted(set(asked) - arrays["color_attributes"].keys()):
         attribute = mesh.attributes.get(name)

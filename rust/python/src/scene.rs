@@ -56,7 +56,7 @@ impl PySceneBuilder {
     }
 
     #[pyo3(signature = (name, positions, corner_verts, face_starts, *, vertex_normals=None, corner_normals=None,
-        sharp_faces=None, uv_maps=None, color_attributes=None, material_slots=None))]
+        sharp_faces=None, uv_maps=None, color_attributes=None, material_slots=None, texture_space=None))]
     fn add_mesh(
         &mut self,
         py: Python<'_>,
@@ -70,6 +70,7 @@ impl PySceneBuilder {
         uv_maps: Option<&Bound<'_, PyDict>>,
         color_attributes: Option<&Bound<'_, PyDict>>,
         material_slots: Option<&Bound<'_, PyAny>>,
+        texture_space: Option<[[f32; 3]; 2]>,
     ) -> PyResult<usize> {
         let positions = Array::<f32>::borrow("positions", positions)?;
         let corner_verts = Array::<i32>::borrow("corner_verts", corner_verts)?;
@@ -96,7 +97,8 @@ impl PySceneBuilder {
             color_attributes: regrouped::<[f32; 4]>(&colors)?,
             material_slots: material_slots.as_ref().map_or(Ok(&[][..]), Array::cast)?,
         };
-        let mesh = enter_native(py, || polygons.triangulate())?;
+        let mut mesh = enter_native(py, || polygons.triangulate())?;
+        mesh.texture_space = texture_space.map(|space| space.map(Vec3::from));
         enter_native(py, || self.builder.add_mesh(mesh))
     }
 

@@ -42,6 +42,7 @@ fn hash_mesh(hasher: &mut Hasher, mesh: &Mesh) {
     bytes(hasher, cast_slice(&mesh.triangles));
     bytes(hasher, cast_slice(&mesh.corner_normals));
     bytes(hasher, cast_slice(&mesh.material_slots));
+    bytes(hasher, cast_slice(mesh.texture_space.as_slice()));
     for map in &mesh.uv_maps {
         bytes(hasher, map.name.as_bytes());
         bytes(hasher, cast_slice(&map.coords));
@@ -94,7 +95,7 @@ mod tests {
 
     #[test]
     fn everything_that_changes_paths_changes_the_hash() {
-        let changes: [fn(&mut Scene); 7] = [
+        let changes: [fn(&mut Scene); 8] = [
             |scene| scene.meshes[0].positions[0].x = 1.000_001,
             |scene| scene.instances[0].world_from_object.translation.y = 1e-6,
             |scene| scene.instances[0].visible_glossy = false,
@@ -102,6 +103,7 @@ mod tests {
             |scene| scene.world.color[2] = 0.5,
             |scene| scene.materials.push(crate::Material::default()),
             |scene| scene.meshes[0].corner_normals.push(Vec3::ONE),
+            |scene| scene.meshes[0].texture_space = Some([Vec3::ZERO, Vec3::ONE]),
         ];
         let mut hashes: Vec<String> = vec![scene().hash()];
         for change in changes {

@@ -17,6 +17,9 @@ pub struct Mesh {
     pub color_attributes: Vec<ColorAttribute>,
     /// Material slot of each triangle, an index into [`Instance::materials`]; empty if all are slot 0.
     pub material_slots: Vec<u16>,
+    /// Centre and half size of the box of generated coordinates (Blender's texture space); that of the positions if
+    /// there is none. Modifiers leave it as it was without them.
+    pub texture_space: Option<[Vec3; 2]>,
 }
 
 /// A named set of texture coordinates.

@@ -122,8 +122,7 @@ fn mesh(model: &tobj::Model, up: UpAxis) -> Mesh {
         } else {
             Vec::new()
         },
-        color_attributes: Vec::new(),
-        material_slots: Vec::new(),
+        ..Mesh::default()
     }
 }
 

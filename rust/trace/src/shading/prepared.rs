@@ -15,7 +15,7 @@ pub struct PreparedMaterials {
     graphs: Vec<Graph>,
     pub(super) textures: Vec<PreparedTexture>,
     transforms: Vec<Transforms>,
-    /// Lower corner and size of each mesh's bounding box.
+    /// Lower corner and size of the box of each mesh's generated coordinates.
     pub(super) bounds: Vec<(Vec3, Vec3)>,
     attributes: Vec<Attributes>,
 }
@@ -196,6 +196,9 @@ impl PreparedMaterials {
 }
 
 fn bounds(mesh: &Mesh) -> (Vec3, Vec3) {
+    if let Some([center, half]) = mesh.texture_space {
+        return (center - half, half * 2.0);
+    }
     let min = mesh.positions.iter().copied().fold(Vec3::INFINITY, Vec3::min);
     let max = mesh.positions.iter().copied().fold(Vec3::NEG_INFINITY, Vec3::max);
     (min, max - min)
