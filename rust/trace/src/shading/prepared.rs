@@ -195,13 +195,14 @@ impl PreparedMaterials {
     }
 }
 
+/// Lower corner and size of the box of generated coordinates. Of a mesh that lies in the box's middle plane the size is 0:
+/// its points are in the middle, whatever their position was rounded to.
 fn bounds(mesh: &Mesh) -> (Vec3, Vec3) {
-    if let Some([center, half]) = mesh.texture_space {
-        return (center - half, half * 2.0);
-    }
     let min = mesh.positions.iter().copied().fold(Vec3::INFINITY, Vec3::min);
     let max = mesh.positions.iter().copied().fold(Vec3::NEG_INFINITY, Vec3::max);
-    (min, max - min)
+    let Some([center, half]) = mesh.texture_space else { return (min, max - min) };
+    let in_middle = min.cmpeq(center) & max.cmpeq(center);
+    (center - half, Vec3::select(in_middle, Vec3::ZERO, half * 2.0))
 }
 
 /// Finds named attributes; the empty name is the first one.
@@ -224,4 +225,19 @@ fn find_attributes(mesh: &Mesh, names: &Names) -> Attributes {
         .map(|name| find(name, &mut mesh.color_attributes.iter().map(|attribute| &attribute.name)))
         .collect();
     Attributes { uv_maps, tangents, colors }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn flat_meshes_lie_in_the_middle_of_their_texture_space() {
+        let positions = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
+        let texture_space = Some([Vec3::new(0.0, 0.5, 0.0), Vec3::new(2.0, 0.5, 1.0)]);
+        let mesh = Mesh { positions, texture_space, ..Mesh::default() };
+        assert_eq!(bounds(&mesh), (Vec3::new(-2.0, 0.0, -1.0), Vec3::new(4.0, 1.0, 0.0)));
+        let boxed = Mesh { texture_space: None, ..mesh };
+        assert_eq!(bounds(&boxed), (Vec3::ZERO, Vec3::new(1.0, 1.0, 0.0)));
+    }
 }
