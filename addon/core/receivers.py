@@ -38,7 +38,8 @@ def _names(numbers: list[int], objects: list[str]) -> dict[str, list[str]]:
     known = set(numbers)
     lit = [name for place, name in enumerate(objects) if min(place, RECEIVER_LIMIT - 1) in known]
     dark = [name for place, name in enumerate(objects) if min(place, RECEIVER_LIMIT - 1) not in known]
-    return {"names": lit} if len(lit) < len(dark) else {"all_but": dark}
+    # Where nothing is dark the objects were listed one by one.
+    return {"names": lit} if len(lit) < len(dark) or not dark else {"all_but": dark}
 
 
 def _numbers(linked: dict[str, list[str]], objects: list[str]) -> dict[str, list[int]]:
