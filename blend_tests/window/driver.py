@@ -276,7 +276,8 @@ class Driver:
         yield from self.move_mouse(0, 0)
         yield from self.wait(10 * INTERVAL)
         seen = []
-        for scroll in (-100_000, *[region.height // 2] * 3):
+        # Twice, as what has just grown lets itself be scrolled only when it was drawn.
+        for scroll in 2 * (-100_000, *[region.height // 2] * 3):
             yield from self.scroll_tab(scroll)
             for y in range(region.y + region.height - ROW_PIXELS, region.y, -ROW_PIXELS):
                 yield from self.move_mouse(region.x + across * region.width, y)
