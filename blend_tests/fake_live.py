@@ -22,6 +22,7 @@ class FakeLive:
             "stage": None,
             "samples": 0,
             "samples_total": 0,
+            "world_color": None,
             "proxies": {},
             "device": "CPU, 2 threads",
             "warnings": [],

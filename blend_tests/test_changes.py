@@ -328,6 +328,15 @@ def test_a_brighter_world_is_relit_and_no_change(baked):
     assert live.requests[-1]["world"] == pytest.approx([1.5, 3.0, 6.0])
 
 
+def test_a_bake_that_was_begun_under_a_darker_world_is_relit_as_the_present_one(baked):
+    live = FakeLive.made[-1]
+    live.tell(world_color=[0.25, 0.5, 0.5])
+    assert said(baked) == []
+    handlers.changed(baked)
+    assert live.requests[-1]["world"] == pytest.approx([2.0, 1.0, 1.0])
+    assert shot.of(baked).changes.of_bake()["world"]["color"] == "0.25 0.5 0.5"
+
+
 @pytest.fixture
 def under_sky(lit, monkeypatch):
     """A bake under a sky that an empty turns, which nobody renders."""

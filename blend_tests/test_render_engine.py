@@ -20,7 +20,7 @@ from addon.ui import rows
 from addon.viewport import rendered
 from addon.viewport.camera_frame import Rectangle
 from exr import read_exr
-from helpers import add_light, add_material, add_quad, instance_linked_light
+from helpers import add_light, add_material, add_quad, add_world, instance_linked_light
 
 
 @pytest.fixture
@@ -64,6 +64,11 @@ def passes_of(path):
     }
 
 
+def shards(folder):
+    """When each shard of a bake was written."""
+    return {path: path.stat().st_mtime_ns for path in folder.rglob("*.safetensors")}
+
+
 def relit(scene, tmp_path, lights=None):
     """What `relume relight` computes for the lights of the open file."""
     return relume.Relighter(tmp_path / "bake").relight(lights or load_scene(scene).lights())
@@ -71,11 +76,11 @@ def relit(scene, tmp_path, lights=None):
 
 def test_a_render_is_what_relight_makes_of_the_present_lights(shot, tmp_path):
     first = render(shot, tmp_path)
-    bake = {path: path.stat().st_mtime_ns for path in (tmp_path / "bake").rglob("*.safetensors")}
+    bake = shards(tmp_path / "bake")
     assert bake
     bpy.data.lights["Key"].energy *= 2.0
     second, expected = render(shot, tmp_path), relit(shot, tmp_path)
-    assert bake == {path: path.stat().st_mtime_ns for path in (tmp_path / "bake").rglob("*.safetensors")}
+    assert bake == shards(tmp_path / "bake")
     assert (second["Combined"][..., :3] == expected["combined"]).all()
     assert (second["Combined"][..., 3:] == expected["alpha"]).all()
     assert (second["Combined_Key"] == expected["lights"]["Key"]).all()
@@ -104,6 +109,19 @@ def test_the_rows_are_in_the_render(shot, tmp_path):
     assert mixed["Combined_Key"] == pytest.approx(2.0 * plain["Combined_Key"], rel=1e-6)
     assert (mixed["Combined_Rim_001"] == 0.0).all()
     assert mixed["Combined"][..., :3] == pytest.approx(mixed["Combined_Key"], rel=1e-6)
+
+
+def test_a_brighter_world_needs_no_new_bake(shot, tmp_path):
+    background = add_world(shot, color=(0.2, 0.4, 0.4), strength=0.5)
+    first, bake = render(shot, tmp_path), shards(tmp_path / "bake")
+    background.inputs["Strength"].default_value = 1.5
+    background.inputs["Color"].default_value = (0.2, 0.2, 0.4, 1.0)
+    second = render(shot, tmp_path)
+    assert shards(tmp_path / "bake") == bake
+    assert first["world"].mean() > 0.01
+    assert second["world"] == pytest.approx(first["world"] * [3.0, 1.5, 3.0], rel=1e-5)
+    total = sum(second[name] for name in ("static", "world", "Combined_Key", "Combined_Rim_001"))
+    assert second["Combined"][..., :3] == pytest.approx(total, rel=1e-5)
 
 
 def test_the_passes_add_up(shot, tmp_path):

@@ -60,7 +60,16 @@ def world_gain(baked: Print | None, present: Print | None) -> list[float] | None
     """What the baked light of the world is to be multiplied by, where only its colour changed; else None."""
     if not baked or not present or baked.get("shape") != present.get("shape"):
         return None
-    before, now = ([float(channel) for channel in side["color"].split()] for side in (baked, present))
+    return gain_between(*([float(channel) for channel in side["color"].split()] for side in (baked, present)))
+
+
+def color_text(color: Iterable[float]) -> str:
+    """A colour as it is in a print."""
+    return " ".join(f"{channel:.9g}" for channel in color)
+
+
+def gain_between(before: list[float], now: list[float]) -> list[float] | None:
+    """What turns one colour into the other; None where a channel comes out of nothing."""
     if any(old <= 0.0 < new for old, new in zip(before, now, strict=True)):
         return None
     return [new / old if old > 0.0 else 0.0 for old, new in zip(before, now, strict=True)]

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import bpy
 
-from ..core.differences import EDITED, Print, sentences, world_gain
+from ..core.differences import EDITED, Print, color_text, sentences, world_gain
 from . import prints
 
 WHOLE_SCENE = 200
@@ -23,6 +23,8 @@ class Changes:
         """Whether the prints of the bake are being taken."""
         self.baked: dict[str, Print] = baked or {}
         self.present: dict[str, Print] = {}
+        self.world_color: list[float] | None = None
+        """Of the world that the bake is of, where the bake says so: it may have been begun before the recording."""
         self.sentences: list[str] = []
         """What has changed, for the artist."""
         self._different: dict[str, None] = {}
@@ -90,7 +92,13 @@ class Changes:
 
     def world_gain(self) -> list[float]:
         """Factor on the baked light of the world, where it only became brighter, darker or of another colour."""
-        return world_gain(self.baked.get("world"), self.present.get("world")) or [1.0, 1.0, 1.0]
+        return world_gain(self.of_bake().get("world"), self.present.get("world")) or [1.0, 1.0, 1.0]
+
+    def of_bake(self) -> dict[str, Print]:
+        """The prints of the bake."""
+        if self.world_color is None or "world" not in self.baked:
+            return self.baked
+        return self.baked | {"world": self.baked["world"] | {"color": color_text(self.world_color)}}
 
     def look(self, scene: bpy.types.Scene, seconds: float) -> bool:
         """Takes prints for about so long. Whether the sentences are other ones now."""

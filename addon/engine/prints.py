@@ -16,7 +16,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..core.differences import Print
+from ..core.differences import Print, color_text
 from ..export import trace_settings
 from ..export.camera import UnsupportedCameraError, camera_json, film_size
 from ..export.materials.graph import used_tree
@@ -351,7 +351,7 @@ def world(scene: bpy.types.Scene) -> Print:
     """The print of the scene's world."""
     recorder: Any = _WorldRecorder()
     export_world(recorder, recorder, recorder.texture_of, scene, render_layer(scene))
-    return {"shape": _hash(recorder.shape), "color": " ".join(f"{channel:.9g}" for channel in recorder.color)}
+    return {"shape": _hash(recorder.shape), "color": color_text(recorder.color)}
 
 
 ONE_OF_A_KIND: dict[str, Callable[[bpy.types.Scene], Print | None]] = {

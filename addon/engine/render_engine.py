@@ -16,8 +16,10 @@ import bpy
 import numpy as np
 
 from ..core.bake_folder import is_bake
+from ..core.differences import gain_between
 from ..core.pass_names import light_passes
 from ..core.progress import progress_line
+from ..core.rows import NEUTRAL
 from ..export import ExportOptions, trace_settings
 from ..export.camera import film_size
 from . import shot
@@ -106,7 +108,7 @@ class _FinalRender:
         exported = scene_of_depsgraph(self.depsgraph, ExportOptions(resolution=size), self._is_stopped)
         lights = self._mixed(json.loads(exported.lights()))
         with self._baked(exported, lights) as relighter:
-            picture = self._relit(relighter, lights)
+            picture = self._relit(relighter, lights, exported.world_color)
         self._write(picture)
 
     @contextmanager
@@ -183,13 +185,15 @@ class _FinalRender:
             for light in lights
         ]
 
-    def _relit(self, relighter: Any, lights: list[dict[str, Any]]) -> dict[str, Any]:
+    def _relit(self, relighter: Any, lights: list[dict[str, Any]], world_color: list[float]) -> dict[str, Any]:
         """Layers of the picture, each with its gain; a silent light is black and costs nothing."""
         request = json.dumps([light for light in lights if any(light["radiance"])])
         self._wait(native().Job(relighter.prepare(request)), BAKE_SHARE, 1.0, lambda _: None)
         picture = relighter.relight(request)
-        for name in ("static", "world"):
-            picture[name] = picture[name] * np.array(self.mix[name], np.float32)
+        picture["static"] = picture["static"] * np.array(self.mix["static"], np.float32)
+        # A bake that was begun under another strength or tint of the world serves as well.
+        since = gain_between(relighter.world_color, world_color) or NEUTRAL
+        picture["world"] = picture["world"] * np.multiply(self.mix["world"], since, dtype=np.float32)
         silent = np.zeros_like(picture["static"])
         picture["lights"] = {light["name"]: picture["lights"].get(light["name"], silent) for light in lights}
         return picture

@@ -27,6 +27,7 @@ EMPTY: dict[str, Any] = {
     "stage": None,
     "samples": 0,
     "samples_total": 0,
+    "world_color": None,
     "proxies": {},
     "device": "",
     "warnings": [],
@@ -233,6 +234,7 @@ class Shot:
             return False
         self._news = time.monotonic()
         self._status_text, self.status = text, json.loads(text)
+        self.changes.world_color = self.status["world_color"]
         if frame:
             self.frame, self.frame_before = frame, None
         return True
@@ -243,7 +245,7 @@ class Shot:
             return
         self.is_recorded = True
         try:
-            record.Record(self.camera, self.lights.receivers, self.changes.baked).write(self.folder)
+            record.Record(self.camera, self.lights.receivers, self.changes.of_bake()).write(self.folder)
         except OSError as error:
             self.warnings.append(f"What the bake is of could not be written down: {error}")
 

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::DumpError;
 
 /// Version of the manifest and of the shards; a reader refuses any other.
-pub const FORMAT_VERSION: u32 = 1;
+pub const FORMAT_VERSION: u32 = 2;
 
 /// What a dump is of: written once as `manifest.json`, the same for all machines that bake tiles of it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -36,6 +36,8 @@ pub struct Manifest {
     pub settings: serde_json::Value,
     /// Name of the scene-linear space of all colours.
     pub working_space: String,
+    /// Radiance of the world that the AOV `world` is of, or the factor on its texture; RGB.
+    pub world_color: [f32; 3],
 }
 
 /// A range of samples of every pixel.
@@ -133,6 +135,9 @@ impl Manifest {
         if self.camera_position.is_some_and(|p| !p.iter().all(|v| v.is_finite())) {
             return fail("the camera position is not finite".into());
         }
+        if self.world_color.iter().any(|channel| !channel.is_finite()) {
+            return fail("the colour of the world is not finite".into());
+        }
         if self.receivers.len() > usize::from(crate::RECEIVER_LIMIT) {
             return fail(format!("more than {} receivers", crate::RECEIVER_LIMIT));
         }
@@ -153,6 +158,7 @@ impl Manifest {
             ("receiver list", self.receivers == other.receivers),
             ("settings", self.settings == other.settings),
             ("working space", self.working_space == other.working_space),
+            ("colour of the world", self.world_color == other.world_color),
         ]
         .into_iter()
         .find_map(|(name, same)| (!same).then_some(name))

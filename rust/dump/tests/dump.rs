@@ -23,6 +23,7 @@ fn manifest() -> Manifest {
         receivers: vec!["Floor".into(), "Ball".into()],
         settings: serde_json::json!({ "bounces": 12 }),
         working_space: "Linear Rec.709".into(),
+        world_color: [1.0; 3],
     }
 }
 

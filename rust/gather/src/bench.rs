@@ -249,6 +249,7 @@ impl Room {
             receivers: Vec::new(),
             settings: Default::default(),
             working_space: String::new(),
+            world_color: [1.0; 3],
         };
         let writer = MemoryWriter::new(manifest.clone())?;
         let write = |tile| writer.write(tile, 0, &self.samples_of_tile(&manifest, tile));

@@ -34,6 +34,11 @@ impl PyRelighter {
         (self.relighter.camera().width, self.relighter.camera().height)
     }
 
+    #[getter]
+    fn world_color(&self) -> Option<[f32; 3]> {
+        self.relighter.world_color()
+    }
+
     /// JSON of the lights that the scene came with.
     fn scene_lights(&self, py: Python<'_>) -> PyResult<String> {
         enter_native(py, || -> Result<String, NativeError> {

@@ -248,6 +248,12 @@ impl PyScene {
         (self.scene.camera.width, self.scene.camera.height)
     }
 
+    /// Radiance of the world, or the factor on its texture; RGB.
+    #[getter]
+    fn world_color(&self) -> [f32; 3] {
+        self.scene.world.color
+    }
+
     /// Hash of all that decides the paths, as a bake's manifest carries it.
     #[getter]
     fn hash(&self, py: Python<'_>) -> PyResult<String> {

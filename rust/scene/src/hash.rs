@@ -6,14 +6,15 @@ use crate::{Instance, Mesh, Scene, Texels, Texture};
 
 impl Scene {
     /// Hash of all that decides the path dump, hex: the same scene gives the same hash on every machine. Lights and
-    /// warnings do not count, since a dump serves any lights.
+    /// warnings do not count, since a dump serves any lights, nor how bright the world is and of which tint, which its
+    /// light only has to be multiplied with; but channels in which it is black do.
     pub fn hash(&self) -> String {
         let mut hasher = Hasher::new();
         json(&mut hasher, &(&self.camera, &self.materials, &self.working_space));
         json(
             &mut hasher,
             &(
-                &self.world.color,
+                &self.world.color.map(|channel| channel != 0.0),
                 self.world.texture,
                 self.world.texture_from_world,
                 self.world.visible_camera,
@@ -119,7 +120,11 @@ mod tests {
     }
 
     #[test]
-    fn lights_do_not_change_the_hash() {
+    fn lights_and_the_brightness_of_the_world_do_not_change_the_hash() {
+        let world = |color| crate::World { color, ..crate::World::default() };
+        let [dark, bright] =
+            [[0.1, 0.0, 0.3], [3.0, 0.0, 0.3]].map(|color| Scene { world: world(color), ..scene() }.hash());
+        assert_eq!(dark, bright);
         let mut lit = scene();
         lit.lights.push(Light {
             name: "Point".into(),

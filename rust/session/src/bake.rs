@@ -52,8 +52,8 @@ pub fn bake(
     bake_observed(scene, settings, folder, resume, monitor, &Observer { lights: &lights, passes: &|_| {} })
 }
 
-/// The first thing in which the bake in a folder differs from one of this scene with these settings; more or fewer samples are no
-/// difference.
+/// The first thing in which the bake in a folder differs from one of this scene with these settings. More or fewer samples are no
+/// difference, nor is a world that is only brighter, darker or of another tint than [`Manifest::world_color`].
 ///
 /// # Errors
 /// If the folder holds no bake that can be read.
@@ -62,7 +62,9 @@ pub fn difference(
     settings: &TraceSettings,
     folder: &Path,
 ) -> Result<Option<&'static str>, SessionError> {
-    Ok(Manifest::read(folder)?.difference(&manifest(scene, settings)))
+    let baked = Manifest::read(folder)?;
+    let settings = TraceSettings { world_color: Some(baked.world_color), ..settings.clone() };
+    Ok(baked.difference(&manifest(scene, &settings)))
 }
 
 /// Who watches a bake, and says where its paths look.
@@ -85,7 +87,10 @@ pub(crate) fn bake_observed(
     let start = Instant::now();
     check(scene, settings)?;
     let prepare = monitor.stage(Stage::Prepare, 0, 1);
-    let tracer = Tracer::new(scene, settings)?;
+    // What is added to a bake is of the colour that its world began with.
+    let baked = if resume { Manifest::read(folder).ok() } else { None };
+    let world_color = baked.filter(|baked| baked.scene_hash == scene.hash()).map(|baked| baked.world_color);
+    let tracer = Tracer::new(scene, &TraceSettings { world_color, ..settings.clone() })?;
     prepare.advance(1, "");
     let warnings: Vec<String> = scene.warnings.iter().chain(tracer.warnings()).cloned().collect();
     warnings.iter().for_each(|warning| monitor.warn(warning));

@@ -249,6 +249,7 @@ mod tests {
             receivers: Vec::new(),
             settings: Value::Null,
             working_space: String::new(),
+            world_color: [1.0; 3],
         };
         Sight::new(guided, &manifest, &aovs, &camera)
     }

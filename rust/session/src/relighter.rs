@@ -204,6 +204,11 @@ impl Relighter {
         if path.exists() { Ok(ViewTransform::read_lut(&path)?) } else { Ok(ViewTransform::Standard) }
     }
 
+    /// Radiance of the world that the bake is of, or the factor on its texture, RGB; none without a dump.
+    pub fn world_color(&self) -> Option<[f32; 3]> {
+        self.gather.as_ref().map(|gather| gather.gather().dump().manifest().world_color)
+    }
+
     /// Replaces the baked world by another, gathered from the segments that left the scene.
     ///
     /// # Errors

@@ -2,14 +2,14 @@
 
 mod common;
 
-use common::{RAW, Warnings, baked, baked_with, sphere, trained, training};
+use common::{RAW, Warnings, baked, baked_with, room, sphere, trained, training};
 use glam::{Affine3A, Vec3};
 use relume_session::proxy::LightKind;
 use relume_session::scene::{Instance, Light, LightShape, LobeFactors, Mesh, ReceiverSet, Scene};
 use relume_session::trace::TraceSettings;
 use relume_session::{
     Cancel, Compute, LightSet, Listener, Maker, Monitor, ObjView, Progress, RelightOptions, Relighter, Stage,
-    With, bake, default_sizes, obj_scene, train,
+    With, bake, default_sizes, difference, obj_scene, train,
 };
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -42,6 +42,27 @@ impl Listener for StopsTraining {
         }
     }
     fn warning(&self, _: &str) {}
+}
+
+#[test]
+fn a_bake_goes_on_under_a_brighter_world() {
+    let view = ObjView { width: 20, height: 16, world: [0.5, 1.0, 0.25], ..ObjView::default() };
+    let scene = obj_scene(&room(), &view).unwrap();
+    let mut brighter = scene.clone();
+    brighter.world.color = [5.0, 3.0, 1.0];
+    let settings = |samples| TraceSettings { samples, ..TraceSettings::default() };
+    let [mixed, whole] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    let monitor = Monitor::default();
+    bake(&scene, &settings(4), mixed.path(), false, &monitor).unwrap();
+    assert_eq!(difference(&brighter, &settings(16), mixed.path()).unwrap(), None);
+    bake(&brighter, &settings(16), mixed.path(), true, &monitor).unwrap();
+    bake(&scene, &settings(16), whole.path(), false, &monitor).unwrap();
+    let [mixed_bake, whole_bake] = [&mixed, &whole].map(|folder| Relighter::open(folder.path()).unwrap());
+    assert_eq!(mixed_bake.world_color(), Some(scene.world.color));
+    assert_eq!(mixed_bake.aovs().world, whole_bake.aovs().world, "each path is of the colour at the start");
+
+    brighter.world.color[1] = 0.0;
+    assert_eq!(difference(&brighter, &settings(16), mixed.path()).unwrap(), Some("scene"));
 }
 
 #[test]
@@ -214,8 +235,7 @@ fn proxy_of_another_scene_is_refused() {
     let (one, two) = (folder.path().join("one"), folder.path().join("two"));
     baked(&one);
     trained(&one, &one, LightKind::Sphere);
-    let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/room.obj");
-    let scene = obj_scene(&room, &ObjView { width: 20, height: 16, ..ObjView::default() }).unwrap();
+    let scene = obj_scene(&room(), &ObjView { width: 20, height: 16, ..ObjView::default() }).unwrap();
     let settings = TraceSettings { samples: 2, ..TraceSettings::default() };
     bake(&scene, &settings, &two, false, &Monitor::default()).unwrap();
     std::fs::copy(one.join("proxy_sphere.safetensors"), two.join("proxy_sphere.safetensors")).unwrap();

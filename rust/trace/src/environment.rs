@@ -17,7 +17,8 @@ const GRID_COLUMNS: usize = 1024;
 /// Radiance by direction.
 #[derive(Debug)]
 pub(crate) struct Environment {
-    is_black: bool,
+    /// Radiance, or factor on the texture.
+    color: Vec3,
     texture_from_world: Mat3,
     visible_camera: bool,
     grid: Option<Grid>,
@@ -32,15 +33,16 @@ struct Grid {
 }
 
 impl Environment {
-    pub fn new(scene: &Scene, materials: &PreparedMaterials) -> Self {
+    /// The world of a scene, with a colour that may be another one than the scene's.
+    pub fn new(scene: &Scene, color: [f32; 3], materials: &PreparedMaterials) -> Self {
         let world = &scene.world;
         let transform = world.texture_from_world;
-        let is_black = world.color == [0.0; 3];
+        let color = Vec3::from(color);
         // Densities are computed for rotations (and mirrored ones) only; others are left to BSDF sampling.
         let is_rotation = (transform * transform.transpose()).abs_diff_eq(Mat3::IDENTITY, 1e-4);
-        let texture = world.texture.filter(|_| is_rotation && !is_black);
+        let texture = world.texture.filter(|_| is_rotation && color != Vec3::ZERO);
         let grid = texture.and_then(|index| Grid::new(scene, materials, index));
-        Self { is_black, texture_from_world: transform, visible_camera: world.visible_camera, grid }
+        Self { color, texture_from_world: transform, visible_camera: world.visible_camera, grid }
     }
 
     /// Radiance from the unit `direction`, for camera rays or others.
@@ -51,10 +53,10 @@ impl Environment {
         direction: Vec3,
         is_camera: bool,
     ) -> Vec3 {
-        if self.is_black || (is_camera && !self.visible_camera) {
+        if self.color == Vec3::ZERO || (is_camera && !self.visible_camera) {
             return Vec3::ZERO;
         }
-        materials.world_radiance(scene, direction)
+        self.color * materials.world_texel(scene, direction)
     }
 
     /// Whether sampling directions directly is worth it: a world of one colour is as well met by BSDF sampling.
@@ -186,7 +188,7 @@ mod tests {
     fn sampled_and_uniform_estimates_of_the_irradiance_agree() {
         let scene = scene();
         let materials = PreparedMaterials::new(&scene).0;
-        let environment = Environment::new(&scene, &materials);
+        let environment = Environment::new(&scene, scene.world.color, &materials);
         assert!(environment.can_sample());
         let (mut sampled, mut uniform, mut differing) = (0.0_f64, 0.0_f64, 0);
         let count = 400_000;
@@ -220,7 +222,7 @@ mod tests {
         let mut scene = scene();
         scene.world.visible_camera = false;
         let materials = PreparedMaterials::new(&scene).0;
-        let environment = Environment::new(&scene, &materials);
+        let environment = Environment::new(&scene, scene.world.color, &materials);
         assert_eq!(environment.radiance(&scene, &materials, Vec3::X, true), Vec3::ZERO);
         assert!(environment.radiance(&scene, &materials, Vec3::X, false).x > 0.0);
     }

@@ -107,7 +107,7 @@ impl<'a> Tracer<'a> {
     /// If the scene has too many triangles.
     pub fn new(scene: &'a Scene, settings: &TraceSettings) -> Result<Self, TraceError> {
         let (materials, warnings) = PreparedMaterials::new(scene);
-        let environment = Environment::new(scene, &materials);
+        let environment = Environment::new(scene, world_color(scene, settings), &materials);
         let paths = settings.paths.clone();
         let lights = if paths.sample_static_lights {
             StaticLights::new(scene, &materials, &environment, paths.bounces.transparent)
@@ -207,7 +207,12 @@ pub fn manifest(scene: &Scene, settings: &TraceSettings) -> Manifest {
         receivers: scene.receiver_names(),
         settings: serde_json::to_value(&settings.paths).unwrap_or_default(),
         working_space: scene.working_space.clone(),
+        world_color: world_color(scene, settings),
     }
+}
+
+fn world_color(scene: &Scene, settings: &TraceSettings) -> [f32; 3] {
+    settings.world_color.unwrap_or(scene.world.color)
 }
 
 /// One run over all shards: a queue of (pass, tile) that the workers take from in order, so that the first picture

@@ -27,6 +27,8 @@ pub struct TraceSettings {
     pub guiding: f32,
     /// Lights that are looked for besides those of the file.
     pub towards: Vec<Light>,
+    /// The world's colour in place of the scene's, for what is to fit a bake that was begun under another one.
+    pub world_color: Option<[f32; 3]>,
     /// What the paths are; everything that changes the dump but for the samples.
     pub paths: PathSettings,
 }
@@ -41,6 +43,7 @@ impl Default for TraceSettings {
             threads: 0,
             guiding: 0.25,
             towards: Vec::new(),
+            world_color: None,
             paths: PathSettings::default(),
         }
     }

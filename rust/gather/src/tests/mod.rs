@@ -32,6 +32,7 @@ pub fn manifest(size: usize, samples: &[u32]) -> Manifest {
         receivers: Vec::new(),
         settings: serde_json::Value::Null,
         working_space: "Linear Rec.709".into(),
+        world_color: [1.0; 3],
     }
 }
 

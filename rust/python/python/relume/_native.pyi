@@ -115,6 +115,10 @@ class Scene:
         """Width and height in pixels."""
 
     @property
+    def world_color(self) -> list[float]:
+        """Radiance of the world, or the factor on its texture; RGB."""
+
+    @property
     def hash(self) -> str:
         """Hash of all that decides the paths, as a bake's `manifest.json` carries it; lights do not count."""
 
@@ -143,6 +147,10 @@ class Relighter:
     @property
     def resolution(self) -> tuple[int, int]:
         """Width and height in pixels."""
+
+    @property
+    def world_color(self) -> list[float] | None:
+        """Radiance of the world that the bake is of, or the factor on its texture, RGB; None of proxies alone."""
 
     def scene_lights(self) -> str:
         """The lights that the scene came with, a light set in JSON."""

@@ -42,6 +42,9 @@ pub struct LiveStatus {
     pub samples: u32,
     /// Paths per pixel at the end.
     pub samples_total: u32,
+    /// What the world's radiance was, or the factor on its texture, when the bake began: factors of requests on its light
+    /// are relative to that. None without paths.
+    pub world_color: Option<[f32; 3]>,
     /// Trained proxies by kind of light.
     pub proxies: BTreeMap<String, ProxyStatus>,
     /// Where pictures are made, in words.

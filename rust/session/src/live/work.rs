@@ -172,6 +172,7 @@ impl Job {
         self.shared.change(|state| {
             state.guided = guided;
             state.status.samples = dump.manifest().samples();
+            state.status.world_color = Some(dump.manifest().world_color);
             state.dump = Some(dump);
             state.deliveries += 1;
         });

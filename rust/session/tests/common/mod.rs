@@ -2,7 +2,7 @@
 
 #![allow(dead_code, reason = "each test file uses a part of it")]
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use glam::Vec3;
@@ -19,11 +19,15 @@ pub fn baked(folder: &Path) {
     baked_with(folder, |_| ());
 }
 
-/// The same of a changed scene.
-pub fn baked_with(folder: &Path, change: impl FnOnce(&mut Scene)) {
+/// The file of a small room.
+pub fn room() -> PathBuf {
     // At run time: `scripts/gpu-check` runs this where it was not built.
     let package = std::env::var("CARGO_MANIFEST_DIR").unwrap_or_else(|_| env!("CARGO_MANIFEST_DIR").into());
-    let room = Path::new(&package).join("../../tests/data/room.obj");
+    Path::new(&package).join("../../tests/data/room.obj")
+}
+
+/// The same of a changed scene.
+pub fn baked_with(folder: &Path, change: impl FnOnce(&mut Scene)) {
     let view = ObjView {
         up: relume_session::scene::UpAxis::Z,
         eye: Some(Vec3::new(0.0, -4.2, 1.0)),
@@ -32,7 +36,7 @@ pub fn baked_with(folder: &Path, change: impl FnOnce(&mut Scene)) {
         height: 16,
         ..ObjView::default()
     };
-    let mut scene = obj_scene(&room, &view).unwrap();
+    let mut scene = obj_scene(&room(), &view).unwrap();
     scene.lights = vec![sphere("Own", 0.2)];
     change(&mut scene);
     let settings = TraceSettings { samples: 16, ..TraceSettings::default() };

@@ -133,14 +133,12 @@ impl PreparedMaterials {
         }
     }
 
-    /// Radiance of the world along the unit `direction` of a ray that leaves the scene.
-    pub fn world_radiance(&self, scene: &Scene, direction: Vec3) -> Vec3 {
-        let color = Vec3::from(scene.world.color);
-        let Some(index) = scene.world.texture else { return color };
+    /// The world's texture, white without one, along the unit `direction` of a ray that leaves the scene.
+    pub fn world_texel(&self, scene: &Scene, direction: Vec3) -> Vec3 {
+        let Some(index) = scene.world.texture else { return Vec3::ONE };
         let uv = equirectangular(scene.world.texture_from_world * direction);
         let texture = &scene.textures[index];
-        let texel = self.textures[index].sample(texture, uv, Interpolation::Linear, Extension::Repeat, false);
-        color * texel.truncate()
+        self.textures[index].sample(texture, uv, Interpolation::Linear, Extension::Repeat, false).truncate()
     }
 
     /// Scene-linear colour of the texel of an image at `uv`.

@@ -414,13 +414,12 @@ fn missing_materials_are_grey() {
 }
 
 #[test]
-fn the_world_is_its_colour_times_its_map() {
+fn a_world_without_a_map_is_white() {
     let mut scene = scene_of(vec![principled()]);
-    scene.world.color = [2.0, 1.0, 0.5];
     let (prepared, _) = PreparedMaterials::new(&scene);
-    assert_eq!(prepared.world_radiance(&scene, Vec3::X), Vec3::new(2.0, 1.0, 0.5));
+    assert_eq!(prepared.world_texel(&scene, Vec3::X), Vec3::ONE);
     scene.textures = vec![byte_texture(1, 1, vec![255, 0, 255, 255], ColorEncoding::Linear, Alpha::Straight)];
     scene.world.texture = Some(0);
     let (prepared, _) = PreparedMaterials::new(&scene);
-    assert_eq!(prepared.world_radiance(&scene, Vec3::Z), Vec3::new(2.0, 0.0, 0.5));
+    assert_eq!(prepared.world_texel(&scene, Vec3::Z), Vec3::new(1.0, 0.0, 1.0));
 }
