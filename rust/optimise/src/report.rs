@@ -20,7 +20,7 @@ pub struct Report {
     pub unit: &'static str,
     /// Whether it is what was asked for.
     pub met: bool,
-    /// Where most remains to be done.
+    /// Of a target where most remains to be done, of what is to be kept where it changed most.
     pub worst: Option<Worst>,
 }
 
@@ -86,7 +86,10 @@ pub fn report(goal: &Goal, before: &Image, after: &Image) -> Report {
         Aim::Keep => {
             let change = (0..3).map(|c| (is[c] - was[c]).abs()).sum::<f64>();
             let reached = change / was.iter().sum::<f64>().max(1e-12);
-            Report { asked: Some(0.0), reached, met: reached <= KEEP_MET, ..Report::new("keep", "fraction") }
+            // Where one half became brighter and the other darker the mean says nothing.
+            let worst = worst_tile(before, &masked(after.clone(), before, goal.pixels.as_deref()));
+            let met = reached <= KEEP_MET;
+            Report { asked: Some(0.0), reached, met, worst, ..Report::new("keep", "fraction") }
         }
     }
 }
@@ -102,20 +105,22 @@ fn target_report(goal: &Goal, target: &Image, any_exposure: bool, before: &Image
     let fitted = |image: &Image| {
         let sum = |image: &Image| weighted_mean(image, weights).iter().sum::<f64>();
         let gain = if any_exposure { (sum(target) / sum(image).max(1e-12)) as f32 } else { 1.0 };
-        let mut fitted = Image { data: image.data.iter().map(|v| v * gain).collect(), ..image.clone() };
-        // What a mask leaves out counts as reached.
-        for (i, weight) in weights.unwrap_or(&[]).iter().enumerate() {
-            (3 * i..3 * i + 3).for_each(|k| {
-                fitted.data[k] = target.data[k] + weight * (fitted.data[k] - target.data[k]);
-            });
-        }
-        fitted
+        masked(Image { data: image.data.iter().map(|v| v * gain).collect(), ..image.clone() }, target, weights)
     };
     let after = fitted(after);
     let psnr = |image: &Image| metrics::psnr_reinhard(image, target).min(99.0);
     let (was, reached) = (psnr(&fitted(before)), psnr(&after));
     let worst = worst_tile(target, &after);
     Report { before: was, reached, met: reached >= TARGET_MET, worst, ..Report::new("target", "dB") }
+}
+
+/// An image in which what a mask leaves out is that of the target: it counts as reached.
+fn masked(mut image: Image, target: &Image, weights: Option<&[f32]>) -> Image {
+    for (i, weight) in weights.unwrap_or(&[]).iter().enumerate() {
+        (3 * i..3 * i + 3)
+            .for_each(|k| image.data[k] = target.data[k] + weight * (image.data[k] - target.data[k]));
+    }
+    image
 }
 
 /// The tile whose mean tonemapped luminance differs most.
@@ -205,6 +210,22 @@ mod tests {
         assert!(!report(&goal(Aim::Keep, first), &before, &after).met);
         let rest = Some(vec![0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0]);
         assert!(report(&goal(Aim::Keep, rest), &before, &after).met);
+    }
+
+    #[test]
+    fn what_is_kept_on_average_only_says_where_it_changed() {
+        let before = flat([0.5; 3]);
+        let mut after = before.clone();
+        // One pixel darker, the one below as much brighter.
+        after.data[..3].fill(0.25);
+        after.data[12..15].fill(0.75);
+        let kept = report(&goal(Aim::Keep, None), &before, &after);
+        let worst = kept.worst.unwrap();
+        assert!(kept.met && kept.reached < 1e-6, "{kept:?}");
+        assert!((worst.x, worst.y) == (0.125, 0.25) && worst.off > 0.9, "{worst:?}");
+        let rest = Some(vec![0.0, 1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0]);
+        let untouched = report(&goal(Aim::Keep, rest), &before, &after);
+        assert!(untouched.worst.unwrap().off.abs() < 1e-6, "{untouched:?}");
     }
 
     #[test]

@@ -1,5 +1,5 @@
 use relume_image::Image;
-use relume_optimise::{Report, conflicts, report};
+use relume_optimise::{Report, Worst, conflicts, report};
 use relume_scene::{BlenderLight, BlenderLightKind, Light};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -13,6 +13,9 @@ use super::search::Found;
 use crate::progress::Monitor;
 use crate::relighter::{RelightOptions, With};
 use crate::{LightSet, SessionError};
+
+/// Change of a part of what is to be kept from which it is told: a fiftieth, what may change on average.
+const TOLD_STOPS: f32 = 0.03;
 
 /// Solved lights.
 #[derive(Clone, Debug, Serialize)]
@@ -251,12 +254,8 @@ fn text(kind: GoalKind, number: usize, report: &Report) -> String {
     let what = match kind {
         GoalKind::Target => {
             let place = report.worst.filter(|_| !report.met).map(|worst| {
-                let (x, y) = (
-                    place(worst.x, ["left", "middle", "right"]),
-                    place(worst.y, ["top", "middle", "bottom"]),
-                );
                 let side = if worst.off > 0.0 { "too dark" } else { "too bright" };
-                format!("; most is missing at the {y} {x}: {:.1} stops {side}", worst.off.abs())
+                format!("; most is missing at the {}: {:.1} stops {side}", place(&worst), worst.off.abs())
             });
             format!("target: {is:.1} dB (was {:.1}), {verdict}{}", report.before, place.unwrap_or_default())
         }
@@ -265,13 +264,22 @@ fn text(kind: GoalKind, number: usize, report: &Report) -> String {
         GoalKind::Color => format!("colour: {is:.2} away (was {:.2}), {verdict}", report.before),
         GoalKind::Warmer => format!("warmer: {done:.0} of {asked:.0} mireds, {verdict}"),
         GoalKind::Cooler => format!("cooler: {done:.0} of {asked:.0} mireds, {verdict}"),
-        GoalKind::Keep => format!("keep: changed by {:.1} %, {verdict}", 100.0 * is),
+        GoalKind::Keep => {
+            let place = report.worst.filter(|worst| worst.off.abs() > TOLD_STOPS).map(|worst| {
+                let side = if worst.off > 0.0 { "darker" } else { "brighter" };
+                format!("; most at the {}: {:.2} stops {side}", place(&worst), worst.off.abs())
+            });
+            format!("keep: changed by {:.1} %, {verdict}{}", 100.0 * is, place.unwrap_or_default())
+        }
     };
     format!("Goal {}, {what}", number + 1)
 }
 
-fn place(fraction: f32, names: [&'static str; 3]) -> &'static str {
-    names[((fraction * 3.0) as usize).min(2)]
+/// Where a tile is, such as "top left".
+fn place(worst: &Worst) -> String {
+    let third = |fraction: f32, names: [&'static str; 3]| names[((fraction * 3.0) as usize).min(2)];
+    let x = third(worst.x, ["left", "middle", "right"]);
+    format!("{} {x}", third(worst.y, ["top", "middle", "bottom"]))
 }
 
 fn conflict_lines(request: &SolveRequest, view: usize, scene: &SceneView) -> Vec<String> {
