@@ -54,6 +54,15 @@ pub enum GpuError {
         /// Mebibytes.
         limit: u64,
     },
+    /// More memory than a workgroup has, or kernels ask it for.
+    #[error(
+        "{what} does not fit into the memory that a workgroup of a GPU has; use the CPU (--device cpu, or the \
+         device in Blender's preferences)"
+    )]
+    TooWide {
+        /// What it is.
+        what: String,
+    },
     /// The driver reset the device, or it was removed. Everything on it is gone.
     #[error(
         "the GPU was lost ({0}); start again, or use the CPU (--device cpu, or the device in Blender's \

@@ -105,7 +105,11 @@ fn target_report(goal: &Goal, target: &Image, any_exposure: bool, before: &Image
     let fitted = |image: &Image| {
         let sum = |image: &Image| weighted_mean(image, weights).iter().sum::<f64>();
         let gain = if any_exposure { (sum(target) / sum(image).max(1e-12)) as f32 } else { 1.0 };
-        masked(Image { data: image.data.iter().map(|v| v * gain).collect(), ..image.clone() }, target, weights)
+        masked(
+            Image { data: image.data.iter().map(|v| v * gain).collect(), ..image.clone() },
+            target,
+            weights,
+        )
     };
     let after = fitted(after);
     let psnr = |image: &Image| metrics::psnr_reinhard(image, target).min(99.0);

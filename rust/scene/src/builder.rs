@@ -60,8 +60,8 @@ impl SceneBuilder {
         Ok(())
     }
 
-    /// Adds an image and returns its number. Texels that are not finite become black, as when Cycles loads an image, and are
-    /// named in a warning: an HDRI's sun may be too bright for half floats.
+    /// Adds an image and returns its number. Texels that are not finite become black and are named in a warning
+    /// ([`Texture::blacken_infinite`]).
     pub fn add_texture(&mut self, mut texture: Texture) -> Result<usize, BuildError> {
         let found = match &texture.texels {
             Texels::Byte(texels) => texels.len(),
@@ -76,15 +76,8 @@ impl SceneBuilder {
                 format!("{found} values do not make {size} RGBA pixels"),
             ));
         }
-        let blackened = match &mut texture.texels {
-            Texels::Byte(_) => 0,
-            Texels::Float(texels) => blacken_infinite(texels),
-        };
-        if blackened > 0 {
-            let name = &texture.name;
-            self.warn(format!(
-                "image '{name}': {blackened} of its pixels are not finite numbers; taken for black"
-            ));
+        if let Some(warning) = texture.blacken_infinite() {
+            self.warn(warning);
         }
         self.scene.textures.push(texture);
         Ok(self.scene.textures.len() - 1)
@@ -177,12 +170,6 @@ impl SceneBuilder {
         }
         Ok(self.scene)
     }
-}
-
-/// Sets all channels of RGBA texels that are not finite to 0, so that none changes its hue; returns their number.
-fn blacken_infinite(texels: &mut [f32]) -> usize {
-    let unsound = texels.chunks_exact_mut(4).filter(|texel| !texel.iter().all(|value| value.is_finite()));
-    unsound.map(|texel| texel.fill(0.0)).count()
 }
 
 /// Node numbers must point backwards and `surface` must exist.

@@ -15,6 +15,19 @@ pub struct Texture {
     pub alpha: crate::Alpha,
 }
 
+impl Texture {
+    /// Makes texels black that are not finite, all channels, so that none changes its hue: as Cycles does with images. An HDRI's
+    /// sun may be too bright for half floats. What is to be said of it, if there were any.
+    pub fn blacken_infinite(&mut self) -> Option<String> {
+        let Texels::Float(texels) = &mut self.texels else { return None };
+        let unsound = texels.chunks_exact_mut(4).filter(|texel| !texel.iter().all(|value| value.is_finite()));
+        let count = unsound.map(|texel| texel.fill(0.0)).count();
+        let name = &self.name;
+        (count > 0)
+            .then(|| format!("image '{name}': {count} of its pixels are not finite numbers; taken for black"))
+    }
+}
+
 /// RGBA, `width * height * 4` values.
 #[derive(Clone, Debug)]
 pub enum Texels {

@@ -91,13 +91,15 @@ fn change_world(relighter: &mut Relighter, args: &PictureArgs, context: &Context
     if args.world.is_none() && args.environment.is_none() {
         return Ok(());
     }
-    let textures = args.environment.as_deref().map(environment_texture).transpose()?;
+    let environment = args.environment.as_deref().map(environment_texture).transpose()?;
+    let (texture, warning) = environment.unzip();
+    warning.flatten().iter().for_each(|warning| context.monitor.warn(warning));
     let world = World {
         color: args.world.map_or([1.0; 3], |world| world.0),
-        texture: textures.as_ref().map(|_| 0),
+        texture: texture.as_ref().map(|_| 0),
         ..World::default()
     };
-    let textures: Vec<_> = textures.into_iter().collect();
+    let textures: Vec<_> = texture.into_iter().collect();
     Ok(relighter.set_world(&world, &textures, context.monitor)?)
 }
 

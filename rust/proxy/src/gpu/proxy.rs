@@ -103,7 +103,7 @@ impl GpuProxy {
         let tile = (limit / (4 * rows)).min(MAX_TILE);
         if tile < 8 {
             let what = format!("a network of {} neurons a layer", network.width);
-            return Err(GpuError::TooLarge { what, limit: 0 }.into());
+            return Err(GpuError::TooWide { what }.into());
         }
         let tile = 1 << tile.ilog2();
         let kind = proxy.info().kind;
