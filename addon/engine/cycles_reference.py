@@ -14,6 +14,7 @@ import numpy as np
 
 from ..core import metrics
 from .cycles_mix import write_mix
+from .cycles_render import read_picture, set_up
 
 JOB, PICTURE, RESULT = "job.json", "picture.npy", "result.json"
 REFERENCE, DIFFERENCE = "cycles.npy", "difference.npy"
@@ -48,32 +49,10 @@ def verify(folder: Path, on_progress: Callable[[int, int], None]) -> dict[str, A
 
 def _prepare(scene: bpy.types.Scene, job: dict[str, Any], size: tuple[int, int]) -> None:
     scene.camera = scene.objects[job["camera"]]
-    render, cycles = scene.render, scene.cycles
-    settings: list[tuple[Any, dict[str, Any]]] = [
-        (
-            render,
-            {
-                "engine": "CYCLES",
-                "resolution_x": size[0],
-                "resolution_y": size[1],
-                "resolution_percentage": 100,
-                "use_border": False,
-                "use_compositing": False,
-                "use_sequencer": False,
-                "use_multiview": False,
-                # Only seed and samples change between the parts.
-                "use_persistent_data": True,
-            },
-        ),
-        (cycles, {"use_adaptive_sampling": False, "use_denoising": False, "time_limit": 0.0}),
-        (render.image_settings, {"media_type": "IMAGE"}),
-        (render.image_settings, {"file_format": "OPEN_EXR", "color_mode": "RGBA", "color_depth": "32"}),
-    ]
-    for owner, values in settings:
-        for name, value in values.items():
-            if hasattr(owner, name):
-                setattr(owner, name, value)
-    cycles.use_animated_seed = False
+    # Only seed and samples change between the parts.
+    whole = {"use_border": False, "use_multiview": False, "use_persistent_data": True}
+    plain = {"use_compositing": False, "use_sequencer": False}
+    set_up(scene, size, whole | plain, {"use_animated_seed": False})
     _use_devices(job.get("devices"))
 
 
@@ -107,17 +86,6 @@ def _render_halves(
     on_progress(parts, parts)
     path.unlink()
     return [total / weight for total, weight in zip(sums, weights, strict=True)]
-
-
-def read_picture(path: Path) -> np.ndarray:
-    """RGBA [height, width, 4], bottom row first."""
-    image = bpy.data.images.load(str(path))
-    try:
-        values = np.empty(len(image.pixels), np.float32)
-        image.pixels.foreach_get(values)
-        return values.reshape(image.size[1], image.size[0], -1)
-    finally:
-        bpy.data.images.remove(image)
 
 
 def _opaque(image: np.ndarray) -> np.ndarray:

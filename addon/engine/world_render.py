@@ -15,7 +15,7 @@ from mathutils import Matrix
 from ..export.materials.graph import resolve
 from ..export.working_space import working_space
 from ..export.world_graph import WorldGraph, WorldReader
-from .cycles_reference import read_picture
+from .cycles_render import read_picture, set_up
 from .worlds import JOB, RESULT
 
 SAMPLES, REFINED_SAMPLES = 4, 1024
@@ -182,20 +182,10 @@ def _prepare(scene: bpy.types.Scene, size: list[int]) -> None:
     scene.collection.objects.link(camera)
     scene.camera = camera
     camera.data.type, camera.data.panorama_type = "PANO", "EQUIRECTANGULAR"
-    render, cycles = scene.render, scene.cycles
     scene.world.cycles.sampling_method = "NONE"  # No surface is lit by it.
-    settings: list[tuple[Any, dict[str, Any]]] = [
-        (render, {"engine": "CYCLES", "resolution_x": size[0], "resolution_y": size[1], "resolution_percentage": 100}),
-        (render, {"film_transparent": False, "use_persistent_data": True, "use_crop_to_border": True}),
-        (cycles, {"use_adaptive_sampling": False, "use_denoising": False, "time_limit": 0.0, "film_exposure": 1.0}),
-        (cycles, {"pixel_filter_type": "BOX", "sample_clamp_direct": 0.0, "device": "CPU", "shading_system": False}),
-        (render.image_settings, {"media_type": "IMAGE"}),
-        (render.image_settings, {"file_format": "OPEN_EXR", "color_mode": "RGBA", "color_depth": "32"}),
-    ]
-    for owner, values in settings:
-        for name, value in values.items():
-            if hasattr(owner, name):
-                setattr(owner, name, value)
+    render = {"film_transparent": False, "use_persistent_data": True, "use_crop_to_border": True}
+    exact = {"film_exposure": 1.0, "pixel_filter_type": "BOX", "sample_clamp_direct": 0.0}
+    set_up(scene, (size[0], size[1]), render, exact | {"device": "CPU", "shading_system": False})
 
 
 class _Panorama:
