@@ -93,7 +93,7 @@ class Driver:
             bpy.ops.wm.quit_blender()
 
     def _save(self):
-        self._file.write_text(json.dumps(self._result))
+        self._file.write_text(json.dumps(self._result, default=str))
 
     # Judging
 

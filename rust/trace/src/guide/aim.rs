@@ -1,0 +1,139 @@
+use std::f32::consts::PI;
+
+use glam::Vec3;
+use relume_scene::{Light, LightShape};
+
+use super::plate::Plate;
+
+/// Narrowest cone, as the squared sine of its half angle: below, single precision would miss it.
+const NARROWEST: f32 = 1e-6;
+
+/// What a light is taken for.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Aim {
+    pub place: Place,
+    /// See [`brightness`].
+    pub brightness: f32,
+    pub beam: Beam,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Place {
+    /// In a ball.
+    Ball { center: Vec3, radius: f32 },
+    /// On one side of a plane, in a ball.
+    Flat { center: Vec3, radius: f32, plate: Plate },
+    /// In directions around one.
+    Sky { direction: Vec3, sine_squared: f32 },
+}
+
+/// Where a light shines to.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Beam {
+    Everywhere,
+    /// From the cosine to the axis on that it has at the rim of the cone.
+    Cone {
+        axis: Vec3,
+        cos: f32,
+    },
+    /// To one side.
+    Front {
+        normal: Vec3,
+    },
+}
+
+/// What directions to a light are drawn from.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Narrow {
+    /// A cone of this height around the axis.
+    Cone(f32),
+    /// Points of a plate that is there from here, all alike.
+    Plate { to_center: Vec3, plate: Plate },
+}
+
+/// A light as a point sees it.
+pub(super) struct Seen {
+    /// Direction to its middle.
+    pub axis: Vec3,
+    /// Of the half angle of the cone around it; 1 or more from inside of the ball that holds the light.
+    pub sine_squared: f32,
+    /// Solid angle over that of a hemisphere.
+    pub height: f32,
+    pub narrow: Narrow,
+}
+
+impl Aim {
+    pub fn at(light: &Light) -> Self {
+        let flat = |center: Vec3, radius: f32, plate: Plate| {
+            (Place::Flat { center, radius, plate }, Beam::Front { normal: plate.normal })
+        };
+        let (place, beam) = match light.shape {
+            LightShape::Sphere { center, radius } | LightShape::FacingDisk { center, radius } => {
+                (Place::Ball { center, radius }, Beam::Everywhere)
+            }
+            LightShape::Spot { center, radius, axis, half_angle, .. } => {
+                (Place::Ball { center, radius }, Beam::Cone { axis, cos: half_angle.cos() })
+            }
+            LightShape::Quad { center, edge_u, edge_v, .. } => {
+                let radius = 0.5 * (edge_u.length_squared() + edge_v.length_squared()).sqrt();
+                flat(center, radius, Plate::new(edge_u, edge_v, false))
+            }
+            LightShape::Ellipse { center, edge_u, edge_v, .. } => {
+                let radius = 0.5 * edge_u.length().max(edge_v.length());
+                flat(center, radius, Plate::new(edge_u, edge_v, true))
+            }
+            LightShape::Sun { direction, half_angle } => (
+                Place::Sky { direction, sine_squared: half_angle.min(0.5 * PI).sin().powi(2) },
+                Beam::Everywhere,
+            ),
+        };
+        Self { place, brightness: brightness(light), beam }
+    }
+
+    pub fn seen_from(&self, point: Vec3) -> Seen {
+        let (to_center, radius, plate) = match self.place {
+            Place::Sky { direction, sine_squared } => return Seen::in_cone(direction, sine_squared),
+            Place::Ball { center, radius } => (center - point, radius, None),
+            Place::Flat { center, radius, plate } => (center - point, radius, Some(plate)),
+        };
+        let inverse = to_center.length_recip();
+        let ball = Seen::in_cone(to_center * inverse, (radius * inverse).powi(2));
+        let Some(plate) = plate else { return ball };
+        let height = plate.height(to_center).min(ball.height);
+        // Single precision would miss plates that look smaller.
+        let is_large = 2.0 * height > NARROWEST;
+        Seen {
+            height,
+            narrow: if is_large { Narrow::Plate { to_center, plate } } else { ball.narrow },
+            ..ball
+        }
+    }
+}
+
+impl Seen {
+    fn in_cone(axis: Vec3, sine_squared: f32) -> Self {
+        let narrow = Narrow::Cone(height(sine_squared.clamp(NARROWEST, 1.0)));
+        Self { axis, sine_squared, height: height(sine_squared.min(1.0)), narrow }
+    }
+}
+
+impl Beam {
+    /// Whether a light shines in a direction away from it.
+    pub fn reaches(&self, direction: Vec3) -> bool {
+        match self {
+            Self::Everywhere => true,
+            Self::Cone { axis, cos } => axis.dot(direction) >= *cos,
+            Self::Front { normal } => normal.dot(direction) > 0.0,
+        }
+    }
+}
+
+/// Of a light's radiance, mean of RGB; of lights that take light away (their power may be negative) as much.
+pub(super) fn brightness(light: &Light) -> f32 {
+    Vec3::from(light.radiance).abs().element_sum() / 3.0
+}
+
+/// Height of the cone that holds a ball, by the squared sine of its half angle: 1 - sqrt(1 - s), to the second order.
+pub(super) fn height(sine_squared: f32) -> f32 {
+    sine_squared * (0.5 + 0.125 * sine_squared)
+}
