@@ -12,7 +12,7 @@ from addon.core.status import out_of_sight
 from addon.engine import new_paths, shot, solve
 from addon.ui import solving
 from addon.ui.start import start
-from helpers import settled, until
+from helpers import add_world, settled, until
 
 
 @pytest.fixture
@@ -62,6 +62,20 @@ def test_it_is_solved_on_with_paths_that_look_for_it(shown, asked):
     assert not shot.of(shown).notes and not out_of_sight(shot.of(shown).status)
 
 
+def test_new_paths_are_of_the_world_that_the_bake_began_with(shown):
+    background = add_world(shown, color=(0.1, 0.2, 0.3), strength=1.0)
+    start(shown)
+    until(shown, settled, "the pictures under a world")
+    background.inputs["Strength"].default_value = 4.0
+    bpy.context.view_layer.update()
+    found = shot.of(shown)
+    with new_paths.folder_in(found) as folder:
+        for _job in new_paths.bake(shown, found, [], folder):
+            time.sleep(0.01)
+        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    assert manifest["world_color"] == pytest.approx([0.1, 0.2, 0.3])
+
+
 def test_an_edited_scene_is_left_to_the_paths_that_are_there(shown, asked):
     bpy.data.objects["Plane"].location.z = -0.2
     bpy.context.view_layer.update()
@@ -91,7 +105,8 @@ def test_cancelling_leaves_nothing_behind(shown, asked):
 def test_cancelling_does_not_wait_for_a_job_that_prepares(studio, tmp_path):
     calls = []
     job = SimpleNamespace(done=False, cancel=lambda: calls.append("cancel"), result=lambda: calls.append("result"))
-    found = SimpleNamespace(folder=tmp_path, status={"samples": 4}, options=SimpleNamespace(threads=1))
+    status = {"samples": 4, "world_color": [0.5, 0.5, 0.5]}
+    found = SimpleNamespace(folder=tmp_path, status=status, options=SimpleNamespace(threads=1))
     (tmp_path / "manifest.json").write_text('{"scene_hash": "same"}')
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(new_paths, "load_scene_async", lambda _s, _o, done: done(SimpleNamespace(hash="same"), None))

@@ -81,6 +81,8 @@ def bake(scene: bpy.types.Scene, shot: Shot, lights: list[dict[str, Any]], folde
         return False
     settings = trace_settings(scene, lambda _warning: None)
     settings |= {"samples": min(SAMPLES, shot.status["samples"]), "threads": shot.options.threads, "towards": lights}
+    # The request's factors on the light of the world are relative to that of the shot's bake.
+    settings["world_color"] = shot.status["world_color"]
     job = native().bake(exported, folder, settings)
     try:
         while not job.done:

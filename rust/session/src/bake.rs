@@ -89,7 +89,8 @@ pub(crate) fn bake_observed(
     let prepare = monitor.stage(Stage::Prepare, 0, 1);
     // What is added to a bake is of the colour that its world began with.
     let baked = if resume { Manifest::read(folder).ok() } else { None };
-    let world_color = baked.filter(|baked| baked.scene_hash == scene.hash()).map(|baked| baked.world_color);
+    let begun = baked.filter(|baked| baked.scene_hash == scene.hash()).map(|baked| baked.world_color);
+    let world_color = begun.or(settings.world_color);
     let tracer = Tracer::new(scene, &TraceSettings { world_color, ..settings.clone() })?;
     prepare.advance(1, "");
     let warnings: Vec<String> = scene.warnings.iter().chain(tracer.warnings()).cloned().collect();
