@@ -11,7 +11,6 @@ use relume_session::{
     Cancel, Compute, LightSet, Listener, Maker, Monitor, ObjView, Progress, RelightOptions, Relighter, Stage,
     With, bake, default_sizes, difference, obj_scene, train,
 };
-use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 fn makers(relighter: &Relighter, lights: &[Light], options: RelightOptions) -> Vec<Maker> {
