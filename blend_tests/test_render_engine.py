@@ -1,5 +1,6 @@
 """Relume as a render engine: F12, its passes and what goes wrong."""
 
+import json
 import os
 from types import SimpleNamespace
 
@@ -20,7 +21,7 @@ from addon.ui import rows
 from addon.viewport import rendered
 from addon.viewport.camera_frame import Rectangle
 from exr import read_exr
-from helpers import add_light, add_material, add_quad, add_world, instance_linked_light
+from helpers import add, add_light, add_material, add_quad, add_world, instance_linked_light
 
 
 @pytest.fixture
@@ -275,6 +276,22 @@ def test_sockets_have_the_names_of_the_passes(shot, tmp_path):
     engine = SimpleNamespace(register_pass=lambda _scene, _layer, name, *_rest: names.append(name))
     ui.RelumeRenderEngine.update_render_passes(engine, shot, bpy.context.view_layer)
     assert set(light_passes(["Rim.001", linked]).values()) == {name for name in names if name.startswith("Combined_")}
+
+
+def test_each_instance_of_a_light_has_a_socket_where_it_is_known(shot, tmp_path, monkeypatch):
+    rig = bpy.data.collections.new("Rig")
+    rig.objects.link(bpy.data.objects.new("Bulb", bpy.data.lights.new("Bulb", "POINT")))
+    for place in (-1.0, 1.0):
+        empty = add(shot, "Lamp", None)
+        empty.instance_type, empty.instance_collection = "COLLECTION", rig
+        empty.location = (place, 0.0, 2.0)
+    passes = render(shot, tmp_path)
+    known = SimpleNamespace(lights=SimpleNamespace(descriptions=json.loads(load_scene(shot).lights())))
+    monkeypatch.setattr(ui.shot, "of", lambda _scene: known)
+    names = []
+    engine = SimpleNamespace(register_pass=lambda _scene, _layer, name, *_rest: names.append(name))
+    ui.RelumeRenderEngine.update_render_passes(engine, shot, bpy.context.view_layer)
+    assert "Combined_Bulb#2" in names and set(names) == set(passes)
 
 
 def test_panels_of_cycles_show_and_go_again():

@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty, PointerProperty
 
-from ..engine import render_engine
+from ..engine import render_engine, shot
 from ..engine.render_engine import PassSettings
 from ..export.lights import name_of
 from ..viewport import rendered
@@ -48,8 +48,7 @@ class RelumeRenderEngine(bpy.types.RenderEngine):
 
     def update_render_passes(self, scene, renderlayer):
         """Called by Blender where passes become sockets of the compositor."""
-        lights = [name_of(obj) for obj in lights_of(scene) if not obj.hide_render]
-        for name, channels, letters, kind in pass_settings(scene, renderlayer).declare(lights):
+        for name, channels, letters, kind in pass_settings(scene, renderlayer).declare(_light_names(scene)):
             self.register_pass(scene, renderlayer, name, channels, letters, kind)
 
     def view_update(self, context, depsgraph):
@@ -58,6 +57,13 @@ class RelumeRenderEngine(bpy.types.RenderEngine):
     def view_draw(self, context, depsgraph):
         """Called by Blender to draw a view; draws what is there and computes nothing."""
         rendered.draw(self, context)
+
+
+def _light_names(scene: bpy.types.Scene) -> list[str]:
+    """The lights of a render. Of an open bake each instance is known; without one, each light is taken for one."""
+    found = shot.of(scene)
+    known = [light["name"] for light in found.lights.descriptions] if found is not None else []
+    return list(dict.fromkeys([*known, *(name_of(obj) for obj in lights_of(scene) if not obj.hide_render)]))
 
 
 def pass_settings(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> PassSettings:
