@@ -87,10 +87,9 @@ pub(crate) fn bake_observed(
     let start = Instant::now();
     check(scene, settings)?;
     let prepare = monitor.stage(Stage::Prepare, 0, 1);
-    // What is added to a bake is of the colour that its world began with.
+    // What is added to a bake is of the colour that its world began with; the writer refuses a bake of something else.
     let baked = if resume { Manifest::read(folder).ok() } else { None };
-    let begun = baked.filter(|baked| baked.scene_hash == scene.hash()).map(|baked| baked.world_color);
-    let world_color = begun.or(settings.world_color);
+    let world_color = baked.map(|baked| baked.world_color).or(settings.world_color);
     let tracer = Tracer::new(scene, &TraceSettings { world_color, ..settings.clone() })?;
     prepare.advance(1, "");
     let warnings: Vec<String> = scene.warnings.iter().chain(tracer.warnings()).cloned().collect();
