@@ -33,10 +33,12 @@ impl Trust {
     }
 }
 
-/// By how much a loss is less than before, and the standard deviation of that. Both are estimated from the cells.
+/// By how much a loss is less than before, and the standard deviation of that, estimated from the cells.
 pub(super) struct Gain {
     pub mean: f64,
     pub deviation: f64,
+    /// What there is to be gained: the loss before, or a standard deviation more.
+    pub most: f64,
 }
 
 impl Gain {
@@ -46,12 +48,14 @@ impl Gain {
         let mean = gains.iter().sum::<f64>();
         let each = mean / gains.len().max(1) as f64;
         let seen = gains.iter().map(|gain| (gain - each).powi(2)).sum::<f64>().sqrt();
-        Self { mean, deviation: seen.max(scatter_of_products(after)) }
+        let most = products(before).sum::<f64>().max(0.0) + scatter_of_products(before);
+        Self { mean, deviation: seen.max(scatter_of_products(after)), most }
     }
 
-    /// What is left of it for sure: above 0 if there is little doubt.
+    /// What is left of it for sure: above 0 if there is little doubt. Of many tries with noisy pictures some seem to gain more than
+    /// there is: that much of it is noise.
     pub fn least(&self) -> f64 {
-        self.mean - SURE * self.deviation
+        self.mean.min(self.most) - SURE * self.deviation
     }
 }
 
@@ -94,5 +98,15 @@ mod tests {
         let bright = [0.1, -0.1].map(|noise| vec![noise; 3 * CELLS]);
         let gain = Gain::new(&dark, &bright);
         assert!(gain.least() > 0.9 * (3 * CELLS) as f64, "{} of {}", gain.mean, gain.deviation);
+    }
+
+    #[test]
+    fn more_than_there_is_to_gain_is_noise() {
+        let nearly_right = [0, 1].map(|_| vec![0.1; 3 * CELLS]);
+        // Halves that happen to be of opposite sign in three cells of five.
+        let value = |half: usize, cell: usize| if half == 1 && cell % 5 < 3 { -1.0 } else { 1.0 };
+        let noisy = [0, 1].map(|half| (0..CELLS).flat_map(|cell| [value(half, cell); 3]).collect());
+        let gain = Gain::new(&nearly_right, &noisy);
+        assert!(gain.mean > 4.0 * gain.deviation && gain.least() < 0.0, "{} of {}", gain.mean, gain.most);
     }
 }

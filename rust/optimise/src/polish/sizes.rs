@@ -1,11 +1,14 @@
 use super::fit::{Base, Fit, State};
 use super::noise::{Gain, Trust};
 use crate::OptimiseError;
+use crate::variable::Mapping;
 use relume_scene::{Light, lane};
 use std::ops::ControlFlow;
 
 /// Shares of their range at which sizes are tried.
 const SIZES: [f32; 7] = [0.07, 0.21, 0.36, 0.5, 0.64, 0.79, 0.93];
+/// A light's sizes are chosen anew at most so often: how large one side of an area light should be depends on the other.
+const ROUNDS: usize = 4;
 /// A size this near to an end of its range is where smoothing has left it to the noise: it says nothing.
 const END: f32 = 0.1;
 /// A size within this share of its range is where the artist had it.
@@ -17,43 +20,69 @@ impl Fit<'_> {
     pub fn with_best_sizes(&self, state: State) -> Result<State, OptimiseError> {
         let trust = Trust::new(&self.exact_residuals(&state));
         let mut lights = state.lights.clone();
-        for (i, mapping) in self.mappings.iter().enumerate() {
-            for number in lane::SIZE.filter(|number| mapping.is_free(&state.lights[i].shape, *number)) {
-                if let Some(share) = self.best_size(&state, i, number, &trust)? {
-                    lights[i] = mapping.with_size(&lights[i], number, share);
-                }
+        for (number, light) in lights.iter_mut().enumerate() {
+            for _ in 0..ROUNDS {
+                let Some(better) = self.better_sized(&state, number, light, &trust)? else { break };
+                *light = better;
             }
         }
         if lights == state.lights { Ok(state) } else { self.state(&lights) }
     }
 
-    /// The share of its range that a size should have, if another than it has. A size shows in little but how soft shadows are: its
-    /// derivatives are small, and denoising counts as much. So exact pictures are compared, and a size is only taken if they
-    /// leave little doubt; one that was moved to the end of its range is also left if they do not ask for it.
-    fn best_size(
+    /// The light that is `now` in place of one of the state's, with better sizes; none if there are none. A size shows in little but
+    /// how soft shadows are: its derivatives are small, and denoising counts as much. So exact pictures are compared, and
+    /// others are only taken if they leave little doubt; one that was moved to the end of its range is also left if they
+    /// like the middle better.
+    fn better_sized(
         &self,
         state: &State,
-        light: usize,
         number: usize,
+        now: &Light,
         trust: &Trust,
-    ) -> Result<Option<f32>, OptimiseError> {
-        let (mapping, now) = (&self.mappings[light], &state.lights[light]);
-        let others = SIZES.map(|share| mapping.with_size(now, number, share));
-        let tried: Vec<Light> = std::iter::once(now.clone()).chain(others).collect();
-        let residuals = self.residuals_instead(state, light, &tried, trust, Base::Exact)?;
-        let gain = |(tried, after): (&Light, &[Vec<f32>; 2])| {
-            let gain = Gain::new(&residuals[0], after);
-            Gain { mean: gain.mean + self.strain(light, now) - self.strain(light, tried), ..gain }
+    ) -> Result<Option<Light>, OptimiseError> {
+        let groups = size_groups(&self.mappings[number], now);
+        let sized = |group: &[usize], share: f32| {
+            group
+                .iter()
+                .fold(now.clone(), |light, size| self.mappings[number].with_size(&light, *size, share))
         };
-        let gains: Vec<Gain> = tried.iter().zip(&residuals).skip(1).map(gain).collect();
-        let best = SIZES.into_iter().zip(&gains).max_by(|(_, a), (_, b)| a.least().total_cmp(&b.least()));
-        let best = best.filter(|(_, gain)| gain.least() > 0.0).map(|(share, _)| share);
-        let share = mapping.size_share(now, number);
-        let was = mapping.size_share(&self.objective.problem.variables[light].light, number);
-        let has_run_to_end = !(END..=1.0 - END).contains(&share) && (share - was).abs() > UNCHANGED;
-        let middle = &gains[SIZES.len() / 2];
-        let to_middle = has_run_to_end && middle.mean + middle.deviation > 0.0;
-        Ok(best.or(to_middle.then_some(SIZES[SIZES.len() / 2])))
+        let tried: Vec<Light> =
+            groups.iter().flat_map(|group| SIZES.map(|share| sized(group, share))).collect();
+        let gains = self.gains_instead(state, number, now, &tried, trust)?;
+        let best = tried.iter().zip(&gains).max_by(|(_, a), (_, b)| a.least().total_cmp(&b.least()));
+        if let Some((better, _)) = best.filter(|(_, gain)| gain.least() > 0.0) {
+            return Ok(Some(better.clone()));
+        }
+        let middles = (SIZES.len() / 2..).step_by(SIZES.len());
+        let mut left = groups.iter().zip(middles).filter(|(group, middle)| {
+            gains[*middle].mean > 0.0 && group.iter().all(|size| self.has_run_to_end(number, now, *size))
+        });
+        Ok(left.next().map(|(_, middle)| tried[middle].clone()))
+    }
+
+    /// What exact pictures gain, and preferences with them, with others of a light that is `now` in place of one of the state's.
+    fn gains_instead(
+        &self,
+        state: &State,
+        number: usize,
+        now: &Light,
+        others: &[Light],
+        trust: &Trust,
+    ) -> Result<Vec<Gain>, OptimiseError> {
+        let lights = [&[state.lights[number].clone(), now.clone()], others].concat();
+        let residuals = self.residuals_instead(state, number, &lights, trust, Base::Exact)?;
+        let gain = |(other, after): (&Light, &[Vec<f32>; 2])| {
+            let gain = Gain::new(&residuals[1], after);
+            Gain { mean: gain.mean + self.strain(number, now) - self.strain(number, other), ..gain }
+        };
+        Ok(others.iter().zip(&residuals[2..]).map(gain).collect())
+    }
+
+    /// Whether a size is at an end of its range to which the solver has moved it.
+    fn has_run_to_end(&self, number: usize, light: &Light, size: usize) -> bool {
+        let [share, was] = [light, &self.objective.problem.variables[number].light]
+            .map(|light| self.mappings[number].size_share(light, size));
+        !(END..=1.0 - END).contains(&share) && (share - was).abs() > UNCHANGED
     }
 
     /// With the radiances that exact pictures ask for, if they leave little doubt.
@@ -87,4 +116,13 @@ impl Fit<'_> {
         let preferences = self.objective.preferences(number, &self.mappings[number], light);
         preferences.iter().map(|(value, _)| f64::from(value * value)).sum()
     }
+}
+
+/// The sizes of a light that are tried together: each that is free by itself, and both sides of an area light as one, since a light
+/// that is too small on both is no better for being longer.
+fn size_groups(mapping: &Mapping, light: &Light) -> Vec<Vec<usize>> {
+    let free: Vec<usize> = lane::SIZE.filter(|size| mapping.is_free(&light.shape, *size)).collect();
+    let each = free.iter().map(|size| vec![*size]);
+    let all = (free.len() > 1).then(|| free.clone());
+    each.chain(all).collect()
 }

@@ -103,6 +103,22 @@ fn place_and_tilt_of_a_rectangle_are_found() {
 }
 
 #[test]
+fn place_tilt_and_sides_of_a_rectangle_are_found() {
+    let hidden = LightShape::Quad { center: AT, edge_u: EDGE_U, edge_v: EDGE_V, spread: PI };
+    let start = LightShape::Quad { center: FROM, edge_u: -0.2 * Vec3::X, edge_v: 0.2 * Vec3::Y, spread: PI };
+    let found = found(hidden, start, &["position", "direction", "size", "color", "strength"]);
+    let tilt = degrees(normal(&found.shape), normal(&hidden));
+    assert!(distance(&found, hidden) < 0.06 && power_error(&found) < 0.03 && tilt < 4.0, "{tilt}: {found:?}");
+    // Sides show in little but the softness of shadows.
+    let LightShape::Quad { edge_u, edge_v, .. } = found.shape else { panic!("{found:?}") };
+    let [long, short] = if edge_u.length() > edge_v.length() { [edge_u, edge_v] } else { [edge_v, edge_u] };
+    let factors = [long.length() / EDGE_U.length(), short.length() / EDGE_V.length()];
+    assert!(factors.iter().all(|factor| (0.5..2.0).contains(factor)), "{factors:?}: {found:?}");
+    let across = degrees(long, EDGE_U);
+    assert!(across.min(180.0 - across) < 20.0, "{across}: {found:?}");
+}
+
+#[test]
 fn place_and_tilt_of_an_area_disk_are_found() {
     let edge_v = EDGE_U.length() * Vec3::Y;
     let hidden = LightShape::Ellipse { center: AT, edge_u: EDGE_U, edge_v, spread: PI };
