@@ -43,6 +43,17 @@ pub struct Goal {
     pub weight: f32,
 }
 
+impl Goal {
+    /// The pixels of an image of the view's size that count, in one row.
+    pub(crate) fn within(&self, image: &Image) -> Image {
+        let Some(weights) = &self.pixels else { return image.clone() };
+        let pixels = image.data.as_chunks::<3>().0.iter().zip(weights);
+        let data: Vec<f32> =
+            pixels.filter(|(_, weight)| **weight > 0.0).flat_map(|(pixel, _)| *pixel).collect();
+        Image { width: data.len() / 3, height: 1, channels: 3, data }
+    }
+}
+
 /// What a stop is worth beside a difference of tonemapped values: the slope of Reinhard's curve by stops at its middle.
 const STOP: f32 = 0.173;
 /// What an excess of a single cell counts where at least so much was asked for.

@@ -87,7 +87,8 @@ pub fn report(goal: &Goal, before: &Image, after: &Image) -> Report {
             let change = (0..3).map(|c| (is[c] - was[c]).abs()).sum::<f64>();
             let reached = change / was.iter().sum::<f64>().max(1e-12);
             // Where one half became brighter and the other darker the mean says nothing.
-            let worst = worst_tile(before, &masked(after.clone(), before, goal.pixels.as_deref()));
+            let after = masked(after.clone(), before, goal.pixels.as_deref());
+            let worst = worst_tile(before, &after, metrics::exposure(before));
             let met = reached <= KEEP_MET;
             Report { asked: Some(0.0), reached, met, worst, ..Report::new("keep", "fraction") }
         }
@@ -112,13 +113,15 @@ fn target_report(goal: &Goal, target: &Image, any_exposure: bool, before: &Image
         )
     };
     let after = fitted(after);
-    let psnr = |image: &Image| metrics::psnr_reinhard(image, target).min(99.0);
+    // What a target shows outside of its place counts neither as reached nor for its exposure.
+    let wanted = goal.within(target);
+    let psnr = |image: &Image| metrics::psnr_reinhard(&goal.within(image), &wanted).min(99.0);
     let (was, reached) = (psnr(&fitted(before)), psnr(&after));
-    let worst = worst_tile(target, &after);
+    let worst = worst_tile(target, &after, metrics::exposure(&wanted));
     Report { before: was, reached, met: reached >= TARGET_MET, worst, ..Report::new("target", "dB") }
 }
 
-/// An image in which what a mask leaves out is that of the target: it counts as reached.
+/// An image in which what a mask leaves out is that of the target, altogether or in part.
 fn masked(mut image: Image, target: &Image, weights: Option<&[f32]>) -> Image {
     for (i, weight) in weights.unwrap_or(&[]).iter().enumerate() {
         (3 * i..3 * i + 3)
@@ -127,9 +130,8 @@ fn masked(mut image: Image, target: &Image, weights: Option<&[f32]>) -> Image {
     image
 }
 
-/// The tile whose mean tonemapped luminance differs most.
-fn worst_tile(target: &Image, after: &Image) -> Option<Worst> {
-    let exposure = metrics::exposure(target);
+/// The tile whose mean luminance differs most, tonemapped after this exposure.
+fn worst_tile(target: &Image, after: &Image, exposure: f32) -> Option<Worst> {
     let edge = target.width.div_ceil(TILES).max(1);
     let (wide, high) = (target.width.div_ceil(edge), target.height.div_ceil(edge));
     let mut sums = vec![[0.0_f32; 2]; wide * high];
@@ -247,6 +249,20 @@ mod tests {
         assert!(!report(&goal(aim, None), &target, &doubled).met);
         let invariant = Aim::Target { image: target.clone(), exposure_invariant: true };
         assert!(report(&goal(invariant, None), &target, &doubled).met);
+    }
+
+    #[test]
+    fn a_target_with_a_place_is_judged_in_it_alone() {
+        let mut target = flat([0.5; 3]);
+        // Outside anything may stand.
+        target.data[..3].fill(1e4);
+        let after = flat([0.25; 3]);
+        let half = Some([0.0, 0.0, 1.0, 1.0].repeat(2));
+        let aim = |image: &Image| Aim::Target { image: image.clone(), exposure_invariant: false };
+        let in_place = report(&goal(aim(&target), half), &after, &after);
+        let whole = report(&goal(aim(&flat([0.5; 3])), None), &after, &after);
+        assert!((in_place.reached - whole.reached).abs() < 1e-4 && !in_place.met, "{in_place:?} {whole:?}");
+        assert!(in_place.worst.unwrap().x > 0.5 && in_place.worst.unwrap().off > 0.9, "{in_place:?}");
     }
 
     #[test]

@@ -1,7 +1,7 @@
 use crate::cells::Cells;
 use crate::goal::{Aim, Goal};
 use crate::variable::{LUMINANCE, luminance};
-use relume_image::{Image, metrics};
+use relume_image::metrics;
 
 /// A goal at the cells that it concerns.
 pub(crate) struct Term<'a> {
@@ -25,7 +25,7 @@ impl<'a> Term<'a> {
     /// `before` is the picture before, and what brings it to moderate brightness.
     pub(crate) fn new(goal: &'a Goal, cells: Cells, before: &[[f32; 3]], of_before: f32) -> Self {
         let (reference, exposure) = match &goal.aim {
-            Aim::Target { image, .. } => (&cells.means(image), metrics::exposure(&within(image, goal))),
+            Aim::Target { image, .. } => (&cells.means(image), metrics::exposure(&goal.within(image))),
             _ => (&before.to_vec(), of_before),
         };
         let weights = goal.pixels.as_ref().map(|weights| match &goal.aim {
@@ -66,14 +66,6 @@ impl<'a> Term<'a> {
 fn target_weights(cells: Cells, weights: &[f32]) -> Vec<f32> {
     let least = cells.least_weights(weights);
     if least.iter().any(|weight| *weight > 0.0) { least } else { cells.mean_weights(weights) }
-}
-
-/// The pixels of a target that count, in one row.
-fn within(image: &Image, goal: &Goal) -> Image {
-    let Some(weights) = &goal.pixels else { return image.clone() };
-    let pixels = image.data.as_chunks::<3>().0.iter().zip(weights);
-    let data: Vec<f32> = pixels.filter(|(_, weight)| **weight > 0.0).flat_map(|(pixel, _)| *pixel).collect();
-    Image { width: data.len() / 3, height: 1, channels: 3, data }
 }
 
 /// A term at drawn cells of a picture.

@@ -94,5 +94,14 @@ fn text(args: &OptimiseArgs, solved: &Solved, world: [f32; 3]) -> String {
         lines.push(format!("world times {red:.4}, {green:.4}, {blue:.4}, which a light set does not hold"));
     }
     lines.extend(solved.report.iter().map(|report| report.text.clone()));
+    if !solved.rarely_met.is_empty() {
+        lines.push(format!(
+            "hardly any path meets {}: `bake --towards {}` of the scene into another folder, then `optimise` there \
+             with --from {}",
+            solved.rarely_met.join(", "),
+            args.out.display(),
+            args.out.display()
+        ));
+    }
     lines.join("\n")
 }

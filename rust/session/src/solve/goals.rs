@@ -68,7 +68,7 @@ fn aim(wish: &GoalWish, size: (usize, usize), pictures: &Pictures) -> Result<Aim
     let mireds = wish.mireds.unwrap_or(MIREDS);
     Ok(match wish.goal {
         GoalKind::Target => Aim::Target {
-            image: fitted(pictures.get(wish.image.as_deref().unwrap_or_default())?, size)?,
+            image: fitted("the target", pictures.get(wish.image.as_deref().unwrap_or_default())?, size)?,
             exposure_invariant: wish.exposure_invariant,
         },
         GoalKind::Brighter => Aim::Brightness { stops },
@@ -80,8 +80,8 @@ fn aim(wish: &GoalWish, size: (usize, usize), pictures: &Pictures) -> Result<Aim
     })
 }
 
-/// A target of another resolution but the same aspect is scaled by the mean of what falls on a pixel.
-fn fitted(image: Image, (width, height): (usize, usize)) -> Result<Image, SessionError> {
+/// A picture of another resolution but the same aspect is scaled by the mean of what falls on a pixel.
+fn fitted(what: &str, image: Image, (width, height): (usize, usize)) -> Result<Image, SessionError> {
     let image = if image.channels == 3 { image } else { rgb(&image) };
     if (image.width, image.height) == (width, height) {
         return Ok(image);
@@ -92,7 +92,7 @@ fn fitted(image: Image, (width, height): (usize, usize)) -> Result<Image, Sessio
     let is_alike = (given / wanted - 1.0).abs() <= rounding;
     if !is_alike {
         return Err(SessionError::Settings(format!(
-            "the target is {} x {} pixels, the bake {width} x {height}; crop it to the same aspect",
+            "{what} is {} x {} pixels, the bake {width} x {height}; crop it to the same aspect",
             image.width, image.height
         )));
     }
@@ -109,10 +109,19 @@ fn rgb(image: &Image) -> Image {
 fn weights(region: &RegionWish, size: (usize, usize), pictures: &Pictures) -> Result<Vec<f32>, SessionError> {
     let mask = match &region.mask {
         Some(name) => {
-            let mask = fitted(pictures.get(name)?, size)?;
-            let weight =
-                |value: f32| region.equals.map_or(value, |wanted| f32::from((value - wanted).abs() < 0.5));
-            Some(mask.data.chunks_exact(3).map(|pixel| weight(pixel[0])).collect::<Vec<f32>>())
+            let mut mask = pictures.get(name)?;
+            if let Some(wanted) = region.equals {
+                // Before it is scaled: the mean of two indices is the index of something else.
+                let is_wanted = |value: &mut f32| *value = f32::from((*value - wanted).abs() < 0.5);
+                mask.data.iter_mut().for_each(is_wanted);
+            }
+            Some(
+                fitted(&format!("the mask '{name}'"), mask, size)?
+                    .data
+                    .chunks_exact(3)
+                    .map(|pixel| pixel[0])
+                    .collect::<Vec<f32>>(),
+            )
         }
         None => None,
     };

@@ -43,9 +43,11 @@ pub(super) struct Unknowns {
 }
 
 impl Unknowns {
-    pub fn new(request: &SolveRequest, relighter: &Relighter) -> Result<Self, SessionError> {
+    pub fn new(request: &SolveRequest, views: &[&Relighter]) -> Result<Self, SessionError> {
         let wish = &request.wish;
-        let visible = pixel_features(relighter.aovs(), relighter.camera()).visible_bounds();
+        let visible_in = |view: &&Relighter| pixel_features(view.aovs(), view.camera()).visible_bounds();
+        let join = |(a, b): (Vec3, Vec3), (c, d): (Vec3, Vec3)| (a.min(c), b.max(d));
+        let visible = views.iter().map(visible_in).reduce(join).unwrap_or_default();
         let bounds_of = |name| bounds(wish, name, visible);
         let stay_of = |name: &str| wish.each.get(name).and_then(|own| own.stay).unwrap_or(wish.stay);
         let mut new = Self { variables: Vec::new(), sources: Vec::new(), world: None };
@@ -68,7 +70,7 @@ impl Unknowns {
             new.push(Source::World, Variable { light, locks, bounds, stay });
         }
         for _ in 0..wish.add.map_or(0, |add| add.count) {
-            let shape = new_shape(wish.add.map_or(NewKind::Point, |add| add.kind), visible, relighter);
+            let shape = new_shape(wish.add.map_or(NewKind::Point, |add| add.kind), visible, views);
             let light = Light { radiance: [0.0; 3], ..plain("new light", shape) };
             let (locks, bounds) = (Locks::default(), bounds_of(None)?.including(&light));
             new.push(Source::New, Variable { light, locks, bounds, stay: 0.0 });
@@ -218,11 +220,12 @@ fn locks(free: &[Freedom]) -> Locks {
     }
 }
 
-/// In the middle of what is seen, of a size that the proxies of the bake know, facing down. A point light is Blender's default, or
+/// In the middle of what is seen, of a size that proxies of the bakes know, facing down. A point light is Blender's default, or
 /// a sphere where only those were learned.
-fn new_shape(kind: NewKind, (low, high): (Vec3, Vec3), relighter: &Relighter) -> LightShape {
+fn new_shape(kind: NewKind, (low, high): (Vec3, Vec3), views: &[&Relighter]) -> LightShape {
     let (center, extent) = (0.5 * (low + high), low.distance(high).max(1e-3));
-    let known = |kind: LightKind| relighter.proxies().of(kind).map(|trained| trained.proxy.info().size);
+    let known =
+        |kind: LightKind| views.iter().find_map(|view| Some(view.proxies().of(kind)?.proxy.info().size));
     let size = |kind: LightKind, usual: f32| known(kind).map_or(usual, |size| (size.min * size.max).sqrt());
     match kind {
         NewKind::Point if known(LightKind::Sphere).is_some() && known(LightKind::FacingDisk).is_none() => {

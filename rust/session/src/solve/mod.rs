@@ -51,14 +51,14 @@ pub fn solve_lights(
     preview: &Preview,
 ) -> Result<Solved, SessionError> {
     let begin = Instant::now();
-    let Some(first) = relighters.first() else {
+    if relighters.is_empty() {
         return Err(SessionError::Settings("no bake is given; name a bake folder".into()));
-    };
+    }
     let wish = &request.wish;
     if let Some(i) = wish.goals.iter().position(|goal| goal.view >= relighters.len()) {
         return Err(SessionError::Settings(format!("goal {}: there is no such view", i + 1)));
     }
-    let mut unknowns = Unknowns::new(request, first)?;
+    let mut unknowns = Unknowns::new(request, relighters)?;
     let through = through(relighters, &unknowns, wish.through)?;
     unknowns.keep_inside_proxies(relighters, through);
     let scenes = relighters.iter().enumerate().map(|(number, relighter)| {

@@ -190,6 +190,8 @@ pub(super) struct GatherRelight<'a> {
     soft: Soft<'a>,
     few: Vec<(f32, Soft<'a>)>,
     prepared: &'a Prepared,
+    /// All paths twice where there are too few of them to make two pictures.
+    halves: [Half; 2],
     units: Mutex<Vec<(Light, HalfUnits)>>,
 }
 
@@ -211,7 +213,10 @@ impl<'a> GatherRelight<'a> {
         let (gather, cell) = (relighter.device_gather()?, prepared.cell);
         let few = prepared.few.iter().map(|(softness, few)| (*softness, Soft::new(few, cell))).collect();
         let (soft, units) = (Soft::new(gather, cell), Mutex::default());
-        Some(Self { relighter, monitor, soft, few, prepared, units })
+        let halves = [Half::First, Half::Second];
+        let has_both = halves.iter().all(|half| half.tile_samples(gather.gather().dump(), 0) > 0);
+        let halves = if has_both { halves } else { [Half::All; 2] };
+        Some(Self { relighter, monitor, soft, few, prepared, halves, units })
     }
 
     /// Unit images of some lights; of those that are kept, or gathered.
@@ -229,8 +234,9 @@ impl<'a> GatherRelight<'a> {
         let at_once = (MOST_AT_ONCE / (width * height * 3 * size_of::<f32>())).max(1);
         // Not under the lock: threads that wait for parts of a gather take up other lights meanwhile.
         for some in new.chunks(at_once) {
-            let gather = |half| self.relighter.gather_images(some, half, self.monitor);
-            let halves = gather(Half::First)?.into_iter().zip(gather(Half::Second)?);
+            let [first, second] =
+                self.halves.map(|half| self.relighter.gather_images(some, half, self.monitor));
+            let halves = first?.into_iter().zip(second?);
             gathered.extend(halves.map(|(a, b)| Arc::new([a, b].map(|unit| self.prepared.shrunk(&unit)))));
         }
         let mut gathered = gathered.into_iter();

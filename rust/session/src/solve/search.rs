@@ -90,7 +90,7 @@ impl Search<'_> {
                 (found.start, found.start_loss) = (second.start, second.start_loss);
             }
             (found.lights, found.loss) = (polished.lights, polished.loss);
-            if self.request.wish.starts > 1 {
+            if self.request.wish.starts > 1 && self.request.wish.steps > 0 {
                 self.regroup(&problem, &mut found)?;
             }
             self.drop_idle(&problem, &mut found)?;

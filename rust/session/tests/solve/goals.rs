@@ -129,3 +129,21 @@ fn a_target_counts_where_its_mask_is_white() {
         assert!(errors.fold(0.0, f32::max) < 0.06, "{is:?} for {was:?}");
     }
 }
+
+#[test]
+fn an_index_mask_of_another_size_has_no_indices_between_its_own() {
+    let bakes = Bakes::open();
+    // Left index 2, right index 4, twice as fine, and one fine column off the coarse border: nothing is index 3.
+    let (width, height) = (192, 144);
+    let index = |i: usize| if i % width < width / 2 + 1 { 2.0 } else { 4.0 };
+    let data = (0..width * height).flat_map(|i| [index(i); 3]).collect();
+    let mask = Image { width, height, channels: 3, data };
+    let request = |index: u32| {
+        let place = json!({"mask": "mask", "equals": index});
+        let goal = json!({"goal": "brighter", "stops": 0.5, "where": place});
+        json!({"lights": [key()], "free": {"Key": ["strength"]}, "goals": [goal], "starts": 1, "steps": 16})
+    };
+    assert!(solve(&[&bakes.own], &request(2), &[("mask", &mask)]).is_ok());
+    let error = solve(&[&bakes.own], &request(3), &[("mask", &mask)]).unwrap_err().to_string();
+    assert!(error.contains("no pixel"), "{error}");
+}

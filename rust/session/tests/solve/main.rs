@@ -40,6 +40,21 @@ fn a_hidden_light_is_found_through_the_dump_alone() {
 }
 
 #[test]
+fn a_bake_of_a_single_sample_finds_the_strength() {
+    let folder = tempfile::tempdir().unwrap();
+    traced(folder.path(), 0.0, &TraceSettings { samples: 1, ..TraceSettings::default() });
+    let relighter = Relighter::open(folder.path()).unwrap();
+    let large = LightShape::Sphere { center: Vec3::new(0.3, -0.1, 1.3), radius: 0.5 };
+    let hidden = Light { shape: large, ..key() };
+    let target = picture(&relighter, std::slice::from_ref(&hidden));
+    let darker = Light { radiance: hidden.radiance.map(|radiance| 0.3 * radiance), ..hidden.clone() };
+    let request = json!({"lights": [darker], "free": {"Key": ["position", "strength"]}, "starts": 1});
+    let solved = solve(&[&relighter], &target_request(request), &[("target", &target)]).unwrap();
+    let factor = solved.lights.lights[0].radiance[0] / hidden.radiance[0];
+    assert!((0.7..1.4).contains(&factor), "{factor} {:?}", solved.lights);
+}
+
+#[test]
 fn two_views_share_their_lights_and_unneeded_ones_are_dropped() {
     let folders = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
     baked(folders[0].path(), -1.0);
