@@ -93,7 +93,8 @@ def page(records):
         with contextlib.redirect_stdout(shown):
             table.show(records)
         settings = sorted({", ".join(f"{key} {record[key]}" for key in GENERAL) for record in found})
-        text += f"\n```text\n{shown.getvalue().strip()}\n```\n\n{'; '.join(settings)}\n" if found else ""
+        settings = "" if number == "3" else f"\n{'; '.join(settings)}\n"
+        text += f"\n```text\n{shown.getvalue().strip()}\n```\n{settings}" if found else ""
     return text
 
 

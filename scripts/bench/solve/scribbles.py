@@ -110,7 +110,15 @@ class Shown:
     def measure(self):
         """Solves, writes back, renders and measures each stroke."""
         if not self.goals:
-            return {"strokes": [], "seconds": 0.0, "method": "-", "note": "the hidden change shows nowhere"}
+            return {
+                "strokes": [],
+                "changed": self.changed,
+                "psnr": None,
+                "parameter_error": None,
+                "seconds": 0.0,
+                "method": "-",
+                "note": "the hidden change shows nowhere",
+            }
         result = self.shot.solve(self.request())
         judge = self.shot.judge
         judge.set(lights=result["blender"])

@@ -6,10 +6,11 @@ exposure-normalised Reinhard pictures. `ceiling_psnr` compares two renders of th
 solver gets above it.
 """
 
+from itertools import pairwise
 from statistics import mean
 
 from problem import FREE, parameter_error, random_spheres, shape_of, spheres_of
-from records import general
+from records import GENERAL, general
 
 from addon.core.metrics import psnr_reinhard
 
@@ -114,9 +115,23 @@ def line(record):
 
 
 def show(records):
-    """The table, means over scenes and runs, beside the paper's."""
-    print("\nTable 3: PSNR in dB of Cycles renders of what was found (the paper's)  [runs, processor seconds of each]")
+    """A table for each setting, means over scenes and runs, beside the paper's."""
     found = records.select(table="3")
+    for setting in sorted({setting_of(record) for record in found}):
+        of_setting = [record for record in found if setting_of(record) == setting]
+        print("\nTable 3: PSNR in dB of Cycles renders of what was found (the paper's)  [runs, processor seconds of each]")
+        print(", ".join(setting))
+        show_setting(of_setting)
+        show_same(of_setting)
+
+
+def setting_of(record):
+    """What records of one table have in common, in words."""
+    return tuple(f"{key.replace('_', ' ')} {record[key]}" for key in ("through", *GENERAL))
+
+
+def show_setting(found):
+    """Rows of one table."""
     counts = sorted({record["lights"] for record in found})
     row("Initial", counts, found, lambda chosen, _: f"{mean(r['initial_psnr'] for r in chosen):.1f}")
     row("Ceiling", counts, found, lambda chosen, _: f"{mean(r['ceiling_psnr'] for r in chosen):.1f}")
@@ -126,6 +141,20 @@ def show(records):
             if chosen:
                 label = f"{fraction:.1%}" + (f", {starts} starts" if starts > 1 else "")
                 row(label, counts, chosen, lambda some, count, place=place: cell_text(some, PAPER[count][place]))
+
+
+def show_same(found):
+    """Says which rows are one solve. A step looks at 128 cells of up to 8 x 8 pixels at least, however small the share."""
+    for larger, smaller in pairwise(FRACTIONS):
+        results = [
+            {(r["scene"], r["lights"], r["run"]): r["parameter_error"] for r in found if r["pixel_fraction"] == fraction}
+            for fraction in (larger, smaller)
+        ]
+        both = results[0].keys() & results[1].keys()
+        same = sum(results[0][key] == results[1][key] for key in both)
+        if same:
+            least = "a step looks at 128 cells of up to 8 x 8 pixels at least"
+            print(f"{same} of {len(both)} solves of {larger:.1%} and {smaller:.1%} are the same: {least}")
 
 
 def cell_text(chosen, paper):
