@@ -83,3 +83,25 @@ def test_a_bake_that_was_stopped_is_made_whole(shot):
     assert done < wanted
     solved(shot, "--free", "strength")
     assert relume.info(bake)["shards"] == [wanted, wanted]
+
+
+@pytest.mark.parametrize(
+    ("picture", "options", "says"),
+    [
+        ("missing.png", (), "missing.png"),
+        ("black.png", (), "is all black"),
+        (None, ("--lights", "Kye"), "the shot has no light Kye; there are Key"),
+    ],
+)
+def test_bad_input_is_one_line_and_writes_nothing(shot, picture, options, says):
+    blend, bake, edited = shot
+    if picture == "black.png":
+        black = bpy.data.images.new("Black", 32, 24)
+        black.filepath_raw, black.file_format = str(blend.with_name(picture)), "PNG"
+        black.save()
+    out = blend.with_name("solved.blend")
+    command = [sys.executable, SCRIPT, blend, bake, blend.with_name(picture) if picture else edited, "--out", out]
+    command += options
+    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 1 and says in done.stderr and "Traceback" not in done.stderr, done.stdout + done.stderr
+    assert not out.exists()

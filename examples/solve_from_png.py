@@ -28,7 +28,7 @@ from addon.core import solve  # noqa: E402
 from addon.engine import record  # noqa: E402
 from addon.engine.scene_lights import SceneLights  # noqa: E402
 from addon.export.lights import name_of  # noqa: E402
-from addon.export.target import read_target, taken  # noqa: E402
+from addon.export.target import TargetError, read_target, taken  # noqa: E402
 
 
 def bake(blend, folder):
@@ -65,6 +65,9 @@ def light_objects(scene):
 def free_moves(scene, lights, args):
     """What may change of each light, less what could not be written back."""
     shown = [light["name"] for light in lights]
+    unknown = ", ".join(set(args.lights or ()) - set(shown))
+    if unknown:
+        sys.exit(f"solve_from_png: the shot has no light {unknown}; there are {', '.join(shown) or 'none'}")
     objects = light_objects(scene)
     moves, free = FreeMoves(scene, objects.values(), shown), {}
     for name in args.lights or shown:
@@ -114,6 +117,14 @@ def main():
     parser.add_argument("--starts", type=int, default=4, help="more find better answers, in more time")
     args = parser.parse_args()
 
+    try:
+        run(args)
+    except (TargetError, relume.RelumeError, RuntimeError, OSError) as error:
+        sys.exit(f"solve_from_png: {error}")
+
+
+def run(args):
+    """Reads, solves, writes."""
     bpy.ops.wm.open_mainfile(filepath=str(args.blend.resolve()))
     bpy.ops.preferences.addon_enable(module="cycles")
     scene = bpy.context.scene
@@ -130,6 +141,9 @@ def main():
     for row in answer["report"]:
         print(row["text"])
     warn(answer["warnings"])
+    if answer["rarely_met"]:
+        few = ", ".join(answer["rarely_met"])
+        warn([f"few paths of the bake meet {few} where they are now: bake {args.out} anew and run this on it again"])
     write(scene, answer, lights, asked)
     bpy.ops.wm.save_as_mainfile(filepath=str(args.out.resolve()), copy=True)
     print(f"Wrote {args.out}")

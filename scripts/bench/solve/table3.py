@@ -119,7 +119,7 @@ def show(records):
     found = records.select(table="3")
     for setting in sorted({setting_of(record) for record in found}):
         of_setting = [record for record in found if setting_of(record) == setting]
-        print("\nTable 3: PSNR in dB of Cycles renders of what was found (the paper's)  [runs, processor seconds of each]")
+        print("\nTable 3: PSNR in dB of Cycles renders of what was found (the paper's)  [runs, processor seconds]")
         print(", ".join(setting))
         show_setting(of_setting)
         show_same(of_setting)
@@ -144,12 +144,14 @@ def show_setting(found):
 
 
 def show_same(found):
-    """Says which rows are one solve. A step looks at 128 cells of up to 8 x 8 pixels at least, however small the share."""
+    """Says which rows are one solve. A step looks at 128 cells of up to 8 x 8 pixels at least, whatever the share."""
+
+    def errors(fraction):
+        some = [record for record in found if record["pixel_fraction"] == fraction and record["starts"] == 1]
+        return {(r["scene"], r["lights"], r["run"]): r["parameter_error"] for r in some}
+
     for larger, smaller in pairwise(FRACTIONS):
-        results = [
-            {(r["scene"], r["lights"], r["run"]): r["parameter_error"] for r in found if r["pixel_fraction"] == fraction}
-            for fraction in (larger, smaller)
-        ]
+        results = [errors(larger), errors(smaller)]
         both = results[0].keys() & results[1].keys()
         same = sum(results[0][key] == results[1][key] for key in both)
         if same:
