@@ -277,7 +277,7 @@ impl Mapping {
 }
 
 /// The value of a lane that has a range: a coordinate of the centre, logarithm of a size, angle or blend of a cone.
-fn coordinate(shape: &LightShape, number: usize) -> f32 {
+pub(crate) fn coordinate(shape: &LightShape, number: usize) -> f32 {
     match (number, shape) {
         (0..3, _) => shape.center().unwrap_or_default()[number],
         (6..8, _) => shape.sizes()[number - lane::SIZE.start].ln(),

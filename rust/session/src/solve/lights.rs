@@ -205,7 +205,9 @@ fn bounds(wish: &Wish, light: Option<&str>, (low, high): (Vec3, Vec3)) -> Result
              rising"
         )));
     }
-    Ok(Bounds::new(min, max, [small, large]))
+    let usual = Bounds::new(min, max, [small, large]);
+    let (sun, cone) = (own.sun.or(wish.bounds.sun), own.cone.or(wish.bounds.cone));
+    Ok(Bounds { sun: sun.unwrap_or(usual.sun), cone: cone.unwrap_or(usual.cone), ..usual })
 }
 
 fn locks(free: &[Freedom]) -> Locks {

@@ -142,6 +142,10 @@ pub struct BoundsWish {
     pub max: Option<[f32; 3]>,
     /// Smallest and largest radius or edge.
     pub size: Option<[f32; 2]>,
+    /// Smallest and largest half angle of a sun, radians.
+    pub sun: Option<[f32; 2]>,
+    /// Smallest and largest half angle of a spot's cone, radians.
+    pub cone: Option<[f32; 2]>,
 }
 
 /// What is said of one light.

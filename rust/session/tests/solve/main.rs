@@ -152,6 +152,33 @@ fn bounds_and_stay_of_one_light_hold_that_one_alone() {
 }
 
 #[test]
+fn a_spot_keeps_its_cone_in_the_range_that_was_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    baked(folder.path(), 0.0);
+    let relighter = Relighter::open(folder.path()).unwrap();
+    let spot = |half_angle: f32| LightShape::Spot {
+        center: Vec3::new(0.1, -0.6, 1.4),
+        radius: 0.2,
+        axis: Vec3::new(0.2, 0.8, -0.6).normalize(),
+        half_angle,
+        blend: 0.1,
+        soft_falloff: true,
+    };
+    let lit = |half_angle: f32| light("Key", spot(half_angle), [20.0; 3]);
+    let target = picture(&relighter, &[lit(0.4)]);
+    let angle = |bounds: Value| {
+        let request = json!({
+            "lights": [lit(0.8)], "free": {"Key": ["cone"]}, "starts": 1, "each": {"Key": {"bounds": bounds}}
+        });
+        let solved = solve(&[&relighter], &target_request(request), &[("target", &target)]).unwrap();
+        let LightShape::Spot { half_angle, .. } = solved.lights.lights[0].shape else { panic!("{solved:?}") };
+        half_angle
+    };
+    let [free, held] = [angle(json!({})), angle(json!({"cone": [0.6, 1.0]}))];
+    assert!(free < 0.55 && (0.6..0.75).contains(&held), "{free} {held}");
+}
+
+#[test]
 fn new_lights_are_of_the_type_that_was_asked_for() {
     let folder = tempfile::tempdir().unwrap();
     baked(folder.path(), 0.0);
