@@ -69,7 +69,8 @@ pub fn solve_lights(
     });
     let scenes = scenes.collect::<Result<Vec<_>, SessionError>>()?;
     let search = Search { request, unknowns: &unknowns, scenes: &scenes, through, monitor, preview };
-    let found = search.run()?;
+    let found =
+        search.run().map_err(|error| if monitor.cancelled() { SessionError::Cancelled } else { error })?;
     solved::solved(request, &unknowns, &scenes, found, through, begin, monitor)
 }
 

@@ -219,6 +219,10 @@ impl<'a> GatherRelight<'a> {
         Some(Self { relighter, monitor, soft, few, prepared, halves, units })
     }
 
+    fn go_on(&self) -> Result<(), SessionError> {
+        if self.monitor.cancelled() { Err(SessionError::Cancelled) } else { Ok(()) }
+    }
+
     /// Unit images of some lights; of those that are kept, or gathered.
     fn half_units(&self, lights: &[&Light]) -> Result<Vec<HalfUnits>, SessionError> {
         let keys: Vec<Light> = lights.iter().map(|light| key(light)).collect();
@@ -234,6 +238,7 @@ impl<'a> GatherRelight<'a> {
         let at_once = (MOST_AT_ONCE / (width * height * 3 * size_of::<f32>())).max(1);
         // Not under the lock: threads that wait for parts of a gather take up other lights meanwhile.
         for some in new.chunks(at_once) {
+            self.go_on()?;
             let [first, second] =
                 self.halves.map(|half| self.relighter.gather_images(some, half, self.monitor));
             let halves = first?.into_iter().zip(second?);
@@ -278,6 +283,7 @@ impl<'a> GatherRelight<'a> {
         softness: f32,
         cells: &[u32],
     ) -> Result<relume_gather::Linear, SessionError> {
+        self.go_on()?;
         let Soft(gather, soft) = self.soft(softness);
         gather.linearise(soft, (light, softness), cells, self.relighter.compute(), self.monitor)
     }

@@ -270,6 +270,36 @@ fn a_light_that_paths_hardly_meet_is_named_and_solved_on_with_paths_that_look_fo
     assert!(other.unwrap_err().to_string().contains("light 'Key' is of another type"));
 }
 
+/// Counts a solver's steps.
+#[derive(Default)]
+struct Steps(Mutex<u64>);
+
+impl Listener for Steps {
+    fn progress(&self, progress: &Progress) {
+        if matches!(progress.stage, Stage::Optimise | Stage::Polish) {
+            *self.0.lock().unwrap() += progress.done;
+        }
+    }
+    fn warning(&self, _: &str) {}
+}
+
+#[test]
+fn cancelling_works_before_the_first_step() {
+    let folder = tempfile::tempdir().unwrap();
+    baked(folder.path(), 0.0);
+    let relighter = Relighter::open(folder.path()).unwrap();
+    let request = target_request(json!({"add": {"count": 2}}));
+    let request = SolveRequest::parse(&request.to_string()).unwrap();
+    let target = picture(&relighter, &[key()]);
+    let pictures = Pictures::named(HashMap::from([("target".to_string(), target)]));
+    let (steps, cancel) = (Arc::new(Steps::default()), Cancel::default());
+    cancel.request();
+    let monitor = Monitor::new(steps.clone(), cancel);
+    let result = solve_lights(&[&relighter], &request, &pictures, &monitor, &|_| ());
+    assert!(matches!(result, Err(SessionError::Cancelled)), "{result:?}");
+    assert_eq!(*steps.0.lock().unwrap(), 0, "random starts were looked for all the same");
+}
+
 #[test]
 fn cancelling_works_at_any_step_and_previews_hold_all_lights() {
     let folder = tempfile::tempdir().unwrap();
