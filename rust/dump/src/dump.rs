@@ -121,6 +121,15 @@ impl Dump {
         all.filter(|(_, _, shard)| shard.is_none()).map(|(tile, pass, _)| (tile, pass)).collect()
     }
 
+    /// Tile and pass of the first shard that is missing although shards of later passes are there: its file was lost, while a bake that
+    /// was stopped lacks the last passes.
+    pub fn lost(&self) -> Option<(usize, usize)> {
+        let pass = self.complete_passes();
+        let is_later = |passes: &Vec<Option<Arc<Shard>>>| passes.iter().skip(pass + 1).any(Option::is_some);
+        let tile = self.shards.iter().position(|passes| passes.get(pass).is_some_and(Option::is_none))?;
+        self.shards.iter().any(is_later).then_some((tile, pass))
+    }
+
     /// Whether a tile of a pass is there.
     pub fn has(&self, tile: usize, pass: usize) -> bool {
         self.shards.get(tile).and_then(|passes| passes.get(pass)).is_some_and(Option::is_some)

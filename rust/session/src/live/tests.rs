@@ -237,6 +237,28 @@ fn a_stale_proxy_is_said_and_does_not_end_a_bake() {
 }
 
 #[test]
+fn a_tile_that_was_lost_is_named_and_traced_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let samples = |live: &Live| {
+        let status = state(live, LiveState::Ready);
+        (status.samples < status.samples_total, status.warnings)
+    };
+    let baked = live(folder.path());
+    baked.bake(room(16, 16), settings(16), 0.0, false).unwrap();
+    assert_eq!(samples(&baked), (false, vec![]));
+    drop(baked);
+    let lost = relume_dump::Manifest::shard_path(folder.path(), 0, 1);
+    std::fs::remove_file(&lost).unwrap();
+    let reopened = live(folder.path());
+    reopened.open(0.0).unwrap();
+    let (lacks, warnings) = samples(&reopened);
+    assert!(lacks && warnings.len() == 1, "{warnings:?}");
+    assert!(warnings[0].contains(&lost.display().to_string()), "{warnings:?}");
+    reopened.bake(room(16, 16), settings(16), 0.0, false).unwrap();
+    assert!(!samples(&reopened).0 && lost.exists());
+}
+
+#[test]
 fn a_rebake_looks_for_lights_that_have_moved() {
     let folder = tempfile::tempdir().unwrap();
     let small = |x: f32| Light {

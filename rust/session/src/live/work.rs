@@ -156,6 +156,13 @@ impl Job {
         }
         let dump = Dump::open(&self.folder)?;
         let complete = dump.complete_passes();
+        if let Some((tile, pass)) = dump.lost() {
+            let path = Manifest::shard_path(&self.folder, tile, pass);
+            self.shared.warn(&format!(
+                "{} is missing: the samples from there on are not shown; go on with the bake to trace it again",
+                path.display()
+            ));
+        }
         if complete == 0 {
             let reason = format!("{} holds the start of a bake only; bake again", self.folder.display());
             return Err(SessionError::Settings(reason));
