@@ -89,8 +89,11 @@ def main():
 
     with tempfile.TemporaryDirectory() as folder:
         shot = Shot(folder, (args.width, args.height), args.samples, args.train_seconds, args.device)
-        shot.next_frame()
-        record("first picture", time.perf_counter() - shot.start, "s", 5)
+        frame = shot.next_frame()
+        record("first picture", time.perf_counter() - shot.start, "s", 5, scale=frame.scale)
+        if frame.scale > 1:
+            frame = shot.next_frame(lambda frame: frame.scale == 1)
+        record("first picture of all pixels", time.perf_counter() - shot.start, "s", None, scale=frame.scale)
         shot.wait_until_done()
         device = json.loads(shot.live.status())["device"]
         name = shot.lights[0]["name"]
