@@ -52,6 +52,11 @@ impl Gain {
         Self { mean, deviation: seen.max(scatter_of_products(after)), most }
     }
 
+    /// With a gain that is known exactly.
+    pub fn plus(self, gain: f64) -> Self {
+        Self { mean: self.mean + gain, most: self.most + gain, ..self }
+    }
+
     /// What is left of it for sure: above 0 if there is little doubt. Of many tries with noisy pictures some seem to gain more than
     /// there is: that much of it is noise.
     pub fn least(&self) -> f64 {

@@ -72,8 +72,7 @@ impl Fit<'_> {
         let lights = [&[state.lights[number].clone(), now.clone()], others].concat();
         let residuals = self.residuals_instead(state, number, &lights, trust, Base::Exact)?;
         let gain = |(other, after): (&Light, &[Vec<f32>; 2])| {
-            let gain = Gain::new(&residuals[1], after);
-            Gain { mean: gain.mean + self.strain(number, now) - self.strain(number, other), ..gain }
+            Gain::new(&residuals[1], after).plus(self.strain(number, now) - self.strain(number, other))
         };
         Ok(others.iter().zip(&residuals[2..]).map(gain).collect())
     }
@@ -102,9 +101,9 @@ impl Fit<'_> {
 
     /// By how much exact pictures prefer one state to another.
     pub fn exact_gain(&self, before: &State, after: &State) -> Gain {
-        let gain = Gain::new(&self.exact_residuals(before), &self.exact_residuals(after));
         let strain = |state: &State| self.objective.preference_loss(&self.mappings, &state.lights);
-        Gain { mean: gain.mean + strain(before) - strain(after), ..gain }
+        let gain = Gain::new(&self.exact_residuals(before), &self.exact_residuals(after));
+        gain.plus(strain(before) - strain(after))
     }
 
     fn exact_residuals(&self, state: &State) -> [Vec<f32>; 2] {
