@@ -1,6 +1,7 @@
 """What became of a scene since its bake is noticed, in words, and outlives saving and opening."""
 
 import json
+import math
 import time
 
 import bpy
@@ -26,6 +27,15 @@ def baked(lit):
     diffuse = tree.nodes.new("ShaderNodeBsdfDiffuse")
     tree.links.new(diffuse.outputs[0], output.inputs["Surface"])
     add_quad(lit, "Sofa", material=material)
+    furniture, assets = (bpy.data.collections.new(name) for name in ("Furniture", "Assets"))
+    lit.collection.children.link(furniture)
+    for name, collection in (("Chair", furniture), ("Leaf", assets)):
+        made = add_quad(lit, name)
+        collection.objects.link(made)
+        lit.collection.objects.unlink(made)
+    plant = bpy.data.objects.new("Plant", None)
+    plant.instance_type, plant.instance_collection = "COLLECTION", assets
+    lit.collection.objects.link(plant)
     bpy.ops.ed.undo_push(message="set up")
     start(lit)
     FakeLive.made[-1].tell(state="ready", samples=4, samples_total=4)
@@ -67,8 +77,8 @@ def test_undo_is_looked_at_in_every_scene(baked, tmp_path):
 def test_a_large_mesh_is_looked_at_in_slices(lit, monkeypatch):
     whole = prints.take_all(lit, lit.camera)["data Plane"]
     monkeypatch.setattr(prints, "SLICE_BYTES", 8)
-    sizes = [48, 16, 32]  # Of positions, corners and UVs; each array has a step of its own besides.
-    assert len(list(prints.take(lit, "data Plane"))) == sum(size // 8 + 1 for size in sizes)
+    sizes = [48, 16, 32, 1]  # Of positions, corners, UVs and flatness; each array has a step of its own besides.
+    assert len(list(prints.take(lit, "data Plane"))) == sum(math.ceil(size / 8) + 1 for size in sizes)
     found, looks = Changes({"data Plane": whole}), 0
     while found.is_pending and looks < 100:
         found.look(lit, 0.0)
@@ -283,7 +293,55 @@ def fewer_bounces(scene):
     return "Bounces or filters of the render settings changed"
 
 
+def shade_smooth(_scene):
+    mesh = bpy.data.meshes["Sofa"]
+    mesh.shade_smooth() if not mesh.polygons[0].use_smooth else mesh.shade_flat()
+    mesh.update()
+    return "Mesh 'Sofa' changed"
+
+
+def paint_vertices(_scene):
+    mesh = bpy.data.meshes["Sofa"]
+    mesh.color_attributes.new("Dirt", "FLOAT_COLOR", "POINT")
+    mesh.update()
+    return "Mesh 'Sofa' changed"
+
+
+def hide_collection(scene):
+    bpy.context.view_layer.layer_collection.children["Furniture"].exclude = True
+    return "Objects were hidden or shown by their collection"
+
+
+def render_collection(scene):
+    bpy.data.collections["Furniture"].hide_render = True
+    return "Objects were hidden or shown by their collection"
+
+
+def indirect_collection(scene):
+    bpy.context.view_layer.layer_collection.children["Furniture"].indirect_only = True
+    return "Holdout or Indirect Only of a collection changed"
+
+
+def move_asset(_scene):
+    bpy.data.objects["Leaf"].location.z = 1.0
+    return "'Leaf' moved"
+
+
+def move_vertex_of_asset(_scene):
+    mesh = bpy.data.meshes["Leaf"]
+    mesh.vertices[0].co.z = 0.25
+    mesh.update()
+    return "Mesh 'Leaf' changed"
+
+
 CHANGES = [
+    shade_smooth,
+    paint_vertices,
+    hide_collection,
+    render_collection,
+    indirect_collection,
+    move_asset,
+    move_vertex_of_asset,
     move_camera,
     other_lens,
     other_camera,

@@ -28,8 +28,10 @@ PARTS = {
     ("camera", "lens"): "Lens or focus of the camera changed",
     ("settings", "paths"): "Bounces or filters of the render settings changed",
     ("settings", "space"): "The file has another working space",
+    ("collections", "hidden"): "Objects were hidden or shown by their collection",
+    ("collections", "rays"): "Holdout or Indirect Only of a collection changed",
 }
-ORDER = ("camera", "film", "settings", "world", "object", "data", "material", "image")
+ORDER = ("camera", "film", "settings", "collections", "world", "object", "data", "material", "image")
 
 
 def sentences(keys: Iterable[str], baked: dict[str, Print], present: dict[str, Print]) -> list[str]:

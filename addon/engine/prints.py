@@ -1,8 +1,8 @@
 """Prints of what a bake depends on, cheap enough to be taken while the artist works.
 
-They see transforms, data and its vertices, modifiers and their inputs, poses, material and world nodes, visibility,
-camera and render settings, and size and time of image files. They do not see simulation caches, and what node groups
-of modifiers do beyond their inputs."""
+They see transforms, data and its attributes, modifiers and their inputs, poses, material and world nodes, visibility
+of objects and collections, objects of instanced collections, camera and render settings, and size and time of image
+files. They do not see simulation caches, and what node groups of modifiers do beyond their inputs."""
 
 from __future__ import annotations
 
@@ -49,7 +49,9 @@ def keys_of(found: bpy.types.ID, scene: bpy.types.Scene) -> list[str]:
     if isinstance(found, bpy.types.World):
         return ["world"]
     if isinstance(found, bpy.types.Scene):
-        return ["camera", "film", "settings", "world"]
+        return ["camera", "film", "settings", "collections", "world"]
+    if isinstance(found, bpy.types.Collection):
+        return ["collections"]
     return [f"data {found.name_full}"] if isinstance(found, DATA) else []
 
 
@@ -69,7 +71,7 @@ def walk(scene: bpy.types.Scene) -> Iterator[tuple[str, Take]]:
     walked: set[int] = set()
     shapes: dict[int, bpy.types.ID] = {}
     yield from _images(world_of(scene, render_layer(scene)), walked)
-    for obj in list(scene.objects):
+    for obj in [*scene.objects, *_instanced(scene)]:
         if not _counts(obj):
             yield "", _nothing
             continue
@@ -83,6 +85,21 @@ def walk(scene: bpy.types.Scene) -> Iterator[tuple[str, Take]]:
                 yield from _images(material, walked)
     for data in shapes.values():
         yield f"data {data.name_full}", partial(_data, data)
+
+
+def _instanced(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The objects of instanced collections that are not in the scene themselves."""
+    todo = [obj.instance_collection for obj in scene.objects if _counts(obj)]
+    seen: set[int] = set()
+    found: dict[str, bpy.types.Object] = {}
+    while todo:
+        collection = todo.pop()
+        if collection is None or collection.session_uid in seen:
+            continue
+        seen.add(collection.session_uid)
+        found |= {obj.name_full: obj for obj in collection.all_objects}
+        todo += [obj.instance_collection for obj in collection.all_objects]
+    return [obj for name, obj in found.items() if _by_full_name(scene.objects, name) is None]
 
 
 def _images(owner: bpy.types.Material | bpy.types.World | None, walked: set[int]) -> Iterator[tuple[str, Take]]:
@@ -126,6 +143,8 @@ def take(scene: bpy.types.Scene, key: str) -> Steps:
         "image": (bpy.data.images, _image),
     }[kind]
     block = _first(name, place)
+    if block is None and kind == "object":
+        block = next((obj for obj in _instanced(scene) if obj.name_full == name), None)
     return _at_once(of, block) if block is not None else _nothing()
 
 
@@ -197,10 +216,10 @@ def _data(data: bpy.types.ID) -> Steps:
     if not isinstance(data, bpy.types.Mesh):
         return {"shape": _hash([_values(data), shapes, _points(data)])}
     arrays = []
-    for name, kind, width in MESH_ARRAYS:
-        arrays.append((yield from _array(data, name, kind, width)))
-    uvs = data.uv_layers.active
-    arrays.append((yield from _array(data, uvs.name, "vector", 2)) if uvs else "")
+    for name in sorted(data.attributes.keys()):
+        # Names with a dot are Blender's own: what is selected and hidden while editing, and which corner is at which vertex.
+        if not name.startswith(".") or name == ".corner_vert":
+            arrays.append((name, (yield from _array(data, name))))
     return {"shape": _hash([len(data.vertices), len(data.polygons), arrays, shapes])}
 
 
@@ -217,9 +236,9 @@ def _points(data: bpy.types.ID) -> list:
     return [points, [tuple(element.co) for element in getattr(data, "elements", ())]]
 
 
-def _array(data: bpy.types.Mesh, name: str, kind: str, width: int) -> Generator[None, None, str]:
+def _array(data: bpy.types.Mesh, name: str) -> Generator[None, None, str]:
     """Of all values of an attribute: a copy of them, then a part at a time."""
-    values = _values_of(data, name, kind, width)
+    values = _values_of(data, name)
     if values is None:
         return ""
     found = 0
@@ -230,12 +249,13 @@ def _array(data: bpy.types.Mesh, name: str, kind: str, width: int) -> Generator[
     return f"{found:08x}"
 
 
-def _values_of(data: bpy.types.Mesh, name: str, kind: str, width: int) -> memoryview | None:
-    """The bytes of an attribute; None if it is not there."""
+def _values_of(data: bpy.types.Mesh, name: str) -> memoryview | None:
+    """The bytes of an attribute; None if it is not there, or of a type that no picture shows."""
     attribute = data.attributes.get(name)
-    if attribute is None:
+    if attribute is None or attribute.data_type not in ATTRIBUTES:
         return None
-    values = np.empty(len(attribute.data) * width, np.float32 if kind == "vector" else np.int32)
+    kind, of, width = ATTRIBUTES[attribute.data_type]
+    values = np.empty(len(attribute.data) * width, of)
     attribute.data.foreach_get(kind, values)
     return values.view(np.uint8).data
 
@@ -323,6 +343,25 @@ def _settings(scene: bpy.types.Scene) -> Print:
     return {"paths": _hash(trace_settings(scene, lambda _message: None).get("paths")), "space": working_space()}
 
 
+def _collections(scene: bpy.types.Scene) -> Print:
+    """Objects that collections of the view layer hide from renders, and those whose collections alter what rays see."""
+    shown, altered = set(), []
+
+    def enter(layer: bpy.types.LayerCollection, is_hidden: bool) -> None:
+        is_hidden = is_hidden or layer.collection.hide_render
+        names = [obj.name_full for obj in layer.collection.objects]
+        if not (is_hidden or layer.exclude):
+            shown.update(names)
+            altered.extend((name, layer.holdout, layer.indirect_only) for name in names)
+        for child in layer.children:
+            enter(child, is_hidden)
+
+    enter(render_layer(scene).layer_collection, False)
+    counting = {obj.name_full for obj in scene.objects if _counts(obj)}
+    marks = [mark for mark in altered if mark[0] in counting and any(mark[1:])]
+    return {"hidden": _hash(sorted(counting - shown)), "rays": _hash(sorted(marks))}
+
+
 class _WorldRecorder:
     """Takes what `export_world` says about a world."""
 
@@ -358,6 +397,17 @@ ONE_OF_A_KIND: dict[str, Callable[[bpy.types.Scene], Print | None]] = {
     "camera": _camera,
     "film": _film,
     "settings": _settings,
+    "collections": _collections,
     "world": world,
 }
-MESH_ARRAYS = (("position", "vector", 3), (".corner_vert", "value", 1), ("material_index", "value", 1))
+ATTRIBUTES = {
+    "BOOLEAN": ("value", np.bool_, 1),
+    "INT": ("value", np.int32, 1),
+    "INT16_2D": ("value", np.int32, 2),
+    "FLOAT": ("value", np.float32, 1),
+    "FLOAT2": ("vector", np.float32, 2),
+    "FLOAT_VECTOR": ("vector", np.float32, 3),
+    "FLOAT_COLOR": ("color", np.float32, 4),
+    "BYTE_COLOR": ("color", np.float32, 4),
+}
+"""How values of a mesh are read by their type."""
