@@ -217,7 +217,7 @@ def _data(data: bpy.types.ID) -> Steps:
         return {"shape": _hash([_values(data), shapes, _points(data)])}
     arrays = []
     for name in sorted(data.attributes.keys()):
-        # Names with a dot are Blender's own: what is selected and hidden while editing, and which corner is at which vertex.
+        # A dot begins what is Blender's own: selections, what is hidden while editing, and the vertices of corners.
         if not name.startswith(".") or name == ".corner_vert":
             arrays.append((name, (yield from _array(data, name))))
     return {"shape": _hash([len(data.vertices), len(data.polygons), arrays, shapes])}
@@ -255,7 +255,7 @@ def _values_of(data: bpy.types.Mesh, name: str) -> memoryview | None:
     if attribute is None or attribute.data_type not in ATTRIBUTES:
         return None
     kind, of, width = ATTRIBUTES[attribute.data_type]
-    values = np.empty(len(attribute.data) * width, of)
+    values: np.ndarray = np.empty(len(attribute.data) * width, of)
     attribute.data.foreach_get(kind, values)
     return values.view(np.uint8).data
 
@@ -345,7 +345,8 @@ def _settings(scene: bpy.types.Scene) -> Print:
 
 def _collections(scene: bpy.types.Scene) -> Print:
     """Objects that collections of the view layer hide from renders, and those whose collections alter what rays see."""
-    shown, altered = set(), []
+    shown: set[str] = set()
+    altered: list[tuple[str, bool, bool]] = []
 
     def enter(layer: bpy.types.LayerCollection, is_hidden: bool) -> None:
         is_hidden = is_hidden or layer.collection.hide_render
