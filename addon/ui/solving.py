@@ -73,8 +73,9 @@ class Solving:
         self._wish = self._wish_of(scene, free)
         self._request: dict[str, Any] = {}
         self._before = looks.current(scene, BEFORE)
-        self._before_request = found.request
-        self._before_frame = found.frame if found.frame is not None and compare.is_final(found.frame) else None
+        self._before_request = shot.request_text(content)
+        frame = found.present_frame
+        self._before_frame = frame if frame is not None and compare.is_final(frame) else None
         self._job: Any = None
         self._work = self._run()
 
@@ -291,7 +292,7 @@ class Solving:
         """Waits for the picture of the result and returns it; None where it does not come."""
         number, end = self.shot.ask(request), time.monotonic() + PICTURE_SECONDS
         handlers.wake()
-        while time.monotonic() < end and self.shot.is_open and self.shot.status["state"] != "failed":
+        while time.monotonic() < end and self.shot.is_open and self.shot.can_show:
             frame = self.shot.frame
             if frame is not None and frame.request == number and compare.is_final(frame):
                 return frame
