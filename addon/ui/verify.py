@@ -31,8 +31,8 @@ def start(scene: bpy.types.Scene) -> verify.Verification:
     """Renders the present lights and rows with Cycles, and compares. Raises VerifyError or NoCopyError."""
     found, frame = shot.of(scene), _present_frame(scene)
     lights = [name_of(obj) for obj in lights_of(scene)]
-    compare.clear(scene)
     running = verify.start(scene, frame, found.camera, scene.relume_verify.samples, rows.mix(scene, lights))
+    compare.clear(scene)
     if not bpy.app.background and not bpy.app.timers.is_registered(_timer):
         bpy.app.timers.register(_timer, first_interval=TICK_SECONDS, persistent=True)
     return running
