@@ -259,10 +259,19 @@ class Solving:
             masks = found or {}
             yield
         for name, seen in self._seen.items():
+            hidden = self._not_shown(seen)
             if seen not in masks or not masks[seen].any():
-                raise SolveError(f"Not seen in the picture: {seen}")
+                raise SolveError(f"Not seen in the picture: {seen}{f', {hidden}' if hidden else ''}")
+            if hidden:
+                self.notes.append(f"Only a part of {seen} is looked at, {hidden}")
             mask = resized(masks[seen], self._size)
             self._images[name] = np.ascontiguousarray(mask, np.float32)
+
+    def _not_shown(self, seen: region_masks.Seen) -> str:
+        """What of it cannot be found because the window hides it; empty if nothing."""
+        scene = self._scene()
+        names = region_masks.not_shown(scene, seen) if scene is not None else []
+        return f"since {', '.join(map(repr, names))} is hidden in the view; show it and solve again" if names else ""
 
     def _wait_for_job(self) -> Iterator[None]:
         next_preview = 0.0
