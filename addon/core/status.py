@@ -35,9 +35,10 @@ def shown(status: dict[str, Any]) -> str:
 
 
 def _error(status: dict[str, Any]) -> str:
-    """Largest measured error of the proxies in use."""
+    """Measured error of the one proxy; of several the largest, as which of them are in use is not told."""
     errors = [proxy["smape"] for proxy in status["proxies"].values() if proxy.get("smape") is not None]
-    return f" (error {100 * max(errors):.1f} %)" if errors else ""
+    limit = "up to " if len(errors) > 1 else ""
+    return f" (error {limit}{100 * max(errors):.1f} %)" if errors else ""
 
 
 def out_of_sight(status: dict[str, Any]) -> list[str]:
