@@ -72,11 +72,20 @@ def headline(status: dict[str, Any]) -> str:
         case "training":
             return _doing(status, "train")
         case "cancelled":
-            kept = f" at {status['samples']} of {status['samples_total']} samples; they are kept"
-            return f"Stopped{kept if status['samples'] else ''}"
+            return _stopped(status)
         case "failed":
             return error(status) or "Relume failed without saying why"
-    return f"Ready, {status['samples']} samples"
+    return _stopped(status) if is_unfinished(status) else f"Ready, {status['samples']} samples"
+
+
+def is_unfinished(status: dict[str, Any]) -> bool:
+    """Whether there is more to bake and nobody does: it was stopped, now or before the file was opened."""
+    return status["state"] in {"cancelled", "ready"} and status["samples"] < status["samples_total"]
+
+
+def _stopped(status: dict[str, Any]) -> str:
+    kept = f" at {status['samples']} of {status['samples_total']} samples; they are kept"
+    return f"Stopped{kept if status['samples'] else ''}"
 
 
 def _doing(status: dict[str, Any], otherwise: str) -> str:
