@@ -2,7 +2,9 @@
 
 import json
 import os
+import threading
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import bpy
@@ -10,10 +12,11 @@ import pytest
 
 from addon.core import bake_cache
 from addon.core.bake_folder import MANIFEST
-from addon.engine import background, devices, options
+from addon.engine import background, cache, devices, options
+from addon.engine.checks import ProblemError, folders_in_use
 from addon.engine.native import NativeModuleError, native
-from addon.ui import timers
-from addon.ui.preferences import clean_cache, count_cache
+from addon.ui import preferences, timers
+from addon.ui.preferences import RELUME_OT_count_cache
 from addon.ui.start import start
 from fake_live import FakeLive
 
@@ -31,6 +34,26 @@ def make_bake(folder):
     folder.mkdir(parents=True)
     (folder / MANIFEST).write_text(json.dumps({"scene_hash": "", "passes": [], "tile_size": 64}))
     (folder / "tile_0000.safetensors").write_bytes(bytes(1000))
+
+
+def done(work):
+    """The end of what is done a moment at a time."""
+    deadline = time.monotonic() + 60
+    try:
+        while time.monotonic() < deadline:
+            next(work)
+            time.sleep(0.001)
+    except StopIteration as end:
+        return end.value
+    raise AssertionError("it does not end")
+
+
+def count_cache():
+    return done(cache.count(options.cache_folder()))
+
+
+def clean_cache():
+    return done(cache.clean(options.cache_folder(), folders_in_use))
 
 
 def test_choices_reach_the_native_module(lit, chosen, monkeypatch):
@@ -83,6 +106,64 @@ def test_clean_up_keeps_what_is_baked_in_the_background(chosen, tmp_path, monkey
     job.is_running = False
     assert clean_cache() == (1, [])
     background._jobs.clear()
+
+
+@pytest.fixture
+def slow(monkeypatch):
+    """Counting and deleting last until this is set."""
+    gate = threading.Event()
+    for name in ("size_of", "remove"):
+        plain = getattr(bake_cache, name)
+        monkeypatch.setattr(bake_cache, name, lambda *asked, plain=plain: gate.wait(60) and plain(*asked))
+    yield gate
+    gate.set()
+
+
+def test_the_window_goes_on_while_the_cache_is_counted_and_deleted(chosen, tmp_path, slow, monkeypatch):
+    make_bake(tmp_path / "cache" / "one")
+    monkeypatch.setattr(preferences, "POLL_SECONDS", 0.0)
+    for work, said in (
+        (preferences.count_cache, [("INFO", "Counted 1 bake, 1 kB")]),
+        (preferences.clean_cache, [("INFO", "Deleted 1 bake")]),
+    ):
+        preferences._work = work()
+        assert all(preferences.step() for _ in range(5)) and not RELUME_OT_count_cache.poll(None)
+        slow.set()
+        while preferences.step():
+            time.sleep(0.001)
+        assert preferences._said == said and RELUME_OT_count_cache.poll(None)
+        slow.clear()
+
+
+def test_nothing_is_baked_where_a_bake_is_being_deleted(lit, chosen, tmp_path, slow):
+    folder = tmp_path / "cache" / "one"
+    make_bake(folder)
+    make_bake(tmp_path / "cache" / "two")
+    work = cache.clean(tmp_path / "cache", folders_in_use)
+    while folder not in cache.going():
+        next(work)
+    lit.relume.folder = str(folder)
+    with pytest.raises(ProblemError, match="being deleted by Clean Up"):
+        start(lit)
+    lit.relume.folder = str(tmp_path / "cache" / "two")
+    start(lit)  # Its turn has not come.
+    slow.set()
+    gone, problems = done(work)
+    assert gone == 1 and "'two' is in use" in problems[0] and cache.going() == set()
+
+
+def test_files_that_go_while_they_are_counted_do_not_matter(tmp_path, monkeypatch):
+    make_bake(tmp_path / "one")
+    (tmp_path / "one" / "tile_0000.safetensors.part").write_bytes(bytes(9))
+    plain = Path.lstat
+
+    def lstat(path):
+        if path.suffix == ".part":
+            raise FileNotFoundError(path)
+        return plain(path)
+
+    monkeypatch.setattr(Path, "lstat", lstat)
+    assert bake_cache.size_of(tmp_path / "one") > 1000
 
 
 def test_a_missing_cache_folder_is_empty(chosen):

@@ -23,6 +23,7 @@ SAYINGS = [
     (state(state="training", stage=stage("measure")), "Measuring what was learned"),
     (state(state="training", paused=True), "Paused: Learning the lights"),
     (state(state="ready", samples=64), "Ready, 64 samples"),
+    (state(state="ready", samples=3, samples_total=8), "Stopped at 3 of 8 samples; they are kept"),
     (state(state="cancelled"), "Stopped"),
     (state(state="cancelled", samples=3, samples_total=8), "Stopped at 3 of 8 samples; they are kept"),
     (state(state="failed", error="The disk is full"), "The disk is full"),
@@ -44,12 +45,14 @@ def picture(scale=1, samples=12, **makers):
 
 
 PROXIES = {"sphere": {"psnr": 31.0, "smape": 0.08, "gather_smape": 0.05}}
+SEVERAL = PROXIES | {"quad": {"psnr": 35.0, "smape": 0.03, "gather_smape": 0.02}}
 SHOWN = [
     (state(), ""),
     (state(shown=picture(Key="gather")), "Showing 12 samples"),
     (state(shown=picture(samples=1, Key="gather_denoised")), "Showing 1 sample, denoised"),
     (state(shown=picture(scale=2, Key="gather")), "Showing 12 samples, at 1/2 size"),
     (state(shown=picture(Key="proxy"), proxies=PROXIES), "Showing the proxy (error 8.0 %)"),
+    (state(shown=picture(Key="proxy"), proxies=SEVERAL), "Showing the proxy (error up to 8.0 %)"),
     (
         state(shown=picture(Key="proxy", Rim="gather_denoised"), proxies=PROXIES),
         "Showing the proxy (error 8.0 %) and 12 samples, denoised",

@@ -55,6 +55,11 @@ def picture(scene, samples=64):
     return Picture(np.concatenate([pixels, np.ones_like(pixels[..., :1])], axis=-1))
 
 
+def showing(frame):
+    """A shot with the picture of its present lights."""
+    return SimpleNamespace(frame=frame, present_frame=frame, camera="Camera", refusal="")
+
+
 def end(found, seconds=120):
     """Polls until it is over, as the window's timer does."""
     deadline = time.monotonic() + seconds
@@ -172,7 +177,7 @@ def test_a_full_disk_is_said_in_a_line(shot, monkeypatch):
 
     addon.register()
     try:
-        opened = SimpleNamespace(frame=Picture(np.zeros((24, 32, 4), np.float32)), camera="Camera")
+        opened = showing(Picture(np.zeros((24, 32, 4), np.float32)))
         monkeypatch.setattr(ui.shot, "of", lambda scene: opened)
         monkeypatch.setattr(verify, "SavedCopy", fail)
         with pytest.raises(RuntimeError, match="No space left") as told:
@@ -189,7 +194,7 @@ def test_the_panel_verifies_what_it_shows(shot, tmp_path, monkeypatch):
         shot.relume_verify.samples = 16
         with pytest.raises(RuntimeError, match="no picture yet"):
             bpy.ops.relume.verify()
-        opened = SimpleNamespace(frame=picture(shot, samples=16), camera="Camera")
+        opened = showing(picture(shot, samples=16))
         monkeypatch.setattr(ui.shot, "of", lambda scene: opened)
         assert bpy.ops.relume.verify() == {"FINISHED"}
         job = json.loads((verify.of(shot)._copy.folder / JOB).read_text())

@@ -29,7 +29,11 @@ def expected_size(size: tuple[int, int], samples: int) -> int:
 
 def size_of(bake: Path) -> int:
     """Bytes of all files of a bake."""
-    return sum(file.lstat().st_size for file in bake.rglob("*") if file.is_file())
+    size = 0
+    for file in bake.rglob("*"):
+        with suppress(FileNotFoundError):  # A bake that goes on renames and deletes files.
+            size += file.lstat().st_size if file.is_file() else 0
+    return size
 
 
 def remove(bakes: list[Path], in_use: Collection[Path]) -> tuple[int, list[str]]:

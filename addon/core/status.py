@@ -35,9 +35,10 @@ def shown(status: dict[str, Any]) -> str:
 
 
 def _error(status: dict[str, Any]) -> str:
-    """Largest measured error of the proxies in use."""
+    """Measured error of the one proxy; of several the largest, as which of them are in use is not told."""
     errors = [proxy["smape"] for proxy in status["proxies"].values() if proxy.get("smape") is not None]
-    return f" (error {100 * max(errors):.1f} %)" if errors else ""
+    limit = "up to " if len(errors) > 1 else ""
+    return f" (error {limit}{100 * max(errors):.1f} %)" if errors else ""
 
 
 def out_of_sight(status: dict[str, Any]) -> list[str]:
@@ -71,11 +72,20 @@ def headline(status: dict[str, Any]) -> str:
         case "training":
             return _doing(status, "train")
         case "cancelled":
-            kept = f" at {status['samples']} of {status['samples_total']} samples; they are kept"
-            return f"Stopped{kept if status['samples'] else ''}"
+            return _stopped(status)
         case "failed":
             return error(status) or "Relume failed without saying why"
-    return f"Ready, {status['samples']} samples"
+    return _stopped(status) if is_unfinished(status) else f"Ready, {status['samples']} samples"
+
+
+def is_unfinished(status: dict[str, Any]) -> bool:
+    """Whether there is more to bake and nobody does: it was stopped, now or before the file was opened."""
+    return status["state"] in {"cancelled", "ready"} and status["samples"] < status["samples_total"]
+
+
+def _stopped(status: dict[str, Any]) -> str:
+    kept = f" at {status['samples']} of {status['samples_total']} samples; they are kept"
+    return f"Stopped{kept if status['samples'] else ''}"
 
 
 def _doing(status: dict[str, Any], otherwise: str) -> str:

@@ -39,7 +39,7 @@ class BackgroundBake:
         self.error = ""
         self.done = False
         self._stopped = False
-        self._copy: SavedCopy | None = SavedCopy()
+        self._copy: SavedCopy | None = SavedCopy(scene)
         self._steps = [self._bake_arguments()]
         try:
             self._start_next()

@@ -11,7 +11,7 @@ import bpy
 
 from ..core.bake_cache import expected_size, in_words
 from ..export.camera import film_size
-from . import background, shot
+from . import background, cache, shot
 from .options import FolderError, bake_folder, options_of
 
 
@@ -40,7 +40,8 @@ def check_start(scene: bpy.types.Scene) -> None:
 
 
 def folders_in_use(scene: bpy.types.Scene | None = None) -> dict[Path, str]:
-    """Bake folders that are shown or written to, other than by the open shot of `scene`, with what to do about it."""
+    """Bake folders that are deleted, written to, or shown other than by the open shot of `scene`, with what to do about
+    it."""
     uid = scene.session_uid if scene is not None else None
     shown = {found.folder for found in shot.all_open() if found.scene_uid != uid}
     written = {job.folder for job in background.all_jobs() if job.is_running}
@@ -48,6 +49,7 @@ def folders_in_use(scene: bpy.types.Scene | None = None) -> dict[Path, str]:
         **{
             folder: f"Another scene of this file is baked in '{folder}'; choose another bake folder" for folder in shown
         },
+        **dict.fromkeys(cache.going(), "The bake of this shot is being deleted by Clean Up; start when that has ended"),
         **dict.fromkeys(written, "This shot is being baked in the background; wait for its end, or stop it there"),
     }
 

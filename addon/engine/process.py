@@ -18,13 +18,15 @@ from typing import Any
 
 import bpy
 
+from . import painted
+
 SCRIPT = "relume_bake.py"
 LAST_WORDS = 20
 """Lines that are kept to say why a process failed."""
 
 
 class NoCopyError(Exception):
-    """The open file cannot be saved as a copy; the message says why."""
+    """The open file cannot be saved as a copy of what it shows; the message says why."""
 
 
 class Worker:
@@ -103,9 +105,12 @@ class Worker:
 
 
 class SavedCopy:
-    """The open file as it is now, in a private folder that goes with `remove`."""
+    """The open file as it is now, in a private folder that goes with `remove`. Raises NoCopyError, also where the copy
+    would lack something that renders of the scene show."""
 
-    def __init__(self) -> None:
+    def __init__(self, scene: bpy.types.Scene) -> None:
+        if words := painted.refusal(scene):
+            raise NoCopyError(words)
         self._folder = tempfile.TemporaryDirectory(prefix="relume-", dir=bpy.app.tempdir, ignore_cleanup_errors=True)
         self.folder = Path(self._folder.name)
         self.blend = self.folder / "shot.blend"

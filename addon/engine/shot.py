@@ -60,9 +60,8 @@ class Shot:
         self.is_recorded = kept is not None
         self.is_exporting = self._has_ended = False
         self._task: RenderTask | None = None
-        self.request = ""
-        """The newest request, JSON."""
         self._content: dict[str, Any] = {}
+        """What the newest request asks for; empty where that is not the present lights and rows."""
         self._is_interactive = self._anew = False
         self.was_interrupted = False
         """Whether reading the scene was stopped, and nobody has looked at that yet."""
@@ -179,9 +178,22 @@ class Shot:
         return self.frame or (self.frame_before if self.is_working else None)
 
     @property
+    def present_frame(self) -> Any:
+        """The picture of the present lights and rows, in any size; None while it is on its way, and while that of a
+        look or of lights that are being solved is asked for instead."""
+        is_present = bool(self._content) and self.frame is not None and self.frame.request == self._request_number
+        return self.frame if is_present else None
+
+    @property
+    def can_show(self) -> bool:
+        """Whether requests have pictures, now or as soon as there are paths: what was baked until a failure has."""
+        there = self.status["samples"] or self.status["proxies"] or self.status["shown"]
+        return not self._has_ended and (self.status["state"] != "failed" or bool(there))
+
+    @property
     def is_busy(self) -> bool:
         """Whether a newer status or picture is to be expected."""
-        if self._has_ended or self.status["state"] in {"empty", "failed"}:
+        if self.status["state"] == "empty" or not self.can_show:
             return False
         shown = self.status["shown"] or {}
         waits = shown.get("request", 0) < self._request_number or not shown.get("settled", True)
@@ -202,12 +214,12 @@ class Shot:
         """Asks for a picture; the newest request wins. `lights` as `SceneLights` describes them, `mix` as
         `core.rows.mix` does. False if that is what was asked for before: Blender also tells of edits that change
         nothing."""
-        content = {"lights": lights, **mix, "with": "auto"}
+        content = {"lights": lights, **mix}
         same = content == self._content
         if same and (interactive or not self._is_interactive):
             return False
         try:
-            self.ask(json.dumps(content | {"interactive": interactive}))
+            self.ask(request_text(content, interactive))
         except ValueError as error:
             self.refusal = str(error)
             return False
@@ -216,8 +228,7 @@ class Shot:
         return True
 
     def ask(self, request: str) -> int:
-        """Asks for the picture of a request as it was kept; its number."""
-        self.request = request
+        """Asks for the picture of any request, such as one that was kept; its number."""
         self._content = {}
         self._news = time.monotonic()
         self._request_number = self._live.relight(request)
@@ -269,6 +280,11 @@ class Shot:
             self._task.cancel()
         self._live.close(wait_seconds=wait_seconds)
         self.frame = self.frame_before = None
+
+
+def request_text(content: dict[str, Any], interactive: bool = False) -> str:
+    """The request of lights, as `SceneLights` describes them, under the gains of `core.rows.mix`."""
+    return json.dumps(content | {"with": "auto", "interactive": interactive})
 
 
 def _view_layer(scene: bpy.types.Scene) -> str:

@@ -45,7 +45,7 @@ class Verification:
         self.result: dict[str, Any] | None = None
         self.reference: Picture | None = None
         self.difference: Picture | None = None
-        self._copy = SavedCopy()
+        self._copy = SavedCopy(scene)
         try:
             np.save(self._copy.folder / PICTURE, self.ours.image)
             job = {"scene": scene.name, "camera": camera, "samples": samples, "mix": mix, "devices": _devices(scene)}

@@ -49,7 +49,7 @@ class Comparison:
     def step(self) -> bool:
         """Whether it goes on. To be called until it does not."""
         scene = next((scene for scene in bpy.data.scenes if scene.session_uid == self.shot.scene_uid), None)
-        if scene is None or not self.shot.is_open or self.shot.status["state"] == "failed":
+        if scene is None or not self.shot.is_open or not self.shot.can_show:
             return False
         frame = self.shot.frame
         if frame is None or frame.request < self.number:
@@ -97,7 +97,7 @@ def request_of(scene: bpy.types.Scene, found: shot.Shot, look: RelumeLook) -> st
     values = match(look.look(), [*present, *groups]).rows
     names = [light["name"] for light in lights]
     mix = mix_for(names, values[: len(present)], values[len(present) :], memberships)
-    return json.dumps({"lights": lights, **mix, "interactive": False, "with": "auto"})
+    return shot.request_text({"lights": lights, **mix})
 
 
 def is_final(frame: Any) -> bool:

@@ -14,6 +14,7 @@ from ..engine import shot
 from ..engine.native import NativeModuleError
 from ..engine.options import FolderError, bake_folder, preferences, remember_bake, remembered_bake
 from ..engine.render_depsgraph import settle_settings, show_settings
+from ..viewport.views import redraw
 from . import redraws, rows
 
 TICK_SECONDS = 1 / 60
@@ -32,6 +33,8 @@ _is_quiet = False
 """Whether the next poll is a while away."""
 _resting: dict[int, float] = {}
 """Scenes with a change in progress: when to ask for the full picture."""
+_unopened: dict[int, str] = {}
+"""Scenes whose stored bake could not be shown: why."""
 
 
 def changed(scene: bpy.types.Scene, interactive: bool = False) -> None:
@@ -220,12 +223,19 @@ def open_bakes() -> None:
 
 
 def _open_stored(scene: bpy.types.Scene) -> None:
-    """Shows the stored bake of a scene, if there is one."""
+    """Shows the stored bake of a scene, if there is one; the panel says why not."""
+    _unopened.pop(scene.session_uid, None)
     try:
         if is_bake(remembered_bake(scene) or bake_folder(scene)):
             open_bake(scene)
     except (NativeModuleError, RuntimeError, FolderError) as error:
-        print(f"Relume: the bake of scene '{scene.name}' could not be opened: {error}")
+        _unopened[scene.session_uid] = f"The bake of this scene could not be opened: {' '.join(str(error).split())}"
+        redraw("UI")
+
+
+def why_not_open(scene: bpy.types.Scene) -> str:
+    """Why the stored bake of a scene was not shown when its file was opened; empty if nothing went wrong."""
+    return _unopened.get(scene.session_uid, "")
 
 
 def open_bake(scene: bpy.types.Scene) -> shot.Shot:
@@ -240,6 +250,7 @@ def close_all(wait_seconds: float = 0.0) -> None:
     """Ends all work."""
     shot.close_all(wait_seconds)
     _resting.clear()
+    _unopened.clear()
     redraws.forget()
 
 

@@ -72,13 +72,14 @@ class Outcome:
 
 
 def snapshot(scene: bpy.types.Scene, name: str = "Look") -> RelumeLook:
-    """Keeps rows, lights and, if there is one, the picture."""
+    """Keeps rows, lights and, if it is there already, their picture."""
     entry = add(scene, current(scene, name))
     found = shot.of(scene)
     if found is not None:
-        entry.request = with_names(found.request, found.lights.receivers) if found.request else ""
-        if found.frame is not None:
-            entry.thumbnail = thumbnails.encode(scene, found.frame.image)
+        request = shot.request_text(handlers.content_of(scene, found))
+        entry.request = with_names(request, found.lights.receivers)
+        if found.present_frame is not None:
+            entry.thumbnail = thumbnails.encode(scene, found.present_frame.image)
     return entry
 
 

@@ -36,7 +36,9 @@ class RELUME_OT_snapshot(bpy.types.Operator):  # noqa: N801 -- Blender's naming
 
     def execute(self, context):
         """Called by Blender."""
-        looks.snapshot(context.scene)
+        entry = looks.snapshot(context.scene)
+        if shot.of(context.scene) is not None and not entry.thumbnail:
+            self.report({"WARNING"}, f"{entry.name} has no thumbnail: the picture of these lights is not there yet")
         return {"FINISHED"}
 
 

@@ -15,6 +15,7 @@ from ..engine.checks import disk_space
 from ..engine.options import remembered_bake
 from ..export.camera import film_size
 from ..viewport import handlers as viewport
+from . import handlers
 from .panel import RelumePanel, message
 
 DISK_SECONDS = 2.0
@@ -38,6 +39,8 @@ class RELUME_PT_main(RelumePanel, bpy.types.Panel):  # noqa: N801 -- Blender's n
             layout.operator("relume.look_through_camera", icon="OUTLINER_DATA_CAMERA")
         if found is not None:
             _draw_shot(layout, scene, found)
+        elif words := handlers.why_not_open(scene):
+            message(layout, words, "ERROR")
         if not _can_start_here(found):
             return
         viewport.prepare(scene)
@@ -134,7 +137,7 @@ def _draw_shot(layout, scene, found: shot.Shot) -> None:
         if not found.is_exporting:
             row.operator("relume.pause", text="Resume" if paused else "Pause", icon="PLAY" if paused else "PAUSE")
         row.operator("relume.cancel", icon="X")
-    elif state["state"] == "cancelled" and state["samples"] < state["samples_total"]:
+    elif status.is_unfinished(state):
         layout.operator("relume.start", text="Go On", icon="PLAY")
     if found.frame is None and found.picture is not None:
         message(layout, "Showing the bake before")

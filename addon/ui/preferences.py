@@ -1,10 +1,13 @@
 """The page in Blender's preferences."""
 
+import time
+from collections.abc import Generator
+
 import bpy
 from bpy.props import BoolProperty, FloatProperty, IntProperty, StringProperty
 
 from ..core import bake_cache
-from ..engine import devices
+from ..engine import cache, devices
 from ..engine.checks import folders_in_use
 from ..engine.options import PACKAGE, cache_folder
 from . import timers
@@ -13,21 +16,74 @@ POLL_SECONDS = 0.1
 
 _contents: dict[str, tuple[int, int]] = {}
 """Bakes and bytes of the cache folder, by its path, as last counted."""
+_said: list[tuple[str, str]] = []
+"""What came of the last work on the cache folder: kinds of reports, and words."""
+
+Work = Generator[None, None, list[tuple[str, str]]]
+_work: Work | None = None
+"""What is being done with the cache folder; returns what it has to say."""
 
 
-def count_cache() -> tuple[int, int]:
-    """Bakes in the cache folder and their bytes."""
+def count_cache() -> Work:
+    """Counts the bakes in the cache folder and their bytes."""
     folder = cache_folder()
-    bakes = list(bake_cache.bakes_in(folder))
-    _contents[str(folder)] = len(bakes), sum(bake_cache.size_of(bake) for bake in bakes)
-    return _contents[str(folder)]
+    _contents[str(folder)] = yield from cache.count(folder)
+    return [("INFO", f"Counted {_size_in_words(str(folder))}")]
 
 
-def clean_cache() -> tuple[int, list[str]]:
-    """Deletes the bakes in the cache folder but for those in use. How many are gone, and problems in words."""
-    outcome = bake_cache.remove(list(bake_cache.bakes_in(cache_folder())), folders_in_use())
-    count_cache()
-    return outcome
+def clean_cache() -> Work:
+    """Deletes the bakes in the cache folder but for those in use."""
+    gone, problems = yield from cache.clean(cache_folder(), folders_in_use)
+    yield from count_cache()
+    return [*(("WARNING", problem) for problem in problems), ("INFO", f"Deleted {_bakes(gone)}")]
+
+
+def begin(work: Work) -> None:
+    """Begins work on the cache folder: a moment at a time, or without a window to its end."""
+    global _work
+    _work = work
+    _said.clear()
+    if not bpy.app.background:
+        bpy.app.timers.register(_timer, first_interval=0.0, persistent=True)
+        return
+    while step():
+        time.sleep(POLL_SECONDS)
+
+
+def step() -> bool:
+    """Goes on with the work on the cache folder; whether it has not ended."""
+    global _work
+    if _work is None:
+        return False
+    try:
+        next(_work)
+        return True
+    except StopIteration as end:
+        _said[:] = end.value
+    except OSError as error:
+        _said[:] = [("ERROR", f"The cache folder cannot be read: {error}")]
+    _work = None
+    return False
+
+
+def _timer() -> float | None:
+    if step():
+        return POLL_SECONDS
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "PREFERENCES":
+                area.tag_redraw()
+    return None
+
+
+def _size_in_words(folder: str) -> str:
+    """What the folder held when it was counted last."""
+    number, size = _contents[folder]
+    return f"{_bakes(number)}, {bake_cache.in_words(size)}"
+
+
+def _bakes(number: int) -> str:
+    return f"{number} {'bake' if number == 1 else 'bakes'}"
 
 
 def _devices(_preferences, _context, typed: str) -> list[str]:
@@ -104,10 +160,13 @@ class RelumePreferences(bpy.types.AddonPreferences):
         folder = str(cache_folder())
         row = layout.row()
         if folder in _contents:
-            number, size = _contents[folder]
-            row.label(text=f"{number} {'bake' if number == 1 else 'bakes'}, {bake_cache.in_words(size)}")
+            row.label(text=_size_in_words(folder))
         row.operator("relume.count_cache", icon="FILE_REFRESH")
         row.operator("relume.clean_cache", icon="TRASH")
+        if _work is not None:
+            layout.label(text="Working on the cache folder; you can go on", icon="TIME")
+        for kind, words in _said:
+            layout.label(text=words, icon="INFO" if kind == "INFO" else "ERROR")
 
 
 class RELUME_OT_find_devices(bpy.types.Operator):  # noqa: N801 -- Blender's naming
@@ -135,7 +194,22 @@ class RELUME_OT_find_devices(bpy.types.Operator):  # noqa: N801 -- Blender's nam
         return {"FINISHED"}
 
 
-class RELUME_OT_count_cache(bpy.types.Operator):  # noqa: N801
+class _OnCache:
+    """Mix-in of operators on the cache folder: one at a time. With a window the page says what came of it."""
+
+    @classmethod
+    def poll(cls, _context):
+        """While nothing else is done with it."""
+        return _work is None
+
+    def tell(self):
+        """Reports what came of it, if it has ended."""
+        for kind, words in _said:
+            self.report({kind}, words)
+        return {"FINISHED"}
+
+
+class RELUME_OT_count_cache(_OnCache, bpy.types.Operator):  # noqa: N801
     """See how many bakes the cache folder holds, and how large they are"""
 
     bl_idname = "relume.count_cache"
@@ -143,12 +217,11 @@ class RELUME_OT_count_cache(bpy.types.Operator):  # noqa: N801
 
     def execute(self, _context):
         """Called by Blender."""
-        number, size = count_cache()
-        self.report({"INFO"}, f"{number} bakes, {bake_cache.in_words(size)}")
-        return {"FINISHED"}
+        begin(count_cache())
+        return self.tell()
 
 
-class RELUME_OT_clean_cache(bpy.types.Operator):  # noqa: N801
+class RELUME_OT_clean_cache(_OnCache, bpy.types.Operator):  # noqa: N801
     """Delete all bakes in the cache folder, but for those that are shown or made now. Bakes beside your files stay"""
 
     bl_idname = "relume.clean_cache"
@@ -160,11 +233,8 @@ class RELUME_OT_clean_cache(bpy.types.Operator):  # noqa: N801
 
     def execute(self, _context):
         """Called by Blender."""
-        gone, problems = clean_cache()
-        for problem in problems:
-            self.report({"WARNING"}, problem)
-        self.report({"INFO"}, f"Deleted {gone} {'bake' if gone == 1 else 'bakes'}")
-        return {"FINISHED"}
+        begin(clean_cache())
+        return self.tell()
 
 
 CLASSES = (RelumePreferences, RELUME_OT_find_devices, RELUME_OT_count_cache, RELUME_OT_clean_cache)
@@ -178,6 +248,13 @@ def register():
 
 def unregister():
     """Takes it away."""
+    global _work
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)
+    if bpy.app.timers.is_registered(_timer):
+        bpy.app.timers.unregister(_timer)
+    if _work is not None:
+        _work.close()
+        _work = None
     _contents.clear()
+    _said.clear()

@@ -73,8 +73,9 @@ class Solving:
         self._wish = self._wish_of(scene, free)
         self._request: dict[str, Any] = {}
         self._before = looks.current(scene, BEFORE)
-        self._before_request = found.request
-        self._before_frame = found.frame if found.frame is not None and compare.is_final(found.frame) else None
+        self._before_request = shot.request_text(content)
+        frame = found.present_frame
+        self._before_frame = frame if frame is not None and compare.is_final(frame) else None
         self._job: Any = None
         self._work = self._run()
 
@@ -258,10 +259,19 @@ class Solving:
             masks = found or {}
             yield
         for name, seen in self._seen.items():
+            hidden = self._not_shown(seen)
             if seen not in masks or not masks[seen].any():
-                raise SolveError(f"Not seen in the picture: {seen}")
+                raise SolveError(f"Not seen in the picture: {seen}{f', {hidden}' if hidden else ''}")
+            if hidden:
+                self.notes.append(f"Only a part of {seen} is looked at, {hidden}")
             mask = resized(masks[seen], self._size)
             self._images[name] = np.ascontiguousarray(mask, np.float32)
+
+    def _not_shown(self, seen: region_masks.Seen) -> str:
+        """What of it cannot be found because the window hides it; empty if nothing."""
+        scene = self._scene()
+        names = region_masks.not_shown(scene, seen) if scene is not None else []
+        return f"since {', '.join(map(repr, names))} is hidden in the view; show it and solve again" if names else ""
 
     def _wait_for_job(self) -> Iterator[None]:
         next_preview = 0.0
@@ -291,7 +301,7 @@ class Solving:
         """Waits for the picture of the result and returns it; None where it does not come."""
         number, end = self.shot.ask(request), time.monotonic() + PICTURE_SECONDS
         handlers.wake()
-        while time.monotonic() < end and self.shot.is_open and self.shot.status["state"] != "failed":
+        while time.monotonic() < end and self.shot.is_open and self.shot.can_show:
             frame = self.shot.frame
             if frame is not None and frame.request == number and compare.is_final(frame):
                 return frame

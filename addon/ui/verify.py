@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import bpy
 from bpy.app.handlers import persistent
 from bpy.props import EnumProperty, IntProperty, PointerProperty
@@ -11,7 +13,8 @@ from ..engine.process import NoCopyError
 from ..export.lights import name_of
 from ..viewport import compare
 from ..viewport.views import redraw
-from . import rows
+from . import compare as comparing
+from . import rows, solving
 from .looks import lights_of
 from .panel import RelumePanel, message
 
@@ -26,15 +29,29 @@ VIEWS = {
 
 def start(scene: bpy.types.Scene) -> verify.Verification:
     """Renders the present lights and rows with Cycles, and compares. Raises VerifyError or NoCopyError."""
-    found = shot.of(scene)
-    if found is None or found.frame is None:
-        raise verify.VerifyError("there is no picture yet; press Start and wait for it")
+    found, frame = shot.of(scene), _present_frame(scene)
     lights = [name_of(obj) for obj in lights_of(scene)]
+    running = verify.start(scene, frame, found.camera, scene.relume_verify.samples, rows.mix(scene, lights))
     compare.clear(scene)
-    running = verify.start(scene, found.frame, found.camera, scene.relume_verify.samples, rows.mix(scene, lights))
     if not bpy.app.background and not bpy.app.timers.is_registered(_timer):
         bpy.app.timers.register(_timer, first_interval=TICK_SECONDS, persistent=True)
     return running
+
+
+def _present_frame(scene: bpy.types.Scene) -> Any:
+    """The picture of the present lights and rows. Raises VerifyError where there is none, or none yet."""
+    found = shot.of(scene)
+    if found is None or found.frame is None:
+        raise verify.VerifyError("there is no picture yet; press Start and wait for it")
+    if found.refusal:
+        raise verify.VerifyError(f"the present lights have no picture: {found.refusal}")
+    if found.present_frame is None:
+        if solving.running(scene):
+            raise verify.VerifyError("lights are being solved; wait for the end of that or cancel it, then verify")
+        if comparing.running(scene):
+            raise verify.VerifyError("looks are being compared; verify when both are there")
+        raise verify.VerifyError("the picture of the present lights is on its way; verify it when it is there")
+    return found.present_frame
 
 
 def show(scene: bpy.types.Scene, view: str) -> None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import blf
 import bpy
 import gpu
-from gpu_extras.presets import draw_texture_2d
+from gpu_extras.batch import batch_for_shader
 
 from ..engine import shot
 from . import camera_frame, texture
@@ -28,14 +28,27 @@ def draw(engine: bpy.types.RenderEngine, context: bpy.types.Context) -> None:
     assert found is not None and frame is not None
     picture = texture.of_frame(found.picture)
     place = frame.snapped((picture.width, picture.height)) or frame
+    low, high = camera_frame.border_of(scene)
     blend = gpu.state.blend_get()
     gpu.state.blend_set("ALPHA_PREMULT")
     engine.bind_display_space_shader(scene)
     try:
-        draw_texture_2d(picture, (place.left, place.bottom), place.width, place.height)
+        _draw_part(picture, place, Rectangle(*low, *high))
     finally:
         engine.unbind_display_space_shader()
         gpu.state.blend_set(blend)
+
+
+def _draw_part(picture: gpu.types.GPUTexture, place: Rectangle, part: Rectangle) -> None:
+    """Draws a part of a picture, given in fractions of it, where it belongs if the whole is in `place`."""
+    shader = gpu.shader.from_builtin("IMAGE")
+    corners = [(x, y) for y in (part.bottom, part.top) for x in (part.left, part.right)]
+    batch = batch_for_shader(shader, "TRI_STRIP", {"pos": corners, "texCoord": corners})
+    with gpu.matrix.push_pop():
+        gpu.matrix.translate((place.left, place.bottom))
+        gpu.matrix.scale((place.width, place.height))
+        shader.uniform_sampler("image", picture)
+        batch.draw(shader)
 
 
 def why_not(found: shot.Shot | None, camera: bpy.types.Object | None, frame: Rectangle | None) -> str:

@@ -1,0 +1,100 @@
+"""What the first panel offers and says after a file was opened."""
+
+from types import SimpleNamespace
+
+import bpy
+import pytest
+
+from addon.core import status
+from addon.core.bake_folder import MANIFEST
+from addon.engine import shot
+from addon.ui import handlers, main_panel
+from addon.ui.start import start
+from fake_live import FakeLive
+from helpers import until
+
+
+class Layout:
+    """Takes all that is drawn, and keeps words and buttons."""
+
+    def __init__(self):
+        self.words, self.buttons = [], []
+
+    def label(self, text="", icon="NONE"):
+        self.words.append(text)
+
+    def operator(self, name, text=None, icon="NONE"):
+        self.buttons.append(text or name)
+
+    def row(self, **_settings):
+        return self
+
+    box = column = row
+
+    def prop(self, *_arguments, **_settings):
+        pass
+
+    def progress(self, **_settings):
+        pass
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """Draws the panel of a scene."""
+
+    def draw(scene):
+        layout = Layout()
+        monkeypatch.setattr(main_panel, "message", lambda layout, text, *_icon: layout.label(text))
+        monkeypatch.setattr(main_panel.viewport, "prepare", lambda _scene: None)
+        view = SimpleNamespace(region_3d=SimpleNamespace(view_perspective="CAMERA"))
+        main_panel.RELUME_PT_main.draw(SimpleNamespace(layout=layout), SimpleNamespace(scene=scene, space_data=view))
+        return layout
+
+    return draw
+
+
+def test_a_stopped_bake_that_is_opened_again_can_go_on(studio, tmp_path, drawn):
+    studio.relume.samples = 4096
+    path = tmp_path / "shot.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    start(studio)
+    until(studio, lambda found: found.status["samples"] > 0 and found.is_recorded, "samples").cancel()
+    found = until(studio, lambda found: found.status["state"] == "cancelled", "the end")
+    assert 0 < found.status["samples"] < 4096 and "Go On" in drawn(studio).buttons
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    handlers.open_bakes()
+    scene = bpy.context.scene
+    found = until(scene, lambda found: found.status["state"] == "ready" and found.frame is not None, "the bake")
+    layout, kept = drawn(scene), found.status["samples"]
+    assert "Go On" in layout.buttons and layout.words[0] == f"Stopped at {kept} of 4096 samples; they are kept"
+    assert bpy.ops.relume.start() == {"FINISHED"}
+    until(scene, lambda found: found.status["samples"] > kept, "more samples")
+
+
+def test_a_whole_bake_is_ready(lit, drawn):
+    start(lit)
+    FakeLive.made[-1].tell(state="ready", samples=64, samples_total=64)
+    FakeLive.made[-1].show()
+    handlers.tick()
+    layout = drawn(lit)
+    assert "Go On" not in layout.buttons and layout.words[0] == "Ready, 64 samples"
+    assert not status.is_unfinished(shot.of(lit).status)
+
+
+def test_a_bake_that_cannot_be_opened_with_its_file_is_said(lit, tmp_path, drawn, monkeypatch, capfd):
+    (tmp_path / "bake").mkdir()
+    (tmp_path / "bake" / MANIFEST).write_text('{"scene_hash": "", "passes": [], "tile_size": 64}')
+
+    def fail(_scene):
+        raise RuntimeError("Relume was updated\nwhile it was loaded")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(handlers, "open_bake", fail)
+        handlers.open_bakes()
+    says = "The bake of this scene could not be opened: Relume was updated while it was loaded"
+    assert says in drawn(lit).words and "Traceback" not in capfd.readouterr().err
+    handlers.open_bakes()
+    assert shot.of(lit) is not None and says not in drawn(lit).words
+    shot.close_all()
+    assert says not in drawn(lit).words

@@ -1,0 +1,69 @@
+"""The shading "Rendered" shows the picture in the camera's frame, within the render border as a render does."""
+
+from types import SimpleNamespace
+
+import gpu
+import numpy as np
+import pytest
+from mathutils import Matrix, Vector
+
+from addon.viewport import rendered, texture
+
+pytestmark = pytest.mark.usefixtures("gpu_started")
+
+WIDTH, HEIGHT = 64, 48
+LEFT, BOTTOM = 20, 15
+REGION = (120, 90)
+
+
+@pytest.fixture
+def shown(scene, monkeypatch):
+    """Draws a picture of the camera into a region; pixels [height, width, 3], bottom row first, and the picture."""
+    image = np.ones((HEIGHT, WIDTH, 4), np.float32)
+    image[..., :3] = np.random.default_rng(1).uniform(0.1, 1.0, (HEIGHT, WIDTH, 3))
+    frame = SimpleNamespace(serial=1, scale=1, image=image)
+    opened = SimpleNamespace(picture=frame, camera="Camera", is_working=False)
+    monkeypatch.setattr(rendered.shot, "of", lambda _scene: opened)
+    place = rendered.Rectangle(LEFT, BOTTOM, LEFT + WIDTH, BOTTOM + HEIGHT)
+    monkeypatch.setattr(rendered.camera_frame, "frame_of", lambda *_arguments: place)
+    engine = SimpleNamespace(bind_display_space_shader=lambda _scene: None, unbind_display_space_shader=lambda: None)
+    context = SimpleNamespace(
+        scene=scene,
+        region=SimpleNamespace(width=REGION[0], height=REGION[1]),
+        space_data=SimpleNamespace(use_local_camera=False),
+        region_data=None,
+    )
+
+    def draw():
+        target = gpu.types.GPUTexture(REGION, format="RGBA32F")
+        framebuffer = gpu.types.GPUFrameBuffer(color_slots=target)
+        with framebuffer.bind(), gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
+            framebuffer.clear(color=(0.0, 0.0, 0.0, 0.0))
+            gpu.matrix.load_matrix(Matrix.Identity(4))
+            to_clip = Matrix.Diagonal((2.0 / REGION[0], 2.0 / REGION[1], 1.0, 1.0))
+            gpu.matrix.load_projection_matrix(Matrix.Translation(Vector((-1.0, -1.0, 0.0))) @ to_clip)
+            rendered.draw(engine, context)
+            pixels = framebuffer.read_color(0, 0, *REGION, 4, 0, "FLOAT")
+        return np.array(pixels.to_list(), np.float32)[..., :3], image[..., :3]
+
+    yield draw
+    texture.free()
+
+
+def test_the_picture_is_in_its_place(shown):
+    pixels, image = shown()
+    part = pixels[BOTTOM : BOTTOM + HEIGHT, LEFT : LEFT + WIDTH]
+    assert np.allclose(part, image, atol=2e-3)
+    part[:] = 0.0
+    assert not pixels.any()
+
+
+def test_outside_of_the_render_border_nothing_is_drawn(scene, shown):
+    render = scene.render
+    render.use_border = True
+    render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y = 0.25, 0.75, 0.5, 1.0
+    pixels, image = shown()
+    inside = slice(HEIGHT // 2, HEIGHT), slice(WIDTH // 4, 3 * WIDTH // 4)
+    expected = np.zeros_like(image)
+    expected[inside] = image[inside]
+    assert np.allclose(pixels[BOTTOM : BOTTOM + HEIGHT, LEFT : LEFT + WIDTH], expected, atol=2e-3)
