@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any
 
 from .native import native
@@ -27,7 +28,11 @@ def is_looking() -> bool:
     if not _job.done:
         return True
     job, _job = _job, None
-    _names = [device["name"] for device in job.result()["devices"]]
+    found = job.result()["devices"]
+    count = Counter(device["name"] for device in found)
+    _names = [
+        f"{device['name']} at {device['pci_bus_id']}" if count[device["name"]] > 1 else device["name"] for device in found
+    ]
     return False
 
 
