@@ -30,9 +30,8 @@ def is_looking() -> bool:
     job, _job = _job, None
     found = job.result()["devices"]
     count = Counter(device["name"] for device in found)
-    _names = [
-        f"{device['name']} at {device['pci_bus_id']}" if count[device["name"]] > 1 else device["name"] for device in found
-    ]
+    place = {True: " at {pci_bus_id}", False: ""}
+    _names = [("{name}" + place[count[device["name"]] > 1]).format(**device) for device in found]
     return False
 
 
