@@ -142,7 +142,7 @@ class Relighter:
 
     def __init__(self, folder: str | os.PathLike[str], *, device: str = "auto", gpu_memory: int | None = None) -> None:
         """Device: auto, cpu, gpu or a part of a GPU's name, or where it is plugged in (0000:01:00.0). GPU memory to
-        use, bytes; by default what its driver says, less some for others; one limit for the process: the last one counts."""
+        use, bytes; by default what its driver says, less some for others; the last one set counts for the process."""
 
     @property
     def resolution(self) -> tuple[int, int]:
