@@ -39,6 +39,8 @@ test-rust: setup
 	$(CARGO) fmt --all --check
 	$(CARGO) clippy --workspace --all-targets -- -D warnings
 	$(CARGO) test --workspace
+# The tests of GPUs once more, with the kernels of release builds, which check nothing.
+	RELUME_GPU_UNCHECKED=1 $(CARGO) test --workspace --lib gpu::
 
 test-python: wheel
 	@scripts/install-wheel "$(WHEELS)" 4.2

@@ -16,23 +16,23 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = Path(os.environ.get("RELUME_SCENES", ROOT.parent / "shared/scenes"))
-WIDTH = 256
+WIDTH = 256  # across a picture if not asked otherwise, pixels: a reference bake takes gigabytes
 BOUNCES = 6  # the paper's six segments a path and one more
 
 
-def resolution_percentage(blend):
-    """What makes the picture of a .blend WIDTH pixels wide."""
+def resolution_percentage(blend, width):
+    """What makes the picture of a .blend so many pixels wide, or up to a hundredth of it less."""
     code = (
         f"import bpy; bpy.ops.wm.open_mainfile(filepath={str(blend)!r}); "
         "print('WIDTH', bpy.context.scene.render.resolution_x)"
     )
     output = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout
-    width = next(int(line.split()[1]) for line in output.splitlines() if line.startswith("WIDTH"))
-    return 100 * WIDTH // width
+    whole = next(int(line.split()[1]) for line in output.splitlines() if line.startswith("WIDTH"))
+    return 100 * width // whole
 
 
-def bake(blend, out, samples, seed, threads):
-    """Bakes, or finishes a bake."""
+def bake(blend, out, width, samples, seed, threads):
+    """Bakes so many pixels wide, or finishes a bake."""
     command = [
         sys.executable,
         ROOT / "relume_bake.py",
@@ -48,7 +48,7 @@ def bake(blend, out, samples, seed, threads):
         "--bounces",
         BOUNCES,
         "--resolution-percentage",
-        resolution_percentage(blend),
+        resolution_percentage(blend, width),
         "--threads",
         threads,
     ]
@@ -73,10 +73,11 @@ class Quality:
 
     def scene(self, name):
         """All of one scene."""
-        folder = self.args.out / "quality" / name
-        blend, threads = SCENES / f"{name}.blend", self.args.threads
-        bake(blend, folder / "train", self.args.samples, 1, threads)
-        bake(blend, folder / "reference", self.args.reference_samples, 2, threads)
+        width, threads = self.args.width, self.args.threads
+        folder = self.args.out / ("quality" if width == WIDTH else f"quality-{width}") / name
+        blend = SCENES / f"{name}.blend"
+        bake(blend, folder / "train", width, self.args.samples, 1, threads)
+        bake(blend, folder / "reference", width, self.args.reference_samples, 2, threads)
         for kind in self.args.types:
             trained = [
                 self.train(folder, kind, network, seconds)
@@ -112,7 +113,7 @@ class Quality:
     def record(self, scene, kind, record, errors):
         """Keeps, prints and writes a record."""
         errors = {key: round(errors[key], 4) for key in ("psnr", "smape", "ssim", "flip")}
-        record = {"scene": scene, "light_type": kind} | record | errors
+        record = {"scene": scene, "width": self.args.width, "light_type": kind} | record | errors
         self.records.append(record)
         print(ROW.format(**record), flush=True)
         (self.args.out / "quality.json").write_text(json.dumps(self.records, indent=1))
@@ -125,6 +126,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=ROOT / "out")
     parser.add_argument("--scenes", nargs="+", default=["cornell_box", "kitchen", "modern_hall"])
+    parser.add_argument("--width", type=int, default=WIDTH, help="pixels across; the paper's pictures have about 885")
     parser.add_argument("--types", nargs="+", default=["sphere", "quad"])
     parser.add_argument("--seconds", nargs="+", type=float, default=[8.0, 24.0, 72.0], help="training times")
     parser.add_argument("--samples", type=int, default=512, help="samples of the bake that is trained on")

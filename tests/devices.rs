@@ -55,7 +55,10 @@ fn without_a_driver_a_gpu_that_was_asked_for_is_an_error_and_auto_takes_the_cpu(
     };
     let output = without_driver(gather(folder.path(), "a.exr", "--device gpu"));
     let message = one_error(&output);
-    assert!(message.contains("no GPU was found") && message.contains("--device cpu"), "{message}");
+    // A machine with a card may lack its driver, which is what happens here.
+    let reasons = ["no GPU was found", "no driver offers it"];
+    let says_why = reasons.iter().any(|reason| message.contains(reason));
+    assert!(says_why && message.contains("--device cpu"), "{message}");
     assert!(!folder.path().join("a.exr").exists());
     assert!(without_driver(gather(folder.path(), "b.exr", "--device auto")).status.success());
     assert!(folder.path().join("b.exr").exists());

@@ -2,8 +2,11 @@
 
 import importlib.util
 import json
+import subprocess
 import sys
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -19,6 +22,22 @@ def test_table_of_gpu_benchmarks_is_up_to_date():
     kept = ROOT / "docs/bench"
     assert list(kept.glob("*.json"))
     assert (kept / "README.md").read_text() == load().table(kept)
+
+
+def test_figures_are_kept_where_only_tests_had_no_time(tmp_path, monkeypatch, capsys):
+    gpu, code = load(), {}
+
+    def run(*_, **__):
+        (tmp_path / "bench-gpu.json").write_text("[]")
+        return subprocess.CompletedProcess([], code["of the script"])
+
+    monkeypatch.setattr(gpu.subprocess, "run", run)
+    code["of the script"] = 3
+    assert gpu.measure("gpu", False, tmp_path) == []
+    assert "before all tests had run" in capsys.readouterr().out
+    code["of the script"] = 1
+    with pytest.raises(SystemExit):
+        gpu.measure("gpu", False, tmp_path)
 
 
 def test_figures_of_a_card_are_taken_from_a_file(tmp_path, monkeypatch):

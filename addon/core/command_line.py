@@ -109,7 +109,10 @@ def _add_view(command: argparse.ArgumentParser) -> None:
 
 def _add_run(command: argparse.ArgumentParser) -> None:
     command.add_argument(
-        "--device", default="auto", metavar="NAME", help="where to compute: auto, cpu, gpu or a part of a GPU's name"
+        "--device",
+        default="auto",
+        metavar="NAME",
+        help="where to compute: auto, cpu, gpu, a part of a GPU's name or where it is plugged in (0000:01:00.0)",
     )
     command.add_argument("--threads", type=_count, default=0, help="worker threads; 0 for one a core")
     _add_output(command)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any
 
 from .native import native
@@ -27,7 +28,10 @@ def is_looking() -> bool:
     if not _job.done:
         return True
     job, _job = _job, None
-    _names = [device["name"] for device in job.result()["devices"]]
+    found = job.result()["devices"]
+    count = Counter(device["name"] for device in found)
+    place = {True: " at {pci_bus_id}", False: ""}
+    _names = [("{name}" + place[count[device["name"]] > 1]).format(**device) for device in found]
     return False
 
 

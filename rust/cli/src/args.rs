@@ -29,8 +29,8 @@ pub struct Global {
     /// Seed of all random numbers.
     #[arg(long, global = true, default_value_t = 0)]
     pub seed: u64,
-    /// Where to compute: auto (the best graphics card, else the CPU), cpu, gpu, or a part of a name that `relume devices`
-    /// prints. Tracing is always done on the CPU.
+    /// Where to compute: auto (the best graphics card, else the CPU), cpu, gpu, or what `relume devices` prints: a part of a
+    /// name, or, for one of two cards of a name, the place that it is at. Tracing is always done on the CPU.
     #[arg(long, global = true, default_value = "auto")]
     pub device: Device,
     /// Most GPU memory to use, MiB; default is what the driver says, less some for others. What does not fit is streamed.

@@ -10,7 +10,8 @@ pub enum GpuChoice {
     Best,
     /// The best, but no software driver: the native kernels for the CPU are several times faster than those.
     BestHardware,
-    /// The first whose name contains this, in any case.
+    /// The first whose name contains this, or that is plugged in there ([`AdapterSummary::pci_bus_id`], whole), or has this title
+    /// ([`AdapterSummary::title`]); in any case.
     Named(String),
 }
 
@@ -39,6 +40,21 @@ impl AdapterSummary {
             software: info.device_type == wgpu::DeviceType::Cpu,
         }
     }
+
+    /// Whether [`GpuChoice::Named`] means it.
+    pub(crate) fn is_called(&self, wanted: &str) -> bool {
+        self.name.to_lowercase().contains(&wanted.to_lowercase())
+            || [&self.pci_bus_id, &self.title()].iter().any(|whole| whole.eq_ignore_ascii_case(wanted))
+    }
+
+    /// Its name, and where it is plugged in if that is known: cards of one name differ in it.
+    pub fn title(&self) -> String {
+        if self.pci_bus_id.is_empty() {
+            self.name.clone()
+        } else {
+            format!("{} at {}", self.name, self.pci_bus_id)
+        }
+    }
 }
 
 /// All GPUs, the best first.
@@ -48,41 +64,49 @@ pub fn adapters() -> Vec<AdapterSummary> {
 
 /// Those that a choice means, the best first; one at least.
 pub(crate) fn choose(choice: &GpuChoice) -> Result<Vec<wgpu::Adapter>, GpuError> {
-    if *choice == GpuChoice::BestHardware && !has_hardware() {
+    let hardware = has_hardware();
+    if *choice == GpuChoice::BestHardware && hardware == Some(false) {
         return Err(GpuError::NoAdapter);
     }
     let adapters = sorted_adapters();
     if adapters.is_empty() {
-        return Err(GpuError::NoAdapter);
+        return Err(nothing_found(hardware));
     }
-    let names: Vec<String> = adapters.iter().map(|adapter| adapter.get_info().name).collect();
+    let summary = |adapter: &wgpu::Adapter| AdapterSummary::new(&adapter.get_info());
+    let titles: Vec<String> = adapters.iter().map(|adapter| summary(adapter).title()).collect();
     let is_meant = |adapter: &wgpu::Adapter| match choice {
         GpuChoice::Best => true,
-        GpuChoice::BestHardware => adapter.get_info().device_type != wgpu::DeviceType::Cpu,
-        GpuChoice::Named(wanted) => adapter.get_info().name.to_lowercase().contains(&wanted.to_lowercase()),
+        GpuChoice::BestHardware => !summary(adapter).software,
+        GpuChoice::Named(wanted) => summary(adapter).is_called(wanted),
     };
     let meant: Vec<_> = adapters.into_iter().filter(is_meant).collect();
     match (meant.is_empty(), choice) {
         (false, _) => Ok(meant),
         (true, GpuChoice::Named(wanted)) => {
-            Err(GpuError::NotFound { wanted: wanted.clone(), found: names.join(", ") })
+            Err(GpuError::NotFound { wanted: wanted.clone(), found: titles.join(", ") })
         }
-        (true, _) => Err(GpuError::NoAdapter),
+        (true, _) => Err(nothing_found(hardware)),
     }
 }
 
-/// Whether the system shows any graphics card. Asked before the drivers are: loading them takes a tenth of a second, and Mesa's
-/// complain on standard error where there is no desktop.
-fn has_hardware() -> bool {
+/// Why there is no adapter; `hardware` is what [`has_hardware`] says.
+pub(crate) fn nothing_found(hardware: Option<bool>) -> GpuError {
+    if hardware == Some(true) { GpuError::NoDriver } else { GpuError::NoAdapter }
+}
+
+/// Whether the system shows any graphics card, where it can be asked. Asked before the drivers are: loading them takes a tenth of a
+/// second, and Mesa's complain on standard error where there is no desktop.
+fn has_hardware() -> Option<bool> {
     if !cfg!(target_os = "linux") {
-        return true;
+        return None;
     }
     let renders = |entry: std::io::Result<std::fs::DirEntry>| {
         entry.is_ok_and(|entry| entry.file_name().to_string_lossy().starts_with("renderD"))
     };
     // Mesa and AMD, NVIDIA, and Windows' subsystem for Linux.
-    std::fs::read_dir("/dev/dri").is_ok_and(|mut nodes| nodes.any(renders))
-        || ["/dev/nvidiactl", "/dev/dxg"].iter().any(|node| std::path::Path::new(node).exists())
+    let has_node = std::fs::read_dir("/dev/dri").is_ok_and(|mut nodes| nodes.any(renders))
+        || ["/dev/nvidiactl", "/dev/dxg"].iter().any(|node| std::path::Path::new(node).exists());
+    Some(has_node)
 }
 
 fn sorted_adapters() -> Vec<wgpu::Adapter> {

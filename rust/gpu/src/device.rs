@@ -69,7 +69,7 @@ pub(crate) struct Memory {
 #[derive(Debug, Default)]
 struct Trouble {
     lost: Option<String>,
-    refused: Option<String>,
+    failed: Option<GpuError>,
 }
 
 impl Gpu {
@@ -184,13 +184,14 @@ impl Gpu {
     /// Whether the device still works and has taken all commands so far.
     ///
     /// # Errors
-    /// [`GpuError::Lost`] from the loss of the device on; [`GpuError::Refused`] once for commands that were refused.
+    /// [`GpuError::Lost`] from the loss of the device on; once for commands that were refused [`GpuError::Refused`], or
+    /// [`GpuError::DriverOutOfMemory`].
     pub fn check(&self) -> Result<(), GpuError> {
         let mut trouble = self.trouble.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(reason) = &trouble.lost {
             return Err(GpuError::Lost(reason.clone()));
         }
-        trouble.refused.take().map_or(Ok(()), |reason| Err(GpuError::Refused(reason)))
+        trouble.failed.take().map_or(Ok(()), Err)
     }
 
     /// Waits until all that was submitted is done.
@@ -304,8 +305,16 @@ fn watch(device: &wgpu::Device, trouble: &Arc<Mutex<Trouble>>) {
     let noted = Arc::clone(trouble);
     device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
         let mut trouble = noted.lock().unwrap_or_else(PoisonError::into_inner);
-        trouble.refused.get_or_insert_with(|| error.to_string());
+        trouble.failed.get_or_insert_with(|| uncaptured(&error));
     }));
+}
+
+/// What the driver said when nobody had asked.
+pub(crate) fn uncaptured(error: &wgpu::Error) -> GpuError {
+    match error {
+        wgpu::Error::OutOfMemory { source } => GpuError::DriverOutOfMemory(source.to_string()),
+        error => GpuError::Refused(error.to_string()),
+    }
 }
 
 fn default_budget(adapter: &wgpu::Adapter) -> u64 {

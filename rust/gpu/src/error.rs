@@ -7,6 +7,13 @@ pub enum GpuError {
          (libvulkan1); or use the CPU (--device cpu, or the device in Blender's preferences)"
     )]
     NoAdapter,
+    /// The system shows a graphics card, but no driver offers it.
+    #[error(
+        "there is a graphics card, but no driver offers it to programs: install its Vulkan driver and the Vulkan loader \
+         (libvulkan1), and see that this user may open /dev/dri or /dev/nvidia*; or use the CPU (--device cpu, or the \
+         device in Blender's preferences)"
+    )]
+    NoDriver,
     /// No adapter of this name.
     #[error(
         "no GPU is called '{wanted}'; there are: {found}; or use the CPU (--device cpu, or the device in \
@@ -15,7 +22,7 @@ pub enum GpuError {
     NotFound {
         /// What was asked for.
         wanted: String,
-        /// Names of those that there are.
+        /// Names of those that there are, and where they are plugged in.
         found: String,
     },
     /// The driver lacks what every kernel needs.
@@ -43,6 +50,12 @@ pub enum GpuError {
         /// Mebibytes, rounded down.
         free: u64,
     },
+    /// The driver's memory ran out while it did something else than to make a buffer.
+    #[error(
+        "the GPU's driver ran out of memory ({0}); close other programs, lower --gpu-memory, or use the CPU (--device \
+         cpu, or the device in Blender's preferences)"
+    )]
+    DriverOutOfMemory(String),
     /// A single buffer above the driver's limit.
     #[error(
         "{what} is larger than a buffer of this GPU can be ({limit} MiB); use the CPU (--device cpu, or the \

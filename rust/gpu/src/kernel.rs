@@ -1,6 +1,6 @@
 use std::collections::HashMap;
 use std::fmt::Write as _;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{LazyLock, Mutex, PoisonError};
 
 use crate::device::IMMEDIATES;
 use crate::{Binding, Gpu, GpuError, modules};
@@ -96,13 +96,13 @@ impl Gpu {
         let descriptor =
             wgpu::ShaderModuleDescriptor { label: Some(name), source: wgpu::ShaderSource::Wgsl(text.into()) };
         let scope = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
-        // Checks cost a counter in every loop and a comparison at every access; the tests run with them.
-        let checks = if cfg!(debug_assertions) {
+        let checks = if is_checked() {
             wgpu::ShaderRuntimeChecks::checked()
         } else {
             wgpu::ShaderRuntimeChecks::unchecked()
         };
-        // SAFETY: the modules are our own, from the table of this crate, and every kernel's tests run with all checks on.
+        // SAFETY: the modules are our own, from the table of this crate, and every kernel's tests run with all checks on
+        // and without them.
         let module = unsafe { self.device.create_shader_module_trusted(descriptor, checks) };
         self.refusal(name, [scope])?;
         Ok(module)
@@ -122,6 +122,15 @@ impl Gpu {
             Some(error) => Err(GpuError::Shader { module: module.to_owned(), reason: error.to_string() }),
         }
     }
+}
+
+/// Whether kernels check their indices, divisors and loops, which costs a counter in every loop and a comparison at every access:
+/// in dev builds only, and not there either where the environment sets `RELUME_GPU_UNCHECKED`, with which tests run the kernels
+/// that release builds have.
+fn is_checked() -> bool {
+    static CHECKED: LazyLock<bool> =
+        LazyLock::new(|| cfg!(debug_assertions) && std::env::var_os("RELUME_GPU_UNCHECKED").is_none());
+    *CHECKED
 }
 
 /// A module's name and the values of its constants.

@@ -1,5 +1,5 @@
 use crate::choice::choose;
-use crate::{Gpu, GpuChoice, GpuError};
+use crate::{AdapterSummary, Gpu, GpuChoice, GpuError};
 
 /// What a driver says of itself, as a number.
 #[derive(Clone, Debug, PartialEq)]
@@ -16,8 +16,8 @@ impl Gpu {
     /// # Errors
     /// If the adapter has gone.
     pub fn properties(&self) -> Result<Vec<Property>, GpuError> {
-        let found = choose(&GpuChoice::Named(self.summary().name.clone()))?;
-        let adapter = found.first().ok_or(GpuError::NoAdapter)?;
+        let is_ours = |adapter: &wgpu::Adapter| AdapterSummary::new(&adapter.get_info()) == *self.summary();
+        let adapter = choose(&GpuChoice::Best)?.into_iter().find(is_ours).ok_or(GpuError::NoAdapter)?;
         let (all, limits) = (adapter.limits(), self.limits());
         let yes = |is: bool| f64::from(u8::from(is));
         let subgroup = limits.subgroup.unwrap_or_default();

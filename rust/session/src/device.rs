@@ -21,7 +21,8 @@ pub enum Device {
 impl FromStr for Device {
     type Err = std::convert::Infallible;
 
-    /// `auto`, `cpu`, `gpu` (the best, software drivers included), or a part of a GPU's name.
+    /// `auto`, `cpu`, `gpu` (the best, software drivers included), a part of a GPU's name, or the place where it is
+    /// plugged in ([`GpuChoice::Named`]).
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         Ok(match text {
             "auto" => Self::Auto,
@@ -33,8 +34,8 @@ impl FromStr for Device {
 }
 
 impl Device {
-    /// Opens it. `memory` bytes are a GPU's budget for everything that we put there; if not given, what its driver says, less
-    /// what others may need.
+    /// Opens it. `memory` bytes are a GPU's budget for everything that this process puts there; if not given, what its driver says,
+    /// less what others may need. All who open the same GPU share its device and so the budget: the one set last counts.
     ///
     /// # Errors
     /// If a GPU was asked for and there is none, or it cannot be used.
@@ -48,10 +49,7 @@ impl Device {
         let may_fall_back = *self == Self::Auto;
         match again.open() {
             Ok(gpu) => Ok(Compute { gpu: Some(gpu), may_fall_back, again: Some(again), passed_over: None }),
-            Err(GpuError::NoAdapter) if may_fall_back => Ok(Compute::default()),
-            Err(error) if may_fall_back => {
-                Ok(Compute { passed_over: Some(error.to_string()), ..Compute::default() })
-            }
+            Err(error) if may_fall_back => Ok(Compute::without_gpu(&error)),
             Err(error) => Err(error.into()),
         }
     }
@@ -92,20 +90,27 @@ impl Compute {
         Self { gpu: Some(gpu), may_fall_back, ..Self::default() }
     }
 
+    /// The CPU, since the best GPU could not be opened: that there is none is no news.
+    fn without_gpu(error: &GpuError) -> Self {
+        let passed_over = (*error != GpuError::NoAdapter).then(|| error.to_string());
+        Self { passed_over, ..Self::default() }
+    }
+
     /// Tells the user why the CPU does it all although there is a GPU, if that is so.
     pub fn warn(&self, monitor: &Monitor) {
         self.passed_over.iter().for_each(|reason| monitor.warn(&format!("{reason}. The CPU does it")));
     }
 
     /// Does some work here. If the GPU was lost, it is opened anew and the work is done again, once; if it fails all the same, and
-    /// the CPU may go on, that does it. `from` says where it goes on, for the user: a part of a sentence, or nothing.
+    /// the CPU may go on, that does it. `from` says where it goes on from after a try that failed, for the user: a part of a sentence,
+    /// or nothing.
     ///
     /// # Errors
     /// Those of the last try.
     pub(crate) fn attempt<R>(
         &self,
         monitor: &Monitor,
-        from: &str,
+        from: impl Fn() -> &'static str,
         mut work: impl FnMut(&Self) -> Result<R, SessionError>,
     ) -> Result<R, SessionError> {
         let mut result = work(self);
@@ -113,12 +118,12 @@ impl Compute {
             && let Some(reason) = error.lost_gpu()
             && let Some(Ok(gpu)) = self.again.as_ref().map(Again::open)
         {
-            monitor.warn(&format!("the GPU was lost ({reason}); it was opened again and goes on{from}"));
+            monitor.warn(&format!("the GPU was lost ({reason}); it was opened again and goes on{}", from()));
             result = work(&Self { gpu: Some(gpu), ..self.clone() });
         }
         match result {
             Err(error) if self.may_fall_back && error.is_of_gpu() => {
-                monitor.warn(&format!("{error}. The CPU goes on{from}"));
+                monitor.warn(&format!("{error}. The CPU goes on{}", from()));
                 work(&Self::default())
             }
             result => result,
@@ -147,6 +152,13 @@ mod tests {
     }
 
     #[test]
+    fn the_cpu_takes_over_in_silence_only_where_there_is_no_card() {
+        assert_eq!(Compute::without_gpu(&GpuError::NoAdapter).passed_over, None);
+        let reason = Compute::without_gpu(&GpuError::NoDriver).passed_over.unwrap();
+        assert!(reason.contains("no driver offers it"), "{reason}");
+    }
+
+    #[test]
     fn a_device_is_opened_again_once_and_the_cpu_comes_last() {
         let lost = Gpu::open(&GpuChoice::Best).unwrap();
         lost.lose();
@@ -156,19 +168,27 @@ mod tests {
         for may_fall_back in [false, true] {
             let compute = Compute { may_fall_back, ..opened.clone() };
             let mut tries = Vec::new();
-            let outcome = compute.attempt(&Monitor::default(), "", |compute| {
-                tries.push(compute.gpu.as_ref().map(|gpu| Arc::ptr_eq(gpu, &lost)));
-                compute.gpu.as_ref().map_or(Ok("done"), |_| Err(fails("again")))
-            });
+            let outcome = compute.attempt(
+                &Monitor::default(),
+                || "",
+                |compute| {
+                    tries.push(compute.gpu.as_ref().map(|gpu| Arc::ptr_eq(gpu, &lost)));
+                    compute.gpu.as_ref().map_or(Ok("done"), |_| Err(fails("again")))
+                },
+            );
             assert_eq!(tries, [Some(true), Some(false), None][..2 + usize::from(may_fall_back)]);
             assert_eq!(outcome.is_ok(), may_fall_back);
         }
         // Other failures are no reason to try again.
         let mut tries = 0;
-        let refused = opened.attempt(&Monitor::default(), "", |_| {
-            tries += 1;
-            Err::<(), _>(SessionError::from(GpuError::Refused("it".into())))
-        });
+        let refused = opened.attempt(
+            &Monitor::default(),
+            || "",
+            |_| {
+                tries += 1;
+                Err::<(), _>(SessionError::from(GpuError::Refused("it".into())))
+            },
+        );
         assert!(refused.is_err() && tries == 1);
     }
 }

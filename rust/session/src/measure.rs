@@ -81,9 +81,11 @@ pub fn evaluate(
     compute: &Compute,
     monitor: &Monitor,
 ) -> Result<Evaluation, SessionError> {
-    compute.attempt(monitor, "", |compute| {
-        evaluate_on(compute, proxies, reference, compared, (lights, seed), pictures, monitor)
-    })
+    compute.attempt(
+        monitor,
+        || "",
+        |compute| evaluate_on(compute, proxies, reference, compared, (lights, seed), pictures, monitor),
+    )
 }
 
 /// [`evaluate`] without another try.

@@ -37,18 +37,22 @@ impl<T> OnGpu<T> {
             return Ok(None);
         }
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        compute.attempt(monitor, "", |compute| {
-            let Some(gpu) = &compute.gpu else {
-                *state = State::GivenUp;
-                return Ok(None);
-            };
-            let result = state.ready(|| make(gpu.clone())).and_then(|ready| ready.map(&work).transpose());
-            result.map_err(E::into).inspect_err(|error| {
-                if error.lost_gpu().is_some() {
-                    *state = State::NotStarted;
-                }
-            })
-        })
+        compute.attempt(
+            monitor,
+            || "",
+            |compute| {
+                let Some(gpu) = &compute.gpu else {
+                    *state = State::GivenUp;
+                    return Ok(None);
+                };
+                let result = state.ready(|| make(gpu.clone())).and_then(|ready| ready.map(&work).transpose());
+                result.map_err(E::into).inspect_err(|error| {
+                    if error.lost_gpu().is_some() {
+                        *state = State::NotStarted;
+                    }
+                })
+            },
+        )
     }
 
     /// What is there, for work that must not keep others from theirs.

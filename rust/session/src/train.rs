@@ -11,6 +11,7 @@ use relume_gather::{Gather, Half};
 use relume_image::write_atomically;
 use relume_proxy::{LightKind, ProxyInfo, TrainConfig, Trainer, read_info};
 use serde::Serialize;
+use std::cell::Cell;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -105,7 +106,7 @@ const MEASURED_LIGHTS: usize = 16;
 
 /// Trains a proxy on a bake and writes it into `out`, with all that relighting without the bake needs. With `resume` it
 /// goes on where a stopped training was, and ends as if it had never stopped. A GPU that is lost is opened again, once; where it
-/// fails and the CPU may go on, that does so: from the last checkpoint.
+/// fails and the CPU may go on, that does so: from the last checkpoint, or from the start if there is none yet.
 ///
 /// # Errors
 /// [`SessionError::Cancelled`] if stopped, with a checkpoint and a usable proxy written.
@@ -117,15 +118,17 @@ pub fn train(
     compute: &Compute,
     monitor: &Monitor,
 ) -> Result<TrainReport, SessionError> {
-    let mut kept = Kept::default();
-    compute.attempt(monitor, " from the last checkpoint", |compute| {
-        let resume = resume || kept.has_checkpoint;
-        train_on(compute, bake, out, settings, resume, monitor, &mut kept)
+    let kept = Cell::<Kept>::default();
+    let goes_on = || kept.get().has_checkpoint || resume && state_path(out, settings.kind).exists();
+    let from = || if goes_on() { " from the last checkpoint" } else { " from the start" };
+    compute.attempt(monitor, from, |compute| {
+        let resume = resume || kept.get().has_checkpoint;
+        train_on(compute, bake, out, settings, resume, monitor, &kept)
     })
 }
 
 /// What is left of a try that failed.
-#[derive(Default)]
+#[derive(Clone, Copy, Default)]
 struct Kept {
     has_checkpoint: bool,
     /// Time of training up to it.
@@ -140,7 +143,7 @@ fn train_on(
     settings: &TrainSettings,
     resume: bool,
     monitor: &Monitor,
-    kept: &mut Kept,
+    kept: &Cell<Kept>,
 ) -> Result<TrainReport, SessionError> {
     let dump = Dump::open(bake)?;
     if let Some((tile, pass)) = dump.missing().first() {
@@ -184,7 +187,7 @@ fn train_on(
     let targets = |half| DumpTargets::new(&gather, half, bounds, &denoise).on(on_gpu.as_ref());
     let (training, held_out) = (targets(halves.0), targets(halves.1));
     let samples_before = trainer.samples();
-    let (trained, filled) = (kept.trained, Duration::ZERO);
+    let (trained, filled) = (kept.get().trained, Duration::ZERO);
     let curve = Vec::new();
     let checkpoint = if compute.gpu.is_some() { CHECKPOINT_OF_GPU } else { CHECKPOINT };
     let replaces_measured = has_measured(out, settings.kind, &scene_hash);
@@ -288,7 +291,7 @@ struct Run<'a> {
     samples_before: u64,
     /// Whether a proxy of the scene is there that was measured.
     replaces_measured: bool,
-    kept: &'a mut Kept,
+    kept: &'a Cell<Kept>,
 }
 
 impl Run<'_> {
@@ -370,7 +373,7 @@ impl Run<'_> {
             return Ok(());
         }
         self.trainer.save(&self.state)?;
-        *self.kept = Kept { has_checkpoint: true, trained: self.trained };
+        self.kept.set(Kept { has_checkpoint: true, trained: self.trained });
         if self.replaces_measured { Ok(()) } else { self.publish(None) }
     }
 

@@ -278,7 +278,9 @@ fn a_training_on_the_gpu_ends_like_one_on_the_cpu_even_if_the_gpu_is_lost_on_the
     let (losing, compute) = (lost.clone(), |may_fall_back| Compute::with(lost.clone(), may_fall_back));
     let lose = Arc::new(At(600, move || losing.lose(), Warnings::default()));
     let fallen = run("lost", true, &compute(true), &Monitor::new(lose.clone(), Cancel::default())).unwrap();
-    assert!(lose.2.0.lock().unwrap().iter().any(|text| text.contains("The CPU goes on")));
+    assert!(
+        lose.2.0.lock().unwrap().iter().any(|text| text.contains("The CPU goes on from the last checkpoint"))
+    );
     let error = run("error", false, &compute(false), &quiet).unwrap_err();
     assert!(error.to_string().contains("the GPU was lost"), "{error}");
 
@@ -288,7 +290,7 @@ fn a_training_on_the_gpu_ends_like_one_on_the_cpu_even_if_the_gpu_is_lost_on_the
     let lose = Arc::new(At(600, move || losing.lose(), Warnings::default()));
     let again = run("again", false, &named, &Monitor::new(lose.clone(), Cancel::default())).unwrap();
     let warned = lose.2.0.lock().unwrap();
-    assert!(warned.len() == 1 && warned[0].contains("opened again and goes on from"), "{warned:?}");
+    assert!(warned.len() == 1 && warned[0].contains("opened again and goes on from the start"), "{warned:?}");
 
     // Sums are rounded otherwise, which changes far less than another seed: that makes a decibel or more.
     let psnr = |report: &TrainReport| report.measured.unwrap().proxy.psnr;

@@ -12,6 +12,7 @@ struct Listed {
     name: String,
     backend: String,
     driver: String,
+    pci_bus_id: String,
     software: bool,
 }
 
@@ -28,6 +29,7 @@ pub fn devices(console: &Console) -> anyhow::Result<()> {
         name: found.name,
         backend: found.backend,
         driver: found.driver,
+        pci_bus_id: found.pci_bus_id,
         software: found.software,
     };
     console.result(&text, &Devices { devices: found.into_iter().map(listed).collect() });
@@ -36,5 +38,5 @@ pub fn devices(console: &Console) -> anyhow::Result<()> {
 
 fn line(found: &AdapterSummary) -> String {
     let software = if found.software { ", in software: slower than --device cpu" } else { "" };
-    format!("{} ({}, {}{software})", found.name, found.backend, found.driver)
+    format!("{} ({}, {}{software})", found.title(), found.backend, found.driver)
 }

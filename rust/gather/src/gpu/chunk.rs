@@ -11,7 +11,7 @@ use crate::Half;
 pub const RECORD_BYTES: u64 = 12;
 
 /// Records that are handed to the device at once: 64 MiB. The driver keeps a copy until they are there.
-const MOST_PENDING: usize = (64 << 20) / RECORD_BYTES as usize;
+pub const MOST_PENDING: usize = (64 << 20) / RECORD_BYTES as usize;
 
 /// Shards, or pieces of them, that are gathered in one run, those of a tile side by side.
 #[derive(Clone, Debug, Default)]
@@ -263,13 +263,16 @@ impl ChunkTable {
     }
 }
 
+/// All paths, and either half of them.
+const TABLES: usize = 3;
+
 /// A chunk that stays on the device.
 #[derive(Debug)]
 pub struct Chunk {
     plan: ChunkPlan,
     pub records: ChunkRecords,
     /// By half, made when first asked for.
-    tables: [OnceLock<Arc<ChunkTable>>; 3],
+    tables: [OnceLock<Arc<ChunkTable>>; TABLES],
     /// By place in the image, made when first asked for.
     numbers: OnceLock<Arc<Buffer<u32>>>,
 }
@@ -279,6 +282,12 @@ impl Chunk {
         let records = ChunkRecords::new(gpu, plan.records)?;
         records.write(gpu, &plan)?;
         Ok(Self { plan, records, tables: Default::default(), numbers: OnceLock::new() })
+    }
+
+    /// Bytes that a chunk may take besides its records once all has been asked for: a table for each half, and numbers.
+    pub fn most_bytes_beside(plan: &ChunkPlan, dump: &Dump) -> u64 {
+        let numbers = dump.manifest().width * dump.manifest().height * size_of::<u32>();
+        TABLES as u64 * ChunkTable::bytes(plan) + numbers as u64
     }
 
     pub fn table(&self, gpu: &Gpu, dump: &Dump, half: Half) -> Result<Arc<ChunkTable>, GpuError> {

@@ -1,7 +1,7 @@
 //! The gather on a GPU: the same images as those of the CPU, up to the order of sums.
 //!
-//! The dump stays on the device if it fits into the memory budget; else each call streams it from its shards, the next
-//! chunk being copied while the device works on the present one. Each pixel is summed up by a fixed number of threads in a
+//! The dump stays on the device if it fits into the memory budget; else each call streams it from its shards: the CPU hands over
+//! the next two chunks while the device works on the present one. Each pixel is summed up by a fixed number of threads in a
 //! fixed order, so that results are the same in every run.
 //!
 //! A small light costs less than reading everything once the segments are sorted ([`GpuGather::sort`]): in groups of pixels
@@ -29,7 +29,7 @@ use relume_image::Image;
 
 use crate::kernel::magnitude;
 use crate::{Gather, GatherError, Half, PreparedLight};
-use chunk::{Chunk, ChunkPlan, ChunkRecords, ChunkTable, RECORD_BYTES};
+use chunk::{Chunk, ChunkPlan, ChunkRecords, ChunkTable, MOST_PENDING, RECORD_BYTES};
 pub use compare::{SoftCompared, Wanted};
 use kernels::{GROUP_SIZE, LIGHTS, SORTED_LIGHTS, lanes};
 pub use light::{GpuLight, GpuLights, Receivers};
@@ -39,6 +39,8 @@ use sorted::Sorted;
 const BUFFER_BYTES: u64 = 1 << 30;
 /// Share of the free memory that a streamed dump takes.
 const STREAM_SHARE: f64 = 0.9;
+/// Chunks of a streamed dump on the device: one that is worked on, one that waits for it, one that is copied.
+const STREAM_PLACES: usize = 3;
 
 /// [`Gather`] on a GPU.
 #[derive(Debug)]
@@ -84,7 +86,7 @@ impl GpuGather {
         let sorted = OnceLock::new();
         let mut gather = Self { gpu, dump, magnitude, chunk_limit, resident: None, sorted };
         let plans = ChunkPlan::cut(&gather.dump, chunk_limit);
-        let tables: u64 = plans.iter().map(ChunkTable::bytes).sum();
+        let tables: u64 = plans.iter().map(|plan| Chunk::most_bytes_beside(plan, &gather.dump)).sum();
         let needed = gather.dump.record_count() as u64 * RECORD_BYTES + tables;
         if gather.has_room(needed) {
             let chunks = plans.into_iter().map(|plan| Chunk::new(&gather.gpu, plan));
@@ -322,8 +324,9 @@ impl GpuGather {
         Ok(commands.submit()?)
     }
 
-    /// [`GpuGather::each_chunk`] from the shards. While the device works on one chunk, the next is copied into the other of two
-    /// places.
+    /// [`GpuGather::each_chunk`] from the shards. While the device works on one chunk, the next ones are handed over for the other
+    /// places. None is larger than what is handed over without waiting: the device does one thing after the other, so that a
+    /// copy of which a part is waited for would wait for the chunk before it.
     fn stream<'a>(
         &'a self,
         half: Half,
@@ -331,10 +334,12 @@ impl GpuGather {
     ) -> Result<(), GatherError> {
         let plans = self.streamed_plans();
         let room = plans.iter().map(|plan| plan.records).max().unwrap_or(0);
-        let places = [ChunkRecords::new(&self.gpu, room)?, ChunkRecords::new(&self.gpu, room)?];
-        let mut under_way: [Option<(ChunkTable, Submission)>; 2] = [None, None];
+        let places = (0..STREAM_PLACES).map(|_| ChunkRecords::new(&self.gpu, room));
+        let places = places.collect::<Result<Vec<_>, _>>()?;
+        let mut under_way: [Option<(ChunkTable, Submission)>; STREAM_PLACES] =
+            [const { None }; STREAM_PLACES];
         for (number, plan) in plans.iter().enumerate() {
-            let (place, before) = (&places[number % 2], &mut under_way[number % 2]);
+            let (place, before) = (&places[number % STREAM_PLACES], &mut under_way[number % STREAM_PLACES]);
             if let Some((_, submission)) = before.take() {
                 self.gpu.wait_for(submission)?;
             }
@@ -346,15 +351,16 @@ impl GpuGather {
         Ok(())
     }
 
-    /// Chunks of which two fit into the free memory with their tables, the larger the better.
+    /// Chunks of which [`STREAM_PLACES`] fit into the free memory with their tables, and that are handed over at once.
     fn streamed_plans(&self) -> Vec<ChunkPlan> {
         let free = self.gpu.free_memory() as f64 * STREAM_SHARE;
-        let mut records = self.chunk_limit.min((free / 2.0 / RECORD_BYTES as f64) as usize);
+        let fitting = (free / STREAM_PLACES as f64 / RECORD_BYTES as f64) as usize;
+        let mut records = self.chunk_limit.min(MOST_PENDING).min(fitting);
         loop {
             let plans = ChunkPlan::cut(&self.dump, records);
             let largest = |bytes: &dyn Fn(&ChunkPlan) -> u64| plans.iter().map(bytes).max().unwrap_or(0);
             let of_records = largest(&|plan| plan.records as u64 * RECORD_BYTES);
-            let needed = 2.0 * (of_records + largest(&ChunkTable::bytes)) as f64;
+            let needed = STREAM_PLACES as f64 * (of_records + largest(&ChunkTable::bytes)) as f64;
             if needed <= free || records == 0 {
                 return plans;
             }

@@ -97,6 +97,26 @@ fn a_dump_larger_than_the_memory_is_streamed_with_the_same_results() {
 }
 
 #[test]
+fn a_dump_on_the_device_leaves_room_for_every_table_and_the_images() {
+    let (gather, gpu) = (Gather::new(random_dump_of(10, &[1, 3, 4, 6])), gpu());
+    // The least memory, nearly, with which it stays there.
+    let on_gpu = (0..).find_map(|step| {
+        gpu.set_memory_budget(Some(60_000 + 1000 * step));
+        let on_gpu = GpuGather::new(Arc::clone(&gpu), &gather).unwrap();
+        on_gpu.is_resident().then_some(on_gpu)
+    });
+    let on_gpu = on_gpu.unwrap();
+    let images = 2 * LIGHTS[LIGHTS.len() - 1] * on_gpu.image_values();
+    let _images = gpu.zeros::<f32>("images", images).unwrap();
+    for chunk in on_gpu.resident.as_ref().unwrap() {
+        for half in HALVES {
+            chunk.table(&gpu, &on_gpu.dump, half).unwrap();
+        }
+        chunk.numbers(&gpu, &on_gpu.dump).unwrap();
+    }
+}
+
+#[test]
 fn a_shard_larger_than_the_memory_is_cut() {
     let (gather, gpu) = (Gather::new(random_dump_of(4, &[100])), gpu());
     let light = gather.prepare_all(&random_lights()[..1]).unwrap();

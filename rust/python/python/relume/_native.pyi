@@ -141,8 +141,8 @@ class Relighter:
     """An open bake folder, or a folder of proxies."""
 
     def __init__(self, folder: str | os.PathLike[str], *, device: str = "auto", gpu_memory: int | None = None) -> None:
-        """Device: auto, cpu, gpu or a part of a GPU's name. GPU memory to use, bytes; by default what its driver says,
-        less some for others."""
+        """Device: auto, cpu, gpu or a part of a GPU's name, or where it is plugged in (0000:01:00.0). GPU memory to
+        use, bytes; by default what its driver says, less some for others; the last one set counts for the process."""
 
     @property
     def resolution(self) -> tuple[int, int]:

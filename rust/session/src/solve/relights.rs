@@ -154,7 +154,8 @@ impl Prepared {
         let features = Aovs { albedo: small(&aovs.albedo), normal: small(&aovs.normal), ..aovs.clone() };
         let few =
             ENOUGH.map(|(softness, samples)| (softness, DeviceGather::new(first_passes(gather, samples))));
-        Some(Self { few, denoise: Denoise::new(&features, None), shrink, cell })
+        let denoise = Denoise::new(&features, relighter.compute().gpu.as_deref());
+        Some(Self { few, denoise, shrink, cell })
     }
 
     fn shrunk(&self, image: &Image) -> Image {
