@@ -50,6 +50,7 @@ def run(shot, records, args):
         shot.judge.set(lights=[sphere(start[0]["name"], *points[-1])], only=True)
         record = cell | {
             "method": name,
+            "threads": args.threads,
             "psnr": psnr_reinhard(shot.picture(RESULT_SEED), picture),
             "seconds": times[-1],
             "parameter_error": errors[-1],
@@ -104,7 +105,7 @@ class Mitsuba:
             command = [sys.executable, HERE.parent / "mitsuba_scene.py", shot.blend, folder]
             subprocess.run([str(word) for word in command], check=True, stdout=subprocess.DEVNULL)
         size = ("--width", shot.resolution["width"], "--height", shot.resolution["height"])
-        options = ("--bounces", BOUNCES, "--steps", args.peer_steps)
+        options = ("--bounces", BOUNCES, "--steps", args.peer_steps, "--threads", args.threads)
         command = [args.peers, HERE / "mitsuba_solve.py", xml, *size, *options]
         self.process = subprocess.Popen(
             [str(word) for word in command], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
@@ -172,7 +173,8 @@ def row(records):
     first, number = records[0], len(records)
     error, seconds, psnr = (median(record[key] for record in records) for key in ("parameter_error", "seconds", "psnr"))
     name = f"{first['scene']:12} {first['method']:28} {first['steps']:3} steps {number:3} runs"
-    print(f"{name}  error {error:.4f}  {psnr:5.1f} dB  {seconds:7.1f} s")
+    threads = {0: "all cores", 1: "one thread"}.get(first["threads"], f"{first['threads']} threads")
+    print(f"{name}  error {error:.4f}  {psnr:5.1f} dB  {seconds:7.1f} s, {threads}")
 
 
 def compare(ours, theirs):

@@ -5,8 +5,9 @@ and radius pass a logistic function within the bounds, radiance a softplus in un
 squared error of Reinhard-tonemapped pictures; Adam. A sphere that moves changes what is seen only where its outline
 moves, which plain path replay does not differentiate (its gradient by position and radius is 0), hence
 `prb_projective`: without guiding, whose octree takes many seconds a step on a processor, and without the outline that
-the camera sees, since the light is hidden from it. The clock runs while steps run; kernels of each sample count are
-compiled before.
+the camera sees, since the light is hidden from it. Dr.Jit cannot freeze this integrator, so that each step is traced
+anew. The clock runs while steps run; kernels of each sample count are compiled before. With one thread it is the
+processor's, which other work on the machine does not lengthen.
 """
 
 import argparse
@@ -113,12 +114,12 @@ class Run:
         dr.backward(dr.mean(dr.square(tonemap(picture, self.exposure) - self.target), axis=None))
         return [dr.grad(x)[0] for x in u]
 
-    def solve(self, steps):
+    def solve(self, steps, clock):
         """(seconds, centre, radius, radiance) after every step."""
         for _, samples in SCHEDULE:
             self.gradient(samples, 0)
         first, second = [0.0] * 7, [0.0] * 7
-        trajectory, start = [self.state(0.0)], time.perf_counter()
+        trajectory, start = [self.state(0.0)], clock()
         for step in range(steps):
             samples = [count for begin, count in SCHEDULE if begin <= step][-1]
             gradient = self.gradient(samples, self.seed + step + 1)
@@ -127,7 +128,7 @@ class Run:
                 first[i], second[i] = 0.9 * first[i] + 0.1 * g, 0.999 * second[i] + 0.001 * g * g
                 mean, spread = first[i] / (1 - 0.9 ** (step + 1)), second[i] / (1 - 0.999 ** (step + 1))
                 self.u[i] -= LEARNING_RATE * mean / (spread**0.5 + 1e-8)
-            trajectory.append(self.state(time.perf_counter() - start))
+            trajectory.append(self.state(clock() - start))
         return trajectory
 
     def state(self, seconds):
@@ -144,11 +145,15 @@ def main():
     parser.add_argument("--height", type=int, required=True)
     parser.add_argument("--bounces", type=int, required=True)
     parser.add_argument("--steps", type=int, required=True)
+    parser.add_argument("--threads", type=int, required=True, help="0 for one a core")
     args = parser.parse_args()
+    if args.threads:
+        dr.set_thread_count(args.threads)
+    clock = time.process_time if args.threads == 1 else time.perf_counter
     # Mitsuba counts the segments up to the light: Blender's bounces + camera segment + light segment.
     scene = load(args.scene, (args.width, args.height), args.bounces + 2)
     for line in sys.stdin:
-        trajectory = Run(scene, json.loads(line)).solve(args.steps)
+        trajectory = Run(scene, json.loads(line)).solve(args.steps, clock)
         print(json.dumps({"method": f"Mitsuba {mi.__version__} prb_projective", "trajectory": trajectory}), flush=True)
 
 

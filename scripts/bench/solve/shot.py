@@ -28,6 +28,8 @@ class Shot:
     def __init__(self, judge, name, args):
         self.judge, self.name, self.args = judge, name, args
         self.size = args.size
+        # With one thread the processor's, which other work on the machine does not lengthen.
+        self.clock = processor_seconds if args.threads == 1 else time.perf_counter
         self.blend = args.scenes_folder / f"{name}.blend"
         self.folder = args.out / "solve" / f"{name}-{self.size}-{args.bake_samples}"
 
@@ -46,12 +48,12 @@ class Shot:
         """The result of `relume.solve`, with processor seconds; better lights go to `on_preview(seconds, lights)`. As
         in the add-on, lights that hardly any path meets are solved on with paths that look for them."""
         general = {"steps": self.args.steps, "through": self.args.through}
-        start, processor = time.perf_counter(), processor_seconds()
+        start, processor = self.clock(), processor_seconds()
         result = self._solved(self.folder, general | request, images, start, on_preview)
         if result["rarely_met"]:
             again = general | request | {"from": result, "steps": 0, "starts": 1}
             result = self._solved(self._bake_towards(result), again, images, start, on_preview)
-        seconds = {"seconds": time.perf_counter() - start, "processor_seconds": processor_seconds() - processor}
+        seconds = {"seconds": self.clock() - start, "processor_seconds": processor_seconds() - processor}
         return result | seconds
 
     def _solved(self, folder, request, images, start, on_preview):
@@ -65,7 +67,7 @@ class Shot:
     def _preview(self, job, start, on_preview):
         found = on_preview and job.preview()
         if found:
-            on_preview(time.perf_counter() - start, found["lights"])
+            on_preview(self.clock() - start, found["lights"])
 
     def _bake(self):
         print(f"  bake of {self.name}", flush=True)
