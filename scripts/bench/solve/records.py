@@ -19,7 +19,8 @@ class Records:
         """Keeps a record; one of the same settings goes."""
         self.all = [old for old in self.all if not same(old, record)] + [record | more]
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        self.path.write_text(json.dumps(self.all, indent=1))
+        lines = ",\n".join(json.dumps(record) for record in self.all)
+        self.path.write_text(f"[\n{lines}\n]\n")
 
     def has(self, settings):
         """Whether it is measured already."""
