@@ -138,7 +138,7 @@ def line(record):
 
 def problem(record):
     """What two methods must have in common to be compared."""
-    return tuple(record[key] for key in ("run", *GENERAL) if key != "steps")
+    return tuple(record[key] for key in ("run", "threads", *GENERAL) if key != "steps")
 
 
 def reached(trajectory, error):
