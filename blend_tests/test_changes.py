@@ -164,11 +164,15 @@ def move_object(_scene):
     return "'Sofa' moved"
 
 
-def move_vertex(_scene):
-    mesh = bpy.data.meshes["Sofa"]
+def bend(name):
+    mesh = bpy.data.meshes[name]
     mesh.vertices[0].co.z = 0.25
     mesh.update()
-    return "Mesh 'Sofa' changed"
+    return f"Mesh '{name}' changed"
+
+
+def move_vertex(_scene):
+    return bend("Sofa")
 
 
 def other_material(_scene):
@@ -295,7 +299,7 @@ def fewer_bounces(scene):
 
 def shade_smooth(_scene):
     mesh = bpy.data.meshes["Sofa"]
-    mesh.shade_smooth() if not mesh.polygons[0].use_smooth else mesh.shade_flat()
+    mesh.shade_smooth()
     mesh.update()
     return "Mesh 'Sofa' changed"
 
@@ -328,10 +332,7 @@ def move_asset(_scene):
 
 
 def move_vertex_of_asset(_scene):
-    mesh = bpy.data.meshes["Leaf"]
-    mesh.vertices[0].co.z = 0.25
-    mesh.update()
-    return "Mesh 'Leaf' changed"
+    return bend("Leaf")
 
 
 CHANGES = [

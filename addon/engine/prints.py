@@ -344,23 +344,28 @@ def _settings(scene: bpy.types.Scene) -> Print:
 
 
 def _collections(scene: bpy.types.Scene) -> Print:
-    """Objects that collections of the view layer hide from renders, and those whose collections alter what rays see."""
-    shown: set[str] = set()
-    altered: list[tuple[str, bool, bool]] = []
+    """Objects that collections of the view layer hide from renders, and those whose collections alter what rays see.
+    Costs next to nothing where no collection does either."""
+    layers = list(_layers(render_layer(scene).layer_collection, False))
+    hidden = {obj for layer, is_hidden in layers if is_hidden for obj in layer.collection.objects if _counts(obj)}
+    if hidden:
+        hidden -= {obj for layer, is_hidden in layers if not is_hidden for obj in layer.collection.objects}
+    altered = [
+        (obj.name_full, layer.holdout, layer.indirect_only)
+        for layer, is_hidden in layers
+        if not is_hidden and (layer.holdout or layer.indirect_only)
+        for obj in layer.collection.objects
+        if _counts(obj)
+    ]
+    return {"hidden": _hash(sorted(obj.name_full for obj in hidden)), "rays": _hash(sorted(altered))}
 
-    def enter(layer: bpy.types.LayerCollection, is_hidden: bool) -> None:
-        is_hidden = is_hidden or layer.collection.hide_render
-        names = [obj.name_full for obj in layer.collection.objects]
-        if not (is_hidden or layer.exclude):
-            shown.update(names)
-            altered.extend((name, layer.holdout, layer.indirect_only) for name in names)
-        for child in layer.children:
-            enter(child, is_hidden)
 
-    enter(render_layer(scene).layer_collection, False)
-    counting = {obj.name_full for obj in scene.objects if _counts(obj)}
-    marks = [mark for mark in altered if mark[0] in counting and any(mark[1:])]
-    return {"hidden": _hash(sorted(counting - shown)), "rays": _hash(sorted(marks))}
+def _layers(layer: bpy.types.LayerCollection, is_hidden: bool) -> Iterator[tuple[bpy.types.LayerCollection, bool]]:
+    """A collection of a view layer and all in it, with whether renders leave it out."""
+    is_hidden = is_hidden or layer.collection.hide_render
+    yield layer, is_hidden or layer.exclude
+    for child in layer.children:
+        yield from _layers(child, is_hidden)
 
 
 class _WorldRecorder:
