@@ -13,7 +13,7 @@ export OIDN_DIR := $(DEV)/lib/python3.11/site-packages/pyoidn/oidn
 export NODEVICE_SELECT := 1
 CARGO := LD_LIBRARY_PATH=$(OIDN_DIR)/lib cargo
 
-.PHONY: setup wheel extension extension-all test test-rust test-python test-blender window guide fuzz demo shots parity quality bench bench-gpu solve clean
+.PHONY: setup wheel extension extension-linux test test-rust test-python test-blender window guide fuzz demo shots parity quality bench bench-gpu solve clean
 
 setup:
 	@scripts/setup
@@ -21,12 +21,12 @@ setup:
 wheel: setup
 	@scripts/build-wheel "$(WHEELS)"
 
-# The zip for this machine's platform.
-extension: wheel
+# The zip for Linux, which is what tests run.
+extension-linux: wheel
 	@scripts/build-extension build/extension "$(WHEELS)"
 
-# A zip for each platform that can be built here.
-extension-all: wheel
+# A zip for each platform.
+extension: wheel
 	@scripts/setup windows
 	@scripts/setup macos
 	@scripts/build-wheel "$(WHEELS)-windows" --windows
@@ -48,17 +48,17 @@ test-python: wheel
 	$(PYTHON) -m mypy
 	$(PYTHON) -m pytest tests
 
-test-blender: extension
+test-blender: extension-linux
 	@scripts/setup $(BLENDERS)
 	@scripts/install-wheel "$(WHEELS)" $(BLENDERS)
 	@scripts/test-blender $(BLENDERS)
 
 # A real Blender with its window, on a virtual display; WINDOW="smoke" for less. Needs root, for chroot.
-window: extension
+window: extension-linux
 	@RELUME_SCENES="$(SCENES)" $(PYTHON) scripts/window/run.py $(WINDOW)
 
 # The pictures of docs/guide.md, taken anew.
-guide: extension
+guide: extension-linux
 	@$(PYTHON) scripts/window/run.py guide
 	@$(PYTHON) scripts/guide.py
 

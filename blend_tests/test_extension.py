@@ -46,7 +46,7 @@ def test_extension_installs_and_bakes(tmp_path):
     extension = zip_for_this_machine(REPOSITORY / "build" / "extension")
     if extension is None:
         assert not os.environ.get("CI"), "CI builds the extension first"
-        pytest.skip("the extension is not built; run make extension")
+        pytest.skip("the extension is not built; run make extension-linux")
     environment = os.environ | {"BLENDER_USER_RESOURCES": str(tmp_path / "user")}
     (tmp_path / "user").mkdir()
     command = [sys.executable, "-c", INSTALL, str(extension), str(tmp_path / "bake")]

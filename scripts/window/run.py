@@ -131,7 +131,7 @@ def install_extension(room):
     """As an artist does, from the zip; the settings of the user are kept for the windows that follow."""
     extension = zip_for_this_machine(REPOSITORY / "build" / "extension")
     if extension is None:
-        sys.exit("window: build/extension has no zip for this machine; run make extension")
+        sys.exit("window: build/extension has no zip for this machine; run make extension-linux")
     shutil.copy(extension, room.folder)
     log = OUT / "install.log"
     script = [room.inside / "window" / "install.py", "--", room.inside / extension.name]
