@@ -26,20 +26,15 @@ struct Inputs {
 
 @group(0) @binding(0) var<storage, read> params: array<f32>;
 @group(0) @binding(1) var<storage, read> levels: array<Level>;
-/// `[pixel][SCENE_ROW]`: what is known of each pixel, then its surface.
-@group(0) @binding(2) var<storage, read> scene: array<f32>;
-@group(0) @binding(3) var<storage, read> draws: array<u32>;
+@group(0) @binding(2) var<storage, read> draws: array<u32>;
 /// `[chunk][pixel]`
-@group(0) @binding(4) var<storage, read> stored_pixels: array<u32>;
+@group(0) @binding(3) var<storage, read> stored_pixels: array<u32>;
+/// `[chunk][pixel][PIXEL_ROW]`
+@group(0) @binding(4) var<storage, read> stored_scene: array<f32>;
 /// `[chunk][tile][LIGHT_ROW]`
 @group(0) @binding(5) var<storage, read> stored_lights: array<f32>;
 @group(0) @binding(6) var<storage, read_write> activations: array<f32>;
 var<immediate> arguments: Inputs;
-
-/// Values that the scene holds for a pixel: what is known, its surface, factors on its outputs.
-const SCENE_ROW: u32 = 25u;
-const KNOWN: u32 = 13u;
-const SURFACE: u32 = 9u;
 
 /// Instead of a place, where there is none.
 const NOTHING: u32 = 0xffffffffu;
@@ -70,15 +65,11 @@ fn stored_light(column: u32) -> u32 {
     return (chunk * (CHUNK / LANES) + column % (CHUNK / LANES)) * LIGHT_ROW;
 }
 
-/// First value that the scene has of the pixel of a column of pixels.
-fn scene_row(column: u32) -> u32 {
-    return pixel_at(column) * SCENE_ROW;
-}
-
-fn pixel_at(column: u32) -> u32 {
+/// Place in the store of a column of pixels.
+fn stored_pixel(column: u32) -> u32 {
     let per_chunk = CHUNK / arguments.batch.slots;
     let chunk = draws[arguments.first_draw + column / per_chunk];
-    return stored_pixels[chunk * per_chunk + column % per_chunk];
+    return chunk * per_chunk + column % per_chunk;
 }
 
 fn light_input(column: u32, row: u32) {
@@ -87,7 +78,7 @@ fn light_input(column: u32, row: u32) {
 }
 
 fn scene_vector(first: u32) -> vec3f {
-    return vec3f(scene[first], scene[first + 1u], scene[first + 2u]);
+    return vec3f(stored_scene[first], stored_scene[first + 1u], stored_scene[first + 2u]);
 }
 
 fn light_vector(first: u32) -> vec3f {
@@ -95,7 +86,7 @@ fn light_vector(first: u32) -> vec3f {
 }
 
 fn sample_input(sample: u32) {
-    let at = scene_row(pixel_of(arguments.batch, sample)) + KNOWN;
+    let at = stored_pixel(pixel_of(arguments.batch, sample)) * PIXEL_ROW + PIXEL_SURFACE;
     let surface = Surface(scene_vector(at), scene_vector(at + 3u), scene_vector(at + 6u));
     let row = stored_light(sample / LANES);
     // No derivative by a parameter of the light.
@@ -108,11 +99,11 @@ fn sample_input(sample: u32) {
 
 /// One level of the grid for a pixel column, or, as the last, all that is known of it.
 fn pixel_input(column: u32, level: u32) {
-    let pixel = pixel_at(column);
+    let place = stored_pixel(column);
     let stride = row_stride(arguments.batch, PIXELS);
     if level < arguments.levels {
         let table = levels[level];
-        let corners = corners_of(table, pixel, arguments.width, arguments.height);
+        let corners = corners_of(table, stored_pixels[place], arguments.width, arguments.height);
         for (var feature = 0u; feature < arguments.features; feature += 1u) {
             let first = table.table + feature;
             let values = vec4f(
@@ -128,11 +119,11 @@ fn pixel_input(column: u32, level: u32) {
     }
     let first = arguments.pixels + arguments.levels * arguments.features * stride + column;
     for (var row = 0u; row < arguments.known; row += 1u) {
-        activations[first + row * stride] = scene[pixel * SCENE_ROW + row];
+        activations[first + row * stride] = stored_scene[place * PIXEL_ROW + row];
     }
     if arguments.factors != NOTHING {
         for (var row = 0u; row < 3u; row += 1u) {
-            activations[arguments.factors + row * stride + column] = scene[pixel * SCENE_ROW + KNOWN + SURFACE + row];
+            activations[arguments.factors + row * stride + column] = stored_scene[place * PIXEL_ROW + PIXEL_FACTORS + row];
         }
     }
 }

@@ -59,6 +59,7 @@ files![
     "train/muon",
     "train/optimise",
     "train/parameters",
+    "train/pool",
     "train/product",
     "train/product_matrices",
     "train/reduce",

@@ -46,7 +46,7 @@ pub fn kernels() -> Result<Vec<Record>, ProxyError> {
     pool.install(|| {
         let mut records = Vec::new();
         for (name, network, batch) in networks() {
-            records.extend(measure(name, network, batch)?);
+            records.extend(measure(name, network, batch, ROUNDS)?);
         }
         Ok(records)
     })
@@ -64,8 +64,20 @@ fn networks() -> [(&'static str, NetworkConfig, usize); 5] {
     ]
 }
 
-/// Samples of a training step on a graphics card.
-const TRAINING_BATCH: usize = 16_384;
+/// How much of a GPU's work is measured.
+#[derive(Clone, Copy)]
+struct Extent {
+    /// Rounds, of which the best counts.
+    rounds: usize,
+    /// Pixels of the image.
+    size: [usize; 2],
+    /// Samples of a training step.
+    samples: usize,
+}
+
+/// On a graphics card, and on a software driver.
+const ON_CARD: Extent = Extent { rounds: ROUNDS, size: PAPER_SIZE, samples: 16_384 };
+const ON_SOFTWARE: Extent = Extent { rounds: ROUNDS, size: [88, 50], samples: 1024 };
 /// Share of the pixels that a step of the light optimiser looks at.
 const STEP_SHARE: usize = 20;
 
@@ -75,12 +87,12 @@ const STEP_SHARE: usize = 20;
 /// # Errors
 /// If the device fails or has not the memory.
 pub fn device(gpu: &Arc<Gpu>) -> Result<Vec<Record>, ProxyError> {
-    let size = if gpu.summary().software { [88, 50] } else { PAPER_SIZE };
+    let extent = if gpu.summary().software { ON_SOFTWARE } else { ON_CARD };
     let peaks = gpu.peaks()?;
     let mut records = Vec::new();
     for (name, network, _) in networks() {
-        records.extend(measure_device(gpu, &peaks, name, network.clone(), size)?);
-        records.extend(measure_training(gpu, &peaks, name, network, size)?);
+        records.extend(measure_device(gpu, &peaks, name, network.clone(), extent)?);
+        records.extend(measure_training(gpu, &peaks, name, network, extent)?);
     }
     Ok(records)
 }
@@ -106,7 +118,7 @@ fn measure_device(
     peaks: &Peaks,
     name: &str,
     network: NetworkConfig,
-    [width, height]: [usize; 2],
+    Extent { rounds, size: [width, height], .. }: Extent,
 ) -> Result<Vec<Record>, ProxyError> {
     let trainer = device_trainer(network, [width, height])?;
     let on_device = GpuProxy::new(Arc::clone(gpu), &trainer.proxy()?)?;
@@ -132,7 +144,7 @@ fn measure_device(
         }
     }
     let peak = peaks.matrices.filter(|_| on_device.by_matrices()).unwrap_or(peaks.multiply_adds);
-    let image = best_of_rounds(|| on_device.unit_image(&light).map(drop))?;
+    let image = best_of_rounds(rounds, || on_device.unit_image(&light).map(drop))?;
     records.push(record("unit image with read-back", image, limit(peak, cost, 1.0)));
 
     let picture = vec![0.5; 3 * count];
@@ -140,7 +152,7 @@ fn measure_device(
     // Every so manieth pixel in an order without pattern.
     let pixels: Vec<u32> =
         (0..count / STEP_SHARE).map(|i| (i as u32).wrapping_mul(0x9e37_79b1) % count as u32).collect();
-    let step = best_of_rounds(|| comparison.gradient(&[(light, [1.0; 3])], &pixels).map(drop))?;
+    let step = best_of_rounds(rounds, || comparison.gradient(&[(light, [1.0; 3])], &pixels).map(drop))?;
     // Forward, forward again and backward, by the plain units.
     let share = 1.0 / STEP_SHARE as f64;
     let least = limit(peaks.multiply_adds, 3.0 * cost * share, share);
@@ -164,9 +176,8 @@ fn measure_training(
     peaks: &Peaks,
     name: &str,
     network: NetworkConfig,
-    [width, height]: [usize; 2],
+    Extent { rounds, size: [width, height], samples }: Extent,
 ) -> Result<Vec<Record>, ProxyError> {
-    let samples = if gpu.summary().software { 1024 } else { TRAINING_BATCH };
     let mut records = Vec::new();
     for (by, matrices) in [("", false), (" by matrices", true)] {
         let trainer = device_trainer(network.clone(), [width, height])?;
@@ -174,7 +185,7 @@ fn measure_training(
         // Backward costs a product for the inputs and one for the weights.
         let limit = peak / (3.0 * (samples * trainer.multiply_adds().0) as f64);
         let room = SyntheticRoom::new(width, height);
-        if let Some(seconds) = trainer.seconds_on_gpu(gpu, &room, (samples, ROUNDS), matrices)? {
+        if let Some(seconds) = trainer.seconds_on_gpu(gpu, &room, (samples, rounds), matrices)? {
             records.push(Record {
                 name: format!("training on {samples} samples an iteration{by} {name}, {width} x {height}"),
                 value: 1.0 / seconds,
@@ -188,10 +199,13 @@ fn measure_training(
 }
 
 /// Seconds of a call on the clock on the wall; the first is for drivers that compile on first use.
-fn best_of_rounds(mut call: impl FnMut() -> Result<(), ProxyError>) -> Result<f64, ProxyError> {
+fn best_of_rounds(
+    rounds: usize,
+    mut call: impl FnMut() -> Result<(), ProxyError>,
+) -> Result<f64, ProxyError> {
     call()?;
     let mut best = f64::INFINITY;
-    for _ in 0..ROUNDS {
+    for _ in 0..rounds {
         let start = Instant::now();
         call()?;
         best = best.min(start.elapsed().as_secs_f64());
@@ -207,7 +221,12 @@ fn peak_rate(isa: Isa) -> f64 {
     (rounds * 96 * 32) as f64 / start.elapsed().as_secs_f64()
 }
 
-fn measure(name: &str, network: NetworkConfig, batch: usize) -> Result<[Record; 2], ProxyError> {
+fn measure(
+    name: &str,
+    network: NetworkConfig,
+    batch: usize,
+    rounds: usize,
+) -> Result<[Record; 2], ProxyError> {
     let isa = Isa::detect();
     let room = SyntheticRoom::new(160, 96);
     let config = TrainConfig {
@@ -224,7 +243,7 @@ fn measure(name: &str, network: NetworkConfig, batch: usize) -> Result<[Record; 
     let mut pixels = vec![[0.0; 3]; room.features().pixel_count()];
     let fixed = trainer.first_batch(&room, batch)?;
     let (mut peak, mut infer, mut train) = (0.0f64, 0.0f64, 0.0f64);
-    for _ in 0..ROUNDS {
+    for _ in 0..rounds {
         peak = peak.max(peak_rate(isa));
         let start = ThreadTime::now();
         proxy.forward(&light, black_box(&mut pixels))?;
@@ -243,4 +262,53 @@ fn measure(name: &str, network: NetworkConfig, batch: usize) -> Result<[Record; 
     };
     // Backward costs a product for the inputs and one for the weights.
     Ok([record("inference", infer, infer_cost as f64), record("training", train, 3.0 * train_cost as f64)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use relume_gpu::GpuChoice;
+
+    /// A narrow network of each type.
+    fn narrow() -> [(&'static str, NetworkConfig, usize); 2] {
+        let [reference, _, _, fast, _] = networks();
+        [reference, fast]
+    }
+
+    /// There may be others, by matrices.
+    fn check(records: &[Record], names: &[String]) {
+        let has = |name: &String| records.iter().any(|record| record.name == *name);
+        assert!(names.iter().all(has), "{records:?}");
+        let good = |x: f64| x.is_finite() && x > 0.0;
+        assert!(
+            records.iter().all(|r| good(r.value) && good(r.limit) && good(r.share_of_limit)),
+            "{records:?}"
+        );
+    }
+
+    #[test]
+    fn networks_are_measured_on_the_cpu() {
+        for (name, network, _) in narrow() {
+            let records = measure(name, network, 1024, 1).expect("measured");
+            let isa = Isa::detect().name();
+            check(
+                &records,
+                &["inference", "training"].map(|task| format!("{task} {name}, one thread, {isa}")),
+            );
+        }
+    }
+
+    #[test]
+    fn networks_are_measured_on_any_device() {
+        let gpu = Gpu::open(&GpuChoice::Best).expect("tests need a GPU or a software driver");
+        let peaks = Peaks { multiply_adds: 1e9, half: None, matrices: None, wide_matrices: None, read: 1e9 };
+        let extent = Extent { rounds: 1, size: [20, 12], samples: 1024 };
+        for (name, network, _) in narrow() {
+            let records = measure_device(&gpu, &peaks, name, network.clone(), extent).expect("measured");
+            let tasks = ["inference kernel", "unit image with read-back", "light step on 5 % of the pixels"];
+            check(&records, &tasks.map(|task| format!("{task} {name}, 20 x 12")));
+            let records = measure_training(&gpu, &peaks, name, network, extent).expect("measured");
+            check(&records, &[format!("training on 1024 samples an iteration {name}, 20 x 12")]);
+        }
+    }
 }

@@ -27,11 +27,11 @@ pub(crate) struct Pool {
     next: u64,
 }
 
-/// A light and its unit image.
+/// A light and its unit image, if that is not on a device.
 #[derive(Debug)]
 pub(crate) struct PoolEntry {
     pub light: LightParams,
-    pub image: Image,
+    pub image: Option<Image>,
 }
 
 impl Pool {
@@ -66,7 +66,8 @@ impl Pool {
         let draw = |number| sampler.light_anywhere(source, &mut Rng::stream(seed, POOL_STREAM, number));
         let lights: Vec<LightParams> = numbers.clone().map(draw).collect();
         let images = images_of(source, &lights, self.denoised, sampler.pixel_count as usize)?;
-        self.entries.extend(lights.into_iter().zip(images).map(|(light, image)| PoolEntry { light, image }));
+        let entry = |(light, image)| PoolEntry { light, image: Some(image) };
+        self.entries.extend(lights.into_iter().zip(images).map(entry));
         self.next = numbers.end;
         while self.entries.len() as u64 > self.size {
             self.entries.pop_front();
@@ -74,9 +75,31 @@ impl Pool {
         Ok(())
     }
 
-    /// A uniformly random image.
-    pub fn draw(&self, rng: &mut Rng) -> &PoolEntry {
-        &self.entries[rng.below(self.entries.len() as u32) as usize]
+    /// Most images.
+    pub fn size(&self) -> usize {
+        self.size as usize
+    }
+
+    /// Number of the oldest image that is kept.
+    fn oldest(&self) -> u64 {
+        self.next - self.entries.len() as u64
+    }
+
+    /// The number of a uniformly random image.
+    pub fn draw(&self, rng: &mut Rng) -> u64 {
+        self.oldest() + u64::from(rng.below(self.entries.len() as u32))
+    }
+
+    /// An image that is kept, by its number.
+    pub fn entry(&self, number: u64) -> &PoolEntry {
+        &self.entries[(number - self.oldest()) as usize]
+    }
+
+    /// Hands over the images that have not been handed over yet, with their numbers and lights.
+    pub fn take_images(&mut self) -> impl Iterator<Item = (u64, LightParams, Image)> {
+        let numbers = self.oldest()..;
+        let take = |(number, entry): (u64, &mut PoolEntry)| Some((number, entry.light, entry.image.take()?));
+        numbers.zip(&mut self.entries).filter_map(take)
     }
 }
 

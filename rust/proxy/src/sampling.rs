@@ -88,7 +88,27 @@ impl Sampler {
         Ok(batch)
     }
 
-    /// Random groups of 32 pixels, each seen under `slots` random lights of the pool.
+    /// Random groups of 32 pixels, each to be seen under `slots` random lights of the pool: their pixels, and the numbers of the
+    /// lights' images.
+    pub fn drawn_from_pool(
+        &self,
+        pool: &Pool,
+        (samples, slots): (usize, usize),
+        key: (u64, u64),
+    ) -> (Vec<u32>, Vec<u64>) {
+        let (mut pixels, mut images) = (Vec::new(), Vec::new());
+        for group in 0..samples / (slots * LANES) {
+            let mut rng = Rng::stream(key.0, key.1, group as u64);
+            pixels.extend((0..LANES).map(|_| rng.below(self.pixel_count)));
+            images.extend((0..slots).map(|_| pool.draw(&mut rng)));
+        }
+        (pixels, images)
+    }
+
+    /// [`Sampler::drawn_from_pool`] with lights and targets.
+    ///
+    /// # Panics
+    /// If the pool's images were handed over.
     pub fn batch_from_pool(
         &self,
         pool: &Pool,
@@ -96,18 +116,12 @@ impl Sampler {
         (samples, slots): (usize, usize),
         key: (u64, u64),
     ) -> Batch {
-        let mut batch = Batch { slots, ..Batch::default() };
-        let mut images = Vec::new();
-        for group in 0..samples / (slots * LANES) {
-            let mut rng = Rng::stream(key.0, key.1, group as u64);
-            batch.pixels.extend((0..LANES).map(|_| rng.below(self.pixel_count)));
-            for _ in 0..slots {
-                let entry = pool.draw(&mut rng);
-                batch.lights.push(entry.light);
-                images.push(&entry.image);
-            }
-        }
-        batch.weights.extend(batch.lights.iter().map(|light| self.weight(light)));
+        let (pixels, images) = self.drawn_from_pool(pool, (samples, slots), key);
+        let lights: Vec<LightParams> = images.iter().map(|&number| pool.entry(number).light).collect();
+        let weights = lights.iter().map(|light| self.weight(light)).collect();
+        let mut batch = Batch { pixels, slots, lights, weights, ..Batch::default() };
+        let image = |&number: &u64| pool.entry(number).image.as_ref().expect("an image that is here");
+        let images: Vec<_> = images.iter().map(image).collect();
         fill_targets(&mut batch, scale, |tile, _, pixel| {
             let at = pixel as usize * 3;
             std::array::from_fn(|channel| images[tile].data[at + channel])
@@ -130,7 +144,7 @@ impl Sampler {
     }
 
     /// Weight of a light's samples in the loss.
-    fn weight(&self, light: &LightParams) -> f32 {
+    pub fn weight(&self, light: &LightParams) -> f32 {
         (emitting_area(light).value / self.middling_area()).powf(self.area_weight)
     }
 

@@ -57,9 +57,10 @@ impl SceneCache {
         Self { normalisation, aux, surfaces }
     }
 
-    /// Aux inputs and surface of every pixel, for the device.
-    pub fn rows(&self) -> impl Iterator<Item = f32> {
-        self.aux.iter().zip(&self.surfaces).flat_map(|(aux, surface)| aux.iter().chain(surface).copied())
+    /// Aux inputs and surfaces of some pixels, for the device.
+    pub fn rows(&self, pixels: &[u32]) -> Vec<f32> {
+        let row = |&pixel: &u32| self.aux[pixel as usize].iter().chain(&self.surfaces[pixel as usize]);
+        pixels.iter().flat_map(row).copied().collect()
     }
 
     /// Writes the first `rows` aux inputs of some pixels into a tile.

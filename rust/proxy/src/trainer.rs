@@ -34,7 +34,7 @@ pub struct Trainer {
     pub(crate) features: Arc<PixelFeatures>,
     pub(crate) state: TrainState,
     pub(crate) scene_hash: String,
-    pub(crate) scene: SceneCache,
+    pub(crate) scene: Arc<SceneCache>,
     isa: Isa,
     pub(crate) core: Core,
     pub(crate) samples_of: Samples,
@@ -119,7 +119,7 @@ impl Trainer {
             scores: None,
         };
         Ok(Self {
-            scene: SceneCache::new(&features, normalisation),
+            scene: Arc::new(SceneCache::new(&features, normalisation)),
             samples_of: Samples::new(&config, features.pixel_count(), 0),
             isa: Isa::detect(),
             scene_hash: String::new(),
@@ -355,7 +355,7 @@ impl Trainer {
         }
     }
 
-    fn sampler(&self) -> Sampler {
+    pub(crate) fn sampler(&self) -> Sampler {
         Sampler {
             kind: self.kind,
             size: self.config.size,

@@ -1,3 +1,5 @@
+use std::sync::Arc;
+
 use super::*;
 use crate::encoding::LightEncoding;
 use crate::light::random_light_facing_down;
@@ -17,7 +19,7 @@ pub(crate) fn tiny_grid() -> GridConfig {
 }
 
 pub(crate) struct Setup {
-    pub scene: SceneCache,
+    pub scene: Arc<SceneCache>,
     pub encoding: LightEncoding,
     pub size: [usize; 2],
 }
@@ -26,7 +28,7 @@ pub(crate) fn setup(kind: LightKind) -> Setup {
     let features = SyntheticRoom::new(40, 24).features();
     let normalisation = Normalisation::of(&features);
     Setup {
-        scene: SceneCache::new(&features, normalisation),
+        scene: Arc::new(SceneCache::new(&features, normalisation)),
         encoding: LightEncoding::new(kind, normalisation, SIZE),
         size: [features.width, features.height],
     }

@@ -30,6 +30,7 @@ arguments! {
         matrices: u32, size: u32, stride: u32, muon: f32, linear: f32, cubic: f32, quintic: f32,
     }
     Targets { samples: u32, slots: u32, first_block: u32, blocks: u32, block: u32 }
+    Pool { tiles: u32, slots: u32, first: u32, images: u32, pixels: u32 }
     Muon {
         size: u32, stride: u32, matrices: u32, left: u32, right: u32, turned: u32, plus: u32, to: u32, factor: f32,
         share: f32, step: f32, mean_share: f32,

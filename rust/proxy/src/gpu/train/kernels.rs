@@ -38,10 +38,10 @@ impl Kernels {
         let bind = |stage: &str, entry: &str, bindings: &[Binding<'_>]| {
             gpu.kernel(&format!("train/{stage}"), entry, &[])?.bind(bindings)
         };
-        let (draws, levels, scene) = (buffers.draws.whole(), buffers.levels.whole(), buffers.scene.whole());
+        let (draws, levels) = (buffers.draws.whole(), buffers.levels.whole());
         let (pixels, activations) = (store.pixels.whole(), buffers.activations.whole());
-        let inputs =
-            [optimise.params.whole(), levels, scene, draws, pixels, store.lights.whole(), activations];
+        let (scene, lights) = (store.scene.whole(), store.lights.whole());
+        let inputs = [optimise.params.whole(), levels, draws, pixels, scene, lights, activations];
         let scatter = [levels, draws, pixels, activations, optimise.grid.whole()];
         let products =
             Products::new((buffers, store, optimise), false, |name, entry| gpu.kernel(name, entry, &[]))?;

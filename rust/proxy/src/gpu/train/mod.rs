@@ -30,6 +30,7 @@ mod kernels;
 mod matrices;
 mod optimise;
 mod plan;
+mod pool;
 mod steps;
 mod store;
 
@@ -64,7 +65,7 @@ const LEAST_PIECE: u32 = 256;
 /// What a training needs of its device.
 pub(crate) struct Demand<'a> {
     pub config: &'a TrainConfig,
-    pub scene: &'a SceneCache,
+    pub scene: &'a Arc<SceneCache>,
     /// Chunks that the store has room for.
     pub chunks: usize,
     /// Most chunks that the steps of one [`GpuTraining::run`] draw together.
@@ -108,7 +109,6 @@ struct Buffers {
     draws: Buffer<u32>,
     layers: Buffer<plan::Layer>,
     levels: Buffer<[u32; 4]>,
-    scene: Buffer<f32>,
     activations: Buffer<f32>,
     pieces: Buffer<f32>,
     losses: Buffer<f32>,
@@ -141,17 +141,15 @@ impl GpuTraining {
         let piece = capacity.div_ceil(pieces).next_multiple_of(LANES as u32);
         let losses = largest_batch.div_ceil(capacity) * capacity.div_ceil(TILE);
 
-        let scene: Vec<f32> = demand.scene.rows().collect();
         let buffers = Buffers {
             draws: gpu.zeros("draws", demand.draws)?,
             layers: gpu.buffer_of("layers", &plan.layers)?,
             levels: gpu.buffer_of("grid levels", &grid.level_rows(layout))?,
-            scene: gpu.buffer_of("scene", &scene)?,
             activations: gpu.zeros("activations", plan.activations as usize)?,
             pieces: gpu.zeros("gradient in pieces", (capacity.div_ceil(piece) * plan.dense) as usize)?,
             losses: gpu.zeros("losses", losses as usize)?,
         };
-        let store = Store::new(&gpu, demand.chunks, config.lights_per_pixel, encoding)?;
+        let store = Store::new(&gpu, demand.chunks, config.lights_per_pixel, encoding, demand.scene)?;
         let of_optimise = [&buffers.pieces, &buffers.losses];
         let optimise = Optimise::new(&gpu, layout, (plan.dense, config.muon), of_optimise)?;
         let quads = encoding.kind == LightKind::Quad;

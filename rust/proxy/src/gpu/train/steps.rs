@@ -6,6 +6,7 @@ use relume_gpu::{Gpu, Submission};
 
 use super::arguments::Progress;
 use super::matrices::are_worth_it;
+use super::pool::DevicePool;
 use super::{Demand, GpuTraining, Step};
 use crate::network::CHUNK;
 use crate::replay::{BLOCK, CAPACITY, FILL};
@@ -22,8 +23,8 @@ const READ_EVERY: usize = 64;
 const RING: u64 = CAPACITY + STEPS as u64 * FILL;
 /// Chunks of a block.
 const BLOCK_CHUNKS: usize = BLOCK as usize / CHUNK;
-/// Most chunks of batches from a pool of images that wait for the device.
-const POOL_CHUNKS: usize = 2048;
+/// Most pixels of batches from a pool of images that wait for the device.
+const POOL_PIXELS: usize = 1 << 16;
 
 /// The side of a [`Trainer`] that runs on a device.
 pub(crate) struct DeviceCore {
@@ -36,6 +37,8 @@ pub(crate) struct DeviceCore {
     loss: Option<f64>,
     /// First block of gathered samples that is not there yet.
     next_block: u64,
+    /// The images of a pool, if they fit there.
+    pub(super) pool: Option<DevicePool>,
     /// Chunk that the next batch from a pool begins at, among those of the steps that are handed over next.
     next_chunk: usize,
     /// The steps that were handed over last.
@@ -49,7 +52,8 @@ impl Trainer {
     /// [`Trainer::step`] then does several steps.
     ///
     /// Targets of single pixels are gathered there too if the source can ([`TargetSource::on_device`]), else on the CPU. If one
-    /// is not finite, what was trained on it is taken back and the CPU gathers from there on ([`StepReport::bad_target`]).
+    /// is not finite, what was trained on it is taken back and the CPU gathers from there on ([`StepReport::bad_target`]). A pool
+    /// of images is kept there and nowhere else if it takes at most half of the memory that is left, else here.
     ///
     /// If the device is lost, steps and saving fail with [`ProxyError::Gpu`]; the file of the last [`Trainer::save`] is
     /// still good, for any device or none.
@@ -70,7 +74,8 @@ impl Trainer {
         let (steps, chunks) = match &self.samples_of {
             Samples::Gathered(_) => (STEPS, RING as usize * BLOCK_CHUNKS),
             Samples::Pool(_) => {
-                let steps = (POOL_CHUNKS / largest).clamp(1, STEPS);
+                let pixels = largest * CHUNK / self.config.lights_per_pixel;
+                let steps = (POOL_PIXELS / pixels).clamp(1, STEPS);
                 (steps, steps * largest)
             }
         };
@@ -85,8 +90,13 @@ impl Trainer {
         let [params, mean] = [&mut state.params, &mut state.mean].map(std::mem::take);
         let [first, second] = [&mut state.optimiser.first, &mut state.optimiser.second].map(std::mem::take);
         training.upload([&params, &mean, &first, &second]);
+        let pool = match &self.samples_of {
+            Samples::Gathered(_) => None,
+            Samples::Pool(pool) => DevicePool::new(&training, pool.size(), self.features.pixel_count())?,
+        };
         let mut device = DeviceCore {
             training,
+            pool,
             steps,
             unread: Vec::new(),
             loss: None,
@@ -95,7 +105,7 @@ impl Trainer {
             submitted: None,
             distrusted: false,
         };
-        self.upload_blocks(&mut device, None)?;
+        self.upload_samples(&mut device, None)?;
         self.device = Some(Box::new(device));
         Ok(self)
     }
@@ -161,7 +171,8 @@ impl Trainer {
         device.next_chunk = 0;
         let mut steps = Vec::new();
         let mut ready = Ok(true);
-        while steps.len() < device.steps && (steps.is_empty() || !self.done()) {
+        // New images of a pool take the places of old ones, so that steps which draw from those come before.
+        while steps.len() < device.steps && (steps.is_empty() || !self.done() && !self.lacks_images()) {
             ready = self.gather(source, targets.is_some());
             if !matches!(ready, Ok(true)) {
                 break;
@@ -182,13 +193,16 @@ impl Trainer {
 
     /// Gives the device the samples that it has not yet, and steps to do.
     fn hand_over(
-        &self,
+        &mut self,
         device: &mut DeviceCore,
         targets: Option<&dyn DeviceTargets>,
         steps: &[Step],
     ) -> Result<(), ProxyError> {
-        self.upload_blocks(device, targets)?;
+        self.upload_samples(device, targets)?;
         if !steps.is_empty() {
+            if let Some(pool) = &device.pool {
+                pool.take(&device.training, device.next_chunk)?;
+            }
             let submission = device.training.run(steps)?;
             // At most two groups of steps wait on the device, since a picture that is asked for meanwhile waits behind them.
             if let Some(before) = device.submitted.replace(submission) {
@@ -199,14 +213,29 @@ impl Trainer {
         Ok(())
     }
 
-    /// Copies new blocks of samples to the device; those without targets are gathered there.
-    fn upload_blocks(
-        &self,
+    /// Whether images of a pool are to be made before the next step.
+    fn lacks_images(&self) -> bool {
+        matches!(&self.samples_of, Samples::Pool(pool) if pool.missing(self.state.samples) > 0)
+    }
+
+    /// Copies new blocks of samples, or images, to the device; blocks without targets are gathered there.
+    fn upload_samples(
+        &mut self,
         device: &mut DeviceCore,
         targets: Option<&dyn DeviceTargets>,
     ) -> Result<(), ProxyError> {
-        let (Samples::Gathered(replay), Some(scale)) = (&self.samples_of, &self.state.output_scale) else {
-            return Ok(());
+        let sampler = self.sampler();
+        let Some(scale) = &self.state.output_scale else { return Ok(()) };
+        let replay = match (&mut self.samples_of, &device.pool) {
+            (Samples::Gathered(replay), _) => replay,
+            (Samples::Pool(images), Some(pool)) => {
+                for (number, light, image) in images.take_images() {
+                    let row = device.training.store.light_row(&light, sampler.weight(&light), scale);
+                    pool.put(&device.training, (number, &image), &row)?;
+                }
+                return Ok(());
+            }
+            (Samples::Pool(_), None) => return Ok(()),
         };
         let new = || replay.blocks().filter(|(number, _)| *number >= device.next_block);
         new().for_each(|(number, block)| device.training.write_chunks(ring_chunk(number), block, scale));
@@ -247,16 +276,23 @@ impl Trainer {
             self.widen_ranges(&lights);
             return Ok(drawn.iter().map(|(number, chunk)| (ring_chunk(*number) + chunk) as u32).collect());
         }
-        let scale = self.state.output_scale.ok_or_else(|| {
-            ProxyError::Config("the scale of outputs is not known before targets are".to_owned())
-        })?;
-        let batch = self.random_batch(&scale, samples);
-        self.widen_ranges(&batch.lights);
-        let count = samples / CHUNK;
-        device.training.write_chunks(device.next_chunk, &batch, &scale);
-        let first = device.next_chunk as u32;
-        device.next_chunk += count;
-        Ok((first..first + count as u32).collect())
+        let first = device.next_chunk;
+        device.next_chunk += samples / CHUNK;
+        if let (Samples::Pool(images), Some(pool)) = (&self.samples_of, &device.pool) {
+            let size = (samples, self.config.lights_per_pixel);
+            let (pixels, numbers) = self.sampler().drawn_from_pool(images, size, key);
+            pool.write_chunks(&device.training, first, &pixels, &numbers);
+            let lights: Vec<_> = numbers.iter().map(|&number| images.entry(number).light).collect();
+            self.widen_ranges(&lights);
+        } else {
+            let scale = self.state.output_scale.ok_or_else(|| {
+                ProxyError::Config("the scale of outputs is not known before targets are".to_owned())
+            })?;
+            let batch = self.random_batch(&scale, samples);
+            device.training.write_chunks(first, &batch, &scale);
+            self.widen_ranges(&batch.lights);
+        }
+        Ok((first as u32..device.next_chunk as u32).collect())
     }
 
     /// Asks the device how it went. After a bad target, whose pixel comes back, samples are gathered anew on the CPU.

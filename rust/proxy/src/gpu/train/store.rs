@@ -1,3 +1,5 @@
+use std::sync::Arc;
+
 use relume_gpu::{Buffer, Gpu, GpuError};
 
 use crate::LightParams;
@@ -6,9 +8,11 @@ use crate::encoding::{LightEncoding, OutputScale};
 use crate::gradient::Batch;
 use crate::loss::TILE;
 use crate::network::{CHUNK, CHUNK_TILES};
+use crate::scene_cache::{AUX, Normalisation, SURFACE, SceneCache};
 
-/// Values of a light, as in `train/store.wgsl`.
-const LIGHT_ROW: usize = 49;
+/// Values of a pixel and of a light, as in `train/store.wgsl`.
+const PIXEL_ROW: usize = AUX + SURFACE;
+pub(super) const LIGHT_ROW: usize = 49;
 const LIGHT_WEIGHT: usize = 9;
 const LIGHT_INVERSE_SCALE: usize = 10;
 const LIGHT_INPUTS: usize = 11;
@@ -17,10 +21,13 @@ const LIGHT_INPUTS: usize = 11;
 #[derive(Debug)]
 pub(super) struct Store {
     pub pixels: Buffer<u32>,
+    /// What the networks know of these pixels.
+    pub scene: Buffer<f32>,
     pub lights: Buffer<f32>,
     pub targets: Buffer<f32>,
     slots: usize,
     encoding: LightEncoding,
+    cache: Arc<SceneCache>,
 }
 
 impl Store {
@@ -28,13 +35,22 @@ impl Store {
     ///
     /// # Errors
     /// If there is none on the device.
-    pub fn new(gpu: &Gpu, chunks: usize, slots: usize, encoding: LightEncoding) -> Result<Self, GpuError> {
+    pub fn new(
+        gpu: &Gpu,
+        chunks: usize,
+        slots: usize,
+        encoding: LightEncoding,
+        cache: &Arc<SceneCache>,
+    ) -> Result<Self, GpuError> {
+        let pixels = chunks * CHUNK / slots;
         Ok(Self {
-            pixels: gpu.zeros("pixels of samples", chunks * CHUNK / slots)?,
+            pixels: gpu.zeros("pixels of samples", pixels)?,
+            scene: gpu.zeros("scene at pixels", pixels * PIXEL_ROW)?,
             lights: gpu.zeros("lights of samples", chunks * CHUNK_TILES * LIGHT_ROW)?,
             targets: gpu.zeros("targets of samples", chunks * CHUNK_TILES * TILE)?,
             slots,
             encoding,
+            cache: Arc::clone(cache),
         })
     }
 
@@ -47,22 +63,29 @@ impl Store {
     /// of this scale.
     pub fn write(&self, gpu: &Gpu, first: usize, batch: &Batch, scale: &OutputScale) {
         assert_eq!(batch.slots, self.slots, "lights per pixel");
-        gpu.write(&self.pixels, first * CHUNK / self.slots, &batch.pixels);
-        let mut rows = vec![0.0; batch.lights.len() * LIGHT_ROW];
-        for ((row, light), weight) in rows.chunks_exact_mut(LIGHT_ROW).zip(&batch.lights).zip(&batch.weights)
-        {
-            row[LIGHT_WEIGHT] = *weight;
-            row[LIGHT_INVERSE_SCALE] = 1.0 / scale.of(light).0;
-            fill_row(row, light, &self.encoding);
-        }
-        gpu.write(&self.lights, first * CHUNK_TILES * LIGHT_ROW, &rows);
+        self.write_pixels(gpu, first, &batch.pixels);
+        let lights = batch.lights.iter().zip(&batch.weights);
+        let rows: Vec<_> = lights.map(|(light, weight)| self.light_row(light, *weight, scale)).collect();
+        gpu.write(&self.lights, first * CHUNK_TILES * LIGHT_ROW, rows.as_flattened());
         gpu.write(&self.targets, first * CHUNK_TILES * TILE, &batch.targets);
     }
-}
 
-fn fill_row(row: &mut [f32], light: &LightParams, encoding: &LightEncoding) {
-    let normalisation = &encoding.normalisation;
-    row[..LIGHT_WEIGHT].copy_from_slice(&scaled_params(light, normalisation.center, normalisation.scale));
-    let inputs = encoding.inputs();
-    row[LIGHT_INPUTS..LIGHT_INPUTS + inputs].copy_from_slice(&encoding.encode(light)[..inputs]);
+    /// Replaces the pixels of the chunks from `first` on.
+    pub fn write_pixels(&self, gpu: &Gpu, first: usize, pixels: &[u32]) {
+        let first = first * CHUNK / self.slots;
+        gpu.write(&self.pixels, first, pixels);
+        gpu.write(&self.scene, first * PIXEL_ROW, &self.cache.rows(pixels));
+    }
+
+    /// The row of a light whose samples weigh this much, for outputs of this scale.
+    pub fn light_row(&self, light: &LightParams, weight: f32, scale: &OutputScale) -> [f32; LIGHT_ROW] {
+        let Normalisation { center, scale: unit, .. } = self.encoding.normalisation;
+        let inputs = self.encoding.inputs();
+        let mut row = [0.0; LIGHT_ROW];
+        row[..LIGHT_WEIGHT].copy_from_slice(&scaled_params(light, center, unit));
+        row[LIGHT_WEIGHT] = weight;
+        row[LIGHT_INVERSE_SCALE] = 1.0 / scale.of(light).0;
+        row[LIGHT_INPUTS..LIGHT_INPUTS + inputs].copy_from_slice(&self.encoding.encode(light)[..inputs]);
+        row
+    }
 }

@@ -1,5 +1,6 @@
 mod matrices;
 mod quotients;
+mod samples;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -257,6 +258,7 @@ fn arguments_mirror_the_shaders() {
         cubic, quintic,
     });
     assert_mirror!(Targets as "train/targets", "Targets", { samples, slots, first_block, blocks, block });
+    assert_mirror!(Pool as "train/pool", "Pool", { tiles, slots, first, images, pixels });
     assert_mirror!(Muon as "train/muon", "Muon", {
         size, stride, matrices, left, right, turned, plus, to, factor, share, step, mean_share,
     });
