@@ -167,6 +167,7 @@ impl Gpu {
         let mapped = receiver.recv().map_err(|error| self.found_lost(&error))?;
         mapped.map_err(|error| self.found_lost(&error))?;
         let mapped = staging.get_mapped_range(..).map_err(|error| self.found_lost(&error))?;
+        self.count_read(bytes);
         Ok(bytemuck::pod_collect_to_vec(&mapped))
     }
 }

@@ -27,6 +27,7 @@ pub struct Gpu {
     limits: Limits,
     features: wgpu::Features,
     memory: Arc<Memory>,
+    bytes_read: AtomicU64,
     trouble: Arc<Mutex<Trouble>>,
     compiled: Compiled,
 }
@@ -148,9 +149,9 @@ impl Gpu {
         let default = default_budget(adapter);
         let memory = Arc::new(Memory { used: 0.into(), budget: default.into(), default });
         let limits = limits(adapter, features);
-        let compiled = Compiled::default();
+        let (compiled, bytes_read) = (Compiled::default(), AtomicU64::new(0));
         let summary = AdapterSummary::new(&info);
-        Ok(Arc::new(Self { device, queue, summary, limits, features, memory, trouble, compiled }))
+        Ok(Arc::new(Self { device, queue, summary, limits, features, memory, bytes_read, trouble, compiled }))
     }
 
     /// What the user is told about it.
@@ -179,6 +180,15 @@ impl Gpu {
     /// Sets how many bytes all our buffers together may take; if not given, what the driver says, less what others may need.
     pub fn set_memory_budget(&self, bytes: Option<u64>) {
         self.memory.budget.store(bytes.unwrap_or(self.memory.default), Ordering::Relaxed);
+    }
+
+    /// Bytes that were copied to the CPU so far.
+    pub fn bytes_read(&self) -> u64 {
+        self.bytes_read.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn count_read(&self, bytes: u64) {
+        self.bytes_read.fetch_add(bytes, Ordering::Relaxed);
     }
 
     /// Whether the device still works and has taken all commands so far.

@@ -1,6 +1,6 @@
 //! A GPU of any vendor through `wgpu`: device, WGSL modules, buffers, read-back, timers. Knows nothing of light or
-//! networks; the crates of the stages bring their kernels' arguments, the WGSL is embedded from `shaders/`. One kernel that two
-//! of them need is here too: pictures compared with a target ([`CompareKernel`]).
+//! networks; the crates of the stages bring their kernels' arguments, the WGSL is embedded from `shaders/`. What several of
+//! them need is here too: pictures compared with a target ([`CompareKernel`]), and images summed up ([`GpuImage`]).
 //!
 //! ```no_run
 //! # fn main() -> Result<(), relume_gpu::GpuError> {
@@ -26,6 +26,7 @@ mod commands;
 mod compare;
 mod device;
 mod error;
+mod image;
 mod kernel;
 pub mod layout;
 pub mod modules;
@@ -39,6 +40,7 @@ pub use commands::{Commands, Submission, fold};
 pub use compare::{CompareArguments, CompareKernel};
 pub use device::{Gpu, Limits};
 pub use error::GpuError;
+pub use image::GpuImage;
 pub use kernel::{Bound, Kernel};
 pub use peak::{Costs, Peaks};
 pub use properties::Property;

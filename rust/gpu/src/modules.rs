@@ -22,7 +22,9 @@ macro_rules! files {
 
 files![
     "common/compare",
+    "common/mean",
     "common/packing",
+    "common/sum",
     "gather/blocks",
     "gather/bounds",
     "gather/images",

@@ -2,12 +2,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Once};
 
 use relume_gather::{
-    Environment, Gather, GatherError, GpuGather, Half, Linear, SoftCompared, SoftGather, Wanted,
+    Environment, Gather, GatherError, GpuGather, Half, Linear, PreparedLight, SoftCompared, SoftGather,
+    Wanted,
 };
-use relume_gpu::Gpu;
+use relume_gpu::{Gpu, GpuError};
 use relume_image::Image;
 use relume_scene::Light;
 
+use crate::device_image::DeviceImage;
 use crate::on_gpu::OnGpu;
 use crate::progress::Monitor;
 use crate::sorting::Sorting;
@@ -50,15 +52,50 @@ impl DeviceGather {
         compute: &Compute,
         monitor: &Monitor,
     ) -> Result<Vec<Image>, SessionError> {
+        let work = |on_gpu: &GpuGather, lights: &[PreparedLight]| on_gpu.unit_images(lights, half);
+        self.images(lights, half, compute, monitor, work, |image| image)
+    }
+
+    /// [`DeviceGather::unit_images`] that stay on the GPU where that makes them and has room. They are there when this returns.
+    pub fn device_images(
+        &self,
+        lights: &[Light],
+        half: Half,
+        compute: &Compute,
+        monitor: &Monitor,
+    ) -> Result<Vec<DeviceImage>, SessionError> {
+        let work = |on_gpu: &GpuGather, lights: &[PreparedLight]| match on_gpu.gpu_images(lights, half) {
+            Err(GatherError::Gpu(GpuError::OutOfMemory { .. })) => {
+                Ok(on_gpu.unit_images(lights, half)?.into_iter().map(DeviceImage::Cpu).collect())
+            }
+            images => {
+                let images = images?;
+                on_gpu.wait()?;
+                images.into_iter().map(|image| Ok(DeviceImage::made(image)?)).collect()
+            }
+        };
+        self.images(lights, half, compute, monitor, work, DeviceImage::Cpu)
+    }
+
+    /// Unit images as the GPU or the CPU gives them.
+    fn images<R>(
+        &self,
+        lights: &[Light],
+        half: Half,
+        compute: &Compute,
+        monitor: &Monitor,
+        on_gpu: impl Fn(&GpuGather, &[PreparedLight]) -> Result<Vec<R>, GatherError>,
+        of_cpu: impl Fn(Image) -> R,
+    ) -> Result<Vec<R>, SessionError> {
         let lights = self.gather.prepare_all(lights)?;
-        let work = |on_gpu: &GpuGather| on_gpu.unit_images(&lights, half);
+        let work = |gather: &GpuGather| on_gpu(gather, &lights);
         let images = self.on_gpu.attempt(compute, monitor, |gpu| self.put_on(gpu), work)?;
         if images.is_some() && self.may_sort.load(Ordering::Relaxed) {
             self.sorting.relit(|| self.on_gpu.get());
         }
         let on_cpu = || {
             let (gather, half) = self.gather.split(half);
-            gather.unit_images(&lights, half)
+            gather.unit_images(&lights, half).into_iter().map(of_cpu).collect()
         };
         Ok(images.unwrap_or_else(on_cpu))
     }

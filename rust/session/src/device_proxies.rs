@@ -1,7 +1,9 @@
+use relume_gpu::GpuError;
 use relume_image::Image;
-use relume_proxy::{GpuProxy, LightKind, LightParams, Proxy};
+use relume_proxy::{GpuProxy, LightKind, LightParams, Proxy, ProxyError};
 use relume_scene::Light;
 
+use crate::device_image::DeviceImage;
 use crate::on_gpu::OnGpu;
 use crate::progress::Monitor;
 use crate::{Compute, Proxies, SessionError};
@@ -33,6 +35,24 @@ impl DeviceProxies {
         let (proxy, params) = self.covering(light)?;
         let on_gpu = self.attempt(params.kind(), compute, monitor, |gpu| Ok(gpu.unit_image(&params)?))?;
         on_gpu.map_or_else(|| Ok(proxy.unit_image(&params)?), Ok)
+    }
+
+    /// [`DeviceProxies::unit_image`] that stays on the GPU where that makes it and has room.
+    pub fn device_image(
+        &self,
+        light: &Light,
+        compute: &Compute,
+        monitor: &Monitor,
+    ) -> Result<DeviceImage, SessionError> {
+        let (proxy, params) = self.covering(light)?;
+        let on_gpu = |gpu: &GpuProxy| match gpu.gpu_image(&params) {
+            Err(ProxyError::Gpu(GpuError::OutOfMemory { .. })) => {
+                Ok(DeviceImage::Cpu(gpu.unit_image(&params)?))
+            }
+            made => Ok(DeviceImage::made(made?)?),
+        };
+        let image = self.attempt(params.kind(), compute, monitor, on_gpu)?;
+        image.map_or_else(|| Ok(DeviceImage::Cpu(proxy.unit_image(&params)?)), Ok)
     }
 
     /// As [`DeviceProxies::unit_image`], of every second pixel and row only.

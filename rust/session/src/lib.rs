@@ -23,6 +23,7 @@ pub mod bench;
 mod denoise;
 mod device;
 mod device_gather;
+mod device_image;
 mod device_proxies;
 mod environment;
 mod error;

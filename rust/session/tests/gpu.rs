@@ -5,6 +5,7 @@ mod common;
 use common::{RAW, Warnings, baked, sphere, trained, training};
 use glam::Mat3;
 use relume_session::gpu::{Gpu, GpuChoice, adapters};
+use relume_session::live::{Live, LiveOptions, LiveRequest};
 use relume_session::proxy::LightKind;
 use relume_session::scene::{Alpha, ColorEncoding, Texels, Texture, World};
 use relume_session::{
@@ -168,6 +169,45 @@ fn a_gpu_that_is_lost_between_pictures_is_opened_again_with_its_budget() {
     let warned = warnings.0.lock().unwrap();
     assert!(warned.len() == 5 && warned.iter().all(|text| text.contains("was lost (")), "{warned:?}");
     assert!(warned.iter().all(|text| text.ends_with("it was opened again and goes on")), "{warned:?}");
+}
+
+#[test]
+fn a_live_shot_whose_gpu_is_lost_goes_on_with_the_same_pictures() {
+    let _alone = SHARED.lock().unwrap_or_else(PoisonError::into_inner);
+    let folder = tempfile::tempdir().unwrap();
+    baked(folder.path());
+    trained(folder.path(), folder.path(), LightKind::Sphere);
+    let choice = GpuChoice::Named(adapters()[0].name.clone());
+    let options = LiveOptions { device: Device::Gpu(choice.clone()), gpu_memory: None, threads: 2 };
+    let live = Live::new(folder.path(), options);
+    live.open(0.0).unwrap();
+    let picture = |with: &str, gain: f32| {
+        let bulb = r#"{"name": "Bulb", "shape": {"type": "sphere", "center": [0, 0, 1], "radius": 0.2}, "radiance": [1, 1, 1]}"#;
+        let gains = format!(r#"{{"Bulb": [{gain}, {gain}, {gain}]}}"#);
+        let request = format!(r#"{{"lights": [{bulb}], "gains": {gains}, "with": "{with}"}}"#);
+        let number = live.relight(LiveRequest::parse(&request).unwrap());
+        let shown = || {
+            let status = live.status();
+            assert_eq!(status.error, None);
+            live.frame(0).filter(|frame| frame.shown.request == number && frame.shown.settled)
+        };
+        loop {
+            if let Some(frame) = shown() {
+                return frame.image.clone();
+            }
+            std::thread::sleep(std::time::Duration::from_millis(2));
+        }
+    };
+    for with in ["gather", "proxy"] {
+        let [once, twice] = [1.0, 2.0].map(|gain| picture(with, gain));
+        assert!(once != twice);
+        Gpu::shared(&choice).unwrap().lose();
+        assert!(picture(with, 2.0) == twice, "{with}");
+        assert!(picture(with, 1.0) == once, "{with}");
+    }
+    let warnings = live.status().warnings;
+    assert!(warnings.iter().all(|text| text.contains("it was opened again and goes on")), "{warnings:?}");
+    assert!(!warnings.is_empty());
 }
 
 #[test]

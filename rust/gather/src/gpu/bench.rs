@@ -175,7 +175,7 @@ impl<'a> Bench<'a> {
     /// Segments a second, times the lights.
     fn gather(&self, shapes: &[LightShape]) -> Result<f64, GatherError> {
         let lights = self.prepare(shapes)?;
-        let seconds = self.seconds(|| self.on_gpu.unit_buffers(&lights, Half::All).map(drop))?;
+        let seconds = self.seconds(|| self.on_gpu.gpu_images(&lights, Half::All).map(drop))?;
         Ok(self.cpu.dump().record_count() as f64 * lights.len() as f64 / seconds)
     }
 

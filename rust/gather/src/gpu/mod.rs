@@ -24,7 +24,7 @@ mod world;
 use std::sync::{Arc, OnceLock};
 
 use relume_dump::Dump;
-use relume_gpu::{Buffer, Commands, Gpu, GpuError, Submission};
+use relume_gpu::{Buffer, Commands, Gpu, GpuError, GpuImage, Submission};
 use relume_image::Image;
 
 use crate::kernel::magnitude;
@@ -172,32 +172,32 @@ impl GpuGather {
         Ok(images)
     }
 
-    /// [`GpuGather::unit_images`] that stay on the device: RGB, row by row.
+    /// [`GpuGather::unit_images`] that stay on the device. Does not wait for them.
     ///
     /// # Errors
     /// If there is no room for the images, or the device was lost.
-    pub fn unit_buffers(
-        &self,
-        lights: &[PreparedLight],
-        half: Half,
-    ) -> Result<Vec<Buffer<f32>>, GatherError> {
+    pub fn gpu_images(&self, lights: &[PreparedLight], half: Half) -> Result<Vec<GpuImage>, GatherError> {
+        let manifest = self.dump.manifest();
+        let black = || GpuImage::black(&self.gpu, manifest.width, manifest.height);
+        let images = lights.iter().map(|_| black()).collect::<Result<Vec<_>, _>>()?;
         let values = self.image_values();
-        let mut images = Vec::with_capacity(lights.len());
+        let mut commands = self.gpu.commands("unit images");
         for group in self.gather(lights, half)? {
-            if let [light] = group.lights[..] {
-                images.push((light, group.sums));
-                continue;
-            }
-            let mut commands = self.gpu.commands("unit images");
             for (number, &light) in group.lights.iter().enumerate() {
-                let image = self.gpu.zeros("unit image", values)?;
-                commands.copy_part(&group.sums, number * values..(number + 1) * values, &image, 0);
-                images.push((light, image));
+                let sums = number * values..(number + 1) * values;
+                commands.copy_part(&group.sums, sums, images[light].values(), 0);
             }
-            commands.submit()?;
         }
-        images.sort_by_key(|(light, _)| *light);
-        Ok(images.into_iter().map(|(_, image)| image).collect())
+        commands.submit()?;
+        Ok(images)
+    }
+
+    /// Waits until all that was submitted is done.
+    ///
+    /// # Errors
+    /// If the device was lost.
+    pub fn wait(&self) -> Result<(), GatherError> {
+        Ok(self.gpu.wait()?)
     }
 
     /// [`Gather::pixel_into`] on the device, for targets of a training: `pixels` are places in the image, row by row, and

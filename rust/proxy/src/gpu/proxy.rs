@@ -1,7 +1,7 @@
 use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use relume_gpu::{Binding, Bound, Buffer, Commands, Gpu, GpuError, Kernel};
+use relume_gpu::{Binding, Bound, Buffer, Commands, Gpu, GpuError, GpuImage, Kernel};
 use relume_image::Image;
 
 use super::DeviceNetwork;
@@ -164,17 +164,19 @@ impl GpuProxy {
         Ok(self.gpu.read(&shared.units, 0..len)?)
     }
 
-    /// The unit image of a light into a buffer of the device, row-major RGB. Does not wait for it.
+    /// [`GpuProxy::unit_image`] that stays on the device. Does not wait for it.
     ///
     /// # Errors
-    /// [`ProxyError::WrongKind`], [`ProxyError::Length`] or [`ProxyError::Gpu`].
-    pub fn unit_buffer(&self, light: &LightParams, out: &Buffer<f32>) -> Result<(), ProxyError> {
-        check_length("out", 3 * self.proxy.features().pixel_count(), out.len())?;
+    /// As [`GpuProxy::unit_image`].
+    pub fn gpu_image(&self, light: &LightParams) -> Result<GpuImage, ProxyError> {
+        let [width, height] = self.proxy.info().image;
+        let image = GpuImage::black(&self.gpu, width, height)?;
         let shared = &mut *self.shared();
         self.write_lights(shared, &[(*light, [1.0; 3])])?;
         let mut commands = self.gpu.commands("unit image");
-        self.add_whole(&mut commands, self.matrices.as_ref(), &shared.lights, out)?;
-        Ok(commands.submit()?)
+        self.add_whole(&mut commands, self.matrices.as_ref(), &shared.lights, image.values())?;
+        commands.submit()?;
+        Ok(image)
     }
 
     /// The unit image of a light at some pixels, as [`Proxy::forward_pixels`].

@@ -92,8 +92,10 @@ fn unit_images_equal_those_of_the_cpu() {
             let error = difference(&device.whole_image(&light, None).unwrap(), &expected.data);
             assert!(error < TOLERANCE, "{network:?}, {kind}: {error}");
             // On a device with matrices, that is by those.
-            let error = matrices::error(&device.unit_image(&light).unwrap().data, &expected.data);
+            let image = device.unit_image(&light).unwrap();
+            let error = matrices::error(&image.data, &expected.data);
             assert!(error < matrices::TOLERANCE, "{network:?}, {kind}, {}: {error}", device.by_matrices());
+            assert_eq!(device.gpu_image(&light).unwrap().read().unwrap(), image.data);
         }
     }
 }

@@ -14,6 +14,7 @@ use relume_trace::{Control, TraceSettings, Tracer};
 
 use super::{Record, closed_box, gather_record, network_record};
 use crate::SessionError;
+use crate::live::bench as live_bench;
 use crate::solve::bench as solve_bench;
 use crate::targets::unit_light;
 
@@ -82,6 +83,26 @@ pub fn first_picture(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
         ..Record::default()
     };
     Ok(vec![record("in all", seconds), record("of that after tracing", seconds - traced)])
+}
+
+/// The strength of a light dragged among others that are known: all are summed up anew, and one picture comes back, which is the
+/// limit.
+pub fn edit(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
+    let (width, height) = if gpu.summary().software { (177, 100) } else { PICTURE };
+    let (seconds, bytes) = live_bench::strength_edit(gpu, (width, height))?;
+    let name = format!("strength of one of {} lights dragged, {width} x {height}", live_bench::LIGHTS);
+    let [_, read] = gpu.transfers()?;
+    let limit = bytes / read;
+    let picture = Record {
+        name: format!("{name}, to the picture"),
+        value: 1e3 * seconds,
+        unit: "ms".into(),
+        limit: Some(1e3 * limit),
+        share_of_limit: Some(limit / seconds),
+        ..Record::default()
+    };
+    let copied = format!("{name}, copied to the CPU");
+    Ok(vec![picture, Record { name: copied, value: 1e-6 * bytes, unit: "MB".into(), ..Record::default() }])
 }
 
 /// Gathers from a made-up room of one size on every card.

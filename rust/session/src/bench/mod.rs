@@ -49,8 +49,8 @@ struct Part<'a>(&'static str, Box<dyn Fn() -> Result<Vec<Record>, SessionError> 
 /// Megabytes of made-up positions that the gather reads: well beyond caches.
 const GATHER_MEGABYTES: usize = 256;
 
-/// Measures tracer, gather and networks, one after the other; on a GPU its limits, the time to a first picture, gathers (`paper`: at
-/// the size of the paper's), networks, and one light solved. If `only` names some of these parts, only those. `keep` is called
+/// Measures tracer, gather and networks, one after the other; on a GPU its limits, the time to a first picture and to that of an edit,
+/// gathers (`paper`: at the size of the paper's), networks, and one light solved. If `only` names some of these parts, only those. `keep` is called
 /// with the records of each part as soon as that is done.
 ///
 /// # Errors
@@ -104,6 +104,7 @@ fn parts(compute: &Compute) -> Vec<Part<'_>> {
     vec![
         Part("device", Box::new(|| device::limits(gpu))),
         Part("first-picture", Box::new(|| device::first_picture(gpu))),
+        Part("edit", Box::new(|| device::edit(gpu))),
         Part("gather", Box::new(|| device::gather(gpu))),
         Part("paper", Box::new(|| device::paper_gather(gpu))),
         Part("networks", Box::new(|| device::networks(gpu))),

@@ -1,18 +1,32 @@
+use crate::device_image::DeviceImage;
 use rayon::prelude::*;
+use relume_gpu::{GpuError, GpuImage};
 use relume_image::Image;
 
 /// A picture and its weight.
 pub(super) struct Layer<'a> {
-    /// Of the full size, or of half of it.
-    pub image: &'a Image,
+    /// Of the full size, or of half of it; on the GPU only of the full size.
+    pub image: &'a DeviceImage,
     pub weight: [f32; 3],
 }
 
-/// The weighted sum of RGB layers, of `width` by `height` pixels; layers of twice that size are averaged by two by two.
-pub(super) fn weighted_sum(layers: &[Layer], width: usize, height: usize) -> Image {
+/// The weighted sum of RGB layers, of `width` by `height` pixels; layers of twice that size are averaged by two by two. Those on the
+/// GPU are summed there and come back as one picture.
+pub(super) fn weighted_sum(layers: &[Layer], width: usize, height: usize) -> Result<Image, GpuError> {
+    let (mut on_cpu, mut on_gpu) = (Vec::new(), Vec::new());
+    for Layer { image, weight } in layers {
+        match image {
+            DeviceImage::Cpu(image) => on_cpu.push((image, weight)),
+            DeviceImage::Gpu(image) => on_gpu.push((image, *weight)),
+        }
+    }
     let mut sum = Image::new(width, height, 3);
+    if let Some((image, _)) = on_gpu.first() {
+        let scale = if (image.width(), image.height()) == (width, height) { 1 } else { 2 };
+        sum.data = GpuImage::weighted_sum(&on_gpu, scale)?;
+    }
     sum.data.par_chunks_exact_mut(width * 3).enumerate().for_each(|(y, row)| {
-        for Layer { image, weight } in layers {
+        for (image, weight) in &on_cpu {
             if (image.width, image.height) == (width, height) {
                 add_row(row, &image.data[y * width * 3..][..width * 3], weight);
             } else {
@@ -22,7 +36,7 @@ pub(super) fn weighted_sum(layers: &[Layer], width: usize, height: usize) -> Ima
             }
         }
     });
-    sum
+    Ok(sum)
 }
 
 fn add_row(row: &mut [f32], values: &[f32], weight: &[f32; 3]) {
@@ -61,16 +75,22 @@ mod tests {
 
     #[test]
     fn layers_of_both_sizes_add_up() {
-        let full = Image { data: (0..4 * 3 * 3).map(|i| i as f32).collect(), ..Image::new(4, 3, 3) };
-        let half = Image { data: vec![1.0; 2 * 3], ..Image::new(2, 1, 3) };
-        let layers = [
-            Layer { image: &full, weight: [1.0, 2.0, 0.0] },
-            Layer { image: &half, weight: [0.0, 0.0, 5.0] },
-        ];
-        let sum = weighted_sum(&layers, 2, 1);
-        // Means of rows 0 and 1, columns 0 and 1, then 2 and 3, of the red and green channel.
-        assert_eq!(sum.data, [7.5, 17.0, 5.0, 13.5, 29.0, 5.0]);
+        let values: Vec<f32> = (0..4 * 3 * 3).map(|i| i as f32).collect();
+        let gpu = relume_gpu::Gpu::open(&relume_gpu::GpuChoice::Best).expect("tests need a GPU");
+        let there = DeviceImage::Gpu(GpuImage::of(&gpu, 4, 3, &values).unwrap());
+        let full = Image { data: values, ..Image::new(4, 3, 3) };
         assert_eq!(super::super::view::half(&full).data[..3], [7.5, 8.5, 9.5]);
+        let here = DeviceImage::Cpu(full);
+        let half = DeviceImage::Cpu(Image { data: vec![1.0; 2 * 3], ..Image::new(2, 1, 3) });
+        for full in [&here, &there] {
+            let layers = [
+                Layer { image: full, weight: [1.0, 2.0, 0.0] },
+                Layer { image: &half, weight: [0.0, 0.0, 5.0] },
+            ];
+            let sum = weighted_sum(&layers, 2, 1).unwrap();
+            // Means of rows 0 and 1, columns 0 and 1, then 2 and 3, of the red and green channel.
+            assert_eq!(sum.data, [7.5, 17.0, 5.0, 13.5, 29.0, 5.0]);
+        }
     }
 
     #[test]

@@ -12,6 +12,7 @@
 //! next shard or step when cancelled. A light's unit image grows by one pass at a time, so that a light that moved is
 //! seen after the first and exact after the last, and no pass is gathered twice.
 
+pub(crate) mod bench;
 mod compose;
 mod painter;
 mod parts;
@@ -173,5 +174,7 @@ impl Drop for Live {
     }
 }
 
+#[cfg(test)]
+mod gpu_tests;
 #[cfg(test)]
 mod tests;

@@ -5,6 +5,7 @@ use super::units::{Unit, Units};
 use super::view::{Delivered, SharedImage, View, half};
 use super::{LiveOptions, LiveRequest};
 use crate::device_gather::DeviceGather;
+use crate::device_image::DeviceImage;
 use crate::{Cancel, Compute, Listener, Maker, Monitor, Progress, SessionError, With};
 use relume_gather::DenoiseQuality;
 use relume_image::{Image, metrics};
@@ -69,6 +70,11 @@ impl Painter {
         }
     }
 
+    /// The same on a device that is open.
+    pub fn on(self, compute: Compute) -> Self {
+        Self { compute, ..self }
+    }
+
     /// Paints until the shot is closed.
     pub fn run(mut self) {
         let threads = rayon::ThreadPoolBuilder::new().num_threads(self.options.threads).build();
@@ -94,13 +100,18 @@ impl Painter {
         }
         let device = self.device_in_words();
         self.shared.change(|state| state.status.device = device);
-        while let Some(request) = self.next() {
-            let outcome = self.paint(&request);
-            self.shared.change(|state| {
-                state.painting = false;
-                state.picture_error = outcome.err().map(|error| error.to_string());
-            });
-        }
+        while self.paint_next() {}
+    }
+
+    /// Waits for something new and paints it; false once the shot is closed.
+    pub fn paint_next(&mut self) -> bool {
+        let Some(request) = self.next() else { return false };
+        let outcome = self.paint(&request);
+        self.shared.change(|state| {
+            state.painting = false;
+            state.picture_error = outcome.err().map(|error| error.to_string());
+        });
+        true
     }
 
     fn device_in_words(&self) -> String {
@@ -150,9 +161,18 @@ impl Painter {
         }
     }
 
+    /// Makes pictures for a request. Where the GPU fails that units are on, once more without those.
     fn paint(&mut self, request: &LiveRequest) -> Result<(), SessionError> {
+        match self.try_paint(request) {
+            Err(error) if error.is_of_gpu() && self.units.leave_gpu() => self.try_paint(request),
+            outcome => outcome,
+        }
+    }
+
+    fn try_paint(&mut self, request: &LiveRequest) -> Result<(), SessionError> {
         let Some(mut view) = self.view.take() else { return Ok(()) };
         let (parts, mut told) = parts(request, &mut view);
+        self.units.trim(&parts.iter().map(|part| part.light.clone()).collect::<Vec<_>>());
         // Starting a denoiser of the full size denoises its features, which takes longer than all of the first picture.
         let scale = if self.first_frame && view.can_be_halved() { 2 } else { 1 };
         told.warnings.extend(view.denoise(scale).missing());
@@ -241,17 +261,17 @@ impl Painter {
             if unit.is_clean() || unit.passes == 0 {
                 continue;
             }
-            let mut image = unit.mean.clone();
+            let mut image = unit.mean.read()?;
             denoise.images(std::slice::from_mut(&mut image), DenoiseQuality::Balanced)?;
-            unit.clean = Some((unit.passes, image));
+            unit.clean = Some((unit.passes, DeviceImage::beside(&unit.mean, image)));
             if is_new(&self.shared.lock(), self.painted) {
                 return Ok(false);
             }
         }
         for layer in view.statics.iter_mut().filter(|layer| !layer.black && layer.clean.is_none()) {
-            let mut image = layer.image.clone();
+            let mut image = layer.image.read()?;
             view.denoise[0].images(std::slice::from_mut(&mut image), DenoiseQuality::Balanced)?;
-            layer.clean = Some(image);
+            layer.clean = Some(DeviceImage::Cpu(image));
         }
         Ok(true)
     }
@@ -278,7 +298,7 @@ impl Painter {
         // Without a denoiser nothing gets better than it is.
         let settled = picture.noisy.is_empty() || view.denoise(manner.scale).missing().is_some();
         let noise =
-            if settled && !manner.drag { noise(&self.units, parts, &stand_ins, &image) } else { None };
+            if settled && !manner.drag { noise(&self.units, parts, &stand_ins, &image)? } else { None };
         let shown = Shown {
             serial: self.serial,
             request: self.painted.0,
@@ -316,10 +336,10 @@ impl Painter {
                 _ if part.how != How::Proxy && !waits => None,
                 Some(image) => Some(image.clone()),
                 None if manner.scale == 2 && self.compute.gpu.is_none() => {
-                    Some(Arc::new(view.proxies.half_image(&part.light)?))
+                    Some(Arc::new(DeviceImage::Cpu(view.proxies.half_image(&part.light)?)))
                 }
                 None => {
-                    let image = view.proxies.unit_image(&part.light, &self.compute, &self.monitor)?;
+                    let image = view.proxies.device_image(&part.light, &self.compute, &self.monitor)?;
                     Some(unit.set_proxy(image))
                 }
             });
@@ -392,9 +412,9 @@ impl<'a> Picture<'a> {
 
     fn image(&self, view: &View, manner: Manner) -> Result<Image, SessionError> {
         let alpha = if manner.scale == 2 { &half(&view.aovs.alpha) } else { &view.aovs.alpha };
-        let mut sum = weighted_sum(&self.clean, alpha.width, alpha.height);
+        let mut sum = weighted_sum(&self.clean, alpha.width, alpha.height)?;
         if !self.noisy.is_empty() {
-            let mut noisy = weighted_sum(&self.noisy, alpha.width, alpha.height);
+            let mut noisy = weighted_sum(&self.noisy, alpha.width, alpha.height)?;
             view.denoise(manner.scale).images(std::slice::from_mut(&mut noisy), DenoiseQuality::Fast)?;
             sum.add_scaled(&noisy, &[1.0; 3]);
         }
@@ -403,22 +423,27 @@ impl<'a> Picture<'a> {
 }
 
 /// [`Shown::noise`] of an RGBA picture of the full size.
-fn noise(units: &Units, parts: &[Part], stand_ins: &[Option<SharedImage>], picture: &Image) -> Option<f32> {
+fn noise(
+    units: &Units,
+    parts: &[Part],
+    stand_ins: &[Option<SharedImage>],
+    picture: &Image,
+) -> Result<Option<f32>, SessionError> {
     let summed =
         parts.iter().zip(stand_ins).filter(|(part, stand_in)| part.how == How::Gather && stand_in.is_none());
     let layers: Option<Vec<Layer>> = summed
         .map(|(part, _)| {
             let image = &units.get(&part.light)?.error;
-            (!image.data.is_empty()).then_some(Layer { image, weight: part.light.radiance })
+            (!image.is_empty()).then_some(Layer { image, weight: part.light.radiance })
         })
         .collect();
-    let layers = layers.filter(|layers| !layers.is_empty())?;
+    let Some(layers) = layers.filter(|layers| !layers.is_empty()) else { return Ok(None) };
     // Passes are those of all lights, so that errors add up as the lights do.
-    let mut noisy = weighted_sum(&layers, picture.width, picture.height);
+    let mut noisy = weighted_sum(&layers, picture.width, picture.height)?;
     let colors = picture.data.as_chunks::<4>().0.iter().flat_map(|[rgb @ .., _]| rgb).copied();
     let clean = Image { data: colors.collect(), ..Image::new(picture.width, picture.height, 3) };
     noisy.data.iter_mut().zip(&clean.data).for_each(|(error, value)| *error += value);
-    Some(metrics::smape(&noisy, &clean) as f32)
+    Ok(Some(metrics::smape(&noisy, &clean) as f32))
 }
 
 /// Whether there is something that was not painted yet.

@@ -1,13 +1,16 @@
 use super::view::{SharedImage, View, pass_samples};
+use crate::device_image::DeviceImage;
 use crate::unit_cache::key;
 use crate::{Compute, Monitor, SessionError};
 use relume_gather::Half;
-use relume_image::Image;
+use relume_gpu::{Gpu, GpuError};
 use relume_scene::Light;
 use std::sync::Arc;
 
 /// Bytes of unit images that are kept for later; what the present picture needs is kept whatever it takes.
 const LIMIT: usize = 1 << 30;
+/// Share of the GPU's memory that is free otherwise, for those of them that are there: paths, proxies and trainings need the rest.
+const GPU_SHARE: f64 = 0.25;
 /// Lights that are gathered together.
 const GROUP: usize = 8;
 
@@ -16,13 +19,13 @@ pub(super) struct Unit {
     /// Without name and radiance.
     light: Light,
     /// Mean over the paths of `passes`.
-    pub mean: Image,
+    pub mean: DeviceImage,
     pub passes: usize,
     pub samples: u32,
     /// A draw of the error of `mean`; empty for a single pass.
-    pub error: Image,
+    pub error: DeviceImage,
     /// The mean of so many passes, denoised.
-    pub clean: Option<(usize, Image)>,
+    pub clean: Option<(usize, DeviceImage)>,
     /// What a proxy says.
     pub proxy: Option<SharedImage>,
     used: u64,
@@ -41,7 +44,8 @@ impl Units {
         self.clock += 1;
         let key = key(light);
         let index = self.list.iter().position(|unit| unit.light == key).unwrap_or_else(|| {
-            let (mean, error, clean, proxy) = (Image::default(), Image::default(), None, None);
+            let (mean, error) = (DeviceImage::default(), DeviceImage::default());
+            let (clean, proxy) = (None, None);
             self.list.push(Unit { light: key, mean, passes: 0, samples: 0, error, clean, proxy, used: 0 });
             self.list.len() - 1
         });
@@ -80,52 +84,92 @@ impl Units {
         let group: Vec<Light> =
             lights.iter().filter(|light| done(light) == least).take(GROUP).map(key).collect();
         let pass = &view.passes[least];
-        let images = pass.unit_images(&group, Half::All, compute, monitor)?;
+        let images = pass.device_images(&group, Half::All, compute, monitor)?;
         for (light, image) in group.iter().zip(images) {
-            self.of(light).add(image, pass_samples(pass));
+            if let Err(error) = self.of(light).add(image, pass_samples(pass)) {
+                // It may have been taken in, or not.
+                self.list.retain(|unit| unit.light != *light);
+                return Err(error.into());
+            }
         }
-        self.trim(lights, LIMIT);
         Ok(true)
     }
 
-    /// Forgets the units that were not used for longest, until the rest takes no more than `limit` bytes. Those of `needed` stay:
-    /// gathered anew, each would push out another, without end.
-    fn trim(&mut self, needed: &[Light], limit: usize) {
+    /// Forgets what was not used for longest and is too much to be kept. Units of `needed` stay: gathered anew, each would push out
+    /// another, without end.
+    pub fn trim(&mut self, needed: &[Light]) {
         let needed: Vec<Light> = needed.iter().map(key).collect();
-        let mut sum: usize = self.list.iter().map(Unit::bytes).sum();
+        self.forget(&needed, LIMIT, Unit::bytes);
+        let Some(gpu) = self.list.iter().find_map(Unit::gpu) else { return };
+        let on_gpu: usize = self.list.iter().map(Unit::bytes_on_gpu).sum();
+        let free = gpu.free_memory() as f64 + on_gpu as f64;
+        self.forget(&needed, (GPU_SHARE * free) as usize, Unit::bytes_on_gpu);
+    }
+
+    /// Forgets units of others than `needed` until all take no more than `limit` of some bytes.
+    fn forget(&mut self, needed: &[Light], limit: usize, bytes: impl Fn(&Unit) -> usize) {
+        let mut sum: usize = self.list.iter().map(&bytes).sum();
         while sum > limit {
-            let others = (0..self.list.len()).filter(|i| !needed.contains(&self.list[*i].light));
+            let goes = |unit: &Unit| bytes(unit) > 0 && !needed.contains(&unit.light);
+            let others = (0..self.list.len()).filter(|i| goes(&self.list[*i]));
             let Some(oldest) = others.min_by_key(|i| self.list[*i].used) else { return };
-            sum -= self.list.swap_remove(oldest).bytes();
+            sum -= bytes(&self.list.swap_remove(oldest));
         }
+    }
+
+    /// Brings everything to the CPU that is on the GPU, and forgets units of which that cannot be read. Whether there was something.
+    pub fn leave_gpu(&mut self) -> bool {
+        let was_there = self.list.iter().any(|unit| unit.gpu().is_some());
+        self.list.retain_mut(|unit| unit.leave_gpu().is_ok());
+        was_there
     }
 }
 
 impl Unit {
-    fn bytes(&self) -> usize {
+    fn images(&self) -> impl Iterator<Item = &DeviceImage> {
         let clean = self.clean.as_ref().map(|(_, image)| image);
-        let images = [Some(&self.mean), Some(&self.error), clean, self.proxy.as_deref()];
-        images.into_iter().flatten().map(|image| size_of_val(image.data.as_slice())).sum()
+        [Some(&self.mean), Some(&self.error), clean, self.proxy.as_deref()].into_iter().flatten()
+    }
+
+    fn bytes(&self) -> usize {
+        self.images().map(DeviceImage::bytes).sum()
+    }
+
+    fn bytes_on_gpu(&self) -> usize {
+        self.images().filter(|image| image.on_gpu().is_some()).map(DeviceImage::bytes).sum()
+    }
+
+    fn gpu(&self) -> Option<&Gpu> {
+        self.images().find_map(DeviceImage::on_gpu).map(|image| &**image.gpu())
+    }
+
+    fn leave_gpu(&mut self) -> Result<(), GpuError> {
+        let clean = self.clean.as_mut().map(|(_, image)| image);
+        for image in [&mut self.mean, &mut self.error].into_iter().chain(clean) {
+            image.bring_down()?;
+        }
+        if let Some(image) = &self.proxy {
+            self.proxy = Some(Arc::new(DeviceImage::Cpu(image.read()?)));
+        }
+        Ok(())
     }
 
     /// Takes the mean of one more pass in.
-    fn add(&mut self, image: Image, samples: u32) {
-        self.passes += 1;
-        self.samples += samples;
-        if self.passes == 1 {
+    fn add(&mut self, mut image: DeviceImage, samples: u32) -> Result<(), GpuError> {
+        let all = self.samples + samples;
+        if self.passes == 0 {
             self.mean = image;
-            return;
+        } else {
+            let share = samples as f32 / all as f32;
+            // Means a and b of independent samples, m and n of them: a - b has the variance v (1/m + 1/n), the mean of all has
+            // v / (m + n), which is m n / (m + n)^2 of it.
+            let scale = (share * (1.0 - share)).sqrt();
+            self.mean.take_in(&mut image, share, scale)?;
+            self.error = image;
         }
-        let share = samples as f32 / self.samples as f32;
-        // Means a and b of independent samples, m and n of them: a - b has the variance v (1/m + 1/n), the mean of all has
-        // v / (m + n), which is m n / (m + n)^2 of it.
-        let scale = (share * (1.0 - share)).sqrt();
-        self.error = image;
-        for (mean, value) in self.mean.data.iter_mut().zip(&mut self.error.data) {
-            let difference = *value - *mean;
-            *mean += share * difference;
-            *value = scale * difference;
-        }
+        self.passes += 1;
+        self.samples = all;
+        Ok(())
     }
 
     /// Whether there is a denoised picture of as many or fewer paths.
@@ -139,7 +183,7 @@ impl Unit {
     }
 
     /// Remembers what a proxy says.
-    pub fn set_proxy(&mut self, image: Image) -> SharedImage {
+    pub fn set_proxy(&mut self, image: DeviceImage) -> SharedImage {
         let image = Arc::new(image);
         self.proxy = Some(image.clone());
         image
@@ -149,6 +193,7 @@ impl Unit {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use relume_image::Image;
     use relume_scene::LightShape;
 
     #[test]
@@ -158,14 +203,16 @@ mod tests {
         let lights: Vec<Light> = [1.0, 2.0, 3.0, 4.0].map(light).to_vec();
         let mut units = Units::default();
         for light in &lights {
-            units.of(light).add(Image::new(4, 4, 3), 1);
+            units.of(light).add(DeviceImage::Cpu(Image::new(4, 4, 3)), 1).unwrap();
         }
         let bytes = units.get(&lights[0]).unwrap().bytes();
         assert_eq!(bytes, 4 * 4 * 3 * 4);
         let known = |units: &Units| lights.iter().map(|light| units.get(light).is_some()).collect::<Vec<_>>();
-        units.trim(&lights[..2], 3 * bytes);
+        units.forget(&lights[..2], 3 * bytes, Unit::bytes);
         assert_eq!(known(&units), [true, true, false, true], "the oldest of the others goes");
-        units.trim(&lights[..2], 0);
+        units.forget(&lights[..2], 0, Unit::bytes_on_gpu);
+        assert_eq!(known(&units), [true, true, false, true], "nothing is on a GPU");
+        units.forget(&lights[..2], 0, Unit::bytes);
         assert_eq!(known(&units), [true, true, false, false]);
     }
 }

@@ -2,6 +2,7 @@ use super::shared::State;
 use crate::base_layers::BaseLayers;
 use crate::denoise::Denoise;
 use crate::device_gather::DeviceGather;
+use crate::device_image::DeviceImage;
 use crate::device_proxies::DeviceProxies;
 use crate::guided::{Rare, Sight};
 use crate::relighter::camera;
@@ -38,8 +39,8 @@ pub(super) struct View {
 
 /// A layer that no light changes.
 pub(super) struct StaticLayer {
-    pub image: Image,
-    pub clean: Option<Image>,
+    pub image: DeviceImage,
+    pub clean: Option<DeviceImage>,
     pub black: bool,
 }
 
@@ -187,7 +188,7 @@ fn gather(dump: &Dump, pass: usize) -> DeviceGather {
 
 fn static_layers(aovs: &Aovs) -> [StaticLayer; 2] {
     [&aovs.emission, &aovs.world].map(|image| StaticLayer {
-        image: image.clone(),
+        image: DeviceImage::Cpu(image.clone()),
         clean: None,
         black: image.data.iter().all(|value| *value == 0.0),
     })
@@ -230,4 +231,4 @@ pub(super) fn half(image: &Image) -> Image {
 }
 
 /// An image that its cache and a frame hold.
-pub(super) type SharedImage = Arc<Image>;
+pub(super) type SharedImage = Arc<DeviceImage>;
