@@ -4,6 +4,7 @@
 mod common;
 mod goals;
 mod lights;
+mod live;
 mod room;
 
 use glam::Vec3;
