@@ -11,6 +11,7 @@ mod solved;
 
 use relume_image::Image;
 use relume_optimise::{Goal, Relight, View};
+use relume_proxy::LightKind;
 use relume_scene::Light;
 use std::time::Instant;
 
@@ -76,26 +77,31 @@ pub fn solve_lights(
 
 /// What makes the gradients for all moving lights, in all views.
 fn through(relighters: &[&Relighter], unknowns: &Unknowns, wanted: Through) -> Result<Through, SessionError> {
-    let moving: Vec<&Light> = unknowns.moving().collect();
     let has_gather = relighters.iter().all(|relighter| relighter.gather().is_some());
-    let uncovered = |relighter: &&Relighter| {
-        moving
-            .iter()
-            .find(|light| relighter.proxies().knowing(light).is_none())
-            .map(|light| light.name.clone())
-    };
-    let without_proxy = relighters.iter().find_map(uncovered);
-    match (wanted, without_proxy) {
-        (Through::Auto | Through::Gather, _) if has_gather => Ok(Through::Gather),
-        (Through::Gather, _) => Err(SessionError::Settings(
-            "this folder holds no bake to gather from; solve through proxies".into(),
-        )),
-        (_, None) => Ok(Through::Proxy),
-        (_, Some(name)) => Err(SessionError::Settings(format!(
-            "light '{name}' is of a type or size that no proxy was trained for, or outside of where one was; \
-             solve through the bake, or train a proxy for it"
-        ))),
+    match wanted {
+        Through::Auto | Through::Gather if has_gather => return Ok(Through::Gather),
+        Through::Gather => {
+            let reason = "this folder holds no bake to gather from; solve through proxies";
+            return Err(SessionError::Settings(reason.into()));
+        }
+        _ => {}
     }
+    let is_known = |light: &Light| relighters.iter().all(|view| view.proxies().knowing(light).is_some());
+    let unknown: Vec<&Light> = unknowns.moving().filter(|light| !is_known(light)).collect();
+    if unknown.is_empty() {
+        return Ok(Through::Proxy);
+    }
+    let names: Vec<String> = unknown.iter().map(|light| format!("'{}'", light.name)).collect();
+    let next = match (has_gather, unknown.iter().all(|light| LightKind::of(&light.shape).is_some())) {
+        (true, true) => "solve through the bake, or train a proxy that knows them",
+        (true, false) => "solve through the bake, or lock all of them but colour and strength",
+        (false, true) => "solve in the folder of the bake, or train a proxy that knows them",
+        (false, false) => "solve in the folder of the bake",
+    };
+    Err(SessionError::Settings(format!(
+        "no proxy knows lights {}: they are of a type or size that none was trained for, or outside of where one was; {next}",
+        names.join(", ")
+    )))
 }
 
 /// One view: what is there besides the lights to be solved.

@@ -1,9 +1,11 @@
 //! Every kind of goal is reached, as the picture of what was found says, not the solver.
 
-use crate::room::{Bakes, key, picture, solve};
+use crate::room::{Bakes, GATHER, key, picture, room, solve, target_request};
 use glam::Vec3;
 use relume_session::image::Image;
 use relume_session::scene::{Light, LightShape};
+use relume_session::trace::TraceSettings;
+use relume_session::{Monitor, Relighter, Solved, bake};
 use serde_json::{Value, json};
 
 /// Left, top, right and bottom of a part of the floor, and of one of the back wall.
@@ -146,4 +148,63 @@ fn an_index_mask_of_another_size_has_no_indices_between_its_own() {
     assert!(solve(&[&bakes.own], &request(2), &[("mask", &mask)]).is_ok());
     let error = solve(&[&bakes.own], &request(3), &[("mask", &mask)]).unwrap_err().to_string();
     assert!(error.contains("no pixel"), "{error}");
+}
+
+#[test]
+fn the_worlds_light_and_a_lamps_are_told_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    let settings = TraceSettings { samples: 96, ..TraceSettings::default() };
+    bake(&room(0.0, [0.4, 0.5, 0.6]), &settings, folder.path(), false, &Monitor::default()).unwrap();
+    let relighter = Relighter::open(folder.path()).unwrap();
+    let relit = relighter.relight(&[key()], &GATHER, &Monitor::default()).unwrap();
+    let (world, strength) = ([2.0, 1.5, 0.5], 0.4);
+    let mut target = relit.static_light.clone();
+    target.add_scaled(&relit.world, &world);
+    target.add_scaled(&relit.lights[0].image, &[strength; 3]);
+    let found = |free: Value| {
+        let request = json!({"lights": [key()], "free": free, "starts": 1});
+        let solved = solve(&[&relighter], &target_request(request), &[("target", &target)]).unwrap();
+        (solved.world, solved.lights.lights[0].radiance[0] / key().radiance[0], solved)
+    };
+    let (is, lamp, solved) = found(json!({"world": ["color", "strength"], "Key": ["strength"]}));
+    assert!(is.iter().zip(world).all(|(is, was)| (is / was - 1.0).abs() < 0.05), "{is:?}");
+    assert!(
+        (lamp / strength - 1.0).abs() < 0.05 && solved.report[0].report.met,
+        "{lamp}: {:?}",
+        solved.report
+    );
+    // Of its strength alone: it keeps its colour, the lamp all that it is.
+    let (is, lamp, _) = found(json!({"world": ["strength"]}));
+    assert!(is[0] != 1.0 && is[0] == is[1] && is[1] == is[2] && lamp == 1.0, "{is:?} {lamp}");
+    let (is, lamp, _) = found(json!({"Key": ["strength"]}));
+    assert!(is == [1.0; 3] && lamp != 1.0, "{is:?} {lamp}");
+}
+
+#[test]
+fn a_lamp_that_the_target_lacks_goes_if_it_may() {
+    let bakes = Bakes::open();
+    let target = picture(&bakes.other, &[key()]);
+    let lights = [Light { radiance: key().radiance.map(|value| 0.5 * value), ..key() }, fill()];
+    let found = |free: Value, remove: bool| {
+        let request = json!({"lights": lights, "free": free, "remove": remove, "starts": 1});
+        solve(&[&bakes.own], &target_request(request), &[("target", &target)]).unwrap()
+    };
+    let names =
+        |solved: &Solved| solved.lights.lights.iter().map(|light| light.name.clone()).collect::<Vec<_>>();
+    let both = json!({"Key": ["strength"], "Fill": ["strength"]});
+    let without = found(both.clone(), true);
+    assert_eq!((&without.removed[..], &names(&without)[..]), (&["Fill".into()][..], &["Key".into()][..]));
+    assert_eq!(without.blender.len(), 1, "{:?}", without.blender);
+    assert!(
+        (without.lights.lights[0].radiance[0] / key().radiance[0] - 1.0).abs() < 0.03
+            && without.report[0].report.met
+    );
+    // It stays, but dark, where it may not go; and as it is where its strength is locked.
+    let with = found(both, false);
+    assert!(
+        with.removed.is_empty() && with.lights.lights[1].radiance[0] < 0.05 * fill().radiance[0],
+        "{with:?}"
+    );
+    let locked = found(json!({"Key": ["strength"], "Fill": ["color"]}), true);
+    assert!(locked.removed.is_empty() && names(&locked) == ["Key", "Fill"], "{locked:?}");
 }

@@ -72,6 +72,11 @@ fn spot(center: Vec3, axis: Vec3, half_angle: f32, blend: f32) -> LightShape {
     LightShape::Spot { center, radius: 0.3, axis: axis.normalize(), half_angle, blend, soft_falloff: true }
 }
 
+/// Angle at which a cone has half of its light; a spot of the tests' radius has a softer edge than any blend makes.
+fn half_light(half_angle: f32, blend: f32) -> f32 {
+    (1.0 - (1.0 - half_angle.cos()) * (1.0 - 0.5 * blend)).acos()
+}
+
 const HANGS: Vec3 = Vec3::new(0.1, -0.6, 1.4);
 const AIM: Vec3 = Vec3::new(0.2, 0.8, -0.6);
 
@@ -129,6 +134,60 @@ fn place_and_tilt_of_an_area_disk_are_found() {
 }
 
 #[test]
+fn place_tilt_and_sides_of_an_area_ellipse_are_found() {
+    let hidden = LightShape::Ellipse { center: AT, edge_u: EDGE_U, edge_v: EDGE_V, spread: PI };
+    let start =
+        LightShape::Ellipse { center: FROM, edge_u: -0.2 * Vec3::X, edge_v: 0.2 * Vec3::Y, spread: PI };
+    let found = found(hidden, start, &["position", "direction", "size", "color", "strength"]);
+    let tilt = degrees(normal(&found.shape), normal(&hidden));
+    assert!(distance(&found, hidden) < 0.06 && power_error(&found) < 0.03 && tilt < 4.0, "{tilt}: {found:?}");
+    // The shorter side shows in less than the longer one.
+    let longest = found.shape.sizes().into_iter().fold(0.0, f32::max) / EDGE_U.length();
+    assert!((0.7..1.4).contains(&longest), "{longest}: {found:?}");
+}
+
+#[test]
+fn the_sides_of_an_area_disk_are_found() {
+    let shape = |size: f32| LightShape::Ellipse {
+        center: AT,
+        edge_u: size * EDGE_U.normalize(),
+        edge_v: size * Vec3::Y,
+        spread: PI,
+    };
+    let found = found(shape(0.5), shape(0.2), &["size"]);
+    assert!(found.shape.sizes().iter().all(|side| (0.7..1.3).contains(&(side / 0.5))), "{found:?}");
+    assert!(power_error(&found) < 1e-3, "{found:?}");
+}
+
+#[test]
+fn the_radius_of_a_spot_is_found() {
+    let shape = |radius: f32| match spot(HANGS, AIM, 0.5, 0.3) {
+        LightShape::Spot { center, axis, half_angle, blend, soft_falloff, .. } => {
+            LightShape::Spot { center, radius, axis, half_angle, blend, soft_falloff }
+        }
+        other => other,
+    };
+    let found = found(shape(0.4), shape(0.1), &["size"]);
+    assert!((found.shape.sizes()[0] / 0.4 - 1.0).abs() < 0.05 && power_error(&found) < 1e-3, "{found:?}");
+}
+
+#[test]
+fn place_aim_and_cone_of_a_spot_are_found() {
+    let start = spot(Vec3::new(-0.2, -0.4, 1.2), Vec3::new(0.0, 0.5, -0.8), 0.7, 0.1);
+    let hidden = spot(HANGS, AIM, 0.5, 0.3);
+    let found = found(hidden, start, &["position", "direction", "cone", "color", "strength"]);
+    // Nearer and wider is nearly the same picture: certain are middle and width of its light on the back wall.
+    let on_wall = |light: &LightShape| {
+        let LightShape::Spot { center, axis, half_angle, blend, .. } = *light else { panic!("{light:?}") };
+        let way = (1.0 - center.y) / axis.y;
+        (center + way * axis, way * half_light(half_angle, blend).tan())
+    };
+    let [(middle, width), (hidden_middle, hidden_width)] = [&found.shape, &hidden].map(on_wall);
+    assert!(middle.distance(hidden_middle) < 0.05 && distance(&found, hidden) < 0.4, "{middle}: {found:?}");
+    assert!((width / hidden_width - 1.0).abs() < 0.1, "{width} for {hidden_width}: {found:?}");
+}
+
+#[test]
 fn place_and_aim_of_a_spot_are_found() {
     let hidden = spot(HANGS, AIM, 0.5, 0.3);
     let found = found(hidden, spot(Vec3::new(-0.2, -0.4, 1.2), Vec3::new(0.0, 0.5, -0.8), 0.5, 0.3), &PLACE);
@@ -147,9 +206,6 @@ fn aim_and_cone_of_a_spot_are_found() {
     let start = spot(HANGS, Vec3::new(0.0, 0.5, -0.8), 0.7, 0.1);
     let found = found(spot(HANGS, AIM, 0.5, 0.3), start, &["direction", "cone", "color", "strength"]);
     let LightShape::Spot { axis, half_angle, blend, .. } = found.shape else { panic!("{found:?}") };
-    // Where the cone has half of its light; a spot of this radius has a softer edge than any blend makes.
-    let half_light =
-        |half_angle: f32, blend: f32| (1.0 - (1.0 - half_angle.cos()) * (1.0 - 0.5 * blend)).acos();
     let [is, was] = [half_light(half_angle, blend), half_light(0.5, 0.3)];
     assert!((is / was - 1.0).abs() < 0.04 && degrees(axis, AIM) < 2.0, "{is} for {was}: {found:?}");
     assert!(power_error(&found) < 0.1, "{found:?}");

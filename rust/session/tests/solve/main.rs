@@ -4,6 +4,7 @@
 mod common;
 mod goals;
 mod lights;
+mod live;
 mod room;
 
 use glam::Vec3;
@@ -18,6 +19,7 @@ use relume_session::{
 use room::{baked, inside, key, light, picture, solve, target_request, traced};
 use serde_json::{Value, json};
 use std::collections::HashMap;
+use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 #[test]
@@ -194,26 +196,34 @@ fn new_lights_are_of_the_type_that_was_asked_for() {
 }
 
 #[test]
-fn a_light_outside_of_what_proxies_were_trained_for_is_named() {
-    let folder = tempfile::tempdir().unwrap();
-    common::baked(folder.path());
-    common::trained(folder.path(), folder.path(), LightKind::Sphere);
-    let relighter = Relighter::open(folder.path()).unwrap();
-    let usual = common::sphere("Lamp", 0.2);
-    let sphere = |x: f32, radius: f32| LightShape::Sphere { center: Vec3::new(x, 0.1, 1.3), radius };
-    let wall = json!({"rectangle": [0.3, 0.2, 0.7, 0.5]});
-    let error_of = |shape: LightShape| {
+fn lights_that_no_proxy_knows_are_named_with_what_helps() {
+    let [bake, proxies] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+    common::baked(bake.path());
+    common::trained(bake.path(), bake.path(), LightKind::Sphere);
+    common::trained(bake.path(), proxies.path(), LightKind::Sphere);
+    let error_of = |folder: &Path, shapes: &[LightShape]| {
+        let lights: Vec<Light> =
+            shapes.iter().zip(["Lamp", "Rim"]).map(|(shape, name)| light(name, *shape, [2.0; 3])).collect();
+        let free = json!(["position", "direction"]);
+        let free: HashMap<&str, &Value> = lights.iter().map(|light| (&light.name[..], &free)).collect();
         let request = json!({
-            "lights": [Light { shape, ..usual.clone() }], "free": {"Lamp": ["position", "direction"]}, "through": "proxy",
-            "goals": [{"goal": "brighter", "where": wall}], "starts": 1, "steps": 4, "polish": 0,
+            "lights": lights, "free": free, "through": "proxy", "starts": 1, "steps": 4, "polish": 0,
+            "goals": [{"goal": "brighter", "where": {"rectangle": [0.3, 0.2, 0.7, 0.5]}}],
         });
+        let relighter = Relighter::open(folder).unwrap();
         solve(&[&relighter], &request, &[]).err().map(|error| error.to_string())
     };
-    assert_eq!(error_of(sphere(0.2, 0.2)), None);
+    let sphere = |x: f32, radius: f32| LightShape::Sphere { center: Vec3::new(x, 0.1, 1.3), radius };
     let sun = LightShape::Sun { direction: Vec3::Z, half_angle: 0.1 };
-    for shape in [sphere(50.0, 0.2), sphere(0.2, 0.9), sun] {
-        let error = error_of(shape).unwrap();
-        let says = ["light 'Lamp'", "outside of where one was", "solve through the bake, or train a proxy"];
+    let (known, [far, large]) = (sphere(0.2, 0.2), [sphere(50.0, 0.2), sphere(0.2, 0.9)]);
+    assert_eq!(error_of(bake.path(), &[known]), None);
+    for (folder, shapes, says) in [
+        (&bake, [far, known], ["lights 'Lamp':", "outside of where one was", "through the bake, or train"]),
+        (&bake, [known, large], ["lights 'Rim':", "size", "through the bake, or train"]),
+        (&bake, [far, sun], ["lights 'Lamp', 'Rim':", "type", "through the bake, or lock"]),
+        (&proxies, [far, known], ["lights 'Lamp':", "outside", "in the folder of the bake, or train"]),
+    ] {
+        let error = error_of(folder.path(), &shapes).unwrap();
         assert!(says.iter().all(|words| error.contains(words)), "{error}");
     }
 }

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use relume_session::image::Image;
-use relume_session::scene::{Light, LightShape, LobeFactors, UpAxis};
+use relume_session::scene::{Light, LightShape, LobeFactors, Scene, UpAxis};
 use relume_session::trace::TraceSettings;
 use relume_session::{
     Monitor, ObjView, Pictures, RelightOptions, Relighter, SessionError, SolveRequest, Solved, With, bake,
@@ -14,7 +14,7 @@ use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 const ROOM: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/room.obj");
-const GATHER: RelightOptions = RelightOptions { with: With::Gather, denoise: true };
+pub const GATHER: RelightOptions = RelightOptions { with: With::Gather, denoise: true };
 
 /// A bake of the room, seen from a little to the left (-1) or right (1).
 pub fn baked(folder: &Path, side: f32) {
@@ -23,7 +23,14 @@ pub fn baked(folder: &Path, side: f32) {
 
 /// One of other paths.
 pub fn traced(folder: &Path, side: f32, settings: &TraceSettings) {
+    let scene = room(side, [0.0; 3]);
+    bake(&scene, settings, folder, false, &Monitor::default()).unwrap();
+}
+
+/// The room under a world of this colour.
+pub fn room(side: f32, world: [f32; 3]) -> Scene {
     let view = ObjView {
+        world,
         up: UpAxis::Z,
         eye: Some(Vec3::new(0.05 * side, -4.2, 1.0)),
         target: Some(Vec3::Z),
@@ -31,8 +38,7 @@ pub fn traced(folder: &Path, side: f32, settings: &TraceSettings) {
         height: 72,
         ..ObjView::default()
     };
-    let scene = obj_scene(Path::new(ROOM), &view).unwrap();
-    bake(&scene, settings, folder, false, &Monitor::default()).unwrap();
+    obj_scene(Path::new(ROOM), &view).unwrap()
 }
 
 /// Two bakes of the room from the same place: one that is solved with, and one of other and more paths for what it is to look
