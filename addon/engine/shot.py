@@ -10,6 +10,7 @@ from typing import Any
 
 import bpy
 
+from ..core import wanted
 from ..core.bake_folder import camera_of
 from ..export import ExportOptions, trace_settings
 from ..export.linking import receiver_names
@@ -34,7 +35,9 @@ EMPTY: dict[str, Any] = {
     "rarely_met": [],
     "error": None,
     "shown": None,
+    "is_owed": False,
 }
+"""What the native module tells, and whether the folder still lacks something that was asked for."""
 LIVELY_SECONDS = 2.0
 WORKING = {"preparing", "baking", "training"}
 
@@ -58,11 +61,13 @@ class Shot:
         self.lights = SceneLights(_view_layer(scene), kept.receivers if kept else receiver_names(scene))
         self.changes = Changes(kept.prints if kept else None)
         self.is_recorded = kept is not None
+        self.wanted: wanted.Wanted | None = None
+        """What the folder still lacks something of."""
         self.is_exporting = self._has_ended = False
         self._task: RenderTask | None = None
         self._content: dict[str, Any] = {}
         """What the newest request asks for; empty where that is not the present lights and rows."""
-        self._is_interactive = self._anew = False
+        self._is_interactive = self._anew = self._bakes = False
         self.was_interrupted = False
         """Whether reading the scene was stopped, and nobody has looked at that yet."""
         self.refusal = ""
@@ -75,13 +80,13 @@ class Shot:
         )
 
     @classmethod
-    def start(cls, scene: bpy.types.Scene, anew: bool = False) -> Shot:
-        """Exports the scene and bakes it into its folder; goes on with an interrupted bake of the same scene. A whole
-        one is traced `anew` if its paths look for lights where they no longer are."""
+    def start(cls, scene: bpy.types.Scene, anew: bool = False, options: Options | None = None) -> Shot:
+        """Exports the scene and bakes it with its options or others; goes on with an interrupted bake of the same scene.
+        A whole one is traced `anew` if its paths look for lights where they no longer are."""
         before = of(scene)
         if before is not None:
             before.changes.reload_images()
-        shot = cls._replace(scene, options_of(scene), None)
+        shot = cls._replace(scene, options or options_of(scene), None)
         shot._anew = anew
         shot._export(scene)
         return shot
@@ -93,6 +98,7 @@ class Shot:
         folder = remembered_bake(scene) or options.folder
         shot = cls._replace(scene, dataclasses.replace(options, folder=folder), record.read(folder))
         shot.is_recorded = True
+        shot.wanted = wanted.read(folder)
         if shot.changes.recording:
             shot.camera = camera_of(folder) or shot.camera
             shot.warnings.append("This bake says nothing of its scene: what changed before it was opened is not seen")
@@ -150,6 +156,9 @@ class Shot:
         record.forget(self.folder)
         for scene in (scene for scene in bpy.data.scenes if scene.session_uid == self.scene_uid):
             remember_bake(scene, self.folder)
+        self.wanted = wanted.Wanted(self.options.samples, self.options.train_seconds)
+        self.wanted.write(self.folder)
+        self._bakes = True
         self._live.bake(exported, settings, train_seconds=self.options.train_seconds, anew=self._anew)
 
     def _end(self, status: dict[str, Any]) -> None:
@@ -245,10 +254,26 @@ class Shot:
             return False
         self._news = time.monotonic()
         self._status_text, self.status = text, json.loads(text)
+        self._note_what_is_owed()
         self.changes.world_color = self.status["world_color"]
         if frame:
             self.frame, self.frame_before = frame, None
         return True
+
+    def _note_what_is_owed(self) -> None:
+        if self._bakes and self.status["state"] == "ready":
+            wanted.forget(self.folder)
+            self.wanted = None
+        self.status["is_owed"] = self.wanted is not None
+        if self.wanted is not None:
+            self.status["samples_total"] = max(self.status["samples_total"], self.wanted.samples)
+
+    def rest(self, scene: bpy.types.Scene) -> Options:
+        """Options to go on with what was asked for of this bake, in its folder."""
+        options = dataclasses.replace(
+            options_of(scene), folder=self.folder, samples=self.status["samples_total"] or self.options.samples
+        )
+        return dataclasses.replace(options, train_seconds=self.wanted.train_seconds) if self.wanted else options
 
     def _keep_record(self) -> None:
         """Writes what the bake is of, as soon as there is a bake and that is known."""
