@@ -6,6 +6,7 @@ import time
 
 import bpy
 import numpy as np
+from display import in_image_editor, write_exr
 from driver import ADDON
 
 FIRST_PICTURE_SECONDS = 120
@@ -157,8 +158,9 @@ class Artist:
 
     # Looking closely
 
-    def compare_with_display(self, name):
-        """The overlay's pixels against Blender's own display of the same picture, saved as EXR."""
+    def compare_with_display(self, name, exr=None):
+        """The overlay's pixels against Blender's own display of the same picture's EXR; by default one of the newest
+        frame."""
         driver, space = self.driver, self.driver.view.spaces.active
         switches = {
             (owner, name): getattr(owner, name)
@@ -170,9 +172,12 @@ class Artist:
         view_table = addon("viewport.view_table")
         yield from driver.until(lambda: view_table.is_complete(self.scene), "the table of the view transform", 60)
         yield from driver.drawn()
-        wanted = addon("export.view_transform").displayed(self.scene, self.picture()[..., :3])
-        wanted = np.round(wanted[::-1] * 255).astype(np.uint8)
-        shown, wanted = self._frame_on_screen(driver.photo(name), wanted)
+        photo = driver.photo(name)
+        if exr is None:
+            exr = driver.scratch / "shown.exr"
+            write_exr(exr, self.picture())
+        wanted = yield from in_image_editor(driver, exr, f"{name}-exr")
+        shown, wanted = self._frame_on_screen(photo, np.round(wanted[::-1] * 255).astype(np.uint8))
         error = np.abs(shown.astype(int) - wanted.astype(int))
         mean, percentile = error.mean(), np.percentile(error, 99)
         driver.record(f"{name}: overlay against Blender's display, mean", mean, "1/255", 1)

@@ -1,5 +1,7 @@
 """Blender's own display of a picture: its EXR, opened in an image editor on the screen."""
 
+import math
+
 import bpy
 import numpy as np
 
@@ -39,16 +41,19 @@ def in_image_editor(driver, path, name=None):
     yield from _drawn(driver, area)
     region = next(region for region in area.regions if region.type == "WINDOW")
     width, height = image.size
-    with bpy.context.temp_override(window=driver.window, area=area, region=region):
+    within = {"window": driver.window, "area": area, "region": region}
+    with bpy.context.temp_override(**within):
         bpy.ops.image.view_zoom_ratio(ratio=1.0)
-        yield from _drawn(driver, area)
-        left, bottom = _corner(region, (width, height))
-        bpy.ops.image.view_pan(offset=(left - round(left), bottom - round(bottom)))
     yield from _drawn(driver, area)
-    left, bottom = _corner(region, (width, height))
-    off = max(abs(left - round(left)), abs(bottom - round(bottom)))
-    driver.check(off < 0.01, f"the image editor shows pixels as they are: they begin at {left:.2f}, {bottom:.2f}")
-    left, bottom = region.x + round(left), region.y + round(bottom)
+    # A pixel of the screen shows what of the picture is at its lower left corner: best not at the border of two.
+    offset = [place - math.floor(place) - 0.5 for place in _corner(region, (width, height))]
+    with bpy.context.temp_override(**within):
+        bpy.ops.image.view_pan(offset=offset)
+    yield from _drawn(driver, area)
+    corner = _corner(region, (width, height))
+    off = max(abs(place - math.floor(place) - 0.5) for place in corner)
+    driver.check(off < 0.01, f"the image editor shows pixels as they are: they begin at {corner}")
+    left, bottom = region.x + math.ceil(corner[0]), region.y + math.ceil(corner[1])
     pixels = driver.photo(name)[::-1][bottom : bottom + height, left : left + width] / 255.0
     driver.check(pixels.shape[:2] == (height, width), "the image editor shows all of the picture")
     space.image = None
