@@ -52,6 +52,8 @@ class Shot:
         self.folder = options.folder
         self.options = options
         self.camera = kept.camera if kept else scene.camera.name if scene.camera else ""
+        """Name of the camera that the bake is of, as it is called now."""
+        self._camera_uid = scene.camera.session_uid if scene.camera and not kept else None
         self.status = EMPTY | {"state": "preparing"}
         self.frame: Any = None
         """The newest picture."""
@@ -100,8 +102,12 @@ class Shot:
         shot.is_recorded = True
         shot.wanted = wanted.read(folder)
         if shot.changes.recording:
-            shot.camera = camera_of(folder) or shot.camera
+            shot._camera_uid = None
             shot.warnings.append("This bake says nothing of its scene: what changed before it was opened is not seen")
+        shot._find_camera(scene, camera_of(folder))
+        if shot.camera not in scene.objects:
+            words = f"Camera '{shot.camera}' of this bake is not in the scene: if it was renamed, give it that name again"
+            shot.warnings.append(f"{words}; else start anew")
         shot._live.open()
         return shot
 
@@ -165,6 +171,29 @@ class Shot:
         """There was no bake, and the native module has nothing to say."""
         self.status |= status
         self._has_ended = True
+
+    def _find_camera(self, scene: bpy.types.Scene, baked: str) -> None:
+        """Of a bake that was opened: it may have been renamed since, in a file that was not saved."""
+        known = self.camera if self.changes.baked else ""
+        self.camera = next((name for name in (known, baked) if name in scene.objects), known or baked or self.camera)
+        if self.camera != known and self.camera in scene.objects:
+            self.changes.rename_camera(scene.objects[self.camera].name_full)
+
+    def recognises(self, camera: bpy.types.Object) -> bool:
+        """Whether the bake is of a camera. It is found by its name once and then known, whatever it is called."""
+        if camera.session_uid != self._camera_uid:
+            if camera.name != self.camera or self._camera_exists():
+                return False
+            self._camera_uid = camera.session_uid
+        if camera.name != self.camera:
+            self.camera = camera.name
+            self.changes.rename_camera(camera.name_full)
+            self.is_recorded = self.is_recorded and self.changes.recording
+        return True
+
+    def _camera_exists(self) -> bool:
+        uid = self._camera_uid
+        return uid is not None and any(found.session_uid == uid for found in bpy.data.objects)
 
     @property
     def is_open(self) -> bool:
@@ -249,7 +278,7 @@ class Shot:
             return False
         text = self._live.status()
         frame = self._live.frame(self.frame.serial if self.frame else 0)
-        self._keep_record()
+        self.keep_record()
         if text == self._status_text and frame is None:
             return False
         self._news = time.monotonic()
@@ -275,7 +304,7 @@ class Shot:
         )
         return dataclasses.replace(options, train_seconds=self.wanted.train_seconds) if self.wanted else options
 
-    def _keep_record(self) -> None:
+    def keep_record(self) -> None:
         """Writes what the bake is of, as soon as there is a bake and that is known."""
         if self.is_recorded or self.changes.recording or not self.status["samples"]:
             return
