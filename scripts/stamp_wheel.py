@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""Gives a wheel a version that changes with its contents, 0.1.0+1a2b3c4d: scripts/stamp_wheel.py WHEEL; prints the new path.
+"""Gives a wheel a version that changes with its contents, 0.1.0+1a2b3c4d: scripts/stamp_wheel.py WHEEL
+
+Prints its new path.
 
 Blender does not install a wheel of a version that is there already, so that the zip of another build would run with the
 native module of the one before. The hash is of what RECORD lists outside of the wheel's own .dist-info.

@@ -1,5 +1,5 @@
-"""What a bake that is under way shall become, beside it in its folder until it is there: so much can be gone on to after
-a stop, or after Blender has died. The manifest cannot tell, because the first training comes before most samples."""
+"""What a bake that is under way shall become, beside it in its folder until it is there: so it can go on after a stop,
+or after Blender has died. The manifest cannot tell, because the first training comes before most samples."""
 
 from __future__ import annotations
 

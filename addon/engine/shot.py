@@ -83,8 +83,8 @@ class Shot:
 
     @classmethod
     def start(cls, scene: bpy.types.Scene, anew: bool = False, options: Options | None = None) -> Shot:
-        """Exports the scene and bakes it with its options or others; goes on with an interrupted bake of the same scene.
-        A whole one is traced `anew` if its paths look for lights where they no longer are."""
+        """Exports the scene and bakes it with its options or others; goes on with an interrupted bake of the same
+        scene. A whole one is traced `anew` if its paths look for lights where they no longer are."""
         before = of(scene)
         if before is not None:
             before.changes.reload_images()
@@ -106,8 +106,8 @@ class Shot:
             shot.warnings.append("This bake says nothing of its scene: what changed before it was opened is not seen")
         shot._find_camera(scene, camera_of(folder))
         if shot.camera not in scene.objects:
-            words = f"Camera '{shot.camera}' of this bake is not in the scene: if it was renamed, give it that name again"
-            shot.warnings.append(f"{words}; else start anew")
+            words = f"Camera '{shot.camera}' of this bake is not in the scene"
+            shot.warnings.append(f"{words}: if it was renamed, give it that name again; else start anew")
         shot._live.open()
         return shot
 

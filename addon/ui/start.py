@@ -54,6 +54,22 @@ def find_bake(scene: bpy.types.Scene, folder: Path) -> shot.Shot:
     return handlers.open_bake(scene)
 
 
+def toggle_pause(scene: bpy.types.Scene) -> None:
+    """Lets the tracing and learning of an open shot stand still, or go on."""
+    found = shot.of(scene)
+    if found is not None:
+        found.pause(not found.status["paused"])
+        handlers.wake()
+
+
+def cancel(scene: bpy.types.Scene) -> None:
+    """Ends the tracing and learning of an open shot; relighting goes on."""
+    found = shot.of(scene)
+    if found is not None:
+        found.cancel()
+        handlers.wake()
+
+
 class ShotOperator:
     """Mix-in of operators that need an open shot."""
 
@@ -144,9 +160,7 @@ class RELUME_OT_pause(ShotOperator, bpy.types.Operator):  # noqa: N801
 
     def execute(self, context):
         """Called by Blender."""
-        found = shot.of(context.scene)
-        found.pause(not found.status["paused"])
-        handlers.wake()
+        toggle_pause(context.scene)
         return {"FINISHED"}
 
 
@@ -158,8 +172,7 @@ class RELUME_OT_cancel(ShotOperator, bpy.types.Operator):  # noqa: N801
 
     def execute(self, context):
         """Called by Blender."""
-        shot.of(context.scene).cancel()
-        handlers.wake()
+        cancel(context.scene)
         return {"FINISHED"}
 
 

@@ -11,6 +11,8 @@ from driver import ADDON
 
 FIRST_PICTURE_SECONDS = 120
 WORK_SECONDS = 600
+EXPOSURE_ACROSS = 0.8
+"""Where the fields of exposure are in the width of the side bar."""
 SWITCHES = ["show_gizmo", "show_region_ui", "show_region_toolbar", "show_region_header", "show_region_tool_header"]
 
 
@@ -142,12 +144,33 @@ class Artist:
         yield from self.driver.press("LEFTMOUSE" if confirm else "ESC")
         return len(drawn) - 1
 
+    def row_button(self, name, what):
+        """Path and place in the side bar's width of what a row of the list has: "on", "solo" or "exposure"."""
+        left = {"on": 0.1, "solo": 0.18}.get(what)
+        across = EXPOSURE_ACROSS if left is None else left + 0.05 * self.row(name).depth
+        return f"relume_mix.rows[{self.scene.relume_mix.rows.find(name)}].{what}", across
+
     def set_exposure(self, name, stops):
-        """Sets the exposure of a row and waits until the view has drawn it; returns the seconds."""
-        before, start = self.shot.frame.serial, time.perf_counter()
+        """Sets the exposure of a row and waits until the view has drawn it."""
+        before = self.shot.frame.serial
         self.row(name).exposure = stops
-        yield from self.driver.until(lambda: self.serial_drawn > before, lambda: f"a new exposure; {self.words()}")
-        return time.perf_counter() - start
+        yield from self._until_newer(before)
+
+    def type_exposure(self, name, stops):
+        """Types the exposure of a row into its field and waits until the view has drawn it; returns the seconds."""
+        yield from self.driver.find_button(*self.row_button(name, "exposure"))
+        yield from self.driver.press("RET")
+        yield from self.driver.type(str(stops))
+        before, start = self.shot.frame.serial, time.perf_counter()
+        yield from self.driver.press("RET")
+        yield from self._until_newer(before)
+        seconds = time.perf_counter() - start
+        self.driver.check(self.row(name).exposure == stops, f"the exposure was typed: {self.row(name).exposure}")
+        return seconds
+
+    def _until_newer(self, serial):
+        """Waits until the view has drawn a newer picture than one."""
+        return self.driver.until(lambda: self.serial_drawn > serial, lambda: f"a new exposure; {self.words()}")
 
     def undo(self):
         """Ctrl Z with the mouse over the view."""
@@ -247,7 +270,7 @@ def brighten(artist, light):
     """A row changes the picture and nothing in the scene."""
     driver, before = artist.driver, artist.picture()
     energy = artist.scene.objects[light].data.energy
-    seconds = yield from artist.set_exposure(light, 1.0)
+    seconds = yield from artist.type_exposure(light, 1.0)
     driver.record("overlay after a strength edit", seconds * 1000, "ms", 16)
     yield from artist.until_settled()
     after = artist.picture()
