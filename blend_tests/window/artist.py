@@ -151,22 +151,21 @@ class Artist:
         return f"relume_mix.rows[{self.scene.relume_mix.rows.find(name)}].{what}", across
 
     def set_exposure(self, name, stops):
-        """Sets the exposure of a row and waits until the view has drawn it."""
-        before = self.shot.frame.serial
+        """Sets the exposure of a row and waits until the view has drawn it; returns the seconds."""
+        before, start = self.shot.frame.serial, time.perf_counter()
         self.row(name).exposure = stops
         yield from self._until_newer(before)
+        return time.perf_counter() - start
 
     def type_exposure(self, name, stops):
-        """Types the exposure of a row into its field and waits until the view has drawn it; returns the seconds."""
+        """Types the exposure of a row into its field and waits until the view has drawn it."""
         yield from self.driver.find_button(*self.row_button(name, "exposure"))
+        before = self.shot.frame.serial
         yield from self.driver.press("RET")
         yield from self.driver.type(str(stops))
-        before, start = self.shot.frame.serial, time.perf_counter()
         yield from self.driver.press("RET")
+        self.driver.check(self.row(name).exposure == stops, f"it was typed: {self.row(name).exposure}")
         yield from self._until_newer(before)
-        seconds = time.perf_counter() - start
-        self.driver.check(self.row(name).exposure == stops, f"the exposure was typed: {self.row(name).exposure}")
-        return seconds
 
     def _until_newer(self, serial):
         """Waits until the view has drawn a newer picture than one."""
@@ -193,7 +192,7 @@ class Artist:
         yield from self._switch(dict.fromkeys(switches, False))
         yield from self._zoom_one_to_one()
         view_table = addon("viewport.view_table")
-        yield from driver.until(lambda: view_table.is_complete(self.scene), "the table of the view transform", 60)
+        yield from driver.until(lambda: view_table.is_complete(self.scene), "the table of the view transform", 300)
         yield from driver.drawn()
         photo = driver.photo(name)
         if exr is None:
@@ -270,7 +269,8 @@ def brighten(artist, light):
     """A row changes the picture and nothing in the scene."""
     driver, before = artist.driver, artist.picture()
     energy = artist.scene.objects[light].data.energy
-    seconds = yield from artist.type_exposure(light, 1.0)
+    yield from artist.type_exposure(light, 0.5)
+    seconds = yield from artist.set_exposure(light, 1.0)
     driver.record("overlay after a strength edit", seconds * 1000, "ms", 16)
     yield from artist.until_settled()
     after = artist.picture()

@@ -66,7 +66,7 @@ def play(driver):
 
     with driver.step("shading Rendered"):
         view.overlay.show_overlays = view.show_gizmo = False
-        yield from driver.until(lambda: module("viewport.view_table").is_complete(scene), "the view transform", 60)
+        yield from driver.until(lambda: module("viewport.view_table").is_complete(scene), "the view transform", 300)
         yield from driver.drawn()
         overlay = driver.photo("overlay").astype(float)
         scene.relume_view.shown, view.shading.type = False, "RENDERED"
