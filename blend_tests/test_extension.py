@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ import pytest
 REPOSITORY = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(REPOSITORY / "scripts"))
 from extension_zip import zip_for_this_machine  # noqa: E402
+from stamp_wheel import record_line, stamp  # noqa: E402
 
 INSTALL = """
 import importlib, os, sys
@@ -53,3 +55,80 @@ def test_extension_installs_and_bakes(tmp_path):
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=200)
     assert done.returncode == 0, done.stdout + done.stderr
     assert (tmp_path / "bake" / "lights.json").exists()
+
+
+INSTALL_ALL = """
+import os, sys
+import bpy
+
+code = 1
+try:
+    bpy.ops.preferences.addon_enable(module="bl_pkg")
+    for path in sys.argv[1:]:
+        bpy.ops.extensions.package_install_files(filepath=path, repo="user_default", enable_on_install=True)
+    code = 0
+finally:
+    sys.stdout.flush()
+    os._exit(code)
+"""
+MANIFEST = """
+schema_version = "1.0.0"
+id = "small"
+version = "0.1.0"
+name = "Small"
+tagline = "Stands in for a large one"
+maintainer = "Nobody"
+type = "add-on"
+blender_version_min = "4.2.0"
+license = ["SPDX:GPL-3.0-or-later"]
+wheels = ["./wheels/{wheel}"]
+"""
+
+
+def small_wheel(folder, code):
+    """A wheel of one module, stamped as ours is."""
+    folder.mkdir()
+    info = "small_native-0.1.0.dist-info"
+    files = {
+        "small_native.py": code,
+        f"{info}/METADATA": "Metadata-Version: 2.1\nName: small_native\nVersion: 0.1.0\n",
+        f"{info}/WHEEL": "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
+    }
+    wheel = folder / "small_native-0.1.0-py3-none-any.whl"
+    with zipfile.ZipFile(wheel, "w") as archive:
+        for name, text in files.items():
+            archive.writestr(name, text)
+        lines = [record_line(name, text.encode()) for name, text in files.items()]
+        archive.writestr(f"{info}/RECORD", "".join([*lines, f"{info}/RECORD,,\n"]))
+    return stamp(wheel)
+
+
+def small_extension(folder, code):
+    """The zip of an extension with a small wheel."""
+    wheel, path = small_wheel(folder, code), folder / "small.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("blender_manifest.toml", MANIFEST.format(wheel=wheel.name))
+        archive.writestr("__init__.py", "def register():\n    pass\n\n\ndef unregister():\n    pass\n")
+        archive.write(wheel, f"wheels/{wheel.name}")
+    return path
+
+
+def test_another_build_of_the_same_version_replaces_the_native_module(tmp_path):
+    """Blender keeps a wheel whose version it has; a stamped one has another."""
+    user = tmp_path / "user"
+    user.mkdir()
+    zips = [small_extension(tmp_path / name, f"BUILD = {name!r}\n") for name in ("first", "second")]
+    environment = os.environ | {"BLENDER_USER_RESOURCES": str(user)}
+    command = [sys.executable, "-c", INSTALL_ALL, *map(str, zips)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=200)
+    assert done.returncode == 0, done.stdout + done.stderr
+    (module,) = user.rglob("small_native.py")
+    assert module.read_text() == "BUILD = 'second'\n", done.stdout + done.stderr
+    assert len(list(user.rglob("small_native-*.dist-info"))) == 1, "nothing of the first is left"
+
+
+def test_the_stamp_is_of_the_contents_alone(tmp_path):
+    names = [small_wheel(tmp_path / folder, code).name for folder, code in (("a", "1"), ("b", "1"), ("c", "2"))]
+    assert names[0] == names[1] != names[2]
+    stamped = tmp_path / "a" / names[0]
+    assert stamp(stamped).name == names[0], "stamping again changes nothing"

@@ -13,7 +13,7 @@ from addon.engine.options import remembered_bake
 from addon.engine.render_depsgraph import ExportCancelled
 from addon.ui import handlers
 from addon.ui.start import start
-from helpers import SECONDS, add_light, settled, until
+from helpers import SECONDS, add_light, settled, until, update
 
 
 def test_start_shows_the_light_and_follows_it(studio):
@@ -54,6 +54,33 @@ def test_reopened_file_shows_the_same_picture(studio, tmp_path):
     assert np.abs(found.frame.image - image).max() < 1e-4
     assert record.read(tmp_path / "bake").camera == "Camera"
     assert found.changes.sentences == []
+
+
+@pytest.mark.parametrize("renamed", ["saved", "not saved", "elsewhere"])
+def test_a_camera_with_another_name_is_found_again(studio, tmp_path, renamed):
+    """Its bake knows the new name, unless the camera was renamed while the bake was not open: that is said."""
+    path, camera = tmp_path / "shot.blend", studio.camera
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    start(studio)
+    until(studio, lambda found: settled(found) and found.is_recorded, "the bake")
+    bpy.ops.wm.save_mainfile()
+    if renamed == "elsewhere":
+        shot.close_all()
+    camera.name = "Hero"
+    update()
+    if renamed != "elsewhere":
+        found = until(studio, lambda found: found.is_recorded and not found.changes.is_pending, "the new name")
+        assert found.camera == "Hero" and found.changes.sentences == []
+        assert record.read(tmp_path / "bake").camera == "Hero"
+    if renamed != "not saved":
+        bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    scene = bpy.context.scene
+    handlers.open_bakes()
+    found = until(scene, lambda found: settled(found) and not found.changes.is_pending, "the bake to open")
+    assert found.recognises(scene.camera) == (renamed != "elsewhere")
+    assert ("Camera 'Camera' of this bake is not in the scene" in " ".join(found.notes)) == (renamed == "elsewhere")
+    assert bool(found.changes.sentences) == (renamed == "elsewhere")
 
 
 def test_disabled_opened_and_undone_while_baking(studio, tmp_path):

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import bpy
 import pytest
 
-from addon.core import status
+from addon.core import status, wanted
 from addon.core.bake_folder import MANIFEST
-from addon.engine import shot
+from addon.engine import options, shot
 from addon.ui import handlers, main_panel
 from addon.ui.start import start
 from fake_live import FakeLive
@@ -24,7 +24,10 @@ class Layout:
         self.words.append(text)
 
     def operator(self, name, text=None, icon="NONE"):
-        self.buttons.append(text or name)
+        words = bpy.ops
+        for part in name.split("."):
+            words = getattr(words, part)
+        self.buttons.append(text or words.get_rna_type().name)
 
     def row(self, **_settings):
         return self
@@ -68,8 +71,52 @@ def test_a_stopped_bake_that_is_opened_again_can_go_on(studio, tmp_path, drawn):
     found = until(scene, lambda found: found.status["state"] == "ready" and found.frame is not None, "the bake")
     layout, kept = drawn(scene), found.status["samples"]
     assert "Go On" in layout.buttons and layout.words[0] == f"Stopped at {kept} of 4096 samples; they are kept"
-    assert bpy.ops.relume.start() == {"FINISHED"}
-    until(scene, lambda found: found.status["samples"] > kept, "more samples")
+    scene.relume.samples = 1
+    assert bpy.ops.relume.go_on() == {"FINISHED"}
+    found = until(scene, lambda found: found.status["samples"] > kept, "more samples")
+    assert found.status["samples_total"] == 4096, "the quality that it was started with"
+
+
+@pytest.mark.parametrize("end", ["cancelled", "died"])
+def test_a_bake_that_was_stopped_in_its_first_training_can_go_on(studio, tmp_path, drawn, end):
+    """The manifest speaks of the 64 samples of that training only."""
+    studio.relume.samples, options.preferences().train_seconds = 96, 600.0
+    path = tmp_path / "shot.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    start(studio)
+    found = until(studio, lambda found: found.status["state"] == "training" and found.is_recorded, "the training")
+    assert found.status["samples"] == 64
+    if end == "cancelled":
+        found.cancel()
+        until(studio, lambda found: found.status["state"] == "cancelled", "the end")
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    options.preferences().train_seconds = 0.0
+    handlers.open_bakes()
+    scene = bpy.context.scene
+    until(scene, lambda found: found.status["state"] == "ready" and found.frame is not None, "the bake")
+    layout = drawn(scene)
+    assert "Go On" in layout.buttons and layout.words[0] == "Stopped at 64 of 96 samples; they are kept"
+    assert bpy.ops.relume.go_on() == {"FINISHED"}
+    found = until(scene, lambda found: found.status["state"] == "training", "the training of all samples")
+    assert found.status["samples"] == 96
+    found.cancel()
+    until(scene, lambda found: found.status["state"] == "cancelled", "the end")
+    layout = drawn(scene)
+    assert "Go On" in layout.buttons
+    assert layout.words[0] == "Stopped while learning the lights; 96 samples are kept"
+
+
+def test_what_a_whole_bake_was_to_become_is_forgotten(lit, tmp_path, drawn):
+    start(lit)
+    assert wanted.read(tmp_path / "bake") == wanted.Wanted(64, 60.0)
+    FakeLive.made[-1].tell(state="cancelled", samples=64, samples_total=64)
+    handlers.tick()
+    assert "Go On" in drawn(lit).buttons and wanted.read(tmp_path / "bake") is not None
+    assert bpy.ops.relume.go_on() == {"FINISHED"}
+    FakeLive.made[-1].tell(state="ready", samples=64, samples_total=64)
+    handlers.tick()
+    assert "Go On" not in drawn(lit).buttons and wanted.read(tmp_path / "bake") is None
 
 
 def test_a_whole_bake_is_ready(lit, drawn):

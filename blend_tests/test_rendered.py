@@ -22,7 +22,7 @@ def shown(scene, monkeypatch):
     image = np.ones((HEIGHT, WIDTH, 4), np.float32)
     image[..., :3] = np.random.default_rng(1).uniform(0.1, 1.0, (HEIGHT, WIDTH, 3))
     frame = SimpleNamespace(serial=1, scale=1, image=image)
-    opened = SimpleNamespace(picture=frame, camera="Camera", is_working=False)
+    opened = SimpleNamespace(picture=frame, camera="Camera", is_working=False, recognises=lambda _camera: True)
     monkeypatch.setattr(rendered.shot, "of", lambda _scene: opened)
     place = rendered.Rectangle(LEFT, BOTTOM, LEFT + WIDTH, BOTTOM + HEIGHT)
     monkeypatch.setattr(rendered.camera_frame, "frame_of", lambda *_arguments: place)

@@ -24,6 +24,10 @@ SAYINGS = [
     (state(state="training", paused=True), "Paused: Learning the lights"),
     (state(state="ready", samples=64), "Ready, 64 samples"),
     (state(state="ready", samples=3, samples_total=8), "Stopped at 3 of 8 samples; they are kept"),
+    (
+        state(state="ready", samples=64, samples_total=64, is_owed=True),
+        "Stopped while learning the lights; 64 samples are kept",
+    ),
     (state(state="cancelled"), "Stopped"),
     (state(state="cancelled", samples=3, samples_total=8), "Stopped at 3 of 8 samples; they are kept"),
     (state(state="failed", error="The disk is full"), "The disk is full"),

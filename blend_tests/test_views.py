@@ -71,6 +71,28 @@ def test_a_view_that_is_not_the_baked_camera_says_so(view):
     assert isinstance(shown(view), str)
 
 
+def test_a_renamed_camera_is_the_same(view):
+    assert isinstance(shown(view), Show)
+    view.scene.camera.name = "Hero"
+    assert isinstance(shown(view), Show)
+    view.region_data.view_perspective = "PERSP"
+    assert shown(view) == "The relit picture is in the view of camera 'Hero'"
+    view.region_data.view_perspective = "CAMERA"
+    other = bpy.data.objects.new("Camera", bpy.data.cameras.new("Side"))
+    view.scene.collection.objects.link(other)
+    view.scene.camera = other
+    assert shown(view) == "No bake for camera 'Camera', only for 'Hero'", "not another one that has its old name"
+
+
+def test_a_camera_that_was_deleted_and_made_again_is_known_by_its_name(view):
+    assert isinstance(shown(view), Show)
+    bpy.data.objects.remove(view.scene.camera)
+    again = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    view.scene.collection.objects.link(again)
+    view.scene.camera = again
+    assert isinstance(shown(view), Show)
+
+
 def test_before_the_first_picture_there_is_a_word(view):
     view.shot.frame = None
     assert shown(view) == "The first picture is on its way"

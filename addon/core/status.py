@@ -79,11 +79,17 @@ def headline(status: dict[str, Any]) -> str:
 
 
 def is_unfinished(status: dict[str, Any]) -> bool:
-    """Whether there is more to bake and nobody does: it was stopped, now or before the file was opened."""
-    return status["state"] in {"cancelled", "ready"} and status["samples"] < status["samples_total"]
+    """Whether there is more to bake or learn and nobody does: it was stopped, now or before the file was opened."""
+    return status["state"] in {"cancelled", "ready"} and (status["is_owed"] or _lacks_samples(status))
+
+
+def _lacks_samples(status: dict[str, Any]) -> bool:
+    return status["samples"] < status["samples_total"]
 
 
 def _stopped(status: dict[str, Any]) -> str:
+    if status["is_owed"] and not _lacks_samples(status):
+        return f"Stopped while learning the lights; {status['samples']} samples are kept"
     kept = f" at {status['samples']} of {status['samples_total']} samples; they are kept"
     return f"Stopped{kept if status['samples'] else ''}"
 

@@ -67,6 +67,12 @@ class Changes:
                 if key.startswith(kinds):
                     self.baked.setdefault(key, EDITED)
 
+    def rename_camera(self, name: str) -> None:
+        """The camera of the bake is called otherwise now."""
+        if "camera" in self.baked:
+            self.baked["camera"] = self.baked["camera"] | {"name": name}
+        self._waiting["camera"] = None
+
     def mark_all(self) -> None:
         """Anything may have been edited, such as by undo."""
         self._walk, self._taking, self._is_outdated = None, None, False

@@ -19,8 +19,8 @@ class ProblemError(Exception):
     """Something that the artist has to mend first; the message says what and how."""
 
 
-def check_start(scene: bpy.types.Scene) -> None:
-    """Raises ProblemError if the scene cannot be baked now."""
+def check_start(scene: bpy.types.Scene, folder: Path | None = None) -> None:
+    """Raises ProblemError if the scene cannot be baked now, into its folder or another one."""
     if bpy.app.is_job_running("RENDER"):
         raise ProblemError("A render is running; start Relume when it has ended")
     camera = scene.camera
@@ -30,7 +30,7 @@ def check_start(scene: bpy.types.Scene) -> None:
         kind = camera.data.type.lower()
         raise ProblemError(f"Camera '{camera.name}' is {kind}; Relume needs a perspective or orthographic one")
     try:
-        folder = bake_folder(scene)
+        folder = folder or bake_folder(scene)
     except FolderError as error:
         raise ProblemError(str(error)) from error
     use = folders_in_use(scene).get(folder)

@@ -331,6 +331,7 @@ def _camera_print(scene: bpy.types.Scene, camera: bpy.types.Object) -> Print:
         lens = json.loads(camera_json(camera, scene, (1, 1)))
     except UnsupportedCameraError as error:
         lens = {"world_from_object": [], "unsupported": str(error)}
+    lens.pop("name", None)  # The same camera may be renamed.
     return {"name": camera.name_full, "place": _matrix(lens.pop("world_from_object")), "lens": _hash(lens)}
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 from pathlib import Path
 
 import bpy
 
+from ..core import whole_file
 from ..core.differences import ORDER, Print
 from ..export.linking import receiver_names
 from . import prints
@@ -29,12 +29,7 @@ class Record:
     def write(self, folder: Path) -> None:
         """Writes it into a bake folder, whole or not at all."""
         content = {"format": FORMAT, "version": VERSION, **vars(self)}
-        part = folder / f".part-{FILE}"
-        try:
-            part.write_text(json.dumps(content), encoding="utf-8")
-            os.replace(part, folder / FILE)
-        finally:
-            part.unlink(missing_ok=True)
+        whole_file.write(folder / FILE, json.dumps(content))
 
 
 def forget(folder: Path) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 
 import bpy
 
+from ..core import wanted
 from ..core.bake_folder import camera_of
 from ..export import ExportOptions, trace_settings
 from ..export.linking import receiver_names
@@ -34,7 +35,9 @@ EMPTY: dict[str, Any] = {
     "rarely_met": [],
     "error": None,
     "shown": None,
+    "is_owed": False,
 }
+"""What the native module tells, and whether the folder still lacks something that was asked for."""
 LIVELY_SECONDS = 2.0
 WORKING = {"preparing", "baking", "training"}
 
@@ -49,6 +52,8 @@ class Shot:
         self.folder = options.folder
         self.options = options
         self.camera = kept.camera if kept else scene.camera.name if scene.camera else ""
+        """Name of the camera that the bake is of, as it is called now."""
+        self._camera_uid = scene.camera.session_uid if scene.camera and not kept else None
         self.status = EMPTY | {"state": "preparing"}
         self.frame: Any = None
         """The newest picture."""
@@ -58,11 +63,13 @@ class Shot:
         self.lights = SceneLights(_view_layer(scene), kept.receivers if kept else receiver_names(scene))
         self.changes = Changes(kept.prints if kept else None)
         self.is_recorded = kept is not None
+        self.wanted: wanted.Wanted | None = None
+        """What the folder still lacks something of."""
         self.is_exporting = self._has_ended = False
         self._task: RenderTask | None = None
         self._content: dict[str, Any] = {}
         """What the newest request asks for; empty where that is not the present lights and rows."""
-        self._is_interactive = self._anew = False
+        self._is_interactive = self._anew = self._bakes = False
         self.was_interrupted = False
         """Whether reading the scene was stopped, and nobody has looked at that yet."""
         self.refusal = ""
@@ -75,13 +82,13 @@ class Shot:
         )
 
     @classmethod
-    def start(cls, scene: bpy.types.Scene, anew: bool = False) -> Shot:
-        """Exports the scene and bakes it into its folder; goes on with an interrupted bake of the same scene. A whole
-        one is traced `anew` if its paths look for lights where they no longer are."""
+    def start(cls, scene: bpy.types.Scene, anew: bool = False, options: Options | None = None) -> Shot:
+        """Exports the scene and bakes it with its options or others; goes on with an interrupted bake of the same
+        scene. A whole one is traced `anew` if its paths look for lights where they no longer are."""
         before = of(scene)
         if before is not None:
             before.changes.reload_images()
-        shot = cls._replace(scene, options_of(scene), None)
+        shot = cls._replace(scene, options or options_of(scene), None)
         shot._anew = anew
         shot._export(scene)
         return shot
@@ -93,9 +100,14 @@ class Shot:
         folder = remembered_bake(scene) or options.folder
         shot = cls._replace(scene, dataclasses.replace(options, folder=folder), record.read(folder))
         shot.is_recorded = True
+        shot.wanted = wanted.read(folder)
         if shot.changes.recording:
-            shot.camera = camera_of(folder) or shot.camera
+            shot._camera_uid = None
             shot.warnings.append("This bake says nothing of its scene: what changed before it was opened is not seen")
+        shot._find_camera(scene, camera_of(folder))
+        if shot.camera not in scene.objects:
+            words = f"Camera '{shot.camera}' of this bake is not in the scene"
+            shot.warnings.append(f"{words}: if it was renamed, give it that name again; else start anew")
         shot._live.open()
         return shot
 
@@ -150,12 +162,38 @@ class Shot:
         record.forget(self.folder)
         for scene in (scene for scene in bpy.data.scenes if scene.session_uid == self.scene_uid):
             remember_bake(scene, self.folder)
+        self.wanted = wanted.Wanted(self.options.samples, self.options.train_seconds)
+        self.wanted.write(self.folder)
+        self._bakes = True
         self._live.bake(exported, settings, train_seconds=self.options.train_seconds, anew=self._anew)
 
     def _end(self, status: dict[str, Any]) -> None:
         """There was no bake, and the native module has nothing to say."""
         self.status |= status
         self._has_ended = True
+
+    def _find_camera(self, scene: bpy.types.Scene, baked: str) -> None:
+        """Of a bake that was opened: it may have been renamed since, in a file that was not saved."""
+        known = self.camera if self.changes.baked else ""
+        self.camera = next((name for name in (known, baked) if name in scene.objects), known or baked or self.camera)
+        if self.camera != known and self.camera in scene.objects:
+            self.changes.rename_camera(scene.objects[self.camera].name_full)
+
+    def recognises(self, camera: bpy.types.Object) -> bool:
+        """Whether the bake is of a camera. It is found by its name once and then known, whatever it is called."""
+        if camera.session_uid != self._camera_uid:
+            if camera.name != self.camera or self._camera_exists():
+                return False
+            self._camera_uid = camera.session_uid
+        if camera.name != self.camera:
+            self.camera = camera.name
+            self.changes.rename_camera(camera.name_full)
+            self.is_recorded = self.is_recorded and self.changes.recording
+        return True
+
+    def _camera_exists(self) -> bool:
+        uid = self._camera_uid
+        return uid is not None and any(found.session_uid == uid for found in bpy.data.objects)
 
     @property
     def is_open(self) -> bool:
@@ -240,17 +278,33 @@ class Shot:
             return False
         text = self._live.status()
         frame = self._live.frame(self.frame.serial if self.frame else 0)
-        self._keep_record()
+        self.keep_record()
         if text == self._status_text and frame is None:
             return False
         self._news = time.monotonic()
         self._status_text, self.status = text, json.loads(text)
+        self._note_what_is_owed()
         self.changes.world_color = self.status["world_color"]
         if frame:
             self.frame, self.frame_before = frame, None
         return True
 
-    def _keep_record(self) -> None:
+    def _note_what_is_owed(self) -> None:
+        if self._bakes and self.status["state"] == "ready":
+            wanted.forget(self.folder)
+            self.wanted = None
+        self.status["is_owed"] = self.wanted is not None
+        if self.wanted is not None:
+            self.status["samples_total"] = max(self.status["samples_total"], self.wanted.samples)
+
+    def rest(self, scene: bpy.types.Scene) -> Options:
+        """Options to go on with what was asked for of this bake, in its folder."""
+        options = dataclasses.replace(
+            options_of(scene), folder=self.folder, samples=self.status["samples_total"] or self.options.samples
+        )
+        return dataclasses.replace(options, train_seconds=self.wanted.train_seconds) if self.wanted else options
+
+    def keep_record(self) -> None:
         """Writes what the bake is of, as soon as there is a bake and that is known."""
         if self.is_recorded or self.changes.recording or not self.status["samples"]:
             return

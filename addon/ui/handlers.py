@@ -152,6 +152,8 @@ def on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) 
     found = shot.of(scene)
     if found is None or depsgraph.mode != "VIEWPORT":
         return
+    if scene.camera is not None:
+        found.recognises(scene.camera)
     lights = found.lights.update(depsgraph)
     world = found.changes.mark(scene, list(depsgraph.updates))
     if lights or world:
@@ -183,6 +185,10 @@ def on_save_pre(*_arguments) -> None:
     """The file is about to be written."""
     show_settings()
     _remember_bakes()
+    for scene in bpy.data.scenes:
+        found = shot.of(scene)
+        if found is not None and scene.camera is not None and found.recognises(scene.camera):
+            found.keep_record()
 
 
 def _remember_bakes() -> None:

@@ -64,6 +64,14 @@ LOCK_ALL_ITEMS = [(move, move.capitalize(), _lock_all_text(move)) for move in MO
 """Not in the annotation: Python 3.11, as of Blender 4.2, finds no names of the module in a comprehension there."""
 
 
+def toggle_all(scene: bpy.types.Scene, move: str) -> None:
+    """Locks a move of all lights; frees it if it is locked everywhere."""
+    found = [row for row in rows.present_rows(scene) if row.kind == LIGHT]
+    frees = not any(getattr(row.locks, move) for row in found)
+    for row in found:
+        setattr(row.locks, move, frees)
+
+
 class RELUME_OT_lock_all(bpy.types.Operator):  # noqa: N801 -- Blender's naming
     """Lock this of all lights, or unlock it if all are locked"""
 
@@ -84,10 +92,7 @@ class RELUME_OT_lock_all(bpy.types.Operator):  # noqa: N801 -- Blender's naming
 
     def execute(self, context):
         """Called by Blender."""
-        found = [row for row in rows.present_rows(context.scene) if row.kind == LIGHT]
-        unlocks = not any(getattr(row.locks, self.move) for row in found)
-        for row in found:
-            setattr(row.locks, self.move, unlocks)
+        toggle_all(context.scene, self.move)
         return {"FINISHED"}
 
 

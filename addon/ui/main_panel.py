@@ -138,7 +138,7 @@ def _draw_shot(layout, scene, found: shot.Shot) -> None:
             row.operator("relume.pause", text="Resume" if paused else "Pause", icon="PLAY" if paused else "PAUSE")
         row.operator("relume.cancel", icon="X")
     elif status.is_unfinished(state):
-        layout.operator("relume.start", text="Go On", icon="PLAY")
+        layout.operator("relume.go_on", icon="PLAY")
     if found.frame is None and found.picture is not None:
         message(layout, "Showing the bake before")
     elif status.shown(state):

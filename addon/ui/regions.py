@@ -55,6 +55,25 @@ def where(
     return mask, Seen(region.kind, block.name)
 
 
+def remove_region(scene: bpy.types.Scene) -> None:
+    """Takes away the active place."""
+    settings = scene.relume_solve
+    settings.regions.remove(settings.region)
+    settings.region = max(0, min(settings.region, len(settings.regions) - 1))
+
+
+def draw_rectangle(
+    scene: bpy.types.Scene, rectangle: tuple[float, float, float, float], goal: str, of_target: bool = False
+) -> None:
+    """Adds a rectangle (left, top, right, bottom) with a goal of the brush, or makes it where the target counts."""
+    if of_target:
+        place = scene.relume_solve.target_place
+        place.kind, place.rectangle = "RECTANGLE", rectangle
+        return
+    region = add_region(scene, "RECTANGLE")
+    region.rectangle, region.goal = rectangle, goal
+
+
 class RELUME_OT_add_region(bpy.types.Operator):  # noqa: N801 -- Blender's naming
     """Add a place with a goal of its own"""
 
@@ -89,9 +108,7 @@ class RELUME_OT_remove_region(bpy.types.Operator):  # noqa: N801
 
     def execute(self, context):
         """Called by Blender."""
-        settings = context.scene.relume_solve
-        settings.regions.remove(settings.region)
-        settings.region = max(0, min(settings.region, len(settings.regions) - 1))
+        remove_region(context.scene)
         return {"FINISHED"}
 
 
@@ -163,12 +180,7 @@ class RELUME_OT_draw_rectangle(bpy.types.Operator):  # noqa: N801
             self.report({"WARNING"}, "Drag from one corner of the rectangle to the other")
             redraw()
             return {"CANCELLED"}
-        if self.of_target:
-            place = context.scene.relume_solve.target_place
-            place.kind, place.rectangle = "RECTANGLE", self.rectangle
-            return {"FINISHED"}
-        region = add_region(context.scene, "RECTANGLE")
-        region.rectangle, region.goal = self.rectangle, self.goal
+        draw_rectangle(context.scene, tuple(self.rectangle), self.goal, self.of_target)
         return {"FINISHED"}
 
 

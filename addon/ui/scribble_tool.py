@@ -125,6 +125,11 @@ class RELUME_OT_scribble(bpy.types.Operator):  # noqa: N801 -- Blender's naming
         return {"FINISHED"}
 
 
+def clear_strokes(scene: bpy.types.Scene) -> None:
+    """Takes away all strokes."""
+    scene.relume_solve.strokes = ""
+
+
 class RELUME_OT_clear_strokes(bpy.types.Operator):  # noqa: N801
     """Take away all strokes"""
 
@@ -139,7 +144,7 @@ class RELUME_OT_clear_strokes(bpy.types.Operator):  # noqa: N801
 
     def execute(self, context):
         """Called by Blender."""
-        context.scene.relume_solve.strokes = ""
+        clear_strokes(context.scene)
         return {"FINISHED"}
 
 

@@ -10,24 +10,32 @@ from ..core.bake_folder import is_bake
 from ..engine import shot
 from ..engine.checks import ProblemError, check_start
 from ..engine.native import NativeModuleError
-from ..engine.options import bake_folder, remember_bake, remembered_bake
+from ..engine.options import Options, bake_folder, remember_bake, remembered_bake
 from . import handlers
 
 FAILURES = (ProblemError, NativeModuleError, RuntimeError, ValueError, OSError)
 """What is told to the artist instead of shown as a fault of the program."""
 
 
-def start(scene: bpy.types.Scene, anew: bool = False) -> shot.Shot:
-    """Bakes the scene and shows it under its present lights; `anew` is as of `Shot.start`. Raises ProblemError with one
-    line for the artist."""
-    check_start(scene)
-    found = shot.Shot.start(scene, anew)
+def start(scene: bpy.types.Scene, anew: bool = False, options: Options | None = None) -> shot.Shot:
+    """Bakes the scene and shows it under its present lights; `anew` and `options` are as of `Shot.start`. Raises
+    ProblemError with one line for the artist."""
+    check_start(scene, options.folder if options else None)
+    found = shot.Shot.start(scene, anew, options)
     if found.status["state"] == "failed":  # As without a window, where the scene is read at once.
         found.close()
         raise ProblemError(found.status["error"])
     handlers.read_lights(scene)
     handlers.wake()
     return found
+
+
+def go_on(scene: bpy.types.Scene) -> shot.Shot:
+    """Does what the open bake still lacks of what was asked for when it was started. Raises ProblemError."""
+    found = shot.of(scene)
+    if found is None:
+        raise ProblemError("No bake is open; show it, or start again")
+    return start(scene, options=found.rest(scene))
 
 
 def show_bake(scene: bpy.types.Scene) -> shot.Shot:
@@ -44,6 +52,22 @@ def find_bake(scene: bpy.types.Scene, folder: Path) -> shot.Shot:
         raise ProblemError(f"'{folder}' is no bake of Relume; choose the folder with its manifest.json")
     remember_bake(scene, folder)
     return handlers.open_bake(scene)
+
+
+def toggle_pause(scene: bpy.types.Scene) -> None:
+    """Lets the tracing and learning of an open shot stand still, or go on."""
+    found = shot.of(scene)
+    if found is not None:
+        found.pause(not found.status["paused"])
+        handlers.wake()
+
+
+def cancel(scene: bpy.types.Scene) -> None:
+    """Ends the tracing and learning of an open shot; relighting goes on."""
+    found = shot.of(scene)
+    if found is not None:
+        found.cancel()
+        handlers.wake()
 
 
 class ShotOperator:
@@ -74,6 +98,17 @@ class RELUME_OT_start(bpy.types.Operator):  # noqa: N801 -- Blender's naming
     def execute(self, context):
         """Called by Blender."""
         return told(self, lambda: start(context.scene))
+
+
+class RELUME_OT_go_on(ShotOperator, bpy.types.Operator):  # noqa: N801
+    """Trace and learn what the stopped bake still lacks, with the quality that it was started with"""
+
+    bl_idname = "relume.go_on"
+    bl_label = "Go On"
+
+    def execute(self, context):
+        """Called by Blender."""
+        return told(self, lambda: go_on(context.scene))
 
 
 class RELUME_OT_rebake(bpy.types.Operator):  # noqa: N801
@@ -125,9 +160,7 @@ class RELUME_OT_pause(ShotOperator, bpy.types.Operator):  # noqa: N801
 
     def execute(self, context):
         """Called by Blender."""
-        found = shot.of(context.scene)
-        found.pause(not found.status["paused"])
-        handlers.wake()
+        toggle_pause(context.scene)
         return {"FINISHED"}
 
 
@@ -139,8 +172,7 @@ class RELUME_OT_cancel(ShotOperator, bpy.types.Operator):  # noqa: N801
 
     def execute(self, context):
         """Called by Blender."""
-        shot.of(context.scene).cancel()
-        handlers.wake()
+        cancel(context.scene)
         return {"FINISHED"}
 
 
@@ -163,6 +195,7 @@ class RELUME_OT_look_through_camera(bpy.types.Operator):  # noqa: N801
 
 CLASSES = (
     RELUME_OT_start,
+    RELUME_OT_go_on,
     RELUME_OT_rebake,
     RELUME_OT_show_bake,
     RELUME_OT_find_bake,

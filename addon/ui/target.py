@@ -182,6 +182,11 @@ def _pasted_by_xclip() -> bpy.types.Image | None:
     return image
 
 
+def clear(scene: bpy.types.Scene) -> None:
+    """Solves without a target; the image stays in the file."""
+    scene.relume_solve.target = None
+
+
 @contextmanager
 def _image_editor(context: bpy.types.Context) -> Iterator[None]:
     """A context for operators of the image editor, which needs one on screen: for a moment, in the place of the
@@ -267,7 +272,7 @@ class RELUME_OT_clear_target(bpy.types.Operator):  # noqa: N801
 
     def execute(self, context):
         """Called by Blender."""
-        context.scene.relume_solve.target = None
+        clear(context.scene)
         return {"FINISHED"}
 
 

@@ -55,7 +55,7 @@ def what_to_show(
     frame = camera_frame.frame_of(scene, camera, region, region_data)
     if frame is None:
         return f"The relit picture is in the view of camera '{found.camera}'"
-    if camera.name != found.camera:
+    if not found.recognises(camera):
         return f"No bake for camera '{camera.name}', only for '{found.camera}'"
     live, pair = found.picture, compare.pair_of(scene)
     first, second = (pair.a, pair.b or live) if pair else (live, live)

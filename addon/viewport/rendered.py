@@ -57,7 +57,7 @@ def why_not(found: shot.Shot | None, camera: bpy.types.Object | None, frame: Rec
         return 'Press Start in the sidebar\'s tab "Relume" to see the relit picture here'
     if frame is None or camera is None:
         return f"The relit picture is in the view of camera '{found.camera}'"
-    if camera.name != found.camera:
+    if not found.recognises(camera):
         return f"No bake for camera '{camera.name}', only for '{found.camera}'"
     if found.picture is None:
         return "The first picture is on its way" if found.is_working else "No picture yet"

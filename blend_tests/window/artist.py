@@ -6,10 +6,13 @@ import time
 
 import bpy
 import numpy as np
+from display import in_image_editor, write_exr
 from driver import ADDON
 
 FIRST_PICTURE_SECONDS = 120
 WORK_SECONDS = 600
+EXPOSURE_ACROSS = 0.8
+"""Where the fields of exposure are in the width of the side bar."""
 SWITCHES = ["show_gizmo", "show_region_ui", "show_region_toolbar", "show_region_header", "show_region_tool_header"]
 
 
@@ -141,12 +144,32 @@ class Artist:
         yield from self.driver.press("LEFTMOUSE" if confirm else "ESC")
         return len(drawn) - 1
 
+    def row_button(self, name, what):
+        """Path and place in the side bar's width of what a row of the list has: "on", "solo" or "exposure"."""
+        left = {"on": 0.1, "solo": 0.18}.get(what)
+        across = EXPOSURE_ACROSS if left is None else left + 0.05 * self.row(name).depth
+        return f"relume_mix.rows[{self.scene.relume_mix.rows.find(name)}].{what}", across
+
     def set_exposure(self, name, stops):
         """Sets the exposure of a row and waits until the view has drawn it; returns the seconds."""
         before, start = self.shot.frame.serial, time.perf_counter()
         self.row(name).exposure = stops
-        yield from self.driver.until(lambda: self.serial_drawn > before, lambda: f"a new exposure; {self.words()}")
+        yield from self._until_newer(before)
         return time.perf_counter() - start
+
+    def type_exposure(self, name, stops):
+        """Types the exposure of a row into its field and waits until the view has drawn it."""
+        yield from self.driver.find_button(*self.row_button(name, "exposure"))
+        before = self.shot.frame.serial
+        yield from self.driver.press("RET")
+        yield from self.driver.type(str(stops))
+        yield from self.driver.press("RET")
+        self.driver.check(self.row(name).exposure == stops, f"it was typed: {self.row(name).exposure}")
+        yield from self._until_newer(before)
+
+    def _until_newer(self, serial):
+        """Waits until the view has drawn a newer picture than one."""
+        return self.driver.until(lambda: self.serial_drawn > serial, lambda: f"a new exposure; {self.words()}")
 
     def undo(self):
         """Ctrl Z with the mouse over the view."""
@@ -157,8 +180,9 @@ class Artist:
 
     # Looking closely
 
-    def compare_with_display(self, name):
-        """The overlay's pixels against Blender's own display of the same picture, saved as EXR."""
+    def compare_with_display(self, name, exr=None):
+        """The overlay's pixels against Blender's own display of the same picture's EXR; by default one of the newest
+        frame."""
         driver, space = self.driver, self.driver.view.spaces.active
         switches = {
             (owner, name): getattr(owner, name)
@@ -168,11 +192,14 @@ class Artist:
         yield from self._switch(dict.fromkeys(switches, False))
         yield from self._zoom_one_to_one()
         view_table = addon("viewport.view_table")
-        yield from driver.until(lambda: view_table.is_complete(self.scene), "the table of the view transform", 60)
+        yield from driver.until(lambda: view_table.is_complete(self.scene), "the table of the view transform", 300)
         yield from driver.drawn()
-        wanted = addon("export.view_transform").displayed(self.scene, self.picture()[..., :3])
-        wanted = np.round(wanted[::-1] * 255).astype(np.uint8)
-        shown, wanted = self._frame_on_screen(driver.photo(name), wanted)
+        photo = driver.photo(name)
+        if exr is None:
+            exr = driver.scratch / "shown.exr"
+            write_exr(exr, self.picture())
+        wanted = yield from in_image_editor(driver, exr, f"{name}-exr")
+        shown, wanted = self._frame_on_screen(photo, np.round(wanted[::-1] * 255).astype(np.uint8))
         error = np.abs(shown.astype(int) - wanted.astype(int))
         mean, percentile = error.mean(), np.percentile(error, 99)
         driver.record(f"{name}: overlay against Blender's display, mean", mean, "1/255", 1)
@@ -242,6 +269,7 @@ def brighten(artist, light):
     """A row changes the picture and nothing in the scene."""
     driver, before = artist.driver, artist.picture()
     energy = artist.scene.objects[light].data.energy
+    yield from artist.type_exposure(light, 0.5)
     seconds = yield from artist.set_exposure(light, 1.0)
     driver.record("overlay after a strength edit", seconds * 1000, "ms", 16)
     yield from artist.until_settled()

@@ -18,6 +18,10 @@ INTERVAL = 0.01
 NAP_SECONDS = 0.005
 """What Blender itself sleeps in each turn of an idle window, except where it may simulate events: there it would keep a
 core busy with nothing."""
+TYPED = dict(
+    zip("0123456789.-", "ZERO ONE TWO THREE FOUR FIVE SIX SEVEN EIGHT NINE PERIOD MINUS".split(), strict=True)
+)
+"""Keys of signs."""
 ROW_PIXELS = 14
 """Less than the height of a button."""
 
@@ -244,6 +248,13 @@ class Driver:
         letter = kind.lower() if len(kind) == 1 and not modifiers else ""
         yield from self._event(kind, "PRESS", unicode=letter, **modifiers)
         yield from self._event(kind, "RELEASE", **modifiers)
+
+    def type(self, number):
+        """Types a number, such as "1.5"."""
+        for sign in number:
+            kind = TYPED[sign]
+            yield from self._event(kind, "PRESS", unicode=sign)
+            yield from self._event(kind, "RELEASE")
 
     def click(self, x, y):
         """Clicks with the left button."""

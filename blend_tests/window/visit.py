@@ -1,7 +1,7 @@
 """An artist's visit to a shot, from Start to the add-on switched off; the same for every scene."""
 
 import bpy
-from artist import Artist, brighten, drag_and_undo, same
+from artist import Artist, addon, brighten, drag_and_undo, same
 from driver import ADDON
 
 
@@ -9,8 +9,8 @@ def visit(driver, blend, size, lights, pixels=100, patient=True):
     """Relights a shot by hand, with mouse and keys where the artist would use them.
 
     `size`: width and height of the picture. `lights`: names of one whose row is changed, one that is dragged (by
-    `pixels`), and one that is heard alone. Without patience the bake is cancelled in the middle, the shot relit from
-    the samples that are there, and the visit over when a row was changed.
+    `pixels`), and one that is heard alone. Without patience the first bake is cancelled in the middle, and the shot
+    relit from the samples that are there.
     """
     artist = Artist(driver)
     key, dragged, alone = lights
@@ -31,11 +31,6 @@ def visit(driver, blend, size, lights, pixels=100, patient=True):
     with driver.step("drag and undo"):
         yield from driver.look_through_camera()
         yield from drag_and_undo(artist, dragged, pixels)
-    if not patient:
-        with driver.step("rows"):
-            yield from brighten(artist, key)
-            driver.photo("brighter")
-        return
     with driver.step("mix"):
         yield from mix(driver, artist, key, alone)
     for step in (take_a_snapshot, apply_and_undo, reopen, cancel):
@@ -49,8 +44,8 @@ def mix(driver, artist, key, alone):
     """Rows change the picture and nothing in the scene; S hears a light alone."""
     before = artist.picture()
     yield from brighten(artist, key)
-    brighter, index = artist.picture(), artist.scene.relume_mix.rows.find(alone)
-    button = f"relume_mix.rows[{index}].solo", 0.18 + 0.05 * artist.row(alone).depth
+    driver.photo("brighter")
+    brighter, button = artist.picture(), artist.row_button(alone, "solo")
     yield from driver.press_button(*button)
     driver.check(artist.row(alone).solo, "S was pressed")
     yield from artist.until_settled()
@@ -68,7 +63,8 @@ def take_a_snapshot(driver, artist, key):
     yield from driver.press_button("relume.snapshot")
     yield from driver.until(lambda: len(looks) == 1 and looks[0].thumbnail, "a look with its thumbnail")
     driver.photo("snapshot")
-    artist.row(key).on = False
+    yield from driver.press_button(*artist.row_button(key, "on"))
+    driver.check(not artist.row(key).on, "the row was switched off")
     yield from artist.until_settled()
     driver.check(not same(artist.picture(), before), "a row that is off changes the picture")
     yield from driver.press_button("relume.restore_look(lights=False)")
@@ -97,7 +93,7 @@ def apply_and_undo(driver, artist, key):
 
 def reopen(driver, artist, key):
     """A saved file finds its bake, proxies, rows and looks."""
-    before = artist.picture()
+    before, was_whole = artist.picture(), artist.state == "ready"
     bpy.ops.wm.save_mainfile()
     bpy.ops.wm.open_mainfile(filepath=bpy.data.filepath)
     yield from driver.drawn()
@@ -109,7 +105,9 @@ def reopen(driver, artist, key):
     yield from artist.until_settled()
     yield from driver.look_through_camera()
     driver.photo("reopened")
-    driver.check(artist.state == "ready", f"the bake is whole: {artist.words()}")
+    driver.check(artist.state == "ready", f"the bake is open: {artist.words()}")
+    is_whole = not addon("core.status").is_unfinished(artist.shot.status)
+    driver.check(is_whole == was_whole, f"it is as whole as it was: {artist.words()}")
     driver.check(same(artist.picture(), before), "the same picture from the file")
 
 

@@ -1,4 +1,4 @@
-"""An artist relights a hall with eight area lights and five emissive meshes, without waiting for all samples."""
+"""An artist relights a hall with eight area lights and five emissive meshes, without waiting for all samples first."""
 
 from visit import visit
 

@@ -1,4 +1,4 @@
-"""The picture in the camera's frame is, on the screen, what Blender's own display of it is; exactly in its place."""
+"""The picture in the camera's frame is, on the screen, what Blender itself shows of its EXR; exactly in its place."""
 
 import importlib
 import json
@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 from bpy_extras.view3d_utils import location_3d_to_region_2d
+from display import in_image_editor, read_exr, write_exr
 from driver import ADDON
 from mathutils import Vector
 
@@ -48,7 +49,7 @@ def dark(serial):
 
 def ramp(serial):
     """From 2^-8 to 2^4, of slowly changing hues: Blender puts a ten-thousandth of each pixel's neighbour into it, which
-    shows where a channel of 0 is beside one of 1."""
+    shows where a channel of 0 is beside one of 1, as 4 of 255. With high contrast many are 0."""
     picture = frame(serial)
     stops, hue = np.meshgrid(np.linspace(-8.0, 4.0, SIZE[0]), np.linspace(0.0, 3.0, SIZE[1]))
     for channel in range(3):
@@ -76,10 +77,19 @@ def shown(driver, name=None):
     """What the screen shows in the camera's frame, 0..1, bottom row first."""
     yield from driver.drawn()
     view_table = module("viewport.view_table")
-    yield from driver.until(lambda: view_table.is_complete(bpy.context.scene), "the view's table", 120)
+    yield from driver.until(lambda: view_table.is_complete(bpy.context.scene), "the view's table", 300)
     yield from driver.drawn()
     left, top, right, bottom = rectangle(driver)
     return driver.photo(name)[top:bottom, left:right][::-1] / 255.0
+
+
+def displayed(driver, picture, name=None):
+    """What Blender shows of a frame's EXR, 0..1, bottom row first."""
+    path = driver.scratch / "frame.exr"
+    write_exr(path, picture.image)
+    read = read_exr(path)
+    driver.check(np.allclose(read, picture.image, rtol=1e-3, atol=1e-4), "the EXR holds the frame")
+    return (yield from in_image_editor(driver, path, name))
 
 
 def compare(driver, name, found, expected):
@@ -107,6 +117,25 @@ def bare_camera_view(driver):
     yield from driver.drawn()
 
 
+def check_view(driver, name, view):
+    """The newest picture, in a view, is what Blender shows of its EXR in that view."""
+    file = name.replace(",", "").replace(" ", "-")
+    with driver.step(name):
+        set_view(view)
+        pixels = yield from shown(driver, file)
+    expected = yield from displayed(driver, Picture.given, f"{file}-exr")
+    compare(driver, name, pixels, expected)
+
+
+def check_working_spaces(driver):
+    """The same in a file that has another scene-linear space than Linear Rec.709."""
+    for space, views in {"ACEScg": SOME_VIEWS, "Linear Rec.709": {}}.items():
+        bpy.ops.wm.set_working_color_space(working_space=space, convert_colors=False)
+        driver.check(bpy.data.colorspace.working_space == space, f"the file is in {space}")
+        for name, view in views.items():
+            yield from check_view(driver, f"{space}, {name}", view)
+
+
 VIEWS = {
     "AgX": {"view_transform": "AgX"},
     "AgX brighter": {"view_transform": "AgX", "exposure": 1.5, "gamma": 1.2},
@@ -115,9 +144,12 @@ VIEWS = {
     "Standard": {"view_transform": "Standard"},
     "Standard darker": {"view_transform": "Standard", "exposure": -1.0},
     "AgX curves": {"view_transform": "AgX", "exposure": 0.7, "curves": {3: (0.4, 0.6), 0: (0.5, 0.45)}},
+    "Filmic curves": {"view_transform": "Filmic", "exposure": 0.5, "curves": {3: (0.6, 0.45), 2: (0.4, 0.55)}},
     "Standard curves": {"view_transform": "Standard", "curves": {1: (0.3, 0.5)}},
 }
 """`curves`: a point for each of some of the curves red, green, blue and all of them together."""
+HIGH_CONTRAST = {"view_transform": "AgX", "look": "AgX - High Contrast", "exposure": -0.8}
+SOME_VIEWS = {"Standard": VIEWS["Standard"], "AgX high contrast": HIGH_CONTRAST}
 
 
 def set_view(settings):
@@ -240,35 +272,30 @@ def check_many_views(driver):
 def play(driver):
     """See the first line of this file."""
     yield from driver.open("demo.blend")
-    shot, displayed = module("engine.shot"), module("export.view_transform").displayed
+    shot = module("engine.shot")
     shot.native = lambda: SimpleNamespace(Live=Picture)
     Picture.given = frame(1)
     yield from bare_camera_view(driver)
     found = shot.Shot.open(bpy.context.scene)
     found.poll()
     found.camera = bpy.context.scene.camera.name
-    scene, settings = bpy.context.scene, bpy.context.scene.relume_view
-    image = found.frame.image[..., :3]
+    settings = bpy.context.scene.relume_view
     for name, view in VIEWS.items():
-        with driver.step(name):
-            set_view(view)
-            pixels = yield from shown(driver, name.replace(" ", "-"))
-        compare(driver, name, pixels, displayed(scene, image))
+        yield from check_view(driver, name, view)
     for name, view, picture in (
         ("dark, AgX", VIEWS["AgX"], dark(2)),
         ("dark, Standard", VIEWS["Standard"], dark(3)),
         ("False Color", {"view_transform": "False Color"}, ramp(4)),
+        ("AgX high contrast", HIGH_CONTRAST, ramp(5)),
     ):
-        with driver.step(name):
-            set_view(view)
-            Picture.given = picture
-            yield from driver.until(found.poll, "another picture")
-            pixels = yield from shown(driver, name.replace(" ", "-"))
-        compare(driver, name, pixels, displayed(scene, picture.image[..., :3]))
+        Picture.given = picture
+        yield from driver.until(found.poll, "another picture")
+        yield from check_view(driver, name, view)
+    yield from check_working_spaces(driver)
     set_view(VIEWS["Standard"])
-    Picture.given = frame(5)
+    Picture.given = frame(6)
     yield from driver.until(found.poll, "the picture again")
-    expected = displayed(scene, Picture.given.image[..., :3])
+    expected = yield from displayed(driver, Picture.given)
     with driver.step("wipe"):
         settings.wipe, settings.wipe_position = True, 0.25
         pixels = yield from shown(driver, "wipe")

@@ -6,6 +6,8 @@ import importlib
 import addon_utils
 import bpy
 import numpy as np
+from artist import Artist
+from display import read_exr
 from driver import ADDON
 
 NEEDS = ["demo.blend"]
@@ -31,15 +33,11 @@ def rendered(driver, seconds=300):
     yield from driver.until(lambda: not bpy.app.is_job_running("RENDER"), "the end of F12", seconds)
 
 
-def last_render(driver):
-    """Pixels of Blender's render result."""
-    path = str(driver.scratch / "f12.exr")
-    bpy.data.images["Render Result"].save_render(path)
-    image = bpy.data.images.load(path)
-    pixels = np.empty(len(image.pixels), np.float32)
-    image.pixels.foreach_get(pixels)
-    bpy.data.images.remove(image)
-    return pixels
+def save_render(driver):
+    """Saves Blender's render result; the path of the EXR."""
+    path = driver.scratch / "f12.exr"
+    bpy.data.images["Render Result"].save_render(str(path))
+    return path
 
 
 def play(driver):
@@ -48,7 +46,7 @@ def play(driver):
     yield from driver.look_through_camera()
     scene, view = bpy.context.scene, driver.view.spaces.active
     scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 320, 180, 100
-    scene.render.image_settings.file_format = "OPEN_EXR"
+    scene.render.image_settings.file_format, scene.render.image_settings.color_depth = "OPEN_EXR", "32"
     scene.relume.quality, scene.relume.samples = "CUSTOM", 4
     scene.relume.folder = str(driver.scratch / "bake")
     module("engine.options").preferences().train_seconds = 0.0
@@ -57,18 +55,18 @@ def play(driver):
 
     with driver.step("F12 without a bake"):
         yield from rendered(driver)
-        first = last_render(driver)
+        first = read_exr(save_render(driver))
         driver.check(first.max() > 0.0, "there is light in the picture")
 
     with driver.step("start keeps the last render"):
         bpy.ops.relume.start()
         yield from settled(driver)
-        driver.check((last_render(driver) == first).all(), "the last render is the user's")
+        driver.check((read_exr(save_render(driver)) == first).all(), "the last render is the user's")
         driver.check(scene.render.engine == "RELUME", "the engine is the user's")
 
     with driver.step("shading Rendered"):
         view.overlay.show_overlays = view.show_gizmo = False
-        yield from driver.until(lambda: module("viewport.view_table").is_complete(scene), "the view transform", 60)
+        yield from driver.until(lambda: module("viewport.view_table").is_complete(scene), "the view transform", 300)
         yield from driver.drawn()
         overlay = driver.photo("overlay").astype(float)
         scene.relume_view.shown, view.shading.type = False, "RENDERED"
@@ -81,6 +79,10 @@ def play(driver):
         driver.check(np.ptp(overlay[part]) > 50, "there is a picture")
         driver.check(difference.mean() < 1.0, f"Rendered is the overlay's picture: {difference.mean():.2f} of 255")
         scene.relume_view.shown, view.shading.type = True, "SOLID"
+
+    with driver.step("overlay is what F12 saves"):
+        yield from Artist(driver).compare_with_display("f12", save_render(driver))
+        view.overlay.show_overlays = view.show_gizmo = True
 
     with driver.step("verify"):
         scene.relume_verify.samples = 16

@@ -1,0 +1,241 @@
+"""Operators are shims: each does what its function does, in a scene of its own from the same beginning."""
+
+import json
+from copy import deepcopy
+
+import bpy
+import numpy as np
+import pytest
+import relume
+from solve_steps import LINE
+
+from addon.core import strokes as core
+from addon.engine import shot
+from addon.ui import compare, handlers, locks, looks, mixer, preferences, regions, rows, scribble_tool, solving, target
+from addon.ui import start as starting
+from addon.viewport import compare as pairs
+from fake_live import FakeLive
+from fake_solve import FakeJob
+from helpers import add_light, add_quad, row, update
+
+PLAIN = (bool, int, float, str)
+OF_THIS_SESSION = {"uid", "session", "thumbnail"}
+"""Names that differ from run to run."""
+
+
+@pytest.fixture
+def room(registered_for_all_files, monkeypatch, tmp_path):
+    """Makes a lit scene with a picture, two looks, a stroke, two places and a target, always the same."""
+    monkeypatch.setattr(relume, "solve", FakeJob)
+    picture = tmp_path / "target.png"
+
+    def make():
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        FakeLive.made.clear()
+        FakeJob.made.clear()
+        preferences._said.clear()
+        scene = bpy.context.scene
+        scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+        scene.collection.objects.link(scene.camera)
+        add_quad(scene)
+        for name in ("Key", "Fill"):
+            add_light(scene, "POINT", name)
+        scene.relume.folder = str(tmp_path / "bake")
+        update()
+        starting.start(scene)
+        FakeLive.made[-1].tell(samples=4, samples_total=8, state="cancelled")
+        FakeLive.made[-1].show()
+        handlers.tick()
+        looks.snapshot(scene, "One")
+        row(scene, "Key").exposure = 1.0
+        bpy.data.objects["Fill"].hide_render = True
+        looks.snapshot(scene, "Two")
+        row(scene, "Key").color = (1.0, 0.5, 0.2)
+        regions.add_region(scene, "RECTANGLE")
+        regions.add_region(scene, "MASK")
+        meaning = core.meaning("brighter", 1.0, (1.0, 1.0, 1.0))
+        scribble_tool.add_stroke(scene, core.Stroke(meaning, 0.1, 1.0, tuple(map(tuple, json.loads(LINE)))))
+        image = bpy.data.images.new("Target", 8, 8)
+        image.filepath_raw, image.file_format = str(picture), "PNG"
+        image.save()
+        scene.relume_solve.target = image
+        update()
+        handlers.tick()
+        return scene
+
+    yield make
+    pairs.free()
+
+
+def plain(group):
+    """All that a group of properties holds."""
+    found = {}
+    for name in group.bl_rna.properties.keys():
+        value = getattr(group, name)
+        if name in OF_THIS_SESSION | {"rna_type"}:
+            continue
+        if isinstance(value, bpy.types.PropertyGroup):
+            found[name] = plain(value)
+        elif isinstance(value, bpy.types.ID) or value is None:
+            found[name] = value and value.name
+        elif isinstance(value, PLAIN):
+            found[name] = value
+        elif hasattr(value, "values"):
+            found[name] = [plain(entry) for entry in value]
+        else:
+            found[name] = [float(number) for number in value] if not isinstance(value, set) else sorted(value)
+    return found
+
+
+def state(scene, folder):
+    """All that operators write to, or ask the native module for."""
+    pair = pairs.pair_of(scene)
+    found = shot.of(scene)
+    lights = {
+        obj.name: (obj.data.energy, list(obj.data.color), obj.hide_render, obj.hide_get(), list(obj.location))
+        for obj in scene.objects
+        if obj.type == "LIGHT"
+    }
+    return deepcopy(
+        {
+            "scene": [plain(getattr(scene, name)) for name in ("relume", "relume_mix", "relume_looks", "relume_solve")],
+            "view": plain(scene.relume_view),
+            "lights": lights,
+            "selected": sorted(obj.name for obj in scene.objects if obj.select_get()),
+            "active": bpy.context.view_layer.objects.active and bpy.context.view_layer.objects.active.name,
+            "pair": pair and (pair.labels, np.array(pair.a.image).tolist(), pair.b is None),
+            "compares": compare.running(scene) is not None,
+            "solves": solving.running(scene) is not None,
+            "asked": [(live.arguments, live.calls, live.requests, live.state) for live in FakeLive.made],
+            "shot": found and (str(found.folder), found.camera, found.status),
+            "images": sorted(image.name for image in bpy.data.images),
+            "files": sorted(path.name for path in folder.rglob("*.json") if path.parent.name != "bake"),
+            "said": preferences._said,
+        }
+    )
+
+
+def without_shot(scene):
+    shot.of(scene).close()
+
+
+def while_baking(_scene):
+    FakeLive.made[-1].tell(state="baking")
+    handlers.tick()
+
+
+def with_pair(scene):
+    target_frame = target.frame_of(np.zeros((4, 4, 3)))
+    pairs.set_pair(scene, target_frame, None, "WIPE")
+
+
+def while_solving(scene):
+    regions.remove_region(scene)  # That without a mask.
+    solving.begin(scene)
+
+
+def as_one_rectangle(scene, **settings):
+    regions.draw_rectangle(scene, (0.1, 0.2, 0.3, 0.4), **settings)
+
+
+def painted(scene):
+    meaning = core.meaning("warmer", 2.0, (1.0, 1.0, 1.0))
+    scribble_tool.add_stroke(scene, core.Stroke(meaning, 0.05, 1.0, ((0.2, 0.5, 1.0), (0.8, 0.5, 1.0))))
+
+
+def nothing(_scene):
+    pass
+
+
+RECTANGLE = {"rectangle": (0.1, 0.2, 0.3, 0.4), "goal": "darker"}
+CASES = {
+    "go_on": (nothing, lambda scene, _: starting.go_on(scene), {}),
+    "rebake": (nothing, lambda scene, _: starting.start(scene, anew=True), {}),
+    "show_bake": (without_shot, lambda scene, _: starting.show_bake(scene), {}),
+    "find_bake": (
+        without_shot,
+        lambda scene, folder: starting.find_bake(scene, folder / "moved"),
+        {"directory": "moved"},
+    ),
+    "pause": (nothing, lambda scene, _: starting.toggle_pause(scene), {}),
+    "cancel": (while_baking, lambda scene, _: starting.cancel(scene), {}),
+    "apply_to_lights": (nothing, lambda scene, _: mixer.apply_to_lights(scene), {}),
+    "read_from_lights": (nothing, lambda scene, _: rows.reset(scene), {}),
+    "select_light": (nothing, lambda _scene, _: mixer.select_light(bpy.context, "Key"), {"light": "Key"}),
+    "show_light": (nothing, lambda scene, _: mixer.show_light(rows.light_of(scene, "Fill")), {"light": "Fill"}),
+    "snapshot": (nothing, lambda scene, _: looks.snapshot(scene), {}),
+    "restore_look": (nothing, lambda scene, _: looks.restore(scene, looks.active_look(scene).look()), {}),
+    "restore_look with lights": (
+        lambda scene: scene.relume_looks.__setattr__("active", 0),
+        lambda scene, _: looks.restore(scene, looks.active_look(scene).look(), True),
+        {"lights": True},
+    ),
+    "delete_look": (nothing, lambda scene, _: looks.delete(scene, scene.relume_looks.active), {}),
+    "export_look": (
+        nothing,
+        lambda scene, folder: looks.export_file(looks.active_look(scene).look(), folder / "out.json"),
+        {"filepath": "out.json"},
+    ),
+    "import_look": (
+        nothing,
+        lambda scene, folder: looks.import_file(scene, folder / "in.json"),
+        {"filepath": "in.json"},
+    ),
+    "compare_looks": (nothing, lambda scene, _: compare.start(scene, [looks.active_look(scene)]), {}),
+    "stop_comparing": (with_pair, lambda scene, _: compare.stop(scene), {}),
+    "lock_all": (nothing, lambda scene, _: locks.toggle_all(scene, "position"), {"move": "position"}),
+    "add_region": (nothing, lambda scene, _: regions.add_region(scene, "MASK"), {"kind": "MASK"}),
+    "remove_region": (nothing, lambda scene, _: regions.remove_region(scene), {}),
+    "draw_rectangle": (nothing, lambda scene, _: as_one_rectangle(scene, goal="darker"), RECTANGLE),
+    "draw_rectangle of the target": (
+        nothing,
+        lambda scene, _: as_one_rectangle(scene, goal="darker", of_target=True),
+        RECTANGLE | {"of_target": True},
+    ),
+    "scribble": (nothing, lambda scene, _: painted(scene), {"points": LINE, "goal": "warmer", "amount": 2.0}),
+    "clear_strokes": (nothing, lambda scene, _: scribble_tool.clear_strokes(scene), {}),
+    "load_target": (
+        lambda scene: target.clear(scene),
+        lambda scene, folder: target.load(scene, str(folder / "target.png")),
+        {"filepath": "target.png"},
+    ),
+    "clear_target": (nothing, lambda scene, _: target.clear(scene), {}),
+    "cancel_solve": (while_solving, lambda scene, _: solving.running(scene).cancel(), {}),
+    "count_cache": (nothing, lambda _scene, _: preferences.begin(preferences.count_cache()), {}),
+    "clean_cache": (nothing, lambda _scene, _: preferences.begin(preferences.clean_cache()), {}),
+}
+"""Of each operator: what comes before, its function, and its own settings. Names of files are in the test's folder."""
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_an_operator_does_what_its_function_does(room, tmp_path, name):
+    prepare, function, settings = CASES[name]
+    settings = {
+        key: str(tmp_path / value) if key in {"filepath", "directory"} else value for key, value in settings.items()
+    }
+    manifest = '{"scene_hash": "", "passes": [], "tile_size": 64}'
+    for folder in ("bake", "moved"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "manifest.json").write_text(manifest)
+    looks_file = tmp_path / "in.json"
+
+    def run(work):
+        scene = room()
+        if not looks_file.exists():
+            looks.export_file(looks.active_look(scene).look(), looks_file)
+        (tmp_path / "out.json").unlink(missing_ok=True)
+        prepare(scene)
+        before = state(scene, tmp_path)
+        work(scene)
+        update()
+        handlers.tick()
+        return before, state(scene, tmp_path)
+
+    def operate(_scene):
+        assert getattr(bpy.ops.relume, name.partition(" ")[0])(**settings) == {"FINISHED"}
+
+    before, by_function = run(lambda scene: function(scene, tmp_path))
+    same_before, by_operator = run(operate)
+    assert before == same_before, "both begin with the same"
+    assert by_operator == by_function
+    assert by_operator != before, "it does something"
