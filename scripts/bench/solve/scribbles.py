@@ -108,7 +108,8 @@ class Shown:
             return [first], {name: ["strength"] for name in names}
         if number == 2:
             change(name=first, tint=tint(MIREDS))
-            change(name=second, tint=tint(-MIREDS))
+            if second != first:
+                change(name=second, tint=tint(-MIREDS))
             return sorted({first, second}), {name: ["strength", "color"] for name in names}
         if number == 1:
             change(name=first, gain=0.5)
