@@ -18,6 +18,7 @@ from bpy.props import (
 )
 
 from ..core import strokes as core
+from ..core.solve import Wish
 from ..viewport.views import redraw
 from . import target
 
@@ -265,7 +266,7 @@ class RelumeSolve(HowMuch, bpy.types.PropertyGroup):
         description="How much everything that no goal names is to stay as it is, beside the goals. 0: it may change as "
         "it likes",
         subtype="FACTOR",
-        default=0.02,
+        default=Wish.keep_rest,
         min=0.0,
         max=1.0,
     )

@@ -22,8 +22,11 @@ ROOT = Path(__file__).resolve().parents[3]
 sys.path[:0] = [str(ROOT), str(ROOT / "scripts/parity")]
 
 import cycles_reference  # noqa: E402
+from addon.apply import new_lights  # noqa: E402
+from addon.apply.look_lights import light_state, restore_lights  # noqa: E402
+from addon.core.solve import solved  # noqa: E402
 from addon.engine.scene import load_scene  # noqa: E402
-from addon.export.lights import LightExporter  # noqa: E402
+from addon.export.lights import LightExporter, name_of  # noqa: E402
 from addon.export.linking import LightLinking  # noqa: E402
 
 HITS = 400
@@ -106,19 +109,29 @@ class Judge:
         """Removes lights."""
         remove([obj for obj in self.lights() if obj.name in names])
 
-    def change(self, name, gain, move):
-        """Multiplies a light's energy and moves it, until `put_back`."""
+    def apply(self, answer, asked):
+        """Writes the answer of `relume.solve` to the lights as *Apply* of the add-on does; `asked` are the lights of the
+        request."""
+        present = {name_of(obj): light_state(obj) for obj in self.lights()}
+        states = solved(answer, present, self.describe(), asked).states
+        made = new_lights.make(self.scene, [state for state in states if state.get("added")])
+        restore_lights([*self.lights(), *made], states)
+        bpy.context.view_layer.update()
+
+    def change(self, name, gain=1.0, move=(0.0, 0.0, 0.0), tint=(1.0, 1.0, 1.0)):
+        """Multiplies a light's energy and colour and moves it, until `put_back`."""
         obj = self.scene.objects[name]
-        self.hidden.append((name, obj.data.energy, obj.matrix_world.copy()))
+        self.hidden.append((name, obj.data.energy, obj.data.color[:], obj.matrix_world.copy()))
         obj.data.energy *= gain
+        obj.data.color = [channel * factor for channel, factor in zip(obj.data.color, tint, strict=True)]
         obj.matrix_world = Matrix.Translation(move) @ obj.matrix_world
         bpy.context.view_layer.update()
 
     def put_back(self):
         """Undoes every `change`."""
-        for name, energy, place in reversed(self.hidden):
+        for name, energy, color, place in reversed(self.hidden):
             obj = self.scene.objects[name]
-            obj.data.energy, obj.matrix_world = energy, place
+            obj.data.energy, obj.data.color, obj.matrix_world = energy, color, place
         self.hidden.clear()
         bpy.context.view_layer.update()
 

@@ -1,10 +1,10 @@
-"""Strokes with a known good answer: a hidden change of one or two lights, painted, solved for and judged by Cycles.
+"""Strokes with a known good answer: a hidden change of two lights, painted, solved for and judged by Cycles.
 
-Run 0 makes one light one stop brighter; run 1 makes one a stop darker and moves another; further runs draw from both.
-What the hidden change makes brighter, darker or leaves alone is painted, at 80 % of the change. Every light of the
-file may change its strength, the ones of the hidden change also move. What is found is written into the file, which is
-saved, opened again and rendered with the seed of the picture before. Files with fewer than two lights get seeded point
-lights.
+What the hidden change makes brighter, darker, warmer or cooler is painted, at 80 % of the change, and what it leaves
+alone as kept. Every light of the file may change what the strokes are about (its strength, its colour), those of the
+hidden change may also move where one has moved. What is found is written into the file as *Apply* of the add-on does;
+the file is saved, opened again and rendered with the seed of the picture before. Files with fewer than two lights get
+seeded point lights.
 """
 
 import json
@@ -18,6 +18,9 @@ import strokes
 from problem import random_spheres
 from records import general
 
+from addon.core.solve import Wish
+from addon.core.solve import request as solver_request
+
 SCENES = ("cornell_box", "kitchen", "modern_hall", "classroom", "coffee_maker", "sponza")
 LEAST_LIGHTS = 2
 LEAST_SHARE = 0.15
@@ -28,6 +31,15 @@ KEEP_LIMIT = 0.02
 STARTS = 4
 """As the add-on has it."""
 SEED = 1
+MIREDS = 100.0
+RUNS = (
+    ("brighter", "keep"),
+    ("brighter", "darker", "keep"),
+    ("warmer", "cooler", "keep"),
+    ("shadow", "brighter", "keep"),
+)
+"""What is painted. One light becomes a stop brighter; a stop darker, and another moves; warmer, and another cooler;
+one moves."""
 
 
 def run(shot, records, args):
@@ -57,8 +69,8 @@ class Shown:
         self._add_lights()
         self.lights = shot.judge.describe()
         self.before = shot.picture(SEED)
-        self.changed = self._hidden_change(number)
-        self.goals = strokes.paint(self.before, shot.picture(SEED), self.rng)
+        self.changed, self.free = self._hidden_change(number)
+        self.goals = strokes.paint(self.before, shot.picture(SEED), RUNS[number], self.rng)
         shot.judge.put_back()
 
     def _add_lights(self):
@@ -84,28 +96,38 @@ class Shown:
         return {name: float(picture.mean()) for name, picture in relit["lights"].items()}
 
     def _hidden_change(self, number):
-        """Changes lights that matter in the open file; their names."""
+        """Changes lights that matter in the open file; their names, and what may change of each light."""
         shares = self._shares()
         total = sum(shares.values())
         able = sorted(name for name, share in shares.items() if share >= LEAST_SHARE * total)
         self.rng.shuffle(able)
-        move = MOVE * math.dist(self.space["min"], self.space["max"])
         first, second = able[0], able[1 % len(able)]
-        if number == 0 or number > 1 and self.rng.random() < 0.5:
-            self.shot.judge.change(name=first, gain=2.0, move=[0.0, 0.0, 0.0])
-            return [first]
+        change, names = self.shot.judge.change, [light["name"] for light in self.lights]
+        if number == 0:
+            change(name=first, gain=2.0)
+            return [first], {name: ["strength"] for name in names}
+        if number == 2:
+            change(name=first, tint=tint(MIREDS))
+            if second != first:
+                change(name=second, tint=tint(-MIREDS))
+            return sorted({first, second}), {name: ["strength", "color"] for name in names}
+        if number == 1:
+            change(name=first, gain=0.5)
+        change(name=second, move=self._move())
+        changed = sorted({first, second}) if number == 1 else [second]
+        free = {name: ["strength"] for name in names}
+        return changed, free | {name: ["strength", "position"] for name in changed}
+
+    def _move(self):
         direction = [self.rng.gauss(0, 1) for _ in "xyz"]
-        length = math.hypot(*direction)
-        self.shot.judge.change(name=first, gain=0.5, move=[0.0, 0.0, 0.0])
-        self.shot.judge.change(name=second, gain=1.0, move=[move * value / length for value in direction])
-        return sorted({first, second})
+        length = MOVE * math.dist(self.space["min"], self.space["max"]) / math.hypot(*direction)
+        return [length * value for value in direction]
 
     def request(self):
-        """What `relume.solve` is asked for."""
-        free = {light["name"]: ["strength"] for light in self.lights}
-        free |= {name: ["strength", "position"] for name in self.changed if name in free}
-        goals = [goal for goal, _ in self.goals]
-        return {"lights": self.lights, "free": free, "goals": goals, "remove": False, "starts": STARTS, "seed": 0}
+        """What the add-on would ask `relume.solve` for, with its defaults."""
+        shown = {"lights": self.lights, "gains": {}, "world": [1.0] * 3, "static": [1.0] * 3}
+        wish = Wish(self.free, [goal for goal, _ in self.goals], starts=STARTS, steps=self.shot.args.steps)
+        return solver_request(shown, wish)
 
     def measure(self):
         """Solves, writes back, renders and measures each stroke."""
@@ -119,10 +141,10 @@ class Shown:
                 "method": "-",
                 "note": "the hidden change shows nowhere",
             }
-        result = self.shot.solve(self.request())
+        request = self.request()
+        result = self.shot.solve(request)
         judge = self.shot.judge
-        judge.set(lights=result["blender"])
-        judge.remove(names=result["removed"])
+        judge.apply(answer=result, asked=request["lights"])
         with tempfile.TemporaryDirectory() as folder:
             path = str(Path(folder) / "solved.blend")
             judge.save(path=path)
@@ -130,7 +152,7 @@ class Shown:
             after = self.shot.picture(SEED)
         said = {row["number"]: row for row in result["report"]}
         found = [
-            verdict(goal, known, strokes.change(self.before, after, goal["where"]), said.get(number))
+            verdict(goal, known, self.before, after, said.get(number))
             for number, (goal, known) in enumerate(self.goals)
         ]
         return {
@@ -143,28 +165,33 @@ class Shown:
         }
 
 
-def verdict(goal, known, ratio, said):
+def tint(mireds):
+    """Factors of a colour that make it warmer by so much and leave its luminance of white."""
+    half = 0.5 * strokes.RATIO_PER_MIRED * mireds
+    color = [math.exp(half), 1.0, math.exp(-half)]
+    brightness = sum(weight * channel for weight, channel in zip(strokes.LUMINANCE, color, strict=True))
+    return [channel / brightness for channel in color]
+
+
+def verdict(goal, known, before, after, said):
     """One stroke: asked, done by the hidden change, by what was found (Cycles), and by what was found as it is said."""
-    if goal["goal"] == "keep":
-        values = {"asked": 0.0, "known": known - 1.0, "reached": ratio - 1.0, "met": abs(ratio - 1.0) < KEEP_LIMIT}
-    else:
-        sign = 1.0 if goal["goal"] == "brighter" else -1.0
-        reached = sign * math.log2(ratio)
-        values = {"asked": goal["stops"], "known": sign * math.log2(known), "reached": reached}
-        values["met"] = reached >= goal["stops"]
-    said_reached = None if said is None else said["reached"] * (-1.0 if goal["goal"] == "darker" else 1.0)
-    return {"goal": goal["goal"], **values, "said": said_reached}
+    kind = goal["goal"]
+    reached = strokes.done_within(kind, before, after, goal["where"])
+    asked = 0.0 if kind == "keep" else goal[strokes.UNITS[kind]]
+    said_reached = None if said is None else said["reached"] * (-1.0 if kind in {"darker", "shadow", "cooler"} else 1.0)
+    met = reached < KEEP_LIMIT if kind == "keep" else reached >= asked
+    return {"goal": kind, "asked": asked, "known": known, "reached": reached, "met": met, "said": said_reached}
 
 
 def lines(record):
     """A line for each stroke."""
     texts = []
     for found in record["strokes"]:
-        unit = "(relative)" if found["goal"] == "keep" else "stops"
+        unit = strokes.UNITS.get(found["goal"], "(relative)")
         said = "-" if found["said"] is None else f"{found['said']:.3f}"
         texts.append(
-            f"  {record['scene']:12} run {record['run']}  {found['goal']:8} asked {found['asked']:6.3f}"
-            f"  known answer {found['known']:6.3f}  reached {found['reached']:6.3f} {unit:10} (the solver says {said})"
+            f"  {record['scene']:12} run {record['run']}  {found['goal']:8} asked {found['asked']:7.3f}"
+            f"  known answer {found['known']:7.3f}  reached {found['reached']:7.3f} {unit:10} (the solver says {said})"
             f"  {'met' if found['met'] else 'MISSED'}"
         )
     return "\n".join(texts) or f"  {record['scene']:12} run {record['run']}  {record['note']}"

@@ -9,13 +9,16 @@ import math
 import numpy as np
 
 BLOCK = 8
-CHANGED = 0.2
-"""Stops; what changes by less is not painted as brighter or darker."""
-KEPT = 0.005
-"""Relative; what the known change leaves within this may be painted as keep."""
+CHANGED = {"brighter": 0.2, "darker": 0.2, "shadow": 0.2, "warmer": 15.0, "cooler": 15.0}
+"""Stops and mireds; what changes by less is not painted."""
+UNITS = {"brighter": "stops", "darker": "stops", "shadow": "stops", "warmer": "mireds", "cooler": "mireds"}
+KEPT = 0.01
+"""Relative, of all channels; what the known change leaves within this may be painted as keep."""
 ASKED_SHARE = 0.8
 """Of what the known change does on average along a stroke, so that the known answer meets what is asked."""
 LUMINANCE = (0.2126, 0.7152, 0.0722)
+RATIO_PER_MIRED = 0.00769
+"""Of ln(red / blue), as the solver counts it (`rust/optimise/src/goal.rs`)."""
 LONGEST = 6
 """Blocks a stroke runs through."""
 
@@ -25,32 +28,41 @@ def luminance(picture):
     return picture @ np.array(LUMINANCE, np.float32)
 
 
-def blocks(values):
+def blocks(picture):
     """Means over whole blocks."""
-    height, width = (size // BLOCK for size in values.shape)
-    return values[: height * BLOCK, : width * BLOCK].reshape(height, BLOCK, width, BLOCK).mean(axis=(1, 3))
+    height, width = (size // BLOCK for size in picture.shape[:2])
+    whole = picture[: height * BLOCK, : width * BLOCK]
+    return whole.reshape(height, BLOCK, width, BLOCK, 3).mean(axis=(1, 3))
 
 
-def paint(before, after, rng):
-    """Goals for `relume.solve`: at most one stroke of each meaning, and the known change along each."""
-    old, new = blocks(luminance(before)), blocks(luminance(after))
-    bright_enough = old > 0.02 * old.mean()
-    stops = np.where(bright_enough, np.log2(np.maximum(new, 1e-9) / np.maximum(old, 1e-9)), 0.0)
-    steady = bright_enough & (np.abs(new / np.maximum(old, 1e-9) - 1.0) < KEPT)
-    kinds = {
-        "brighter": stops > max(CHANGED, 0.5 * stops.max()),
-        "darker": stops < min(-CHANGED, 0.5 * stops.min()),
-        "keep": steady,
-    }
+def done(kind, before, after):
+    """What became of colours [..., 3] in the unit of a goal: stops or mireds as asked for, or for what is kept the share
+    that changed."""
+    before, after = np.maximum(before, 1e-9), np.maximum(after, 1e-9)
+    if kind == "keep":
+        return np.abs(after - before).sum(axis=-1) / before.sum(axis=-1)
+    if UNITS[kind] == "stops":
+        stops = np.log2(luminance(after) / luminance(before))
+        return stops if kind == "brighter" else -stops
+    warmth = np.log(after[..., 0] / after[..., 2]) - np.log(before[..., 0] / before[..., 2])
+    return (warmth if kind == "warmer" else -warmth) / RATIO_PER_MIRED
+
+
+def paint(before, after, kinds, rng):
+    """Goals for `relume.solve`: at most one stroke of each kind, and what the known change does along each."""
+    old, new = blocks(before), blocks(after)
+    bright_enough = luminance(old) > 0.02 * luminance(old).mean()
     goals = []
-    for kind, where in kinds.items():
+    for kind in kinds:
+        change = np.where(bright_enough, done(kind, old, new), np.inf if kind == "keep" else 0.0)
+        where = change < KEPT if kind == "keep" else change > max(CHANGED[kind], 0.5 * change.max())
         if not where.any():
             continue
-        where_painted = {"strokes": [stroke(where, before.shape, rng)]}
-        known = change(before, after, where_painted)
-        goal = {"goal": kind, "where": where_painted}
+        place = {"strokes": [stroke(where, before.shape, rng)]}
+        known = done_within(kind, before, after, place)
+        goal = {"goal": kind, "where": place}
         if kind != "keep":
-            goal["stops"] = round(ASKED_SHARE * abs(math.log2(known)), 3)
+            goal[UNITS[kind]] = round(ASKED_SHARE * known, 3)
         goals.append((goal, known))
     return goals
 
@@ -90,7 +102,7 @@ def mask(region, shape):
     return inside
 
 
-def change(before, after, region):
-    """Ratio of the mean luminances within a region."""
+def done_within(kind, before, after, region):
+    """`done` to the mean colour within a region."""
     inside = mask(region, before.shape)
-    return float(luminance(after)[inside].mean() / luminance(before)[inside].mean())
+    return float(done(kind, before[inside].mean(axis=0), after[inside].mean(axis=0)))
