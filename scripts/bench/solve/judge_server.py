@@ -110,8 +110,8 @@ class Judge:
         remove([obj for obj in self.lights() if obj.name in names])
 
     def apply(self, answer, asked):
-        """Writes the answer of `relume.solve` to the lights as *Apply* of the add-on does; `asked` are the lights of the
-        request."""
+        """Writes the answer of `relume.solve` to the lights as *Apply* of the add-on does; `asked` are the lights that
+        the request had."""
         present = {name_of(obj): light_state(obj) for obj in self.lights()}
         states = solved(answer, present, self.describe(), asked).states
         made = new_lights.make(self.scene, [state for state in states if state.get("added")])

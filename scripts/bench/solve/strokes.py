@@ -4,8 +4,6 @@ Regions are found in block means of the picture, so that noise does not make the
 blocks that lie side by side.
 """
 
-import math
-
 import numpy as np
 
 BLOCK = 8
@@ -36,8 +34,8 @@ def blocks(picture):
 
 
 def done(kind, before, after):
-    """What became of colours [..., 3] in the unit of a goal: stops or mireds as asked for, or for what is kept the share
-    that changed."""
+    """What became of colours [..., 3] in the unit of a goal: stops or mireds as asked for, or the share that changed of
+    what is kept."""
     before, after = np.maximum(before, 1e-9), np.maximum(after, 1e-9)
     if kind == "keep":
         return np.abs(after - before).sum(axis=-1) / before.sum(axis=-1)
