@@ -88,7 +88,7 @@ pub fn first_picture(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
 /// The strength of a light dragged among others that are known: all are summed up anew, and one picture comes back, which is the
 /// limit.
 pub fn edit(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
-    let (width, height) = if gpu.summary().software { (177, 100) } else { PICTURE };
+    let (width, height) = if gpu.summary().software { (88, 50) } else { PICTURE };
     let (seconds, bytes) = live_bench::strength_edit(gpu, (width, height))?;
     let name = format!("strength of one of {} lights dragged, {width} x {height}", live_bench::LIGHTS);
     let [_, read] = gpu.transfers()?;

@@ -240,14 +240,14 @@ mod tests {
     #[test]
     fn parts_of_a_gpu_are_kept_one_by_one_with_adapter_and_date() {
         let compute = Device::Gpu(GpuChoice::Best).open(None).unwrap();
-        let only = ["device".to_owned(), "first-picture".to_owned()];
+        let only = ["device", "first-picture", "edit"].map(str::to_owned);
         let mut kept = Vec::new();
         let keep = &mut |records: &[Record]| {
             kept.push(records.to_vec());
             Ok(())
         };
         let records = bench(&compute, &only, keep, &Monitor::default()).unwrap();
-        assert_eq!(kept.len(), 2);
+        assert_eq!(kept.len(), 3);
         assert_eq!(kept.concat(), records);
         let adapter = compute.gpu.as_ref().map(|gpu| gpu.summary().name.clone());
         assert!(records.iter().all(|record| record.adapter == adapter && record.date == today()));

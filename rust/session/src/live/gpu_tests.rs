@@ -1,7 +1,7 @@
 //! Units that stay on the GPU give the pictures of those on the CPU, and little is copied from there.
 
 use super::LiveRequest;
-use super::bench::{Shot, boxed, bulbs, dragged, still};
+use super::bench::{LIGHTS, Shot, boxed, bulbs, dragged, still, strength_edit};
 use crate::{Compute, Maker};
 use relume_dump::Dump;
 use relume_gpu::{Gpu, GpuChoice};
@@ -91,6 +91,13 @@ fn an_edit_copies_one_picture_however_many_lights_there_are() {
     shot.paint(dragged(&lights)).unwrap();
     assert_eq!(gpu.bytes_read() - before, (1 + shot.denoised()) * PICTURE);
     assert!(shot.warnings().is_empty());
+}
+
+#[test]
+fn the_edit_that_is_timed_copies_one_picture() {
+    let (seconds, bytes) = strength_edit(&gpu(), SIZE).unwrap();
+    println!("{} lights: {:.2} ms", LIGHTS, 1e3 * seconds);
+    assert_eq!(bytes, PICTURE as f64);
 }
 
 #[test]
