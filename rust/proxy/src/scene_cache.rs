@@ -38,7 +38,7 @@ pub(crate) const AUX_PAPER: usize = 7;
 pub(crate) const SURFACE: usize = 12;
 /// First row of that factor.
 pub(crate) const FACTOR: usize = 9;
-/// Values of a pixel: what enters the networks, then its surface.
+/// Values of a pixel: what enters the networks, then its surface; as in `train/store.wgsl`.
 pub(crate) const PIXEL_ROW: usize = AUX + SURFACE;
 /// Added to the albedo in that factor, for what black surfaces mirror.
 const MIRRORED: f32 = 0.1;

@@ -73,7 +73,7 @@ impl Store {
     pub fn write_pixels(&self, gpu: &Gpu, first: usize, pixels: &[u32]) {
         let first = first * CHUNK / self.slots;
         gpu.write(&self.pixels, first, pixels);
-        gpu.write(&self.scene, first * PIXEL_ROW, &self.cache.rows(pixels).as_flattened());
+        gpu.write(&self.scene, first * PIXEL_ROW, self.cache.rows(pixels).as_flattened());
     }
 
     /// The row of a light whose samples weigh this much, for outputs of this scale.
