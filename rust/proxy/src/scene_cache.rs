@@ -38,6 +38,8 @@ pub(crate) const AUX_PAPER: usize = 7;
 pub(crate) const SURFACE: usize = 12;
 /// First row of that factor.
 pub(crate) const FACTOR: usize = 9;
+/// Values of a pixel: what enters the networks, then its surface; as in `train/store.wgsl`.
+pub(crate) const PIXEL_ROW: usize = AUX + SURFACE;
 /// Added to the albedo in that factor, for what black surfaces mirror.
 const MIRRORED: f32 = 0.1;
 
@@ -45,28 +47,25 @@ const MIRRORED: f32 = 0.1;
 #[derive(Clone, Debug)]
 pub(crate) struct SceneCache {
     pub normalisation: Normalisation,
-    aux: Vec<[f32; AUX]>,
-    surfaces: Vec<[f32; SURFACE]>,
+    rows: Vec<[f32; PIXEL_ROW]>,
 }
 
 impl SceneCache {
     /// Normalises all pixels.
     pub fn new(features: &PixelFeatures, normalisation: Normalisation) -> Self {
-        let rows = (0..features.pixel_count()).map(|i| pixel_rows(features, &normalisation, i));
-        let (aux, surfaces) = rows.unzip();
-        Self { normalisation, aux, surfaces }
+        let row = |i| pixel_row(features, &normalisation, i);
+        Self { normalisation, rows: (0..features.pixel_count()).map(row).collect() }
     }
 
-    /// Aux inputs and surfaces of some pixels, for the device.
-    pub fn rows(&self, pixels: &[u32]) -> Vec<f32> {
-        let row = |&pixel: &u32| self.aux[pixel as usize].iter().chain(&self.surfaces[pixel as usize]);
-        pixels.iter().flat_map(row).copied().collect()
+    /// What is known of some pixels, for the device.
+    pub fn rows(&self, pixels: &[u32]) -> Vec<[f32; PIXEL_ROW]> {
+        pixels.iter().map(|&pixel| self.rows[pixel as usize]).collect()
     }
 
     /// Writes the first `rows` aux inputs of some pixels into a tile.
     pub fn aux_tile(&self, pixels: &[u32], rows: usize, out: &mut [f32]) {
         for (lane, &pixel) in pixels.iter().enumerate() {
-            for (row, value) in self.aux[pixel as usize][..rows].iter().enumerate() {
+            for (row, value) in self.rows[pixel as usize][..rows].iter().enumerate() {
                 out[row * LANES + lane] = *value;
             }
         }
@@ -75,7 +74,7 @@ impl SceneCache {
     /// Writes the surfaces of some pixels into a tile of [`SURFACE`] rows.
     pub fn surface_tile(&self, pixels: &[u32], out: &mut [f32]) {
         for (lane, &pixel) in pixels.iter().enumerate() {
-            for (row, value) in self.surfaces[pixel as usize].iter().enumerate() {
+            for (row, value) in self.rows[pixel as usize][AUX..].iter().enumerate() {
                 out[row * LANES + lane] = *value;
             }
         }
@@ -97,24 +96,24 @@ pub(crate) fn surface_lanes(tile: &[f32], lane: usize) -> Surface<Lanes> {
     }
 }
 
-fn pixel_rows(features: &PixelFeatures, n: &Normalisation, i: usize) -> ([f32; AUX], [f32; SURFACE]) {
+fn pixel_row(features: &PixelFeatures, n: &Normalisation, i: usize) -> [f32; PIXEL_ROW] {
     let normal = Vec3::from(features.normal[i]);
     let wo = Vec3::from(features.wo[i]);
     let position = (Vec3::from(features.position[i]) - Vec3::from(n.center)) / n.scale;
     let mirror = if normal == Vec3::ZERO { -wo } else { 2.0 * normal.dot(wo) * normal - wo };
     let depth = features.depth[i].max(0.0);
-    let mut aux = [0.0; AUX];
+    let mut row = [0.0; PIXEL_ROW];
+    let (aux, surface) = row.split_at_mut(AUX);
     aux[..3].copy_from_slice(&features.albedo[i]);
     aux[3..6].copy_from_slice(&features.normal[i]);
     aux[6] = depth / (depth + n.depth);
     aux[7..10].copy_from_slice(&squashed(position));
     aux[10..].copy_from_slice(&features.wo[i]);
-    let mut surface = [0.0; SURFACE];
     let factor = Vec3::from(features.albedo[i]).clamp(Vec3::ZERO, Vec3::ONE) + MIRRORED;
     for (to, from) in surface.chunks_exact_mut(3).zip([position, normal, mirror, factor]) {
         to.copy_from_slice(&from.to_array());
     }
-    (aux, surface)
+    row
 }
 
 /// Keeps far background points from swamping the input: the identity near 0, bounded by 2.

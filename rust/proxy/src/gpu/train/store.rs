@@ -8,10 +8,9 @@ use crate::encoding::{LightEncoding, OutputScale};
 use crate::gradient::Batch;
 use crate::loss::TILE;
 use crate::network::{CHUNK, CHUNK_TILES};
-use crate::scene_cache::{AUX, Normalisation, SURFACE, SceneCache};
+use crate::scene_cache::{Normalisation, PIXEL_ROW, SceneCache};
 
-/// Values of a pixel and of a light, as in `train/store.wgsl`.
-const PIXEL_ROW: usize = AUX + SURFACE;
+/// Values of a light, as in `train/store.wgsl`.
 pub(super) const LIGHT_ROW: usize = 49;
 const LIGHT_WEIGHT: usize = 9;
 const LIGHT_INVERSE_SCALE: usize = 10;
@@ -74,7 +73,7 @@ impl Store {
     pub fn write_pixels(&self, gpu: &Gpu, first: usize, pixels: &[u32]) {
         let first = first * CHUNK / self.slots;
         gpu.write(&self.pixels, first, pixels);
-        gpu.write(&self.scene, first * PIXEL_ROW, &self.cache.rows(pixels));
+        gpu.write(&self.scene, first * PIXEL_ROW, self.cache.rows(pixels).as_flattened());
     }
 
     /// The row of a light whose samples weigh this much, for outputs of this scale.
