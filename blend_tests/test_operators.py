@@ -1,6 +1,7 @@
 """Operators are shims: each does what its function does, in a scene of its own from the same beginning."""
 
 import json
+import time
 from copy import deepcopy
 
 import bpy
@@ -106,13 +107,21 @@ def state(scene, folder):
             "pair": pair and (pair.labels, np.array(pair.a.image).tolist(), pair.b is None),
             "compares": compare.running(scene) is not None,
             "solves": solving.running(scene) is not None,
-            "asked": [(live.arguments, live.calls, live.requests, live.state) for live in FakeLive.made],
+            "asked": [(live.arguments, live.calls, live.requests[-1:], live.state) for live in FakeLive.made],
             "shot": found and (str(found.folder), found.camera, found.status),
             "images": sorted(image.name for image in bpy.data.images),
             "files": sorted(path.name for path in folder.rglob("*.json") if path.parent.name != "bake"),
             "said": preferences._said,
         }
     )
+
+
+def rest():
+    """Until the picture after the last edit is asked for, which comes a moment later."""
+    handlers.tick()
+    while handlers._resting and shot.all_open():
+        time.sleep(0.01)
+        handlers.tick()
 
 
 def without_shot(scene):
@@ -225,10 +234,11 @@ def test_an_operator_does_what_its_function_does(room, tmp_path, name):
             looks.export_file(looks.active_look(scene).look(), looks_file)
         (tmp_path / "out.json").unlink(missing_ok=True)
         prepare(scene)
+        rest()
         before = state(scene, tmp_path)
         work(scene)
         update()
-        handlers.tick()
+        rest()
         return before, state(scene, tmp_path)
 
     def operate(_scene):

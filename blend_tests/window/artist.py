@@ -180,9 +180,8 @@ class Artist:
 
     # Looking closely
 
-    def compare_with_display(self, name, exr=None):
-        """The overlay's pixels against Blender's own display of the same picture's EXR; by default one of the newest
-        frame."""
+    def compare_with_display(self, name):
+        """The overlay's pixels against Blender's own display of the same picture, saved as EXR."""
         driver, space = self.driver, self.driver.view.spaces.active
         switches = {
             (owner, name): getattr(owner, name)
@@ -195,9 +194,8 @@ class Artist:
         yield from driver.until(lambda: view_table.is_complete(self.scene), "the table of the view transform", 300)
         yield from driver.drawn()
         photo = driver.photo(name)
-        if exr is None:
-            exr = driver.scratch / "shown.exr"
-            write_exr(exr, self.picture())
+        exr = driver.scratch / "shown.exr"
+        write_exr(exr, self.picture())
         wanted = yield from in_image_editor(driver, exr, f"{name}-exr")
         shown, wanted = self._frame_on_screen(photo, np.round(wanted[::-1] * 255).astype(np.uint8))
         error = np.abs(shown.astype(int) - wanted.astype(int))

@@ -1,13 +1,17 @@
 """How soon an artist sees something: seconds and milliseconds of a live shot, without Blender's drawing. In a Python
-that has `bpy` and `relume`: one JSON line with records on standard output.
+that has `bpy` and `relume`: one JSON line with records on standard output. With --keep also a file of this machine in
+docs/bench/live, a record on each line.
 """
 
 import argparse
 import json
+import os
+import platform
 import statistics
 import sys
 import tempfile
 import time
+from datetime import UTC, datetime
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -20,6 +24,7 @@ from addon.engine.scene import load_scene  # noqa: E402
 from addon.export import ExportOptions, trace_settings  # noqa: E402
 
 REPEATS = 9
+KEPT = ROOT / "docs" / "bench" / "live"
 
 
 class Shot:
@@ -69,6 +74,26 @@ class Shot:
         return took
 
 
+def processor():
+    """Its name, where the system tells."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(named, platform.processor() or platform.machine())
+
+
+def keep(records, machine, others):
+    """Keeps the figures of a machine. `others`: how many other threads wanted its cores on average when it began."""
+    about = {
+        "machine": f"{processor()}, {os.cpu_count()} cores",
+        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M"),
+        "others": round(others, 1),
+    }
+    KEPT.mkdir(parents=True, exist_ok=True)
+    lines = ",\n".join(json.dumps(record | about) for record in records)
+    (KEPT / f"{machine}.json").write_text(f"[\n{lines}\n]\n")
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("blend", type=Path)
@@ -77,7 +102,9 @@ def main():
     parser.add_argument("--samples", type=int, default=16)
     parser.add_argument("--train-seconds", type=float, default=5.0, help="quality does not matter here")
     parser.add_argument("--device", default="cpu", help="cpu, gpu or a part of a GPU's name, as in `relume devices`")
+    parser.add_argument("--keep", metavar="MACHINE", help="name of this machine in docs/bench/live")
     args = parser.parse_args()
+    others = os.getloadavg()[0]
     bpy.ops.wm.open_mainfile(filepath=str(args.blend))
     label = f"{args.blend.stem}, {args.width} x {args.height}"
     # Of a light that moves: issue 4, "Times in a benchmark".
@@ -107,7 +134,10 @@ def main():
             drags = [shot.drag(maker, scale, **{"with": source}) for _ in range(REPEATS)]
             record(f"one light moved, {words}", statistics.median(drags), "ms", goal, scale=scale)
         shot.live.close(wait_seconds=10)
-    print(json.dumps({"records": [record | {"device": device} for record in records]}), flush=True)
+    records = [record | {"device": device} for record in records]
+    print(json.dumps({"records": records}), flush=True)
+    if args.keep:
+        keep(records, args.keep, others)
 
 
 if __name__ == "__main__":
