@@ -43,7 +43,7 @@ class Wish:
     free: dict[str, list[str]]
     """By the name of a light, or WORLD: what may change of it."""
     goals: list[dict[str, Any]]
-    keep_rest: float = 0.02
+    keep_rest: float = 0.01
     stay: float = 0.0
     box: tuple[Sequence[float], Sequence[float]] | None = None
     """Lower and upper corner, metres, of where lights may go; None for what the camera sees."""

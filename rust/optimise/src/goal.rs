@@ -58,8 +58,8 @@ impl Goal {
 const STOP: f32 = 0.173;
 /// What an excess of a single cell counts where at least so much was asked for.
 const EXCESS: f32 = 0.3;
-/// Stops by which more is done than asked for: a dump and a render differ by a percent or two, and what is to be kept draws back.
-const MARGIN: f32 = 0.03;
+/// Stops by which more is done than asked for: a dump and a render differ by a percent or two.
+const MARGIN: f32 = 0.02;
 /// Added to exposed values under a logarithm or a quotient: a fiftieth of the mean.
 const FLOOR: f32 = 0.01;
 /// What a difference of colour ratios counts beside one of tonemapped values.
