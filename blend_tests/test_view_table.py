@@ -32,6 +32,16 @@ def test_the_table_colours_as_blender_does(scene, name):
     assert error.mean() <= 1.0 and np.percentile(error, 99) <= 3.0
 
 
+@pytest.mark.skipif(bpy.app.version < (5, 0, 0), reason="files choose their working space from Blender 5.0 on")
+@pytest.mark.parametrize("name", ["AgX", "Standard", "Standard, exposure and gamma"])
+def test_a_view_in_another_working_space_colours_as_blender_does(scene, name):
+    bpy.ops.wm.set_working_color_space(working_space="ACEScg", convert_colors=False)
+    VIEWS[name](scene)
+    colors = some_colors()
+    error = np.abs(view_table.complete(scene).apply(colors) - displayed(scene, colors)) * 255
+    assert error.mean() <= 1.0 and np.percentile(error, 99) <= 3.0, (error.mean(), np.percentile(error, 99))
+
+
 @pytest.mark.parametrize("name", ["AgX", "Filmic", "Khronos"])
 def test_lamps_and_highlights_keep_their_colour(scene, name):
     VIEWS[name](scene)

@@ -30,12 +30,17 @@ _entries = FEWEST_ENTRIES
 """How many colours SLICE_SECONDS are enough for, by the slice before."""
 
 
-def is_srgb_curve(scene: bpy.types.Scene) -> bool:
-    """Whether the view is the sRGB curve after exposure and before gamma, for which the formula is exact."""
+def is_srgb_view(scene: bpy.types.Scene) -> bool:
+    """Whether the view is the sRGB curve of Linear Rec.709, after exposure and before gamma, for which the formula is exact."""
     view = scene.view_settings
     plain = view.view_transform == "Standard" and view.look == "None" and not view.use_curve_mapping
     balanced = not getattr(view, "use_white_balance", False)
-    return plain and balanced and working_space() == LINEAR_REC709 and scene.display_settings.display_device == "sRGB"
+    return plain and balanced and scene.display_settings.display_device == "sRGB"
+
+
+def is_srgb_curve(scene: bpy.types.Scene) -> bool:
+    """Whether the view is the sRGB curve of the file's scene-linear values themselves."""
+    return is_srgb_view(scene) and working_space() == LINEAR_REC709
 
 
 def is_standard(scene: bpy.types.Scene) -> bool:

@@ -102,6 +102,7 @@ def draw(what: Show, view: View) -> None:
             ("gain", what.gain),
             ("scale", view.scale),
             ("exponent", view.exponent),
+            *zip(shader.ROWS, ((*row, 0.0) for row in view.to_rec709.tolist()), strict=True),
         ):
             program.shader.uniform_float(name, number)
         program.shader.uniform_int("mode", what.mode)

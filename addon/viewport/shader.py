@@ -78,7 +78,7 @@ vec4 filtered(bool is_first, vec2 at)
 
 float srgb_from_linear(float x)
 {
-  x = min(x, 1.0);
+  x = clamp(x, 0.0, 1.0);
   return x <= 0.0031308 ? 12.92 * x : 1.055 * pow(x, 1.0 / 2.4) - 0.055;
 }
 
@@ -116,6 +116,7 @@ vec4 displayed(vec4 pixel)
     }
     return vec4(color, pixel.a);
   }
+  color = vec3(dot(to_red.rgb, color), dot(to_green.rgb, color), dot(to_blue.rgb, color));
   color = vec3(srgb_from_linear(color.r), srgb_from_linear(color.g), srgb_from_linear(color.b));
   return vec4(exponent == 1.0 ? color : pow(color, vec3(exponent)), pixel.a);
 }
@@ -150,6 +151,8 @@ void main()
 )
 
 ENCODING_ENTRIES = LEVELS
+ROWS = ("to_red", "to_green", "to_blue")
+"""Rows of `View.to_rec709`, with an unused fourth value: push constants are aligned so."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +169,7 @@ def show(one_to_one: bool) -> Program:
 
     Samplers `first`, `second`, `levels` (`texture.of_levels`) and `table` (`view_table`). Constants `frame` and
     `drawn` (rectangles) and `split` in pixels of the `region`; `mode`: 0 first left of the split, SPLIT, DIFFERENCE;
-    `opacity`; `gain` of the difference; `scale`, `exponent` of the view; `use_table`: 1 it has one, 2 of places in
+    `opacity`; `gain` of the difference; `scale`, `exponent` and `ROWS` of the view; `use_table`: 1 it has one, 2 of places in
     `levels`.
     """
     info = gpu.types.GPUShaderCreateInfo()
@@ -175,7 +178,7 @@ def show(one_to_one: bool) -> Program:
     info.sampler(2, "FLOAT_1D", "levels")
     info.sampler(3, "FLOAT_3D", "table")
     for kind, names in (
-        ("VEC4", ("frame", "drawn")),
+        ("VEC4", ("frame", "drawn", *ROWS)),
         ("VEC2", ("region",)),
         ("FLOAT", ("split", "opacity", "gain", "scale", "exponent")),
         ("INT", ("mode", "use_table")),

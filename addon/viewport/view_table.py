@@ -9,13 +9,14 @@ view that jumps from one colour to the next the table holds places in a list of 
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import bpy
 import numpy as np
 
-from ..export.view_transform import SHAPER_MIN, SHAPER_OFFSET, displayed_in_slices, is_srgb_curve, shaper_axis, view_key
+from ..export.view_transform import SHAPER_MIN, SHAPER_OFFSET, displayed_in_slices, is_srgb_view, shaper_axis, view_key
+from ..export.working_space import rec709_from_scene_linear
 from . import false_color
 
 LOG_MAX = 10.0
@@ -37,7 +38,7 @@ _shown: dict[int, Table] = {}
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Display colour = `table(color * scale)`, or the sRGB curve of it `** exponent` where there is no table."""
+    """Display colour = `table(color * scale)`; where there is no table, the sRGB curve of it in Rec.709 `** exponent`."""
 
     table: np.ndarray | None
     """[blue, green, red, 4], entries spaced as `export.view_transform.shaper_axis` up to LOG_MAX."""
@@ -45,12 +46,14 @@ class View:
     exponent: float
     levels: np.ndarray | None = None
     """Display colours [LEVELS, 3] of which the table holds the places, 0..1, where the view jumps between them."""
+    to_rec709: np.ndarray = field(default_factory=lambda: np.eye(3, dtype=np.float32))
+    """Matrix [3, 3] from scene-linear; used where there is no table."""
 
     def apply(self, colors: np.ndarray) -> np.ndarray:
         """Display colours, 0..1, of opaque scene-linear ones, [..., 3]."""
         scaled = np.maximum(np.nan_to_num(colors, posinf=1e30) * self.scale, 0.0)
         if self.table is None:
-            return srgb_from_linear(scaled) ** self.exponent
+            return srgb_from_linear(scaled @ self.to_rec709.T) ** self.exponent
         found = _sample(self.table, scaled)
         return found if self.levels is None else false_color.look_up(self.levels, found[..., 0])
 
@@ -64,8 +67,9 @@ def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
 def of(scene: bpy.types.Scene) -> View | None:
     """The view of a scene as far as it is known; None until `work` has made its first table. Costs nothing."""
     settings = scene.view_settings
-    if is_srgb_curve(scene):
-        return View(None, 2.0**settings.exposure, 1.0 / max(settings.gamma, 1e-6))
+    if is_srgb_view(scene):
+        exponent = 1.0 / max(settings.gamma, 1e-6)
+        return View(None, 2.0**settings.exposure, exponent, to_rec709=rec709_from_scene_linear())
     table = _tables.get(_key(scene, FINE))
     if table is None:
         table = _tables.get(_key(scene, COARSE))
@@ -80,7 +84,7 @@ def of(scene: bpy.types.Scene) -> View | None:
 
 def is_complete(scene: bpy.types.Scene) -> bool:
     """Whether there is nothing left to do for `work`."""
-    return is_srgb_curve(scene) or _key(scene, FINE) in _tables
+    return is_srgb_view(scene) or _key(scene, FINE) in _tables
 
 
 def work(scene: bpy.types.Scene) -> bool:

@@ -149,7 +149,7 @@ VIEWS = {
 }
 """`curves`: a point for each of some of the curves red, green, blue and all of them together."""
 HIGH_CONTRAST = {"view_transform": "AgX", "look": "AgX - High Contrast", "exposure": -0.8}
-SOME_VIEWS = {"AgX high contrast": HIGH_CONTRAST}
+SOME_VIEWS = {"Standard darker": VIEWS["Standard darker"], "AgX high contrast": HIGH_CONTRAST}
 """In another working space."""
 
 
