@@ -274,7 +274,7 @@ fn a_rebake_looks_for_lights_that_have_moved() {
         let number = live.relight(request(&[small(x)]));
         live.bake(room(24, 16), settings(8), 0.0, anew).unwrap();
         state(&live, LiveState::Ready);
-        assert_eq!(settled(&live, number).shown.samples, 8);
+        wait("a picture of all samples", || (settled(&live, number).shown.samples == 8).then_some(()));
         (shards(), live.status().warnings)
     };
     let (first, warnings) = rebaked(-0.6, false);
