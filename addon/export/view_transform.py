@@ -31,7 +31,7 @@ _entries = FEWEST_ENTRIES
 
 
 def is_srgb_view(scene: bpy.types.Scene) -> bool:
-    """Whether the view is the sRGB curve of Linear Rec.709, after exposure and before gamma, for which the formula is exact."""
+    """Whether the view is the sRGB curve of Linear Rec.709, after exposure and before gamma: a formula is exact."""
     view = scene.view_settings
     plain = view.view_transform == "Standard" and view.look == "None" and not view.use_curve_mapping
     balanced = not getattr(view, "use_white_balance", False)

@@ -38,7 +38,7 @@ _shown: dict[int, Table] = {}
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Display colour = `table(color * scale)`; where there is no table, the sRGB curve of it in Rec.709 `** exponent`."""
+    """Display colour = `table(color * scale)`, or without a table the sRGB curve of it in Rec.709 `** exponent`."""
 
     table: np.ndarray | None
     """[blue, green, red, 4], entries spaced as `export.view_transform.shaper_axis` up to LOG_MAX."""

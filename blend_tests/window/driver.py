@@ -286,20 +286,25 @@ class Driver:
         # Away from what the mouse is on now: Blender notices a move only when it comes to it.
         yield from self.move_mouse(0, 0)
         yield from self.wait(10 * INTERVAL)
-        seen = []
         # Twice, as what has just grown lets itself be scrolled only when it was drawn.
-        for scroll in 2 * (-100_000, *[region.height // 2] * 3):
-            yield from self.scroll_tab(scroll)
-            for y in range(region.y + region.height - ROW_PIXELS, region.y, -ROW_PIXELS):
-                yield from self.move_mouse(region.x + across * region.width, y)
-                seen.append(self._button_under_mouse())
-                # A window that draws slowly may still tell of the place before.
-                for place in (y, y + ROW_PIXELS) if what in seen[-1] else ():
-                    yield from self.move_mouse(region.x + across * region.width, place)
-                    yield from self.wait(10 * INTERVAL)
-                    if what in self._button_under_mouse():
-                        return self._mouse
-        raise LookupError(f"no button for {what} in the side bar, but {list(dict.fromkeys(seen))}")
+        for _ in range(2):
+            seen, known = {}, -1
+            scroll = -100_000
+            while known < len(seen):  # At the end of the side bar there is nothing new.
+                known = len(seen)
+                yield from self.scroll_tab(scroll)
+                scroll = region.height // 2
+                for y in range(region.y + region.height - ROW_PIXELS, region.y, -ROW_PIXELS):
+                    yield from self.move_mouse(region.x + across * region.width, y)
+                    button = self._button_under_mouse()
+                    seen[button] = None
+                    # A window that draws slowly may still tell of the place before.
+                    for place in (y, y + ROW_PIXELS) if what in button else ():
+                        yield from self.move_mouse(region.x + across * region.width, place)
+                        yield from self.wait(10 * INTERVAL)
+                        if what in self._button_under_mouse():
+                            return self._mouse
+        raise LookupError(f"no button for {what} in the side bar, but {list(seen)}")
 
     def _button_under_mouse(self):
         """Python command or data path of the button in the side bar that the mouse is over."""
