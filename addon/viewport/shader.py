@@ -169,8 +169,8 @@ def show(one_to_one: bool) -> Program:
 
     Samplers `first`, `second`, `levels` (`texture.of_levels`) and `table` (`view_table`). Constants `frame` and
     `drawn` (rectangles) and `split` in pixels of the `region`; `mode`: 0 first left of the split, SPLIT, DIFFERENCE;
-    `opacity`; `gain` of the difference; `scale`, `exponent` and `ROWS` of the view; `use_table`: 1 it has one, 2 of places
-    in `levels`.
+    `opacity`; `gain` of the difference; `scale`, `exponent` and `ROWS` of the view; `use_table`: 1 it has one, 2 of
+    places in `levels`.
     """
     info = gpu.types.GPUShaderCreateInfo()
     info.sampler(0, "FLOAT_2D", "first")
