@@ -288,9 +288,8 @@ class Driver:
         yield from self.wait(10 * INTERVAL)
         # Twice, as what has just grown lets itself be scrolled only when it was drawn.
         for _ in range(2):
-            seen, known = {}, -1
-            scroll = -100_000
-            while known < len(seen):  # At the end of the side bar there is nothing new.
+            seen, scroll, idle = {}, -100_000, 0
+            while idle < 2:  # A whole screen without anything new: the end of the side bar, or words alone.
                 known = len(seen)
                 yield from self.scroll_tab(scroll)
                 scroll = region.height // 2
@@ -304,6 +303,7 @@ class Driver:
                         yield from self.wait(10 * INTERVAL)
                         if what in self._button_under_mouse():
                             return self._mouse
+                idle = idle + 1 if len(seen) == known else 0
         raise LookupError(f"no button for {what} in the side bar, but {list(seen)}")
 
     def _button_under_mouse(self):
