@@ -3,6 +3,7 @@ or after Blender has died. The manifest cannot tell, because the first training 
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 from pathlib import Path
@@ -29,8 +30,9 @@ class Wanted:
 
 
 def forget(folder: Path) -> None:
-    """The bake is what was wanted."""
-    (folder / FILE).unlink(missing_ok=True)
+    """The bake is what was wanted. If the file cannot go, no more comes of it than an offer to go on."""
+    with contextlib.suppress(OSError):
+        (folder / FILE).unlink()
 
 
 def read(folder: Path) -> Wanted | None:
