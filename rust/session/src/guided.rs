@@ -97,6 +97,8 @@ const ENOUGH_HITS: f32 = 8.0;
 pub(crate) struct Sight {
     /// Paths of each group of passes, and what they look for.
     guides: Vec<(u32, Option<Guide>)>,
+    /// What the latest ones look for.
+    lights: Vec<Light>,
     points: Vec<Vec3>,
     guiding: f32,
 }
@@ -114,7 +116,8 @@ impl Sight {
             }
             before = Some(lights);
         }
-        Self { guides, points: seen_points(aovs, camera, POINTS), guiding: guided.guiding }
+        let lights = before.unwrap_or_default().to_vec();
+        Self { guides, lights, points: seen_points(aovs, camera, POINTS), guiding: guided.guiding }
     }
 
     fn samples(&self) -> u32 {
@@ -160,7 +163,10 @@ impl Sight {
     pub fn rare(&self, light: &Light) -> Option<Rare> {
         let hits = self.hits(light).filter(|hits| *hits < LEAST_HITS)?;
         let guiding = if self.guiding > 0.0 { self.guiding } else { TraceSettings::default().guiding };
-        let hits_of_new = self.hits_with(std::slice::from_ref(light), light, guiding);
+        // Other lights have their shares of the directions as well.
+        let others = self.lights.iter().filter(|other| other.shape != light.shape).cloned();
+        let lights: Vec<Light> = others.chain([light.clone()]).collect();
+        let hits_of_new = self.hits_with(&lights, light, guiding);
         let would_be_met = hits_of_new.is_some_and(|hits| hits >= LEAST_HITS);
         Some(Rare { hits, would_be_met, samples: self.samples().max(FEWEST_SAMPLES) })
     }
@@ -289,6 +295,23 @@ mod tests {
         assert!(sight.rare(&Light { radiance: [0.0; 3], ..moved.clone() }).is_none());
         assert!(sight.would_gain(&[moved], 0.25) && !sight.would_gain(&[lamp(0.5, 0.01)], 0.25));
         assert!(!sight.would_gain(&[lamp(-0.8, 1.0)], 0.25));
+    }
+
+    #[test]
+    fn new_paths_are_no_advice_where_others_outshine_a_light() {
+        let dim = Light { radiance: [1e-10; 3], ..lamp(0.5, 0.01) };
+        let rare = |lights: &[Light]| {
+            let mut guided = Guided::default();
+            guided.note(0, lights, 0.25);
+            sight(&guided).rare(&dim)
+        };
+        assert!(rare(std::slice::from_ref(&dim)).is_none());
+        assert!(rare(&[]).unwrap().would_be_met);
+        let outshone = rare(&[dim.clone(), lamp(-0.8, 1.0)]).unwrap();
+        assert!(
+            !outshone.would_be_met
+                && outshone.warning(&dim).ends_with("make it larger, or bake more samples")
+        );
     }
 
     #[test]
