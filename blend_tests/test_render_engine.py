@@ -248,6 +248,7 @@ def test_disabling_ends_a_render_and_enabling_allows_it_again(shot, tmp_path):
 def test_a_view_says_why_it_shows_nothing(shot):
     frame = Rectangle(0, 0, 1, 1)
     opened = SimpleNamespace(camera="Camera", picture=None, is_working=True)
+    opened.recognises = lambda camera: camera == shot.camera
     assert "Start" in rendered.why_not(None, shot.camera, frame)
     assert "'Camera'" in rendered.why_not(opened, shot.camera, None)
     assert "No bake" in rendered.why_not(opened, shot.objects["Key"], frame)

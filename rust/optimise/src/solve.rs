@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default)]
 pub struct Settings {
-    /// Most steps; 500 in the paper. Fewer are made where nothing is gained any more.
+    /// Most steps; 500 in the paper.
     pub iterations: usize,
     /// Adam's learning rate in unconstrained space; 0.05 in the paper.
     pub learning_rate: f32,
@@ -91,20 +91,16 @@ pub struct RunnerUp {
 const LEAST_CELLS: usize = 128;
 /// Cells of each goal on which candidates are compared.
 const CHECK_CELLS: usize = 1024;
-/// Steps between comparisons at softness 0. Losses of subsets are too noisy to tell the best step.
+/// Steps between comparisons. Losses of subsets are too noisy to tell the best step.
 const CHECK_EVERY: usize = 25;
 /// Parts of the way. Softness is constant within one; after each the worse half of the starts is given up.
 const PARTS: usize = 8;
 /// After so many parts only finalists are left.
 const RACE: usize = 4;
 const FINALISTS: usize = 2;
-/// At softness 0 a start ends after so many comparisons of which none improves its loss by this share.
+/// A start ends after so many comparisons of which none improves its loss by this share.
 const PATIENCE: usize = 4;
 const LEAST_GAIN: f64 = 1e-3;
-/// Soft lights go on to the next softness once the mean loss of so many steps is not below that of as many before by this share:
-/// what is left then is mostly what softness gets wrong.
-const WINDOW: usize = 12;
-const SETTLED_GAIN: f64 = 0.1;
 
 /// Solves from each start and keeps the best: all starts side by side, the worse half given up again and again. `on_step` may
 /// stop it; it is called from several threads.
@@ -145,7 +141,7 @@ struct Part<'a> {
     check: &'a Check<'a>,
     iterations: std::ops::Range<usize>,
     starts: usize,
-    is_soft: bool,
+    may_end: bool,
 }
 
 /// What starts are compared by: the loss at the final softness over evenly spread cells.
@@ -177,7 +173,7 @@ impl Race<'_> {
                 check: &check,
                 iterations: at(part)..at(part + 1),
                 starts: runs.len(),
-                is_soft: softness > 0.0,
+                may_end: softness == to,
             };
             runs.par_iter_mut().try_for_each(|run| run.follow(self, &part))?;
             runs.retain(|run| run.best_loss.is_finite());
@@ -248,7 +244,6 @@ impl Run {
     }
 
     fn follow(&mut self, race: &Race, part: &Part) -> Result<(), OptimiseError> {
-        let first = self.trajectory.len();
         for iteration in part.iterations.clone() {
             if self.has_ended || race.cancelled.load(Ordering::Relaxed) {
                 return Ok(());
@@ -275,13 +270,8 @@ impl Run {
             {
                 *light = mapping.step(light, delta);
             }
-            let is_settled = part.is_soft && has_settled(&self.trajectory[first..]);
-            let is_due = !part.is_soft && (iteration + 1) % CHECK_EVERY == 0;
-            if is_due || is_settled || iteration + 1 == part.iterations.end {
+            if (iteration + 1) % CHECK_EVERY == 0 || iteration + 1 == part.iterations.end {
                 self.compare(part)?;
-            }
-            if is_settled {
-                break;
             }
         }
         Ok(())
@@ -290,19 +280,12 @@ impl Run {
     fn compare(&mut self, part: &Part) -> Result<(), OptimiseError> {
         let loss = part.check.loss(self)?;
         self.stale = if loss < (1.0 - LEAST_GAIN) * self.best_loss { 0 } else { self.stale + 1 };
-        self.has_ended = !part.is_soft && self.stale > PATIENCE;
+        self.has_ended = part.may_end && self.stale > PATIENCE;
         if loss < self.best_loss {
             (self.best_loss, self.best) = (loss, self.lights.clone());
         }
         Ok(())
     }
-}
-
-/// Whether the latest steps gain little on those before them.
-fn has_settled(steps: &[TrajectoryPoint]) -> bool {
-    let [.., before, latest] = steps.as_rchunks::<WINDOW>().1 else { return false };
-    let sum = |steps: &[TrajectoryPoint]| steps.iter().map(|step| step.loss).sum::<f64>();
-    sum(latest) > (1.0 - SETTLED_GAIN) * sum(before)
 }
 
 /// The maps of all lights, with their units from where they are.

@@ -309,29 +309,6 @@ fn cancelling_at_any_step_gives_the_best_until_then() {
 }
 
 #[test]
-fn a_soft_start_goes_on_to_the_next_softness_once_it_gains_no_more() {
-    let base = flat(0.02);
-    let light = &lamps()[0];
-    let goals = [target(picture(&FLOOR, &base, std::slice::from_ref(light)))];
-    let view = View { relight: &FLOOR, base: &base, still: vec![None], goals: &goals };
-    let problem = Problem { views: vec![view], variables: vec![variable(light)] };
-    let solution = |iterations: usize| {
-        let settings = Settings { iterations, softness: [0.2, 0.04], ..Settings::default() };
-        solve(&problem, &[vec![disturbed(light)]], &settings, &|_| ControlFlow::Continue(())).unwrap()
-    };
-    let [short, long] = [500, 4000].map(solution);
-    let steps = long.trajectory.len();
-    assert!(steps < 1000 && long.loss < 1e-2 * long.start_loss, "{steps} steps, {} left", long.loss);
-    // It goes through all of the softnesses, and what it has spared itself would have gained nothing.
-    assert!(
-        long.trajectory.last().is_some_and(|step| step.iteration >= 3500),
-        "{:?}",
-        long.trajectory.last()
-    );
-    assert!(short.loss < 2e-2 * short.start_loss, "{} of {}", short.loss, short.start_loss);
-}
-
-#[test]
 fn lights_that_do_nothing_are_named() {
     let (base, lamps) = (flat(0.02), lamps());
     let goals = [target(picture(&FLOOR, &base, &lamps[..2]))];
