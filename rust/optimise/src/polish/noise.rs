@@ -57,11 +57,6 @@ impl Gain {
         Self { mean: self.mean + gain, most: self.most + gain, ..self }
     }
 
-    /// Whether it is one rather than not: where noise is more than there is to be gained, pictures do not tell.
-    pub fn is_likely(&self) -> bool {
-        self.mean > 0.0 && self.deviation < self.most
-    }
-
     /// What is left of it for sure: above 0 if there is little doubt. Of many tries with noisy pictures some seem to gain more than
     /// there is: that much of it is noise.
     pub fn least(&self) -> f64 {

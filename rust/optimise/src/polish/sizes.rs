@@ -55,7 +55,7 @@ impl Fit<'_> {
         }
         let middles = (SIZES.len() / 2..).step_by(SIZES.len());
         let mut left = groups.iter().zip(middles).filter(|(group, middle)| {
-            gains[*middle].is_likely() && group.iter().all(|size| self.has_run_to_end(number, now, *size))
+            gains[*middle].mean > 0.0 && group.iter().all(|size| self.has_run_to_end(number, now, *size))
         });
         Ok(left.next().map(|(_, middle)| tried[middle].clone()))
     }
