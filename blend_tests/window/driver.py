@@ -18,9 +18,7 @@ INTERVAL = 0.01
 NAP_SECONDS = 0.005
 """What Blender itself sleeps in each turn of an idle window, except where it may simulate events: there it would keep a
 core busy with nothing."""
-TYPED = dict(
-    zip("0123456789.-", "ZERO ONE TWO THREE FOUR FIVE SIX SEVEN EIGHT NINE PERIOD MINUS".split(), strict=True)
-)
+TYPED = dict(zip("0123456789.-", "ZERO ONE TWO THREE FOUR FIVE SIX SEVEN EIGHT NINE PERIOD MINUS".split(), strict=True))
 """Keys of signs."""
 ROW_PIXELS = 14
 """Less than the height of a button."""
@@ -223,13 +221,14 @@ class Driver:
         yield from self.scroll_tab(-100_000)
 
     def scroll_tab(self, pixels):
-        """Moves the content of the side bar up by pixels."""
+        """Moves the content of the side bar up by pixels, as far as there is any; the pixels that it moved."""
+        view = self.region("UI").view2d
+        before = view.region_to_view(0, 0)[1]
         with self.within("UI"):
-            if pixels > 0:
-                bpy.ops.view2d.scroll_down(deltay=pixels)
-            else:
-                bpy.ops.view2d.scroll_up(deltay=-pixels)
+            # Not `scroll_down`, which takes no distance by scripts: it goes on by one turn of the wheel.
+            bpy.ops.view2d.pan(deltay=-pixels)
         yield from self.drawn()
+        return before - view.region_to_view(0, 0)[1]
 
     # The person's hands: Blender's own simulated events, which go the same way as those of a mouse
 
@@ -286,24 +285,20 @@ class Driver:
         # Away from what the mouse is on now: Blender notices a move only when it comes to it.
         yield from self.move_mouse(0, 0)
         yield from self.wait(10 * INTERVAL)
-        # Twice, as what has just grown lets itself be scrolled only when it was drawn.
-        for _ in range(2):
-            seen, scroll, idle = {}, -100_000, 0
-            while idle < 2:  # A whole screen without anything new: the end of the side bar, or words alone.
-                known = len(seen)
-                yield from self.scroll_tab(scroll)
-                scroll = region.height // 2
-                for y in range(region.y + region.height - ROW_PIXELS, region.y, -ROW_PIXELS):
-                    yield from self.move_mouse(region.x + across * region.width, y)
-                    button = self._button_under_mouse()
-                    seen[button] = None
-                    # A window that draws slowly may still tell of the place before.
-                    for place in (y, y + ROW_PIXELS) if what in button else ():
-                        yield from self.move_mouse(region.x + across * region.width, place)
-                        yield from self.wait(10 * INTERVAL)
-                        if what in self._button_under_mouse():
-                            return self._mouse
-                idle = idle + 1 if len(seen) == known else 0
+        yield from self.scroll_tab(-100_000)
+        seen, moved = {}, region.height
+        while moved > 0:
+            for y in range(region.y + region.height - ROW_PIXELS, region.y, -ROW_PIXELS):
+                yield from self.move_mouse(region.x + across * region.width, y)
+                button = self._button_under_mouse()
+                seen[button] = None
+                # A window that draws slowly may still tell of the place before.
+                for place in (y, y + ROW_PIXELS) if what in button else ():
+                    yield from self.move_mouse(region.x + across * region.width, place)
+                    yield from self.wait(10 * INTERVAL)
+                    if what in self._button_under_mouse():
+                        return self._mouse
+            moved = yield from self.scroll_tab(region.height // 2)
         raise LookupError(f"no button for {what} in the side bar, but {list(seen)}")
 
     def _button_under_mouse(self):

@@ -4,9 +4,6 @@ import bpy
 from artist import Artist, addon, brighten, drag_and_undo, same
 from driver import ADDON
 
-LONG_LIST = 8
-"""Rows of lights."""
-
 
 def visit(driver, blend, size, lights, pixels=100, patient=True):
     """Relights a shot by hand, with mouse and keys where the artist would use them.
@@ -70,21 +67,10 @@ def take_a_snapshot(driver, artist, key):
     driver.check(not artist.row(key).on, "the row was switched off")
     yield from artist.until_settled()
     driver.check(not same(artist.picture(), before), "a row that is off changes the picture")
-    yield from press_or_call(driver, artist, "relume.restore_look(lights=False)", bpy.ops.relume.restore_look)
+    yield from driver.press_button("relume.restore_look(lights=False)")
     yield from artist.until_settled()
     driver.check(artist.row(key).on and artist.row(key).exposure == 1.0, "the look has its rows back")
     driver.check(same(artist.picture(), before), "the look has its picture back")
-
-
-def press_or_call(driver, artist, button, operator, across=0.3):
-    """Presses a button. Where the side bar is long, Blender does not always scroll to what grew: then its operator is
-    called, with the undo step that a button makes."""
-    try:
-        yield from driver.press_button(button, across)
-    except LookupError:
-        driver.check(len(artist.scene.relume_mix.rows) > LONG_LIST, f"there is a button {button}")
-        with driver.within():
-            operator("EXEC_DEFAULT", True)
 
 
 def apply_and_undo(driver, artist, key):
@@ -130,7 +116,7 @@ def cancel(driver, artist, key):
     artist.scene.relume.samples = 64
     yield from driver.show_tab("Relume")
     yield from artist.rebake()
-    yield from press_or_call(driver, artist, "relume.cancel", bpy.ops.relume.cancel, across=0.7)
+    yield from driver.press_button("relume.cancel", across=0.7)
     yield from driver.until(lambda: artist.state == "cancelled", lambda: f"the end of the bake: {artist.words()}")
     yield from artist.until_settled()
     driver.photo("cancelled")
