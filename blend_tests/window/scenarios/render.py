@@ -61,6 +61,9 @@ def play(driver):
         bpy.ops.relume.start()
         yield from settled(driver)
         driver.check((read_exr(save_render(driver)) == first).all(), "the last render is the user's")
+        shown = module("engine.shot").of(scene).frame.image
+        off = np.abs(shown - first).max() / first.max()
+        driver.check(off <= 1e-3, f"the picture at rest is the one of F12, but for rounding: off by {off:.1e}")
         driver.check(scene.render.engine == "RELUME", "the engine is the user's")
 
     with driver.step("shading Rendered"):

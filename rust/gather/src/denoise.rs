@@ -11,7 +11,7 @@
 #[cfg(oidn)]
 use std::cell::RefCell;
 #[cfg(oidn)]
-use std::ffi::CStr;
+use std::ffi::{CStr, c_void};
 use std::sync::Arc;
 
 #[cfg(oidn)]
@@ -41,7 +41,7 @@ pub enum DenoiseError {
 }
 
 /// Trade of time for quality; on the CPU about 2.4, 4.7 and 11 microseconds a pixel and thread.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum DenoiseQuality {
     /// For previews and training targets.
     Fast,
@@ -51,6 +51,9 @@ pub enum DenoiseQuality {
     /// For final images.
     High,
 }
+
+/// Whether to stop in the middle.
+pub type Stop<'a> = dyn Fn() -> bool + Sync + 'a;
 
 /// Albedo and normals of a view. Denoised once, every picture of the view can trust them ("clean auxiliary images" of
 /// OIDN's manual; Cycles' *Accurate* prefilter); noisy, they are ready at once.
@@ -128,7 +131,8 @@ impl Denoiser {
         _images: &mut [Image],
         _features: &DenoiseFeatures,
         _quality: DenoiseQuality,
-    ) -> Result<(), DenoiseError> {
+        _stop: Option<&Stop<'_>>,
+    ) -> Result<bool, DenoiseError> {
         match self.never {}
     }
 }
@@ -183,14 +187,15 @@ impl Denoiser {
         for (name, values) in [(c"albedo", &mut features.albedo), (c"normal", &mut features.normal)] {
             let filter = Filter::new(&self.device, features.width, features.height, name)?;
             filter.commit(DenoiseQuality::High);
-            filter.run(&self.device, values)?;
+            filter.run(&self.device, values, None)?;
         }
         features.is_clean = true;
         Ok(features)
     }
 
     /// Denoises images in place, all with the same features: RGB, scene-linear, any range. Values that are not finite or
-    /// below zero count as 0.
+    /// below zero count as 0. False if `stop`, which the library asks from its own threads many times an image, said so: the
+    /// image that was worked on and those after it are noisy then.
     ///
     /// # Errors
     /// If the sizes differ or the library fails; images denoised before the failure stay so.
@@ -199,10 +204,11 @@ impl Denoiser {
         images: &mut [Image],
         features: &DenoiseFeatures,
         quality: DenoiseQuality,
-    ) -> Result<(), DenoiseError> {
+        stop: Option<&Stop<'_>>,
+    ) -> Result<bool, DenoiseError> {
         let mut kept = self.kept.borrow_mut();
         let filter = kept.filter(&self.device, features, quality)?;
-        let result = images.iter_mut().try_for_each(|image| {
+        let denoise = |image: &mut Image| {
             if (image.width, image.height, image.channels) != (features.width, features.height, 3) {
                 let found = format!("{} x {}, {} channels", image.width, image.height, image.channels);
                 let features = format!("{} x {}", features.width, features.height);
@@ -210,8 +216,9 @@ impl Denoiser {
             }
             let clean = |value: &mut f32| *value = if value.is_finite() { value.max(0.0) } else { 0.0 };
             image.data.iter_mut().for_each(clean);
-            filter.run(&self.device, &mut image.data)
-        });
+            filter.run(&self.device, &mut image.data, stop)
+        };
+        let result = images.iter_mut().try_fold(true, |goes_on, image| Ok(goes_on && denoise(image)?));
         if matches!(result, Err(DenoiseError::Library(_))) {
             *kept = Kept::default();
         }
@@ -333,15 +340,44 @@ impl Filter {
         }
     }
 
-    /// Denoises one image in place.
-    fn run(&self, device: &oidn::Device, image: &mut [f32]) -> Result<(), DenoiseError> {
+    /// Denoises one image in place; false, and the image as it was, if `stop` said so.
+    fn run(
+        &self,
+        device: &oidn::Device,
+        image: &mut [f32],
+        stop: Option<&Stop<'_>>,
+    ) -> Result<bool, DenoiseError> {
         self.pixels.write(image);
-        // SAFETY: the filter is committed, and its images are alive.
-        unsafe { sys::oidnExecuteFilter(self.raw) };
-        device.get_error().map_err(library)?;
+        // GPUs wait for every answer, so without `stop` nobody asks.
+        let (ask, user) = match &stop {
+            Some(stop) => (Some(goes_on as _), (&raw const *stop).cast_mut().cast()),
+            None => (None, std::ptr::null_mut()),
+        };
+        // SAFETY: the filter is committed, and its images are alive. The library asks, from any of its threads, only until the
+        // call of execution returns: `stop` outlives that, and it is `Sync`.
+        unsafe {
+            sys::oidnSetFilterProgressMonitorFunction(self.raw, ask, user);
+            sys::oidnExecuteFilter(self.raw);
+        }
+        match device.get_error() {
+            Err(error) if error.kind() == oidn::ErrorKind::Canceled => return Ok(false),
+            done => done.map_err(library)?,
+        }
         self.pixels.read(image);
-        device.get_error().map_err(library)
+        device.get_error().map_err(library)?;
+        Ok(true)
     }
+}
+
+/// The library's question whether to go on.
+///
+/// # Safety
+/// `stop` points to a `&Stop`.
+#[cfg(oidn)]
+unsafe extern "C" fn goes_on(stop: *mut c_void, _progress: f64) -> bool {
+    // SAFETY: as the caller promises.
+    let stop = unsafe { *stop.cast_const().cast::<&Stop<'_>>() };
+    !stop()
 }
 
 #[cfg(oidn)]
@@ -441,6 +477,7 @@ impl From<DenoiseQuality> for oidn::Quality {
 #[cfg(all(test, oidn))]
 mod tests {
     use super::*;
+    use std::sync::atomic::{AtomicUsize, Ordering};
 
     fn noise(seed: usize, channels: usize) -> Image {
         let value = |i: usize| ((i + seed) * 2_654_435_761 % 1000) as f32 / 1000.0;
@@ -460,6 +497,22 @@ mod tests {
     }
 
     #[test]
+    fn what_is_stopped_stays_noisy_and_the_next_is_denoised() {
+        let denoiser = Denoiser::new(&DenoiseDevice::Cpu(Some(1))).unwrap();
+        let view = features(&denoiser, 7);
+        let (noisy, asked) = (noise(3, 3), AtomicUsize::new(0));
+        let stop = || asked.fetch_add(1, Ordering::Relaxed) > 0;
+        let mut images = [noisy.clone(), noisy.clone()];
+        assert!(!denoiser.denoise(&mut images, &view, DenoiseQuality::High, Some(&stop)).unwrap());
+        assert_eq!(asked.into_inner(), 2, "asked once more after it had said to go on, and then no more");
+        assert_eq!(images, [noisy.clone(), noisy]);
+        assert!(denoiser.denoise(&mut images, &view, DenoiseQuality::High, None).unwrap());
+        let mut expected = [noise(3, 3)];
+        denoiser.denoise(&mut expected, &view, DenoiseQuality::High, None).unwrap();
+        assert_eq!(images[1], expected[0]);
+    }
+
+    #[test]
     fn a_filter_is_made_once_for_its_features_and_quality() {
         let new = || Denoiser::new(&DenoiseDevice::Cpu(Some(1))).unwrap();
         let denoiser = new();
@@ -470,8 +523,8 @@ mod tests {
             [(0, fast, 1), (0, balanced, 2), (0, fast, 2), (1, fast, 1), (0, fast, 1)].into_iter().enumerate()
         {
             let [mut found, mut expected] = [0; 2].map(|_| [noise(100 * seed, 3)]);
-            denoiser.denoise(&mut found, &views[view], quality).unwrap();
-            new().denoise(&mut expected, &views[view], quality).unwrap();
+            denoiser.denoise(&mut found, &views[view], quality, None).unwrap();
+            new().denoise(&mut expected, &views[view], quality, None).unwrap();
             assert_eq!(found, expected, "picture {seed}");
             assert_eq!(denoiser.kept.borrow().filters.len(), kept, "picture {seed}");
         }

@@ -27,7 +27,7 @@ mod scan;
 mod sieve;
 mod soft;
 
-pub use denoise::{DenoiseDevice, DenoiseError, DenoiseFeatures, DenoiseQuality, Denoiser};
+pub use denoise::{DenoiseDevice, DenoiseError, DenoiseFeatures, DenoiseQuality, Denoiser, Stop};
 pub use environment::Environment;
 pub use error::GatherError;
 pub use gather::{Gather, Scratch};

@@ -1,6 +1,6 @@
 use crate::SessionError;
 use relume_dump::Aovs;
-use relume_gather::{DenoiseDevice, DenoiseError, DenoiseFeatures, DenoiseQuality, Denoiser};
+use relume_gather::{DenoiseDevice, DenoiseError, DenoiseFeatures, DenoiseQuality, Denoiser, Stop};
 use relume_gpu::Gpu;
 use relume_image::Image;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -29,8 +29,13 @@ struct Ready {
 }
 
 impl Ready {
-    fn denoise(&self, images: &mut [Image], quality: DenoiseQuality) -> Result<(), DenoiseError> {
-        self.denoiser.denoise(images, &self.features, quality)
+    fn denoise(
+        &self,
+        images: &mut [Image],
+        quality: DenoiseQuality,
+        stop: Option<&Stop<'_>>,
+    ) -> Result<bool, DenoiseError> {
+        self.denoiser.denoise(images, &self.features, quality, stop)
     }
 }
 
@@ -61,21 +66,46 @@ impl Denoise {
     /// # Errors
     /// If the denoiser fails.
     pub fn images(&self, images: &mut [Image], quality: DenoiseQuality) -> Result<(), SessionError> {
+        self.denoise(images, quality, None).map(drop)
+    }
+
+    /// [`Denoise::images`] until `stop`, which is asked from any thread many times a picture, says so. False if it did: the
+    /// picture that was worked on and those after it are noisy then.
+    ///
+    /// # Errors
+    /// If the denoiser fails.
+    pub fn images_until(
+        &self,
+        images: &mut [Image],
+        quality: DenoiseQuality,
+        stop: &Stop<'_>,
+    ) -> Result<bool, SessionError> {
+        self.denoise(images, quality, Some(stop))
+    }
+
+    fn denoise(
+        &self,
+        images: &mut [Image],
+        quality: DenoiseQuality,
+        stop: Option<&Stop<'_>>,
+    ) -> Result<bool, SessionError> {
         let mut device = self.started();
-        let Device::Ready(ready) = &*device else { return Ok(()) };
+        let Device::Ready(ready) = &*device else { return Ok(true) };
         if !ready.is_gpu {
-            return Ok(ready.denoise(images, quality)?);
+            return Ok(ready.denoise(images, quality, stop)?);
         }
         let noisy = images.to_vec();
-        if ready.denoise(images, quality).is_err() {
-            // The card was lost or is full: what has come back from it may be anything.
-            images.clone_from_slice(&noisy);
-            let on_cpu = self.start_on_cpu()?;
-            let result = on_cpu.denoise(images, quality);
-            *device = Device::Ready(on_cpu);
-            result?;
+        match ready.denoise(images, quality, stop) {
+            Ok(done) => Ok(done),
+            Err(_) => {
+                // The card was lost or is full: what has come back from it may be anything.
+                images.clone_from_slice(&noisy);
+                let on_cpu = self.start_on_cpu()?;
+                let result = on_cpu.denoise(images, quality, stop);
+                *device = Device::Ready(on_cpu);
+                Ok(result?)
+            }
         }
-        Ok(())
     }
 
     fn started(&self) -> MutexGuard<'_, Device> {

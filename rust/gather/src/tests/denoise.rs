@@ -55,7 +55,7 @@ fn denoising_brings_a_noisy_image_closer_to_the_clean_one() {
     let before = mean_square(&noisy, &clean);
     for quality in [DenoiseQuality::Fast, DenoiseQuality::Balanced, DenoiseQuality::High] {
         let mut images = [noisy.clone(), clean.clone()];
-        denoiser.denoise(&mut images, &features, quality).unwrap();
+        denoiser.denoise(&mut images, &features, quality, None).unwrap();
         let after = mean_square(&images[0], &clean);
         assert!(after < before / 10.0, "{quality:?}: {before} to {after}");
         assert!(mean_square(&images[1], &clean) < 0.05, "{quality:?}: a clean image stays");
@@ -71,7 +71,7 @@ fn values_that_are_no_radiance_do_not_spread() {
     image.data[500] = -5.0;
     let mut images = [image];
     let features = denoiser.features(&aovs(32, 32)).unwrap();
-    denoiser.denoise(&mut images, &features, DenoiseQuality::Fast).unwrap();
+    denoiser.denoise(&mut images, &features, DenoiseQuality::Fast, None).unwrap();
     assert!(images[0].data.iter().all(|value| value.is_finite() && *value >= 0.0));
 }
 
@@ -79,7 +79,7 @@ fn values_that_are_no_radiance_do_not_spread() {
 fn sizes_that_differ_are_one_error() {
     let Some(denoiser) = denoiser() else { return };
     let features = denoiser.features(&aovs(32, 32)).unwrap();
-    let error = denoiser.denoise(&mut [target(32, 16)], &features, DenoiseQuality::Fast).unwrap_err();
+    let error = denoiser.denoise(&mut [target(32, 16)], &features, DenoiseQuality::Fast, None).unwrap_err();
     assert!(error.to_string().contains("32 x 16, 3 channels"), "{error}");
 }
 

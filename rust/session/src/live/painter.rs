@@ -1,10 +1,9 @@
 use super::compose::{Layer, weighted_sum, with_alpha};
 use super::parts::{How, Part, parts};
-use super::shared::{Frame, LiveState, Shared, Shown, State};
-use super::units::{Unit, Units};
+use super::shared::{Frame, Shared, Shown, State};
+use super::units::{Clean, Unit, Units};
 use super::view::{Delivered, SharedImage, View, half};
 use super::{LiveOptions, LiveRequest};
-use crate::device_gather::DeviceGather;
 use crate::device_image::DeviceImage;
 use crate::{Cancel, Compute, Listener, Maker, Monitor, Progress, SessionError, With};
 use relume_gather::DenoiseQuality;
@@ -133,13 +132,14 @@ impl Painter {
             let request = state.request.clone()?;
             self.painted = (state.requests, state.deliveries);
             state.painting = true;
-            let nothing_runs = state.status.state == LiveState::Ready;
+            let works = state.status.state.is_working();
             if self.view.as_ref().is_none_or(|view| view.deliveries != state.deliveries) {
                 self.renew_view(state);
             }
-            if let Some(view) = &self.view {
-                if nothing_runs {
-                    view.passes.iter().for_each(DeviceGather::allow_sorting);
+            if let Some(view) = &mut self.view {
+                match works {
+                    true => view.share_machine(),
+                    false => view.rest(&self.compute),
                 }
                 return Some(request);
             }
@@ -255,23 +255,24 @@ impl Painter {
 
     /// Denoises what is stale, one picture at a time; false if something newer came up.
     fn refine(&mut self, view: &mut View, parts: &[Part]) -> Result<bool, SessionError> {
-        let denoise = view.denoise(1);
+        let (denoise, quality) = (&view.denoise[0], view.quality);
+        let stop = || is_new(&self.shared.lock(), self.painted);
+        let clean = |noisy: &DeviceImage| -> Result<Option<Clean>, SessionError> {
+            let mut image = noisy.read()?;
+            let done = denoise.images_until(std::slice::from_mut(&mut image), quality, &stop)?;
+            Ok(done.then(|| Clean { image: DeviceImage::beside(noisy, image), quality }))
+        };
         for part in parts.iter().filter(|part| part.how == How::Gather) {
             let unit = self.units.of(&part.light);
-            if unit.is_clean() || unit.passes == 0 {
+            if unit.passes == 0 || unit.newest_clean().is_some_and(|clean| clean.quality >= quality) {
                 continue;
             }
-            let mut image = unit.mean.read()?;
-            denoise.images(std::slice::from_mut(&mut image), DenoiseQuality::Balanced)?;
-            unit.clean = Some((unit.passes, DeviceImage::beside(&unit.mean, image)));
-            if is_new(&self.shared.lock(), self.painted) {
-                return Ok(false);
-            }
+            let Some(clean) = clean(&unit.mean)? else { return Ok(false) };
+            unit.clean = Some((unit.passes, clean));
         }
-        for layer in view.statics.iter_mut().filter(|layer| !layer.black && layer.clean.is_none()) {
-            let mut image = layer.image.read()?;
-            view.denoise[0].images(std::slice::from_mut(&mut image), DenoiseQuality::Balanced)?;
-            layer.clean = Some(DeviceImage::Cpu(image));
+        for layer in view.statics.iter_mut().filter(|layer| !layer.is_done(quality)) {
+            let Some(clean) = clean(&layer.image)? else { return Ok(false) };
+            layer.clean = Some(clean);
         }
         Ok(true)
     }
@@ -296,7 +297,7 @@ impl Painter {
         self.serial += 1;
         self.first_frame = false;
         // Without a denoiser nothing gets better than it is.
-        let settled = picture.noisy.is_empty() || view.denoise(manner.scale).missing().is_some();
+        let settled = picture.is_best || view.denoise(manner.scale).missing().is_some();
         let noise =
             if settled && !manner.drag { noise(&self.units, parts, &stand_ins, &image)? } else { None };
         let shown = Shown {
@@ -363,6 +364,8 @@ struct Picture<'a> {
     noisy: Vec<Layer<'a>>,
     makers: BTreeMap<String, Maker>,
     samples: u32,
+    /// Whether everything was denoised by itself, and as well as is asked for.
+    is_best: bool,
 }
 
 impl<'a> Picture<'a> {
@@ -375,13 +378,14 @@ impl<'a> Picture<'a> {
         manner: Manner,
     ) -> Self {
         let (clean, noisy, makers) = (Vec::new(), Vec::new(), BTreeMap::new());
-        let mut picture = Self { clean, noisy, makers, samples: view.samples() };
+        let mut picture = Self { clean, noisy, makers, samples: view.samples(), is_best: true };
         for (layer, weight) in view.statics.iter().zip([request.static_light, request.world]) {
             match &layer.clean {
                 _ if layer.black => {}
-                Some(image) => picture.clean.push(Layer { image, weight }),
+                Some(clean) => picture.clean.push(Layer { image: &clean.image, weight }),
                 None => picture.noisy.push(Layer { image: &layer.image, weight }),
             }
+            picture.is_best &= layer.is_done(view.quality);
         }
         let denoiser = view.denoise(manner.scale).missing().is_none();
         for (part, stand_in) in parts.iter().zip(stand_ins) {
@@ -393,13 +397,16 @@ impl<'a> Picture<'a> {
                     picture.clean.push(Layer { image, weight });
                     maker = Maker::Proxy;
                 }
-                (None, Some((passes, image))) if manner.drag || *passes == unit.passes => {
-                    picture.clean.push(Layer { image, weight });
+                (None, Some((passes, clean))) if manner.drag || *passes == unit.passes => {
+                    picture.clean.push(Layer { image: &clean.image, weight });
+                    picture.is_best &= clean.quality >= view.quality;
                 }
                 _ if unit.passes == 0 => continue,
                 _ => {
-                    let layers = if part.how == How::View { &mut picture.clean } else { &mut picture.noisy };
+                    let is_noisy = part.how != How::View;
+                    let layers = if is_noisy { &mut picture.noisy } else { &mut picture.clean };
                     layers.push(Layer { image: &unit.mean, weight });
+                    picture.is_best &= !is_noisy;
                     picture.samples = picture.samples.min(unit.samples);
                 }
             }

@@ -29,6 +29,13 @@ pub enum LiveState {
     Failed,
 }
 
+impl LiveState {
+    /// Whether paths are traced or a proxy is trained, or soon will be.
+    pub(super) fn is_working(self) -> bool {
+        matches!(self, Self::Preparing | Self::Baking | Self::Training)
+    }
+}
+
 /// What there is to say about a live shot.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct LiveStatus {
@@ -151,7 +158,7 @@ impl Shared {
     pub fn begin_work(&self) -> bool {
         let mut state = self.lock();
         let status = &mut state.status;
-        if matches!(status.state, LiveState::Preparing | LiveState::Baking | LiveState::Training) {
+        if status.state.is_working() {
             return false;
         }
         status.state = LiveState::Preparing;

@@ -1,11 +1,11 @@
 use super::units::Units;
 use super::view::{Delivered, View};
 use super::*;
-use crate::{Compute, LightSet, Maker, Monitor, ObjView, With, bake, obj_scene};
+use crate::{Compute, LightSet, Maker, Monitor, ObjView, RelightOptions, Relighter, With, bake, obj_scene};
 use glam::Vec3;
 use relume_dump::Dump;
 use relume_gather::{Gather, Half};
-use relume_image::metrics;
+use relume_image::{Image, metrics};
 use relume_scene::{Light, LightShape};
 
 /// The room of the tests, with a size in pixels.
@@ -90,6 +90,37 @@ fn a_light_gathered_pass_by_pass_is_the_light_gathered_at_once() {
             // Each of the five passes rounds the running mean once or twice.
             assert!((a - b).abs() <= 10.0 * f32::EPSILON * brightest, "{a} {b}");
         }
+    }
+}
+
+/// What [`Relighter`] makes of lights, for F12 and the command line.
+fn relit(folder: &Path, lights: &[Light]) -> Image {
+    let lights = request(lights).lights;
+    let relit =
+        Relighter::open(folder).unwrap().relight(&lights, &RelightOptions::default(), &Monitor::default());
+    relit.unwrap().combined()
+}
+
+#[test]
+fn a_picture_at_rest_is_the_one_that_is_rendered() {
+    let folder = tempfile::tempdir().unwrap();
+    let live = live(folder.path());
+    let lights = [lamp(0.3), Light { name: "other".into(), ..lamp(-0.4) }];
+    live.relight(request(&lights));
+    // Albedo and normals of the first pass are renewed at four and at sixteen samples, not at the last.
+    live.bake(room(48, 32), settings(24), 1.0, false).unwrap();
+    state(&live, LiveState::Ready);
+    for (what, lights) in [("what was asked for before", &lights[..]), ("a light less", &lights[1..])] {
+        let rendered = relit(folder.path(), lights);
+        let brightest = rendered.data.iter().fold(0.0_f32, |a, b| a.max(*b));
+        wait(what, || {
+            let shown = live.frame(0).filter(|frame| frame.shown.settled)?;
+            let rows = rendered.data.chunks_exact(48 * 3).rev().flatten();
+            let colors = shown.image.data.as_chunks::<4>().0.iter().flat_map(|[rgb @ .., _]| rgb);
+            let is_same = colors.zip(rows).all(|(a, b)| (a - b).abs() <= 1e-3 * brightest);
+            is_same.then_some(())
+        });
+        live.relight(request(&lights[1..]));
     }
 }
 

@@ -2,7 +2,7 @@ use super::view::{SharedImage, View, pass_samples};
 use crate::device_image::DeviceImage;
 use crate::unit_cache::key;
 use crate::{Compute, Monitor, SessionError};
-use relume_gather::Half;
+use relume_gather::{DenoiseQuality, Half};
 use relume_gpu::{Gpu, GpuError};
 use relume_scene::Light;
 use std::sync::Arc;
@@ -13,6 +13,12 @@ const LIMIT: usize = 1 << 30;
 const GPU_SHARE: f64 = 0.25;
 /// Lights that are gathered together.
 const GROUP: usize = 8;
+
+/// A denoised picture.
+pub(super) struct Clean {
+    pub image: DeviceImage,
+    pub quality: DenoiseQuality,
+}
 
 /// What is known of one light for radiance 1.
 pub(super) struct Unit {
@@ -25,7 +31,7 @@ pub(super) struct Unit {
     /// A draw of the error of `mean`; empty for a single pass.
     pub error: DeviceImage,
     /// The mean of so many passes, denoised.
-    pub clean: Option<(usize, DeviceImage)>,
+    pub clean: Option<(usize, Clean)>,
     /// What a proxy says.
     pub proxy: Option<SharedImage>,
     used: u64,
@@ -127,7 +133,7 @@ impl Units {
 
 impl Unit {
     fn images(&self) -> impl Iterator<Item = &DeviceImage> {
-        let clean = self.clean.as_ref().map(|(_, image)| image);
+        let clean = self.clean.as_ref().map(|(_, clean)| &clean.image);
         [Some(&self.mean), Some(&self.error), clean, self.proxy.as_deref()].into_iter().flatten()
     }
 
@@ -144,7 +150,7 @@ impl Unit {
     }
 
     fn leave_gpu(&mut self) -> Result<(), GpuError> {
-        let clean = self.clean.as_mut().map(|(_, image)| image);
+        let clean = self.clean.as_mut().map(|(_, clean)| &mut clean.image);
         for image in [&mut self.mean, &mut self.error].into_iter().chain(clean) {
             image.bring_down()?;
         }
@@ -177,9 +183,9 @@ impl Unit {
         self.clean.is_some()
     }
 
-    /// Whether the denoised picture is of all paths that were gathered.
-    pub fn is_clean(&self) -> bool {
-        self.clean.as_ref().is_some_and(|(passes, _)| *passes == self.passes)
+    /// The denoised picture of all paths that were gathered.
+    pub fn newest_clean(&self) -> Option<&Clean> {
+        self.clean.as_ref().filter(|(passes, _)| *passes == self.passes).map(|(_, clean)| clean)
     }
 
     /// Remembers what a proxy says.

@@ -1,4 +1,5 @@
 use super::shared::State;
+use super::units::Clean;
 use crate::base_layers::BaseLayers;
 use crate::denoise::Denoise;
 use crate::device_gather::DeviceGather;
@@ -8,7 +9,7 @@ use crate::guided::{Rare, Sight};
 use crate::relighter::camera;
 use crate::{Compute, Guided, Proxies};
 use relume_dump::{AovSums, Aovs, Dump};
-use relume_gather::Gather;
+use relume_gather::{DenoiseQuality, Gather};
 use relume_image::Image;
 use relume_scene::{Light, LightShape};
 use std::collections::VecDeque;
@@ -35,13 +36,22 @@ pub(super) struct View {
     rare: VecDeque<(LightShape, Option<Rare>)>,
     /// Paths per pixel behind the features that the denoisers use.
     feature_samples: u32,
+    /// What settled pictures are denoised with.
+    pub quality: DenoiseQuality,
 }
 
 /// A layer that no light changes.
 pub(super) struct StaticLayer {
     pub image: DeviceImage,
-    pub clean: Option<DeviceImage>,
+    pub clean: Option<Clean>,
     pub black: bool,
+}
+
+impl StaticLayer {
+    /// Whether it is denoised as well as that, or need not be.
+    pub fn is_done(&self, quality: DenoiseQuality) -> bool {
+        self.black || self.clean.as_ref().is_some_and(|clean| clean.quality >= quality)
+    }
 }
 
 /// What the work has delivered since it was last asked.
@@ -122,6 +132,7 @@ impl View {
             sight: None,
             rare: VecDeque::new(),
             feature_samples: 0,
+            quality: DenoiseQuality::Balanced,
         };
         view.feature_samples = view.samples();
         view
@@ -144,10 +155,28 @@ impl View {
         // Features settle long before the light does; preparing them costs two denoised pictures.
         const RENEW: u32 = 4;
         if view.samples() >= RENEW * view.feature_samples {
-            view.denoise = denoisers(&view.aovs, compute);
-            view.feature_samples = view.samples();
+            view.renew_features(compute);
         }
         view
+    }
+
+    fn renew_features(&mut self, compute: &Compute) {
+        self.denoise = denoisers(&self.aovs, compute);
+        self.feature_samples = self.samples();
+    }
+
+    /// From now on the machine is the painter's: settled pictures are those that [`crate::Relighter`] makes.
+    pub fn rest(&mut self, compute: &Compute) {
+        self.passes.iter().for_each(DeviceGather::allow_sorting);
+        self.quality = DenoiseQuality::High;
+        if self.feature_samples < self.samples() {
+            self.renew_features(compute);
+        }
+    }
+
+    /// From now on paths are traced or proxies trained beside the painter.
+    pub fn share_machine(&mut self) {
+        self.quality = DenoiseQuality::Balanced;
     }
 
     /// What there is to say of a light that hardly any path meets. Kept, since it is asked again for every picture of a drag.
