@@ -308,6 +308,7 @@ impl Painter {
             makers: picture.makers,
             settled,
             noise,
+            deliveries: self.painted.1,
         };
         let frame = Arc::new(Frame { image, shown: shown.clone() });
         self.shared.change(|state| {

@@ -90,12 +90,15 @@ pub struct Shown {
     pub samples: u32,
     /// What made each light's part.
     pub makers: BTreeMap<String, Maker>,
-    /// Whether nothing better will come for this request, unless more paths or proxies do.
+    /// Whether nothing better will come for this request from what the work has delivered.
     pub settled: bool,
     /// Of a settled picture: the noise of all that was summed over paths, before it was denoised, as the errors of proxies are
     /// measured ([`relume_image::metrics::smape`], which few bright pixels do not outweigh). Estimated from the newest pass beside
     /// those before it; nothing where a light has a single pass only or no light is summed.
     pub noise: Option<f32>,
+    /// Deliveries of the work that are in it.
+    #[serde(skip)]
+    pub(super) deliveries: u64,
 }
 
 /// A finished picture.
@@ -181,6 +184,9 @@ impl Shared {
         let state = self.lock();
         let mut status = state.status.clone();
         status.warnings.extend(state.light_warnings.iter().cloned());
+        if let Some(shown) = &mut status.shown {
+            shown.settled &= shown.deliveries == state.deliveries;
+        }
         status.error = status.error.or_else(|| state.picture_error.clone());
         status
     }
