@@ -83,12 +83,15 @@ impl Fit<'_> {
         while *iteration < most && rejected < PATIENCE && flow.is_continue() {
             let before = best.trusted(&trust);
             let system = self.normal_equations(&jacobian, best, &trust);
-            let Some(delta) = system.solve(damping, best.expected_square(&trust)) else { break };
+            let Some(delta) = self.step_of(system, best, damping, &trust) else { break };
             let longest = delta.iter().fold(LONGEST, |most, d| most.max(d.abs()));
             let delta: Vec<f32> = delta.iter().map(|d| (d * LONGEST / longest) as f32).collect();
-            let next = self.state(&self.moved(&best.lights, &delta))?;
+            let (lights, is_cut) = self.moved(&best.lights, &delta);
+            let next = self.state(&lights)?;
             let (next_loss, after) = (self.loss(&next, &trust), next.trusted(&trust));
-            jacobian.learn(&delta, &before, &after);
+            if !is_cut {
+                jacobian.learn(&delta, &before, &after);
+            }
             let gain = (loss - next_loss) / squares_of_means(&before).max(f64::MIN_POSITIVE);
             if gain > 0.0 {
                 (*best, loss, rejected, damping) = (next, next_loss, 0, 0.1 * damping);
@@ -136,10 +139,45 @@ impl Fit<'_> {
         if loss.is_finite() { loss } else { f64::INFINITY }
     }
 
-    pub fn moved(&self, lights: &[Light], delta: &[f32]) -> Vec<Light> {
-        let of_light =
-            |((light, mapping), delta): ((&Light, &Mapping), &[f32; PARAMS])| mapping.step(light, delta);
-        lights.iter().zip(&self.mappings).zip(delta.as_chunks::<PARAMS>().0).map(of_light).collect()
+    /// The lights after a step, and whether a wall has cut that short.
+    pub fn moved(&self, lights: &[Light], delta: &[f32]) -> (Vec<Light>, bool) {
+        let steps = lights.iter().zip(&self.mappings).zip(delta.as_chunks::<PARAMS>().0);
+        let of_light = |((light, mapping), delta): ((&Light, &Mapping), &[f32; PARAMS])| {
+            (mapping.step(light, delta), mapping.is_cut(light, delta))
+        };
+        let (lights, cut): (_, Vec<bool>) = steps.map(of_light).unzip();
+        (lights, cut.contains(&true))
+    }
+
+    /// The step that solves a state's equations, to walls and along them where it would lead through.
+    pub fn step_of(
+        &self,
+        mut system: NormalEquations,
+        state: &State,
+        damping: f64,
+        trust: &Trust,
+    ) -> Option<Vec<f64>> {
+        let walls = state
+            .lights
+            .iter()
+            .zip(&self.mappings)
+            .enumerate()
+            .flat_map(|(i, (light, mapping))| mapping.walls(light).map(move |wall| (i * PARAMS, wall)));
+        let mut walls: Vec<_> = walls.collect();
+        loop {
+            let step = system.solve(damping, state.expected_square(trust))?;
+            let before = walls.len();
+            walls.retain(|(first, wall)| {
+                let is_passed = wall.is_passed_by(&step[*first..*first + PARAMS]);
+                if is_passed {
+                    system.hold(*first, &wall.normal, wall.distance);
+                }
+                !is_passed
+            });
+            if walls.len() == before {
+                return Some(step);
+            }
+        }
     }
 
     pub fn normal_equations(&self, jacobian: &Jacobian, state: &State, trust: &Trust) -> NormalEquations {
@@ -169,7 +207,7 @@ impl Fit<'_> {
                 for step in [width, -width] {
                     let mut delta = [0.0; PARAMS];
                     delta[number] = step;
-                    moved.push(mapping.step(light, &delta));
+                    moved.push(mapping.free_step(light, &delta));
                 }
             }
             let mut residuals =
