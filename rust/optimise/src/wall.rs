@@ -10,8 +10,6 @@ use std::f32::consts::PI;
 
 /// As near to a wall as this, in its units, a light stands at it.
 const NEAR: f32 = 1e-5;
-/// A step that is cut by less counts as taken.
-const CUT: f32 = 1e-2;
 
 /// All directions within an angle of one.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -66,8 +64,7 @@ impl Bounds {
     }
 
     /// A light as strong and directed as these bounds allow, what is locked as it is.
-    fn within(&self, locks: &Locks, light: Light) -> Light {
-        let mut light = light;
+    fn within(&self, locks: &Locks, mut light: Light) -> Light {
         if let (Some(cap), false) = (self.direction, locks.direction) {
             light.shape = cap.within(&light.shape);
         }
@@ -98,7 +95,7 @@ impl Problem<'_> {
 
 /// A bound by a light's unconstrained values, to first order.
 pub(crate) struct Wall {
-    /// What a step does along this is how much nearer it comes, radians or natural logarithm of a strength.
+    /// The product of a step with this is how much nearer it comes, radians or natural logarithm of a strength.
     pub(crate) normal: [f32; PARAMS],
     /// The step by which what is beyond the wall is brought back, for each of those units.
     out: [f32; PARAMS],
@@ -125,14 +122,6 @@ impl Mapping {
     /// The light after a step of the unconstrained values from where it is, within its bounds.
     pub(crate) fn step(&self, light: &Light, delta: &[f32; PARAMS]) -> Light {
         self.bounds.within(&self.locks, self.free_step(light, delta))
-    }
-
-    /// Whether walls cut a step short by more than is lost in derivatives.
-    pub(crate) fn is_cut(&self, light: &Light, delta: &[f32; PARAMS]) -> bool {
-        let [free, held] = [self.free_step(light, delta), self.step(light, delta)];
-        let [from, to] = [&free, &held].map(|light| luminance(power(light)));
-        let turned = free.shape.axis().zip(held.shape.axis()).map_or(0.0, |(a, b)| a.distance(b));
-        (to / from).ln().abs().max(turned) > CUT
     }
 
     /// The walls around a light.

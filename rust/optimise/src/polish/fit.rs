@@ -86,12 +86,9 @@ impl Fit<'_> {
             let Some(delta) = self.step_of(system, best, damping, &trust) else { break };
             let longest = delta.iter().fold(LONGEST, |most, d| most.max(d.abs()));
             let delta: Vec<f32> = delta.iter().map(|d| (d * LONGEST / longest) as f32).collect();
-            let (lights, is_cut) = self.moved(&best.lights, &delta);
-            let next = self.state(&lights)?;
+            let next = self.state(&self.moved(&best.lights, &delta))?;
             let (next_loss, after) = (self.loss(&next, &trust), next.trusted(&trust));
-            if !is_cut {
-                jacobian.learn(&delta, &before, &after);
-            }
+            jacobian.learn(&delta, &before, &after);
             let gain = (loss - next_loss) / squares_of_means(&before).max(f64::MIN_POSITIVE);
             if gain > 0.0 {
                 (*best, loss, rejected, damping) = (next, next_loss, 0, 0.1 * damping);
@@ -139,14 +136,10 @@ impl Fit<'_> {
         if loss.is_finite() { loss } else { f64::INFINITY }
     }
 
-    /// The lights after a step, and whether a wall has cut that short.
-    pub fn moved(&self, lights: &[Light], delta: &[f32]) -> (Vec<Light>, bool) {
-        let steps = lights.iter().zip(&self.mappings).zip(delta.as_chunks::<PARAMS>().0);
-        let of_light = |((light, mapping), delta): ((&Light, &Mapping), &[f32; PARAMS])| {
-            (mapping.step(light, delta), mapping.is_cut(light, delta))
-        };
-        let (lights, cut): (_, Vec<bool>) = steps.map(of_light).unzip();
-        (lights, cut.contains(&true))
+    pub fn moved(&self, lights: &[Light], delta: &[f32]) -> Vec<Light> {
+        let of_light =
+            |((light, mapping), delta): ((&Light, &Mapping), &[f32; PARAMS])| mapping.step(light, delta);
+        lights.iter().zip(&self.mappings).zip(delta.as_chunks::<PARAMS>().0).map(of_light).collect()
     }
 
     /// The step that solves a state's equations, to walls and along them where it would lead through.

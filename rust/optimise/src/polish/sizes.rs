@@ -95,7 +95,7 @@ impl Fit<'_> {
         });
         let Some(delta) = delta else { return Ok(state) };
         let delta: Vec<f32> = delta.iter().map(|d| *d as f32).collect();
-        let next = self.state(&self.moved(&state.lights, &delta).0)?;
+        let next = self.state(&self.moved(&state.lights, &delta))?;
         Ok(if self.exact_gain(&state, &next).least() > 0.0 { next } else { state })
     }
 
