@@ -1,6 +1,7 @@
 """Solving asks for what was painted and what is unlocked, and changes nothing on the way."""
 
 from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import bpy
 import numpy as np
@@ -10,9 +11,9 @@ from solve_steps import LINE, begin, finish, state_of, target_image
 import addon
 from addon.core.solve import SolveError
 from addon.engine import shot
-from addon.ui import locks, looks, solve_operators, solving
+from addon.ui import locks, looks, solve_operators, solve_panel, solving
 from fake_live import FakeLive
-from fake_solve import light
+from fake_solve import FakeJob, light
 from helpers import add, row, update
 
 
@@ -150,6 +151,53 @@ def test_lights_can_be_held_near_and_within_a_box(painted):
     assert job.request["stay"] == 0.5
     assert np.allclose(job.request["bounds"]["min"], (-1.0, 1.5, 2.0), atol=1e-5)
     assert np.allclose(job.request["bounds"]["max"], (3.0, 3.0, 4.0), atol=1e-5)
+    found.cancel()
+
+
+def test_strength_and_turning_are_held_within_what_the_panel_says(painted):
+    settings, key, fill = painted.relume_solve, row(painted, "Key").locks, row(painted, "Fill").locks
+    settings.darker, settings.turn, key.brighter = 2.0, np.radians(30.0), 3.0
+    found, job = begin(painted)
+    assert not {"bounds", "each"} & set(job.request), "limits that are off"
+    found.cancel()
+    FakeJob.made.clear()
+    settings.limit_strength = settings.limit_turn = True
+    key.limit_strength, key.darker, key.brighter = True, 0.0, 0.5
+    fill.limit_turn, fill.turn, fill.own_stay, fill.stay = True, 0.0, True, 0.25
+    box = fill.box = add(painted, "Box", bpy.data.meshes.new("Box"))
+    box.data.from_pydata([(-1, -1, -1), (1, 1, 0.5)], [], [])
+    update()
+    found, job = begin(painted)
+    assert job.request["bounds"]["stops"] == [-2.0, 1.0] and job.request["stay"] == 0.0
+    assert job.request["bounds"]["degrees"] == pytest.approx(30.0)
+    assert job.request["each"] == {
+        "Key": {"bounds": {"stops": [0.0, 0.5]}},
+        "Fill": {"bounds": {"min": [-1.0, -1.0, -1.0], "max": [1.0, 1.0, 0.5], "degrees": 0.0}, "stay": 0.25},
+    }
+    found.cancel()
+
+
+def test_the_panel_shows_the_numbers_of_limits_that_are_on(painted):
+    painted.relume_mix.active = list(painted.relume_mix.rows).index(row(painted, "Key"))
+    key = row(painted, "Key").locks
+
+    def shown():
+        layout = MagicMock()
+        layout.row.return_value = layout
+        panel = solve_panel.RELUME_PT_solve_own_limits
+        panel.draw(SimpleNamespace(layout=layout), SimpleNamespace(scene=painted))
+        assert all(call.args[0] == key for call in layout.prop.call_args_list)
+        return [call.args[1] for call in layout.prop.call_args_list]
+
+    assert shown() == ["box", "limit_strength", "limit_turn", "own_stay", "stay"]
+    key.limit_strength = key.limit_turn = True
+    assert shown() == ["box", "limit_strength", "darker", "brighter", "limit_turn", "turn", "own_stay", "stay"]
+
+
+def test_limits_of_a_light_that_stays_are_not_asked_for(painted):
+    row(painted, "Fill").on, row(painted, "Fill").locks.limit_turn = False, True
+    found, job = begin(painted)
+    assert list(job.request["free"]) == ["Key"] and "each" not in job.request
     found.cancel()
 
 

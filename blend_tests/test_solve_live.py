@@ -7,7 +7,7 @@ import pytest
 from addon.ui import looks
 from addon.ui.start import start
 from addon.viewport import compare as pairs
-from helpers import settled, until
+from helpers import row, settled, until
 
 
 @pytest.fixture
@@ -43,6 +43,36 @@ def test_a_stroke_makes_the_light_brighter_by_what_was_asked(shown):
     assert after.mean() == pytest.approx(2.0 * before.mean(), rel=0.06)
     assert bpy.data.lights["Key"].energy == pytest.approx(2.0 * energy, rel=0.1)
     assert tuple(bpy.data.objects["Key"].location) == (0.0, 0.0, 2.0), "its place was locked"
+
+
+def test_a_light_is_no_brighter_than_its_limits_allow(shown):
+    key, settings, locks = bpy.data.lights["Key"], shown.relume_solve, row(shown, "Key").locks
+    points = "[[0.1, 0.5, 1.0], [0.9, 0.5, 1.0]]"
+    for limits, brighter in ((settings, 0.5), (locks, 0.25)):
+        energy = key.energy
+        limits.limit_strength, limits.brighter = True, brighter
+        bpy.ops.relume.scribble(points=points, goal="brighter", amount=1.0, radius=0.4)
+        assert bpy.ops.relume.solve() == {"FINISHED"}
+        assert "not reached" in settings.report
+        apply(shown)
+        assert np.log2(key.energy / energy) == pytest.approx(brighter, abs=1e-3)
+
+
+def test_a_spot_turns_no_further_than_its_limits_allow(shown):
+    lamp = bpy.data.objects["Key"]
+    lamp.data = bpy.data.lights.new("Spot", "SPOT")
+    lamp.data.energy, lamp.data.spot_size, lamp.data.shadow_soft_size = 200.0, 0.6, 0.2
+    bpy.context.view_layer.update()
+    picture(shown)
+    settings = shown.relume_solve
+    for move in ("direction", "color", "strength"):
+        bpy.ops.relume.lock_all(move=move)
+    settings.limit_turn, settings.turn, settings.keep_rest = True, np.radians(8.0), 0.0
+    bpy.ops.relume.scribble(points="[[0.85, 0.5, 1.0]]", goal="brighter", amount=3.0, radius=0.2)
+    assert bpy.ops.relume.solve() == {"FINISHED"}
+    apply(shown)
+    turned = lamp.matrix_world.to_quaternion().to_matrix().col[2].angle((0.0, 0.0, 1.0))
+    assert 7.5 < np.degrees(turned) < 8.01
 
 
 def test_a_target_brings_a_moved_light_to_its_place(shown):

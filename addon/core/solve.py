@@ -37,6 +37,31 @@ class SolveError(Exception):
 
 
 @dataclass(frozen=True)
+class Limits:
+    """How far lights may go from where and how they are; None for as far as they like."""
+
+    box: tuple[Sequence[float], Sequence[float]] | None = None
+    """Lower and upper corner, metres, of where they may be; None for what the camera sees."""
+    stops: tuple[float, float] | None = None
+    """Least and most strength, above what it is."""
+    degrees: float | None = None
+    """By how much they may turn."""
+    stay: float | None = None
+    """How much they are drawn to where and how they are."""
+
+    def bounds(self) -> dict[str, Any]:
+        """As a request has them."""
+        low, high = self.box or ((), ())
+        found = {"min": list(low), "max": list(high), "stops": list(self.stops or ()), "degrees": self.degrees}
+        return {name: value for name, value in found.items() if value not in ([], None)}
+
+    def own(self) -> dict[str, Any]:
+        """As a request has them for one light."""
+        bounds = self.bounds()
+        return ({"bounds": bounds} if bounds else {}) | ({} if self.stay is None else {"stay": self.stay})
+
+
+@dataclass(frozen=True)
 class Wish:
     """How to solve."""
 
@@ -44,9 +69,9 @@ class Wish:
     """By the name of a light, or WORLD: what may change of it."""
     goals: list[dict[str, Any]]
     keep_rest: float = 0.01
-    stay: float = 0.0
-    box: tuple[Sequence[float], Sequence[float]] | None = None
-    """Lower and upper corner, metres, of where lights may go; None for what the camera sees."""
+    limits: Limits = Limits()
+    own: dict[str, Limits] = field(default_factory=dict)
+    """What differs for single lights, by their names."""
     add_count: int = 0
     add_type: str = "point"
     remove: bool = False
@@ -69,14 +94,13 @@ def request(shown: dict[str, Any], wish: Wish) -> dict[str, Any]:
         "free": {name: moves for name, moves in free.items() if moves},
         "goals": wish.goals,
         "keep_rest": wish.keep_rest,
-        "stay": wish.stay,
+        "stay": wish.limits.stay or 0.0,
         "remove": wish.remove,
         "starts": wish.starts,
         "steps": wish.steps,
     }
-    if wish.box is not None:
-        low, high = wish.box
-        out["bounds"] = {"min": list(low), "max": list(high)}
+    each = {name: limits.own() for name, limits in wish.own.items() if name in out["free"] and limits.own()}
+    out |= {name: value for name, value in (("bounds", wish.limits.bounds()), ("each", each)) if value}
     return out | ({"add": {"count": wish.add_count, "type": wish.add_type}} if wish.add_count else {})
 
 

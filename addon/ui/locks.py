@@ -123,6 +123,13 @@ def _light_of(scene: bpy.types.Scene, row: rows.RelumeRow) -> bpy.types.Object |
     return obj if obj is not None and obj.type == "LIGHT" else None
 
 
+def active_row(scene: bpy.types.Scene) -> rows.RelumeRow | None:
+    """The light that is chosen in the list."""
+    mix = scene.relume_mix
+    row = mix.rows[mix.active] if 0 <= mix.active < len(mix.rows) else None
+    return row if row is not None and row.present and row.kind == LIGHT else None
+
+
 def draw(layout, scene: bpy.types.Scene) -> None:
     """The list of locks, with a switch for all lights over each column."""
     mix, settings = scene.relume_mix, scene.relume_solve
@@ -132,8 +139,8 @@ def draw(layout, scene: bpy.types.Scene) -> None:
         head.operator("relume.lock_all", text="", icon=ICONS[move]).move = move
     count = sum(row.kind == LIGHT for row in rows.present_rows(scene))
     layout.template_list("RELUME_UL_locks", "", mix, "rows", mix, "active", rows=max(2, min(count, 8)))
-    active = mix.rows[mix.active] if 0 <= mix.active < len(mix.rows) else None
-    obj = _light_of(scene, active) if active is not None and active.present and active.kind == LIGHT else None
+    active = active_row(scene)
+    obj = _light_of(scene, active) if active is not None else None
     if obj is not None:
         column = layout.column(align=True)
         for move in moves_of(obj.data.type):

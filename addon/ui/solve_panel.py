@@ -7,11 +7,11 @@ import json
 import bpy
 
 from ..viewport import compare as pairs
-from . import locks, looks, regions, scribble_tool, solving, target
+from . import limits, locks, looks, regions, scribble_tool, solving, target
 from .panel import RelumePanel, message
 from .solve_settings import strokes_of
 
-MORE_FREEDOM = "For more, let more change below: unlock places, or allow new lights"
+MORE_FREEDOM = "For more, let more change below: unlock places, loosen limits, or allow new lights"
 
 
 class RELUME_PT_solve(RelumePanel, bpy.types.Panel):  # noqa: N801
@@ -78,10 +78,33 @@ class RELUME_PT_solve_locks(RelumePanel, bpy.types.Panel):  # noqa: N801
         if settings.add_count:
             line.prop(settings, "add_type", text="")
         layout.prop(settings, "remove")
-        layout.prop(settings, "box")
+        limits.draw(layout, settings)
         layout.prop(settings, "stay", slider=True)
         layout.prop(settings, "keep_rest", slider=True)
         layout.prop(settings, "effort")
+
+
+class RELUME_PT_solve_own_limits(RelumePanel, bpy.types.Panel):  # noqa: N801
+    """How far the light that is chosen in the list may go, where that is not as for all"""
+
+    bl_idname = "RELUME_PT_solve_own_limits"
+    bl_label = "Own Limits"
+    bl_parent_id = "RELUME_PT_solve_locks"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context):
+        """Called by Blender."""
+        layout, row = self.layout, locks.active_row(context.scene)
+        if row is None:
+            layout.label(text="Choose a light in the list above", icon="INFO")
+            return
+        layout.label(text=f"{row.name}, in place of those of all", icon=row.icon)
+        limits.draw(layout, row.locks)
+        line = layout.row(align=True)
+        line.prop(row.locks, "own_stay", text="")
+        line = line.row(align=True)
+        line.enabled = row.locks.own_stay
+        line.prop(row.locks, "stay", slider=True)
 
 
 def _draw_start(layout, scene: bpy.types.Scene) -> None:
@@ -119,6 +142,7 @@ CLASSES = (
     RELUME_PT_solve,
     RELUME_PT_solve_target,
     RELUME_PT_solve_locks,
+    RELUME_PT_solve_own_limits,
 )
 
 

@@ -4,6 +4,7 @@ what may move and how hard to try. `scene.relume_solve`, and `locks` of each row
 from __future__ import annotations
 
 import functools
+import math
 
 import bpy
 from bpy.props import (
@@ -62,11 +63,72 @@ def _has_size(_settings, obj) -> bool:
 STOPS_TEXT = "How much brighter or darker: one stop more is twice the light, one less is half"
 MIREDS_TEXT = "How much warmer or cooler, in mireds: an orange gel of half strength is about 80"
 COLOR_TEXT = "The tint of the light that is wanted"
+STAY = {
+    "description": "How much lights are drawn to where and as strong as they are, beside the goals. 0: not at all",
+    "subtype": "FACTOR",
+    "default": 0.0,
+    "min": 0.0,
+    "max": 1.0,
+    "precision": 3,
+}
+"""Settings of what draws lights back."""
 
 
-class RelumeLocks(bpy.types.PropertyGroup):
-    """What solving may change of a light. Strength and colour are free at first: that is what a lighting artist
-    dials last and undoes most easily, while places are composed or have a reason in the set."""
+class Limits:
+    """Mix-in of how far what is free may go."""
+
+    box: PointerProperty(
+        name="Within",
+        description="What moves, new lights too, stays in the box around this object, unless it is outside of it "
+        "already. Without one it may go a little beyond what the camera sees",
+        type=bpy.types.Object,
+        poll=_has_size,
+    )
+    limit_strength: BoolProperty(
+        name="Limit Strength",
+        description="Keep the strength of what is there, the world too, within some stops of what it is. What may not "
+        "become dark is not switched off",
+    )
+    darker: FloatProperty(
+        name="Darker",
+        description="At most so many stops darker: one is half the light, 0 is never darker",
+        default=1.0,
+        min=0.0,
+        max=32.0,
+        soft_max=8.0,
+        step=10,
+        precision=2,
+    )
+    brighter: FloatProperty(
+        name="Brighter",
+        description="At most so many stops brighter: one is twice the light, 0 is never brighter",
+        default=1.0,
+        min=0.0,
+        max=32.0,
+        soft_max=8.0,
+        step=10,
+        precision=2,
+    )
+    limit_turn: BoolProperty(
+        name="Limit Turning",
+        description="Keep spots, area lights and suns pointing within an angle of where they point. New ones may point "
+        "anywhere",
+    )
+    turn: FloatProperty(
+        name="Angle",
+        description="Largest angle between where it points now and then",
+        subtype="ANGLE",
+        default=math.radians(15.0),
+        min=0.0,
+        max=math.pi,
+        step=100,
+        precision=1,
+    )
+
+
+class RelumeLocks(Limits, bpy.types.PropertyGroup):
+    """What solving may change of a light, and its own limits. Strength and colour are free at first: that is what a
+    lighting artist dials last and undoes most easily, while places are composed or have a reason in the set."""
 
     position: BoolProperty(
         name="Position",
@@ -93,6 +155,10 @@ class RelumeLocks(bpy.types.PropertyGroup):
     strength: BoolProperty(
         name="Strength", description="Whether solving may dim or brighten this light. Free at first", default=True
     )
+    own_stay: BoolProperty(
+        name="Own", description="Draw this light to where and as strong as it is more or less than all"
+    )
+    stay: FloatProperty(name="Stay Near", **STAY)
 
 
 class HowMuch:
@@ -155,7 +221,7 @@ class RelumeTargetPlace(Place, bpy.types.PropertyGroup):
     )
 
 
-class RelumeSolve(HowMuch, bpy.types.PropertyGroup):
+class RelumeSolve(HowMuch, Limits, bpy.types.PropertyGroup):
     """Kept in the .blend file."""
 
     meaning: EnumProperty(name="Brush", description="What the picture is to do where you paint", items=MEANING_ITEMS)
@@ -245,22 +311,7 @@ class RelumeSolve(HowMuch, bpy.types.PropertyGroup):
     remove: BoolProperty(
         name="May Switch Off", description="Lights with something free that turn out to do nothing may be hidden"
     )
-    stay: FloatProperty(
-        name="Stay Near",
-        description="How much lights are drawn to where and as strong as they are, beside the goals. 0: not at all",
-        subtype="FACTOR",
-        default=0.0,
-        min=0.0,
-        max=1.0,
-        precision=3,
-    )
-    box: PointerProperty(
-        name="Within",
-        description="Lights that move, and new ones, stay in the box around this object, unless they are outside of it "
-        "already. Without one they may go a little beyond what the camera sees",
-        type=bpy.types.Object,
-        poll=_has_size,
-    )
+    stay: FloatProperty(name="Stay Near", **STAY)
     keep_rest: FloatProperty(
         name="Keep the Rest",
         description="How much everything that no goal names is to stay as it is, beside the goals. 0: it may change as "

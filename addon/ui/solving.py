@@ -15,7 +15,6 @@ from typing import Any
 import bpy
 import numpy as np
 from bpy.app.handlers import persistent
-from mathutils import Vector
 
 from ..apply.look_lights import light_state
 from ..core import coverage
@@ -32,7 +31,7 @@ from ..export.lights import name_of
 from ..export.target import resized
 from ..viewport import compare as pairs
 from ..viewport import view_table
-from . import compare, handlers, locks, looks, regions, rows, target, thumbnails
+from . import compare, handlers, limits, locks, looks, regions, rows, target, thumbnails
 from .solve_settings import EFFORTS, WHOLE, strokes_of
 
 PREVIEW_SECONDS = 0.4
@@ -87,8 +86,8 @@ class Solving:
             free,
             [*self._region_goals(scene), *self._target_goals(scene)],
             keep_rest=settings.keep_rest,
-            stay=settings.stay,
-            box=_box_of(settings.box),
+            limits=limits.of(settings, settings.stay),
+            own=limits.of_each(scene, free),
             add_count=settings.add_count,
             add_type=settings.add_type,
             remove=settings.remove,
@@ -375,17 +374,6 @@ def _stroke_goals(strokes: tuple[Stroke, ...]) -> list[dict[str, Any]]:
     """The goals of strokes, without what was erased altogether."""
     covered = coverage.layers(strokes, COARSE).values()
     return [goal for goal, layer in zip(goals(strokes), covered, strict=True) if layer.any()]
-
-
-def _box_of(obj: bpy.types.Object | None) -> tuple[list[float], list[float]] | None:
-    """Corners of the box around an object, in the world. Raises SolveError if it holds nothing."""
-    if obj is None:
-        return None
-    corners = np.array([obj.matrix_world @ Vector(corner) for corner in obj.bound_box])
-    low, high = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
-    if not all(one < other for one, other in zip(low, high, strict=True)):
-        raise SolveError(f"'{obj.name}' is flat, so no light can be within it: give it a height, or choose another box")
-    return low, high
 
 
 def begin(scene: bpy.types.Scene) -> Solving:

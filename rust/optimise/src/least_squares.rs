@@ -35,11 +35,17 @@ impl Jacobian {
 pub(crate) struct NormalEquations {
     matrix: Vec<Vec<f64>>,
     right: Vec<f64>,
+    /// Directions of unit length, and how far steps go along them.
+    held: Vec<(Vec<f64>, f64)>,
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 impl NormalEquations {
     pub(crate) fn new(size: usize) -> Self {
-        Self { matrix: vec![vec![0.0; size]; size], right: vec![0.0; size] }
+        Self { matrix: vec![vec![0.0; size]; size], right: vec![0.0; size], held: Vec::new() }
     }
 
     /// The right side takes slopes from one half and residuals from the other: it is the derivative of the loss, without what
@@ -63,6 +69,26 @@ impl NormalEquations {
             }
             self.right[first + i] -= f64::from(a * value);
         }
+    }
+
+    /// Lets steps go so far along a direction of the values that begin at `first`, no further and no less: what is solved is the rest.
+    pub(crate) fn hold(&mut self, first: usize, direction: &[f32; PARAMS], distance: f32) {
+        let n = self.right.len();
+        let length = direction.iter().map(|d| f64::from(*d).powi(2)).sum::<f64>().sqrt();
+        let reach = f64::from(distance) / length;
+        let mut unit = vec![0.0; n];
+        unit[first..first + PARAMS].iter_mut().zip(direction).for_each(|(u, d)| *u = f64::from(*d) / length);
+        let entry = |i: usize, j: usize| self.matrix[i.max(j)][i.min(j)];
+        let along: Vec<f64> = (0..n).map(|i| (0..n).map(|j| entry(i, j) * unit[j]).sum()).collect();
+        self.right.iter_mut().zip(&along).for_each(|(right, along)| *right -= reach * along);
+        let (both, pull) = (dot(&along, &unit), dot(&self.right, &unit));
+        for i in 0..n {
+            for j in 0..=i {
+                self.matrix[i][j] += both * unit[i] * unit[j] - unit[i] * along[j] - along[i] * unit[j];
+            }
+            self.right[i] -= pull * unit[i];
+        }
+        self.held.push((unit, reach));
     }
 
     /// The step with a damped and raised diagonal, by Cholesky's decomposition; none where nothing has a slope. Values without
@@ -90,6 +116,11 @@ impl NormalEquations {
             let known: f64 = (row + 1..n).map(|k| lower[k][row] * step[k]).sum();
             step[row] = (step[row] - known) / lower[row][row];
         }
-        (largest > 0.0 && step.iter().all(|value| value.is_finite())).then_some(step)
+        for (unit, reach) in &self.held {
+            let missing = reach - dot(&step, unit);
+            step.iter_mut().zip(unit).for_each(|(step, unit)| *step += missing * unit);
+        }
+        let has_any = largest > 0.0 || !self.held.is_empty();
+        (has_any && step.iter().all(|value| value.is_finite())).then_some(step)
     }
 }

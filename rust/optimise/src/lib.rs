@@ -10,7 +10,7 @@
 //! let polished = polish(&through_the_gather, &[&solution.lights[..]], 24, &mut |step| ControlFlow::Continue(()))?;
 //! ```
 //!
-//! What is free of a light is mapped to unconstrained values (`variable`); what is asked for becomes residuals of cells (`goal`,
+//! What is free of a light is mapped to unconstrained values (`variable`), of which some end at walls (`wall`); what is asked for becomes residuals of cells (`goal`,
 //! `term`); their squares and what moves cost (`preference`) are the loss (`objective`). [`solve`] steps by Adam on random
 //! subsets, from several starts of which the worse are given up; [`polish`] by Levenberg-Marquardt on exact pictures.
 //! [`regroupings`] leads out of local minima, [`idle_lights`] finds lights that are not needed, [`report()`] says what became of each goal.
@@ -34,6 +34,7 @@ mod solve;
 mod starts;
 mod term;
 mod variable;
+mod wall;
 
 pub use error::OptimiseError;
 pub use goal::{Aim, Goal};
@@ -47,6 +48,7 @@ pub use report::{Report, Worst, conflicts, report};
 pub use solve::{RunnerUp, Settings, Solution, Step, TrajectoryPoint, solve};
 pub use starts::{RandomStarts, random_starts};
 pub use variable::{Bounds, Locks, Variable};
+pub use wall::Cap;
 
 #[cfg(test)]
 mod tests;

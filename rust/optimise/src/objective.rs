@@ -85,7 +85,7 @@ impl<'a> Objective<'a> {
         self.views.iter().zip(units).zip(draw).map(of_view).sum()
     }
 
-    /// Loss and its gradient by the unconstrained values of each light.
+    /// Loss and its gradient by the unconstrained values of each light, without what leads through a wall.
     pub(crate) fn gradient(
         &self,
         mappings: &[Mapping],
@@ -106,6 +106,7 @@ impl<'a> Objective<'a> {
             for (value, row) in self.preferences(i, &mappings[i], &lights[i]) {
                 (0..PARAMS).for_each(|lane| gradient[lane] += 2.0 * value * row[lane]);
             }
+            mappings[i].walls(&lights[i]).for_each(|wall| wall.stop(gradient));
         }
         Ok((loss, gradient))
     }

@@ -69,8 +69,9 @@ pub fn polish(
     let draw = objective.spread(MOST_CELLS);
     let (mut iteration, mut leader) = (0, None::<Polish>);
     for (number, lights) in candidates.iter().enumerate() {
-        let fit = Fit { objective: &objective, draw: &draw, mappings: mappings(problem, lights, 0.0)? };
-        let mut candidate = Polish::new(number, lights, fit)?;
+        let lights = problem.within(lights);
+        let fit = Fit { objective: &objective, draw: &draw, mappings: mappings(problem, &lights, 0.0)? };
+        let mut candidate = Polish::new(number, &lights, fit)?;
         candidate.stage(&mut iteration, steps, on_step)?;
         if leader.as_ref().is_none_or(|leader| candidate.loss() < leader.loss()) {
             leader = Some(candidate);

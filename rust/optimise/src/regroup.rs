@@ -4,7 +4,7 @@ use crate::problem::Problem;
 use crate::variable::{luminance, power};
 use glam::Vec3;
 use rayon::prelude::*;
-use relume_scene::{LANES, Light, lane};
+use relume_scene::{LANES, Light, LightShape, lane};
 
 /// Cells of each goal by which groupings are compared.
 const COMPARED: usize = 1024;
@@ -76,7 +76,7 @@ impl Regroup<'_> {
     fn merged(&self, from: usize, to: usize) -> Vec<Light> {
         let mut lights = self.lights.to_vec();
         let [a, b] = [from, to].map(|number| power(&lights[number]));
-        lights[to].radiance = self.radiance(to, std::array::from_fn(|c| a[c] + b[c]));
+        lights[to] = self.lit(to, lights[to].shape, std::array::from_fn(|c| a[c] + b[c]));
         lights[from].radiance = [0.0; 3];
         lights
     }
@@ -127,17 +127,18 @@ impl Regroup<'_> {
         let mut step = [0.0; LANES];
         let from = light.shape.center().unwrap_or_default();
         step[lane::CENTER].copy_from_slice(&(place - from).to_array());
-        Light { shape: light.shape.moved(&step), radiance: self.radiance(number, power), ..light.clone() }
+        self.lit(number, light.shape.moved(&step), power)
     }
 
-    /// Radiance of a light for this power, or one as bright where its colour is locked.
-    fn radiance(&self, number: usize, wanted: [f32; 3]) -> [f32; 3] {
-        let (light, extent) = (&self.lights[number], self.lights[number].shape.extent());
+    /// A light of this shape and power, or one as bright where its colour is locked; as bright as may be.
+    fn lit(&self, number: usize, shape: LightShape, wanted: [f32; 3]) -> Light {
+        let (light, variable) = (&self.lights[number], &self.problem.variables[number]);
         let own = luminance(power(light));
-        if self.problem.variables[number].locks.color && own > 0.0 {
-            return light.radiance.map(|radiance| radiance * luminance(wanted) / own);
-        }
-        wanted.map(|power| power / extent)
+        let radiance = match variable.locks.color && own > 0.0 {
+            true => light.radiance.map(|radiance| radiance * luminance(wanted) / own),
+            false => wanted.map(|power| power / shape.extent()),
+        };
+        variable.within(Light { shape, radiance, ..light.clone() })
     }
 
     /// The diagonal of a light's bounds.
@@ -156,7 +157,6 @@ mod tests {
     use super::*;
     use crate::tests::{FLOOR, flat, lamps, picture, target, variable};
     use crate::{Locks, Variable, View};
-    use relume_scene::LightShape;
 
     const PLACES: [Vec3; 3] = [Vec3::new(0.4, -0.9, 0.8), Vec3::new(0.4, 1.4, 0.8), Vec3::new(0.4, 2.8, 0.8)];
 

@@ -224,15 +224,16 @@ impl Run {
             };
             view.terms.iter().map(subset).collect()
         });
+        let start = race.problem.within(start);
         let mut new = Self {
             number,
-            mappings: mappings(race.problem, start, race.settings.softness[1])?,
-            lights: start.to_vec(),
-            adam: Adam::new(start.len() * PARAMS, race.settings.learning_rate),
+            mappings: mappings(race.problem, &start, race.settings.softness[1])?,
+            lights: start.clone(),
+            adam: Adam::new(race.problem.variables.len() * PARAMS, race.settings.learning_rate),
             random: Random::new(race.settings.seed ^ (number as u64) << 32),
             subsets: subsets.collect(),
             trajectory: Vec::new(),
-            best: start.to_vec(),
+            best: start,
             best_loss: 0.0,
             start_loss: 0.0,
             stale: 0,

@@ -28,7 +28,7 @@ const STRENGTHS: [f32; 3] = [0.3, 1.0, 3.0];
 const OWN_STRENGTH: [f32; 1] = [1.0];
 
 /// Random starts: what is free of a light is drawn uniformly in its bounds (sizes by their logarithm, directions on the
-/// sphere), white where colour is free, and together about as bright as the picture lacks.
+/// sphere or in their cap), white where colour is free, and together about as bright as the picture lacks.
 ///
 /// # Errors
 /// As [`crate::solve`].
@@ -81,7 +81,7 @@ impl Search<'_> {
         let share = self.problem.matching_radiance(number, &light, self.options.softness)?
             / self.problem.variables.len() as f32;
         let radiance = radiance(variable, &light.shape, share);
-        Ok(Light { radiance, ..light })
+        Ok(variable.within(Light { radiance, ..light }))
     }
 
     /// Takes the candidate and strength with the least loss over the lights that are placed.
@@ -96,8 +96,10 @@ impl Search<'_> {
             for (units, own) in placed.units.iter_mut().zip(&own) {
                 units[number] = own.clone();
             }
-            for strength in strengths(&self.problem.variables[number]) {
-                let light = Light { radiance: candidate.radiance.map(|r| strength * r), ..candidate.clone() };
+            let variable = &self.problem.variables[number];
+            for strength in strengths(variable) {
+                let radiance = candidate.radiance.map(|r| strength * r);
+                let light = variable.within(Light { radiance, ..candidate.clone() });
                 placed.lights[number] = light.clone();
                 let loss = self.objective.loss_of_goals(&placed.lights, &placed.units, &self.draw);
                 if best.as_ref().is_none_or(|(least, ..)| loss < *least) {
@@ -138,7 +140,8 @@ fn random_shape(variable: &Variable, random: &mut Random) -> LightShape {
             step[i] = (low * (high / low).powf(random.next_f32()) / size).ln();
         }
     }
-    shape.moved(&step)
+    let shape = shape.moved(&step);
+    bounds.direction.filter(|_| !locks.direction).map_or(shape, |cap| cap.squeezed(&shape))
 }
 
 /// A uniform rotation as its vector (Shoemake 1992, "Uniform random rotations").

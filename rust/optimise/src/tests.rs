@@ -149,7 +149,7 @@ pub(crate) fn lamps() -> Vec<Light> {
 }
 
 /// A light somewhat elsewhere, turned, of another size, colour and strength.
-fn disturbed(light: &Light) -> Light {
+pub(crate) fn disturbed(light: &Light) -> Light {
     let shape = light.shape.moved(&[0.3, -0.25, 0.2, 0.15, -0.1, 0.1, 0.3, -0.2, 0.1, 0.1]);
     let radiance = [4.0, 4.0, 4.0].map(|power| power / shape.extent());
     Light { shape, radiance, ..light.clone() }
@@ -343,8 +343,18 @@ fn bad_input_is_named() {
     assert!(attempt(&[nowhere], good.clone()).contains("goal 1 concerns no pixel"));
     let all_locked = Variable { locks: Locks::ALL, ..good.clone() };
     assert!(attempt(&[target(flat(1.0))], all_locked).contains("unlock"));
-    let inverted = Variable { bounds: Bounds { size: [1.0, 0.5], ..bounds() }, ..good };
+    let inverted = Variable { bounds: Bounds { size: [1.0, 0.5], ..bounds() }, ..good.clone() };
     assert!(attempt(&[target(flat(1.0))], inverted).contains("'Lamp': bounds of the size"));
+    let cap = |angle: f32| Some(Cap { axis: Vec3::Z, angle });
+    for (bounds, what) in [
+        (Bounds { strength: Some([2.0, 1.0]), ..bounds() }, "the strength"),
+        (Bounds { strength: Some([f32::NAN, 1.0]), ..bounds() }, "the strength"),
+        (Bounds { direction: cap(-0.1), ..bounds() }, "the direction"),
+        (Bounds { direction: cap(f32::NAN), ..bounds() }, "the direction"),
+    ] {
+        let error = attempt(&[target(flat(1.0))], Variable { bounds, ..good.clone() });
+        assert!(error.contains(&format!("'Lamp': bounds of {what}")), "{error}");
+    }
 }
 
 #[test]

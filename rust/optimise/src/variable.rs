@@ -1,3 +1,4 @@
+use crate::wall::Cap;
 use glam::Vec3;
 use relume_scene::{LANES, Light, LightShape, lane};
 use serde::{Deserialize, Serialize};
@@ -68,12 +69,18 @@ pub struct Bounds {
     pub sun: [f32; 2],
     /// Smallest and largest half angle of a spot's cone, radians.
     pub cone: [f32; 2],
+    /// Least and most strength: luminance of radiance times extent, up to a constant Blender's; none for any. Solving ends at these
+    /// two at once, not near them.
+    pub strength: Option<[f32; 2]>,
+    /// Where it may point ([`LightShape::axis`]); none for anywhere.
+    pub direction: Option<Cap>,
 }
 
 impl Bounds {
     /// Bounds of centres and sizes, with all usual angles.
     pub fn new(center_min: Vec3, center_max: Vec3, size: [f32; 2]) -> Self {
-        Self { center_min, center_max, size, sun: [0.0025, 1.0], cone: [0.02, 1.5] }
+        let (sun, cone) = ([0.0025, 1.0], [0.02, 1.5]);
+        Self { center_min, center_max, size, sun, cone, strength: None, direction: None }
     }
 
     /// Bounds that hold a light as well.
@@ -98,6 +105,7 @@ impl Bounds {
     /// What is wrong with them.
     pub(crate) fn fault(&self) -> Option<&'static str> {
         let rises = |[low, high]: [f32; 2]| 0.0 < low && low < high && high.is_finite();
+        let is_range = |[low, high]: [f32; 2]| 0.0 <= low && low <= high && high.is_finite();
         let is_box = self.center_min.cmplt(self.center_max).all()
             && self.center_min.is_finite()
             && self.center_max.is_finite();
@@ -106,6 +114,8 @@ impl Bounds {
             _ if !rises(self.size) => Some("the size"),
             _ if !(rises(self.sun) && self.sun[1] <= WIDEST) => Some("a sun's angle"),
             _ if !(rises(self.cone) && self.cone[1] <= WIDEST) => Some("a spot's angle"),
+            _ if !self.strength.is_none_or(is_range) => Some("the strength"),
+            _ if !self.direction.is_none_or(|cap| cap.is_sound()) => Some("the direction"),
             _ => None,
         }
     }
@@ -140,8 +150,8 @@ pub(crate) struct Mapping {
 }
 
 impl Mapping {
-    /// The light after a step of the unconstrained values from where it is.
-    pub(crate) fn step(&self, light: &Light, delta: &[f32; PARAMS]) -> Light {
+    /// The light after a step of the unconstrained values from where it is, through whatever walls are there.
+    pub(crate) fn free_step(&self, light: &Light, delta: &[f32; PARAMS]) -> Light {
         let power = self.stepped_power(light, delta);
         let shape_step: [f32; LANES] = std::array::from_fn(|i| self.lane_step(&light.shape, i, delta[i]));
         let shape = light.shape.moved(&shape_step);
@@ -257,22 +267,32 @@ impl Mapping {
         }
     }
 
-    fn power_gradient(&self, light: &Light, d_power: [f32; 3]) -> [f32; 3] {
+    pub(crate) fn power_gradient(&self, light: &Light, d_power: [f32; 3]) -> [f32; 3] {
         let power = power(light);
-        let slope = |power: f32| self.power_unit * logistic(inverse_softplus(power / self.power_unit));
         match (self.locks.color, self.locks.strength) {
             (true, true) => [0.0; 3],
             (true, false) => {
                 let (color, strongest) = color_and_strength(power);
-                [(0..3).map(|c| d_power[c] * color[c]).sum::<f32>() * slope(strongest), 0.0, 0.0]
+                [(0..3).map(|c| d_power[c] * color[c]).sum::<f32>() * self.power_slope(strongest), 0.0, 0.0]
             }
             (false, true) => {
                 let total: f32 = (0..3).map(|c| d_power[c] * power[c]).sum();
                 let luminance = luminance(power).max(f32::MIN_POSITIVE);
                 std::array::from_fn(|c| power[c] * (d_power[c] - total * LUMINANCE[c] / luminance))
             }
-            (false, false) => std::array::from_fn(|c| d_power[c] * slope(power[c])),
+            (false, false) => std::array::from_fn(|c| d_power[c] * self.power_slope(power[c])),
         }
+    }
+
+    /// Step of the unconstrained values by which all of a power grows at one rate, to first order.
+    pub(crate) fn brightening(&self, light: &Light) -> [f32; 3] {
+        let step = |power: f32| power / self.power_slope(power);
+        let power = power(light);
+        if self.locks.color { [step(color_and_strength(power).1), 0.0, 0.0] } else { power.map(step) }
+    }
+
+    fn power_slope(&self, power: f32) -> f32 {
+        self.power_unit * logistic(inverse_softplus(power / self.power_unit))
     }
 }
 

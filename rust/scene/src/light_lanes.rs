@@ -87,6 +87,18 @@ impl LightShape {
         }
     }
 
+    /// Where it points, of unit length: along the axis of a spot, off the lit side of an area light, towards a sun.
+    pub fn axis(&self) -> Option<Vec3> {
+        match *self {
+            Self::Spot { axis, .. } => axis.try_normalize(),
+            Self::Quad { edge_u, edge_v, .. } | Self::Ellipse { edge_u, edge_v, .. } => {
+                edge_u.cross(edge_v).try_normalize()
+            }
+            Self::Sun { direction, .. } => direction.try_normalize(),
+            Self::Sphere { .. } | Self::FacingDisk { .. } => None,
+        }
+    }
+
     /// The sizes of which [`lane::SIZE`] are the logarithms; the second is 1 where there is one only.
     pub fn sizes(&self) -> [f32; 2] {
         match *self {

@@ -83,7 +83,7 @@ impl Fit<'_> {
         while *iteration < most && rejected < PATIENCE && flow.is_continue() {
             let before = best.trusted(&trust);
             let system = self.normal_equations(&jacobian, best, &trust);
-            let Some(delta) = system.solve(damping, best.expected_square(&trust)) else { break };
+            let Some(delta) = self.step_of(system, best, damping, &trust) else { break };
             let longest = delta.iter().fold(LONGEST, |most, d| most.max(d.abs()));
             let delta: Vec<f32> = delta.iter().map(|d| (d * LONGEST / longest) as f32).collect();
             let next = self.state(&self.moved(&best.lights, &delta))?;
@@ -142,6 +142,37 @@ impl Fit<'_> {
         lights.iter().zip(&self.mappings).zip(delta.as_chunks::<PARAMS>().0).map(of_light).collect()
     }
 
+    /// The step that solves a state's equations, to walls and along them where it would lead through.
+    pub fn step_of(
+        &self,
+        mut system: NormalEquations,
+        state: &State,
+        damping: f64,
+        trust: &Trust,
+    ) -> Option<Vec<f64>> {
+        let walls = state
+            .lights
+            .iter()
+            .zip(&self.mappings)
+            .enumerate()
+            .flat_map(|(i, (light, mapping))| mapping.walls(light).map(move |wall| (i * PARAMS, wall)));
+        let mut walls: Vec<_> = walls.collect();
+        loop {
+            let step = system.solve(damping, state.expected_square(trust))?;
+            let before = walls.len();
+            walls.retain(|(first, wall)| {
+                let is_passed = wall.is_passed_by(&step[*first..*first + PARAMS]);
+                if is_passed {
+                    system.hold(*first, &wall.normal, wall.distance);
+                }
+                !is_passed
+            });
+            if walls.len() == before {
+                return Some(step);
+            }
+        }
+    }
+
     pub fn normal_equations(&self, jacobian: &Jacobian, state: &State, trust: &Trust) -> NormalEquations {
         let lights = &state.lights;
         let mut system = NormalEquations::new(lights.len() * PARAMS);
@@ -169,7 +200,7 @@ impl Fit<'_> {
                 for step in [width, -width] {
                     let mut delta = [0.0; PARAMS];
                     delta[number] = step;
-                    moved.push(mapping.step(light, &delta));
+                    moved.push(mapping.free_step(light, &delta));
                 }
             }
             let mut residuals =

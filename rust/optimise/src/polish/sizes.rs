@@ -91,7 +91,7 @@ impl Fit<'_> {
         let jacobian = self.jacobian(&exact, 0.0, &trust, &mut || ControlFlow::Continue(()))?;
         let delta = jacobian.and_then(|jacobian| {
             let system = self.normal_equations(&jacobian, &exact, &trust);
-            system.solve(0.0, exact.expected_square(&trust))
+            self.step_of(system, &exact, 0.0, &trust)
         });
         let Some(delta) = delta else { return Ok(state) };
         let delta: Vec<f32> = delta.iter().map(|d| *d as f32).collect();

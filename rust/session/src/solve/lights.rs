@@ -4,7 +4,7 @@ use relume_proxy::LightKind;
 use relume_scene::{Light, LightShape, LobeFactors};
 use std::mem::discriminant;
 
-use super::request::{Answer, Freedom, NewKind, SolveRequest, Through, Wish};
+use super::request::{Answer, BoundsWish, Freedom, NewKind, SolveRequest, Through};
 use crate::live::LiveRequest;
 use crate::relighter::Relighter;
 use crate::{SessionError, pixel_features};
@@ -48,13 +48,12 @@ impl Unknowns {
         let visible_in = |view: &&Relighter| pixel_features(view.aovs(), view.camera()).visible_bounds();
         let join = |(a, b): (Vec3, Vec3), (c, d): (Vec3, Vec3)| (a.min(c), b.max(d));
         let visible = views.iter().map(visible_in).reduce(join).unwrap_or_default();
-        let bounds_of = |name| bounds(wish, name, visible);
         let stay_of = |name: &str| wish.each.get(name).and_then(|own| own.stay).unwrap_or(wish.stay);
         let mut new = Self { variables: Vec::new(), sources: Vec::new(), world: None };
         for (i, light) in request.now.lights.iter().enumerate() {
             let locks = wish.free.get(&light.name).map_or(Locks::ALL, |free| locks(free));
             if !locks.hold_all(&light.shape) {
-                let bounds = bounds_of(Some(&light.name))?.including(light);
+                let bounds = bounds(&wish.bounds_of(&light.name), light, visible)?;
                 let stay = stay_of(&light.name);
                 new.push(Source::Scene(i), Variable { light: light.clone(), locks, bounds, stay });
             }
@@ -66,14 +65,15 @@ impl Unknowns {
             // Its picture is made already, so that its shape does not matter.
             let shape = LightShape::Sphere { center: Vec3::ZERO, radius: 1.0 };
             let light = Light { radiance: request.now.world, ..plain("world", shape) };
-            let (bounds, stay) = (bounds_of(None)?, stay_of("world"));
+            let (bounds, stay) = (bounds(&wish.bounds_of("world"), &light, visible)?, stay_of("world"));
             new.push(Source::World, Variable { light, locks, bounds, stay });
         }
         for _ in 0..wish.add.map_or(0, |add| add.count) {
             let shape = new_shape(wish.add.map_or(NewKind::Point, |add| add.kind), visible, views);
             let light = Light { radiance: [0.0; 3], ..plain("new light", shape) };
-            let (locks, bounds) = (Locks::default(), bounds_of(None)?.including(&light));
-            new.push(Source::New, Variable { light, locks, bounds, stay: 0.0 });
+            let wanted = BoundsWish { stops: None, degrees: None, ..wish.bounds };
+            let bounds = bounds(&wanted, &light, visible)?;
+            new.push(Source::New, Variable { light, locks: Locks::default(), bounds, stay: 0.0 });
         }
         Ok(new)
     }
@@ -163,7 +163,10 @@ impl Unknowns {
         let may_go = |(source, variable): (&Source, &Variable)| match source {
             Source::New => true,
             Source::World => false,
-            Source::Scene(_) => scene_lights && !variable.locks.strength,
+            Source::Scene(_) => {
+                let may_be_dark = variable.bounds.strength.is_none_or(|[least, _]| least <= 0.0);
+                scene_lights && !variable.locks.strength && may_be_dark
+            }
         };
         self.sources.iter().zip(&self.variables).map(may_go).collect()
     }
@@ -188,26 +191,26 @@ impl Unknowns {
     }
 }
 
-/// Those of the request for this light, or for all, or what the camera sees and a little beyond it (more above and below what is
-/// flat), and sizes from a two-hundredth to a fifth of that.
-fn bounds(wish: &Wish, light: Option<&str>, (low, high): (Vec3, Vec3)) -> Result<Bounds, SessionError> {
+/// Those that are wished for, or what the camera sees and a little beyond it (more above and below what is flat), and sizes from a
+/// two-hundredth to a fifth of that; with the light itself.
+fn bounds(wish: &BoundsWish, light: &Light, (low, high): (Vec3, Vec3)) -> Result<Bounds, SessionError> {
     let extent = low.distance(high).max(1e-3);
     let beyond = (0.3 * extent - 0.5 * (high - low)).max(Vec3::splat(0.02 * extent));
-    let own = light.and_then(|name| wish.each.get(name)).and_then(|own| own.bounds).unwrap_or_default();
-    let min = own.min.or(wish.bounds.min).map_or(low - beyond, Vec3::from);
-    let max = own.max.or(wish.bounds.max).map_or(high + beyond, Vec3::from);
-    let [small, large] = own.size.or(wish.bounds.size).unwrap_or([extent / 200.0, extent / 5.0]);
+    let min = wish.min.map_or(low - beyond, Vec3::from);
+    let max = wish.max.map_or(high + beyond, Vec3::from);
+    let [small, large] = wish.size.unwrap_or([extent / 200.0, extent / 5.0]);
     let is_box = min.is_finite() && max.is_finite() && min.cmplt(max).all();
     if !(is_box && 0.0 < small && small < large && large.is_finite()) {
-        let of = light.map_or(String::new(), |name| format!(" of light '{name}'"));
         return Err(SessionError::Settings(format!(
-            "\"bounds\"{of} must hold something: each \"min\" below its \"max\" (here {min} and {max}), sizes above 0 and \
-             rising"
+            "\"bounds\" of light '{}' must hold something: each \"min\" below its \"max\" (here {min} and {max}), sizes \
+             above 0 and rising",
+            light.name
         )));
     }
     let usual = Bounds::new(min, max, [small, large]);
-    let (sun, cone) = (own.sun.or(wish.bounds.sun), own.cone.or(wish.bounds.cone));
-    Ok(Bounds { sun: sun.unwrap_or(usual.sun), cone: cone.unwrap_or(usual.cone), ..usual })
+    let bounds =
+        Bounds { sun: wish.sun.unwrap_or(usual.sun), cone: wish.cone.unwrap_or(usual.cone), ..usual };
+    Ok(bounds.including(light).around(light, wish.stops, wish.degrees.map(f32::to_radians)))
 }
 
 fn locks(free: &[Freedom]) -> Locks {

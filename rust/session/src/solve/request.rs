@@ -12,7 +12,7 @@ use std::collections::HashMap;
 /// ```json
 /// { "lights": [...], "gains": {}, "world": [1, 1, 1], "static": [1, 1, 1],
 ///   "free": {"Key": ["position", "strength"], "world": ["strength"]},
-///   "bounds": {"min": [-2, -2, 0], "max": [2, 2, 3], "size": [0.05, 1]}, "stay": 0,
+///   "bounds": {"min": [-2, -2, 0], "max": [2, 2, 3], "size": [0.05, 1], "stops": [-1, 1], "degrees": 15}, "stay": 0,
 ///   "each": {"Key": {"bounds": {"max": [2, 2, 1.5]}, "stay": 0.1}},
 ///   "add": {"count": 2, "type": "point"}, "remove": true,
 ///   "goals": [{"goal": "target", "image": "target.exr", "exposure_invariant": true},
@@ -41,7 +41,7 @@ pub struct Wish {
     pub free: HashMap<String, Vec<Freedom>>,
     /// Where lights may go.
     pub bounds: BoundsWish,
-    /// What is said of single lights, by their names, in place of `bounds` and `stay`; of the world only `stay`.
+    /// What is said of single lights, by their names, in place of `bounds` and `stay`; of the world's bounds only `stops`.
     pub each: HashMap<String, Own>,
     /// New lights.
     pub add: Option<Add>,
@@ -131,8 +131,8 @@ pub enum Freedom {
     Strength,
 }
 
-/// A box for centres, metres, and the sizes between which a light may be. What is absent is as for all lights, and if it is
-/// absent there what the camera sees and its parts.
+/// A box for centres, metres, the sizes between which a light may be, and how far it may go from how strong and directed it is.
+/// What is absent is as for all lights; if it is absent there, what the camera sees and its parts, and any strength and direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BoundsWish {
@@ -146,6 +146,42 @@ pub struct BoundsWish {
     pub sun: Option<[f32; 2]>,
     /// Smallest and largest half angle of a spot's cone, radians.
     pub cone: Option<[f32; 2]>,
+    /// Least and most strength (luminance of the power) by how many stops it is above what it is now. New lights have none to go by.
+    pub stops: Option<[f32; 2]>,
+    /// Furthest that a spot, an area light or a sun may turn from where it points now, degrees; not for new lights.
+    pub degrees: Option<f32>,
+}
+
+/// More stops than there are between starlight and the sun.
+const MOST_STOPS: f32 = 64.0;
+
+impl BoundsWish {
+    /// These, and those of all lights for what is absent.
+    fn or(self, all: Self) -> Self {
+        Self {
+            min: self.min.or(all.min),
+            max: self.max.or(all.max),
+            size: self.size.or(all.size),
+            sun: self.sun.or(all.sun),
+            cone: self.cone.or(all.cone),
+            stops: self.stops.or(all.stops),
+            degrees: self.degrees.or(all.degrees),
+        }
+    }
+
+    /// What is wrong with strength and direction.
+    fn check(&self) -> Result<(), String> {
+        let are_stops = |[low, high]: [f32; 2]| -MOST_STOPS <= low && low <= high && high <= MOST_STOPS;
+        if !self.stops.is_none_or(are_stops) {
+            return Err(format!(
+                "\"stops\" must be two numbers from -{MOST_STOPS} to {MOST_STOPS}, the first not above the second"
+            ));
+        }
+        if !self.degrees.is_none_or(|degrees| degrees.is_finite() && degrees >= 0.0) {
+            return Err("\"degrees\" must be a number that is not below 0".into());
+        }
+        Ok(())
+    }
 }
 
 /// What is said of one light.
@@ -262,6 +298,13 @@ pub struct RegionWish {
     pub equals: Option<f32>,
 }
 
+impl Wish {
+    /// Bounds of a light, or of the world, by its name.
+    pub(super) fn bounds_of(&self, name: &str) -> BoundsWish {
+        self.each.get(name).and_then(|own| own.bounds).unwrap_or_default().or(self.bounds)
+    }
+}
+
 impl SolveRequest {
     /// Reads a request.
     ///
@@ -290,13 +333,16 @@ impl SolveRequest {
             if !known(name) {
                 return Err(format!("\"each\" names '{name}', which is not one of the lights"));
             }
-            if name == "world" && own.bounds.is_some() {
-                return Err("\"each\": the world is nowhere, so it can have no \"bounds\"".into());
+            let bounds = own.bounds.unwrap_or_default();
+            if name == "world" && bounds != (BoundsWish { stops: bounds.stops, ..BoundsWish::default() }) {
+                return Err("\"each\": the world is nowhere, so its \"bounds\" can only be \"stops\"".into());
             }
+            bounds.check().map_err(|reason| format!("\"each\": of the bounds of '{name}', {reason}"))?;
             if !own.stay.is_none_or(|stay| stay.is_finite() && stay >= 0.0) {
                 return Err(format!("\"each\": \"stay\" of '{name}' must not be below 0"));
             }
         }
+        wish.bounds.check().map_err(|reason| format!("\"bounds\": {reason}"))?;
         if wish.from.as_ref().is_some_and(|from| !from.world.iter().all(|value| value.is_finite())) {
             return Err("\"from\": the world's factor must be finite".into());
         }
@@ -386,6 +432,24 @@ mod tests {
         assert!(fault(r#"{"Kay": {}}"#).contains("'Kay'"));
         assert!(fault(r#"{"Key": {"stay": -1}}"#).contains("\"stay\" of 'Key'"));
         assert!(fault(r#"{"Key": {"box": 1}}"#).contains("box"));
-        assert!(fault(r#"{"world": {"bounds": {}}}"#).contains("nowhere"));
+        assert!(fault(r#"{"world": {"bounds": {"min": [0, 0, 0]}}}"#).contains("nowhere"));
+        assert!(read(r#"{"world": {"bounds": {"stops": [-1, 1]}}}"#).is_ok());
+    }
+    #[test]
+    fn bounds_that_nothing_is_within_are_named() {
+        let read =
+            |rest: &str| SolveRequest::parse(&format!(r#"{{"lights": [{LIGHT}], {rest}}}"#)).map(|_| ());
+        for (bounds, field) in [
+            (r#"{"stops": [1, -1]}"#, "stops"),
+            (r#"{"stops": [0, 1e39]}"#, "stops"),
+            (r#"{"degrees": -1}"#, "degrees"),
+            (r#"{"degrees": 1e39}"#, "degrees"),
+        ] {
+            let of_all = read(&format!(r#""bounds": {bounds}"#)).unwrap_err();
+            assert!(of_all.starts_with(&format!("\"bounds\": \"{field}\" must be")), "{of_all}");
+            let own = read(&format!(r#""each": {{"Key": {{"bounds": {bounds}}}}}"#)).unwrap_err();
+            assert!(own.contains(&format!("of 'Key', \"{field}\" must be")), "{own}");
+        }
+        assert_eq!(read(r#""bounds": {"stops": [0, 0], "degrees": 0}"#), Ok(()));
     }
 }

@@ -1,5 +1,6 @@
 //! Solving lights on a small bake, through the smoothed gather and as a user asks for it.
 
+mod bounds;
 #[path = "../common/mod.rs"]
 mod common;
 mod goals;

@@ -1,0 +1,157 @@
+//! Bounds on strength and direction. Those of places and sizes are approached and never met (`variable`); these are walls, at which a
+//! step that leads through ends: a light may start at one, and where none is met all is as without.
+
+use crate::problem::Problem;
+use crate::variable::{Bounds, LUMINANCE, Locks, Mapping, PARAMS, Variable, luminance, power};
+use glam::Vec3;
+use relume_scene::{LANES, Light, LightShape, lane};
+use serde::{Deserialize, Serialize};
+use std::f32::consts::PI;
+
+/// As near to a wall as this, in its units, a light stands at it.
+const NEAR: f32 = 1e-5;
+
+/// All directions within an angle of one.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Cap {
+    /// Their middle, of unit length.
+    pub axis: Vec3,
+    /// Radians, up to pi.
+    pub angle: f32,
+}
+
+impl Cap {
+    pub(crate) fn is_sound(&self) -> bool {
+        self.axis.is_normalized() && (0.0..=PI).contains(&self.angle)
+    }
+
+    /// Of a uniformly random orientation one whose axis is uniformly random in the cap.
+    pub(crate) fn squeezed(&self, shape: &LightShape) -> LightShape {
+        shape.axis().map_or(*shape, |axis| {
+            let sine = (0.5 * self.angle_to(axis)).sin() * (0.5 * self.angle).sin();
+            self.turned(shape, axis, 2.0 * sine.asin())
+        })
+    }
+
+    fn within(&self, shape: &LightShape) -> LightShape {
+        let is_out = |axis: &Vec3| self.angle_to(*axis) > self.angle;
+        shape.axis().filter(is_out).map_or(*shape, |axis| self.turned(shape, axis, self.angle))
+    }
+
+    /// A shape, whose axis is given, turned until that is at an angle from the middle.
+    fn turned(&self, shape: &LightShape, axis: Vec3, angle: f32) -> LightShape {
+        let mut step = [0.0; LANES];
+        step[lane::TURN].copy_from_slice(&(self.out(axis) * (angle - self.angle_to(axis))).to_array());
+        shape.moved(&step)
+    }
+
+    /// Rotation vector, of unit length, that takes an axis further from the middle.
+    fn out(&self, axis: Vec3) -> Vec3 {
+        self.axis.cross(axis).try_normalize().unwrap_or_else(|| axis.any_orthonormal_vector())
+    }
+
+    fn angle_to(&self, axis: Vec3) -> f32 {
+        self.axis.cross(axis).length().atan2(self.axis.dot(axis))
+    }
+}
+
+impl Bounds {
+    /// Bounds that also hold a light's strength within some stops of what it is, and its direction within an angle, radians.
+    pub fn around(self, light: &Light, stops: Option<[f32; 2]>, angle: Option<f32>) -> Self {
+        let strength = stops.map(|stops| stops.map(|stops| stops.exp2() * luminance(power(light))));
+        let cap = |angle: f32| Some(Cap { axis: light.shape.axis()?, angle: angle.min(PI) });
+        Self { strength, direction: angle.and_then(cap), ..self }
+    }
+
+    /// A light as strong and directed as these bounds allow, what is locked as it is.
+    fn within(&self, locks: &Locks, mut light: Light) -> Light {
+        if let (Some(cap), false) = (self.direction, locks.direction) {
+            light.shape = cap.within(&light.shape);
+        }
+        if let (Some([low, high]), false) = (self.strength, locks.strength) {
+            let strength = luminance(power(&light));
+            let held = strength.clamp(low, high);
+            if strength <= 0.0 {
+                light.radiance = [held / light.shape.extent(); 3];
+            } else if held != strength {
+                light.radiance = light.radiance.map(|radiance| radiance * (held / strength));
+            }
+        }
+        light
+    }
+}
+
+impl Variable {
+    pub(crate) fn within(&self, light: Light) -> Light {
+        self.bounds.within(&self.locks, light)
+    }
+}
+
+impl Problem<'_> {
+    pub(crate) fn within(&self, lights: &[Light]) -> Vec<Light> {
+        self.variables.iter().zip(lights).map(|(variable, light)| variable.within(light.clone())).collect()
+    }
+}
+
+/// A bound by a light's unconstrained values, to first order.
+pub(crate) struct Wall {
+    /// The product of a step with this is how much nearer it comes, radians or natural logarithm of a strength.
+    pub(crate) normal: [f32; PARAMS],
+    /// The step by which what is beyond the wall is brought back, for each of those units.
+    out: [f32; PARAMS],
+    /// How far away the wall is.
+    pub(crate) distance: f32,
+}
+
+impl Wall {
+    pub(crate) fn is_passed_by(&self, step: &[f64]) -> bool {
+        let nearer: f64 = self.normal.iter().zip(step).map(|(n, s)| f64::from(*n) * s).sum();
+        nearer > f64::from(self.distance)
+    }
+
+    /// Takes from a gradient, against which the light goes, what leads through the wall if it stands there.
+    pub(crate) fn stop(&self, gradient: &mut [f32; PARAMS]) {
+        let pull: f32 = gradient.iter().zip(&self.out).map(|(g, out)| g * out).sum();
+        if pull < 0.0 && self.distance < NEAR {
+            gradient.iter_mut().zip(&self.normal).for_each(|(slope, normal)| *slope -= pull * normal);
+        }
+    }
+}
+
+impl Mapping {
+    /// The light after a step of the unconstrained values from where it is, within its bounds.
+    pub(crate) fn step(&self, light: &Light, delta: &[f32; PARAMS]) -> Light {
+        self.bounds.within(&self.locks, self.free_step(light, delta))
+    }
+
+    /// The walls around a light.
+    pub(crate) fn walls(&self, light: &Light) -> impl Iterator<Item = Wall> + use<> {
+        self.wall_of_direction(light).into_iter().chain(self.walls_of_strength(light))
+    }
+
+    fn wall_of_direction(&self, light: &Light) -> Option<Wall> {
+        let cap = self.bounds.direction.filter(|_| !self.locks.direction)?;
+        let axis = light.shape.axis()?;
+        let mut out = [0.0; PARAMS];
+        out[lane::TURN].copy_from_slice(&cap.out(axis).to_array());
+        Some(Wall { normal: out, out, distance: cap.angle - cap.angle_to(axis) })
+    }
+
+    fn walls_of_strength(&self, light: &Light) -> Vec<Wall> {
+        let strength = luminance(power(light));
+        let Some(ends) = self.bounds.strength.filter(|_| !self.locks.strength && strength > 0.0) else {
+            return Vec::new();
+        };
+        let wall = |(end, sign): (f32, f32)| {
+            let [mut normal, mut out] = [[0.0; PARAMS]; 2];
+            let d_power = LUMINANCE.map(|weight| sign * weight / strength);
+            normal[LANES..].copy_from_slice(&self.power_gradient(light, d_power));
+            out[LANES..].copy_from_slice(&self.brightening(light).map(|step| sign * step));
+            Wall { normal, out, distance: sign * (end / strength).ln() }
+        };
+        ends.into_iter().zip([-1.0, 1.0]).map(wall).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests;
