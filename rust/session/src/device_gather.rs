@@ -21,7 +21,7 @@ pub(crate) struct DeviceGather {
     pub(crate) on_gpu: OnGpu<GpuGather>,
     may_sort: AtomicBool,
     pub(crate) sorting: Sorting,
-    told_of_streaming: Once,
+    told_of_little_memory: Once,
 }
 
 impl DeviceGather {
@@ -31,7 +31,7 @@ impl DeviceGather {
             on_gpu: OnGpu::default(),
             may_sort: false.into(),
             sorting: Sorting::default(),
-            told_of_streaming: Once::new(),
+            told_of_little_memory: Once::new(),
         }
     }
 
@@ -112,8 +112,8 @@ impl DeviceGather {
         Ok(image.unwrap_or_else(|| self.gather.world_image(environment, Half::All)))
     }
 
-    /// A smoothed light's values at some cells with their derivatives; `soft` is of the same dump. On the CPU where the dump does
-    /// not fit into the GPU's memory.
+    /// A smoothed light's values at some cells with their derivatives; `soft` is of the same dump. On the CPU where the GPU's memory
+    /// has no room for parts of the dump.
     pub fn linearise(
         &self,
         soft: &SoftGather,
@@ -123,7 +123,7 @@ impl DeviceGather {
         monitor: &Monitor,
     ) -> Result<Linear, SessionError> {
         let work = |on_gpu: &GpuGather| on_gpu.linearise(soft, light, softness, cells);
-        let linear = self.if_resident(compute, monitor, work)?;
+        let linear = self.if_it_gathers_pixels(compute, monitor, work)?;
         linear.map_or_else(|| Ok(soft.linearise(light, softness, cells)?), Ok)
     }
 
@@ -138,11 +138,11 @@ impl DeviceGather {
         monitor: &Monitor,
     ) -> Result<Option<SoftCompared>, SessionError> {
         let work = |on_gpu: &GpuGather| on_gpu.compare(soft, lights, softness, cells, wanted);
-        self.if_resident(compute, monitor, work)
+        self.if_it_gathers_pixels(compute, monitor, work)
     }
 
-    /// Does some work on the GPU if the whole dump is there.
-    fn if_resident<R>(
+    /// Does some work on the GPU if that has room for the parts of the dump that it needs.
+    fn if_it_gathers_pixels<R>(
         &self,
         compute: &Compute,
         monitor: &Monitor,
@@ -150,16 +150,20 @@ impl DeviceGather {
     ) -> Result<Option<R>, SessionError> {
         let tell = || {
             monitor.warn(
-                "the bake does not fit into the GPU's memory: the CPU smooths lights for solving; raise --gpu-memory, or bake \
-                 fewer samples",
+                "there is no room in the GPU's memory for parts of the bake: the CPU smooths lights for solving; raise \
+                 --gpu-memory",
             );
         };
-        let work = |on_gpu: &GpuGather| match on_gpu.is_resident() {
-            true => work(on_gpu).map(Some),
-            false => {
-                self.told_of_streaming.call_once(tell);
-                Ok(None)
-            }
+        let by_cpu = || {
+            self.told_of_little_memory.call_once(tell);
+            Ok(None)
+        };
+        let work = |on_gpu: &GpuGather| match on_gpu.gathers_pixels() {
+            true => match work(on_gpu) {
+                Err(GatherError::Gpu(GpuError::OutOfMemory { .. })) if !on_gpu.is_resident() => by_cpu(),
+                result => result.map(Some),
+            },
+            false => by_cpu(),
         };
         Ok(self.on_gpu.attempt(compute, monitor, |gpu| self.put_on(gpu), work)?.flatten())
     }
