@@ -46,6 +46,7 @@ mod targets;
 mod threads;
 mod train;
 mod unit_cache;
+mod world_layer;
 
 pub use bake::{BakeReport, LIGHTS_FILE, VIEW_FILE, bake, difference};
 pub use denoise::Denoise;
@@ -71,6 +72,7 @@ pub use solve::{
 pub use targets::{DumpTargets, GpuTargets};
 pub use threads::on_threads;
 pub use train::{Clock, CurvePoint, TrainReport, TrainSettings, train};
+pub use world_layer::{WORLD_FILE, WorldAbout};
 
 pub use relume_gpu as gpu;
 pub use relume_image as image;

@@ -1,17 +1,22 @@
 use super::compose::{Layer, weighted_sum, with_alpha};
+use super::gathered::Gathered;
 use super::parts::{How, Part, parts};
 use super::shared::{Frame, LiveState, Shared, Shown, State};
-use super::units::{Unit, Units};
+use super::units::Units;
 use super::view::{Delivered, SharedImage, View, half};
+use super::world::WorldUnit;
 use super::{LiveOptions, LiveRequest};
+use crate::denoise::Denoise;
 use crate::device_gather::DeviceGather;
 use crate::device_image::DeviceImage;
+use crate::world_layer::forget;
 use crate::{Cancel, Compute, Listener, Maker, Monitor, Progress, SessionError, With};
 use relume_gather::DenoiseQuality;
 use relume_image::{Image, metrics};
 use relume_scene::Light;
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, MutexGuard};
 use std::time::{Duration, Instant};
 
@@ -31,6 +36,10 @@ pub(super) struct Painter {
     monitor: Monitor,
     view: Option<View>,
     units: Units,
+    /// The world that is shown in place of the paths' own.
+    world: Option<WorldUnit>,
+    /// Bake folder that the light of such a world is stored in.
+    folder: Option<PathBuf>,
     /// Request and delivery that were painted last.
     painted: (u64, u64),
     serial: u64,
@@ -63,6 +72,8 @@ impl Painter {
             monitor,
             view: None,
             units,
+            world: None,
+            folder: None,
             painted,
             serial: 0,
             first_frame: true,
@@ -73,6 +84,11 @@ impl Painter {
     /// The same on a device that is open.
     pub fn on(self, compute: Compute) -> Self {
         Self { compute, ..self }
+    }
+
+    /// The same, that stores the light of another world in a bake folder.
+    pub fn storing_in(self, folder: &Path) -> Self {
+        Self { folder: Some(folder.to_path_buf()), ..self }
     }
 
     /// Paints until the shot is closed.
@@ -134,10 +150,13 @@ impl Painter {
             self.painted = (state.requests, state.deliveries);
             state.painting = true;
             let nothing_runs = state.status.state == LiveState::Ready;
+            let world = state.world.clone();
             if self.view.as_ref().is_none_or(|view| view.deliveries != state.deliveries) {
                 self.renew_view(state);
             }
             if let Some(view) = &self.view {
+                let before = self.world.take();
+                self.world = world.map(|world| WorldUnit::of(world, view, before));
                 if nothing_runs {
                     view.passes.iter().for_each(DeviceGather::allow_sorting);
                 }
@@ -197,11 +216,11 @@ impl Painter {
                 request.with != With::Gather && view.proxies.proxies().knowing(&part.light).is_some();
             part.how == How::Proxy
                 || part.how == How::Gather
-                    && (proxied || self.units.get(&part.light).is_some_and(Unit::has_clean))
+                    && (proxied || self.units.get(&part.light).is_some_and(|unit| unit.gathered.has_clean()))
         };
         let new: Vec<Light> =
             parts.iter().filter(|part| !replaced(part)).map(|part| part.light.clone()).collect();
-        while self.units.advance(&new, view, &self.compute, &self.monitor)? {
+        while self.advance(&new, view)? {
             if self.units.all_begun(&new) && start.elapsed() > DRAG_BUDGET {
                 break;
             }
@@ -230,7 +249,7 @@ impl Painter {
         let gathered: Vec<Light> = gathered.map(|part| part.light.clone()).collect();
         let full = Manner { scale: 1, drag: false };
         let mut last_shown = Instant::now();
-        while self.units.advance(&gathered, view, &self.compute, &self.monitor)? {
+        while self.advance(&gathered, view)? {
             if self.is_outdated() {
                 return Ok(());
             }
@@ -250,7 +269,38 @@ impl Painter {
         if !settled && self.refine(view, parts)? {
             self.show(request, view, parts, full)?;
         }
+        self.store_world(view);
         Ok(())
+    }
+
+    /// Gathers one more pass of another world and of some of the lights; false if none is behind.
+    fn advance(&mut self, lights: &[Light], view: &View) -> Result<bool, SessionError> {
+        let world = match &mut self.world {
+            Some(world) => world.advance(view, &self.compute, &self.monitor)?,
+            None => false,
+        };
+        Ok(self.units.advance(lights, view, &self.compute, &self.monitor)? || world)
+    }
+
+    /// Stores the light of another world for when the bake is opened again, once no more paths are to be expected.
+    fn store_world(&mut self, view: &View) {
+        let (Some(world), Some(folder)) = (&mut self.world, &self.folder) else { return };
+        let may_store =
+            |state: &State| state.status.state != LiveState::Baking && world.is_of(state.world.as_ref());
+        if !may_store(&self.shared.lock()) {
+            return;
+        }
+        let stored = world.store(view, folder);
+        if let Err(error) = &stored {
+            self.monitor.warn(&error.to_string());
+        }
+        self.shared.change(|state| {
+            if world.is_of(state.world.as_ref()) {
+                state.status.world_is_stored = stored.is_ok_and(|stored| stored);
+            } else if let Err(error) = forget(folder) {
+                self.monitor.warn(&error.to_string());
+            }
+        });
     }
 
     /// Denoises what is stale, one picture at a time; false if something newer came up.
@@ -258,17 +308,18 @@ impl Painter {
         let denoise = view.denoise(1);
         for part in parts.iter().filter(|part| part.how == How::Gather) {
             let unit = self.units.of(&part.light);
-            if unit.is_clean() || unit.passes == 0 {
+            if !clean(&mut unit.gathered, denoise)? {
                 continue;
             }
-            let mut image = unit.mean.read()?;
-            denoise.images(std::slice::from_mut(&mut image), DenoiseQuality::Balanced)?;
-            unit.clean = Some((unit.passes, DeviceImage::beside(&unit.mean, image)));
             if is_new(&self.shared.lock(), self.painted) {
                 return Ok(false);
             }
         }
-        for layer in view.statics.iter_mut().filter(|layer| !layer.black && layer.clean.is_none()) {
+        if let Some(world) = self.world.as_mut().filter(|world| !world.is_black()) {
+            clean(&mut world.gathered, denoise)?;
+        }
+        let shown = if self.world.is_some() { 1 } else { 2 };
+        for layer in view.statics[..shown].iter_mut().filter(|layer| !layer.black && layer.clean.is_none()) {
             let mut image = layer.image.read()?;
             view.denoise[0].images(std::slice::from_mut(&mut image), DenoiseQuality::Balanced)?;
             layer.clean = Some(DeviceImage::Cpu(image));
@@ -291,14 +342,15 @@ impl Painter {
         manner: Manner,
     ) -> Result<bool, SessionError> {
         let stand_ins = self.stand_ins(request, view, parts, manner)?;
-        let picture = Picture::new(request, view, &self.units, parts, &stand_ins, manner);
+        let units = (&self.units, self.world.as_ref());
+        let picture = Picture::new(request, view, units, parts, &stand_ins, manner);
         let image = picture.image(view, manner)?;
         self.serial += 1;
         self.first_frame = false;
         // Without a denoiser nothing gets better than it is.
         let settled = picture.noisy.is_empty() || view.denoise(manner.scale).missing().is_some();
         let noise =
-            if settled && !manner.drag { noise(&self.units, parts, &stand_ins, &image)? } else { None };
+            if settled && !manner.drag { noise(request, units, parts, &stand_ins, &image)? } else { None };
         let shown = Shown {
             serial: self.serial,
             request: self.painted.0,
@@ -328,8 +380,8 @@ impl Painter {
         for part in parts {
             let unit = self.units.of(&part.light);
             let waits = part.how == How::Gather
-                && unit.passes < view.passes.len()
-                && !(manner.drag && unit.has_clean())
+                && unit.gathered.passes < view.passes.len()
+                && !(manner.drag && unit.gathered.has_clean())
                 && request.with != With::Gather
                 && view.proxies.proxies().knowing(&part.light).is_some();
             images.push(match &unit.proxy {
@@ -369,45 +421,59 @@ impl<'a> Picture<'a> {
     fn new(
         request: &LiveRequest,
         view: &'a View,
-        units: &'a Units,
+        (units, world): (&'a Units, Option<&'a WorldUnit>),
         parts: &[Part],
         stand_ins: &'a [Option<SharedImage>],
         manner: Manner,
     ) -> Self {
         let (clean, noisy, makers) = (Vec::new(), Vec::new(), BTreeMap::new());
         let mut picture = Self { clean, noisy, makers, samples: view.samples() };
-        for (layer, weight) in view.statics.iter().zip([request.static_light, request.world]) {
+        let shown = if world.is_some() { 1 } else { 2 };
+        for (layer, weight) in view.statics[..shown].iter().zip([request.static_light, request.world]) {
             match &layer.clean {
                 _ if layer.black => {}
                 Some(image) => picture.clean.push(Layer { image, weight }),
                 None => picture.noisy.push(Layer { image: &layer.image, weight }),
             }
         }
+        if let Some(world) = world.filter(|world| !world.is_black()) {
+            picture.add(&world.gathered, request.world, manner);
+        }
         let denoiser = view.denoise(manner.scale).missing().is_none();
         for (part, stand_in) in parts.iter().zip(stand_ins) {
             let weight = part.light.radiance;
             let Some(unit) = units.get(&part.light) else { continue };
             let mut maker = if denoiser { Maker::GatherDenoised } else { Maker::Gather };
-            match (stand_in, &unit.clean) {
-                (Some(image), _) => {
+            match stand_in {
+                Some(image) => {
                     picture.clean.push(Layer { image, weight });
                     maker = Maker::Proxy;
                 }
-                (None, Some((passes, image))) if manner.drag || *passes == unit.passes => {
-                    picture.clean.push(Layer { image, weight });
+                None if unit.gathered.passes == 0 => continue,
+                None if part.how == How::View => {
+                    picture.clean.push(Layer { image: &unit.gathered.mean, weight });
+                    picture.samples = picture.samples.min(unit.gathered.samples);
                 }
-                _ if unit.passes == 0 => continue,
-                _ => {
-                    let layers = if part.how == How::View { &mut picture.clean } else { &mut picture.noisy };
-                    layers.push(Layer { image: &unit.mean, weight });
-                    picture.samples = picture.samples.min(unit.samples);
-                }
+                None => picture.add(&unit.gathered, weight, manner),
             }
             if part.how != How::View {
                 picture.makers.insert(part.light.name.clone(), maker);
             }
         }
         picture
+    }
+
+    /// Adds what was gathered, denoised if that is there.
+    fn add(&mut self, gathered: &'a Gathered, weight: [f32; 3], manner: Manner) {
+        match &gathered.clean {
+            Some((passes, image)) if manner.drag || *passes == gathered.passes => {
+                self.clean.push(Layer { image, weight });
+            }
+            _ => {
+                self.noisy.push(Layer { image: &gathered.mean, weight });
+                self.samples = self.samples.min(gathered.samples);
+            }
+        }
     }
 
     fn image(&self, view: &View, manner: Manner) -> Result<Image, SessionError> {
@@ -424,17 +490,21 @@ impl<'a> Picture<'a> {
 
 /// [`Shown::noise`] of an RGBA picture of the full size.
 fn noise(
-    units: &Units,
+    request: &LiveRequest,
+    (units, world): (&Units, Option<&WorldUnit>),
     parts: &[Part],
     stand_ins: &[Option<SharedImage>],
     picture: &Image,
 ) -> Result<Option<f32>, SessionError> {
     let summed =
         parts.iter().zip(stand_ins).filter(|(part, stand_in)| part.how == How::Gather && stand_in.is_none());
+    let world = world.filter(|world| !world.is_black()).map(|world| (Some(&world.gathered), request.world));
     let layers: Option<Vec<Layer>> = summed
-        .map(|(part, _)| {
-            let image = &units.get(&part.light)?.error;
-            (!image.is_empty()).then_some(Layer { image, weight: part.light.radiance })
+        .map(|(part, _)| (units.get(&part.light).map(|unit| &unit.gathered), part.light.radiance))
+        .chain(world)
+        .map(|(gathered, weight)| {
+            let image = &gathered?.error;
+            (!image.is_empty()).then_some(Layer { image, weight })
         })
         .collect();
     let Some(layers) = layers.filter(|layers| !layers.is_empty()) else { return Ok(None) };
@@ -444,6 +514,17 @@ fn noise(
     let clean = Image { data: colors.collect(), ..Image::new(picture.width, picture.height, 3) };
     noisy.data.iter_mut().zip(&clean.data).for_each(|(error, value)| *error += value);
     Ok(Some(metrics::smape(&noisy, &clean) as f32))
+}
+
+/// Denoises what was gathered; false if that was done, or there is nothing yet.
+fn clean(gathered: &mut Gathered, denoise: &Denoise) -> Result<bool, SessionError> {
+    if gathered.is_clean() || gathered.passes == 0 {
+        return Ok(false);
+    }
+    let mut image = gathered.mean.read()?;
+    denoise.images(std::slice::from_mut(&mut image), DenoiseQuality::Balanced)?;
+    gathered.clean = Some((gathered.passes, DeviceImage::beside(&gathered.mean, image)));
+    Ok(true)
 }
 
 /// Whether there is something that was not painted yet.
