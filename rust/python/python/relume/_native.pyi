@@ -170,8 +170,9 @@ class Relighter:
         device: str = "auto",
         gpu_memory: int | None = None,
     ) -> None:
-        """Under the world that was shown last of the bake, or under that of a scene. Device: auto, cpu, gpu or a part of a GPU's name, or where it is plugged in (0000:01:00.0). GPU memory to
-        use, bytes; by default what its driver says, less some for others; the last one set counts for the process."""
+        """Under the world that was shown last of the bake, or that of a scene. Device: auto, cpu, gpu or a part of a
+        GPU's name, or where it is plugged in (0000:01:00.0). GPU memory to use, bytes; by default what its driver
+        says, less some for others; the last one set counts for the process."""
 
     @property
     def resolution(self) -> tuple[int, int]:
