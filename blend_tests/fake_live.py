@@ -23,6 +23,8 @@ class FakeLive:
             "samples": 0,
             "samples_total": 0,
             "world_color": None,
+            "world_map": None,
+            "world_is_stored": True,
             "proxies": {},
             "device": "CPU, 2 threads",
             "warnings": [],
@@ -60,6 +62,12 @@ class FakeLive:
         """As Live.relight."""
         self.requests.append(json.loads(request))
         return len(self.requests)
+
+    def show_world(self, world, request):
+        """As Live.show_world."""
+        self.calls.append(("show_world", world.map))
+        self.tell(world_map=world.map, world_color=list(world.color))
+        return self.relight(request)
 
     def frame(self, newer_than=0):
         """As Live.frame."""

@@ -89,6 +89,28 @@ def add_world(scene, color=(0.2, 0.3, 0.4), strength=0.5):
     return node
 
 
+def sky_file(folder):
+    """An equirectangular picture, red towards +y and blue towards -y."""
+    image = bpy.data.images.new("sky", 16, 8)
+    image.pixels.foreach_set(([1.0, 0.1, 0.0, 1.0] * 8 + [0.0, 0.1, 1.0, 1.0] * 8) * 8)
+    image.filepath_raw, image.file_format = str(folder / "sky.png"), "PNG"
+    image.save()
+    bpy.data.images.remove(image)
+    return folder / "sky.png"
+
+
+def add_sky(background, file):
+    """An environment texture that a Background node shows; returns it and the Mapping node that turns it."""
+    tree = background.id_data
+    kinds = ("TexEnvironment", "Mapping", "TexCoord")
+    texture, mapping, coordinates = (tree.nodes.new(f"ShaderNode{kind}") for kind in kinds)
+    texture.image = bpy.data.images.load(str(file))
+    tree.links.new(coordinates.outputs["Generated"], mapping.inputs["Vector"])
+    tree.links.new(mapping.outputs[0], texture.inputs["Vector"])
+    tree.links.new(texture.outputs[0], background.inputs["Color"])
+    return texture, mapping
+
+
 def affine(columns):
     """4 x 4 matrix from the 12 numbers of a glam `Affine3A`."""
     matrix = np.eye(4)

@@ -486,7 +486,8 @@ def test_record_outlives_the_file(baked, tmp_path):
     handlers.tick()
     kept = record.read(tmp_path / "bake")
     assert kept.camera == "Camera" and "Sofa" in kept.receivers
-    assert kept.prints == record.of(baked).prints
+    assert kept.prints == record.of(baked, "map").prints
+    assert list(kept.maps.values()) == [kept.prints["world"]["shape"]]
     bpy.data.objects["Sofa"].location.z = 1.0
     assert said(baked) == ["'Sofa' moved"]
     path = tmp_path / "shot.blend"

@@ -1,6 +1,7 @@
 """Relume as a render engine: F12, its passes and what goes wrong."""
 
 import json
+import math
 import os
 from types import SimpleNamespace
 
@@ -21,7 +22,7 @@ from addon.ui import rows
 from addon.viewport import rendered
 from addon.viewport.camera_frame import Rectangle
 from exr import read_exr
-from helpers import add, add_light, add_material, add_quad, add_world, instance_linked_light
+from helpers import add, add_light, add_material, add_quad, add_sky, add_world, instance_linked_light, sky_file
 
 
 @pytest.fixture
@@ -123,6 +124,20 @@ def test_a_brighter_world_needs_no_new_bake(shot, tmp_path):
     assert second["world"] == pytest.approx(first["world"] * [3.0, 1.5, 3.0], rel=1e-5)
     total = sum(second[name] for name in ("static", "world", "Combined_Key", "Combined_Rim_001"))
     assert second["Combined"][..., :3] == pytest.approx(total, rel=1e-5)
+
+
+def test_another_world_needs_no_new_bake(shot, tmp_path):
+    texture, mapping = add_sky(add_world(shot, color=(0.2, 0.4, 0.4), strength=2.0), sky_file(tmp_path))
+    first, bake = render(shot, tmp_path), shards(tmp_path / "bake")
+    mapping.inputs["Rotation"].default_value.z = math.pi
+    second = render(shot, tmp_path)
+    expected = relume.Relighter(tmp_path / "bake", world_of=load_scene(shot)).relight("[]")
+    assert (second["world"] == expected["world"]).all()
+    assert np.abs(second["world"] - first["world"]).max() > 0.1
+    mapping.inputs["Rotation"].default_value.z = 0.0
+    assert (render(shot, tmp_path)["world"] == first["world"]).all()
+    texture.image = None
+    assert shards(tmp_path / "bake") == bake
 
 
 def test_the_passes_add_up(shot, tmp_path):

@@ -105,11 +105,12 @@ def test_cancelling_leaves_nothing_behind(shown, asked):
 def test_cancelling_does_not_wait_for_a_job_that_prepares(studio, tmp_path):
     calls = []
     job = SimpleNamespace(done=False, cancel=lambda: calls.append("cancel"), result=lambda: calls.append("result"))
-    status = {"samples": 4, "world_color": [0.5, 0.5, 0.5]}
+    status = {"samples": 4, "world_color": [0.5, 0.5, 0.5], "world_map": "sky"}
     found = SimpleNamespace(folder=tmp_path, status=status, options=SimpleNamespace(threads=1))
     (tmp_path / "manifest.json").write_text('{"scene_hash": "same"}')
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(new_paths, "load_scene_async", lambda _s, _o, done: done(SimpleNamespace(hash="same"), None))
+        exported = SimpleNamespace(hash="same", world_map="sky")
+        patched.setattr(new_paths, "load_scene_async", lambda _s, _o, done: done(exported, None))
         patched.setattr(new_paths, "native", lambda: SimpleNamespace(bake=lambda *_arguments: job))
         with new_paths.folder_in(found) as folder:
             folder.mkdir()

@@ -9,7 +9,7 @@ from pathlib import Path
 
 MANIFEST = "manifest.json"
 OWN_FILES = (
-    *(MANIFEST, "lights.json", "guided.json", "shot.json", "wanted.json", "view.png", "base.exr"),
+    *(MANIFEST, "lights.json", "guided.json", "shot.json", "wanted.json", "view.png", "base.exr", "world.exr"),
     *("tile_*.safetensors", "proxy_*.safetensors", "proxy_*.json", "training_*.safetensors"),
 )
 """Of a bake and its proxies. The manifest goes first: what is left after a crash is never taken for a bake."""

@@ -24,7 +24,13 @@ class Changes:
         self.baked: dict[str, Print] = baked or {}
         self.present: dict[str, Print] = {}
         self.world_color: list[float] | None = None
-        """Of the world that the bake is of, where the bake says so: it may have been begun before the recording."""
+        """Of the world that is shown, where the bake says so: it may have been begun before the recording."""
+        self.world_map: str | None = None
+        """Which world is shown, in the native module's words, once there are paths."""
+        self.maps: dict[str, str] = {}
+        """Shapes of prints of worlds by what the native module calls them."""
+        self._refused: dict[str, str] = {}
+        """Shapes of worlds that could not be shown: why."""
         self.sentences: list[str] = []
         """What has changed, for the artist."""
         self._different: dict[str, None] = {}
@@ -96,15 +102,46 @@ class Changes:
         self._keep("world", prints.world(scene))
         return before is not None and before != self.present["world"]
 
+    def note_world(self, world_map: str | None, color: list[float] | None) -> None:
+        """Says which world is shown."""
+        if (self.world_map, self.world_color) != (world_map, color):
+            self.world_map, self.world_color = world_map, color
+            self.sentences = self._sentences()
+
+    def other_world(self) -> str | None:
+        """Shape of the present world, where that differs from the one that is shown by more than strength and tint, and
+        may be shown in its place."""
+        present = self.present.get("world")
+        if self.world_map is None or present is None or present["shape"] in self._refused:
+            return None
+        return present["shape"] if world_gain(self.of_bake().get("world"), present) is None else None
+
+    def refuse_world(self, shape: str, why: str) -> None:
+        """A world could not be shown."""
+        self._refused[shape] = why
+        self.sentences = self._sentences()
+
+    def _sentences(self) -> list[str]:
+        """The world is followed without new paths: it is no change but where that went wrong."""
+        if self.world_map is None:
+            return sentences(self._different, self.baked, self.present)
+        why = self._refused.get(self.present.get("world", {}).get("shape", ""))
+        others = [key for key in self._different if key != "world"]
+        refusal = [] if why is None else [f"The world changed, and its light could not be gathered: {why}"]
+        return [*refusal, *sentences(others, self.baked, self.present)]
+
     def world_gain(self) -> list[float]:
-        """Factor on the baked light of the world, where it only became brighter, darker or of another colour."""
+        """Factor on the light of the world that is shown, where it only became brighter, darker or of another tint."""
         return world_gain(self.of_bake().get("world"), self.present.get("world")) or [1.0, 1.0, 1.0]
 
     def of_bake(self) -> dict[str, Print]:
-        """The prints of the bake."""
+        """The prints of the bake, under the world that is shown."""
         if self.world_color is None or "world" not in self.baked:
             return self.baked
-        return self.baked | {"world": self.baked["world"] | {"color": color_text(self.world_color)}}
+        world = self.baked["world"] | {"color": color_text(self.world_color)}
+        if self.world_map is not None:
+            world["shape"] = self.maps.get(self.world_map, "")
+        return self.baked | {"world": world}
 
     def look(self, scene: bpy.types.Scene, seconds: float) -> bool:
         """Takes prints for about so long. Whether the sentences are other ones now."""
@@ -121,7 +158,7 @@ class Changes:
         except ReferenceError:  # Something was deleted in the middle of the walk.
             self._walk = self._taking = None
             return False
-        before, self.sentences = self.sentences, sentences(self._different, self.baked, self.present)
+        before, self.sentences = self.sentences, self._sentences()
         return self.sentences != before
 
     def _go_on_taking(self, deadline: float) -> bool:

@@ -73,7 +73,8 @@ def bake(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> i
     if options.replace and is_bake(folder) and exported.difference(folder, json.dumps(settings)) is not None:
         clear(folder)
     report = native().bake(exported, folder, settings, resume=options.resume).wait(reporter.progress, reporter.warning)
-    record.of(scene, scene.objects.get(options.camera or ""), exported.resolution).write(folder)
+    camera = scene.objects.get(options.camera or "")
+    record.of(scene, exported.world_map, camera, exported.resolution).write(folder)
     write_view_table(scene, folder / "view.png")
     reporter.result(
         report,

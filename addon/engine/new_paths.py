@@ -77,7 +77,8 @@ def bake(scene: bpy.types.Scene, shot: Shot, lights: list[dict[str, Any]], folde
     """Bakes a few paths of the shot into the folder which look for these lights besides those of the scene; yields the
     running job, or None before there is one. False where the scene is no longer that of the shot. Raises SolveError."""
     exported = yield from _export(scene)
-    if exported.hash != json.loads((shot.folder / MANIFEST).read_text(encoding="utf-8"))["scene_hash"]:
+    baked = json.loads((shot.folder / MANIFEST).read_text(encoding="utf-8"))["scene_hash"]
+    if (exported.hash, exported.world_map) != (baked, shot.status["world_map"]):
         return False
     settings = trace_settings(scene, lambda _warning: None)
     settings |= {"samples": min(SAMPLES, shot.status["samples"]), "threads": shot.options.threads, "towards": lights}

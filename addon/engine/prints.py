@@ -45,7 +45,7 @@ def keys_of(found: bpy.types.ID, scene: bpy.types.Scene) -> list[str]:
     if isinstance(found, bpy.types.Material):
         return [f"material {found.name_full}"]
     if isinstance(found, bpy.types.Image):
-        return [f"image {found.name_full}"]
+        return [f"image {found.name_full}", "world"]
     if isinstance(found, bpy.types.World):
         return ["world"]
     if isinstance(found, bpy.types.Scene):
@@ -382,7 +382,7 @@ class _WorldRecorder:
 
     def number(self, image: bpy.types.Image, _owner: str) -> str:
         """As the image exporter's."""
-        return image.name_full
+        return repr([image.name_full, image.filepath, image.colorspace_settings.name, image.alpha_mode])
 
     def texture_of(self, graph: WorldGraph, _name: str) -> str:
         """In place of rendering the world."""

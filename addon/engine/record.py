@@ -25,6 +25,8 @@ class Record:
     receivers: list[str]
     """Full names of the scene's objects that light linking counts, in its order."""
     prints: dict[str, Print]
+    maps: dict[str, str] = dataclasses.field(default_factory=dict)
+    """Shapes of prints of worlds that were shown, by what the native module calls them."""
 
     def write(self, folder: Path) -> None:
         """Writes it into a bake folder, whole or not at all."""
@@ -45,7 +47,8 @@ def read(folder: Path) -> Record | None:
             return None
         known = {key: value for key, value in content["prints"].items() if key.partition(" ")[0] in ORDER}
         found = {key: _print(value) for key, value in known.items()}
-        return Record(str(content["camera"]), [str(name) for name in content["receivers"]], found)
+        maps = _print(content.get("maps", {}))
+        return Record(str(content["camera"]), [str(name) for name in content["receivers"]], found, maps)
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
 
@@ -54,7 +57,14 @@ def _print(value: dict) -> Print:
     return {str(part): str(text) for part, text in value.items()}
 
 
-def of(scene: bpy.types.Scene, camera: bpy.types.Object | None = None, size: tuple[int, int] | None = None) -> Record:
-    """A record of the present scene, taken at once; of another camera or size than the scene's if named."""
+def of(
+    scene: bpy.types.Scene,
+    world_map: str,
+    camera: bpy.types.Object | None = None,
+    size: tuple[int, int] | None = None,
+) -> Record:
+    """A record of the present scene, taken at once, whose world the native module calls so; of another camera or size
+    than the scene's if named."""
     camera = camera or scene.camera
-    return Record(camera.name, receiver_names(scene), prints.take_all(scene, camera, size))
+    found = prints.take_all(scene, camera, size)
+    return Record(camera.name, receiver_names(scene), found, {world_map: found["world"]["shape"]})

@@ -117,7 +117,7 @@ class _FinalRender:
         folder = self._folder()
         info = native().info(folder) if is_bake(folder) else {}
         is_same = bool(info) and self._is_of(info, exported, folder)
-        relighter = self._open(folder) if is_same and self._is_whole(info) else None
+        relighter = self._open(folder, exported) if is_same and self._is_whole(info) else None
         misses = relighter is not None and self._misses(relighter, lights)
         with ExitStack() as temporary:
             if relighter is None or misses:
@@ -127,16 +127,19 @@ class _FinalRender:
                     )
                     folder = Path(temporary.enter_context(path))
                 self._bake(exported, folder)
-                relighter = self._open(folder)
+                relighter = self._open(folder, exported)
             yield relighter
 
     def _is_of(self, info: dict[str, Any], exported: Any, folder: Path) -> bool:
-        """Whether the bake is of this scene with its settings; any seed will do."""
-        settings = self._settings(lambda _: None) | {"seed": info["manifest"]["seed"]}
+        """Whether the bake is of this scene with its settings; any seed will do, and any world where each pixel has a
+        sample."""
+        settings = self._settings(lambda _: None) | {"seed": info["manifest"]["seed"], "samples": 1}
         return exported.difference(folder, json.dumps(settings)) is None
 
-    def _open(self, folder: Path) -> Any:
-        return native().Relighter(folder, device=self.options.device, gpu_memory=self.options.gpu_memory)
+    def _open(self, folder: Path, exported: Any) -> Any:
+        """A relighter under the world of the scene."""
+        machine = {"device": self.options.device, "gpu_memory": self.options.gpu_memory}
+        return native().Relighter(folder, world_of=exported, **machine)
 
     def _folder(self) -> Path:
         """The bake that the panel shows or would show."""

@@ -14,13 +14,14 @@ from ..core import wanted
 from ..core.bake_folder import camera_of
 from ..export import ExportOptions, trace_settings
 from ..export.linking import receiver_names
-from . import record, worlds
+from . import prints, record, world_change, worlds
 from .changes import Changes
 from .native import native
 from .options import Options, options_of, remember_bake, remembered_bake
 from .render_depsgraph import ExportCancelled, RenderTask
 from .scene import load_scene_async
 from .scene_lights import SceneLights
+from .world_change import WorldTask
 
 EMPTY: dict[str, Any] = {
     "state": "empty",
@@ -29,6 +30,8 @@ EMPTY: dict[str, Any] = {
     "samples": 0,
     "samples_total": 0,
     "world_color": None,
+    "world_map": None,
+    "world_is_stored": True,
     "proxies": {},
     "device": "",
     "warnings": [],
@@ -62,11 +65,16 @@ class Shot:
         self.warnings: list[str] = []
         self.lights = SceneLights(_view_layer(scene), kept.receivers if kept else receiver_names(scene))
         self.changes = Changes(kept.prints if kept else None)
+        self.changes.maps |= kept.maps if kept else {}
         self.is_recorded = kept is not None
         self.wanted: wanted.Wanted | None = None
         """What the folder still lacks something of."""
         self.is_exporting = self._has_ended = False
         self._task: RenderTask | None = None
+        self._world_task: WorldTask | None = None
+        """Another world than the one that is shown, in the making."""
+        self._read_world = ""
+        """Shape of the world's print when reading the scene began."""
         self._content: dict[str, Any] = {}
         """What the newest request asks for; empty where that is not the present lights and rows."""
         self._is_interactive = self._anew = self._bakes = False
@@ -131,13 +139,17 @@ class Shot:
             bpy.app.timers.register(self._load_own_scene, first_interval=0.0, persistent=True)
 
     def _load_own_scene(self) -> None:
-        scene = next((scene for scene in bpy.data.scenes if scene.session_uid == self.scene_uid), None)
+        scene = self._scene()
         if self.is_open and self.is_exporting and scene is not None:
             self._load(scene)
+
+    def _scene(self) -> bpy.types.Scene | None:
+        return next((scene for scene in bpy.data.scenes if scene.session_uid == self.scene_uid), None)
 
     def _load(self, scene: bpy.types.Scene) -> None:
         settings = trace_settings(scene, self.warnings.append)
         settings |= {"samples": self.options.samples, "threads": self.options.threads}
+        self._read_world = prints.world(scene)["shape"]
         self._task = load_scene_async(
             scene, ExportOptions(), lambda exported, error: self._exported(exported, error, settings)
         )
@@ -158,14 +170,21 @@ class Shot:
 
     def _bake(self, exported: Any, settings: dict[str, Any]) -> None:
         self.warnings += exported.warnings
+        self._note_world_of(exported)
         # Until now the bake in the folder was the one before.
         record.forget(self.folder)
-        for scene in (scene for scene in bpy.data.scenes if scene.session_uid == self.scene_uid):
+        if scene := self._scene():
             remember_bake(scene, self.folder)
         self.wanted = wanted.Wanted(self.options.samples, self.options.train_seconds)
         self.wanted.write(self.folder)
         self._bakes = True
         self._live.bake(exported, settings, train_seconds=self.options.train_seconds, anew=self._anew)
+
+    def _note_world_of(self, exported: Any) -> None:
+        """What was read is the world of the print, if that did not change meanwhile."""
+        scene = self._scene()
+        if scene is not None and prints.world(scene)["shape"] == self._read_world:
+            self.changes.maps[exported.world_map] = self._read_world
 
     def _end(self, status: dict[str, Any]) -> None:
         """There was no bake, and the native module has nothing to say."""
@@ -219,8 +238,14 @@ class Shot:
     def present_frame(self) -> Any:
         """The picture of the present lights and rows, in any size; None while it is on its way, and while that of a
         look or of lights that are being solved is asked for instead."""
-        is_present = bool(self._content) and self.frame is not None and self.frame.request == self._request_number
+        is_asked_for = bool(self._content) and not self.is_changing_world
+        is_present = is_asked_for and self.frame is not None and self.frame.request == self._request_number
         return self.frame if is_present else None
+
+    @property
+    def is_changing_world(self) -> bool:
+        """Whether another world than the present one is shown still."""
+        return self._world_task is not None or self.changes.other_world() is not None
 
     @property
     def can_show(self) -> bool:
@@ -235,7 +260,7 @@ class Shot:
             return False
         shown = self.status["shown"] or {}
         waits = shown.get("request", 0) < self._request_number or not shown.get("settled", True)
-        return self.is_working or waits
+        return self.is_working or waits or self._world_task is not None
 
     @property
     def is_lively(self) -> bool:
@@ -248,16 +273,55 @@ class Shot:
         refusal = [self.refusal] * bool(self.refusal)
         return list(dict.fromkeys([*refusal, *self.lights.warnings, *self.warnings, *self.status["warnings"]]))
 
-    def relight(self, lights: list[dict], mix: dict, interactive: bool) -> bool:
+    def follow_world(self, scene: bpy.types.Scene) -> Any:
+        """Makes the present world ready to be shown where another one is, a turn at a time; gives it to `relight` once
+        it is."""
+        task = self._world_task
+        if task is None:
+            shape = self.changes.other_world()
+            if shape is not None and not self.is_exporting:
+                self._world_task = self._read(scene, shape)
+            return None
+        if not task.done:
+            if task.shape != self.changes.other_world():  # It has changed again.
+                task.cancel()
+            return None
+        self._world_task = None
+        if task.was_cancelled:
+            return None
+        if task.needs_blender:
+            self._world_task = self._read(scene, task.shape, by_blender=True)
+        elif task.error is not None:
+            self.changes.refuse_world(task.shape, world_change.reason(task.error))
+        else:
+            self._take_world(task)
+        return task.world
+
+    def _read(self, scene: bpy.types.Scene, shape: str, by_blender: bool = False) -> WorldTask | None:
+        try:
+            return WorldTask(scene, shape, by_blender)
+        except Exception as error:
+            self.changes.refuse_world(shape, world_change.reason(error))
+            return None
+
+    def _take_world(self, task: WorldTask) -> None:
+        """The world of a task is the one that is shown from now on."""
+        self.warnings += task.world.warnings
+        self.changes.maps[task.world.map] = task.shape
+        self.changes.note_world(task.world.map, task.world.color)
+        self.is_recorded = self.changes.recording
+        self.keep_record()
+
+    def relight(self, lights: list[dict], mix: dict, interactive: bool, world: Any = None) -> bool:
         """Asks for a picture; the newest request wins. `lights` as `SceneLights` describes them, `mix` as
-        `core.rows.mix` does. False if that is what was asked for before: Blender also tells of edits that change
-        nothing."""
+        `core.rows.mix` does, and `world` as `follow_world` gives it, where there is another from now on. False if that
+        is what was asked for before: Blender also tells of edits that change nothing."""
         content = {"lights": lights, **mix}
-        same = content == self._content
+        same = content == self._content and world is None
         if same and (interactive or not self._is_interactive):
             return False
         try:
-            self.ask(request_text(content, interactive))
+            self.ask(request_text(content, interactive), world)
         except ValueError as error:
             self.refusal = str(error)
             return False
@@ -265,11 +329,12 @@ class Shot:
         self._content, self._is_interactive = content, interactive
         return True
 
-    def ask(self, request: str) -> int:
+    def ask(self, request: str, world: Any = None) -> int:
         """Asks for the picture of any request, such as one that was kept; its number."""
         self._content = {}
         self._news = time.monotonic()
-        self._request_number = self._live.relight(request)
+        live = self._live
+        self._request_number = live.relight(request) if world is None else live.show_world(world, request)
         return self._request_number
 
     def poll(self) -> bool:
@@ -284,7 +349,7 @@ class Shot:
         self._news = time.monotonic()
         self._status_text, self.status = text, json.loads(text)
         self._note_what_is_owed()
-        self.changes.world_color = self.status["world_color"]
+        self.changes.note_world(self.status["world_map"], self.status["world_color"])
         if frame:
             self.frame, self.frame_before = frame, None
         return True
@@ -310,7 +375,8 @@ class Shot:
             return
         self.is_recorded = True
         try:
-            record.Record(self.camera, self.lights.receivers, self.changes.of_bake()).write(self.folder)
+            found = self.changes.of_bake()
+            record.Record(self.camera, self.lights.receivers, found, self.changes.maps).write(self.folder)
         except OSError as error:
             self.warnings.append(f"What the bake is of could not be written down: {error}")
 
@@ -330,8 +396,9 @@ class Shot:
         """Ends everything, without waiting unless told to. The folder stays whole."""
         if self.is_open:
             del _shots[self.scene_uid]
-        if self._task is not None:
-            self._task.cancel()
+        for task in (self._task, self._world_task):
+            if task is not None:
+                task.cancel()
         self._live.close(wait_seconds=wait_seconds)
         self.frame = self.frame_before = None
 

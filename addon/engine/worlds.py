@@ -9,6 +9,7 @@ import tempfile
 import threading
 import time
 from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,11 @@ def rendered(world: WorldGraph, stop: Stop) -> np.ndarray:
     """The world as an equirectangular texture: RGBA [height, width, 4], bottom row first, scene-linear. One that was
     rendered lately is not rendered again. Waits; raises `ExportCancelled` soon after `stop` says so, and
     WorldRenderError."""
+    return rendering(world)(stop)
+
+
+def rendering(world: WorldGraph) -> Callable[[Stop], np.ndarray]:
+    """What does as `rendered` later, on any thread: what it needs of Blender is read now. Raises WorldRenderError."""
     contents = {name: _contents(image) for name, image in sorted(world.images.items())}
     widest = max([WIDTH, *(image.size[0] for image in world.images.values())])
     width = min(widest, LARGEST_WIDTH)
@@ -48,6 +54,10 @@ def rendered(world: WorldGraph, stop: Stop) -> np.ndarray:
         "images": {name: found.description for name, found in contents.items()},
     }
     text = json.dumps(job, sort_keys=True)
+    return lambda stop: _rendered(text, contents, stop)
+
+
+def _rendered(text: str, contents: dict[str, _Contents], stop: Stop) -> np.ndarray:
     key = hashlib.sha256(text.encode()).hexdigest()
     with _lock:
         if key in _kept:

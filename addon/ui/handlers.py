@@ -37,14 +37,14 @@ _unopened: dict[int, str] = {}
 """Scenes whose stored bake could not be shown: why."""
 
 
-def changed(scene: bpy.types.Scene, interactive: bool = False) -> None:
+def changed(scene: bpy.types.Scene, interactive: bool = False, world: Any = None) -> None:
     """Asks for a picture of the present lights and rows of a scene. To be called by everything that changes them;
-    `interactive` while something is being dragged."""
+    `interactive` while something is being dragged, `world` as `Shot.relight` takes it."""
     found = shot.of(scene)
     if found is None:
         return
     content = content_of(scene, found)
-    asked = found.relight(content.pop("lights"), content, interactive)
+    asked = found.relight(content.pop("lights"), content, interactive, world)
     if not interactive:
         _resting.pop(scene.session_uid, None)
     elif asked:
@@ -126,6 +126,8 @@ def tick() -> bool:
         found.poll()
         if not _resting and not _is_playing():
             found.changes.look(scenes[found.scene_uid], LOOK_SECONDS)
+        if (world := found.follow_world(scenes[found.scene_uid])) is not None:
+            changed(scenes[found.scene_uid], world=world)
         goes_on |= redraws.follow(found, new_picture=found.frame is not frame)
         goes_on |= found.is_busy or found.changes.is_pending
     return goes_on or bool(_resting)

@@ -143,6 +143,8 @@ def _draw_shot(layout, scene, found: shot.Shot) -> None:
         message(layout, "Showing the bake before")
     elif status.shown(state):
         message(layout, status.shown(state))
+    if found.is_changing_world:
+        message(layout, "Reading the world, which has changed")
     sentences = [*found.changes.sentences, *status.out_of_sight(state)]
     if sentences:
         _draw_changes(layout, sentences)

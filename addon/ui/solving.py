@@ -54,6 +54,8 @@ class Solving:
             raise SolveError("Press Start first: lights are solved in the paths of a bake")
         if not found.status["samples"]:
             raise SolveError("Wait for the first picture")
+        if found.is_changing_world or not found.status["world_is_stored"]:
+            raise SolveError("The world has changed: wait until its light is gathered from all paths")
         self.shot, self.uid = found, scene.session_uid
         self.progress: tuple[float, str] = (0.0, "Looking at the goals")
         self.entry = ""

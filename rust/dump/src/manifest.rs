@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::DumpError;
 
 /// Version of the manifest and of the shards; a reader refuses any other.
-pub const FORMAT_VERSION: u32 = 2;
+pub const FORMAT_VERSION: u32 = 3;
 
 /// What a dump is of: written once as `manifest.json`, the same for all machines that bake tiles of it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -38,6 +38,8 @@ pub struct Manifest {
     pub working_space: String,
     /// Radiance of the world that the AOV `world` is of, or the factor on its texture; RGB.
     pub world_color: [f32; 3],
+    /// Hash of that world's texture and how it is turned, hex. The paths are right for any world.
+    pub world_map: String,
 }
 
 /// A range of samples of every pixel.
@@ -72,6 +74,9 @@ impl TileRect {
 impl Manifest {
     /// File name of the manifest in the dump's folder.
     pub const FILE: &'static str = "manifest.json";
+
+    /// What [`Manifest::difference`] calls another [`Manifest::world_map`], where nothing else differs.
+    pub const WORLD_MAP: &'static str = "map of the world";
 
     /// Columns of tiles.
     pub fn tiles_x(&self) -> usize {
@@ -159,6 +164,7 @@ impl Manifest {
             ("settings", self.settings == other.settings),
             ("working space", self.working_space == other.working_space),
             ("colour of the world", self.world_color == other.world_color),
+            (Self::WORLD_MAP, self.world_map == other.world_map),
         ]
         .into_iter()
         .find_map(|(name, same)| (!same).then_some(name))

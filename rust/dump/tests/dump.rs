@@ -24,6 +24,7 @@ fn manifest() -> Manifest {
         settings: serde_json::json!({ "bounces": 12 }),
         working_space: "Linear Rec.709".into(),
         world_color: [1.0; 3],
+        world_map: String::new(),
     }
 }
 

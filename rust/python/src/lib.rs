@@ -22,6 +22,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<live::PyFrame>()?;
     module.add_class::<relighter::PyRelighter>()?;
     module.add_class::<scene::PySceneBuilder>()?;
+    module.add_class::<scene::PyWorld>()?;
     module.add_class::<scene::PyScene>()
 }
 

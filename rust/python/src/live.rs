@@ -1,7 +1,7 @@
 //! `Live` and `Frame`: a shot that is baked, trained and relit behind Python's back.
 
 use crate::error::{NativeError, enter_native, invalid};
-use crate::scene::PyScene;
+use crate::scene::{PyScene, PyWorld};
 use numpy::{PyArray1, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
@@ -49,6 +49,13 @@ impl PyLive {
     fn relight(&self, py: Python<'_>, request: &str) -> PyResult<u64> {
         enter_native(py, || -> Result<u64, NativeError> {
             Ok(self.live.relight(LiveRequest::parse(request).map_err(invalid)?))
+        })
+    }
+
+    fn show_world(&self, py: Python<'_>, world: &PyWorld, request: &str) -> PyResult<u64> {
+        enter_native(py, || -> Result<u64, NativeError> {
+            let request = LiveRequest::parse(request).map_err(invalid)?;
+            Ok(self.live.show_world(world.world.clone(), request)?)
         })
     }
 

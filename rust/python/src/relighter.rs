@@ -2,6 +2,7 @@
 
 use crate::error::{NativeError, enter_native, invalid};
 use crate::job::PyJob;
+use crate::scene::PyScene;
 use numpy::{PyArray1, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -20,11 +21,22 @@ pub struct PyRelighter {
 #[pymethods]
 impl PyRelighter {
     #[new]
-    #[pyo3(signature = (folder, *, device="auto", gpu_memory=None))]
-    fn new(py: Python<'_>, folder: PathBuf, device: &str, gpu_memory: Option<u64>) -> PyResult<Self> {
+    #[pyo3(signature = (folder, *, world_of=None, device="auto", gpu_memory=None))]
+    fn new(
+        py: Python<'_>,
+        folder: PathBuf,
+        world_of: Option<&PyScene>,
+        device: &str,
+        gpu_memory: Option<u64>,
+    ) -> PyResult<Self> {
+        let scene = world_of.map(PyScene::shared);
         let relighter = enter_native(py, || -> Result<Relighter, NativeError> {
             let Ok(device) = device.parse::<Device>();
-            Ok(Relighter::open(&folder)?.on(&device.open(gpu_memory)?))
+            let mut relighter = Relighter::open(&folder)?.on(&device.open(gpu_memory)?);
+            if let Some(scene) = scene {
+                relighter.show_world_of(&scene, &Monitor::default())?;
+            }
+            Ok(relighter)
         })?;
         Ok(Self { relighter: Arc::new(relighter) })
     }

@@ -217,10 +217,42 @@ impl PySceneBuilder {
         self.builder.warn(message);
     }
 
+    fn build_world(&mut self, py: Python<'_>) -> PyResult<PyWorld> {
+        let scene = std::mem::take(&mut self.builder).build_world();
+        let world = enter_native(py, || relume_session::live::OtherWorld::new(&scene))?;
+        Ok(PyWorld { world: Arc::new(world), warnings: scene.warnings })
+    }
+
     fn build(&mut self, py: Python<'_>) -> PyResult<PyScene> {
         let builder = std::mem::take(&mut self.builder);
         let scene = enter_native(py, || builder.build())?;
         Ok(PyScene { scene: Arc::new(scene) })
+    }
+}
+
+/// A world apart from any scene, to be shown along the paths of a bake.
+#[pyclass(name = "World", module = "relume", frozen)]
+pub struct PyWorld {
+    /// Shared with the shots that show it.
+    pub world: Arc<relume_session::live::OtherWorld>,
+    warnings: Vec<String>,
+}
+
+#[pymethods]
+impl PyWorld {
+    #[getter]
+    fn warnings(&self) -> Vec<String> {
+        self.warnings.clone()
+    }
+
+    #[getter]
+    fn map(&self) -> &str {
+        &self.world.about().map
+    }
+
+    #[getter]
+    fn color(&self) -> [f32; 3] {
+        self.world.about().color
     }
 }
 
@@ -252,6 +284,12 @@ impl PyScene {
     #[getter]
     fn world_color(&self) -> [f32; 3] {
         self.scene.world.color
+    }
+
+    /// Hash of the world's texture and how it is turned.
+    #[getter]
+    fn world_map(&self, py: Python<'_>) -> PyResult<String> {
+        enter_native(py, || Ok::<_, NativeError>(self.scene.world_map()))
     }
 
     /// Hash of all that decides the paths, as a bake's manifest carries it.

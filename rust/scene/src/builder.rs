@@ -160,6 +160,12 @@ impl SceneBuilder {
         }
     }
 
+    /// A scene of nothing but the world, for who needs only that.
+    pub fn build_world(self) -> Scene {
+        let Scene { world, textures, working_space, warnings, .. } = self.scene;
+        Scene { world, textures, working_space, warnings, ..Scene::default() }
+    }
+
     /// The finished scene.
     pub fn build(self) -> Result<Scene, BuildError> {
         if !self.has_camera {

@@ -1,29 +1,46 @@
+use std::collections::BTreeSet;
+
 use blake3::Hasher;
 use bytemuck::cast_slice;
 use serde::Serialize;
 
-use crate::{Instance, Mesh, Scene, Texels, Texture};
+use crate::{Instance, Mesh, Node, Scene, Texels, Texture, World};
 
 impl Scene {
-    /// Hash of all that decides the path dump, hex: the same scene gives the same hash on every machine. Lights and
-    /// warnings do not count, since a dump serves any lights, nor how bright the world is and of which tint, which its
-    /// light only has to be multiplied with; but channels in which it is black do.
+    /// Hash of all that decides the paths of a dump, hex: the same scene gives the same hash on every machine. Lights, the world and
+    /// warnings do not count, since paths serve any lights and any world, nor do textures that no material shows.
     pub fn hash(&self) -> String {
         let mut hasher = Hasher::new();
         json(&mut hasher, &(&self.camera, &self.materials, &self.working_space));
-        json(
-            &mut hasher,
-            &(
-                &self.world.color.map(|channel| channel != 0.0),
-                self.world.texture,
-                self.world.texture_from_world,
-                self.world.visible_camera,
-            ),
-        );
         self.meshes.iter().for_each(|mesh| hash_mesh(&mut hasher, mesh));
         self.instances.iter().for_each(|instance| hash_instance(&mut hasher, instance));
-        self.textures.iter().for_each(|texture| hash_texture(&mut hasher, texture));
+        for number in self.material_textures() {
+            json(&mut hasher, &number);
+            self.textures.get(number).into_iter().for_each(|texture| hash_texture(&mut hasher, texture));
+        }
         hasher.finalize().to_hex().to_string()
+    }
+
+    /// Hash of all that the light of the world depends on besides the paths, hex: its texture and how that is turned, channels in
+    /// which it is black, and whether the camera sees it. Strength and tint do not count: its light has only to be multiplied by them.
+    pub fn world_map(&self) -> String {
+        let mut hasher = Hasher::new();
+        let World { color, texture, texture_from_world, visible_camera } = &self.world;
+        json(&mut hasher, &(color.map(|channel| channel != 0.0), visible_camera));
+        if let Some(texture) = texture.and_then(|number| self.textures.get(number)) {
+            json(&mut hasher, texture_from_world);
+            hash_texture(&mut hasher, texture);
+        }
+        hasher.finalize().to_hex().to_string()
+    }
+
+    /// Numbers of the textures that materials show, each once and in order.
+    fn material_textures(&self) -> BTreeSet<usize> {
+        let texture = |node: &Node| match node {
+            Node::ImageTexture { texture, .. } => Some(*texture),
+            _ => None,
+        };
+        self.materials.iter().flat_map(|material| material.nodes.iter().filter_map(texture)).collect()
     }
 }
 
@@ -96,12 +113,11 @@ mod tests {
 
     #[test]
     fn everything_that_changes_paths_changes_the_hash() {
-        let changes: [fn(&mut Scene); 8] = [
+        let changes: [fn(&mut Scene); 7] = [
             |scene| scene.meshes[0].positions[0].x = 1.000_001,
             |scene| scene.instances[0].world_from_object.translation.y = 1e-6,
             |scene| scene.instances[0].visible_glossy = false,
             |scene| scene.camera.width += 1,
-            |scene| scene.world.color[2] = 0.5,
             |scene| scene.materials.push(crate::Material::default()),
             |scene| scene.meshes[0].corner_normals.push(Vec3::ONE),
             |scene| scene.meshes[0].texture_space = Some([Vec3::ZERO, Vec3::ONE]),
@@ -119,12 +135,63 @@ mod tests {
         assert_eq!(scene().hash(), scene().hash());
     }
 
+    fn texture(value: u8) -> Texture {
+        let (encoding, alpha) = (crate::ColorEncoding::Linear, crate::Alpha::None);
+        Texture {
+            name: "map".into(),
+            width: 1,
+            height: 1,
+            texels: Texels::Byte(vec![value; 4]),
+            encoding,
+            alpha,
+        }
+    }
+
     #[test]
-    fn lights_and_the_brightness_of_the_world_do_not_change_the_hash() {
-        let world = |color| crate::World { color, ..crate::World::default() };
-        let [dark, bright] =
-            [[0.1, 0.0, 0.3], [3.0, 0.0, 0.3]].map(|color| Scene { world: world(color), ..scene() }.hash());
-        assert_eq!(dark, bright);
+    fn a_texture_counts_where_a_material_shows_it() {
+        let json = r#"{"name": "wall", "nodes": [{"type": "image_texture", "texture": 0}], "surface": null}"#;
+        let material = |shows: bool| {
+            let mut material: crate::Material = serde_json::from_str(json).unwrap();
+            material.nodes.truncate(usize::from(shows));
+            material
+        };
+        let hash = |shows: bool, value: u8| {
+            Scene { materials: vec![material(shows)], textures: vec![texture(value)], ..scene() }.hash()
+        };
+        assert_ne!(hash(true, 1), hash(true, 2));
+        assert_eq!(hash(false, 1), hash(false, 2));
+    }
+
+    #[test]
+    fn another_map_of_the_world_is_no_other_scene() {
+        let mapped = |value| {
+            let world = World { color: [1.0; 3], texture: Some(0), ..World::default() };
+            Scene { world, textures: vec![texture(value)], ..scene() }
+        };
+        let changes: [fn(&mut Scene); 5] = [
+            |scene| scene.textures[0] = texture(8),
+            |scene| scene.world.texture_from_world = glam::Mat3::from_rotation_z(0.1),
+            |scene| scene.world.texture = None,
+            |scene| scene.world.color[2] = 0.0,
+            |scene| scene.world.visible_camera = false,
+        ];
+        let mut maps = vec![mapped(7).world_map()];
+        for change in changes {
+            let mut changed = mapped(7);
+            change(&mut changed);
+            assert_eq!(changed.hash(), mapped(7).hash());
+            maps.push(changed.world_map());
+        }
+        let count = maps.len();
+        maps.sort();
+        maps.dedup();
+        assert_eq!(maps.len(), count);
+        let brighter = Scene { world: World { color: [3.0, 1.0, 0.5], ..mapped(7).world }, ..mapped(7) };
+        assert_eq!(brighter.world_map(), mapped(7).world_map());
+    }
+
+    #[test]
+    fn lights_do_not_change_the_hash() {
         let mut lit = scene();
         lit.lights.push(Light {
             name: "Point".into(),

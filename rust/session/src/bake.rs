@@ -1,5 +1,5 @@
 use crate::progress::{Monitor, Stage};
-use crate::{GUIDED_FILE, Guided, LightSet, SessionError};
+use crate::{GUIDED_FILE, Guided, LightSet, SessionError, WORLD_FILE};
 use relume_dump::{Dump, DumpError, DumpWriter, Manifest, Shard, ShardSink, TileSamples};
 use relume_scene::{Light, Scene};
 use relume_trace::{Control, Outcome, TraceSettings, Tracer, lights_looked_for, manifest};
@@ -53,7 +53,8 @@ pub fn bake(
 }
 
 /// The first thing in which the bake in a folder differs from one of this scene with these settings. More or fewer samples are no
-/// difference, nor is a world that is only brighter, darker or of another tint than [`Manifest::world_color`].
+/// difference, nor is a world that is only brighter, darker or of another tint than [`Manifest::world_color`], nor another map of
+/// the world where all paths are there that are asked for: its light is gathered from them.
 ///
 /// # Errors
 /// If the folder holds no bake that can be read.
@@ -63,8 +64,17 @@ pub fn difference(
     folder: &Path,
 ) -> Result<Option<&'static str>, SessionError> {
     let baked = Manifest::read(folder)?;
-    let settings = TraceSettings { world_color: Some(baked.world_color), ..settings.clone() };
-    Ok(baked.difference(&manifest(scene, &settings)))
+    let own_color = TraceSettings { world_color: Some(baked.world_color), ..settings.clone() };
+    let found = baked.difference(&manifest(scene, &own_color));
+    let any_map = found == Some(Manifest::WORLD_MAP) && has_samples(folder, settings.samples)?;
+    Ok(found.filter(|_| !any_map))
+}
+
+/// Whether the whole passes of the bake in a folder hold so many samples.
+fn has_samples(folder: &Path, samples: u32) -> Result<bool, SessionError> {
+    let dump = Dump::open(folder)?;
+    let whole = dump.complete_passes();
+    Ok(whole > 0 && dump.passes(0..whole).manifest().samples() >= samples)
 }
 
 /// Who watches a bake, and says where its paths look.
@@ -86,6 +96,13 @@ pub(crate) fn bake_observed(
 ) -> Result<BakeReport, SessionError> {
     let start = Instant::now();
     check(scene, settings)?;
+    let lights =
+        LightSet { name: scene.camera.name.clone(), lights: scene.lights.clone(), notes: Vec::new() };
+    if let Some(dump) = if resume { of_another_world(scene, settings, folder)? } else { None } {
+        lights.write(&folder.join(LIGHTS_FILE))?;
+        (observer.passes)(dump.clone());
+        return Ok(report(&dump, start, scene.warnings.clone()));
+    }
     let prepare = monitor.stage(Stage::Prepare, 0, 1);
     // What is added to a bake is of the colour that its world began with; the writer refuses a bake of something else.
     let baked = if resume { Manifest::read(folder).ok() } else { None };
@@ -99,8 +116,6 @@ pub(crate) fn bake_observed(
         true => DumpWriter::resume(folder, tracer.manifest())?,
         false => DumpWriter::create(folder, tracer.manifest())?,
     };
-    let lights =
-        LightSet { name: scene.camera.name.clone(), lights: scene.lights.clone(), notes: Vec::new() };
     lights.write(&folder.join(LIGHTS_FILE))?;
     let guided = if resume { Guided::of_bake(folder).unwrap_or_default() } else { Guided::default() };
     let recorder =
@@ -108,18 +123,44 @@ pub(crate) fn bake_observed(
     let sink = ObservedWriter::new(writer, folder, observer.passes)?;
     trace(&tracer, &sink, &recorder, monitor)?;
 
-    let dump = sink.writer.finish()?;
+    Ok(report(&sink.writer.finish()?, start, warnings))
+}
+
+fn report(dump: &Dump, start: Instant, warnings: Vec<String>) -> BakeReport {
+    let Manifest { width, height, .. } = *dump.manifest();
     let samples = dump.manifest().samples();
-    Ok(BakeReport {
-        width: scene.camera.width,
-        height: scene.camera.height,
+    BakeReport {
+        width,
+        height,
         samples,
-        paths: u64::from(samples) * (scene.camera.width * scene.camera.height) as u64,
+        paths: u64::from(samples) * (width * height) as u64,
         segments: dump.record_count() as u64,
         bytes: dump.shards().map(|shard| shard.as_bytes().len() as u64).sum(),
         seconds: start.elapsed().as_secs_f64(),
         warnings,
-    })
+    }
+}
+
+/// What a folder holds, if that is all that is asked for of a scene but for the map of its world: no path is missing.
+fn of_another_world(
+    scene: &Scene,
+    settings: &TraceSettings,
+    folder: &Path,
+) -> Result<Option<Dump>, SessionError> {
+    if !folder.join(Manifest::FILE).exists() || Manifest::is_of_another_version(folder) {
+        return Ok(None);
+    }
+    let Manifest { world_map, world_color, .. } = Manifest::read(folder)?;
+    if world_map == scene.world_map() || difference(scene, settings, folder)?.is_some() {
+        return Ok(None);
+    }
+    let dump = DumpWriter::resume(folder, Manifest { world_map, world_color, ..manifest(scene, settings) })?
+        .finish()?;
+    if dump.missing().is_empty() {
+        return Ok(Some(dump));
+    }
+    // Damaged files were removed; what would be traced in their place is of the other world.
+    Err(DumpError::OtherBake { path: folder.to_owned(), difference: Manifest::WORLD_MAP }.into())
 }
 
 fn check(scene: &Scene, settings: &TraceSettings) -> Result<(), SessionError> {
@@ -236,12 +277,16 @@ fn tell((dump, told): &mut (Dump, usize), observe: &dyn Fn(Dump)) {
 /// # Errors
 /// If the folder holds no bake, or a file cannot be removed.
 pub(crate) fn clear(folder: &Path) -> Result<(), SessionError> {
-    remove(folder, &["tile_", "proxy_", "training_"], &["base.exr", LIGHTS_FILE, GUIDED_FILE, VIEW_FILE])
+    remove(
+        folder,
+        &["tile_", "proxy_", "training_"],
+        &["base.exr", WORLD_FILE, LIGHTS_FILE, GUIDED_FILE, VIEW_FILE],
+    )
 }
 
-/// As [`clear`], for new paths of the same scene: its proxies stay right.
+/// As [`clear`], for new paths of the same scene, of whatever world: its proxies stay right.
 pub(crate) fn clear_paths(folder: &Path) -> Result<(), SessionError> {
-    remove(folder, &["tile_", "training_"], &[GUIDED_FILE])
+    remove(folder, &["tile_", "training_"], &[WORLD_FILE, GUIDED_FILE])
 }
 
 /// Removes the manifest, then what has such a name or begins so.

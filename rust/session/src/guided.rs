@@ -256,6 +256,7 @@ mod tests {
             settings: Value::Null,
             working_space: String::new(),
             world_color: [1.0; 3],
+            world_map: String::new(),
         };
         Sight::new(guided, &manifest, &aovs, &camera)
     }

@@ -11,7 +11,7 @@
 //! ```
 //!
 //! A bake folder holds the dump (`manifest.json`, `tile_*.safetensors`), the scene's lights ([`LIGHTS_FILE`]), those
-//! that its paths look for ([`GUIDED_FILE`]), its view transform ([`VIEW_FILE`], if it is not the sRGB curve) and, once
+//! that its paths look for ([`GUIDED_FILE`]), the light of another world that is shown ([`WORLD_FILE`]), its view transform ([`VIEW_FILE`], if it is not the sRGB curve) and, once
 //! trained, for each kind of light
 //! `proxy_<kind>.safetensors`, `proxy_<kind>.json` ([`Measured`]), `training_<kind>.safetensors` (to resume from) and
 //! `base.exr` (what relighting needs when the dump is not at hand). Everything is written atomically; long work checks the
@@ -46,6 +46,7 @@ mod targets;
 mod threads;
 mod train;
 mod unit_cache;
+mod world_layer;
 
 pub use bake::{BakeReport, LIGHTS_FILE, VIEW_FILE, bake, difference};
 pub use denoise::Denoise;
@@ -71,6 +72,7 @@ pub use solve::{
 pub use targets::{DumpTargets, GpuTargets};
 pub use threads::on_threads;
 pub use train::{Clock, CurvePoint, TrainReport, TrainSettings, train};
+pub use world_layer::{WORLD_FILE, WorldAbout};
 
 pub use relume_gpu as gpu;
 pub use relume_image as image;

@@ -7,12 +7,13 @@ use crate::progress::{Monitor, Stage};
 use crate::proxies::Proxies;
 use crate::relit::{Relit, RelitLight};
 use crate::unit_cache::UnitCache;
-use crate::{Compute, Guided, LightSet, SessionError, base_layers};
+use crate::world_layer::{aovs_of, own_world};
+use crate::{Compute, Guided, LightSet, SessionError, WorldAbout, base_layers};
 use relume_dump::{Aovs, Dump, Manifest};
 use relume_gather::{DenoiseQuality, Environment, Gather, Half};
 use relume_image::{Image, ViewTransform};
 use relume_proxy::{GpuProxy, LightKind};
-use relume_scene::{Camera, Light, LobeFactors, Texture, World};
+use relume_scene::{Camera, Light, LobeFactors, Scene, Texture, World};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
@@ -71,6 +72,8 @@ pub struct Relighter {
     compute: Compute,
     cache: UnitCache,
     clean_statics: OnceLock<[Image; 2]>,
+    /// The world that is shown; none without a dump.
+    world: Option<WorldAbout>,
 }
 
 impl Relighter {
@@ -100,10 +103,10 @@ impl Relighter {
         let manifest = dump.manifest();
         let (camera, scene_hash) = (camera(manifest)?, manifest.scene_hash.clone());
         let proxies = Proxies::open(folder, &scene_hash)?;
-        let aovs = dump.aovs();
+        let (aovs, world) = aovs_of(folder, &dump)?;
         let sight = Sight::new(&Guided::of_bake(folder)?, manifest, &aovs, &camera);
         let new = Self::new(folder, scene_hash, camera, aovs, Some(Gather::new(dump)), proxies);
-        Ok(Self { sight: Some(sight), ..new })
+        Ok(Self { sight: Some(sight), world: Some(world), ..new })
     }
 
     fn new(
@@ -133,6 +136,7 @@ impl Relighter {
             compute: Compute::default(),
             cache,
             clean_statics: OnceLock::new(),
+            world: None,
         }
     }
 
@@ -204,12 +208,35 @@ impl Relighter {
         if path.exists() { Ok(ViewTransform::read_lut(&path)?) } else { Ok(ViewTransform::Standard) }
     }
 
-    /// Radiance of the world that the bake is of, or the factor on its texture, RGB; none without a dump.
+    /// Radiance of the world that is shown, or the factor on its texture, RGB; none without a dump. Opened is the one that was shown
+    /// last of the bake.
     pub fn world_color(&self) -> Option<[f32; 3]> {
-        self.gather.as_ref().map(|gather| gather.gather().dump().manifest().world_color)
+        self.world.as_ref().map(|world| world.color)
     }
 
-    /// Replaces the baked world by another, gathered from the segments that left the scene.
+    /// Shows a scene's world: the bake's own as it was traced, and any other gathered, if the one that is shown differs by more than
+    /// strength and tint ([`Self::world_color`]).
+    ///
+    /// # Errors
+    /// As [`Self::set_world`].
+    pub fn show_world_of(&mut self, scene: &Scene, monitor: &Monitor) -> Result<(), SessionError> {
+        let map = scene.world_map();
+        if self.world.as_ref().is_some_and(|shown| shown.map == map) {
+            return Ok(());
+        }
+        let own = self.gather().map(Gather::dump).filter(|dump| dump.manifest().world_map == map);
+        if let Some((world, about)) = own.map(|dump| (dump.aovs().world, own_world(dump.manifest()))) {
+            self.aovs.world = world;
+            self.world = Some(about);
+            self.clean_statics = OnceLock::new();
+            return Ok(());
+        }
+        self.set_world(&scene.world, &scene.textures, monitor)?;
+        self.world = Some(WorldAbout { map, color: scene.world.color });
+        Ok(())
+    }
+
+    /// Replaces the world that is shown by another, gathered from the segments that left the scene.
     ///
     /// # Errors
     /// Without a dump, if the world's texture is damaged, or if the GPU fails that the user asked for.
@@ -227,6 +254,7 @@ impl Relighter {
         })?;
         let environment = Environment::new(world, textures)?;
         self.aovs.world = gather.world_image(&environment, &self.compute, monitor)?;
+        self.world = Some(WorldAbout { color: world.color, ..WorldAbout::default() });
         self.clean_statics = OnceLock::new();
         Ok(())
     }

@@ -61,7 +61,7 @@ fn a_bake_goes_on_under_a_brighter_world() {
     assert_eq!(mixed_bake.aovs().world, whole_bake.aovs().world, "each path is of the colour at the start");
 
     brighter.world.color[1] = 0.0;
-    assert_eq!(difference(&brighter, &settings(16), mixed.path()).unwrap(), Some("scene"));
+    assert_eq!(difference(&brighter, &settings(17), mixed.path()).unwrap(), Some("map of the world"));
 }
 
 #[test]

@@ -208,6 +208,7 @@ pub fn manifest(scene: &Scene, settings: &TraceSettings) -> Manifest {
         settings: serde_json::to_value(&settings.paths).unwrap_or_default(),
         working_space: scene.working_space.clone(),
         world_color: world_color(scene, settings),
+        world_map: scene.world_map(),
     }
 }
 

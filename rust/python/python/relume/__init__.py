@@ -1,7 +1,7 @@
 """Relume: relights finished Blender shots with real materials and full global illumination."""
 
 from . import _libraries as _libraries
-from ._native import Frame, Live, Relighter, RelumeError, Scene, SceneBuilder, __version__, run_command_line
+from ._native import Frame, Live, Relighter, RelumeError, Scene, SceneBuilder, World, __version__, run_command_line
 from .jobs import Job, bake, info, solve, start, train, validate
 
 __all__ = [
@@ -12,6 +12,7 @@ __all__ = [
     "RelumeError",
     "Scene",
     "SceneBuilder",
+    "World",
     "__version__",
     "bake",
     "info",

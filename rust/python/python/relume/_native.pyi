@@ -100,8 +100,24 @@ class SceneBuilder:
     def warn(self, message: str) -> None:
         """Keeps a message for the user, once."""
 
+    def build_world(self) -> World:
+        """Its world alone, which needs no camera; the builder is empty afterwards."""
+
     def build(self) -> Scene:
         """The finished scene; the builder is empty afterwards."""
+
+class World:
+    """A world apart from any scene, to be shown along the paths of a bake."""
+
+    @property
+    def warnings(self) -> list[str]: ...
+    @property
+    def map(self) -> str:
+        """As `Scene.world_map`."""
+
+    @property
+    def color(self) -> list[float]:
+        """Radiance of the world, or the factor on its texture; RGB."""
 
 class Scene:
     """A finished scene."""
@@ -119,11 +135,17 @@ class Scene:
         """Radiance of the world, or the factor on its texture; RGB."""
 
     @property
+    def world_map(self) -> str:
+        """Hash of the world's texture, how it is turned, channels in which it is black, and whether the camera sees it;
+        strength and tint do not count."""
+
+    @property
     def hash(self) -> str:
-        """Hash of all that decides the paths, as a bake's `manifest.json` carries it; lights do not count."""
+        """Hash of all that decides the paths, as a bake's `manifest.json` carries it; lights and world do not count."""
 
     def difference(self, folder: str | os.PathLike[str], settings: str = "{}") -> str | None:
-        """What keeps the bake in a folder from being of this scene and these settings; samples do not count."""
+        """What keeps the bake in a folder from being of this scene and these settings; samples do not count, nor
+        another world where all samples of the settings are there: it is gathered."""
 
     def bake(self, folder: str | os.PathLike[str], settings: str = "{}", *, resume: bool = False) -> Job:
         """Traces the paths into a folder; settings in the JSON form of `relume_trace::TraceSettings`."""
@@ -140,9 +162,17 @@ class Scene:
 class Relighter:
     """An open bake folder, or a folder of proxies."""
 
-    def __init__(self, folder: str | os.PathLike[str], *, device: str = "auto", gpu_memory: int | None = None) -> None:
-        """Device: auto, cpu, gpu or a part of a GPU's name, or where it is plugged in (0000:01:00.0). GPU memory to
-        use, bytes; by default what its driver says, less some for others; the last one set counts for the process."""
+    def __init__(
+        self,
+        folder: str | os.PathLike[str],
+        *,
+        world_of: Scene | None = None,
+        device: str = "auto",
+        gpu_memory: int | None = None,
+    ) -> None:
+        """Under the world that was shown last of the bake, or that of a scene. Device: auto, cpu, gpu or a part of a
+        GPU's name, or where it is plugged in (0000:01:00.0). GPU memory to use, bytes; by default what its driver
+        says, less some for others; the last one set counts for the process."""
 
     @property
     def resolution(self) -> tuple[int, int]:
@@ -150,7 +180,7 @@ class Relighter:
 
     @property
     def world_color(self) -> list[float] | None:
-        """Radiance of the world that the bake is of, or the factor on its texture, RGB; None of proxies alone."""
+        """Radiance of the world that is shown, or the factor on its texture, RGB; None of proxies alone."""
 
     def scene_lights(self) -> str:
         """The lights that the scene came with, a light set in JSON."""
@@ -205,6 +235,11 @@ class Live:
         """Asks for a picture; the newest request wins. JSON: `lights` (a light set), `gains` (RGB factors by name of
         light), `world`, `static` (RGB factors), `interactive` (quick before exact), `half` (whether
         such a picture has half the size; by default on slow machines), `with` (auto, gather, proxy)."""
+
+    def show_world(self, world: World, request: str) -> int:
+        """Asks for a picture under another world from now on, gathered from the same paths, also while they are being
+        traced; factors on its light are relative to its colour. It is stored in the folder, unless it is the paths'
+        own."""
 
     def frame(self, newer_than: int = 0) -> Frame | None:
         """The newest frame, if its serial number is above this."""

@@ -14,6 +14,7 @@
 
 pub(crate) mod bench;
 mod compose;
+mod gathered;
 mod painter;
 mod parts;
 mod request;
@@ -21,7 +22,9 @@ mod shared;
 mod units;
 mod view;
 mod work;
+mod world;
 
+use crate::world_layer::forget;
 use crate::{Cancel, Device, SessionError};
 use painter::Painter;
 use relume_scene::Scene;
@@ -34,6 +37,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 use work::Work;
+pub use world::OtherWorld;
 
 /// Where a live shot computes.
 #[derive(Clone, Debug, Default)]
@@ -69,7 +73,8 @@ impl Live {
     /// Bakes a scene into the folder and shows pictures after every pass, then trains a proxy for so many seconds for each
     /// kind of light in use. Goes on with a bake of the same scene and settings, replaces one of another, and where `anew` is asked
     /// for also a whole one whose paths look for other lights than the present ones. The paths of each pass look for where the lights
-    /// of the newest request are.
+    /// of the newest request are. Where all paths are there, but of another world, the scene's is shown as by [`Live::show_world`];
+    /// where some are missing or it is done `anew`, they are traced again.
     ///
     /// # Errors
     /// If work is going on already. What goes wrong later is in [`Live::status`].
@@ -94,6 +99,20 @@ impl Live {
     /// Asks for a picture; the newest request wins. Gives the number that its frames carry.
     pub fn relight(&self, request: LiveRequest) -> u64 {
         self.shared.ask(request)
+    }
+
+    /// Asks for a picture under another world from now on, gathered from the same paths: also while they are being traced. Factors of
+    /// requests on its light are relative to its own colour. It is stored in the folder and shown when that is opened again, unless
+    /// it is the one that the paths were traced with. Gives the number that the frames of the request carry.
+    ///
+    /// # Errors
+    /// If the light of another world cannot be removed from the folder.
+    pub fn show_world(&self, world: Arc<OtherWorld>, request: LiveRequest) -> Result<u64, SessionError> {
+        let is_own = self.shared.show_world(world);
+        if is_own {
+            forget(&self.folder)?;
+        }
+        Ok(self.shared.ask(request))
     }
 
     /// The newest frame, if it is newer than the one with this serial number.
@@ -147,7 +166,7 @@ impl Live {
             })
         };
         if threads.painter.as_ref().is_none_or(JoinHandle::is_finished) {
-            let painter = Painter::new(self.shared.clone(), self.options.clone());
+            let painter = Painter::new(self.shared.clone(), self.options.clone()).storing_in(&self.folder);
             threads.painter = Some(spawn("relume-painter", Box::new(move || painter.run()))?);
         }
         let cancel = Cancel::default();

@@ -1,16 +1,20 @@
 use super::compose::{Layer, weighted_sum, with_alpha};
+use super::gathered::{Clean, Gathered};
 use super::parts::{How, Part, parts};
-use super::shared::{Frame, Shared, Shown, State};
-use super::units::{Clean, Unit, Units};
+use super::shared::{Frame, LiveState, Shared, Shown, State};
+use super::units::Units;
 use super::view::{Delivered, SharedImage, View, half};
+use super::world::WorldUnit;
 use super::{LiveOptions, LiveRequest};
 use crate::device_image::DeviceImage;
+use crate::world_layer::forget;
 use crate::{Cancel, Compute, Listener, Maker, Monitor, Progress, SessionError, With};
 use relume_gather::DenoiseQuality;
 use relume_image::{Image, metrics};
 use relume_scene::Light;
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, MutexGuard};
 use std::time::{Duration, Instant};
 
@@ -30,6 +34,10 @@ pub(super) struct Painter {
     monitor: Monitor,
     view: Option<View>,
     units: Units,
+    /// The world that is shown in place of the paths' own.
+    world: Option<WorldUnit>,
+    /// Bake folder that the light of such a world is stored in.
+    folder: Option<PathBuf>,
     /// Request and delivery that were painted last.
     painted: (u64, u64),
     serial: u64,
@@ -62,6 +70,8 @@ impl Painter {
             monitor,
             view: None,
             units,
+            world: None,
+            folder: None,
             painted,
             serial: 0,
             first_frame: true,
@@ -72,6 +82,11 @@ impl Painter {
     /// The same on a device that is open.
     pub fn on(self, compute: Compute) -> Self {
         Self { compute, ..self }
+    }
+
+    /// The same, that stores the light of another world in a bake folder.
+    pub fn storing_in(self, folder: &Path) -> Self {
+        Self { folder: Some(folder.to_path_buf()), ..self }
     }
 
     /// Paints until the shot is closed.
@@ -133,10 +148,13 @@ impl Painter {
             self.painted = (state.requests, state.deliveries);
             state.painting = true;
             let works = state.status.state.is_working();
+            let world = state.world.clone();
             if self.view.as_ref().is_none_or(|view| view.deliveries != state.deliveries) {
                 self.renew_view(state);
             }
             if let Some(view) = &mut self.view {
+                let before = self.world.take();
+                self.world = world.map(|world| WorldUnit::of(world, view, before));
                 match works {
                     true => view.share_machine(),
                     false => view.rest(&self.compute),
@@ -197,11 +215,11 @@ impl Painter {
                 request.with != With::Gather && view.proxies.proxies().knowing(&part.light).is_some();
             part.how == How::Proxy
                 || part.how == How::Gather
-                    && (proxied || self.units.get(&part.light).is_some_and(Unit::has_clean))
+                    && (proxied || self.units.get(&part.light).is_some_and(|unit| unit.gathered.has_clean()))
         };
         let new: Vec<Light> =
             parts.iter().filter(|part| !replaced(part)).map(|part| part.light.clone()).collect();
-        while self.units.advance(&new, view, &self.compute, &self.monitor)? {
+        while self.advance(&new, view)? {
             if self.units.all_begun(&new) && start.elapsed() > DRAG_BUDGET {
                 break;
             }
@@ -230,7 +248,7 @@ impl Painter {
         let gathered: Vec<Light> = gathered.map(|part| part.light.clone()).collect();
         let full = Manner { scale: 1, drag: false };
         let mut last_shown = Instant::now();
-        while self.units.advance(&gathered, view, &self.compute, &self.monitor)? {
+        while self.advance(&gathered, view)? {
             if self.is_outdated() {
                 return Ok(());
             }
@@ -250,7 +268,38 @@ impl Painter {
         if !settled && self.refine(view, parts)? {
             self.show(request, view, parts, full)?;
         }
+        self.store_world(view);
         Ok(())
+    }
+
+    /// Gathers one more pass of another world and of some of the lights; false if none is behind.
+    fn advance(&mut self, lights: &[Light], view: &View) -> Result<bool, SessionError> {
+        let world = match &mut self.world {
+            Some(world) => world.advance(view, &self.compute, &self.monitor)?,
+            None => false,
+        };
+        Ok(self.units.advance(lights, view, &self.compute, &self.monitor)? || world)
+    }
+
+    /// Stores the light of another world for when the bake is opened again, once no more paths are to be expected.
+    fn store_world(&mut self, view: &View) {
+        let (Some(world), Some(folder)) = (&mut self.world, &self.folder) else { return };
+        let may_store =
+            |state: &State| state.status.state != LiveState::Baking && world.is_of(state.world.as_ref());
+        if !may_store(&self.shared.lock()) {
+            return;
+        }
+        let stored = world.store(view, folder);
+        if let Err(error) = &stored {
+            self.monitor.warn(&error.to_string());
+        }
+        self.shared.change(|state| {
+            if world.is_of(state.world.as_ref()) {
+                state.status.world_is_stored = stored.is_ok_and(|stored| stored);
+            } else if let Err(error) = forget(folder) {
+                self.monitor.warn(&error.to_string());
+            }
+        });
     }
 
     /// Denoises what is stale, one picture at a time; false if something newer came up.
@@ -263,14 +312,18 @@ impl Painter {
             Ok(done.then(|| Clean { image: DeviceImage::beside(noisy, image), quality }))
         };
         for part in parts.iter().filter(|part| part.how == How::Gather) {
-            let unit = self.units.of(&part.light);
-            if unit.passes == 0 || unit.newest_clean().is_some_and(|clean| clean.quality >= quality) {
-                continue;
+            let gathered = &mut self.units.of(&part.light).gathered;
+            if !gathered.is_done(quality) {
+                let Some(clean) = clean(&gathered.mean)? else { return Ok(false) };
+                gathered.clean = Some((gathered.passes, clean));
             }
-            let Some(clean) = clean(&unit.mean)? else { return Ok(false) };
-            unit.clean = Some((unit.passes, clean));
         }
-        for layer in view.statics.iter_mut().filter(|layer| !layer.is_done(quality)) {
+        if let Some(world) = self.world.as_mut().filter(|world| !world.is_done(quality)) {
+            let Some(clean) = clean(&world.gathered.mean)? else { return Ok(false) };
+            world.gathered.clean = Some((world.gathered.passes, clean));
+        }
+        let shown = if self.world.is_some() { 1 } else { 2 };
+        for layer in view.statics[..shown].iter_mut().filter(|layer| !layer.is_done(quality)) {
             let Some(clean) = clean(&layer.image)? else { return Ok(false) };
             layer.clean = Some(clean);
         }
@@ -292,14 +345,15 @@ impl Painter {
         manner: Manner,
     ) -> Result<bool, SessionError> {
         let stand_ins = self.stand_ins(request, view, parts, manner)?;
-        let picture = Picture::new(request, view, &self.units, parts, &stand_ins, manner);
+        let units = (&self.units, self.world.as_ref());
+        let picture = Picture::new(request, view, units, parts, &stand_ins, manner);
         let image = picture.image(view, manner)?;
         self.serial += 1;
         self.first_frame = false;
         // Without a denoiser nothing gets better than it is.
         let settled = picture.is_best || view.denoise(manner.scale).missing().is_some();
         let noise =
-            if settled && !manner.drag { noise(&self.units, parts, &stand_ins, &image)? } else { None };
+            if settled && !manner.drag { noise(request, units, parts, &stand_ins, &image)? } else { None };
         let shown = Shown {
             serial: self.serial,
             request: self.painted.0,
@@ -330,8 +384,8 @@ impl Painter {
         for part in parts {
             let unit = self.units.of(&part.light);
             let waits = part.how == How::Gather
-                && unit.passes < view.passes.len()
-                && !(manner.drag && unit.has_clean())
+                && unit.gathered.passes < view.passes.len()
+                && !(manner.drag && unit.gathered.has_clean())
                 && request.with != With::Gather
                 && view.proxies.proxies().knowing(&part.light).is_some();
             images.push(match &unit.proxy {
@@ -373,14 +427,15 @@ impl<'a> Picture<'a> {
     fn new(
         request: &LiveRequest,
         view: &'a View,
-        units: &'a Units,
+        (units, world): (&'a Units, Option<&'a WorldUnit>),
         parts: &[Part],
         stand_ins: &'a [Option<SharedImage>],
         manner: Manner,
     ) -> Self {
         let (clean, noisy, makers) = (Vec::new(), Vec::new(), BTreeMap::new());
         let mut picture = Self { clean, noisy, makers, samples: view.samples(), is_best: true };
-        for (layer, weight) in view.statics.iter().zip([request.static_light, request.world]) {
+        let shown = if world.is_some() { 1 } else { 2 };
+        for (layer, weight) in view.statics[..shown].iter().zip([request.static_light, request.world]) {
             match &layer.clean {
                 _ if layer.black => {}
                 Some(clean) => picture.clean.push(Layer { image: &clean.image, weight }),
@@ -388,34 +443,45 @@ impl<'a> Picture<'a> {
             }
             picture.is_best &= layer.is_done(view.quality);
         }
+        if let Some(world) = world.filter(|world| !world.is_black()) {
+            picture.add(&world.gathered, request.world, view, manner);
+        }
         let denoiser = view.denoise(manner.scale).missing().is_none();
         for (part, stand_in) in parts.iter().zip(stand_ins) {
             let weight = part.light.radiance;
             let Some(unit) = units.get(&part.light) else { continue };
             let mut maker = if denoiser { Maker::GatherDenoised } else { Maker::Gather };
-            match (stand_in, &unit.clean) {
-                (Some(image), _) => {
+            match stand_in {
+                Some(image) => {
                     picture.clean.push(Layer { image, weight });
                     maker = Maker::Proxy;
                 }
-                (None, Some((passes, clean))) if manner.drag || *passes == unit.passes => {
-                    picture.clean.push(Layer { image: &clean.image, weight });
-                    picture.is_best &= clean.quality >= view.quality;
+                None if unit.gathered.passes == 0 => continue,
+                None if part.how == How::View => {
+                    picture.clean.push(Layer { image: &unit.gathered.mean, weight });
+                    picture.samples = picture.samples.min(unit.gathered.samples);
                 }
-                _ if unit.passes == 0 => continue,
-                _ => {
-                    let is_noisy = part.how != How::View;
-                    let layers = if is_noisy { &mut picture.noisy } else { &mut picture.clean };
-                    layers.push(Layer { image: &unit.mean, weight });
-                    picture.is_best &= !is_noisy;
-                    picture.samples = picture.samples.min(unit.samples);
-                }
+                None => picture.add(&unit.gathered, weight, view, manner),
             }
             if part.how != How::View {
                 picture.makers.insert(part.light.name.clone(), maker);
             }
         }
         picture
+    }
+
+    /// Adds what was gathered, denoised if that is there.
+    fn add(&mut self, gathered: &'a Gathered, weight: [f32; 3], view: &View, manner: Manner) {
+        match &gathered.clean {
+            Some((passes, clean)) if manner.drag || *passes == gathered.passes => {
+                self.clean.push(Layer { image: &clean.image, weight });
+            }
+            _ => {
+                self.noisy.push(Layer { image: &gathered.mean, weight });
+                self.samples = self.samples.min(gathered.samples);
+            }
+        }
+        self.is_best &= manner.drag || gathered.is_done(view.quality);
     }
 
     fn image(&self, view: &View, manner: Manner) -> Result<Image, SessionError> {
@@ -432,17 +498,21 @@ impl<'a> Picture<'a> {
 
 /// [`Shown::noise`] of an RGBA picture of the full size.
 fn noise(
-    units: &Units,
+    request: &LiveRequest,
+    (units, world): (&Units, Option<&WorldUnit>),
     parts: &[Part],
     stand_ins: &[Option<SharedImage>],
     picture: &Image,
 ) -> Result<Option<f32>, SessionError> {
     let summed =
         parts.iter().zip(stand_ins).filter(|(part, stand_in)| part.how == How::Gather && stand_in.is_none());
+    let world = world.filter(|world| !world.is_black()).map(|world| (Some(&world.gathered), request.world));
     let layers: Option<Vec<Layer>> = summed
-        .map(|(part, _)| {
-            let image = &units.get(&part.light)?.error;
-            (!image.is_empty()).then_some(Layer { image, weight: part.light.radiance })
+        .map(|(part, _)| (units.get(&part.light).map(|unit| &unit.gathered), part.light.radiance))
+        .chain(world)
+        .map(|(gathered, weight)| {
+            let image = &gathered?.error;
+            (!image.is_empty()).then_some(Layer { image, weight })
         })
         .collect();
     let Some(layers) = layers.filter(|layers| !layers.is_empty()) else { return Ok(None) };

@@ -1,4 +1,5 @@
-use super::LiveRequest;
+use super::{LiveRequest, OtherWorld};
+use crate::world_layer::own_world;
 use crate::{Cancel, Guided, Listener, Maker, Measured, Progress, Proxies};
 use relume_dump::Dump;
 use relume_image::Image;
@@ -49,9 +50,13 @@ pub struct LiveStatus {
     pub samples: u32,
     /// Paths per pixel at the end.
     pub samples_total: u32,
-    /// What the world's radiance was, or the factor on its texture, when the bake began: factors of requests on its light
-    /// are relative to that. None without paths.
+    /// Radiance of the world that is shown, or the factor on its texture; that of the paths' own as it was when the bake began:
+    /// factors of requests on its light are relative to that. None without paths.
     pub world_color: Option<[f32; 3]>,
+    /// The world that is shown ([`relume_scene::Scene::world_map`]). None without paths.
+    pub world_map: Option<String>,
+    /// Whether whoever opens the folder sees that world.
+    pub world_is_stored: bool,
     /// Trained proxies by kind of light.
     pub proxies: BTreeMap<String, ProxyStatus>,
     /// Where pictures are made, in words.
@@ -125,6 +130,8 @@ pub(super) struct State {
     pub requests: u64,
     /// Whole passes of the bake so far.
     pub dump: Option<Dump>,
+    /// What is shown in place of the world that its paths were traced with.
+    pub world: Option<Arc<OtherWorld>>,
     /// What its paths look for.
     pub guided: Guided,
     /// Folder of proxies alone, for a shot without paths.
@@ -170,6 +177,14 @@ impl Shared {
         !state.closed
     }
 
+    /// Takes the world that is to be shown. Whether it is the one that the paths were traced with.
+    pub fn show_world(&self, world: Arc<OtherWorld>) -> bool {
+        let mut state = self.lock();
+        state.world = Some(world);
+        state.note_world();
+        state.world.is_none()
+    }
+
     pub fn ask(&self, request: LiveRequest) -> u64 {
         let mut state = self.lock();
         state.requests += 1;
@@ -205,6 +220,24 @@ impl Shared {
             state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
         }
         state
+    }
+}
+
+impl State {
+    /// Says which world is shown: the paths' own needs no other in its place.
+    pub fn note_world(&mut self) {
+        let Some(dump) = &self.dump else { return };
+        let own = own_world(dump.manifest());
+        let world = self.world.take().filter(|world| world.about().map != own.map);
+        let shown = world.as_ref().map_or(&own, |world| world.about());
+        let is_same = self.status.world_map.as_ref() == Some(&shown.map);
+        let status = &mut self.status;
+        status.world_is_stored = match &world {
+            Some(world) => world.is_stored() || is_same && status.world_is_stored,
+            None => true,
+        };
+        (status.world_map, status.world_color) = (Some(shown.map.clone()), Some(shown.color));
+        self.world = world;
     }
 }
 

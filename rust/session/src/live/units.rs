@@ -1,8 +1,9 @@
+use super::gathered::Gathered;
 use super::view::{SharedImage, View, pass_samples};
 use crate::device_image::DeviceImage;
 use crate::unit_cache::key;
 use crate::{Compute, Monitor, SessionError};
-use relume_gather::{DenoiseQuality, Half};
+use relume_gather::Half;
 use relume_gpu::{Gpu, GpuError};
 use relume_scene::Light;
 use std::sync::Arc;
@@ -14,24 +15,11 @@ const GPU_SHARE: f64 = 0.25;
 /// Lights that are gathered together.
 const GROUP: usize = 8;
 
-/// A denoised picture.
-pub(super) struct Clean {
-    pub image: DeviceImage,
-    pub quality: DenoiseQuality,
-}
-
 /// What is known of one light for radiance 1.
 pub(super) struct Unit {
     /// Without name and radiance.
     light: Light,
-    /// Mean over the paths of `passes`.
-    pub mean: DeviceImage,
-    pub passes: usize,
-    pub samples: u32,
-    /// A draw of the error of `mean`; empty for a single pass.
-    pub error: DeviceImage,
-    /// The mean of so many passes, denoised.
-    pub clean: Option<(usize, Clean)>,
+    pub gathered: Gathered,
     /// What a proxy says.
     pub proxy: Option<SharedImage>,
     used: u64,
@@ -50,9 +38,7 @@ impl Units {
         self.clock += 1;
         let key = key(light);
         let index = self.list.iter().position(|unit| unit.light == key).unwrap_or_else(|| {
-            let (mean, error) = (DeviceImage::default(), DeviceImage::default());
-            let (clean, proxy) = (None, None);
-            self.list.push(Unit { light: key, mean, passes: 0, samples: 0, error, clean, proxy, used: 0 });
+            self.list.push(Unit { light: key, gathered: Gathered::default(), proxy: None, used: 0 });
             self.list.len() - 1
         });
         self.list[index].used = self.clock;
@@ -67,7 +53,7 @@ impl Units {
 
     /// Whether at least one pass of each light was gathered.
     pub fn all_begun(&self, lights: &[Light]) -> bool {
-        lights.iter().all(|light| self.get(light).is_some_and(|unit| unit.passes > 0))
+        lights.iter().all(|light| self.get(light).is_some_and(|unit| unit.gathered.passes > 0))
     }
 
     /// Forgets what proxies said.
@@ -83,7 +69,7 @@ impl Units {
         compute: &Compute,
         monitor: &Monitor,
     ) -> Result<bool, SessionError> {
-        let done = |light: &Light| self.get(light).map_or(0, |unit| unit.passes);
+        let done = |light: &Light| self.get(light).map_or(0, |unit| unit.gathered.passes);
         let Some(least) = lights.iter().map(done).min().filter(|least| *least < view.passes.len()) else {
             return Ok(false);
         };
@@ -92,7 +78,7 @@ impl Units {
         let pass = &view.passes[least];
         let images = pass.device_images(&group, Half::All, compute, monitor)?;
         for (light, image) in group.iter().zip(images) {
-            if let Err(error) = self.of(light).add(image, pass_samples(pass)) {
+            if let Err(error) = self.of(light).gathered.add(image, pass_samples(pass)) {
                 // It may have been taken in, or not.
                 self.list.retain(|unit| unit.light != *light);
                 return Err(error.into());
@@ -133,8 +119,7 @@ impl Units {
 
 impl Unit {
     fn images(&self) -> impl Iterator<Item = &DeviceImage> {
-        let clean = self.clean.as_ref().map(|(_, clean)| &clean.image);
-        [Some(&self.mean), Some(&self.error), clean, self.proxy.as_deref()].into_iter().flatten()
+        self.gathered.images().chain(self.proxy.as_deref())
     }
 
     fn bytes(&self) -> usize {
@@ -146,46 +131,16 @@ impl Unit {
     }
 
     fn gpu(&self) -> Option<&Gpu> {
-        self.images().find_map(DeviceImage::on_gpu).map(|image| &**image.gpu())
+        let of_proxy = || self.proxy.as_ref()?.on_gpu().map(|image| &**image.gpu());
+        self.gathered.gpu().or_else(of_proxy)
     }
 
     fn leave_gpu(&mut self) -> Result<(), GpuError> {
-        let clean = self.clean.as_mut().map(|(_, clean)| &mut clean.image);
-        for image in [&mut self.mean, &mut self.error].into_iter().chain(clean) {
-            image.bring_down()?;
-        }
+        self.gathered.leave_gpu()?;
         if let Some(image) = &self.proxy {
             self.proxy = Some(Arc::new(DeviceImage::Cpu(image.read()?)));
         }
         Ok(())
-    }
-
-    /// Takes the mean of one more pass in.
-    fn add(&mut self, mut image: DeviceImage, samples: u32) -> Result<(), GpuError> {
-        let all = self.samples + samples;
-        if self.passes == 0 {
-            self.mean = image;
-        } else {
-            let share = samples as f32 / all as f32;
-            // Means a and b of independent samples, m and n of them: a - b has the variance v (1/m + 1/n), the mean of all has
-            // v / (m + n), which is m n / (m + n)^2 of it.
-            let scale = (share * (1.0 - share)).sqrt();
-            self.mean.take_in(&mut image, share, scale)?;
-            self.error = image;
-        }
-        self.passes += 1;
-        self.samples = all;
-        Ok(())
-    }
-
-    /// Whether there is a denoised picture of as many or fewer paths.
-    pub fn has_clean(&self) -> bool {
-        self.clean.is_some()
-    }
-
-    /// The denoised picture of all paths that were gathered.
-    pub fn newest_clean(&self) -> Option<&Clean> {
-        self.clean.as_ref().filter(|(passes, _)| *passes == self.passes).map(|(_, clean)| clean)
     }
 
     /// Remembers what a proxy says.
@@ -209,7 +164,7 @@ mod tests {
         let lights: Vec<Light> = [1.0, 2.0, 3.0, 4.0].map(light).to_vec();
         let mut units = Units::default();
         for light in &lights {
-            units.of(light).add(DeviceImage::Cpu(Image::new(4, 4, 3)), 1).unwrap();
+            units.of(light).gathered.add(DeviceImage::Cpu(Image::new(4, 4, 3)), 1).unwrap();
         }
         let bytes = units.get(&lights[0]).unwrap().bytes();
         assert_eq!(bytes, 4 * 4 * 3 * 4);

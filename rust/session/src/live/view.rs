@@ -1,5 +1,5 @@
+use super::gathered::Clean;
 use super::shared::State;
-use super::units::Clean;
 use crate::base_layers::BaseLayers;
 use crate::denoise::Denoise;
 use crate::device_gather::DeviceGather;

@@ -1,8 +1,9 @@
-use super::LiveOptions;
 use super::shared::{Gate, LiveState, ProxyStatus, Shared, State};
+use super::{LiveOptions, OtherWorld};
 use crate::bake::{Observer, bake_observed, clear, clear_paths, difference};
 use crate::guided::Sight;
 use crate::relighter::camera;
+use crate::world_layer::WorldLayer;
 use crate::{
     Cancel, Clock, Compute, Guided, LightSet, Monitor, Proxies, SessionError, TrainSettings, base_layers,
     default_sizes, on_threads, train,
@@ -49,7 +50,7 @@ impl Job {
             shared.status.state = state;
             shared.status.error = error;
             shared.status.stage = None;
-            // The machine, which the painter makes better pictures with now.
+            // The machine: the painter makes better pictures with it now, and stores the light of another world.
             shared.deliveries += 1;
         });
     }
@@ -71,8 +72,8 @@ impl Job {
         }
     }
 
-    /// Whether the folder holds a whole bake of the scene, and the lights that are shown now would have much less noise from paths
-    /// that look for them.
+    /// Whether the folder holds a whole bake of the scene, and its world or the lights that are shown now would have much less noise
+    /// from paths that look for them.
     fn looks_elsewhere(&self, scene: &Scene, settings: &TraceSettings) -> Result<bool, SessionError> {
         let is_there = self.folder.join(Manifest::FILE).exists();
         let Some(dump) = is_there.then(|| Dump::open(&self.folder)).transpose()? else { return Ok(false) };
@@ -80,6 +81,9 @@ impl Job {
         let is_same = manifest.scene_hash == scene.hash() && manifest.samples() >= settings.samples;
         if !is_same || !dump.missing().is_empty() {
             return Ok(false);
+        }
+        if manifest.world_map != scene.world_map() {
+            return Ok(true);
         }
         let guided = Guided::of_bake(&self.folder).unwrap_or_default();
         let sight = Sight::new(&guided, manifest, &dump.aovs(), &camera(manifest)?);
@@ -89,7 +93,12 @@ impl Job {
     /// Bakes and trains, then bakes the rest and trains anew if that is much more: a proxy is at hand long before a bake of
     /// many samples ends. What is there already stays, even if fewer samples are asked for.
     fn bake(&self, scene: &Scene, settings: &TraceSettings, monitor: &Monitor) -> Result<(), SessionError> {
+        if matches!(difference(scene, settings, &self.folder), Ok(Some(Manifest::WORLD_MAP))) {
+            clear_paths(&self.folder)?;
+        }
         let there = self.whole_samples(scene, settings);
+        let world = Arc::new(OtherWorld::new(scene)?);
+        self.shared.show_world(world);
         let wanted = settings.samples.max(there);
         self.shared.change(|state| state.status.samples_total = wanted);
         let early = Some(SAMPLES_TO_TRAIN).filter(|early| (there + 1..wanted).contains(early));
@@ -122,6 +131,10 @@ impl Job {
         let observer = Observer { lights: &lights, passes: &|dump| self.deliver(dump) };
         let bake = || bake_observed(scene, settings, &self.folder, true, monitor, &observer);
         match bake() {
+            Err(SessionError::Dump(DumpError::OtherBake { difference: Manifest::WORLD_MAP, .. })) => {
+                clear_paths(&self.folder)?;
+                bake().map(drop)
+            }
             Err(SessionError::Dump(DumpError::OtherBake { .. })) => {
                 clear(&self.folder)?;
                 self.shared.change(|state| {
@@ -169,7 +182,15 @@ impl Job {
             let reason = format!("{} holds the start of a bake only; bake again", self.folder.display());
             return Err(SessionError::Settings(reason));
         }
-        self.shared.change(|state| state.status.samples_total = dump.manifest().samples());
+        let stored = WorldLayer::of_bake(&self.folder, dump.manifest()).unwrap_or_else(|error| {
+            self.shared.warn(&error.to_string());
+            None
+        });
+        self.shared.change(|state| {
+            state.status.samples_total = dump.manifest().samples();
+            // One that was asked for meanwhile is newer.
+            state.world = state.world.take().or(stored.map(|layer| Arc::new(OtherWorld::stored(layer))));
+        });
         self.deliver(dump.passes(0..complete));
         self.deliver_proxies();
         Ok(dump.missing().is_empty())
@@ -181,8 +202,8 @@ impl Job {
         self.shared.change(|state| {
             state.guided = guided;
             state.status.samples = dump.manifest().samples();
-            state.status.world_color = Some(dump.manifest().world_color);
             state.dump = Some(dump);
+            state.note_world();
             state.deliveries += 1;
         });
     }

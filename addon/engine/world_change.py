@@ -1,0 +1,114 @@
+"""Another world than the one that is shown: another HDRI, or one that was turned. Read from the artist's data at once,
+made ready on a thread of its own; its light is then gathered from the paths that are there."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import bpy
+
+from ..export.images import ImageExporter
+from ..export.working_space import working_space
+from ..export.world import WorldRenderError, export_world
+from ..export.world_graph import WorldGraph
+from . import worlds
+from .native import native
+from .render_depsgraph import ExportCancelled, render_layer
+
+
+class _UnreadableFileError(Exception):
+    """The native module cannot read an image file: Blender has to."""
+
+
+class WorldTask:
+    """The present world of a scene in the making."""
+
+    def __init__(self, scene: bpy.types.Scene, shape: str, by_blender: bool = False):
+        self.shape = shape
+        """Of its print."""
+        self.world: Any = None
+        """A `relume.World`, once it is done."""
+        self.error: Exception | None = None
+        self._stopped = False
+        steps = _Steps(by_blender, lambda: self._stopped)
+        export_world(steps, ImageExporter(steps), steps.texture_of, scene, render_layer(scene))
+        self._builder = native().SceneBuilder(working_space())
+        self._thread = threading.Thread(target=self._run, args=(steps.calls,), daemon=True)
+        self._thread.start()
+
+    def _run(self, calls: list[Callable[[Any], None]]) -> None:
+        try:
+            for call in calls:
+                call(self._builder)
+            self.world = self._builder.build_world()
+        except Exception as error:
+            self.error = error
+
+    @property
+    def done(self) -> bool:
+        """Whether there is a world, or an error."""
+        return not self._thread.is_alive()
+
+    @property
+    def was_cancelled(self) -> bool:
+        """Whether it was cancelled before it was done."""
+        return isinstance(self.error, ExportCancelled)
+
+    @property
+    def needs_blender(self) -> bool:
+        """Whether it has to be tried again with pixels that Blender reads."""
+        return isinstance(self.error, _UnreadableFileError)
+
+    def cancel(self) -> None:
+        """Lets it end soon, if Cycles renders it."""
+        self._stopped = True
+
+
+class _Steps:
+    """Stands in for a scene builder: keeps what is to be done, which takes its time."""
+
+    def __init__(self, by_blender: bool, stop: Callable[[], bool]):
+        self.calls: list[Callable[[Any], None]] = []
+        self._by_blender, self._stop = by_blender, stop
+        self._textures = 0
+
+    def add_texture(self, *arguments: Any, **more: Any) -> int:
+        """As the scene builder's."""
+        return self._texture(lambda builder: builder.add_texture(*arguments, **more))
+
+    def add_texture_file(self, name: str, *arguments: Any, **more: Any) -> int | None:
+        """As the scene builder's; what cannot be read is known later."""
+
+        def add(builder: Any) -> None:
+            if builder.add_texture_file(name, *arguments, **more) is None:
+                raise _UnreadableFileError(name)
+
+        return None if self._by_blender else self._texture(add)
+
+    def texture_of(self, graph: WorldGraph, name: str) -> int:
+        """Has Cycles render the world."""
+        render = worlds.rendering(graph)
+        return self._texture(
+            lambda builder: builder.add_texture(name, render(self._stop), encoding="linear", alpha="none")
+        )
+
+    def set_world(self, *arguments: Any, **more: Any) -> None:
+        """As the scene builder's."""
+        self.calls.append(lambda builder: builder.set_world(*arguments, **more))
+
+    def warn(self, message: str) -> None:
+        """As the scene builder's."""
+        self.calls.append(lambda builder: builder.warn(message))
+
+    def _texture(self, add: Callable[[Any], Any]) -> int:
+        self.calls.append(add)
+        self._textures += 1
+        return self._textures - 1
+
+
+def reason(error: Exception) -> str:
+    """Why a world could not be read, in one line."""
+    words = " ".join(str(error).split()) or repr(error)
+    return f"Cycles could not render it: {words}" if isinstance(error, WorldRenderError) else words

@@ -1,0 +1,138 @@
+"""Another HDRI, or one that was turned, is shown without new paths, by the real native module."""
+
+import json
+import math
+
+import bpy
+import numpy as np
+import pytest
+import relume
+
+from addon.core.solve import SolveError
+from addon.engine import record, shot, worlds
+from addon.engine.scene import load_scene
+from addon.ui import handlers, solving
+from addon.ui.start import start
+from helpers import add_sky, add_world, settled, sky_file, until, update
+
+
+@pytest.fixture
+def turnable(studio, tmp_path):
+    """A bake under a sky, and the Mapping node that turns it."""
+    _, mapping = add_sky(add_world(studio, strength=2.0), sky_file(tmp_path))
+    update()
+    start(studio)
+    picture(studio, "the first picture")
+    return studio, mapping
+
+
+def picture(scene, what):
+    """The settled picture of the present world, and that nothing is to be baked again."""
+
+    def is_there(found):
+        return settled(found) and not found.changes.is_pending and found.present_frame is not None
+
+    found = until(scene, is_there, what)
+    assert found.changes.sentences == []
+    return found.frame.image[..., :3].copy()
+
+
+def turn(mapping, angle):
+    """Turns the sky, as the artist does."""
+    mapping.inputs["Rotation"].default_value.z = angle
+    update()
+
+
+def shards(folder):
+    """When each shard of a bake was written."""
+    return {path: path.stat().st_mtime_ns for path in folder.rglob("*.safetensors")}
+
+
+def test_a_turned_sky_is_shown_without_new_paths_and_found_again(turnable, tmp_path):
+    scene, mapping = turnable
+    before, paths = picture(scene, "the first picture"), shards(tmp_path / "bake")
+    turn(mapping, math.pi)
+    assert shot.of(scene).present_frame is None, "the old world passes for the present one"
+    turned = picture(scene, "the turned sky")
+    assert np.abs(turned - before).max() > 0.1 and shards(tmp_path / "bake") == paths
+
+    exported, other = load_scene(scene), tmp_path / "other"
+    relume.bake(exported, other, {"samples": 64, "seed": 5}).wait()
+    expected = relume.Relighter(other).relight()["combined"][::-1]
+    assert np.abs(turned.mean(axis=(0, 1)) - expected.mean(axis=(0, 1))).max() < 0.1 * expected.mean()
+    assert shot.of(scene).status["world_map"] == exported.world_map
+
+    # A factor on the new world.
+    mapping.id_data.nodes["Background"].inputs["Strength"].default_value = 4.0
+    update()
+    assert picture(scene, "a brighter one").sum() > 1.2 * turned.sum()
+    mapping.id_data.nodes["Background"].inputs["Strength"].default_value = 2.0
+    update()
+    assert np.abs(picture(scene, "as before") - turned).max() < 1e-3 * turned.max()
+
+    until(scene, lambda found: found.status["world_is_stored"], "the stored light")
+    shot.of(scene).close(5.0)
+    handlers.open_bake(scene)
+    assert np.abs(picture(scene, "the opened bake") - turned).max() < 1e-3 * turned.max()
+    assert not shot.of(scene).is_changing_world
+    turn(mapping, 0.0)
+    assert np.abs(picture(scene, "the old sky") - before).max() < 1e-3 * before.max()
+    assert shards(tmp_path / "bake") == paths and not (tmp_path / "bake" / "world.exr").exists()
+
+
+def test_other_images_and_plain_colours_take_turns(turnable):
+    scene, mapping = turnable
+    before = picture(scene, "the first picture")
+    tree = mapping.id_data
+    texture = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeTexEnvironment")
+    image, texture.image = texture.image, bpy.data.images.new("Green", 4, 2)
+    texture.image.pixels.foreach_set([0.0, 1.0, 0.0, 1.0] * 8)
+    update()
+    green = picture(scene, "a painted sky")
+    assert green[..., 1].sum() > 1.5 * before[..., 1].sum()
+    background, link = tree.nodes["Background"], texture.outputs[0].links[0]
+    tree.links.remove(link)
+    background.inputs["Color"].default_value = (1.0, 0.0, 0.0, 1.0)
+    update()
+    red = picture(scene, "a red world")
+    assert red[..., 1].sum() < 0.9 * green[..., 1].sum()
+    scene.render.film_transparent = True
+    scene.update_tag()
+    update()
+    picture(scene, "a world that the camera does not see")
+    scene.render.film_transparent = False
+    tree.links.new(texture.outputs[0], background.inputs["Color"])
+    texture.image = image
+    update()
+    assert np.abs(picture(scene, "the old sky") - before).max() < 1e-3 * before.max()
+
+
+def test_a_rebake_is_of_the_present_world(turnable, tmp_path):
+    scene, mapping = turnable
+    paths = shards(tmp_path / "bake")
+    turn(mapping, 2.0)
+    picture(scene, "the turned sky")
+    assert start(scene) is shot.of(scene)
+    picture(scene, "the same paths")
+    manifest = json.loads((tmp_path / "bake" / "manifest.json").read_text())
+    assert shards(tmp_path / "bake") == paths and manifest["world_map"] != load_scene(scene).world_map
+    assert bpy.ops.relume.rebake() == {"FINISHED"}
+    picture(scene, "new paths")
+    manifest = json.loads((tmp_path / "bake" / "manifest.json").read_text())
+    assert manifest["world_map"] == load_scene(scene).world_map
+    assert list(record.read(tmp_path / "bake").maps) == [manifest["world_map"]]
+
+
+def test_a_world_that_cannot_be_read_is_named_and_nothing_is_solved(turnable, monkeypatch):
+    scene, mapping = turnable
+    monkeypatch.setattr(worlds, "_render", lambda *_arguments: (_ for _ in ()).throw(OSError("no room")))
+    tree = mapping.id_data
+    sky = tree.nodes.new("ShaderNodeTexSky")
+    sky.sky_type = "HOSEK_WILKIE"
+    tree.links.new(sky.outputs[0], tree.nodes["Background"].inputs["Color"])
+    update()
+    with pytest.raises(SolveError, match="The world has changed"):
+        solving.begin(scene)
+    found = until(scene, lambda found: found.changes.sentences, "what went wrong")
+    reason = "Cycles could not render it: no room"
+    assert found.changes.sentences == [f"The world changed, and its light could not be gathered: {reason}"]
