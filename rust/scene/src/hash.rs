@@ -4,14 +4,19 @@ use blake3::Hasher;
 use bytemuck::cast_slice;
 use serde::Serialize;
 
-use crate::{Instance, Mesh, Node, Scene, Texels, Texture, World};
+use crate::{Camera, Instance, Material, Mesh, Node, Scene, Texels, Texture, World};
 
 impl Scene {
     /// Hash of all that decides the paths of a dump, hex: the same scene gives the same hash on every machine. Lights, the world and
-    /// warnings do not count, since paths serve any lights and any world, nor do textures that no material shows.
+    /// warnings do not count, since paths serve any lights and any world, nor do textures that no material shows, nor the names of the
+    /// camera and of materials.
     pub fn hash(&self) -> String {
         let mut hasher = Hasher::new();
-        json(&mut hasher, &(&self.camera, &self.materials, &self.working_space));
+        let name = String::new;
+        let camera = Camera { name: name(), ..self.camera.clone() };
+        let unnamed = |material: &Material| Material { name: name(), ..material.clone() };
+        let materials: Vec<Material> = self.materials.iter().map(unnamed).collect();
+        json(&mut hasher, &(camera, materials, &self.working_space));
         self.meshes.iter().for_each(|mesh| hash_mesh(&mut hasher, mesh));
         self.instances.iter().for_each(|instance| hash_instance(&mut hasher, instance));
         for number in self.material_textures() {
@@ -118,7 +123,7 @@ mod tests {
             |scene| scene.instances[0].world_from_object.translation.y = 1e-6,
             |scene| scene.instances[0].visible_glossy = false,
             |scene| scene.camera.width += 1,
-            |scene| scene.materials.push(crate::Material::default()),
+            |scene| scene.materials.push(Material::default()),
             |scene| scene.meshes[0].corner_normals.push(Vec3::ONE),
             |scene| scene.meshes[0].texture_space = Some([Vec3::ZERO, Vec3::ONE]),
         ];
@@ -151,7 +156,7 @@ mod tests {
     fn a_texture_counts_where_a_material_shows_it() {
         let json = r#"{"name": "wall", "nodes": [{"type": "image_texture", "texture": 0}], "surface": null}"#;
         let material = |shows: bool| {
-            let mut material: crate::Material = serde_json::from_str(json).unwrap();
+            let mut material: Material = serde_json::from_str(json).unwrap();
             material.nodes.truncate(usize::from(shows));
             material
         };
@@ -201,5 +206,15 @@ mod tests {
             receivers: None,
         });
         assert_eq!(lit.hash(), scene().hash());
+    }
+
+    #[test]
+    fn names_of_camera_and_materials_do_not_change_the_hash() {
+        let named = |name: &str| {
+            let camera = Camera { name: name.into(), ..scene().camera };
+            let materials = vec![Material { name: name.into(), ..Material::default() }];
+            Scene { camera, materials, ..scene() }
+        };
+        assert_eq!(named("a").hash(), named("b").hash());
     }
 }
