@@ -63,6 +63,8 @@ def _has_size(_settings, obj) -> bool:
 STOPS_TEXT = "How much brighter or darker: one stop more is twice the light, one less is half"
 MIREDS_TEXT = "How much warmer or cooler, in mireds: an orange gel of half strength is about 80"
 COLOR_TEXT = "The tint of the light that is wanted"
+STOPS = {"default": 1.0, "min": 0.0, "max": 32.0, "soft_max": 8.0, "step": 10, "precision": 2}
+"""Settings of a limit in stops."""
 STAY = {
     "description": "How much lights are drawn to where and as strong as they are, beside the goals. 0: not at all",
     "subtype": "FACTOR",
@@ -92,22 +94,12 @@ class Limits:
     darker: FloatProperty(
         name="Darker",
         description="At most so many stops darker: one is half the light, 0 is never darker",
-        default=1.0,
-        min=0.0,
-        max=32.0,
-        soft_max=8.0,
-        step=10,
-        precision=2,
+        **STOPS,
     )
     brighter: FloatProperty(
         name="Brighter",
         description="At most so many stops brighter: one is twice the light, 0 is never brighter",
-        default=1.0,
-        min=0.0,
-        max=32.0,
-        soft_max=8.0,
-        step=10,
-        precision=2,
+        **STOPS,
     )
     limit_turn: BoolProperty(
         name="Limit Turning",
