@@ -11,6 +11,18 @@ struct Shard {
 
 @group(0) @binding(7) var<storage, read> shards: array<Shard>;
 
+const ELSEWHERE = 0xffffffffu;
+
+// The number of the pixel at a place in the image, or ELSEWHERE if it is not of this chunk. `noted` is what stands for the
+// place in a table of numbers: where it was not noted for this chunk, anything.
+fn number_of(place: u32, noted: u32) -> u32 {
+    // The last one is no pixel: it says where the parts of the one before it end.
+    if noted < arrayLength(&pixels) - 1u && pixels[noted].image == place {
+        return noted;
+    }
+    return ELSEWHERE;
+}
+
 // Adds what a thread's share of a pixel's records gives for `count` lights.
 fn visit_pixel(pixel: u32, lane: u32, first_light: u32, count: u32) {
     for (var part = pixels[pixel].first_part; part < pixels[pixel + 1u].first_part; part++) {

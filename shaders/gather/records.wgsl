@@ -1,17 +1,9 @@
 // Records of a chunk, and the sums that LANES threads make of those of a pixel; GROUP_SIZE / LANES pixels a workgroup.
+// use: gather/row
 // constant: LIGHTS 4
 // constant: LANES 64
 
 const GROUP_SIZE = 64u;
-
-struct Pixel {
-    // Row by row in the image.
-    image: u32,
-    // Its parts go on to the first one of the next pixel.
-    first_part: u32,
-    // 1 / samples.
-    scale: f32,
-}
 
 // Records that lie together and start with a path.
 struct Part {

@@ -17,9 +17,7 @@ struct Arguments {
 }
 var<immediate> arguments: Arguments;
 
-const ELSEWHERE = 0xffffffffu;
-
-// By place in the image: number in `pixels`, or ELSEWHERE for those of other chunks.
+// By place in the image, for `number_of`.
 @group(0) @binding(9) var<storage, read> numbers: array<u32>;
 @group(0) @binding(10) var<storage, read> cells: array<u32>;
 // RGB of the value and of each derivative; light by light, then cell by cell.
@@ -39,7 +37,8 @@ fn add_slopes(
     let size = min(vec2u(arguments.edge), vec2u(arguments.width, arguments.height) - first);
     let count = size.x * size.y;
     for (var i = thread / PIXEL_LANES; i < count; i += GROUP_SIZE / PIXEL_LANES) {
-        let pixel = numbers[(first.y + i / size.x) * arguments.width + first.x + i % size.x];
+        let place = (first.y + i / size.x) * arguments.width + first.x + i % size.x;
+        let pixel = number_of(place, numbers[place]);
         if pixel != ELSEWHERE {
             add_pixel(pixel, thread % PIXEL_LANES, 1.0 / f32(count));
         }

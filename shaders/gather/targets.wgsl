@@ -13,9 +13,7 @@ struct Arguments {
 }
 var<immediate> arguments: Arguments;
 
-const ELSEWHERE = 0xffffffffu;
-
-// By place in the image: number in `pixels`, or ELSEWHERE for those of other chunks.
+// By place in the image, for `number_of`.
 @group(0) @binding(8) var<storage, read> numbers: array<u32>;
 // Places in the image, row by row.
 @group(0) @binding(9) var<storage, read> places: array<u32>;
@@ -31,7 +29,7 @@ fn add_targets(
     let index = (group.x + group.y * groups.x) * (GROUP_SIZE / LANES) + thread / LANES;
     var pixel = ELSEWHERE;
     if index < arguments.targets && places[index] < arrayLength(&numbers) {
-        pixel = numbers[places[index]];
+        pixel = number_of(places[index], numbers[places[index]]);
     }
     if pixel != ELSEWHERE {
         let first_light = index / arguments.sharing * arguments.lights + arguments.first_light;

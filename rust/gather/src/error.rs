@@ -30,12 +30,6 @@ pub enum GatherError {
         /// How many there are.
         cells: usize,
     },
-    /// Targets of single pixels need the whole dump on the GPU.
-    #[error(
-        "the dump does not fit into the GPU's memory, as a training there needs it to: raise --gpu-memory, bake \
-         fewer samples, or use the CPU (--device cpu, or the device in Blender's preferences)"
-    )]
-    NotResident,
     /// A dump that cannot be packed.
     #[error(transparent)]
     Dump(#[from] relume_dump::DumpError),

@@ -132,12 +132,23 @@ impl<'a> SoftGather<'a> {
         SoftLight::new(light, self.gather, softness, softness * self.extent)
     }
 
+    /// Columns and rows of the pixels of a cell.
+    fn pixels(&self, cell: usize) -> [Range<usize>; 2] {
+        let (manifest, columns) = (self.gather.dump().manifest(), self.cells().0);
+        let along = |first: usize, end: usize| first * self.edge..end.min((first + 1) * self.edge);
+        [along(cell % columns, manifest.width), along(cell / columns, manifest.height)]
+    }
+
+    /// Places in the image, row by row, of the pixels of a cell.
+    pub(crate) fn places(&self, cell: usize) -> impl Iterator<Item = u32> + use<> {
+        let ([x, y], width) = (self.pixels(cell), self.gather.dump().manifest().width);
+        y.flat_map(move |y| x.clone().map(move |x| (y * width + x) as u32))
+    }
+
     /// Value and slopes of a cell.
     fn cell(&self, light: &SoftLight, cell: usize, work: &mut Work) -> [[f32; 3]; OUTPUTS] {
-        let (dump, columns) = (self.gather.dump(), self.cells().0);
+        let (dump, [x, y]) = (self.gather.dump(), self.pixels(cell));
         let manifest = dump.manifest();
-        let x = cell % columns * self.edge..manifest.width.min((cell % columns + 1) * self.edge);
-        let y = cell / columns * self.edge..manifest.height.min((cell / columns + 1) * self.edge);
         let pixels = x.len() * y.len();
         let is_selective = light.reach.ball().is_some_and(|ball| ball.radius < SELECTIVE * self.extent);
         let mut sums = Sums::new(light, is_selective);

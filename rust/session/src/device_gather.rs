@@ -21,7 +21,7 @@ pub(crate) struct DeviceGather {
     pub(crate) on_gpu: OnGpu<GpuGather>,
     may_sort: AtomicBool,
     pub(crate) sorting: Sorting,
-    told_of_streaming: Once,
+    told_of_little_memory: Once,
 }
 
 impl DeviceGather {
@@ -31,7 +31,7 @@ impl DeviceGather {
             on_gpu: OnGpu::default(),
             may_sort: false.into(),
             sorting: Sorting::default(),
-            told_of_streaming: Once::new(),
+            told_of_little_memory: Once::new(),
         }
     }
 
@@ -112,8 +112,8 @@ impl DeviceGather {
         Ok(image.unwrap_or_else(|| self.gather.world_image(environment, Half::All)))
     }
 
-    /// A smoothed light's values at some cells with their derivatives; `soft` is of the same dump. On the CPU where the dump does
-    /// not fit into the GPU's memory.
+    /// A smoothed light's values at some cells with their derivatives; `soft` is of the same dump. On the CPU where the GPU's memory
+    /// has no room for parts of the dump.
     pub fn linearise(
         &self,
         soft: &SoftGather,
@@ -123,7 +123,7 @@ impl DeviceGather {
         monitor: &Monitor,
     ) -> Result<Linear, SessionError> {
         let work = |on_gpu: &GpuGather| on_gpu.linearise(soft, light, softness, cells);
-        let linear = self.if_resident(compute, monitor, work)?;
+        let linear = self.if_it_gathers_pixels(compute, monitor, work)?;
         linear.map_or_else(|| Ok(soft.linearise(light, softness, cells)?), Ok)
     }
 
@@ -138,11 +138,11 @@ impl DeviceGather {
         monitor: &Monitor,
     ) -> Result<Option<SoftCompared>, SessionError> {
         let work = |on_gpu: &GpuGather| on_gpu.compare(soft, lights, softness, cells, wanted);
-        self.if_resident(compute, monitor, work)
+        self.if_it_gathers_pixels(compute, monitor, work)
     }
 
-    /// Does some work on the GPU if the whole dump is there.
-    fn if_resident<R>(
+    /// Does some work on the GPU if that has room for the parts of the dump that it needs.
+    fn if_it_gathers_pixels<R>(
         &self,
         compute: &Compute,
         monitor: &Monitor,
@@ -150,16 +150,20 @@ impl DeviceGather {
     ) -> Result<Option<R>, SessionError> {
         let tell = || {
             monitor.warn(
-                "the bake does not fit into the GPU's memory: the CPU smooths lights for solving; raise --gpu-memory, or bake \
-                 fewer samples",
+                "there is no room in the GPU's memory for parts of the bake: the CPU smooths lights for solving; raise \
+                 --gpu-memory",
             );
         };
-        let work = |on_gpu: &GpuGather| match on_gpu.is_resident() {
-            true => work(on_gpu).map(Some),
-            false => {
-                self.told_of_streaming.call_once(tell);
-                Ok(None)
-            }
+        let by_cpu = || {
+            self.told_of_little_memory.call_once(tell);
+            Ok(None)
+        };
+        let work = |on_gpu: &GpuGather| match on_gpu.gathers_pixels() {
+            true => match work(on_gpu) {
+                Err(GatherError::Gpu(GpuError::OutOfMemory { .. })) if !on_gpu.is_resident() => by_cpu(),
+                result => result.map(Some),
+            },
+            false => by_cpu(),
         };
         Ok(self.on_gpu.attempt(compute, monitor, |gpu| self.put_on(gpu), work)?.flatten())
     }
@@ -167,5 +171,52 @@ impl DeviceGather {
     fn put_on(&self, gpu: Arc<Gpu>) -> Result<GpuGather, GatherError> {
         self.sorting.begin_again();
         GpuGather::new(gpu, &self.gather)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Mutex;
+
+    use relume_gpu::GpuChoice;
+
+    use super::*;
+    use crate::live::bench::{boxed, bulbs};
+    use crate::{Cancel, Listener, Progress};
+
+    #[derive(Default)]
+    struct Warnings(Mutex<Vec<String>>);
+
+    impl Listener for Warnings {
+        fn progress(&self, _: &Progress) {}
+        fn warning(&self, message: &str) {
+            self.0.lock().unwrap().push(message.into());
+        }
+    }
+
+    #[test]
+    fn smoothed_lights_that_find_no_room_on_the_gpu_are_made_by_the_cpu_which_is_told_once() {
+        let gather = DeviceGather::new(Gather::new(boxed((128, 80), 16).unwrap()));
+        let soft = SoftGather::new(gather.gather(), 1);
+        let light = &bulbs(1)[0];
+        let gpu = Gpu::open(&GpuChoice::Best).expect("tests need a GPU or a software driver");
+        let warnings = Arc::new(Warnings::default());
+        let monitor = Monitor::new(warnings.clone(), Cancel::default());
+        let compute = Compute::with(Arc::clone(&gpu), false);
+        let of_cpu = |cells: &[u32]| soft.linearise(light, 0.1, cells).unwrap();
+        let found = |cells: &[u32]| gather.linearise(&soft, (light, 0.1), cells, &compute, &monitor).unwrap();
+        let warned = || warnings.0.lock().unwrap().len();
+
+        gpu.set_memory_budget(Some(8 << 20));
+        found(&[5, 70]);
+        let on_gpu = gather.on_gpu.get().unwrap();
+        let copied = on_gpu.copied_bytes();
+        assert!(!on_gpu.is_resident() && copied > 0 && warned() == 0);
+        // Their values alone take more.
+        let many: Vec<u32> = (0..10_240).cycle().take(80_000).collect();
+        assert!(found(&many) == of_cpu(&many) && warned() == 1);
+        gpu.set_memory_budget(Some(1 << 20));
+        assert!(found(&[5, 70]) == of_cpu(&[5, 70]) && warned() == 1);
+        assert_eq!(on_gpu.copied_bytes(), copied);
     }
 }

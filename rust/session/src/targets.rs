@@ -1,11 +1,12 @@
 use glam::Vec3;
 use rayon::prelude::*;
 use relume_gather::{DenoiseQuality, Gather, GatherError, GpuGather, Half, PreparedLight, Scratch};
-use relume_gpu::{Buffer, Gpu};
+use relume_gpu::{Buffer, Gpu, GpuError};
 use relume_image::Image;
 use relume_proxy::{DeviceTargets, GroupQueries, PixelQueries, ProxyError, Rng, TargetSource};
 use relume_scene::{Light, LightShape, LobeFactors};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::denoise::Denoise;
 
@@ -22,6 +23,8 @@ pub struct DumpTargets<'a> {
 pub struct GpuTargets {
     gpu: Arc<Gpu>,
     gather: GpuGather,
+    gathers_pixels: bool,
+    lacked_room: AtomicBool,
 }
 
 impl GpuTargets {
@@ -30,12 +33,24 @@ impl GpuTargets {
     /// # Errors
     /// If the device was lost.
     pub fn new(gpu: &Arc<Gpu>, gather: &Gather) -> Result<Self, GatherError> {
-        Ok(Self { gpu: Arc::clone(gpu), gather: GpuGather::new(Arc::clone(gpu), gather)? })
+        let gather = GpuGather::new(Arc::clone(gpu), gather)?;
+        let gathers_pixels = gather.gathers_pixels();
+        Ok(Self { gpu: Arc::clone(gpu), gather, gathers_pixels, lacked_room: false.into() })
     }
 
-    /// Whether all of the dump stays there: single pixels are not gathered from one that is streamed.
-    pub fn is_resident(&self) -> bool {
-        self.gather.is_resident()
+    /// Whether single pixels are gathered there: all of the dump stays there, or there was room to copy those that are asked for.
+    pub fn gathers_pixels(&self) -> bool {
+        self.gathers_pixels
+    }
+
+    /// Whether the CPU has gathered single pixels because others had taken the room for them meanwhile.
+    pub fn lacked_room(&self) -> bool {
+        self.lacked_room.load(Ordering::Relaxed)
+    }
+
+    /// Bytes of the dump that were copied for single pixels, since it does not stay there.
+    pub fn copied_bytes(&self) -> u64 {
+        self.gather.copied_bytes()
     }
 
     /// Gathers pixels under lights that neighbours share.
@@ -47,9 +62,8 @@ impl GpuTargets {
         half: Half,
         out: &Buffer<f32>,
     ) -> Result<(), GatherError> {
-        let pixels = self.gpu.buffer_of("pixels of targets", pixels)?;
         let lights = self.gather.lights(lights)?;
-        self.gather.pixel_targets(&pixels, &lights, lights_per_pixel as u32, half, out)
+        self.gather.pixel_targets(pixels, &lights, lights_per_pixel as u32, half, out)
     }
 }
 
@@ -76,9 +90,26 @@ impl<'a> DumpTargets<'a> {
         self.denoise
     }
 
-    /// The dump on the GPU, if all of it stays there.
-    fn resident(&self) -> Option<&GpuTargets> {
-        self.gpu.filter(|gpu| gpu.is_resident())
+    /// The dump on the GPU, if single pixels are gathered there.
+    fn for_pixels(&self) -> Option<&GpuTargets> {
+        self.gpu.filter(|gpu| gpu.gathers_pixels)
+    }
+
+    /// What the GPU would have made of these queries, whose lights were prepared.
+    fn gathered_here(&self, queries: &GroupQueries<'_>, lights: &[PreparedLight]) -> Vec<[f32; 3]> {
+        let (count, group) = (queries.lights_per_pixel, queries.group);
+        let mut values = vec![[0.0; 3]; queries.pixels.len() * count];
+        let groups = values.par_chunks_mut(group * count).zip(queries.pixels.par_chunks(group));
+        groups.zip(lights.par_chunks(count)).for_each_init(
+            Scratch::default,
+            |scratch, ((values, pixels), lights)| {
+                for (pixel, values) in pixels.iter().zip(values.chunks_exact_mut(count)) {
+                    let (x, y) = self.place(*pixel);
+                    self.gather.pixel_into(x, y, lights, self.half, scratch, values);
+                }
+            },
+        );
+        values
     }
 
     fn prepare(&self, shape: &LightShape) -> Result<PreparedLight, ProxyError> {
@@ -145,16 +176,23 @@ impl TargetSource for DumpTargets<'_> {
     }
 
     fn on_device(&self) -> Option<&dyn DeviceTargets> {
-        self.resident().map(|_| self as &dyn DeviceTargets)
+        self.for_pixels().map(|_| self as &dyn DeviceTargets)
     }
 }
 
 impl DeviceTargets for DumpTargets<'_> {
     fn pixel_targets(&self, queries: &GroupQueries<'_>, out: &Buffer<f32>) -> Result<(), ProxyError> {
-        let gpu = self.resident().ok_or_else(|| ProxyError::targets(GatherError::NotResident))?;
+        let gpu = self.for_pixels().ok_or_else(|| ProxyError::targets("the source is not on the device"))?;
         let lights: Vec<PreparedLight> =
             queries.lights.iter().map(|shape| self.prepare(shape)).collect::<Result<_, _>>()?;
         let count = queries.lights_per_pixel;
-        gpu.pixel_targets(queries.pixels, &lights, count, self.half, out).map_err(ProxyError::targets)
+        match gpu.pixel_targets(queries.pixels, &lights, count, self.half, out) {
+            Err(GatherError::Gpu(GpuError::OutOfMemory { .. })) => {
+                gpu.lacked_room.store(true, Ordering::Relaxed);
+                gpu.gpu.write(out, 0, self.gathered_here(queries, &lights).as_flattened());
+                Ok(())
+            }
+            result => result.map_err(ProxyError::targets),
+        }
     }
 }

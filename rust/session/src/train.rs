@@ -9,12 +9,12 @@ use cpu_time::ProcessTime;
 use relume_dump::Dump;
 use relume_gather::{Gather, Half};
 use relume_image::write_atomically;
-use relume_proxy::{LightKind, ProxyInfo, TrainConfig, Trainer, read_info};
+use relume_proxy::{LightKind, ProxyInfo, TargetMode, TrainConfig, Trainer, read_info};
 use serde::Serialize;
 use std::cell::Cell;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Once};
 use std::time::{Duration, Instant};
 
 /// What to train, and for how long.
@@ -90,6 +90,9 @@ pub struct TrainReport {
     pub complete: bool,
     /// Held-out error on the way.
     pub curve: Vec<CurvePoint>,
+    /// Bytes of the bake that were copied to a GPU which gathered single pixels of them, in this run; 0 if all of the bake stayed
+    /// there, or the CPU gathered.
+    pub copied: u64,
     /// The proxy against gathering; none if all paths were trained on, which leaves none to measure on.
     pub measured: Option<Measured>,
 }
@@ -176,12 +179,8 @@ fn train_on(
     };
     // After the training: what is left of the memory is the dump's, which can be streamed, or gathered from on the CPU.
     let on_gpu = compute.gpu.as_ref().map(|gpu| GpuTargets::new(gpu, &gather)).transpose()?;
-    if on_gpu.as_ref().is_some_and(|targets| !targets.is_resident()) {
-        monitor.warn(
-            "the bake does not fit into the GPU's memory beside the training: the CPU gathers for it; raise --gpu-memory, or \
-             bake fewer samples",
-        );
-    }
+    let gathers_pixels = on_gpu.as_ref().is_none_or(GpuTargets::gathers_pixels);
+    warn_of_little_memory(settings.config.targets, gathers_pixels, trainer.pool_stays_on_cpu(), monitor);
     let halves =
         if settings.half_for_measuring { (Half::First, Half::Second) } else { (Half::All, Half::All) };
     let targets = |half| DumpTargets::new(&gather, half, bounds, &denoise).on(on_gpu.as_ref());
@@ -204,7 +203,7 @@ fn train_on(
         replaces_measured,
         kept,
     };
-    run.steps(&training, &held_out, monitor)?;
+    run.steps((&training, on_gpu.as_ref()), &held_out, monitor)?;
     // The last figures belong to the last weights, wherever the training was interrupted.
     if settings.half_for_measuring && run.trainer.done() {
         run.trainer.validate(&held_out)?;
@@ -228,8 +227,30 @@ fn train_on(
         seconds: run.trained.as_secs_f64(),
         complete: run.trainer.done(),
         curve: run.curve,
+        copied: on_gpu.as_ref().map_or(0, GpuTargets::copied_bytes),
         measured,
     })
+}
+
+const NO_ROOM: &str = "the training leaves no room in the GPU's memory for parts of the bake: the CPU gathers for it; raise \
+                       --gpu-memory";
+
+/// Says what the CPU does for a training on a GPU whose memory is too small for it.
+fn warn_of_little_memory(
+    targets: TargetMode,
+    gathers_pixels: bool,
+    pool_stays_on_cpu: bool,
+    monitor: &Monitor,
+) {
+    if targets == TargetMode::Raw && !gathers_pixels {
+        monitor.warn(NO_ROOM);
+    }
+    if pool_stays_on_cpu {
+        monitor.warn(
+            "the pictures that the training learns from do not fit into half of the GPU's memory beside it: the CPU keeps them \
+             and picks what a step needs; raise --gpu-memory, or train with a smaller pool",
+        );
+    }
 }
 
 /// Whether a folder has a proxy of the scene that was measured.
@@ -297,10 +318,11 @@ struct Run<'a> {
 impl Run<'_> {
     fn steps(
         &mut self,
-        training: &DumpTargets,
+        (training, on_gpu): (&DumpTargets, Option<&GpuTargets>),
         held_out: &DumpTargets,
         monitor: &Monitor,
     ) -> Result<(), SessionError> {
+        let no_room = Once::new();
         let stage = monitor.stage(Stage::Train, self.units_done(), TRAIN_UNITS);
         let mut saved = Instant::now();
         let mut next_measure = self.progress() + 1.0 / CURVE_POINTS;
@@ -312,6 +334,9 @@ impl Run<'_> {
                     "the GPU gathered a value for pixel {pixel} that is not finite; targets are gathered on the CPU from \
                      here on"
                 ));
+            }
+            if on_gpu.is_some_and(GpuTargets::lacked_room) {
+                no_room.call_once(|| monitor.warn(NO_ROOM));
             }
             self.trained += took;
             self.fit_schedule_to_time();

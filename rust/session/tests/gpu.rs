@@ -3,16 +3,18 @@
 mod common;
 
 use common::{RAW, Warnings, baked, baked_with, sphere, trained, training};
-use glam::Mat3;
+use glam::{Mat3, Vec3};
 use relume_session::gpu::{Gpu, GpuChoice, adapters};
 use relume_session::live::{Live, LiveOptions, LiveRequest};
-use relume_session::proxy::LightKind;
-use relume_session::scene::{Alpha, ColorEncoding, Texels, Texture, World};
+use relume_session::proxy::{GroupQueries, LightKind, TargetMode, TargetSource};
+use relume_session::scene::{Alpha, ColorEncoding, LightShape, Texels, Texture, World};
 use relume_session::{
-    Cancel, Compute, Device, Listener, Monitor, Pictures, Progress, RelightOptions, Relighter, SessionError,
-    SolveRequest, Stage, TrainReport, With, evaluate, solve_lights, train,
+    Cancel, Compute, Denoise, Device, DumpTargets, GpuTargets, Listener, Monitor, Pictures, Progress,
+    RelightOptions, Relighter, SessionError, SolveRequest, Stage, TrainReport, TrainSettings, With, evaluate,
+    solve_lights, train,
 };
 use std::collections::HashMap;
+use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
 const SKY: World = World {
@@ -253,6 +255,38 @@ fn lights_solved_on_the_gpu_are_those_of_the_cpu() {
 }
 
 #[test]
+fn lights_solved_through_a_streamed_bake_are_those_of_one_that_fits() {
+    let folder = tempfile::tempdir().unwrap();
+    baked_with(folder.path(), |scene| (scene.camera.width, scene.camera.height) = (128, 80));
+    let warnings = Arc::new(Warnings::default());
+    let monitor = Monitor::new(warnings.clone(), Cancel::default());
+    let cpu = Relighter::open(folder.path()).unwrap();
+    let target = cpu.relight(&[sphere("Hidden", 0.2)], &RAW, &Monitor::default()).unwrap().combined();
+    let pictures = Pictures::named(HashMap::from([("target".into(), target)]));
+    // The last steps alone take all paths.
+    let request = SolveRequest::parse(
+        r#"{"add": {"count": 1}, "goals": [{"goal": "target", "image": "target"}], "through": "gather",
+            "starts": 1, "candidates": 1, "steps": 80, "polish": 1}"#,
+    )
+    .unwrap();
+    let solve = |budget: u64| {
+        let compute = unshared();
+        compute.gpu.as_ref().unwrap().set_memory_budget(Some(budget));
+        let relighter = Relighter::open(folder.path()).unwrap().on(&compute);
+        solve_lights(&[&relighter], &request, &pictures, &monitor, &|_| ()).unwrap()
+    };
+    // Room for the paths of the first samples, and for parts of all (7 MB beside pictures of 4 MB).
+    let [whole, streamed] = [1 << 30, 8 << 20].map(solve);
+    assert!(warnings.0.lock().unwrap().is_empty(), "{warnings:?}");
+    let ratio = streamed.loss / whole.loss;
+    assert!((ratio - 1.0).abs() < 1e-2 && whole.loss < 0.9 * whole.start_loss, "{whole:?} {streamed:?}");
+    for (a, b) in streamed.lights.lights.iter().zip(&whole.lights.lights) {
+        let (a, b) = (a.shape.center().unwrap(), b.shape.center().unwrap());
+        assert!(a.distance(b) < 1e-2, "{a} {b}");
+    }
+}
+
+#[test]
 fn a_solve_on_a_lost_gpu_is_done_by_the_cpu_or_says_so() {
     let folder = tempfile::tempdir().unwrap();
     baked(folder.path());
@@ -340,36 +374,115 @@ fn a_training_on_the_gpu_ends_like_one_on_the_cpu_even_if_the_gpu_is_lost_on_the
     }
 }
 
+/// A training on a GPU with so much memory: what it did, and what it warned of.
+fn trained_within(
+    budget: u64,
+    bake: &Path,
+    settings: &TrainSettings,
+) -> Result<(TrainReport, Vec<String>), SessionError> {
+    let gpu = Gpu::open(&GpuChoice::Best).unwrap();
+    gpu.set_memory_budget(Some(budget));
+    let compute = Compute::with(gpu, false);
+    let warnings = Arc::new(Warnings::default());
+    let monitor = Monitor::new(warnings.clone(), Cancel::default());
+    let report = train(bake, &bake.join("out"), settings, false, &compute, &monitor)?;
+    let warned = warnings.0.lock().unwrap().clone();
+    Ok((report, warned))
+}
+
+/// The least budget, but for a quarter of a MiB, at which something is so; it is at 128 MiB.
+fn least_budget(is_enough: impl Fn(u64) -> bool) -> u64 {
+    let (mut few, mut enough) = (0_u64, 1 << 27);
+    while enough - few > 1 << 18 {
+        let budget = few.midpoint(enough);
+        if is_enough(budget) { enough = budget } else { few = budget }
+    }
+    enough
+}
+
+/// A short training.
+fn brief() -> TrainSettings {
+    let mut settings = training(LightKind::Sphere);
+    settings.config.samples = 4096;
+    settings
+}
+
 #[test]
-fn a_bake_that_does_not_fit_beside_its_training_is_gathered_by_the_cpu() {
+fn a_bake_without_room_beside_its_training_is_gathered_by_the_cpu() {
     let folder = tempfile::tempdir().unwrap();
     // Its paths take more than the pictures that the proxy is measured by at the end.
     baked_with(folder.path(), |scene| (scene.camera.width, scene.camera.height) = (60, 48));
-    let mut settings = training(LightKind::Sphere);
-    settings.config.samples = 4096;
-    let gpu = Gpu::open(&GpuChoice::Best).unwrap();
-    let compute = Compute::with(gpu.clone(), false);
-    let run = |budget: u64| {
-        gpu.set_memory_budget(Some(budget));
-        let warnings = Arc::new(Warnings::default());
-        let monitor = Monitor::new(warnings.clone(), Cancel::default());
-        let report = train(folder.path(), &folder.path().join("out"), &settings, false, &compute, &monitor);
-        let warned = warnings.0.lock().unwrap().clone();
-        report.map(|report| (report, warned))
-    };
-    // The least memory that is enough.
-    let (mut few, mut enough) = (0, 1 << 30);
-    assert!(run(enough).unwrap().1.is_empty());
-    while enough - few > 1 << 18 {
-        let budget = few.midpoint(enough);
-        match run(budget) {
-            Ok(_) => enough = budget,
-            Err(error) => {
-                assert!(error.to_string().contains("not enough GPU memory"), "{error}");
-                few = budget;
-            }
+    let run = |budget: u64| trained_within(budget, folder.path(), &brief());
+    let enough = least_budget(|budget| match run(budget) {
+        Ok(_) => true,
+        Err(error) => {
+            assert!(error.to_string().contains("not enough GPU memory"), "{error}");
+            false
         }
-    }
+    });
     let (report, warned) = run(enough).unwrap();
-    assert!(report.complete && warned.len() == 1 && warned[0].contains("does not fit"), "{warned:?}");
+    assert!(report.complete && warned.len() == 1 && warned[0].contains("leaves no room"), "{warned:?}");
+    assert_eq!(report.copied, 0);
+}
+
+#[test]
+fn a_training_whose_bake_is_streamed_is_gathered_by_the_gpu_and_ends_as_if_all_of_it_fitted() {
+    let folder = tempfile::tempdir().unwrap();
+    baked_with(folder.path(), |scene| (scene.camera.width, scene.camera.height) = (96, 64));
+    let unmeasured = TrainSettings { half_for_measuring: false, ..brief() };
+    let is_gathered =
+        |budget: u64| trained_within(budget, folder.path(), &unmeasured).is_ok_and(|run| run.1.is_empty());
+    let budget = least_budget(is_gathered);
+    let mut settings = training(LightKind::Sphere);
+    settings.config.samples = 100_000;
+    let run = |budget: u64| trained_within(budget, folder.path(), &settings).unwrap();
+    let [(whole, _), (streamed, warned)] = [1 << 30, budget].map(run);
+    println!("{} bytes copied for {} samples within {budget} bytes", streamed.copied, streamed.samples);
+    assert!(whole.copied == 0 && streamed.copied > 0 && warned.is_empty(), "{streamed:?}, {warned:?}");
+    // Only the order of sums differs.
+    let [expected, found] = [whole, streamed].map(|report| report.measured.unwrap().proxy.psnr);
+    assert!((found - expected).abs() < 0.05, "{found} dB instead of {expected} dB");
+}
+
+#[test]
+fn targets_for_which_the_room_was_taken_are_made_by_the_cpu() {
+    let folder = tempfile::tempdir().unwrap();
+    baked_with(folder.path(), |scene| (scene.camera.width, scene.camera.height) = (128, 80));
+    let relighter = Relighter::open(folder.path()).unwrap();
+    let (gather, denoise) = (relighter.gather().unwrap(), Denoise::new(relighter.aovs(), None));
+    let gpu = Gpu::open(&GpuChoice::Best).unwrap();
+    // Streamed (7 MB beside pictures of 4 MB).
+    gpu.set_memory_budget(Some(8 << 20));
+    let on_gpu = GpuTargets::new(&gpu, gather).unwrap();
+    let targets = DumpTargets::new(gather, Default::default(), (Vec3::ZERO, Vec3::ONE), &denoise);
+    let targets = targets.on(Some(&on_gpu));
+    let pixels: Vec<u32> = (0..64).map(|index| index * 157).collect();
+    let center = Vec3::new(0.2, 0.1, 1.3);
+    let lights = [0.2, 0.3, 0.4, 0.5].map(|radius| LightShape::Sphere { center, radius });
+    let queries = GroupQueries { pixels: &pixels, group: 32, lights_per_pixel: 2, lights: &lights };
+    let gathered = || {
+        let out = gpu.zeros::<f32>("targets", 64 * 2 * 3).unwrap();
+        targets.on_device().unwrap().pixel_targets(&queries, &out).unwrap();
+        gpu.read(&out, 0..out.len()).unwrap()
+    };
+    let expected = gathered();
+    let copied = on_gpu.copied_bytes();
+    assert!(copied > 0 && !on_gpu.lacked_room() && expected.iter().any(|value| *value > 0.0));
+    gpu.set_memory_budget(Some(30_000));
+    let found = gathered();
+    assert!(on_gpu.lacked_room() && on_gpu.copied_bytes() == copied);
+    let differ = |(a, b): &(&f32, &f32)| (*a - *b).abs() > 1e-5 * *b + 6e-5;
+    assert_eq!(found.iter().zip(&expected).find(differ), None);
+}
+
+#[test]
+fn a_pool_of_pictures_without_room_on_the_gpu_is_told_of() {
+    let folder = tempfile::tempdir().unwrap();
+    baked(folder.path());
+    let mut settings = brief();
+    settings.config.targets = TargetMode::Pool { size: 20_000, denoised: false };
+    let (report, warned) = trained_within(100 << 20, folder.path(), &settings).unwrap();
+    assert!(report.complete && warned.len() == 1 && warned[0].contains("the CPU keeps them"), "{warned:?}");
+    settings.config.targets = TargetMode::Pool { size: 20, denoised: false };
+    assert!(trained_within(100 << 20, folder.path(), &settings).unwrap().1.is_empty());
 }

@@ -8,7 +8,7 @@ use relume_dump::Flags;
 use relume_gpu::Gpu;
 use relume_scene::{Alpha, ColorEncoding, LightShape, Texels, Texture, World};
 
-use super::chunk::RECORD_BYTES;
+use super::chunk::{MOST_PENDING, RECORD_BYTES};
 use super::world::GpuWorld;
 use crate::bench::{Measurement, Room, light, room, sphere};
 use crate::{Environment, Gather, GatherError, GpuGather, Half, PreparedLight, SoftGather};
@@ -51,7 +51,11 @@ pub fn measure(gpu: &Arc<Gpu>, megabytes: usize) -> Result<Vec<Measurement>, Gat
             });
         }
     }
-    measurements.push(figure("pixel targets, 4 lights a pixel", bench.targets(&spheres[..16])?, "targets/s"));
+    let streaming = GpuGather::streaming(Arc::clone(gpu), &bench.cpu, MOST_PENDING);
+    for (of, on_gpu) in [("", &bench.on_gpu), (" of a streamed dump", &streaming)] {
+        let name = format!("pixel targets{of}, 4 lights a pixel");
+        measurements.push(figure(&name, bench.targets(on_gpu, &spheres[..16])?, "targets/s"));
+    }
     measurements.push(bench.world(read)?);
     measurements.extend(bench.smoothed(read)?);
     measurements.extend(bench.sorted(read)?);
@@ -180,7 +184,7 @@ impl<'a> Bench<'a> {
     }
 
     /// Targets a second of random pixels with lights of their own.
-    fn targets(&self, shapes: &[LightShape]) -> Result<f64, GatherError> {
+    fn targets(&self, on_gpu: &GpuGather, shapes: &[LightShape]) -> Result<f64, GatherError> {
         const LIGHTS: usize = 4;
         let manifest = self.cpu.dump().manifest();
         let all = (manifest.width * manifest.height) as u32;
@@ -188,11 +192,10 @@ impl<'a> Bench<'a> {
         // Every pixel in an order without pattern.
         let pixels: Vec<u32> = (0..count).map(|index: u32| index.wrapping_mul(0x9e37_79b1) % all).collect();
         let repeated: Vec<_> = shapes.iter().copied().cycle().take(pixels.len() * LIGHTS).collect();
-        let lights = self.on_gpu.lights(&self.prepare(&repeated)?)?;
-        let places = self.gpu.buffer_of("pixels", &pixels)?;
+        let lights = on_gpu.lights(&self.prepare(&repeated)?)?;
         let out = self.gpu.zeros("targets", pixels.len() * LIGHTS * 3)?;
         let seconds =
-            self.seconds(|| self.on_gpu.pixel_targets(&places, &lights, LIGHTS as u32, Half::All, &out))?;
+            self.seconds(|| on_gpu.pixel_targets(&pixels, &lights, LIGHTS as u32, Half::All, &out))?;
         Ok((pixels.len() * LIGHTS) as f64 / seconds)
     }
 
@@ -273,7 +276,7 @@ mod tests {
     #[test]
     fn all_figures_are_measured_on_any_device() {
         let figures = measure(&gpu(), 1).unwrap();
-        assert_eq!(figures.len(), 12);
+        assert_eq!(figures.len(), 13);
         for figure in figures {
             println!("{figure:?}");
             assert!(figure.value.is_finite() && figure.value > 0.0, "{figure:?}");

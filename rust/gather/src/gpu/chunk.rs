@@ -5,6 +5,7 @@ use bytemuck::{Pod, Zeroable};
 use relume_dump::{Dump, Shard};
 use relume_gpu::{Binding, Buffer, Gpu, GpuError};
 
+use super::kernels::{self, GROUP_SIZE};
 use crate::Half;
 
 /// Bytes of a record on the device.
@@ -95,9 +96,9 @@ impl ChunkPlan {
 /// The records of a chunk on the device.
 #[derive(Debug)]
 pub struct ChunkRecords {
-    xy: Buffer<u32>,
-    z_flags: Buffer<u32>,
-    throughput: Buffer<u32>,
+    pub(super) xy: Buffer<u32>,
+    pub(super) z_flags: Buffer<u32>,
+    pub(super) throughput: Buffer<u32>,
 }
 
 impl ChunkRecords {
@@ -169,19 +170,19 @@ impl GpuShard {
 /// `Pixel` of `shaders/gather/records.wgsl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
-struct GpuPixel {
-    image: u32,
-    first_part: u32,
-    scale: f32,
+pub(super) struct GpuPixel {
+    pub image: u32,
+    pub first_part: u32,
+    pub scale: f32,
 }
 
 /// `Part` of `shaders/gather/records.wgsl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
-struct GpuPart {
-    start: u32,
-    end: u32,
-    shard: u32,
+pub(super) struct GpuPart {
+    pub start: u32,
+    pub end: u32,
+    pub shard: u32,
 }
 
 impl Piece {
@@ -225,16 +226,36 @@ impl ChunkTable {
                 }
             }
         }
+        let shards: Vec<_> = plan.pieces.iter().map(|piece| GpuShard::new(&piece.shard)).collect();
+        let part_length = plan.records / parts.len().max(1);
+        Self::of(gpu, pixels, &parts, &shards, part_length)
+    }
+
+    /// The table of some pixels, whose parts follow each other.
+    pub(super) fn of(
+        gpu: &Gpu,
+        mut pixels: Vec<GpuPixel>,
+        parts: &[GpuPart],
+        shards: &[GpuShard],
+        part_length: usize,
+    ) -> Result<Self, GpuError> {
         let pixel_count = pixels.len() as u32;
         pixels.push(GpuPixel { image: 0, first_part: parts.len() as u32, scale: 0.0 });
-        let shards: Vec<_> = plan.pieces.iter().map(|piece| GpuShard::new(&piece.shard)).collect();
         Ok(Self {
-            shards: gpu.buffer_of("shards", &shards)?,
+            shards: gpu.buffer_of("shards", shards)?,
             pixels: gpu.buffer_of("pixels", &pixels)?,
-            parts: gpu.buffer_of("parts of pixels", &parts)?,
+            parts: gpu.buffer_of("parts of pixels", parts)?,
             pixel_count,
-            part_length: plan.records / parts.len().max(1),
+            part_length,
         })
+    }
+
+    /// Notes the numbers of its pixels by their places in the image, for kernels that look for single ones.
+    pub fn number(&self, gpu: &Gpu, numbers: &Buffer<u32>) -> Result<(), GpuError> {
+        let bound = kernels::numbers(gpu)?.bind(&[self.pixels.whole(), numbers.whole()])?;
+        let mut commands = gpu.commands("numbers of pixels");
+        commands.run(&bound, self.pixel_count.div_ceil(GROUP_SIZE), &self.pixel_count.to_ne_bytes());
+        commands.submit()
     }
 
     /// Bytes of the table of a chunk.
@@ -299,15 +320,18 @@ impl Chunk {
         Ok(Arc::clone(known.get_or_init(|| table)))
     }
 
-    /// The number of each pixel in the tables by its place in the image; the largest for those of other chunks.
-    pub fn numbers(&self, gpu: &Gpu, dump: &Dump) -> Result<Arc<Buffer<u32>>, GpuError> {
+    /// The numbers of the pixels in `table`, which are the same in all of its tables, by place in an image of so many pixels.
+    pub fn numbers(
+        &self,
+        gpu: &Gpu,
+        table: &ChunkTable,
+        pixels: usize,
+    ) -> Result<Arc<Buffer<u32>>, GpuError> {
         if let Some(numbers) = self.numbers.get() {
             return Ok(Arc::clone(numbers));
         }
-        let mut numbers = vec![u32::MAX; dump.manifest().width * dump.manifest().height];
-        let places = self.plan.tiles().flat_map(|(_, pieces, pixels)| places(dump, pieces[0].tile, pixels));
-        places.zip(0..).for_each(|(place, number)| numbers[place as usize] = number);
-        let numbers = Arc::new(gpu.buffer_of("numbers of pixels", &numbers)?);
+        let numbers = Arc::new(gpu.zeros("numbers of pixels", pixels)?);
+        table.number(gpu, &numbers)?;
         Ok(Arc::clone(self.numbers.get_or_init(|| numbers)))
     }
 }

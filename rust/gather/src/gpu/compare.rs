@@ -59,7 +59,6 @@ impl GpuGather {
     ) -> Result<SoftCompared, GatherError> {
         let counts = [wanted.base.len(), wanted.target.len()];
         assert_eq!(counts, [cells.len(); 2], "one of each per cell");
-        self.resident_chunks()?;
         let soften = |light: &&Light| soft.soften(light, softness, cells);
         let softened = lights.iter().map(soften).collect::<Result<Vec<_>, _>>()?;
         let quad = |light: &&Light| {
@@ -96,7 +95,7 @@ impl GpuGather {
         let (lights, count) = (softened.len(), cells.len());
         let places: Vec<u32> = (0..count as u32).collect();
         let places = self.gpu.buffer_of("places of cells", &places)?;
-        let cells = self.gpu.buffer_of("cells", cells)?;
+        let cells_on_device = self.gpu.buffer_of("cells", cells)?;
         let base = self.gpu.buffer_of("base at cells", wanted.base)?;
         let target = self.gpu.buffer_of("target at cells", wanted.target)?;
         let d_picture = self.gpu.zeros::<[f32; 3]>("gradient by cells", count)?;
@@ -104,8 +103,8 @@ impl GpuGather {
         let len = gradients + CompareKernel::losses(count);
         let results = self.gpu.zeros::<f32>("loss and gradients", len)?;
 
+        let values = self.slopes(soft, softened, (cells, &cells_on_device))?;
         let mut commands = self.gpu.commands("smoothed light step");
-        let values = self.add_slopes(&mut commands, soft, softened, &cells)?;
         let buffers = [
             radiances.whole(),
             places.whole(),
@@ -181,9 +180,14 @@ mod tests {
         let (base, target) = (some(0.2), some(0.6));
         let wanted = Wanted { base: &base, target: &target, exposure: 1.3 };
         let all = random_lights();
+        let little = Gpu::open(&GpuChoice::Best).unwrap();
+        little.set_memory_budget(Some(80_000));
+        let streamed = GpuGather::new(little, &gather).unwrap();
+        assert!(!streamed.is_resident());
         for on_gpu in [
             GpuGather::new(Arc::clone(&gpu), &gather).unwrap(),
             GpuGather::in_chunks(Arc::clone(&gpu), &gather, 400).unwrap(),
+            streamed,
         ] {
             for lights in all.chunks(5) {
                 let lights: Vec<&Light> = lights.iter().collect();

@@ -21,6 +21,11 @@ pub fn targets(gpu: &Gpu, lights: usize, lanes: u32) -> Result<Kernel, GpuError>
     gpu.kernel("gather/targets", "add_targets", &[("LIGHTS", fitting(lights, &LIGHTS)), ("LANES", lanes)])
 }
 
+/// `shaders/gather/numbers.wgsl`.
+pub fn numbers(gpu: &Gpu) -> Result<Kernel, GpuError> {
+    gpu.kernel("gather/numbers", "number_pixels", &[])
+}
+
 /// `shaders/gather/blocks.wgsl` for at least so many lights.
 pub fn blocks(gpu: &Gpu, lights: usize) -> Result<Kernel, GpuError> {
     gpu.kernel("gather/blocks", "add_blocks", &[("LIGHTS", fitting(lights, &SORTED_LIGHTS))])

@@ -1,7 +1,8 @@
 //! The gather on a GPU: the same images as those of the CPU, up to the order of sums.
 //!
 //! The dump stays on the device if it fits into the memory budget; else each call streams it from its shards: the CPU hands over
-//! the next two chunks while the device works on the present one. Each pixel is summed up by a fixed number of threads in a
+//! the next two chunks while the device works on the present one. Calls that want some pixels alone, for a training or to solve
+//! lights, stream the records of those (`pixels`). Each pixel is summed up by a fixed number of threads in a
 //! fixed order, so that results are the same in every run.
 //!
 //! A small light costs less than reading everything once the segments are sorted ([`GpuGather::sort`]): in groups of pixels
@@ -16,12 +17,14 @@ mod chunk;
 mod compare;
 mod kernels;
 mod light;
+mod pixels;
 mod soft;
 mod sort;
 mod sorted;
 mod world;
 
-use std::sync::{Arc, OnceLock};
+use std::sync::atomic::AtomicU64;
+use std::sync::{Arc, Mutex, OnceLock};
 
 use relume_dump::Dump;
 use relume_gpu::{Buffer, Commands, Gpu, GpuError, GpuImage, Submission};
@@ -55,6 +58,12 @@ pub struct GpuGather {
     resident: Option<Vec<Chunk>>,
     /// The same with sorted segments, if asked for.
     sorted: OnceLock<Sorted>,
+    /// Mean records of a pixel in a shard.
+    part_length: usize,
+    /// What used the last copied records of single pixels.
+    last_copied: Mutex<Option<Submission>>,
+    /// Bytes of such records so far.
+    copied: AtomicU64,
 }
 
 /// Images of some of the lights of a call, one behind the other.
@@ -80,11 +89,7 @@ impl GpuGather {
 
     /// [`GpuGather::new`] with chunks of at most so many records.
     fn in_chunks(gpu: Arc<Gpu>, gather: &Gather, chunk_limit: usize) -> Result<Self, GatherError> {
-        let dump = gather.dump().clone();
-        let largest = |shard: &Arc<relume_dump::Shard>| magnitude(shard, glam::Vec3::ZERO);
-        let magnitude = dump.shards().map(largest).fold(0.0, f32::max);
-        let sorted = OnceLock::new();
-        let mut gather = Self { gpu, dump, magnitude, chunk_limit, resident: None, sorted };
+        let mut gather = Self::streaming(gpu, gather, chunk_limit);
         let plans = ChunkPlan::cut(&gather.dump, chunk_limit);
         let tables: u64 = plans.iter().map(|plan| Chunk::most_bytes_beside(plan, &gather.dump)).sum();
         let needed = gather.dump.record_count() as u64 * RECORD_BYTES + tables;
@@ -93,6 +98,26 @@ impl GpuGather {
             gather.resident = if_it_fits(chunks.collect())?;
         }
         Ok(gather)
+    }
+
+    /// The same of which nothing stays on the device.
+    fn streaming(gpu: Arc<Gpu>, gather: &Gather, chunk_limit: usize) -> Self {
+        let dump = gather.dump().clone();
+        let largest = |shard: &Arc<relume_dump::Shard>| magnitude(shard, glam::Vec3::ZERO);
+        let magnitude = dump.shards().map(largest).fold(0.0, f32::max);
+        let parts: usize = dump.shards().map(|shard| shard.rect().pixel_count()).sum();
+        let part_length = dump.record_count() / parts.max(1);
+        Self {
+            gpu,
+            dump,
+            magnitude,
+            chunk_limit,
+            resident: None,
+            sorted: OnceLock::new(),
+            part_length,
+            last_copied: Mutex::default(),
+            copied: AtomicU64::default(),
+        }
     }
 
     /// Whether the dump stays on the device.
@@ -201,17 +226,18 @@ impl GpuGather {
     }
 
     /// [`Gather::pixel_into`] on the device, for targets of a training: `pixels` are places in the image, row by row, and
-    /// `lights` has `lights_per_pixel` for each of them, or for each run of neighbours in the list if it has fewer. `out` becomes RGB, pixel by pixel, then light by light. Only
-    /// submits: `out` can be used by what is submitted next.
+    /// `lights` has `lights_per_pixel` for each of them, or for each run of neighbours in the list if it has fewer. `out` becomes RGB,
+    /// pixel by pixel, then light by light. Only submits: `out` can be used by what is submitted next. Of a dump that does not stay on
+    /// the device, the records of these pixels are copied there.
     ///
     /// # Errors
-    /// [`GatherError::NotResident`] if the dump is streamed; if the device was lost.
+    /// If there is no room for that ([`GpuGather::gathers_pixels`]), or the device was lost.
     ///
     /// # Panics
     /// If the lengths do not fit together.
     pub fn pixel_targets(
         &self,
-        pixels: &Buffer<u32>,
+        pixels: &[u32],
         lights: &GpuLights,
         lights_per_pixel: u32,
         half: Half,
@@ -224,32 +250,37 @@ impl GpuGather {
             "lights of pixels"
         );
         assert!(out.len() == 3 * values, "{values} pixels times lights");
-        let chunks = self.resident.as_ref().ok_or(GatherError::NotResident)?;
         let most = (lights_per_pixel as usize).min(LIGHTS[LIGHTS.len() - 1]);
+        let places = self.gpu.buffer_of("pixels of targets", pixels)?;
         let mut commands = self.gpu.commands("pixel targets");
         commands.clear(out);
-        for chunk in chunks {
-            let table = chunk.table(&self.gpu, &self.dump, half)?;
-            let numbers = chunk.numbers(&self.gpu, &self.dump)?;
-            let lanes = lanes(table.part_length);
-            let kernel = kernels::targets(&self.gpu, most, lanes)?;
-            let mut bindings = vec![lights.lights.whole(), lights.receivers.whole()];
-            bindings.extend(table.bindings_and_shards(&chunk.records));
-            bindings.extend([numbers.whole(), pixels.whole(), out.whole()]);
-            let bound = kernel.bind(&bindings)?;
-            for first_light in (0..lights_per_pixel).step_by(most.max(1)) {
-                let count = (lights_per_pixel - first_light).min(most as u32);
-                let arguments = [pixels.len() as u32, lights_per_pixel, first_light, count, sharing as u32];
-                let groups = (pixels.len() as u32).div_ceil(GROUP_SIZE / lanes);
-                commands.run(&bound, groups, bytemuck::bytes_of(&arguments));
-            }
-        }
-        Ok(commands.submit()?)
+        commands.submit()?;
+        self.each_chunk_of(
+            || pixels.to_vec(),
+            half,
+            |records, table, numbers| {
+                let mut commands = self.gpu.commands("pixel targets");
+                let lanes = lanes(table.part_length);
+                let kernel = kernels::targets(&self.gpu, most, lanes)?;
+                let mut bindings = vec![lights.lights.whole(), lights.receivers.whole()];
+                bindings.extend(table.bindings_and_shards(records));
+                bindings.extend([numbers.whole(), places.whole(), out.whole()]);
+                let bound = kernel.bind(&bindings)?;
+                for first_light in (0..lights_per_pixel).step_by(most.max(1)) {
+                    let count = (lights_per_pixel - first_light).min(most as u32);
+                    let arguments =
+                        [pixels.len() as u32, lights_per_pixel, first_light, count, sharing as u32];
+                    let groups = (pixels.len() as u32).div_ceil(GROUP_SIZE / lanes);
+                    commands.run(&bound, groups, bytemuck::bytes_of(&arguments));
+                }
+                Ok(commands)
+            },
+        )
     }
 
     /// Values of an RGB image.
     fn image_values(&self) -> usize {
-        self.dump.manifest().width * self.dump.manifest().height * 3
+        3 * self.pixel_count()
     }
 
     fn gather(&self, lights: &[PreparedLight], half: Half) -> Result<Vec<Images>, GatherError> {
@@ -324,9 +355,7 @@ impl GpuGather {
         Ok(commands.submit()?)
     }
 
-    /// [`GpuGather::each_chunk`] from the shards. While the device works on one chunk, the next ones are handed over for the other
-    /// places. None is larger than what is handed over without waiting: the device does one thing after the other, so that a
-    /// copy of which a part is waited for would wait for the chunk before it.
+    /// [`GpuGather::each_chunk`] from the shards.
     fn stream<'a>(
         &'a self,
         half: Half,
@@ -334,21 +363,37 @@ impl GpuGather {
     ) -> Result<(), GatherError> {
         let plans = self.streamed_plans();
         let room = plans.iter().map(|plan| plan.records).max().unwrap_or(0);
-        let places = (0..STREAM_PLACES).map(|_| ChunkRecords::new(&self.gpu, room));
+        self.in_turns(&plans, room, |place, plan| {
+            place.write(&self.gpu, plan)?;
+            let table = ChunkTable::new(&self.gpu, &self.dump, plan, half)?;
+            let submission = add(place, &table)?.submit_tracked()?;
+            Ok((table, submission))
+        })?;
+        Ok(())
+    }
+
+    /// Hands chunks over to places of so many records, and says what was submitted last. While the device works on one chunk, the
+    /// next ones are handed over for the other places. None is larger than what is handed over without waiting: the device does one
+    /// thing after the other, so that a copy of which a part is waited for would wait for the chunk before it.
+    fn in_turns<P>(
+        &self,
+        chunks: &[P],
+        room: usize,
+        hand_over: impl Fn(&ChunkRecords, &P) -> Result<(ChunkTable, Submission), GatherError>,
+    ) -> Result<Option<Submission>, GatherError> {
+        let places = (0..STREAM_PLACES.min(chunks.len())).map(|_| ChunkRecords::new(&self.gpu, room));
         let places = places.collect::<Result<Vec<_>, _>>()?;
         let mut under_way: [Option<(ChunkTable, Submission)>; STREAM_PLACES] =
             [const { None }; STREAM_PLACES];
-        for (number, plan) in plans.iter().enumerate() {
+        for (number, chunk) in chunks.iter().enumerate() {
             let (place, before) = (&places[number % STREAM_PLACES], &mut under_way[number % STREAM_PLACES]);
             if let Some((_, submission)) = before.take() {
                 self.gpu.wait_for(submission)?;
             }
-            place.write(&self.gpu, plan)?;
-            let table = ChunkTable::new(&self.gpu, &self.dump, plan, half)?;
-            let submission = add(place, &table)?.submit_tracked()?;
-            *before = Some((table, submission));
+            *before = Some(hand_over(place, chunk)?);
         }
-        Ok(())
+        let last = chunks.len().checked_sub(1).and_then(|last| under_way[last % STREAM_PLACES].take());
+        Ok(last.map(|(_, submission)| submission))
     }
 
     /// Chunks of which [`STREAM_PLACES`] fit into the free memory with their tables, and that are handed over at once.

@@ -112,7 +112,8 @@ fn a_dump_on_the_device_leaves_room_for_every_table_and_the_images() {
         for half in HALVES {
             chunk.table(&gpu, &on_gpu.dump, half).unwrap();
         }
-        chunk.numbers(&gpu, &on_gpu.dump).unwrap();
+        let table = chunk.table(&gpu, &on_gpu.dump, Half::All).unwrap();
+        chunk.numbers(&gpu, &table, on_gpu.pixel_count()).unwrap();
     }
 }
 
@@ -144,11 +145,10 @@ fn a_shard_larger_than_a_buffer_is_cut() {
         assert!(found.iter().zip(&expected).all(|(found, expected)| differing(found, expected) == 0));
     }
     let pixels: Vec<u32> = (0..36).collect();
-    let places = gpu.buffer_of("pixels", &pixels).unwrap();
     let [found, expected] = [&cut, &whole].map(|gather| {
         let out = gpu.zeros::<f32>("targets", 3 * 36).unwrap();
         let lights = gather.lights(&vec![lights[0].clone(); 36]).unwrap();
-        gather.pixel_targets(&places, &lights, 1, Half::All, &out).unwrap();
+        gather.pixel_targets(&pixels, &lights, 1, Half::All, &out).unwrap();
         Image { width: 6, height: 6, channels: 3, data: gpu.read(&out, 0..out.len()).unwrap() }
     });
     assert_eq!(differing(&found, &expected), 0);
@@ -321,10 +321,10 @@ fn a_device_lost_in_mid_work_is_an_error_that_says_so() {
     assert!(matches!(error, GatherError::Gpu(GpuError::Lost(_))), "{error}");
 }
 
-/// Values of pixels for lights that `sharing` neighbours have in common, as the CPU has them, and those of the GPU.
+/// Values of pixels for lights that `sharing` neighbours have in common, those of the GPU, and as the CPU has them.
 fn targets(
     gather: &Gather,
-    gpu: &Arc<Gpu>,
+    on_gpu: &GpuGather,
     (pixels, sharing): (&[u32], usize),
     per_pixel: usize,
     half: Half,
@@ -332,15 +332,11 @@ fn targets(
     let all = gather.prepare_all(&random_lights()).unwrap();
     let lights: Vec<_> =
         (0..pixels.len() / sharing * per_pixel).map(|index| all[index * 7 % all.len()].clone()).collect();
-    let on_gpu = GpuGather::new(Arc::clone(gpu), gather).unwrap();
-    let (places, out) = (
-        gpu.buffer_of("pixels", pixels).unwrap(),
-        gpu.buffer_of("targets", &vec![9.0; lights.len() * sharing * 3]).unwrap(),
-    );
+    let out = on_gpu.gpu.buffer_of("targets", &vec![9.0; lights.len() * sharing * 3]).unwrap();
     let lights_on_gpu = on_gpu.lights(&lights).unwrap();
-    on_gpu.pixel_targets(&places, &lights_on_gpu, per_pixel as u32, half, &out).unwrap();
+    on_gpu.pixel_targets(pixels, &lights_on_gpu, per_pixel as u32, half, &out).unwrap();
     let shape = Image::new(per_pixel, pixels.len(), 3);
-    let found = Image { data: gpu.read(&out, 0..out.len()).unwrap(), ..shape.clone() };
+    let found = Image { data: on_gpu.gpu.read(&out, 0..out.len()).unwrap(), ..shape.clone() };
     let width = gather.dump().manifest().width;
     let of_pixel = |(&place, lights): (&u32, &[PreparedLight])| {
         gather.pixel(place as usize % width, place as usize / width, lights, half)
@@ -354,27 +350,71 @@ fn targets(
 #[test]
 fn pixels_with_lights_of_their_own_equal_those_of_the_cpu() {
     let gather = Gather::new(random_dump_of(10, &[1, 3, 20]));
-    let gpu = gpu();
+    let on_gpu = GpuGather::new(gpu(), &gather).unwrap();
     let pixels: Vec<u32> = (0..150).map(|index| index * 37 % 100).collect();
     for (sharing, per_pixel, half) in [(1, 1, Half::All), (1, 4, Half::First), (5, 19, Half::Second)] {
-        let [found, expected] = targets(&gather, &gpu, (&pixels, sharing), per_pixel, half);
+        let [found, expected] = targets(&gather, &on_gpu, (&pixels, sharing), per_pixel, half);
         assert!(expected.data.iter().filter(|&&value| value > 0.0).count() > 100);
         assert_eq!(differing(&found, &expected), 0);
     }
+    assert_eq!(on_gpu.copied_bytes(), 0);
 }
 
 #[test]
-fn targets_of_a_streamed_dump_are_refused() {
+fn pixels_of_a_streamed_dump_equal_those_of_the_cpu() {
     let gpu = gpu();
-    let (_, on_gpu) = streamed(&gpu);
-    let (pixels, out) = (gpu.zeros("pixels", 1).unwrap(), gpu.zeros("targets", 3).unwrap());
-    let lights = on_gpu.lights(&a_light()).unwrap();
-    let error = on_gpu.pixel_targets(&pixels, &lights, 1, Half::All, &out).unwrap_err();
-    assert!(matches!(error, GatherError::NotResident), "{error}");
+    let (gather, on_gpu) = streamed(&gpu);
+    let pixels: Vec<u32> = (0..150).map(|index| index * 37 % 100).collect();
+    let mut first = None;
+    for (sharing, per_pixel, half) in
+        [(1, 1, Half::All), (5, 4, Half::First), (25, 19, Half::Second), (1, 1, Half::All)]
+    {
+        let [found, expected] = targets(&gather, &on_gpu, (&pixels, sharing), per_pixel, half);
+        assert!(expected.data.iter().filter(|&&value| value > 0.0).count() > 100);
+        assert_eq!(differing(&found, &expected), 0);
+        // Whatever the cuts.
+        if (per_pixel, half) == (1, Half::All) {
+            let found = found.data;
+            assert_eq!(first.get_or_insert_with(|| found.clone()), &found);
+            gpu.set_memory_budget(Some(90_000));
+        }
+    }
+    // All that calls have taken is given back.
+    assert_eq!(gpu.free_memory(), 90_000);
 }
 
-fn a_light() -> [PreparedLight; 1] {
-    [PreparedLight::new(&random_lights()[0], 0.0).unwrap()]
+#[test]
+fn targets_of_a_streamed_dump_copy_the_drawn_pixels_alone() {
+    let gpu = gpu();
+    let (gather, on_gpu) = streamed(&gpu);
+    let dump = gather.dump();
+    let records = |pixels: &[u32], half: Half| -> usize {
+        let of = |(shard, pixel): (&Arc<relume_dump::Shard>, usize)| half.records(shard, pixel).len();
+        let of_pixel = |pixel: &u32| dump.pixel(*pixel as usize % 10, *pixel as usize / 10).map(of).sum();
+        pixels.iter().map(|pixel| usize::next_multiple_of(of_pixel(pixel), 4)).sum()
+    };
+    let mut copied = 0;
+    for (pixels, once, half) in [
+        (&[3, 57, 3][..], &[3, 57][..], Half::All),
+        (&[8], &[8], Half::First),
+        (&[99, 0], &[0, 99], Half::Second),
+    ] {
+        let read = gpu.bytes_read();
+        targets(&gather, &on_gpu, (pixels, 1), 2, half);
+        // What the test itself looks at.
+        assert_eq!(gpu.bytes_read() - read, (pixels.len() * 2 * 3 * size_of::<f32>()) as u64);
+        let expected = records(once, half) as u64 * RECORD_BYTES;
+        assert!(expected > 0);
+        assert_eq!(on_gpu.copied_bytes() - copied, expected);
+        copied = on_gpu.copied_bytes();
+    }
+    // A block of a training at the paper's size: 128 pixels of 512 paths with 3 segments, for 4,096 samples that are each used
+    // four times.
+    let block = 128 * 512 * 3 * RECORD_BYTES;
+    let whole = 885 * 500 * 512 * 3 * RECORD_BYTES;
+    let of_training = (32 << 20) / (4 * 4096) * block;
+    println!("{block} bytes a block, {of_training} bytes a training of 32 M samples, {whole} bytes the dump");
+    assert!(of_training < whole);
 }
 
 #[test]

@@ -71,7 +71,7 @@ pub fn trained(bake: &Path, out: &Path, kind: LightKind) -> TrainReport {
 pub const RAW: RelightOptions = RelightOptions { with: With::Auto, denoise: false };
 
 /// Remembers warnings.
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub struct Warnings(pub Mutex<Vec<String>>);
 
 impl Listener for Warnings {

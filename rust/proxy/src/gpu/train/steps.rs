@@ -110,6 +110,12 @@ impl Trainer {
         Ok(self)
     }
 
+    /// Whether it runs on a device that has no room for its pool of images, from which samples are then drawn here.
+    pub fn pool_stays_on_cpu(&self) -> bool {
+        matches!(self.samples_of, Samples::Pool(_))
+            && self.device.as_ref().is_some_and(|device| device.pool.is_none())
+    }
+
     /// Seconds of a training step on a device, targets not included: the best of some rounds of a few steps on the same
     /// samples. Nothing with `matrices` where the device has none.
     pub(crate) fn seconds_on_gpu(
