@@ -173,3 +173,50 @@ impl DeviceGather {
         GpuGather::new(gpu, &self.gather)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Mutex;
+
+    use relume_gpu::GpuChoice;
+
+    use super::*;
+    use crate::live::bench::{boxed, bulbs};
+    use crate::{Cancel, Listener, Progress};
+
+    #[derive(Default)]
+    struct Warnings(Mutex<Vec<String>>);
+
+    impl Listener for Warnings {
+        fn progress(&self, _: &Progress) {}
+        fn warning(&self, message: &str) {
+            self.0.lock().unwrap().push(message.into());
+        }
+    }
+
+    #[test]
+    fn smoothed_lights_that_find_no_room_on_the_gpu_are_made_by_the_cpu_which_is_told_once() {
+        let gather = DeviceGather::new(Gather::new(boxed((128, 80), 16).unwrap()));
+        let soft = SoftGather::new(gather.gather(), 1);
+        let light = &bulbs(1)[0];
+        let gpu = Gpu::open(&GpuChoice::Best).expect("tests need a GPU or a software driver");
+        let warnings = Arc::new(Warnings::default());
+        let monitor = Monitor::new(warnings.clone(), Cancel::default());
+        let compute = Compute::with(Arc::clone(&gpu), false);
+        let of_cpu = |cells: &[u32]| soft.linearise(light, 0.1, cells).unwrap();
+        let found = |cells: &[u32]| gather.linearise(&soft, (light, 0.1), cells, &compute, &monitor).unwrap();
+        let warned = || warnings.0.lock().unwrap().len();
+
+        gpu.set_memory_budget(Some(8 << 20));
+        found(&[5, 70]);
+        let on_gpu = gather.on_gpu.get().unwrap();
+        let copied = on_gpu.copied_bytes();
+        assert!(!on_gpu.is_resident() && copied > 0 && warned() == 0);
+        // Their values alone take more.
+        let many: Vec<u32> = (0..10_240).cycle().take(80_000).collect();
+        assert!(found(&many) == of_cpu(&many) && warned() == 1);
+        gpu.set_memory_budget(Some(1 << 20));
+        assert!(found(&[5, 70]) == of_cpu(&[5, 70]) && warned() == 1);
+        assert_eq!(on_gpu.copied_bytes(), copied);
+    }
+}

@@ -60,7 +60,7 @@ impl Shot {
 }
 
 /// Paths in a closed grey box.
-pub(super) fn boxed(size: (usize, usize), samples: u32) -> Result<Dump, SessionError> {
+pub fn boxed(size: (usize, usize), samples: u32) -> Result<Dump, SessionError> {
     let settings = TraceSettings { samples, ..TraceSettings::default() };
     let scene = closed_box(size)?;
     let tracer = Tracer::new(&scene, &settings)?;
@@ -70,7 +70,7 @@ pub(super) fn boxed(size: (usize, usize), samples: u32) -> Result<Dump, SessionE
 }
 
 /// Lights in that box.
-pub(super) fn bulbs(count: usize) -> Vec<Light> {
+pub fn bulbs(count: usize) -> Vec<Light> {
     let bulb = |i: usize| {
         let around = i as f32 / count as f32 * std::f32::consts::TAU;
         let center = Vec3::new(0.6 * around.cos(), 0.6 * around.sin(), -0.5);
