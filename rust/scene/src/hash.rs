@@ -154,7 +154,8 @@ mod tests {
 
     #[test]
     fn a_texture_counts_where_a_material_shows_it() {
-        let json = r#"{"name": "wall", "nodes": [{"type": "image_texture", "texture": 0}], "surface": null}"#;
+        let json = r#"{"name": "wall", "surface": null, "nodes": [
+            {"type": "image_texture", "texture": 0, "vector": null, "interpolation": "linear", "extension": "repeat"}]}"#;
         let material = |shows: bool| {
             let mut material: Material = serde_json::from_str(json).unwrap();
             material.nodes.truncate(usize::from(shows));
