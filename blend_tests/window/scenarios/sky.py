@@ -1,7 +1,8 @@
-"""A head of noise under a Sky Texture: the sky is rendered in another Blender while the window goes on."""
+"""A head of noise under a Sky Texture: the sky is rendered in another Blender while the window goes on, and again when
+its sun is turned, without new paths."""
 
 import bpy
-from artist import Artist, addon
+from artist import Artist, addon, same
 
 NEEDS = ["demo.blend"]
 
@@ -12,6 +13,7 @@ def play(driver):
     with driver.step("open"):
         yield from artist.open("demo.blend", (480, 270), samples=16, train_seconds=0)
         stand_outside(artist.scene)
+        bpy.ops.ed.undo_push(message="Outside")
         yield from driver.drawn()
         driver.photo("open")
     with driver.step("start"):
@@ -33,12 +35,21 @@ def play(driver):
         driver.photo("dark")
     with driver.step("turn the sun"):
         world_row(artist).on = True
+        yield from artist.until_settled()
+        before = artist.picture()
         sky(artist.scene.world).sun_rotation = 2.0
         bpy.ops.ed.undo_push(message="Sun")
-        yield from driver.until(
-            lambda: "The world changed" in artist.shot.changes.sentences, "the word that the world has changed"
-        )
+        yield from driver.until(lambda: artist.shot.is_changing_world, "the notice that the world has changed")
+        driver.photo("reading")
+        yield from driver.until(lambda: not artist.shot.is_changing_world, "the other sky", 120)
+        yield from artist.until_settled(120)
         driver.photo("turned")
+        changes = artist.shot.changes.sentences
+        driver.check(not changes, f"the sky is followed, so nothing asks for new paths: {changes}")
+        driver.check(not same(artist.picture(), before), "the sun shines from elsewhere")
+    with driver.step("undo the turn"):
+        yield from artist.undo()
+        yield from driver.until(lambda: same(artist.picture(), before), "the picture of the first sky", 120)
 
 
 def stand_outside(scene):
