@@ -99,11 +99,11 @@ class RELUME_OT_lock_all(bpy.types.Operator):  # noqa: N801 -- Blender's naming
 class RELUME_UL_locks(bpy.types.UIList):  # noqa: N801
     """Lights, and what may change of each: pressed icons are free, the others locked"""
 
-    def draw_item(self, context, layout, _data, row, _icon, _active_data, _active_property):
+    def draw_item(self, _context, layout, _data, row, _icon, _active_data, _active_property):
         """Called by Blender."""
         line = layout.row(align=True)
         line.label(text=row.name, icon=row.icon)
-        obj = _light_of(context.scene, row)
+        obj = _light_of(row)
         kind = obj.data.type if obj is not None else "SPOT"
         for move in MOVES:
             cell = line.row(align=True)
@@ -117,9 +117,9 @@ class RELUME_UL_locks(bpy.types.UIList):  # noqa: N801
         return shown, [row.order for row in found]
 
 
-def _light_of(scene: bpy.types.Scene, row: rows.RelumeRow) -> bpy.types.Object | None:
+def _light_of(row: rows.RelumeRow) -> bpy.types.Object | None:
     """The light of a row in this file; a linked one cannot be changed. Costs nothing."""
-    obj = scene.objects.get((row.name, None))
+    obj = bpy.data.objects.get((row.name, None))
     return obj if obj is not None and obj.type == "LIGHT" else None
 
 
@@ -140,7 +140,7 @@ def draw(layout, scene: bpy.types.Scene) -> None:
     count = sum(row.kind == LIGHT for row in rows.present_rows(scene))
     layout.template_list("RELUME_UL_locks", "", mix, "rows", mix, "active", rows=max(2, min(count, 8)))
     active = active_row(scene)
-    obj = _light_of(scene, active) if active is not None else None
+    obj = _light_of(active) if active is not None else None
     if obj is not None:
         column = layout.column(align=True)
         for move in moves_of(obj.data.type):
