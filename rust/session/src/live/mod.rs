@@ -17,6 +17,7 @@ mod compose;
 mod gathered;
 mod painter;
 mod parts;
+mod picture;
 mod request;
 mod shared;
 mod units;
