@@ -12,6 +12,31 @@ NEEDS = ["cornell_box.blend"]
 SIZE = (256, 256)
 
 
+LOCKS_BELOW_SOLVE = 63
+"""Pixels from the button *Solve* down to the closed panel *What May Change*."""
+
+
+def press_locks(driver, artist):
+    """The panel that is closed at first says what may change and how far, and is worked by hand."""
+    x, y = yield from driver.find_button("relume.solve")
+    yield from driver.click(x, y - LOCKS_BELOW_SOLVE)
+    yield from driver.wait(0.5)
+    row = next(row for row in artist.scene.relume_mix.rows if row.present and row.kind == addon("core.rows").LIGHT)
+    yield from driver.press_button("locks.position")
+    driver.check(row.locks.position, f"the place of {row.name} may change")
+    yield from driver.press_button("locks.position")
+    driver.check(not row.locks.position, f"the place of {row.name} is locked again")
+    yield from driver.press_button("relume_solve.limit_strength")
+    driver.check(artist.settings.limit_strength, "strength has limits")
+    yield from driver.find_button("relume_solve.darker")
+    driver.photo("locks")
+    yield from driver.press_button("relume_solve.limit_strength")
+    driver.check(not artist.settings.limit_strength, "strength has none")
+    x, y = yield from driver.find_button("relume.solve")
+    yield from driver.click(x, y - LOCKS_BELOW_SOLVE)
+    yield from driver.drawn()
+
+
 def scribble(driver, artist):
     """Every way to use the brush."""
     with driver.within():
@@ -149,6 +174,8 @@ def play(driver):
     with driver.step("start"):
         yield from artist.start()
         yield from artist.until_settled()
+    with driver.step("locks"):
+        yield from press_locks(driver, artist)
     with driver.step("scribble"):
         yield from scribble(driver, artist)
     with driver.step("outside"):
