@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 import pytest
 import relume
-from solve_steps import LINE
+from solve_steps import LINE, solve
 
 from addon.core import strokes as core
 from addon.engine import shot
@@ -16,7 +16,7 @@ from addon.ui import compare, handlers, locks, looks, mixer, preferences, region
 from addon.ui import start as starting
 from addon.viewport import compare as pairs
 from fake_live import FakeLive
-from fake_solve import FakeJob
+from fake_solve import FakeJob, light
 from helpers import add_light, add_quad, row, update
 
 PLAIN = (bool, int, float, str)
@@ -36,6 +36,7 @@ def room(registered_for_all_files, monkeypatch, tmp_path):
         FakeJob.made.clear()
         preferences._said.clear()
         scene = bpy.context.scene
+        scene.render.resolution_x, scene.render.resolution_y = 160, 90
         scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
         scene.collection.objects.link(scene.camera)
         add_quad(scene)
@@ -56,7 +57,8 @@ def room(registered_for_all_files, monkeypatch, tmp_path):
         regions.add_region(scene, "MASK")
         meaning = core.meaning("brighter", 1.0, (1.0, 1.0, 1.0))
         scribble_tool.add_stroke(scene, core.Stroke(meaning, 0.1, 1.0, tuple(map(tuple, json.loads(LINE)))))
-        image = bpy.data.images.new("Target", 8, 8)
+        image = bpy.data.images.new("Target", 16, 9)
+        image.generated_color = (0.5, 0.4, 0.3, 1.0)
         image.filepath_raw, image.file_format = str(picture), "PNG"
         image.save()
         scene.relume_solve.target = image
@@ -143,6 +145,16 @@ def while_solving(scene):
     solving.begin(scene)
 
 
+def solved(scene):
+    regions.remove_region(scene)  # That without a mask.
+    solve(scene, changed=[light("Key", energy=77.0)], added=[light("Relume 1")])
+
+
+def shown_target(scene):
+    for _ in target.show(scene):
+        time.sleep(0.01)
+
+
 def as_one_rectangle(scene, **settings):
     regions.draw_rectangle(scene, (0.1, 0.2, 0.3, 0.4), **settings)
 
@@ -209,6 +221,8 @@ CASES = {
         {"filepath": "target.png"},
     ),
     "clear_target": (nothing, lambda scene, _: target.clear(scene), {}),
+    "show_target": (nothing, lambda scene, _: shown_target(scene), {}),
+    "apply_solved": (solved, lambda scene, _: solving.apply(scene, looks.active_look(scene)), {}),
     "cancel_solve": (while_solving, lambda scene, _: solving.running(scene).cancel(), {}),
     "count_cache": (nothing, lambda _scene, _: preferences.begin(preferences.count_cache()), {}),
     "clean_cache": (nothing, lambda _scene, _: preferences.begin(preferences.clean_cache()), {}),
