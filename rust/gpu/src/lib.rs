@@ -42,7 +42,7 @@ pub use device::{Gpu, Limits};
 pub use error::GpuError;
 pub use image::GpuImage;
 pub use kernel::{Bound, Kernel};
-pub use peak::{Costs, Peaks};
+pub use peak::{Costs, Peaks, best_of_rounds};
 pub use properties::Property;
 pub use timer::Timer;
 

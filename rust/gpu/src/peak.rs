@@ -207,12 +207,12 @@ impl Gpu {
     pub fn transfers(&self) -> Result<[f64; 2], GpuError> {
         let values = vec![1u32; TRANSFER_BYTES / 4];
         let buffer: Buffer<u32> = self.zeros("words", values.len())?;
-        let upload = best_of_rounds(|| {
+        let upload = best_of_rounds(ROUNDS, || {
             self.write(&buffer, 0, &values);
             self.commands("upload").submit()?;
             self.wait()
         })?;
-        let read = best_of_rounds(|| self.read(&buffer, 0..values.len()).map(drop))?;
+        let read = best_of_rounds(ROUNDS, || self.read(&buffer, 0..values.len()).map(drop))?;
         Ok([upload, read].map(|seconds| TRANSFER_BYTES as f64 / seconds))
     }
 
@@ -235,21 +235,24 @@ impl Gpu {
             commands.run(&bound, 1, &[]);
             commands.submit()
         };
-        let submit = best_of_rounds(|| {
+        let submit = best_of_rounds(ROUNDS, || {
             (0..CHAIN).try_for_each(|_| submit_one())?;
             self.wait()
         })?;
-        let wait = best_of_rounds(|| submit_one().and_then(|()| self.wait()))?;
+        let wait = best_of_rounds(ROUNDS, || submit_one().and_then(|()| self.wait()))?;
         let each = f64::from(CHAIN);
         Ok(Costs { dispatch: (many - one).max(0.0) / each, submit: submit / each, wait })
     }
 }
 
-/// Seconds of a call by the clock on the wall; the first is for drivers that compile on first use.
-fn best_of_rounds(mut call: impl FnMut() -> Result<(), GpuError>) -> Result<f64, GpuError> {
+/// Seconds of the quickest of some calls, by the clock on the wall. One more goes before: drivers compile on first use.
+///
+/// # Errors
+/// Those of the calls.
+pub fn best_of_rounds<E>(rounds: usize, mut call: impl FnMut() -> Result<(), E>) -> Result<f64, E> {
     call()?;
     let mut best = f64::INFINITY;
-    for _ in 0..ROUNDS {
+    for _ in 0..rounds {
         let start = Instant::now();
         call()?;
         best = best.min(start.elapsed().as_secs_f64());

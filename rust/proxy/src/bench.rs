@@ -3,10 +3,9 @@
 
 use std::hint::black_box;
 use std::sync::Arc;
-use std::time::Instant;
 
 use cpu_time::ThreadTime;
-use relume_gpu::{Gpu, Peaks};
+use relume_gpu::{Gpu, Peaks, best_of_rounds};
 use serde::Serialize;
 
 use crate::simd::{Isa, peak};
@@ -196,21 +195,6 @@ fn measure_training(
         }
     }
     Ok(records)
-}
-
-/// Seconds of a call on the clock on the wall; the first is for drivers that compile on first use.
-fn best_of_rounds(
-    rounds: usize,
-    mut call: impl FnMut() -> Result<(), ProxyError>,
-) -> Result<f64, ProxyError> {
-    call()?;
-    let mut best = f64::INFINITY;
-    for _ in 0..rounds {
-        let start = Instant::now();
-        call()?;
-        best = best.min(start.elapsed().as_secs_f64());
-    }
-    Ok(best)
 }
 
 /// Peak of one core, multiply-adds per second.
