@@ -2,25 +2,17 @@
 
 mod common;
 
-use common::{RAW, room};
-use glam::{Mat3, Vec3};
+use common::{RAW, room_scene};
+use glam::Mat3;
 use relume_session::image::Image;
-use relume_session::scene::{Alpha, ColorEncoding, Scene, Texels, Texture, UpAxis, World};
+use relume_session::scene::{Alpha, ColorEncoding, Scene, Texels, Texture, World};
 use relume_session::trace::TraceSettings;
-use relume_session::{Monitor, ObjView, Relighter, bake, difference, obj_scene};
+use relume_session::{Monitor, Relighter, bake, difference};
 use std::path::Path;
 
 /// The room under a sky whose red is much brighter in one half, turned about the vertical axis.
 fn under_a_sky(turn: f32) -> Scene {
-    let view = ObjView {
-        up: UpAxis::Z,
-        eye: Some(Vec3::new(0.0, -4.2, 1.0)),
-        target: Some(Vec3::Z),
-        width: 20,
-        height: 16,
-        ..ObjView::default()
-    };
-    let mut scene = obj_scene(&room(), &view).unwrap();
+    let mut scene = room_scene();
     let (width, height) = (16, 8);
     let red = |i: usize| if i % width < width / 2 { 8.0 } else { 1.0 };
     let texel = |i: usize| [red(i), (i / width) as f32, 1.0, 1.0];

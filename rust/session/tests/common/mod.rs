@@ -26,8 +26,8 @@ pub fn room() -> PathBuf {
     Path::new(&package).join("../../tests/data/room.obj")
 }
 
-/// The same of a changed scene.
-pub fn baked_with(folder: &Path, change: impl FnOnce(&mut Scene)) {
+/// That room before a camera of few pixels, as its file has it.
+pub fn room_scene() -> Scene {
     let view = ObjView {
         up: relume_session::scene::UpAxis::Z,
         eye: Some(Vec3::new(0.0, -4.2, 1.0)),
@@ -36,7 +36,12 @@ pub fn baked_with(folder: &Path, change: impl FnOnce(&mut Scene)) {
         height: 16,
         ..ObjView::default()
     };
-    let mut scene = obj_scene(&room(), &view).unwrap();
+    obj_scene(&room(), &view).unwrap()
+}
+
+/// As [`baked`], of a changed scene.
+pub fn baked_with(folder: &Path, change: impl FnOnce(&mut Scene)) {
+    let mut scene = room_scene();
     scene.lights = vec![sphere("Own", 0.2)];
     change(&mut scene);
     let settings = TraceSettings { samples: 16, ..TraceSettings::default() };
