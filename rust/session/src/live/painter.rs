@@ -385,17 +385,13 @@ impl Painter {
                 && !(manner.drag && unit.gathered.has_clean())
                 && request.with != With::Gather
                 && view.proxies.proxies().knowing(&part.light).is_some();
-            images.push(match &unit.proxy {
-                _ if part.how != How::Proxy && !waits => None,
-                Some(image) => Some(image.clone()),
-                None if manner.scale == 2 && self.compute.gpu.is_none() => {
-                    Some(Arc::new(DeviceImage::Cpu(view.proxies.half_image(&part.light)?)))
-                }
-                None => {
-                    let image = view.proxies.device_image(&part.light, &self.compute, &self.monitor)?;
-                    Some(unit.set_proxy(image))
-                }
-            });
+            let evaluate = |half| match half {
+                true => Ok(DeviceImage::Cpu(view.proxies.half_image(&part.light)?)),
+                false => view.proxies.device_image(&part.light, &self.compute, &self.monitor),
+            };
+            let half = manner.scale == 2 && self.compute.gpu.is_none();
+            let needed = part.how == How::Proxy || waits;
+            images.push(needed.then(|| unit.proxied(half, evaluate)).transpose()?);
         }
         Ok(images)
     }

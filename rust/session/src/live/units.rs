@@ -21,7 +21,9 @@ pub(super) struct Unit {
     light: Light,
     pub gathered: Gathered,
     /// What a proxy says.
-    pub proxy: Option<SharedImage>,
+    proxy: Option<SharedImage>,
+    /// What it says of every second pixel and row, on the CPU.
+    half_proxy: Option<SharedImage>,
     used: u64,
 }
 
@@ -38,7 +40,7 @@ impl Units {
         self.clock += 1;
         let key = key(light);
         let index = self.list.iter().position(|unit| unit.light == key).unwrap_or_else(|| {
-            self.list.push(Unit { light: key, gathered: Gathered::default(), proxy: None, used: 0 });
+            self.list.push(Unit::new(key));
             self.list.len() - 1
         });
         self.list[index].used = self.clock;
@@ -58,7 +60,7 @@ impl Units {
 
     /// Forgets what proxies said.
     pub fn clear_proxies(&mut self) {
-        self.list.iter_mut().for_each(|unit| unit.proxy = None);
+        self.list.iter_mut().for_each(|unit| (unit.proxy, unit.half_proxy) = (None, None));
     }
 
     /// Gathers one more pass for some of the lights, those furthest behind; false if none is behind.
@@ -118,8 +120,26 @@ impl Units {
 }
 
 impl Unit {
+    fn new(light: Light) -> Self {
+        Self { light, gathered: Gathered::default(), proxy: None, half_proxy: None, used: 0 }
+    }
+
+    /// What a proxy says, evaluated if that is not known yet; with `half`, that of every second pixel and row is enough.
+    pub fn proxied<E>(
+        &mut self,
+        half: bool,
+        evaluate: impl FnOnce(bool) -> Result<DeviceImage, E>,
+    ) -> Result<SharedImage, E> {
+        let half = half && self.proxy.is_none();
+        let known = if half { &mut self.half_proxy } else { &mut self.proxy };
+        if let Some(image) = known {
+            return Ok(image.clone());
+        }
+        Ok(known.insert(Arc::new(evaluate(half)?)).clone())
+    }
+
     fn images(&self) -> impl Iterator<Item = &DeviceImage> {
-        self.gathered.images().chain(self.proxy.as_deref())
+        self.gathered.images().chain(self.proxy.as_deref()).chain(self.half_proxy.as_deref())
     }
 
     fn bytes(&self) -> usize {
@@ -141,13 +161,6 @@ impl Unit {
             self.proxy = Some(Arc::new(DeviceImage::Cpu(image.read()?)));
         }
         Ok(())
-    }
-
-    /// Remembers what a proxy says.
-    pub fn set_proxy(&mut self, image: DeviceImage) -> SharedImage {
-        let image = Arc::new(image);
-        self.proxy = Some(image.clone());
-        image
     }
 }
 
@@ -175,5 +188,25 @@ mod tests {
         assert_eq!(known(&units), [true, true, false, true], "nothing is on a GPU");
         units.forget(&lights[..2], 0, Unit::bytes);
         assert_eq!(known(&units), [true, true, false, false]);
+    }
+
+    #[test]
+    fn a_proxy_is_asked_once_for_each_size_and_not_for_half_of_what_is_known() {
+        let light = crate::targets::unit_light(&LightShape::Sphere { center: glam::Vec3::ZERO, radius: 1.0 });
+        let mut units = Units::default();
+        let mut asked = Vec::new();
+        for half in [true, true, false, true, false] {
+            let evaluate = |half: bool| {
+                asked.push(half);
+                Ok::<_, ()>(DeviceImage::Cpu(Image::new(if half { 2 } else { 4 }, 4, 3)))
+            };
+            units.of(&light).proxied(half, evaluate).unwrap();
+        }
+        assert_eq!(asked, [true, false]);
+        let unit = units.get(&light).unwrap();
+        assert_eq!(unit.bytes(), (2 + 4) * 4 * 3 * 4, "both count");
+        assert_eq!(units.of(&light).proxied(true, |_| Err(())).unwrap().bytes(), 4 * 4 * 3 * 4);
+        units.clear_proxies();
+        assert!(units.of(&light).proxied(true, |_| Err(())).is_err(), "nothing is known any more");
     }
 }
