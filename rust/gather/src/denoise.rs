@@ -118,7 +118,7 @@ impl Denoiser {
     ///
     /// # Errors
     /// Never: there is no denoiser to call it on.
-    pub fn features(&self, _aovs: &Aovs) -> Result<DenoiseFeatures, DenoiseError> {
+    pub fn features(&self, _aovs: &Aovs, _quality: DenoiseQuality) -> Result<DenoiseFeatures, DenoiseError> {
         match self.never {}
     }
 
@@ -182,11 +182,11 @@ impl Denoiser {
     ///
     /// # Errors
     /// If the library fails.
-    pub fn features(&self, aovs: &Aovs) -> Result<DenoiseFeatures, DenoiseError> {
+    pub fn features(&self, aovs: &Aovs, quality: DenoiseQuality) -> Result<DenoiseFeatures, DenoiseError> {
         let mut features = DenoiseFeatures::noisy(aovs);
         for (name, values) in [(c"albedo", &mut features.albedo), (c"normal", &mut features.normal)] {
             let filter = Filter::new(&self.device, features.width, features.height, name)?;
-            filter.commit(DenoiseQuality::High);
+            filter.commit(quality);
             filter.run(&self.device, values, None)?;
         }
         features.is_clean = true;
@@ -493,7 +493,7 @@ mod tests {
             world: noise(0, 3),
             alpha: noise(0, 1),
         };
-        denoiser.features(&aovs).unwrap()
+        denoiser.features(&aovs, DenoiseQuality::High).unwrap()
     }
 
     #[test]

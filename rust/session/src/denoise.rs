@@ -11,8 +11,8 @@ pub struct Denoise {
     aovs: Aovs,
     /// PCI address of the GPU to denoise on, if the library knows it.
     gpu: Option<String>,
-    /// Whether albedo and normals are denoised first.
-    cleans: bool,
+    /// How well albedo and normals are denoised first, if they are.
+    features: Option<DenoiseQuality>,
     device: Mutex<Device>,
 }
 
@@ -44,12 +44,13 @@ impl Denoise {
     pub fn new(aovs: &Aovs, gpu: Option<&Gpu>) -> Self {
         let hardware = gpu.map(Gpu::summary).filter(|summary| !summary.software);
         let gpu = hardware.map(|summary| summary.pci_bus_id.clone());
-        Self { aovs: aovs.clone(), gpu, cleans: true, device: Mutex::new(Device::NotStarted) }
+        let features = Some(DenoiseQuality::High);
+        Self { aovs: aovs.clone(), gpu, features, device: Mutex::new(Device::NotStarted) }
     }
 
-    /// The same with albedo and normals as they are: textures come out softer, the first picture at once.
-    pub fn quick(aovs: &Aovs, gpu: Option<&Gpu>) -> Self {
-        Self { cleans: false, ..Self::new(aovs, gpu) }
+    /// The same with albedo and normals denoised that well, or as they are: textures come out softer, the first picture sooner.
+    pub fn with_features(self, features: Option<DenoiseQuality>) -> Self {
+        Self { features, ..self }
     }
 
     /// Why nothing can be denoised here, in words for the user; none if it can.
@@ -130,9 +131,9 @@ impl Denoise {
 
     fn start_on(&self, device: &DenoiseDevice) -> Result<Ready, DenoiseError> {
         let denoiser = Denoiser::new(device)?;
-        let features = match self.cleans {
-            true => denoiser.features(&self.aovs)?,
-            false => DenoiseFeatures::noisy(&self.aovs),
+        let features = match self.features {
+            Some(quality) => denoiser.features(&self.aovs, quality)?,
+            None => DenoiseFeatures::noisy(&self.aovs),
         };
         Ok(Ready { denoiser, features, is_gpu: matches!(device, DenoiseDevice::Gpu(_)) })
     }
@@ -150,13 +151,14 @@ mod tests {
 
     #[test]
     fn what_the_gpu_fails_on_the_cpu_denoises_and_goes_on() {
-        let broken = match Denoise::quick(&aovs(8, 8), None).start_on_cpu() {
+        let quick = |size: usize| Denoise::new(&aovs(size, size), None).with_features(None);
+        let broken = match quick(8).start_on_cpu() {
             Err(error @ DenoiseError::NotBuilt) => return println!("skipped: {error}"),
             broken => broken.unwrap(),
         };
         let noise = |i: usize| (i * 2654435761 % 1000) as f32 / 1000.0;
         let noisy = Image { data: (0..3 * 64 * 64).map(noise).collect(), ..Image::new(64, 64, 3) };
-        let denoise = Denoise::quick(&aovs(64, 64), None);
+        let denoise = quick(64);
         let mut expected = noisy.clone();
         denoise.images(std::slice::from_mut(&mut expected), DenoiseQuality::Fast).unwrap();
         assert_ne!(expected, noisy);

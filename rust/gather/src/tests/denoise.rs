@@ -47,7 +47,7 @@ fn mean_square(a: &Image, b: &Image) -> f32 {
 fn denoising_brings_a_noisy_image_closer_to_the_clean_one() {
     let Some(denoiser) = denoiser() else { return };
     assert!(denoiser.version().starts_with("2."), "{}", denoiser.version());
-    let (clean, features) = (target(64, 48), denoiser.features(&aovs(64, 48)).unwrap());
+    let (clean, features) = (target(64, 48), denoiser.features(&aovs(64, 48), DenoiseQuality::High).unwrap());
     let mut random = Random(2);
     let mut noisy = clean.clone();
     // An unbiased estimate: 4 times the value in one of four samples.
@@ -70,7 +70,7 @@ fn values_that_are_no_radiance_do_not_spread() {
     image.data[1000] = f32::INFINITY;
     image.data[500] = -5.0;
     let mut images = [image];
-    let features = denoiser.features(&aovs(32, 32)).unwrap();
+    let features = denoiser.features(&aovs(32, 32), DenoiseQuality::High).unwrap();
     denoiser.denoise(&mut images, &features, DenoiseQuality::Fast, None).unwrap();
     assert!(images[0].data.iter().all(|value| value.is_finite() && *value >= 0.0));
 }
@@ -78,7 +78,7 @@ fn values_that_are_no_radiance_do_not_spread() {
 #[test]
 fn sizes_that_differ_are_one_error() {
     let Some(denoiser) = denoiser() else { return };
-    let features = denoiser.features(&aovs(32, 32)).unwrap();
+    let features = denoiser.features(&aovs(32, 32), DenoiseQuality::High).unwrap();
     let error = denoiser.denoise(&mut [target(32, 16)], &features, DenoiseQuality::Fast, None).unwrap_err();
     assert!(error.to_string().contains("32 x 16, 3 channels"), "{error}");
 }

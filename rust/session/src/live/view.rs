@@ -15,6 +15,9 @@ use relume_scene::{Light, LightShape};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
+/// How well features are denoised that more paths will renew.
+const PASSING: DenoiseQuality = DenoiseQuality::Fast;
+
 /// What there is to make pictures from: whole passes, features, static layers, proxies.
 pub(super) struct View {
     /// Deliveries of the work that are in it.
@@ -34,8 +37,8 @@ pub(super) struct View {
     sight: Option<Sight>,
     /// What it says of the shapes that were asked for last.
     rare: VecDeque<(LightShape, Option<Rare>)>,
-    /// Paths per pixel behind the features that the denoisers use.
-    feature_samples: u32,
+    /// Paths per pixel behind the features that the denoisers use, and how well those are denoised themselves.
+    features: (u32, DenoiseQuality),
     /// What settled pictures are denoised with.
     pub quality: DenoiseQuality,
 }
@@ -118,7 +121,7 @@ impl View {
         proxies: DeviceProxies,
         compute: &Compute,
     ) -> Self {
-        let denoise = denoisers(&aovs, compute);
+        let denoise = denoisers(&aovs, compute, PASSING);
         let statics = static_layers(&aovs);
         let mut view = Self {
             deliveries,
@@ -131,10 +134,10 @@ impl View {
             denoise,
             sight: None,
             rare: VecDeque::new(),
-            feature_samples: 0,
+            features: (0, PASSING),
             quality: DenoiseQuality::Balanced,
         };
-        view.feature_samples = view.samples();
+        view.features.0 = view.samples();
         view
     }
 
@@ -154,23 +157,24 @@ impl View {
         view.statics = static_layers(&view.aovs);
         // Features settle long before the light does; preparing them costs two denoised pictures.
         const RENEW: u32 = 4;
-        if view.samples() >= RENEW * view.feature_samples {
-            view.renew_features(compute);
+        if view.samples() >= RENEW * view.features.0 {
+            view.renew_features(compute, PASSING);
         }
         view
     }
 
-    fn renew_features(&mut self, compute: &Compute) {
-        self.denoise = denoisers(&self.aovs, compute);
-        self.feature_samples = self.samples();
+    fn renew_features(&mut self, compute: &Compute, quality: DenoiseQuality) {
+        self.denoise = denoisers(&self.aovs, compute, quality);
+        self.features = (self.samples(), quality);
     }
 
     /// From now on the machine is the painter's: settled pictures are those that [`crate::Relighter`] makes.
     pub fn rest(&mut self, compute: &Compute) {
         self.passes.iter().for_each(DeviceGather::allow_sorting);
         self.quality = DenoiseQuality::High;
-        if self.feature_samples < self.samples() {
-            self.renew_features(compute);
+        let best = (self.samples(), DenoiseQuality::High);
+        if self.features != best {
+            self.renew_features(compute, best.1);
         }
     }
 
@@ -223,9 +227,9 @@ fn static_layers(aovs: &Aovs) -> [StaticLayer; 2] {
     })
 }
 
-fn denoisers(aovs: &Aovs, compute: &Compute) -> [Denoise; 2] {
-    let gpu = compute.gpu.as_deref();
-    [Denoise::new(aovs, gpu), Denoise::quick(&halved(aovs), gpu)]
+fn denoisers(aovs: &Aovs, compute: &Compute, quality: DenoiseQuality) -> [Denoise; 2] {
+    let of = |aovs: &Aovs, features| Denoise::new(aovs, compute.gpu.as_deref()).with_features(features);
+    [of(aovs, Some(quality)), of(&halved(aovs), None)]
 }
 
 fn halved(aovs: &Aovs) -> Aovs {
