@@ -3,7 +3,7 @@ use super::parts::{How, Part, parts};
 use super::picture::{Manner, Picture, noise};
 use super::shared::{Frame, LiveState, Shared, Shown, State};
 use super::units::Units;
-use super::view::{Delivered, SharedImage, View};
+use super::view::{Delivered, SharedImage, View, shown_statics};
 use super::world::WorldUnit;
 use super::{LiveOptions, LiveRequest};
 use crate::device_image::DeviceImage;
@@ -319,8 +319,8 @@ impl Painter {
             let Some(clean) = clean(&world.gathered.mean)? else { return Ok(false) };
             world.gathered.clean = Some((world.gathered.passes, clean));
         }
-        let shown = if self.world.is_some() { 1 } else { 2 };
-        for layer in view.statics[..shown].iter_mut().filter(|layer| !layer.is_done(quality)) {
+        let shown = shown_statics(self.world.is_some());
+        for layer in view.statics[shown].iter_mut().filter(|layer| !layer.is_done(quality)) {
             let Some(clean) = clean(&layer.image)? else { return Ok(false) };
             layer.clean = Some(clean);
         }

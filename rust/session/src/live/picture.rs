@@ -5,7 +5,7 @@ use super::compose::{Layer, weighted_sum, with_alpha};
 use super::gathered::Gathered;
 use super::parts::{How, Part};
 use super::units::Units;
-use super::view::{SharedImage, View, half};
+use super::view::{SharedImage, View, half, shown_statics};
 use super::world::WorldUnit;
 use crate::{Maker, SessionError};
 use relume_gather::DenoiseQuality;
@@ -47,8 +47,8 @@ impl<'a> Picture<'a> {
         let mut picture = Self { clean, noisy, makers, samples: view.samples(), is_best: true };
         // Older pictures will do in a drag, and quick ones.
         let quality = if manner.drag { DenoiseQuality::Fast } else { view.quality };
-        let shown = if world.is_some() { 1 } else { 2 };
-        for (layer, weight) in view.statics[..shown].iter().zip([request.static_light, request.world]) {
+        let shown = shown_statics(world.is_some());
+        for (layer, weight) in view.statics[shown].iter().zip([request.static_light, request.world]) {
             match &layer.clean {
                 _ if layer.black => {}
                 Some(clean) => picture.clean.push(Layer { image: &clean.image, weight }),

@@ -243,6 +243,11 @@ fn halved(aovs: &Aovs) -> Aovs {
     }
 }
 
+/// Which of [`View::statics`] are shown: not the paths' own world where another stands in its place.
+pub(super) fn shown_statics(is_other_world: bool) -> std::ops::RangeTo<usize> {
+    if is_other_world { ..1 } else { ..2 }
+}
+
 /// Half of the size by averages of two by two pixels; an odd last column or row is left out, as in
 /// [`relume_proxy::Proxy::coarse_pixels`]. Pictures of a single row or column stay as they are.
 pub(super) fn half(image: &Image) -> Image {
