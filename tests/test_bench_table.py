@@ -1,6 +1,5 @@
-"""docs/bench/README.md is the table of the figures beside it, and figures made elsewhere are taken into it."""
+"""The pages of docs/bench are the tables of the figures beside them, and figures made elsewhere are taken into them."""
 
-import importlib.util
 import json
 import subprocess
 import sys
@@ -11,21 +10,32 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 
 
-def load():
-    spec = importlib.util.spec_from_file_location("gpu", ROOT / "scripts/bench/gpu.py")
-    gpu = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(gpu)
-    return gpu
+sys.path.insert(0, str(ROOT / "scripts/bench"))
+
+import gpu  # noqa: E402
+import live_table  # noqa: E402
 
 
-def test_table_of_gpu_benchmarks_is_up_to_date():
-    kept = ROOT / "docs/bench"
+@pytest.mark.parametrize(("folder", "table"), [("docs/bench", gpu.table), ("docs/bench/live", live_table.page)])
+def test_tables_of_kept_figures_are_up_to_date(folder, table):
+    kept = ROOT / folder
     assert list(kept.glob("*.json"))
-    assert (kept / "README.md").read_text() == load().table(kept)
+    assert (kept / "README.md").read_text() == table(kept)
+
+
+def test_the_page_of_live_figures_has_a_column_for_each_machine(tmp_path):
+    about = {"machine": "a CPU", "date": "2027-01-02 03:04", "others": 0.1, "unit": "s", "device": "CPU, 2 threads"}
+    first = about | {"name": "first picture, hall", "value": 1.234, "goal": 5, "scale": 2}
+    other = about | {"name": "edit, hall", "value": 6.5, "unit": "ms", "goal": None}
+    (tmp_path / "one.json").write_text(json.dumps([first, other]))
+    (tmp_path / "two.json").write_text(json.dumps([first | {"value": 3.0, "scale": 1}]))
+    lines = live_table.page(tmp_path).splitlines()
+    assert "| first picture, hall | 5 s | 1.23 s (half the size) | 3 s |" in lines
+    assert "| edit, hall |  | 6.5 ms |  |" in lines
 
 
 def test_figures_are_kept_where_only_tests_had_no_time(tmp_path, monkeypatch, capsys):
-    gpu, code = load(), {}
+    code = {}
 
     def run(*_, **__):
         (tmp_path / "bench-gpu.json").write_text("[]")
@@ -41,7 +51,6 @@ def test_figures_are_kept_where_only_tests_had_no_time(tmp_path, monkeypatch, ca
 
 
 def test_figures_of_a_card_are_taken_from_a_file(tmp_path, monkeypatch):
-    gpu = load()
     wanted = next(goal for goal in gpu.GOALS if "256/8" in goal["what"])
     fields = dict.fromkeys(("peer", "peer_value", "ratio", "limit", "share_of_limit"))
     fields |= {"unit": "ms", "adapter": "A card", "date": "2027-01-02", "goal": 3.0}

@@ -1,6 +1,6 @@
 """How soon an artist sees something: seconds and milliseconds of a live shot, without Blender's drawing. In a Python
 that has `bpy` and `relume`: one JSON line with records on standard output. With --keep also a file of this machine in
-docs/bench/live, a record on each line.
+docs/bench/live, a record on each line, and the page over all machines there.
 """
 
 import argparse
@@ -19,6 +19,7 @@ sys.path.insert(0, str(ROOT))
 
 import bpy  # noqa: E402
 import relume  # noqa: E402
+from live_table import page  # noqa: E402
 
 from addon.engine.scene import load_scene  # noqa: E402
 from addon.export import ExportOptions, trace_settings  # noqa: E402
@@ -92,6 +93,7 @@ def keep(records, machine, others):
     KEPT.mkdir(parents=True, exist_ok=True)
     lines = ",\n".join(json.dumps(record | about) for record in records)
     (KEPT / f"{machine}.json").write_text(f"[\n{lines}\n]\n")
+    (KEPT / "README.md").write_text(page(KEPT))
 
 
 def main():

@@ -167,7 +167,7 @@ impl Gather {
         values.fill([0.0; 3]);
         for shard in self.dump.tile(tile) {
             let records = half.records(shard, pixel);
-            let mut sink = PixelSink { values, light: 0 };
+            let mut sink = SumSink { values, light: 0 };
             kernel::visit(self.isa, shard, records, &mut scratch.0, lights, &mut sink);
         }
         let scale = 1.0 / half.tile_samples(&self.dump, tile).max(1) as f32;
@@ -207,12 +207,14 @@ impl Sink for TileSink<'_> {
     }
 }
 
-struct PixelSink<'a> {
-    values: &'a mut [[f32; 3]],
-    light: usize,
+/// Adds up all records.
+pub(crate) struct SumSink<'a> {
+    /// Light by light.
+    pub values: &'a mut [[f32; 3]],
+    pub light: usize,
 }
 
-impl Sink for PixelSink<'_> {
+impl Sink for SumSink<'_> {
     fn begin_block(&mut self, _first_record: usize) {}
 
     fn begin_light(&mut self, light: usize) {

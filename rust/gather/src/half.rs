@@ -50,10 +50,20 @@ impl Half {
 
     /// The records of a shard that count, in ranges that start with a path.
     pub(crate) fn shard_records(self, shard: &Shard) -> impl Iterator<Item = Range<usize>> + '_ {
-        let paths = self.paths(shard.header().pass).len() as u32;
-        let whole = (paths == shard.samples()).then(|| 0..shard.record_count());
-        let pixels = if whole.is_some() || paths == 0 { 0 } else { shard.rect().pixel_count() };
-        whole.into_iter().chain((0..pixels).map(move |pixel| self.records(shard, pixel)))
+        self.run_records(shard, 0..shard.rect().pixel_count())
+    }
+
+    /// The records of some pixels in a row of numbers that count, in ranges that start with a path.
+    pub(crate) fn run_records(
+        self,
+        shard: &Shard,
+        run: Range<usize>,
+    ) -> impl Iterator<Item = Range<usize>> + '_ {
+        let (paths, offsets) = (self.paths(shard.header().pass).len() as u32, shard.pixel_offsets());
+        let whole =
+            (paths == shard.samples()).then(|| offsets[run.start] as usize..offsets[run.end] as usize);
+        let pixels = if whole.is_some() || paths == 0 { 0..0 } else { run };
+        whole.into_iter().chain(pixels.map(move |pixel| self.records(shard, pixel)))
     }
 }
 

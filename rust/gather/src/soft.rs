@@ -41,10 +41,11 @@ use relume_scene::{LANES, Light};
 use self::light::{SoftLight, SoftProfile};
 use self::profile::Segments;
 use self::wide::{Wide, Wide3};
+use crate::gather::{SumSink, add};
 use crate::kernel::{self, Block, Visitor, Work};
 use crate::lanes::{Lanes, Portable, WIDTH};
-use crate::light::Reach;
-use crate::{Gather, GatherError};
+use crate::light::{PreparedLight, Reach};
+use crate::{Gather, GatherError, Half};
 
 /// Share of the extent up to which a light's reach is so small that a first test on packed records saves time.
 const SELECTIVE: f32 = 0.06;
@@ -125,11 +126,16 @@ impl<'a> SoftGather<'a> {
         if !(softness > 0.0 && softness <= 1.0) {
             return Err(GatherError::Softness(softness));
         }
-        let (columns, rows) = self.cells();
-        if let Some(&cell) = cells.iter().find(|&&cell| cell as usize >= columns * rows) {
-            return Err(GatherError::Cell { cell, cells: columns * rows });
-        }
+        self.check_cells(cells)?;
         SoftLight::new(light, self.gather, softness, softness * self.extent)
+    }
+
+    fn check_cells(&self, cells: &[u32]) -> Result<(), GatherError> {
+        let (columns, rows) = self.cells();
+        match cells.iter().find(|&&cell| cell as usize >= columns * rows) {
+            Some(&cell) => Err(GatherError::Cell { cell, cells: columns * rows }),
+            None => Ok(()),
+        }
     }
 
     /// Columns and rows of the pixels of a cell.
@@ -145,35 +151,82 @@ impl<'a> SoftGather<'a> {
         y.flat_map(move |y| x.clone().map(move |x| (y * width + x) as u32))
     }
 
+    /// The runs of neighbouring pixels of a cell that lie in one row of one tile: that tile, and their numbers in it.
+    fn runs(&self, cell: usize) -> impl Iterator<Item = (usize, Range<usize>)> {
+        let (dump, [x, y]) = (self.gather.dump(), self.pixels(cell));
+        y.flat_map(move |y| {
+            let mut start = x.start;
+            let end = x.end;
+            std::iter::from_fn(move || {
+                let (tile, pixel) = (start < end).then(|| dump.locate(start, y))?;
+                let rect = dump.manifest().tile_rect(tile);
+                let length = end.min(rect.x + rect.width) - start;
+                start += length;
+                Some((tile, pixel..pixel + length))
+            })
+        })
+    }
+
     /// Value and slopes of a cell.
     fn cell(&self, light: &SoftLight, cell: usize, work: &mut Work) -> [[f32; 3]; OUTPUTS] {
         let (dump, [x, y]) = (self.gather.dump(), self.pixels(cell));
-        let manifest = dump.manifest();
         let pixels = x.len() * y.len();
         let is_selective = light.reach.ball().is_some_and(|ball| ball.radius < SELECTIVE * self.extent);
         let mut sums = Sums::new(light, is_selective);
-        for y in y {
-            let mut start = x.start;
-            while start < x.end {
-                let (tile, pixel) = dump.locate(start, y);
-                let rect = manifest.tile_rect(tile);
-                let end = x.end.min(rect.x + rect.width);
-                sums.scale = 1.0 / (dump.tile_samples(tile).max(1) as usize * pixels) as f32;
-                for shard in dump.tile(tile) {
-                    let records = run(shard, pixel..pixel + end - start);
+        for (tile, run) in self.runs(cell) {
+            sums.scale = 1.0 / (dump.tile_samples(tile).max(1) as usize * pixels) as f32;
+            for shard in dump.tile(tile) {
+                let records = Half::All.run_records(shard, run.clone());
+                records.for_each(|records| {
                     kernel::visit_candidates(self.gather.isa, shard, records, work, &mut sums);
-                }
-                start = end;
+                });
             }
         }
         sums.finish()
     }
-}
 
-/// The records of neighbouring pixels of a row.
-fn run(shard: &Shard, pixels: Range<usize>) -> Range<usize> {
-    let offsets = shard.pixel_offsets();
-    offsets[pixels.start] as usize..offsets[pixels.end] as usize
+    /// The same cells without smoothing: means of the unit values (radiance 1) of some lights, RGB, light by light, then cell by
+    /// cell.
+    ///
+    /// # Errors
+    /// If a light cannot be gathered, or there is no such cell.
+    pub fn exact(
+        &self,
+        lights: &[Light],
+        half: Half,
+        cells: &[u32],
+    ) -> Result<Vec<Vec<[f32; 3]>>, GatherError> {
+        self.check_cells(cells)?;
+        let lights = self.gather.prepare_all(lights)?;
+        let (gather, half) = self.gather.split(half);
+        let of_cell =
+            |work: &mut Work, &cell: &u32| self.exact_cell((&gather, half), &lights, cell as usize, work);
+        let by_cell: Vec<Vec<[f32; 3]>> = cells.par_iter().map_init(Work::default, of_cell).collect();
+        Ok((0..lights.len()).map(|light| by_cell.iter().map(|values| values[light]).collect()).collect())
+    }
+
+    fn exact_cell(
+        &self,
+        (gather, half): (&Gather, Half),
+        lights: &[PreparedLight],
+        cell: usize,
+        work: &mut Work,
+    ) -> Vec<[f32; 3]> {
+        let (dump, [x, y]) = (gather.dump(), self.pixels(cell));
+        let mut means = vec![[0.0; 3]; lights.len()];
+        for (tile, run) in self.runs(cell) {
+            let mut sums = vec![[0.0; 3]; lights.len()];
+            for shard in dump.tile(tile) {
+                for records in half.run_records(shard, run.clone()) {
+                    let mut sink = SumSink { values: &mut sums, light: 0 };
+                    kernel::visit(gather.isa, shard, records, work, lights, &mut sink);
+                }
+            }
+            let scale = 1.0 / (half.tile_samples(dump, tile).max(1) as usize * x.len() * y.len()) as f32;
+            means.iter_mut().zip(sums).for_each(|(mean, sum)| add(mean, scale * Vec3::from(sum)));
+        }
+        means
+    }
 }
 
 /// Diagonal of the box that holds the middle nine tenths of what the camera sees, axis by axis: a far

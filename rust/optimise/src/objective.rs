@@ -195,16 +195,16 @@ impl<'a> ViewObjective<'a> {
         Ok(picture)
     }
 
-    /// Some lights in the place of one of the problem, for radiance 1 at all cells: two estimates.
+    /// Some lights in the place of one of the problem, for radiance 1 at some cells: two estimates.
     pub(crate) fn half_values(
         &self,
         number: usize,
         lights: &[&Light],
+        cells: &[u32],
     ) -> Result<Vec<[Vec<[f32; 3]>; 2]>, RelightError> {
-        match &self.still[number] {
-            Some(values) => Ok(lights.iter().map(|_| [values.clone(), values.clone()]).collect()),
-            None => self.view.relight.half_values(lights),
-        }
+        let Some(values) = &self.still[number] else { return self.view.relight.half_values(lights, cells) };
+        let values: Vec<[f32; 3]> = cells.iter().map(|cell| values[*cell as usize]).collect();
+        Ok(lights.iter().map(|_| [values.clone(), values.clone()]).collect())
     }
 
     /// All cells, clean at softness 0.

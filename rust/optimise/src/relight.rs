@@ -63,18 +63,15 @@ pub trait Relight: Sync {
         Ok(None)
     }
 
-    /// Values of some lights for radiance 1 at all cells, exact: two estimates with independent noise, or twice the same if there is
+    /// Values of some lights for radiance 1 at some cells, exact: two estimates with independent noise, or twice the same if there is
     /// none. Squared differences from noisy pictures are least for the lights with the least noise, products of the differences
     /// from two such estimates are not.
     ///
     /// # Errors
     /// Whatever the relighter reports.
-    fn half_values(&self, lights: &[&Light]) -> Result<Vec<[Vec<[f32; 3]>; 2]>, RelightError> {
-        let (width, height) = self.size();
-        let cells: Vec<u32> =
-            (0..(width.div_ceil(self.cell()) * height.div_ceil(self.cell())) as u32).collect();
+    fn half_values(&self, lights: &[&Light], cells: &[u32]) -> Result<Vec<[Vec<[f32; 3]>; 2]>, RelightError> {
         let twice = |light: &&Light| {
-            let values = self.values(light, 0.0, &cells)?;
+            let values = self.values(light, 0.0, cells)?;
             Ok([values.clone(), values])
         };
         lights.iter().map(twice).collect()
@@ -85,7 +82,10 @@ pub trait Relight: Sync {
     /// # Errors
     /// Whatever the relighter reports.
     fn picture(&self, lights: &[&Light]) -> Result<Picture, RelightError> {
-        let halves = self.half_values(lights)?;
+        let (width, height) = self.size();
+        let cells: Vec<u32> =
+            (0..(width.div_ceil(self.cell()) * height.div_ceil(self.cell())) as u32).collect();
+        let halves = self.half_values(lights, &cells)?;
         let sum = |half: usize| {
             let mut sum = vec![[0.0; 3]; halves.first().map_or(0, |halves| halves[half].len())];
             for (light, halves) in lights.iter().zip(&halves) {

@@ -130,3 +130,26 @@ fn what_cannot_be_smoothed_is_refused() {
     let lamp = light(LightShape::Sphere { center: Vec3::ZERO, radius: 0.0 });
     assert!(matches!(soft.linearise(&lamp, 0.1, &[0]), Err(GatherError::Light { .. })));
 }
+
+#[test]
+fn exact_cells_are_means_of_the_gathered_pictures_by_any_half() {
+    // Passes of one sample fall to one half; those of three are cut. Cells lie across tiles, and the last ones are smaller.
+    let gather = Gather::new(random_dump_of(7, &[1, 1, 3]));
+    let soft = SoftGather::new(&gather, 3);
+    let (lights, cells) = (random_lights(), [8, 0, 4, 2]);
+    let prepared = gather.prepare_all(&lights).unwrap();
+    for half in [Half::All, Half::First, Half::Second] {
+        let found = soft.exact(&lights, half, &cells).unwrap();
+        let images = gather.unit_images(&prepared, half);
+        for ((found, image), light) in found.iter().zip(&images).zip(&lights) {
+            let means = image.cell_means(3);
+            let brightest = means.as_flattened().iter().fold(0.0_f32, |a, b| a.max(*b));
+            for (found, cell) in found.iter().zip(cells) {
+                let near = |(a, b): (&f32, f32)| (a - b).abs() <= 1e-5 * brightest;
+                assert!(found.iter().zip(means[cell as usize]).all(near), "{half:?}, cell {cell}: {light:?}");
+            }
+        }
+        assert!(found.iter().flatten().flatten().any(|value| *value > 0.0));
+    }
+    assert!(matches!(soft.exact(&lights, Half::All, &[9]), Err(GatherError::Cell { cell: 9, cells: 9 })));
+}

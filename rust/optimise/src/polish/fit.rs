@@ -2,7 +2,7 @@ use super::PolishStep;
 use super::noise::Trust;
 use crate::OptimiseError;
 use crate::least_squares::{Jacobian, NormalEquations};
-use crate::objective::{Draw, Objective, add, mean};
+use crate::objective::{Draw, Objective, mean};
 use crate::relight::Picture;
 use crate::variable::{Mapping, PARAMS};
 use rayon::prelude::*;
@@ -234,7 +234,8 @@ impl Fit<'_> {
         for ((view, draw), picture) in self.objective.views.iter().zip(self.draw).zip(&state.pictures) {
             let is_other = |light: &&Light| light.shape != lights[0].shape;
             let shapes: Vec<&Light> = lights[..1].iter().chain(lights.iter().filter(is_other)).collect();
-            let units = view.half_values(number, &shapes)?;
+            let cells = all_of(view.cells_of(draw));
+            let units = view.half_values(number, &shapes, &cells)?;
             let unit =
                 |light: &Light| shapes.iter().position(|other| other.shape == light.shape).unwrap_or(0);
             let clean = mean(&picture.clean);
@@ -245,8 +246,8 @@ impl Fit<'_> {
                         Base::Clean => clean.clone(),
                         Base::Exact => picture.exact[half].clone(),
                     };
-                    add(&mut picture, &units[unit(light)][half], light.radiance);
-                    add(&mut picture, &units[0][half], lights[0].radiance.map(|r| -r));
+                    add_at(&mut picture, &cells, &units[unit(light)][half], light.radiance);
+                    add_at(&mut picture, &cells, &units[0][half], lights[0].radiance.map(|r| -r));
                     view.residuals_beside(&comparisons, &picture, draw)
                 })
             });
@@ -259,6 +260,20 @@ impl Fit<'_> {
             residuals.iter_mut().enumerate().for_each(|(i, residual)| *residual *= trust.of(i));
         }
         Ok(residuals)
+    }
+}
+
+/// Each number once, rising.
+fn all_of(mut cells: Vec<u32>) -> Vec<u32> {
+    cells.sort_unstable();
+    cells.dedup();
+    cells
+}
+
+/// Adds values of some cells times a radiance to a picture.
+fn add_at(picture: &mut [[f32; 3]], cells: &[u32], values: &[[f32; 3]], radiance: [f32; 3]) {
+    for (cell, value) in cells.iter().zip(values) {
+        (0..3).for_each(|c| picture[*cell as usize][c] += radiance[c] * value[c]);
     }
 }
 

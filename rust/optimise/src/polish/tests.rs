@@ -34,8 +34,9 @@ impl Relight for Noisy {
     fn values(&self, light: &Light, _: f32, cells: &[u32]) -> Result<Vec<[f32; 3]>, RelightError> {
         FLOOR.values(light, 0.0, cells)
     }
-    fn half_values(&self, lights: &[&Light]) -> Result<Vec<[Vec<[f32; 3]>; 2]>, RelightError> {
-        Ok(lights.iter().map(|light| [0, 1].map(|half| self.half(light, half))).collect())
+    fn half_values(&self, lights: &[&Light], cells: &[u32]) -> Result<Vec<[Vec<[f32; 3]>; 2]>, RelightError> {
+        let at = |whole: Vec<[f32; 3]>| cells.iter().map(|cell| whole[*cell as usize]).collect();
+        Ok(lights.iter().map(|light| [0, 1].map(|half| at(self.half(light, half)))).collect())
     }
     fn picture(&self, lights: &[&Light]) -> Result<Picture, RelightError> {
         let light = lights[0];

@@ -263,6 +263,18 @@ impl<'a> GatherRelight<'a> {
         Ok(units)
     }
 
+    /// Values of some lights by either half of the paths, gathered on the CPU at some cells only.
+    fn exact_halves(
+        &self,
+        lights: &[&Light],
+        cells: &[u32],
+    ) -> Result<Vec<[Vec<[f32; 3]>; 2]>, SessionError> {
+        let lights: Vec<Light> = lights.iter().map(|light| key(light)).collect();
+        self.go_on()?;
+        let [first, second] = self.halves.map(|half| self.soft.1.exact(&lights, half, cells));
+        Ok(first?.into_iter().zip(second?).map(|(a, b)| [a, b]).collect())
+    }
+
     fn halves_of_cells(&self, units: &HalfUnits) -> [Vec<[f32; 3]>; 2] {
         units.each_ref().map(|unit| self.prepared.cells(unit))
     }
@@ -310,8 +322,12 @@ impl Relight for GatherRelight<'_> {
         Ok(cells.iter().map(mean).collect())
     }
 
-    fn half_values(&self, lights: &[&Light]) -> Result<Vec<[Vec<[f32; 3]>; 2]>, RelightError> {
-        Ok(self.half_units(lights)?.iter().map(|units| self.halves_of_cells(units)).collect())
+    fn half_values(&self, lights: &[&Light], cells: &[u32]) -> Result<Vec<[Vec<[f32; 3]>; 2]>, RelightError> {
+        if self.relighter.compute().gpu.is_none() {
+            return Ok(self.exact_halves(lights, cells)?);
+        }
+        let at = |whole: Vec<[f32; 3]>| cells.iter().map(|cell| whole[*cell as usize]).collect();
+        Ok(self.half_units(lights)?.iter().map(|units| self.halves_of_cells(units).map(at)).collect())
     }
 
     fn pull_back(
