@@ -87,12 +87,13 @@ fn buffers_count_against_the_budget_until_they_are_dropped() {
 }
 
 #[test]
-fn without_a_budget_of_the_user_the_first_one_counts_again() {
+fn without_a_budget_of_the_user_what_the_driver_says_counts_again() {
     let gpu = gpu();
-    let first = gpu.free_memory();
+    assert!(gpu.free_memory() > 1 << 20);
     gpu.set_memory_budget(Some(1 << 20));
+    assert_eq!(gpu.free_memory(), 1 << 20);
     gpu.set_memory_budget(None);
-    assert_eq!(gpu.free_memory(), first);
+    assert!(gpu.free_memory() > 1 << 20);
 }
 
 #[test]
@@ -234,7 +235,7 @@ fn a_device_has_measurable_peaks_and_costs() {
 #[test]
 fn properties_are_those_of_the_driver() {
     let gpu = gpu();
-    let properties = gpu.properties().unwrap();
+    let properties = gpu.properties();
     let value =
         |name: &str| properties.iter().find(|p| p.name == name).unwrap_or_else(|| panic!("no {name}")).value;
     assert_eq!(value("bytes of a buffer that can be bound"), gpu.limits().buffer as f64);
