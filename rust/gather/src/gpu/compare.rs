@@ -2,6 +2,7 @@ use relume_gpu::{Buffer, CompareArguments, CompareKernel};
 use relume_scene::{LANES, Light};
 
 use super::GpuGather;
+use super::arguments::PullArguments;
 use super::kernels;
 use super::soft::Outputs;
 use crate::soft::OUTPUTS;
@@ -124,7 +125,7 @@ impl GpuGather {
         kernels::compare(&self.gpu)?.add(&mut commands, &buffers, &arguments)?;
         let pulled = [radiances.whole(), values.whole(), d_picture.whole(), results.whole()];
         let bound = kernels::pull(&self.gpu)?.bind(&pulled)?;
-        let arguments = [count as u32, lights as u32];
+        let arguments = PullArguments { cells: count as u32, lights: lights as u32 };
         commands.run(&bound, (lights * OUTPUTS) as u32, bytemuck::bytes_of(&arguments));
         commands.submit()?;
         Ok(self.gpu.read(&results, 0..len)?)
@@ -140,6 +141,12 @@ mod tests {
     use super::*;
     use crate::tests::kernels::{random_dump_of, random_lights};
     use crate::{Gather, Linear};
+
+    #[test]
+    fn gradients_are_as_long_as_in_wgsl() {
+        let constant = |name| relume_gpu::layout::constant("gather/pull", name).unwrap() as usize;
+        assert_eq!((constant("OUTPUTS"), constant("GRADIENT")), (OUTPUTS, GRADIENT));
+    }
 
     fn reinhard(x: f32) -> f32 {
         x / (1.0 + x)
