@@ -30,14 +30,35 @@ pub struct Record {
     pub share_of_limit: f64,
 }
 
-/// Rounds of which the best counts; the peak is measured again in each, so that both see the same clock.
+/// How much is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Extent {
+    /// Rounds, of which the best counts. On the CPU the peak is measured again in each, so that both see the same clock.
+    pub rounds: usize,
+    /// Pixels of the image.
+    pub size: [usize; 2],
+    /// Samples of a training step; on the CPU, where the step of a wider network has fewer, at most.
+    pub samples: usize,
+}
+
+impl Extent {
+    /// On the CPU.
+    pub const CPU: Self = Self { rounds: ROUNDS, size: [160, 96], samples: 16_384 };
+    /// On a graphics card: an image of the paper's size.
+    pub const CARD: Self = Self { rounds: ROUNDS, size: PAPER_SIZE, samples: 16_384 };
+    /// On a software driver: a tenth of it in both directions.
+    pub const SOFTWARE: Self = Self { rounds: ROUNDS, size: [88, 50], samples: 1024 };
+    /// As little as there can be, to see that it works.
+    pub const TRIAL: Self = Self { rounds: 1, size: [20, 12], samples: 1024 };
+}
+
 const ROUNDS: usize = 7;
 
 /// Inference and training (forward, backward, optimiser) of the usual networks on one thread, in samples per second.
 ///
 /// # Errors
 /// Does not fail unless the configurations in here are wrong.
-pub fn kernels() -> Result<Vec<Record>, ProxyError> {
+pub fn kernels(extent: Extent) -> Result<Vec<Record>, ProxyError> {
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(1)
         .build()
@@ -45,7 +66,7 @@ pub fn kernels() -> Result<Vec<Record>, ProxyError> {
     pool.install(|| {
         let mut records = Vec::new();
         for (name, network, batch) in networks() {
-            records.extend(measure(name, network, batch, ROUNDS)?);
+            records.extend(measure(name, network, batch.min(extent.samples), extent)?);
         }
         Ok(records)
     })
@@ -63,30 +84,15 @@ fn networks() -> [(&'static str, NetworkConfig, usize); 5] {
     ]
 }
 
-/// How much of a GPU's work is measured.
-#[derive(Clone, Copy)]
-struct Extent {
-    /// Rounds, of which the best counts.
-    rounds: usize,
-    /// Pixels of the image.
-    size: [usize; 2],
-    /// Samples of a training step.
-    samples: usize,
-}
-
-/// On a graphics card, and on a software driver.
-const ON_CARD: Extent = Extent { rounds: ROUNDS, size: PAPER_SIZE, samples: 16_384 };
-const ON_SOFTWARE: Extent = Extent { rounds: ROUNDS, size: [88, 50], samples: 1024 };
 /// Share of the pixels that a step of the light optimiser looks at.
 const STEP_SHARE: usize = 20;
 
 /// Inference of whole images, and steps of the light optimiser, of the usual networks on a GPU, in milliseconds; and iterations of
-/// their training per second. An image of the paper's size; a tenth of it in both directions on a software driver.
+/// their training per second.
 ///
 /// # Errors
 /// If the device fails or has not the memory.
-pub fn device(gpu: &Arc<Gpu>) -> Result<Vec<Record>, ProxyError> {
-    let extent = if gpu.summary().software { ON_SOFTWARE } else { ON_CARD };
+pub fn device(gpu: &Arc<Gpu>, extent: Extent) -> Result<Vec<Record>, ProxyError> {
     let peaks = gpu.peaks()?;
     let mut records = Vec::new();
     for (name, network, _) in networks() {
@@ -209,10 +215,10 @@ fn measure(
     name: &str,
     network: NetworkConfig,
     batch: usize,
-    rounds: usize,
+    Extent { rounds, size: [width, height], .. }: Extent,
 ) -> Result<[Record; 2], ProxyError> {
     let isa = Isa::detect();
-    let room = SyntheticRoom::new(160, 96);
+    let room = SyntheticRoom::new(width, height);
     let config = TrainConfig {
         muon: matches!(network, NetworkConfig::Fast { .. }),
         network,
@@ -273,7 +279,7 @@ mod tests {
     #[test]
     fn networks_are_measured_on_the_cpu() {
         for (name, network, _) in narrow() {
-            let records = measure(name, network, 1024, 1).expect("measured");
+            let records = measure(name, network, 1024, Extent::TRIAL).expect("measured");
             let isa = Isa::detect().name();
             check(
                 &records,
@@ -286,7 +292,7 @@ mod tests {
     fn networks_are_measured_on_any_device() {
         let gpu = Gpu::open(&GpuChoice::Best).expect("tests need a GPU or a software driver");
         let peaks = Peaks { multiply_adds: 1e9, half: None, matrices: None, wide_matrices: None, read: 1e9 };
-        let extent = Extent { rounds: 1, size: [20, 12], samples: 1024 };
+        let extent = Extent::TRIAL;
         for (name, network, _) in narrow() {
             let records = measure_device(&gpu, &peaks, name, network.clone(), extent).expect("measured");
             let tasks = ["inference kernel", "unit image with read-back", "light step on 5 % of the pixels"];
