@@ -39,17 +39,19 @@ pub struct Extent {
     pub size: [usize; 2],
     /// Samples of a training step; on the CPU, where the step of a wider network has fewer, at most.
     pub samples: usize,
+    /// Width of the widest network.
+    pub widest: usize,
 }
 
 impl Extent {
     /// On the CPU.
-    pub const CPU: Self = Self { rounds: ROUNDS, size: [160, 96], samples: 16_384 };
+    pub const CPU: Self = Self { rounds: ROUNDS, size: [160, 96], samples: 16_384, widest: 256 };
     /// On a graphics card: an image of the paper's size.
-    pub const CARD: Self = Self { rounds: ROUNDS, size: PAPER_SIZE, samples: 16_384 };
+    pub const CARD: Self = Self { rounds: ROUNDS, size: PAPER_SIZE, samples: 16_384, widest: 256 };
     /// On a software driver: a tenth of it in both directions.
-    pub const SOFTWARE: Self = Self { rounds: ROUNDS, size: [88, 50], samples: 1024 };
+    pub const SOFTWARE: Self = Self { rounds: ROUNDS, size: [88, 50], samples: 1024, widest: 256 };
     /// As little as there can be, to see that it works.
-    pub const TRIAL: Self = Self { rounds: 1, size: [20, 12], samples: 1024 };
+    pub const TRIAL: Self = Self { rounds: 1, size: [20, 12], samples: 1024, widest: 64 };
 }
 
 const ROUNDS: usize = 7;
@@ -65,7 +67,7 @@ pub fn kernels(extent: Extent) -> Result<Vec<Record>, ProxyError> {
         .map_err(|error| ProxyError::Config(format!("no thread for the benchmark: {error}")))?;
     pool.install(|| {
         let mut records = Vec::new();
-        for (name, network, batch) in networks() {
+        for (name, network, batch) in networks(extent) {
             records.extend(measure(name, network, batch.min(extent.samples), extent)?);
         }
         Ok(records)
@@ -73,15 +75,19 @@ pub fn kernels(extent: Extent) -> Result<Vec<Record>, ProxyError> {
 }
 
 /// Name, network, and samples of a training step.
-fn networks() -> [(&'static str, NetworkConfig, usize); 5] {
+fn networks(extent: Extent) -> impl Iterator<Item = (&'static str, NetworkConfig, usize)> {
     let grid = GridConfig::default();
-    [
+    let all = [
         ("reference 64/4", NetworkConfig::Reference { width: 64, layers: 4, grid }, 8192),
         ("reference 128/8", NetworkConfig::Reference { width: 128, layers: 8, grid }, 4096),
         ("reference 256/8", NetworkConfig::Reference { width: 256, layers: 8, grid }, 2048),
         ("fast 64x2", NetworkConfig::Fast { width: 64, layers: 2, grid }, 16_384),
         ("fast 128x2", NetworkConfig::Fast { width: 128, layers: 2, grid }, 8192),
-    ]
+    ];
+    let width = |network: &NetworkConfig| match network {
+        NetworkConfig::Reference { width, .. } | NetworkConfig::Fast { width, .. } => *width,
+    };
+    all.into_iter().filter(move |(_, network, _)| width(network) <= extent.widest)
 }
 
 /// Share of the pixels that a step of the light optimiser looks at.
@@ -95,7 +101,7 @@ const STEP_SHARE: usize = 20;
 pub fn device(gpu: &Arc<Gpu>, extent: Extent) -> Result<Vec<Record>, ProxyError> {
     let peaks = gpu.peaks()?;
     let mut records = Vec::new();
-    for (name, network, _) in networks() {
+    for (name, network, _) in networks(extent) {
         records.extend(measure_device(gpu, &peaks, name, network.clone(), extent)?);
         records.extend(measure_training(gpu, &peaks, name, network, extent)?);
     }
@@ -181,7 +187,7 @@ fn measure_training(
     peaks: &Peaks,
     name: &str,
     network: NetworkConfig,
-    Extent { rounds, size: [width, height], samples }: Extent,
+    Extent { rounds, size: [width, height], samples, .. }: Extent,
 ) -> Result<Vec<Record>, ProxyError> {
     let mut records = Vec::new();
     for (by, matrices) in [("", false), (" by matrices", true)] {
@@ -259,12 +265,6 @@ mod tests {
     use super::*;
     use relume_gpu::GpuChoice;
 
-    /// A narrow network of each type.
-    fn narrow() -> [(&'static str, NetworkConfig, usize); 2] {
-        let [reference, _, _, fast, _] = networks();
-        [reference, fast]
-    }
-
     /// There may be others, by matrices.
     fn check(records: &[Record], names: &[String]) {
         let has = |name: &String| records.iter().any(|record| record.name == *name);
@@ -278,7 +278,7 @@ mod tests {
 
     #[test]
     fn networks_are_measured_on_the_cpu() {
-        for (name, network, _) in narrow() {
+        for (name, network, _) in networks(Extent::TRIAL) {
             let records = measure(name, network, 1024, Extent::TRIAL).expect("measured");
             let isa = Isa::detect().name();
             check(
@@ -293,7 +293,7 @@ mod tests {
         let gpu = Gpu::open(&GpuChoice::Best).expect("tests need a GPU or a software driver");
         let peaks = Peaks { multiply_adds: 1e9, half: None, matrices: None, wide_matrices: None, read: 1e9 };
         let extent = Extent::TRIAL;
-        for (name, network, _) in narrow() {
+        for (name, network, _) in networks(Extent::TRIAL) {
             let records = measure_device(&gpu, &peaks, name, network.clone(), extent).expect("measured");
             let tasks = ["inference kernel", "unit image with read-back", "light step on 5 % of the pixels"];
             check(&records, &tasks.map(|task| format!("{task} {name}, 20 x 12")));

@@ -348,8 +348,8 @@ mod tests {
         }
     }
 
-    const NETWORKS: [&str; 5] =
-        ["reference 64/4", "reference 128/8", "reference 256/8", "fast 64x2", "fast 128x2"];
+    /// Of a trial: the narrow ones.
+    const NETWORKS: [&str; 2] = ["reference 64/4", "fast 64x2"];
 
     #[test]
     fn a_trial_of_a_gpu_has_all_figures_of_all_parts() {
