@@ -163,7 +163,9 @@ fn measure_device(
     // Every so manieth pixel in an order without pattern.
     let pixels: Vec<u32> =
         (0..count / STEP_SHARE).map(|i| (i as u32).wrapping_mul(0x9e37_79b1) % count as u32).collect();
-    let step = best_of_rounds(rounds, || comparison.gradient(&[(light, [1.0; 3])], &pixels).map(drop))?;
+    let shares = vec![1.0 / pixels.len() as f32; pixels.len()];
+    let light = [(light, [1.0; 3])];
+    let step = best_of_rounds(rounds, || comparison.gradient(&light, &pixels, &shares).map(drop))?;
     // Forward, forward again and backward, by the plain units.
     let share = 1.0 / STEP_SHARE as f64;
     let least = limit(peaks.multiply_adds, 3.0 * cost * share, share);
