@@ -9,8 +9,6 @@ struct Arguments {
     count: u32,
     lights: u32,
     exposure: f32,
-    // Of a pixel in the loss.
-    share: f32,
     // Where the losses start in `results`; one for each workgroup.
     losses: u32,
 }
@@ -23,8 +21,10 @@ struct Arguments {
 @group(0) @binding(2) var<storage, read> units: array<f32>;
 @group(0) @binding(3) var<storage, read> base: array<f32>;
 @group(0) @binding(4) var<storage, read> target_picture: array<f32>;
-@group(0) @binding(5) var<storage, read_write> d_picture: array<f32>;
-@group(0) @binding(6) var<storage, read_write> results: array<f32>;
+// What each pixel counts in the loss, in the order of `pixels`.
+@group(0) @binding(5) var<storage, read> shares: array<f32>;
+@group(0) @binding(6) var<storage, read_write> d_picture: array<f32>;
+@group(0) @binding(7) var<storage, read_write> results: array<f32>;
 
 var<immediate> arguments: Arguments;
 var<workgroup> losses: array<f32, GROUP>;
@@ -50,8 +50,8 @@ fn compare(
             let scale = 1.0 / (1.0 + abs(arguments.exposure * value));
             let wanted = arguments.exposure * target_picture[pixel + channel];
             let difference = arguments.exposure * value * scale - wanted / (1.0 + abs(wanted));
-            loss += difference * difference * arguments.share;
-            let weight = 2.0 * scale * scale * arguments.exposure * arguments.share;
+            loss += difference * difference * shares[index];
+            let weight = 2.0 * scale * scale * arguments.exposure * shares[index];
             d_picture[3u * index + channel] = weight * difference;
         }
     }

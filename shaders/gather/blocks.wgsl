@@ -1,6 +1,7 @@
 // Adds what sorted segments give to the images of up to LIGHTS lights. Blocks of segments that no light may touch are not
 // read; sums are those of integers, so that their order does not matter.
 // use: gather/bounds
+// use: gather/shard
 // constant: LIGHTS 1
 
 const GROUP_SIZE = 256u;
@@ -8,12 +9,6 @@ const GROUP_SIZE = 256u;
 const BLOCK = 64u;
 // Most pixels of a group.
 const GROUP_PIXELS = 256u;
-
-struct Shard {
-    step: vec3f,
-    minimum: vec3f,
-    camera: vec3f,
-}
 
 // A rectangle of pixels whose segments are sorted together.
 struct Group {

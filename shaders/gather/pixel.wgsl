@@ -1,13 +1,7 @@
 // Sums lights over the records of one pixel, by LANES threads; GROUP_SIZE / LANES pixels a workgroup.
 // use: gather/light
 // use: gather/records
-
-// What the records of a shard are decoded with.
-struct Shard {
-    step: vec3f,
-    minimum: vec3f,
-    camera: vec3f,
-}
+// use: gather/shard
 
 @group(0) @binding(7) var<storage, read> shards: array<Shard>;
 

@@ -25,7 +25,7 @@ struct Environment {
 
 // A struct: DirectX takes no other arguments.
 struct Arguments {
-    pixel_count: u32,
+    pixels: u32,
 }
 var<immediate> arguments: Arguments;
 
@@ -41,13 +41,13 @@ fn add_world(
     @builtin(local_invocation_index) thread: u32,
 ) {
     let pixel = (group.x + group.y * groups.x) * (GROUP_SIZE / LANES) + thread / LANES;
-    if pixel < arguments.pixel_count {
+    if pixel < arguments.pixels {
         for (var part = pixels[pixel].first_part; part < pixels[pixel + 1u].first_part; part++) {
             visit_part(parts[part], thread % LANES);
         }
     }
     reduce(thread);
-    if thread % LANES != 0u || pixel >= arguments.pixel_count {
+    if thread % LANES != 0u || pixel >= arguments.pixels {
         return;
     }
     for (var channel = 0u; channel < 3u; channel++) {

@@ -354,6 +354,9 @@ pub struct BenchArgs {
     /// Measure this part alone; can be given several times. Without it, all parts; a name that there is not lists them.
     #[arg(long)]
     pub part: Vec<String>,
+    /// Measure as little as there can be, in seconds, to see that everything runs: figures called `trial: ...`, which say nothing.
+    #[arg(long)]
+    pub trial: bool,
     /// Keep what the JSON file holds of other figures.
     #[arg(long, requires = "out")]
     pub add: bool,

@@ -11,7 +11,7 @@ use relume_dump::{
 };
 use relume_scene::{Light, LightShape, LobeFactors};
 
-pub use crate::gpu::bench::{measure as measure_gpu, measure_paper, paper_names};
+pub use crate::gpu::bench::{PAPER, measure as measure_gpu, measure_paper, paper_names};
 use crate::{Gather, Half, Isa, Scratch, SoftGather};
 
 /// One figure.

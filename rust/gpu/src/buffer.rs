@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use bytemuck::{NoUninit, Pod};
 
-use crate::device::Memory;
+use crate::memory::Memory;
 use crate::{Gpu, GpuError, Submission};
 
 /// Values on the GPU, for kernels to read and write. Its bytes count against the memory budget until it is dropped.

@@ -15,7 +15,6 @@ pub struct CompareArguments {
     pub count: u32,
     pub lights: u32,
     pub exposure: f32,
-    pub share: f32,
     pub losses: u32,
 }
 
@@ -35,7 +34,7 @@ impl CompareKernel {
         count.div_ceil(GROUP)
     }
 
-    /// Appends the comparison. The buffers, in the order of the WGSL: lights, pixels, units, base, target, gradient by the picture,
+    /// Appends the comparison. The buffers, in the order of the WGSL: lights, pixels, units, base, target, shares in the loss, gradient by the picture,
     /// results.
     ///
     /// # Errors
@@ -43,7 +42,7 @@ impl CompareKernel {
     pub fn add(
         &self,
         commands: &mut Commands<'_>,
-        buffers: &[Binding<'_>; 7],
+        buffers: &[Binding<'_>; 8],
         arguments: &CompareArguments,
     ) -> Result<(), GpuError> {
         let groups = Self::losses(arguments.count as usize) as u32;
@@ -59,7 +58,7 @@ mod tests {
     #[test]
     fn the_arguments_have_the_layout_of_their_wgsl_twin() {
         crate::assert_mirror!(CompareArguments as "common/compare", "Arguments", {
-            count, lights, exposure, share, losses,
+            count, lights, exposure, losses,
         });
     }
 }

@@ -3,6 +3,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::choice::choose;
 use crate::kernel::Compiled;
+use crate::memory::Memory;
 use crate::{AdapterSummary, GpuChoice, GpuError};
 
 /// Bytes of arguments that a dispatch may carry ([`crate::Commands::run`]); every back end has them.
@@ -13,14 +14,11 @@ const BINDINGS: u32 = 12;
 const INVOCATIONS: u32 = 256;
 /// Most bytes that the threads of a workgroup share.
 const WORKGROUP_MEMORY: u32 = 32 << 10;
-/// Share of the device's memory that is ours if the user sets no budget: others draw on the same card.
-const DEFAULT_SHARE: f64 = 0.7;
-/// Budget where the driver does not say how much memory there is.
-const UNKNOWN_MEMORY: u64 = 4 << 30;
 
 /// A GPU. Cheap to share; every call may come from any thread.
 #[derive(Debug)]
 pub struct Gpu {
+    adapter: wgpu::Adapter,
     pub(crate) device: wgpu::Device,
     pub(crate) queue: wgpu::Queue,
     summary: AdapterSummary,
@@ -55,15 +53,6 @@ pub struct Limits {
     pub matrices_with_wide_sums: bool,
     /// Times on the device.
     pub timestamps: bool,
-}
-
-/// Bytes of our buffers. Shared with each of them.
-#[derive(Debug)]
-pub(crate) struct Memory {
-    used: AtomicU64,
-    budget: AtomicU64,
-    /// Budget if the user sets none.
-    default: u64,
 }
 
 /// What went wrong since the last check.
@@ -146,12 +135,23 @@ impl Gpu {
             .map_err(|error| unsuitable(error.to_string()))?;
         let trouble = Arc::new(Mutex::new(Trouble::default()));
         watch(&device, &trouble);
-        let default = default_budget(adapter);
-        let memory = Arc::new(Memory { used: 0.into(), budget: default.into(), default });
+        let memory = Arc::new(Memory::new(adapter));
         let limits = limits(adapter, features);
         let (compiled, bytes_read) = (Compiled::default(), AtomicU64::new(0));
         let summary = AdapterSummary::new(&info);
-        Ok(Arc::new(Self { device, queue, summary, limits, features, memory, bytes_read, trouble, compiled }))
+        let adapter = adapter.clone();
+        Ok(Arc::new(Self {
+            adapter,
+            device,
+            queue,
+            summary,
+            limits,
+            features,
+            memory,
+            bytes_read,
+            trouble,
+            compiled,
+        }))
     }
 
     /// What the user is told about it.
@@ -164,6 +164,10 @@ impl Gpu {
         &self.limits
     }
 
+    pub(crate) fn adapter(&self) -> &wgpu::Adapter {
+        &self.adapter
+    }
+
     pub(crate) fn features(&self) -> wgpu::Features {
         self.features
     }
@@ -174,12 +178,13 @@ impl Gpu {
 
     /// Bytes that our buffers may still take.
     pub fn free_memory(&self) -> u64 {
-        self.memory.budget.load(Ordering::Relaxed).saturating_sub(self.memory.used.load(Ordering::Relaxed))
+        self.memory.free()
     }
 
-    /// Sets how many bytes all our buffers together may take; if not given, what the driver says, less what others may need.
+    /// Sets how many bytes all our buffers together may take; if not given, what the driver says now, less what others may need
+    /// (`memory.rs` tells what is asked of which driver).
     pub fn set_memory_budget(&self, bytes: Option<u64>) {
-        self.memory.budget.store(bytes.unwrap_or(self.memory.default), Ordering::Relaxed);
+        self.memory.limit(&self.adapter, bytes);
     }
 
     /// Bytes that were copied to the CPU so far.
@@ -232,25 +237,6 @@ impl Gpu {
 
     pub(crate) fn compiled(&self) -> &Compiled {
         &self.compiled
-    }
-}
-
-impl Memory {
-    /// Counts a new buffer, if it fits.
-    pub fn take(&self, what: &str, bytes: u64) -> Result<(), GpuError> {
-        let budget = self.budget.load(Ordering::Relaxed);
-        let fits = |used: u64| used.checked_add(bytes).filter(|&sum| sum <= budget);
-        self.used.fetch_update(Ordering::Relaxed, Ordering::Relaxed, fits).map(|_| ()).map_err(|used| {
-            GpuError::OutOfMemory {
-                what: what.to_owned(),
-                wanted: bytes.div_ceil(1 << 20),
-                free: budget.saturating_sub(used) >> 20,
-            }
-        })
-    }
-
-    pub fn give_back(&self, bytes: u64) {
-        self.used.fetch_sub(bytes, Ordering::Relaxed);
     }
 }
 
@@ -325,29 +311,4 @@ pub(crate) fn uncaptured(error: &wgpu::Error) -> GpuError {
         wgpu::Error::OutOfMemory { source } => GpuError::DriverOutOfMemory(source.to_string()),
         error => GpuError::Refused(error.to_string()),
     }
-}
-
-fn default_budget(adapter: &wgpu::Adapter) -> u64 {
-    device_memory(adapter).map_or(UNKNOWN_MEMORY, |bytes| (bytes as f64 * DEFAULT_SHARE) as u64)
-}
-
-/// Bytes of the largest heap on the device itself; nothing where the back end does not say.
-#[cfg(target_vendor = "apple")]
-fn device_memory(_adapter: &wgpu::Adapter) -> Option<u64> {
-    None
-}
-
-/// Bytes of the largest heap on the device itself; nothing where the back end does not say.
-#[cfg(not(target_vendor = "apple"))]
-fn device_memory(adapter: &wgpu::Adapter) -> Option<u64> {
-    // SAFETY: the handles are only asked a question, while the guard keeps the adapter alive.
-    let properties = unsafe {
-        let adapter = adapter.as_hal::<wgpu::hal::api::Vulkan>()?;
-        let instance = adapter.shared_instance().raw_instance();
-        instance.get_physical_device_memory_properties(adapter.raw_physical_device())
-    };
-    let heaps = properties.memory_heaps.iter().take(properties.memory_heap_count as usize);
-    /// `VK_MEMORY_HEAP_DEVICE_LOCAL_BIT`.
-    const DEVICE_LOCAL: u32 = 1;
-    heaps.filter(|heap| heap.flags.as_raw() & DEVICE_LOCAL != 0).map(|heap| heap.size).max()
 }

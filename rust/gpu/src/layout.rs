@@ -31,6 +31,25 @@ pub fn of(module: &str, name: &str) -> Result<StructLayout, GpuError> {
     })
 }
 
+/// The value of a `const` of a module: a number of type `u32`.
+///
+/// # Errors
+/// If the module is not valid, or has no such constant.
+pub fn constant(module: &str, name: &str) -> Result<u32, GpuError> {
+    let parsed = modules::validate(module, &[])?;
+    let found = parsed.constants.iter().find_map(|(_, constant)| {
+        let is_meant = constant.name.as_deref() == Some(name);
+        match parsed.global_expressions[constant.init] {
+            naga::Expression::Literal(naga::Literal::U32(value)) if is_meant => Some(value),
+            _ => None,
+        }
+    });
+    found.ok_or_else(|| GpuError::Shader {
+        module: module.to_owned(),
+        reason: format!("it has no number {name}"),
+    })
+}
+
 /// Panics unless a Rust struct has the size and the fields, at the same places, of its WGSL twin.
 ///
 /// ```text

@@ -29,6 +29,7 @@ mod error;
 mod image;
 mod kernel;
 pub mod layout;
+mod memory;
 pub mod modules;
 mod peak;
 mod properties;

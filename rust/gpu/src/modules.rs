@@ -34,6 +34,7 @@ files![
     "gather/pull",
     "gather/records",
     "gather/row",
+    "gather/shard",
     "gather/slopes",
     "gather/soft",
     "gather/targets",

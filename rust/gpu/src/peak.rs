@@ -26,6 +26,13 @@ const CHAIN: u32 = 1000;
 /// Bytes that are copied to the device and back.
 const TRANSFER_BYTES: usize = 64 << 20;
 
+/// Arguments of `peak.wgsl` and `peak_half.wgsl`.
+#[derive(Clone, Copy, bytemuck::NoUninit)]
+#[repr(C)]
+struct PeakArguments {
+    factor: [f32; 2],
+}
+
 /// What a device can do at best, measured: limits of what kernels do.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Peaks {
@@ -117,7 +124,7 @@ impl Gpu {
     fn peak_of(&self, module: &str) -> Result<f64, GpuError> {
         let results = self.zeros::<f32>("results", GROUP as usize)?;
         let bound = self.kernel(module, module, &[])?.bind(&[results.whole()])?;
-        let factors = bytemuck::bytes_of(&[0.999_f32, 0.001]).to_vec();
+        let factors = bytemuck::bytes_of(&PeakArguments { factor: [0.999, 0.001] }).to_vec();
         let seconds = self.seconds_of_groups(&bound, self.peak_groups(), &factors)?;
         Ok(f64::from(self.peak_groups()) * f64::from(GROUP * MULTIPLY_ADDS) / seconds)
     }
@@ -258,4 +265,15 @@ pub fn best_of_rounds<E>(rounds: usize, mut call: impl FnMut() -> Result<(), E>)
         best = best.min(start.elapsed().as_secs_f64());
     }
     Ok(best)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn arguments_have_the_layout_of_their_wgsl_twins() {
+        crate::assert_mirror!(PeakArguments as "peak", "Arguments", { factor });
+        crate::assert_mirror!(PeakArguments as "peak_half", "Arguments", { factor });
+    }
 }

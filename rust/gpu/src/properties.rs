@@ -1,5 +1,4 @@
-use crate::choice::choose;
-use crate::{AdapterSummary, Gpu, GpuChoice, GpuError};
+use crate::Gpu;
 
 /// What a driver says of itself, as a number.
 #[derive(Clone, Debug, PartialEq)]
@@ -12,13 +11,8 @@ pub struct Property {
 
 impl Gpu {
     /// Limits and features that decide which kernels run and how large they may be, and all matrices that its subgroups multiply.
-    ///
-    /// # Errors
-    /// If the adapter has gone.
-    pub fn properties(&self) -> Result<Vec<Property>, GpuError> {
-        let is_ours = |adapter: &wgpu::Adapter| AdapterSummary::new(&adapter.get_info()) == *self.summary();
-        let adapter = choose(&GpuChoice::Best)?.into_iter().find(is_ours).ok_or(GpuError::NoAdapter)?;
-        let (all, limits) = (adapter.limits(), self.limits());
+    pub fn properties(&self) -> Vec<Property> {
+        let (all, limits) = (self.adapter().limits(), self.limits());
         let yes = |is: bool| f64::from(u8::from(is));
         let subgroup = limits.subgroup.unwrap_or_default();
         let mut properties: Vec<(String, f64)> = [
@@ -39,10 +33,10 @@ impl Gpu {
         ]
         .map(|(name, value)| (name.to_owned(), value))
         .into();
-        for matrix in adapter.cooperative_matrix_properties() {
+        for matrix in self.adapter().cooperative_matrix_properties() {
             let size = format!("{} x {} x {}", matrix.m_size, matrix.n_size, matrix.k_size);
             properties.push((format!("matrices {size}, {:?} to {:?}", matrix.ab_type, matrix.cr_type), 1.0));
         }
-        Ok(properties.into_iter().map(|(name, value)| Property { name, value }).collect())
+        properties.into_iter().map(|(name, value)| Property { name, value }).collect()
     }
 }

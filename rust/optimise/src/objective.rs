@@ -160,11 +160,9 @@ impl<'a> ViewObjective<'a> {
         Ok(new)
     }
 
-    /// The comparison that a relighter makes itself, if the view asks for nothing but to look like one picture.
+    /// The comparison that a relighter makes itself, if the view asks for nothing but to look like one picture, or a part of one.
     fn own_comparison(&self) -> Result<Option<Box<dyn Compare + 'a>>, OptimiseError> {
-        let [Goal { aim: Aim::Target { image, exposure_invariant: false }, pixels: None, .. }] =
-            self.view.goals
-        else {
+        let [Goal { aim: Aim::Target { image, exposure_invariant: false }, .. }] = self.view.goals else {
             return Ok(None);
         };
         if self.still.iter().any(Option::is_some) {
@@ -313,12 +311,9 @@ impl<'a> ViewObjective<'a> {
         let cells = self.cells_of(draw);
         if let Some(comparison) = &self.comparison {
             let moving: Vec<&Light> = lights.iter().collect();
-            if let Some((loss, mut by_light)) = comparison.gradient(&moving, softness, &cells)? {
-                let weight = self.terms[0].weight;
-                for (d_shape, d_radiance) in &mut by_light {
-                    d_shape.iter_mut().chain(d_radiance).for_each(|d| *d *= weight);
-                }
-                return Ok((f64::from(weight) * loss, by_light));
+            let shares = self.terms[0].shares(&draw[0]);
+            if let Some(compared) = comparison.gradient(&moving, softness, &cells, &shares)? {
+                return Ok(compared);
             }
         }
         let units = self.linear_units(lights, softness, &cells)?;

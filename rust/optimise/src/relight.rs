@@ -126,8 +126,8 @@ pub struct Picture {
 
 /// Compares a base with lights over it to a target.
 pub trait Compare: Sync {
-    /// The paper's equation 6 at some cells, and its derivative by the lanes of each light's shape and by its radiance. Nothing if
-    /// the device cannot do it any more: then it is for whoever asks.
+    /// The sum of the paper's equation 6 over some cells, each with its share in the loss, and its derivative by the lanes of each
+    /// light's shape and by its radiance. Nothing if the device cannot do it any more: then it is for whoever asks.
     ///
     /// # Errors
     /// Whatever the relighter reports.
@@ -136,6 +136,7 @@ pub trait Compare: Sync {
         lights: &[&Light],
         softness: f32,
         cells: &[u32],
+        shares: &[f32],
     ) -> Result<Option<Compared>, RelightError>;
 }
 

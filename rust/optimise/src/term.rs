@@ -51,6 +51,13 @@ impl<'a> Term<'a> {
         draw.iter().map(|number| picture[self.cells[*number as usize] as usize]).collect()
     }
 
+    /// What drawn cells count in the loss: weights that sum up to the term's.
+    pub(crate) fn shares(&self, draw: &[u32]) -> Vec<f32> {
+        let weight = |number: &u32| self.weights[*number as usize];
+        let total: f32 = draw.iter().map(weight).sum();
+        draw.iter().map(|number| self.weight * weight(number) / total).collect()
+    }
+
     pub(crate) fn len(&self) -> usize {
         self.cells.len()
     }
@@ -87,9 +94,7 @@ pub(crate) struct Comparison<'a> {
 
 impl<'a> Comparison<'a> {
     pub(crate) fn new(term: &'a Term<'a>, draw: &[u32], picture: Vec<[f32; 3]>) -> Self {
-        let total: f32 = draw.iter().map(|number| term.weights[*number as usize]).sum();
-        let share = |number: &u32| term.weight * term.weights[*number as usize] / total;
-        let shares: Vec<f32> = draw.iter().map(share).collect();
+        let shares = term.shares(draw);
         let exposed: Vec<[f32; 3]> = picture.iter().map(|p| p.map(|p| term.exposure * p)).collect();
         let reference = |number: &u32| term.references[*number as usize];
         let weigh = |(value, share): ([f32; 3], &f32)| luminance(value) * share;

@@ -8,6 +8,7 @@ use glam::Vec3;
 use relume_image::Image;
 use relume_scene::{LANES, Light, LightShape};
 use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 pub(crate) const SIZE: (usize, usize) = (12, 8);
 
@@ -197,6 +198,104 @@ fn gradients_equal_differences_for_every_value_of_every_light_and_every_goal() {
                 "{i} {lane} of {light:?}: {slope} for {}",
                 gradient[i][lane]
             );
+        }
+    }
+}
+
+/// The floor, which compares a target itself, and counts how often.
+struct Comparing(AtomicUsize);
+
+/// Equation 6 as a relighter has it.
+struct OnFloor<'a> {
+    base: Vec<[f32; 3]>,
+    target: Vec<[f32; 3]>,
+    exposure: f32,
+    count: &'a AtomicUsize,
+}
+
+impl Relight for Comparing {
+    fn size(&self) -> (usize, usize) {
+        FLOOR.size()
+    }
+    fn values(&self, light: &Light, softness: f32, cells: &[u32]) -> Result<Vec<[f32; 3]>, RelightError> {
+        FLOOR.values(light, softness, cells)
+    }
+    fn pull_back(
+        &self,
+        light: &Light,
+        softness: f32,
+        cells: &[u32],
+        d: &[[f32; 3]],
+    ) -> Result<[f32; LANES], RelightError> {
+        FLOOR.pull_back(light, softness, cells, d)
+    }
+    fn comparison<'a>(
+        &'a self,
+        base: &[[f32; 3]],
+        target: &[[f32; 3]],
+        exposure: f32,
+    ) -> Result<Option<Box<dyn Compare + 'a>>, RelightError> {
+        let (base, target) = (base.to_vec(), target.to_vec());
+        Ok(Some(Box::new(OnFloor { base, target, exposure, count: &self.0 })))
+    }
+}
+
+impl Compare for OnFloor<'_> {
+    fn gradient(
+        &self,
+        lights: &[&Light],
+        softness: f32,
+        cells: &[u32],
+        shares: &[f32],
+    ) -> Result<Option<Compared>, RelightError> {
+        self.count.fetch_add(1, Ordering::Relaxed);
+        let units = lights.iter().map(|light| FLOOR.values(light, softness, cells));
+        let units: Vec<_> = units.collect::<Result<_, _>>()?;
+        let (mut loss, mut d_picture) = (0.0, vec![[0.0; 3]; cells.len()]);
+        for (k, (cell, share)) in cells.iter().zip(shares).enumerate() {
+            for c in 0..3 {
+                let lit: f32 =
+                    lights.iter().zip(&units).map(|(light, unit)| light.radiance[c] * unit[k][c]).sum();
+                let value = self.exposure * (self.base[*cell as usize][c] + lit);
+                let wanted = self.exposure * self.target[*cell as usize][c];
+                let difference = value / (1.0 + value) - wanted / (1.0 + wanted);
+                loss += f64::from(share * difference * difference);
+                d_picture[k][c] = 2.0 * share * difference * self.exposure / (1.0 + value).powi(2);
+            }
+        }
+        let by_light = |(light, unit): (&&Light, &Vec<[f32; 3]>)| {
+            let scaled = |d: &[f32; 3]| std::array::from_fn(|c| d[c] * light.radiance[c]);
+            let d_unit: Vec<[f32; 3]> = d_picture.iter().map(scaled).collect();
+            let by_radiance = |c: usize| d_picture.iter().zip(unit).map(|(d, unit)| d[c] * unit[c]).sum();
+            Ok((FLOOR.pull_back(light, softness, cells, &d_unit)?, [0, 1, 2].map(by_radiance)))
+        };
+        let by_lights = lights.iter().zip(&units).map(by_light).collect::<Result<_, RelightError>>()?;
+        Ok(Some((loss, by_lights)))
+    }
+}
+
+#[test]
+fn a_masked_target_is_compared_where_the_pictures_are_made() {
+    let (base, light) = (flat(0.02), &lamps()[1]);
+    let aim = target(picture(&FLOOR, &flat(0.1), &lamps()[1..3])).aim;
+    let left: Vec<f32> = (0..96).map(|i| if i % 12 < 6 { 1.0 } else { 0.1 * (i % 3) as f32 }).collect();
+    for pixels in [None, Some(left)] {
+        let goals = [Goal { aim: aim.clone(), pixels, weight: 0.7 }];
+        let own = Comparing(AtomicUsize::new(0));
+        let gradient = |relight: &dyn Relight| {
+            let view = View { relight, base: &base, still: vec![None], goals: &goals };
+            let problem = Problem { views: vec![view], variables: vec![variable(light)] };
+            let objective = Objective::new(&problem, 0.0).unwrap();
+            let lights = [disturbed(light)];
+            let maps = mappings(&problem, &lights, 0.0).unwrap();
+            objective.gradient(&maps, &lights, &objective.spread(60)).unwrap()
+        };
+        let ((loss, expected), (own_loss, found)) = (gradient(&FLOOR), gradient(&own));
+        assert_eq!(own.0.load(Ordering::Relaxed), 1);
+        assert!((own_loss / loss - 1.0).abs() < 1e-5, "{own_loss} for {loss}");
+        let largest = expected[0].iter().fold(0.0_f32, |most, value| most.max(value.abs()));
+        for (a, b) in found[0].iter().zip(&expected[0]) {
+            assert!((a - b).abs() < 1e-5 * largest, "{found:?} for {expected:?}");
         }
     }
 }

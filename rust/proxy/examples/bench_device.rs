@@ -2,11 +2,13 @@
 //! `cargo run --release -p relume-proxy --example bench_device`
 
 use relume_gpu::{Gpu, GpuChoice};
+use relume_proxy::bench::Extent;
 
 fn main() -> Result<(), relume_proxy::ProxyError> {
     let gpu = Gpu::shared(&GpuChoice::Best)?;
     println!("{}", gpu.summary().name);
-    for record in relume_proxy::bench::device(&gpu)? {
+    let extent = if gpu.summary().software { Extent::SOFTWARE } else { Extent::CARD };
+    for record in relume_proxy::bench::device(&gpu, extent)? {
         println!(
             "{:64} {:9.3} {} {:9.3} possible: {:5.1} %",
             record.name,

@@ -2,7 +2,7 @@
 //! `cargo run --release -p relume-proxy --example bench_kernels`
 
 fn main() -> Result<(), relume_proxy::ProxyError> {
-    for record in relume_proxy::bench::kernels()? {
+    for record in relume_proxy::bench::kernels(relume_proxy::bench::Extent::CPU)? {
         println!(
             "{:48} {:8.3} M {} of {:8.3} M possible: {:5.1} %",
             record.name,

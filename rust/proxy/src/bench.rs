@@ -30,66 +30,78 @@ pub struct Record {
     pub share_of_limit: f64,
 }
 
-/// Rounds of which the best counts; the peak is measured again in each, so that both see the same clock.
+/// How much is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Extent {
+    /// Rounds, of which the best counts. On the CPU the peak is measured again in each, so that both see the same clock.
+    pub rounds: usize,
+    /// Pixels of the image.
+    pub size: [usize; 2],
+    /// Samples of a training step; on the CPU, where the step of a wider network has fewer, at most.
+    pub samples: usize,
+    /// Width of the widest network.
+    pub widest: usize,
+}
+
+impl Extent {
+    /// On the CPU.
+    pub const CPU: Self = Self { rounds: ROUNDS, size: [160, 96], samples: 16_384, widest: 256 };
+    /// On a graphics card: an image of the paper's size.
+    pub const CARD: Self = Self { rounds: ROUNDS, size: PAPER_SIZE, samples: 16_384, widest: 256 };
+    /// On a software driver: a tenth of it in both directions.
+    pub const SOFTWARE: Self = Self { rounds: ROUNDS, size: [88, 50], samples: 1024, widest: 256 };
+    /// As little as there can be, to see that it works.
+    pub const TRIAL: Self = Self { rounds: 1, size: [20, 12], samples: 1024, widest: 64 };
+}
+
 const ROUNDS: usize = 7;
 
 /// Inference and training (forward, backward, optimiser) of the usual networks on one thread, in samples per second.
 ///
 /// # Errors
 /// Does not fail unless the configurations in here are wrong.
-pub fn kernels() -> Result<Vec<Record>, ProxyError> {
+pub fn kernels(extent: Extent) -> Result<Vec<Record>, ProxyError> {
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(1)
         .build()
         .map_err(|error| ProxyError::Config(format!("no thread for the benchmark: {error}")))?;
     pool.install(|| {
         let mut records = Vec::new();
-        for (name, network, batch) in networks() {
-            records.extend(measure(name, network, batch, ROUNDS)?);
+        for (name, network, batch) in networks(extent) {
+            records.extend(measure(name, network, batch.min(extent.samples), extent)?);
         }
         Ok(records)
     })
 }
 
 /// Name, network, and samples of a training step.
-fn networks() -> [(&'static str, NetworkConfig, usize); 5] {
+fn networks(extent: Extent) -> impl Iterator<Item = (&'static str, NetworkConfig, usize)> {
     let grid = GridConfig::default();
-    [
+    let all = [
         ("reference 64/4", NetworkConfig::Reference { width: 64, layers: 4, grid }, 8192),
         ("reference 128/8", NetworkConfig::Reference { width: 128, layers: 8, grid }, 4096),
         ("reference 256/8", NetworkConfig::Reference { width: 256, layers: 8, grid }, 2048),
         ("fast 64x2", NetworkConfig::Fast { width: 64, layers: 2, grid }, 16_384),
         ("fast 128x2", NetworkConfig::Fast { width: 128, layers: 2, grid }, 8192),
-    ]
+    ];
+    let width = |network: &NetworkConfig| match network {
+        NetworkConfig::Reference { width, .. } | NetworkConfig::Fast { width, .. } => *width,
+    };
+    all.into_iter().filter(move |(_, network, _)| width(network) <= extent.widest)
 }
 
-/// How much of a GPU's work is measured.
-#[derive(Clone, Copy)]
-struct Extent {
-    /// Rounds, of which the best counts.
-    rounds: usize,
-    /// Pixels of the image.
-    size: [usize; 2],
-    /// Samples of a training step.
-    samples: usize,
-}
-
-/// On a graphics card, and on a software driver.
-const ON_CARD: Extent = Extent { rounds: ROUNDS, size: PAPER_SIZE, samples: 16_384 };
-const ON_SOFTWARE: Extent = Extent { rounds: ROUNDS, size: [88, 50], samples: 1024 };
 /// Share of the pixels that a step of the light optimiser looks at.
 const STEP_SHARE: usize = 20;
 
 /// Inference of whole images, and steps of the light optimiser, of the usual networks on a GPU, in milliseconds; and iterations of
-/// their training per second. An image of the paper's size; a tenth of it in both directions on a software driver.
+/// their training per second.
 ///
 /// # Errors
 /// If the device fails or has not the memory.
-pub fn device(gpu: &Arc<Gpu>) -> Result<Vec<Record>, ProxyError> {
-    let extent = if gpu.summary().software { ON_SOFTWARE } else { ON_CARD };
+pub fn device(gpu: &Arc<Gpu>, extent: Extent) -> Result<Vec<Record>, ProxyError> {
     let peaks = gpu.peaks()?;
     let mut records = Vec::new();
-    for (name, network, _) in networks() {
+    for (name, network, _) in networks(extent) {
         records.extend(measure_device(gpu, &peaks, name, network.clone(), extent)?);
         records.extend(measure_training(gpu, &peaks, name, network, extent)?);
     }
@@ -151,7 +163,9 @@ fn measure_device(
     // Every so manieth pixel in an order without pattern.
     let pixels: Vec<u32> =
         (0..count / STEP_SHARE).map(|i| (i as u32).wrapping_mul(0x9e37_79b1) % count as u32).collect();
-    let step = best_of_rounds(rounds, || comparison.gradient(&[(light, [1.0; 3])], &pixels).map(drop))?;
+    let shares = vec![1.0 / pixels.len() as f32; pixels.len()];
+    let light = [(light, [1.0; 3])];
+    let step = best_of_rounds(rounds, || comparison.gradient(&light, &pixels, &shares).map(drop))?;
     // Forward, forward again and backward, by the plain units.
     let share = 1.0 / STEP_SHARE as f64;
     let least = limit(peaks.multiply_adds, 3.0 * cost * share, share);
@@ -175,7 +189,7 @@ fn measure_training(
     peaks: &Peaks,
     name: &str,
     network: NetworkConfig,
-    Extent { rounds, size: [width, height], samples }: Extent,
+    Extent { rounds, size: [width, height], samples, .. }: Extent,
 ) -> Result<Vec<Record>, ProxyError> {
     let mut records = Vec::new();
     for (by, matrices) in [("", false), (" by matrices", true)] {
@@ -209,10 +223,10 @@ fn measure(
     name: &str,
     network: NetworkConfig,
     batch: usize,
-    rounds: usize,
+    Extent { rounds, size: [width, height], .. }: Extent,
 ) -> Result<[Record; 2], ProxyError> {
     let isa = Isa::detect();
-    let room = SyntheticRoom::new(160, 96);
+    let room = SyntheticRoom::new(width, height);
     let config = TrainConfig {
         muon: matches!(network, NetworkConfig::Fast { .. }),
         network,
@@ -253,12 +267,6 @@ mod tests {
     use super::*;
     use relume_gpu::GpuChoice;
 
-    /// A narrow network of each type.
-    fn narrow() -> [(&'static str, NetworkConfig, usize); 2] {
-        let [reference, _, _, fast, _] = networks();
-        [reference, fast]
-    }
-
     /// There may be others, by matrices.
     fn check(records: &[Record], names: &[String]) {
         let has = |name: &String| records.iter().any(|record| record.name == *name);
@@ -272,8 +280,8 @@ mod tests {
 
     #[test]
     fn networks_are_measured_on_the_cpu() {
-        for (name, network, _) in narrow() {
-            let records = measure(name, network, 1024, 1).expect("measured");
+        for (name, network, _) in networks(Extent::TRIAL) {
+            let records = measure(name, network, 1024, Extent::TRIAL).expect("measured");
             let isa = Isa::detect().name();
             check(
                 &records,
@@ -286,8 +294,8 @@ mod tests {
     fn networks_are_measured_on_any_device() {
         let gpu = Gpu::open(&GpuChoice::Best).expect("tests need a GPU or a software driver");
         let peaks = Peaks { multiply_adds: 1e9, half: None, matrices: None, wide_matrices: None, read: 1e9 };
-        let extent = Extent { rounds: 1, size: [20, 12], samples: 1024 };
-        for (name, network, _) in narrow() {
+        let extent = Extent::TRIAL;
+        for (name, network, _) in networks(Extent::TRIAL) {
             let records = measure_device(&gpu, &peaks, name, network.clone(), extent).expect("measured");
             let tasks = ["inference kernel", "unit image with read-back", "light step on 5 % of the pixels"];
             check(&records, &tasks.map(|task| format!("{task} {name}, 20 x 12")));

@@ -25,6 +25,16 @@ struct Level {
     hash_mask: Option<u32>,
 }
 
+/// `Level` of `shaders/proxy/grid.wgsl`, where the fields are described.
+#[derive(Clone, Copy, Debug, bytemuck::NoUninit)]
+#[repr(C)]
+pub(crate) struct DeviceLevel {
+    pub table: u32,
+    pub resolution: f32,
+    pub columns: u32,
+    pub hash_mask: u32,
+}
+
 impl HashGrid {
     /// Adds the levels for an image of this size.
     pub fn new(layout: &mut ParamLayout, config: &GridConfig, width: usize, height: usize) -> Self {
@@ -59,14 +69,15 @@ impl HashGrid {
         [self.width, self.height]
     }
 
-    /// Each level as `Level` of `shaders/proxy/grid.wgsl`: first parameter, bits of the resolution, grid points along
-    /// x, hash mask or 0.
-    pub fn level_rows(&self, layout: &ParamLayout) -> Vec<[u32; 4]> {
-        let row = |level: &Level| {
-            let start = layout.tensors[level.tensor].start as u32;
-            [start, level.resolution.to_bits(), level.columns, level.hash_mask.unwrap_or(0)]
+    /// Its levels as kernels take them.
+    pub fn device_levels(&self, layout: &ParamLayout) -> Vec<DeviceLevel> {
+        let device_level = |level: &Level| DeviceLevel {
+            table: layout.tensors[level.tensor].start as u32,
+            resolution: level.resolution,
+            columns: level.columns,
+            hash_mask: level.hash_mask.unwrap_or(0),
         };
-        self.levels.iter().map(row).collect()
+        self.levels.iter().map(device_level).collect()
     }
 
     /// Values of an encoded pixel.

@@ -232,12 +232,18 @@ fn lights_solved_on_the_gpu_are_those_of_the_cpu() {
         r#""lights": [{bulb}, {panel}], "free": {{"Bulb": ["position", "strength"], "Panel": ["position", "strength"]}}"#
     );
     let one = r#""add": {"count": 1}"#;
+    let part = r#", "where": {"rectangle": [0.1, 0.1, 0.8, 1]}"#;
     // A gradient of few paths is less sure of its way than that of a network.
-    for (wish, through, steps) in
-        [(one, "proxy", 25), (&two, "proxy", 25), (one, "gather", 120), (&two, "gather", 120)]
-    {
+    for (wish, within, through, steps) in [
+        (one, "", "proxy", 25),
+        (one, part, "proxy", 25),
+        (&two, "", "proxy", 25),
+        (one, "", "gather", 120),
+        (one, part, "gather", 120),
+        (&two, "", "gather", 120),
+    ] {
         let request = SolveRequest::parse(&format!(
-            r#"{{{wish}, "goals": [{{"goal": "target", "image": "target"}}], "through": "{through}",
+            r#"{{{wish}, "goals": [{{"goal": "target", "image": "target"{within}}}], "through": "{through}",
                 "starts": 1, "candidates": 1, "steps": {steps}, "polish": 0}}"#
         ));
         let request = request.unwrap();

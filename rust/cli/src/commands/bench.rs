@@ -1,7 +1,7 @@
 use super::Context;
 use crate::args::BenchArgs;
 use relume_session::SessionError;
-use relume_session::bench::{Record, bench as measure};
+use relume_session::bench::{BenchOptions, Record, bench as measure};
 use relume_session::image::write_atomically;
 use serde::Serialize;
 use std::path::Path;
@@ -23,7 +23,8 @@ pub fn bench(args: &BenchArgs, context: &Context) -> anyhow::Result<()> {
         file.extend_from_slice(records);
         Ok(write_atomically(path, |writer| Ok(serde_json::to_writer_pretty(writer, &file)?))?)
     };
-    let records = measure(&context.compute()?, &args.part, keep, context.monitor)?;
+    let options = BenchOptions { parts: args.part.clone(), trial: args.trial };
+    let records = measure(&context.compute()?, &options, keep, context.monitor)?;
     let lines: Vec<String> = records.iter().map(line).collect();
     context.console.result(&lines.join("\n"), &Measured { records });
     Ok(())

@@ -5,7 +5,8 @@
 //! built without OIDN, the copy bundled with the wheel is found through the run path of the module. So the wheel needs,
 //! from the PyPI package `pyoidn` of the version in `scripts/setup`, in one folder:
 //! `libOpenImageDenoise.so.2`, `libOpenImageDenoise_core.so.2.x.y`, `libOpenImageDenoise_device_cpu.so.2.x.y` and
-//! `libtbb.so.12` (real files, no links), and for GPUs `libOpenImageDenoise_device_cuda.so.2.x.y` and the like, each with the run path `$ORIGIN`, and the module with `$ORIGIN/<that folder>`.
+//! `libtbb.so.12` (real files, no links), and for GPUs `libOpenImageDenoise_device_cuda.so.2.x.y` and
+//! `libOpenImageDenoise_device_hip.so.2.x.y`, each with the run path `$ORIGIN`, and the module with `$ORIGIN/<that folder>`.
 //! On Windows they are `OpenImageDenoise.dll`, `OpenImageDenoise_core.dll` and so on, and the Python package names the folder.
 
 #[cfg(oidn)]

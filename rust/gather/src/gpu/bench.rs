@@ -18,8 +18,8 @@ const ROUNDS: usize = 3;
 /// Bytes that are read of a segment that the light is far from, in the order of paths.
 const POSITION_BYTES: f64 = 8.0;
 
-/// The paper's picture, and its samples (table 1).
-const PAPER: (usize, usize, usize) = (885, 500, 512);
+/// Width and height of the paper's picture, and its samples (table 1).
+pub const PAPER: (usize, usize, usize) = (885, 500, 512);
 /// Segments of a path: what measured scenes have on average, whose paths end where they leave the scene or carry next to nothing.
 const PAPER_SEGMENTS: usize = 3;
 /// Bytes of a record of a sorted dump, which lies beside that in the order of paths.
@@ -62,21 +62,24 @@ pub fn measure(gpu: &Arc<Gpu>, megabytes: usize) -> Result<Vec<Measurement>, Gat
     Ok(measurements)
 }
 
-/// Measures gathers of one light at the paper's size: 885 x 500 pixels, 512 samples, or as many of those as fit the memory of
-/// device and CPU; a single one on a software driver. The names say how many. The last figure is that of a light of a tenth of
-/// the scene; it is missing if there is no room to sort the segments.
+/// Measures gathers of one light at a size like the paper's ([`PAPER`]), with as many of its samples as fit the memory of device
+/// and CPU. The names say how many. The last figure is that of a light of a tenth of the scene; it is missing if there is no
+/// room to sort the segments.
 ///
 /// # Errors
 /// If the device has not the memory, or was lost.
-pub fn measure_paper(gpu: &Arc<Gpu>) -> Result<Vec<Measurement>, GatherError> {
-    let (width, height, most) = PAPER;
-    let samples = if gpu.summary().software { 1 } else { fitting_samples(gpu, most) };
+pub fn measure_paper(
+    gpu: &Arc<Gpu>,
+    (width, height, most): (usize, usize, usize),
+) -> Result<Vec<Measurement>, GatherError> {
+    let samples = fitting_samples(gpu, (width, height, most));
+    let size = (width, height, samples);
     let segments = PAPER_SEGMENTS;
     let cpu = Gather::new(Room { width, height, tile: 32, samples, segments }.dump()?);
     let bench = Bench::new(gpu, cpu)?;
     let (records, read) = (bench.cpu.dump().record_count() as f64, fastest_read(gpu)?);
     let time = |what: &str, bytes: f64, rate: f64| Measurement {
-        name: paper_name(what, samples),
+        name: paper_name(what, size),
         value: 1e3 * records / rate,
         unit: "ms",
         limit: Some(1e3 * records * bytes / read),
@@ -85,7 +88,7 @@ pub fn measure_paper(gpu: &Arc<Gpu>) -> Result<Vec<Measurement>, GatherError> {
     let mut figures = vec![
         time(ONE_LIGHT, POSITION_BYTES, rate),
         Measurement {
-            name: paper_name(ONE_LIGHT_READS, samples),
+            name: paper_name(ONE_LIGHT_READS, size),
             value: rate * POSITION_BYTES * 1e-9,
             unit: "GB/s",
             limit: Some(read * 1e-9),
@@ -104,20 +107,20 @@ const ONE_LIGHT: &str = "gather of 1 sphere light";
 const ONE_LIGHT_READS: &str = "positions read for 1 sphere light";
 const SMALL_LIGHT: &str = "gather of a light of a tenth of the room, sorted";
 
-/// Names of the times of [`measure_paper`] where all samples fit.
+/// Names of the times of [`measure_paper`] of all of [`PAPER`].
 pub fn paper_names() -> [String; 2] {
-    [ONE_LIGHT, SMALL_LIGHT].map(|what| paper_name(what, PAPER.2))
+    [ONE_LIGHT, SMALL_LIGHT].map(|what| paper_name(what, PAPER))
 }
 
-fn paper_name(what: &str, samples: usize) -> String {
-    format!("{what}, {} x {} at {samples} samples", PAPER.0, PAPER.1)
+fn paper_name(what: &str, (width, height, samples): (usize, usize, usize)) -> String {
+    format!("{what}, {width} x {height} at {samples} samples")
 }
 
 /// At most so many samples, halved until the dump fits, sorted and not.
-fn fitting_samples(gpu: &Gpu, most: usize) -> usize {
+fn fitting_samples(gpu: &Gpu, (width, height, most): (usize, usize, usize)) -> usize {
     let halves = std::iter::successors(Some(most), |samples| Some(samples / 2));
     let fits = |samples: &usize| {
-        let records = (PAPER.0 * PAPER.1 * samples * PAPER_SEGMENTS) as u64;
+        let records = (width * height * samples * PAPER_SEGMENTS) as u64;
         records * (RECORD_BYTES + SORTED_BYTES) <= gpu.free_memory() / 10 * 9
             && available_memory().is_none_or(|bytes| CPU_FACTOR * records * RECORD_BYTES <= bytes)
     };
@@ -289,9 +292,9 @@ mod tests {
         let records = (PAPER.0 * PAPER.1 * PAPER_SEGMENTS) as u64;
         for (budget, samples) in [(0, 1), (33 * 8 * records / 9 * 10 + 10, 8), (33 * 15 * records, 8)] {
             gpu.set_memory_budget(Some(budget));
-            assert_eq!(fitting_samples(&gpu, 16), samples, "{budget}");
+            assert_eq!(fitting_samples(&gpu, (PAPER.0, PAPER.1, 16)), samples, "{budget}");
         }
         gpu.set_memory_budget(None);
-        assert_eq!(fitting_samples(&gpu, 2), 2);
+        assert_eq!(fitting_samples(&gpu, (PAPER.0, PAPER.1, 2)), 2);
     }
 }

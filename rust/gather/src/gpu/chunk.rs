@@ -5,6 +5,7 @@ use bytemuck::{Pod, Zeroable};
 use relume_dump::{Dump, Shard};
 use relume_gpu::{Binding, Buffer, Gpu, GpuError};
 
+use super::arguments::NumbersArguments;
 use super::kernels::{self, GROUP_SIZE};
 use crate::Half;
 
@@ -147,7 +148,7 @@ impl ChunkRecords {
     }
 }
 
-/// `Shard` of `shaders/gather/pixel.wgsl`.
+/// `Shard` of `shaders/gather/shard.wgsl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub struct GpuShard {
@@ -167,7 +168,7 @@ impl GpuShard {
     }
 }
 
-/// `Pixel` of `shaders/gather/records.wgsl`.
+/// `Pixel` of `shaders/gather/row.wgsl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct GpuPixel {
@@ -254,7 +255,8 @@ impl ChunkTable {
     pub fn number(&self, gpu: &Gpu, numbers: &Buffer<u32>) -> Result<(), GpuError> {
         let bound = kernels::numbers(gpu)?.bind(&[self.pixels.whole(), numbers.whole()])?;
         let mut commands = gpu.commands("numbers of pixels");
-        commands.run(&bound, self.pixel_count.div_ceil(GROUP_SIZE), &self.pixel_count.to_ne_bytes());
+        let arguments = NumbersArguments { pixels: self.pixel_count };
+        commands.run(&bound, self.pixel_count.div_ceil(GROUP_SIZE), bytemuck::bytes_of(&arguments));
         commands.submit()
     }
 
@@ -392,8 +394,8 @@ mod tests {
 
     #[test]
     fn tables_have_the_layout_of_their_wgsl_twins() {
-        relume_gpu::assert_mirror!(GpuShard as "gather/pixel", "Shard", { step, minimum, camera });
-        relume_gpu::assert_mirror!(GpuPixel as "gather/records", "Pixel", { image, first_part, scale });
+        relume_gpu::assert_mirror!(GpuShard as "gather/shard", "Shard", { step, minimum, camera });
+        relume_gpu::assert_mirror!(GpuPixel as "gather/row", "Pixel", { image, first_part, scale });
         relume_gpu::assert_mirror!(GpuPart as "gather/records", "Part", { start, end, shard });
     }
 }

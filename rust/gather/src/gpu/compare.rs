@@ -2,6 +2,7 @@ use relume_gpu::{Buffer, CompareArguments, CompareKernel};
 use relume_scene::{LANES, Light};
 
 use super::GpuGather;
+use super::arguments::PullArguments;
 use super::kernels;
 use super::soft::Outputs;
 use crate::soft::OUTPUTS;
@@ -20,6 +21,8 @@ pub struct Wanted<'a> {
     pub base: &'a [[f32; 3]],
     /// What is to be there, one per cell.
     pub target: &'a [[f32; 3]],
+    /// What each cell counts in the loss.
+    pub shares: &'a [f32],
     /// What both are multiplied with before Reinhard's curve.
     pub exposure: f32,
 }
@@ -28,14 +31,14 @@ pub struct Wanted<'a> {
 pub type SoftCompared = (f64, Vec<([f32; LANES], [f32; 3])>);
 
 impl GpuGather {
-    /// Mean over some cells of the squared difference of a base with these lights, smoothed and each times its radiance, to what is
+    /// Sum over some cells, each times its share, of the squared difference of a base with these lights, smoothed and each times its radiance, to what is
     /// wanted there (paper, equation 6), and its gradient by each light. Neither pictures nor derivatives of cells come back.
     ///
     /// # Errors
     /// As [`GpuGather::linearise`].
     ///
     /// # Panics
-    /// If base or target are not of as many cells.
+    /// If base, target or shares are not of as many cells.
     pub fn compare(
         &self,
         soft: &SoftGather<'_>,
@@ -57,8 +60,8 @@ impl GpuGather {
         wanted: &Wanted<'_>,
         most: usize,
     ) -> Result<SoftCompared, GatherError> {
-        let counts = [wanted.base.len(), wanted.target.len()];
-        assert_eq!(counts, [cells.len(); 2], "one of each per cell");
+        let counts = [wanted.base.len(), wanted.target.len(), wanted.shares.len()];
+        assert_eq!(counts, [cells.len(); 3], "one of each per cell");
         let soften = |light: &&Light| soft.soften(light, softness, cells);
         let softened = lights.iter().map(soften).collect::<Result<Vec<_>, _>>()?;
         let quad = |light: &&Light| {
@@ -69,10 +72,11 @@ impl GpuGather {
         let radiances = self.gpu.buffer_of("radiances", &radiances)?;
         let mut sums = vec![0.0; lights.len() * GRADIENT];
         let mut loss = 0.0;
-        let parts = cells.chunks(most).zip(wanted.base.chunks(most)).zip(wanted.target.chunks(most));
-        for ((part, base), target) in parts {
-            let wanted = Wanted { base, target, ..*wanted };
-            let values = self.compare_part(soft, (&softened, &radiances), part, &wanted, cells.len())?;
+        let pictures = wanted.base.chunks(most).zip(wanted.target.chunks(most));
+        let parts = cells.chunks(most).zip(pictures).zip(wanted.shares.chunks(most));
+        for ((part, (base, target)), shares) in parts {
+            let wanted = Wanted { base, target, shares, ..*wanted };
+            let values = self.compare_part(soft, (&softened, &radiances), part, &wanted)?;
             let (by_lights, losses) = values.split_at(sums.len());
             sums.iter_mut().zip(by_lights).for_each(|(sum, value)| *sum += value);
             loss += losses.iter().map(|loss| f64::from(*loss)).sum::<f64>();
@@ -83,14 +87,13 @@ impl GpuGather {
         Ok((loss, sums.as_chunks::<GRADIENT>().0.iter().map(gradient).collect()))
     }
 
-    /// The gradients of the lights, then losses to be added up, for some of `all` cells.
+    /// The gradients of the lights, then losses to be added up, for some of the cells.
     fn compare_part(
         &self,
         soft: &SoftGather<'_>,
         (softened, radiances): (&[SoftLight], &Buffer<[f32; 4]>),
         cells: &[u32],
         wanted: &Wanted<'_>,
-        all: usize,
     ) -> Result<Vec<f32>, GatherError> {
         let (lights, count) = (softened.len(), cells.len());
         let places: Vec<u32> = (0..count as u32).collect();
@@ -98,6 +101,7 @@ impl GpuGather {
         let cells_on_device = self.gpu.buffer_of("cells", cells)?;
         let base = self.gpu.buffer_of("base at cells", wanted.base)?;
         let target = self.gpu.buffer_of("target at cells", wanted.target)?;
+        let shares = self.gpu.buffer_of("shares of cells", wanted.shares)?;
         let d_picture = self.gpu.zeros::<[f32; 3]>("gradient by cells", count)?;
         let gradients = lights * GRADIENT;
         let len = gradients + CompareKernel::losses(count);
@@ -111,6 +115,7 @@ impl GpuGather {
             values.whole(),
             base.whole(),
             target.whole(),
+            shares.whole(),
             d_picture.whole(),
             results.whole(),
         ];
@@ -118,13 +123,12 @@ impl GpuGather {
             count: count as u32,
             lights: lights as u32,
             exposure: wanted.exposure,
-            share: 1.0 / all as f32,
             losses: gradients as u32,
         };
         kernels::compare(&self.gpu)?.add(&mut commands, &buffers, &arguments)?;
         let pulled = [radiances.whole(), values.whole(), d_picture.whole(), results.whole()];
         let bound = kernels::pull(&self.gpu)?.bind(&pulled)?;
-        let arguments = [count as u32, lights as u32];
+        let arguments = PullArguments { cells: count as u32, lights: lights as u32 };
         commands.run(&bound, (lights * OUTPUTS) as u32, bytemuck::bytes_of(&arguments));
         commands.submit()?;
         Ok(self.gpu.read(&results, 0..len)?)
@@ -141,6 +145,12 @@ mod tests {
     use crate::tests::kernels::{random_dump_of, random_lights};
     use crate::{Gather, Linear};
 
+    #[test]
+    fn gradients_are_as_long_as_in_wgsl() {
+        let constant = |name| relume_gpu::layout::constant("gather/pull", name).unwrap() as usize;
+        assert_eq!((constant("OUTPUTS"), constant("GRADIENT")), (OUTPUTS, GRADIENT));
+    }
+
     fn reinhard(x: f32) -> f32 {
         x / (1.0 + x)
     }
@@ -149,8 +159,8 @@ mod tests {
     fn expected(lights: &[&Light], linear: &[Linear], wanted: &Wanted) -> SoftCompared {
         let mut loss = 0.0;
         let mut by_light = vec![([0.0; LANES], [0.0; 3]); lights.len()];
-        let share = 1.0 / wanted.base.len() as f32;
         for (cell, (base, target)) in wanted.base.iter().zip(wanted.target).enumerate() {
+            let share = wanted.shares[cell];
             for c in 0..3 {
                 let of = |(light, linear): (&&Light, &Linear)| light.radiance[c] * linear.values[cell][c];
                 let value = wanted.exposure * (base[c] + lights.iter().zip(linear).map(of).sum::<f32>());
@@ -178,7 +188,8 @@ mod tests {
             (0..cells.len()).map(|i| [first, 0.1 * (i % 4) as f32, 1.0 - first]).collect()
         };
         let (base, target) = (some(0.2), some(0.6));
-        let wanted = Wanted { base: &base, target: &target, exposure: 1.3 };
+        let shares: Vec<f32> = (0..cells.len()).map(|i| 0.02 * (i % 5) as f32).collect();
+        let wanted = Wanted { base: &base, target: &target, shares: &shares, exposure: 1.3 };
         let all = random_lights();
         let little = Gpu::open(&GpuChoice::Best).unwrap();
         little.set_memory_budget(Some(80_000));
@@ -218,7 +229,8 @@ mod tests {
         let (soft, on_gpu) = (SoftGather::new(&gather, 3), GpuGather::new(gpu, &gather).unwrap());
         let lights = [&random_lights()[0]];
         let (cells, base, target) = ([0, 1, 2, 3, 2], [[0.1; 3]; 5], [[0.4; 3]; 5]);
-        let wanted = Wanted { base: &base, target: &target, exposure: 1.0 };
+        let shares = [0.1, 0.3, 0.2, 0.0, 0.4];
+        let wanted = Wanted { base: &base, target: &target, shares: &shares, exposure: 1.0 };
         let (loss, by_light) = on_gpu.compare(&soft, &lights, 0.1, &cells, &wanted).unwrap();
         for most in [1, 2, 4] {
             let found = on_gpu.compare_in_parts(&soft, (&lights, 0.1), &cells, &wanted, most).unwrap();

@@ -132,4 +132,12 @@ mod tests {
             inverse_blend, tan_half, normalisation,
         });
     }
+
+    #[test]
+    fn kinds_and_receiver_sets_are_those_of_the_wgsl() {
+        let constant = |name| relume_gpu::layout::constant("gather/light", name).unwrap();
+        let kinds = ["SPHERE", "FACING_DISK", "SPOT", "SOFT_SPOT", "QUAD", "ELLIPSE", "SUN"];
+        assert_eq!(kinds.map(constant), [SPHERE, FACING_DISK, SPOT, SOFT_SPOT, QUAD, ELLIPSE, SUN]);
+        assert_eq!(constant("RECEIVER_WORDS") as usize, size_of::<Receivers>() / size_of::<u32>());
+    }
 }

@@ -11,6 +11,7 @@
 //! Divisions and square roots of WGSL are off by a few units in the last place, and products may be fused with sums: a
 //! segment that grazes the edge of a light within that may be decided otherwise than on the CPU. Everything else is equal.
 
+mod arguments;
 pub(crate) mod bench;
 mod bounds;
 mod chunk;
@@ -32,6 +33,7 @@ use relume_image::Image;
 
 use crate::kernel::magnitude;
 use crate::{Gather, GatherError, Half, PreparedLight};
+use arguments::{ImagesArguments, TargetsArguments};
 use chunk::{Chunk, ChunkPlan, ChunkRecords, ChunkTable, MOST_PENDING, RECORD_BYTES};
 pub use compare::{SoftCompared, Wanted};
 use kernels::{GROUP_SIZE, LIGHTS, SORTED_LIGHTS, lanes};
@@ -268,8 +270,13 @@ impl GpuGather {
                 let bound = kernel.bind(&bindings)?;
                 for first_light in (0..lights_per_pixel).step_by(most.max(1)) {
                     let count = (lights_per_pixel - first_light).min(most as u32);
-                    let arguments =
-                        [pixels.len() as u32, lights_per_pixel, first_light, count, sharing as u32];
+                    let arguments = TargetsArguments {
+                        targets: pixels.len() as u32,
+                        lights: lights_per_pixel,
+                        first_light,
+                        count,
+                        sharing: sharing as u32,
+                    };
                     let groups = (pixels.len() as u32).div_ceil(GROUP_SIZE / lanes);
                     commands.run(&bound, groups, bytemuck::bytes_of(&arguments));
                 }
@@ -429,8 +436,12 @@ impl GpuGather {
             let mut bindings = vec![lights.lights.whole(), lights.receivers.whole()];
             bindings.extend(table.bindings_and_shards(records));
             bindings.push(group.sums.whole());
-            let (first_light, count) = (group.first_light as u32, group.lights.len() as u32);
-            let arguments = [table.pixel_count, first_light, count, self.image_values() as u32];
+            let arguments = ImagesArguments {
+                pixels: table.pixel_count,
+                first_light: group.first_light as u32,
+                lights: group.lights.len() as u32,
+                stride: self.image_values() as u32,
+            };
             let groups = table.pixel_count.div_ceil(GROUP_SIZE / lanes);
             commands.run(&kernel.bind(&bindings)?, groups, bytemuck::bytes_of(&arguments));
         }

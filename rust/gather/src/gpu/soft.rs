@@ -3,6 +3,7 @@ use glam::Vec3;
 use relume_gpu::Buffer;
 use relume_scene::Light;
 
+use super::arguments::SlopesArguments;
 use super::kernels::{self, GROUP_SIZE, lanes};
 use super::{GpuGather, GpuLight};
 use crate::soft::OUTPUTS;
@@ -22,6 +23,15 @@ struct GpuEnlarged {
     is_free: f32,
 }
 
+/// `ConeSlope` of `shaders/gather/soft.wgsl`.
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+#[repr(C)]
+struct GpuConeSlope {
+    middle: f32,
+    share: f32,
+    edge: f32,
+}
+
 /// `SoftLight` of `shaders/gather/soft.wgsl`, where the fields are described.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
@@ -38,8 +48,8 @@ struct GpuSoftLight {
     inverse_middle: f32,
     share: f32,
     edge: f32,
-    by_angle: [f32; 3],
-    by_blend: [f32; 3],
+    by_angle: GpuConeSlope,
+    by_blend: GpuConeSlope,
     tan_half: f32,
     normalisation: f32,
     knee: f32,
@@ -54,6 +64,12 @@ pub(super) type Outputs = [[f32; 3]; OUTPUTS];
 impl From<&Enlarged> for GpuEnlarged {
     fn from(of: &Enlarged) -> Self {
         Self { inverse: of.inverse, share: of.share, edge: of.edge, is_free: f32::from(u8::from(of.is_free)) }
+    }
+}
+
+impl From<&ConeSlope> for GpuConeSlope {
+    fn from(of: &ConeSlope) -> Self {
+        Self { middle: of.middle, share: of.share, edge: of.edge }
     }
 }
 
@@ -97,8 +113,7 @@ impl GpuSoftLight {
     }
 
     fn with_cone(self, cone: &SoftCone) -> Self {
-        let slope = |slope: &ConeSlope| [slope.middle, slope.share, slope.edge];
-        let (by_angle, by_blend) = (slope(&cone.by_angle), slope(&cone.by_blend));
+        let (by_angle, by_blend) = (GpuConeSlope::from(&cone.by_angle), GpuConeSlope::from(&cone.by_blend));
         let SoftCone { inverse_middle, share, edge, .. } = *cone;
         Self { direction: cone.axis.into(), inverse_middle, share, edge, by_angle, by_blend, ..self }
     }
@@ -151,8 +166,14 @@ impl GpuGather {
                 bindings.extend(table.bindings_and_shards(records));
                 bindings.extend([smoothed.whole(), numbers.whole(), on_device.whole(), values.whole()]);
                 let (columns, edge) = (soft.cells().0, soft.edge);
-                let arguments = [cells.len(), columns, edge, manifest.width, manifest.height, number];
-                let arguments = arguments.map(|number| number as u32);
+                let arguments = SlopesArguments {
+                    cells: cells.len() as u32,
+                    columns: columns as u32,
+                    edge: edge as u32,
+                    width: manifest.width as u32,
+                    height: manifest.height as u32,
+                    light: number as u32,
+                };
                 commands.run(&kernel.bind(&bindings)?, cells.len() as u32, bytemuck::bytes_of(&arguments));
             }
             Ok(commands)
@@ -265,6 +286,8 @@ mod tests {
     #[test]
     fn the_smoothed_light_has_the_layout_of_its_wgsl_twin() {
         relume_gpu::assert_mirror!(GpuEnlarged as "gather/soft", "Enlarged", { inverse, share, edge, is_free });
+        relume_gpu::assert_mirror!(GpuConeSlope as "gather/soft", "ConeSlope", { middle, share, edge });
+        assert_eq!(relume_gpu::layout::constant("gather/soft", "OUTPUTS").unwrap(), OUTPUTS as u32);
         relume_gpu::assert_mirror!(GpuSoftLight as "gather/soft", "SoftLight", {
             center, kind, direction, width, along_u, radius, along_v, fade, half, inverse_middle, share, edge, by_angle,
             by_blend, tan_half, normalisation, knee, chord2_by_angle, reach2,

@@ -221,6 +221,7 @@ mod tests {
         relume_gpu::assert_mirror!(Arguments as "gather/blocks", "Arguments", {
             frame, first_light, lights, paths, image_width, stride,
         });
+        assert_eq!(relume_gpu::layout::constant("gather/blocks", "BLOCK").unwrap(), BLOCK as u32);
         relume_gpu::assert_mirror!(Frame as "gather/bounds", "Frame", { minimum, slack, step });
     }
 }

@@ -6,6 +6,7 @@ use relume_gpu::{Buffer, Gpu, GpuError};
 use relume_image::Image;
 
 use super::GpuGather;
+use super::arguments::WorldArguments;
 use super::kernels::{self, GROUP_SIZE, lanes};
 use crate::environment::Map;
 use crate::{Environment, GatherError, Half};
@@ -117,7 +118,8 @@ impl GpuGather {
             bindings.push(image.whole());
             let mut commands = self.gpu.commands("gather the world");
             let groups = table.pixel_count.div_ceil(GROUP_SIZE / lanes);
-            commands.run(&kernel.bind(&bindings)?, groups, bytemuck::bytes_of(&table.pixel_count));
+            let arguments = WorldArguments { pixels: table.pixel_count };
+            commands.run(&kernel.bind(&bindings)?, groups, bytemuck::bytes_of(&arguments));
             Ok(commands)
         })
     }

@@ -39,24 +39,27 @@ impl GpuProxy {
 }
 
 impl GpuComparison<'_> {
-    /// Mean over some pixels of the squared difference of the base with these lights, given with their radiances, to the
-    /// target; and its gradient by each light.
+    /// Sum over some pixels, each times its share, of the squared difference of the base with these lights, given with their
+    /// radiances, to the target; and its gradient by each light.
     ///
     /// # Errors
-    /// [`ProxyError::WrongKind`], [`ProxyError::PixelOutside`] or [`ProxyError::Gpu`].
+    /// [`ProxyError::WrongKind`], [`ProxyError::PixelOutside`], [`ProxyError::Length`] or [`ProxyError::Gpu`].
     pub fn gradient(
         &self,
         lights: &[(LightParams, [f32; 3])],
         pixels: &[u32],
+        shares: &[f32],
     ) -> Result<(f64, Vec<LightGradient>), ProxyError> {
         let proxy = self.proxy;
+        check_length("shares", pixels.len(), shares.len())?;
         proxy.proxy().check_pixels(pixels)?;
         let shared = &mut *proxy.shared();
         proxy.write_lights(shared, lights)?;
         let mut loss = 0.0;
         let mut sums = vec![0.0; lights.len() * proxy.gradient_len()];
-        for batch in pixels.chunks(proxy.batch(lights.len())) {
-            let values = self.sums(shared, lights.len(), batch, 1.0 / pixels.len() as f32)?;
+        let batch = proxy.batch(lights.len());
+        for (pixels, shares) in pixels.chunks(batch).zip(shares.chunks(batch)) {
+            let values = self.sums(shared, lights.len(), pixels, shares)?;
             let (by_lights, losses) = values.split_at(sums.len());
             loss += losses.iter().map(|loss| f64::from(*loss)).sum::<f64>();
             sums.iter_mut().zip(by_lights).for_each(|(sum, value)| *sum += value);
@@ -65,19 +68,20 @@ impl GpuComparison<'_> {
         Ok((loss, by_light.map(|(light, values)| proxy.light_gradient(light, values)).collect()))
     }
 
-    /// Of lights that are in place, at some pixels that each have this share in the loss: their values of the gradient, and
+    /// Of lights that are in place, at some pixels that have these shares in the loss: their values of the gradient, and
     /// then losses to be added up.
     fn sums(
         &self,
         shared: &mut Shared,
         lights: usize,
         pixels: &[u32],
-        share: f32,
+        shares: &[f32],
     ) -> Result<Vec<f32>, ProxyError> {
         let (proxy, count) = (self.proxy, pixels.len());
         grow(proxy.gpu(), &mut shared.units, 3 * count * lights)?;
         let gradients = lights * proxy.gradient_len();
         let losses = CompareKernel::losses(count);
+        let shares = proxy.gpu().buffer_of("shares of pixels", shares)?;
         let d_picture = proxy.gpu().zeros("gradient by a picture", 3 * count)?;
         let results = proxy.gpu().zeros("loss and gradients", gradients + losses)?;
 
@@ -91,6 +95,7 @@ impl GpuComparison<'_> {
             shared.units.whole(),
             self.base.whole(),
             self.target.whole(),
+            shares.whole(),
             d_picture.whole(),
             results.whole(),
         ];
@@ -98,7 +103,6 @@ impl GpuComparison<'_> {
             count: count as u32,
             lights: lights as u32,
             exposure: self.exposure,
-            share,
             losses: gradients as u32,
         };
         kernels.compare.add(&mut commands, &buffers, &arguments)?;

@@ -422,5 +422,6 @@ mod tests {
     fn arguments_have_the_layout_of_their_wgsl_twins() {
         relume_gpu::assert_mirror!(CollectArguments as "proxy/collect", "Arguments", { count, first, end });
         relume_gpu::assert_mirror!(InferArguments as "proxy/infer", "Arguments", { count, lights });
+        relume_gpu::assert_mirror!(InferArguments as "proxy/matrices", "Arguments", { count, lights });
     }
 }

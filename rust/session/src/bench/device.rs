@@ -7,6 +7,7 @@ use glam::Vec3;
 use relume_dump::MemoryWriter;
 use relume_gather::{Gather, GpuGather, Half};
 use relume_gpu::Gpu;
+use relume_proxy::bench::Extent as NetworkExtent;
 use relume_proxy::synthetic::SyntheticRoom;
 use relume_proxy::{GpuProxy, LightKind, SizeRange, TrainConfig, Trainer};
 use relume_scene::LightShape;
@@ -18,11 +19,6 @@ use crate::live::bench as live_bench;
 use crate::solve::bench as solve_bench;
 use crate::targets::unit_light;
 
-/// Megabytes of made-up positions that the gather reads: on a graphics card well beyond caches, and on a software driver, which is
-/// some hundred times slower.
-const GATHER_MEGABYTES: usize = 1024;
-const SOFTWARE_GATHER_MEGABYTES: usize = 4;
-
 /// What the driver says, what the device can do at best, and what it costs to have it do anything.
 pub fn limits(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
     let says = |property: relume_gpu::Property| Record {
@@ -30,7 +26,7 @@ pub fn limits(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
         value: property.value,
         ..Record::default()
     };
-    let mut records: Vec<Record> = gpu.properties()?.into_iter().map(says).collect();
+    let mut records: Vec<Record> = gpu.properties().into_iter().map(says).collect();
     let mut add = |name: &str, value: f64, unit: &str| {
         records.push(Record { name: name.into(), value, unit: unit.into(), ..Record::default() });
     };
@@ -57,13 +53,10 @@ pub fn limits(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
     Ok(records)
 }
 
-/// Size of the picture of [`first_picture`], the paper's.
-pub const PICTURE: (usize, usize) = (885, 500);
-
 /// What passes from the first path to the first relit picture: one path a pixel is traced by the CPU and copied, a light
 /// is gathered, and its picture comes back. Kernels are compiled, as on the first use in a process.
-pub fn first_picture(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
-    let scene = closed_box(PICTURE)?;
+pub fn first_picture(gpu: &Arc<Gpu>, size: (usize, usize)) -> Result<Vec<Record>, SessionError> {
+    let scene = closed_box(size)?;
     let tracer = Tracer::new(&scene, &TraceSettings { samples: 1, ..TraceSettings::default() })?;
     let shape = LightShape::Sphere { center: Vec3::new(0.3, 0.2, 0.4), radius: 0.2 };
     let start = Instant::now();
@@ -73,9 +66,9 @@ pub fn first_picture(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
     let gather = Gather::new(writer.snapshot());
     let on_gpu = GpuGather::new(Arc::clone(gpu), &gather)?;
     let lights = [gather.prepare(&unit_light(&shape))?];
-    let images = on_gpu.unit_images(&lights, Half::All)?;
+    on_gpu.unit_images(&lights, Half::All)?;
     let seconds = start.elapsed().as_secs_f64();
-    let (width, height) = (images[0].width, images[0].height);
+    let (width, height) = size;
     let record = |what: &str, value: f64| Record {
         name: format!("first picture, closed box, {width} x {height}, {what}"),
         value,
@@ -87,8 +80,7 @@ pub fn first_picture(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
 
 /// The strength of a light dragged among others that are known: all are summed up anew, and one picture comes back, which is the
 /// limit.
-pub fn edit(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
-    let (width, height) = if gpu.summary().software { (88, 50) } else { PICTURE };
+pub fn edit(gpu: &Arc<Gpu>, (width, height): (usize, usize)) -> Result<Vec<Record>, SessionError> {
     let (seconds, bytes) = live_bench::strength_edit(gpu, (width, height))?;
     let name = format!("strength of one of {} lights dragged, {width} x {height}", live_bench::LIGHTS);
     let [_, read] = gpu.transfers()?;
@@ -106,35 +98,36 @@ pub fn edit(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
 }
 
 /// Gathers from a made-up room of one size on every card.
-pub fn gather(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
-    let software = gpu.summary().software;
-    let megabytes = if software { SOFTWARE_GATHER_MEGABYTES } else { GATHER_MEGABYTES };
+pub fn gather(gpu: &Arc<Gpu>, megabytes: usize) -> Result<Vec<Record>, SessionError> {
     Ok(relume_gather::bench::measure_gpu(gpu, megabytes)?.into_iter().map(gather_record).collect())
 }
 
-/// Gathers of one light at the paper's size.
-pub fn paper_gather(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
-    Ok(relume_gather::bench::measure_paper(gpu)?.into_iter().map(gather_record).collect())
+/// Gathers of one light in a picture of this width and height with so many samples.
+pub fn paper_gather(gpu: &Arc<Gpu>, size: (usize, usize, usize)) -> Result<Vec<Record>, SessionError> {
+    Ok(relume_gather::bench::measure_paper(gpu, size)?.into_iter().map(gather_record).collect())
 }
 
 /// Inference, light steps and training of the usual networks.
-pub fn networks(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
-    Ok(relume_proxy::bench::device(gpu)?.into_iter().map(network_record).collect())
+pub fn networks(gpu: &Arc<Gpu>, extent: NetworkExtent) -> Result<Vec<Record>, SessionError> {
+    Ok(relume_proxy::bench::device(gpu, extent)?.into_iter().map(network_record).collect())
 }
 
-/// One light solved as in the paper's section 6.2, through the default network. The limit is that of its products.
-pub fn light(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
-    let (width, height) = if gpu.summary().software { (177, 100) } else { PICTURE };
+/// One light solved in so many steps as in the paper's section 6.2, through the default network. The limit is that of its products.
+pub fn light(
+    gpu: &Arc<Gpu>,
+    (width, height): (usize, usize),
+    steps: usize,
+) -> Result<Vec<Record>, SessionError> {
     let config = TrainConfig::fast(SizeRange { min: 0.1, max: 0.5 });
     let features = Arc::new(SyntheticRoom::new(width, height).features());
     let trainer = Trainer::new(features, LightKind::Sphere, config, 1)?;
     let proxy = GpuProxy::new(Arc::clone(gpu), &trainer.proxy()?)?;
-    let seconds = solve_bench::seconds_of_a_light(&proxy, (width, height))?;
+    let seconds = solve_bench::seconds_of_a_light(&proxy, (width, height), steps)?;
     // Each step goes forward, forward again and backward.
-    let evaluated = 3.0 * (solve_bench::STEPS * width * height) as f64 * f64::from(solve_bench::PIXELS);
+    let evaluated = 3.0 * (steps * width * height) as f64 * f64::from(solve_bench::PIXELS);
     let limit = evaluated * trainer.multiply_adds().1 as f64 / gpu.peak_multiply_adds()?;
     Ok(vec![Record {
-        name: solve_name((width, height)),
+        name: solve_name((width, height), steps),
         value: seconds,
         unit: "s".into(),
         limit: Some(limit),
@@ -144,7 +137,7 @@ pub fn light(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
 }
 
 /// Name of the figure of [`light`].
-pub fn solve_name((width, height): (usize, usize)) -> String {
-    let (steps, share) = (solve_bench::STEPS, 100.0 * solve_bench::PIXELS);
+pub fn solve_name((width, height): (usize, usize), steps: usize) -> String {
+    let share = 100.0 * solve_bench::PIXELS;
     format!("one light solved, {steps} steps on {share} % of {width} x {height} pixels")
 }

@@ -35,7 +35,7 @@ pub fn compare(record: &mut Record) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::device::{PICTURE, solve_name};
+    use super::super::{Extent, device::solve_name};
     use super::*;
     use relume_gather::bench::paper_names;
     use relume_proxy::bench::inference_names;
@@ -47,7 +47,7 @@ mod tests {
         for network in ["fast 64x2", "reference 64/4", "reference 128/8", "reference 256/8"] {
             names.extend(inference_names(network));
         }
-        names.push(solve_name(PICTURE));
+        names.push(solve_name(Extent::CARD.picture, Extent::CARD.steps));
         let wanted = goals().iter().flat_map(|goal| &goal.names);
         // Those of trained proxies, which `scripts/bench/gpu.py` measures.
         let of_quality = |name: &&String| name.contains("s of training");

@@ -4,9 +4,11 @@ mod device;
 mod goals;
 
 use crate::progress::{Monitor, Stage};
-use crate::{Compute, SessionError};
+use crate::{Compute, SessionError, solve};
 use glam::{Affine3A, Vec2, Vec3};
 use relume_dump::MemoryWriter;
+use relume_gather::bench::PAPER;
+use relume_proxy::bench::Extent as NetworkExtent;
 use relume_scene::{Camera, Input, Instance, Material, Mesh, Node, Scene, SceneBuilder};
 use relume_trace::{Control, TraceSettings, Tracer};
 use serde::{Deserialize, Serialize};
@@ -46,23 +48,92 @@ pub struct Record {
 /// A part of the benchmark: its name and what it does.
 struct Part<'a>(&'static str, Box<dyn Fn() -> Result<Vec<Record>, SessionError> + 'a>);
 
-/// Megabytes of made-up positions that the gather reads: well beyond caches.
-const GATHER_MEGABYTES: usize = 256;
+/// What is measured.
+#[derive(Clone, Debug, Default)]
+pub struct BenchOptions {
+    /// Parts by their names; all if none is here.
+    pub parts: Vec<String>,
+    /// As little of each as there can be, in seconds, to see that it works; the figures say nothing, and are called `trial: ...`.
+    pub trial: bool,
+}
+
+/// How much of each part is measured; pictures in pixels.
+#[derive(Clone, Copy, Debug)]
+struct Extent {
+    /// Picture and samples of the tracer.
+    traced: ((usize, usize), u32),
+    /// Megabytes of made-up positions that the gather reads.
+    gather_megabytes: usize,
+    networks: NetworkExtent,
+    /// The first picture.
+    first: (usize, usize),
+    /// The picture of an edit.
+    edited: (usize, usize),
+    /// Picture and samples of `paper`.
+    paper: (usize, usize, usize),
+    /// Picture and steps of the light that is solved.
+    picture: (usize, usize),
+    steps: usize,
+}
+
+impl Extent {
+    /// The paper's sizes, and bytes well beyond caches.
+    const CARD: Self = Self {
+        traced: ((128, 128), 64),
+        gather_megabytes: 1024,
+        networks: NetworkExtent::CARD,
+        first: (PAPER.0, PAPER.1),
+        edited: (PAPER.0, PAPER.1),
+        paper: PAPER,
+        picture: (PAPER.0, PAPER.1),
+        steps: solve::bench::STEPS,
+    };
+    const CPU: Self = Self { gather_megabytes: 256, networks: NetworkExtent::CPU, ..Self::CARD };
+    /// A software driver is some hundred times slower than a card.
+    const SOFTWARE: Self = Self {
+        gather_megabytes: 4,
+        networks: NetworkExtent::SOFTWARE,
+        edited: (88, 50),
+        paper: (PAPER.0, PAPER.1, 1),
+        picture: (177, 100),
+        ..Self::CARD
+    };
+    const TRIAL: Self = Self {
+        traced: ((16, 16), 4),
+        gather_megabytes: 1,
+        networks: NetworkExtent::TRIAL,
+        first: (32, 20),
+        edited: (32, 20),
+        paper: (32, 20, 4),
+        picture: (40, 30),
+        steps: 5,
+    };
+
+    fn new(compute: &Compute, trial: bool) -> Self {
+        match &compute.gpu {
+            _ if trial => Self::TRIAL,
+            None => Self::CPU,
+            Some(gpu) if gpu.summary().software => Self::SOFTWARE,
+            Some(_) => Self::CARD,
+        }
+    }
+}
 
 /// Measures tracer, gather and networks, one after the other; on a GPU its limits, the time to a first picture and to that of an edit,
-/// gathers (`paper`: at the size of the paper's), networks, and one light solved. If `only` names some of these parts, only those. `keep` is called
-/// with the records of each part as soon as that is done.
+/// gathers (`paper`: at the size of the paper's), networks, and one light solved. `keep` is called with the records of each part as
+/// soon as that is done.
 ///
 /// # Errors
 /// [`SessionError::Settings`] for a part that there is not; [`SessionError::Cancelled`] between two of them; what `keep` says; if
 /// the GPU has not the memory, or was lost.
 pub fn bench(
     compute: &Compute,
-    only: &[String],
+    options: &BenchOptions,
     keep: &mut dyn FnMut(&[Record]) -> Result<(), SessionError>,
     monitor: &Monitor,
 ) -> Result<Vec<Record>, SessionError> {
-    let mut parts = parts(compute);
+    let mut parts = parts(compute, Extent::new(compute, options.trial));
+    let only = &options.parts;
     let names: Vec<_> = parts.iter().map(|part| part.0).collect();
     if let Some(unknown) = only.iter().find(|name| !names.contains(&name.as_str())) {
         let there = names.join(", ");
@@ -82,6 +153,9 @@ pub fn bench(
         for record in &mut records {
             record.adapter.clone_from(&adapter);
             record.date = today();
+            if options.trial {
+                record.name.insert_str(0, "trial: ");
+            }
             if adapter.is_some() {
                 goals::compare(record);
             }
@@ -93,22 +167,22 @@ pub fn bench(
     Ok(all)
 }
 
-fn parts(compute: &Compute) -> Vec<Part<'_>> {
+fn parts(compute: &Compute, of: Extent) -> Vec<Part<'_>> {
     let Some(gpu) = &compute.gpu else {
         return vec![
-            Part("tracer", Box::new(tracer)),
-            Part("gather", Box::new(gather)),
-            Part("networks", Box::new(networks)),
+            Part("tracer", Box::new(move || tracer(of.traced))),
+            Part("gather", Box::new(move || gather(of.gather_megabytes))),
+            Part("networks", Box::new(move || networks(of.networks))),
         ];
     };
     vec![
         Part("device", Box::new(|| device::limits(gpu))),
-        Part("first-picture", Box::new(|| device::first_picture(gpu))),
-        Part("edit", Box::new(|| device::edit(gpu))),
-        Part("gather", Box::new(|| device::gather(gpu))),
-        Part("paper", Box::new(|| device::paper_gather(gpu))),
-        Part("networks", Box::new(|| device::networks(gpu))),
-        Part("light", Box::new(|| device::light(gpu))),
+        Part("first-picture", Box::new(move || device::first_picture(gpu, of.first))),
+        Part("edit", Box::new(move || device::edit(gpu, of.edited))),
+        Part("gather", Box::new(move || device::gather(gpu, of.gather_megabytes))),
+        Part("paper", Box::new(move || device::paper_gather(gpu, of.paper))),
+        Part("networks", Box::new(move || device::networks(gpu, of.networks))),
+        Part("light", Box::new(move || device::light(gpu, of.picture, of.steps))),
     ]
 }
 
@@ -131,8 +205,8 @@ fn date_of(days: u64) -> String {
     format!("{year:04}-{month:02}-{day:02}")
 }
 
-fn gather() -> Result<Vec<Record>, SessionError> {
-    Ok(relume_gather::bench::measure(GATHER_MEGABYTES)?.into_iter().map(gather_record).collect())
+fn gather(megabytes: usize) -> Result<Vec<Record>, SessionError> {
+    Ok(relume_gather::bench::measure(megabytes)?.into_iter().map(gather_record).collect())
 }
 
 fn gather_record(m: relume_gather::bench::Measurement) -> Record {
@@ -146,8 +220,8 @@ fn gather_record(m: relume_gather::bench::Measurement) -> Record {
     }
 }
 
-fn networks() -> Result<Vec<Record>, SessionError> {
-    Ok(relume_proxy::bench::kernels()?.into_iter().map(network_record).collect())
+fn networks(extent: NetworkExtent) -> Result<Vec<Record>, SessionError> {
+    Ok(relume_proxy::bench::kernels(extent)?.into_iter().map(network_record).collect())
 }
 
 fn network_record(m: relume_proxy::bench::Record) -> Record {
@@ -162,9 +236,9 @@ fn network_record(m: relume_proxy::bench::Record) -> Record {
 }
 
 /// Paths and segments per second in a closed grey box, where no path escapes: the cost of a bounce without that of a scene.
-fn tracer() -> Result<Vec<Record>, SessionError> {
-    let scene = closed_box((128, 128))?;
-    let settings = TraceSettings { samples: 64, ..TraceSettings::default() };
+fn tracer((size, samples): ((usize, usize), u32)) -> Result<Vec<Record>, SessionError> {
+    let scene = closed_box(size)?;
+    let settings = TraceSettings { samples, ..TraceSettings::default() };
     let tracer = Tracer::new(&scene, &settings)?;
     let (mut best, mut segments) = (f64::INFINITY, 0);
     const ROUNDS: usize = 3;
@@ -237,21 +311,128 @@ mod tests {
         }
     }
 
-    #[test]
-    fn parts_of_a_gpu_are_kept_one_by_one_with_adapter_and_date() {
-        let compute = Device::Gpu(GpuChoice::Best).open(None).unwrap();
-        let only = ["device", "first-picture", "edit"].map(str::to_owned);
+    /// Kept part by part, and all of them.
+    fn trial_of(compute: &Compute) -> Vec<Vec<Record>> {
         let mut kept = Vec::new();
         let keep = &mut |records: &[Record]| {
             kept.push(records.to_vec());
             Ok(())
         };
-        let records = bench(&compute, &only, keep, &Monitor::default()).unwrap();
-        assert_eq!(kept.len(), 3);
+        let options = BenchOptions { trial: true, ..BenchOptions::default() };
+        let records = bench(compute, &options, keep, &Monitor::default()).unwrap();
         assert_eq!(kept.concat(), records);
-        let adapter = compute.gpu.as_ref().map(|gpu| gpu.summary().name.clone());
-        assert!(records.iter().all(|record| record.adapter == adapter && record.date == today()));
-        let unknown = bench(&compute, &["all".to_owned()], &mut |_| Ok(()), &Monitor::default());
-        assert!(unknown.unwrap_err().to_string().contains("first-picture"));
+        kept
+    }
+
+    /// Names, without what all of a trial begin with, and units.
+    fn figures(records: &[Record]) -> Vec<(&str, &str)> {
+        let name = |record: &'_ Record| record.name.strip_prefix("trial: ").expect("called a trial").len();
+        records.iter().map(|r| (&r.name[r.name.len() - name(r)..], r.unit.as_str())).collect()
+    }
+
+    /// All are numbers above 0 and fit their limits, and nothing else is said of them.
+    fn check(records: &[Record], adapter: Option<&str>) {
+        for record in records {
+            let is_of_driver = record.name.starts_with("trial: driver: ");
+            assert!(record.value.is_finite() && (record.value > 0.0 || is_of_driver), "{record:?}");
+            assert_eq!((record.adapter.as_deref(), record.date.as_str()), (adapter, today().as_str()));
+            assert_eq!((record.goal, &record.peer, record.ratio), (None, &None, None), "{record:?}");
+            let is_time = ["s", "ms"].contains(&record.unit.as_str());
+            let share = |limit: f64| if is_time { limit / record.value } else { record.value / limit };
+            match (record.limit.map(share), record.share_of_limit) {
+                (Some(share), Some(said)) => {
+                    assert!(said > 0.0 && (said / share - 1.0).abs() < 1e-9, "{record:?}")
+                }
+                (limit, said) => assert_eq!(limit, said, "{record:?}"),
+            }
+        }
+    }
+
+    /// Of a trial: the narrow ones.
+    const NETWORKS: [&str; 2] = ["reference 64/4", "fast 64x2"];
+
+    #[test]
+    fn a_trial_of_a_gpu_has_all_figures_of_all_parts() {
+        let compute = Device::Gpu(GpuChoice::Best).open(None).unwrap();
+        let kept = trial_of(&compute);
+        check(&kept.concat(), compute.gpu.as_ref().map(|gpu| gpu.summary().name.as_str()));
+        let [device, first, edit, gather, paper, networks, light] = &kept[..] else {
+            panic!("{} parts", kept.len());
+        };
+        let has = |records: &[Record], name: &str, unit: &str| {
+            assert!(figures(records).contains(&(name, unit)), "no {name} in {unit}: {:?}", figures(records));
+        };
+        has(device, "driver: bytes of a buffer", "");
+        has(device, "peak of 32-bit floats", "TFLOP/s");
+        for rate in ["plain read of several buffers", "copy from the CPU to the device"] {
+            has(device, rate, "GB/s");
+        }
+        has(device, "a submission that is waited for", "us");
+        let name = |what: &str| format!("first picture, closed box, 32 x 20, {what}");
+        let names = [name("in all"), name("of that after tracing")];
+        assert_eq!(figures(first), [(names[0].as_str(), "s"), (&names[1], "s")]);
+        let name = |what: &str| format!("strength of one of 20 lights dragged, 32 x 20, {what}");
+        let names = [name("to the picture"), name("copied to the CPU")];
+        assert_eq!(figures(edit), [(names[0].as_str(), "ms"), (&names[1], "MB")]);
+        assert_eq!(gather.len(), 13);
+        has(gather, "gather of 32 sphere lights, on the GPU", "G segments/s");
+        has(gather, "pixel targets of a streamed dump, 4 lights a pixel, on the GPU", "targets/s");
+        let size = "32 x 20 at 4 samples";
+        let names = [
+            "gather of 1 sphere light",
+            "positions read for 1 sphere light",
+            "gather of a light of a tenth of the room, sorted",
+        ]
+        .map(|what| format!("{what}, {size}"));
+        assert_eq!(figures(paper), [(names[0].as_str(), "ms"), (&names[1], "GB/s"), (&names[2], "ms")]);
+        for network in NETWORKS {
+            for task in ["inference kernel", "unit image with read-back", "light step on 5 % of the pixels"] {
+                has(networks, &format!("{task} {network}, 20 x 12"), "ms");
+            }
+            let training = format!("training on 1024 samples an iteration {network}, 20 x 12");
+            has(networks, &training, "iterations/s");
+        }
+        assert_eq!(figures(light), [("one light solved, 5 steps on 1 % of 40 x 30 pixels", "s")]);
+    }
+
+    #[test]
+    fn a_trial_of_the_cpu_has_all_figures_of_all_parts() {
+        let kept = trial_of(&Compute::default());
+        check(&kept.concat(), None);
+        let [tracer, gather, networks] = &kept[..] else { panic!("{} parts", kept.len()) };
+        let traced =
+            ["paths", "segments"].map(|what| (format!("trace, closed box, {what}"), format!("{what}/s")));
+        let expected: Vec<_> = traced.iter().map(|(name, unit)| (name.as_str(), unit.as_str())).collect();
+        assert_eq!(figures(tracer), expected);
+        let units = ["GB/s", "G segments/s", "targets/s"];
+        assert!(figures(gather).iter().all(|(_, unit)| units.contains(unit)), "{gather:?}");
+        assert!(gather.len() > 10, "{gather:?}");
+        let names: Vec<_> = NETWORKS
+            .iter()
+            .flat_map(|network| {
+                ["inference", "training"].map(|task| format!("{task} {network}, one thread, "))
+            })
+            .collect();
+        assert_eq!(networks.len(), names.len());
+        for (record, name) in figures(networks).iter().zip(&names) {
+            assert!(record.0.starts_with(name) && record.1 == "samples/s", "{record:?} is not {name}");
+        }
+    }
+
+    #[test]
+    fn a_part_that_there_is_not_is_answered_with_those_that_there_are() {
+        let of = |compute: &Compute| {
+            let options = BenchOptions { parts: vec!["tracer".into(), "all".into()], trial: true };
+            let keep =
+                &mut |_: &[Record]| -> Result<(), SessionError> { panic!("nothing was to be measured") };
+            bench(compute, &options, keep, &Monitor::default()).unwrap_err().to_string()
+        };
+        let on_cpu = of(&Compute::default());
+        assert!(on_cpu.contains("no part all") && on_cpu.contains("tracer, gather, networks"), "{on_cpu}");
+        let on_gpu = of(&Device::Gpu(GpuChoice::Best).open(None).unwrap());
+        assert!(
+            on_gpu.contains("no part tracer") && on_gpu.contains("device, first-picture, edit"),
+            "{on_gpu}"
+        );
     }
 }

@@ -91,10 +91,16 @@ impl Relight for ProxyRelight<'_> {
 struct ProxyCompare<'a>(GpuComparison<'a>);
 
 impl Compare for ProxyCompare<'_> {
-    fn gradient(&self, lights: &[&Light], _: f32, pixels: &[u32]) -> Result<Option<Compared>, RelightError> {
+    fn gradient(
+        &self,
+        lights: &[&Light],
+        _: f32,
+        pixels: &[u32],
+        shares: &[f32],
+    ) -> Result<Option<Compared>, RelightError> {
         let params = |light: &&Light| Ok((ProxyRelight::params(light)?, light.radiance));
         let lights = lights.iter().map(params).collect::<Result<Vec<_>, RelightError>>()?;
-        let (loss, gradients) = self.0.gradient(&lights, pixels)?;
+        let (loss, gradients) = self.0.gradient(&lights, pixels, shares)?;
         let by_light = lights.iter().zip(gradients);
         let by_light = by_light.map(|((params, _), g)| (by_lane(params, &g.params), g.radiance));
         Ok(Some((loss, by_light.collect())))
@@ -394,12 +400,13 @@ impl Compare for GatherCompare<'_> {
         lights: &[&Light],
         softness: f32,
         cells: &[u32],
+        shares: &[f32],
     ) -> Result<Option<Compared>, RelightError> {
         let GatherRelight { relighter, monitor, .. } = self.relight;
         let Soft(gather, soft) = self.relight.soft(softness);
         let at = |image: &[[f32; 3]]| cells.iter().map(|cell| image[*cell as usize]).collect::<Vec<_>>();
         let (base, target) = (at(&self.base), at(&self.target));
-        let wanted = Wanted { base: &base, target: &target, exposure: self.exposure };
+        let wanted = Wanted { base: &base, target: &target, shares, exposure: self.exposure };
         Ok(gather.compare(soft, (lights, softness), cells, &wanted, relighter.compute(), monitor)?)
     }
 }

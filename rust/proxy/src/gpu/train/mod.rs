@@ -46,6 +46,7 @@ pub(crate) use self::steps::DeviceCore;
 use self::store::Store;
 use crate::encoding::OutputScale;
 use crate::gradient::Batch as Samples;
+use crate::grid::DeviceLevel;
 use crate::network::{CHUNK, Network};
 use crate::optim::StepRates;
 use crate::replay::BLOCK;
@@ -108,7 +109,7 @@ struct Buffers {
     /// Chunks of the recorded steps, one step after the other.
     draws: Buffer<u32>,
     layers: Buffer<plan::Layer>,
-    levels: Buffer<[u32; 4]>,
+    levels: Buffer<DeviceLevel>,
     activations: Buffer<f32>,
     pieces: Buffer<f32>,
     losses: Buffer<f32>,
@@ -144,7 +145,7 @@ impl GpuTraining {
         let buffers = Buffers {
             draws: gpu.zeros("draws", demand.draws)?,
             layers: gpu.buffer_of("layers", &plan.layers)?,
-            levels: gpu.buffer_of("grid levels", &grid.level_rows(layout))?,
+            levels: gpu.buffer_of("grid levels", &grid.device_levels(layout))?,
             activations: gpu.zeros("activations", plan.activations as usize)?,
             pieces: gpu.zeros("gradient in pieces", (capacity.div_ceil(piece) * plan.dense) as usize)?,
             losses: gpu.zeros("losses", losses as usize)?,

@@ -12,9 +12,9 @@ use crate::scene_cache::{Normalisation, PIXEL_ROW, SceneCache};
 
 /// Values of a light, as in `train/store.wgsl`.
 pub(super) const LIGHT_ROW: usize = 49;
-const LIGHT_WEIGHT: usize = 9;
-const LIGHT_INVERSE_SCALE: usize = 10;
-const LIGHT_INPUTS: usize = 11;
+pub(super) const LIGHT_WEIGHT: usize = 9;
+pub(super) const LIGHT_INVERSE_SCALE: usize = 10;
+pub(super) const LIGHT_INPUTS: usize = 11;
 
 /// Chunks of samples on the device, from which steps draw.
 #[derive(Debug)]

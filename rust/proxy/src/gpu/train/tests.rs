@@ -236,16 +236,17 @@ fn a_loss_that_is_no_number_leaves_the_weights_alone() {
 fn arguments_mirror_the_shaders() {
     use super::arguments::*;
     use super::plan::Layer;
+    use crate::grid::DeviceLevel;
     use relume_gpu::assert_mirror;
     assert_mirror!(Batch as "train/batch", "Batch", { samples, capacity, slots });
-    assert_mirror!(Layer as "train/dense", "Layer", {
+    assert_mirror!(Layer as "train/layers", "Layer", {
         weights, stride, bias, inputs, outputs, space, input, output, d_product, d_input, finish, modulation, product,
         before, before_modulation, before_d_modulation, before_product, pixel_rows, light_rows,
     });
     assert_mirror!(Inputs as "train/inputs", "Inputs", {
         batch, first_draw, pixels, lights, factors, values, known, light_inputs, levels, features, width, height,
     });
-    assert_mirror!(Chains as "train/chains", "Chains", { batch, first, length, pitch, count, scale });
+    assert_mirror!(Chains as "train/layers", "Chains", { batch, first, length, pitch, count, scale });
     assert_mirror!(Loss as "train/loss", "Loss", { chain, first_draw, factors, weight, first_sum });
     assert_mirror!(Weights as "train/weights", "Weights", { batch, layers, piece, add, parameters, scale });
     assert_mirror!(Slots as "train/slots", "Slots", { batch, samples, pixels, rows, modulation });
@@ -262,7 +263,22 @@ fn arguments_mirror_the_shaders() {
     assert_mirror!(Muon as "train/muon", "Muon", {
         size, stride, matrices, left, right, turned, plus, to, factor, share, step, mean_share,
     });
-    assert_mirror!(Progress as "train/reduce", "Progress", { loss, loss_sum, steps, diverged, bad_target });
+    assert_mirror!(Progress as "train/parameters", "Progress", { loss, loss_sum, steps, diverged, bad_target });
+    assert_mirror!(DeviceLevel as "proxy/grid", "Level", { table, resolution, columns, hash_mask });
+}
+
+#[test]
+fn rows_of_the_store_are_those_of_the_shaders() {
+    use super::store::{LIGHT_INPUTS, LIGHT_INVERSE_SCALE, LIGHT_ROW, LIGHT_WEIGHT};
+    use crate::scene_cache::{AUX, FACTOR, PIXEL_ROW};
+    let constants = ["LIGHT_ROW", "LIGHT_WEIGHT", "LIGHT_INVERSE_SCALE", "LIGHT_INPUTS", "PIXEL_ROW"]
+        .into_iter()
+        .chain(["PIXEL_SURFACE", "PIXEL_FACTORS", "LANES", "CHUNK"]);
+    let found: Vec<_> =
+        constants.map(|name| relume_gpu::layout::constant("train/store", name).unwrap() as usize).collect();
+    let of_lights = [LIGHT_ROW, LIGHT_WEIGHT, LIGHT_INVERSE_SCALE, LIGHT_INPUTS];
+    let of_pixels = [PIXEL_ROW, AUX, AUX + FACTOR, LANES, CHUNK];
+    assert_eq!(found, [&of_lights[..], &of_pixels].concat());
 }
 
 fn short(samples: u64) -> TrainConfig {
