@@ -71,19 +71,20 @@ class Driver:
 
     @contextlib.contextmanager
     def step(self, name):
-        """Names what is done; notes how long Blender's window stood still and the longest call of the add-on."""
+        """Names what is done; notes how long Blender's window stood still and what the add-on had of that."""
         self._result["step"] = name
         self._save()
         self._longest_gap = 0.0
         self.watch.reset()
         yield
-        took, call = self.watch.longest
         self.record(f"{name}: longest block of the window", self._longest_gap * 1000, "ms")
         if self.watch.calls:
-            self.record(f"{name}: longest call of the add-on", took * 1000, "ms", 50)
-            print(f"{name}: the longest call of the add-on, {took * 1000:.1f} ms, was {call}", flush=True)
-        for took, call in self.watch.slow:
-            print(f"{name}: a slow call of the add-on, {took * 1000:.1f} ms: {call}", flush=True)
+            longest, heaviest = self.watch.longest, self.watch.heaviest
+            self.record(f"{name}: longest call of the add-on", longest.seconds * 1000, "ms", 50)
+            self.record(f"{name}: most processor time of a call of the add-on", heaviest.processor * 1000, "ms", 50)
+            print(f"{name}: the longest call of the add-on: {longest}", flush=True)
+        for call in self.watch.slow:
+            print(f"{name}: a slow call of the add-on: {call}", flush=True)
 
     def _quit(self):
         try:
