@@ -1,5 +1,5 @@
-"""How long the add-on keeps Blender's main thread: every outermost call of its Python code is timed, by the clock, which
-counts waiting (for a lock, a disk, a processor that others use) too, and by the thread's own processor time."""
+"""How long the add-on keeps Blender's main thread: every outermost call of its Python code is timed, by the clock,
+which counts waiting (for a lock, a disk, a processor that others use) too, and by the thread's own processor time."""
 
 import sys
 import threading
@@ -39,7 +39,7 @@ class Watch:
         self.reset()
         self._folder = str(folder)
         self._open = []
-        """Calls that have not ended, the outermost first: when they began, by both times, and their longest inner call."""
+        """Calls that have not ended, the outermost first: when they began, by both times, and the longest inside."""
         self._main = threading.main_thread().ident
         events = sys.monitoring.events
         callbacks = {
