@@ -72,6 +72,8 @@ class Shot:
         self.is_exporting = self._has_ended = False
         self._task: RenderTask | None = None
         self._world_task: WorldTask | None = None
+        self._world_before: WorldTask | None = None
+        """The world that was read last."""
         """Another world than the one that is shown, in the making."""
         self._read_world = ""
         """Shape of the world's print when reading the scene began."""
@@ -299,13 +301,14 @@ class Shot:
 
     def _read(self, scene: bpy.types.Scene, shape: str, by_blender: bool = False) -> WorldTask | None:
         try:
-            return WorldTask(scene, shape, by_blender)
+            return WorldTask(scene, shape, self._world_before, by_blender)
         except Exception as error:
             self.changes.refuse_world(shape, world_change.reason(error))
             return None
 
     def _take_world(self, task: WorldTask) -> None:
         """The world of a task is the one that is shown from now on."""
+        self._world_before = task
         self.warnings += task.world.warnings
         self.changes.maps[task.world.map] = task.shape
         self.changes.note_world(task.world.map, task.world.color)
@@ -400,7 +403,7 @@ class Shot:
             if task is not None:
                 task.cancel()
         self._live.close(wait_seconds=wait_seconds)
-        self.frame = self.frame_before = None
+        self.frame = self.frame_before = self._world_before = None
 
 
 def request_text(content: dict[str, Any], interactive: bool = False) -> str:

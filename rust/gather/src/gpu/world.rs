@@ -92,7 +92,7 @@ impl GpuGather {
         let manifest = self.dump.manifest();
         let image = self.gpu.zeros::<f32>("image of the world", self.image_values())?;
         let bytes = strip_bytes.min(self.gpu.free_memory() / MAP_SHARE);
-        let strips = strips(environment.map.as_ref(), bytes);
+        let strips = strips(environment.map.as_deref(), bytes);
         let world = GpuWorld::new(&self.gpu, environment, strips[0].len())?;
         for rows in strips {
             world.write(&self.gpu, environment, rows);
