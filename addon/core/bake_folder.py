@@ -59,6 +59,14 @@ def size_of(folder: Path) -> tuple[int, int] | None:
         return None
 
 
+def world_map_of(folder: Path) -> str | None:
+    """The world that a bake was begun under, in the native module's words; None if it cannot be read."""
+    try:
+        return str(json.loads((folder / MANIFEST).read_text(encoding="utf-8"))["world_map"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
 def _file_name(text: str) -> str:
     """Letters, digits and a few signs that every file system takes."""
     return re.sub(r"[^\w.-]+", "_", text).strip("._") or "shot"

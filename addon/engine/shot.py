@@ -11,7 +11,8 @@ from typing import Any
 import bpy
 
 from ..core import wanted
-from ..core.bake_folder import camera_of
+from ..core.bake_folder import camera_of, world_map_of
+from ..core.status import is_unfinished, lacks_samples
 from ..export import ExportOptions, trace_settings
 from ..export.linking import receiver_names
 from . import prints, record, world_change, worlds
@@ -39,6 +40,7 @@ EMPTY: dict[str, Any] = {
     "error": None,
     "shown": None,
     "is_owed": False,
+    "is_under_another_world": False,
 }
 """What the native module tells, and whether the folder still lacks something that was asked for."""
 LIVELY_SECONDS = 2.0
@@ -352,10 +354,17 @@ class Shot:
         self._news = time.monotonic()
         self._status_text, self.status = text, json.loads(text)
         self._note_what_is_owed()
+        self.status["is_under_another_world"] = self._is_under_another_world()
         self.changes.note_world(self.status["world_map"], self.status["world_color"])
         if frame:
             self.frame, self.frame_before = frame, None
         return True
+
+    def _is_under_another_world(self) -> bool:
+        """Whether paths are missing that cannot be added: those that are there are of another world than is shown."""
+        if not (is_unfinished(self.status) and lacks_samples(self.status)):
+            return False
+        return world_map_of(self.folder) not in {None, self.status["world_map"]}
 
     def _note_what_is_owed(self) -> None:
         if self._bakes and self.status["state"] == "ready":

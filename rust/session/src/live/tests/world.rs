@@ -86,7 +86,7 @@ fn a_turned_world_needs_no_texture_again() {
     let read = OtherWorld::new(&before).unwrap();
     let untextured = relume_scene::World { color: [3.0, 0.5, 1.0], texture: None, ..turned.world.clone() };
     let again = read.with_texture_for(&untextured).unwrap();
-    assert_eq!(again.about(), &WorldAbout { map: turned.world_map(), color: [3.0, 0.5, 1.0] });
+    assert_eq!(again.about(), &crate::WorldAbout { map: turned.world_map(), color: [3.0, 0.5, 1.0] });
 
     let folder = tempfile::tempdir().unwrap();
     bake(&before, &settings(16), folder.path(), false, &Monitor::default()).unwrap();
