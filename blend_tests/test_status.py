@@ -93,3 +93,4 @@ def test_long_messages_are_broken_between_words():
     assert lines("the quick brown fox", 9) == ["the quick", "brown fox"]
     assert lines("long/path/of/a/file", 10) == ["long/path/", "of/a/file"]
     assert lines("", 5) == [""]
+    assert lines("changed by 0.8 %, reached", 14) == ["changed by", "0.8 %, reached"]
