@@ -16,7 +16,7 @@ import relume
 from addon.engine.commands import run
 from addon.export import trace_settings, write_view_table
 from addon.export.view_transform import is_standard
-from helpers import add_light, add_material, add_quad, render_cycles
+from helpers import add_light, add_material, add_quad, add_sky, add_world, render_cycles, sky_file
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
@@ -85,6 +85,27 @@ def test_resume_of_a_complete_bake_changes_nothing(shot, tmp_path):
     assert before
     assert run(["bake", "--out", str(bake), "--quiet", "--resume"]) == 0
     assert {path: path.read_bytes() for path in bake.rglob("*.safetensors")} == before
+
+
+def manifest(bake):
+    """What a bake says of itself."""
+    return json.loads((bake / "manifest.json").read_text())
+
+
+def test_more_samples_under_another_world_keep_the_proxies(shot, tmp_path):
+    _, mapping = add_sky(add_world(shot), sky_file(tmp_path))
+    bake, again = tmp_path / "bake", ["--quiet", "--resume", "--replace"]
+    assert run(["bake", "--out", str(bake), "--samples", "4", *again]) == 0
+    learnt, old = [bake / f"proxy_sphere.{end}" for end in ("safetensors", "json")], manifest(bake)
+    for file in learnt:
+        file.write_text("learnt")
+    mapping.inputs["Rotation"].default_value.z = 2.0
+    assert run(["bake", "--out", str(bake), "--samples", "8", *again]) == 0
+    assert manifest(bake)["world_map"] != old["world_map"], "paths of two worlds in one bake"
+    assert all(file.read_text() == "learnt" for file in learnt)
+    shot.camera.location.x += 1.0
+    assert run(["bake", "--out", str(bake), "--samples", "8", *again]) == 0
+    assert not any(file.exists() for file in learnt), "proxies of another camera"
 
 
 def test_paths_look_for_the_lights_of_a_set(shot, tmp_path, capsys):

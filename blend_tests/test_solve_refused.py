@@ -120,7 +120,7 @@ def test_a_target_that_does_not_fit_is_said(baked, tmp_path):
     with pytest.raises(RuntimeError, match="cannot be opened"):
         bpy.ops.relume.load_target(filepath=str(tmp_path / "none.png"))
     assert baked.relume_solve.target is None
-    with pytest.raises(RuntimeError, match="needs Blender's window"):
+    with pytest.raises(RuntimeError, match="clipboard holds no picture"):
         bpy.ops.relume.paste_target()
 
 

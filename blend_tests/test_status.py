@@ -30,6 +30,11 @@ SAYINGS = [
     ),
     (state(state="cancelled"), "Stopped"),
     (state(state="cancelled", samples=3, samples_total=8), "Stopped at 3 of 8 samples; they are kept"),
+    (
+        state(state="ready", samples=3, samples_total=8, is_under_another_world=True),
+        "Stopped at 3 of 8 samples; they are kept, but Go On traces them anew, as the world has changed since. "
+        "What was learned stays",
+    ),
     (state(state="failed", error="The disk is full"), "The disk is full"),
     (
         state(state="failed", error='cannot write: No space left on device (os error 28) at path "/bake/.tmp"'),
@@ -88,3 +93,4 @@ def test_long_messages_are_broken_between_words():
     assert lines("the quick brown fox", 9) == ["the quick", "brown fox"]
     assert lines("long/path/of/a/file", 10) == ["long/path/", "of/a/file"]
     assert lines("", 5) == [""]
+    assert lines("changed by 0.8 %, reached", 14) == ["changed by", "0.8 %, reached"]

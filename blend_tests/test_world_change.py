@@ -2,14 +2,17 @@
 
 import json
 import math
+import os
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
 import pytest
 import relume
 
+from addon.core import status
 from addon.core.solve import SolveError
-from addon.engine import record, shot, worlds
+from addon.engine import record, shot, world_change, worlds
 from addon.engine.scene import load_scene
 from addon.ui import handlers, solving
 from addon.ui.start import start
@@ -78,6 +81,60 @@ def test_a_turned_sky_is_shown_without_new_paths_and_found_again(turnable, tmp_p
     turn(mapping, 0.0)
     assert np.abs(picture(scene, "the old sky") - before).max() < 1e-3 * before.max()
     assert shards(tmp_path / "bake") == paths and not (tmp_path / "bake" / "world.exr").exists()
+
+
+def test_a_file_is_read_once_however_often_its_sky_is_turned(turnable, tmp_path, monkeypatch):
+    scene, mapping = turnable
+    read = []
+
+    class Builder:
+        def __init__(self, *arguments):
+            self._builder = relume.SceneBuilder(*arguments)
+
+        def __getattr__(self, name):
+            return getattr(self._builder, name)
+
+        def add_texture_file(self, name, *arguments, **more):
+            read.append(name)
+            return self._builder.add_texture_file(name, *arguments, **more)
+
+    monkeypatch.setattr(world_change, "native", lambda: SimpleNamespace(SceneBuilder=Builder))
+    turn(mapping, 1.0)
+    picture(scene, "the turned sky")
+    turn(mapping, math.pi)
+    turned = picture(scene, "one that was turned more")
+    assert read == ["sky.png"]
+    assert shot.of(scene).status["world_map"] == load_scene(scene).world_map
+    file = sky_file(tmp_path)
+    os.utime(file, ns=(1, 1))
+    turn(mapping, 3.0)
+    picture(scene, "a file that was written anew")
+    assert read == ["sky.png"] * 2
+    turn(mapping, math.pi)
+    assert np.abs(picture(scene, "as before") - turned).max() < 1e-3 * turned.max()
+
+
+def test_a_stopped_bake_says_that_going_on_under_another_world_traces_anew(studio, tmp_path):
+    _, mapping = add_sky(add_world(studio), sky_file(tmp_path))
+    studio.relume.samples = 4096
+    update()
+    start(studio)
+    until(studio, lambda found: found.status["samples"] > 0, "samples").cancel()
+    found = until(studio, lambda found: found.status["state"] == "cancelled" and settled(found), "the end")
+    assert status.headline(found.status).endswith("they are kept")
+    turn(mapping, 2.0)
+    picture(studio, "the turned sky")
+    assert "Go On traces them anew" in status.headline(found.status)
+    turn(mapping, 0.0)
+    picture(studio, "the old sky")
+    assert status.headline(found.status).endswith("they are kept")
+    before = json.loads((tmp_path / "bake" / "manifest.json").read_text())["world_map"]
+    turn(mapping, 2.0)
+    picture(studio, "the turned sky")
+    assert bpy.ops.relume.go_on() == {"FINISHED"}
+    found = until(studio, lambda found: found.status["samples"] > 0, "new samples")
+    after = json.loads((tmp_path / "bake" / "manifest.json").read_text())["world_map"]
+    assert after != before and not found.status["is_under_another_world"]
 
 
 def test_other_images_and_plain_colours_take_turns(turnable):

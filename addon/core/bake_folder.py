@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
 MANIFEST = "manifest.json"
+PATHS = (MANIFEST, "guided.json", "world.exr", "tile_*.safetensors", "training_*.safetensors")
+"""Files of paths, and what is made of those paths alone. The manifest goes first: what is left after a crash is never
+taken for a bake."""
 OWN_FILES = (
-    *(MANIFEST, "lights.json", "guided.json", "shot.json", "wanted.json", "view.png", "base.exr", "world.exr"),
-    *("tile_*.safetensors", "proxy_*.safetensors", "proxy_*.json", "training_*.safetensors"),
+    *(*PATHS, "lights.json", "shot.json", "wanted.json", "view.png", "base.exr"),
+    *("proxy_*.safetensors", "proxy_*.json"),
 )
-"""Of a bake and its proxies. The manifest goes first: what is left after a crash is never taken for a bake."""
-
+"""Of a bake and its proxies."""
+OTHER_WORLD = "map of the world"
+"""The native module's word for a bake that differs by nothing but the world's texture and how that is turned."""
 
 SOLVE = "solve"
 """Folder in a bake's, for the few paths that a solver needs for a moment."""
@@ -54,17 +59,34 @@ def size_of(folder: Path) -> tuple[int, int] | None:
         return None
 
 
+def world_map_of(folder: Path) -> str | None:
+    """The world that a bake was begun under, in the native module's words; None if it cannot be read."""
+    try:
+        return str(json.loads((folder / MANIFEST).read_text(encoding="utf-8"))["world_map"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
 def _file_name(text: str) -> str:
     """Letters, digits and a few signs that every file system takes."""
     return re.sub(r"[^\w.-]+", "_", text).strip("._") or "shot"
 
 
+def clear_paths(folder: Path) -> None:
+    """Removes the paths of a bake, for new ones of the same scene under whatever world: its proxies stay right."""
+    _remove(folder, PATHS)
+
+
 def clear(folder: Path) -> None:
     """Removes the files of a bake and its proxies, and what a solver left there; other files stay."""
-    for pattern in OWN_FILES:
-        for file in folder.glob(pattern):
-            file.unlink()
+    _remove(folder, OWN_FILES)
     if is_bake(folder / SOLVE):
         clear(folder / SOLVE)
         with suppress(OSError):  # Something else is in it.
             (folder / SOLVE).rmdir()
+
+
+def _remove(folder: Path, patterns: Iterable[str]) -> None:
+    for pattern in patterns:
+        for file in folder.glob(pattern):
+            file.unlink()

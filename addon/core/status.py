@@ -80,18 +80,23 @@ def headline(status: dict[str, Any]) -> str:
 
 def is_unfinished(status: dict[str, Any]) -> bool:
     """Whether there is more to bake or learn and nobody does: it was stopped, now or before the file was opened."""
-    return status["state"] in {"cancelled", "ready"} and (status["is_owed"] or _lacks_samples(status))
+    return status["state"] in {"cancelled", "ready"} and (status["is_owed"] or lacks_samples(status))
 
 
-def _lacks_samples(status: dict[str, Any]) -> bool:
+def lacks_samples(status: dict[str, Any]) -> bool:
+    """Whether there are fewer samples than were asked for."""
     return status["samples"] < status["samples_total"]
 
 
 def _stopped(status: dict[str, Any]) -> str:
-    if status["is_owed"] and not _lacks_samples(status):
+    if status["is_owed"] and not lacks_samples(status):
         return f"Stopped while learning the lights; {status['samples']} samples are kept"
-    kept = f" at {status['samples']} of {status['samples_total']} samples; they are kept"
-    return f"Stopped{kept if status['samples'] else ''}"
+    if not status["samples"]:
+        return "Stopped"
+    kept = f"Stopped at {status['samples']} of {status['samples_total']} samples; they are kept"
+    if status["is_under_another_world"]:  # Paths of two worlds do not go into one bake.
+        return f"{kept}, but Go On traces them anew, as the world has changed since. What was learned stays"
+    return kept
 
 
 def _doing(status: dict[str, Any], otherwise: str) -> str:

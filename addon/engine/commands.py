@@ -15,7 +15,7 @@ from typing import Any
 import bpy
 
 from ..core import command_line
-from ..core.bake_folder import clear, is_bake
+from ..core.bake_folder import OTHER_WORLD, clear, clear_paths, is_bake
 from ..core.progress import Reporter, clock
 from ..export import ExportError, ExportOptions, trace_settings, write_view_table
 from . import pictures, record, world_render, worlds
@@ -70,8 +70,8 @@ def bake(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> i
     scene = _open_scene(options)
     exported = load_scene(scene, _export_options(options))
     settings = _settings(scene, options, reporter)
-    if options.replace and is_bake(folder) and exported.difference(folder, json.dumps(settings)) is not None:
-        clear(folder)
+    if options.replace and is_bake(folder):
+        _make_room(folder, exported.difference(folder, json.dumps(settings)))
     report = native().bake(exported, folder, settings, resume=options.resume).wait(reporter.progress, reporter.warning)
     camera = scene.objects.get(options.camera or "")
     record.of(scene, exported.world_map, camera, exported.resolution).write(folder)
@@ -82,6 +82,14 @@ def bake(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> i
         f"{report['segments'] / 1e6:.1f} M segments, {report['bytes'] / 2**20:.0f} MiB in {clock(report['seconds'])}",
     )
     return 0
+
+
+def _make_room(folder: Path, difference: str | None) -> None:
+    """Removes what a folder holds of another bake, as far as it is of no use for the one that is asked for."""
+    if difference == OTHER_WORLD:
+        clear_paths(folder)
+    elif difference is not None:
+        clear(folder)
 
 
 def _settings(scene: bpy.types.Scene, options: argparse.Namespace, reporter: Reporter) -> dict[str, Any]:

@@ -11,7 +11,8 @@ from typing import Any
 import bpy
 
 from ..core import wanted
-from ..core.bake_folder import camera_of
+from ..core.bake_folder import camera_of, world_map_of
+from ..core.status import is_unfinished, lacks_samples
 from ..export import ExportOptions, trace_settings
 from ..export.linking import receiver_names
 from . import prints, record, world_change, worlds
@@ -39,6 +40,7 @@ EMPTY: dict[str, Any] = {
     "error": None,
     "shown": None,
     "is_owed": False,
+    "is_under_another_world": False,
 }
 """What the native module tells, and whether the folder still lacks something that was asked for."""
 LIVELY_SECONDS = 2.0
@@ -72,6 +74,8 @@ class Shot:
         self.is_exporting = self._has_ended = False
         self._task: RenderTask | None = None
         self._world_task: WorldTask | None = None
+        self._world_before: WorldTask | None = None
+        """The world that was read last."""
         """Another world than the one that is shown, in the making."""
         self._read_world = ""
         """Shape of the world's print when reading the scene began."""
@@ -299,13 +303,14 @@ class Shot:
 
     def _read(self, scene: bpy.types.Scene, shape: str, by_blender: bool = False) -> WorldTask | None:
         try:
-            return WorldTask(scene, shape, by_blender)
+            return WorldTask(scene, shape, self._world_before, by_blender)
         except Exception as error:
             self.changes.refuse_world(shape, world_change.reason(error))
             return None
 
     def _take_world(self, task: WorldTask) -> None:
         """The world of a task is the one that is shown from now on."""
+        self._world_before = task
         self.warnings += task.world.warnings
         self.changes.maps[task.world.map] = task.shape
         self.changes.note_world(task.world.map, task.world.color)
@@ -349,10 +354,17 @@ class Shot:
         self._news = time.monotonic()
         self._status_text, self.status = text, json.loads(text)
         self._note_what_is_owed()
+        self.status["is_under_another_world"] = self._is_under_another_world()
         self.changes.note_world(self.status["world_map"], self.status["world_color"])
         if frame:
             self.frame, self.frame_before = frame, None
         return True
+
+    def _is_under_another_world(self) -> bool:
+        """Whether paths are missing that cannot be added: those that are there are of another world than is shown."""
+        if not (is_unfinished(self.status) and lacks_samples(self.status)):
+            return False
+        return world_map_of(self.folder) not in {None, self.status["world_map"]}
 
     def _note_what_is_owed(self) -> None:
         if self._bakes and self.status["state"] == "ready":
@@ -400,7 +412,7 @@ class Shot:
             if task is not None:
                 task.cancel()
         self._live.close(wait_seconds=wait_seconds)
-        self.frame = self.frame_before = None
+        self.frame = self.frame_before = self._world_before = None
 
 
 def request_text(content: dict[str, Any], interactive: bool = False) -> str:

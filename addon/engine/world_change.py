@@ -4,7 +4,8 @@ made ready on a thread of its own; its light is then gathered from the paths tha
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -25,15 +26,19 @@ class _UnreadableFileError(Exception):
 class WorldTask:
     """The present world of a scene in the making."""
 
-    def __init__(self, scene: bpy.types.Scene, shape: str, by_blender: bool = False):
+    def __init__(self, scene: bpy.types.Scene, shape: str, before: WorldTask | None = None, by_blender: bool = False):
+        """`before`: the world that is shown, whose file is not read again where this one has the same."""
         self.shape = shape
         """Of its print."""
         self.world: Any = None
         """A `relume.World`, once it is done."""
         self.error: Exception | None = None
         self._stopped = False
-        steps = _Steps(by_blender, lambda: self._stopped)
+        steps = _Steps(by_blender, before.source if before else None, lambda: self._stopped)
         export_world(steps, ImageExporter(steps), steps.texture_of, scene, render_layer(scene))
+        self.source: Hashable = steps.source
+        """What its texture is read from; None where nothing tells whether another is the same."""
+        self._texture_of = before.world if before and steps.is_same else None
         self._builder = native().SceneBuilder(working_space())
         self._thread = threading.Thread(target=self._run, args=(steps.calls,), daemon=True)
         self._thread.start()
@@ -42,7 +47,7 @@ class WorldTask:
         try:
             for call in calls:
                 call(self._builder)
-            self.world = self._builder.build_world()
+            self.world = self._builder.build_world(texture_of=self._texture_of)
         except Exception as error:
             self.error = error
 
@@ -69,9 +74,12 @@ class WorldTask:
 class _Steps:
     """Stands in for a scene builder: keeps what is to be done, which takes its time."""
 
-    def __init__(self, by_blender: bool, stop: Callable[[], bool]):
+    def __init__(self, by_blender: bool, known: Hashable, stop: Callable[[], bool]):
         self.calls: list[Callable[[Any], None]] = []
-        self._by_blender, self._stop = by_blender, stop
+        self.source: Hashable = None
+        self.is_same = False
+        """Whether the texture is that of `known`, and need not be read."""
+        self._by_blender, self._known, self._stop = by_blender, known, stop
         self._textures = 0
 
     def add_texture(self, *arguments: Any, **more: Any) -> int:
@@ -85,7 +93,11 @@ class _Steps:
             if builder.add_texture_file(name, *arguments, **more) is None:
                 raise _UnreadableFileError(name)
 
-        return None if self._by_blender else self._texture(add)
+        if self._by_blender:
+            return None
+        self.source = _source(*arguments, **more)
+        self.is_same = self.source is not None and self.source == self._known
+        return 0 if self.is_same else self._texture(add)
 
     def texture_of(self, graph: WorldGraph, name: str) -> int:
         """Has Cycles render the world."""
@@ -96,6 +108,8 @@ class _Steps:
 
     def set_world(self, *arguments: Any, **more: Any) -> None:
         """As the scene builder's."""
+        if self.is_same:
+            more["texture"] = None
         self.calls.append(lambda builder: builder.set_world(*arguments, **more))
 
     def warn(self, message: str) -> None:
@@ -106,6 +120,17 @@ class _Steps:
         self.calls.append(add)
         self._textures += 1
         return self._textures - 1
+
+
+def _source(file: str | bytes, **settings: str) -> Hashable:
+    """What the pixels of an image file depend on; None if there is no such file."""
+    if isinstance(file, bytes):
+        return file, *settings.items()
+    try:
+        found = Path(file).stat()
+    except OSError:
+        return None
+    return file, found.st_size, found.st_mtime_ns, *settings.items()
 
 
 def reason(error: Exception) -> str:

@@ -94,8 +94,7 @@ def displayed_in_slices(
     """Rows with their display colours, as many at a time as Blender colours in SLICE_SECONDS. `colors_of` gives
     scene-linear colours of rows, [rows, width, 3]; `view` as for `displayed`."""
     global _entries
-    # Blender reads the files of a view when it first colours anything with it, which takes as long as many slices.
-    displayed(scene, np.zeros((1, 1, 3), np.float32), view)
+    read_view_files(scene, view)
     yield slice(0, 0), np.empty((0, width, 3), np.float32)
     start = 0
     while start < height:
@@ -107,6 +106,12 @@ def displayed_in_slices(
         _entries = min(max(wanted, FEWEST_ENTRIES), MOST_ENTRIES)
         start = rows.stop
         yield rows, shown
+
+
+def read_view_files(scene: bpy.types.Scene, view: dict[str, Any] | None) -> None:
+    """Has Blender read the files of a view, as it does when it first colours anything with it: that takes as long as
+    many slices, and is needed once."""
+    displayed(scene, np.zeros((1, 1, 3), np.float32), view)
 
 
 def displayed(scene: bpy.types.Scene, colors: np.ndarray, view: dict[str, Any] | None = None) -> np.ndarray:

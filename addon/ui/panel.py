@@ -15,6 +15,8 @@ class RelumePanel:
     bl_category = "Relume"
 
 
+UNBROKEN = "\u00a0"
+"""A space that no line ends at."""
 MARGIN, ICON, CHARACTER = 72, 20, 6.3
 """Pixels beside the text of the sidebar, of an icon, and of a character on average, at a scale of 1."""
 
@@ -34,5 +36,6 @@ def _characters(with_icon: bool) -> int:
 
 
 def lines(text: str, width: int) -> list[str]:
-    """A text in lines of at most `width` characters, between words where that is possible."""
-    return textwrap.wrap(text, width) or [""]
+    """A text in lines of at most `width` characters, between words where that is possible, but not before a "%"."""
+    found = textwrap.wrap(text.replace(" %", f"{UNBROKEN}%"), width) or [""]
+    return [line.replace(UNBROKEN, " ") for line in found]

@@ -9,6 +9,7 @@ from bpy.props import BoolProperty, FloatProperty, IntProperty, StringProperty
 from ..core import bake_cache
 from ..engine import cache, devices
 from ..engine.checks import folders_in_use
+from ..engine.native import NativeModuleError
 from ..engine.options import PACKAGE, cache_folder
 from . import timers
 
@@ -22,6 +23,16 @@ _said: list[tuple[str, str]] = []
 Work = Generator[None, None, list[tuple[str, str]]]
 _work: Work | None = None
 """What is being done with the cache folder; returns what it has to say."""
+
+
+def find_devices() -> Generator[None, None, str]:
+    """Yields until this machine's graphics cards are known, which the field *Device* then suggests; returns what to say
+    of them. Raises NativeModuleError or RelumeError."""
+    devices.look()
+    while devices.is_looking():
+        yield
+    found = devices.names()[len(devices.ALWAYS) :]
+    return f"Found {', '.join(found)}" if found else "Found no graphics card; the processor is used"
 
 
 def count_cache() -> Work:
@@ -169,29 +180,16 @@ class RelumePreferences(bpy.types.AddonPreferences):
             layout.label(text=words, icon="INFO" if kind == "INFO" else "ERROR")
 
 
-class RELUME_OT_find_devices(bpy.types.Operator):  # noqa: N801 -- Blender's naming
+class RELUME_OT_find_devices(timers.WaitingOperator, bpy.types.Operator):  # noqa: N801 -- Blender's naming
     """Look for graphics cards; they are then suggested in the field beside"""
 
     bl_idname = "relume.find_devices"
     bl_label = "Find Devices"
+    failures = (NativeModuleError, RuntimeError)
 
-    def execute(self, context):
-        """Called by Blender."""
-        devices.look()
-        if bpy.app.background:
-            return {"FINISHED"}
-        self._timer = timers.begin(context, POLL_SECONDS)
-        context.window_manager.modal_handler_add(self)
-        return {"RUNNING_MODAL"}
-
-    def modal(self, _context, event):
-        """Called by Blender."""
-        if event.type != "TIMER" or devices.is_looking():
-            return {"PASS_THROUGH"}
-        timers.end(self._timer)
-        found = devices.names()[len(devices.ALWAYS) :]
-        self.report({"INFO"}, f"Found {', '.join(found)}" if found else "Found no graphics card; the processor is used")
-        return {"FINISHED"}
+    def work(self, _context):
+        """See `timers.WaitingOperator`."""
+        return find_devices()
 
 
 class _OnCache:

@@ -89,7 +89,7 @@ lights of the scene stay as they are until it is applied"""
         """Called by Blender for Repeat Last and for scripts. Without a window solves to the end; in one it begins an
         operator of its own, as a repeated one is kept by Blender and cannot go on by a timer."""
         if bpy.app.background:
-            return told(self, lambda: _solve_at_once(context.scene))
+            return told(self, lambda: solving.solve_at_once(context.scene))
         try:
             with context.temp_override(window=context.window or context.window_manager.windows[0]):
                 bpy.ops.relume.solve("INVOKE_DEFAULT")
@@ -151,13 +151,6 @@ def told(operator: bpy.types.Operator, work: Any) -> set[str]:
     if words:
         operator.report({"WARNING"}, words)
     return {"FINISHED"}
-
-
-def _solve_at_once(scene: bpy.types.Scene) -> None:
-    found = solving.begin(scene)
-    while found.step():
-        found.shot.poll()
-        time.sleep(TICK_SECONDS)
 
 
 def _draw() -> None:

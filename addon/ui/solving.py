@@ -38,6 +38,8 @@ PREVIEW_SECONDS = 0.4
 """Between previews: the picture needs the processor as well."""
 PICTURE_SECONDS = 60.0
 """How long the picture of the result is waited for; without it the look has no thumbnail."""
+STEP_SECONDS = 0.03
+"""Between steps where nobody sees them."""
 COARSE = (160, 90)
 """Size at which strokes are looked at for whether anything is left of them."""
 SOLVED, BEFORE = "Solve", "Before"
@@ -384,6 +386,14 @@ def begin(scene: bpy.types.Scene) -> Solving:
         raise SolveError("Lights are being solved already")
     solving = _running[scene.session_uid] = Solving(scene)
     return solving
+
+
+def solve_at_once(scene: bpy.types.Scene) -> None:
+    """Solves to the end, for scripts without a window. Raises SolveError."""
+    found = begin(scene)
+    while found.step():
+        found.shot.poll()
+        time.sleep(STEP_SECONDS)
 
 
 def running(scene: bpy.types.Scene) -> Solving | None:

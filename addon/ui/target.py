@@ -19,12 +19,14 @@ from bpy.app.handlers import persistent
 from bpy.props import StringProperty
 from bpy_extras.io_utils import ImportHelper
 
+from ..core.apart import apart
 from ..core.bake_folder import size_of
 from ..core.solve import SolveError
 from ..engine import shot
 from ..engine.pictures import Read, Reading, is_in_memory
 from ..viewport import compare as pairs
 from ..viewport.views import redraw
+from . import timers
 from .panel import message
 from .start import ShotOperator
 
@@ -36,7 +38,7 @@ NO_CLIPBOARD = (
 )
 PNG = b"\x89PNG"
 XCLIP_SECONDS = 1.0
-"""How long the owner of the clipboard may take to answer. It never does if that is this Blender, which waits."""
+"""How long the owner of the clipboard may take to answer. It never does if that is a Blender that waits in a script."""
 
 
 def picture_size(scene: bpy.types.Scene) -> tuple[int, int]:
@@ -139,14 +141,17 @@ def load(scene: bpy.types.Scene, path: str) -> None:
         raise SolveError(f"'{path}' cannot be opened as a picture") from error
 
 
-def paste(context: bpy.types.Context) -> None:
-    """Takes the clipboard's picture as the target. Raises SolveError."""
-    if bpy.app.background:
-        raise SolveError("Pasting needs Blender's window")
-    image = _pasted_by_blender(context) or _pasted_by_xclip()
+def paste(context: bpy.types.Context) -> Generator[None, None, None]:
+    """Yields until the clipboard has answered, then takes its picture as the target. Raises SolveError."""
+    uid = context.scene.session_uid
+    image = None if bpy.app.background else _pasted_by_blender(context)
+    if image is None:
+        contents = yield from apart(_png_by_xclip)
+        image = _packed(contents) if contents else None
     if image is None:
         raise SolveError(NO_CLIPBOARD)
-    context.scene.relume_solve.target = image
+    for scene in (scene for scene in bpy.data.scenes if scene.session_uid == uid):
+        scene.relume_solve.target = image
 
 
 def _pasted_by_blender(context: bpy.types.Context) -> bpy.types.Image | None:
@@ -161,8 +166,8 @@ def _pasted_by_blender(context: bpy.types.Context) -> bpy.types.Image | None:
     return next((image for image in bpy.data.images if image not in before), None)
 
 
-def _pasted_by_xclip() -> bpy.types.Image | None:
-    """Blender takes no pictures from X11's clipboard."""
+def _png_by_xclip() -> bytes | None:
+    """The file in X11's clipboard, which Blender takes no pictures from."""
     program = shutil.which("xclip")
     if program is None or not os.environ.get("DISPLAY"):
         return None
@@ -171,11 +176,14 @@ def _pasted_by_xclip() -> bpy.types.Image | None:
         answer = subprocess.run(command, capture_output=True, timeout=XCLIP_SECONDS, check=True)
     except (OSError, subprocess.SubprocessError):
         return None
-    if not answer.stdout.startswith(PNG):
-        return None
+    return answer.stdout if answer.stdout.startswith(PNG) else None
+
+
+def _packed(contents: bytes) -> bpy.types.Image:
+    """An image of the .blend file that holds a PNG itself."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "Clipboard.png")
-        path.write_bytes(answer.stdout)
+        path.write_bytes(contents)
         image = bpy.data.images.load(str(path))
         image.pack()
     image.filepath_raw = ""  # `filepath` would look for the file again.
@@ -246,16 +254,17 @@ class RELUME_OT_load_target(ImportHelper, bpy.types.Operator):  # noqa: N801 -- 
         return told(self, lambda: load(context.scene, self.filepath))
 
 
-class RELUME_OT_paste_target(bpy.types.Operator):  # noqa: N801
+class RELUME_OT_paste_target(timers.WaitingOperator, bpy.types.Operator):  # noqa: N801
     """Take the picture in the clipboard as the target"""
 
     bl_idname = "relume.paste_target"
     bl_label = "Paste Target"
     bl_options = {"REGISTER", "UNDO"}
+    failures = (SolveError,)
 
-    def execute(self, context):
-        """Called by Blender."""
-        return told(self, lambda: paste(context))
+    def work(self, context):
+        """See `timers.WaitingOperator`."""
+        return paste(context)
 
 
 class RELUME_OT_clear_target(bpy.types.Operator):  # noqa: N801

@@ -104,6 +104,8 @@ def bake_views() -> float | None:
             _waiting.discard(scene.session_uid)
     if better or pause == RETRY_SECONDS:
         redraw()
+    if better and not bpy.app.background:
+        warm_up.want()  # The side bar, which asks for it, may not be drawn again for long.
     _waiting.intersection_update({scene.session_uid for scene in bpy.data.scenes})
     return pause if _waiting else None
 

@@ -35,6 +35,11 @@ def want() -> None:
         bpy.app.timers.register(redraw, first_interval=PAUSE_SECONDS)
 
 
+def is_wanted() -> bool:
+    """Whether there is something left to compile."""
+    return _is_wanted or bool(_picture_pieces)
+
+
 def draw_picture_piece(region: tuple[int, int], view: View) -> None:
     """The next piece of what draws pictures, if any is wanted; where these are drawn, into a region of that size."""
     if _is_wanted and _picture_pieces:

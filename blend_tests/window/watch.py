@@ -1,24 +1,75 @@
-"""How long the add-on keeps Blender's main thread: every outermost call of its Python code is timed."""
+"""How long the add-on keeps Blender's main thread: every outermost call of its Python code is timed, by the clock,
+which counts waiting (for a lock, a disk, a processor that others use) too, and by the thread's own processor time."""
 
 import sys
 import threading
 import time
+from dataclasses import dataclass, field
 
 TOOL = sys.monitoring.PROFILER_ID
 SLOW_SECONDS = 0.04
 """Calls that take longer are remembered one by one."""
+OF_BLENDER = {
+    "read_view_files": "Blender reads the files of a view",
+    "_packed": "Blender opens its first picture file",
+    "compile_program": "the driver compiles a shader",
+    "_draw_nothing": "the driver compiles what draws pictures",
+    "draw_nothing": "the driver compiles what draws rings",
+    "draw_no_strokes": "the driver compiles what draws strokes",
+    "draw_no_rectangles": "the driver compiles what draws rectangles",
+}
+"""Functions of the add-on that do nothing but have Blender or the graphics driver do what they do once in a session,
+and what that is. The scenario `cost` measures some of it without the add-on."""
+SHARE = 0.5
+"""How much of a call's time a call inside of it must have taken to be named as what takes it."""
+
+
+@dataclass(frozen=True)
+class Call:
+    """A call that has ended: seconds by the clock and of the processor, and the functions that took them."""
+
+    name: str = ""
+    seconds: float = 0.0
+    processor: float = 0.0
+    inner: "Call | None" = None
+    """The longest call of the add-on inside of this one."""
+    of_blender: dict[str, float] = field(default_factory=dict)
+    """Seconds of the processor in it that are OF_BLENDER."""
+
+    @property
+    def own(self):
+        """Seconds of the processor but for those."""
+        return self.processor - sum(self.of_blender.values())
+
+    def __str__(self):
+        words = f"{self.seconds * 1000:.1f} ms ({self.processor * 1000:.1f} ms of the processor): {self.name}"
+        inner = self.inner
+        while inner and inner.seconds > SHARE * self.seconds:
+            words += f" > {inner.name}"
+            inner = inner.inner
+        for what, processor in self.of_blender.items():
+            words += f"; of that {processor * 1000:.1f} ms of the processor while {what}"
+        return words
+
+
+@dataclass
+class _Open:
+    """A call that has not ended: when it began by both times, and what has ended in it."""
+
+    began: float
+    began_processor: float
+    inner: Call | None = None
+    of_blender: dict[str, float] = field(default_factory=dict)
 
 
 class Watch:
     """Sees calls of code below a folder. Code elsewhere is switched off at its first call and costs nothing."""
 
     def __init__(self, folder):
-        self.calls = 0
-        self.longest = (0.0, "")
-        self.slow = []
+        self.reset()
         self._folder = str(folder)
-        self._depth = 0
-        self._began = 0.0
+        self._open = []
+        """The outermost first."""
         self._main = threading.main_thread().ident
         events = sys.monitoring.events
         callbacks = {
@@ -36,29 +87,46 @@ class Watch:
 
     def reset(self):
         """Forgets what it has seen."""
-        self.calls, self.longest, self.slow = 0, (0.0, ""), []
+        self.calls, self.slow = 0, []
+        self.longest = self.heaviest = self.first_time = Call()
 
     def _enter(self, code, *_):
         if not code.co_filename.startswith(self._folder):
             return sys.monitoring.DISABLE
         if threading.get_ident() == self._main:
-            self._depth += 1
-            if self._depth == 1:
-                self._began = time.perf_counter()
+            self._open.append(_Open(time.perf_counter(), time.thread_time()))
         return None
 
     def _leave(self, code, *_):
         if not code.co_filename.startswith(self._folder):
             return sys.monitoring.DISABLE
         if threading.get_ident() == self._main:
-            self._depth -= 1
-            if self._depth == 0:
-                self.calls += 1
-                took = time.perf_counter() - self._began
-                self.longest = max(self.longest, (took, code.co_qualname))
-                if took > SLOW_SECONDS:
-                    self.slow.append((took, code.co_qualname))
+            begun, name = self._open.pop(), code.co_qualname
+            seconds, processor = time.perf_counter() - begun.began, time.thread_time() - begun.began_processor
+            of_blender = {OF_BLENDER[name]: processor} if name in OF_BLENDER else begun.of_blender
+            call = Call(name, seconds, processor, begun.inner, of_blender)
+            if self._open:
+                self._note_inside(self._open[-1], call)
+            else:
+                self._note(call)
         return None
+
+    @staticmethod
+    def _note_inside(outer, call):
+        """A call inside of another has ended."""
+        if outer.inner is None or outer.inner.seconds < call.seconds:
+            outer.inner = call
+        for what, processor in call.of_blender.items():
+            outer.of_blender[what] = outer.of_blender.get(what, 0.0) + processor
+
+    def _note(self, call):
+        """An outermost call has ended."""
+        self.calls += 1
+        self.longest = max(self.longest, call, key=lambda it: it.seconds)
+        self.heaviest = max(self.heaviest, call, key=lambda it: it.own)
+        self.first_time = max(self.first_time, call, key=lambda it: it.processor - it.own)
+        if call.seconds > SLOW_SECONDS:
+            self.slow.append(call)
 
     # Exceptions cannot be switched off for a single place: these must not return DISABLE.
     def _enter_by_exception(self, code, *_):

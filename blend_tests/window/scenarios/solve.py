@@ -157,7 +157,8 @@ def paste_picture(driver, artist):
     command = ("xclip", "-selection", "clipboard", "-target", "image/png", "-in", str(file))
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     with driver.within("UI"):
-        bpy.ops.relume.paste_target()
+        bpy.ops.relume.paste_target("INVOKE_DEFAULT")  # As its button does, which is in a panel that is closed.
+    yield from driver.until(lambda: artist.settings.target, "the picture of the clipboard")
     found = yield from look_at_target(driver, artist)
     driver.check(found.found is not None, f"it is read: {found.error}")
     image = artist.settings.target

@@ -4,13 +4,15 @@ use relume_dump::{Flags, Lobe, decode_direction, decode_rgb9e5};
 use relume_image::Image;
 use relume_scene::{ColorEncoding, Texels, Texture, World};
 
+use std::sync::Arc;
+
 use crate::{Gather, GatherError, Half};
 
 /// A world to relight with: what escaped segments see.
 #[derive(Clone, Debug)]
 pub struct Environment {
     pub(crate) color: Vec3,
-    pub(crate) map: Option<Map>,
+    pub(crate) map: Option<Arc<Map>>,
     pub(crate) texture_from_world: Mat3,
     pub(crate) visible_camera: bool,
 }
@@ -32,16 +34,26 @@ impl Environment {
         let texture = world.texture.and_then(|index| textures.get(index));
         Ok(Self {
             color: world.color.into(),
-            map: texture.map(Map::new).transpose()?,
+            map: texture.map(Map::new).transpose()?.map(Arc::new),
             texture_from_world: world.texture_from_world,
             visible_camera: world.visible_camera,
         })
     }
 
+    /// Another world of the same texture, which is shared; the texture that `world` itself names is not looked at.
+    pub fn with_texture_for(&self, world: &World) -> Self {
+        Self {
+            color: world.color.into(),
+            map: self.map.clone(),
+            texture_from_world: world.texture_from_world,
+            visible_camera: world.visible_camera,
+        }
+    }
+
     /// Radiance from a unit direction, RGB, scene-linear.
     pub fn radiance(&self, direction: Vec3) -> Vec3 {
         let texel = |map: &Map| map.lookup(self.texture_from_world * direction);
-        self.map.as_ref().map_or(self.color, |map| self.color * texel(map))
+        self.map.as_deref().map_or(self.color, |map| self.color * texel(map))
     }
 }
 

@@ -217,9 +217,14 @@ impl PySceneBuilder {
         self.builder.warn(message);
     }
 
-    fn build_world(&mut self, py: Python<'_>) -> PyResult<PyWorld> {
+    #[pyo3(signature = (texture_of=None))]
+    fn build_world(&mut self, py: Python<'_>, texture_of: Option<&PyWorld>) -> PyResult<PyWorld> {
         let scene = std::mem::take(&mut self.builder).build_world();
-        let world = enter_native(py, || relume_session::live::OtherWorld::new(&scene))?;
+        let same = texture_of.and_then(|world| world.world.with_texture_for(&scene.world));
+        let world = match same {
+            Some(world) => world,
+            None => enter_native(py, || relume_session::live::OtherWorld::new(&scene))?,
+        };
         Ok(PyWorld { world: Arc::new(world), warnings: scene.warnings })
     }
 

@@ -26,17 +26,14 @@ impl Scene {
         hasher.finalize().to_hex().to_string()
     }
 
-    /// Hash of all that the light of the world depends on besides the paths, hex: its texture and how that is turned, channels in
-    /// which it is black, and whether the camera sees it. Strength and tint do not count: its light has only to be multiplied by them.
+    /// As [`World::map`], of the scene's world.
     pub fn world_map(&self) -> String {
-        let mut hasher = Hasher::new();
-        let World { color, texture, texture_from_world, visible_camera } = &self.world;
-        json(&mut hasher, &(color.map(|channel| channel != 0.0), visible_camera));
-        if let Some(texture) = texture.and_then(|number| self.textures.get(number)) {
-            json(&mut hasher, texture_from_world);
-            hash_texture(&mut hasher, texture);
-        }
-        hasher.finalize().to_hex().to_string()
+        self.world.map(self.world_texture().map(Texture::digest).as_deref())
+    }
+
+    /// The texture of the world.
+    pub fn world_texture(&self) -> Option<&Texture> {
+        self.world.texture.and_then(|number| self.textures.get(number))
     }
 
     /// Numbers of the textures that materials show, each once and in order.
@@ -46,6 +43,29 @@ impl Scene {
             _ => None,
         };
         self.materials.iter().flat_map(|material| material.nodes.iter().filter_map(texture)).collect()
+    }
+}
+
+impl World {
+    /// Hash of all that its light depends on besides the paths, hex: its texture ([`Texture::digest`]) and how that is turned,
+    /// channels in which it is black, and whether the camera sees it. Strength and tint do not count: its light has only to be
+    /// multiplied by them.
+    pub fn map(&self, texture: Option<&str>) -> String {
+        let mut hasher = Hasher::new();
+        json(&mut hasher, &(self.color.map(|channel| channel != 0.0), self.visible_camera));
+        if let Some(texture) = texture {
+            json(&mut hasher, &(self.texture_from_world, texture));
+        }
+        hasher.finalize().to_hex().to_string()
+    }
+}
+
+impl Texture {
+    /// Hash of all but its name, hex.
+    pub fn digest(&self) -> String {
+        let mut hasher = Hasher::new();
+        hash_texture(&mut hasher, self);
+        hasher.finalize().to_hex().to_string()
     }
 }
 

@@ -31,7 +31,7 @@ impl GpuEnvironment {
     /// With some rows of the map.
     fn new(environment: &Environment, rows: &Range<usize>) -> Self {
         let column = |column| environment.texture_from_world.col(column).extend(0.0).to_array();
-        let (width, height) = environment.map.as_ref().map_or((0, 0), |map| (map.width, map.height));
+        let (width, height) = environment.map.as_deref().map_or((0, 0), |map| (map.width, map.height));
         Self {
             texture_from_world: [0, 1, 2].map(column),
             color: environment.color.into(),
@@ -60,7 +60,7 @@ pub(super) struct GpuWorld {
 impl GpuWorld {
     /// Room for a world and so many rows of its map.
     pub fn new(gpu: &Gpu, environment: &Environment, rows: usize) -> Result<Self, GpuError> {
-        let width = environment.map.as_ref().map_or(0, |map| map.width);
+        let width = environment.map.as_deref().map_or(0, |map| map.width);
         Ok(Self { environment: gpu.zeros("world", 1)?, texels: gpu.zeros("map of the world", rows * width)? })
     }
 
@@ -93,7 +93,7 @@ impl GpuGather {
         let manifest = self.dump.manifest();
         let image = self.gpu.zeros::<f32>("image of the world", self.image_values())?;
         let bytes = strip_bytes.min(self.gpu.free_memory() / MAP_SHARE);
-        let strips = strips(environment.map.as_ref(), bytes);
+        let strips = strips(environment.map.as_deref(), bytes);
         let world = GpuWorld::new(&self.gpu, environment, strips[0].len())?;
         for rows in strips {
             world.write(&self.gpu, environment, rows);
@@ -230,7 +230,7 @@ mod tests {
         assert!(!on_gpu.is_resident());
         // 86 KB.
         let environment = mapped(120, 60);
-        assert!(strips(environment.map.as_ref(), 30_000).len() > 2);
+        assert!(strips(environment.map.as_deref(), 30_000).len() > 2);
         for half in HALVES {
             let found = on_gpu.world_image(&environment, half).unwrap();
             assert!(difference(&found, &gather.world_image(&environment, half)) < 3.0 * ROUNDING);
@@ -247,7 +247,7 @@ mod tests {
         let whole = on_gpu.world_image(&environment, Half::All).unwrap();
         // Seven rows; two; a single one although it has more.
         for (bytes, expected) in [(7 * 480 + 479, 3), (960, 10), (1, 20)] {
-            let found = strips(environment.map.as_ref(), bytes);
+            let found = strips(environment.map.as_deref(), bytes);
             assert!(found.len() == expected && found.iter().cloned().flatten().eq(0..20), "{found:?}");
             let found = on_gpu.world_in_strips(&environment, Half::All, bytes).unwrap();
             assert!(difference(&found, &whole) < 1e-5);

@@ -100,8 +100,9 @@ class SceneBuilder:
     def warn(self, message: str) -> None:
         """Keeps a message for the user, once."""
 
-    def build_world(self) -> World:
-        """Its world alone, which needs no camera; the builder is empty afterwards."""
+    def build_world(self, texture_of: World | None = None) -> World:
+        """Its world alone, which needs no camera; the builder is empty afterwards. With the texture of another world
+        from `build_world`, if one is given, in place of its own: nothing of that is read again."""
 
     def build(self) -> Scene:
         """The finished scene; the builder is empty afterwards."""

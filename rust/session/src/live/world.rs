@@ -5,7 +5,7 @@ use crate::world_layer::WorldLayer;
 use crate::{Compute, Monitor, SessionError, WorldAbout};
 use relume_gather::{DenoiseQuality, Environment};
 use relume_image::Image;
-use relume_scene::Scene;
+use relume_scene::{Scene, Texture, World};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -18,8 +18,8 @@ pub struct OtherWorld {
 
 #[derive(Debug)]
 enum Source {
-    /// To be gathered from the paths.
-    Map(Environment),
+    /// To be gathered from the paths; with the digest of its texture.
+    Map(Environment, Option<String>),
     /// Gathered before.
     Layer(Box<WorldLayer>),
 }
@@ -30,8 +30,25 @@ impl OtherWorld {
     /// # Errors
     /// If its texture is damaged.
     pub fn new(scene: &Scene) -> Result<Self, SessionError> {
-        let about = WorldAbout { map: scene.world_map(), color: scene.world.color };
-        Ok(Self { about, source: Source::Map(Environment::new(&scene.world, &scene.textures)?) })
+        let texture = scene.world_texture().map(Texture::digest);
+        let environment = Environment::new(&scene.world, &scene.textures)?;
+        Ok(Self::mapped(&scene.world, environment, texture))
+    }
+
+    /// Another world of the same texture, such as one that was turned: nothing of that is read again. The texture that
+    /// `world` itself names is not looked at. None of a world whose light lies in a bake folder.
+    pub fn with_texture_for(&self, world: &World) -> Option<Self> {
+        match &self.source {
+            Source::Map(environment, texture) => {
+                Some(Self::mapped(world, environment.with_texture_for(world), texture.clone()))
+            }
+            Source::Layer(_) => None,
+        }
+    }
+
+    fn mapped(world: &World, environment: Environment, texture: Option<String>) -> Self {
+        let about = WorldAbout { map: world.map(texture.as_deref()), color: world.color };
+        Self { about, source: Source::Map(environment, texture) }
     }
 
     /// One whose light lies in a bake folder.
@@ -99,7 +116,7 @@ impl WorldUnit {
         compute: &Compute,
         monitor: &Monitor,
     ) -> Result<bool, SessionError> {
-        let (Source::Map(environment), Some(pass)) =
+        let (Source::Map(environment, _), Some(pass)) =
             (&self.world.source, view.passes.get(self.gathered.passes))
         else {
             return Ok(false);

@@ -81,6 +81,24 @@ fn a_turned_world_is_shown_stored_and_taken_back() {
 }
 
 #[test]
+fn a_turned_world_needs_no_texture_again() {
+    let (before, turned) = (under_a_sky(0.0, (16, 16)), under_a_sky(2.0, (16, 16)));
+    let read = OtherWorld::new(&before).unwrap();
+    let untextured = relume_scene::World { color: [3.0, 0.5, 1.0], texture: None, ..turned.world.clone() };
+    let again = read.with_texture_for(&untextured).unwrap();
+    assert_eq!(again.about(), &crate::WorldAbout { map: turned.world_map(), color: [3.0, 0.5, 1.0] });
+
+    let folder = tempfile::tempdir().unwrap();
+    bake(&before, &settings(16), folder.path(), false, &Monitor::default()).unwrap();
+    let live = live(folder.path());
+    live.open(0.0).unwrap();
+    let show = |world: OtherWorld| settled(&live, live.show_world(Arc::new(world), request(&[])).unwrap());
+    let of_new = show(OtherWorld::new(&turned).unwrap());
+    let of_before = show(read.with_texture_for(&turned.world).unwrap());
+    assert_eq!(of_new.image.data, of_before.image.data);
+}
+
+#[test]
 fn noise_under_another_world_is_told_truly() {
     let folder = tempfile::tempdir().unwrap();
     let (before, turned) = (under_a_sky(0.0, (32, 24)), under_a_sky(3.0, (32, 24)));
