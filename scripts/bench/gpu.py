@@ -12,6 +12,8 @@ import sys
 from pathlib import Path
 from statistics import mean
 
+from markdown import rows
+
 ROOT = Path(__file__).resolve().parents[2]
 KEPT = ROOT / "docs/bench"
 GOALS = json.loads((ROOT / "rust/session/src/bench/goals.json").read_text())
@@ -78,11 +80,6 @@ def line(record):
     wanted = f", goal {goal:.4g}" if goal is not None else ""
     beside = f" ({peer}: {record['peer_value']:.4g})" if peer else ""
     return f"{record['value']:.4g} {record['unit']}".rstrip() + limit + wanted + beside
-
-
-def rows(head, lines):
-    """A table in Markdown."""
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in [head, ["---"] * len(head), *lines])
 
 
 def figure_of(goal, records):

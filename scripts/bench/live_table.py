@@ -2,7 +2,7 @@
 
 import json
 
-from gpu import rows
+from markdown import rows
 
 TEXT = """# How soon an artist sees something
 
