@@ -74,9 +74,9 @@ class Shot:
         self.is_exporting = self._has_ended = False
         self._task: RenderTask | None = None
         self._world_task: WorldTask | None = None
+        """Another world than the one that is shown, in the making."""
         self._world_before: WorldTask | None = None
         """The world that was read last."""
-        """Another world than the one that is shown, in the making."""
         self._read_world = ""
         """Shape of the world's print when reading the scene began."""
         self._content: dict[str, Any] = {}
