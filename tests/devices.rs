@@ -44,24 +44,46 @@ fn pictures_are_the_same_on_every_device_and_in_any_memory() {
     assert!(!folder.path().join("none.exr").exists());
 }
 
-#[test]
-fn without_a_driver_a_gpu_that_was_asked_for_is_an_error_and_auto_takes_the_cpu() {
-    let folder = tempfile::tempdir().unwrap();
-    trace_room(folder.path(), "--out bake --width 8 --height 8 --samples 4");
-    // Two generations of the Vulkan loader call it by two names.
-    let without_driver = |mut command: Command| {
-        command.env("VK_DRIVER_FILES", "/nowhere.json").env("VK_ICD_FILENAMES", "/nowhere.json");
+/// A GPU that was asked for and cannot be had is an error that says why and what to do; `auto` takes the CPU.
+fn check_without_gpu(folder: &Path, hide: impl Fn(&mut Command)) {
+    trace_room(folder, "--out bake --width 8 --height 8 --samples 4");
+    let on = |out: &str, device: &str| {
+        let mut command = gather(folder, out, &format!("--device {device}"));
+        hide(&mut command);
         command.output().expect("the program starts")
     };
-    let output = without_driver(gather(folder.path(), "a.exr", "--device gpu"));
-    let message = one_error(&output);
+    let message = one_error(&on("a.exr", "gpu"));
     // A machine with a card may lack its driver, which is what happens here.
     let reasons = ["no GPU was found", "no driver offers it"];
     let says_why = reasons.iter().any(|reason| message.contains(reason));
-    assert!(says_why && message.contains("--device cpu"), "{message}");
-    assert!(!folder.path().join("a.exr").exists());
-    assert!(without_driver(gather(folder.path(), "b.exr", "--device auto")).status.success());
-    assert!(folder.path().join("b.exr").exists());
+    assert!(says_why && message.contains("libvulkan1") && message.contains("--device cpu"), "{message}");
+    assert!(!folder.join("a.exr").exists());
+    assert!(on("b.exr", "auto").status.success());
+    assert!(folder.join("b.exr").exists());
+}
+
+#[test]
+fn without_a_driver_a_gpu_that_was_asked_for_is_an_error_and_auto_takes_the_cpu() {
+    let folder = tempfile::tempdir().unwrap();
+    check_without_gpu(folder.path(), |command| {
+        // Two generations of the Vulkan loader call it by two names.
+        command.env("VK_DRIVER_FILES", "/nowhere.json").env("VK_ICD_FILENAMES", "/nowhere.json");
+    });
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn without_a_vulkan_loader_it_is_so_too() {
+    let folder = tempfile::tempdir().unwrap();
+    // What is found first and is no library hides the one of the system.
+    for name in ["libvulkan.so.1", "libvulkan.so"] {
+        std::fs::write(folder.path().join(name), "no library").unwrap();
+    }
+    let others = std::env::var("LD_LIBRARY_PATH").unwrap_or_default();
+    let path = format!("{}:{others}", folder.path().display());
+    check_without_gpu(folder.path(), |command| {
+        command.env("LD_LIBRARY_PATH", &path);
+    });
 }
 
 /// Names of the figures in a file of `relume bench`.

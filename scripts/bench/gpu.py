@@ -76,9 +76,10 @@ def quality_record(name, key, group, adapter):
 def line(record):
     """A record for people."""
     share, peer, goal = record["share_of_limit"], record["peer"], record.get("goal")
-    limit = f", {share:.0%} of the limit" if share is not None else ""
+    by = f" by {record['limit_by']}" if "limit_by" in record else ""
+    limit = f", {share:.0%} of {record['limit']:.4g}{by}" if share is not None else ""
     wanted = f", goal {goal:.4g}" if goal is not None else ""
-    beside = f" ({peer}: {record['peer_value']:.4g})" if peer else ""
+    beside = f" ({peer}: {record['peer_value']:.4g}, ratio {record['ratio']:.3g})" if peer else ""
     return f"{record['value']:.4g} {record['unit']}".rstrip() + limit + wanted + beside
 
 

@@ -9,31 +9,11 @@ use rayon::prelude::*;
 use relume_dump::{
     Dump, DumpError, End, FORMAT_VERSION, Lobe, Manifest, MemoryWriter, Pass, Segment, ShardSink, TileSamples,
 };
+use relume_gpu::{Figure, Limit};
 use relume_scene::{Light, LightShape, LobeFactors};
 
-pub use crate::gpu::bench::{PAPER, measure as measure_gpu, measure_paper, paper_names};
+pub use crate::gpu::bench::{PAPER, measure as measure_gpu, measure_paper, paper_names, seconds_of_a_light};
 use crate::{Gather, Half, Isa, Scratch, SoftGather};
-
-/// One figure.
-#[derive(Clone, Debug)]
-pub struct Measurement {
-    /// What was measured.
-    pub name: String,
-    /// The figure.
-    pub value: f64,
-    /// Its unit.
-    pub unit: &'static str,
-    /// What the machine could do at best, in the same unit, if known.
-    pub limit: Option<f64>,
-}
-
-impl Measurement {
-    /// `value / limit`; of a time, `limit / value`.
-    pub fn share_of_limit(&self) -> Option<f64> {
-        let share = |limit| if self.unit == "ms" { limit / self.value } else { self.value / limit };
-        self.limit.map(share)
-    }
-}
 
 /// Bytes of a segment that are read where no light is hit.
 const POSITION_BYTES: f64 = 8.0;
@@ -46,16 +26,12 @@ const SEGMENTS_PER_PATH: usize = 4;
 ///
 /// # Errors
 /// If the made-up dump cannot be packed, which would be a fault of this crate.
-pub fn measure(megabytes: usize) -> Result<Vec<Measurement>, DumpError> {
+pub fn measure(megabytes: usize) -> Result<Vec<Figure>, DumpError> {
     let gather = Gather::new(room(megabytes)?);
     let (records, tiles) = (gather.dump().record_count() as f64, gather.dump().manifest().tile_count());
     let read = records / best_seconds(tiles, |tile| read_positions(gather.dump(), tile));
-    let mut measurements = vec![Measurement {
-        name: "plain read of positions, 1 thread".into(),
-        value: read * POSITION_BYTES * 1e-9,
-        unit: "GB/s",
-        limit: None,
-    }];
+    let plain = read * POSITION_BYTES * 1e-9;
+    let mut figures = vec![Figure::new("plain read of positions, 1 thread", plain, "GB/s")];
     type Shape = fn(usize) -> LightShape;
     let kinds = [("sphere", sphere as Shape), ("quad", quad), ("neighbouring sphere", neighbour)];
     for (kind, shape) in kinds {
@@ -63,39 +39,35 @@ pub fn measure(megabytes: usize) -> Result<Vec<Measurement>, DumpError> {
             let lights: Vec<_> = (0..count).map(|index| light(shape(index))).collect();
             let Ok(lights) = gather.prepare_all(&lights) else { continue };
             let seconds = best_seconds(tiles, |tile| drop(black_box(gather.tile(tile, &lights, Half::All))));
-            measurements.push(Measurement {
-                name: format!("gather of {count} {kind} lights, 1 thread"),
-                value: records * count as f64 / seconds * 1e-9,
-                unit: "G segments/s",
-                // Many lights share one pass over the bytes: no limit by reading.
-                limit: (count == 1).then_some(read * 1e-9),
-            });
+            let name = format!("gather of {count} {kind} lights, 1 thread");
+            // Many lights share one pass over the bytes.
+            let limit = Limit::bytes(read * count as f64 * 1e-9);
+            let rate = records * count as f64 / seconds * 1e-9;
+            figures.push(Figure::new(name, rate, "G segments/s").within(&[limit]));
         }
     }
-    measurements.push(all_threads(&gather));
-    measurements.push(pixel_targets(&gather));
-    measurements.extend(smoothed(&gather));
-    Ok(measurements)
+    figures.push(all_threads(&gather));
+    figures.push(pixel_targets(&gather));
+    figures.extend(smoothed(&gather));
+    Ok(figures)
 }
 
 /// One light on all threads of the current pool, against a plain read by as many.
-fn all_threads(gather: &Gather) -> Measurement {
+fn all_threads(gather: &Gather) -> Figure {
     let (records, tiles) = (gather.dump().record_count() as f64, gather.dump().manifest().tile_count());
     let lights = gather.prepare_all(&[light(sphere(0))]).unwrap_or_default();
     let rate = |work: &(dyn Fn(usize) + Sync)| {
         let seconds = best_seconds(1, |_| (0..tiles).into_par_iter().for_each(work));
         records / seconds * 1e-9
     };
-    Measurement {
-        name: format!("gather of 1 sphere light, {} threads", rayon::current_num_threads()),
-        value: rate(&|tile| drop(black_box(gather.tile(tile, &lights, Half::All)))),
-        unit: "G segments/s",
-        limit: Some(rate(&|tile| read_positions(gather.dump(), tile))),
-    }
+    let name = format!("gather of 1 sphere light, {} threads", rayon::current_num_threads());
+    let value = rate(&|tile| drop(black_box(gather.tile(tile, &lights, Half::All))));
+    let limit = Limit::bytes(rate(&|tile| read_positions(gather.dump(), tile)));
+    Figure::new(name, value, "G segments/s").within(&[limit])
 }
 
 /// What a training asks for: a few lights at single pixels.
-fn pixel_targets(gather: &Gather) -> Measurement {
+fn pixel_targets(gather: &Gather) -> Figure {
     const LIGHTS: usize = 4;
     let lights: Vec<_> = (0..LIGHTS).map(|index| light(sphere(index))).collect();
     let lights = gather.prepare_all(&lights).unwrap_or_default();
@@ -107,20 +79,16 @@ fn pixel_targets(gather: &Gather) -> Measurement {
         }
     });
     let segments = gather.dump().pixel(0, 0).map(|(shard, pixel)| shard.pixel(pixel).len()).sum::<usize>();
-    Measurement {
-        name: format!("pixel targets, {LIGHTS} lights a pixel, {segments} segments a pixel, 1 thread"),
-        value: (TILE * TILE * lights.len()) as f64 / seconds,
-        unit: "targets/s",
-        limit: None,
-    }
+    let name = format!("pixel targets, {LIGHTS} lights a pixel, {segments} segments a pixel, 1 thread");
+    Figure::new(name, (TILE * TILE * lights.len()) as f64 / seconds, "targets/s")
 }
 
 /// What solving lights asks for: cells of one light with all derivatives, from barely to widely smoothed.
-fn smoothed(gather: &Gather) -> Vec<Measurement> {
+fn smoothed(gather: &Gather) -> Vec<Figure> {
     let soft = SoftGather::new(gather, TILE / 2);
     let cells = soft.cells().0 * soft.cells().1;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
-    let mut measurements = Vec::new();
+    let mut figures = Vec::new();
     for (pool, (kind, shape)) in
         pool.iter().flat_map(|pool| [(pool, ("sphere", sphere(0))), (pool, ("quad", quad(0)))])
     {
@@ -129,15 +97,12 @@ fn smoothed(gather: &Gather) -> Vec<Measurement> {
             let seconds = best_seconds(cells, |cell| {
                 drop(black_box(pool.install(|| soft.linearise(&light, softness, &[cell as u32]))));
             });
-            measurements.push(Measurement {
-                name: format!("derivatives of 1 {kind} light at softness {softness}, 1 thread"),
-                value: gather.dump().record_count() as f64 / seconds * 1e-9,
-                unit: "G segments/s",
-                limit: None,
-            });
+            let name = format!("derivatives of 1 {kind} light at softness {softness}, 1 thread");
+            let rate = gather.dump().record_count() as f64 / seconds * 1e-9;
+            figures.push(Figure::new(name, rate, "G segments/s"));
         }
     }
-    measurements
+    figures
 }
 
 /// Sum over the parts of the best time of each: short parts make it likely that nothing else ran on the core meanwhile. The

@@ -2,7 +2,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::choice::choose;
-use crate::kernel::Compiled;
+use crate::kernel::{Checks, Compiled};
 use crate::memory::Memory;
 use crate::{AdapterSummary, GpuChoice, GpuError};
 
@@ -27,6 +27,7 @@ pub struct Gpu {
     memory: Arc<Memory>,
     bytes_read: AtomicU64,
     trouble: Arc<Mutex<Trouble>>,
+    checks: Checks,
     compiled: Compiled,
 }
 
@@ -93,10 +94,24 @@ impl Gpu {
     /// [`Gpu::open`], but one of these devices if it is of the same GPU.
     fn open_beside(choice: &GpuChoice, others: Vec<Arc<Self>>) -> Result<Arc<Self>, GpuError> {
         let choice = choice.clone();
+        Self::on_a_thread(move || Self::open_here(&choice, &others))
+    }
+
+    /// Opens the same GPU once more, with kernels that check themselves or do not: for measuring what that costs. It has a memory
+    /// budget of its own.
+    ///
+    /// # Errors
+    /// As [`Gpu::open`].
+    pub fn twin(&self, checks: Checks) -> Result<Arc<Self>, GpuError> {
+        let adapter = self.adapter.clone();
+        Self::on_a_thread(move || Self::open_adapter(&adapter, checks))
+    }
+
+    fn on_a_thread(
+        open: impl FnOnce() -> Result<Arc<Self>, GpuError> + Send + 'static,
+    ) -> Result<Arc<Self>, GpuError> {
         let thread = std::thread::Builder::new().name("relume-gpu".into());
-        let opened =
-            thread.spawn(move || Self::open_here(&choice, &others)).map(std::thread::JoinHandle::join);
-        match opened {
+        match thread.spawn(open).map(std::thread::JoinHandle::join) {
             Ok(Ok(result)) => result,
             Ok(Err(_)) => Err(GpuError::Lost("its driver failed while it was opened".into())),
             Err(error) => Err(GpuError::Lost(format!("no thread to open it on: {error}"))),
@@ -108,14 +123,15 @@ impl Gpu {
         let mut opened = adapters.iter().map(|adapter| {
             let summary = AdapterSummary::new(&adapter.get_info());
             let known = others.iter().find(|gpu| gpu.summary == summary);
-            known.map_or_else(|| Self::open_adapter(adapter), |gpu| Ok(Arc::clone(gpu)))
+            let open = || Self::open_adapter(adapter, Checks::of_this_build());
+            known.map_or_else(open, |gpu| Ok(Arc::clone(gpu)))
         });
         // The next best may do; if none does, what the best one lacks is said.
         let best = opened.next().unwrap_or(Err(GpuError::NoAdapter));
         best.or_else(|error| opened.find_map(Result::ok).ok_or(error))
     }
 
-    fn open_adapter(adapter: &wgpu::Adapter) -> Result<Arc<Self>, GpuError> {
+    fn open_adapter(adapter: &wgpu::Adapter, checks: Checks) -> Result<Arc<Self>, GpuError> {
         let info = adapter.get_info();
         let unsuitable = |missing: String| GpuError::Unsuitable { adapter: info.name.clone(), missing };
         if let Some(missing) = missing(adapter.features(), &adapter.limits()) {
@@ -150,6 +166,7 @@ impl Gpu {
             memory,
             bytes_read,
             trouble,
+            checks,
             compiled,
         }))
     }
@@ -233,6 +250,10 @@ impl Gpu {
     pub fn lose(&self) {
         self.device.destroy();
         let _ = self.device.poll(wgpu::PollType::Poll);
+    }
+
+    pub(crate) fn checks(&self) -> Checks {
+        self.checks
     }
 
     pub(crate) fn compiled(&self) -> &Compiled {

@@ -13,6 +13,15 @@ pub struct Kernel {
     label: String,
 }
 
+/// Whether kernels check their indices, divisors and loops, which costs a counter in every loop and a comparison at every access.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Checks {
+    /// They do.
+    On,
+    /// They do not.
+    Off,
+}
+
 /// What a device has compiled so far.
 #[derive(Debug, Default)]
 pub(crate) struct Compiled {
@@ -96,10 +105,9 @@ impl Gpu {
         let descriptor =
             wgpu::ShaderModuleDescriptor { label: Some(name), source: wgpu::ShaderSource::Wgsl(text.into()) };
         let scope = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
-        let checks = if is_checked() {
-            wgpu::ShaderRuntimeChecks::checked()
-        } else {
-            wgpu::ShaderRuntimeChecks::unchecked()
+        let checks = match self.checks() {
+            Checks::On => wgpu::ShaderRuntimeChecks::checked(),
+            Checks::Off => wgpu::ShaderRuntimeChecks::unchecked(),
         };
         // SAFETY: the modules are our own, from the table of this crate, and every kernel's tests run with all checks on
         // and without them.
@@ -124,13 +132,16 @@ impl Gpu {
     }
 }
 
-/// Whether kernels check their indices, divisors and loops, which costs a counter in every loop and a comparison at every access:
-/// in dev builds only, and not there either where the environment sets `RELUME_GPU_UNCHECKED`, with which tests run the kernels
-/// that release builds have.
-fn is_checked() -> bool {
-    static CHECKED: LazyLock<bool> =
-        LazyLock::new(|| cfg!(debug_assertions) && std::env::var_os("RELUME_GPU_UNCHECKED").is_none());
-    *CHECKED
+impl Checks {
+    /// On in dev builds, but where the environment sets `RELUME_GPU_UNCHECKED`, with which tests run the kernels that release builds
+    /// have.
+    pub(crate) fn of_this_build() -> Self {
+        static CHECKS: LazyLock<Checks> = LazyLock::new(|| {
+            let are_on = cfg!(debug_assertions) && std::env::var_os("RELUME_GPU_UNCHECKED").is_none();
+            if are_on { Checks::On } else { Checks::Off }
+        });
+        *CHECKS
+    }
 }
 
 /// A module's name and the values of its constants.

@@ -2,13 +2,90 @@
 
 use crate::{GpuError, modules};
 
-/// A struct of a module: its size in bytes, and the offset of every field by name.
+/// A struct of a module: its size in bytes, and its fields in the order of the declaration.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StructLayout {
     /// Bytes.
     pub size: u32,
-    /// Name and offset in bytes, in the order of the declaration.
-    pub fields: Vec<(String, u32)>,
+    /// The fields.
+    pub fields: Vec<FieldLayout>,
+}
+
+/// A field of a struct.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FieldLayout {
+    /// Its name.
+    pub name: String,
+    /// Where it starts, bytes.
+    pub offset: u32,
+    /// What it is made of, and where that lies in the struct, bytes.
+    pub parts: Vec<(u32, Part)>,
+}
+
+/// What fields are made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// `f32`
+    F32,
+    /// `i32`
+    I32,
+    /// `u32`
+    U32,
+    /// A struct, which has a mirror of its own.
+    Struct,
+    /// Anything else, which no mirror has.
+    Other,
+}
+
+impl StructLayout {
+    /// What is wrong with a Rust mirror of this: its size, or its first field that differs. A field of the mirror may be longer by
+    /// what fills up the room to the next one, as `[f32; 4]` for a `vec3f`.
+    pub fn difference(&self, mirror: &Self) -> Option<String> {
+        let pairs = self.fields.iter().zip(&mirror.fields);
+        let differs = |(wgsl, rust): &(&FieldLayout, &FieldLayout)| {
+            (&wgsl.name, wgsl.offset) != (&rust.name, rust.offset)
+                || wgsl.parts.iter().any(|part| !rust.parts.contains(part))
+        };
+        if let Some((wgsl, rust)) = pairs.clone().find(differs) {
+            return Some(format!("{rust:?} should be {wgsl:?}"));
+        }
+        let sizes = |layout: &Self| (layout.size, layout.fields.len());
+        (sizes(self) != sizes(mirror))
+            .then(|| format!("bytes and fields are {:?} and should be {:?}", sizes(mirror), sizes(self)))
+    }
+}
+
+/// A Rust type of a field of a mirror.
+pub trait Field {
+    /// Appends what it is made of, if it lies `at` so many bytes.
+    fn add_parts(at: u32, parts: &mut Vec<(u32, Part)>);
+}
+
+/// Types that are one part.
+#[macro_export]
+macro_rules! part_of_mirrors {
+    ($($type:ty as $part:ident),* $(,)?) => {
+        $(impl $crate::layout::Field for $type {
+            fn add_parts(at: u32, parts: &mut Vec<(u32, $crate::layout::Part)>) {
+                parts.push((at, $crate::layout::Part::$part));
+            }
+        })*
+    };
+}
+
+part_of_mirrors!(f32 as F32, i32 as I32, u32 as U32);
+
+impl<T: Field, const N: usize> Field for [T; N] {
+    fn add_parts(at: u32, parts: &mut Vec<(u32, Part)>) {
+        (0..N).for_each(|index| T::add_parts(at + (index * size_of::<T>()) as u32, parts));
+    }
+}
+
+/// A field of a Rust struct, which `_get` names: only its type counts.
+pub fn field<S, F: Field>(name: &str, offset: usize, _get: fn(&S) -> &F) -> FieldLayout {
+    let mut parts = Vec::new();
+    F::add_parts(offset as u32, &mut parts);
+    FieldLayout { name: name.to_owned(), offset: offset as u32, parts }
 }
 
 /// The layout of a struct as WGSL's rules have it.
@@ -19,8 +96,11 @@ pub fn of(module: &str, name: &str) -> Result<StructLayout, GpuError> {
     let parsed = modules::validate(module, &[])?;
     let found = parsed.types.iter().find_map(|(_, ty)| match (&ty.name, &ty.inner) {
         (Some(found), naga::TypeInner::Struct { members, span }) if found == name => {
-            let field =
-                |member: &naga::StructMember| (member.name.clone().unwrap_or_default(), member.offset);
+            let field = |member: &naga::StructMember| {
+                let mut parts = Vec::new();
+                add_wgsl_parts(&parsed, member.ty, member.offset, &mut parts);
+                FieldLayout { name: member.name.clone().unwrap_or_default(), offset: member.offset, parts }
+            };
             Some(StructLayout { size: *span, fields: members.iter().map(field).collect() })
         }
         _ => None,
@@ -29,6 +109,42 @@ pub fn of(module: &str, name: &str) -> Result<StructLayout, GpuError> {
         module: module.to_owned(),
         reason: format!("it has no struct {name}"),
     })
+}
+
+/// Appends what a WGSL type is made of, if it lies `at` so many bytes.
+fn add_wgsl_parts(
+    module: &naga::Module,
+    ty: naga::Handle<naga::Type>,
+    at: u32,
+    parts: &mut Vec<(u32, Part)>,
+) {
+    use naga::TypeInner;
+    let vector = |at: u32, size: naga::VectorSize, scalar: naga::Scalar| {
+        (0..size as u32).map(move |lane| (at + lane * u32::from(scalar.width), part_of(scalar)))
+    };
+    match module.types[ty].inner {
+        TypeInner::Scalar(scalar) => parts.push((at, part_of(scalar))),
+        TypeInner::Vector { size, scalar } => parts.extend(vector(at, size, scalar)),
+        TypeInner::Matrix { columns, rows, scalar } => {
+            // Columns of three lie like those of four.
+            let stride = (rows as u32).next_power_of_two() * u32::from(scalar.width);
+            parts.extend((0..columns as u32).flat_map(|column| vector(at + column * stride, rows, scalar)));
+        }
+        TypeInner::Array { base, size: naga::ArraySize::Constant(count), stride } => {
+            (0..count.get()).for_each(|index| add_wgsl_parts(module, base, at + index * stride, parts));
+        }
+        TypeInner::Struct { .. } => parts.push((at, Part::Struct)),
+        _ => parts.push((at, Part::Other)),
+    }
+}
+
+fn part_of(scalar: naga::Scalar) -> Part {
+    match scalar {
+        naga::Scalar::F32 => Part::F32,
+        naga::Scalar::I32 => Part::I32,
+        naga::Scalar::U32 => Part::U32,
+        _ => Part::Other,
+    }
 }
 
 /// The value of a `const` of a module: a number of type `u32`.
@@ -50,7 +166,7 @@ pub fn constant(module: &str, name: &str) -> Result<u32, GpuError> {
     })
 }
 
-/// Panics unless a Rust struct has the size and the fields, at the same places, of its WGSL twin.
+/// Panics unless a Rust struct has the size and the fields, of the same types at the same places, of its WGSL twin.
 ///
 /// ```text
 /// relume_gpu::assert_mirror!(Light as "gather/gather", "Light", { center, radius });
@@ -58,9 +174,70 @@ pub fn constant(module: &str, name: &str) -> Result<u32, GpuError> {
 #[macro_export]
 macro_rules! assert_mirror {
     ($rust:ty as $module:literal, $name:literal, { $($field:ident),* $(,)? }) => {
-        let layout = $crate::layout::of($module, $name).unwrap();
-        let fields = vec![$((stringify!($field).to_owned(), std::mem::offset_of!($rust, $field) as u32)),*];
+        let fields = vec![$(
+            $crate::layout::field(
+                stringify!($field), std::mem::offset_of!($rust, $field), |mirror: &$rust| &mirror.$field,
+            )
+        ),*];
         let mirror = $crate::layout::StructLayout { size: size_of::<$rust>() as u32, fields };
-        assert_eq!(mirror, layout, "{} and {} of {}.wgsl", stringify!($rust), $name, $module);
+        let difference = $crate::layout::of($module, $name).unwrap().difference(&mirror);
+        assert_eq!(difference, None, "{} and {} of {}.wgsl", stringify!($rust), $name, $module);
     };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of `Light` in `gather/light.wgsl`, whose first fields are `center: vec3f`, `kind: u32`.
+    #[test]
+    fn a_mirror_whose_fields_have_other_types_is_told_from_its_twin() {
+        let whole = of("gather/light", "Light").unwrap();
+        let differs = |field: usize, parts: &[(u32, Part)]| {
+            let mut other = whole.clone();
+            other.fields[field].parts = parts.to_vec();
+            whole.difference(&other)
+        };
+        use Part::{F32, I32, U32};
+        assert_eq!(whole.difference(&whole), None);
+        assert_eq!(differs(0, &[(0, F32), (4, F32), (8, F32)]), None);
+        assert!(differs(0, &[(0, F32), (4, F32), (8, U32)]).unwrap().contains("center"));
+        assert!(differs(0, &[(0, F32), (4, F32)]).is_some(), "a vector of two");
+        assert!(differs(1, &[(12, F32)]).unwrap().contains("kind"));
+        assert!(differs(1, &[(12, I32)]).is_some());
+        let factors = whole.fields.iter().position(|field| field.name == "factors").unwrap();
+        assert_eq!(whole.fields[factors].parts, [0, 1, 2, 3, 4, 5, 6, 7].map(|i| (64 + 4 * i, F32)));
+        let mut shorter = whole.clone();
+        shorter.fields.pop();
+        assert!(whole.difference(&shorter).unwrap().contains("bytes and fields"));
+    }
+
+    #[test]
+    fn types_of_both_languages_are_made_of_the_same_parts() {
+        use Part::{F32, Struct, U32};
+        #[repr(C)]
+        struct Rust {
+            number: u32,
+            rows: [[f32; 2]; 2],
+            part: Inner,
+        }
+        struct Inner(#[expect(dead_code, reason = "only its type counts")] u32);
+        part_of_mirrors!(Inner as Struct);
+        let rows = [(4, F32), (8, F32), (12, F32), (16, F32)];
+        let fields = [
+            field("number", 0, |rust: &Rust| &rust.number),
+            field("rows", 4, |rust: &Rust| &rust.rows),
+            field("part", 20, |rust: &Rust| &rust.part),
+        ];
+        let parts = fields.map(|field| field.parts);
+        assert_eq!(parts, [vec![(0, U32)], rows.to_vec(), vec![(20, Struct)]]);
+        // Columns of a matrix of three rows are four floats apart; the mirror fills them up.
+        let environment = of("gather/world", "Environment").unwrap();
+        let columns = [0, 16, 32].map(|at| [at, at + 4, at + 8]).concat();
+        assert!(environment.fields[0].parts.iter().map(|part| part.0).eq(columns));
+        let mut filled = environment.clone();
+        filled.fields[0].parts.push((12, F32));
+        assert_eq!(environment.difference(&filled), None);
+        assert_eq!(of("train/inputs", "Inputs").unwrap().fields[0].parts, [(0, Struct)]);
+    }
 }

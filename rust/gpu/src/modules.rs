@@ -30,6 +30,7 @@ files![
     "gather/images",
     "gather/light",
     "gather/numbers",
+    "gather/paper",
     "gather/pixel",
     "gather/pull",
     "gather/records",

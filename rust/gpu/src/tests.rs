@@ -124,6 +124,52 @@ fn a_kernel_is_compiled_once_a_device() {
     assert_ne!(one, another);
 }
 
+/// Reads an array behind its end: a kernel that checks its indices takes the last value.
+const BEHIND_THE_END: &str = "
+    @group(0) @binding(0) var<storage, read_write> values: array<u32>;
+    var<private> four: array<u32, 4>;
+    @compute @workgroup_size(1)
+    fn read() {
+        four[3] = 7u;
+        values[0] = four[values[0]];
+    }
+";
+
+#[test]
+fn twins_of_a_gpu_compile_kernels_with_checks_and_without() {
+    let gpu = gpu();
+    let [checked, unchecked] = [Checks::On, Checks::Off].map(|checks| gpu.twin(checks).unwrap());
+    assert_eq!([&checked, &unchecked].map(|twin| twin.summary()), [gpu.summary(); 2]);
+    assert_eq!([&checked, &unchecked].map(|twin| twin.checks()), [Checks::On, Checks::Off]);
+    for gpu in [&checked, &unchecked] {
+        let (values, total) =
+            (gpu.buffer_of("values", &[1u32, 2, 3]).unwrap(), gpu.zeros::<u32>("total", 1).unwrap());
+        let kernel = gpu.kernel("selftest", "sum", &[]).unwrap();
+        let mut commands = gpu.commands("sum");
+        commands.run(&kernel.bind(&[values.whole(), total.whole()]).unwrap(), 1, &[]);
+        commands.submit().unwrap();
+        assert_eq!(gpu.read(&total, 0..1).unwrap(), [6]);
+    }
+    let values = checked.buffer_of("values", &[1000u32]).unwrap();
+    let kernel = checked.kernel_of_text("behind the end", BEHIND_THE_END, "read").unwrap();
+    let mut commands = checked.commands("read");
+    commands.run(&kernel.bind(&[values.whole()]).unwrap(), 1, &[]);
+    commands.submit().unwrap();
+    assert_eq!(checked.read(&values, 0..1).unwrap(), [7]);
+}
+
+#[test]
+fn a_buffer_above_the_limit_of_the_driver_is_refused_by_name() {
+    let gpu = gpu();
+    gpu.set_memory_budget(Some(u64::MAX));
+    let most = gpu.limits().buffer;
+    let error = gpu.zeros::<u8>("positions", most as usize + 1).unwrap_err();
+    assert_eq!(error, GpuError::TooLarge { what: "positions".into(), limit: most >> 20 });
+    assert!(error.to_string().contains("positions is larger than a buffer of this GPU can be ("), "{error}");
+    assert!(error.to_string().contains("--device cpu"));
+    gpu.check().unwrap();
+}
+
 #[test]
 fn many_workgroups_are_folded_into_rows() {
     for groups in [0, 1, 65_535, 65_536, 442_500, 10_000_000] {

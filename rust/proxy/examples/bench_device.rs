@@ -8,15 +8,8 @@ fn main() -> Result<(), relume_proxy::ProxyError> {
     let gpu = Gpu::shared(&GpuChoice::Best)?;
     println!("{}", gpu.summary().name);
     let extent = if gpu.summary().software { Extent::SOFTWARE } else { Extent::CARD };
-    for record in relume_proxy::bench::device(&gpu, extent)? {
-        println!(
-            "{:64} {:9.3} {} {:9.3} possible: {:5.1} %",
-            record.name,
-            record.value,
-            record.unit,
-            record.limit,
-            100.0 * record.share_of_limit
-        );
+    for figure in relume_proxy::bench::device(&gpu, extent)? {
+        println!("{figure}");
     }
     Ok(())
 }

@@ -5,8 +5,7 @@ use std::hint::black_box;
 use std::sync::Arc;
 
 use cpu_time::ThreadTime;
-use relume_gpu::{Gpu, Peaks, best_of_rounds};
-use serde::Serialize;
+use relume_gpu::{Figure, Gpu, Limit, Peaks, best_of_rounds};
 
 use crate::simd::{Isa, peak};
 use crate::synthetic::SyntheticRoom;
@@ -14,21 +13,6 @@ use crate::{
     GpuProxy, GridConfig, LightKind, LightParams, NetworkConfig, ProxyError, SizeRange, TargetMode,
     TrainConfig, Trainer,
 };
-
-/// One measured figure.
-#[derive(Clone, Debug, Serialize)]
-pub struct Record {
-    /// What was measured.
-    pub name: String,
-    /// The figure.
-    pub value: f64,
-    /// Its unit.
-    pub unit: &'static str,
-    /// The limit in the same unit: what the peak of the core, or of the device, would allow.
-    pub limit: f64,
-    /// `value / limit`; of a time, `limit / value`.
-    pub share_of_limit: f64,
-}
 
 /// How much is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,17 +44,17 @@ const ROUNDS: usize = 7;
 ///
 /// # Errors
 /// Does not fail unless the configurations in here are wrong.
-pub fn kernels(extent: Extent) -> Result<Vec<Record>, ProxyError> {
+pub fn kernels(extent: Extent) -> Result<Vec<Figure>, ProxyError> {
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(1)
         .build()
         .map_err(|error| ProxyError::Config(format!("no thread for the benchmark: {error}")))?;
     pool.install(|| {
-        let mut records = Vec::new();
+        let mut figures = Vec::new();
         for (name, network, batch) in networks(extent) {
-            records.extend(measure(name, network, batch.min(extent.samples), extent)?);
+            figures.extend(measure(name, network, batch.min(extent.samples), extent)?);
         }
-        Ok(records)
+        Ok(figures)
     })
 }
 
@@ -98,14 +82,21 @@ const STEP_SHARE: usize = 20;
 ///
 /// # Errors
 /// If the device fails or has not the memory.
-pub fn device(gpu: &Arc<Gpu>, extent: Extent) -> Result<Vec<Record>, ProxyError> {
-    let peaks = gpu.peaks()?;
-    let mut records = Vec::new();
+pub fn device(gpu: &Arc<Gpu>, extent: Extent) -> Result<Vec<Figure>, ProxyError> {
+    let limits = Limits { peaks: gpu.peaks()?, read_back: gpu.transfers()?[1] };
+    let mut figures = Vec::new();
     for (name, network, _) in networks(extent) {
-        records.extend(measure_device(gpu, &peaks, name, network.clone(), extent)?);
-        records.extend(measure_training(gpu, &peaks, name, network, extent)?);
+        figures.extend(measure_device(gpu, &limits, name, network.clone(), extent)?);
+        figures.extend(measure_training(gpu, &limits.peaks, name, network, extent)?);
     }
-    Ok(records)
+    Ok(figures)
+}
+
+/// What a device can do at best.
+struct Limits {
+    peaks: Peaks,
+    /// Bytes a second to the CPU.
+    read_back: f64,
 }
 
 /// Pixels of the paper's pictures (section 6.1).
@@ -124,53 +115,86 @@ fn name_of(task: &str, network: &str, [width, height]: [usize; 2]) -> String {
     format!("{task} {network}, {width} x {height}")
 }
 
+/// Times of an image and of a step of the light optimiser, and how far images are from sums of 64 bits.
 fn measure_device(
     gpu: &Arc<Gpu>,
-    peaks: &Peaks,
+    Limits { peaks, read_back }: &Limits,
     name: &str,
     network: NetworkConfig,
     Extent { rounds, size: [width, height], .. }: Extent,
-) -> Result<Vec<Record>, ProxyError> {
+) -> Result<Vec<Figure>, ProxyError> {
     let trainer = device_trainer(network, [width, height])?;
     let on_device = GpuProxy::new(Arc::clone(gpu), &trainer.proxy()?)?;
-    let light = LightParams::round(LightKind::Sphere, glam::Vec3::new(0.3, -0.5, 1.0), 0.2);
+    let light = test_light();
     let count = width * height;
     let cost = count as f64 * trainer.multiply_adds().1 as f64;
-    // Bound by products, or by what is read of the pixels.
-    let limit = |peak: f64, cost: f64, share: f64| {
-        (cost / peak).max(share * on_device.image_bytes() as f64 / peaks.read)
+    // Products, and what is read of the pixels.
+    let limits = |peak: f64, times: f64, share: f64| {
+        let bytes = share * on_device.image_bytes() as f64;
+        [Limit::operations(1e3 * share * times * cost / peak), Limit::bytes(1e3 * bytes / peaks.read)]
     };
-    let record = |task: &str, seconds: f64, limit: f64| Record {
-        name: name_of(task, name, [width, height]),
-        value: 1e3 * seconds,
-        unit: "ms",
-        limit: 1e3 * limit,
-        share_of_limit: limit / seconds,
-    };
-    let mut records = Vec::new();
+    let named = |task: &str, value: f64, unit| Figure::new(name_of(task, name, [width, height]), value, unit);
+    let mut figures = Vec::new();
     for by_matrices in [false, true] {
+        let task = inference(by_matrices);
         if let Some(seconds) = on_device.seconds(&light, by_matrices)? {
             let peak = peaks.matrices.filter(|_| by_matrices).unwrap_or(peaks.multiply_adds);
-            records.push(record(inference(by_matrices), seconds, limit(peak, cost, 1.0)));
+            figures.push(named(task, 1e3 * seconds, "ms").within(&limits(peak, 1.0, 1.0)));
+        }
+        if let Some(error) = on_device.error(&light, by_matrices)? {
+            figures.push(named(&format!("largest error of {task}"), error, OF_THE_LARGEST));
         }
     }
     let peak = peaks.matrices.filter(|_| on_device.by_matrices()).unwrap_or(peaks.multiply_adds);
     let image = best_of_rounds(rounds, || on_device.unit_image(&light).map(drop))?;
-    records.push(record("unit image with read-back", image, limit(peak, cost, 1.0)));
+    let [products, pixels] = limits(peak, 1.0, 1.0);
+    let copied = Limit::copies(1e3 * (3 * size_of::<f32>() * count) as f64 / read_back);
+    let figure = named("unit image with read-back", 1e3 * image, "ms");
+    figures.push(figure.within(&[products, pixels, copied]));
 
+    // Forward, forward again and backward, by the plain units.
+    let share = 1.0 / STEP_SHARE as f64;
+    let step = named("light step on 5 % of the pixels", 1e3 * seconds_of_a_step(&on_device, rounds)?, "ms");
+    figures.push(step.within(&limits(peaks.multiply_adds, 3.0, share)));
+    Ok(figures)
+}
+
+/// Unit of an error.
+const OF_THE_LARGEST: &str = "of the largest value";
+
+fn test_light() -> LightParams {
+    LightParams::round(LightKind::Sphere, glam::Vec3::new(0.3, -0.5, 1.0), 0.2)
+}
+
+/// Seconds of a step of the light optimiser.
+fn seconds_of_a_step(on_device: &GpuProxy, rounds: usize) -> Result<f64, ProxyError> {
+    let count = on_device.proxy().features().pixel_count();
     let picture = vec![0.5; 3 * count];
     let comparison = on_device.comparison(&picture, &picture, 1.0)?;
     // Every so manieth pixel in an order without pattern.
     let pixels: Vec<u32> =
         (0..count / STEP_SHARE).map(|i| (i as u32).wrapping_mul(0x9e37_79b1) % count as u32).collect();
     let shares = vec![1.0 / pixels.len() as f32; pixels.len()];
-    let light = [(light, [1.0; 3])];
-    let step = best_of_rounds(rounds, || comparison.gradient(&light, &pixels, &shares).map(drop))?;
-    // Forward, forward again and backward, by the plain units.
-    let share = 1.0 / STEP_SHARE as f64;
-    let least = limit(peaks.multiply_adds, 3.0 * cost * share, share);
-    records.push(record("light step on 5 % of the pixels", step, least));
-    Ok(records)
+    let light = [(test_light(), [1.0; 3])];
+    best_of_rounds(rounds, || comparison.gradient(&light, &pixels, &shares).map(drop))
+}
+
+/// Name of the widest of the networks that are measured, and seconds in which the plain kernel makes an image of it.
+///
+/// # Errors
+/// If the device fails or has not the memory.
+pub fn seconds_of_the_widest(gpu: &Arc<Gpu>, extent: Extent) -> Result<(String, f64), ProxyError> {
+    let cost = |network: &NetworkConfig| match network {
+        NetworkConfig::Reference { width, layers, .. } | NetworkConfig::Fast { width, layers, .. } => {
+            width * width * layers
+        }
+    };
+    let widest = networks(extent).max_by_key(|(_, network, _)| cost(network));
+    let (name, network, _) = widest.ok_or_else(|| ProxyError::Config("no network to measure".into()))?;
+    let trainer = device_trainer(network, extent.size)?;
+    let on_device = GpuProxy::new(Arc::clone(gpu), &trainer.proxy()?)?;
+    let seconds = on_device.seconds(&test_light(), false)?.unwrap_or(f64::NAN);
+    Ok((name_of(inference(false), name, extent.size), seconds))
 }
 
 fn device_trainer(network: NetworkConfig, [width, height]: [usize; 2]) -> Result<Trainer, ProxyError> {
@@ -190,8 +214,8 @@ fn measure_training(
     name: &str,
     network: NetworkConfig,
     Extent { rounds, size: [width, height], samples, .. }: Extent,
-) -> Result<Vec<Record>, ProxyError> {
-    let mut records = Vec::new();
+) -> Result<Vec<Figure>, ProxyError> {
+    let mut figures = Vec::new();
     for (by, matrices) in [("", false), (" by matrices", true)] {
         let trainer = device_trainer(network.clone(), [width, height])?;
         let peak = peaks.wide_matrices.filter(|_| matrices).unwrap_or(peaks.multiply_adds);
@@ -199,16 +223,12 @@ fn measure_training(
         let limit = peak / (3.0 * (samples * trainer.multiply_adds().0) as f64);
         let room = SyntheticRoom::new(width, height);
         if let Some(seconds) = trainer.seconds_on_gpu(gpu, &room, (samples, rounds), matrices)? {
-            records.push(Record {
-                name: format!("training on {samples} samples an iteration{by} {name}, {width} x {height}"),
-                value: 1.0 / seconds,
-                unit: "iterations/s",
-                limit,
-                share_of_limit: 1.0 / seconds / limit,
-            });
+            let name = format!("training on {samples} samples an iteration{by} {name}, {width} x {height}");
+            let figure = Figure::new(name, 1.0 / seconds, "iterations/s");
+            figures.push(figure.within(&[Limit::operations(limit)]));
         }
     }
-    Ok(records)
+    Ok(figures)
 }
 
 /// Peak of one core, multiply-adds per second.
@@ -224,7 +244,7 @@ fn measure(
     network: NetworkConfig,
     batch: usize,
     Extent { rounds, size: [width, height], .. }: Extent,
-) -> Result<[Record; 2], ProxyError> {
+) -> Result<[Figure; 2], ProxyError> {
     let isa = Isa::detect();
     let room = SyntheticRoom::new(width, height);
     let config = TrainConfig {
@@ -237,7 +257,7 @@ fn measure(
     };
     let mut trainer = Trainer::new(Arc::new(room.features()), LightKind::Sphere, config, 1)?;
     let proxy = trainer.proxy()?;
-    let light = LightParams::round(LightKind::Sphere, glam::Vec3::new(0.3, -0.5, 1.0), 0.2);
+    let light = test_light();
     let mut pixels = vec![[0.0; 3]; room.features().pixel_count()];
     let fixed = trainer.first_batch(&room, batch)?;
     let (mut peak, mut infer, mut train) = (0.0f64, 0.0f64, 0.0f64);
@@ -251,15 +271,12 @@ fn measure(
         train = train.max(batch as f64 / start.elapsed().as_secs_f64());
     }
     let (train_cost, infer_cost) = trainer.multiply_adds();
-    let record = |task: &str, value: f64, cost: f64| Record {
-        name: format!("{task} {name}, one thread, {}", isa.name()),
-        value,
-        unit: "samples/s",
-        limit: peak / cost,
-        share_of_limit: value * cost / peak,
+    let figure = |task: &str, value: f64, cost: f64| {
+        let name = format!("{task} {name}, one thread, {}", isa.name());
+        Figure::new(name, value, "samples/s").within(&[Limit::operations(peak / cost)])
     };
     // Backward costs a product for the inputs and one for the weights.
-    Ok([record("inference", infer, infer_cost as f64), record("training", train, 3.0 * train_cost as f64)])
+    Ok([figure("inference", infer, infer_cost as f64), figure("training", train, 3.0 * train_cost as f64)])
 }
 
 #[cfg(test)]
@@ -267,40 +284,51 @@ mod tests {
     use super::*;
     use relume_gpu::GpuChoice;
 
-    /// There may be others, by matrices.
-    fn check(records: &[Record], names: &[String]) {
-        let has = |name: &String| records.iter().any(|record| record.name == *name);
-        assert!(names.iter().all(has), "{records:?}");
+    /// There may be others, by matrices. Errors have no limit.
+    fn check(figures: &[Figure], names: &[String]) {
+        let has = |name: &String| figures.iter().any(|figure| figure.name == *name);
+        assert!(names.iter().all(has), "{figures:?}");
         let good = |x: f64| x.is_finite() && x > 0.0;
-        assert!(
-            records.iter().all(|r| good(r.value) && good(r.limit) && good(r.share_of_limit)),
-            "{records:?}"
-        );
+        let share = |figure: &Figure| figure.share_of_limit().map_or(figure.unit == OF_THE_LARGEST, good);
+        assert!(figures.iter().all(|figure| good(figure.value) && share(figure)), "{figures:?}");
     }
 
     #[test]
     fn networks_are_measured_on_the_cpu() {
         for (name, network, _) in networks(Extent::TRIAL) {
-            let records = measure(name, network, 1024, Extent::TRIAL).expect("measured");
+            let figures = measure(name, network, 1024, Extent::TRIAL).expect("measured");
             let isa = Isa::detect().name();
-            check(
-                &records,
-                &["inference", "training"].map(|task| format!("{task} {name}, one thread, {isa}")),
-            );
+            let names = ["inference", "training"].map(|task| format!("{task} {name}, one thread, {isa}"));
+            check(&figures, &names);
         }
+    }
+
+    fn gpu() -> Arc<Gpu> {
+        Gpu::open(&GpuChoice::Best).expect("tests need a GPU or a software driver")
     }
 
     #[test]
     fn networks_are_measured_on_any_device() {
-        let gpu = Gpu::open(&GpuChoice::Best).expect("tests need a GPU or a software driver");
+        let gpu = gpu();
         let peaks = Peaks { multiply_adds: 1e9, half: None, matrices: None, wide_matrices: None, read: 1e9 };
-        let extent = Extent::TRIAL;
+        let (extent, limits) = (Extent::TRIAL, Limits { peaks, read_back: 1e9 });
         for (name, network, _) in networks(Extent::TRIAL) {
-            let records = measure_device(&gpu, &peaks, name, network.clone(), extent).expect("measured");
-            let tasks = ["inference kernel", "unit image with read-back", "light step on 5 % of the pixels"];
-            check(&records, &tasks.map(|task| format!("{task} {name}, 20 x 12")));
-            let records = measure_training(&gpu, &peaks, name, network, extent).expect("measured");
-            check(&records, &[format!("training on 1024 samples an iteration {name}, 20 x 12")]);
+            let figures = measure_device(&gpu, &limits, name, network.clone(), extent).expect("measured");
+            let tasks = [
+                "inference kernel",
+                "largest error of inference kernel",
+                "unit image with read-back",
+                "light step on 5 % of the pixels",
+            ];
+            check(&figures, &tasks.map(|task| format!("{task} {name}, 20 x 12")));
+            let figures = measure_training(&gpu, &peaks, name, network, extent).expect("measured");
+            check(&figures, &[format!("training on 1024 samples an iteration {name}, 20 x 12")]);
         }
+    }
+
+    #[test]
+    fn the_widest_network_is_that_with_most_products() {
+        let (name, seconds) = seconds_of_the_widest(&gpu(), Extent::TRIAL).expect("measured");
+        assert!(seconds > 0.0 && name == "inference kernel reference 64/4, 20 x 12", "{name}: {seconds}");
     }
 }

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::encoding::{LightEncoding, OutputScale};
 use crate::evaluate::Evaluator;
-use crate::gpu::{DeviceNetwork, OnDevice};
+use crate::gpu::{DeviceNetwork, OnDevice, Parts};
 use crate::network::{FastNetwork, Network, ReferenceNetwork};
 use crate::params::ParamLayout;
 use crate::scene_cache::{Normalisation, SceneCache};
@@ -113,7 +113,12 @@ impl Proxy {
 
     /// Its network as a device runs it.
     pub(crate) fn device_network(&self) -> DeviceNetwork {
-        with_evaluator!(self, e => e.network().device_network(e.params()))
+        self.parts().pack()
+    }
+
+    /// The matrices of what a device runs.
+    pub(crate) fn parts(&self) -> Parts<'_> {
+        with_evaluator!(self, e => e.network().parts(e.params()))
     }
 
     /// The encoded pixels, in tiles of [`DeviceNetwork::pixel_rows`].

@@ -133,7 +133,10 @@ impl Compute {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Mutex;
+
     use super::*;
+    use crate::progress::{Cancel, Listener, Progress};
 
     #[test]
     fn words_and_names_are_devices() {
@@ -153,9 +156,34 @@ mod tests {
 
     #[test]
     fn the_cpu_takes_over_in_silence_only_where_there_is_no_card() {
-        assert_eq!(Compute::without_gpu(&GpuError::NoAdapter).passed_over, None);
-        let reason = Compute::without_gpu(&GpuError::NoDriver).passed_over.unwrap();
-        assert!(reason.contains("no driver offers it"), "{reason}");
+        let warned = |error: &GpuError| {
+            let told = Arc::new(Told::default());
+            let monitor = Monitor::new(told.clone(), Cancel::default());
+            let compute = Compute::without_gpu(error);
+            compute.warn(&monitor);
+            assert!(compute.gpu.is_none());
+            let told = told.0.lock().unwrap();
+            told.clone()
+        };
+        assert!(warned(&GpuError::NoAdapter).is_empty());
+        let lacks = "its driver has no push constants";
+        let unsuitable = GpuError::Unsuitable { adapter: "A card".into(), missing: lacks.into() };
+        for (error, reason) in [(GpuError::NoDriver, "no driver offers it"), (unsuitable, lacks)] {
+            let told = warned(&error);
+            assert!(told.len() == 1 && told[0].contains(reason), "{told:?}");
+            assert!(told[0].ends_with(". The CPU does it"), "{told:?}");
+        }
+    }
+
+    /// What the user is warned of.
+    #[derive(Default)]
+    struct Told(Mutex<Vec<String>>);
+
+    impl Listener for Told {
+        fn progress(&self, _: &Progress) {}
+        fn warning(&self, message: &str) {
+            self.0.lock().unwrap().push(message.to_owned());
+        }
     }
 
     #[test]

@@ -414,6 +414,35 @@ fn brief() -> TrainSettings {
 }
 
 #[test]
+fn without_memory_on_the_gpu_the_cpu_relights_and_trains_unless_the_gpu_was_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    baked(folder.path());
+    let gpu = Gpu::open(&GpuChoice::Best).unwrap();
+    gpu.set_memory_budget(Some(1000));
+    let lights = [sphere("Own", 0.2)];
+    let run = |compute: &Compute, out: &str, monitor: &Monitor| {
+        let relighter = Relighter::open(folder.path()).unwrap().on(compute);
+        let picture = relighter.relight(&lights, &RAW, monitor).map(|relit| relit.combined());
+        (picture, train(folder.path(), &folder.path().join(out), &brief(), false, compute, monitor))
+    };
+    let (picture, trained) = run(&Compute::with(Arc::clone(&gpu), false), "error", &Monitor::default());
+    for error in [picture.unwrap_err(), trained.unwrap_err()] {
+        let error = error.to_string();
+        assert!(error.contains("not enough GPU memory") && error.contains("--gpu-memory"), "{error}");
+    }
+    let warnings = Arc::new(Warnings::default());
+    let monitor = Monitor::new(warnings.clone(), Cancel::default());
+    let (picture, trained) = run(&Compute::with(gpu, true), "fallen", &monitor);
+    let (expected, by_cpu) = run(&Compute::default(), "cpu", &Monitor::default());
+    assert!(picture.unwrap() == expected.unwrap());
+    assert_eq!(trained.unwrap().measured, by_cpu.unwrap().measured);
+    let warned = warnings.0.lock().unwrap();
+    let of_memory =
+        |text: &String| text.contains("not enough GPU memory") && text.contains("The CPU goes on");
+    assert!(warned.len() == 2 && warned.iter().all(of_memory), "{warned:?}");
+}
+
+#[test]
 fn a_bake_without_room_beside_its_training_is_gathered_by_the_cpu() {
     let folder = tempfile::tempdir().unwrap();
     // Its paths take more than the pictures that the proxy is measured by at the end.

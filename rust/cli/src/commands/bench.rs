@@ -39,9 +39,13 @@ fn read(path: &Path) -> anyhow::Result<Vec<Record>> {
 }
 
 fn line(record: &Record) -> String {
-    let share = record.share_of_limit.map(|share| format!("  {:.0} % of the limit", 100.0 * share));
+    let by = record.limit_by.iter().map(|by| format!(" by {by}")).collect::<String>();
+    let share = record.share_of_limit.zip(record.limit);
+    let share = share.map(|(share, limit)| format!("  {:.0} % of {limit:.4}{by}", 100.0 * share));
     let goal = record.goal.map(|goal| format!("  goal {goal:.4}"));
-    let peer = record.peer.iter().zip(record.peer_value).map(|(peer, value)| format!("  {peer}: {value:.4}"));
+    let peer = record.peer.iter().zip(record.peer_value);
+    let ratio = record.ratio.map(|ratio| format!(", ratio {ratio:.3}")).unwrap_or_default();
+    let peer = peer.map(|(peer, value)| format!("  {peer}: {value:.4}{ratio}"));
     let beside: String = share.into_iter().chain(goal).chain(peer).collect();
     format!("{:<76} {:>12.4e} {}{beside}", record.name, record.value, record.unit).trim_end().to_owned()
 }

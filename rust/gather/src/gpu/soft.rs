@@ -283,6 +283,8 @@ mod tests {
         assert!(!streamed.gathers_pixels());
     }
 
+    relume_gpu::part_of_mirrors!(GpuEnlarged as Struct, GpuConeSlope as Struct);
+
     #[test]
     fn the_smoothed_light_has_the_layout_of_its_wgsl_twin() {
         relume_gpu::assert_mirror!(GpuEnlarged as "gather/soft", "Enlarged", { inverse, share, edge, is_free });

@@ -213,6 +213,8 @@ fn most_segments(gpu: &Gpu) -> usize {
 mod tests {
     use super::*;
 
+    relume_gpu::part_of_mirrors!(Frame as Struct);
+
     #[test]
     fn groups_and_arguments_have_the_layout_of_their_wgsl_twins() {
         relume_gpu::assert_mirror!(GpuGroup as "gather/blocks", "Group", {

@@ -167,23 +167,43 @@ mod tests {
         text + EMULATED
     }
 
+    /// The network by emulated matrices; nothing where even that cannot be.
+    fn by_emulated_matrices(network: &NetworkConfig, size: [usize; 2]) -> Option<(GpuProxy, Matrices)> {
+        let proxy = on_device(network.clone(), LightKind::Sphere, size);
+        if !proxy.gpu().limits().f16 {
+            let name = &proxy.gpu().summary().name;
+            assert!(std::env::var_os("CI").is_none(), "{name} has no 16-bit floats");
+            println!("skipped: {name} has no 16-bit floats");
+            return None;
+        }
+        let kernel = proxy.gpu().kernel_of_text("emulated", &emulated(&proxy), ENTRY).unwrap();
+        let matrices = Matrices::with_kernel(&proxy, kernel).unwrap();
+        Some((proxy, matrices))
+    }
+
     #[test]
     fn images_by_matrices_are_those_of_the_plain_kernel() {
         // Two subgroups and a layer in between; outputs that two invocations share. All in software, so few pixels.
         let fast = NetworkConfig::Fast { width: 64, layers: 1, grid: grid() };
         let reference = NetworkConfig::Reference { width: 128, layers: 1, grid: grid() };
         for network in [fast, reference] {
-            let proxy = on_device(network.clone(), LightKind::Sphere, [11, 7]);
-            if !proxy.gpu().limits().f16 {
-                let name = &proxy.gpu().summary().name;
-                assert!(std::env::var_os("CI").is_none(), "{name} has no 16-bit floats");
-                return println!("skipped: {name} has no 16-bit floats");
-            }
-            let kernel = proxy.gpu().kernel_of_text("emulated", &emulated(&proxy), ENTRY).unwrap();
-            let matrices = Matrices::with_kernel(&proxy, kernel).unwrap();
+            let Some((proxy, matrices)) = by_emulated_matrices(&network, [11, 7]) else { return };
             let light = test_light(&proxy);
             let expected = proxy.whole_image(&light, None).unwrap();
             let error = error(&proxy.whole_image(&light, Some(&matrices)).unwrap(), &expected);
+            assert!(error > 1e-6 && error < TOLERANCE, "{network:?}: {error}");
+        }
+    }
+
+    /// The networks of the paper's table 1, and the usual one.
+    #[test]
+    fn images_by_matrices_equal_sums_of_64_bits_and_are_written_whole() {
+        let reference = |width, layers| NetworkConfig::Reference { width, layers, grid: grid() };
+        let fast = NetworkConfig::Fast { width: 64, layers: 2, grid: grid() };
+        for network in [reference(64, 4), reference(128, 8), reference(256, 8), fast] {
+            let Some((proxy, matrices)) = by_emulated_matrices(&network, [9, 8]) else { return };
+            let error = proxy.error_of(&test_light(&proxy), Some(&matrices)).unwrap();
+            println!("{network:?}: {error}");
             assert!(error > 1e-6 && error < TOLERANCE, "{network:?}: {error}");
         }
     }

@@ -1,6 +1,7 @@
 //! The networks on a GPU.
 
 mod compare;
+mod exact;
 mod gradient;
 mod matrices;
 mod network;
@@ -9,7 +10,7 @@ pub(crate) mod train;
 
 pub use compare::GpuComparison;
 pub use gradient::LightGradient;
-pub(crate) use network::{DeviceNetwork, OnDevice};
+pub(crate) use network::{DeviceNetwork, OnDevice, Parts};
 pub use proxy::GpuProxy;
 
 #[cfg(test)]

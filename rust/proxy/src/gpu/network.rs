@@ -34,10 +34,10 @@ impl DeviceNetwork {
 
 /// A matrix of a parameter vector.
 #[derive(Clone, Copy)]
-struct Matrix<'a> {
+pub(crate) struct Matrix<'a> {
     values: &'a [f32],
     stride: usize,
-    rows: usize,
+    pub rows: usize,
     cols: usize,
 }
 
@@ -49,7 +49,7 @@ impl<'a> Matrix<'a> {
     }
 
     /// Zero outside.
-    fn at(&self, row: usize, col: usize) -> f32 {
+    pub fn at(&self, row: usize, col: usize) -> f32 {
         if row < self.rows && col < self.cols { self.values[row * self.stride + col] } else { 0.0 }
     }
 
@@ -64,18 +64,21 @@ impl<'a> Matrix<'a> {
     }
 }
 
-/// The matrices of a [`DeviceNetwork`].
-struct Parts<'a> {
-    first: Matrix<'a>,
+/// The matrices of a [`DeviceNetwork`], which has the other fields as well.
+pub(crate) struct Parts<'a> {
+    pub fast: bool,
+    pub pixel_rows: usize,
+    pub first: Matrix<'a>,
     /// Columns of the first matrix that a device multiplies.
-    first_inputs: usize,
-    hidden: Vec<Matrix<'a>>,
-    output: Matrix<'a>,
-    output_bias: &'a [f32],
+    pub first_inputs: usize,
+    pub hidden: Vec<Matrix<'a>>,
+    pub output: Matrix<'a>,
+    pub output_bias: &'a [f32],
 }
 
 impl Parts<'_> {
-    fn pack(self, fast: bool, pixel_rows: usize) -> DeviceNetwork {
+    pub fn pack(&self) -> DeviceNetwork {
+        let (fast, pixel_rows) = (self.fast, self.pixel_rows);
         let true_width = self.first.rows;
         let width = true_width.next_multiple_of(BLOCK);
         let mut weights = Vec::new();
@@ -97,7 +100,7 @@ impl Parts<'_> {
 /// A network whose pixels a device can run.
 pub(crate) trait OnDevice: Network {
     /// Weights of what runs per pixel.
-    fn device_network(&self, params: &[f32]) -> DeviceNetwork;
+    fn parts<'a>(&'a self, params: &'a [f32]) -> Parts<'a>;
     /// For each layer its scale, then its shift.
     fn modulation(&self, params: &[f32], lit: &Self::Lit) -> Vec<f32>;
     /// What [`Network::light_backward`] sums up, from the gradient by [`OnDevice::modulation`] and by the scaled parameters
@@ -106,17 +109,18 @@ pub(crate) trait OnDevice: Network {
 }
 
 impl OnDevice for FastNetwork {
-    fn device_network(&self, params: &[f32]) -> DeviceNetwork {
+    fn parts<'a>(&'a self, params: &'a [f32]) -> Parts<'a> {
         let matrix = |id| Matrix::new(self.layout(), params, id);
-        let parts = Parts {
+        debug_assert_eq!(self.pixel_rows(), self.head.width + SURFACE);
+        Parts {
+            fast: true,
+            pixel_rows: self.pixel_rows(),
             first: matrix(self.head.features),
             first_inputs: FEATURE_ROWS,
             hidden: self.head.hidden.iter().map(|&id| matrix(id)).collect(),
             output: matrix(self.head.output),
             output_bias: self.layout().row(params, self.head.output_bias),
-        };
-        debug_assert_eq!(self.pixel_rows(), self.head.width + SURFACE);
-        parts.pack(true, self.pixel_rows())
+        }
     }
 
     fn modulation(&self, _params: &[f32], lit: &LitFast) -> Vec<f32> {
@@ -140,17 +144,18 @@ impl ReferenceNetwork {
 }
 
 impl OnDevice for ReferenceNetwork {
-    fn device_network(&self, params: &[f32]) -> DeviceNetwork {
+    fn parts<'a>(&'a self, params: &'a [f32]) -> Parts<'a> {
         let matrix = |id: &TensorId| Matrix::new(self.layout(), params, *id);
         let last = self.mlp.weights.len() - 1;
-        let parts = Parts {
+        Parts {
+            fast: false,
+            pixel_rows: self.pixel_rows(),
             first: matrix(&self.mlp.weights[0]),
             first_inputs: self.pixel_rows(),
             hidden: self.mlp.weights[1..last].iter().map(matrix).collect(),
             output: matrix(&self.mlp.weights[last]),
             output_bias: self.layout().row(params, self.mlp.biases[last]),
-        };
-        parts.pack(false, self.pixel_rows())
+        }
     }
 
     /// Scales of one, the biases, and in that of the first layer what the light adds.

@@ -230,6 +230,11 @@ impl GpuProxy {
         self.matrices.is_some()
     }
 
+    /// The kernel by matrices, or none for the plain one; nothing where there is no such kernel.
+    pub(super) fn matrices_or_plain(&self, by_matrices: bool) -> Option<Option<&Matrices>> {
+        if by_matrices { self.matrices.as_ref().map(Some) } else { Some(None) }
+    }
+
     /// Bytes that making a unit image reads and writes at least: what is known of the pixels, and the image.
     pub(crate) fn image_bytes(&self) -> usize {
         self.proxy.features().pixel_count() * 4 * (self.network.pixel_rows + 3)
@@ -238,10 +243,7 @@ impl GpuProxy {
     /// Seconds of the kernel that makes a unit image, by matrices or not, without anything around it ([`Gpu::seconds`]); nothing
     /// where there is no such kernel.
     pub(crate) fn seconds(&self, light: &LightParams, by_matrices: bool) -> Result<Option<f64>, ProxyError> {
-        let matrices = self.matrices.as_ref().filter(|_| by_matrices);
-        if matrices.is_some() != by_matrices {
-            return Ok(None);
-        }
+        let Some(matrices) = self.matrices_or_plain(by_matrices) else { return Ok(None) };
         let shared = &mut *self.shared();
         grow(&self.gpu, &mut shared.units, 3 * self.proxy.features().pixel_count())?;
         self.write_lights(shared, &[(*light, [1.0; 3])])?;

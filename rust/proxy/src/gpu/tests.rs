@@ -100,6 +100,33 @@ fn unit_images_equal_those_of_the_cpu() {
     }
 }
 
+/// The networks of the paper's table 1, and the usual one.
+#[test]
+fn unit_images_equal_sums_of_64_bits_and_are_written_whole() {
+    let reference = |width, layers| NetworkConfig::Reference { width, layers, grid: grid() };
+    let fast = NetworkConfig::Fast { width: 64, layers: 2, grid: grid() };
+    for network in [reference(64, 4), reference(128, 8), reference(256, 8), fast] {
+        for kind in [LightKind::Sphere, LightKind::Quad] {
+            let device = on_device(network.clone(), kind, [11, 7]);
+            let light = light(kind, &mut Rng::stream(3, 2, 1));
+            let [plain, by_matrices] = [false, true].map(|by| device.error(&light, by).unwrap());
+            println!("{network:?}, {kind}: {plain:?}, by matrices {by_matrices:?}");
+            let plain = plain.expect("a plain kernel");
+            assert!(plain > 0.0 && plain < f64::from(TOLERANCE), "{network:?}, {kind}: {plain}");
+            // Against the largest value what is 2 % of the root mean square.
+            assert!(by_matrices.is_none_or(|error| error > 1e-6 && error < 0.02), "{by_matrices:?}");
+        }
+    }
+}
+
+#[test]
+fn an_image_that_is_not_written_whole_has_an_infinite_error() {
+    let mut device = on_device(networks()[3].clone(), LightKind::Sphere, [37, 23]);
+    device.parts.pop();
+    let light = LightParams::round(LightKind::Sphere, Vec3::Z, 0.2);
+    assert_eq!(device.error(&light, false).unwrap(), Some(f64::INFINITY));
+}
+
 #[test]
 fn listed_pixels_equal_those_of_the_image() {
     let mut rng = Rng::stream(4, 5, 6);

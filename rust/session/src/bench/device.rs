@@ -6,14 +6,14 @@ use std::time::Instant;
 use glam::Vec3;
 use relume_dump::MemoryWriter;
 use relume_gather::{Gather, GpuGather, Half};
-use relume_gpu::Gpu;
+use relume_gpu::{Checks, Figure, Gpu, Limit};
 use relume_proxy::bench::Extent as NetworkExtent;
 use relume_proxy::synthetic::SyntheticRoom;
 use relume_proxy::{GpuProxy, LightKind, SizeRange, TrainConfig, Trainer};
 use relume_scene::LightShape;
 use relume_trace::{Control, TraceSettings, Tracer};
 
-use super::{Record, closed_box, gather_record, network_record};
+use super::{Record, closed_box};
 use crate::SessionError;
 use crate::live::bench as live_bench;
 use crate::solve::bench as solve_bench;
@@ -21,15 +21,11 @@ use crate::targets::unit_light;
 
 /// What the driver says, what the device can do at best, and what it costs to have it do anything.
 pub fn limits(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
-    let says = |property: relume_gpu::Property| Record {
-        name: format!("driver: {}", property.name),
-        value: property.value,
-        ..Record::default()
+    let says = |property: relume_gpu::Property| {
+        Record::from(Figure::new(format!("driver: {}", property.name), property.value, ""))
     };
     let mut records: Vec<Record> = gpu.properties().into_iter().map(says).collect();
-    let mut add = |name: &str, value: f64, unit: &str| {
-        records.push(Record { name: name.into(), value, unit: unit.into(), ..Record::default() });
-    };
+    let mut add = |name: &str, value: f64, unit| records.push(Figure::new(name, value, unit).into());
     let peaks = gpu.peaks()?;
     // A multiply-add is two operations.
     let multiply_adds = [
@@ -66,16 +62,19 @@ pub fn first_picture(gpu: &Arc<Gpu>, size: (usize, usize)) -> Result<Vec<Record>
     let gather = Gather::new(writer.snapshot());
     let on_gpu = GpuGather::new(Arc::clone(gpu), &gather)?;
     let lights = [gather.prepare(&unit_light(&shape))?];
-    on_gpu.unit_images(&lights, Half::All)?;
+    let images = on_gpu.unit_images(&lights, Half::All)?;
     let seconds = start.elapsed().as_secs_f64();
+    // Three words a record, and a picture.
+    let words = [3 * gather.dump().record_count(), images[0].data.len()];
+    let [copied, read] = words.map(|words| (size_of::<u32>() * words) as f64);
+    let [upload, read_back] = gpu.transfers()?;
+    let limit = Limit::copies(copied / upload + read / read_back);
     let (width, height) = size;
-    let record = |what: &str, value: f64| Record {
-        name: format!("first picture, closed box, {width} x {height}, {what}"),
-        value,
-        unit: "s".into(),
-        ..Record::default()
+    let figure = |what: &str, seconds: f64| {
+        Figure::new(format!("first picture, closed box, {width} x {height}, {what}"), seconds, "s")
     };
-    Ok(vec![record("in all", seconds), record("of that after tracing", seconds - traced)])
+    let after = figure("of that after tracing", seconds - traced).within(&[limit]);
+    Ok(vec![figure("in all", seconds).into(), after.into()])
 }
 
 /// The strength of a light dragged among others that are known: all are summed up anew, and one picture comes back, which is the
@@ -84,32 +83,43 @@ pub fn edit(gpu: &Arc<Gpu>, (width, height): (usize, usize)) -> Result<Vec<Recor
     let (seconds, bytes) = live_bench::strength_edit(gpu, (width, height))?;
     let name = format!("strength of one of {} lights dragged, {width} x {height}", live_bench::LIGHTS);
     let [_, read] = gpu.transfers()?;
-    let limit = bytes / read;
-    let picture = Record {
-        name: format!("{name}, to the picture"),
-        value: 1e3 * seconds,
-        unit: "ms".into(),
-        limit: Some(1e3 * limit),
-        share_of_limit: Some(limit / seconds),
-        ..Record::default()
-    };
-    let copied = format!("{name}, copied to the CPU");
-    Ok(vec![picture, Record { name: copied, value: 1e-6 * bytes, unit: "MB".into(), ..Record::default() }])
+    let picture = Figure::new(format!("{name}, to the picture"), 1e3 * seconds, "ms");
+    let picture = picture.within(&[Limit::copies(1e3 * bytes / read)]);
+    let copied = Figure::new(format!("{name}, copied to the CPU"), 1e-6 * bytes, "MB");
+    Ok(vec![picture.into(), copied.into()])
 }
 
 /// Gathers from a made-up room of one size on every card.
 pub fn gather(gpu: &Arc<Gpu>, megabytes: usize) -> Result<Vec<Record>, SessionError> {
-    Ok(relume_gather::bench::measure_gpu(gpu, megabytes)?.into_iter().map(gather_record).collect())
+    Ok(relume_gather::bench::measure_gpu(gpu, megabytes)?.into_iter().map(Record::from).collect())
 }
 
 /// Gathers of one light in a picture of this width and height with so many samples.
 pub fn paper_gather(gpu: &Arc<Gpu>, size: (usize, usize, usize)) -> Result<Vec<Record>, SessionError> {
-    Ok(relume_gather::bench::measure_paper(gpu, size)?.into_iter().map(gather_record).collect())
+    Ok(relume_gather::bench::measure_paper(gpu, size)?.into_iter().map(Record::from).collect())
 }
 
 /// Inference, light steps and training of the usual networks.
 pub fn networks(gpu: &Arc<Gpu>, extent: NetworkExtent) -> Result<Vec<Record>, SessionError> {
-    Ok(relume_proxy::bench::device(gpu, extent)?.into_iter().map(network_record).collect())
+    Ok(relume_proxy::bench::device(gpu, extent)?.into_iter().map(Record::from).collect())
+}
+
+/// A gather and the widest network with kernels that check their indices and loops, beside the same without.
+pub fn checks(gpu: &Gpu, megabytes: usize, extent: NetworkExtent) -> Result<Vec<Record>, SessionError> {
+    let measure = |checks: Checks| {
+        let twin = gpu.twin(checks)?;
+        let gather = relume_gather::bench::seconds_of_a_light(&twin, megabytes)?;
+        let (network, inference) = relume_proxy::bench::seconds_of_the_widest(&twin, extent)?;
+        Ok::<_, SessionError>([("gather of 1 sphere light".to_owned(), gather), (network, inference)])
+    };
+    let [unchecked, checked] = [measure(Checks::Off)?, measure(Checks::On)?];
+    let record = |((name, seconds), (_, checked)): ((String, f64), (String, f64))| Record {
+        peer: Some("without".into()),
+        peer_value: Some(1e3 * seconds),
+        ratio: Some(checked / seconds),
+        ..Figure::new(format!("{name}, with checks of indices and loops"), 1e3 * checked, "ms").into()
+    };
+    Ok(unchecked.into_iter().zip(checked).map(record).collect())
 }
 
 /// One light solved in so many steps as in the paper's section 6.2, through the default network. The limit is that of its products.
@@ -126,14 +136,8 @@ pub fn light(
     // Each step goes forward, forward again and backward.
     let evaluated = 3.0 * (steps * width * height) as f64 * f64::from(solve_bench::PIXELS);
     let limit = evaluated * trainer.multiply_adds().1 as f64 / gpu.peak_multiply_adds()?;
-    Ok(vec![Record {
-        name: solve_name((width, height), steps),
-        value: seconds,
-        unit: "s".into(),
-        limit: Some(limit),
-        share_of_limit: Some(limit / seconds),
-        ..Record::default()
-    }])
+    let figure = Figure::new(solve_name((width, height), steps), seconds, "s");
+    Ok(vec![figure.within(&[Limit::operations(limit)]).into()])
 }
 
 /// Name of the figure of [`light`].

@@ -8,6 +8,7 @@ use crate::{Compute, SessionError, solve};
 use glam::{Affine3A, Vec2, Vec3};
 use relume_dump::MemoryWriter;
 use relume_gather::bench::PAPER;
+use relume_gpu::Figure;
 use relume_proxy::bench::Extent as NetworkExtent;
 use relume_scene::{Camera, Input, Instance, Material, Mesh, Node, Scene, SceneBuilder};
 use relume_trace::{Control, TraceSettings, Tracer};
@@ -32,6 +33,9 @@ pub struct Record {
     pub ratio: Option<f64>,
     /// The limit, in the same unit.
     pub limit: Option<f64>,
+    /// What takes all of the time at the limit: `bytes`, `operations` or `copies`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub limit_by: Option<String>,
     /// `value / limit`; of a time, `limit / value`.
     pub share_of_limit: Option<f64>,
     /// What an NVIDIA H200 is to reach, in the same unit.
@@ -120,7 +124,7 @@ impl Extent {
 }
 
 /// Measures tracer, gather and networks, one after the other; on a GPU its limits, the time to a first picture and to that of an edit,
-/// gathers (`paper`: at the size of the paper's), networks, and one light solved. `keep` is called with the records of each part as
+/// gathers (`paper`: at the size of the paper's), networks, what checks in kernels cost, and one light solved. `keep` is called with the records of each part as
 /// soon as that is done.
 ///
 /// # Errors
@@ -182,6 +186,7 @@ fn parts(compute: &Compute, of: Extent) -> Vec<Part<'_>> {
         Part("gather", Box::new(move || device::gather(gpu, of.gather_megabytes))),
         Part("paper", Box::new(move || device::paper_gather(gpu, of.paper))),
         Part("networks", Box::new(move || device::networks(gpu, of.networks))),
+        Part("checks", Box::new(move || device::checks(gpu, of.gather_megabytes, of.networks))),
         Part("light", Box::new(move || device::light(gpu, of.picture, of.steps))),
     ]
 }
@@ -206,32 +211,24 @@ fn date_of(days: u64) -> String {
 }
 
 fn gather(megabytes: usize) -> Result<Vec<Record>, SessionError> {
-    Ok(relume_gather::bench::measure(megabytes)?.into_iter().map(gather_record).collect())
-}
-
-fn gather_record(m: relume_gather::bench::Measurement) -> Record {
-    Record {
-        share_of_limit: m.share_of_limit(),
-        name: m.name,
-        value: m.value,
-        unit: m.unit.into(),
-        limit: m.limit,
-        ..Record::default()
-    }
+    Ok(relume_gather::bench::measure(megabytes)?.into_iter().map(Record::from).collect())
 }
 
 fn networks(extent: NetworkExtent) -> Result<Vec<Record>, SessionError> {
-    Ok(relume_proxy::bench::kernels(extent)?.into_iter().map(network_record).collect())
+    Ok(relume_proxy::bench::kernels(extent)?.into_iter().map(Record::from).collect())
 }
 
-fn network_record(m: relume_proxy::bench::Record) -> Record {
-    Record {
-        name: m.name,
-        value: m.value,
-        unit: m.unit.into(),
-        limit: Some(m.limit),
-        share_of_limit: Some(m.share_of_limit),
-        ..Record::default()
+impl From<Figure> for Record {
+    fn from(figure: Figure) -> Self {
+        Self {
+            share_of_limit: figure.share_of_limit(),
+            limit: figure.limit.map(|limit| limit.value),
+            limit_by: figure.limit.map(|limit| limit.by.to_string()),
+            name: figure.name,
+            value: figure.value,
+            unit: figure.unit.into(),
+            ..Self::default()
+        }
     }
 }
 
@@ -250,12 +247,7 @@ fn tracer((size, samples): ((usize, usize), u32)) -> Result<Vec<Record>, Session
         segments = writer.snapshot().record_count();
     }
     let paths = scene.camera.width * scene.camera.height * settings.samples as usize;
-    let record = |name: &str, count: usize, unit: &str| Record {
-        name: name.into(),
-        value: count as f64 / best,
-        unit: unit.into(),
-        ..Record::default()
-    };
+    let record = |name: &str, count: usize, unit| Figure::new(name, count as f64 / best, unit).into();
     Ok(vec![
         record("trace, closed box, paths", paths, "paths/s"),
         record("trace, closed box, segments", segments, "segments/s"),
@@ -336,7 +328,13 @@ mod tests {
             let is_of_driver = record.name.starts_with("trial: driver: ");
             assert!(record.value.is_finite() && (record.value > 0.0 || is_of_driver), "{record:?}");
             assert_eq!((record.adapter.as_deref(), record.date.as_str()), (adapter, today().as_str()));
-            assert_eq!((record.goal, &record.peer, record.ratio), (None, &None, None), "{record:?}");
+            let ratio = record.peer_value.map(|of_peer| record.value / of_peer);
+            assert_eq!(
+                (record.goal, record.peer.is_some(), record.ratio),
+                (None, ratio.is_some(), ratio),
+                "{record:?}"
+            );
+            assert_eq!(record.limit.is_some(), record.limit_by.is_some(), "{record:?}");
             let is_time = ["s", "ms"].contains(&record.unit.as_str());
             let share = |limit: f64| if is_time { limit / record.value } else { record.value / limit };
             match (record.limit.map(share), record.share_of_limit) {
@@ -356,7 +354,7 @@ mod tests {
         let compute = Device::Gpu(GpuChoice::Best).open(None).unwrap();
         let kept = trial_of(&compute);
         check(&kept.concat(), compute.gpu.as_ref().map(|gpu| gpu.summary().name.as_str()));
-        let [device, first, edit, gather, paper, networks, light] = &kept[..] else {
+        let [device, first, edit, gather, paper, networks, checks, light] = &kept[..] else {
             panic!("{} parts", kept.len());
         };
         let has = |records: &[Record], name: &str, unit: &str| {
@@ -378,20 +376,27 @@ mod tests {
         has(gather, "gather of 32 sphere lights, on the GPU", "G segments/s");
         has(gather, "pixel targets of a streamed dump, 4 lights a pixel, on the GPU", "targets/s");
         let size = "32 x 20 at 4 samples";
-        let names = [
-            "gather of 1 sphere light",
-            "positions read for 1 sphere light",
-            "gather of a light of a tenth of the room, sorted",
-        ]
-        .map(|what| format!("{what}, {size}"));
-        assert_eq!(figures(paper), [(names[0].as_str(), "ms"), (&names[1], "GB/s"), (&names[2], "ms")]);
+        for layout in ["", " in the paper's layout"] {
+            for lights in ["1 sphere light", "8 sphere lights", "32 sphere lights"] {
+                has(paper, &format!("gather of {lights}{layout}, {size}"), "ms");
+            }
+            has(paper, &format!("positions read for 1 sphere light{layout}, {size}"), "GB/s");
+        }
+        has(paper, &format!("gather of a light of a tenth of the room, sorted, {size}"), "ms");
+        assert_eq!(paper.len(), 9);
         for network in NETWORKS {
             for task in ["inference kernel", "unit image with read-back", "light step on 5 % of the pixels"] {
                 has(networks, &format!("{task} {network}, 20 x 12"), "ms");
             }
+            let error = format!("largest error of inference kernel {network}, 20 x 12");
+            has(networks, &error, "of the largest value");
             let training = format!("training on 1024 samples an iteration {network}, 20 x 12");
             has(networks, &training, "iterations/s");
         }
+        let tasks = ["gather of 1 sphere light", "inference kernel reference 64/4, 20 x 12"];
+        let names = tasks.map(|task| format!("{task}, with checks of indices and loops"));
+        assert_eq!(figures(checks), [(names[0].as_str(), "ms"), (&names[1], "ms")]);
+        assert!(checks.iter().all(|record| record.ratio.is_some()), "{checks:?}");
         assert_eq!(figures(light), [("one light solved, 5 steps on 1 % of 40 x 30 pixels", "s")]);
     }
 

@@ -232,6 +232,8 @@ fn a_loss_that_is_no_number_leaves_the_weights_alone() {
     assert!(training.download().expect("read back") == good);
 }
 
+relume_gpu::part_of_mirrors!(super::arguments::Batch as Struct, super::arguments::Chains as Struct);
+
 #[test]
 fn arguments_mirror_the_shaders() {
     use super::arguments::*;

@@ -1,0 +1,114 @@
+//! Measured figures, and what machines could do at best.
+
+use std::fmt;
+
+/// One measured figure.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Figure {
+    /// What was measured.
+    pub name: String,
+    /// The figure.
+    pub value: f64,
+    /// Its unit; `s` and `ms` are times, of which less is better.
+    pub unit: &'static str,
+    /// What the machine could do at best, if known.
+    pub limit: Option<Limit>,
+}
+
+/// What a figure could be at best, in its unit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limit {
+    /// The figure.
+    pub value: f64,
+    /// What takes all of the time then.
+    pub by: LimitedBy,
+}
+
+/// What a machine does at a limit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LimitedBy {
+    /// It reads memory of its own.
+    Bytes,
+    /// It calculates.
+    Operations,
+    /// It copies from the CPU or to it.
+    Copies,
+}
+
+impl fmt::Display for LimitedBy {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Bytes => "bytes",
+            Self::Operations => "operations",
+            Self::Copies => "copies",
+        })
+    }
+}
+
+impl Limit {
+    /// Of what a device reads of its memory.
+    pub fn bytes(value: f64) -> Self {
+        Self { value, by: LimitedBy::Bytes }
+    }
+
+    /// Of what it calculates.
+    pub fn operations(value: f64) -> Self {
+        Self { value, by: LimitedBy::Operations }
+    }
+
+    /// Of what is copied from the CPU or to it.
+    pub fn copies(value: f64) -> Self {
+        Self { value, by: LimitedBy::Copies }
+    }
+}
+
+impl Figure {
+    /// One whose limit is not known.
+    pub fn new(name: impl Into<String>, value: f64, unit: &'static str) -> Self {
+        Self { name: name.into(), value, unit, limit: None }
+    }
+
+    /// The same with the tightest of some limits.
+    pub fn within(mut self, limits: &[Limit]) -> Self {
+        self.limit = limits.iter().copied().max_by(|a, b| self.share(a).total_cmp(&self.share(b)));
+        self
+    }
+
+    fn share(&self, limit: &Limit) -> f64 {
+        let is_time = ["s", "ms"].contains(&self.unit);
+        if is_time { limit.value / self.value } else { self.value / limit.value }
+    }
+
+    /// `value / limit`; of a time, `limit / value`.
+    pub fn share_of_limit(&self) -> Option<f64> {
+        self.limit.map(|limit| self.share(&limit))
+    }
+}
+
+/// A line for people.
+impl fmt::Display for Figure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:<76} {:>12.4e} {}", self.name, self.value, self.unit)?;
+        let Some((limit, share)) = self.limit.zip(self.share_of_limit()) else { return Ok(()) };
+        write!(f, "  {:.0} % of {:.4} by {}", 100.0 * share, limit.value, limit.by)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_tightest_limit_counts() {
+        let limits = [Limit::bytes(2.0), Limit::operations(4.0)];
+        let time = Figure::new("time", 8.0, "ms").within(&limits);
+        assert_eq!((time.limit, time.share_of_limit()), (Some(limits[1]), Some(0.5)));
+        let rate = Figure::new("rate", 1.0, "GB/s").within(&limits);
+        assert_eq!((rate.limit, rate.share_of_limit()), (Some(limits[0]), Some(0.5)));
+        assert_eq!(Figure::new("size", 1.0, "B").within(&[]).share_of_limit(), None);
+        assert!(time.to_string().ends_with("8.0000e0 ms  50 % of 4.0000 by operations"), "{time}");
+        assert!(
+            Figure::new("rate", 1.0, "GB/s").within(&[Limit::copies(4.0)]).to_string().ends_with("copies")
+        );
+    }
+}
