@@ -54,6 +54,7 @@ def test_figures_of_a_card_are_taken_from_a_file(tmp_path, monkeypatch):
     wanted = next(goal for goal in gpu.GOALS if "256/8" in goal["what"])
     fields = dict.fromkeys(("peer", "peer_value", "ratio", "limit", "share_of_limit"))
     fields |= {"unit": "ms", "adapter": "A card", "date": "2027-01-02", "goal": 3.0}
+    fields |= {"limit": 0.5, "limit_by": "operations", "share_of_limit": 0.4}
     # By matrices where there are such, or else by the plain kernel.
     figures = zip(wanted["names"], (1.25, 7.5), strict=True)
     records = [fields | {"name": name, "value": value} for name, value in figures]
@@ -66,4 +67,4 @@ def test_figures_of_a_card_are_taken_from_a_file(tmp_path, monkeypatch):
     assert "No graphics card" not in text and "A card, 2027-01-02" in text
     row = next(line for line in text.splitlines() if line.startswith(f"| {wanted['what']} |"))
     assert row.endswith("| 1.25 ms |") and "3 ms" in row and "9.13 ms" in row
-    assert "7.5 ms, goal 3" in text and text.count("not measured") == len(gpu.GOALS) - 1
+    assert "7.5 ms, 40% of 0.5 by operations, goal 3" in text and text.count("not measured") == len(gpu.GOALS) - 1

@@ -110,14 +110,17 @@ pub fn checks(gpu: &Gpu, megabytes: usize, extent: NetworkExtent) -> Result<Vec<
         let twin = gpu.twin(checks)?;
         let gather = relume_gather::bench::seconds_of_a_light(&twin, megabytes)?;
         let (network, inference) = relume_proxy::bench::seconds_of_the_widest(&twin, extent)?;
-        Ok::<_, SessionError>([("gather of 1 sphere light".to_owned(), gather), (network, inference)])
+        let figure = |name: String, seconds: f64| {
+            Figure::new(format!("{name}, with checks of indices and loops"), 1e3 * seconds, "ms")
+        };
+        Ok::<_, SessionError>([figure("gather of 1 sphere light".into(), gather), figure(network, inference)])
     };
     let [unchecked, checked] = [measure(Checks::Off)?, measure(Checks::On)?];
-    let record = |((name, seconds), (_, checked)): ((String, f64), (String, f64))| Record {
+    let record = |(unchecked, checked): (Figure, Figure)| Record {
         peer: Some("without".into()),
-        peer_value: Some(1e3 * seconds),
-        ratio: Some(checked / seconds),
-        ..Figure::new(format!("{name}, with checks of indices and loops"), 1e3 * checked, "ms").into()
+        peer_value: Some(unchecked.value),
+        ratio: Some(checked.value / unchecked.value),
+        ..checked.into()
     };
     Ok(unchecked.into_iter().zip(checked).map(record).collect())
 }
