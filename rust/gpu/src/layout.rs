@@ -213,6 +213,16 @@ mod tests {
     }
 
     #[test]
+    #[should_panic(expected = "Broken and Arguments of peak.wgsl")]
+    fn a_mirror_of_whole_numbers_for_floats_is_not_taken() {
+        #[repr(C)]
+        struct Broken {
+            factor: [u32; 2],
+        }
+        assert_mirror!(Broken as "peak", "Arguments", { factor });
+    }
+
+    #[test]
     fn types_of_both_languages_are_made_of_the_same_parts() {
         use Part::{F32, Struct, U32};
         #[repr(C)]

@@ -364,10 +364,10 @@ fn a_training_on_the_gpu_ends_like_one_on_the_cpu_even_if_the_gpu_is_lost_on_the
     let error = run("error", false, &compute(false), &quiet).unwrap_err();
     assert!(error.to_string().contains("the GPU was lost"), "{error}");
 
-    // Lost before there is a checkpoint, and opened again.
+    // Lost before there is a checkpoint, which is made after ten seconds, and opened again.
     let named = Device::Gpu(GpuChoice::Named(adapters()[0].name.to_uppercase())).open(None).unwrap();
     let losing = named.gpu.clone().unwrap();
-    let lose = Arc::new(At(600, move || losing.lose(), Warnings::default()));
+    let lose = Arc::new(At(50, move || losing.lose(), Warnings::default()));
     let again = run("again", false, &named, &Monitor::new(lose.clone(), Cancel::default())).unwrap();
     let warned = lose.2.0.lock().unwrap();
     assert!(warned.len() == 1 && warned[0].contains("opened again and goes on from the start"), "{warned:?}");
