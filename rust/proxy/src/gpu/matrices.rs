@@ -113,38 +113,29 @@ mod tests {
     use crate::gpu::tests::{grid, lit_on_device, on_device};
 
     /// What each invocation holds of the matrices: of weights and sums the row of its number, of inputs where they are. The
-    /// compiler must not know that there are 16 of everything, or it takes half a minute to unroll all loops; and a
-    /// kernel on Mesa's software driver ends all loops after 65,535 turns in all, so that there must be few.
+    /// compiler must not know that there are 16 of everything, or it takes half a minute to unroll all loops.
     const EMULATED: &str = "
         var<private> lane: u32;
         var<private> side: u32;
-        struct Weights { values: array<f32, 16> }
-        struct Sums { values: array<vec4f, 4> }
+        struct Row { values: array<f32, 16> }
         struct Place { at: u32, stride: u32 }
-        fn load_weights(at: u32, stride: u32) -> Weights {
-            var row: Weights;
+        fn load_weights(at: u32, stride: u32) -> Row {
+            var row: Row;
             for (var k = 0u; k < side; k++) { row.values[k] = f32(weights[at + k * stride + lane]); }
             return row;
         }
         fn load_x(at: u32, stride: u32) -> Place { return Place(at, stride); }
-        fn quad(at: u32) -> vec4f {
-            return vec4f(f32(x[at]), f32(x[at + 1u]), f32(x[at + 2u]), f32(x[at + 3u]));
-        }
-        fn rounded(quad: vec4f) -> vec4f { return vec4f(vec4h(quad)); }
-        fn multiply_add(a: Weights, b: Place, c: Sums) -> Sums {
-            var sums = c;
-            for (var k = 0u; k < side; k++) {
-                let at = b.at + k * b.stride;
-                sums.values[0] += a.values[k] * quad(at);
-                sums.values[1] += a.values[k] * quad(at + 4u);
-                sums.values[2] += a.values[k] * quad(at + 8u);
-                sums.values[3] += a.values[k] * quad(at + 12u);
+        fn multiply_add(a: Row, b: Place, c: Row) -> Row {
+            var sums: Row;
+            for (var n = 0u; n < side; n++) {
+                var sum = c.values[n];
+                for (var k = 0u; k < side; k++) { sum += a.values[k] * f32(x[b.at + k * b.stride + n]); }
+                sums.values[n] = f32(f16(sum));
             }
-            let s = sums.values;
-            return Sums(array(rounded(s[0]), rounded(s[1]), rounded(s[2]), rounded(s[3])));
+            return sums;
         }
-        fn store_x(c: Sums, at: u32, stride: u32) {
-            for (var n = 0u; n < side; n++) { x[at + lane * stride + n] = f16(c.values[n / 4u][n % 4u]); }
+        fn store_x(c: Row, at: u32, stride: u32) {
+            for (var n = 0u; n < side; n++) { x[at + lane * stride + n] = f16(c.values[n]); }
         }
     ";
 
@@ -160,7 +151,7 @@ mod tests {
                     "let subgroup = thread / 32u; lane = thread % 16u; side = 16u * arguments.lights; {count}"
                 ),
             ),
-            ("coop_mat16x16<f16, C>()", "Sums()".into()),
+            ("coop_mat16x16<f16, C>()", "Row()".into()),
             ("coopLoad<coop_mat16x16<f16, A>>(&weights[", "load_weights(".into()),
             ("coopLoadT<coop_mat16x16<f16, B>>(&x[", "load_x(".into()),
             ("coopMultiplyAdd(", "multiply_add(".into()),
@@ -203,10 +194,12 @@ mod tests {
         }
     }
 
-    /// Those of the paper's table 1, for a tile and some pixels more.
+    /// Of the widths of the paper's table 1, for a tile and some pixels more. Not as deep: Mesa's software driver ends all loops of
+    /// a kernel after 65,535 turns in all, which these come close to. On a card with matrices `unit_images_equal_sums_of_64_bits`
+    /// and `relume bench` take the whole networks.
     #[test]
     fn images_by_matrices_equal_sums_of_64_bits_and_are_written_whole() {
-        for (width, layers) in [(64, 4), (128, 8), (256, 8)] {
+        for (width, layers) in [(64, 4), (128, 4), (256, 2)] {
             let network = NetworkConfig::Reference { width, layers, grid: grid() };
             let proxy = lit_on_device(network, LightKind::Sphere, [9, 8]);
             let Some(matrices) = by_emulated_matrices(&proxy) else { return };
