@@ -13,6 +13,8 @@ mod light;
 mod light_lanes;
 mod material;
 mod mesh;
+mod node;
+mod node_settings;
 mod obj;
 mod picture_file;
 mod polygon;
@@ -30,11 +32,13 @@ pub use camera::{Camera, DepthOfField, Projection};
 pub use glam;
 pub use light::{Light, LightShape, LobeFactors, ReceiverSet};
 pub use light_lanes::{LANES, lane};
-pub use material::{
-    Alpha, BlendMode, ColorMode, Curve, Distribution, Input, MapRangeKind, MappingKind, Material, MathOp,
-    MixData, Node, NodeId, NormalSpace, Output, TexCoord, VectorMathOp,
-};
+pub use material::{Input, Material, NodeId, Output};
 pub use mesh::{ColorAttribute, Instance, Mesh, UvMap};
+pub use node::Node;
+pub use node_settings::{
+    Alpha, BlendMode, ColorMode, Curve, Distribution, MapRangeKind, MappingKind, MathOp, MixData,
+    NormalSpace, TexCoord, VectorMathOp,
+};
 pub use obj::{ObjError, UpAxis, load_obj};
 pub use picture_file::{FileColors, PictureFile};
 pub use polygon::{PolygonError, PolygonMesh, PolygonNormals};

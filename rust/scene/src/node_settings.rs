@@ -1,0 +1,239 @@
+//! Properties of shader nodes: choices, and tables baked from ramps and curves.
+
+/// Microfacet distribution.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Distribution {
+    /// Single scattering GGX.
+    Ggx,
+    /// GGX with energy compensation (Blender's default).
+    #[default]
+    MultiGgx,
+    /// Beckmann.
+    Beckmann,
+    /// Ashikhmin-Shirley.
+    AshikhminShirley,
+}
+
+/// How an image's alpha is read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Alpha {
+    /// Colour is not multiplied by alpha.
+    #[default]
+    Straight,
+    /// Colour is multiplied by alpha.
+    Premultiplied,
+    /// Colour and alpha are unrelated channels.
+    ChannelPacked,
+    /// Alpha is ignored and reads 1.
+    None,
+}
+
+/// Texture Coordinate outputs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TexCoord {
+    /// The render UV map.
+    Uv,
+    /// Object space position.
+    Object,
+    /// Position in 0..1 of the object-space bounding box.
+    Generated,
+    /// Object space shading normal.
+    Normal,
+    /// Camera space position.
+    Camera,
+    /// Position on the film, 0..1.
+    Window,
+    /// World-space reflection vector.
+    Reflection,
+}
+
+/// What a Mapping node does with its vector.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum MappingKind {
+    /// Scale, rotate, translate.
+    Point,
+    /// Inverse of Point.
+    Texture,
+    /// Scale, rotate.
+    Vector,
+    /// Inverse scale, rotate, normalise.
+    Normal,
+}
+
+/// Space of a normal map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum NormalSpace {
+    /// Tangent space of a UV map.
+    Tangent,
+    /// Object space.
+    Object,
+    /// World space.
+    World,
+    /// Object space, Blender's old axes.
+    BlenderObject,
+    /// World space, Blender's old axes.
+    BlenderWorld,
+}
+
+/// Data type of a Mix node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum MixData {
+    /// Floats.
+    Float,
+    /// Vectors, one factor.
+    Vector,
+    /// Vectors, a factor a component.
+    VectorNonUniform,
+    /// Colours, with a blend mode.
+    Color,
+}
+
+/// Blend modes of a colour Mix (names of Blender's `blend_type`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
+#[expect(missing_docs, reason = "the names of Blender's enum")]
+pub enum BlendMode {
+    Mix,
+    Darken,
+    Multiply,
+    Burn,
+    Lighten,
+    Screen,
+    Dodge,
+    Add,
+    Overlay,
+    SoftLight,
+    LinearLight,
+    Difference,
+    Exclusion,
+    Subtract,
+    Divide,
+    Hue,
+    Saturation,
+    Color,
+    Value,
+}
+
+/// Operations of a Math node (names of Blender's `operation`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
+#[expect(missing_docs, reason = "the names of Blender's enum")]
+pub enum MathOp {
+    Add,
+    Subtract,
+    Multiply,
+    Divide,
+    MultiplyAdd,
+    Power,
+    Logarithm,
+    Sqrt,
+    InverseSqrt,
+    Absolute,
+    Exponent,
+    Minimum,
+    Maximum,
+    LessThan,
+    GreaterThan,
+    Sign,
+    Compare,
+    SmoothMin,
+    SmoothMax,
+    Round,
+    Floor,
+    Ceil,
+    Trunc,
+    Fract,
+    Modulo,
+    FlooredModulo,
+    Wrap,
+    Snap,
+    Pingpong,
+    Sine,
+    Cosine,
+    Tangent,
+    Arcsine,
+    Arccosine,
+    Arctangent,
+    Arctan2,
+    Sinh,
+    Cosh,
+    Tanh,
+    Radians,
+    Degrees,
+}
+
+/// Operations of a Vector Math node (names of Blender's `operation`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
+#[expect(missing_docs, reason = "the names of Blender's enum")]
+pub enum VectorMathOp {
+    Add,
+    Subtract,
+    Multiply,
+    Divide,
+    MultiplyAdd,
+    CrossProduct,
+    Project,
+    Reflect,
+    DotProduct,
+    Distance,
+    Length,
+    Scale,
+    Normalize,
+    Absolute,
+    Minimum,
+    Maximum,
+    Floor,
+    Ceil,
+    Fraction,
+    Modulo,
+    Snap,
+    Sine,
+    Cosine,
+    Tangent,
+}
+
+/// Interpolation of a Map Range node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
+pub enum MapRangeKind {
+    /// Straight line.
+    Linear,
+    /// Quantised by `steps`.
+    Stepped,
+    /// Hermite.
+    Smoothstep,
+    /// Fifth order.
+    Smootherstep,
+}
+
+/// A baked table over `min..max`.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Curve {
+    /// Position of the first entry.
+    pub min: f32,
+    /// Position of the last entry.
+    pub max: f32,
+    /// RGBA entries, evenly spaced.
+    pub table: Vec<[f32; 4]>,
+    /// Interpolate between entries (false: constant ramps).
+    pub interpolate: bool,
+    /// Continue the end slopes outside.
+    pub extrapolate: bool,
+}
+
+/// Colour model of Separate and Combine Color.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[expect(missing_docs, reason = "well-known names")]
+pub enum ColorMode {
+    Rgb,
+    Hsv,
+    Hsl,
+}
