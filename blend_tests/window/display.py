@@ -5,6 +5,9 @@ import math
 import bpy
 import numpy as np
 
+BESIDE_BORDERS = 0.75
+"""Where a picture begins in a pixel of the screen."""
+
 
 def write_exr(path, pixels):
     """Writes scene-linear pixels, RGBA [height, width, 4], bottom row first, as Blender saves a render in 32 bits."""
@@ -45,13 +48,14 @@ def in_image_editor(driver, path, name=None):
     with bpy.context.temp_override(**within):
         bpy.ops.image.view_zoom_ratio(ratio=1.0)
     yield from _drawn(driver, area)
-    # A pixel of the screen shows what of the picture is at its lower left corner: best not at the border of two.
-    offset = [place - math.floor(place) - 0.5 for place in _corner(region, (width, height))]
+    # A pixel of the screen shows what of the picture is at its lower left corner, before Blender 5 at its middle: best
+    # near the border of two in neither.
+    offset = [place - math.floor(place) - BESIDE_BORDERS for place in _corner(region, (width, height))]
     with bpy.context.temp_override(**within):
         bpy.ops.image.view_pan(offset=offset)
     yield from _drawn(driver, area)
     corner = _corner(region, (width, height))
-    off = max(abs(place - math.floor(place) - 0.5) for place in corner)
+    off = max(abs(place - math.floor(place) - BESIDE_BORDERS) for place in corner)
     driver.check(off < 0.01, f"the image editor shows pixels as they are: they begin at {corner}")
     left, bottom = region.x + math.ceil(corner[0]), region.y + math.ceil(corner[1])
     pixels = driver.photo(name)[::-1][bottom : bottom + height, left : left + width] / 255.0

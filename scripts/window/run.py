@@ -30,7 +30,9 @@ FIGURES = OUT.with_suffix(".json")
 PYTHON = REPOSITORY / ".venv-4.2" / "bin" / "python"
 SCREEN = "1920x1080"
 SMALL_DISK = "4m"
+NEWEST = "sid"  # Debian unstable
 OLDEST_BLENDER = (5, 2)
+OLDEST_SUPPORTED = (4, 2)
 SCENES = Path(os.environ.get("RELUME_SCENES") or REPOSITORY.parent / "shared" / "scenes")
 
 sys.path[:0] = [str(HARNESS), str(REPOSITORY / "scripts")]
@@ -115,7 +117,7 @@ def display(room):
         kill_group(server)
 
 
-def check_blender(room):
+def check_blender(room, oldest):
     """The tree's Blender is said, and must be new enough for what is tested here."""
     log = OUT / "version.log"
     room.call("blender", "--background", "--version", log=log, seconds=60)
@@ -123,8 +125,8 @@ def check_blender(room):
     if not found:
         sys.exit(f"window: the Blender of {room.tree} does not say its version:\n{log.read_text()[-2000:]}")
     print(f"window: {found[0]}", flush=True)
-    if tuple(map(int, found.groups())) < OLDEST_BLENDER:
-        sys.exit(f"window: needs Blender {'.'.join(map(str, OLDEST_BLENDER))}; delete {room.tree} for a newer one")
+    if tuple(map(int, found.groups())) < oldest:
+        sys.exit(f"window: needs Blender {'.'.join(map(str, oldest))}; delete {room.tree} for a newer one")
 
 
 def install_extension(room):
@@ -220,19 +222,20 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenarios", nargs="*", metavar="SCENARIO", help=f"of {', '.join(scenarios)}")
     parser.add_argument("--seconds", type=float, default=1200, help="time limit of a scenario")
+    parser.add_argument("--debian", metavar="RELEASE", default=NEWEST, help="whose Blender: trixie has 4.3")
     options = parser.parse_args()
     if unknown := set(options.scenarios) - set(scenarios):
         parser.error(f"no such scenario: {', '.join(sorted(unknown))}")
     if os.geteuid() != 0:
         sys.exit("window: needs root, for chroot; run it as root or in a container")
-    setup = subprocess.run([Path(__file__).with_name("setup")], stdout=subprocess.PIPE, text=True)
+    setup = subprocess.run([Path(__file__).with_name("setup"), options.debian], stdout=subprocess.PIPE, text=True)
     if setup.returncode != 0:
         sys.exit(1)
     shutil.rmtree(OUT, ignore_errors=True)
     OUT.mkdir(parents=True)
     room = Room(Path(setup.stdout.strip()))
     try:
-        check_blender(room)
+        check_blender(room, OLDEST_BLENDER if options.debian == NEWEST else OLDEST_SUPPORTED)
         install_extension(room)
         figures, well = play_all(room, [scenarios[name] for name in options.scenarios or scenarios], options.seconds)
     finally:
