@@ -292,7 +292,8 @@ def play(driver):
         Picture.given = picture
         yield from driver.until(found.poll, "another picture")
         yield from check_view(driver, name, view)
-    yield from check_working_spaces(driver)
+    if bpy.app.version >= (5, 0, 0):  # Files had no scene-linear space of their own before.
+        yield from check_working_spaces(driver)
     set_view(VIEWS["Standard"])
     Picture.given = frame(6)
     yield from driver.until(found.poll, "the picture again")
