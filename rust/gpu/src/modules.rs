@@ -21,17 +21,20 @@ macro_rules! files {
 }
 
 files![
+    "common/add_units",
     "common/compare",
     "common/mean",
     "common/packing",
+    "common/pull_units",
+    "common/residual",
     "common/sum",
+    "common/units",
     "gather/blocks",
     "gather/bounds",
     "gather/images",
     "gather/light",
     "gather/numbers",
     "gather/pixel",
-    "gather/pull",
     "gather/records",
     "gather/row",
     "gather/shard",

@@ -5,6 +5,7 @@ use std::hint::black_box;
 use std::sync::Arc;
 
 use cpu_time::ThreadTime;
+use relume_gpu::compare::{Layers, Look};
 use relume_gpu::{Gpu, Peaks, best_of_rounds};
 use serde::Serialize;
 
@@ -12,7 +13,7 @@ use crate::simd::{Isa, peak};
 use crate::synthetic::SyntheticRoom;
 use crate::{
     GpuProxy, GridConfig, LightKind, LightParams, NetworkConfig, ProxyError, SizeRange, TargetMode,
-    TrainConfig, Trainer,
+    TrainConfig, Trainer, compare,
 };
 
 /// One measured figure.
@@ -158,19 +159,21 @@ fn measure_device(
     let image = best_of_rounds(rounds, || on_device.unit_image(&light).map(drop))?;
     records.push(record("unit image with read-back", image, limit(peak, cost, 1.0)));
 
-    let picture = vec![0.5; 3 * count];
-    let comparison = on_device.comparison(&picture, &picture, 1.0)?;
-    // Every so manieth pixel in an order without pattern.
-    let pixels: Vec<u32> =
-        (0..count / STEP_SHARE).map(|i| (i as u32).wrapping_mul(0x9e37_79b1) % count as u32).collect();
-    let shares = vec![1.0 / pixels.len() as f32; pixels.len()];
+    let layers = Layers::new(gpu, &[&vec![[0.5; 3]; count]])?;
+    let look = one_target(count / STEP_SHARE, count);
     let light = [(light, [1.0; 3])];
-    let step = best_of_rounds(rounds, || comparison.gradient(&light, &pixels, &shares).map(drop))?;
+    let step = best_of_rounds(rounds, || compare(&[&on_device], &layers, &[], &light, &look).map(drop))?;
     // Forward, forward again and backward, by the plain units.
     let share = 1.0 / STEP_SHARE as f64;
     let least = limit(peaks.multiply_adds, 3.0 * cost * share, share);
     records.push(record("light step on 5 % of the pixels", step, least));
     Ok(records)
+}
+
+/// A grey target at some of all pixels, every so manieth in an order without pattern.
+fn one_target(count: usize, all: usize) -> Look {
+    let cells = (0..count).map(|i| (i as u32).wrapping_mul(0x9e37_79b1) % all as u32).collect();
+    Look::target(cells, vec![[0.3, 0.3, 0.3, 1.0 / count as f32]; count], 1.0)
 }
 
 fn device_trainer(network: NetworkConfig, [width, height]: [usize; 2]) -> Result<Trainer, ProxyError> {

@@ -7,7 +7,7 @@ mod network;
 mod proxy;
 pub(crate) mod train;
 
-pub use compare::GpuComparison;
+pub use compare::{ProxyCompared, compare};
 pub use gradient::LightGradient;
 pub(crate) use network::{DeviceNetwork, OnDevice};
 pub use proxy::GpuProxy;
