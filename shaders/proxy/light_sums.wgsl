@@ -1,5 +1,5 @@
 // Adds up what `light_gradient` left: for each light, layer by layer the gradient by scales, then shifts; then by nine
-// parameters and the radiance. A workgroup makes one quad, always in the same order.
+// parameters and the radiance. A workgroup makes one quad, always in the same order, and adds it to what is there.
 // constant: LAYERS 3
 // constant: PIXEL_BLOCKS 16
 // constant: ROW_BLOCKS 8
@@ -9,10 +9,15 @@ const SUMS: u32 = 4u * LAYERS + 3u;
 const QUADS: u32 = 4u * LAYERS * ROW_BLOCKS + 3u;
 const GROUP: u32 = 64u;
 
-struct Arguments { groups: u32, lights: u32 }
+struct Arguments {
+    groups: u32,
+    lights: u32,
+    // Where the gradients start in `results`.
+    first: u32,
+}
 
 @group(0) @binding(0) var<storage, read> sums: array<vec4f>;
-@group(0) @binding(1) var<storage, read_write> gradients: array<vec4f>;
+@group(0) @binding(1) var<storage, read_write> results: array<f32>;
 
 var<immediate> arguments: Arguments;
 var<workgroup> shares: array<vec4f, GROUP>;
@@ -45,5 +50,6 @@ fn light_sums(
         workgroupBarrier();
         if thread < half { shares[thread] += shares[thread + half]; }
     }
-    if thread == 0u { gradients[number] = shares[0]; }
+    if thread != 0u { return; }
+    for (var i = 0u; i < 4u; i++) { results[arguments.first + 4u * number + i] += shares[0][i]; }
 }

@@ -31,7 +31,7 @@ pub use denoise::{DenoiseDevice, DenoiseError, DenoiseFeatures, DenoiseQuality, 
 pub use environment::Environment;
 pub use error::GatherError;
 pub use gather::{Gather, Scratch};
-pub use gpu::{GpuGather, GpuLight, GpuLights, Receivers, SoftCompared, Wanted};
+pub use gpu::{Goals, GpuGather, GpuLight, GpuLights, Receivers, SoftCompared};
 pub use half::Half;
 pub use kernel::Isa;
 pub use light::PreparedLight;

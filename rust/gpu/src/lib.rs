@@ -1,6 +1,6 @@
 //! A GPU of any vendor through `wgpu`: device, WGSL modules, buffers, read-back, timers. Knows nothing of light or
 //! networks; the crates of the stages bring their kernels' arguments, the WGSL is embedded from `shaders/`. What several of
-//! them need is here too: pictures compared with a target ([`CompareKernel`]), and images summed up ([`GpuImage`]).
+//! them need is here too: pictures compared with what is wanted of them ([`compare`]), and images summed up ([`GpuImage`]).
 //!
 //! ```no_run
 //! # fn main() -> Result<(), relume_gpu::GpuError> {
@@ -23,7 +23,7 @@
 mod buffer;
 mod choice;
 mod commands;
-mod compare;
+pub mod compare;
 mod device;
 mod error;
 mod figure;
@@ -39,7 +39,6 @@ mod timer;
 pub use buffer::{Binding, Buffer};
 pub use choice::{AdapterSummary, GpuChoice, adapters};
 pub use commands::{Commands, Submission, fold};
-pub use compare::{CompareArguments, CompareKernel};
 pub use device::{Gpu, Limits};
 pub use error::GpuError;
 pub use figure::{Figure, Limit, LimitedBy};

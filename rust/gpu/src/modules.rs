@@ -21,10 +21,14 @@ macro_rules! files {
 }
 
 files![
+    "common/add_units",
     "common/compare",
     "common/mean",
     "common/packing",
+    "common/pull_units",
+    "common/residual",
     "common/sum",
+    "common/units",
     "gather/blocks",
     "gather/bounds",
     "gather/images",
@@ -32,7 +36,6 @@ files![
     "gather/numbers",
     "gather/paper",
     "gather/pixel",
-    "gather/pull",
     "gather/records",
     "gather/row",
     "gather/shard",

@@ -86,17 +86,27 @@ impl Aim {
         }
     }
 
-    /// As [`Self::residual`] for the mean of cells and what it was before. It should be what was asked for, no more and no less,
-    /// but for `MARGIN`.
-    pub(crate) fn residual_of_mean(&self, mean: [f32; 3], before: [f32; 3]) -> ([f32; 3], [[f32; 3]; 3]) {
+    /// What [`Aim::residual_of_mean`] compares the mean of exposed cells to, from what it was before; a target asks for each cell by
+    /// itself. Brightness should be what was asked for, no more and no less, but for `MARGIN`.
+    pub(crate) fn reference_of_mean(&self, before: [f32; 3]) -> Option<[f32; 3]> {
         match self {
+            Self::Target { .. } => None,
             Self::Brightness { stops } => {
-                let (value, slope) = stop(luminance(mean));
-                let wanted = stop(luminance(before)).0 + stops + MARGIN.copysign(*stops);
-                let row = LUMINANCE.map(|w| STOP * slope * w);
-                ([STOP * (value - wanted), 0.0, 0.0], [row, [0.0; 3], [0.0; 3]])
+                Some([stop(luminance(before)).0 + stops + MARGIN.copysign(*stops), 0.0, 0.0])
             }
-            _ => self.residual(mean, self.reference(before)),
+            _ => Some(self.reference(before)),
+        }
+    }
+
+    /// As [`Self::residual`] for the mean of cells.
+    pub(crate) fn residual_of_mean(&self, mean: [f32; 3], reference: [f32; 3]) -> ([f32; 3], [[f32; 3]; 3]) {
+        match self {
+            Self::Brightness { .. } => {
+                let (value, slope) = stop(luminance(mean));
+                let row = LUMINANCE.map(|w| STOP * slope * w);
+                ([STOP * (value - reference[0]), 0.0, 0.0], [row, [0.0; 3], [0.0; 3]])
+            }
+            _ => self.residual(mean, reference),
         }
     }
 

@@ -47,6 +47,7 @@ pub use relight::{Compare, Compared, Linear, Picture, Relight, RelightError};
 pub use report::{Report, Worst, conflicts, report};
 pub use solve::{RunnerUp, Settings, Solution, Step, TrajectoryPoint, solve};
 pub use starts::{RandomStarts, random_starts};
+pub use term::Wanted;
 pub use variable::{Bounds, Locks, Variable};
 pub use wall::Cap;
 

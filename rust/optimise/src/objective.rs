@@ -2,8 +2,8 @@ use crate::cells::Cells;
 use crate::goal::{Aim, Goal};
 use crate::preference;
 use crate::problem::{Problem, View, mean_luminance};
-use crate::relight::{Compare, Linear, Picture};
-use crate::term::{Comparison, Term};
+use crate::relight::{Compare, Compared, Linear, Picture};
+use crate::term::{Comparison, Term, Wanted};
 use crate::variable::{Mapping, PARAMS};
 use crate::{OptimiseError, RelightError};
 use rayon::prelude::*;
@@ -24,7 +24,7 @@ pub(crate) struct ViewObjective<'a> {
     /// Pictures of the lights whose shapes stay.
     still: Vec<Option<Vec<[f32; 3]>>>,
     pub(crate) terms: Vec<Term<'a>>,
-    /// Where the whole objective is one comparison that the relighter makes itself.
+    /// Where the relighter compares its pictures itself.
     comparison: Option<Box<dyn Compare + 'a>>,
 }
 
@@ -52,8 +52,11 @@ impl<'a> Objective<'a> {
         lights: &[Light],
         draw: &Draw,
     ) -> Result<f64, OptimiseError> {
-        let goals = self.loss_of_goals(lights, &self.units(lights, draw)?, draw);
-        Ok(goals + self.preference_loss(mappings, lights))
+        let mut loss = self.preference_loss(mappings, lights);
+        for (view, draw) in self.views.iter().zip(draw) {
+            loss += view.loss(lights, self.softness, draw)?;
+        }
+        Ok(loss)
     }
 
     /// Pictures of each light for radiance 1 in each view, at the drawn cells.
@@ -80,7 +83,7 @@ impl<'a> Objective<'a> {
     /// As [`Self::loss`] without what moves cost, from pictures that are there already.
     pub(crate) fn loss_of_goals(&self, lights: &[Light], units: &[Vec<Unit>], draw: &Draw) -> f64 {
         let of_view = |((view, units), draw): ((&ViewObjective, &Vec<Unit>), &Vec<Vec<u32>>)| {
-            view.compare(lights, units, draw).iter().map(Comparison::loss).sum::<f64>()
+            view.loss_of_units(lights, units, draw)
         };
         self.views.iter().zip(units).zip(draw).map(of_view).sum()
     }
@@ -156,21 +159,11 @@ impl<'a> ViewObjective<'a> {
         };
         let of_before = exposure_before(view, mean_luminance(&before))?;
         new.terms = view.goals.iter().map(|goal| Term::new(goal, cells, &before, of_before)).collect();
-        new.comparison = new.own_comparison()?;
+        let still: Vec<&[[f32; 3]]> = new.still.iter().flatten().map(Vec::as_slice).collect();
+        // Where nothing moves, all pictures are here.
+        let moves = still.len() < new.still.len() && !new.terms.is_empty();
+        new.comparison = if moves { view.relight.comparison(&new.base, &still)? } else { None };
         Ok(new)
-    }
-
-    /// The comparison that a relighter makes itself, if the view asks for nothing but to look like one picture, or a part of one.
-    fn own_comparison(&self) -> Result<Option<Box<dyn Compare + 'a>>, OptimiseError> {
-        let [Goal { aim: Aim::Target { image, exposure_invariant: false }, .. }] = self.view.goals else {
-            return Ok(None);
-        };
-        if self.still.iter().any(Option::is_some) {
-            return Ok(None);
-        }
-        let relight = self.view.relight;
-        let target = Cells::new(relight.size(), relight.cell()).means(image);
-        Ok(relight.comparison(&self.base, &target, self.terms[0].exposure)?)
     }
 
     /// All cells.
@@ -266,7 +259,7 @@ impl<'a> ViewObjective<'a> {
     /// Each term at its drawn cells of a whole picture.
     pub(crate) fn compare_picture(&self, picture: &[[f32; 3]], draw: &[Vec<u32>]) -> Vec<Comparison<'_>> {
         let terms = self.terms.iter().zip(draw);
-        terms.map(|(term, draw)| Comparison::new(term, draw, term.drawn(picture, draw))).collect()
+        terms.map(|(term, draw)| Comparison::new(term.wanted(draw), term.drawn(picture, draw))).collect()
     }
 
     /// Weighted residuals of a picture that differs from the one compared by noise and little else.
@@ -296,10 +289,49 @@ impl<'a> ViewObjective<'a> {
                 self.sum(lights, units, term.cells[*number as usize] as usize, first + k)
             };
             let picture = draw.iter().enumerate().map(at).collect();
-            comparisons.push(Comparison::new(term, draw, picture));
+            comparisons.push(Comparison::new(term.wanted(draw), picture));
             first += draw.len();
         }
         comparisons
+    }
+
+    fn loss(&self, lights: &[Light], softness: f32, draw: &[Vec<u32>]) -> Result<f64, OptimiseError> {
+        if let Some(compared) = self.compare_itself(lights, softness, draw)? {
+            return Ok(compared.loss);
+        }
+        let units = self.units(lights, softness, &self.cells_of(draw))?;
+        Ok(self.loss_of_units(lights, &units, draw))
+    }
+
+    fn loss_of_units(&self, lights: &[Light], units: &[Unit], draw: &[Vec<u32>]) -> f64 {
+        self.compare(lights, units, draw).iter().map(Comparison::loss).sum()
+    }
+
+    /// What the relighter says, if it compares its pictures itself.
+    fn compare_itself(
+        &self,
+        lights: &[Light],
+        softness: f32,
+        draw: &[Vec<u32>],
+    ) -> Result<Option<Compared>, RelightError> {
+        let Some(comparison) = &self.comparison else { return Ok(None) };
+        let lights = || lights.iter().zip(&self.still);
+        let moving: Vec<&Light> =
+            lights().filter_map(|(light, still)| still.is_none().then_some(light)).collect();
+        let still: Vec<[f32; 3]> =
+            lights().filter_map(|(light, still)| still.as_ref().map(|_| light.radiance)).collect();
+        let wanted: Vec<Wanted> = self.terms.iter().zip(draw).map(|(term, draw)| term.wanted(draw)).collect();
+        comparison.gradient(&moving, &still, softness, &wanted)
+    }
+
+    /// The gradients of all lights in their order.
+    fn by_light(&self, compared: Compared) -> Vec<LightGradient> {
+        let (mut moving, mut still) = (compared.lights.into_iter(), compared.still.into_iter());
+        let of_light = |picture: &Option<_>| match picture {
+            Some(_) => still.next().map(|by_radiance| ([0.0; LANES], by_radiance)),
+            None => moving.next(),
+        };
+        self.still.iter().filter_map(of_light).collect()
     }
 
     fn gradient(
@@ -308,14 +340,10 @@ impl<'a> ViewObjective<'a> {
         softness: f32,
         draw: &[Vec<u32>],
     ) -> Result<(f64, Vec<LightGradient>), OptimiseError> {
-        let cells = self.cells_of(draw);
-        if let Some(comparison) = &self.comparison {
-            let moving: Vec<&Light> = lights.iter().collect();
-            let shares = self.terms[0].shares(&draw[0]);
-            if let Some(compared) = comparison.gradient(&moving, softness, &cells, &shares)? {
-                return Ok(compared);
-            }
+        if let Some(compared) = self.compare_itself(lights, softness, draw)? {
+            return Ok((compared.loss, self.by_light(compared)));
         }
+        let cells = self.cells_of(draw);
         let units = self.linear_units(lights, softness, &cells)?;
         let comparisons = self.compare(lights, &units, draw);
         let d_picture: Vec<[f32; 3]> = comparisons.iter().flat_map(Comparison::pull_back).collect();

@@ -1,3 +1,4 @@
+use crate::Wanted;
 use relume_scene::{LANES, Light};
 
 /// Whatever a relighter reports.
@@ -99,17 +100,15 @@ pub trait Relight: Sync {
         Ok(Picture { clean: exact.clone(), exact })
     }
 
-    /// Takes over the comparison with a target, if that is better done where the pictures are made: on a device, from which
-    /// they then need not come back. `base` and `target` are of all cells, and what is compared is multiplied with `exposure` before
-    /// Reinhard's curve.
+    /// Takes over the comparison with what is wanted, if that is better done where the pictures are made: on a device, from which
+    /// they then need not come back. `base` is what is there anyway, `still` are pictures of lights that stay for radiance 1; all of all cells.
     ///
     /// # Errors
     /// Whatever the relighter reports.
     fn comparison<'a>(
         &'a self,
         _base: &[[f32; 3]],
-        _target: &[[f32; 3]],
-        _exposure: f32,
+        _still: &[&[[f32; 3]]],
     ) -> Result<Option<Box<dyn Compare + 'a>>, RelightError> {
         Ok(None)
     }
@@ -124,21 +123,29 @@ pub struct Picture {
     pub clean: [Vec<[f32; 3]>; 2],
 }
 
-/// Compares a base with lights over it to a target.
+/// Compares a base with lights over it to what goals want.
 pub trait Compare: Sync {
-    /// The sum of the paper's equation 6 over some cells, each with its share in the loss, and its derivative by the lanes of each
-    /// light's shape and by its radiance. Nothing if the device cannot do it any more: then it is for whoever asks.
+    /// The loss of all goals together ([`Wanted::compare`]) and its derivatives by these lights, and by the radiances of those that stay.
+    /// Nothing if the device cannot do it: then it is for whoever asks.
     ///
     /// # Errors
     /// Whatever the relighter reports.
     fn gradient(
         &self,
         lights: &[&Light],
+        still: &[[f32; 3]],
         softness: f32,
-        cells: &[u32],
-        shares: &[f32],
+        wanted: &[Wanted],
     ) -> Result<Option<Compared>, RelightError>;
 }
 
-/// Loss, and its derivatives for each light.
-pub type Compared = (f64, Vec<([f32; LANES], [f32; 3])>);
+/// A loss and its derivatives.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Compared {
+    /// The loss.
+    pub loss: f64,
+    /// By the lanes of each light's shape and by its radiance.
+    pub lights: Vec<([f32; LANES], [f32; 3])>,
+    /// By the radiances of lights that stay.
+    pub still: Vec<[f32; 3]>,
+}

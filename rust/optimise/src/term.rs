@@ -51,21 +51,50 @@ impl<'a> Term<'a> {
         draw.iter().map(|number| picture[self.cells[*number as usize] as usize]).collect()
     }
 
-    /// What drawn cells count in the loss: weights that sum up to the term's.
-    pub(crate) fn shares(&self, draw: &[u32]) -> Vec<f32> {
-        let weight = |number: &u32| self.weights[*number as usize];
-        let total: f32 = draw.iter().map(weight).sum();
-        draw.iter().map(|number| self.weight * weight(number) / total).collect()
-    }
-
     pub(crate) fn len(&self) -> usize {
         self.cells.len()
+    }
+
+    /// What is wanted of some cells, given by their numbers in the term's own list.
+    pub(crate) fn wanted(&self, draw: &[u32]) -> Wanted<'a> {
+        let weight = |number: &u32| self.weights[*number as usize];
+        let total: f32 = draw.iter().map(weight).sum();
+        let shares: Vec<f32> = draw.iter().map(|number| self.weight * weight(number) / total).collect();
+        let references: Vec<[f32; 3]> = draw.iter().map(|number| self.references[*number as usize]).collect();
+        let before = draw.iter().map(|number| self.before[*number as usize]);
+        let before = sum(before, &shares).map(|sum| sum / self.weight);
+        Wanted {
+            aim: self.aim,
+            weight: self.weight,
+            exposure: self.exposure,
+            luminance: self.is_exposure_invariant().then(|| luminance_of_target(&references, &shares)),
+            reference_of_mean: self.aim.reference_of_mean(before),
+            cells: draw.iter().map(|number| self.cells[*number as usize]).collect(),
+            references,
+            shares,
+        }
     }
 
     /// Whether the picture's exposure does not count.
     fn is_exposure_invariant(&self) -> bool {
         matches!(self.aim, Aim::Target { exposure_invariant: true, .. })
     }
+}
+
+/// Luminance of a target, each cell times its share.
+fn luminance_of_target(references: &[[f32; 3]], shares: &[f32]) -> f32 {
+    // References are tonemapped: t / (1 - t) is what they were.
+    let exposed = references.iter().map(|reference| reference.map(|t| t / (1.0 - t).max(1e-6)));
+    luminance(sum(exposed, shares))
+}
+
+/// The sum of values, each times its share.
+fn sum(values: impl Iterator<Item = [f32; 3]>, shares: &[f32]) -> [f32; 3] {
+    let mut sum = [0.0; 3];
+    for (value, share) in values.zip(shares) {
+        (0..3).for_each(|c| sum[c] += share * value[c]);
+    }
+    sum
 }
 
 /// Weights of cells in which a target counts. Outside of its place a target may hold anything, which the mean of a cell that it
@@ -75,13 +104,41 @@ fn target_weights(cells: Cells, weights: &[f32]) -> Vec<f32> {
     if least.iter().any(|weight| *weight > 0.0) { least } else { cells.mean_weights(weights) }
 }
 
-/// A term at drawn cells of a picture.
+/// What a goal wants of some cells: all that a comparison needs beside the picture.
+#[derive(Clone, Debug)]
+pub struct Wanted<'a> {
+    /// What is asked for.
+    pub aim: &'a Aim,
+    /// Weight of the goal beside others.
+    pub weight: f32,
+    /// What pictures are multiplied with before they are compared.
+    pub exposure: f32,
+    /// What the luminance of the exposed cells, each times its share, is brought to before they are compared, where their own exposure
+    /// does not matter.
+    pub luminance: Option<f32>,
+    /// What the mean of the exposed cells is compared to, by a goal that has one.
+    pub reference_of_mean: Option<[f32; 3]>,
+    /// Numbers of the cells.
+    pub cells: Vec<u32>,
+    /// What each exposed cell is compared to.
+    pub references: Vec<[f32; 3]>,
+    /// What each counts in the loss; their sum is the weight.
+    pub shares: Vec<f32>,
+}
+
+impl<'a> Wanted<'a> {
+    /// The loss of these cells of a picture, scene-linear RGB, and its derivative by each of their values.
+    pub fn compare(self, picture: Vec<[f32; 3]>) -> (f64, Vec<[f32; 3]>) {
+        let comparison = Comparison::new(self, picture);
+        (comparison.loss(), comparison.pull_back())
+    }
+}
+
+/// A goal at some cells of a picture.
 pub(crate) struct Comparison<'a> {
-    term: &'a Term<'a>,
+    wanted: Wanted<'a>,
     /// Exposed cells, before `gain`.
     exposed: Vec<[f32; 3]>,
-    /// Weights that sum up to the term's.
-    shares: Vec<f32>,
     /// Brings the cells to the mean luminance of the target where its exposure does not matter; else 1.
     gain: f32,
     /// Derivative of the gain by the mean luminance of the cells.
@@ -93,34 +150,20 @@ pub(crate) struct Comparison<'a> {
 }
 
 impl<'a> Comparison<'a> {
-    pub(crate) fn new(term: &'a Term<'a>, draw: &[u32], picture: Vec<[f32; 3]>) -> Self {
-        let shares = term.shares(draw);
-        let exposed: Vec<[f32; 3]> = picture.iter().map(|p| p.map(|p| term.exposure * p)).collect();
-        let reference = |number: &u32| term.references[*number as usize];
-        let weigh = |(value, share): ([f32; 3], &f32)| luminance(value) * share;
-        // References are tonemapped: t / (1 - t) is what they were.
-        let targets = draw.iter().map(|number| reference(number).map(|t| t / (1.0 - t).max(1e-6)));
-        let target: f32 = targets.zip(&shares).map(weigh).sum();
-        let mean: f32 = exposed.iter().copied().zip(&shares).map(weigh).sum();
-        let (gain, gain_slope) = match target / mean {
-            gain if term.is_exposure_invariant() && gain.is_finite() && gain > 0.0 => (gain, -gain / mean),
+    pub(crate) fn new(wanted: Wanted<'a>, picture: Vec<[f32; 3]>) -> Self {
+        let Wanted { aim, references, shares, .. } = &wanted;
+        let exposed: Vec<[f32; 3]> = picture.iter().map(|p| p.map(|p| wanted.exposure * p)).collect();
+        let sum = sum(exposed.iter().copied(), shares);
+        let mean = luminance(sum);
+        let (gain, gain_slope) = match wanted.luminance.map(|target| target / mean) {
+            Some(gain) if gain.is_finite() && gain > 0.0 => (gain, -gain / mean),
             _ => (1.0, 0.0),
         };
-        let compare =
-            |(x, number): (&[f32; 3], &u32)| term.aim.residual(x.map(|x| gain * x), reference(number));
-        let (residuals, slopes) = exposed.iter().zip(draw).map(compare).unzip();
-        let whole = (!matches!(term.aim, Aim::Target { .. })).then(|| {
-            let before = draw.iter().map(|number| &term.before[*number as usize]);
-            let mean = |values: &mut dyn Iterator<Item = &[f32; 3]>| {
-                let mut mean = [0.0; 3];
-                for (value, share) in values.zip(&shares) {
-                    (0..3).for_each(|c| mean[c] += share / term.weight * value[c]);
-                }
-                mean
-            };
-            term.aim.residual_of_mean(mean(&mut exposed.iter()), mean(&mut before.into_iter()))
-        });
-        Self { term, exposed, shares, gain, gain_slope, residuals, slopes, whole }
+        let compare = |(x, reference): (&[f32; 3], &[f32; 3])| aim.residual(x.map(|x| gain * x), *reference);
+        let (residuals, slopes) = exposed.iter().zip(references).map(compare).unzip();
+        let mean_of_cells = sum.map(|sum| sum / wanted.weight);
+        let whole = wanted.reference_of_mean.map(|reference| aim.residual_of_mean(mean_of_cells, reference));
+        Self { wanted, exposed, gain, gain_slope, residuals, slopes, whole }
     }
 
     /// Factor on the weights of single cells.
@@ -130,8 +173,8 @@ impl<'a> Comparison<'a> {
 
     pub(crate) fn loss(&self) -> f64 {
         let square = |(r, share): (&[f32; 3], &f32)| f64::from(share * r.iter().map(|r| r * r).sum::<f32>());
-        let cells: f64 = self.residuals.iter().zip(&self.shares).map(square).sum();
-        let whole = self.whole.map_or(0.0, |(r, _)| square((&r, &self.term.weight)));
+        let cells: f64 = self.residuals.iter().zip(&self.wanted.shares).map(square).sum();
+        let whole = self.whole.map_or(0.0, |(r, _)| square((&r, &self.wanted.weight)));
         f64::from(self.of_cells()) * cells + whole
     }
 
@@ -142,12 +185,9 @@ impl<'a> Comparison<'a> {
         let differences: Vec<[f32; 3]> = cells
             .iter()
             .zip(&self.exposed)
-            .map(|(cell, exposed)| std::array::from_fn(|c| self.term.exposure * cell[c] - exposed[c]))
+            .map(|(cell, exposed)| std::array::from_fn(|c| self.wanted.exposure * cell[c] - exposed[c]))
             .collect();
-        let mut mean = [0.0; 3];
-        for (difference, share) in differences.iter().zip(&self.shares) {
-            (0..3).for_each(|c| mean[c] += share * difference[c]);
-        }
+        let mean = sum(differences.iter().copied(), &self.wanted.shares);
         let gain_change = self.gain_slope * luminance(mean);
         let beside = |r: &[f32; 3], slopes: &[[f32; 3]; 3], d: [f32; 3]| -> [f32; 3] {
             std::array::from_fn(|j| r[j] + dot(slopes[j], d))
@@ -155,10 +195,10 @@ impl<'a> Comparison<'a> {
         let whole = self
             .whole
             .as_ref()
-            .map(|(r, slopes)| (beside(r, slopes, mean.map(|d| d / self.term.weight)), self.term.weight));
+            .map(|(r, slopes)| (beside(r, slopes, mean.map(|d| d / self.wanted.weight)), self.wanted.weight));
         let cell = move |k: usize| {
             let d = std::array::from_fn(|c| self.gain * differences[k][c] + gain_change * self.exposed[k][c]);
-            (beside(&self.residuals[k], &self.slopes[k], d), of_cells * self.shares[k])
+            (beside(&self.residuals[k], &self.slopes[k], d), of_cells * self.wanted.shares[k])
         };
         (0..self.exposed.len()).map(cell).chain(whole).flat_map(|(r, weight)| r.map(|r| weight.sqrt() * r))
     }
@@ -172,21 +212,21 @@ impl<'a> Comparison<'a> {
             std::array::from_fn(|c| {
                 let cell = self.of_cells() * half_slope(&self.residuals[k], &self.slopes[k], c);
                 let whole = self.whole.as_ref().map_or(0.0, |(r, slopes)| half_slope(r, slopes, c));
-                2.0 * self.shares[k] * (cell + whole)
+                2.0 * self.wanted.shares[k] * (cell + whole)
             })
         };
         let by_gained: Vec<[f32; 3]> = (0..self.exposed.len()).map(by_gained).collect();
         let by_gain: f32 = by_gained.iter().zip(&self.exposed).map(|(d, x)| dot(*d, *x)).sum();
         let by_value = |(k, d): (usize, &[f32; 3])| {
             let gain_slope = self.gain_slope(k);
-            std::array::from_fn(|c| self.term.exposure * (self.gain * d[c] + by_gain * gain_slope[c]))
+            std::array::from_fn(|c| self.wanted.exposure * (self.gain * d[c] + by_gain * gain_slope[c]))
         };
         by_gained.iter().enumerate().map(by_value).collect()
     }
 
     /// Derivative of the gain by an exposed cell.
     fn gain_slope(&self, k: usize) -> [f32; 3] {
-        LUMINANCE.map(|w| self.gain_slope * w * self.shares[k])
+        LUMINANCE.map(|w| self.gain_slope * w * self.wanted.shares[k])
     }
 }
 

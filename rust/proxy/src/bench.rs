@@ -5,6 +5,7 @@ use std::hint::black_box;
 use std::sync::Arc;
 
 use cpu_time::ThreadTime;
+use relume_gpu::compare::{Layers, Look};
 use relume_gpu::{Figure, Gpu, Limit, Peaks, best_of_rounds};
 
 use crate::params::{Role, Tensor};
@@ -12,7 +13,7 @@ use crate::simd::{Isa, peak};
 use crate::synthetic::SyntheticRoom;
 use crate::{
     GpuProxy, GridConfig, LightKind, LightParams, NetworkConfig, ProxyError, SizeRange, TargetMode,
-    TrainConfig, Trainer,
+    TrainConfig, Trainer, compare,
 };
 
 /// How much is measured.
@@ -170,14 +171,10 @@ fn test_light() -> LightParams {
 /// Seconds of a step of the light optimiser.
 fn seconds_of_a_step(on_device: &GpuProxy, rounds: usize) -> Result<f64, ProxyError> {
     let count = on_device.proxy().features().pixel_count();
-    let picture = vec![0.5; 3 * count];
-    let comparison = on_device.comparison(&picture, &picture, 1.0)?;
-    // Every so manieth pixel in an order without pattern.
-    let pixels: Vec<u32> =
-        (0..count / STEP_SHARE).map(|i| (i as u32).wrapping_mul(0x9e37_79b1) % count as u32).collect();
-    let shares = vec![1.0 / pixels.len() as f32; pixels.len()];
+    let layers = Layers::new(on_device.gpu(), &[&vec![[0.5; 3]; count]])?;
+    let look = one_target(count / STEP_SHARE, count);
     let light = [(test_light(), [1.0; 3])];
-    best_of_rounds(rounds, || comparison.gradient(&light, &pixels, &shares).map(drop))
+    best_of_rounds(rounds, || compare(&[on_device], &layers, &[], &light, &look).map(drop))
 }
 
 /// Name of the widest of the networks that are measured, and seconds in which the plain kernel makes an image of it.
@@ -196,6 +193,12 @@ pub fn seconds_of_the_widest(gpu: &Arc<Gpu>, extent: Extent) -> Result<(String, 
     let on_device = GpuProxy::new(Arc::clone(gpu), &trainer.proxy()?)?;
     let seconds = on_device.seconds(&test_light(), false)?.unwrap_or(f64::NAN);
     Ok((name_of(inference(false), name, extent.size), seconds))
+}
+
+/// A grey target at some of all pixels, every so manieth in an order without pattern.
+fn one_target(count: usize, all: usize) -> Look {
+    let cells = (0..count).map(|i| (i as u32).wrapping_mul(0x9e37_79b1) % all as u32).collect();
+    Look::target(cells, vec![[0.3, 0.3, 0.3, 1.0 / count as f32]; count], 1.0)
 }
 
 fn device_trainer(network: NetworkConfig, [width, height]: [usize; 2]) -> Result<Trainer, ProxyError> {

@@ -69,7 +69,7 @@ pub use checkpoint::{fuzz_open, read_info};
 pub use config::{GridConfig, LearningRates, LightPlacement, NetworkConfig, TargetMode, TrainConfig};
 pub use encoding::OutputScale;
 pub use error::ProxyError;
-pub use gpu::{GpuComparison, GpuProxy, LightGradient};
+pub use gpu::{GpuProxy, LightGradient, ProxyCompared, compare};
 pub use light::{LightKind, LightParams, MAX_PARAMS, SizeRange, random_light};
 pub use pixels::PixelFeatures;
 pub use proxy::{Proxy, ProxyInfo, Scores};

@@ -2,14 +2,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Once};
 
 use relume_gather::{
-    Environment, Gather, GatherError, GpuGather, Half, Linear, PreparedLight, SoftCompared, SoftGather,
-    Wanted,
+    Environment, Gather, GatherError, Goals, GpuGather, Half, Linear, PreparedLight, SoftCompared, SoftGather,
 };
+use relume_gpu::compare::Look;
 use relume_gpu::{Gpu, GpuError};
 use relume_image::Image;
 use relume_scene::Light;
 
 use crate::device_image::DeviceImage;
+use crate::device_layers::DeviceLayers;
 use crate::on_gpu::OnGpu;
 use crate::progress::Monitor;
 use crate::sorting::Sorting;
@@ -127,17 +128,19 @@ impl DeviceGather {
         linear.map_or_else(|| Ok(soft.linearise(light, softness, cells)?), Ok)
     }
 
-    /// [`GpuGather::compare`]; nothing where the CPU has to do it.
+    /// [`GpuGather::compare`] over layers times radiances; nothing where the CPU has to do it.
     pub fn compare(
         &self,
         soft: &SoftGather,
         (lights, softness): (&[&Light], f32),
-        cells: &[u32],
-        wanted: &Wanted,
+        (layers, radiances, look): (&DeviceLayers, &[[f32; 3]], &Look),
         compute: &Compute,
         monitor: &Monitor,
     ) -> Result<Option<SoftCompared>, SessionError> {
-        let work = |on_gpu: &GpuGather| on_gpu.compare(soft, lights, softness, cells, wanted);
+        let work = |on_gpu: &GpuGather| {
+            let goals = Goals { layers: &*layers.on(on_gpu.gpu())?, radiances, look };
+            on_gpu.compare(soft, lights, softness, &goals)
+        };
         self.if_it_gathers_pixels(compute, monitor, work)
     }
 

@@ -24,6 +24,7 @@ mod denoise;
 mod device;
 mod device_gather;
 mod device_image;
+mod device_layers;
 mod device_proxies;
 mod environment;
 mod error;

@@ -14,7 +14,6 @@ arguments! {
     ImagesArguments { pixels, first_light, lights, stride }
     TargetsArguments { targets, lights, first_light, count, sharing }
     SlopesArguments { cells, columns, edge, width, height, light }
-    PullArguments { cells, lights }
     WorldArguments { pixels }
     NumbersArguments { pixels }
 }
@@ -34,7 +33,6 @@ mod tests {
         assert_mirror!(SlopesArguments as "gather/slopes", "Arguments", {
             cells, columns, edge, width, height, light,
         });
-        assert_mirror!(PullArguments as "gather/pull", "Arguments", { cells, lights });
         assert_mirror!(WorldArguments as "gather/world", "Arguments", { pixels });
         assert_mirror!(NumbersArguments as "gather/numbers", "Arguments", { pixels });
     }

@@ -1,6 +1,6 @@
 //! The kernels of the gather; a device compiles each once, when it is first asked for.
 
-use relume_gpu::{CompareKernel, Gpu, GpuError, Kernel};
+use relume_gpu::{Gpu, GpuError, Kernel};
 
 use crate::soft::OUTPUTS;
 
@@ -39,16 +39,6 @@ pub fn world(gpu: &Gpu, lanes: u32) -> Result<Kernel, GpuError> {
 /// `shaders/gather/slopes.wgsl` with so many threads for a pixel at a time: a workgroup of it sums a whole cell.
 pub fn slopes(gpu: &Gpu, pixel_lanes: u32) -> Result<Kernel, GpuError> {
     gpu.kernel("gather/slopes", "add_slopes", &[("LIGHTS", OUTPUTS as u32), ("PIXEL_LANES", pixel_lanes)])
-}
-
-/// From what `slopes.wgsl` leaves to a loss.
-pub fn compare(gpu: &Gpu) -> Result<CompareKernel, GpuError> {
-    CompareKernel::new(gpu, 1, 3 * OUTPUTS)
-}
-
-/// `shaders/gather/pull.wgsl`: from there to the gradients by lights.
-pub fn pull(gpu: &Gpu) -> Result<Kernel, GpuError> {
-    gpu.kernel("gather/pull", "pull_back", &[])
 }
 
 /// The smallest of the kernels that takes so many lights.

@@ -35,7 +35,7 @@ use crate::kernel::magnitude;
 use crate::{Gather, GatherError, Half, PreparedLight};
 use arguments::{ImagesArguments, TargetsArguments};
 use chunk::{Chunk, ChunkPlan, ChunkRecords, ChunkTable, MOST_PENDING, RECORD_BYTES};
-pub use compare::{SoftCompared, Wanted};
+pub use compare::{Goals, SoftCompared};
 use kernels::{GROUP_SIZE, LIGHTS, SORTED_LIGHTS, lanes};
 pub use light::{GpuLight, GpuLights, Receivers};
 use sorted::Sorted;
@@ -120,6 +120,11 @@ impl GpuGather {
             last_copied: Mutex::default(),
             copied: AtomicU64::default(),
         }
+    }
+
+    /// Where it is.
+    pub fn gpu(&self) -> &Arc<Gpu> {
+        &self.gpu
     }
 
     /// Whether the dump stays on the device.

@@ -1,6 +1,6 @@
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
-use relume_gpu::Buffer;
+use relume_gpu::{Binding, Buffer};
 use relume_scene::Light;
 
 use super::arguments::SlopesArguments;
@@ -134,7 +134,7 @@ impl GpuGather {
     ) -> Result<Linear, GatherError> {
         let light = soft.soften(light, softness, cells)?;
         let on_device = self.gpu.buffer_of("cells", cells)?;
-        let values = self.slopes(soft, &[light], (cells, &on_device))?;
+        let values = self.slopes(soft, &[light], (cells, on_device.whole()))?;
         Ok(Linear::new(&self.gpu.read(&values, 0..cells.len())?))
     }
 
@@ -144,7 +144,7 @@ impl GpuGather {
         &self,
         soft: &SoftGather<'_>,
         softened: &[SoftLight],
-        (cells, on_device): (&[u32], &Buffer<u32>),
+        (cells, on_device): (&[u32], Binding<'_>),
     ) -> Result<Buffer<Outputs>, GatherError> {
         let values = self.gpu.zeros::<Outputs>("values of cells", softened.len() * cells.len())?;
         let exact: Vec<PreparedLight> = softened.iter().map(|light| light.exact.clone()).collect();
@@ -164,7 +164,7 @@ impl GpuGather {
             for (number, smoothed) in smoothed.iter().enumerate() {
                 let mut bindings = vec![lights.lights.whole(), lights.receivers.whole()];
                 bindings.extend(table.bindings_and_shards(records));
-                bindings.extend([smoothed.whole(), numbers.whole(), on_device.whole(), values.whole()]);
+                bindings.extend([smoothed.whole(), numbers.whole(), on_device, values.whole()]);
                 let (columns, edge) = (soft.cells().0, soft.edge);
                 let arguments = SlopesArguments {
                     cells: cells.len() as u32,

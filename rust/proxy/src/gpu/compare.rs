@@ -1,113 +1,142 @@
-use relume_gpu::{Buffer, CompareArguments, CompareKernel};
+use std::sync::MutexGuard;
 
-use super::gradient::{GradientKernels, LightGradient};
+use relume_gpu::Commands;
+use relume_gpu::compare::{Layers, Look, Step, Units};
+
+use super::gradient::LightGradient;
 use super::proxy::{GpuProxy, Shared, grow};
-use crate::proxy::check_length;
 use crate::{LightParams, ProxyError};
 
-/// A picture to be matched, on the device of a proxy: steps of a light optimiser without pictures coming back.
-#[derive(Debug)]
-pub struct GpuComparison<'a> {
+/// A loss and its gradients.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ProxyCompared {
+    /// The loss.
+    pub loss: f64,
+    /// Of each light.
+    pub lights: Vec<LightGradient>,
+    /// By the radiances of the layers but the first.
+    pub layers: Vec<[f32; 3]>,
+}
+
+/// The loss of goals at some pixels of a picture of layers, the first as it is and the others times these radiances, and of lights with
+/// theirs, each through the proxy of its kind; and its gradients. No picture comes back. All proxies are of the picture and the device of
+/// the layers.
+///
+/// # Errors
+/// [`ProxyError::WrongKind`] if there is no proxy for a light, [`ProxyError::PixelOutside`] or [`ProxyError::Gpu`].
+///
+/// # Panics
+/// As [`Layers::begin`].
+pub fn compare(
+    proxies: &[&GpuProxy],
+    layers: &Layers,
+    radiances: &[[f32; 3]],
+    lights: &[(LightParams, [f32; 3])],
+    look: &Look,
+) -> Result<ProxyCompared, ProxyError> {
+    proxies.iter().try_for_each(|proxy| proxy.proxy().check_pixels(&look.cells))?;
+    let mut groups = groups(proxies, lights)?;
+    let gradients = groups.iter().map(Group::gradients).sum();
+    let mut commands = layers.gpu().commands("light step");
+    let step = layers.begin(&mut commands, radiances, look, gradients)?;
+    for group in &mut groups {
+        group.add(&mut commands, &step)?;
+    }
+    step.compare(&mut commands)?;
+    let mut first = step.gradients().1;
+    for group in &mut groups {
+        group.pull(&mut commands, &step, first)?;
+        first += group.gradients();
+    }
+    commands.submit()?;
+    let compared = step.read()?;
+    let mut values = &compared.gradients[..];
+    let mut by_light: Vec<_> = Vec::with_capacity(lights.len());
+    for group in &groups {
+        let (own, rest) = values.split_at(group.gradients());
+        by_light.extend(group.gradients_of(own));
+        values = rest;
+    }
+    by_light.sort_by_key(|(number, _)| *number);
+    let lights = by_light.into_iter().map(|(_, gradient)| gradient).collect();
+    Ok(ProxyCompared { loss: compared.loss, lights, layers: compared.layers })
+}
+
+/// The lights of one proxy.
+struct Group<'a> {
     proxy: &'a GpuProxy,
-    base: Buffer<f32>,
-    target: Buffer<f32>,
-    exposure: f32,
+    shared: MutexGuard<'a, Shared>,
+    lights: Vec<(LightParams, [f32; 3])>,
+    /// Their places among all lights.
+    numbers: Vec<usize>,
 }
 
-impl GpuProxy {
-    /// Prepares a target picture and what is there without the lights, both RGB, row-major, scene-linear; they are compared
-    /// under Reinhard's curve after a multiplication with `exposure`.
-    ///
-    /// # Errors
-    /// [`ProxyError::Length`] or [`ProxyError::Gpu`].
-    pub fn comparison(
-        &self,
-        base: &[f32],
-        target: &[f32],
-        exposure: f32,
-    ) -> Result<GpuComparison<'_>, ProxyError> {
-        let len = 3 * self.proxy().features().pixel_count();
-        check_length("base", len, base.len())?;
-        check_length("target", len, target.len())?;
-        Ok(GpuComparison {
-            proxy: self,
-            base: self.gpu().buffer_of("base picture", base)?,
-            target: self.gpu().buffer_of("target picture", target)?,
-            exposure,
-        })
-    }
-}
-
-impl GpuComparison<'_> {
-    /// Sum over some pixels, each times its share, of the squared difference of the base with these lights, given with their
-    /// radiances, to the target; and its gradient by each light.
-    ///
-    /// # Errors
-    /// [`ProxyError::WrongKind`], [`ProxyError::PixelOutside`], [`ProxyError::Length`] or [`ProxyError::Gpu`].
-    pub fn gradient(
-        &self,
-        lights: &[(LightParams, [f32; 3])],
-        pixels: &[u32],
-        shares: &[f32],
-    ) -> Result<(f64, Vec<LightGradient>), ProxyError> {
-        let proxy = self.proxy;
-        check_length("shares", pixels.len(), shares.len())?;
-        proxy.proxy().check_pixels(pixels)?;
-        let shared = &mut *proxy.shared();
-        proxy.write_lights(shared, lights)?;
-        let mut loss = 0.0;
-        let mut sums = vec![0.0; lights.len() * proxy.gradient_len()];
-        let batch = proxy.batch(lights.len());
-        for (pixels, shares) in pixels.chunks(batch).zip(shares.chunks(batch)) {
-            let values = self.sums(shared, lights.len(), pixels, shares)?;
-            let (by_lights, losses) = values.split_at(sums.len());
-            loss += losses.iter().map(|loss| f64::from(*loss)).sum::<f64>();
-            sums.iter_mut().zip(by_lights).for_each(|(sum, value)| *sum += value);
+/// Lights by their proxies, in place on the device. Proxies are locked in their order, so that nobody waits for each other.
+fn groups<'a>(
+    proxies: &[&'a GpuProxy],
+    lights: &[(LightParams, [f32; 3])],
+) -> Result<Vec<Group<'a>>, ProxyError> {
+    let is_of = |proxy: &GpuProxy, light: &LightParams| proxy.proxy().info().kind == light.kind();
+    for (light, _) in lights {
+        if let (false, Some(other)) = (proxies.iter().any(|proxy| is_of(proxy, light)), proxies.first()) {
+            other.proxy().check_kind(light)?;
         }
-        let by_light = lights.iter().zip(sums.chunks_exact(proxy.gradient_len()));
-        Ok((loss, by_light.map(|(light, values)| proxy.light_gradient(light, values)).collect()))
+    }
+    let mut groups = Vec::new();
+    for proxy in proxies {
+        let own = |(number, light): (usize, &(LightParams, [f32; 3]))| {
+            is_of(proxy, &light.0).then_some((number, *light))
+        };
+        let (numbers, lights): (Vec<_>, Vec<_>) = lights.iter().enumerate().filter_map(own).unzip();
+        if !lights.is_empty() {
+            let mut shared = proxy.shared();
+            proxy.write_lights(&mut shared, &lights)?;
+            groups.push(Group { proxy, shared, lights, numbers });
+        }
+    }
+    Ok(groups)
+}
+
+impl Group<'_> {
+    /// Values of the gradients of all of its lights.
+    fn gradients(&self) -> usize {
+        self.lights.len() * self.proxy.gradient_len()
     }
 
-    /// Of lights that are in place, at some pixels that have these shares in the loss: their values of the gradient, and
-    /// then losses to be added up.
-    fn sums(
-        &self,
-        shared: &mut Shared,
-        lights: usize,
-        pixels: &[u32],
-        shares: &[f32],
-    ) -> Result<Vec<f32>, ProxyError> {
-        let (proxy, count) = (self.proxy, pixels.len());
-        grow(proxy.gpu(), &mut shared.units, 3 * count * lights)?;
-        let gradients = lights * proxy.gradient_len();
-        let losses = CompareKernel::losses(count);
-        let shares = proxy.gpu().buffer_of("shares of pixels", shares)?;
-        let d_picture = proxy.gpu().zeros("gradient by a picture", 3 * count)?;
-        let results = proxy.gpu().zeros("loss and gradients", gradients + losses)?;
+    /// Appends what adds its lights to the picture.
+    fn add(&mut self, commands: &mut Commands<'_>, step: &Step<'_>) -> Result<(), ProxyError> {
+        let (proxy, shared, lights) = (self.proxy, &mut *self.shared, self.lights.len());
+        for part in step.parts(proxy.batch(lights)) {
+            grow(proxy.gpu(), &mut shared.units, 3 * part.len() * lights)?;
+            proxy.add_pixels(commands, shared, step.cells(part.clone()), part.len())?;
+            proxy.add_units(commands, shared, lights, part.len())?;
+            let radiances = (shared.lights.whole(), proxy.light_len() / 4);
+            let values = (shared.units.whole(), 1);
+            step.add(commands, &Units { lights, radiances, first: 0, values, all: None }, part)?;
+        }
+        Ok(())
+    }
 
-        let mut commands = proxy.gpu().commands("light step");
-        proxy.add_pixels(&mut commands, shared, pixels)?;
-        proxy.add_units(&mut commands, shared, lights, count)?;
-        let kernels = GradientKernels::of(&mut shared.gradient, proxy)?;
-        let buffers = [
-            shared.lights.whole(),
-            shared.pixels.whole(),
-            shared.units.whole(),
-            self.base.whole(),
-            self.target.whole(),
-            shares.whole(),
-            d_picture.whole(),
-            results.whole(),
-        ];
-        let arguments = CompareArguments {
-            count: count as u32,
-            lights: lights as u32,
-            exposure: self.exposure,
-            losses: gradients as u32,
-        };
-        kernels.compare.add(&mut commands, &buffers, &arguments)?;
-        proxy.add_gradients(&mut commands, shared, lights, count, &d_picture, &results)?;
-        commands.submit()?;
-        Ok(proxy.gpu().read(&results, 0..gradients + losses)?)
+    /// Appends what adds its gradients to the values from `first` on.
+    fn pull(&mut self, commands: &mut Commands<'_>, step: &Step<'_>, first: usize) -> Result<(), ProxyError> {
+        let (proxy, shared, lights) = (self.proxy, &mut *self.shared, self.lights.len());
+        let parts = step.parts(proxy.batch(lights));
+        for part in &parts {
+            // The last part is still there.
+            if parts.len() > 1 {
+                proxy.add_pixels(commands, shared, step.cells(part.clone()), part.len())?;
+            }
+            let d_picture = step.d_picture(part.clone());
+            let results = (step.gradients().0, first);
+            proxy.add_gradients(commands, shared, lights, part.len(), d_picture, results)?;
+        }
+        Ok(())
+    }
+
+    /// Each light's number and gradient, from the values of all.
+    fn gradients_of<'b>(&'b self, values: &'b [f32]) -> impl Iterator<Item = (usize, LightGradient)> + 'b {
+        let gradient = |(light, values)| self.proxy.light_gradient(light, values);
+        let values = values.chunks_exact(self.proxy.gradient_len());
+        self.numbers.iter().copied().zip(self.lights.iter().zip(values).map(gradient))
     }
 }

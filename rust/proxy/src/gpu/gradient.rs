@@ -1,4 +1,4 @@
-use relume_gpu::{Binding, Buffer, Commands, CompareKernel, Gpu, Kernel};
+use relume_gpu::{Binding, Buffer, Commands, Gpu, Kernel};
 
 use super::proxy::{GpuProxy, Shared, grow};
 use crate::proxy::check_length;
@@ -14,7 +14,6 @@ const LAST: usize = 12;
 pub(super) struct GradientKernels {
     gradient: Kernel,
     add_up: Kernel,
-    pub compare: CompareKernel,
     kept: Buffer<f32>,
     sums: Buffer<f32>,
 }
@@ -43,6 +42,7 @@ struct GradientArguments {
 struct SumArguments {
     groups: u32,
     lights: u32,
+    first: u32,
 }
 
 impl GpuProxy {
@@ -62,18 +62,17 @@ impl GpuProxy {
         let shared = &mut *self.shared();
         self.write_lights(shared, &lights)?;
         let batch = self.batch(1);
-        let mut sums = vec![0.0; self.gradient_len()];
+        let results = self.gpu().zeros("gradients by lights", self.gradient_len())?;
         for (pixels, d_out) in pixels.chunks(batch).zip(d_out.chunks(batch)) {
-            let d_picture = self.gpu().buffer_of("gradient by a picture", d_out.as_flattened())?;
-            let results = self.gpu().zeros("gradients by lights", sums.len())?;
+            let listed = self.gpu().buffer_of("pixels of a proxy", pixels)?;
+            let d_picture = self.gpu().buffer_of("gradient by a picture", d_out)?;
             let mut commands = self.gpu().commands("light gradient");
-            self.add_pixels(&mut commands, shared, pixels)?;
-            self.add_gradients(&mut commands, shared, 1, pixels.len(), &d_picture, &results)?;
+            self.add_pixels(&mut commands, shared, listed.whole(), pixels.len())?;
+            self.add_gradients(&mut commands, shared, 1, pixels.len(), d_picture.whole(), (&results, 0))?;
             commands.submit()?;
-            let values = self.gpu().read(&results, 0..sums.len())?;
-            sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
         }
-        Ok(self.light_gradient(&lights[0], &sums).params)
+        let values = self.gpu().read(&results, 0..self.gradient_len())?;
+        Ok(self.light_gradient(&lights[0], &values).params)
     }
 
     /// Values of a light's gradient on the device.
@@ -81,16 +80,16 @@ impl GpuProxy {
         2 * self.network().width * (self.network().hidden + 1) + LAST
     }
 
-    /// Appends the gradient by `lights` lights, which are in place, at the `count` collected pixels; leaves
-    /// [`GpuProxy::gradient_len`] values of each in `results`.
+    /// Appends the gradient by `lights` lights, which are in place, at the `count` collected pixels; adds
+    /// [`GpuProxy::gradient_len`] values of each to those in `results`, from this one on.
     pub(super) fn add_gradients(
         &self,
         commands: &mut Commands<'_>,
         shared: &mut Shared,
         lights: usize,
         count: usize,
-        d_picture: &Buffer<f32>,
-        results: &Buffer<f32>,
+        d_picture: Binding<'_>,
+        (results, first): (&Buffer<f32>, usize),
     ) -> Result<(), ProxyError> {
         let layers = self.network().hidden + 1;
         let kept = 4 * KEPT * layers * self.threads();
@@ -101,16 +100,14 @@ impl GpuProxy {
         grow(self.gpu(), &mut kernels.sums, sums * groups * lights)?;
         commands.clear(&kernels.sums);
         let inputs = self.inputs(&shared.lights, &shared.collected);
-        let buffers: Vec<Binding<'_>> = inputs
-            .into_iter()
-            .chain([d_picture.whole(), kernels.kept.whole(), kernels.sums.whole()])
-            .collect();
-        let (lights, groups) = (lights as u32, groups as u32);
+        let buffers: Vec<Binding<'_>> =
+            inputs.into_iter().chain([d_picture, kernels.kept.whole(), kernels.sums.whole()]).collect();
+        let (lights, groups, first) = (lights as u32, groups as u32, first as u32);
         let arguments = GradientArguments { count: count as u32, groups, lights };
         commands.run(&kernels.gradient.bind(&buffers)?, lights * groups, bytemuck::bytes_of(&arguments));
         let bound = kernels.add_up.bind(&[kernels.sums.whole(), results.whole()])?;
         let quads = (self.gradient_len() / 4) as u32;
-        commands.run(&bound, lights * quads, bytemuck::bytes_of(&SumArguments { groups, lights }));
+        commands.run(&bound, lights * quads, bytemuck::bytes_of(&SumArguments { groups, lights, first }));
         Ok(())
     }
 
@@ -154,7 +151,6 @@ impl GradientKernels {
         Ok(Self {
             gradient: gpu.kernel("proxy/light_gradient", "light_gradient", &proxy.constants())?,
             add_up: gpu.kernel("proxy/light_sums", "light_sums", &sizes)?,
-            compare: CompareKernel::new(gpu, proxy.light_len() / 4, 3)?,
             kept: gpu.zeros("activations of a proxy", 1)?,
             sums: gpu.zeros("gradients of a proxy", 1)?,
         })
@@ -170,6 +166,6 @@ mod tests {
         relume_gpu::assert_mirror!(GradientArguments as "proxy/light_gradient", "Arguments", {
             count, groups, lights,
         });
-        relume_gpu::assert_mirror!(SumArguments as "proxy/light_sums", "Arguments", { groups, lights });
+        relume_gpu::assert_mirror!(SumArguments as "proxy/light_sums", "Arguments", { groups, lights, first });
     }
 }

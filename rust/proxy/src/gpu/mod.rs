@@ -8,7 +8,7 @@ mod network;
 mod proxy;
 pub(crate) mod train;
 
-pub use compare::GpuComparison;
+pub use compare::{ProxyCompared, compare};
 pub use gradient::LightGradient;
 pub(crate) use network::{DeviceNetwork, OnDevice, Parts};
 pub use proxy::GpuProxy;

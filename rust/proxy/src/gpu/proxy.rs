@@ -60,7 +60,6 @@ pub(super) struct Part {
 #[derive(Debug)]
 pub(super) struct Shared {
     pub lights: Buffer<f32>,
-    pub pixels: Buffer<u32>,
     /// Encoded pixels of a list, in its order.
     pub collected: Buffer<f32>,
     /// `[light][pixel]` RGB.
@@ -109,7 +108,6 @@ impl GpuProxy {
         let kind = proxy.info().kind;
         let shared = Shared {
             lights: gpu.zeros("light of a proxy", light_len(&network))?,
-            pixels: gpu.zeros("pixels of a proxy", 1)?,
             collected: gpu.zeros("collected pixels", 1)?,
             units: gpu.zeros("unit image", 3)?,
             gradient: None,
@@ -197,7 +195,8 @@ impl GpuProxy {
         for (pixels, out) in pixels.chunks(batch).zip(out.chunks_mut(batch)) {
             grow(&self.gpu, &mut shared.units, 3 * pixels.len())?;
             let mut commands = self.gpu.commands("pixels of a proxy");
-            self.add_pixels(&mut commands, shared, pixels)?;
+            let listed = self.gpu.buffer_of("pixels of a proxy", pixels)?;
+            self.add_pixels(&mut commands, shared, listed.whole(), pixels.len())?;
             self.add_units(&mut commands, shared, 1, pixels.len())?;
             commands.submit()?;
             let values = self.gpu.read(&shared.units, 0..3 * pixels.len())?;
@@ -259,22 +258,20 @@ impl GpuProxy {
         ((self.max_collected / (4 * values as u64)) as usize & !31).max(32)
     }
 
-    /// Appends what brings the encoded values of some pixels together.
+    /// Appends what brings the encoded values of so many listed pixels together.
     pub(super) fn add_pixels(
         &self,
         commands: &mut Commands<'_>,
         shared: &mut Shared,
-        pixels: &[u32],
+        pixels: Binding<'_>,
+        count: usize,
     ) -> Result<(), ProxyError> {
-        let values = pixels.len().next_multiple_of(32) * self.network.pixel_rows;
-        grow(&self.gpu, &mut shared.pixels, pixels.len())?;
+        let values = count.next_multiple_of(32) * self.network.pixel_rows;
         grow(&self.gpu, &mut shared.collected, values)?;
-        self.gpu.write(&shared.pixels, 0, pixels);
         for Part { pixels: of_part, encoded } in &self.parts {
-            let bound =
-                self.collect.bind(&[encoded.whole(), shared.pixels.whole(), shared.collected.whole()])?;
+            let bound = self.collect.bind(&[encoded.whole(), pixels, shared.collected.whole()])?;
             let (first, end) = (of_part.start as u32, of_part.end as u32);
-            let arguments = CollectArguments { count: pixels.len() as u32, first, end };
+            let arguments = CollectArguments { count: count as u32, first, end };
             commands.run(&bound, values.div_ceil(64) as u32, bytemuck::bytes_of(&arguments));
         }
         Ok(())
@@ -333,7 +330,8 @@ impl GpuProxy {
         values
     }
 
-    pub(super) fn gpu(&self) -> &Gpu {
+    /// Where it is.
+    pub fn gpu(&self) -> &Arc<Gpu> {
         &self.gpu
     }
 

@@ -1,6 +1,7 @@
 use std::sync::Arc;
 
 use glam::Vec3;
+use relume_gpu::compare::{Layers, Look};
 use relume_gpu::{Gpu, GpuChoice};
 
 use super::proxy::MAX_COLLECTED;
@@ -266,46 +267,83 @@ fn check_light_gradient(device: &GpuProxy, kind: LightKind, what: &str) {
     }
 }
 
-/// Loss and gradients of two lights at once equal those put together from pictures on the CPU.
+/// A target at some pixels of a picture.
+fn look_at(pixels: Vec<u32>, target: &[[f32; 3]], exposure: f32) -> Look {
+    let wanted = |(i, pixel): (usize, &u32)| {
+        let [r, g, b] = target[*pixel as usize].map(|x| curve(exposure * x));
+        [r, g, b, 1e-3 * (i % 7) as f32]
+    };
+    let wanted = pixels.iter().enumerate().map(wanted).collect();
+    Look::target(pixels, wanted, exposure)
+}
+
+fn curve(x: f32) -> f32 {
+    x / (1.0 + x)
+}
+
+/// Random pictures of 37 x 23 pixels up to some brightness.
+fn pictures<const N: usize>(most: [f32; N], rng: &mut Rng) -> [Vec<[f32; 3]>; N] {
+    most.map(|most| (0..37 * 23).map(|_| [0; 3].map(|_| most * rng.next_f32())).collect())
+}
+
+/// Loss and gradients of lights of two kinds at once, and of one that stays, equal those put together from pictures on the CPU.
 #[test]
 fn a_comparison_equals_one_by_pictures() {
     let mut rng = Rng::stream(2, 2, 2);
-    let count = 37 * 23;
-    let picture =
-        |rng: &mut Rng, most: f32| (0..3 * count).map(|_| most * rng.next_f32()).collect::<Vec<f32>>();
-    let (base, target, exposure) = (picture(&mut rng, 0.3), picture(&mut rng, 2.0), 0.7);
-    let proxy = proxy(networks()[0].clone(), LightKind::Sphere);
-    let device = GpuProxy::new(gpu(), &proxy).unwrap();
-    let comparison = device.comparison(&base, &target, exposure).unwrap();
-    let lights = [2.0, 0.5].map(|r| (light(LightKind::Sphere, &mut rng), [r, 0.6, 1.5 * r]));
-    let pixels: Vec<u32> = (0..333).map(|_| rng.below(count as u32)).collect();
+    let ([base, still, target], exposure) = (pictures([0.3, 0.5, 2.0], &mut rng), 0.7);
+    let proxies =
+        [proxy(networks()[0].clone(), LightKind::Sphere), proxy(networks()[5].clone(), LightKind::Quad)];
+    // Others read from the shared one.
+    let gpu = Gpu::open(&GpuChoice::Best).unwrap();
+    let mut devices = proxies.each_ref().map(|proxy| GpuProxy::new(Arc::clone(&gpu), proxy).unwrap());
+    let layers = Layers::new(&gpu, &[&base, &still]).unwrap();
+    let radiance_of_still = [0.4, 0.9, 0.2];
+    let lights = [(LightKind::Sphere, 2.0), (LightKind::Quad, 0.5), (LightKind::Sphere, 0.3)]
+        .map(|(kind, r)| (light(kind, &mut rng), [r, 0.6, 1.5 * r]));
+    let proxy_of = |light: &LightParams| &proxies[usize::from(light.kind() == LightKind::Quad)];
+    let pixels: Vec<u32> = (0..333).map(|_| rng.below(37 * 23)).collect();
+    let look = look_at(pixels.clone(), &target, exposure);
     let units = lights.each_ref().map(|(light, _)| {
         let mut unit = vec![[0.0; 3]; pixels.len()];
-        proxy.forward_pixels(&pixels, light, &mut unit).unwrap();
+        proxy_of(light).forward_pixels(&pixels, light, &mut unit).unwrap();
         unit
     });
-    let curve = |x: f32| x / (1.0 + x);
-    let shares: Vec<f32> = (0..pixels.len()).map(|i| 1e-3 * (i % 7) as f32).collect();
     let (mut loss, mut d_picture) = (0.0, vec![[0.0; 3]; pixels.len()]);
-    for (i, (pixel, share)) in pixels.iter().zip(&shares).enumerate() {
+    for (i, (pixel, wanted)) in pixels.iter().zip(&look.wanted).enumerate() {
         for c in 0..3 {
             let lit: f32 =
                 lights.iter().zip(&units).map(|((_, radiance), unit)| radiance[c] * unit[i][c]).sum();
-            let value = exposure * (base[3 * *pixel as usize + c] + lit);
-            let difference = curve(value) - curve(exposure * target[3 * *pixel as usize + c]);
-            loss += f64::from(difference * difference * share);
-            d_picture[i][c] = 2.0 * difference * exposure * share / (1.0 + value).powi(2);
+            let stays = base[*pixel as usize][c] + radiance_of_still[c] * still[*pixel as usize][c];
+            let value = exposure * (stays + lit);
+            let difference = curve(value) - wanted[c];
+            loss += f64::from(difference * difference * wanted[3]);
+            d_picture[i][c] = 2.0 * difference * exposure * wanted[3] / (1.0 + value).powi(2);
         }
     }
-    let (found_loss, found) = comparison.gradient(&lights, &pixels, &shares).unwrap();
-    assert!((found_loss / loss - 1.0).abs() < f64::from(TOLERANCE), "loss {found_loss} instead of {loss}");
-    for (((light, radiance), unit), found) in lights.iter().zip(&units).zip(&found) {
-        let times = |d: &[f32; 3]| std::array::from_fn(|c| d[c] * radiance[c]);
-        let d_unit: Vec<[f32; 3]> = d_picture.iter().map(times).collect();
-        let params = proxy.backward(&pixels, light, &d_unit).unwrap();
-        let by_radiance =
-            [0, 1, 2].map(|c| d_picture.iter().zip(unit).map(|(d, unit)| d[c] * unit[c]).sum::<f32>());
-        assert!(difference(&found.params, &params) < 10.0 * TOLERANCE, "{found:?} instead of {params:?}");
-        assert!(difference(&found.radiance, &by_radiance) < 10.0 * TOLERANCE, "{found:?}: {by_radiance:?}");
+    let by_radiance = |unit: &[[f32; 3]]| {
+        [0, 1, 2].map(|c| d_picture.iter().zip(unit).map(|(d, unit)| d[c] * unit[c]).sum::<f32>())
+    };
+    let of_still: Vec<[f32; 3]> = pixels.iter().map(|pixel| still[*pixel as usize]).collect();
+    // Together, then in batches of as few as there are.
+    for max_collected in [MAX_COLLECTED, 0] {
+        devices.iter_mut().for_each(|device| device.max_collected = max_collected);
+        let before = gpu.bytes_read();
+        let all = devices.each_ref();
+        let found = compare(&all, &layers, &[radiance_of_still], &lights, &look).unwrap();
+        let values = 1 + 3 * 2 + 2 * all[0].gradient_len() + all[1].gradient_len();
+        assert_eq!(gpu.bytes_read() - before, 4 * values as u64, "loss and gradients alone");
+        let error = found.loss / loss - 1.0;
+        assert!(error.abs() < f64::from(TOLERANCE), "loss {} instead of {loss}", found.loss);
+        assert!(difference(&found.layers[0], &by_radiance(&of_still)) < 10.0 * TOLERANCE, "{found:?}");
+        for (((light, radiance), unit), found) in lights.iter().zip(&units).zip(&found.lights) {
+            let times = |d: &[f32; 3]| std::array::from_fn(|c| d[c] * radiance[c]);
+            let d_unit: Vec<[f32; 3]> = d_picture.iter().map(times).collect();
+            let params = proxy_of(light).backward(&pixels, light, &d_unit).unwrap();
+            let error = difference(&found.params, &params);
+            assert!(error < 10.0 * TOLERANCE, "{found:?} instead of {params:?}");
+            assert!(difference(&found.radiance, &by_radiance(unit)) < 10.0 * TOLERANCE, "{found:?}");
+        }
     }
+    let error = compare(&[&devices[0]], &layers, &[radiance_of_still], &lights, &look).unwrap_err();
+    assert!(matches!(error, ProxyError::WrongKind { asked: LightKind::Quad, .. }), "{error}");
 }

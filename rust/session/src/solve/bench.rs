@@ -4,7 +4,7 @@ use relume_proxy::{GpuProxy, LightKind, LightParams};
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-use super::relights::ProxyRelight;
+use super::proxy_relight::ProxyRelight;
 use crate::targets::unit_light;
 use crate::{Proxies, SessionError};
 

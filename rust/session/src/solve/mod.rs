@@ -2,12 +2,17 @@
 //! what became of each goal out.
 
 pub(crate) mod bench;
+mod gather_relight;
 mod goals;
 mod lights;
-mod relights;
+mod look;
+mod proxy_relight;
 mod request;
 mod search;
 mod solved;
+
+#[cfg(test)]
+mod compare_tests;
 
 use relume_image::Image;
 use relume_optimise::{Goal, Relight, View};

@@ -8,8 +8,9 @@ use std::ops::ControlFlow;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use super::gather_relight::{GatherRelight, Prepared};
 use super::lights::Unknowns;
-use super::relights::{GatherRelight, Prepared, ProxyRelight};
+use super::proxy_relight::ProxyRelight;
 use super::{Preview, SceneView, SoFar, SolveRequest, Through, Wish};
 use crate::progress::{Monitor, Stage};
 use crate::relighter::Relighter;

@@ -1,131 +1,25 @@
-//! Proxies and the smoothed gather as the optimiser sees them.
+//! The smoothed gather as the optimiser sees it.
 
-use glam::Vec3;
 use relume_dump::Aovs;
-use relume_gather::{DenoiseQuality, Gather, Half, SoftGather, Wanted, relight};
+use relume_gather::{DenoiseQuality, Gather, Half, SoftGather, relight};
 use relume_image::Image;
-use relume_optimise::{Compare, Compared, Linear, Picture, Relight, RelightError};
-use relume_proxy::{GpuComparison, GpuProxy, LightKind, LightParams, Proxy};
-use relume_scene::{LANES, Light, lane};
+use relume_optimise::{Compare, Compared, Linear, Picture, Relight, RelightError, Wanted};
+use relume_scene::{LANES, Light};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use super::look::look;
 use crate::device_gather::DeviceGather;
+use crate::device_layers::DeviceLayers;
 use crate::progress::Monitor;
 use crate::relighter::Relighter;
 use crate::unit_cache::key;
-use crate::{Denoise, Proxies, SessionError};
+use crate::{Denoise, SessionError};
 
 /// Most pixels along the edge of the cells whose means are compared: the noise of a gathered picture is an eighth there, and a
 /// tonemapped mean is less biased by it than the mean of tonemapped pixels.
 const LARGEST_CELL: usize = 8;
 /// Cells that a small picture should at least have.
 const LEAST_CELLS: usize = 512;
-
-/// Proxies, each for its kind of light.
-pub(super) struct ProxyRelight<'a> {
-    pub proxies: &'a Proxies,
-    /// The kinds of the lights that move, each with its proxy on the GPU where it is there.
-    pub kinds: Vec<(LightKind, Option<&'a GpuProxy>)>,
-    pub size: (usize, usize),
-}
-
-impl<'a> ProxyRelight<'a> {
-    fn params(light: &Light) -> Result<LightParams, RelightError> {
-        LightParams::from_shape(&light.shape)
-            .ok_or_else(|| format!("light '{}' has no proxy", light.name).into())
-    }
-
-    fn on_gpu(&self, kind: LightKind) -> Option<&'a GpuProxy> {
-        self.kinds.iter().find(|(of, _)| *of == kind)?.1
-    }
-
-    fn on_cpu(&self, light: &Light, kind: LightKind) -> Result<&'a Proxy, RelightError> {
-        let trained = self.proxies.of(kind).ok_or_else(|| format!("light '{}' has no proxy", light.name))?;
-        Ok(&trained.proxy)
-    }
-}
-
-impl Relight for ProxyRelight<'_> {
-    fn size(&self) -> (usize, usize) {
-        self.size
-    }
-
-    fn values(&self, light: &Light, _: f32, cells: &[u32]) -> Result<Vec<[f32; 3]>, RelightError> {
-        let params = Self::params(light)?;
-        let mut values = vec![[0.0; 3]; cells.len()];
-        match self.on_gpu(params.kind()) {
-            Some(proxy) => proxy.forward_pixels(cells, &params, &mut values)?,
-            None => self.on_cpu(light, params.kind())?.forward_pixels(cells, &params, &mut values)?,
-        }
-        Ok(values)
-    }
-
-    fn pull_back(
-        &self,
-        light: &Light,
-        _: f32,
-        cells: &[u32],
-        d_values: &[[f32; 3]],
-    ) -> Result<[f32; LANES], RelightError> {
-        let params = Self::params(light)?;
-        let gradient = match self.on_gpu(params.kind()) {
-            Some(proxy) => proxy.backward(cells, &params, d_values)?,
-            None => self.on_cpu(light, params.kind())?.backward(cells, &params, d_values)?,
-        };
-        Ok(by_lane(&params, &gradient))
-    }
-
-    fn comparison<'a>(
-        &'a self,
-        base: &[[f32; 3]],
-        target: &[[f32; 3]],
-        exposure: f32,
-    ) -> Result<Option<Box<dyn Compare + 'a>>, RelightError> {
-        let [(_, Some(proxy))] = &self.kinds[..] else { return Ok(None) };
-        let comparison = proxy.comparison(base.as_flattened(), target.as_flattened(), exposure)?;
-        Ok(Some(Box::new(ProxyCompare(comparison))))
-    }
-}
-
-/// A proxy's pictures compared on the GPU.
-struct ProxyCompare<'a>(GpuComparison<'a>);
-
-impl Compare for ProxyCompare<'_> {
-    fn gradient(
-        &self,
-        lights: &[&Light],
-        _: f32,
-        pixels: &[u32],
-        shares: &[f32],
-    ) -> Result<Option<Compared>, RelightError> {
-        let params = |light: &&Light| Ok((ProxyRelight::params(light)?, light.radiance));
-        let lights = lights.iter().map(params).collect::<Result<Vec<_>, RelightError>>()?;
-        let (loss, gradients) = self.0.gradient(&lights, pixels, shares)?;
-        let by_light = lights.iter().zip(gradients);
-        let by_light = by_light.map(|((params, _), g)| (by_lane(params, &g.params), g.radiance));
-        Ok(Some((loss, by_light.collect())))
-    }
-}
-
-/// A gradient by the lanes of a shape from one by the parameters of its kind of light.
-fn by_lane(params: &LightParams, gradient: &[f32]) -> [f32; LANES] {
-    let mut lanes = [0.0; LANES];
-    lanes[lane::CENTER].copy_from_slice(&gradient[..3]);
-    let values = params.as_slice();
-    match params.kind() {
-        LightKind::Sphere | LightKind::FacingDisk => lanes[6] = gradient[3] * values[3],
-        LightKind::Quad => {
-            let vector = |of: &[f32], start: usize| Vec3::from_slice(&of[start..start + 3]);
-            let (u, v) = (vector(values, 3), vector(values, 6));
-            let (by_u, by_v) = (vector(gradient, 3), vector(gradient, 6));
-            // A turn by a small vector w moves an edge by w x edge.
-            let turn = u.cross(by_u) + v.cross(by_v);
-            lanes[lane::TURN].copy_from_slice(&turn.to_array());
-            lanes[lane::SIZE].copy_from_slice(&[u.dot(by_u), v.dot(by_v)]);
-        }
-    }
-    lanes
-}
 
 /// What solving through a dump needs besides it.
 pub(super) struct Prepared {
@@ -375,95 +269,38 @@ impl Relight for GatherRelight<'_> {
     fn comparison<'b>(
         &'b self,
         base: &[[f32; 3]],
-        target: &[[f32; 3]],
-        exposure: f32,
+        still: &[&[[f32; 3]]],
     ) -> Result<Option<Box<dyn Compare + 'b>>, RelightError> {
         if self.relighter.compute().gpu.is_none() {
             return Ok(None);
         }
-        let (base, target) = (base.to_vec(), target.to_vec());
-        Ok(Some(Box::new(GatherCompare { relight: self, base, target, exposure })))
+        Ok(Some(Box::new(GatherCompare { relight: self, layers: DeviceLayers::new(base, still) })))
     }
 }
 
 /// Smoothed lights' pictures compared on the GPU.
 struct GatherCompare<'a> {
     relight: &'a GatherRelight<'a>,
-    base: Vec<[f32; 3]>,
-    target: Vec<[f32; 3]>,
-    exposure: f32,
+    layers: DeviceLayers,
 }
 
 impl Compare for GatherCompare<'_> {
     fn gradient(
         &self,
         lights: &[&Light],
+        still: &[[f32; 3]],
         softness: f32,
-        cells: &[u32],
-        shares: &[f32],
+        wanted: &[Wanted],
     ) -> Result<Option<Compared>, RelightError> {
+        // Exact pictures are denoised.
+        if softness == 0.0 {
+            return Ok(None);
+        }
+        self.relight.go_on()?;
         let GatherRelight { relighter, monitor, .. } = self.relight;
         let Soft(gather, soft) = self.relight.soft(softness);
-        let at = |image: &[[f32; 3]]| cells.iter().map(|cell| image[*cell as usize]).collect::<Vec<_>>();
-        let (base, target) = (at(&self.base), at(&self.target));
-        let wanted = Wanted { base: &base, target: &target, shares, exposure: self.exposure };
-        Ok(gather.compare(soft, (lights, softness), cells, &wanted, relighter.compute(), monitor)?)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use relume_proxy::synthetic::SyntheticRoom;
-    use relume_proxy::{SizeRange, TrainConfig, Trainer};
-    use std::sync::Arc;
-
-    #[test]
-    fn gradients_by_lanes_are_differences_of_a_proxy() {
-        let source = SyntheticRoom::new(32, 20);
-        for kind in [LightKind::Sphere, LightKind::FacingDisk, LightKind::Quad] {
-            let mut config = TrainConfig::fast(SizeRange { min: 0.1, max: 0.5 });
-            config.samples = 4096;
-            let mut trainer = Trainer::new(Arc::new(source.features()), kind, config, 1).unwrap();
-            while !trainer.done() {
-                trainer.step(&source).unwrap();
-            }
-            let proxy = trainer.proxy().unwrap();
-            let light = match kind {
-                LightKind::Quad => {
-                    LightParams::quad(Vec3::new(0.1, -0.3, 1.6), 0.3 * Vec3::Y, Vec3::new(0.35, 0.0, 0.1))
-                }
-                _ => LightParams::round(kind, Vec3::new(0.1, -0.3, 1.6), 0.3),
-            };
-            let pixels: Vec<u32> = (0..640).collect();
-            let mut weights: Vec<[f32; 3]> = (0..640).map(|i| [1.0, 0.5, 0.1 * (i % 7) as f32]).collect();
-            // Where a proxy's light is cut off at zero, its gradient passes that over.
-            let mut lit = vec![[0.0; 3]; pixels.len()];
-            proxy.forward_pixels(&pixels, &light, &mut lit).unwrap();
-            let brightest = lit.as_flattened().iter().fold(0.0_f32, |most, value| most.max(*value));
-            for (weight, value) in weights.as_flattened_mut().iter_mut().zip(lit.as_flattened()) {
-                *weight *= f32::from(*value > 0.02 * brightest);
-            }
-            let value = |params: &LightParams| {
-                let mut values = vec![[0.0; 3]; pixels.len()];
-                proxy.forward_pixels(&pixels, params, &mut values).unwrap();
-                let products = values.as_flattened().iter().zip(weights.as_flattened());
-                products.map(|(value, weight)| f64::from(value * weight)).sum::<f64>()
-            };
-            let lanes = by_lane(&light, &proxy.backward(&pixels, &light, &weights).unwrap());
-            let largest = lanes.iter().fold(0.0_f32, |most, slope| most.max(slope.abs()));
-            for (number, slope) in lanes.into_iter().enumerate() {
-                let at = |delta: f32| {
-                    let mut step = [0.0; LANES];
-                    step[number] = delta;
-                    value(&LightParams::from_shape(&light.shape().moved(&step)).unwrap())
-                };
-                let difference = (at(5e-4) - at(-5e-4)) / 1e-3;
-                let error = (difference - f64::from(slope)).abs();
-                // Differences of sums over 640 pixels in single precision, and kinks of the network between the ends.
-                assert!(error < 0.03 * f64::from(largest), "{kind} {number}: {difference} for {slope}");
-                assert_eq!(light.shape().has_lane(number), slope != 0.0, "{kind} {number}");
-            }
-        }
+        let goals = (&self.layers, still, &look(wanted));
+        let compared = gather.compare(soft, (lights, softness), goals, relighter.compute(), monitor)?;
+        Ok(compared.map(|of| Compared { loss: of.loss, lights: of.lights, still: of.layers }))
     }
 }
