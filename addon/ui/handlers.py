@@ -207,8 +207,8 @@ def on_undo(*_arguments) -> None:
         found.lights.forget()
     if bpy.app.background:
         read_forgotten()
-    elif not bpy.app.timers.is_registered(read_forgotten):  # Until then Blender has evaluated the scenes itself.
-        bpy.app.timers.register(read_forgotten, first_interval=0.0)
+    elif not bpy.app.timers.is_registered(read_forgotten):  # As a rule an update comes before.
+        bpy.app.timers.register(read_forgotten, first_interval=QUIET_SECONDS)
 
 
 def read_forgotten() -> None:
