@@ -145,3 +145,11 @@ def test_a_bake_that_cannot_be_opened_with_its_file_is_said(lit, tmp_path, drawn
     assert shot.of(lit) is not None and says not in drawn(lit).words
     shot.close_all()
     assert says not in drawn(lit).words
+
+
+def test_hundreds_of_notes_are_not_all_listed(lit, drawn):
+    start(lit)
+    shot.of(lit).warnings += [f"light 'Lamp {number}': out of reach" for number in range(300)]
+    lit.relume.show_warnings = True
+    words = drawn(lit).words
+    assert words[-1] == f"and {300 - main_panel.MOST_NOTES} more" and len(words) < 40

@@ -81,6 +81,15 @@ def test_shown(told, words):
     assert status.shown(told) == words
 
 
+def test_lights_out_of_sight_are_named_as_long_as_they_are_few():
+    assert status.out_of_sight(state(state="ready", rarely_met=["Key"])) == ["Few paths meet 'Key' where it is now"]
+    many = [f"Lamp {number}" for number in range(198)]
+    assert status.out_of_sight(state(state="ready", rarely_met=many)) == [
+        "Few paths meet 198 lights where they are now: 'Lamp 0', 'Lamp 1' and others"
+    ]
+    assert status.out_of_sight(state(state="baking", rarely_met=many)) == []
+
+
 def test_progress_is_of_running_work_only():
     assert status.progress(state(state="baking", stage=stage("trace"))) == (0.25, "25 %, 1:05 left")
     assert status.progress(state(state="baking", stage=stage("trace", remaining_s=None))) == (0.25, "25 %")

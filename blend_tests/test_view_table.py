@@ -6,6 +6,7 @@ import pytest
 
 from addon.export.view_transform import displayed
 from addon.viewport import view_table
+from helpers import add_light, update
 from views import VIEWS
 
 
@@ -122,3 +123,26 @@ def test_undo_in_the_middle_of_a_bake_begins_again(scene):
     view_table.work(scene)  # A slice of the fine table.
     bpy.ops.ed.undo()
     assert view_table.complete(bpy.context.scene).table is not None
+
+
+def test_a_table_in_the_making_leaves_the_objects_of_the_scene_alone(scene):
+    """When an image is removed Blender evaluates all objects again: once for a table, not once for a slice."""
+    add_light(scene, "POINT")
+    scene.view_settings.view_transform = "AgX"
+    update()
+    seen = []
+
+    def note(_scene, depsgraph):
+        seen.append(any(isinstance(found.id, bpy.types.Object) for found in depsgraph.updates))
+
+    bpy.app.handlers.depsgraph_update_post.append(note)
+    try:
+        turns = 0
+        while not view_table.is_complete(scene):
+            view_table.work(scene)
+            update()
+            turns += 1
+    finally:
+        bpy.app.handlers.depsgraph_update_post.remove(note)
+    assert turns > 10 and sum(seen) <= 2, "a coarse table and a fine one"
+    assert not bpy.data.images

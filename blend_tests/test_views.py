@@ -188,7 +188,7 @@ def test_a_table_that_cannot_be_made_is_said_and_tried_again(view, monkeypatch):
         raise OSError("cannot write the view transform; check the free space: /full")
 
     with monkeypatch.context() as broken:
-        broken.setattr(view_transform, "displayed", full)
+        broken.setattr(view_transform._Display, "show", full)
         assert handlers.bake_views() == handlers.RETRY_SECONDS
         assert "free space" in handlers._trouble[view.scene.session_uid]
     assert handlers.bake_views() == handlers.NEXT_SLICE_SECONDS

@@ -41,11 +41,18 @@ def _error(status: dict[str, Any]) -> str:
     return f" (error {limit}{100 * max(errors):.1f} %)" if errors else ""
 
 
+MOST_NAMES = 3
+"""Of lights that each have a sentence of their own."""
+
+
 def out_of_sight(status: dict[str, Any]) -> list[str]:
     """What to say of lights that were moved away from where the paths look; nothing while more paths come."""
     if status["state"] in {"preparing", "baking"}:
         return []
-    return [f"Few paths meet '{name}' where it is now" for name in status["rarely_met"]]
+    names = status["rarely_met"]
+    if len(names) > MOST_NAMES:
+        return [f"Few paths meet {len(names)} lights where they are now: '{names[0]}', '{names[1]}' and others"]
+    return [f"Few paths meet '{name}' where it is now" for name in names]
 
 
 FULL_DISK = ("No space left on device", "os error 112", "Disk quota exceeded")

@@ -1,72 +1,131 @@
-"""The lights that a scene has at this moment, as its window shows it. A drag re-reads what it moves and nothing else:
-walking over all objects of a large scene takes longer than a picture."""
+"""The lights that a scene has at this moment, as its window shows it. What an edit changes is read again and nothing
+else: walking over all objects of a large scene takes longer than a picture. Where many lights are to be read it is done
+in turns, so that the window goes on."""
 
 from __future__ import annotations
 
-import dataclasses
-from typing import Any
+import json
+import math
+import time
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import bpy
+from mathutils import Matrix
 
-from ..export.lights import LightExporter, describe_light, name_of
+from ..export.lights import UniqueNames, describe_light, name_of, ray_visibility
 from ..export.linking import LightLinking
 
+Key = tuple[int, ...]
+"""Session uids of a light and of what instances it, or of itself, and which of the instances it is."""
 
-@dataclasses.dataclass
+
+class Description(dict):
+    """The JSON form of a light, with its text, which all requests share until the light changes."""
+
+    @cached_property
+    def text(self) -> str:
+        return json.dumps(self)
+
+
+@dataclass
 class _Entry:
     """One light or one instance of one."""
 
-    object_uid: int
+    light: bpy.types.Object
     data_uid: int
-    object_name: str
-    description: dict[str, Any]
+    name: str
+    settings: tuple
+    """Of the object, see `_settings_of`."""
+    matrix: Matrix | None
+    """Of an instance; a light itself is asked."""
+    description: Description | None = None
+    """Of a light that can shine."""
+    warnings: list[str] = field(default_factory=list)
+
+    def is_same(self, other: _Entry) -> bool:
+        """Whether the same things would be read. What is in collections of light linking is not known."""
+        is_linked = self.description is not None and "receivers" in self.description
+        return not is_linked and self._sources() == other._sources()
+
+    def _sources(self) -> tuple:
+        return self.data_uid, self.name, self.settings, self.matrix
 
 
 class SceneLights:
-    """Descriptions of all lights that are visible both in the view and in renders, instances included."""
+    """Descriptions of all lights that are visible both in the view and in renders, instances included.
+
+    Between turns it holds light objects: after undo call `forget`."""
 
     def __init__(self, view_layer: str, receivers: list[str]):
         self.view_layer = view_layer
         self.receivers = receivers
         """Full names of the scene's objects when it was baked: their order is the meaning of light linking."""
+        self.descriptions: list[Description] = []
+        """As `export.lights.describe_light` makes them, each under a name of its own."""
         self.warnings: list[str] = []
-        self._entries: list[_Entry] = []
+        self._entries: dict[Key, _Entry] = {}
+        self._waiting: dict[Key, None] = {}
+        self._differs = False
+        """Whether `descriptions` or `warnings` are no longer those of the entries."""
+        self._hidden: list[str] = []
+        """What is said of lights that are hidden."""
         self._instancers: set[int] = set()
         self._visibility: tuple | None = None
 
     @property
-    def descriptions(self) -> list[dict[str, Any]]:
-        """As `export.lights.describe_light` makes them, each under a name of its own."""
-        return [entry.description for entry in self._entries]
+    def is_waiting(self) -> bool:
+        """Whether lights have still to be read: until then `descriptions` are those of before."""
+        return bool(self._waiting) or self._differs
+
+    @property
+    def is_forgotten(self) -> bool:
+        """Whether nothing was read since `forget`."""
+        return self._visibility is None
 
     def forget(self) -> None:
-        """What was read is no longer true, such as after undo."""
-        self._visibility = None
+        """What was read is no longer true, such as after undo: the next update reads everything."""
+        self._entries, self._waiting, self._differs, self._visibility = {}, {}, False, None
 
-    def update(self, depsgraph: bpy.types.Depsgraph) -> bool:
-        """Reads what an update of the scene names. Whether any light may have changed."""
+    def update(self, depsgraph: bpy.types.Depsgraph, seconds: float = math.inf) -> bool:
+        """Reads for about so long what an update of the scene has changed. Whether all is read, and any light may have
+        changed."""
         if depsgraph.mode != "VIEWPORT" or not self._is_ours(depsgraph):
             return False
         if self._visibility is None:
-            self.read(depsgraph)
-            return True
-        known = {entry.object_uid for entry in self._entries} - self._instancers
-        moved: set[int] = set()
+            return self.read(depsgraph, seconds)
+        begun = time.perf_counter()
+        edited, shaded, may_instance = self._named(depsgraph)
+        is_known = edited | shaded <= {key[0] for key in self._entries}
+        if may_instance or not is_known or self._visibility != _visibility(depsgraph.view_layer):
+            self._walk(depsgraph, edited)
+        else:
+            self._waiting |= {key: None for key in self._entries if key[0] in edited | shaded}
+        may_differ = self.go_on(depsgraph, seconds - (time.perf_counter() - begun))
+        return self.read(depsgraph, seconds) if self.is_forgotten else may_differ
+
+    def _named(self, depsgraph: bpy.types.Depsgraph) -> tuple[set[int], set[int], bool]:
+        """Uids of the lights that an update names as edited, those of which it says nothing but that they are shaded
+        anew, which Blender says of all objects when one comes or goes, and whether instances may be others now."""
+        edited: set[int] = set()
+        shaded: set[int] = set()
+        data: set[int] = set()
+        may_instance = False
         for update in depsgraph.updates:
             found = update.id.original
             if isinstance(found, bpy.types.Light):
-                moved.update(entry.object_uid for entry in self._entries if entry.data_uid == found.session_uid)
+                data.add(found.session_uid)
             elif isinstance(found, bpy.types.Object):
                 if found.type == "LIGHT":
-                    moved.add(found.session_uid)
-                elif found.session_uid in self._instancers or found.instance_type != "NONE":
-                    moved.add(0)
+                    is_edited = (
+                        update.is_updated_transform or update.is_updated_geometry or not update.is_updated_shading
+                    )
+                    (edited if is_edited else shaded).add(found.session_uid)
+                may_instance |= found.session_uid in self._instancers or found.instance_type != "NONE"
             elif isinstance(found, bpy.types.Collection):
-                moved.add(0)
-        if not moved <= known or self._visibility != _visibility(depsgraph.view_layer):
-            self.read(depsgraph)
-            return True
-        return bool(moved) and self._read_again(depsgraph, moved)
+                may_instance = True
+        edited |= {key[0] for key, entry in self._entries.items() if entry.data_uid in data}
+        return edited, shaded, may_instance
 
     def _is_ours(self, depsgraph: bpy.types.Depsgraph) -> bool:
         """Windows may show several view layers of a scene; the lights are those of one."""
@@ -74,53 +133,106 @@ class SceneLights:
             self.view_layer = depsgraph.view_layer.name
         return depsgraph.view_layer.name == self.view_layer
 
-    def read(self, depsgraph: bpy.types.Depsgraph) -> None:
-        """Reads every light."""
-        self._entries, self._instancers, self.warnings = [], set(), []
-        descriptions: list[dict[str, Any]] = []
-        exporter = LightExporter(descriptions.append, self._warn, self._linking())
+    def read(self, depsgraph: bpy.types.Depsgraph, seconds: float = math.inf) -> bool:
+        """Begins to read every light anew, for about so long. Whether that is done."""
+        begun = time.perf_counter()
+        self.forget()
+        self._walk(depsgraph, set())
+        return self.go_on(depsgraph, seconds - (time.perf_counter() - begun))
+
+    def go_on(self, depsgraph: bpy.types.Depsgraph, seconds: float = math.inf) -> bool:
+        """Reads for about so long what waits, where there is any time. Whether all is read and any light may have
+        changed."""
+        if seconds < 0.0:
+            return False
+        deadline = time.perf_counter() + seconds
+        try:
+            while self._waiting:
+                key = next(iter(self._waiting))
+                self._read_one(self._entries[key], depsgraph)
+                del self._waiting[key]
+                if time.perf_counter() > deadline:
+                    break
+        except ReferenceError:  # Something was deleted of which no update has told yet.
+            self.forget()
+            return False
+        if self._waiting or not self._differs:
+            return False
+        self._describe_anew()
+        return True
+
+    def _walk(self, depsgraph: bpy.types.Depsgraph, edited: set[int]) -> None:
+        """Finds all lights and their instances; what is new or edited has to be read."""
+        known, waiting = self._entries, self._waiting
+        self._entries, self._waiting, self._instancers = {}, {}, set()
         rendered = _RenderedObjects(depsgraph.view_layer)
         for instance in depsgraph.object_instances:
             obj = instance.object
             if obj.type != "LIGHT":
                 continue
-            original = obj.original
-            owner = instance.parent.original if instance.is_instance else original
+            light = obj.original
+            owner = instance.parent.original if instance.is_instance else light
             if instance.is_instance:
-                self._instancers |= {owner.session_uid, original.session_uid}
-            if instance.show_self and not original.hide_render and owner in rendered:
-                exporter.export(obj, instance.matrix_world)
-                source = (original.session_uid, original.data.session_uid, name_of(original))
-                self._entries += [_Entry(*source, description) for description in descriptions[len(self._entries) :]]
+                self._instancers |= {owner.session_uid, light.session_uid}
+            if instance.show_self and not light.hide_render and owner in rendered:
+                key, entry = self._found(instance, light, owner)
+                before = None if key in waiting or light.session_uid in edited else known.get(key)
+                if before is None or not before.is_same(entry):
+                    self._waiting[key] = None
+                    before = entry
+                self._entries[key] = before
+        self._differs = True
         self._visibility = _visibility(depsgraph.view_layer)
-        for obj in _lights(depsgraph.view_layer):
-            if not obj.visible_get(view_layer=depsgraph.view_layer) and obj in rendered:
-                self._warn(f"light '{obj.name}' is hidden in the view only: off here, but on in renders")
+        self._hidden = [
+            f"light '{obj.name}' is hidden in the view only: off here, but on in renders"
+            for obj in _lights(depsgraph.view_layer)
+            if not obj.visible_get(view_layer=depsgraph.view_layer) and obj in rendered
+        ]
 
-    def _read_again(self, depsgraph: bpy.types.Depsgraph, uids: set[int]) -> bool:
-        """Reads some lights; whether any is another one. Blender also names what was only evaluated again."""
-        objects = {obj.session_uid: obj for obj in _lights(depsgraph.view_layer)}
-        linking = self._linking()
-        differs = False
-        for entry in self._entries:
-            if entry.object_uid not in uids:
-                continue
-            obj = objects[entry.object_uid].evaluated_get(depsgraph)
-            description = describe_light(obj, obj.matrix_world, linking, self._warn)
-            if description is None or name_of(obj.original) != entry.object_name:
-                self.read(depsgraph)
-                return True
-            description |= {"name": entry.description["name"]}
-            differs |= description != entry.description
-            entry.description = description
-        return differs
+    def _found(
+        self, instance: bpy.types.DepsgraphObjectInstance, light: bpy.types.Object, owner: bpy.types.Object
+    ) -> tuple[Key, _Entry]:
+        """A light of the walk, not read yet."""
+        which = instance.persistent_id if instance.is_instance else ()
+        key = (light.session_uid, owner.session_uid, *which)
+        while key in self._entries:
+            key = (*key, 0)
+        matrix = instance.matrix_world.copy() if instance.is_instance else None
+        return key, _Entry(light, light.data.session_uid, name_of(light), _settings_of(instance.object), matrix)
 
-    def _linking(self) -> LightLinking:
-        return LightLinking(self.receivers, self._warn)
+    def _read_one(self, entry: _Entry, depsgraph: bpy.types.Depsgraph) -> None:
+        """Blender also names what was only evaluated again: that makes no difference."""
+        obj = entry.light.evaluated_get(depsgraph)
+        warnings: list[str] = []
+        linking = LightLinking(self.receivers, warnings.append)
+        found = describe_light(obj, entry.matrix or obj.matrix_world, linking, warnings.append)
+        before, name = entry.description, name_of(entry.light)
+        if found is not None:
+            found["name"] = before["name"] if before is not None and name == entry.name else name
+        self._differs |= found != before or warnings != entry.warnings
+        entry.data_uid, entry.name, entry.settings = entry.light.data.session_uid, name, _settings_of(obj)
+        entry.description, entry.warnings = None if found is None else Description(found), warnings
 
-    def _warn(self, message: str) -> None:
-        if message not in self.warnings:
-            self.warnings.append(message)
+    def _describe_anew(self) -> None:
+        """Gives each light a name of its own, in the order of the export."""
+        self._differs = False
+        unique = UniqueNames()
+        warnings: list[str] = []
+        self.descriptions = []
+        for entry in self._entries.values():
+            warnings += entry.warnings
+            if entry.description is not None:
+                name = unique(entry.name)
+                if entry.description["name"] != name:
+                    entry.description = Description(entry.description | {"name": name})
+                self.descriptions.append(entry.description)
+        self.warnings = list(dict.fromkeys([*warnings, *self._hidden]))
+
+
+def _settings_of(light: bpy.types.Object) -> tuple:
+    """What `describe_light` reads of an object itself."""
+    linking = light.light_linking
+    return ray_visibility(light), linking.receiver_collection is None, linking.blocker_collection is None
 
 
 def _lights(view_layer: bpy.types.ViewLayer) -> list[bpy.types.Object]:

@@ -21,7 +21,7 @@ from .native import native
 from .options import Options, options_of, remember_bake, remembered_bake
 from .render_depsgraph import ExportCancelled, RenderTask
 from .scene import load_scene_async
-from .scene_lights import SceneLights
+from .scene_lights import Description, SceneLights
 from .world_change import WorldTask
 
 EMPTY: dict[str, Any] = {
@@ -242,7 +242,7 @@ class Shot:
     def present_frame(self) -> Any:
         """The picture of the present lights and rows, in any size; None while it is on its way, and while that of a
         look or of lights that are being solved is asked for instead."""
-        is_asked_for = bool(self._content) and not self.is_changing_world
+        is_asked_for = bool(self._content) and not self.is_changing_world and not self.lights.is_waiting
         is_present = is_asked_for and self.frame is not None and self.frame.request == self._request_number
         return self.frame if is_present else None
 
@@ -317,7 +317,7 @@ class Shot:
         self.is_recorded = self.changes.recording
         self.keep_record()
 
-    def relight(self, lights: list[dict], mix: dict, interactive: bool, world: Any = None) -> bool:
+    def relight(self, lights: list[Description], mix: dict, interactive: bool, world: Any = None) -> bool:
         """Asks for a picture; the newest request wins. `lights` as `SceneLights` describes them, `mix` as
         `core.rows.mix` does, and `world` as `follow_world` gives it, where there is another from now on. False if that
         is what was asked for before: Blender also tells of edits that change nothing."""
@@ -417,7 +417,9 @@ class Shot:
 
 def request_text(content: dict[str, Any], interactive: bool = False) -> str:
     """The request of lights, as `SceneLights` describes them, under the gains of `core.rows.mix`."""
-    return json.dumps(content | {"with": "auto", "interactive": interactive})
+    rest = {name: value for name, value in content.items() if name != "lights"}
+    lights = ", ".join(light.text for light in content["lights"])
+    return f'{{"lights": [{lights}], {json.dumps(rest | {"with": "auto", "interactive": interactive})[1:]}'
 
 
 def _view_layer(scene: bpy.types.Scene) -> str:

@@ -22,6 +22,17 @@ def name_of(block: bpy.types.ID) -> str:
     return block.name_full if block.library else block.name
 
 
+class UniqueNames:
+    """Gives each instance of a light a name of its own: "Bulb", "Bulb#2"."""
+
+    def __init__(self) -> None:
+        self._counts: dict[str, int] = {}
+
+    def __call__(self, name: str) -> str:
+        count = self._counts[name] = self._counts.get(name, 0) + 1
+        return name if count == 1 else f"{name}#{count}"
+
+
 class LightExporter:
     """Describes every light that can be represented, under a name of its own, and names the others."""
 
@@ -29,18 +40,13 @@ class LightExporter:
         self.add = add
         self.warn = warn
         self.linking = linking
-        self.names: dict[str, int] = {}
+        self.unique = UniqueNames()
 
     def export(self, obj: bpy.types.Object, world_from_object: Any) -> None:
         """Adds one light or one instance of a light."""
         description = describe_light(obj, world_from_object, self.linking, self.warn)
         if description is not None:
-            self.add(description | {"name": self._unique_name(name_of(obj.original))})
-
-    def _unique_name(self, name: str) -> str:
-        count = self.names.get(name, 0)
-        self.names[name] = count + 1
-        return name if count == 0 else f"{name}#{count + 1}"
+            self.add(description | {"name": self.unique(name_of(obj.original))})
 
 
 def describe_light(
@@ -68,18 +74,23 @@ def describe_light(
         "temperature_color": temperature_color(light),
         "emission": emission,
         "normalize": getattr(light, "normalize", True),
-        "lobes": {
-            "camera": float(obj.visible_camera),
-            "diffuse": float(obj.visible_diffuse),
-            "glossy": float(obj.visible_glossy),
-            "transmission": float(obj.visible_transmission),
-            "volume": float(obj.visible_volume_scatter),
-        },
+        "lobes": ray_visibility(obj),
     }
     receivers = linking.receivers(obj)
     if receivers is not None:
         description["receivers"] = {"receivers": receivers}
     return description
+
+
+def ray_visibility(obj: bpy.types.Object) -> dict[str, float]:
+    """The JSON form of `Lobes`."""
+    return {
+        "camera": float(obj.visible_camera),
+        "diffuse": float(obj.visible_diffuse),
+        "glossy": float(obj.visible_glossy),
+        "transmission": float(obj.visible_transmission),
+        "volume": float(obj.visible_volume_scatter),
+    }
 
 
 def _problem(light: bpy.types.Light, world_from_object: Any) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 
 import bpy
 
@@ -24,7 +25,11 @@ class LightLinking:
     def __init__(self, objects: list[str], warn: Callable[[str], None]):
         self.warn = warn
         self.objects = objects
-        self.numbers = {name: number for number, name in enumerate(objects)}
+
+    @cached_property
+    def numbers(self) -> dict[str, int]:
+        """By full name."""
+        return {name: number for number, name in enumerate(self.objects)}
 
     def receiver_number(self, obj: bpy.types.Object, owner: bpy.types.Object) -> int:
         """Number of the object that an instance belongs to: its instancer where it has one."""

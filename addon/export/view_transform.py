@@ -10,7 +10,7 @@ import os
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,9 @@ SLICE_SECONDS = 0.012
 """How long Blender may colour at once while an artist is at work."""
 FEWEST_ENTRIES, MOST_ENTRIES = 8_000, 100_000
 """Of a slice: fewer do not become quicker, for a file is written and read each time."""
+
+HIDDEN_NAME = ".relume view"
+"""Of images that exist for a moment: lists leave out what begins with a dot."""
 
 _entries = FEWEST_ENTRIES
 """How many colours SLICE_SECONDS are enough for, by the slice before."""
@@ -94,60 +97,81 @@ def displayed_in_slices(
     """Rows with their display colours, as many at a time as Blender colours in SLICE_SECONDS. `colors_of` gives
     scene-linear colours of rows, [rows, width, 3]; `view` as for `displayed`."""
     global _entries
-    read_view_files(scene, view)
-    yield slice(0, 0), np.empty((0, width, 3), np.float32)
-    start = 0
-    while start < height:
-        rows = slice(start, min(start + max(1, _entries // width), height))
-        colors, begun = colors_of(rows), time.perf_counter()
-        shown = displayed(scene, colors, view)
-        took = max(time.perf_counter() - begun, 1e-6)
-        wanted = int(colors.size // 3 * min(SLICE_SECONDS / took, 2.0))
-        _entries = min(max(wanted, FEWEST_ENTRIES), MOST_ENTRIES)
-        start = rows.stop
-        yield rows, shown
+    with closing(_Display()) as display:
+        read_view_files(display, scene, view)
+        yield slice(0, 0), np.empty((0, width, 3), np.float32)
+        start = 0
+        while start < height:
+            rows = slice(start, min(start + max(1, _entries // width), height))
+            colors, begun = colors_of(rows), time.perf_counter()
+            shown = display.show(scene, colors, view)
+            took = max(time.perf_counter() - begun, 1e-6)
+            wanted = int(colors.size // 3 * min(SLICE_SECONDS / took, 2.0))
+            _entries = min(max(wanted, FEWEST_ENTRIES), MOST_ENTRIES)
+            start = rows.stop
+            yield rows, shown
 
 
-def read_view_files(scene: bpy.types.Scene, view: dict[str, Any] | None) -> None:
+def read_view_files(display: _Display, scene: bpy.types.Scene, view: dict[str, Any] | None) -> None:
     """Has Blender read the files of a view, as it does when it first colours anything with it: that takes as long as
     many slices, and is needed once."""
-    displayed(scene, np.zeros((1, 1, 3), np.float32), view)
+    display.show(scene, np.zeros((1, 1, 3), np.float32), view)
 
 
 def displayed(scene: bpy.types.Scene, colors: np.ndarray, view: dict[str, Any] | None = None) -> np.ndarray:
     """Display colours as Blender makes them of opaque scene-linear ones, in 16 bits; both [height, width, 3]. With
     `view` in another view than the scene's: its `display_device` and properties of view settings."""
-    handle, name = tempfile.mkstemp(suffix=".png", dir=bpy.app.tempdir or None)
-    os.close(handle)
-    try:
-        _write_displayed(scene, colors, Path(name), view)
-        image = bpy.data.images.load(name)
-        try:
-            image.colorspace_settings.name = "Non-Color"
-            pixels = np.empty(len(image.pixels), np.float32)
-            image.pixels.foreach_get(pixels)
-        finally:
-            bpy.data.images.remove(image)
-    finally:
-        Path(name).unlink()
-    return pixels.reshape(*colors.shape[:2], -1)[..., :3]
+    with closing(_Display()) as display:
+        return display.show(scene, colors, view)
 
 
-def _write_displayed(scene: bpy.types.Scene, colors: np.ndarray, path: Path, view: dict[str, Any] | None) -> None:
-    """Writes scene-linear colours, [height from the bottom, width, 3], as a 16-bit PNG of a view."""
-    height, width = colors.shape[:2]
-    pixels = np.ones((height, width, 4), np.float32)
-    pixels[..., :3] = colors
-    image = bpy.data.images.new("relume view table", width, height, float_buffer=True)
-    try:
-        image.pixels.foreach_set(pixels.reshape(-1))
+class _Display:
+    """Has Blender colour one picture after another in the same two images: whenever an image is removed, Blender puts
+    all objects of its scenes together anew, which holds up large scenes for longer than the colouring."""
+
+    def __init__(self) -> None:
+        handle, name = tempfile.mkstemp(suffix=".png", dir=bpy.app.tempdir or None)
+        os.close(handle)
+        self._path = Path(name)
+        self._linear: bpy.types.Image | None = None
+        self._shown: bpy.types.Image | None = None
+
+    def show(self, scene: bpy.types.Scene, colors: np.ndarray, view: dict[str, Any] | None = None) -> np.ndarray:
+        """As `displayed`. After undo it may raise ReferenceError."""
+        self._write(scene, colors, view)
+        if self._shown is None:
+            self._shown = bpy.data.images.load(str(self._path))
+            self._shown.name = HIDDEN_NAME
+            self._shown.colorspace_settings.name = "Non-Color"
+        else:
+            self._shown.reload()
+        pixels = np.empty(len(self._shown.pixels), np.float32)
+        self._shown.pixels.foreach_get(pixels)
+        return pixels.reshape(*colors.shape[:2], -1)[..., :3]
+
+    def _write(self, scene: bpy.types.Scene, colors: np.ndarray, view: dict[str, Any] | None) -> None:
+        """Writes scene-linear colours, [height from the bottom, width, 3], as a 16-bit PNG of a view."""
+        height, width = colors.shape[:2]
+        pixels = np.ones((height, width, 4), np.float32)
+        pixels[..., :3] = colors
+        if self._linear is None:
+            self._linear = bpy.data.images.new(HIDDEN_NAME, width, height, float_buffer=True)
+        elif tuple(self._linear.size) != (width, height):
+            self._linear.scale(width, height)
+        self._linear.pixels.foreach_set(pixels.reshape(-1))
         with _png_settings(scene, view):
-            image.save_render(str(path), scene=scene)
-    finally:
-        bpy.data.images.remove(image)
-    # Blender reports success on a full disk.
-    if not path.read_bytes().endswith(PNG_END):
-        raise OSError(f"cannot write the view transform; check the free space: {path}")
+            self._linear.save_render(str(self._path), scene=scene)
+        # Blender reports success on a full disk.
+        if not self._path.read_bytes().endswith(PNG_END):
+            raise OSError(f"cannot write the view transform; check the free space: {self._path}")
+
+    def close(self) -> None:
+        """Removes images and file."""
+        for image in (self._linear, self._shown):
+            with suppress(ReferenceError):  # Undo, or another file, may have removed it.
+                if image is not None:
+                    bpy.data.images.remove(image)
+        self._path.unlink(missing_ok=True)
 
 
 @contextmanager

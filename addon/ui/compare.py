@@ -92,7 +92,7 @@ def request_of(scene: bpy.types.Scene, found: shot.Shot, look: RelumeLook) -> st
     if look.request:
         kept = json.dumps(json.loads(look.request) | {"interactive": False})
         return with_numbers(kept, found.lights.receivers)
-    lights = found.lights.descriptions
+    lights = handlers.lights_of(scene, found)
     present, groups, memberships = rows.plain(scene)
     values = match(look.look(), [*present, *groups]).rows
     names = [light["name"] for light in lights]

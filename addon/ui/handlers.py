@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import math
 import time
 from typing import Any
 
@@ -14,6 +15,7 @@ from ..engine import shot
 from ..engine.native import NativeModuleError
 from ..engine.options import FolderError, bake_folder, preferences, remember_bake, remembered_bake
 from ..engine.render_depsgraph import settle_settings, show_settings
+from ..engine.scene_lights import Description
 from ..viewport.views import redraw
 from . import redraws, rows
 
@@ -28,6 +30,8 @@ FILES_SECONDS = 2.0
 """Between looks at image files."""
 LOOK_SECONDS = 0.005
 """How long one turn may look for what has changed since the bake."""
+READ_SECONDS = math.inf if bpy.app.background else 0.01
+"""How long one turn may read lights: without a window there are no turns."""
 
 _is_quiet = False
 """Whether the next poll is a while away."""
@@ -53,20 +57,37 @@ def changed(scene: bpy.types.Scene, interactive: bool = False, world: Any = None
 
 
 def content_of(scene: bpy.types.Scene, found: shot.Shot) -> dict[str, Any]:
-    """What the picture of a scene is made of: "lights" as they were read last, "gains", "world" and "static"."""
-    lights = found.lights.descriptions
+    """What the picture of a scene is made of: its "lights", "gains", "world" and "static"."""
+    lights = lights_of(scene, found)
     mix = rows.mix(scene, [light["name"] for light in lights])
     world = [gain * factor for gain, factor in zip(mix["world"], found.changes.world_gain(), strict=True)]
     return {"lights": lights, **mix, "world": world}
 
 
+def lights_of(scene: bpy.types.Scene, found: shot.Shot) -> list[Description]:
+    """The present lights of a scene, as `SceneLights` describes them; reads at once what waits for that."""
+    if _read_waiting(scene, found, math.inf):
+        changed(scene, interactive=True)
+    return found.lights.descriptions
+
+
 def read_lights(scene: bpy.types.Scene) -> None:
-    """Reads all lights of a scene anew and asks for their picture."""
+    """Reads all lights of a scene anew and asks for their picture; where they are many, in turns."""
     found, depsgraph = shot.of(scene), _depsgraph(scene)
     if found is None or depsgraph is None:
         return
-    found.lights.read(depsgraph)
-    changed(scene)
+    if found.lights.read(depsgraph, READ_SECONDS):
+        changed(scene)
+    wake()
+
+
+def _read_waiting(scene: bpy.types.Scene, found: shot.Shot, seconds: float) -> bool:
+    """Goes on reading lights for about so long. Whether all are read now, and some may have changed."""
+    if not found.lights.is_waiting:
+        return False
+    # As it is: what has to be evaluated again will be named again.
+    layer = scene.view_layers.get(found.lights.view_layer)
+    return layer is not None and layer.depsgraph is not None and found.lights.go_on(layer.depsgraph, seconds)
 
 
 def _depsgraph(scene: bpy.types.Scene) -> bpy.types.Depsgraph | None:
@@ -97,8 +118,12 @@ def _timer() -> float | None:
     _is_quiet = False
     if not tick():
         return None
-    _is_quiet = not _resting and not any(found.is_lively or found.changes.is_pending for found in shot.all_open())
+    _is_quiet = not _resting and not any(_is_at_work(found) for found in shot.all_open())
     return QUIET_SECONDS if _is_quiet else TICK_SECONDS
+
+
+def _is_at_work(found: shot.Shot) -> bool:
+    return found.is_lively or found.changes.is_pending or found.lights.is_waiting
 
 
 def look_at_files() -> float | None:
@@ -122,6 +147,8 @@ def tick() -> bool:
             _open_stored(scenes[found.scene_uid])
             goes_on = True
             continue
+        if _read_waiting(scenes[found.scene_uid], found, READ_SECONDS):
+            changed(scenes[found.scene_uid], interactive=True)
         frame = found.frame
         found.poll()
         if not _resting and not _is_playing():
@@ -129,7 +156,7 @@ def tick() -> bool:
         if (world := found.follow_world(scenes[found.scene_uid])) is not None:
             changed(scenes[found.scene_uid], world=world)
         goes_on |= redraws.follow(found, new_picture=found.frame is not frame)
-        goes_on |= found.is_busy or found.changes.is_pending
+        goes_on |= found.is_busy or found.changes.is_pending or found.lights.is_waiting
     return goes_on or bool(_resting)
 
 
@@ -156,7 +183,7 @@ def on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) 
         return
     if scene.camera is not None:
         found.recognises(scene.camera)
-    lights = found.lights.update(depsgraph)
+    lights = found.lights.update(depsgraph, READ_SECONDS)
     world = found.changes.mark(scene, list(depsgraph.updates))
     if lights or world:
         changed(scene, interactive=True)
@@ -177,9 +204,23 @@ def on_undo(*_arguments) -> None:
     _remember_bakes()
     for found in shot.all_open():
         found.changes.mark_all()
+        found.lights.forget()
+    if bpy.app.background:
+        read_forgotten()
+    elif not bpy.app.timers.is_registered(read_forgotten):  # As a rule an update comes before.
+        bpy.app.timers.register(read_forgotten, first_interval=QUIET_SECONDS)
+
+
+def read_forgotten() -> None:
+    """Reads lights anew where no update of their scene has had them read since undo, and asks for what has become of
+    the rows."""
     # What no window shows is not evaluated again before it is shown; its old state may hold what undo has freed.
     for scene in {window.scene for window in bpy.context.window_manager.windows}:
-        read_lights(scene)
+        found = shot.of(scene)
+        if found is not None and found.lights.is_forgotten:
+            read_lights(scene)
+        elif found is not None and not found.lights.is_waiting:
+            changed(scene)
 
 
 @persistent
@@ -294,6 +335,6 @@ def unregister():
     atexit.unregister(_exit)
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).remove(handler)
-    for timer in (_timer, look_at_files, open_bakes):
+    for timer in (_timer, look_at_files, open_bakes, read_forgotten):
         if bpy.app.timers.is_registered(timer):
             bpy.app.timers.unregister(timer)

@@ -22,6 +22,8 @@ DISK_SECONDS = 2.0
 """Between looks at the disk."""
 MOST_CHANGES = 6
 """Changes that are listed one by one."""
+MOST_NOTES = 20
+"""The same of notes: hundreds of lights can each have one, and what is listed is laid out whenever it is drawn."""
 
 
 class RELUME_PT_main(RelumePanel, bpy.types.Panel):  # noqa: N801 -- Blender's naming
@@ -155,10 +157,7 @@ def _draw_shot(layout, scene, found: shot.Shot) -> None:
 def _draw_changes(layout, sentences: list[str]) -> None:
     box = layout.box()
     box.label(text="Changed since the bake", icon="ERROR")
-    for sentence in sentences[:MOST_CHANGES]:
-        message(box, sentence)
-    if len(sentences) > MOST_CHANGES:
-        box.label(text=f"and {len(sentences) - MOST_CHANGES} more")
+    _draw_some(box, sentences, MOST_CHANGES)
     box.operator("relume.rebake", icon="FILE_REFRESH")
 
 
@@ -170,8 +169,14 @@ def _draw_notes(layout, scene, notes: list[str]) -> None:
     row.alignment = "LEFT"
     row.prop(settings, "show_warnings", text=text, icon=icon, emboss=False)
     if settings.show_warnings:
-        for note in notes:
-            message(layout, note, "INFO")
+        _draw_some(layout, notes, MOST_NOTES, "INFO")
+
+
+def _draw_some(layout, sentences: list[str], most: int, icon: str = "NONE") -> None:
+    for sentence in sentences[:most]:
+        message(layout, sentence, icon)
+    if len(sentences) > most:
+        layout.label(text=f"and {len(sentences) - most} more")
 
 
 CLASSES = (RELUME_PT_main, RELUME_PT_bake)

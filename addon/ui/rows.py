@@ -27,7 +27,7 @@ from bpy.props import (
 
 from ..core import rows as core
 from ..core.rows import GROUP, LIGHT, STATIC, WORLD
-from ..export.light_tree import Line, light_tree
+from ..export.light_tree import Line, is_light, light_tree
 from ..export.lights import name_of
 from .solve_settings import RelumeLocks
 
@@ -227,16 +227,24 @@ def sync(scene: bpy.types.Scene) -> None:
 
 
 def _line_values(line: Line) -> dict[str, Any]:
-    block, is_light = line.block, line.kind == LIGHT
+    block = line.block
+    group = {"name": name_of(block), "icon": "OUTLINER_COLLECTION", "present": True, "hidden": False}
     return {
         "kind": line.kind,
-        "name": name_of(block),
-        "icon": LIGHT_ICONS[block.data.type] if is_light else "OUTLINER_COLLECTION",
-        "present": True,
         "uid": block.session_uid,
         "depth": line.depth,
         "groups": "\n".join(line.groups),
-        "hidden": is_light and (block.hide_render or block.hide_viewport),
+        **(_light_values(block) if line.kind == LIGHT else group),
+    }
+
+
+def _light_values(light: bpy.types.Object) -> dict[str, Any]:
+    """What an edit of a light alone can change of its row."""
+    return {
+        "name": name_of(light),
+        "icon": LIGHT_ICONS[light.data.type],
+        "present": is_light(light),
+        "hidden": light.hide_render or light.hide_viewport,
     }
 
 
@@ -268,15 +276,23 @@ def _write(row: bpy.types.PropertyGroup, values: dict[str, Any]) -> None:
 @persistent
 def on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Lights may have come, gone or changed their names."""
-    if any(_may_change_rows(update) for update in depsgraph.updates):
+    named = [(update.id.original, update.is_updated_transform) for update in depsgraph.updates]
+    objects = [block for block, is_moved in named if isinstance(block, bpy.types.Object) and not is_moved]
+    if any(isinstance(block, bpy.types.Collection | bpy.types.World) for block, _ in named) or _differ(scene, objects):
         sync(scene)
 
 
-def _may_change_rows(update: bpy.types.DepsgraphUpdate) -> bool:
-    """Neither a drag nor a slider of a row does."""
-    if isinstance(update.id, bpy.types.Object):
-        return update.id.type == "LIGHT" and not update.is_updated_transform
-    return isinstance(update.id, bpy.types.Collection | bpy.types.World)
+def _differ(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> bool:
+    """Whether the row of a light among some objects is no longer as it should be: neither a drag, nor an edit of a
+    light's values, nor a slider of a row has to walk over all of them."""
+    lights = [obj for obj in objects if obj.type == "LIGHT"]
+    rows = {row.uid: row for row in scene.relume_mix.rows if row.kind == LIGHT} if lights else {}
+
+    def is_same(light: bpy.types.Object) -> bool:
+        row = rows.get(light.session_uid)
+        return row is not None and all(getattr(row, name) == value for name, value in _light_values(light).items())
+
+    return not all(is_same(light) for light in lights)
 
 
 @persistent

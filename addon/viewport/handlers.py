@@ -47,7 +47,7 @@ def draw_picture() -> None:
     context = bpy.context
     scene, region = context.scene, context.region
     texture.keep_only([found.picture for found in shot.all_open()] + compare.frames())
-    view = view_table.of(scene)
+    view, is_ready = view_table.of(scene), warm_up.is_ready()
     if view is not None:
         warm_up.draw_picture_piece((region.width, region.height), view)
     what = overlay.what_to_show(scene, context.space_data, region, context.region_data)
@@ -58,8 +58,10 @@ def draw_picture() -> None:
     if not (view_table.is_complete(scene) and _has_file(scene)):
         _waiting.add(scene.session_uid)
         wake()
-    if view is not None:
+    if view is not None and is_ready:
         overlay.draw(what, view)
+    elif view is not None:  # Compiling and drawing would come in one turn.
+        warm_up.want()
 
 
 def draw_words() -> None:

@@ -8,7 +8,7 @@ view that jumps from one colour to the next the table holds places in a list of 
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -137,16 +137,21 @@ def _slices(scene: bpy.types.Scene, size: int) -> Iterator[Table | None]:
     """The table after as many Nones as it takes."""
     learnt = (yield from false_color.learn(scene, LOG_MAX)) if false_color.applies(scene) else None
     if learnt is None:
-        yield (yield from _colored(scene, size, None)), None
+        yield (yield from _colored(scene, size)), None
         return
     weights, levels = learnt
-    table = yield from _colored(scene, size, false_color.formed_by(scene))
-    table[..., :3] = false_color.brightness(table[..., :3], weights)[..., None]
+    formed_by = false_color.formed_by(scene)
+    table = yield from _colored(scene, size, formed_by, lambda shown: false_color.brightness(shown, weights)[..., None])
     yield table, levels
 
 
-def _colored(scene: bpy.types.Scene, size: int, view: dict[str, Any] | None) -> Generator[None, None, np.ndarray]:
-    """The entries as the scene's view shows them, or another; see `displayed`."""
+def _colored(
+    scene: bpy.types.Scene,
+    size: int,
+    view: dict[str, Any] | None = None,
+    entries_of: Callable[[np.ndarray], np.ndarray] = lambda shown: shown,
+) -> Generator[None, None, np.ndarray]:
+    """The entries that the scene's view shows, or another (see `displayed`), or what follows from these."""
     axis = shaper_axis(size, LOG_MAX)
 
     def rows_of(rows: slice) -> np.ndarray:
@@ -159,7 +164,7 @@ def _colored(scene: bpy.types.Scene, size: int, view: dict[str, Any] | None) -> 
 
     table = np.ones((size * size, size, 4), np.float32)  # [blue and green, red, channel]
     for rows, shown in displayed_in_slices(scene, size * size, size, rows_of, view):
-        table[rows, :, :3] = shown
+        table[rows, :, :3] = entries_of(shown)
         yield None
     return table.reshape(size, size, size, 4)
 

@@ -40,6 +40,11 @@ def is_wanted() -> bool:
     return _is_wanted or bool(_picture_pieces)
 
 
+def is_ready() -> bool:
+    """Whether pictures are drawn without compiling anything."""
+    return not _picture_pieces
+
+
 def draw_picture_piece(region: tuple[int, int], view: View) -> None:
     """The next piece of what draws pictures, if any is wanted; where these are drawn, into a region of that size."""
     if _is_wanted and _picture_pieces:

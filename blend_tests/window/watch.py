@@ -1,10 +1,13 @@
 """How long the add-on keeps Blender's main thread: every outermost call of its Python code is timed, by the clock,
 which counts waiting (for a lock, a disk, a processor that others use) too, and by the thread's own processor time."""
 
+import gc
 import sys
 import threading
 import time
+from collections import Counter
 from dataclasses import dataclass, field
+from types import FrameType
 
 TOOL = sys.monitoring.PROFILER_ID
 SLOW_SECONDS = 0.04
@@ -22,6 +25,10 @@ OF_BLENDER = {
 and what that is. The scenario `cost` measures some of it without the add-on."""
 SHARE = 0.5
 """How much of a call's time a call inside of it must have taken to be named as what takes it."""
+QUICK_SECONDS = 0.0005
+"""Calls inside of others that are no longer are seen MANY times only: to see each would take longer than the call
+itself, so that whoever calls small functions often would seem slow."""
+MANY = 20
 
 
 @dataclass(frozen=True)
@@ -56,6 +63,7 @@ class Call:
 class _Open:
     """A call that has not ended: when it began by both times, and what has ended in it."""
 
+    frame: FrameType
     began: float
     began_processor: float
     inner: Call | None = None
@@ -66,7 +74,6 @@ class Watch:
     """Sees calls of code below a folder. Code elsewhere is switched off at its first call and costs nothing."""
 
     def __init__(self, folder):
-        self.reset()
         self._folder = str(folder)
         self._open = []
         """The outermost first."""
@@ -84,32 +91,65 @@ class Watch:
         for event, callback in callbacks.items():
             sys.monitoring.register_callback(TOOL, event, callback)
         sys.monitoring.set_events(TOOL, sum(callbacks))
+        self._collecting = 0.0
+        gc.callbacks.append(self._collect)
+        self.reset()
 
     def reset(self):
         """Forgets what it has seen."""
         self.calls, self.slow = 0, []
         self.longest = self.heaviest = self.first_time = Call()
+        self._outermost, self._quick = set(), Counter()
+        """Codes that Blender itself has called, and how often others were called and took no time."""
+        sys.monitoring.restart_events()
 
     def _enter(self, code, *_):
         if not code.co_filename.startswith(self._folder):
             return sys.monitoring.DISABLE
         if threading.get_ident() == self._main:
-            self._open.append(_Open(time.perf_counter(), time.thread_time()))
+            if not self._open:
+                self._outermost.add(code)
+            elif self._quick[code] >= MANY and code not in self._outermost:
+                return sys.monitoring.DISABLE
+            self._open.append(_Open(_frame_of(code), time.perf_counter(), time.thread_time()))
         return None
 
     def _leave(self, code, *_):
         if not code.co_filename.startswith(self._folder):
             return sys.monitoring.DISABLE
         if threading.get_ident() == self._main:
-            begun, name = self._open.pop(), code.co_qualname
-            seconds, processor = time.perf_counter() - begun.began, time.thread_time() - begun.began_processor
+            seconds, processor = time.perf_counter(), time.thread_time()
+            begun = self._pop(_frame_of(code))
+            if begun is None:  # It was not seen to begin.
+                return sys.monitoring.DISABLE
+            name, seconds, processor = code.co_qualname, seconds - begun.began, processor - begun.began_processor
             of_blender = {OF_BLENDER[name]: processor} if name in OF_BLENDER else begun.of_blender
             call = Call(name, seconds, processor, begun.inner, of_blender)
             if self._open:
+                self._quick[code] += seconds < QUICK_SECONDS
                 self._note_inside(self._open[-1], call)
             else:
                 self._note(call)
         return None
+
+    def _collect(self, phase, _about):
+        """Python collects garbage, which all that runs in it has left: whose call that falls into is chance."""
+        if threading.get_ident() != self._main or not self._open:
+            return
+        if phase == "start":
+            self._collecting = time.thread_time()
+        else:
+            of_blender, what = self._open[-1].of_blender, "Python collects garbage"
+            of_blender[what] = of_blender.get(what, 0.0) + time.thread_time() - self._collecting
+
+    def _pop(self, frame):
+        """Takes out the open call of a frame, with those in it whose end was not seen; None if it is not there."""
+        places = [place for place, call in enumerate(self._open) if call.frame is frame]
+        if not places:
+            return None
+        begun = self._open[places[0]]
+        del self._open[places[0] :]
+        return begun
 
     @staticmethod
     def _note_inside(outer, call):
@@ -134,3 +174,11 @@ class Watch:
 
     def _leave_by_exception(self, code, *_):
         self._leave(code)
+
+
+def _frame_of(code):
+    """The frame that runs a code, seen from a callback about it."""
+    frame = sys._getframe()
+    while frame.f_code is not code:
+        frame = frame.f_back
+    return frame
