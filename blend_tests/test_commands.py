@@ -108,6 +108,20 @@ def test_more_samples_under_another_world_keep_the_proxies(shot, tmp_path):
     assert not any(file.exists() for file in learnt), "proxies of another camera"
 
 
+def test_an_exported_scene_is_traced_to_the_same_bake(shot, tmp_path, capsys):
+    add_sky(add_world(shot), sky_file(tmp_path))
+    shot.view_settings.exposure, shot.cycles.seed, shot.cycles.diffuse_bounces = 1.0, 5, 2
+    file, bake, traced = tmp_path / "shot.scene", tmp_path / "bake", tmp_path / "traced"
+    assert run(["export", "--out", str(file), "--resolution", "20x15", "--json"]) == 0
+    assert results(capsys)[-1]["width"] == 20
+    assert run(["bake", "--out", str(bake), "--resolution", "20x15", "--quiet"]) == 0
+    relume.start("trace", file, out=traced).result()
+    files = {path.name: path.read_bytes() for path in traced.iterdir()}
+    assert {"manifest.json", "lights.json", "guided.json", "view.png"} < files.keys()
+    assert files == {path.name: path.read_bytes() for path in bake.iterdir() if path.name != "shot.json"}
+    assert relume.info(file)["lights"] == ["Key"] and manifest(traced)["seed"] == 5
+
+
 def test_paths_look_for_the_lights_of_a_set(shot, tmp_path, capsys):
     lamp = {"name": "Lamp", "shape": {"type": "sphere", "center": [1, 0, 1], "radius": 0.01}, "radiance": [9, 9, 9]}
     found = tmp_path / "found.json"
@@ -138,6 +152,8 @@ def test_native_commands_are_forwarded(shot, tmp_path, capfd):
         (["bake", "--out", "x", "--unknown"], 2),
         (["bake", "--out", "x", "--camera", "Nope"], 1),
         (["bake", "--out", "x", "--resolution", "64"], 2),
+        (["export"], 2),
+        (["export", "--out", "gone/x.scene"], 1),
         (["explode"], 2),
         ([], 2),
         (["--help"], 0),

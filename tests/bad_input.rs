@@ -39,11 +39,14 @@ fn scenes_that_cannot_be_traced_are_named() {
     write("empty.obj", "# nothing\n");
     write("nan.obj", "o wall\nv 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n");
     write("broken.obj", "v 0 0 0\nv one 0 0\n");
+    write("text.scene", "not a scene");
     for (scene, word) in [
         ("empty.obj", "nothing to render"),
         ("nan.obj", "wall"),
         ("broken.obj", "position"),
         ("gone.obj", "gone.obj"),
+        ("text.scene", "text.scene: damaged or no scene file"),
+        ("gone.scene", "gone.scene"),
     ] {
         let message = failure(folder.path(), &format!("trace {scene} --out bake"));
         assert!(message.contains(word), "{message}");

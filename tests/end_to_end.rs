@@ -2,9 +2,10 @@
 
 mod common;
 
-use common::{data, result, run, trace_room};
-use relume_session::LightSet;
+use common::{contents, data, failure, result, run, trace_room};
 use relume_session::image::{metrics, read_exr, read_picture};
+use relume_session::trace::TraceSettings;
+use relume_session::{LightSet, ObjView, obj_scene, write_scene};
 
 #[test]
 fn obj_becomes_relit_pictures_in_layers() {
@@ -42,6 +43,36 @@ fn obj_becomes_relit_pictures_in_layers() {
     let channel = |c: usize| rim.data.iter().skip(c).step_by(3).sum::<f32>();
     assert!(channel(2) > 1.3 * channel(0));
     assert_eq!(read_picture(&folder.path().join("lit.png")).unwrap().width, 48);
+}
+
+#[test]
+fn scene_files_are_traced_as_they_say_unless_told_otherwise() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let view = ObjView { width: 16, height: 12, ..ObjView::default() };
+    let mut scene = obj_scene(&data("room.obj"), &view).unwrap();
+    scene.lights = LightSet::read(&data("evening.json")).unwrap().lights;
+    let settings = TraceSettings { samples: 3, seed: 7, ..TraceSettings::default() };
+    write_scene(&path.join("room.scene"), &scene, &settings, None).unwrap();
+
+    let own = result(path, "trace room.scene --out own");
+    assert_eq!((&own["width"], &own["samples"]), (&16.into(), &3.into()));
+    let seed = result(path, "info own")["manifest"]["seed"].clone();
+    result(path, "trace room.scene --out more --samples 5 --seed 8 --bounces 1");
+    let more = result(path, "info more")["manifest"].clone();
+    assert_eq!((seed, &more["seed"]), (7.into(), &8.into()));
+    assert_eq!(more["settings"]["bounces"]["diffuse"], 1);
+    // As the OBJ itself.
+    let lights = data("evening.json");
+    let same =
+        format!("--width 16 --height 12 --samples 5 --seed 8 --bounces 1 --lights {}", lights.display());
+    result(path, &format!("trace {} --out obj {same}", data("room.obj").display()));
+    assert!(contents(&path.join("obj")) == contents(&path.join("more")));
+
+    assert_eq!(result(path, "info room.scene")["lights"], serde_json::json!(["Key", "Rim.001"]));
+    assert_eq!(result(path, "validate room.scene")["problems"], serde_json::json!([]));
+    let message = failure(path, "trace room.scene --out other --fov 30");
+    assert!(message.contains("room.scene has a camera"), "{message}");
 }
 
 #[test]

@@ -68,3 +68,30 @@ def test_figures_of_a_card_are_taken_from_a_file(tmp_path, monkeypatch):
     row = next(line for line in text.splitlines() if line.startswith(f"| {wanted['what']} |"))
     assert row.endswith("| 1.25 ms |") and "3 ms" in row and "9.13 ms" in row
     assert "7.5 ms, 40% of 0.5 by operations, goal 3" in text and text.count("not measured") == len(gpu.GOALS) - 1
+
+
+def test_quality_that_was_measured_elsewhere_stands_beside_the_papers(tmp_path, monkeypatch):
+    found = {"width": 885, "reference_samples": 1024, "light_type": "sphere", "date": "2027-01-02"}
+    found |= {"smape": 0.02, "ssim": 0.99, "flip": 0.1}
+    proxy = found | {"network": "fast", "train_seconds": 300, "samples": 9}
+    others = [found | {"network": name, "train_seconds": 0, "psnr": 30.0} for name in ("gather", "reference_noise")]
+    files = [tmp_path / "box.json", tmp_path / "hall.json"]
+    for file, psnr in zip(files, (41.0, 42.0), strict=True):
+        scene = {"scene": file.stem}
+        file.write_text(json.dumps([record | scene for record in [proxy | {"psnr": psnr}, *others]]))
+    old = {"name": "a figure", "value": 1.0, "unit": "s", "adapter": "A card", "date": "2027-01-01"}
+    old |= dict.fromkeys(("peer", "peer_value", "ratio", "limit", "share_of_limit"))
+    (tmp_path / "kept").mkdir()
+    (tmp_path / "kept/card.json").write_text(json.dumps([old]))
+    monkeypatch.setattr(gpu, "KEPT", tmp_path / "kept")
+    source, out = tmp_path / "kept/card.json", tmp_path / "out"
+    words = ["--from", source, "--quality-from", *files, "--keep", "card", "--out", out]
+    monkeypatch.setattr(sys, "argv", ["gpu.py", *map(str, words)])
+    for _ in range(2):  # The second time it replaces what is kept.
+        gpu.main()
+        assert len(json.loads(source.read_text())) == 1 + 2 * len(gpu.QUALITY)
+        lines = (tmp_path / "kept/README.md").read_text().splitlines()
+        goal = next(line for line in lines if line.startswith("| PSNR after 5 minutes"))
+        assert goal.endswith("| 41.5 dB |")
+        name = "PSNR of the sphere reference of 1024 samples before it was denoised, 885 wide, box, hall"
+        assert lines.count(f"| {name} | 30 dB |") == 1 and any("| a figure | 1 s |" in line for line in lines)

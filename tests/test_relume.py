@@ -129,6 +129,18 @@ def test_lights_are_solved_from_an_array(bake):
         relume.solve([bake], request | {"gaols": []})
 
 
+def test_a_written_scene_is_traced_to_the_same_bake(tmp_path):
+    scene, settings = lit_plane(), {"samples": 4, "seed": 3}
+    scene.write(tmp_path / "plane.scene", json.dumps(settings))
+    relume.bake(scene, tmp_path / "own", settings).result()
+    relume.start("trace", tmp_path / "plane.scene", out=tmp_path / "traced").result()
+    contents = [{p.name: p.read_bytes() for p in (tmp_path / name).iterdir()} for name in ("own", "traced")]
+    assert contents[0] == contents[1] and len(contents[0]) > 3
+    assert relume.info(tmp_path / "plane.scene")["scene_hash"] == scene.hash
+    with pytest.raises(relume.RelumeError, match="gone"):
+        scene.write(tmp_path / "gone/plane.scene")
+
+
 def test_jobs_report_and_stop(tmp_path):
     job = relume.bake(lit_plane(), tmp_path / "bake", {"samples": 1 << 20, "passes": {"first": 1, "largest": 4}})
     reports = []

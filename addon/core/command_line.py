@@ -10,8 +10,8 @@ FORWARDED = {
     "train": "train a proxy on a bake",
     "gather": "sum lights over a bake, without a proxy",
     "optimise": "find lights that make a target picture",
-    "info": "say what a bake folder, proxy or light set is",
-    "validate": "check a bake folder, proxy or light set for damage",
+    "info": "say what a bake folder, proxy, light set or scene file is",
+    "validate": "check a bake folder, proxy, light set or scene file for damage",
 }
 """Commands that need no scene: their arguments go to the native command line as they are."""
 
@@ -42,6 +42,7 @@ def parser() -> argparse.ArgumentParser:
     top = _Parser(prog=PROGRAM, description="Relights finished shots.")
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_bake(commands)
+    _add_export(commands)
     _add_relight(commands)
     _add_verify(commands)
     _add_read_picture(commands)
@@ -63,6 +64,13 @@ def _add_bake(commands: argparse._SubParsersAction) -> None:
     bake.add_argument("--resume", action="store_true", help="go on with an interrupted bake")
     bake.add_argument("--replace", action="store_true", help="remove a bake of another scene from the folder first")
     _add_run(bake)
+
+
+def _add_export(commands: argparse._SubParsersAction) -> None:
+    export = commands.add_parser("export", help="write the open scene into a file that is traced without Blender")
+    export.add_argument("-o", "--out", required=True, metavar="FILE", help="scene file to write, for `relume trace`")
+    _add_view(export)
+    _add_output(export)
 
 
 def _add_relight(commands: argparse._SubParsersAction) -> None:

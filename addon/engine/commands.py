@@ -1,4 +1,4 @@
-"""The Blender command line: `bake` and `relight` read the open scene, all other commands are the native ones."""
+"""The Blender command line: `bake`, `export` and `relight` read the open scene, others are the native ones."""
 
 from __future__ import annotations
 
@@ -81,6 +81,23 @@ def bake(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> i
         f"{folder}: {report['width']} x {report['height']} pixels, {report['samples']} samples, "
         f"{report['segments'] / 1e6:.1f} M segments, {report['bytes'] / 2**20:.0f} MiB in {clock(report['seconds'])}",
     )
+    return 0
+
+
+def export(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
+    """Writes the open scene, with its render settings and its view, into a file that is traced without Blender."""
+    scene = _open_scene(options)
+    exported = load_scene(scene, _export_options(options))
+    for warning in exported.warnings:
+        reporter.warning(warning)
+    settings, file = trace_settings(scene, reporter.warning), Path(options.out)
+    with tempfile.TemporaryDirectory(prefix="relume-") as folder:
+        view = Path(folder) / "view.png"
+        write_view_table(scene, view)
+        exported.write(file, json.dumps(settings), view=view.read_bytes() if view.exists() else None)
+    (width, height), size = exported.resolution, file.stat().st_size
+    text = f"{file}: {width} x {height} pixels, {size / 2**20:.1f} MiB; trace it with: relume trace {file} --out FOLDER"
+    reporter.result({"width": width, "height": height, "bytes": size}, text)
     return 0
 
 
@@ -193,6 +210,7 @@ def _export_options(options: argparse.Namespace) -> ExportOptions:
 
 COMMANDS = {
     "bake": bake,
+    "export": export,
     "relight": relight,
     "verify": verify,
     pictures.COMMAND: read_picture,

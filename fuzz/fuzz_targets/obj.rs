@@ -1,10 +1,10 @@
 //! An OBJ file of any bytes (materials behind a zero byte) is refused, or can be traced.
 #![no_main]
 
+mod traced;
+
 use libfuzzer_sys::fuzz_target;
-use relume_dump::MemoryWriter;
 use relume_session::{ObjView, obj_scene};
-use relume_trace::{Control, TraceSettings, Tracer};
 use std::fs;
 use tempfile::TempDir;
 
@@ -22,10 +22,5 @@ fuzz_target!(|bytes: &[u8]| FOLDER.with(|folder| {
     if scene.validate().is_err() {
         return;
     }
-    let settings = TraceSettings { samples: 2, tile_size: 2, threads: 1, ..TraceSettings::default() };
-    if let Ok(tracer) = Tracer::new(&scene, &settings) {
-        let sink = MemoryWriter::new(tracer.manifest()).expect("a valid manifest");
-        tracer.trace(&sink, &Control::default()).expect("traced");
-        assert_eq!(sink.snapshot().validate(), Vec::<String>::new());
-    }
+    traced::trace(&scene);
 }));

@@ -1,10 +1,10 @@
 """Benchmarks of a GPU. Runs `scripts/gpu-check`, or takes the figures that one made elsewhere (--from); writes
 `out/bench-gpu.json`; with --keep also a file of this machine under `docs/bench`, and the tables over all machines
-there. With --quality proxies are trained on the real scenes as well, and measured beside the paper's table 2.
+there. With --quality proxies are trained on the real scenes as well, and measured beside the paper's table 2;
+--quality-from takes what `scripts/gpu-check quality` found of them elsewhere.
 """
 
 import argparse
-import datetime
 import json
 import shlex
 import subprocess
@@ -41,35 +41,44 @@ def goal_of(name):
     return next((goal for goal in GOALS if any(name.startswith(begin) for begin in goal["names"])), None)
 
 
-def measure_quality(device, options, out, adapter):
-    """Means over scenes of what `scripts/quality.py` finds where this device trains."""
+def measure_quality(device, options, out):
+    """What `scripts/quality.py` finds where this device trains."""
     command = [sys.executable, ROOT / "scripts/quality.py", "--device", device, "--out", out, *shlex.split(options)]
     subprocess.run([str(word) for word in command], check=True)
+    return json.loads((out / "quality.json").read_text())
+
+
+def quality_records(found, adapter):
+    """Means over scenes of what `scripts/quality.py` found, and how noisy it was what it compared with."""
     groups = {}
-    for record in json.loads((out / "quality.json").read_text()):
+    for record in found:
         if record["train_seconds"]:
-            name = "the {light_type} proxy {network}, {train_seconds:g} s of training, {width} wide".format(**record)
-            groups.setdefault(name, []).append(record)
+            what = "the {light_type} proxy {network}, {train_seconds:g} s of training, {width} wide"
+        elif record["network"] == "reference_noise":
+            what = "the {light_type} reference of {reference_samples} samples before it was denoised, {width} wide"
+        else:
+            continue
+        groups.setdefault(what.format(**record), []).append(record)
     return [quality_record(name, key, group, adapter) for name, group in groups.items() for key in QUALITY]
 
 
 def quality_record(name, key, group, adapter):
-    """The mean of a measure of proxies, beside the paper's, which trained for an hour."""
+    """The mean of a measure; of proxies beside the paper's, which trained for an hour."""
     name = f"{key.upper()} of {name}, {', '.join(record['scene'] for record in group)}"
+    goal, value = goal_of(name), mean(record[key] for record in group)
     paper = next(goal["paper"] for goal in GOALS if goal["names"][0].startswith(f"{key.upper()} of "))
-    goal = goal_of(name)
-    value = mean(record[key] for record in group)
+    is_proxy = group[0]["train_seconds"] > 0
     return {
         "name": name,
         "value": value,
         "unit": QUALITY[key],
-        "peer": "the paper, table 2",
-        "peer_value": paper,
-        "ratio": value / paper,
+        "peer": "the paper, table 2" if is_proxy else None,
+        "peer_value": paper if is_proxy else None,
+        "ratio": value / paper if is_proxy else None,
         "limit": None,
         "share_of_limit": None,
         "adapter": adapter,
-        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+        "date": group[0]["date"],
     } | ({"goal": goal["goal"]} if goal else {})
 
 
@@ -134,10 +143,11 @@ TEXT = """# GPU benchmarks
 {state}
 
 Made by `make bench-gpu BENCH_GPU="--keep MACHINE"` from the files beside it. A machine that has nothing but its driver:
-`scripts/gpu-check build` here, copy `build/gpu-check.tar.gz`, unpack it there, `./gpu-check`; then here
-`python3 scripts/bench/gpu.py --from bench-gpu.json --keep MACHINE`. Training to the paper's quality needs Blender's
-Python and the scenes:
-`make bench-gpu BENCH_GPU='--keep MACHINE --quality "--seconds 300 --types sphere --networks fast --width 885"'`.
+`scripts/gpu-check build` here, copy `build/gpu-check.tar.xz`, unpack it there, `./gpu-check`; then here
+`python3 scripts/bench/gpu.py --from bench-gpu.json --keep MACHINE`. Training to the paper's quality needs the scenes
+and Blender's Python to read them:
+`make bench-gpu BENCH_GPU='--keep MACHINE --quality "--seconds 300 --types sphere --networks fast --width 885"'`. On a
+machine without Blender `gpu-check quality` measures it (TESTING.md); `--quality-from` takes what it found.
 PSNR, SMAPE, SSIM and FLIP are of pictures as wide as their names say. The paper's are about 885 x 500; without
 `--width` they are 256 wide, which is another problem than the paper's: fewer pixels for the same training, less detail.
 
@@ -161,6 +171,9 @@ def main():
     parser.add_argument("--from", dest="source", type=Path, metavar="FILE", help="take the bench-gpu.json of gpu-check")
     parser.add_argument("--keep", metavar="MACHINE", help="name of this machine in docs/bench")
     parser.add_argument("--quality", metavar="OPTIONS", help='of scripts/quality.py: "--seconds 300 --types sphere"')
+    parser.add_argument(
+        "--quality-from", type=Path, nargs="+", default=[], metavar="FILE", help="quality.json of gpu-check"
+    )
     parser.add_argument("--out", type=Path, default=ROOT / "out")
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
@@ -168,8 +181,11 @@ def main():
         records = json.loads(args.source.read_text())
     else:
         records = measure(args.device, args.software, args.out)
+    found = [record for file in args.quality_from for record in json.loads(file.read_text())]
     if args.quality is not None:
-        records += measure_quality(args.device, args.quality, args.out, records[0]["adapter"])
+        found += measure_quality(args.device, args.quality, args.out)
+    quality = quality_records(found, records[0]["adapter"])
+    records = list({record["name"]: record for record in records + quality}.values())
     (args.out / "bench-gpu.json").write_text(json.dumps(records, indent=1))
     for record in records:
         print(f"{record['name']:60} {line(record)}")

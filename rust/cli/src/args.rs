@@ -26,9 +26,9 @@ pub struct Global {
     /// Worker threads; 0 takes one a core. Never changes a result.
     #[arg(long, global = true, default_value_t = 0)]
     pub threads: usize,
-    /// Seed of all random numbers.
-    #[arg(long, global = true, default_value_t = 0)]
-    pub seed: u64,
+    /// Seed of all random numbers; default is that of the scene file, or else 0.
+    #[arg(long, global = true)]
+    pub seed: Option<u64>,
     /// Where to compute: auto (the best graphics card, else the CPU), cpu, gpu, or what `relume devices` prints: a part of a
     /// name, or, for one of two cards of a name, the place that it is at. Tracing is always done on the CPU.
     #[arg(long, global = true, default_value = "auto")]
@@ -40,7 +40,7 @@ pub struct Global {
 
 #[derive(Subcommand, Debug)]
 pub enum Command {
-    /// Trace the paths of an OBJ scene into a bake folder.
+    /// Trace the paths of a scene that Blender wrote, or of an OBJ file, into a bake folder.
     Trace(TraceArgs),
     /// Sum lights over a bake, without a proxy.
     Gather(GatherArgs),
@@ -52,9 +52,9 @@ pub enum Command {
     Relight(RelightArgs),
     /// Find lights that make a target picture, or do what a request asks for.
     Optimise(OptimiseArgs),
-    /// Say what a bake folder, proxy or light set is.
+    /// Say what a bake folder, proxy, light set or scene file is.
     Info(PathArgs),
-    /// Check a bake folder, proxy or light set for damage.
+    /// Check a bake folder, proxy, light set or scene file for damage.
     Validate(PathArgs),
     /// List the GPUs that --device can name.
     Devices,
@@ -64,7 +64,7 @@ pub enum Command {
 
 #[derive(Args, Debug)]
 pub struct TraceArgs {
-    /// Wavefront OBJ file.
+    /// Scene file, as `relume export` writes it in Blender, or Wavefront OBJ file (.obj).
     pub scene: PathBuf,
     /// Bake folder to write.
     #[arg(long, short)]
@@ -72,46 +72,54 @@ pub struct TraceArgs {
     /// Go on with an interrupted bake, or add samples to a finished one.
     #[arg(long)]
     pub resume: bool,
-    /// Paths per pixel.
-    #[arg(long, default_value_t = 256)]
-    pub samples: u32,
-    /// Most bounces of a path, of any kind.
-    #[arg(long, default_value_t = 12)]
-    pub bounces: u32,
+    /// Paths per pixel; default is that of the scene file, or 256.
+    #[arg(long)]
+    pub samples: Option<u32>,
+    /// Most bounces of a path, in all and of each kind; default is those of the scene file, or 12.
+    #[arg(long)]
+    pub bounces: Option<u32>,
     /// Edge of the image tiles, pixels.
     #[arg(long, default_value_t = 64)]
     pub tile: usize,
-    /// Pixels per row.
-    #[arg(long, default_value_t = 640)]
-    pub width: usize,
-    /// Rows.
-    #[arg(long, default_value_t = 360)]
-    pub height: usize,
-    /// Camera position `x,y,z`, metres, z up; default frames the whole scene.
-    #[arg(long, allow_hyphen_values = true)]
-    pub eye: Option<Triple>,
-    /// Point that the camera looks at, `x,y,z`; default is the middle of the scene.
-    #[arg(long, allow_hyphen_values = true)]
-    pub target: Option<Triple>,
-    /// Angle across the longer edge of the picture, degrees.
-    #[arg(long, default_value_t = 40.0)]
-    pub fov: f32,
-    /// Radiance of the world, `r,g,b`.
-    #[arg(long, default_value = "0,0,0")]
-    pub world: Triple,
-    /// Up axis of the file.
-    #[arg(long, value_enum, default_value = "y")]
-    pub up: Up,
     /// Light set to keep with the bake as the scene's own; its paths look for those lights.
     #[arg(long)]
     pub lights: Option<PathBuf>,
     /// Light set that paths look for besides, such as what `optimise` has found.
     #[arg(long)]
     pub towards: Option<PathBuf>,
+    #[command(flatten)]
+    pub view: ViewArgs,
+}
+
+/// What a scene file says, and an OBJ file does not.
+#[derive(Args, Debug, Default, PartialEq)]
+#[command(next_help_heading = "Of OBJ files alone")]
+pub struct ViewArgs {
+    /// Pixels per row; default is 640.
+    #[arg(long)]
+    pub width: Option<usize>,
+    /// Rows; default is 360.
+    #[arg(long)]
+    pub height: Option<usize>,
+    /// Camera position `x,y,z`, metres, z up; default frames the whole scene.
+    #[arg(long, allow_hyphen_values = true)]
+    pub eye: Option<Triple>,
+    /// Point that the camera looks at, `x,y,z`; default is the middle of the scene.
+    #[arg(long, allow_hyphen_values = true)]
+    pub target: Option<Triple>,
+    /// Angle across the longer edge of the picture, degrees; default is 40.
+    #[arg(long)]
+    pub fov: Option<f32>,
+    /// Radiance of the world, `r,g,b`; default is black.
+    #[arg(long)]
+    pub world: Option<Triple>,
+    /// Up axis of the file; default is y.
+    #[arg(long, value_enum)]
+    pub up: Option<Up>,
 }
 
 /// Up axis of an OBJ file.
-#[derive(Clone, Copy, Debug, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, ValueEnum)]
 pub enum Up {
     Y,
     Z,
@@ -342,7 +350,7 @@ pub struct OptimiseArgs {
 
 #[derive(Args, Debug)]
 pub struct PathArgs {
-    /// Bake folder, proxy or light set.
+    /// Bake folder, proxy, light set or scene file.
     pub path: PathBuf,
 }
 

@@ -2,7 +2,7 @@
 
 use crate::{Image, ImageError, ViewTransform, linear_from_srgb, read_exr, write_atomically};
 use std::fs::File;
-use std::io::{self, BufReader, BufWriter};
+use std::io::{self, BufWriter, Cursor};
 use std::path::Path;
 
 /// Bits for each value of a PNG.
@@ -96,23 +96,25 @@ fn rgb(image: &Image) -> Option<Image> {
 
 /// The stored values of a PNG, 0..1.
 pub(crate) fn read_png_raw(path: &Path) -> Result<Image, ImageError> {
-    let format = |error: png::DecodingError| match error {
-        png::DecodingError::IoError(source) if source.kind() != io::ErrorKind::UnexpectedEof => {
-            ImageError::Read { path: path.to_path_buf(), source }
-        }
-        other => ImageError::Format { path: path.to_path_buf(), reason: other.to_string() },
+    let read_error = |source| ImageError::Read { path: path.into(), source };
+    decode_png_raw(path, &std::fs::read(path).map_err(read_error)?)
+}
+
+/// As [`read_png_raw`], of bytes that nobody vouches for; `name` stands in messages.
+pub(crate) fn decode_png_raw(name: &Path, file: &[u8]) -> Result<Image, ImageError> {
+    let format = |error: png::DecodingError| ImageError::Format {
+        path: name.to_path_buf(),
+        reason: error.to_string(),
     };
     /// Deflate makes at most 1032 bytes of one, and a pixel of one bit becomes four bytes.
-    const MOST_EXPANSION: u64 = 1032 * 32;
-    let read_error = |source| ImageError::Read { path: path.into(), source };
-    let file = File::open(path).map_err(read_error)?;
-    let most = file.metadata().map_err(read_error)?.len().saturating_mul(MOST_EXPANSION);
-    let mut decoder = png::Decoder::new(BufReader::new(file));
+    const MOST_EXPANSION: usize = 1032 * 32;
+    let most = file.len().saturating_mul(MOST_EXPANSION);
+    let mut decoder = png::Decoder::new(Cursor::new(file));
     decoder.set_transformations(png::Transformations::EXPAND);
     let mut reader = decoder.read_info().map_err(format)?;
-    let size = reader.output_buffer_size().filter(|&size| size as u64 <= most).ok_or_else(|| {
+    let size = reader.output_buffer_size().filter(|&size| size <= most).ok_or_else(|| {
         let reason = "its header promises more pixels than the file can hold".into();
-        ImageError::Format { path: path.to_path_buf(), reason }
+        ImageError::Format { path: name.to_path_buf(), reason }
     })?;
     let mut bytes = vec![0; size];
     let info = reader.next_frame(&mut bytes).map_err(format)?;

@@ -42,11 +42,19 @@ impl ViewTransform {
     /// Reads a table from a PNG of `size * size` by `size` pixels, stored values unchanged: column
     /// `blue * size + red`, row `green` from the top.
     pub fn read_lut(path: &Path) -> Result<Self, ImageError> {
-        let image = crate::picture::read_png_raw(path)?;
+        Self::of_table(path, &crate::picture::read_png_raw(path)?)
+    }
+
+    /// As [`ViewTransform::read_lut`], of the bytes of such a file; `name` stands in messages.
+    pub fn decode_lut(name: &Path, file: &[u8]) -> Result<Self, ImageError> {
+        Self::of_table(name, &crate::picture::decode_png_raw(name, file)?)
+    }
+
+    fn of_table(name: &Path, image: &Image) -> Result<Self, ImageError> {
         let size = image.height;
         if image.channels < 3 || image.width != size * size || size < 2 {
             let reason = format!("a view table is N*N by N pixels, this is {} by {size}", image.width);
-            return Err(ImageError::Format { path: path.to_path_buf(), reason });
+            return Err(ImageError::Format { path: name.to_path_buf(), reason });
         }
         let mut values = Vec::with_capacity(size * size * size);
         for blue in 0..size {

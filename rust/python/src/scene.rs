@@ -321,6 +321,12 @@ impl PyScene {
         })
     }
 
+    #[pyo3(signature = (file, settings="{}", *, view=None))]
+    fn write(&self, py: Python<'_>, file: PathBuf, settings: &str, view: Option<&[u8]>) -> PyResult<()> {
+        let settings: TraceSettings = serde_json::from_str(settings).map_err(NativeError::from)?;
+        enter_native(py, || relume_session::write_scene(&file, &self.scene, &settings, view))
+    }
+
     /// The scene's lights as JSON, a light set.
     fn lights(&self, py: Python<'_>) -> PyResult<String> {
         enter_native(py, || serde_json::to_string(&self.scene.lights))

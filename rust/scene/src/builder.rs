@@ -1,6 +1,7 @@
 //! Builds a [`Scene`] piece by piece and refuses what the tracer could trip over.
 
 use crate::{Camera, Instance, Light, Material, Mesh, Node, Scene, Texels, Texture, World};
+use serde::Deserialize;
 use serde_json::Value;
 
 /// Collects a scene. Parts are referred to by the numbers that the `add_` functions return.
@@ -33,6 +34,10 @@ pub enum BuildError {
 
 fn part(part: &'static str, name: &str, reason: impl Into<String>) -> BuildError {
     BuildError::Part { part, name: name.into(), reason: reason.into() }
+}
+
+fn unreadable(error: serde_json::Error) -> BuildError {
+    part("material", "(JSON)", error.to_string())
 }
 
 impl SceneBuilder {
@@ -83,12 +88,15 @@ impl SceneBuilder {
         Ok(self.scene.textures.len() - 1)
     }
 
-    /// Adds a material from its JSON form and returns its number; its textures must have been added before.
+    /// Adds a material from the text of its JSON form, as [`SceneBuilder::add_material`].
     pub fn add_material_json(&mut self, json: &str) -> Result<usize, BuildError> {
-        let unreadable = |error: serde_json::Error| part("material", "(JSON)", error.to_string());
-        let value: Value = serde_json::from_str(json).map_err(unreadable)?;
-        let material: Material = serde_json::from_value(value.clone()).map_err(unreadable)?;
-        check_links(&value).map_err(|reason| part("material", &material.name, reason))?;
+        self.add_material(&serde_json::from_str(json).map_err(unreadable)?)
+    }
+
+    /// Adds a material from its JSON form and returns its number; its textures must have been added before.
+    pub fn add_material(&mut self, json: &Value) -> Result<usize, BuildError> {
+        let material = Material::deserialize(json).map_err(unreadable)?;
+        check_links(json).map_err(|reason| part("material", &material.name, reason))?;
         for node in &material.nodes {
             if let Node::ImageTexture { texture, .. } = node
                 && *texture >= self.scene.textures.len()

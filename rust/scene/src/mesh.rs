@@ -41,7 +41,7 @@ pub struct ColorAttribute {
 }
 
 /// A mesh placed in the world.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Instance {
     /// Object name, for messages.
     pub name: String,

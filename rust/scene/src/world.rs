@@ -1,7 +1,7 @@
 use glam::Mat3;
 
 /// Radiance seen along rays that leave the scene.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct World {
     /// Radiance, or factor on the texture.
     pub color: [f32; 3],

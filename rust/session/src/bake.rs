@@ -175,9 +175,14 @@ fn check(scene: &Scene, settings: &TraceSettings) -> Result<(), SessionError> {
     if !(exposure >= 0.0 && exposure.is_finite()) {
         return settings_error("the film exposure must be a finite number, 0 or more");
     }
-    scene.validate().map_err(|problems| {
-        SessionError::Settings(problems.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))
-    })
+    check_scene(scene).map_err(SessionError::Settings)
+}
+
+/// All that keeps the tracer from taking a scene, in one line.
+pub(crate) fn check_scene(scene: &Scene) -> Result<(), String> {
+    scene
+        .validate()
+        .map_err(|problems| problems.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))
 }
 
 /// Runs the tracer with its progress and the cancel flag passed on.

@@ -28,6 +28,14 @@ pub enum SessionError {
         /// What is wrong.
         reason: String,
     },
+    /// A scene file cannot be used.
+    #[error("scene file {}: {reason}", path.display())]
+    SceneFile {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
     /// A setting cannot be used.
     #[error("{0}")]
     Settings(String),

@@ -1,8 +1,9 @@
 use crate::progress::{Monitor, Stage};
 use crate::proxies::{Measured, Proxies};
-use crate::{LightSet, SessionError};
+use crate::{LightSet, SceneFile, SessionError};
 use relume_dump::{Dump, Manifest};
 use relume_proxy::{Proxy, ProxyInfo};
+use relume_scene::Instance;
 use serde::Serialize;
 use std::path::Path;
 
@@ -44,6 +45,23 @@ pub enum Info {
         /// What was changed on reading.
         notes: Vec<String>,
     },
+    /// A scene file.
+    Scene {
+        /// As a bake's manifest has it.
+        scene_hash: String,
+        /// Width and height of its picture, pixels.
+        resolution: [usize; 2],
+        /// Paths per pixel, if not told otherwise.
+        samples: u32,
+        /// Meshes placed.
+        instances: usize,
+        /// Their triangles.
+        triangles: usize,
+        /// Names of its lights.
+        lights: Vec<String>,
+        /// What could not be represented.
+        warnings: Vec<String>,
+    },
 }
 
 /// A proxy of a folder.
@@ -55,7 +73,7 @@ pub struct ProxySummary {
     pub measured: Option<Measured>,
 }
 
-/// Says what a bake folder, proxy or light set is.
+/// Says what a bake folder, proxy, light set or scene file is.
 ///
 /// # Errors
 /// If it is none of these, or damaged.
@@ -69,7 +87,21 @@ pub fn info(path: &Path) -> Result<Info, SessionError> {
             Ok(Info::Lights { name, lights, notes })
         }
         "safetensors" => Ok(Info::Proxy { info: Box::new(Proxy::open(path)?.info().clone()) }),
+        "scene" => Ok(scene_info(SceneFile::read(path)?)),
         _ => Err(unknown(path)),
+    }
+}
+
+fn scene_info(SceneFile { scene, settings, .. }: SceneFile) -> Info {
+    let triangles = |instance: &Instance| scene.meshes[instance.mesh].triangles.len();
+    Info::Scene {
+        scene_hash: scene.hash(),
+        resolution: [scene.camera.width, scene.camera.height],
+        samples: settings.samples,
+        instances: scene.instances.len(),
+        triangles: scene.instances.iter().map(triangles).sum(),
+        lights: scene.lights.into_iter().map(|light| light.name).collect(),
+        warnings: scene.warnings,
     }
 }
 
@@ -99,7 +131,7 @@ fn summaries(proxies: &Proxies) -> Vec<ProxySummary> {
     proxies.iter().map(summary).collect()
 }
 
-/// Everything that is wrong with a bake folder, proxy or light set, in words; reads all of it.
+/// Everything that is wrong with a bake folder, proxy, light set or scene file, in words; reads all of it.
 ///
 /// # Errors
 /// If it is none of these or cannot be read at all.
@@ -125,6 +157,7 @@ fn extension(path: &Path) -> String {
 }
 
 fn unknown(path: &Path) -> SessionError {
-    let reason = if path.exists() { "is no bake folder, proxy or light set" } else { "does not exist" };
+    let reason =
+        if path.exists() { "is no bake folder, proxy, light set or scene file" } else { "does not exist" };
     SessionError::Settings(format!("{} {reason}", path.display()))
 }

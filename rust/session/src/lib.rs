@@ -40,6 +40,7 @@ mod progress;
 mod proxies;
 mod relighter;
 mod relit;
+mod scene_file;
 mod sizes;
 mod solve;
 mod sorting;
@@ -65,6 +66,7 @@ pub use progress::{Cancel, Listener, Monitor, Progress, Stage, StageProgress};
 pub use proxies::{MeanQuality, Measured, Proxies, TrainedProxy, proxy_path};
 pub use relighter::{Maker, RelightOptions, Relighter, With};
 pub use relit::{Relit, RelitLight};
+pub use scene_file::{SceneFile, write_scene};
 pub use sizes::default_sizes;
 pub use solve::{
     Add, Answer, BoundsWish, Freedom, GoalKind, GoalReport, GoalWish, NewKind, Own, Pictures, Preview,

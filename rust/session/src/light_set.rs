@@ -121,7 +121,7 @@ fn light(value: Value) -> Result<(Light, Vec<String>), String> {
 }
 
 /// Values that would make a light without area or direction; Blender's lights are checked by their own reader.
-fn check(light: &Light) -> Result<(), String> {
+pub(crate) fn check(light: &Light) -> Result<(), String> {
     use relume_scene::LightShape as Shape;
     let positive = |x: f32| x > 0.0 && x.is_finite();
     let unit = |v: relume_scene::glam::Vec3| (v.length() - 1.0).abs() < 1e-3;

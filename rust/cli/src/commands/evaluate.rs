@@ -7,7 +7,7 @@ pub fn evaluate(args: &EvaluateArgs, context: &Context) -> anyhow::Result<()> {
     let proxies = args.proxies.iter().map(|path| Proxy::open(path)).collect::<Result<Vec<_>, _>>()?;
     let reference = Relighter::open(&args.reference)?;
     let compared = args.gather.as_deref().map(Relighter::open).transpose()?;
-    let lights = (args.lights, context.global.seed);
+    let lights = (args.lights, context.seed());
     let pictures = args.pictures.as_deref();
     let compute = context.compute()?;
     let found = evaluate_proxies(

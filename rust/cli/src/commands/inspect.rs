@@ -27,7 +27,7 @@ fn text(info: &Info) -> String {
                     shards[1],
                     *bytes as f64 / f64::from(1 << 20)
                 ),
-                format!("lights: {}", if lights.is_empty() { "none".into() } else { lights.join(", ") }),
+                lights_line(lights),
             ];
             lines.extend(proxies.iter().map(proxy_line));
             lines.join("\n")
@@ -47,7 +47,29 @@ fn text(info: &Info) -> String {
                 .collect();
             lines.join("\n")
         }
+        Info::Scene {
+            scene_hash,
+            resolution: [width, height],
+            samples,
+            instances,
+            triangles,
+            lights,
+            warnings,
+        } => {
+            let lines = [
+                format!("scene of {width} x {height} pixels, {samples} paths per pixel"),
+                format!("scene {scene_hash}"),
+                format!("{instances} objects, {triangles} triangles"),
+                lights_line(lights),
+            ];
+            let warnings = warnings.iter().map(|warning| format!("warning: {warning}"));
+            lines.into_iter().chain(warnings).collect::<Vec<_>>().join("\n")
+        }
     }
+}
+
+fn lights_line(names: &[String]) -> String {
+    format!("lights: {}", if names.is_empty() { "none".into() } else { names.join(", ") })
 }
 
 fn proxy_line(summary: &ProxySummary) -> String {

@@ -36,4 +36,9 @@ impl Context<'_> {
         compute.warn(self.monitor);
         Ok(compute)
     }
+
+    /// `--seed`, where nothing else says one.
+    fn seed(&self) -> u64 {
+        self.global.seed.unwrap_or_default()
+    }
 }

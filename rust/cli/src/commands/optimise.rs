@@ -71,7 +71,7 @@ fn short_request(
         "steps": args.iterations,
         "pixel_fraction": args.pixel_fraction,
         "polish": args.polish,
-        "seed": context.global.seed,
+        "seed": context.seed(),
     });
     SolveRequest::parse(&request.to_string()).map_err(|reason| anyhow::anyhow!(reason))
 }

@@ -1,34 +1,22 @@
 use super::Context;
-use crate::args::{TraceArgs, Triple, Up};
+use crate::args::{TraceArgs, Triple, Up, ViewArgs};
+use anyhow::bail;
 use relume_session::scene::UpAxis;
 use relume_session::trace::TraceSettings;
-use relume_session::trace::settings::{BounceLimits, PathSettings};
-use relume_session::{LightSet, ObjView, bake, obj_scene};
+use relume_session::trace::settings::BounceLimits;
+use relume_session::{LightSet, ObjView, SceneFile, bake, obj_scene};
 
-/// Traces an OBJ scene into a bake folder.
+/// Traces a scene file or an OBJ scene into a bake folder.
 pub fn trace(args: &TraceArgs, context: &Context) -> anyhow::Result<()> {
-    let vector = |triple: Triple| triple.0.into();
-    let view = ObjView {
-        up: match args.up {
-            Up::Y => UpAxis::Y,
-            Up::Z => UpAxis::Z,
-        },
-        eye: args.eye.map(vector),
-        target: args.target.map(vector),
-        fov_degrees: args.fov,
-        width: args.width,
-        height: args.height,
-        world: args.world.0,
-    };
-    let mut scene = obj_scene(&args.scene, &view)?;
+    let mut file = read(args)?;
     if let Some(path) = &args.lights {
         let set = LightSet::read(path)?;
         set.notes.iter().for_each(|note| context.monitor.warn(note));
-        scene.lights = set.lights;
+        file.scene.lights = set.lights;
     }
-    let towards = args.towards.as_deref().map(LightSet::read).transpose()?.unwrap_or_default().lights;
-    let settings = TraceSettings { towards, ..settings(args, context) };
-    let report = bake(&scene, &settings, &args.out, args.resume, context.monitor)?;
+    let settings = overridden(&file.settings, args, context)?;
+    let report = bake(&file.scene, &settings, &args.out, args.resume, context.monitor)?;
+    file.write_view(&args.out)?;
     let text = format!(
         "{}: {} x {} pixels, {} paths per pixel, {} segments, {:.1} MiB, {:.1} s",
         args.out.display(),
@@ -43,21 +31,55 @@ pub fn trace(args: &TraceArgs, context: &Context) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn settings(args: &TraceArgs, context: &Context) -> TraceSettings {
-    let limit = args.bounces;
-    let bounces = BounceLimits {
-        total: limit,
-        diffuse: limit,
-        glossy: limit,
-        transmission: limit,
-        ..BounceLimits::default()
-    };
-    TraceSettings {
-        samples: args.samples,
-        seed: context.global.seed,
+fn read(args: &TraceArgs) -> anyhow::Result<SceneFile> {
+    if args.scene.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("obj")) {
+        let bounces =
+            BounceLimits { total: 12, diffuse: 12, glossy: 12, transmission: 12, ..BounceLimits::default() };
+        let mut settings = TraceSettings { samples: 256, ..TraceSettings::default() };
+        settings.paths.bounces = bounces;
+        return Ok(SceneFile { scene: obj_scene(&args.scene, &obj_view(&args.view))?, settings, view: None });
+    }
+    if args.view != ViewArgs::default() {
+        bail!(
+            "{} has a camera and a world; --width, --height, --eye, --target, --fov, --world and --up are for OBJ files",
+            args.scene.display()
+        );
+    }
+    Ok(SceneFile::read(&args.scene)?)
+}
+
+fn obj_view(args: &ViewArgs) -> ObjView {
+    let vector = |triple: Triple| triple.0.into();
+    let default = ObjView::default();
+    ObjView {
+        up: match args.up {
+            Some(Up::Z) => UpAxis::Z,
+            Some(Up::Y) | None => UpAxis::Y,
+        },
+        eye: args.eye.map(vector),
+        target: args.target.map(vector),
+        fov_degrees: args.fov.unwrap_or(default.fov_degrees),
+        width: args.width.unwrap_or(default.width),
+        height: args.height.unwrap_or(default.height),
+        world: args.world.map_or(default.world, |triple| triple.0),
+    }
+}
+
+/// The scene's settings with what the options override.
+fn overridden(own: &TraceSettings, args: &TraceArgs, context: &Context) -> anyhow::Result<TraceSettings> {
+    let mut settings = TraceSettings {
+        samples: args.samples.unwrap_or(own.samples),
+        seed: context.global.seed.unwrap_or(own.seed),
         tile_size: args.tile,
         threads: context.global.threads,
-        paths: PathSettings { bounces, ..PathSettings::default() },
-        ..TraceSettings::default()
+        ..own.clone()
+    };
+    if let Some(path) = &args.towards {
+        settings.towards = LightSet::read(path)?.lights;
     }
+    if let Some(limit) = args.bounces {
+        let bounces = &mut settings.paths.bounces;
+        (bounces.total, bounces.diffuse, bounces.glossy, bounces.transmission) = (limit, limit, limit, limit);
+    }
+    Ok(settings)
 }

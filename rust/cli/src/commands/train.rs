@@ -13,7 +13,7 @@ pub fn train(args: &TrainArgs, context: &Context) -> anyhow::Result<()> {
     let settings = TrainSettings {
         kind,
         config: config(args, kind)?,
-        seed: context.global.seed,
+        seed: context.seed(),
         seconds: args.seconds,
         clock: if args.processor_time { Clock::Processor } else { Clock::Wall },
         half_for_measuring: !args.all_paths,

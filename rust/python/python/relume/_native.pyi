@@ -151,6 +151,9 @@ class Scene:
     def bake(self, folder: str | os.PathLike[str], settings: str = "{}", *, resume: bool = False) -> Job:
         """Traces the paths into a folder; settings in the JSON form of `relume_trace::TraceSettings`."""
 
+    def write(self, file: str | os.PathLike[str], settings: str = "{}", *, view: bytes | None = None) -> None:
+        """Writes a scene file, for `relume trace`, with its render settings and the bytes of a bake's `view.png`."""
+
     def lights(self) -> str:
         """The scene's lights, a light set in JSON."""
 

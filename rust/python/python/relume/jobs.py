@@ -127,10 +127,10 @@ def solve(
 
 
 def info(path: str | os.PathLike[str]) -> Any:
-    """What a bake folder, proxy or light set is."""
+    """What a bake folder, proxy, light set or scene file is."""
     return start("info", path).result()
 
 
 def validate(path: str | os.PathLike[str]) -> Any:
-    """Checks a bake folder, proxy or light set for damage; raises RelumeError if there is any."""
+    """Checks a bake folder, proxy, light set or scene file for damage; raises RelumeError if there is any."""
     return start("validate", path).result()

@@ -87,11 +87,12 @@ impl Graph {
 
     /// The value nodes that `input` depends on, itself included.
     fn collect(&self, input: &Input, found: &mut BTreeSet<NodeId>) {
-        if let Input::Link { node, .. } = input
-            && found.insert(*node)
-        {
-            for input in inputs_of(&self.nodes[*node as usize]) {
-                self.collect(&input, found);
+        let mut open = vec![*input];
+        while let Some(input) = open.pop() {
+            if let Input::Link { node, .. } = input
+                && found.insert(node)
+            {
+                open.extend(inputs_of(&self.nodes[node as usize]));
             }
         }
     }
