@@ -90,6 +90,7 @@ bench: wheel
 solve: wheel
 	@scripts/setup peers
 	@scripts/install-wheel "$(WHEELS)" 4.2
+	$(PYTHON) -m pytest --quiet scripts/bench/solve
 	RELUME_SCENES="$(SCENES)" $(PYTHON) scripts/bench/solve/run.py --peers $(CURDIR)/.venv-peers/bin/python $(SOLVE)
 
 # Tests and times a graphics card (scripts/gpu-check). BENCH_GPU="--keep MACHINE" keeps the figures in docs/bench;

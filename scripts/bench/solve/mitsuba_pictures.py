@@ -6,12 +6,10 @@ import sys
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts/bench/solve"))
-
-import mitsuba_solve as solve  # noqa: E402
-import numpy as np  # noqa: E402
-from mitsuba_atlas import share_bsdf  # noqa: E402
-from mitsuba_solve import dr, mi  # noqa: E402
+import mitsuba_solve as solve
+import numpy as np
+from mitsuba_atlas import share_bsdf
+from mitsuba_solve import dr, mi
 
 ROOM = """<scene version="3.0.0"><default name="resx" value="16"/><default name="resy" value="16"/>
 <default name="max_depth" value="4"/><integrator type="path"><integer name="max_depth" value="$max_depth"/></integrator>
