@@ -137,7 +137,7 @@ fn as_in_the_paper(
     let mut figures = Vec::new();
     for count in PAPER_LIGHTS {
         let lights = GpuLights::new(gpu, &lights[..count], MAGNITUDE)?;
-        let seconds = seconds(gpu, || Ok(drop(dump.gather(gpu, &lights)?)))?;
+        let seconds = seconds(gpu, || dump.gather(gpu, &lights).map(drop).map_err(GatherError::from))?;
         let measured = (dump.segments() as f64, seconds);
         figures.extend(paper_figures((LAYOUT_OF_THE_PAPER, count), size, measured, peaks));
     }
