@@ -213,9 +213,10 @@ fn a_black_picture_has_no_exposure_to_be_brought_to() {
     assert!(found.loss.is_finite() && found.layers[0].iter().all(|d| d.is_finite()), "{found:?}");
 }
 
+crate::part_of_mirrors!(Residual as U32);
+
 #[test]
 fn structs_and_numbers_are_those_of_the_wgsl() {
-    crate::part_of_mirrors!(Residual as U32);
     crate::assert_mirror!(Term as "common/compare", "Term", {
         mean_reference, residual, amount, exposure, weight, luminance, first, count,
     });
