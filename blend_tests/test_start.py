@@ -4,7 +4,6 @@ import errno
 import os
 import subprocess
 import sys
-from types import SimpleNamespace
 
 import bpy
 import pytest
@@ -125,7 +124,7 @@ def test_the_disk_space_is_estimated_and_missed(lit, monkeypatch):
     lit.render.resolution_x, lit.render.resolution_y, lit.render.resolution_percentage = 1920, 1080, 50
     lit.relume.quality = "GOOD"
     assert checks.disk_space(lit) == ("About 1.8 GB on disk", True)
-    monkeypatch.setattr(checks.shutil, "disk_usage", lambda folder: SimpleNamespace(free=int(2e8)))
+    monkeypatch.setattr(checks, "free_space", lambda _: int(2e8))
     assert checks.disk_space(lit) == ("About 1.8 GB on disk, but only 200.0 MB free", False)
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import sys
 import time
 from types import SimpleNamespace
 
@@ -11,7 +12,7 @@ import pytest
 
 import addon
 from addon.core import metrics
-from addon.engine import verify
+from addon.engine import process, verify
 from addon.engine.cycles_mix import write_mix
 from addon.engine.cycles_reference import JOB
 from addon.engine.verify import Picture, VerifyError
@@ -60,7 +61,7 @@ def showing(frame):
     return SimpleNamespace(frame=frame, present_frame=frame, camera="Camera", refusal="")
 
 
-def end(found, seconds=120):
+def wait(found, seconds=120):
     """Polls until it is over, as the window's timer does."""
     deadline = time.monotonic() + seconds
     while found.is_running and time.monotonic() < deadline:
@@ -70,10 +71,16 @@ def end(found, seconds=120):
     return found
 
 
+def end(found):
+    """Waits for a result."""
+    wait(found)
+    assert found.error == ""
+    return found
+
+
 def test_the_render_of_cycles_itself_is_verified(shot):
     before = os.listdir(bpy.app.tempdir)
     found = end(verify.start(shot, picture(shot), "Camera", 64, NEUTRAL))
-    assert found.error == ""
     assert found.result["error"] < 0.05 and 0.0 < found.result["noise"] < 0.1 and found.result["psnr"] > 30.0
     assert found.reference.image.shape == found.difference.image.shape == (24, 32, 4)
     assert found.total == 8 and found.done == 8
@@ -145,6 +152,32 @@ def test_cancel_ends_the_process_and_leaves_nothing(shot):
     verify.close_all()
     assert process.poll() is not None and not found.is_running and verify.all_running() == []
     assert set(os.listdir(bpy.app.tempdir)) == before
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no signals")
+@pytest.mark.parametrize(
+    ("script", "words"),
+    [
+        ("os.kill(os.getpid(), signal.SIGSEGV)", "crashed (SIGSEGV)"),
+        ("os.kill(os.getpid(), signal.SIGKILL)", "ended from outside (SIGKILL)"),
+        ("print('an error of its own'); sys.exit(3)", "an error of its own"),
+    ],
+)
+def test_how_the_other_blender_ended_is_said(shot, monkeypatch, script, words):
+    command = [sys.executable, "-c", f"import os, signal, sys; print('Fra:1 Mem:8M', flush=True); {script}"]
+    monkeypatch.setattr(verify, "blender_command", lambda *_: command)
+    found = wait(verify.start(shot, Picture(np.zeros((24, 32, 4), np.float32)), "Camera", 8, NEUTRAL))
+    assert words in found.error and found.result is None
+
+
+def test_a_disk_that_fills_up_meanwhile_is_said(shot, monkeypatch):
+    """Blender says "No such file or directory" there, NumPy counts bytes."""
+    told = {"event": "error", "message": "3072 requested and 3040 written"}
+    command = [sys.executable, "-c", f"print('{json.dumps(told)}'); raise SystemExit(1)"]
+    monkeypatch.setattr(verify, "blender_command", lambda *_: command)
+    monkeypatch.setattr(process, "free_space", lambda _: 5_000)
+    found = wait(verify.start(shot, Picture(np.zeros((24, 32, 4), np.float32)), "Camera", 8, NEUTRAL))
+    assert found.error.startswith("3072 requested and 3040 written; only 5 kB are free on the disk of '")
 
 
 def test_what_cannot_be_verified_is_said(shot):

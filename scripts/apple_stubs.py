@@ -20,24 +20,32 @@ OBJECTIVE_C = """
     objc_disposeClassPair objc_getClass objc_initWeak objc_loadWeakRetained objc_msgSend objc_msgSendSuper
     objc_registerClassPair objc_release objc_retain objc_retainAutoreleasedReturnValue object_getClass sel_getName
     sel_registerName"""
+INTEL_ONLY = "objc_msgSend_stret"
+"""For results that are returned in memory, as Intel's processors do it."""
 
 # Of Apple's text-based stubs, version 4; LLVM's `TextStub.cpp` reads them.
 STUB = """--- !tapi-tbd
 tbd-version: 4
-targets: [ arm64-macos ]
+targets: [ arm64-macos, x86_64-macos ]
 install-name: '{library}'
 exports:
-  - targets: [ arm64-macos ]
+  - targets: [ arm64-macos, x86_64-macos ]
     symbols: [ {symbols} ]
+  - targets: [ x86_64-macos ]
+    symbols: [ {intel_only} ]
 ...
 """
 
 
-def write(path, library, names):
+def write(path, library, names, intel_only=""):
     """A stub of one library."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    # C's names begin with an underscore in object files.
-    path.write_text(STUB.format(library=library, symbols=", ".join(f"_{name}" for name in names.split())))
+    path.write_text(STUB.format(library=library, symbols=symbols(names), intel_only=symbols(intel_only)))
+
+
+def symbols(names):
+    """C's names begin with an underscore in object files."""
+    return ", ".join(f"_{name}" for name in names.split())
 
 
 def main():
@@ -46,7 +54,7 @@ def main():
     for library, names in FRAMEWORKS.items():
         framework, name = library.split("/")[0], library.split("/")[-1]
         write(root / folder / framework / f"{name}.tbd", f"/{folder}/{library}", names)
-    write(root / "usr/lib/libobjc.tbd", "/usr/lib/libobjc.A.dylib", OBJECTIVE_C)
+    write(root / "usr/lib/libobjc.tbd", "/usr/lib/libobjc.A.dylib", OBJECTIVE_C, INTEL_ONLY)
 
 
 if __name__ == "__main__":

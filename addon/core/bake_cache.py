@@ -18,15 +18,6 @@ def bakes_in(folder: Path) -> Iterator[Path]:
     yield from (entry for entry in entries if not entry.is_symlink() and entry.is_dir() and is_bake(entry))
 
 
-BYTES_PER_PATH = 55
-"""Of a dump with 16 bounces: 47 in cornell_box, 57 in kitchen and modern_hall."""
-
-
-def expected_size(size: tuple[int, int], samples: int) -> int:
-    """About how many bytes a bake will take: width and height in pixels, paths per pixel."""
-    return size[0] * size[1] * samples * BYTES_PER_PATH
-
-
 def size_of(bake: Path) -> int:
     """Bytes of all files of a bake."""
     size = 0
@@ -52,11 +43,3 @@ def remove(bakes: list[Path], in_use: Collection[Path]) -> tuple[int, list[str]]
         except OSError as error:
             problems.append(f"'{bake.name}' could not be deleted: {error.strerror or error}")
     return gone, problems
-
-
-def in_words(size: int) -> str:
-    """For example `3.4 GB`."""
-    for unit, step in (("GB", 1e9), ("MB", 1e6)):
-        if size >= step:
-            return f"{size / step:.1f} {unit}"
-    return f"{size / 1e3:.0f} kB"

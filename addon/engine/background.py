@@ -75,12 +75,10 @@ class BackgroundBake:
             self.stage = event
         elif kind == "warning":
             self.warnings.append(event["message"])
-        elif kind == "error":
-            self.error = event["message"]
 
     def _next_step(self) -> None:
         if self._worker.code != 0:
-            self.error = STOPPED if self._stopped else self.error or self._worker.last_words()
+            self.error = STOPPED if self._stopped else self._worker.failure()
         else:
             try:
                 self._go_on()
@@ -103,7 +101,8 @@ class BackgroundBake:
 
     def _start_next(self) -> None:
         arguments = self._steps.pop(0)
-        self._worker = Worker(blender_command(self._copy.blend if self._copy else None, arguments))
+        command = blender_command(self._copy.blend if self._copy else None, arguments)
+        self._worker = Worker(command, self.folder)
 
     def _bake_arguments(self) -> list[str]:
         options = self.options

@@ -18,11 +18,16 @@ from typing import Any
 
 import bpy
 
+from ..core.disk import free_space, in_words
 from . import painted
 
 SCRIPT = "relume_bake.py"
 LAST_WORDS = 20
 """Lines that are kept to say why a process failed."""
+LITTLE_ROOM = 2**26
+"""Bytes: with less a disk counts as full, since what could not be written whole may have been removed."""
+WINDOWS_EXCEPTIONS = 0xC0000000
+"""From here on exit codes on Windows are exceptions that nothing has caught."""
 
 
 class NoCopyError(Exception):
@@ -30,9 +35,11 @@ class NoCopyError(Exception):
 
 
 class Worker:
-    """A process and what it prints. Nothing here waits."""
+    """A process that writes into a folder, and what it prints. Nothing here waits."""
 
-    def __init__(self, command: list[str]):
+    def __init__(self, command: list[str], folder: Path):
+        self._folder = folder
+        self._told = ""
         # In a group of its own: a wrapper around Blender must not outlive it, and Ctrl-C is for Blender's own terminal.
         self._process = subprocess.Popen(
             command,
@@ -76,14 +83,18 @@ class Worker:
                     event = json.loads(line)
             if isinstance(event, dict):
                 found.append(event)
+                if event.get("event") == "error":
+                    self._told = event["message"]
             elif line:
                 self._last.append(line)
         return found
 
-    def last_words(self) -> str:
-        """The line that most probably says why it failed."""
+    def failure(self) -> str:
+        """Why it failed, once all events were taken: what it told, the crash that ended it, or the line that most
+        probably says so."""
         lines = [line for line in self._last if "error" in line.lower()] or list(self._last)
-        return lines[-1] if lines else f"Blender ended with status {self.code}"
+        last_words = lines[-1] if lines else f"Blender ended with status {self.code}"
+        return (self._told or _crash(self.code or 0) or last_words) + little_room(self._folder)
 
     def stop(self) -> None:
         """Asks the process to end; files stay whole."""
@@ -104,6 +115,37 @@ class Worker:
             os.killpg(self._process.pid, getattr(signal, name))
 
 
+def little_room(folder: Path) -> str:
+    """What to add to the words of a failure where the disk is full, or nearly. Blender calls that "No such file
+    or directory", NumPy "3072 requested and 3040 written"."""
+    try:
+        free = free_space(folder)
+    except OSError:
+        return ""
+    return f"; only {in_words(free)} are free on the disk of '{folder}'" if free < LITTLE_ROOM else ""
+
+
+@contextlib.contextmanager
+def telling_little_room(folder: Path) -> Iterator[None]:
+    """Writing into a folder that fails as an OSError then says so where the disk is full."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(f"{error}{little_room(folder)}") from error
+
+
+def _crash(code: int) -> str:
+    """What an exit code says of a process that did not end by itself; empty of one that did."""
+    if code >= WINDOWS_EXCEPTIONS:
+        return f"the other Blender crashed (exception {code:#x})"
+    if code >= 0:
+        return ""
+    name = {number.value: number.name for number in signal.Signals}.get(-code, f"signal {-code}")
+    if name in ("SIGKILL", "SIGTERM"):
+        return f"the other Blender was ended from outside ({name}); is there memory enough?"
+    return f"the other Blender crashed ({name})"
+
+
 class SavedCopy:
     """The open file as it is now, in a private folder that goes with `remove`. Raises NoCopyError, also where the copy
     would lack something that renders of the scene show."""
@@ -118,8 +160,8 @@ class SavedCopy:
             with _no_thumbnail():
                 bpy.ops.wm.save_as_mainfile(filepath=str(self.blend), copy=True, compress=False, check_existing=False)
         except RuntimeError as error:
+            reason = str(error).strip().removeprefix("Error: ") + little_room(self.folder)
             self.remove()
-            reason = str(error).strip().removeprefix("Error: ")
             raise NoCopyError(f"no copy of the file for the other Blender: {reason}") from error
 
     def remove(self) -> None:

@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 
 from .cycles_reference import DIFFERENCE, JOB, PICTURE, REFERENCE, RESULT
-from .process import SavedCopy, Worker, blender_command
+from .process import SavedCopy, Worker, blender_command, telling_little_room
 
 SUMMARY = json.dumps({"samples": 0, "makers": {}, "denoised": False})
 
@@ -47,11 +47,13 @@ class Verification:
         self.difference: Picture | None = None
         self._copy = SavedCopy(scene)
         try:
-            np.save(self._copy.folder / PICTURE, self.ours.image)
+            folder = self._copy.folder
             job = {"scene": scene.name, "camera": camera, "samples": samples, "mix": mix, "devices": _devices(scene)}
-            (self._copy.folder / JOB).write_text(json.dumps(job), encoding="utf-8")
-            arguments = ["verify", str(self._copy.folder), "--json"]
-            self._worker: Worker | None = Worker(blender_command(self._copy.blend, arguments))
+            with telling_little_room(folder):
+                np.save(folder / PICTURE, self.ours.image)
+                (folder / JOB).write_text(json.dumps(job), encoding="utf-8")
+            command = blender_command(self._copy.blend, ["verify", str(folder), "--json"])
+            self._worker: Worker | None = Worker(command, folder)
         except BaseException:
             self._copy.remove()
             raise
@@ -70,8 +72,6 @@ class Verification:
         for event in events:
             if event.get("event") == "progress":
                 self.done, self.total = event["done"], event["total"]
-            elif event.get("event") == "error":
-                self.error = event["message"]
         if ended:
             self._finish(worker)
         return ended or bool(events)
@@ -84,7 +84,7 @@ class Verification:
                 self.reference = Picture(np.load(folder / REFERENCE))
                 self.difference = Picture(np.load(folder / DIFFERENCE))
             else:
-                self.error = self.error or worker.last_words()
+                self.error = worker.failure()
         except (OSError, ValueError) as error:
             self.error = str(error)
         self._end()
