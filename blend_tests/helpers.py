@@ -164,3 +164,15 @@ def until(scene, condition, what):
 def settled(found):
     """Whether the newest request has its full picture and nothing goes on."""
     return not found.is_busy and not handlers._resting and found.frame is not None and found.frame.scale == 1
+
+
+def said(scene):
+    """What has changed since the bake, in sentences, after everything was looked at."""
+    update()
+    found = shot.of(scene)
+    for _ in range(1000):
+        handlers.tick()
+        handlers._resting.clear()
+        if not found.changes.is_pending:
+            return found.changes.sentences
+    raise AssertionError("looking for changes does not come to an end")

@@ -8,12 +8,12 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.engine import prints, record, shot, worlds
+from addon.engine import prints, record, shape_prints, shot, worlds
 from addon.engine.changes import Changes
 from addon.ui import handlers
 from addon.ui.start import start
 from fake_live import FakeLive
-from helpers import add, add_material, add_quad
+from helpers import add, add_material, add_quad, said
 
 
 @pytest.fixture
@@ -48,18 +48,6 @@ def background(scene):
     return next(node for node in scene.world.node_tree.nodes if node.bl_idname == "ShaderNodeBackground")
 
 
-def said(scene):
-    """The sentences, after everything was looked at."""
-    bpy.context.view_layer.update()
-    found = shot.of(scene)
-    for _ in range(1000):
-        handlers.tick()
-        handlers._resting.clear()
-        if not found.changes.is_pending:
-            return found.changes.sentences
-    raise AssertionError("looking for changes does not come to an end")
-
-
 def test_undo_is_looked_at_in_every_scene(baked, tmp_path):
     other = baked.copy()
     other.relume.folder = str(tmp_path / "other")
@@ -76,7 +64,7 @@ def test_undo_is_looked_at_in_every_scene(baked, tmp_path):
 
 def test_a_large_mesh_is_looked_at_in_slices(lit, monkeypatch):
     whole = prints.take_all(lit, lit.camera)["data Plane"]
-    monkeypatch.setattr(prints, "SLICE_BYTES", 8)
+    monkeypatch.setattr(shape_prints, "SLICE_BYTES", 8)
     sizes = [48, 16, 32, 1]  # Of positions, corners, UVs and flatness; each array has a step of its own besides.
     assert len(list(prints.take(lit, "data Plane"))) == sum(math.ceil(size / 8) + 1 for size in sizes)
     found, looks = Changes({"data Plane": whole}), 0
@@ -125,7 +113,9 @@ def test_a_walk_holds_nothing_that_an_edit_frees(scene):
     plane = add_quad(scene, material=material)
     plane.data.materials.append(add_material("Other")[0])
     walk = prints.walk(scene)
-    keys = [next(key for key, _ in walk if key.startswith("image "))]
+    keys = [next(walk)[0]]
+    while not keys[-1].startswith("image "):
+        keys.append(next(walk)[0])
     tree.nodes.clear()
     plane.data.materials.clear()
     keys += [key for key, _ in walk]
@@ -168,7 +158,7 @@ def bend(name):
     mesh = bpy.data.meshes[name]
     mesh.vertices[0].co.z = 0.25
     mesh.update()
-    return f"Mesh '{name}' changed"
+    return f"Geometry '{name}' changed"
 
 
 def move_vertex(_scene):
@@ -301,14 +291,14 @@ def shade_smooth(_scene):
     mesh = bpy.data.meshes["Sofa"]
     mesh.shade_smooth()
     mesh.update()
-    return "Mesh 'Sofa' changed"
+    return "Geometry 'Sofa' changed"
 
 
 def paint_vertices(_scene):
     mesh = bpy.data.meshes["Sofa"]
     mesh.color_attributes.new("Dirt", "FLOAT_COLOR", "POINT")
     mesh.update()
-    return "Mesh 'Sofa' changed"
+    return "Geometry 'Sofa' changed"
 
 
 def hide_collection(scene):
@@ -444,9 +434,10 @@ def test_a_turned_mapping_is_a_change(scene):
     material, tree, _ = add_material("Wood")
     mapping = tree.nodes.new("ShaderNodeMapping")
     add_quad(scene, material=material)
-    before = prints.take(scene, "material Wood")
+    before = prints.take_all(scene, scene.camera)["material Wood"]
+    assert prints.take_all(scene, scene.camera)["material Wood"] == before
     mapping.inputs["Rotation"].default_value = (0.0, 0.0, 1.0)
-    assert prints.take(scene, "material Wood") != before
+    assert prints.take_all(scene, scene.camera)["material Wood"] != before
 
 
 def test_looking_comes_to_an_end_while_the_scene_is_edited(baked):

@@ -31,8 +31,17 @@ def main(zip_path, out):
     assert len(addon._registered) == 1
     # What `blender --command relume` calls.
     code = addon._run_command(["bake", "--out", out, "--samples", "2", "--resolution", "16x9", "--quiet"])
-    bpy.ops.preferences.addon_disable(module="bl_ext.user_default.relume")
-    assert addon._registered == []
+    for switch in ("disable", "enable", "disable", "enable"):
+        getattr(bpy.ops.preferences, f"addon_{switch}")(module=addon.__name__)
+        addon = importlib.import_module(addon.__name__)
+        assert len(addon._registered) == (switch == "enable"), switch
+    repositories = bpy.context.preferences.extensions.repos
+    number = next(i for i, found in enumerate(repositories) if found.module == "user_default")
+    folder = os.path.join(repositories[number].directory, "relume")
+    assert os.path.isdir(folder), folder
+    bpy.ops.extensions.package_uninstall(repo_index=number, pkg_id="relume")
+    assert not os.path.exists(folder) and addon.__name__ not in bpy.context.preferences.addons
+    assert addon._registered == [] and not hasattr(bpy.types.Scene, "relume")
     return code
 
 code = 1
@@ -44,7 +53,7 @@ finally:
 """
 
 
-def test_extension_installs_and_bakes(tmp_path):
+def test_extension_installs_bakes_and_goes_without_a_trace(tmp_path):
     extension = zip_for_this_machine(REPOSITORY / "build" / "extension")
     if extension is None:
         assert not os.environ.get("CI"), "CI builds the extension first"
@@ -55,6 +64,8 @@ def test_extension_installs_and_bakes(tmp_path):
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=200)
     assert done.returncode == 0, done.stdout + done.stderr
     assert (tmp_path / "bake" / "lights.json").exists()
+    left = [path for path in (tmp_path / "user").rglob("*") if "relume" in path.name.lower()]
+    assert not left, left
 
 
 INSTALL_ALL = """

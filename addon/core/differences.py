@@ -16,10 +16,16 @@ PARTS = {
     ("object", "place"): "'{name}' moved",
     ("object", "data"): "'{name}' has other data",
     ("object", "modifiers"): "Modifiers of '{name}' changed",
+    ("object", "details"): "Modifiers of '{name}' changed",
     ("object", "materials"): "'{name}' has other materials",
     ("object", "visibility"): "Visibility of '{name}' changed",
     ("object", "pose"): "'{name}' has another pose",
-    ("data", "shape"): "Mesh '{name}' changed",
+    ("data", "shape"): "Geometry '{name}' changed",
+    ("data", "details"): "Geometry '{name}' changed",
+    ("nodes", "nodes"): "Node group '{name}' changed",
+    ("texture", "settings"): "Texture '{name}' changed",
+    ("particles", "settings"): "Particle settings '{name}' changed",
+    ("collection", "objects"): "Collection '{name}' has other objects",
     ("material", "nodes"): "Material '{name}' changed",
     ("image", "file"): "The file of image '{name}' changed",
     ("world", "shape"): "The world changed",
@@ -30,8 +36,15 @@ PARTS = {
     ("settings", "space"): "The file has another working space",
     ("collections", "hidden"): "Objects were hidden or shown by their collection",
     ("collections", "rays"): "Holdout or Indirect Only of a collection changed",
+    ("collections", "origins"): "The origin of an instanced collection moved",
 }
-ORDER = ("camera", "film", "settings", "collections", "world", "object", "data", "material", "image")
+"""What is said of a part that differs; of a `helper`, which no render shows itself, as of an `object`."""
+LATER = {"details", "origins"}
+"""Parts that the first bakes do not know: of these nothing is said."""
+ORDER = (
+    *("camera", "film", "settings", "collections", "world", "object", "helper", "collection", "nodes", "texture"),
+    *("particles", "data", "material", "image"),
+)
 
 
 def sentences(keys: Iterable[str], baked: dict[str, Print], present: dict[str, Print]) -> list[str]:
@@ -49,13 +62,15 @@ def _of_one(key: str, baked: Print | None, present: Print | None) -> list[str]:
     if baked == EDITED:
         return [f"'{name}' was edited while the bake began"]
     parts = [part for part in {**baked, **present} if baked.get(part) != present.get(part)]
+    parts = [part for part in parts if part in baked or part not in LATER]
     if kind == "camera" and "name" in parts:
         return [f"The camera is '{present.get('name')}' now; the bake is of '{baked.get('name')}'"]
     if kind == "film":
         return [f"The picture has {present.get('size')} pixels now; the bake has {baked.get('size')}"]
     if parts == ["color"] and world_gain(baked, present):
         return []
-    return [PARTS[kind, part].format(name=name) for part in parts if (kind, part) in PARTS]
+    said_as = "object" if kind == "helper" else kind
+    return [PARTS[said_as, part].format(name=name) for part in parts if (said_as, part) in PARTS]
 
 
 def world_gain(baked: Print | None, present: Print | None) -> list[float] | None:

@@ -65,9 +65,12 @@ class Changes:
 
     def _mark_edited(self, scene: bpy.types.Scene, updates: list[bpy.types.DepsgraphUpdate]) -> None:
         """What was moved, reshaped or given another look before its print was taken is not what was baked. Blender also
-        names what was only evaluated again, and for its shading what uses an edited material."""
+        names what was only evaluated again: for its shading what uses an edited material, and, where collections were
+        put in order, which Start does, for its geometry what reads them."""
+        in_order = any(isinstance(update.id.original, bpy.types.Collection) for update in updates)
         for update in updates:
-            kinds = ("object ", "data ") if update.is_updated_transform or update.is_updated_geometry else ()
+            reshaped = update.is_updated_geometry and not (in_order and isinstance(update.id, bpy.types.Object))
+            kinds = ("object ", "helper ", "data ") if update.is_updated_transform or reshaped else ()
             kinds += ("material ",) * update.is_updated_shading
             for key in prints.keys_of(update.id.original, scene):
                 if key.startswith(kinds):
@@ -199,6 +202,8 @@ class Changes:
             if not self._go_on_taking(deadline):
                 return False
         for key in {**self.baked, **self.present}.keys() - self._walked:
+            if self.recording and not key.startswith("object "):  # Edited meanwhile, but no part of the scene.
+                self.baked.pop(key, None)
             self._keep(key, None)
         self._walk = None
         self._wants_walk, self._is_outdated = self._is_outdated, False

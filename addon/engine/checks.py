@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import errno
-import shutil
 import tempfile
 from pathlib import Path
 
 import bpy
 
-from ..core.bake_cache import expected_size, in_words
+from ..core.disk import expected_size, free_space, in_words
 from ..export.camera import film_size
 from . import background, cache, shot
 from .options import FolderError, bake_folder, options_of
@@ -63,9 +62,7 @@ def disk_space(scene: bpy.types.Scene) -> tuple[str, bool]:
     size = expected_size(film_size(scene.render), options.samples)
     words = f"About {in_words(size)} on disk"
     try:
-        free = shutil.disk_usage(
-            next(folder for folder in (options.folder, *options.folder.parents) if folder.exists())
-        ).free
+        free = free_space(options.folder)
     except OSError:
         return words, True
     return (words, True) if size < free else (f"{words}, but only {in_words(free)} free", False)

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..core.apart import apart
 from ..export.target import Picture, TargetError, read_mask, read_target, taken
-from .process import Worker, blender_command
+from .process import Worker, blender_command, telling_little_room
 
 COMMAND = "read-picture"
 JOB, PIXELS, PACKED, RESULT = "job.json", "pixels.npy", "packed", "result.npy"
@@ -79,13 +79,14 @@ class Reading:
 
     def _run(self, job: dict[str, Any], uid: int) -> Generator[None, None, None]:
         contents = yield from _contents(uid)
-        yield from apart(partial(_prepare, self._place, job, contents))
-        worker = self._worker = Worker(blender_command(None, [COMMAND, str(self._place), "--json"]))
+        with telling_little_room(self._place):
+            yield from apart(partial(_prepare, self._place, job, contents))
+        worker = self._worker = Worker(blender_command(None, [COMMAND, str(self._place), "--json"]), self._place)
         while not worker.ended:
             yield
         events = {event.get("event"): event for event in worker.events()}
         if worker.code != 0:
-            raise TargetError(events["error"]["message"] if "error" in events else worker.last_words())
+            raise TargetError(worker.failure())
         pixels = yield from apart(lambda: np.load(self._place / RESULT))
         self.found = Read(pixels, events["result"]["words"], events["result"]["is_doubtful"])
 

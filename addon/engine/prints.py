@@ -1,58 +1,60 @@
 """Prints of what a bake depends on, cheap enough to be taken while the artist works.
 
-They see transforms, data and its attributes, modifiers and their inputs, poses, material and world nodes, visibility
-of objects and collections, objects of instanced collections, camera and render settings, and size and time of image
-files. They do not see simulation caches, and what node groups of modifiers do beyond their inputs."""
+They see transforms, data and its attributes, modifiers with all that they read (objects that no render shows, groups of
+geometry nodes, textures), particle settings, poses, material and world nodes, visibility of objects and collections,
+objects of instanced collections, camera and render settings, and size and time of image files. They do not see
+simulation caches, combed hair, multiresolution sculpting, and files other than images."""
 
 from __future__ import annotations
 
 import json
 import os
-import zlib
 from collections.abc import Callable, Generator, Iterator
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import bpy
-import numpy as np
 
 from ..core.differences import Print, color_text
 from ..export import trace_settings
 from ..export.camera import UnsupportedCameraError, camera_json, film_size
 from ..export.materials.graph import used_tree
-from ..export.plain import SIMPLE, effective_properties, plain
+from ..export.plain import plain
 from ..export.working_space import working_space
 from ..export.world import export_world, world_of
 from ..export.world_graph import WorldGraph
+from .inputs import node_inputs, read_by
+from .node_prints import drawn_curves, group, hashed, ramp, tree, values
 from .render_depsgraph import render_layer
+from .shape_prints import DATA, shape
 
 Steps = Generator[None, None, Print | None]
 """Takes a print, in steps of a few milliseconds; those of large meshes are many."""
 Take = Callable[[], Steps]
 
 GEOMETRY = {"MESH", "CURVE", "SURFACE", "FONT", "META", "CURVES", "POINTCLOUD", "VOLUME"}
-SLICE_BYTES = 2**22
-"""Of a mesh, that are looked at in one step."""
-DATA = (bpy.types.Mesh, bpy.types.Curve, bpy.types.MetaBall)
 
 
 def keys_of(found: bpy.types.ID, scene: bpy.types.Scene) -> list[str]:
-    """The prints that an edited data-block is part of."""
+    """The prints that an edited data-block may be part of."""
     if isinstance(found, bpy.types.Object):
-        return ["camera"] if found == scene.camera else [f"object {found.name_full}"] if _counts(found) else []
+        helper = f"helper {found.name_full}"
+        if found == scene.camera:
+            return ["camera", helper]
+        return [f"object {found.name_full}", helper] if _counts(found) else [helper]
     if isinstance(found, bpy.types.Camera):
         return ["camera"]
-    if isinstance(found, bpy.types.Material):
-        return [f"material {found.name_full}"]
-    if isinstance(found, bpy.types.Image):
-        return [f"image {found.name_full}", "world"]
     if isinstance(found, bpy.types.World):
         return ["world"]
     if isinstance(found, bpy.types.Scene):
         return ["camera", "film", "settings", "collections", "world"]
-    if isinstance(found, bpy.types.Collection):
-        return ["collections"]
-    return [f"data {found.name_full}"] if isinstance(found, DATA) else []
+    if isinstance(found, bpy.types.Key):
+        return keys_of(found.user, scene)
+    kind = _kind(found)
+    own = [f"{kind} {found.name_full}"] if kind else []
+    if isinstance(found, bpy.types.Image):
+        return [*own, "world"]
+    return [*own, "collections"] if isinstance(found, bpy.types.Collection) else own
 
 
 def _counts(obj: bpy.types.Object) -> bool:
@@ -62,29 +64,48 @@ def _counts(obj: bpy.types.Object) -> bool:
 
 
 def walk(scene: bpy.types.Scene) -> Iterator[tuple[str, Take]]:
-    """Every key with what takes its print, meshes last as they take longest, in steps of microseconds: steps without a
+    """Every key with what takes its print, shapes last as they take longest, in steps of microseconds: steps without a
     key are there to be interrupted.
     Between steps it holds data-blocks, and nothing inside of them that an edit could free. Where one was deleted a step
     raises ReferenceError; after undo it is to be thrown away."""
     for kind, take in ONE_OF_A_KIND.items():
         yield kind, partial(_at_once, take, scene)
-    walked: set[int] = set()
-    shapes: dict[int, bpy.types.ID] = {}
-    yield from _images(world_of(scene, render_layer(scene)), walked)
-    for obj in [*scene.objects, *_instanced(scene)]:
-        if not _counts(obj):
-            yield "", _nothing
+    rendered = _rendered(scene)
+    objects = {obj.session_uid for obj in rendered}
+    world = world_of(scene, render_layer(scene))
+    todo: list[bpy.types.ID] = [*reversed(rendered), *([world] if world else [])]
+    reached: set[int] = set()
+    shapes: list[bpy.types.ID] = []
+    while todo:
+        block = todo.pop()
+        if block.session_uid in reached:
             continue
-        yield f"object {obj.name_full}", partial(_at_once, _object, obj)
-        if obj.type in GEOMETRY and obj.data is not None:
-            shapes[obj.data.session_uid] = obj.data
-        for material in [slot.material for slot in obj.material_slots]:
-            if material is not None and material.session_uid not in walked:
-                walked.add(material.session_uid)
-                yield f"material {material.name_full}", partial(_at_once, _material, material)
-                yield from _images(material, walked)
-    for data in shapes.values():
-        yield f"data {data.name_full}", partial(_data, data)
+        reached.add(block.session_uid)
+        if isinstance(block, bpy.types.Object):
+            kind = "object" if block.session_uid in objects else "helper"
+            yield f"{kind} {block.name_full}", partial(_at_once, _object, block)
+        elif isinstance(block, DATA):
+            shapes.append(block)
+        elif kind := _kind(block):
+            yield f"{kind} {block.name_full}", partial(BLOCKS[kind].take, block)
+        for found in read_by(block):
+            if found is None:
+                yield "", _nothing
+            else:
+                todo.append(found)
+    weighted = _weighted()
+    for data in shapes:
+        yield f"data {data.name_full}", partial(shape, data, data.session_uid in weighted)
+
+
+def _rendered(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The objects of a scene that count, and those of instanced collections that are not in the scene themselves."""
+    return [obj for obj in [*scene.objects, *_instanced(scene)] if _counts(obj)]
+
+
+def _weighted() -> set[int]:
+    """What is shown by an object with vertex groups."""
+    return {obj.data.session_uid for obj in bpy.data.objects if obj.vertex_groups}
 
 
 def _instanced(scene: bpy.types.Scene) -> list[bpy.types.Object]:
@@ -102,23 +123,6 @@ def _instanced(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     return [obj for name, obj in found.items() if _by_full_name(scene.objects, name) is None]
 
 
-def _images(owner: bpy.types.Material | bpy.types.World | None, walked: set[int]) -> Iterator[tuple[str, Take]]:
-    """What takes the prints of the images in the nodes of a material or world, of each once."""
-    tree = used_tree(owner) if owner else None
-    for image in list(_images_of(tree)) if tree else ():
-        if image.session_uid not in walked:
-            walked.add(image.session_uid)
-            yield f"image {image.name_full}", partial(_at_once, _image, image)
-
-
-def _images_of(tree: bpy.types.NodeTree) -> Iterator[bpy.types.Image]:
-    for node in tree.nodes:
-        if (image := getattr(node, "image", None)) is not None:
-            yield image
-        if (inner := getattr(node, "node_tree", None)) is not None:
-            yield from _images_of(inner)
-
-
 def _nothing() -> Steps:
     return _at_once(lambda: None)
 
@@ -134,22 +138,24 @@ def take(scene: bpy.types.Scene, key: str) -> Steps:
     kind, _, name = key.partition(" ")
     if kind in ONE_OF_A_KIND:
         return _at_once(ONE_OF_A_KIND[kind], scene)
-    if kind == "data":
-        block = _first(name, bpy.data.meshes, bpy.data.curves, bpy.data.metaballs)
-        return _data(block) if block is not None else _nothing()
-    place, of = {
-        "object": (scene.objects, _object),
-        "material": (bpy.data.materials, _material),
-        "image": (bpy.data.images, _image),
-    }[kind]
-    block = _first(name, place)
-    if block is None and kind == "object":
-        block = next((obj for obj in _instanced(scene) if obj.name_full == name), None)
-    return _at_once(of, block) if block is not None else _nothing()
+    if kind in {"object", "helper"}:
+        obj = _object_of(scene, kind, name)
+        return _at_once(_object, obj) if obj is not None else _nothing()
+    places = [getattr(bpy.data, place) for place in (SHAPES if kind == "data" else [BLOCKS[kind].place])]
+    block = next((block for place in places if (block := _by_full_name(place, name)) is not None), None)
+    if block is None:
+        return _nothing()
+    return shape(block, block.session_uid in _weighted()) if kind == "data" else BLOCKS[kind].take(block)
 
 
-def _first(name: str, *places: Any) -> Any:
-    return next((block for place in places if (block := _by_full_name(place, name)) is not None), None)
+def _object_of(scene: bpy.types.Scene, kind: str, name: str) -> bpy.types.Object | None:
+    """The object of a key: each has one of a rendered object or one of a helper."""
+    found = _by_full_name(scene.objects, name)
+    if found is None:
+        found = next((obj for obj in _instanced(scene) if obj.name_full == name), None)
+    if found is not None and _counts(found):
+        return found if kind == "object" else None
+    return _by_full_name(bpy.data.objects, name) if kind == "helper" else None
 
 
 def _by_full_name(place: Any, name: str) -> Any:
@@ -174,95 +180,61 @@ def _all_of(steps: Steps) -> Print | None:
             return end.value
 
 
-def _hash(value: Any) -> str:
-    return f"{zlib.crc32(value if isinstance(value, bytes) else repr(value).encode()):08x}"
-
-
 def _matrix(matrix: Any) -> str:
     """Exact to six digits: evaluating a file again may differ by a rounding."""
-    return _hash([f"{value:.6g}" for row in matrix for value in row])
+    return hashed([f"{value:.6g}" for row in matrix for value in row])
 
 
-def _object(obj: bpy.types.Object) -> Print | None:
-    if not _counts(obj):
-        return None
+def _object(obj: bpy.types.Object) -> Print:
     visible = ("camera", "diffuse", "glossy", "transmission", "shadow")
     found = {
         "place": _matrix(obj.matrix_world),
-        "visibility": _hash([getattr(obj, f"visible_{name}") for name in visible]),
+        "visibility": hashed([getattr(obj, f"visible_{name}") for name in visible]),
     }
     if obj.data is not None:
         found["data"] = obj.data.name_full
     elif obj.instance_collection is not None:
         found["data"] = obj.instance_collection.name_full
     if obj.material_slots:
-        found["materials"] = _hash([slot.material.name_full if slot.material else "" for slot in obj.material_slots])
+        found["materials"] = hashed([slot.material.name_full if slot.material else "" for slot in obj.material_slots])
     if obj.modifiers:
-        found["modifiers"] = _hash([_modifier(modifier) for modifier in obj.modifiers])
+        found["modifiers"] = hashed([_modifier(modifier) for modifier in obj.modifiers])
+        found["details"] = hashed([_modifier_details(modifier) for modifier in obj.modifiers])
     if obj.pose:
-        found["pose"] = _hash([_matrix(bone.matrix) for bone in obj.pose.bones])
+        found["pose"] = hashed([_matrix(bone.matrix) for bone in obj.pose.bones])
     return found
 
 
 def _modifier(modifier: bpy.types.Modifier) -> list:
-    inputs = [(name, plain(value)) for name, value in modifier.items()] if modifier.type == "NODES" else []
-    return [modifier.type, modifier.show_render, _values(modifier), inputs]
+    inputs = [(name, plain(value)) for name, value in node_inputs(modifier)] if modifier.type == "NODES" else []
+    return [modifier.type, modifier.show_render, values(modifier), inputs]
 
 
-def _data(data: bpy.types.ID) -> Steps:
-    if getattr(data, "is_editmode", False):  # Its arrays are empty then.
-        return None
-    shapes = [(block.value, block.mute) for block in data.shape_keys.key_blocks] if _shape_keys(data) else []
-    if not isinstance(data, bpy.types.Mesh):
-        return {"shape": _hash([_values(data), shapes, _points(data)])}
-    arrays = []
-    for name in sorted(data.attributes.keys()):
-        # A dot begins what is Blender's own: selections, what is hidden while editing, and the vertices of corners.
-        if not name.startswith(".") or name == ".corner_vert":
-            arrays.append((name, (yield from _array(data, name))))
-    return {"shape": _hash([len(data.vertices), len(data.polygons), arrays, shapes])}
-
-
-def _shape_keys(data: bpy.types.ID) -> Any:
-    return getattr(data, "shape_keys", None)
-
-
-def _points(data: bpy.types.ID) -> list:
-    """Control points of curves."""
-    points = [
-        [tuple(point.co) for point in (spline.bezier_points or spline.points)]
-        for spline in getattr(data, "splines", ())
-    ]
-    return [points, [tuple(element.co) for element in getattr(data, "elements", ())]]
-
-
-def _array(data: bpy.types.Mesh, name: str) -> Generator[None, None, str]:
-    """Of all values of an attribute: a copy of them, then a part at a time."""
-    values = _values_of(data, name)
-    if values is None:
-        return ""
-    found = 0
-    for start in range(0, len(values), SLICE_BYTES):
-        yield
-        found = zlib.crc32(values[start : start + SLICE_BYTES], found)
-    yield
-    return f"{found:08x}"
-
-
-def _values_of(data: bpy.types.Mesh, name: str) -> memoryview | None:
-    """The bytes of an attribute; None if it is not there, or of a type that no picture shows."""
-    attribute = data.attributes.get(name)
-    if attribute is None or attribute.data_type not in ATTRIBUTES:
-        return None
-    kind, of, width = ATTRIBUTES[attribute.data_type]
-    values: np.ndarray = np.empty(len(attribute.data) * width, of)
-    attribute.data.foreach_get(kind, values)
-    return values.view(np.uint8).data
+def _modifier_details(modifier: bpy.types.Modifier) -> list:
+    projectors = [projector.object and projector.object.name_full for projector in getattr(modifier, "projectors", ())]
+    system = values(modifier.particle_system) if modifier.type == "PARTICLE_SYSTEM" else []
+    return [drawn_curves(modifier), projectors, system]
 
 
 def _material(material: bpy.types.Material) -> Print:
-    tree = used_tree(material)
-    return {"nodes": _hash(_tree(tree) if tree else _values(material))}
+    used = used_tree(material)
+    return {"nodes": hashed(tree(used) if used else values(material))}
+
+
+def _group(geometry: bpy.types.NodeTree) -> Steps:
+    return {"nodes": hashed((yield from group(geometry)))}
+
+
+def _texture(texture: bpy.types.Texture) -> Print:
+    return {"settings": hashed([values(texture), ramp(texture)])}
+
+
+def _particles(settings: bpy.types.ParticleSettings) -> Print:
+    return {"settings": hashed(values(settings))}
+
+
+def _collection(collection: bpy.types.Collection) -> Print:
+    return {"objects": hashed(sorted(block.name_full for block in [*collection.objects, *collection.children]))}
 
 
 def _image(image: bpy.types.Image) -> Print | None:
@@ -271,7 +243,7 @@ def _image(image: bpy.types.Image) -> Print | None:
         return None
     path = bpy.path.abspath(image.filepath, library=image.library)
     tiles = [tile.number for tile in image.tiles] if image.source == "TILED" else [0]
-    return {"file": _hash([_stamp(path.replace("<UDIM>", str(tile))) for tile in tiles])}
+    return {"file": hashed([_stamp(path.replace("<UDIM>", str(tile))) for tile in tiles])}
 
 
 def _stamp(path: str) -> tuple[int, int] | None:
@@ -281,45 +253,6 @@ def _stamp(path: str) -> tuple[int, int] | None:
     except OSError:
         return None
     return found.st_size, found.st_mtime_ns
-
-
-def _tree(tree: bpy.types.NodeTree) -> list:
-    """Everything that a node tree and the groups in it compute with."""
-    nodes = [_node(node) for node in tree.nodes if node.bl_idname not in {"NodeFrame", "NodeReroute"}]
-    links = [
-        (link.from_node.name, link.from_socket.identifier, link.to_node.name, link.to_socket.identifier)
-        for link in tree.links
-        if not link.is_muted
-    ]
-    return [nodes, sorted(links)]
-
-
-def _node(node: bpy.types.Node) -> list:
-    inputs = [plain(socket.default_value) for socket in node.inputs if hasattr(socket, "default_value")]
-    outputs = [plain(socket.default_value) for socket in node.outputs if hasattr(socket, "default_value")]
-    extra: list[Any] = []
-    if (ramp := getattr(node, "color_ramp", None)) is not None:
-        extra.append([ramp.interpolation, [(stop.position, tuple(stop.color)) for stop in ramp.elements]])
-    if (mapping := getattr(node, "mapping", None)) is not None and hasattr(mapping, "curves"):
-        extra.append([[tuple(point.location) for point in curve.points] for curve in mapping.curves])
-    if (image := getattr(node, "image", None)) is not None:
-        extra.append([image.filepath, image.colorspace_settings.name])
-    if (inner := getattr(node, "node_tree", None)) is not None:
-        extra.append(_tree(inner))
-    return [node.name, node.bl_idname, node.mute, _values(node), inputs, outputs, extra]
-
-
-def _values(struct: Any) -> list:
-    """Simple settings of any part of a file."""
-    found = []
-    for prop in effective_properties(struct):
-        name = prop.identifier
-        if prop.type in SIMPLE:
-            found.append((name, plain(getattr(struct, name))))
-        elif prop.type == "POINTER":
-            target = getattr(struct, name)
-            found.append((name, target.name_full if isinstance(target, bpy.types.ID) else ""))
-    return found
 
 
 def _camera(scene: bpy.types.Scene) -> Print | None:
@@ -332,7 +265,7 @@ def _camera_print(scene: bpy.types.Scene, camera: bpy.types.Object) -> Print:
     except UnsupportedCameraError as error:
         lens = {"world_from_object": [], "unsupported": str(error)}
     lens.pop("name", None)  # The same camera may be renamed.
-    return {"name": camera.name_full, "place": _matrix(lens.pop("world_from_object")), "lens": _hash(lens)}
+    return {"name": camera.name_full, "place": _matrix(lens.pop("world_from_object")), "lens": hashed(lens)}
 
 
 def _film(scene: bpy.types.Scene, size: tuple[int, int] | None = None) -> Print:
@@ -341,12 +274,12 @@ def _film(scene: bpy.types.Scene, size: tuple[int, int] | None = None) -> Print:
 
 
 def _settings(scene: bpy.types.Scene) -> Print:
-    return {"paths": _hash(trace_settings(scene, lambda _message: None).get("paths")), "space": working_space()}
+    return {"paths": hashed(trace_settings(scene, lambda _message: None).get("paths")), "space": working_space()}
 
 
 def _collections(scene: bpy.types.Scene) -> Print:
-    """Objects that collections of the view layer hide from renders, and those whose collections alter what rays see.
-    Costs next to nothing where no collection does either."""
+    """Objects that collections of the view layer hide from renders, those whose collections alter what rays see, and
+    the origins of instanced collections. Costs next to nothing where no collection does either."""
     layers = list(_layers(render_layer(scene).layer_collection, False))
     hidden = {obj for layer, is_hidden in layers if is_hidden for obj in layer.collection.objects if _counts(obj)}
     if hidden:
@@ -358,7 +291,12 @@ def _collections(scene: bpy.types.Scene) -> Print:
         for obj in layer.collection.objects
         if _counts(obj)
     ]
-    return {"hidden": _hash(sorted(obj.name_full for obj in hidden)), "rays": _hash(sorted(altered))}
+    instanced = {obj.instance_collection for obj in scene.objects} - {None}
+    return {
+        "hidden": hashed(sorted(obj.name_full for obj in hidden)),
+        "rays": hashed(sorted(altered)),
+        "origins": hashed(sorted((found.name_full, *found.instance_offset) for found in instanced)),
+    }
 
 
 def _layers(layer: bpy.types.LayerCollection, is_hidden: bool) -> Iterator[tuple[bpy.types.LayerCollection, bool]]:
@@ -397,7 +335,7 @@ def world(scene: bpy.types.Scene) -> Print:
     """The print of the scene's world."""
     recorder: Any = _WorldRecorder()
     export_world(recorder, recorder, recorder.texture_of, scene, render_layer(scene))
-    return {"shape": _hash(recorder.shape), "color": color_text(recorder.color)}
+    return {"shape": hashed(recorder.shape), "color": color_text(recorder.color)}
 
 
 ONE_OF_A_KIND: dict[str, Callable[[bpy.types.Scene], Print | None]] = {
@@ -407,14 +345,31 @@ ONE_OF_A_KIND: dict[str, Callable[[bpy.types.Scene], Print | None]] = {
     "collections": _collections,
     "world": world,
 }
-ATTRIBUTES = {
-    "BOOLEAN": ("value", np.bool_, 1),
-    "INT": ("value", np.int32, 1),
-    "INT16_2D": ("value", np.int32, 2),
-    "FLOAT": ("value", np.float32, 1),
-    "FLOAT2": ("vector", np.float32, 2),
-    "FLOAT_VECTOR": ("vector", np.float32, 3),
-    "FLOAT_COLOR": ("color", np.float32, 4),
-    "BYTE_COLOR": ("color", np.float32, 4),
+
+
+class _Block(NamedTuple):
+    """How prints of one kind of data-block are taken."""
+
+    type: type
+    place: str
+    """Where `bpy.data` has them."""
+    take: Callable[[Any], Steps]
+
+
+BLOCKS = {
+    "material": _Block(bpy.types.Material, "materials", partial(_at_once, _material)),
+    "image": _Block(bpy.types.Image, "images", partial(_at_once, _image)),
+    "collection": _Block(bpy.types.Collection, "collections", partial(_at_once, _collection)),
+    "nodes": _Block(bpy.types.GeometryNodeTree, "node_groups", _group),
+    "texture": _Block(bpy.types.Texture, "textures", partial(_at_once, _texture)),
+    "particles": _Block(bpy.types.ParticleSettings, "particles", partial(_at_once, _particles)),
 }
-"""How values of a mesh are read by their type."""
+SHAPES = ("meshes", "curves", "metaballs", "lattices", "hair_curves", "pointclouds")
+"""Where `bpy.data` has what has a print of its shape."""
+
+
+def _kind(block: bpy.types.ID) -> str:
+    """Of the prints of a data-block; empty if it has none."""
+    if isinstance(block, DATA):
+        return "data"
+    return next((kind for kind, of in BLOCKS.items() if isinstance(block, of.type)), "")

@@ -21,7 +21,7 @@ from ..export.images import is_as_in_file
 from ..export.working_space import working_space
 from ..export.world import WorldRenderError
 from ..export.world_graph import WorldGraph
-from .process import Worker, blender_command
+from .process import Worker, blender_command, telling_little_room
 from .render_depsgraph import ExportCancelled, Stop
 
 COMMAND = "render-world"
@@ -121,13 +121,9 @@ def _render(job: str, contents: dict[str, _Contents], stop: Stop) -> np.ndarray:
         prefix="relume-", dir=bpy.app.tempdir or None, ignore_cleanup_errors=True
     ) as folder:
         place = Path(folder)
-        (place / JOB).write_text(job, encoding="utf-8")
-        for found in contents.values():
-            if isinstance(found.data, bytes):
-                (place / found.file).write_bytes(found.data)
-            elif found.data is not None:
-                np.save(place / found.file, found.data)
-        worker = Worker(blender_command(None, [COMMAND, folder, "--json"]))
+        with telling_little_room(place):
+            _write_job(place, job, contents)
+        worker = Worker(blender_command(None, [COMMAND, folder, "--json"]), place)
         try:
             while not worker.ended:
                 if stop():
@@ -135,7 +131,16 @@ def _render(job: str, contents: dict[str, _Contents], stop: Stop) -> np.ndarray:
                 time.sleep(POLL_SECONDS)
         finally:
             worker.kill()
-        events = {event.get("event"): event for event in worker.events()}
+        worker.events()
         if worker.code != 0:
-            raise WorldRenderError(events["error"]["message"] if "error" in events else worker.last_words())
+            raise WorldRenderError(worker.failure())
         return np.load(place / RESULT)
+
+
+def _write_job(place: Path, job: str, contents: dict[str, _Contents]) -> None:
+    (place / JOB).write_text(job, encoding="utf-8")
+    for found in contents.values():
+        if isinstance(found.data, bytes):
+            (place / found.file).write_bytes(found.data)
+        elif found.data is not None:
+            np.save(place / found.file, found.data)

@@ -8,10 +8,13 @@ from typing import Any
 import bpy
 
 LOOKS_ONLY = {
+    "active_generation_index", "active_index", "active_input_index", "active_instanceweight_index", "active_item",
+    "active_main_index", "active_output_index", "active_particle_target_index", "active_texture",
+    "active_texture_index",
     "color", "height", "hide", "label", "location", "location_absolute", "name", "parent", "select", "use_custom_color",
     "warning_propagation", "width",
 }  # fmt: skip
-"""Properties of nodes and modifiers that do not change what they do."""
+"""Properties of nodes, modifiers and particles that do not change what they do."""
 SIMPLE = {"BOOLEAN", "INT", "FLOAT", "ENUM", "STRING"}
 
 
