@@ -29,9 +29,11 @@ extension-linux: wheel
 extension: wheel
 	@scripts/setup windows
 	@scripts/setup macos
+	@scripts/setup macos-intel
 	@scripts/build-wheel "$(WHEELS)-windows" --windows
 	@scripts/build-wheel "$(WHEELS)-macos" --macos
-	@scripts/build-extension build/extension "$(WHEELS)" "$(WHEELS)-windows" "$(WHEELS)-macos"
+	@scripts/build-wheel "$(WHEELS)-macos-intel" --macos-intel
+	@scripts/build-extension build/extension "$(WHEELS)" "$(WHEELS)-windows" "$(WHEELS)-macos" "$(WHEELS)-macos-intel"
 
 test: test-rust test-python test-blender window
 
@@ -40,7 +42,8 @@ test-rust: setup
 	$(CARGO) clippy --workspace --all-targets -- -D warnings
 	$(CARGO) test --workspace
 # The tests of GPUs once more, with the kernels of release builds, which check nothing.
-	RELUME_GPU_UNCHECKED=1 $(CARGO) test --workspace --lib gpu::
+	RELUME_GPU_UNCHECKED=1 $(CARGO) test -p relume-gpu --lib
+	RELUME_GPU_UNCHECKED=1 $(CARGO) test --workspace --exclude relume-gpu --lib -- gpu compare sorting device
 
 test-python: wheel
 	@scripts/install-wheel "$(WHEELS)" 4.2
@@ -98,7 +101,7 @@ solve: wheel
 # proxies are trained on the real scenes as well.
 bench-gpu: wheel
 	@scripts/install-wheel "$(WHEELS)" 4.2
-	RELUME_SCENES="$(SCENES)" $(PYTHON) scripts/bench/gpu.py $(BENCH_GPU)
+	RELUME_SCENES="$(SCENES)" $(PYTHON) scripts/bench/graphics.py $(BENCH_GPU)
 
 # Against Cycles on the real scenes; PARITY="--scenes cornell_box --sets 2" for less.
 parity: wheel

@@ -12,11 +12,11 @@ ROOT = Path(__file__).resolve().parent.parent
 
 sys.path.insert(0, str(ROOT / "scripts/bench"))
 
-import gpu  # noqa: E402
+import graphics  # noqa: E402
 import live_table  # noqa: E402
 
 
-@pytest.mark.parametrize(("folder", "table"), [("docs/bench", gpu.table), ("docs/bench/live", live_table.page)])
+@pytest.mark.parametrize(("folder", "table"), [("docs/bench", graphics.table), ("docs/bench/live", live_table.page)])
 def test_tables_of_kept_figures_are_up_to_date(folder, table):
     kept = ROOT / folder
     assert list(kept.glob("*.json"))
@@ -41,17 +41,17 @@ def test_figures_are_kept_where_only_tests_had_no_time(tmp_path, monkeypatch, ca
         (tmp_path / "bench-gpu.json").write_text("[]")
         return subprocess.CompletedProcess([], code["of the script"])
 
-    monkeypatch.setattr(gpu.subprocess, "run", run)
+    monkeypatch.setattr(graphics.subprocess, "run", run)
     code["of the script"] = 3
-    assert gpu.measure("gpu", False, tmp_path) == []
+    assert graphics.measure("gpu", False, tmp_path) == []
     assert "before all tests had run" in capsys.readouterr().out
     code["of the script"] = 1
     with pytest.raises(SystemExit):
-        gpu.measure("gpu", False, tmp_path)
+        graphics.measure("gpu", False, tmp_path)
 
 
 def test_figures_of_a_card_are_taken_from_a_file(tmp_path, monkeypatch):
-    wanted = next(goal for goal in gpu.GOALS if "256/8" in goal["what"])
+    wanted = next(goal for goal in graphics.GOALS if "256/8" in goal["what"])
     fields = dict.fromkeys(("peer", "peer_value", "ratio", "limit", "share_of_limit"))
     fields |= {"unit": "ms", "adapter": "A card", "date": "2027-01-02", "goal": 3.0}
     fields |= {"limit": 0.5, "limit_by": "operations", "share_of_limit": 0.4}
@@ -59,15 +59,15 @@ def test_figures_of_a_card_are_taken_from_a_file(tmp_path, monkeypatch):
     figures = zip(wanted["names"], (1.25, 7.5), strict=True)
     records = [fields | {"name": name, "value": value} for name, value in figures]
     (tmp_path / "from.json").write_text(json.dumps(records[::-1]))
-    monkeypatch.setattr(gpu, "KEPT", tmp_path / "kept")
+    monkeypatch.setattr(graphics, "KEPT", tmp_path / "kept")
     words = ["--from", tmp_path / "from.json", "--keep", "card", "--out", tmp_path / "out"]
-    monkeypatch.setattr(sys, "argv", ["gpu.py", *map(str, words)])
-    gpu.main()
+    monkeypatch.setattr(sys, "argv", ["graphics.py", *map(str, words)])
+    graphics.main()
     text = (tmp_path / "kept/README.md").read_text()
     assert "No graphics card" not in text and "A card, 2027-01-02" in text
     row = next(line for line in text.splitlines() if line.startswith(f"| {wanted['what']} |"))
     assert row.endswith("| 1.25 ms |") and "3 ms" in row and "9.13 ms" in row
-    assert "7.5 ms, 40% of 0.5 by operations, goal 3" in text and text.count("not measured") == len(gpu.GOALS) - 1
+    assert "7.5 ms, 40% of 0.5 by operations, goal 3" in text and text.count("not measured") == len(graphics.GOALS) - 1
 
 
 def test_quality_that_was_measured_elsewhere_stands_beside_the_papers(tmp_path, monkeypatch):
@@ -83,13 +83,13 @@ def test_quality_that_was_measured_elsewhere_stands_beside_the_papers(tmp_path, 
     old |= dict.fromkeys(("peer", "peer_value", "ratio", "limit", "share_of_limit"))
     (tmp_path / "kept").mkdir()
     (tmp_path / "kept/card.json").write_text(json.dumps([old]))
-    monkeypatch.setattr(gpu, "KEPT", tmp_path / "kept")
+    monkeypatch.setattr(graphics, "KEPT", tmp_path / "kept")
     source, out = tmp_path / "kept/card.json", tmp_path / "out"
     words = ["--from", source, "--quality-from", *files, "--keep", "card", "--out", out]
-    monkeypatch.setattr(sys, "argv", ["gpu.py", *map(str, words)])
+    monkeypatch.setattr(sys, "argv", ["graphics.py", *map(str, words)])
     for _ in range(2):  # The second time it replaces what is kept.
-        gpu.main()
-        assert len(json.loads(source.read_text())) == 1 + 2 * len(gpu.QUALITY)
+        graphics.main()
+        assert len(json.loads(source.read_text())) == 1 + 2 * len(graphics.QUALITY)
         lines = (tmp_path / "kept/README.md").read_text().splitlines()
         goal = next(line for line in lines if line.startswith("| PSNR after 5 minutes"))
         assert goal.endswith("| 41.5 dB |")

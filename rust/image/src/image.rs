@@ -49,18 +49,20 @@ impl Image {
         resized
     }
 
-    /// Means of an RGB image over squares of so many pixels along each edge (smaller at the right and the bottom), row by row.
-    /// Panics if it is not RGB.
-    pub fn cell_means(&self, edge: usize) -> Vec<[f32; 3]> {
-        assert_eq!(self.channels, 3, "an RGB image");
-        let wide = self.width.div_ceil(edge);
-        let mut sums = vec![([0.0; 3], 0.0); wide * self.height.div_ceil(edge)];
-        for (i, pixel) in self.data.as_chunks::<3>().0.iter().enumerate() {
-            let (sum, count) = &mut sums[i / self.width / edge * wide + i % self.width / edge];
-            (0..3).for_each(|c| sum[c] += pixel[c]);
-            *count += 1.0;
+    /// The image so many times smaller along each edge: each pixel the mean of a square, which is smaller at the right and the
+    /// bottom. Panics if `factor` is 0.
+    pub fn shrunk(&self, factor: usize) -> Self {
+        let mut small = Self::new(self.width.div_ceil(factor), self.height.div_ceil(factor), self.channels);
+        for (i, pixel) in self.data.chunks_exact(self.channels.max(1)).enumerate() {
+            let [x, y] = [i % self.width, i / self.width];
+            let along = |at: usize, length: usize| factor.min(length - at / factor * factor) as f32;
+            let share = 1.0 / (along(x, self.width) * along(y, self.height));
+            let first = (y / factor * small.width + x / factor) * self.channels;
+            for (mean, value) in small.data[first..].iter_mut().zip(pixel) {
+                *mean += share * value;
+            }
         }
-        sums.iter().map(|(sum, count)| sum.map(|v| v / count)).collect()
+        small
     }
 
     /// Adds `factor` times `other`, channel by channel. Panics if the channels of `factor` or the shapes differ.
@@ -91,6 +93,18 @@ fn coverage(from: usize, to: usize) -> Vec<Vec<(usize, f32)>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn pixels_of_a_shrunk_image_are_means_of_squares() {
+        let data: Vec<f32> = (0..5 * 3 * 2).map(|i| i as f32).collect();
+        let image = Image { width: 5, height: 3, channels: 2, data };
+        let small = image.shrunk(2);
+        assert_eq!((small.width, small.height, small.channels), (3, 2, 2));
+        assert_eq!(small.pixel(1, 0), [(4 + 6 + 14 + 16) as f32 / 4.0, (5 + 7 + 15 + 17) as f32 / 4.0]);
+        assert_eq!(small.pixel(2, 0), [(8 + 18) as f32 / 2.0, (9 + 19) as f32 / 2.0], "half a square");
+        assert_eq!(small.pixel(2, 1), image.pixel(4, 2), "a quarter");
+        assert_eq!(image.shrunk(1), image);
+    }
 
     #[test]
     fn resizing_keeps_means_and_places() {

@@ -144,8 +144,8 @@ TEXT = """# GPU benchmarks
 
 Made by `make bench-gpu BENCH_GPU="--keep MACHINE"` from the files beside it. A machine that has nothing but its driver:
 `scripts/gpu-check build` here, copy `build/gpu-check.tar.xz`, unpack it there, `./gpu-check`; then here
-`python3 scripts/bench/gpu.py --from bench-gpu.json --keep MACHINE`. Training to the paper's quality needs the scenes
-and Blender's Python to read them:
+`python3 scripts/bench/graphics.py --from bench-gpu.json --keep MACHINE`. Training to the paper's quality needs the
+scenes and Blender's Python to read them:
 `make bench-gpu BENCH_GPU='--keep MACHINE --quality "--seconds 300 --types sphere --networks fast --width 885"'`. On a
 machine without Blender `gpu-check quality` measures it (TESTING.md); `--quality-from` takes what it found.
 PSNR, SMAPE, SSIM and FLIP are of pictures as wide as their names say. The paper's are about 885 x 500; without
