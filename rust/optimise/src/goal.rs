@@ -1,5 +1,6 @@
 //! What the picture should do, as residuals of cells: 0 where it does.
 
+use crate::cells::Cells;
 use crate::variable::{LUMINANCE, luminance};
 use relume_image::Image;
 
@@ -44,6 +45,30 @@ pub struct Goal {
 }
 
 impl Goal {
+    /// The same for pictures that are so many times smaller along each edge than those of this size ([`Image::shrunk`]).
+    #[must_use]
+    pub fn shrunk(&self, size: (usize, usize), factor: usize) -> Self {
+        let cells = Cells::new(size, factor);
+        let pixels = self.pixels.as_ref().map(|weights| self.cell_weights(cells, weights));
+        let aim = match &self.aim {
+            Aim::Target { image, exposure_invariant } => {
+                Aim::Target { image: image.shrunk(factor), exposure_invariant: *exposure_invariant }
+            }
+            aim => aim.clone(),
+        };
+        Self { aim, pixels, weight: self.weight }
+    }
+
+    /// Weights of cells from those of pixels. Outside of its place a target may hold anything, which the mean of a cell that it only
+    /// touches would mix in; such cells count only if there are no others.
+    pub(crate) fn cell_weights(&self, cells: Cells, weights: &[f32]) -> Vec<f32> {
+        let inside = match self.aim {
+            Aim::Target { .. } => cells.least_weights(weights),
+            _ => Vec::new(),
+        };
+        if inside.iter().any(|weight| *weight > 0.0) { inside } else { cells.mean_weights(weights) }
+    }
+
     /// The pixels of an image of the view's size that count, in one row.
     pub(crate) fn within(&self, image: &Image) -> Image {
         let Some(weights) = &self.pixels else { return image.clone() };
@@ -246,6 +271,19 @@ mod tests {
             let (residual, _) = aim.residual(x, aim.reference(before));
             assert!(residual.iter().all(|r| r.abs() < 2e-3), "{aim:?}: {residual:?}");
         }
+    }
+
+    #[test]
+    fn of_a_smaller_picture_a_target_counts_where_all_of_a_square_is_in_its_place() {
+        let weights = [vec![1.0; 6], vec![0.0, 1.0, 1.0, 1.0, 1.0, 1.0]].concat();
+        let data = (0..36).map(|i| i as f32).collect();
+        let image = Image { width: 6, height: 2, channels: 3, data };
+        let target = Aim::Target { image: image.clone(), exposure_invariant: true };
+        let goal = |aim: &Aim| Goal { aim: aim.clone(), pixels: Some(weights.clone()), weight: 2.0 };
+        let small = goal(&target).shrunk((6, 2), 2);
+        assert_eq!(small.aim, Aim::Target { image: image.shrunk(2), exposure_invariant: true });
+        assert_eq!((small.pixels, small.weight), (Some(vec![0.0, 1.0, 1.0]), 2.0));
+        assert_eq!(goal(&Aim::Keep).shrunk((6, 2), 2).pixels, Some(vec![0.75, 1.0, 1.0]));
     }
 
     #[test]

@@ -45,7 +45,7 @@ pub use region::{Region, Stroke};
 pub use regroup::regroupings;
 pub use relight::{Compare, Compared, Linear, Picture, Relight, RelightError};
 pub use report::{Report, Worst, conflicts, report};
-pub use solve::{RunnerUp, Settings, Solution, Step, TrajectoryPoint, solve};
+pub use solve::{RunnerUp, Settings, Solution, Step, solve};
 pub use starts::{RandomStarts, random_starts};
 pub use term::Wanted;
 pub use variable::{Bounds, Locks, Variable};

@@ -33,6 +33,10 @@ pub struct Worst {
     pub y: f32,
     /// Stops that are missing (below 0: too bright).
     pub off: f32,
+    /// Mireds of warmth that are missing (below 0: too warm).
+    pub mireds: f32,
+    /// Stops of green that are missing beside red and blue (below 0: too green).
+    pub green: f32,
 }
 
 /// PSNR from which a target counts as reached.
@@ -130,25 +134,32 @@ fn masked(mut image: Image, target: &Image, weights: Option<&[f32]>) -> Image {
     image
 }
 
-/// The tile whose mean luminance differs most, tonemapped after this exposure.
+/// The tile of which a channel's mean differs most, tonemapped after this exposure.
 fn worst_tile(target: &Image, after: &Image, exposure: f32) -> Option<Worst> {
     let edge = target.width.div_ceil(TILES).max(1);
     let (wide, high) = (target.width.div_ceil(edge), target.height.div_ceil(edge));
-    let mut sums = vec![[0.0_f32; 2]; wide * high];
+    let mut means = vec![[[0.0_f32; 3]; 2]; wide * high];
     for (side, image) in [target, after].into_iter().enumerate() {
         for (i, pixel) in image.data.as_chunks::<3>().0.iter().enumerate() {
             let tile = i / image.width / edge * wide + i % image.width / edge;
-            sums[tile][side] += exposure * luminance(*pixel).max(0.0) / (edge * edge) as f32;
+            (0..3).for_each(|c| means[tile][side][c] += exposure * pixel[c].max(0.0) / (edge * edge) as f32);
         }
     }
     let tone = |x: f32| x / (1.0 + x);
-    let difference = |sums: &[f32; 2]| (tone(sums[0]) - tone(sums[1])).abs();
-    let (number, sums) =
-        sums.iter().enumerate().max_by(|a, b| difference(a.1).total_cmp(&difference(b.1)))?;
+    let difference = |[target, after]: &[[f32; 3]; 2]| {
+        (0..3).map(|c| (tone(target[c]) - tone(after[c])).abs()).fold(0.0, f32::max)
+    };
+    let (number, [target_mean, after_mean]) =
+        means.iter().enumerate().max_by(|a, b| difference(a.1).total_cmp(&difference(b.1)))?;
+    // What is nearly black has no colour to speak of.
+    let missing = |target: f32, after: f32| ((target + 0.01) / (after + 0.01)).log2();
+    let [red, green, blue] = std::array::from_fn(|c| missing(target_mean[c], after_mean[c]));
     Some(Worst {
         x: ((number % wide * edge) as f32 + 0.5 * edge as f32) / target.width as f32,
         y: ((number / wide * edge) as f32 + 0.5 * edge as f32) / target.height as f32,
-        off: ((sums[0] + 0.01) / (sums[1] + 0.01)).log2(),
+        off: missing(luminance(*target_mean), luminance(*after_mean)),
+        mireds: (red - blue) * std::f32::consts::LN_2 / RATIO_PER_MIRED,
+        green: green - 0.5 * (red + blue),
     })
 }
 
@@ -162,23 +173,45 @@ fn weighted_mean(image: &Image, weights: Option<&[f32]>) -> [f64; 3] {
     sum.map(|sum| sum / f64::max(total, 1e-12))
 }
 
-/// Pairs of goals that ask for opposite things in the same place, by their numbers.
-pub fn conflicts(goals: &[Goal]) -> Vec<(usize, usize)> {
+/// Pairs of goals that ask for opposite things in the same place of a picture, by their numbers.
+pub fn conflicts(goals: &[Goal], before: &Image) -> Vec<(usize, usize)> {
     let pairs = (0..goals.len()).flat_map(|i| (i + 1..goals.len()).map(move |j| (i, j)));
-    pairs.filter(|(i, j)| oppose(&goals[*i].aim, &goals[*j].aim) && overlap(&goals[*i], &goals[*j])).collect()
+    let is_conflict =
+        |(i, j): &(usize, usize)| overlap(&goals[*i], &goals[*j]) && oppose(&goals[*i], &goals[*j], before);
+    pairs.filter(is_conflict).collect()
 }
 
-fn oppose(a: &Aim, b: &Aim) -> bool {
-    match (a, b) {
+fn oppose(a: &Goal, b: &Goal, before: &Image) -> bool {
+    match (&a.aim, &b.aim) {
         (Aim::Brightness { stops: a }, Aim::Brightness { stops: b }) => a * b < 0.0,
         (Aim::Temperature { mireds: a }, Aim::Temperature { mireds: b }) => a * b < 0.0,
         (Aim::Color { color: a }, Aim::Color { color: b }) => {
             let [a, b] = [a, b].map(|color| color.map(|c| c / luminance(*color).max(1e-9)));
             (0..3).any(|c| (a[c] - b[c]).abs() > 0.3)
         }
-        (Aim::Target { .. }, _) | (_, Aim::Target { .. }) | (Aim::Keep, Aim::Keep) => false,
+        (Aim::Target { .. }, Aim::Target { .. }) | (Aim::Keep, Aim::Keep) => false,
+        (Aim::Target { image, exposure_invariant }, _) => {
+            let there = Goal { pixels: shared(a, b), ..b.clone() };
+            is_denied(&there, image, *exposure_invariant, before)
+        }
+        (_, Aim::Target { .. }) => oppose(b, a, before),
         (Aim::Keep, _) | (_, Aim::Keep) => true,
         _ => false,
+    }
+}
+
+/// Whether less than half of a goal would be done where the picture is a target. A target of any exposure says nothing of
+/// brightness.
+fn is_denied(goal: &Goal, target: &Image, any_exposure: bool, before: &Image) -> bool {
+    let there = report(goal, before, target);
+    let asked = there.asked.unwrap_or_default();
+    let is_left = there.reached * asked.signum() < 0.5 * asked.abs();
+    match goal.aim {
+        Aim::Brightness { .. } => is_left && !any_exposure,
+        Aim::Temperature { .. } => is_left,
+        Aim::Color { .. } => !there.met && there.reached > 0.5 * there.before,
+        Aim::Keep => !there.met && !any_exposure,
+        Aim::Target { .. } => false,
     }
 }
 
@@ -187,6 +220,14 @@ fn overlap(a: &Goal, b: &Goal) -> bool {
     let (Some(a), Some(b)) = (&a.pixels, &b.pixels) else { return true };
     let shared: f32 = a.iter().zip(b).map(|(a, b)| a.min(*b)).sum();
     shared > 0.33 * a.iter().sum::<f32>().min(b.iter().sum())
+}
+
+/// Weights of the place that both goals concern.
+fn shared(a: &Goal, b: &Goal) -> Option<Vec<f32>> {
+    match (&a.pixels, &b.pixels) {
+        (Some(a), Some(b)) => Some(a.iter().zip(b).map(|(a, b)| a.min(*b)).collect()),
+        (one, other) => one.as_ref().or(other.as_ref()).cloned(),
+    }
 }
 
 #[cfg(test)]
@@ -252,6 +293,26 @@ mod tests {
     }
 
     #[test]
+    fn a_target_that_is_missed_in_its_colour_alone_says_which() {
+        // Of one luminance: 0.2126 R + 0.7152 G + 0.0722 B.
+        let target = flat([0.5; 3]);
+        let worst = |pixel: [f32; 3]| {
+            let mut after = target.clone();
+            after.data[3 * 7..].copy_from_slice(&pixel);
+            let aim = Aim::Target { image: target.clone(), exposure_invariant: false };
+            let worst = report(&goal(aim, None), &target, &after).worst.unwrap();
+            assert_eq!((worst.x, worst.y), (0.875, 0.75), "{worst:?}");
+            assert!(worst.off.abs() < 0.01, "{worst:?}");
+            worst
+        };
+        let [warm, cool] = [worst([0.6, 0.5, 0.2056]), worst([0.4, 0.5, 0.7944])];
+        assert!((warm.mireds + (0.61_f32 / 0.2156).ln() / RATIO_PER_MIRED).abs() < 1.0, "{warm:?}");
+        assert!(cool.mireds > 80.0 && cool.green.abs() < 0.2, "{cool:?}");
+        let green = worst([0.3, 0.577, 0.3264]);
+        assert!(green.green < -0.7 && green.mireds.abs() < 12.0, "{green:?}");
+    }
+
+    #[test]
     fn a_target_with_a_place_is_judged_in_it_alone() {
         let mut target = flat([0.5; 3]);
         // Outside anything may stand.
@@ -277,6 +338,38 @@ mod tests {
             goal(Aim::Temperature { mireds: 30.0 }, all),
             goal(Aim::Keep, left),
         ];
-        assert_eq!(conflicts(&goals), [(0, 2), (0, 4), (2, 4), (3, 4)]);
+        assert_eq!(conflicts(&goals, &flat([0.5; 3])), [(0, 2), (0, 4), (2, 4), (3, 4)]);
+    }
+
+    #[test]
+    fn a_target_conflicts_with_what_it_does_not_show() {
+        let before = flat([0.2; 3]);
+        let left = || Some([1.0, 1.0, 0.0, 0.0].repeat(2));
+        let right = Some([0.0, 0.0, 1.0, 1.0].repeat(2));
+        // As it is, but for the left half.
+        let with_left = |pixel: [f32; 3]| {
+            let row = [pixel, pixel, [0.2; 3], [0.2; 3]].concat();
+            Image { data: row.repeat(2), ..before.clone() }
+        };
+        let is_conflict = |target: Image, exposure_invariant: bool, other: Goal| {
+            let goals = [goal(Aim::Target { image: target, exposure_invariant }, None), other];
+            let [found, turned] =
+                [&goals, &[goals[1].clone(), goals[0].clone()]].map(|goals| conflicts(goals, &before));
+            assert_eq!(found, turned);
+            found == [(0, 1)]
+        };
+        let brighter = || goal(Aim::Brightness { stops: 2.0 }, left());
+        assert!(is_conflict(before.clone(), false, brighter()));
+        assert!(is_conflict(with_left([0.3; 3]), false, brighter()), "0.6 of 2 stops");
+        assert!(!is_conflict(with_left([0.6; 3]), false, brighter()), "1.6 of 2 stops");
+        assert!(!is_conflict(before.clone(), true, brighter()), "an exposure can be any");
+        let warmer = |place| goal(Aim::Temperature { mireds: 60.0 }, place);
+        let warm = with_left([0.25, 0.2, 0.15]);
+        assert!(!is_conflict(warm.clone(), false, warmer(left())));
+        assert!(is_conflict(warm.clone(), true, warmer(right)));
+        assert!(!is_conflict(warm.clone(), false, goal(Aim::Color { color: [5.0, 4.0, 3.0] }, left())));
+        assert!(is_conflict(warm.clone(), false, goal(Aim::Color { color: [1.0, 4.0, 9.0] }, left())));
+        assert!(!is_conflict(before.clone(), false, goal(Aim::Keep, left())));
+        assert!(is_conflict(warm, false, goal(Aim::Keep, left())));
     }
 }

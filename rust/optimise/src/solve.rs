@@ -17,8 +17,10 @@ pub struct Settings {
     pub iterations: usize,
     /// Adam's learning rate in unconstrained space; 0.05 in the paper.
     pub learning_rate: f32,
-    /// Share of a goal's cells that each step looks at (paper, table 3); at least some hundred cells.
+    /// Share of a goal's cells that each step looks at (paper, table 3).
     pub pixel_fraction: f32,
+    /// Least number of them, however small the share.
+    pub least_cells: usize,
     /// Softness of the lights at the first and the last steps ([`crate::Relight::values`]).
     pub softness: [f32; 2],
     /// Seed of starts and pixel subsets.
@@ -27,7 +29,14 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { iterations: 500, learning_rate: 0.05, pixel_fraction: 0.05, softness: [0.0; 2], seed: 0 }
+        Self {
+            iterations: 500,
+            learning_rate: 0.05,
+            pixel_fraction: 0.05,
+            least_cells: 128,
+            softness: [0.0; 2],
+            seed: 0,
+        }
     }
 }
 
@@ -46,17 +55,6 @@ pub struct Step<'a> {
     pub lights: &'a [Light],
 }
 
-/// The state of one step.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub struct TrajectoryPoint {
-    /// Step number.
-    pub iteration: usize,
-    /// Loss on that step's cells.
-    pub loss: f64,
-    /// The lights.
-    pub lights: Vec<Light>,
-}
-
 /// The best of all starts.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Solution {
@@ -68,8 +66,8 @@ pub struct Solution {
     pub start_loss: f64,
     /// Number of that start.
     pub start: usize,
-    /// Its steps, one by one.
-    pub trajectory: Vec<TrajectoryPoint>,
+    /// Loss of each of its steps, on that step's cells.
+    pub losses: Vec<f64>,
     /// The start that came second, which may be the better one where losses are exact.
     pub runner_up: Option<RunnerUp>,
     /// Whether the caller stopped it early; the lights are the best until then.
@@ -85,10 +83,10 @@ pub struct RunnerUp {
     pub start_loss: f64,
     /// Number of that start.
     pub start: usize,
+    /// Loss of each of its steps, on that step's cells.
+    pub losses: Vec<f64>,
 }
 
-/// Least number of cells that a step looks at.
-const LEAST_CELLS: usize = 128;
 /// Cells of each goal on which candidates are compared.
 const CHECK_CELLS: usize = 1024;
 /// Steps between comparisons. Losses of subsets are too noisy to tell the best step.
@@ -183,14 +181,18 @@ impl Race<'_> {
         }
         let mut runs = runs.into_iter();
         let best = runs.next().ok_or(OptimiseError::Diverged)?;
-        let runner_up =
-            |run: Run| RunnerUp { lights: run.best, start_loss: run.start_loss, start: run.number };
+        let runner_up = |run: Run| RunnerUp {
+            lights: run.best,
+            start_loss: run.start_loss,
+            start: run.number,
+            losses: run.losses,
+        };
         Ok(Solution {
             lights: best.best,
             loss: best.best_loss,
             start_loss: best.start_loss,
             start: best.number,
-            trajectory: best.trajectory,
+            losses: best.losses,
             runner_up: runs.next().map(runner_up),
             cancelled: self.cancelled.load(Ordering::Relaxed),
         })
@@ -206,7 +208,7 @@ struct Run {
     random: Random,
     /// For each term of each view.
     subsets: Vec<Vec<PixelSubset>>,
-    trajectory: Vec<TrajectoryPoint>,
+    losses: Vec<f64>,
     best: Vec<Light>,
     best_loss: f64,
     start_loss: f64,
@@ -218,9 +220,9 @@ struct Run {
 impl Run {
     fn new(race: &Race, number: usize, start: &[Light], check: &Check) -> Result<Self, OptimiseError> {
         let subsets = check.objective.views.iter().map(|view| {
-            let share = |term: &crate::term::Term| race.settings.pixel_fraction.min(1.0) * term.len() as f32;
-            let subset = |term| {
-                PixelSubset::new(crate::term::Term::len(term), (share(term) as usize).max(LEAST_CELLS))
+            let subset = |term: &crate::term::Term| {
+                let share = race.settings.pixel_fraction.min(1.0) * term.len() as f32;
+                PixelSubset::new(term.len(), (share as usize).max(race.settings.least_cells))
             };
             view.terms.iter().map(subset).collect()
         });
@@ -232,7 +234,7 @@ impl Run {
             adam: Adam::new(race.problem.variables.len() * PARAMS, race.settings.learning_rate),
             random: Random::new(race.settings.seed ^ (number as u64) << 32),
             subsets: subsets.collect(),
-            trajectory: Vec::new(),
+            losses: Vec::new(),
             best: start,
             best_loss: 0.0,
             start_loss: 0.0,
@@ -260,7 +262,7 @@ impl Run {
             if (race.on_step)(step).is_break() {
                 race.cancelled.store(true, Ordering::Relaxed);
             }
-            self.trajectory.push(TrajectoryPoint { iteration, loss, lights: self.lights.clone() });
+            self.losses.push(loss);
             if !(loss.is_finite() && gradient.as_flattened().iter().all(|g| g.is_finite())) {
                 self.has_ended = true;
                 return Ok(());

@@ -139,6 +139,7 @@ fn random_shape(variable: &Variable, random: &mut Random) -> LightShape {
         for (i, size) in lane::SIZE.zip(shape.sizes()) {
             step[i] = (low * (high / low).powf(random.next_f32()) / size).ln();
         }
+        lane::SIZE.for_each(|i| step[i] = step[locks.lead(i)]);
     }
     let shape = shape.moved(&step);
     bounds.direction.filter(|_| !locks.direction).map_or(shape, |cap| cap.squeezed(&shape))

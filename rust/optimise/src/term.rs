@@ -28,10 +28,7 @@ impl<'a> Term<'a> {
             Aim::Target { image, .. } => (&cells.means(image), metrics::exposure(&goal.within(image))),
             _ => (&before.to_vec(), of_before),
         };
-        let weights = goal.pixels.as_ref().map(|weights| match &goal.aim {
-            Aim::Target { .. } => target_weights(cells, weights),
-            _ => cells.mean_weights(weights),
-        });
+        let weights = goal.pixels.as_ref().map(|weights| goal.cell_weights(cells, weights));
         let weight = |cell: usize| weights.as_ref().map_or(1.0, |weights| weights[cell]);
         let chosen: Vec<usize> = (0..cells.count()).filter(|cell| weight(*cell) > 0.0).collect();
         let exposed = |image: &[[f32; 3]], cell: usize| image[cell].map(|x| exposure * x);
@@ -95,13 +92,6 @@ fn sum(values: impl Iterator<Item = [f32; 3]>, shares: &[f32]) -> [f32; 3] {
         (0..3).for_each(|c| sum[c] += share * value[c]);
     }
     sum
-}
-
-/// Weights of cells in which a target counts. Outside of its place a target may hold anything, which the mean of a cell that it
-/// only touches would mix in; such cells count only if there are no others.
-fn target_weights(cells: Cells, weights: &[f32]) -> Vec<f32> {
-    let least = cells.least_weights(weights);
-    if least.iter().any(|weight| *weight > 0.0) { least } else { cells.mean_weights(weights) }
 }
 
 /// What a goal wants of some cells: all that a comparison needs beside the picture.

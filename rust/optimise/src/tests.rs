@@ -306,7 +306,7 @@ fn cancelling_at_any_step_gives_the_best_until_then() {
         let start = [vec![disturbed(light)]];
         let solution = solve(&problem, &start, &Settings::default(), &stop).unwrap();
         assert!(solution.cancelled && solution.loss <= solution.start_loss);
-        assert_eq!(solution.trajectory.len(), last + 1);
+        assert_eq!(solution.losses.len(), last + 1);
     }
 }
 

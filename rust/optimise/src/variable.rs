@@ -26,12 +26,21 @@ pub struct Locks {
     pub color: bool,
     /// The luminance of its power.
     pub strength: bool,
+    /// How many times as wide as high an area light is, whatever its size: Blender's squares and disks have one size.
+    pub proportion: bool,
 }
 
 impl Locks {
     /// Everything stays.
-    pub const ALL: Self =
-        Self { position: true, direction: true, size: true, cone: true, color: true, strength: true };
+    pub const ALL: Self = Self {
+        position: true,
+        direction: true,
+        size: true,
+        cone: true,
+        color: true,
+        strength: true,
+        proportion: true,
+    };
 
     /// Whether the shape stays, so that one picture of the light serves throughout.
     pub fn hold_shape(&self, shape: &LightShape) -> bool {
@@ -50,6 +59,11 @@ impl Locks {
             6..8 => self.size,
             _ => self.cone,
         }
+    }
+
+    /// The lane whose step a lane takes: that of the other side where both keep their proportion.
+    pub(crate) fn lead(&self, number: usize) -> usize {
+        if self.proportion && lane::SIZE.contains(&number) { lane::SIZE.start } else { number }
     }
 }
 
@@ -153,8 +167,8 @@ impl Mapping {
     /// The light after a step of the unconstrained values from where it is, through whatever walls are there.
     pub(crate) fn free_step(&self, light: &Light, delta: &[f32; PARAMS]) -> Light {
         let power = self.stepped_power(light, delta);
-        let shape_step: [f32; LANES] = std::array::from_fn(|i| self.lane_step(&light.shape, i, delta[i]));
-        let shape = light.shape.moved(&shape_step);
+        let lane_step = |lead: usize| self.lane_step(&light.shape, lead, delta[lead]);
+        let shape = light.shape.moved(&std::array::from_fn(|i| lane_step(self.locks.lead(i))));
         let radiance = power.map(|power| power / shape.extent());
         Light { shape, radiance, ..light.clone() }
     }
@@ -162,11 +176,12 @@ impl Mapping {
     /// The light with one of its sizes at a share of its range, at the same power.
     pub(crate) fn with_size(&self, light: &Light, number: usize, share: f32) -> Light {
         let to = |range: Range<f32>| range.start + share * (range.end - range.start);
-        let mut step = [0.0; LANES];
-        step[number] = self
+        let step = self
             .range(&light.shape, number)
             .map_or(0.0, |range| to(range) - coordinate(&light.shape, number));
-        let shape = light.shape.moved(&step);
+        let shape = light
+            .shape
+            .moved(&std::array::from_fn(|i| if self.locks.lead(i) == number { step } else { 0.0 }));
         let radiance = power(light).map(|power| power / shape.extent());
         Light { shape, radiance, ..light.clone() }
     }
@@ -191,6 +206,10 @@ impl Mapping {
         for (slope, i) in light.shape.extent_slopes().into_iter().zip(lane::SIZE) {
             by_lane[i] -= fall * slope;
         }
+        let by_lane: [f32; LANES] = std::array::from_fn(|number| {
+            let follows = |i: &usize| self.locks.lead(*i) == number;
+            (0..LANES).filter(follows).map(|i| by_lane[i]).sum()
+        });
         let extent = light.shape.extent();
         let d_power = self.power_gradient(light, d_radiance.map(|d| d / extent));
         std::array::from_fn(|i| match i.checked_sub(LANES) {
@@ -202,7 +221,9 @@ impl Mapping {
     /// Whether an unconstrained value changes anything.
     pub(crate) fn is_free(&self, shape: &LightShape, number: usize) -> bool {
         match (number, self.locks.color, self.locks.strength) {
-            (0..LANES, ..) => shape.has_lane(number) && !self.locks.holds(number),
+            (0..LANES, ..) => {
+                shape.has_lane(number) && !self.locks.holds(number) && self.locks.lead(number) == number
+            }
             (_, true, true) => false,
             (_, true, false) => number == LANES,
             _ => true,

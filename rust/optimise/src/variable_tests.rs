@@ -96,6 +96,20 @@ fn locks_hold_what_they_name_and_nothing_else() {
 }
 
 #[test]
+fn sides_that_keep_their_proportion_grow_as_one() {
+    let map = mapping(Locks { proportion: true, ..Locks::default() });
+    let ratio = |light: &Light| light.shape.sizes()[0] / light.shape.sizes()[1];
+    for light in lights().iter().filter(|light| light.shape.has_lane(lane::SIZE.end - 1)) {
+        let mut delta = [0.0; PARAMS];
+        (delta[lane::SIZE.start], delta[lane::SIZE.start + 1]) = (0.3, -0.2);
+        for other in [map.step(light, &delta), map.with_size(light, lane::SIZE.start, 0.9)] {
+            assert!(other.shape.sizes()[0] > 1.05 * light.shape.sizes()[0], "{other:?}");
+            assert!((ratio(&other) / ratio(light) - 1.0).abs() < 1e-4, "{other:?}");
+        }
+    }
+}
+
+#[test]
 fn pull_back_is_the_slope_of_the_step() {
     // Any smooth function of a light will do.
     let value = |light: &Light| {
@@ -114,8 +128,9 @@ fn pull_back_is_the_slope_of_the_step() {
             + f64::from(2.0 * a.ln() + b.ln() + radiance)
     };
     for light in lights() {
-        for (color, strength) in [(false, false), (true, false), (false, true)] {
-            let map = mapping(locks(color, strength));
+        let proportion = Locks { proportion: true, ..Locks::default() };
+        for locks in [locks(false, false), locks(true, false), locks(false, true), proportion] {
+            let map = mapping(locks);
             let by_lane: [f32; LANES] = std::array::from_fn(|i| {
                 let at = |delta: f32| {
                     let mut step = [0.0; LANES];

@@ -103,6 +103,13 @@ pub enum AreaShape {
     Ellipse,
 }
 
+impl AreaShape {
+    /// Whether it has one size for both sides.
+    pub fn is_even(self) -> bool {
+        matches!(self, Self::Square | Self::Disk)
+    }
+}
+
 fn white() -> [f32; 3] {
     [1.0; 3]
 }
@@ -208,7 +215,7 @@ impl BlenderLight {
         spread: f32,
         notes: &mut Vec<String>,
     ) -> Result<(LightShape, f32), LightError> {
-        let size_y = if matches!(shape, AreaShape::Square | AreaShape::Disk) { size } else { size_y };
+        let size_y = if shape.is_even() { size } else { size_y };
         let axes = self.axes();
         let (true_u, true_v) = (axes.x_axis * size, axes.y_axis * size_y);
         let mut edge_of = |edge: Vec3, axis: Vec3| {

@@ -99,11 +99,10 @@ impl BlenderLight {
                 BlenderLightKind::Area { shape: form, size, size_y, spread },
                 LightShape::Quad { .. } | LightShape::Ellipse { .. },
             ) => {
-                let is_even = matches!(form, AreaShape::Square | AreaShape::Disk);
-                let old_y = if is_even { size } else { size_y };
+                let old_y = if form.is_even() { size } else { size_y };
                 let (size, size_y) =
                     (kept(0, size, sizes.1[0] / scale_x), kept(1, old_y, sizes.1[1] / scale_y));
-                let stays_even = is_even && (size_y / size - 1.0).abs() < EQUAL;
+                let stays_even = form.is_even() && (size_y / size - 1.0).abs() < EQUAL;
                 let form = match form {
                     AreaShape::Square if !stays_even => AreaShape::Rectangle,
                     AreaShape::Disk if !stays_even => AreaShape::Ellipse,

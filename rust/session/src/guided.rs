@@ -49,7 +49,7 @@ impl Guided {
         let guiding = guiding.ok_or("\"guiding\" must be a share from 0 to below 1")? as f32;
         let since = |entry: &Value| {
             let pass = entry["pass"].as_u64().ok_or("\"pass\" must be the number of a pass")?;
-            Ok(Since { pass: pass as usize, lights: LightSet::parse(&entry["lights"].to_string())? })
+            Ok(Since { pass: pass as usize, lights: LightSet::from_json(entry["lights"].clone())? })
         };
         let entries = value["since"].as_array().ok_or("\"since\" must be a list")?;
         let since = entries.iter().map(since).collect::<Result<_, String>>()?;

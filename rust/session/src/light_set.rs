@@ -66,8 +66,15 @@ impl LightSet {
     }
 
     /// Parses the text of a light set.
+    ///
+    /// # Errors
+    /// In words that name the light and the field.
     pub fn parse(text: &str) -> Result<Self, String> {
-        let value: Value = serde_json::from_str(text).map_err(|error| error.to_string())?;
+        Self::from_json(serde_json::from_str(text).map_err(|error| error.to_string())?)
+    }
+
+    /// As [`LightSet::parse`], of a part of some JSON.
+    pub(crate) fn from_json(value: Value) -> Result<Self, String> {
         let file = if value.is_array() {
             let lights = serde_json::from_value(value).map_err(|error| error.to_string())?;
             File { format: FORMAT.into(), version: VERSION, name: String::new(), lights }

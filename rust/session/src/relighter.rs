@@ -277,10 +277,7 @@ impl Relighter {
             image.add_scaled(&unit, &light.radiance);
             RelitLight { name: light.name.clone(), image, maker }
         });
-        let [static_light, world] = match options.denoise {
-            true => self.clean_statics()?,
-            false => [self.aovs.emission.clone(), self.aovs.world.clone()],
-        };
+        let [static_light, world] = self.statics(options.denoise)?;
         Ok(Relit {
             lights: lights.collect(),
             static_light,
@@ -299,15 +296,16 @@ impl Relighter {
         self.gather().map_or(0, |gather| gather.dump().manifest().samples())
     }
 
-    /// Static light and world without noise, made once.
-    fn clean_statics(&self) -> Result<[Image; 2], SessionError> {
+    /// Static light and world; without noise they are made once.
+    pub(crate) fn statics(&self, denoise: bool) -> Result<[Image; 2], SessionError> {
+        if !denoise {
+            return Ok([self.aovs.emission.clone(), self.aovs.world.clone()]);
+        }
         if let Some(clean) = self.clean_statics.get() {
             return Ok(clean.clone());
         }
         let mut statics = [self.aovs.emission.clone(), self.aovs.world.clone()];
-        for image in statics.iter_mut().filter(|image| image.data.iter().any(|v| *v != 0.0)) {
-            self.denoise.images(std::slice::from_mut(image), DenoiseQuality::High)?;
-        }
+        self.denoise.lit_images(&mut statics, DenoiseQuality::High)?;
         Ok(self.clean_statics.get_or_init(|| statics).clone())
     }
 
@@ -349,11 +347,7 @@ impl Relighter {
                 return Err(SessionError::Cancelled);
             }
             let group_lights: Vec<Light> = group.iter().map(|i| lights[*i].clone()).collect();
-            group_lights
-                .iter()
-                .filter_map(|light| Some(self.sight.as_ref()?.rare(light)?.warning(light)))
-                .chain(group_lights.iter().filter_map(|light| too_small(self.gather()?, light)))
-                .for_each(|text| monitor.warn(&text));
+            self.warn_of(&group_lights, monitor);
             let mut images = self.gather_images(&group_lights, Half::All, monitor)?;
             if options.denoise {
                 self.denoise.images(&mut images, DenoiseQuality::High)?;
@@ -364,6 +358,17 @@ impl Relighter {
             }
         }
         Ok(units.into_iter().flatten().zip(makers).collect())
+    }
+
+    /// Says which lights are hardly met by paths, or too small for the bake, so that their gathered pictures are to be trusted less.
+    pub(crate) fn warn_of(&self, lights: &[Light], monitor: &Monitor) {
+        let rare = |light: &Light| Some(self.sight.as_ref()?.rare(light)?.warning(light));
+        let small = |light: &Light| too_small(self.gather()?, light);
+        lights
+            .iter()
+            .filter_map(rare)
+            .chain(lights.iter().filter_map(small))
+            .for_each(|text| monitor.warn(&text));
     }
 
     fn maker(&self, light: &Light, options: &RelightOptions) -> Result<Maker, SessionError> {

@@ -139,7 +139,6 @@ class Shown:
                 "parameter_error": None,
                 "seconds": 0.0,
                 "method": "-",
-                "note": "the hidden change shows nowhere",
             }
         request = self.request()
         result = self.shot.solve(request)
@@ -194,7 +193,17 @@ def lines(record):
             f"  known answer {found['known']:7.3f}  reached {found['reached']:7.3f} {unit:10} (the solver says {said})"
             f"  {'met' if found['met'] else 'MISSED'}"
         )
-    return "\n".join(texts) or f"  {record['scene']:12} run {record['run']}  {record['note']}"
+    texts += [
+        f"  {record['scene']:12} run {record['run']}  {kind:8} not painted: the hidden change leaves no place for it"
+        for kind in unpainted(record)
+    ]
+    return "\n".join(texts)
+
+
+def unpainted(record):
+    """Kinds of strokes that had no place."""
+    painted = {found["goal"] for found in record["strokes"]}
+    return [kind for kind in RUNS[record["run"]] if kind not in painted]
 
 
 def show(records):
@@ -204,4 +213,5 @@ def show(records):
     for record in found:
         print(lines(record))
     painted = [one for record in found for one in record["strokes"]]
-    print(f"{sum(one['met'] for one in painted)} of {len(painted)} strokes met")
+    missing = sum(len(unpainted(record)) for record in found)
+    print(f"{sum(one['met'] for one in painted)} of {len(painted)} strokes met, {missing} had no place")

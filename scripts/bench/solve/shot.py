@@ -32,6 +32,8 @@ class Shot:
         self.clock = processor_seconds if args.threads == 1 else time.perf_counter
         self.blend = args.scenes_folder / f"{name}.blend"
         self.folder = args.out / "solve" / f"{name}-{self.size}-{args.bake_samples}"
+        self.bake_seconds = None
+        """Of the bake, Blender's start and reading of the file included, once it is there."""
 
     def open(self, bare):
         """Opens the file in Cycles and bakes it if that is not done; `bare` is as of the judge."""
@@ -70,9 +72,14 @@ class Shot:
             on_preview(self.clock() - start, found["lights"])
 
     def _bake(self):
-        print(f"  bake of {self.name}", flush=True)
-        resume = ["--resume"] if (self.folder / "manifest.json").exists() else []
-        self._run_bake(self.folder, "--samples", self.args.bake_samples, *resume)
+        times = self.folder / "bake_seconds.json"
+        if not times.exists():
+            print(f"  bake of {self.name}", flush=True)
+            shutil.rmtree(self.folder, ignore_errors=True)
+            start = self.clock()
+            self._run_bake(self.folder, "--samples", self.args.bake_samples)
+            times.write_text(json.dumps(self.clock() - start))
+        self.bake_seconds = json.loads(times.read_text())
 
     def _bake_towards(self, result):
         """A folder with a few paths that look for the lights as they are and as they were found."""

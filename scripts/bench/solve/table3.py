@@ -49,7 +49,8 @@ def run(shot, records, args):
 
 def cells(shot, args, number, count):
     """Settings of what is to be measured."""
-    same = {"table": "3", "scene": shot.name, "lights": count, "run": number, "through": args.through} | general(args)
+    same = {"table": "3", "scene": shot.name, "lights": count, "run": number, "through": args.through}
+    same |= {"least_cells": args.least_cells} | general(args)
     for starts in args.starts:
         for fraction in args.fractions or FRACTIONS:
             if starts == 1 or fraction == MANY_STARTS_FRACTION:
@@ -82,6 +83,7 @@ class Problem:
             "keep_rest": 0.0,
             "starts": cell["starts"],
             "pixel_fraction": cell["pixel_fraction"],
+            "least_cells": cell["least_cells"],
             "seed": self.seed,
         }
 
@@ -120,14 +122,14 @@ def show(records):
     for setting in sorted({setting_of(record) for record in found}):
         of_setting = [record for record in found if setting_of(record) == setting]
         print("\nTable 3: PSNR in dB of Cycles renders of what was found (the paper's)  [runs, processor seconds]")
-        print(", ".join(setting))
+        print(", ".join(setting), "(rows: share of cells of each gradient step; the polish looks at up to 4096)")
         show_setting(of_setting)
         show_same(of_setting)
 
 
 def setting_of(record):
     """What records of one table have in common, in words."""
-    return tuple(f"{key.replace('_', ' ')} {record[key]}" for key in ("through", *GENERAL))
+    return tuple(f"{key.replace('_', ' ')} {record[key]}" for key in ("through", "least_cells", *GENERAL))
 
 
 def show_setting(found):
@@ -144,7 +146,7 @@ def show_setting(found):
 
 
 def show_same(found):
-    """Says which rows are one solve. A step looks at 128 cells of up to 8 x 8 pixels at least, whatever the share."""
+    """Says which rows are one solve: a step looks at some cells of up to 8 x 8 pixels at least, whatever the share."""
 
     def errors(fraction):
         some = [record for record in found if record["pixel_fraction"] == fraction and record["starts"] == 1]
@@ -155,7 +157,7 @@ def show_same(found):
         both = results[0].keys() & results[1].keys()
         same = sum(results[0][key] == results[1][key] for key in both)
         if same:
-            least = "a step looks at 128 cells of up to 8 x 8 pixels at least"
+            least = f"a step looks at {found[0]['least_cells']} cells of up to 8 x 8 pixels at least"
             print(f"{same} of {len(both)} solves of {larger:.1%} and {smaller:.1%} are the same: {least}")
 
 

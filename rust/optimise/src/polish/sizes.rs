@@ -11,6 +11,9 @@ const SIZES: [f32; 7] = [0.07, 0.21, 0.36, 0.5, 0.64, 0.79, 0.93];
 const ROUNDS: usize = 4;
 /// A size this near to an end of its range is where smoothing has left it to the noise: it says nothing.
 const END: f32 = 0.1;
+/// It is left for the middle only if that at most so multiplies the loss of clean pictures. A compromise: denoising dims small
+/// lights, so that clean pictures dislike them a little even where they are right.
+const MOST_DISLIKED: f64 = 2.0;
 /// A size within this share of its range is where the artist had it.
 const UNCHANGED: f32 = 1e-3;
 
@@ -32,7 +35,7 @@ impl Fit<'_> {
     /// The light that is `now` in place of one of the state's, with better sizes; none if there are none. A size shows in little but
     /// how soft shadows are: its derivatives are small, and denoising counts as much. So exact pictures are compared, and
     /// others are only taken if they leave little doubt; one that was moved to the end of its range is also left if they
-    /// like the middle better.
+    /// like the middle better, and clean ones not much less.
     fn better_sized(
         &self,
         state: &State,
@@ -54,10 +57,33 @@ impl Fit<'_> {
             return Ok(Some(better.clone()));
         }
         let middles = (SIZES.len() / 2..).step_by(SIZES.len());
-        let mut left = groups.iter().zip(middles).filter(|(group, middle)| {
-            gains[*middle].mean > 0.0 && group.iter().all(|size| self.has_run_to_end(number, now, *size))
-        });
-        Ok(left.next().map(|(_, middle)| tried[middle].clone()))
+        for (group, middle) in groups.iter().zip(middles) {
+            let has_run = group.iter().all(|size| self.has_run_to_end(number, now, *size));
+            let is_liked = has_run && gains[middle].mean > 0.0;
+            if is_liked && self.is_hardly_disliked(&tried[middle], state, number, now)? {
+                return Ok(Some(tried[middle].clone()));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Whether clean pictures like a light not much less than the one that is `now` in place of one of the state's.
+    fn is_hardly_disliked(
+        &self,
+        other: &Light,
+        state: &State,
+        number: usize,
+        now: &Light,
+    ) -> Result<bool, OptimiseError> {
+        let [other, now] = [other, now].map(|light| self.clean_loss_with(state, number, light));
+        Ok(other? <= MOST_DISLIKED * now?)
+    }
+
+    /// Loss of clean pictures with a light in place of one of the state's.
+    fn clean_loss_with(&self, state: &State, number: usize, light: &Light) -> Result<f64, OptimiseError> {
+        let mut lights = state.lights.clone();
+        lights[number] = light.clone();
+        Ok(self.loss(&self.state(&lights)?, &Trust::default()))
     }
 
     /// What exact pictures gain, and preferences with them, with others of a light that is `now` in place of one of the state's.

@@ -4,7 +4,7 @@ use serde::Deserialize;
 
 use super::Record;
 
-/// What is to be reached on an NVIDIA H200, beside the paper's figures. `scripts/bench/gpu.py` makes a table of the same file.
+/// What is to be reached on an NVIDIA H200, beside the paper's figures. `scripts/bench/graphics.py` makes a table of the same file.
 const GOALS: &str = include_str!("goals.json");
 
 /// A goal, for figures whose names begin with one of `names`.
@@ -49,7 +49,7 @@ mod tests {
         }
         names.push(solve_name(Extent::CARD.picture, Extent::CARD.steps));
         let wanted = goals().iter().flat_map(|goal| &goal.names);
-        // Those of trained proxies, which `scripts/bench/gpu.py` measures.
+        // Those of trained proxies, which `scripts/bench/graphics.py` measures.
         let of_quality = |name: &&String| name.contains("s of training");
         let (trained, measured): (Vec<_>, Vec<_>) = wanted.partition(of_quality);
         assert_eq!(trained.len(), 4);

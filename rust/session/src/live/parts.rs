@@ -32,9 +32,13 @@ pub(super) struct Told {
 /// The lights that give light, each with what shows it, and what there is to say about them.
 pub(super) fn parts(request: &LiveRequest, view: &mut View) -> (Vec<Part>, Told) {
     let (mut parts, mut told) = (Vec::new(), Told { warnings: request.notes.clone(), ..Told::default() });
+    let mut unlearned = Vec::new();
     for light in request.lights.iter().filter(|light| light.radiance != [0.0; 3]) {
         match part(light, request.with, view, &mut told.warnings) {
             Ok(how) => {
+                if how == How::Gather && !has_proxy(light, view.proxies.proxies()) {
+                    unlearned.push(light.name.as_str());
+                }
                 let pass = view.passes.first().filter(|_| how == How::Gather);
                 told.warnings.extend(pass.and_then(|pass| too_small(pass.gather(), light)));
                 if let (How::Gather, Some(rare)) = (how, view.rare(light)) {
@@ -49,7 +53,29 @@ pub(super) fn parts(request: &LiveRequest, view: &mut View) -> (Vec<Part>, Told)
             Err(reason) => told.warnings.push(reason),
         }
     }
+    if !view.proxies.proxies().is_empty() {
+        told.warnings.extend(without_proxy(&unlearned));
+    }
     (parts, told)
+}
+
+/// Whether lights of its kind have been learned.
+fn has_proxy(light: &Light, proxies: &Proxies) -> bool {
+    LightKind::of(&light.shape).is_some_and(|kind| proxies.of(kind).is_some())
+}
+
+/// What to say of lights that are slower to drag than those of other kinds.
+fn without_proxy(names: &[&str]) -> Option<String> {
+    let named = match names {
+        [] => return None,
+        [one] => format!("'{one}'"),
+        [one, other] => format!("'{one}' and '{other}'"),
+        [one, other, more @ ..] => format!("'{one}', '{other}' and {} more", more.len()),
+    };
+    Some(format!(
+        "no proxy has learned lights such as {named} (only points, and rectangles of full spread, ever are): they are \
+         summed from the samples, which is slower"
+    ))
 }
 
 fn part(light: &Light, with: With, view: &View, warnings: &mut Vec<String>) -> Result<How, String> {

@@ -51,8 +51,16 @@ impl LiveRequest {
     /// # Errors
     /// In words that name the light or the field.
     pub fn parse(text: &str) -> Result<Self, String> {
-        let json: Json = serde_json::from_str(text).map_err(|error| error.to_string())?;
-        let LightSet { mut lights, notes, .. } = LightSet::parse(&json.lights.to_string())?;
+        Self::of(serde_json::from_str(text).map_err(|error| error.to_string())?)
+    }
+
+    /// As [`LiveRequest::parse`], of a part of some JSON.
+    pub(crate) fn from_json(value: Value) -> Result<Self, String> {
+        Self::of(serde_json::from_value(value).map_err(|error| error.to_string())?)
+    }
+
+    fn of(json: Json) -> Result<Self, String> {
+        let LightSet { mut lights, notes, .. } = LightSet::from_json(json.lights)?;
         for light in &mut lights {
             let gain = json.gains.get(&light.name).copied().unwrap_or(one());
             light.radiance = std::array::from_fn(|c| light.radiance[c] * gain[c]);

@@ -346,7 +346,9 @@ fn training_gives_a_proxy_that_stands_in_while_dragging() {
     assert!(states(2.0), "a longer training was not done");
 
     let sphere = |center: Vec3, radius: f32| LightShape::Sphere { center, radius };
+    let direction = Vec3::NEG_Z;
     for (name, shape, reason) in [
+        ("Sun", LightShape::Sun { direction, half_angle: 0.01 }, "no proxy has learned lights such as 'Sun'"),
         ("Huge", sphere(Vec3::Z, 3.0), "sizes of"),
         ("Far", sphere(Vec3::new(0.0, 0.0, 40.0), 0.3), "places of"),
     ] {

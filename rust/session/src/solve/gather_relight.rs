@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use super::look::look;
 use crate::device_gather::DeviceGather;
 use crate::device_layers::DeviceLayers;
-use crate::progress::Monitor;
+use crate::progress::{Monitor, Stage};
 use crate::relighter::Relighter;
 use crate::unit_cache::key;
 use crate::{Denoise, SessionError};
@@ -26,8 +26,10 @@ pub(super) struct Prepared {
     /// The first passes: much softened lights are crossed by so many paths that few of them are enough.
     few: [(f32, DeviceGather); 2],
     denoise: Denoise,
-    /// Pixels along the edge of those that are denoised as one: only the means of cells are wanted.
+    /// Pixels along the edge of those that are looked at as one.
     shrink: usize,
+    /// Width and height of what is looked at, and the edge of its cells.
+    size: (usize, usize),
     cell: usize,
 }
 
@@ -37,12 +39,12 @@ const ENOUGH: [(f32, u32); 2] = [(0.05, 6), (0.015, 24)];
 const MOST_KEPT: usize = 1 << 28;
 /// Bytes of full pictures that are held at a time: lights near each other cost less together.
 const MOST_AT_ONCE: usize = 1 << 27;
-/// Pixels that are denoised in a moment, and more than there are cells to be compared.
+/// Pixels that are denoised in a moment, and more than there are cells to be compared: as small are pictures looked at, or as cells.
 const QUICKLY_DENOISED: usize = 40_000;
 
 impl Prepared {
-    /// None without a dump.
-    pub fn new(relighter: &Relighter) -> Option<Self> {
+    /// None without a dump. Without a denoiser, which the user is told, pictures are noisy.
+    pub fn new(relighter: &Relighter, monitor: &Monitor) -> Option<Self> {
         let gather = relighter.gather()?;
         let aovs = relighter.aovs();
         let (width, height) = (aovs.albedo.width, aovs.albedo.height);
@@ -50,29 +52,67 @@ impl Prepared {
         let is_quick = |shrink: &usize| width * height / (shrink * shrink) <= QUICKLY_DENOISED;
         let shrinks = [1, 2, 4, 8].into_iter().filter(|shrink| cell.is_multiple_of(*shrink));
         let shrink = shrinks.clone().find(is_quick).or(shrinks.max()).unwrap_or(1);
-        let small = |image: &Image| image.resized(width.div_ceil(shrink), height.div_ceil(shrink));
-        let features = Aovs { albedo: small(&aovs.albedo), normal: small(&aovs.normal), ..aovs.clone() };
+        let (albedo, normal) = (aovs.albedo.shrunk(shrink), aovs.normal.shrunk(shrink));
+        let size = (albedo.width, albedo.height);
+        let features = Aovs { albedo, normal, ..aovs.clone() };
         let few =
             ENOUGH.map(|(softness, samples)| (softness, DeviceGather::new(first_passes(gather, samples))));
         let denoise = Denoise::new(&features, relighter.compute().gpu.as_deref());
-        Some(Self { few, denoise, shrink, cell })
+        denoise.missing().iter().for_each(|reason| monitor.warn(reason));
+        Some(Self { few, denoise, shrink, size, cell: cell / shrink })
     }
 
-    fn shrunk(&self, image: &Image) -> Image {
-        image.resized(image.width.div_ceil(self.shrink), image.height.div_ceil(self.shrink))
+    /// How many times smaller the pictures are along each edge.
+    pub fn shrink(&self) -> usize {
+        self.shrink
     }
 
-    /// The means of cells of a shrunken picture without its noise.
+    /// Static light and world, without noise.
+    pub fn statics(&self, relighter: &Relighter) -> Result<[Image; 2], SessionError> {
+        let aovs = relighter.aovs();
+        let mut statics = [aovs.emission.shrunk(self.shrink), aovs.world.shrunk(self.shrink)];
+        self.denoise.lit_images(&mut statics, DenoiseQuality::High)?;
+        Ok(statics)
+    }
+
+    /// Lights for radiance 1, without noise.
+    pub fn units(
+        &self,
+        relighter: &Relighter,
+        lights: &[Light],
+        monitor: &Monitor,
+    ) -> Result<Vec<Arc<Image>>, SessionError> {
+        let lights: Vec<Light> = lights.iter().map(key).collect();
+        let mut units = Vec::with_capacity(lights.len());
+        let stage = monitor.stage(Stage::Gather, 0, lights.len() as u64);
+        for some in lights.chunks(at_once(relighter)) {
+            if monitor.cancelled() {
+                return Err(SessionError::Cancelled);
+            }
+            let gathered = relighter.gather_images(some, Half::All, monitor)?;
+            units.extend(gathered.iter().map(|unit| unit.shrunk(self.shrink)));
+            stage.advance(some.len() as u64, "");
+        }
+        self.denoise.images(&mut units, DenoiseQuality::High)?;
+        Ok(units.into_iter().map(Arc::new).collect())
+    }
+
+    /// The means of cells of a noisy picture without its noise.
     fn clean_cells(&self, noisy: Image) -> Result<Vec<[f32; 3]>, SessionError> {
         let mut images = [noisy];
         self.denoise.images(&mut images, DenoiseQuality::High)?;
         Ok(self.cells(&images[0]))
     }
 
-    /// The means of cells of a shrunken picture.
+    /// The means of cells.
     fn cells(&self, image: &Image) -> Vec<[f32; 3]> {
-        image.cell_means(self.cell / self.shrink)
+        image.shrunk(self.cell).data.as_chunks::<3>().0.to_vec()
     }
+}
+
+/// Lights whose whole pictures are held at a time.
+fn at_once(relighter: &Relighter) -> usize {
+    (MOST_AT_ONCE / (relighter.aovs().albedo.pixel_count() * 3 * size_of::<f32>())).max(1)
 }
 
 /// As many passes as so many samples need.
@@ -105,13 +145,13 @@ impl<'a> Soft<'a> {
     }
 }
 
-/// Unit images of a light by either half of the paths, of the size that is denoised.
+/// Unit images of a light by either half of the paths, of the size that is looked at.
 type HalfUnits = Arc<[Image; 2]>;
 
 impl<'a> GatherRelight<'a> {
     /// None without a dump.
     pub fn new(relighter: &'a Relighter, prepared: &'a Prepared, monitor: &'a Monitor) -> Option<Self> {
-        let (gather, cell) = (relighter.device_gather()?, prepared.cell);
+        let (gather, cell) = (relighter.device_gather()?, prepared.cell * prepared.shrink);
         let few = prepared.few.iter().map(|(softness, few)| (*softness, Soft::new(few, cell))).collect();
         let (soft, units) = (Soft::new(gather, cell), Mutex::default());
         let halves = [Half::First, Half::Second];
@@ -135,15 +175,14 @@ impl<'a> GatherRelight<'a> {
         let is_new = |(key, known): (&Light, &Option<HalfUnits>)| known.is_none().then(|| key.clone());
         let new: Vec<Light> = keys.iter().zip(&known).filter_map(is_new).collect();
         let mut gathered = Vec::with_capacity(new.len());
-        let (width, height) = self.size();
-        let at_once = (MOST_AT_ONCE / (width * height * 3 * size_of::<f32>())).max(1);
         // Not under the lock: threads that wait for parts of a gather take up other lights meanwhile.
-        for some in new.chunks(at_once) {
+        for some in new.chunks(at_once(self.relighter)) {
             self.go_on()?;
             let [first, second] =
                 self.halves.map(|half| self.relighter.gather_images(some, half, self.monitor));
             let halves = first?.into_iter().zip(second?);
-            gathered.extend(halves.map(|(a, b)| Arc::new([a, b].map(|unit| self.prepared.shrunk(&unit)))));
+            gathered
+                .extend(halves.map(|(a, b)| Arc::new([a, b].map(|unit| unit.shrunk(self.prepared.shrink)))));
         }
         let mut gathered = gathered.into_iter();
         Ok(known.into_iter().filter_map(|known| known.or_else(|| gathered.next())).collect())
@@ -204,8 +243,7 @@ impl<'a> GatherRelight<'a> {
 
 impl Relight for GatherRelight<'_> {
     fn size(&self) -> (usize, usize) {
-        let manifest = self.soft.0.gather().dump().manifest();
-        (manifest.width, manifest.height)
+        self.prepared.size
     }
 
     fn cell(&self) -> usize {

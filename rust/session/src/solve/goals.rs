@@ -110,6 +110,11 @@ fn weights(region: &RegionWish, size: (usize, usize), pictures: &Pictures) -> Re
     let mask = match &region.mask {
         Some(name) => {
             let mut mask = pictures.get(name)?;
+            if !mask.data.iter().all(|value| value.is_finite()) {
+                return Err(SessionError::Settings(format!(
+                    "the mask '{name}' holds values that are infinite or no numbers; render or save it anew"
+                )));
+            }
             if let Some(wanted) = region.equals {
                 // Before it is scaled: the mean of two indices is the index of something else.
                 let is_wanted = |value: &mut f32| *value = f32::from((*value - wanted).abs() < 0.5);

@@ -52,6 +52,7 @@ impl Unknowns {
         let mut new = Self { variables: Vec::new(), sources: Vec::new(), world: None };
         for (i, light) in request.now.lights.iter().enumerate() {
             let locks = wish.free.get(&light.name).map_or(Locks::ALL, |free| locks(free));
+            let locks = Locks { proportion: request.has_one_size(&light.name), ..locks };
             if !locks.hold_all(&light.shape) {
                 let bounds = bounds(&wish.bounds_of(&light.name), light, visible)?;
                 let stay = stay_of(&light.name);
@@ -222,6 +223,7 @@ fn locks(free: &[Freedom]) -> Locks {
         cone: is_locked(Freedom::Cone),
         color: is_locked(Freedom::Color),
         strength: is_locked(Freedom::Strength),
+        proportion: false,
     }
 }
 

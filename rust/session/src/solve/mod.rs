@@ -8,20 +8,19 @@ mod lights;
 mod look;
 mod proxy_relight;
 mod request;
+mod scene_view;
 mod search;
 mod solved;
 
 #[cfg(test)]
 mod compare_tests;
 
-use relume_image::Image;
-use relume_optimise::{Goal, Relight, View};
 use relume_proxy::LightKind;
 use relume_scene::Light;
 use std::time::Instant;
 
 use crate::progress::Monitor;
-use crate::relighter::{RelightOptions, Relighter, With};
+use crate::relighter::Relighter;
 use crate::{LightSet, SessionError};
 
 pub use goals::Pictures;
@@ -30,6 +29,7 @@ pub use request::{
     Add, Answer, BoundsWish, Freedom, GoalKind, GoalWish, NewKind, Own, RegionWish, SolveRequest, Through,
     Wish,
 };
+use scene_view::Scenes;
 use search::Search;
 pub use solved::{GoalReport, Solved};
 
@@ -67,14 +67,13 @@ pub fn solve_lights(
     let mut unknowns = Unknowns::new(request, relighters)?;
     let through = through(relighters, &unknowns, wish.through)?;
     unknowns.keep_inside_proxies(relighters, through);
-    let scenes = relighters.iter().enumerate().map(|(number, relighter)| {
+    let goals = relighters.iter().enumerate().map(|(number, relighter)| {
         let camera = relighter.camera();
-        let goals =
-            goals::goals(&wish.goals, number, (camera.width, camera.height), wish.keep_rest, pictures)?;
-        SceneView::new(relighter, request, &unknowns, goals, monitor)
+        goals::goals(&wish.goals, number, (camera.width, camera.height), wish.keep_rest, pictures)
     });
-    let scenes = scenes.collect::<Result<Vec<_>, SessionError>>()?;
-    let search = Search { request, unknowns: &unknowns, scenes: &scenes, through, monitor, preview };
+    let goals = goals.collect::<Result<Vec<_>, SessionError>>()?;
+    let scenes = Scenes::new(relighters, request, &unknowns, &goals, through, monitor)?;
+    let search = Search { request, unknowns: &unknowns, scenes: &scenes, monitor, preview };
     let found =
         search.run().map_err(|error| if monitor.cancelled() { SessionError::Cancelled } else { error })?;
     solved::solved(request, &unknowns, &scenes, found, through, begin, monitor)
@@ -107,61 +106,4 @@ fn through(relighters: &[&Relighter], unknowns: &Unknowns, wanted: Through) -> R
         "no proxy knows lights {}: they are of a type or size that none was trained for, or outside of where one was; {next}",
         names.join(", ")
     )))
-}
-
-/// One view: what is there besides the lights to be solved.
-pub(crate) struct SceneView<'a> {
-    relighter: &'a Relighter,
-    /// Static light, world and lights that stay.
-    base: Image,
-    /// Pictures for radiance 1 of lights of which only colour or strength may change.
-    still: Vec<Option<Image>>,
-    /// All as it is now.
-    before: Image,
-    goals: Vec<Goal>,
-}
-
-impl<'a> SceneView<'a> {
-    fn new(
-        relighter: &'a Relighter,
-        request: &SolveRequest,
-        unknowns: &Unknowns,
-        goals: Vec<Goal>,
-        monitor: &Monitor,
-    ) -> Result<Self, SessionError> {
-        let options = relighter.possible(&RelightOptions { with: With::Auto, denoise: true }, monitor);
-        let relit = relighter.relight(&request.now.lights, &options, monitor)?;
-        let mut base = Image::new(relit.world.width, relit.world.height, 3);
-        base.add_scaled(&relit.static_light, &request.now.static_light);
-        let mut before = base.clone();
-        before.add_scaled(&relit.world, &request.now.world);
-        if unknowns.world.is_none() {
-            base.add_scaled(&relit.world, &request.now.world);
-        }
-        for (i, light) in relit.lights.iter().enumerate() {
-            before.add_scaled(&light.image, &[1.0; 3]);
-            if !unknowns.solves(i) {
-                base.add_scaled(&light.image, &[1.0; 3]);
-            }
-        }
-        let held: Vec<Light> =
-            unknowns.held().map(|light| Light { radiance: [1.0; 3], ..light.clone() }).collect();
-        let mut units = relighter.unit_images(&held, &options, monitor)?.into_iter();
-        let picture = |place: lights::Picture| match place {
-            lights::Picture::Moves => None,
-            lights::Picture::World => Some(relit.world.clone()),
-            lights::Picture::Held => units.next().map(|(image, _)| Image::clone(&image)),
-        };
-        let still = unknowns.pictures().map(picture).collect();
-        Ok(Self { relighter, base, still, before, goals })
-    }
-
-    fn view<'b>(&'b self, relight: &'b dyn Relight) -> View<'b> {
-        let still = self.still.iter().map(Option::as_ref).collect();
-        View { relight, base: &self.base, still, goals: &self.goals }
-    }
-
-    fn size(&self) -> (usize, usize) {
-        (self.base.width, self.base.height)
-    }
 }

@@ -1,7 +1,7 @@
 use crate::LightSet;
 use crate::live::LiveRequest;
-use relume_optimise::Region;
-use relume_scene::Light;
+use relume_optimise::{Region, Settings};
+use relume_scene::{BlenderLight, BlenderLightKind, Light};
 use serde::Deserialize;
 use serde::de::Error as _;
 use serde_json::{Map, Value};
@@ -61,6 +61,8 @@ pub struct Wish {
     pub steps: usize,
     /// Share of the pixels that a step looks at.
     pub pixel_fraction: f32,
+    /// Least number of cells, of up to 8 x 8 pixels, that it looks at; below a hundred or so steps are noisy.
+    pub least_cells: usize,
     /// Adam's.
     pub learning_rate: f32,
     /// Seed.
@@ -86,7 +88,7 @@ pub struct Answer {
 
 fn light_set<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<Vec<Light>, D::Error> {
     let value = Value::deserialize(deserializer)?;
-    let set = LightSet::parse(&value.to_string());
+    let set = LightSet::from_json(value);
     Ok(set.map_err(|reason| D::Error::custom(format!("\"from\": {reason}")))?.lights)
 }
 
@@ -109,6 +111,7 @@ impl Default for Wish {
             candidates: 16,
             steps: 300,
             pixel_fraction: 0.05,
+            least_cells: Settings::default().least_cells,
             learning_rate: 0.05,
             seed: 0,
             polish: 64,
@@ -316,11 +319,23 @@ impl SolveRequest {
         let (mut now, wish): (Map<_, _>, Map<_, _>) = value.into_iter().partition(|(key, _)| is_now(key));
         let lights = now.entry("lights").or_insert_with(|| Value::Array(Vec::new()));
         let described = lights.get("lights").unwrap_or(lights).as_array().cloned().unwrap_or_default();
-        let now = LiveRequest::parse(&Value::Object(now).to_string())?;
+        let now = LiveRequest::from_json(Value::Object(now))?;
         let wish: Wish = serde_json::from_value(Value::Object(wish)).map_err(|error| error.to_string())?;
         let request = Self { now, described, wish };
         request.check()?;
         Ok(request)
+    }
+
+    /// A light as Blender has it, where it was written so.
+    pub(super) fn blender_light(&self, name: &str) -> Option<BlenderLight> {
+        let described = self.described.iter().find(|value| value["name"] == name)?;
+        serde_json::from_value(described.clone()).ok()
+    }
+
+    /// Whether a light is a square or a disk in Blender, and is to stay one.
+    pub(super) fn has_one_size(&self, name: &str) -> bool {
+        let kind = self.blender_light(name).map(|light| light.kind);
+        matches!(kind, Some(BlenderLightKind::Area { shape, .. }) if shape.is_even())
     }
 
     fn check(&self) -> Result<(), String> {

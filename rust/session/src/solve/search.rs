@@ -8,10 +8,11 @@ use std::ops::ControlFlow;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::gather_relight::{GatherRelight, Prepared};
+use super::gather_relight::GatherRelight;
 use super::lights::Unknowns;
 use super::proxy_relight::ProxyRelight;
-use super::{Preview, SceneView, SoFar, SolveRequest, Through, Wish};
+use super::scene_view::{SceneView, Scenes};
+use super::{Preview, SoFar, SolveRequest, Wish};
 use crate::progress::{Monitor, Stage};
 use crate::relighter::Relighter;
 use crate::{LightSet, SessionError};
@@ -35,6 +36,19 @@ pub(super) struct Found {
     pub loss: f64,
     pub start_loss: f64,
     pub start: usize,
+    /// Of each step of the exploration from that start, on that step's cells.
+    pub losses: Vec<f64>,
+}
+
+impl Found {
+    /// The lights, dark where they are not needed.
+    pub fn lit(&self) -> Vec<Light> {
+        let lit = |(number, light): (usize, &Light)| match self.idle.contains(&number) {
+            true => Light { radiance: [0.0; 3], ..light.clone() },
+            false => light.clone(),
+        };
+        self.lights.iter().enumerate().map(lit).collect()
+    }
 }
 
 /// A proxy on the GPU that is held for a search, and those before it.
@@ -59,44 +73,55 @@ impl<'a> Held<'a> {
 pub(super) struct Search<'a> {
     pub request: &'a SolveRequest,
     pub unknowns: &'a Unknowns,
-    pub scenes: &'a [SceneView<'a>],
-    pub through: Through,
+    pub scenes: &'a Scenes<'a>,
     pub monitor: &'a Monitor,
     pub preview: &'a Preview<'a>,
 }
 
 impl Search<'_> {
     pub fn run(&self) -> Result<Found, SessionError> {
-        let prepared: Vec<Option<Prepared>> =
-            self.scenes.iter().map(|scene| Prepared::new(scene.relighter)).collect();
-        let gathers =
-            self.scenes.iter().zip(&prepared).map(|(scene, prepared)| {
-                GatherRelight::new(scene.relighter, prepared.as_ref()?, self.monitor)
-            });
-        let gathers: Vec<Option<GatherRelight>> = gathers.collect();
-        let by_gather: Option<Vec<&dyn Relight>> =
-            gathers.iter().map(|gather| gather.as_ref().map(|gather| gather as &dyn Relight)).collect();
-        let explored = match (&by_gather, self.through) {
-            (Some(relights), Through::Auto | Through::Gather) => {
-                self.explore(&self.problem(relights), SOFTNESS)?
-            }
-            _ => self.explore_proxies()?,
+        let gathers = self.scenes.gathered.iter().flatten();
+        let gathers: Vec<GatherRelight> = gathers.filter_map(|scene| scene.by_gather(self.monitor)).collect();
+        let relights = as_relights(&gathers);
+        let by_gather = self.scenes.gathered.as_ref().map(|scenes| self.problem(scenes, &relights));
+        let explored = match (&self.scenes.proxied, &by_gather) {
+            (None, Some(problem)) => self.explore(problem, SOFTNESS)?,
+            (proxied, _) => self.explore_proxies(proxied.as_deref().unwrap_or_default())?,
         };
-        let Solution { lights, runner_up, loss, start_loss, start, .. } = explored;
-        let mut found = Found { lights, idle: Vec::new(), loss, start_loss, start };
-        if let (Some(relights), true) = (&by_gather, self.request.wish.polish > 0) {
-            let problem = self.problem(relights);
-            let polished = self.polish(&problem, &candidates(&found.lights, runner_up.as_ref()))?;
-            if let (1, Some(second)) = (polished.candidate, runner_up) {
-                (found.start, found.start_loss) = (second.start, second.start_loss);
+        let Solution { lights, runner_up, loss, start_loss, start, losses, .. } = explored;
+        let mut found = Found { lights, idle: Vec::new(), loss, start_loss, start, losses };
+        match &by_gather {
+            Some(problem) if self.request.wish.polish > 0 => {
+                self.refine(problem, &mut found, runner_up)?;
+                self.drop_idle(problem, &mut found)?;
+                self.polish_kept(problem, &mut found)?;
             }
-            (found.lights, found.loss) = (polished.lights, polished.loss);
-            if self.request.wish.starts > 1 && self.request.wish.steps > 0 {
-                self.regroup(&problem, &mut found)?;
+            Some(problem) => self.drop_idle(problem, &mut found)?,
+            None => {
+                let scenes = self.scenes.told();
+                let proxies = proxy_relights(scenes, &[], None);
+                self.drop_idle(&self.problem(scenes, &as_relights(&proxies)), &mut found)?;
             }
-            self.drop_idle(&problem, &mut found)?;
         }
         Ok(found)
+    }
+
+    /// Polishes what was explored and regroups it.
+    fn refine(
+        &self,
+        problem: &Problem,
+        found: &mut Found,
+        runner_up: Option<RunnerUp>,
+    ) -> Result<(), SessionError> {
+        let polished = self.polish(problem, &candidates(&found.lights, runner_up.as_ref()))?;
+        if let (1, Some(second)) = (polished.candidate, runner_up) {
+            (found.start, found.start_loss, found.losses) = (second.start, second.start_loss, second.losses);
+        }
+        (found.lights, found.loss) = (polished.lights, polished.loss);
+        if self.request.wish.starts > 1 && self.request.wish.steps > 0 {
+            self.regroup(problem, found)?;
+        }
+        Ok(())
     }
 
     fn show(&self, found: &[Light]) {
@@ -105,48 +130,44 @@ impl Search<'_> {
         (self.preview)(&SoFar { lights, world });
     }
 
-    fn problem<'b>(&'b self, relights: &'b [&'b dyn Relight]) -> Problem<'b> {
-        let views = self.scenes.iter().zip(relights).map(|(scene, relight)| scene.view(*relight)).collect();
+    fn problem<'b>(&self, scenes: &'b [SceneView], relights: &'b [&'b dyn Relight]) -> Problem<'b> {
+        let views = scenes.iter().zip(relights).map(|(scene, relight)| scene.view(*relight)).collect();
         Problem { views, variables: self.unknowns.variables.clone() }
     }
 
     /// Through proxies, on the GPU where they are there.
-    fn explore_proxies(&self) -> Result<Solution, SessionError> {
+    fn explore_proxies(&self, scenes: &[SceneView]) -> Result<Solution, SessionError> {
         let mut kinds = Vec::new();
         for kind in self.unknowns.moving().filter_map(|light| LightKind::of(&light.shape)) {
             if !kinds.contains(&kind) {
                 kinds.push(kind);
             }
         }
-        let relighters = self.scenes.iter().map(|scene| scene.relighter);
+        let relighters = scenes.iter().map(|scene| scene.relighter);
         let wanted = relighters.flat_map(|relighter| kinds.iter().map(move |kind| (relighter, *kind)));
-        self.explore_on(&wanted.collect::<Vec<_>>(), &kinds, None)
+        self.explore_on(scenes, &wanted.collect::<Vec<_>>(), &kinds, None)
     }
 
     /// Takes hold of the wanted proxies on the GPU, one after the other, then explores.
     fn explore_on(
         &self,
+        scenes: &[SceneView],
         wanted: &[(&Relighter, LightKind)],
         kinds: &[LightKind],
         held: Option<&Held>,
     ) -> Result<Solution, SessionError> {
         let Some(((relighter, kind), rest)) = wanted.split_first() else {
-            let proxies = self.scenes.iter().map(|scene| ProxyRelight {
-                proxies: scene.relighter.proxies(),
-                kinds: kinds.iter().map(|kind| (*kind, Held::find(held, scene.relighter, *kind))).collect(),
-                size: scene.size(),
-            });
-            let proxies: Vec<ProxyRelight> = proxies.collect();
-            let relights: Vec<&dyn Relight> = proxies.iter().map(|proxy| proxy as &dyn Relight).collect();
-            return self.explore(&self.problem(&relights), [0.0; 2]);
+            let proxies = proxy_relights(scenes, kinds, held);
+            return self.explore(&self.problem(scenes, &as_relights(&proxies)), [0.0; 2]);
         };
         let found = match Held::find(held, relighter, *kind) {
             Some(_) => None, // By a view before, of the same bake.
             None => relighter.on_gpu_proxy(*kind, self.monitor, |proxy| {
-                self.explore_on(rest, kinds, Some(&Held { relighter, kind: *kind, proxy, before: held }))
+                let held = Held { relighter, kind: *kind, proxy, before: held };
+                self.explore_on(scenes, rest, kinds, Some(&held))
             })?,
         };
-        found.map_or_else(|| self.explore_on(rest, kinds, held), Ok)
+        found.map_or_else(|| self.explore_on(scenes, rest, kinds, held), Ok)
     }
 
     fn explore(&self, problem: &Problem, softness: [f32; 2]) -> Result<Solution, SessionError> {
@@ -171,8 +192,8 @@ impl Search<'_> {
         iterations: usize,
         softness: [f32; 2],
     ) -> Result<Solution, SessionError> {
-        let Wish { learning_rate, pixel_fraction, seed, .. } = self.request.wish;
-        let settings = Settings { iterations, learning_rate, pixel_fraction, softness, seed };
+        let Wish { learning_rate, pixel_fraction, least_cells, seed, .. } = self.request.wish;
+        let settings = Settings { iterations, learning_rate, pixel_fraction, least_cells, softness, seed };
         let stage = self.monitor.stage(Stage::Optimise, 0, iterations as u64);
         let furthest = AtomicU64::new(0);
         let best = Mutex::new(f64::INFINITY);
@@ -229,10 +250,15 @@ impl Search<'_> {
         Ok(())
     }
 
-    /// Finds lights that are not needed, and polishes the others without them.
+    /// Finds lights that are not needed.
     fn drop_idle(&self, problem: &Problem, found: &mut Found) -> Result<(), SessionError> {
         let may_go = self.unknowns.may_go(self.request.wish.remove);
         found.idle = idle_lights(problem, &found.lights, &may_go, 0.0)?;
+        Ok(())
+    }
+
+    /// Polishes the others once more where lights are dropped, without them.
+    fn polish_kept(&self, problem: &Problem, found: &mut Found) -> Result<(), SessionError> {
         let kept: Vec<usize> = (0..found.lights.len()).filter(|i| !found.idle.contains(i)).collect();
         if found.idle.is_empty() || kept.is_empty() {
             return Ok(());
@@ -250,6 +276,24 @@ impl Search<'_> {
         }
         Ok(())
     }
+}
+
+/// The proxies of some views, those of these kinds on the GPU where they are held there.
+fn proxy_relights<'a>(
+    scenes: &[SceneView<'a>],
+    kinds: &[LightKind],
+    held: Option<&'a Held<'a>>,
+) -> Vec<ProxyRelight<'a>> {
+    let of = |scene: &SceneView<'a>| ProxyRelight {
+        proxies: scene.relighter.proxies(),
+        kinds: kinds.iter().map(|kind| (*kind, Held::find(held, scene.relighter, *kind))).collect(),
+        size: scene.size(),
+    };
+    scenes.iter().map(of).collect()
+}
+
+fn as_relights<R: Relight>(relights: &[R]) -> Vec<&dyn Relight> {
+    relights.iter().map(|relight| relight as &dyn Relight).collect()
 }
 
 /// What is to be polished.

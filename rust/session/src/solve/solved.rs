@@ -6,16 +6,16 @@ use serde_json::{Map, Value, json};
 use std::collections::HashSet;
 use std::time::Instant;
 
-use super::SceneView;
 use super::lights::{Source, Unknowns};
 use super::request::{GoalKind, SolveRequest, Through};
+use super::scene_view::{SceneView, Scenes};
 use super::search::Found;
 use crate::progress::Monitor;
-use crate::relighter::{RelightOptions, With};
 use crate::{LightSet, SessionError};
 
-/// Change of a part of what is to be kept from which it is told: a fiftieth, what may change on average.
+/// Differences of a part of the picture from which they are told: a fiftieth, what may change on average, and as little warmth.
 const TOLD_STOPS: f32 = 0.03;
+const TOLD_MIREDS: f32 = 5.0;
 
 /// Solved lights.
 #[derive(Clone, Debug, Serialize)]
@@ -45,6 +45,8 @@ pub struct Solved {
     pub start_loss: f64,
     /// Number of that start; 0 is the lights as they were.
     pub start: usize,
+    /// Of each step of the exploration from there. Each looks at other cells, and lights are softest at the first.
+    pub losses: Vec<f64>,
     /// `gather` or `proxy`.
     pub through: &'static str,
     /// Time that it took.
@@ -66,7 +68,7 @@ pub struct GoalReport {
 pub(super) fn solved(
     request: &SolveRequest,
     unknowns: &Unknowns,
-    scenes: &[SceneView],
+    scenes: &Scenes,
     found: Found,
     through: Through,
     begin: Instant,
@@ -76,8 +78,10 @@ pub(super) fn solved(
     new.describe(request)?;
     let mut report = Vec::new();
     let mut warnings = new.warnings;
+    let scenes = scenes.told();
     for (number, scene) in scenes.iter().enumerate() {
-        let after = picture(scene, request, &new.lights, new.world, monitor)?;
+        scene.relighter.warn_of(&new.lights, monitor);
+        let after = scene.picture(&found.lit(), monitor)?;
         report.extend(reports(request, number, scene, &after));
         warnings.extend(conflict_lines(request, number, scene));
     }
@@ -99,6 +103,7 @@ pub(super) fn solved(
         loss: found.loss,
         start_loss: found.start_loss,
         start: found.start,
+        losses: found.losses,
         through: if through == Through::Proxy { "proxy" } else { "gather" },
         seconds: begin.elapsed().as_secs_f64(),
     })
@@ -150,10 +155,7 @@ impl Outcome {
         for light in
             self.lights.iter().filter(|l| self.changed.contains(&l.name) || self.added.contains(&l.name))
         {
-            let described = request.described.iter().find(|value| value["name"] == light.name.as_str());
-            let blender =
-                described.and_then(|value| serde_json::from_value::<BlenderLight>(value.clone()).ok());
-            let settings = match blender {
+            let settings = match request.blender_light(&light.name) {
                 Some(blender) => blender.with_light(light),
                 None => BlenderLight::from_light(light),
             };
@@ -215,23 +217,6 @@ fn flat(light: &BlenderLight) -> Value {
     Value::Object(settings)
 }
 
-/// The view under some lights.
-fn picture(
-    scene: &SceneView,
-    request: &SolveRequest,
-    lights: &[Light],
-    world: [f32; 3],
-    monitor: &Monitor,
-) -> Result<Image, SessionError> {
-    let options = RelightOptions { with: With::Auto, denoise: true };
-    let relit = scene.relighter.relight(lights, &options, monitor)?;
-    let mut sum = Image::new(relit.world.width, relit.world.height, 3);
-    sum.add_scaled(&relit.static_light, &request.now.static_light);
-    sum.add_scaled(&relit.world, &world);
-    relit.lights.iter().for_each(|light| sum.add_scaled(&light.image, &[1.0; 3]));
-    Ok(sum)
-}
-
 /// Numbers in the request of a view's goals.
 fn numbers(request: &SolveRequest, view: usize) -> Vec<usize> {
     let goals = request.wish.goals.iter().enumerate();
@@ -253,26 +238,45 @@ fn text(kind: GoalKind, number: usize, report: &Report) -> String {
     let done = is * report.asked.unwrap_or(1.0).signum();
     let what = match kind {
         GoalKind::Target => {
-            let place = report.worst.filter(|_| !report.met).map(|worst| {
-                let side = if worst.off > 0.0 { "too dark" } else { "too bright" };
-                format!("; most is missing at the {}: {:.1} stops {side}", place(&worst), worst.off.abs())
-            });
-            format!("target: {is:.1} dB (was {:.1}), {verdict}{}", report.before, place.unwrap_or_default())
+            let worst = report.worst.filter(|_| !report.met);
+            let words = [["too dark", "too bright"], ["too cool", "too warm"], ["too magenta", "too green"]];
+            let most = most("; most is missing", worst, words);
+            format!("target: {is:.1} dB (was {:.1}), {verdict}{most}", report.before)
         }
         GoalKind::Brighter => format!("brighter: {done:+.2} of {asked:.2} stops, {verdict}"),
-        GoalKind::Darker | GoalKind::Shadow => format!("darker: {done:.2} of {asked:.2} stops, {verdict}"),
+        GoalKind::Darker => format!("darker: {done:.2} of {asked:.2} stops, {verdict}"),
+        GoalKind::Shadow => format!("shadow: {done:.2} of {asked:.2} stops, {verdict}"),
         GoalKind::Color => format!("colour: {is:.2} away (was {:.2}), {verdict}", report.before),
         GoalKind::Warmer => format!("warmer: {done:.0} of {asked:.0} mireds, {verdict}"),
         GoalKind::Cooler => format!("cooler: {done:.0} of {asked:.0} mireds, {verdict}"),
         GoalKind::Keep => {
-            let place = report.worst.filter(|worst| worst.off.abs() > TOLD_STOPS).map(|worst| {
-                let side = if worst.off > 0.0 { "darker" } else { "brighter" };
-                format!("; most at the {}: {:.2} stops {side}", place(&worst), worst.off.abs())
-            });
-            format!("keep: changed by {:.1} %, {verdict}{}", 100.0 * is, place.unwrap_or_default())
+            let words = [["darker", "brighter"], ["cooler", "warmer"], ["more magenta", "greener"]];
+            let most = most("; most", report.worst, words);
+            format!("keep: changed by {:.1} %, {verdict}{most}", 100.0 * is)
         }
     };
     format!("Goal {}, {what}", number + 1)
+}
+
+/// Two words for what is told of a value: that it is missing, or that there is too much of it.
+type Sides = [&'static str; 2];
+
+/// Where and how a picture differs most from what it should be, such as "; most at the top left: 0.30 stops darker, 40 mireds
+/// warmer"; nothing if nobody sees it. Words for light, warmth and green.
+fn most(begin: &str, worst: Option<Worst>, [light, warmth, green]: [Sides; 3]) -> String {
+    let Some(worst) = worst else { return String::new() };
+    let side = |off: f32, [missing, too_much]: Sides| if off > 0.0 { missing } else { too_much };
+    let stops = |off: f32, sides: Sides| {
+        (off.abs() > TOLD_STOPS).then(|| format!("{:.2} stops {}", off.abs(), side(off, sides)))
+    };
+    let mireds = (worst.mireds.abs() > TOLD_MIREDS)
+        .then(|| format!("{:.0} mireds {}", worst.mireds.abs(), side(worst.mireds, warmth)));
+    let told = [stops(worst.off, light), mireds, stops(worst.green, green)];
+    let told: Vec<String> = told.into_iter().flatten().collect();
+    if told.is_empty() {
+        return String::new();
+    }
+    format!("{begin} at the {}: {}", place(&worst), told.join(", "))
 }
 
 /// Where a tile is, such as "top left".
@@ -286,7 +290,7 @@ fn conflict_lines(request: &SolveRequest, view: usize, scene: &SceneView) -> Vec
     let numbers = numbers(request, view);
     let asked = &scene.goals[..numbers.len().min(scene.goals.len())];
     let line = |(a, b): (usize, usize)| {
-        format!("Goals {} and {} ask for opposite things in the same place", numbers[a] + 1, numbers[b] + 1)
+        format!("Goals {} and {} contradict each other in the same place", numbers[a] + 1, numbers[b] + 1)
     };
-    conflicts(asked).into_iter().map(line).collect()
+    conflicts(asked, &scene.before).into_iter().map(line).collect()
 }

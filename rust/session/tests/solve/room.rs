@@ -51,21 +51,33 @@ pub struct Bakes {
 impl Bakes {
     /// All tests of a run share their files.
     pub fn open() -> Self {
-        let own = TraceSettings { samples: 384, ..TraceSettings::default() };
-        let other = TraceSettings { samples: 384, seed: 1, ..own.clone() };
-        let [own, other] =
-            [("own", own), ("other", other)].map(|(name, settings)| made_once(name, &settings));
+        let samples = TraceSettings { samples: 384, ..TraceSettings::default() };
+        Self::of("room", &room(0.0, [0.0; 3]), &samples)
+    }
+
+    /// Of twice as many pixels along each edge.
+    pub fn large() -> Self {
+        let mut scene = room(0.0, [0.0; 3]);
+        (scene.camera.width, scene.camera.height) = (2 * scene.camera.width, 2 * scene.camera.height);
+        let samples = TraceSettings { samples: 192, ..TraceSettings::default() };
+        Self::of("large-room", &scene, &samples)
+    }
+
+    fn of(name: &str, scene: &Scene, own: &TraceSettings) -> Self {
+        let other = TraceSettings { seed: 1, ..own.clone() };
+        let [own, other] = [("own", own), ("other", &other)]
+            .map(|(paths, settings)| made_once(&format!("{name}-{paths}"), scene, settings));
         Self { own, other }
     }
 }
 
-fn made_once(name: &str, settings: &TraceSettings) -> Relighter {
+fn made_once(name: &str, scene: &Scene, settings: &TraceSettings) -> Relighter {
     static MADE: Mutex<Vec<String>> = Mutex::new(Vec::new());
     let mut made = MADE.lock().unwrap_or_else(PoisonError::into_inner);
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("solve-room-{name}"));
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("solve-{name}"));
     if !made.iter().any(|other| other == name) {
         std::fs::remove_dir_all(&folder).ok();
-        traced(&folder, 0.0, settings);
+        bake(scene, settings, &folder, false, &Monitor::default()).unwrap();
         made.push(name.into());
     }
     Relighter::open(&folder).unwrap()
