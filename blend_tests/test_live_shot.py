@@ -220,7 +220,7 @@ def test_undo_save_pause_and_disable_while_training(studio, tmp_path):
     until(scene, settled, "the bake after disabling")
 
 
-def test_lights_without_a_proxy_are_gathered(studio):
+def test_every_type_of_light_is_gathered_before_it_is_learned(studio):
     for kind in ("SUN", "SPOT"):
         add_light(studio, kind, name=kind.title())
     bpy.context.view_layer.update()

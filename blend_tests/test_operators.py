@@ -34,7 +34,7 @@ class FakeWorker:
 
     made = []
 
-    def __init__(self, command):
+    def __init__(self, command, _folder):
         # The folder of the copy is another one each time.
         self.command = [re.sub(r".*/relume-[^/]*", "COPY", word) for word in command]
         self.ended, self.end = False, ""

@@ -44,7 +44,6 @@ def draw_lists(scene):
     """Draws each line of each list; how many lines of each."""
     solve = scene.relume_solve
     items = {
-        "RELUME_UL_locks": scene.relume_mix.rows,
         "RELUME_UL_rows": scene.relume_mix.rows,
         "RELUME_UL_looks": scene.relume_looks.items,
         "RELUME_UL_regions": solve.regions,
@@ -67,9 +66,9 @@ def test_panels_draw_with_all_that_there_can_be(painted):
     bpy.ops.relume.snapshot()
     settings, key = painted.relume_solve, row(painted, "Key").locks
     for limits in (settings, key):
-        limits.limit_strength = limits.limit_turn = True
+        limits.limit_strength = limits.limit_turn = limits.limit_size = limits.limit_sun = limits.limit_cone = True
     painted.relume_mix.active = list(painted.relume_mix.rows).index(row(painted, "Key"))
     drawn = draw_panels(painted)
     assert {"RELUME_PT_solve", "RELUME_PT_solve_locks", "RELUME_PT_solve_own_limits", "RELUME_PT_looks"} <= set(drawn)
     lines = draw_lists(painted)
-    assert lines["RELUME_UL_locks"] > 1 and lines["RELUME_UL_looks"] == 1
+    assert lines["RELUME_UL_rows"] > 1 and lines["RELUME_UL_looks"] == 1

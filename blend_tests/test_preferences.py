@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import bpy
 import pytest
 
-from addon.core import bake_cache
+from addon.core import bake_cache, disk
 from addon.core.bake_folder import MANIFEST
 from addon.engine import background, cache, devices, options
 from addon.engine.checks import ProblemError, folders_in_use
@@ -210,7 +210,7 @@ def test_timers_of_windows_go_with_the_add_on():
 
 
 def test_sizes_in_words():
-    assert [bake_cache.in_words(size) for size in (0, 1500, 2_500_000, 3_400_000_000)] == [
+    assert [disk.in_words(size) for size in (0, 1500, 2_500_000, 3_400_000_000)] == [
         "0 kB",
         "2 kB",
         "2.5 MB",

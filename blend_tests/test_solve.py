@@ -189,9 +189,50 @@ def test_the_panel_shows_the_numbers_of_limits_that_are_on(painted):
         assert all(call.args[0] == key for call in layout.prop.call_args_list)
         return [call.args[1] for call in layout.prop.call_args_list]
 
-    assert shown() == ["box", "limit_strength", "limit_turn", "own_stay", "stay"]
-    key.limit_strength = key.limit_turn = True
-    assert shown() == ["box", "limit_strength", "darker", "brighter", "limit_turn", "turn", "own_stay", "stay"]
+    area = ["limit_strength", "limit_turn", "limit_size"]
+    assert shown() == ["box", *area, "own_stay", "stay"]
+    key.limit_strength = key.limit_turn = key.limit_size = True
+    turn, size = ["limit_turn", "turn"], ["limit_size", "smallest", "largest"]
+    strength = ["limit_strength", "darker", "brighter"]
+    assert shown() == ["box", *strength, *turn, *size, "own_stay", "stay"]
+    key.limit_sun = key.limit_cone = True
+    cone = ["limit_cone", "cone_least", "cone_most"]
+    for kind, wanted in {
+        "POINT": ["box", *strength, *size],
+        "SPOT": ["box", *strength, *turn, *size, *cone],
+        "SUN": [*strength, *turn, "limit_sun", "sun_least", "sun_most"],
+    }.items():
+        bpy.data.lights["Key"].type = kind
+        assert shown() == [*wanted, "own_stay", "stay"], kind
+
+
+def test_sizes_and_angles_are_held_within_what_the_panel_says(painted):
+    settings, key = painted.relume_solve, row(painted, "Key").locks
+    settings.limit_size, settings.smallest, settings.largest = True, 0.125, 0.5
+    settings.limit_sun, settings.sun_least, settings.sun_most = True, np.radians(1.0), np.radians(4.0)
+    key.limit_cone, key.cone_least, key.cone_most = True, np.radians(30.0), np.radians(60.0)
+    found, job = begin(painted)
+    bounds = job.request["bounds"]
+    assert set(bounds) == {"size", "sun"} and bounds["size"] == [0.125, 0.5]
+    assert np.degrees(bounds["sun"]) == pytest.approx([0.5, 2.0]), "half of what Blender shows"
+    assert np.degrees(job.request["each"]["Key"]["bounds"]["cone"]) == pytest.approx([15.0, 30.0])
+    found.cancel()
+
+
+@pytest.mark.parametrize(
+    ("switch", "low", "high", "says"),
+    [
+        ("limit_size", "smallest", "largest", "limits of the size leave nothing"),
+        ("limit_sun", "sun_least", "sun_most", "limits of the angle of a sun leave nothing"),
+        ("limit_cone", "cone_least", "cone_most", "limits of the cone of a spot leave nothing"),
+    ],
+)
+def test_a_range_that_holds_nothing_is_said(painted, switch, low, high, says):
+    settings = painted.relume_solve
+    setattr(settings, switch, True)
+    setattr(settings, low, getattr(settings, high))
+    with pytest.raises(SolveError, match=says):
+        begin(painted)
 
 
 def test_limits_of_a_light_that_stays_are_not_asked_for(painted):

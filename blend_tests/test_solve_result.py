@@ -15,7 +15,7 @@ from addon.ui import looks, rows, solving
 from addon.ui.solve_settings import strokes_of
 from addon.viewport import compare as pairs
 from fake_solve import light
-from helpers import add_quad, row, update
+from helpers import add_quad, add_world, row, update
 
 
 def test_the_result_is_a_look_compared_with_before(painted):
@@ -135,11 +135,48 @@ def test_solved_looks_pass_through_files(painted, tmp_path):
     assert looks.restore(painted, read, lights=True) is not None and "Relume Light" in painted.objects
 
 
-def test_a_solved_world_is_in_its_row(painted):
-    painted.world = bpy.data.worlds.new("Sky")
+@pytest.fixture
+def solved_world(painted):
+    """A world that was solved with a light, not applied yet."""
+    add_world(painted)
     rows.sync(painted)
     found, job = begin(painted)
     job.answer(changed=[light("Key", "AREA")], world=[0.5, 0.25, 0.25])
     finish(found)
+    return painted
+
+
+def light_of_world(scene):
+    """What the Background node of a world shines."""
+    inputs = scene.world.node_tree.nodes["Background"].inputs
+    return np.array(inputs["Color"].default_value[:3]) * inputs["Strength"].default_value
+
+
+def test_a_solved_world_is_in_its_row_and_that_is_said(solved_world):
+    assert solving.apply(solved_world, looks.active_look(solved_world)) == [solving.WORLD_STAYS]
+    assert np.allclose(row(solved_world, "World", WORLD).values().gain(), [0.5, 0.25, 0.25])
+    assert json.loads(solved_world.relume_solve.report)["notes"] == [solving.WORLD_STAYS], "the panel says so, too"
+
+
+def test_apply_to_lights_writes_a_solved_world(solved_world):
+    before = light_of_world(solved_world)
     bpy.ops.relume.apply_solved()
-    assert np.allclose(row(painted, "World", WORLD).values().gain(), [0.5, 0.25, 0.25])
+    bpy.ops.relume.apply_to_lights()
+    assert np.allclose(light_of_world(solved_world), before * [0.5, 0.25, 0.25])
+    assert row(solved_world, "World", WORLD).values().gain() == [1.0, 1.0, 1.0]
+
+
+def test_a_solved_look_is_the_same_however_often_it_is_applied(solved_world):
+    before = light_of_world(solved_world)
+    for _ in range(2):
+        bpy.ops.relume.apply_solved()
+    assert np.array_equal(light_of_world(solved_world), before)
+    assert np.allclose(row(solved_world, "World", WORLD).values().gain(), [0.5, 0.25, 0.25])
+    assert json.loads(solved_world.relume_solve.report)["notes"] == [solving.WORLD_STAYS]
+
+
+def test_nothing_is_said_of_a_world_that_was_not_solved(painted):
+    painted.world = bpy.data.worlds.new("Sky")
+    rows.sync(painted)
+    solve(painted, changed=[light("Key", "AREA")])
+    assert solving.apply(painted, looks.active_look(painted)) == []

@@ -300,7 +300,7 @@ def test_rendering_can_be_cancelled(scene, world, monkeypatch):
     other_program(monkeypatch, "import time; time.sleep(60)")
     started, workers = time.monotonic(), []
     worker = worlds.Worker
-    monkeypatch.setattr(worlds, "Worker", lambda command: workers.append(worker(command)) or workers[-1])
+    monkeypatch.setattr(worlds, "Worker", lambda *asked: workers.append(worker(*asked)) or workers[-1])
     graph = WorldGraph(resolve(tree.get_output_node("CYCLES").inputs["Surface"], ()), WorldReader())
     with pytest.raises(ExportCancelled):
         worlds.rendered(graph, lambda: time.monotonic() > started + 0.2)

@@ -46,13 +46,20 @@ class Limits:
     """Least and most strength, above what it is."""
     degrees: float | None = None
     """By how much they may turn."""
+    size: tuple[float, float] | None = None
+    """Least and most radius or edge, metres."""
+    sun: tuple[float, float] | None = None
+    """Least and most angle of suns from the middle to the edge, radians."""
+    cone: tuple[float, float] | None = None
+    """Of the cones of spots."""
     stay: float | None = None
     """How much they are drawn to where and how they are."""
 
     def bounds(self) -> dict[str, Any]:
         """As a request has them."""
         low, high = self.box or ((), ())
-        found = {"min": list(low), "max": list(high), "stops": list(self.stops or ()), "degrees": self.degrees}
+        found = {"min": list(low), "max": list(high), "degrees": self.degrees}
+        found |= {name: list(getattr(self, name) or ()) for name in ("stops", "size", "sun", "cone")}
         return {name: value for name, value in found.items() if value not in ([], None)}
 
     def own(self) -> dict[str, Any]:

@@ -1,14 +1,16 @@
-"""What solving may change of each light: the locks of the rows, less what could not be written back."""
+"""What solving may change of lights and the world: the locks of the rows, less what could not be written back."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import bpy
 from bpy.props import EnumProperty
 
 from ..apply.free_moves import FreeMoves
 from ..core.rows import LIGHT
+from ..core.rows import WORLD as WORLD_ROW
 from ..core.solve import WORLD
 from ..export.lights import name_of
 from . import looks, rows
@@ -29,6 +31,12 @@ ICONS = {
     "color": "COLOR",
     "strength": "LIGHT_SUN",
 }
+TEXTS = {move: move.capitalize() for move in MOVES} | {"color": "Colour"}
+"""Those of the world are not called the world's, in its own row."""
+PARTLY = "VIEW_UNLOCKED"
+"""Icon of a lock that is open for some parameters: bolder than one that is open for all."""
+COLUMNS = 3
+"""Of locks beside each other in a narrow side bar."""
 
 
 def moves_of(kind: str) -> list[str]:
@@ -47,7 +55,7 @@ def free(scene: bpy.types.Scene, lights: Iterable[str]) -> tuple[dict[str, list[
         if row.kind != LIGHT or row.name not in lights or row.name not in objects:
             continue
         obj = objects[row.name]
-        wanted = [move for move in moves_of(obj.data.type) if getattr(row.locks, move)]
+        wanted = [] if row.locks.held else [move for move in moves_of(obj.data.type) if getattr(row.locks, move)]
         reason, kept = moves.of(obj, wanted)
         if reason and wanted:
             notes.append(f"light '{row.name}' {reason}: that stays as it is")
@@ -57,7 +65,8 @@ def free(scene: bpy.types.Scene, lights: Iterable[str]) -> tuple[dict[str, list[
 
 
 def _lock_all_text(move: str) -> str:
-    return f"Let solving change the {'colour' if move == 'color' else move} of all lights, or of none"
+    what = "colour" if move == "color" else move
+    return f"Let solving change the {what} of all lights, or of none. Lights that are locked as a whole stay locked"
 
 
 LOCK_ALL_ITEMS = [(move, move.capitalize(), _lock_all_text(move)) for move in MOVES]
@@ -65,11 +74,12 @@ LOCK_ALL_ITEMS = [(move, move.capitalize(), _lock_all_text(move)) for move in MO
 
 
 def toggle_all(scene: bpy.types.Scene, move: str) -> None:
-    """Locks a move of all lights; frees it if it is locked everywhere."""
-    found = [row for row in rows.present_rows(scene) if row.kind == LIGHT]
-    frees = not any(getattr(row.locks, move) for row in found)
-    for row in found:
-        setattr(row.locks, move, frees)
+    """Locks a move of all lights that have it; frees it if it is locked everywhere."""
+    has_it = {name_of(obj) for obj in looks.lights_of(scene) if move not in HAS_NOT[obj.data.type]}
+    found = [row.locks for row in rows.present_rows(scene) if row.kind == LIGHT and row.name in has_it]
+    frees = not any(getattr(locks, move) for locks in found)
+    for locks in found:
+        setattr(locks, move, frees)
 
 
 class RELUME_OT_lock_all(bpy.types.Operator):  # noqa: N801 -- Blender's naming
@@ -96,77 +106,82 @@ class RELUME_OT_lock_all(bpy.types.Operator):  # noqa: N801 -- Blender's naming
         return {"FINISHED"}
 
 
-class RELUME_UL_locks(bpy.types.UIList):  # noqa: N801
-    """Lights, and what may change of each: pressed icons are free, the others locked"""
+@dataclass(frozen=True)
+class _Locks:
+    """The locks of a row as they are shown."""
 
-    def draw_item(self, _context, layout, _data, row, _icon, _active_data, _active_property):
-        """Called by Blender."""
-        line = layout.row(align=True)
-        line.label(text=row.name, icon=row.icon)
-        obj = _light_of(row)
-        kind = obj.data.type if obj is not None else "SPOT"
-        for move in MOVES:
-            cell = line.row(align=True)
-            cell.enabled = move not in HAS_NOT[kind]
-            cell.prop(row.locks, move, text="", icon=ICONS[move])
+    owner: bpy.types.PropertyGroup
+    prefix: str
+    moves: tuple[str, ...]
+    """What there is to be locked; nothing of a light that is linked, which cannot be changed."""
 
-    def filter_items(self, _context, data, name):
-        """Called by Blender: which rows, and their order."""
-        found = getattr(data, name)
-        shown = [self.bitflag_filter_item if row.present and row.kind == LIGHT else 0 for row in found]
-        return shown, [row.order for row in found]
+    @property
+    def icon(self) -> str:
+        """Of the row's lock: closed, open, or open only in part."""
+        free = [move for move in self.moves if getattr(self.owner, self.prefix + move)]
+        if not free or getattr(self.owner, f"{self.prefix}locked"):
+            return "LOCKED"
+        return "UNLOCKED" if len(free) == len(self.moves) else PARTLY
 
 
-def _light_of(row: rows.RelumeRow) -> bpy.types.Object | None:
-    """The light of a row in this file; a linked one cannot be changed. Costs nothing."""
+def _locks_of(scene: bpy.types.Scene, row: rows.RelumeRow) -> _Locks | None:
+    """None for what has no locks."""
+    if row.kind == WORLD_ROW:
+        return _Locks(scene.relume_solve, "world_", ("color", "strength"))
+    if row.kind != LIGHT:
+        return None
+    kind = kind_of(row)
+    return _Locks(row.locks, "", tuple(moves_of(kind)) if kind else ())
+
+
+def kind_of(row: rows.RelumeRow) -> str | None:
+    """The type of a row's light; None of what is linked. Costs nothing."""
     obj = bpy.data.objects.get((row.name, None))
-    return obj if obj is not None and obj.type == "LIGHT" else None
+    return obj.data.type if obj is not None and obj.type == "LIGHT" else None
 
 
-def active_row(scene: bpy.types.Scene) -> rows.RelumeRow | None:
-    """The light that is chosen in the list."""
-    mix = scene.relume_mix
-    row = mix.rows[mix.active] if 0 <= mix.active < len(mix.rows) else None
-    return row if row is not None and row.present and row.kind == LIGHT else None
+def draw_lock(layout, scene: bpy.types.Scene, row: rows.RelumeRow) -> None:
+    """The lock of a row as a whole; as wide where there is none."""
+    found = _locks_of(scene, row)
+    if found is None:
+        layout.label(text="", icon="BLANK1")
+        return
+    cell = layout.row(align=True)
+    cell.enabled = bool(found.moves)
+    cell.prop(found.owner, f"{found.prefix}locked", text="", icon=found.icon, emboss=False)
 
 
-def draw(layout, scene: bpy.types.Scene) -> None:
-    """The list of locks, with a switch for all lights over each column."""
-    mix, settings = scene.relume_mix, scene.relume_solve
-    head = layout.row(align=True)
-    head.label(text="May change")
+def draw_parameters(layout, scene: bpy.types.Scene, row: rows.RelumeRow) -> None:
+    """The locks of the parameters of a row."""
+    found = _locks_of(scene, row)
+    if found is None or not found.moves:
+        return
+    grid = layout.grid_flow(row_major=True, columns=min(len(found.moves), COLUMNS), align=True)
+    grid.enabled = not (row.kind == LIGHT and row.locks.held)
+    for move in found.moves:
+        name = found.prefix + move
+        icon = "UNLOCKED" if getattr(found.owner, name) else "LOCKED"
+        grid.prop(found.owner, name, text=TEXTS[move], icon=icon, toggle=True)
+
+
+def draw_all(layout) -> None:
+    """A switch for each parameter of all lights."""
+    line = layout.row(align=True)
+    line.label(text="All Lights")
     for move in MOVES:
-        head.operator("relume.lock_all", text="", icon=ICONS[move]).move = move
-    count = sum(row.kind == LIGHT for row in rows.present_rows(scene))
-    layout.template_list("RELUME_UL_locks", "", mix, "rows", mix, "active", rows=max(2, min(count, 8)))
-    active = active_row(scene)
-    obj = _light_of(active) if active is not None else None
-    if obj is not None:
-        column = layout.column(align=True)
-        for move in moves_of(obj.data.type):
-            _lock(column, active.locks, move)
-    if scene.world is not None:
-        line = layout.row(align=True)
-        line.label(text="World", icon="WORLD")
-        _lock(line, settings, "world_strength", "Strength")
-        _lock(line, settings, "world_color", "Colour")
+        line.operator("relume.lock_all", text="", icon=ICONS[move]).move = move
 
 
-def _lock(layout, owner, name: str, text: str | None = None) -> None:
-    icon = "UNLOCKED" if getattr(owner, name) else "LOCKED"
-    layout.prop(owner, name, icon=icon, toggle=True, **({} if text is None else {"text": text}))
-
-
-CLASSES = (RELUME_OT_lock_all, RELUME_UL_locks)
+CLASSES = (RELUME_OT_lock_all,)
 
 
 def register():
-    """Adds list and operator."""
+    """Adds the operator."""
     for cls in CLASSES:
         bpy.utils.register_class(cls)
 
 
 def unregister():
-    """Takes them away."""
+    """Takes it away."""
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

@@ -12,7 +12,7 @@ from ..apply.writable import RefusedError
 from ..core.rows import GROUP, LIGHT, STATIC, Row
 from ..export.light_tree import light_tree
 from ..export.lights import name_of
-from . import handlers, rows
+from . import handlers, locks, rows
 from .panel import RelumePanel
 
 WIDE = 420
@@ -89,7 +89,7 @@ class RELUME_OT_reset_row(bpy.types.Operator):  # noqa: N801
 
     def execute(self, context):
         """Called by Blender."""
-        row = active_row(context.scene)
+        row = rows.active_row(context.scene)
         if row is None:
             return {"CANCELLED"}
         rows.reset(context.scene, [row])
@@ -133,13 +133,6 @@ class RELUME_OT_show_light(_OnLight, bpy.types.Operator):  # noqa: N801
         return {"FINISHED"}
 
 
-def active_row(scene: bpy.types.Scene) -> rows.RelumeRow | None:
-    """The row whose details are shown."""
-    mix = scene.relume_mix
-    row = mix.rows[mix.active] if 0 <= mix.active < len(mix.rows) else None
-    return row if row and row.present else None
-
-
 class RELUME_UL_rows(bpy.types.UIList):  # noqa: N801
     """Rows in the order of the collections; those of closed groups are left out."""
 
@@ -159,13 +152,15 @@ class RELUME_UL_rows(bpy.types.UIList):  # noqa: N801
         line.label(text=row.name, icon=row.icon)
         _cell(line, 2.4).prop(row, "exposure", text="")
         wide = context.region.width > WIDE * context.preferences.system.ui_scale
-        if wide:
+        # Without it, a doubled light would look like an untouched one.
+        if wide or row.multiplier != 1.0:
             _cell(line, 2.4).prop(row, "multiplier", text="")
         _cell(line, 0.9).prop(row, "color", text="")
         if wide:
             line.prop(row, "use_kelvin", text="", icon="LIGHT_SUN")
             if row.use_kelvin:
                 _cell(line, 3.0).prop(row, "kelvin", text="")
+        locks.draw_lock(line, context.scene, row)
 
     def filter_items(self, _context, data, _property):
         """Called by Blender: which rows are shown, and in which order."""
@@ -215,16 +210,15 @@ class RELUME_PT_mixer(RelumePanel, bpy.types.Panel):  # noqa: N801
         layout, mix = self.layout, context.scene.relume_mix
         lines = max(3, min(len(mix.rows), 10))
         layout.template_list("RELUME_UL_rows", "", mix, "rows", mix, "active", rows=lines)
-        row = active_row(context.scene)
+        row = rows.active_row(context.scene)
         if row is not None:
-            _draw_details(layout, row)
+            _draw_details(layout.box(), context.scene, row)
         line = layout.row(align=True)
         line.operator("relume.apply_to_lights", icon="CHECKMARK")
         line.operator("relume.read_from_lights", icon="LOOP_BACK")
 
 
-def _draw_details(layout, row) -> None:
-    box = layout.box()
+def _draw_details(box, scene: bpy.types.Scene, row: rows.RelumeRow) -> None:
     line = box.row(align=True)
     line.label(text=row.name, icon=row.icon)
     if row.kind == LIGHT:
@@ -238,6 +232,7 @@ def _draw_details(layout, row) -> None:
     line.prop(row, "use_kelvin", toggle=True)
     if row.use_kelvin:
         line.prop(row, "kelvin", text="")
+    locks.draw_parameters(box, scene, row)
 
 
 CLASSES = (

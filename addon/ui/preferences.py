@@ -6,7 +6,7 @@ from collections.abc import Generator
 import bpy
 from bpy.props import BoolProperty, FloatProperty, IntProperty, StringProperty
 
-from ..core import bake_cache
+from ..core import disk
 from ..engine import cache, devices
 from ..engine.checks import folders_in_use
 from ..engine.native import NativeModuleError
@@ -90,7 +90,7 @@ def _timer() -> float | None:
 def _size_in_words(folder: str) -> str:
     """What the folder held when it was counted last."""
     number, size = _contents[folder]
-    return f"{_bakes(number)}, {bake_cache.in_words(size)}"
+    return f"{_bakes(number)}, {disk.in_words(size)}"
 
 
 def _bakes(number: int) -> str:

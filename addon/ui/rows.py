@@ -176,6 +176,13 @@ def present_rows(scene: bpy.types.Scene) -> list[RelumeRow]:
     return [row for row in scene.relume_mix.rows if row.present]
 
 
+def active_row(scene: bpy.types.Scene) -> RelumeRow | None:
+    """The row whose details are shown."""
+    state = scene.relume_mix
+    row = state.rows[state.active] if 0 <= state.active < len(state.rows) else None
+    return row if row and row.present else None
+
+
 def mix(scene: bpy.types.Scene, lights: Iterable[str]) -> dict[str, Any]:
     """What the rows amount to for lights by their names in the native scene, for `Shot.relight`."""
     return core.mix_for(lights, *plain(scene))

@@ -117,8 +117,8 @@ class RELUME_OT_cancel_solve(bpy.types.Operator):  # noqa: N801
 
 
 class RELUME_OT_apply_solved(bpy.types.Operator):  # noqa: N801
-    """Write what was solved into the real lights, and make the new ones in the collection "Relume". Strokes and \
-places are done with and go; the target stays. One undo step"""
+    """Write what was solved into the real lights, and make the new ones in the collection "Relume". What was solved \
+of the world stays in its row. Strokes and places are done with and go; the target stays. One undo step"""
 
     bl_idname = "relume.apply_solved"
     bl_label = "Apply Solved Lights"
@@ -132,7 +132,7 @@ places are done with and go; the target stays. One undo step"""
 
     def execute(self, context):
         """Called by Blender."""
-        outcome = told(self, lambda: str(solving.apply(context.scene, looks.active_look(context.scene))))
+        outcome = told(self, lambda: "; ".join(solving.apply(context.scene, looks.active_look(context.scene))))
         settle()
         return outcome
 

@@ -6,8 +6,9 @@ import json
 
 import bpy
 
+from ..core.rows import LIGHT
 from ..viewport import compare as pairs
-from . import limits, locks, looks, regions, scribble_tool, solving, target
+from . import limits, locks, looks, regions, rows, scribble_tool, solving, target
 from .panel import RelumePanel, message
 from .solve_settings import strokes_of
 
@@ -62,7 +63,7 @@ class RELUME_PT_solve_target(RelumePanel, bpy.types.Panel):  # noqa: N801
 
 
 class RELUME_PT_solve_locks(RelumePanel, bpy.types.Panel):  # noqa: N801
-    """What solving may change, and how hard it tries"""
+    """What solving may change, besides the locks of the rows, and how hard it tries"""
 
     bl_idname = "RELUME_PT_solve_locks"
     bl_label = "What May Change"
@@ -72,7 +73,7 @@ class RELUME_PT_solve_locks(RelumePanel, bpy.types.Panel):  # noqa: N801
     def draw(self, context):
         """Called by Blender."""
         layout, settings = self.layout, context.scene.relume_solve
-        locks.draw(layout, context.scene)
+        locks.draw_all(layout)
         line = layout.row(align=True)
         line.prop(settings, "add_count")
         if settings.add_count:
@@ -85,7 +86,7 @@ class RELUME_PT_solve_locks(RelumePanel, bpy.types.Panel):  # noqa: N801
 
 
 class RELUME_PT_solve_own_limits(RelumePanel, bpy.types.Panel):  # noqa: N801
-    """How far the light that is chosen in the list may go, where that is not as for all"""
+    """How far the light whose row is chosen may go, where that is not as for all"""
 
     bl_idname = "RELUME_PT_solve_own_limits"
     bl_label = "Own Limits"
@@ -94,12 +95,12 @@ class RELUME_PT_solve_own_limits(RelumePanel, bpy.types.Panel):  # noqa: N801
 
     def draw(self, context):
         """Called by Blender."""
-        layout, row = self.layout, locks.active_row(context.scene)
-        if row is None:
-            layout.label(text="Choose a light in the list above", icon="INFO")
+        layout, row = self.layout, rows.active_row(context.scene)
+        if row is None or row.kind != LIGHT:
+            layout.label(text="Choose a light in Lights, above", icon="INFO")
             return
         layout.label(text=f"{row.name}, in place of those of all", icon=row.icon)
-        limits.draw(layout, row.locks)
+        limits.draw(layout, row.locks, locks.kind_of(row))
         line = layout.row(align=True)
         line.prop(row.locks, "own_stay", text="")
         line = line.row(align=True)

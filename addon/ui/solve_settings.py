@@ -65,6 +65,10 @@ MIREDS_TEXT = "How much warmer or cooler, in mireds: an orange gel of half stren
 COLOR_TEXT = "The tint of the light that is wanted"
 STOPS = {"default": 1.0, "min": 0.0, "max": 32.0, "soft_max": 8.0, "step": 10, "precision": 2}
 """Settings of a limit in stops."""
+METRES = {"subtype": "DISTANCE", "min": 0.01, "max": 1000.0, "soft_max": 10.0, "step": 1, "precision": 3}
+"""Settings of a limit of sizes. Smaller lights are taken as this small."""
+DEGREES = {"subtype": "ANGLE", "max": math.pi, "step": 100, "precision": 1}
+"""Settings of a limit of angles."""
 STAY = {
     "description": "How much lights are drawn to where and as strong as they are, beside the goals. 0: not at all",
     "subtype": "FACTOR",
@@ -109,19 +113,94 @@ class Limits:
     turn: FloatProperty(
         name="Angle",
         description="Largest angle between where it points now and then",
-        subtype="ANGLE",
         default=math.radians(15.0),
         min=0.0,
-        max=math.pi,
-        step=100,
-        precision=1,
+        **DEGREES,
     )
+    limit_size: BoolProperty(
+        name="Limit Size",
+        description="Keep the radius of points and spots and the sides of area lights, new ones too, within a range "
+        "where size is free. Without it they may be as large as a part of what the camera sees",
+    )
+    smallest: FloatProperty(
+        name="Smallest",
+        description="Smallest radius or side. A light that is smaller may stay so",
+        default=0.05,
+        **METRES,
+    )
+    largest: FloatProperty(
+        name="Largest", description="Largest radius or side. A light that is larger may stay so", default=1.0, **METRES
+    )
+    limit_sun: BoolProperty(
+        name="Limit Sun Angle",
+        description="Keep the angle of suns, new ones too, which makes their shadows soft, within a range where size "
+        "is free",
+    )
+    sun_least: FloatProperty(
+        name="Least",
+        description="Least angle of a sun. One with less may stay so",
+        default=math.radians(0.5),
+        min=math.radians(0.3),
+        **DEGREES,
+    )
+    sun_most: FloatProperty(
+        name="Most",
+        description="Largest angle of a sun. One with more may stay so",
+        default=math.radians(10.0),
+        min=math.radians(0.3),
+        **DEGREES,
+    )
+    limit_cone: BoolProperty(
+        name="Limit Cone",
+        description="Keep the cones of spots, new ones too, within a range where they are free",
+    )
+    cone_least: FloatProperty(
+        name="Least",
+        description="Least spot size, from edge to edge. A spot with less may stay so",
+        default=math.radians(20.0),
+        min=math.radians(1.0),
+        **DEGREES,
+    )
+    cone_most: FloatProperty(
+        name="Most",
+        description="Largest spot size, from edge to edge. A spot with more may stay so",
+        default=math.radians(90.0),
+        min=math.radians(1.0),
+        **DEGREES,
+    )
+
+
+def _is_locked(locks: RelumeLocks) -> bool:
+    return locks.held or not any(getattr(locks, move) for move in MOVES)
+
+
+def _lock(locks: RelumeLocks, wanted: bool) -> None:
+    """What was free before is free again once it is unlocked, or else what is free at first."""
+    locks.held = wanted
+    if _is_locked(locks) and not wanted:
+        locks.color = locks.strength = True
+
+
+def _is_world_locked(settings: RelumeSolve) -> bool:
+    return not (settings.world_color or settings.world_strength)
+
+
+def _lock_world(settings: RelumeSolve, wanted: bool) -> None:
+    settings.world_color = settings.world_strength = not wanted
 
 
 class RelumeLocks(Limits, bpy.types.PropertyGroup):
     """What solving may change of a light, and its own limits. Strength and colour are free at first: that is what a
     lighting artist dials last and undoes most easily, while places are composed or have a reason in the set."""
 
+    held: BoolProperty(name="Held", description="Locked as a whole, whatever else is free", options={"HIDDEN"})
+    locked: BoolProperty(
+        name="Lock",
+        description="Whether solving leaves this light as it is. Unlocked, what is free of it may change, which is "
+        "chosen below the list; a bold open lock says that some of it is locked",
+        get=_is_locked,
+        set=_lock,
+    )
     position: BoolProperty(
         name="Position",
         description="Whether solving may move this light. Locked at first: a light's place is composed, or has a "
@@ -286,6 +365,13 @@ class RelumeSolve(HowMuch, Limits, bpy.types.PropertyGroup):
         name="World Strength",
         description="Whether solving may dim or brighten the light of the world. Locked at first: it belongs to the "
         "place and the hour of the shot",
+    )
+    world_locked: BoolProperty(
+        name="Lock World",
+        description="Whether solving leaves the world as it is. Locked at first. Unlocked, its strength and colour may "
+        "change; a bold open lock says that one of them is locked",
+        get=_is_world_locked,
+        set=_lock_world,
     )
     add_count: IntProperty(
         name="New Lights", description="So many lights may be added, at most", default=0, min=0, max=32, soft_max=8

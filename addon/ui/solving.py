@@ -22,7 +22,7 @@ from ..core import solve as core
 from ..core.apart import apart
 from ..core.looks import Look
 from ..core.receivers import with_names
-from ..core.rows import LIGHT, WORLD, Row, freed, times
+from ..core.rows import LIGHT, WORLD, Row, freed, is_neutral, times
 from ..core.solve import SolveError
 from ..core.strokes import Stroke, goals
 from ..engine import new_paths, region_masks, shot, solve
@@ -43,6 +43,9 @@ STEP_SECONDS = 0.03
 COARSE = (160, 90)
 """Size at which strokes are looked at for whether anything is left of them."""
 SOLVED, BEFORE = "Solve", "Before"
+WORLD_STAYS = (
+    "The world's light is in its row, which renders by Cycles do not have: Apply to Lights writes it into the world"
+)
 
 _running: dict[int, Solving] = {}
 
@@ -401,19 +404,22 @@ def running(scene: bpy.types.Scene) -> Solving | None:
     return _running.get(scene.session_uid)
 
 
-def apply(scene: bpy.types.Scene, look: looks.RelumeLook) -> looks.Outcome:
-    """Writes what was solved into the scene's lights, and makes the new ones; strokes and places are done with. Raises
-    LookError or RefusedError, and has then written nothing."""
+def apply(scene: bpy.types.Scene, look: looks.RelumeLook) -> list[str]:
+    """Writes what was solved into the scene's lights, and makes the new ones; strokes and places are done with. Returns
+    what is to be said of it. Raises LookError or RefusedError, and has then written nothing."""
     outcome = looks.restore(scene, look.look(), lights=True)
     pairs.clear(scene)
     settings = scene.relume_solve
     # What was asked for is asked of how it was: once more would be twice as much.
     settings.strokes = ""
     settings.regions.clear()
+    # A look has the world as a factor. In the world itself it would be there twice once the look is restored.
+    world = [WORLD_STAYS for row in rows.present_rows(scene) if row.kind == WORLD and not is_neutral(row.values())]
     if settings.report:
         report = json.loads(settings.report)
-        settings.report = json.dumps(report | {"applied": report["look"] == look.name})
-    return outcome
+        notes = list(dict.fromkeys([*report["notes"], *world]))
+        settings.report = json.dumps(report | {"applied": report["look"] == look.name, "notes": notes})
+    return [words for words in (str(outcome), *world) if words]
 
 
 @persistent

@@ -87,6 +87,8 @@ def draw(what: Show, view: View) -> None:
     frame = snapped or what.frame
     drawn = frame if what.drawn == what.frame else what.drawn
     program = shader.show(one_to_one=snapped is not None)
+    numbers = view.scale, view.exponent, what.gain
+    rows = ((*row, number) for row, number in zip(view.to_rec709.tolist(), numbers, strict=True))
     with _state():
         program.shader.bind()
         for name, sampled in (("first", first), ("second", second)):
@@ -96,13 +98,8 @@ def draw(what: Show, view: View) -> None:
         for name, number in (
             ("frame", (frame.left, frame.bottom, frame.right, frame.top)),
             ("drawn", (drawn.left, drawn.bottom, drawn.right, drawn.top)),
-            ("region", what.region),
-            ("split", what.split),
-            ("opacity", what.opacity),
-            ("gain", what.gain),
-            ("scale", view.scale),
-            ("exponent", view.exponent),
-            *zip(shader.ROWS, ((*row, 0.0) for row in view.to_rec709.tolist()), strict=True),
+            ("region", (*what.region, what.split, what.opacity)),
+            *zip(shader.ROWS, rows, strict=True),
         ):
             program.shader.uniform_float(name, number)
         program.shader.uniform_int("mode", what.mode)

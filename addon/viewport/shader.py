@@ -22,7 +22,7 @@ VERTEX = """
 void main()
 {
   pixel = mix(drawn.xy, drawn.zw, position);
-  gl_Position = vec4(pixel / region * 2.0 - 1.0, 0.0, 1.0);
+  gl_Position = vec4(pixel / region.xy * 2.0 - 1.0, 0.0, 1.0);
 }
 """
 
@@ -36,6 +36,11 @@ FRAGMENT = (
     + """
 #define SPLIT 1
 #define DIFFERENCE 2
+#define SPLIT_AT region.z
+#define OPACITY region.w
+#define SCALE to_red.w
+#define EXPONENT to_green.w
+#define GAIN to_blue.w
 #define PLACES 2
 #define LARGEST_RADIUS 16.0
 
@@ -108,7 +113,7 @@ int level_of(float place)
  * (alpha 0) is shown as it is. */
 vec4 displayed(vec4 pixel)
 {
-  vec3 color = pixel.rgb * (scale / (pixel.a > 0.0 ? pixel.a : 1.0));
+  vec3 color = pixel.rgb * (SCALE / (pixel.a > 0.0 ? pixel.a : 1.0));
   if (use_table != 0) {
     color = from_table(color);
     if (use_table == PLACES) {
@@ -118,7 +123,7 @@ vec4 displayed(vec4 pixel)
   }
   color = vec3(dot(to_red.rgb, color), dot(to_green.rgb, color), dot(to_blue.rgb, color));
   color = vec3(srgb_from_linear(color.r), srgb_from_linear(color.g), srgb_from_linear(color.b));
-  return vec4(exponent == 1.0 ? color : pow(color, vec3(exponent)), pixel.a);
+  return vec4(EXPONENT == 1.0 ? color : pow(color, vec3(EXPONENT)), pixel.a);
 }
 
 float overlay_from_display(float color)
@@ -129,7 +134,7 @@ float overlay_from_display(float color)
 void main()
 {
   vec2 at = (pixel - frame.xy) / (frame.zw - frame.xy);
-  bool right = pixel.x >= split;
+  bool right = pixel.x >= SPLIT_AT;
   if (mode != SPLIT && right) {
     discard;
   }
@@ -137,22 +142,23 @@ void main()
   vec4 color = vec4(0.0);
   for (int turn = 0; turn <= last; turn++) {
     vec4 shown = displayed(filtered(turn == 0 && !(mode == SPLIT && right), at));
-    color = turn == 0 ? shown : vec4(min(abs(color.rgb - shown.rgb) * gain, vec3(1.0)), 1.0);
+    color = turn == 0 ? shown : vec4(min(abs(color.rgb - shown.rgb) * GAIN, vec3(1.0)), 1.0);
   }
-  if (color.a * opacity < 1.0) {
+  if (color.a * OPACITY < 1.0) {
     color.rgb = pow(color.rgb, vec3(2.2)); /* Blended, so that no level can be chosen. */
   }
   else {
     color.rgb = vec3(overlay_from_display(color.r), overlay_from_display(color.g), overlay_from_display(color.b));
   }
-  result = vec4(color.rgb * (color.a > 0.0 ? color.a : 1.0), color.a) * opacity;
+  result = vec4(color.rgb * (color.a > 0.0 ? color.a : 1.0), color.a) * OPACITY;
 }
 """
 )
 
 ENCODING_ENTRIES = LEVELS
 ROWS = ("to_red", "to_green", "to_blue")
-"""Rows of `View.to_rec709`, with an unused fourth value: push constants are aligned so."""
+"""Rows of `View.to_rec709`. Their fourth values are numbers of other kinds: drivers need not have more than 128 bytes
+of push constants."""
 
 
 @dataclass(frozen=True)
@@ -168,9 +174,9 @@ def show(one_to_one: bool) -> Program:
     """With `one_to_one` each pixel is one texel, without any filter.
 
     Samplers `first`, `second`, `levels` (`texture.of_levels`) and `table` (`view_table`). Constants `frame` and
-    `drawn` (rectangles) and `split` in pixels of the `region`; `mode`: 0 first left of the split, SPLIT, DIFFERENCE;
-    `opacity`; `gain` of the difference; `scale`, `exponent` and `ROWS` of the view; `use_table`: 1 it has one, 2 of
-    places in `levels`.
+    `drawn`, rectangles in pixels of the region; `region`: its width and height, where the split is, opacity; `ROWS` of
+    the view, with its scale, its exponent and the gain of a difference; `mode`: 0 first left of the split, SPLIT,
+    DIFFERENCE; `use_table`: 1 the view has one, 2 of places in `levels`.
     """
     info = gpu.types.GPUShaderCreateInfo()
     info.sampler(0, "FLOAT_2D", "first")
@@ -178,9 +184,7 @@ def show(one_to_one: bool) -> Program:
     info.sampler(2, "FLOAT_1D", "levels")
     info.sampler(3, "FLOAT_3D", "table")
     for kind, names in (
-        ("VEC4", ("frame", "drawn", *ROWS)),
-        ("VEC2", ("region",)),
-        ("FLOAT", ("split", "opacity", "gain", "scale", "exponent")),
+        ("VEC4", ("frame", "drawn", "region", *ROWS)),
         ("INT", ("mode", "use_table")),
     ):
         for name in names:

@@ -11,7 +11,7 @@ from driver import ADDON
 
 FIRST_PICTURE_SECONDS = 120
 WORK_SECONDS = 600
-EXPOSURE_ACROSS = 0.8
+EXPOSURE_ACROSS = 0.62
 """Where the fields of exposure are in the width of the side bar."""
 SWITCHES = ["show_gizmo", "show_region_ui", "show_region_toolbar", "show_region_header", "show_region_tool_header"]
 
@@ -59,6 +59,10 @@ class Artist:
         """What is being worked on, in a word; None if nothing is."""
         stage = self.shot and self.shot.status["stage"]
         return stage and stage["stage"]
+
+    def proxies(self):
+        """What the shot says of each proxy: how good it is."""
+        return self.shot.status["proxies"]
 
     def row(self, name):
         """A row of the mix."""

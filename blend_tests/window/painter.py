@@ -47,12 +47,21 @@ class Painter(Artist):
             if obj.type == "LIGHT"
         }
 
-    def brightness(self, left, top, right, bottom):
-        """Mean light of a part of the picture, given as fractions from its top left corner."""
-        picture = self.picture()[::-1, :, :3]
-        height, width = picture.shape[:2]
-        part = picture[round(top * height) : round(bottom * height), round(left * width) : round(right * width)]
-        return part.mean()
+    def gain_since(self, before, weights):
+        """How many times as much light a part of the picture has as in an earlier picture; weights [height, width],
+        top row first."""
+        weights = weights[::-1, :, None]
+        return (weights * self.picture()[..., :3]).sum() / (weights * before[..., :3]).sum()
+
+    def error(self, wanted):
+        """Mean difference of the picture from another, as a share of that."""
+        wanted = wanted[..., :3]
+        return float(np.abs(self.picture()[..., :3] - wanted).mean() / wanted.mean())
+
+    def until_shown(self):
+        """Waits until lights that a script has changed are in the picture, and it is the best that there is."""
+        yield from self.driver.wait(0.5)
+        yield from self.until_settled()
 
     def solve(self):
         """Presses Enter over the view and waits for the end."""

@@ -26,6 +26,7 @@ def visit(driver, blend, size, lights, pixels=100, patient=True):
         yield from artist.until_settled()
         driver.photo("settled")
         driver.check(artist.state == ("ready" if patient else "cancelled"), f"the end of the bake: {artist.words()}")
+        driver.check(bool(artist.proxies()) == patient, f"proxies that have learned: {artist.proxies()}")
     with driver.step("look like the render"):
         yield from artist.compare_with_display("overlay")
     with driver.step("drag and undo"):
@@ -93,7 +94,7 @@ def apply_and_undo(driver, artist, key):
 
 def reopen(driver, artist, key):
     """A saved file finds its bake, proxies, rows and looks."""
-    before, was_whole = artist.picture(), artist.state == "ready"
+    before, was_whole, proxies = artist.picture(), artist.state == "ready", artist.proxies()
     bpy.ops.wm.save_mainfile()
     bpy.ops.wm.open_mainfile(filepath=bpy.data.filepath)
     yield from driver.drawn()
@@ -108,6 +109,7 @@ def reopen(driver, artist, key):
     driver.check(artist.state == "ready", f"the bake is open: {artist.words()}")
     is_whole = not addon("core.status").is_unfinished(artist.shot.status)
     driver.check(is_whole == was_whole, f"it is as whole as it was: {artist.words()}")
+    driver.check(artist.proxies() == proxies, f"its proxies: {artist.proxies()} instead of {proxies}")
     driver.check(same(artist.picture(), before), "the same picture from the file")
 
 
