@@ -1,3 +1,4 @@
+use crate::goal::Aim;
 use crate::objective::{Draw, Objective, Unit};
 use crate::problem::Problem;
 use crate::random::Random;
@@ -23,19 +24,24 @@ pub struct RandomStarts {
 
 /// Cells of each goal by which places are compared.
 const COMPARED: usize = 256;
-/// Strengths tried in each place, in units of an equal share of what the picture lacks; a locked one stays.
+/// Strengths tried in each place, in units of a candidate's; a locked one stays.
 const STRENGTHS: [f32; 3] = [0.3, 1.0, 3.0];
 const OWN_STRENGTH: [f32; 1] = [1.0];
 
-/// Random starts: what is free of a light is drawn uniformly in its bounds (sizes by their logarithm, directions on the
-/// sphere or in their cap), white where colour is free, and together about as bright as the picture lacks.
+/// Random starts: what is free of a light is drawn uniformly in its bounds (sizes by their logarithm, directions on the sphere or in
+/// their cap). A target may be another picture altogether, so that lights for one are white where colour is free, together about as
+/// bright as the picture lacks, and placed one after the other from darkness. What only asks for changes is near the picture as it
+/// is: there shine all lights as they do, and of one after the other what is free of its shape is drawn.
 ///
 /// # Errors
 /// As [`crate::solve`].
 pub fn random_starts(problem: &Problem, options: &RandomStarts) -> Result<Vec<Vec<Light>>, OptimiseError> {
     problem.validate()?;
     let objective = Objective::new(problem, options.softness)?;
-    let search = Search { problem, draw: objective.spread(COMPARED), objective, options };
+    let has_target =
+        problem.views.iter().flat_map(|view| view.goals).any(|goal| matches!(goal.aim, Aim::Target { .. }));
+    let draw = objective.spread(COMPARED);
+    let search = Search { problem, draw, objective, options, from_darkness: has_target };
     (0..options.count as u64).into_par_iter().map(|number| search.start(number)).collect()
 }
 
@@ -44,9 +50,10 @@ struct Search<'a> {
     objective: Objective<'a>,
     draw: Draw,
     options: &'a RandomStarts,
+    from_darkness: bool,
 }
 
-/// Lights that were placed so far, those to come being black.
+/// Lights that were placed so far, those to come being black or as they are.
 struct Placed {
     lights: Vec<Light>,
     /// By view and light.
@@ -57,8 +64,11 @@ impl Search<'_> {
     fn start(&self, number: u64) -> Result<Vec<Light>, OptimiseError> {
         let mut random = Random::new(self.options.seed.wrapping_mul(0x9e37_79b9) ^ number << 40 ^ 0x5eed);
         let variables = &self.problem.variables;
-        let black = |variable: &Variable| Light { radiance: [0.0; 3], ..variable.light.clone() };
-        let lights: Vec<Light> = variables.iter().map(black).collect();
+        let before = |variable: &Variable| match self.from_darkness {
+            true => Light { radiance: [0.0; 3], ..variable.light.clone() },
+            false => variable.within(variable.light.clone()),
+        };
+        let lights: Vec<Light> = variables.iter().map(before).collect();
         let units = match self.options.candidates {
             0 | 1 => Vec::new(),
             _ => self.objective.units(&lights, &self.draw)?,
@@ -66,6 +76,9 @@ impl Search<'_> {
         let mut placed = Placed { lights, units };
         for (i, variable) in variables.iter().enumerate() {
             let stays = variable.locks.hold_shape(&variable.light.shape);
+            if stays && self.shines(variable) {
+                continue;
+            }
             let candidates = if stays { 1 } else { self.options.candidates.max(1) };
             let candidates =
                 (0..candidates).map(|_| self.candidate(i, &mut random)).collect::<Result<Vec<_>, _>>()?;
@@ -74,10 +87,19 @@ impl Search<'_> {
         Ok(placed.lights)
     }
 
-    /// A random light with an equal share of what the picture lacks.
+    /// Whether a light is in the picture before it is placed.
+    fn shines(&self, variable: &Variable) -> bool {
+        !self.from_darkness && luminance(power(&variable.light)) > 0.0
+    }
+
+    /// A random light, as powerful as it is if it shines already, else with an equal share of what the picture lacks.
     fn candidate(&self, number: usize, random: &mut Random) -> Result<Light, OptimiseError> {
         let variable = &self.problem.variables[number];
         let light = Light { shape: random_shape(variable, random), ..variable.light.clone() };
+        if self.shines(variable) {
+            let radiance = power(&variable.light).map(|power| power / light.shape.extent());
+            return Ok(variable.within(Light { radiance, ..light }));
+        }
         let share = self.problem.matching_radiance(number, &light, self.options.softness)?
             / self.problem.variables.len() as f32;
         let radiance = radiance(variable, &light.shape, share);
@@ -168,7 +190,7 @@ fn radiance(variable: &Variable, shape: &LightShape, share: f32) -> [f32; 3] {
 mod tests {
     use super::*;
     use crate::tests::{FLOOR, flat, lamps, picture, target, variable};
-    use crate::{Locks, View};
+    use crate::{Goal, Locks, View};
 
     #[test]
     fn what_is_locked_is_as_it_was_in_every_start() {
@@ -189,5 +211,26 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn for_a_change_of_the_picture_other_lights_shine_as_they_do() {
+        let base = flat(0.02);
+        let left = Some((0..96).map(|i| f32::from(i % 12 < 6)).collect::<Vec<f32>>());
+        let goals = [Goal { aim: Aim::Brightness { stops: 1.0 }, pixels: left, weight: 1.0 }];
+        let [stays, moves] = [0, 1].map(|number| variable(&lamps()[number]));
+        let stays = Variable { locks: Locks { strength: false, ..Locks::ALL }, ..stays };
+        let still = picture(&FLOOR, &flat(0.0), &[Light { radiance: [1.0; 3], ..stays.light.clone() }]);
+        let view = View { relight: &FLOOR, base: &base, still: vec![Some(&still), None], goals: &goals };
+        let problem = Problem { views: vec![view], variables: vec![stays.clone(), moves.clone()] };
+        let options = RandomStarts { count: 3, candidates: 16, softness: 0.0, seed: 1 };
+        let starts = random_starts(&problem, &options).unwrap();
+        for start in &starts {
+            assert_eq!(start[0], stays.light);
+            let factor = luminance(power(&start[1])) / luminance(power(&moves.light));
+            assert!(STRENGTHS.iter().any(|strength| (factor / strength - 1.0).abs() < 1e-3), "{factor}");
+            assert_ne!(start[1].shape, moves.light.shape);
+        }
+        assert_ne!(starts[0], starts[1]);
     }
 }

@@ -178,10 +178,12 @@ impl Search<'_> {
             softness: softness[0],
             seed: wish.seed,
         };
-        let starts = match &wish.from {
+        let mut starts = match &wish.from {
             Some(answer) => vec![self.unknowns.of_answer(&self.request.now, answer)?],
             None => self.unknowns.starts(random_starts(problem, &random)?),
         };
+        // Where nothing may move and nothing is new all begin with the lights as they are.
+        starts.dedup();
         self.race(problem, &starts, wish.steps, softness)
     }
 

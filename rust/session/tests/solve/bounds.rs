@@ -134,3 +134,53 @@ fn the_world_is_as_bright_as_its_stops_allow_and_new_lights_as_bright_as_they_li
     let solved = solve(&[&relighter], &add, &[]).unwrap();
     assert!(solved.lights.lights[0].radiance[0] > 0.0, "{:?}", solved.lights);
 }
+
+#[test]
+fn bounds_and_stay_of_one_light_hold_that_one_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    baked(folder.path(), 0.0);
+    let relighter = Relighter::open(folder.path()).unwrap();
+    let target = picture(&relighter, &[key()]);
+    let center = |x: f32| Vec3::new(x, 0.1, 1.1);
+    let at = |x: f32| Light { shape: LightShape::Sphere { center: center(x), radius: 0.2 }, ..key() };
+    let found = |each: serde_json::Value| {
+        let free = json!({"Key": ["position", "strength"]});
+        let request = json!({"lights": [at(-0.3)], "free": free, "each": each, "starts": 1});
+        solve(&[&relighter], &target_request(request), &[("target", &target)])
+            .map(|solved| solved.lights.lights[0].shape.center().unwrap())
+    };
+    let held = found(json!({"Key": {"bounds": {"max": [-0.2, 0.9, 1.9]}}})).unwrap();
+    assert!(held.x <= -0.2 && held.x > -0.9, "{held}");
+    let [near, free] = [1.0, 0.0].map(|stay| found(json!({"Key": {"stay": stay}})).unwrap());
+    let moved = [near, free].map(|place| place.distance(center(-0.3)));
+    assert!(free.distance(key().shape.center().unwrap()) < 0.1 && moved[0] < 0.5 * moved[1], "{moved:?}");
+    let error = found(json!({"Key": {"bounds": {"min": [2, -0.9, 0.2]}}})).unwrap_err().to_string();
+    assert!(error.contains("light 'Key'") && error.contains("\"min\" below its \"max\""), "{error}");
+}
+
+#[test]
+fn a_spot_keeps_its_cone_in_the_range_that_was_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    baked(folder.path(), 0.0);
+    let relighter = Relighter::open(folder.path()).unwrap();
+    let spot = |half_angle: f32| LightShape::Spot {
+        center: Vec3::new(0.1, -0.6, 1.4),
+        radius: 0.2,
+        axis: Vec3::new(0.2, 0.8, -0.6).normalize(),
+        half_angle,
+        blend: 0.1,
+        soft_falloff: true,
+    };
+    let lit = |half_angle: f32| light("Key", spot(half_angle), [20.0; 3]);
+    let target = picture(&relighter, &[lit(0.4)]);
+    let angle = |bounds: Value| {
+        let request = json!({
+            "lights": [lit(0.8)], "free": {"Key": ["cone"]}, "starts": 1, "each": {"Key": {"bounds": bounds}}
+        });
+        let solved = solve(&[&relighter], &target_request(request), &[("target", &target)]).unwrap();
+        let LightShape::Spot { half_angle, .. } = solved.lights.lights[0].shape else { panic!("{solved:?}") };
+        half_angle
+    };
+    let [free, held] = [angle(json!({})), angle(json!({"cone": [0.6, 1.0]}))];
+    assert!(free < 0.55 && (0.6..0.75).contains(&held), "{free} {held}");
+}
