@@ -112,6 +112,13 @@ def play(driver):
         yield from settled(driver)
         alone = driver.photo("pass")[part].astype(float)
         driver.check(np.abs(alone - shading[part]).mean() > 3.0, "it is not the whole picture")
+        yield from driver.move_mouse(driver.region().x + 600, driver.region().y + 500)
+        with driver.within("HEADER"):
+            bpy.ops.wm.call_panel(name="VIEW3D_PT_shading", keep_open=True)
+        yield from driver.drawn()
+        driver.photo("popover")
+        yield from driver.press("ESC")
+        yield from driver.drawn()
         view.shading.relume.render_pass = "Combined"
         row = next(row for row in scene.relume_mix.rows if row.name == light)
         row.solo = True
