@@ -161,7 +161,8 @@ def test_strength_and_turning_are_held_within_what_the_panel_says(painted):
     assert not {"bounds", "each"} & set(job.request), "limits that are off"
     found.cancel()
     FakeJob.made.clear()
-    settings.limit_strength = settings.limit_turn = True
+    settings.limit_strength = settings.limit_turn = settings.limit_tint = True
+    settings.tint, fill.limit_tint, fill.tint = 1.5, True, 0.25
     key.limit_strength, key.darker, key.brighter = True, 0.0, 0.5
     fill.limit_turn, fill.turn, fill.own_stay, fill.stay = True, 0.0, True, 0.25
     box = fill.box = add(painted, "Box", bpy.data.meshes.new("Box"))
@@ -170,9 +171,10 @@ def test_strength_and_turning_are_held_within_what_the_panel_says(painted):
     found, job = begin(painted)
     assert job.request["bounds"]["stops"] == [-2.0, 1.0] and job.request["stay"] == 0.0
     assert job.request["bounds"]["degrees"] == pytest.approx(30.0)
+    assert job.request["bounds"]["tint"] == 1.5
     assert job.request["each"] == {
         "Key": {"bounds": {"stops": [0.0, 0.5]}},
-        "Fill": {"bounds": {"min": [-1.0, -1.0, -1.0], "max": [1.0, 1.0, 0.5], "degrees": 0.0}, "stay": 0.25},
+        "Fill": {"bounds": {"min": [-1.0, -1.0, -1.0], "max": [1.0, 1.0, 0.5], "tint": 0.25, "degrees": 0.0}, "stay": 0.25},
     }
     found.cancel()
 
@@ -189,11 +191,11 @@ def test_the_panel_shows_the_numbers_of_limits_that_are_on(painted):
         assert all(call.args[0] == key for call in layout.prop.call_args_list)
         return [call.args[1] for call in layout.prop.call_args_list]
 
-    area = ["limit_strength", "limit_turn", "limit_size"]
+    area = ["limit_strength", "limit_tint", "limit_turn", "limit_size"]
     assert shown() == ["box", *area, "own_stay", "stay"]
-    key.limit_strength = key.limit_turn = key.limit_size = True
+    key.limit_strength = key.limit_tint = key.limit_turn = key.limit_size = True
     turn, size = ["limit_turn", "turn"], ["limit_size", "smallest", "largest"]
-    strength = ["limit_strength", "darker", "brighter"]
+    strength = ["limit_strength", "darker", "brighter", "limit_tint", "tint"]
     assert shown() == ["box", *strength, *turn, *size, "own_stay", "stay"]
     key.limit_sun = key.limit_cone = True
     cone = ["limit_cone", "cone_least", "cone_most"]

@@ -125,6 +125,17 @@ def test_undo_in_the_middle_of_a_bake_begins_again(scene):
     assert view_table.complete(bpy.context.scene).table is not None
 
 
+def test_a_table_in_the_making_leaves_nothing_to_be_saved(scene):
+    """Or Blender asks the artist who presses Ctrl S about an image that nobody has seen."""
+    scene.view_settings.view_transform = "AgX"
+    turns = 0
+    while not view_table.is_complete(scene):
+        view_table.work(scene)
+        assert not any(image.is_dirty for image in bpy.data.images)
+        turns += 1
+    assert turns > 10
+
+
 def test_a_table_in_the_making_leaves_the_objects_of_the_scene_alone(scene):
     """When an image is removed Blender evaluates all objects again: once for a table, not once for a slice."""
     add_light(scene, "POINT")

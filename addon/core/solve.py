@@ -44,6 +44,8 @@ class Limits:
     """Lower and upper corner, metres, of where they may be; None for what the camera sees."""
     stops: tuple[float, float] | None = None
     """Least and most strength, above what it is."""
+    tint: float | None = None
+    """By how many stops the ratio of two channels of their colour may differ from what it is."""
     degrees: float | None = None
     """By how much they may turn."""
     size: tuple[float, float] | None = None
@@ -58,7 +60,7 @@ class Limits:
     def bounds(self) -> dict[str, Any]:
         """As a request has them."""
         low, high = self.box or ((), ())
-        found = {"min": list(low), "max": list(high), "degrees": self.degrees}
+        found = {"min": list(low), "max": list(high), "tint": self.tint, "degrees": self.degrees}
         found |= {name: list(getattr(self, name) or ()) for name in ("stops", "size", "sun", "cone")}
         return {name: value for name, value in found.items() if value not in ([], None)}
 

@@ -150,17 +150,19 @@ class _Display:
         return pixels.reshape(*colors.shape[:2], -1)[..., :3]
 
     def _write(self, scene: bpy.types.Scene, colors: np.ndarray, view: dict[str, Any] | None) -> None:
-        """Writes scene-linear colours, [height from the bottom, width, 3], as a 16-bit PNG of a view."""
+        """Writes scene-linear colours, [height from the bottom, width, 3], as a 16-bit PNG of a view. No pixels stay in
+        the image: with Ctrl S Blender would ask whether they are to be saved, too."""
         height, width = colors.shape[:2]
         pixels = np.ones((height, width, 4), np.float32)
         pixels[..., :3] = colors
         if self._linear is None:
             self._linear = bpy.data.images.new(HIDDEN_NAME, width, height, float_buffer=True)
-        elif tuple(self._linear.size) != (width, height):
-            self._linear.scale(width, height)
+        else:
+            self._linear.generated_width, self._linear.generated_height = width, height
         self._linear.pixels.foreach_set(pixels.reshape(-1))
         with _png_settings(scene, view):
             self._linear.save_render(str(self._path), scene=scene)
+        self._linear.buffers_free()
         # Blender reports success on a full disk.
         if not self._path.read_bytes().endswith(PNG_END):
             raise OSError(f"cannot write the view transform; check the free space: {self._path}")

@@ -15,6 +15,7 @@ from .solve_settings import Limits
 
 NUMBERS = {
     "limit_strength": ("darker", "brighter"),
+    "limit_tint": ("tint",),
     "limit_turn": ("turn",),
     "limit_size": ("smallest", "largest"),
     "limit_sun": ("sun_least", "sun_most"),
@@ -34,10 +35,11 @@ WITHOUT = {
 def of(settings: Limits, stay: float | None) -> core.Limits:
     """The limits of all lights, or of one. Raises SolveError if a box or a range holds nothing."""
     stops = (-settings.darker, settings.brighter) if settings.limit_strength else None
+    tint = settings.tint if settings.limit_tint else None
     degrees = math.degrees(settings.turn) if settings.limit_turn else None
     size = _range(settings, "limit_size", "size")
     sun, cone = _range(settings, "limit_sun", "angle of a sun"), _range(settings, "limit_cone", "cone of a spot")
-    return core.Limits(_box_of(settings.box), stops, degrees, size, _halved(sun), _halved(cone), stay)
+    return core.Limits(_box_of(settings.box), stops, tint, degrees, size, _halved(sun), _halved(cone), stay)
 
 
 def _range(settings: Limits, switch: str, what: str) -> tuple[float, float] | None:

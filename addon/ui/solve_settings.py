@@ -105,6 +105,17 @@ class Limits:
         description="At most so many stops brighter: one is twice the light, 0 is never brighter",
         **STOPS,
     )
+    limit_tint: BoolProperty(
+        name="Limit Colour",
+        description="Keep the colour of what is there, the world too, near what it is, and that of new lights near "
+        "white",
+    )
+    tint: FloatProperty(
+        name="Stops",
+        description="By how many stops red, green and blue may at most drift apart from how they are: 0 keeps the "
+        "colour, 1 is an orange or blue gel of half strength, 3 is nearly any colour",
+        **STOPS,
+    )
     limit_turn: BoolProperty(
         name="Limit Turning",
         description="Keep spots, area lights and suns pointing within an angle of where they point. New ones may point "

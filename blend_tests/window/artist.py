@@ -75,10 +75,12 @@ class Artist:
     # Waiting
 
     def until_settled(self, seconds=WORK_SECONDS):
-        """Waits until nothing better is to come for the lights as they are, and the view shows it."""
+        """Waits until nothing better is to come for the lights as they are, and the view shows it: after a drag on a
+        slow machine the picture of half the size is whole a moment before the full one is asked for."""
 
         def is_settled():
-            return not self.shot.is_busy and self.serial_drawn == self.shot.frame.serial
+            frame = self.shot.frame
+            return not self.shot.is_busy and frame.scale == 1 and self.serial_drawn == frame.serial
 
         return self.driver.until(is_settled, lambda: f"the last picture; {self.words()}", seconds)
 

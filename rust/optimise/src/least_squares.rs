@@ -74,10 +74,7 @@ impl NormalEquations {
     /// Lets steps go so far along a direction of the values that begin at `first`, no further and no less: what is solved is the rest.
     pub(crate) fn hold(&mut self, first: usize, direction: &[f32; PARAMS], distance: f32) {
         let n = self.right.len();
-        let length = direction.iter().map(|d| f64::from(*d).powi(2)).sum::<f64>().sqrt();
-        let reach = f64::from(distance) / length;
-        let mut unit = vec![0.0; n];
-        unit[first..first + PARAMS].iter_mut().zip(direction).for_each(|(u, d)| *u = f64::from(*d) / length);
+        let Some((unit, reach)) = self.beside_held(first, direction, distance) else { return };
         let entry = |i: usize, j: usize| self.matrix[i.max(j)][i.min(j)];
         let along: Vec<f64> = (0..n).map(|i| (0..n).map(|j| entry(i, j) * unit[j]).sum()).collect();
         self.right.iter_mut().zip(&along).for_each(|(right, along)| *right -= reach * along);
@@ -89,6 +86,22 @@ impl NormalEquations {
             self.right[i] -= pull * unit[i];
         }
         self.held.push((unit, reach));
+    }
+
+    /// The part of a direction, of unit length, that is across all that are held, and how far steps go along it; none if it is one
+    /// of theirs.
+    fn beside_held(&self, first: usize, direction: &[f32; PARAMS], distance: f32) -> Option<(Vec<f64>, f64)> {
+        let length = |direction: &[f64]| dot(direction, direction).sqrt();
+        let (mut across, mut reach) = (vec![0.0; self.right.len()], f64::from(distance));
+        across[first..first + PARAMS].iter_mut().zip(direction).for_each(|(a, d)| *a = f64::from(*d));
+        let whole = length(&across);
+        for (unit, held) in &self.held {
+            let along = dot(&across, unit);
+            across.iter_mut().zip(unit).for_each(|(a, u)| *a -= along * u);
+            reach -= along * held;
+        }
+        let rest = length(&across);
+        (rest > 1e-6 * whole).then(|| (across.iter().map(|a| a / rest).collect(), reach / rest))
     }
 
     /// The step with a damped and raised diagonal, by Cholesky's decomposition; none where nothing has a slope. Values without

@@ -49,7 +49,7 @@ pub use solve::{RunnerUp, Settings, Solution, Step, solve};
 pub use starts::{RandomStarts, random_starts};
 pub use term::Wanted;
 pub use variable::{Bounds, Locks, Variable};
-pub use wall::Cap;
+pub use wall::{Cap, Tint};
 
 #[cfg(test)]
 mod tests;

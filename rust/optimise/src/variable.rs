@@ -1,4 +1,4 @@
-use crate::wall::Cap;
+use crate::wall::{Cap, Tint};
 use glam::Vec3;
 use relume_scene::{LANES, Light, LightShape, lane};
 use serde::{Deserialize, Serialize};
@@ -86,6 +86,8 @@ pub struct Bounds {
     /// Least and most strength: luminance of radiance times extent, up to a constant Blender's; none for any. Solving ends at these
     /// two at once, not near them.
     pub strength: Option<[f32; 2]>,
+    /// Colours that it may have; none for any. Met as those of strength are.
+    pub color: Option<Tint>,
     /// Where it may point ([`LightShape::axis`]); none for anywhere.
     pub direction: Option<Cap>,
 }
@@ -94,7 +96,7 @@ impl Bounds {
     /// Bounds of centres and sizes, with all usual angles.
     pub fn new(center_min: Vec3, center_max: Vec3, size: [f32; 2]) -> Self {
         let (sun, cone) = ([0.0025, 1.0], [0.02, 1.5]);
-        Self { center_min, center_max, size, sun, cone, strength: None, direction: None }
+        Self { center_min, center_max, size, sun, cone, strength: None, color: None, direction: None }
     }
 
     /// Bounds that hold a light as well.
@@ -129,6 +131,7 @@ impl Bounds {
             _ if !(rises(self.sun) && self.sun[1] <= WIDEST) => Some("a sun's angle"),
             _ if !(rises(self.cone) && self.cone[1] <= WIDEST) => Some("a spot's angle"),
             _ if !self.strength.is_none_or(is_range) => Some("the strength"),
+            _ if !self.color.is_none_or(|tint| tint.is_sound()) => Some("the colour"),
             _ if !self.direction.is_none_or(|cap| cap.is_sound()) => Some("the direction"),
             _ => None,
         }
@@ -307,9 +310,19 @@ impl Mapping {
 
     /// Step of the unconstrained values by which all of a power grows at one rate, to first order.
     pub(crate) fn brightening(&self, light: &Light) -> [f32; 3] {
-        let step = |power: f32| power / self.power_slope(power);
+        let strongest = color_and_strength(power(light)).1;
+        if self.locks.color {
+            [strongest / self.power_slope(strongest), 0.0, 0.0]
+        } else {
+            self.growth(light, [1.0; 3])
+        }
+    }
+
+    /// Step of the unconstrained values by which each channel of a power, whose colour is free, grows at a rate, to first order.
+    pub(crate) fn growth(&self, light: &Light, rates: [f32; 3]) -> [f32; 3] {
         let power = power(light);
-        if self.locks.color { [step(color_and_strength(power).1), 0.0, 0.0] } else { power.map(step) }
+        let step = |c: usize| if self.locks.strength { 1.0 } else { power[c] / self.power_slope(power[c]) };
+        std::array::from_fn(|c| rates[c] * step(c))
     }
 
     fn power_slope(&self, power: f32) -> f32 {

@@ -1,15 +1,18 @@
-//! Bounds on strength and direction. Those of places and sizes are approached and never met (`variable`); these are walls, at which a
-//! step that leads through ends: a light may start at one, and where none is met all is as without.
+//! Bounds on strength, colour and direction. Those of places and sizes are approached and never met (`variable`); these are walls, at
+//! which a step that leads through ends: a light may start at one, and where none is met all is as without.
 
 use crate::problem::Problem;
 use crate::variable::{Bounds, LUMINANCE, Locks, Mapping, PARAMS, Variable, luminance, power};
 use glam::Vec3;
 use relume_scene::{LANES, Light, LightShape, lane};
 use serde::{Deserialize, Serialize};
-use std::f32::consts::PI;
+use std::f32::consts::{LN_2, PI};
 
 /// As near to a wall as this, in its units, a light stands at it.
 const NEAR: f32 = 1e-5;
+
+/// Channels of a colour are taken as this share of its strongest where they are less, so that their ratios are finite.
+const LEAST_CHANNEL: f32 = 1e-4;
 
 /// All directions within an angle of one.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -55,7 +58,64 @@ impl Cap {
     }
 }
 
+/// All colours within some stops of one.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Tint {
+    /// Their middle: RGB of any brightness, each above 0.
+    pub color: [f32; 3],
+    /// By how many stops the ratio of two channels may at most differ from what it is there.
+    pub stops: f32,
+}
+
+impl Tint {
+    /// Colours within some stops of that of a power; of white where it is black.
+    fn around(power: [f32; 3], stops: f32) -> Self {
+        Self { color: if luminance(power) > 0.0 { with_all_channels(power) } else { [1.0; 3] }, stops }
+    }
+
+    pub(crate) fn is_sound(&self) -> bool {
+        self.color.iter().all(|channel| channel.is_finite() && *channel > 0.0)
+            && self.stops.is_finite()
+            && self.stops >= 0.0
+    }
+
+    /// Most that the logarithm of a ratio of channels may differ.
+    fn reach(&self) -> f32 {
+        LN_2 * self.stops
+    }
+
+    /// Logarithm of each channel over the middle's.
+    fn away(&self, power: [f32; 3]) -> [f32; 3] {
+        let power = with_all_channels(power);
+        std::array::from_fn(|c| (power[c] / self.color[c]).ln())
+    }
+
+    /// A power of the same luminance and the nearest of these colours.
+    fn within(&self, power: [f32; 3]) -> [f32; 3] {
+        let away = self.away(power);
+        let [low, high] =
+            [away.into_iter().fold(f32::MAX, f32::min), away.into_iter().fold(f32::MIN, f32::max)];
+        if luminance(power) <= 0.0 || high - low <= self.reach() {
+            return power;
+        }
+        let (middle, half) = (0.5 * (low + high), 0.5 * self.reach());
+        let held: [f32; 3] =
+            std::array::from_fn(|c| self.color[c] * away[c].clamp(middle - half, middle + half).exp());
+        held.map(|channel| channel * luminance(power) / luminance(held))
+    }
+}
+
+fn with_all_channels(power: [f32; 3]) -> [f32; 3] {
+    let least = LEAST_CHANNEL * power.into_iter().fold(f32::MIN_POSITIVE, f32::max);
+    power.map(|channel| channel.max(least))
+}
+
 impl Bounds {
+    /// Bounds that also hold a light's colour within some stops of what it is.
+    pub fn tinted(self, light: &Light, stops: Option<f32>) -> Self {
+        Self { color: stops.map(|stops| Tint::around(power(light), stops)), ..self }
+    }
+
     /// Bounds that also hold a light's strength within some stops of what it is, and its direction within an angle, radians.
     pub fn around(self, light: &Light, stops: Option<[f32; 2]>, angle: Option<f32>) -> Self {
         let strength = stops.map(|stops| stops.map(|stops| stops.exp2() * luminance(power(light))));
@@ -63,10 +123,17 @@ impl Bounds {
         Self { strength, direction: angle.and_then(cap), ..self }
     }
 
-    /// A light as strong and directed as these bounds allow, what is locked as it is.
+    /// A light as coloured, strong and directed as these bounds allow, what is locked as it is.
     fn within(&self, locks: &Locks, mut light: Light) -> Light {
         if let (Some(cap), false) = (self.direction, locks.direction) {
             light.shape = cap.within(&light.shape);
+        }
+        if let (Some(tint), false) = (self.color, locks.color) {
+            let power = power(&light);
+            let held = tint.within(power);
+            if held != power {
+                light.radiance = held.map(|power| power / light.shape.extent());
+            }
         }
         if let (Some([low, high]), false) = (self.strength, locks.strength) {
             let strength = luminance(power(&light));
@@ -95,7 +162,8 @@ impl Problem<'_> {
 
 /// A bound by a light's unconstrained values, to first order.
 pub(crate) struct Wall {
-    /// The product of a step with this is how much nearer it comes, radians or natural logarithm of a strength.
+    /// The product of a step with this is how much nearer it comes, radians or natural logarithm of a strength or of a ratio of
+    /// channels.
     pub(crate) normal: [f32; PARAMS],
     /// The step by which what is beyond the wall is brought back, for each of those units.
     out: [f32; PARAMS],
@@ -104,9 +172,11 @@ pub(crate) struct Wall {
 }
 
 impl Wall {
-    pub(crate) fn is_passed_by(&self, step: &[f64]) -> bool {
+    /// How far a step leads beyond it, in the length of steps; below 0 where it does not.
+    pub(crate) fn passed_by(&self, step: &[f64]) -> f64 {
         let nearer: f64 = self.normal.iter().zip(step).map(|(n, s)| f64::from(*n) * s).sum();
-        nearer > f64::from(self.distance)
+        let length = self.normal.iter().map(|n| f64::from(*n).powi(2)).sum::<f64>().sqrt();
+        if length > 0.0 { (nearer - f64::from(self.distance)) / length } else { f64::NEG_INFINITY }
     }
 
     /// Takes from a gradient, against which the light goes, what leads through the wall if it stands there.
@@ -126,7 +196,10 @@ impl Mapping {
 
     /// The walls around a light.
     pub(crate) fn walls(&self, light: &Light) -> impl Iterator<Item = Wall> + use<> {
-        self.wall_of_direction(light).into_iter().chain(self.walls_of_strength(light))
+        self.wall_of_direction(light)
+            .into_iter()
+            .chain(self.walls_of_strength(light))
+            .chain(self.walls_of_color(light))
     }
 
     fn wall_of_direction(&self, light: &Light) -> Option<Wall> {
@@ -150,6 +223,26 @@ impl Mapping {
             Wall { normal, out, distance: sign * (end / strength).ln() }
         };
         ends.into_iter().zip([-1.0, 1.0]).map(wall).collect()
+    }
+
+    /// One for each ratio of two channels, either way.
+    fn walls_of_color(&self, light: &Light) -> Vec<Wall> {
+        let strength = luminance(power(light));
+        let Some(tint) = self.bounds.color.filter(|_| !self.locks.color && strength > 0.0) else {
+            return Vec::new();
+        };
+        let (away, power) = (tint.away(power(light)), with_all_channels(power(light)));
+        let wall = |(i, j): (usize, usize)| {
+            let mut rates = [0.0; 3];
+            (rates[i], rates[j]) = (0.5, -0.5);
+            let brighter = (0..3).map(|c| rates[c] * LUMINANCE[c] * power[c]).sum::<f32>() / luminance(power);
+            let d_power = std::array::from_fn(|c| 2.0 * rates[c] / power[c]);
+            let [mut normal, mut out] = [[0.0; PARAMS]; 2];
+            normal[LANES..].copy_from_slice(&self.power_gradient(light, d_power));
+            out[LANES..].copy_from_slice(&self.growth(light, rates.map(|rate| rate - brighter)));
+            Wall { normal, out, distance: tint.reach() - (away[i] - away[j]) }
+        };
+        (0..3).flat_map(|i| (0..3).map(move |j| (i, j))).filter(|(i, j)| i != j).map(wall).collect()
     }
 }
 

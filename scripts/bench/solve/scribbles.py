@@ -1,10 +1,11 @@
 """Strokes with a known good answer: a hidden change of two lights, painted, solved for and judged by Cycles.
 
-What the hidden change makes brighter, darker, warmer or cooler is painted, at 80 % of the change, and what it leaves
-alone as kept. Every light of the file may change what the strokes are about (its strength, its colour), those of the
-hidden change may also move where one has moved. What is found is written into the file as *Apply* of the add-on does;
-the file is saved, opened again and rendered with the seed of the picture before. Files with fewer than two lights get
-seeded point lights.
+What the hidden change makes brighter, darker, warmer, cooler or of another colour is painted, at 80 % of the change,
+and what it leaves alone as kept. Every light of the file may change what the strokes are about (its strength, its
+colour), those of the hidden change may also move where one has moved. What is found is written into the file as *Apply*
+of the add-on does; the file is saved, opened again and rendered with the seed of the picture before. Files with fewer
+than two lights get seeded point lights, and each gets a spot that lights a part of the picture: without it every light
+of a closed room reaches all that is seen, and nothing would be left to be kept.
 """
 
 import json
@@ -15,7 +16,7 @@ from pathlib import Path
 
 import relume
 import strokes
-from problem import random_spheres
+from problem import IDENTITY, random_spheres
 from records import general
 
 from addon.core.solve import Wish
@@ -32,14 +33,24 @@ STARTS = 4
 """As the add-on has it."""
 SEED = 1
 MIREDS = 100.0
+ACCENT = "Accent"
+"""The spot's name."""
+ACCENT_SHARE = 0.25
+"""Of the picture's mean."""
+ACCENT_CONE = math.radians(45.0)
+ACCENT_COLOR = [0.25, 0.7, 1.0]
+"""What the spot's colour is multiplied with where a colour is asked for."""
+CANDIDATES = 9
+"""Places for the spot, of which that of medium brightness is taken: not one before a wall, not one out of sight."""
 RUNS = (
     ("brighter", "keep"),
     ("brighter", "darker", "keep"),
     ("warmer", "cooler", "keep"),
     ("shadow", "brighter", "keep"),
+    ("color", "keep"),
 )
-"""What is painted. One light becomes a stop brighter; a stop darker, and another moves; warmer, and another cooler;
-one moves."""
+"""What is painted. The spot becomes a stop brighter; a light a stop darker, and another moves; a light warmer, another
+cooler; a light moves; the spot gets another colour."""
 
 
 def run(shot, records, args):
@@ -83,6 +94,20 @@ class Shown:
             for light in lights:
                 light["energy"] *= 0.5 * level / max(shares[light["name"]], 1e-9)
             self.shot.judge.set(lights=lights)
+        self._add_accent()
+
+    def _add_accent(self):
+        """A spot that points down."""
+        level = self._static_level() + sum(self._shares().values())
+        places = self.shot.judge.places(seed=8, count=CANDIDATES, space=self.space)
+        radius = self.space["size"][0]
+        spots = [spot(f"{ACCENT} {number}", place, radius) for number, place in enumerate(places)]
+        self.shot.judge.set(lights=spots)
+        shares = self._shares()
+        taken = sorted(spots, key=lambda light: shares[light["name"]])[CANDIDATES // 2]
+        self.shot.judge.remove(names=[light["name"] for light in spots])
+        energy = taken["energy"] * ACCENT_SHARE / (1 - ACCENT_SHARE) * level / shares[taken["name"]]
+        self.shot.judge.set(lights=[taken | {"name": ACCENT, "energy": energy}])
 
     def _static_level(self):
         """Mean of the picture without any added lights."""
@@ -104,8 +129,11 @@ class Shown:
         first, second = able[0], able[1 % len(able)]
         change, names = self.shot.judge.change, [light["name"] for light in self.lights]
         if number == 0:
-            change(name=first, gain=2.0)
-            return [first], {name: ["strength"] for name in names}
+            change(name=ACCENT, gain=2.0)
+            return [ACCENT], {name: ["strength"] for name in names}
+        if number == 4:
+            change(name=ACCENT, tint=ACCENT_COLOR)
+            return [ACCENT], {name: ["strength", "color"] for name in names}
         if number == 2:
             change(name=first, tint=tint(MIREDS))
             if second != first:
@@ -164,6 +192,14 @@ class Shown:
         }
 
 
+def spot(name, place, radius):
+    """A white spot light that points down."""
+    matrix = [[*IDENTITY[axis], place[axis]] for axis in range(3)] + [[0.0, 0.0, 0.0, 1.0]]
+    cone = {"spot_size": ACCENT_CONE, "spot_blend": 0.2, "radius": radius}
+    look = {"energy": 100.0, "color": [1.0, 1.0, 1.0], "use_soft_falloff": False}
+    return {"name": name, "type": "SPOT", "world_from_object": matrix} | cone | look
+
+
 def tint(mireds):
     """Factors of a colour that make it warmer by so much and leave its luminance of white."""
     half = 0.5 * strokes.RATIO_PER_MIRED * mireds
@@ -175,22 +211,29 @@ def tint(mireds):
 def verdict(goal, known, before, after, said):
     """One stroke: asked, done by the hidden change, by what was found (Cycles), and by what was found as it is said."""
     kind = goal["goal"]
-    reached = strokes.done_within(kind, before, after, goal["where"])
-    asked = 0.0 if kind == "keep" else goal[strokes.UNITS[kind]]
-    said_reached = None if said is None else said["reached"] * (-1.0 if kind in {"darker", "shadow", "cooler"} else 1.0)
+    reached = strokes.done_to(goal, before, after)
+    asked = strokes.asked(goal)
     met = reached < KEEP_LIMIT if kind == "keep" else reached >= asked
-    return {"goal": kind, "asked": asked, "known": known, "reached": reached, "met": met, "said": said_reached}
+    found = {"goal": kind, "asked": asked, "known": known, "reached": reached, "met": met}
+    return found | {"said": said and told(kind, said)}
+
+
+def told(kind, said):
+    """What the solver says of a stroke, as it is measured here."""
+    if kind == "color":
+        return 1.0 - said["reached"] / said["before"]
+    return said["reached"] * (-1.0 if kind in {"darker", "shadow", "cooler"} else 1.0)
 
 
 def lines(record):
     """A line for each stroke."""
     texts = []
     for found in record["strokes"]:
-        unit = strokes.UNITS.get(found["goal"], "(relative)")
+        unit = strokes.UNITS.get(found["goal"], "(share)")
         said = "-" if found["said"] is None else f"{found['said']:.3f}"
         texts.append(
             f"  {record['scene']:12} run {record['run']}  {found['goal']:8} asked {found['asked']:7.3f}"
-            f"  known answer {found['known']:7.3f}  reached {found['reached']:7.3f} {unit:10} (the solver says {said})"
+            f"  known answer {found['known']:7.3f}  reached {found['reached']:7.3f} {unit:7} (the solver says {said})"
             f"  {'met' if found['met'] else 'MISSED'}"
         )
     texts += [

@@ -7,9 +7,10 @@ blocks that lie side by side.
 import numpy as np
 
 BLOCK = 8
-CHANGED = {"brighter": 0.2, "darker": 0.2, "shadow": 0.2, "warmer": 15.0, "cooler": 15.0}
-"""Stops and mireds; what changes by less is not painted."""
+CHANGED = {"brighter": 0.2, "darker": 0.2, "shadow": 0.2, "warmer": 15.0, "cooler": 15.0, "color": 0.2}
+"""Stops, mireds and distances of colour ratios; what changes by less is not painted."""
 UNITS = {"brighter": "stops", "darker": "stops", "shadow": "stops", "warmer": "mireds", "cooler": "mireds"}
+"""Of what is asked for by amount."""
 KEPT = 0.01
 """Relative, of all channels; what the known change leaves within this may be painted as keep."""
 ASKED_SHARE = 0.8
@@ -33,10 +34,17 @@ def blocks(picture):
     return whole.reshape(height, BLOCK, width, BLOCK, 3).mean(axis=(1, 3))
 
 
+def chroma(color):
+    """Colour ratios [..., 3], which brightness does not change."""
+    return color / luminance(color)[..., None]
+
+
 def done(kind, before, after):
-    """What became of colours [..., 3] in the unit of a goal: stops or mireds as asked for, or the share that changed of
-    what is kept."""
+    """What became of colours [..., 3] in the unit of a goal: stops or mireds as asked for, by how much colour ratios
+    changed, or the share that changed of what is kept."""
     before, after = np.maximum(before, 1e-9), np.maximum(after, 1e-9)
+    if kind == "color":
+        return np.linalg.norm(chroma(after) - chroma(before), axis=-1)
     if kind == "keep":
         return np.abs(after - before).sum(axis=-1) / before.sum(axis=-1)
     if UNITS[kind] == "stops":
@@ -57,9 +65,11 @@ def paint(before, after, kinds, rng):
         if not where.any():
             continue
         place = {"strokes": [stroke(where, before.shape, rng)]}
-        known = done_within(kind, before, after, place)
         goal = {"goal": kind, "where": place}
-        if kind != "keep":
+        if kind == "color":
+            goal["color"] = mean_within(after, place).tolist()
+        known = done_to(goal, before, after)
+        if kind in UNITS:
             goal[UNITS[kind]] = round(ASKED_SHARE * known, 3)
         goals.append((goal, known))
     return goals
@@ -100,7 +110,21 @@ def mask(region, shape):
     return inside
 
 
-def done_within(kind, before, after, region):
-    """`done` to the mean colour within a region."""
-    inside = mask(region, before.shape)
-    return float(done(kind, before[inside].mean(axis=0), after[inside].mean(axis=0)))
+def mean_within(picture, region):
+    """Mean colour within a region."""
+    return picture[mask(region, picture.shape)].mean(axis=0)
+
+
+def asked(goal):
+    """What `done_to` must at least be, or be below of what is kept."""
+    kind = goal["goal"]
+    return goal[UNITS[kind]] if kind in UNITS else {"keep": 0.0, "color": ASKED_SHARE}[kind]
+
+
+def done_to(goal, before, after):
+    """`done` to the mean colour where a goal is; of a colour that was asked for, the share of the way to it."""
+    old, new = (mean_within(picture, goal["where"]) for picture in (before, after))
+    if goal["goal"] == "color":
+        wanted = np.array(goal["color"])
+        return float(1.0 - done("color", wanted, new) / done("color", wanted, old))
+    return float(done(goal["goal"], old, new))

@@ -5,6 +5,7 @@ use crate::least_squares::{Jacobian, NormalEquations};
 use crate::objective::{Draw, Objective, mean};
 use crate::relight::Picture;
 use crate::variable::{Mapping, PARAMS};
+use crate::wall::Wall;
 use rayon::prelude::*;
 use relume_scene::{LANES, Light, lane};
 use std::ops::ControlFlow;
@@ -142,7 +143,8 @@ impl Fit<'_> {
         lights.iter().zip(&self.mappings).zip(delta.as_chunks::<PARAMS>().0).map(of_light).collect()
     }
 
-    /// The step that solves a state's equations, to walls and along them where it would lead through.
+    /// The step that solves a state's equations, to walls and along them where it would lead through. Of each light's walls that are
+    /// passed only the one that is passed furthest is taken at a time: along it the others may not be met.
     pub fn step_of(
         &self,
         mut system: NormalEquations,
@@ -150,24 +152,23 @@ impl Fit<'_> {
         damping: f64,
         trust: &Trust,
     ) -> Option<Vec<f64>> {
-        let walls = state
-            .lights
-            .iter()
-            .zip(&self.mappings)
-            .enumerate()
-            .flat_map(|(i, (light, mapping))| mapping.walls(light).map(move |wall| (i * PARAMS, wall)));
-        let mut walls: Vec<_> = walls.collect();
+        let lights = state.lights.iter().zip(&self.mappings);
+        let mut walls: Vec<Vec<_>> = lights.map(|(light, mapping)| mapping.walls(light).collect()).collect();
         loop {
             let step = system.solve(damping, state.expected_square(trust))?;
-            let before = walls.len();
-            walls.retain(|(first, wall)| {
-                let is_passed = wall.is_passed_by(&step[*first..*first + PARAMS]);
-                if is_passed {
-                    system.hold(*first, &wall.normal, wall.distance);
+            let mut is_within = true;
+            for (i, walls) in walls.iter_mut().enumerate() {
+                let first = i * PARAMS;
+                let beyond = |wall: &Wall| wall.passed_by(&step[first..first + PARAMS]);
+                let by_depth = |(_, a): &(usize, f64), (_, b): &(usize, f64)| a.total_cmp(b);
+                let deepest = walls.iter().map(beyond).enumerate().max_by(by_depth);
+                if let Some((number, _)) = deepest.filter(|(_, beyond)| *beyond > 0.0) {
+                    let wall = walls.swap_remove(number);
+                    system.hold(first, &wall.normal, wall.distance);
+                    is_within = false;
                 }
-                !is_passed
-            });
-            if walls.len() == before {
+            }
+            if is_within {
                 return Some(step);
             }
         }

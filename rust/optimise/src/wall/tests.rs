@@ -22,6 +22,17 @@ fn bounded(home: &Light, locks: Locks, stops: Option<[f32; 2]>, angle: Option<f3
     Variable { locks, bounds: variable.bounds.around(home, stops, angle), ..variable }
 }
 
+fn tinted(home: &Light, locks: Locks, stops: f32) -> Variable {
+    let variable = variable(home);
+    Variable { locks, bounds: variable.bounds.tinted(home, Some(stops)), ..variable }
+}
+
+/// By how many stops the ratio of two channels differs most from what it is at home.
+fn stops_of_color(light: &Light, home: &Light) -> f32 {
+    let away = [0, 1, 2].map(|c| (power(light)[c] / power(home)[c]).log2());
+    away.into_iter().fold(f32::MIN, f32::max) - away.into_iter().fold(f32::MAX, f32::min)
+}
+
 /// What is found of one light, which starts as the variable has it, by steps and then by a polish, with what is left of the loss.
 fn found(wanted: &Light, variable: &Variable, iterations: usize) -> (Light, f64) {
     let base = flat(0.02);
@@ -114,11 +125,60 @@ fn directions_end_at_their_bound_where_that_is_best() {
 }
 
 #[test]
+fn colors_end_at_their_bound_and_the_rest_is_as_good_as_it_can_be_there() {
+    for (lamp, strength) in lamps().into_iter().flat_map(|lamp| [(lamp.clone(), false), (lamp, true)]) {
+        let locks = Locks { color: false, strength, ..Locks::ALL };
+        let home = Light { radiance: [lamp.radiance[1]; 3], ..lamp.clone() };
+        for wanted in [[4.0, 1.0, 0.5], [0.1, 1.0, 1.0], [1.0, 3.0, 1.0]] {
+            let shine = std::array::from_fn(|c| wanted[c] * home.radiance[c]);
+            let wanted = Light { radiance: shine, ..home.clone() };
+            let variable = tinted(&home, locks, 0.5);
+            let [loss, alone] = [800, 0].map(|steps| {
+                let (light, loss) = found(&wanted, &variable, steps);
+                let is = stops_of_color(&light, &home);
+                assert!(is < 0.5 + 1e-4, "{is}: {light:?}");
+                loss
+            });
+            // All colours at the edge, a hexagon of ratios.
+            let edge = (0..6).flat_map(|side| (0..20).map(move |i| (side, i as f32 / 20.0)));
+            let loss_of = |(side, along): (usize, f32)| {
+                let corner =
+                    |side: usize| [0, 1, 2].map(|c| [1.0, 1.0, 0.0, 0.0, 0.0, 1.0][(side + 2 * c) % 6]);
+                let (a, b) = (corner(side), corner((side + 1) % 6));
+                let color: [f32; 3] =
+                    std::array::from_fn(|c| (0.5 * (a[c] + along * (b[c] - a[c]))).exp2() * home.radiance[c]);
+                let bright = luminance(home.radiance) / luminance(color);
+                let light = Light { radiance: color.map(|c| c * bright), ..home.clone() };
+                let brightens = Locks { strength: false, ..Locks::ALL };
+                found(&wanted, &bounded(&light, brightens, strength.then_some([0.0, 0.0]), None), 0).1
+            };
+            let best = edge.map(loss_of).fold(f64::INFINITY, f64::min);
+            assert!(loss < 1.01 * best && alone < 1.01 * best, "{loss} and {alone} where {best} is possible");
+        }
+    }
+}
+
+#[test]
+fn colors_without_a_channel_have_bounds_too() {
+    let lamp = &lamps()[0];
+    let [red, black] = [[5.0, 0.0, 0.0], [0.0; 3]].map(|radiance| Light { radiance, ..lamp.clone() });
+    let of_red = tinted(&red, Locks::default(), 1.0);
+    assert_eq!(of_red.within(red.clone()), red);
+    let held = of_red.within(Light { radiance: [1.0; 3], ..lamp.clone() });
+    assert!((held.radiance[1] / held.radiance[0] / (2.0 * LEAST_CHANNEL) - 1.0).abs() < 1e-3, "{held:?}");
+    let of_black = tinted(&black, Locks::default(), 1.0);
+    assert_eq!(of_black.within(black.clone()), black);
+    let held = of_black.within(red.clone()).radiance;
+    assert!((held[0] / held[1] - 2.0).abs() < 1e-3 && held[1] == held[2], "around white: {held:?}");
+}
+
+#[test]
 fn bounds_that_are_not_met_change_nothing() {
     for lamp in lamps() {
         let home = disturbed(&lamp);
         let free = variable(&home);
-        let wide = bounded(&home, free.locks, Some([-8.0, 8.0]), Some(1.5));
+        let mut wide = bounded(&home, free.locks, Some([-8.0, 8.0]), Some(1.5));
+        wide.bounds = wide.bounds.tinted(&home, Some(8.0));
         assert_eq!(found(&lamp, &wide, 200), found(&lamp, &free, 200));
     }
 }
@@ -129,11 +189,13 @@ fn no_step_leads_out_of_bounds_and_what_is_locked_stays() {
     for lamp in lamps() {
         for locks in [Locks::default(), Locks { color: true, ..Locks::default() }, Locks::ALL] {
             let Variable { bounds, .. } = bounded(&lamp, locks, Some([-0.2, 0.3]), Some(0.1));
+            let bounds = bounds.tinted(&lamp, Some(0.25));
             let mapping = Mapping { bounds, locks, power_unit: 3.0 };
             for sign in [1.0, -1.0] {
                 let light = mapping.step(&lamp, &delta.map(|d| sign * d));
                 let strength = stops(&light, &lamp);
                 assert!((-0.2 - 1e-5..0.3 + 1e-5).contains(&strength), "{strength}");
+                assert!(stops_of_color(&light, &lamp) < 0.25 + 1e-4, "{light:?}");
                 let angle = lamp
                     .shape
                     .axis()

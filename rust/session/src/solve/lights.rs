@@ -211,7 +211,8 @@ fn bounds(wish: &BoundsWish, light: &Light, (low, high): (Vec3, Vec3)) -> Result
     let usual = Bounds::new(min, max, [small, large]);
     let bounds =
         Bounds { sun: wish.sun.unwrap_or(usual.sun), cone: wish.cone.unwrap_or(usual.cone), ..usual };
-    Ok(bounds.including(light).around(light, wish.stops, wish.degrees.map(f32::to_radians)))
+    let bounds = bounds.including(light).around(light, wish.stops, wish.degrees.map(f32::to_radians));
+    Ok(bounds.tinted(light, wish.tint))
 }
 
 fn locks(free: &[Freedom]) -> Locks {

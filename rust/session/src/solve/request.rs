@@ -12,8 +12,8 @@ use std::collections::HashMap;
 /// ```json
 /// { "lights": [...], "gains": {}, "world": [1, 1, 1], "static": [1, 1, 1],
 ///   "free": {"Key": ["position", "strength"], "world": ["strength"]},
-///   "bounds": {"min": [-2, -2, 0], "max": [2, 2, 3], "size": [0.05, 1], "stops": [-1, 1], "degrees": 15}, "stay": 0,
-///   "each": {"Key": {"bounds": {"max": [2, 2, 1.5]}, "stay": 0.1}},
+///   "bounds": {"min": [-2, -2, 0], "max": [2, 2, 3], "size": [0.05, 1], "stops": [-1, 1], "tint": 0.5, "degrees": 15},
+///   "stay": 0, "each": {"Key": {"bounds": {"max": [2, 2, 1.5]}, "stay": 0.1}},
 ///   "add": {"count": 2, "type": "point"}, "remove": true,
 ///   "goals": [{"goal": "target", "image": "target.exr", "exposure_invariant": true},
 ///             {"goal": "brighter", "stops": 1, "where": {"rectangle": [0, 0, 0.5, 1]}},
@@ -41,7 +41,7 @@ pub struct Wish {
     pub free: HashMap<String, Vec<Freedom>>,
     /// Where lights may go.
     pub bounds: BoundsWish,
-    /// What is said of single lights, by their names, in place of `bounds` and `stay`; of the world's bounds only `stops`.
+    /// What is said of single lights, by their names, in place of `bounds` and `stay`; of the world's bounds only `stops` and `tint`.
     pub each: HashMap<String, Own>,
     /// New lights.
     pub add: Option<Add>,
@@ -134,8 +134,9 @@ pub enum Freedom {
     Strength,
 }
 
-/// A box for centres, metres, the sizes between which a light may be, and how far it may go from how strong and directed it is.
-/// What is absent is as for all lights; if it is absent there, what the camera sees and its parts, and any strength and direction.
+/// A box for centres, metres, the sizes between which a light may be, and how far it may go from how strong, coloured and
+/// directed it is. What is absent is as for all lights; if it is absent there, what the camera sees and its parts, and any strength,
+/// colour and direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BoundsWish {
@@ -151,6 +152,8 @@ pub struct BoundsWish {
     pub cone: Option<[f32; 2]>,
     /// Least and most strength (luminance of the power) by how many stops it is above what it is now. New lights have none to go by.
     pub stops: Option<[f32; 2]>,
+    /// By how many stops the ratio of two channels of the colour may at most differ from what it is now; of white, for new lights.
+    pub tint: Option<f32>,
     /// Furthest that a spot, an area light or a sun may turn from where it points now, degrees; not for new lights.
     pub degrees: Option<f32>,
 }
@@ -168,11 +171,12 @@ impl BoundsWish {
             sun: self.sun.or(all.sun),
             cone: self.cone.or(all.cone),
             stops: self.stops.or(all.stops),
+            tint: self.tint.or(all.tint),
             degrees: self.degrees.or(all.degrees),
         }
     }
 
-    /// What is wrong with strength and direction.
+    /// What is wrong with strength, colour and direction.
     fn check(&self) -> Result<(), String> {
         let are_stops = |[low, high]: [f32; 2]| -MOST_STOPS <= low && low <= high && high <= MOST_STOPS;
         if !self.stops.is_none_or(are_stops) {
@@ -180,8 +184,10 @@ impl BoundsWish {
                 "\"stops\" must be two numbers from -{MOST_STOPS} to {MOST_STOPS}, the first not above the second"
             ));
         }
-        if !self.degrees.is_none_or(|degrees| degrees.is_finite() && degrees >= 0.0) {
-            return Err("\"degrees\" must be a number that is not below 0".into());
+        for (name, value) in [("degrees", self.degrees), ("tint", self.tint)] {
+            if !value.is_none_or(|value| value.is_finite() && value >= 0.0) {
+                return Err(format!("\"{name}\" must be a number that is not below 0"));
+            }
         }
         Ok(())
     }
@@ -459,12 +465,13 @@ mod tests {
             (r#"{"stops": [0, 1e39]}"#, "stops"),
             (r#"{"degrees": -1}"#, "degrees"),
             (r#"{"degrees": 1e39}"#, "degrees"),
+            (r#"{"tint": -0.5}"#, "tint"),
         ] {
             let of_all = read(&format!(r#""bounds": {bounds}"#)).unwrap_err();
             assert!(of_all.starts_with(&format!("\"bounds\": \"{field}\" must be")), "{of_all}");
             let own = read(&format!(r#""each": {{"Key": {{"bounds": {bounds}}}}}"#)).unwrap_err();
             assert!(own.contains(&format!("of 'Key', \"{field}\" must be")), "{own}");
         }
-        assert_eq!(read(r#""bounds": {"stops": [0, 0], "degrees": 0}"#), Ok(()));
+        assert_eq!(read(r#""bounds": {"stops": [0, 0], "tint": 0, "degrees": 0}"#), Ok(()));
     }
 }

@@ -1,4 +1,4 @@
-//! How far strength and direction may go.
+//! How far strength, colour and direction may go.
 
 use crate::room::{baked, inside, key, light, picture, room, solve, target_request};
 use glam::Vec3;
@@ -15,6 +15,12 @@ fn stops(from: [f32; 3], to: [f32; 3]) -> f32 {
 
 fn brightened(light: &Light, stops: f32) -> Light {
     Light { radiance: light.radiance.map(|radiance| radiance * stops.exp2()), ..light.clone() }
+}
+
+/// By how many stops the ratio of two channels differs most.
+fn stops_of_color(from: [f32; 3], to: [f32; 3]) -> f32 {
+    let away = [0, 1, 2].map(|c| (to[c] / from[c]).log2());
+    away.into_iter().fold(f32::MIN, f32::max) - away.into_iter().fold(f32::MAX, f32::min)
 }
 
 /// What the first light becomes.
@@ -42,6 +48,30 @@ fn a_light_is_as_bright_as_its_stops_allow_and_wide_bounds_change_nothing() {
     let free = with(json!({}));
     assert_eq!(with(json!({"stops": [-20.0, 20.0], "degrees": 5.0})), free);
     assert!(stops(key().radiance, free.radiance) > 1.8, "{free:?}");
+}
+
+#[test]
+fn lights_and_the_world_are_as_coloured_as_their_tint_allows() {
+    let folder = tempfile::tempdir().unwrap();
+    let settings = TraceSettings { samples: 16, ..TraceSettings::default() };
+    bake(&room(0.0, [0.4; 3]), &settings, folder.path(), false, &Monitor::default()).unwrap();
+    let relighter = Relighter::open(folder.path()).unwrap();
+    let goals = json!([{"goal": "color", "color": [0.1, 0.4, 1.0]}]);
+    let colors = |of_light: [f32; 3], more: Value| {
+        let mut request = json!({"lights": [key()], "goals": goals, "steps": 48, "polish": 8, "starts": 1});
+        request.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+        let solved = solve(&[&relighter], &request, &[]).unwrap();
+        let last = solved.lights.lights.last().unwrap().radiance;
+        [stops_of_color(of_light, last), stops_of_color([1.0; 3], solved.world)]
+    };
+    let free = json!({"Key": ["color"], "world": ["color"]});
+    let unbound = colors(key().radiance, json!({"free": free}));
+    assert!(unbound.iter().all(|stops| *stops > 1.0), "{unbound:?}");
+    let of_world = json!({"world": {"bounds": {"tint": 0.25}}});
+    let held = colors(key().radiance, json!({"free": free, "bounds": {"tint": 0.5}, "each": of_world}));
+    assert!(held[0] < 0.5 + 1e-4 && held[0] > 0.4 && held[1] < 0.25 + 1e-4 && held[1] > 0.2, "{held:?}");
+    let [new, _] = colors([1.0; 3], json!({"add": {"count": 1}, "bounds": {"tint": 0.5}}));
+    assert!((0.4..0.5 + 1e-4).contains(&new), "{new}");
 }
 
 #[test]
