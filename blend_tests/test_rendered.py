@@ -59,6 +59,7 @@ def shown(scene, monkeypatch):
             pixels = framebuffer.read_color(0, 0, *REGION, 4, 0, "FLOAT")
         return np.array(pixels.to_list(), np.float32)[..., :3], opened.picture_of(name).image[..., :3]
 
+    draw.opened = opened
     yield draw
     texture.free()
 
@@ -70,6 +71,17 @@ def test_the_picture_is_in_its_place(shown, name, is_there):
     assert np.allclose(part, image, atol=2e-3)
     part[:] = 0.0
     assert not pixels.any()
+
+
+@pytest.mark.parametrize(("name", "says"), [("Combined", False), ("Combined_Key", False), ("world", True)])
+def test_while_paths_are_traced_the_picture_says_that_it_stands_in_for_a_pass(shown, monkeypatch, name, says):
+    written = []
+    monkeypatch.setattr(rendered, "_write", lambda words, *_place: written.append(words))
+    shown(name, is_there=not says)
+    assert written == []
+    shown.opened.is_tracing = True
+    shown(name, is_there=not says)
+    assert written == [rendered.TOO_EARLY] * says
 
 
 def test_outside_of_the_render_border_nothing_is_drawn(scene, shown):
