@@ -109,7 +109,8 @@ def test_blender_ends_while_relume_works(studio, tmp_path, work, way):
         time.sleep(0.05)
     files = [path for path in folder.iterdir() if not path.name.startswith(".")]
     assert files and [path.name for path in files if not is_whole(path)] == []
-    assert way == "killed" or len(files) == len(list(folder.iterdir())), "no temporary files"
+    # What is killed in the middle of a file, as other Blenders are, leaves a temporary one.
+    assert way == "killed" or worker or len(files) == len(list(folder.iterdir())), "no temporary files"
     options.preferences().train_seconds = 0.0
     bpy.ops.wm.open_mainfile(filepath=str(blend))
     handlers.open_bakes()
