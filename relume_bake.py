@@ -73,7 +73,9 @@ def main():
         bpy.ops.preferences.addon_enable(module="cycles")
     load_addon()
     from relume_addon.engine.commands import main as run
+    from relume_addon.engine.process import end_with_owner
 
+    end_with_owner()
     with native_module():
         code = run(arguments())
     os._exit(code)

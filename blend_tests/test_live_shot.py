@@ -220,6 +220,27 @@ def test_undo_save_pause_and_disable_while_training(studio, tmp_path):
     until(scene, settled, "the bake after disabling")
 
 
+def test_undo_while_training_puts_the_light_back_and_the_training_goes_on(studio):
+    options.preferences().train_seconds = 3.0
+    start(studio)
+    found = until(studio, lambda found: found.status["state"] == "training" and found.frame is not None, "training")
+    bpy.ops.ed.undo_push(message="one")
+    bpy.data.objects["Key"].location.x = -1.5
+    update()
+    bpy.ops.ed.undo_push(message="two")
+    until(studio, lambda found: found.present_frame is not None, "the picture of the moved light")
+    left, right = np.split(found.frame.image[..., :3], 2, axis=1)
+    assert left.mean() > 1.5 * right.mean()
+    bpy.ops.ed.undo()
+    scene = bpy.context.scene
+    assert bpy.data.objects["Key"].location.x == 0.0
+    assert shot.of(scene) is found and found.status["state"] == "training"
+    until(scene, lambda found: found.status["state"] == "ready" and settled(found), "the proxy")
+    left, right = np.split(found.frame.image[..., :3], 2, axis=1)
+    assert left.mean() == pytest.approx(right.mean(), rel=0.1)
+    assert found.status["proxies"] and not found.status["is_owed"] and found.changes.sentences == []
+
+
 def test_every_type_of_light_is_gathered_before_it_is_learned(studio):
     for kind in ("SUN", "SPOT"):
         add_light(studio, kind, name=kind.title())

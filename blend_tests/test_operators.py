@@ -306,6 +306,15 @@ def painted(scene):
     scribble_tool.add_stroke(scene, core.Stroke(meaning, 0.05, 1.0, ((0.2, 0.5, 1.0), (0.8, 0.5, 1.0))))
 
 
+def group(scene):
+    """Both lights are in a collection."""
+    rig = bpy.data.collections.new("Rig")
+    scene.collection.children.link(rig)
+    for name in ("Key", "Fill"):
+        rig.objects.link(scene.objects[name])
+    update()
+
+
 def nothing(_scene):
     pass
 
@@ -346,6 +355,7 @@ CASES = {
     ),
     "compare_looks": (nothing, lambda scene, _: compare.start(scene, [looks.active_look(scene)]), {}),
     "stop_comparing": (with_pair, lambda scene, _: compare.stop(scene), {}),
+    "lock_group": (group, lambda scene, _: locks.toggle_group(scene, "Rig"), {"group": "Rig"}),
     "lock_all": (nothing, lambda scene, _: locks.toggle_all(scene, "position"), {"move": "position"}),
     "add_region": (nothing, lambda scene, _: regions.add_region(scene, "MASK"), {"kind": "MASK"}),
     "remove_region": (nothing, lambda scene, _: regions.remove_region(scene), {}),

@@ -23,7 +23,8 @@ def all_of(kind):
 
 def context_of(scene):
     """What panels ask of Blender's context."""
-    view = SimpleNamespace(region_3d=SimpleNamespace(view_perspective="CAMERA"))
+    shading = SimpleNamespace(type="RENDERED", relume=None)
+    view = SimpleNamespace(region_3d=SimpleNamespace(view_perspective="CAMERA"), shading=shading)
     places = {"space_data": view, "region": SimpleNamespace(width=400), "view_layer": bpy.context.view_layer}
     return SimpleNamespace(scene=scene, preferences=bpy.context.preferences, engine="RELUME", **places)
 

@@ -317,6 +317,12 @@ def test_panels_of_cycles_show_and_go_again():
     before = shown()
     addon.register()
     assert {"CYCLES_LIGHT_PT_light", "CYCLES_MATERIAL_PT_surface", "CYCLES_RENDER_PT_film"} <= shown()
+    own = {"RELUME_PT_passes", "RELUME_PT_sampling", "RELUME_PT_shading_pass"}
+    assert own <= shown()
     assert "CYCLES_RENDER_PT_sampling" not in shown()
+    assert not {name for name in shown() if name.startswith("CYCLES_VIEW3D_PT_shading")}, "they would do nothing"
     addon.unregister()
-    assert shown() - before <= {"RELUME_PT_passes", "RELUME_PT_sampling"}
+    assert shown() - before <= own
+    addon.register()
+    assert own <= shown(), "enabling again shows them again"
+    addon.unregister()

@@ -174,7 +174,10 @@ def test_strength_and_turning_are_held_within_what_the_panel_says(painted):
     assert job.request["bounds"]["tint"] == 1.5
     assert job.request["each"] == {
         "Key": {"bounds": {"stops": [0.0, 0.5]}},
-        "Fill": {"bounds": {"min": [-1.0, -1.0, -1.0], "max": [1.0, 1.0, 0.5], "tint": 0.25, "degrees": 0.0}, "stay": 0.25},
+        "Fill": {
+            "bounds": {"min": [-1.0, -1.0, -1.0], "max": [1.0, 1.0, 0.5], "tint": 0.25, "degrees": 0.0},
+            "stay": 0.25,
+        },
     }
     found.cancel()
 

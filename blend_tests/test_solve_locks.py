@@ -10,7 +10,7 @@ from solve_steps import begin
 from addon.core.rows import GROUP, STATIC, WORLD
 from addon.core.solve import SolveError
 from addon.ui import locks, mixer, rows
-from helpers import row, update
+from helpers import add_light, instance_linked_light, row, update
 
 PARAMETERS = ["position", "direction", "size", "color", "strength"]
 """Of an area light."""
@@ -95,13 +95,56 @@ def test_the_world_has_a_lock_too(sky):
 
 
 def test_what_cannot_be_solved_has_no_lock(painted):
-    group = bpy.data.collections.new("Set")
-    painted.collection.children.link(group)
-    group.objects.link(bpy.data.objects["Key"])
+    item = row(painted, "Emissive Materials", STATIC)
+    assert lock_of(painted, item) is None and parameters_of(painted, item)[0] == []
+
+
+@pytest.fixture
+def grouped(painted):
+    """Key and Fill in a collection inside of another, beside a Rim that is in none."""
+    outer, inner = (bpy.data.collections.new(name) for name in ("Set", "Set Lights"))
+    painted.collection.children.link(outer)
+    outer.children.link(inner)
+    for name in ("Key", "Fill"):
+        inner.objects.link(bpy.data.objects[name])
+        painted.collection.objects.unlink(bpy.data.objects[name])
+    add_light(painted, "POINT", "Rim")
     update()
     rows.sync(painted)
-    for item in (row(painted, "Set", GROUP), row(painted, "Emissive Materials", STATIC)):
-        assert lock_of(painted, item) is None and parameters_of(painted, item)[0] == []
+    return painted
+
+
+def group_lock_of(scene, name):
+    """Icon of the lock of a group, and whether it can be pressed."""
+    layout = MagicMock()
+    locks.draw_lock(layout, scene, row(scene, name, GROUP))
+    cell = layout.row.return_value
+    return cell.operator.call_args.kwargs["icon"], cell.enabled
+
+
+def test_the_lock_of_a_group_is_that_of_all_its_lights(grouped):
+    assert group_lock_of(grouped, "Set") == (locks.PARTLY, True), "places are locked at first"
+    assert bpy.ops.relume.lock_group(group="Set") == {"FINISHED"}
+    assert [row(grouped, name).locks.locked for name in ("Key", "Fill", "Rim")] == [True, True, False]
+    assert group_lock_of(grouped, "Set") == group_lock_of(grouped, "Set Lights") == ("LOCKED", True)
+    row(grouped, "Fill").locks.locked = False
+    assert group_lock_of(grouped, "Set") == (locks.PARTLY, True)
+    bpy.ops.relume.lock_group(group="Set")
+    assert row(grouped, "Fill").locks.locked, "one that is open closes with the others"
+    bpy.ops.relume.lock_group(group="Set Lights")
+    assert not row(grouped, "Key").locks.locked and not row(grouped, "Fill").locks.locked
+    for name in ("Key", "Fill"):
+        for move in PARAMETERS:
+            setattr(row(grouped, name).locks, move, True)
+    assert group_lock_of(grouped, "Set") == ("UNLOCKED", True)
+
+
+def test_a_group_of_linked_lights_has_a_lock_that_cannot_be_pressed(painted, tmp_path):
+    instance_linked_light(painted, tmp_path)
+    update()
+    rows.sync(painted)
+    (group,) = (item for item in rows.present_rows(painted) if item.kind == GROUP)
+    assert group_lock_of(painted, group.name) == ("LOCKED", False)
 
 
 def test_all_lights_at_once_leaves_out_what_a_light_does_not_have(painted):

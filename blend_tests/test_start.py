@@ -140,7 +140,8 @@ def everything_registered():
     lists = {name: getattr(bpy.app.handlers, name) for name in dir(bpy.app.handlers) if not name.startswith("_")}
     handler_lists = {name: list(value) for name, value in lists.items() if isinstance(value, list)}
     classes = sorted(name for name in dir(bpy.types) if "relume" in name.lower())
-    properties = sorted(name for name in dir(bpy.types.Scene) if "relume" in name)
+    owners = (bpy.types.Scene, bpy.types.View3DShading)
+    properties = sorted(name for owner in owners for name in dir(owner) if "relume" in name)
     return handler_lists, classes, properties, len(addon._registered)
 
 

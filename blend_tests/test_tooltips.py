@@ -27,7 +27,8 @@ def own_properties(kind):
 
 def added_properties():
     """Properties that the add-on gives to Blender's own types."""
-    for kind in (bpy.types.Scene, bpy.types.WindowManager, bpy.types.Object, bpy.types.Light, bpy.types.ViewLayer):
+    kinds = (bpy.types.Scene, bpy.types.WindowManager, bpy.types.Object, bpy.types.Light, bpy.types.ViewLayer)
+    for kind in (*kinds, bpy.types.View3DShading):
         for name in dir(kind):
             if name.startswith("relume"):
                 yield kind.__name__, kind.bl_rna.properties[name]

@@ -1,9 +1,13 @@
-"""Names of the passes of a picture, which other programs know too."""
+"""The passes of a picture, under names which other programs know too."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
+from .rows import SILENT
+
+COMBINED, STATIC, WORLD = "Combined", "static", "world"
 LONGEST = 63 - len("Combined_")
 """Blender cuts pass names after 63 bytes."""
 
@@ -13,6 +17,17 @@ def light_passes(lights: Iterable[str]) -> dict[str, str]:
     another light has the name: the rule of `relume relight`, in Blender's length."""
     taken: set[str] = set()
     return {light: f"Combined_{_free_name(light, taken)}" for light in lights}
+
+
+def only(content: dict[str, Any], name: str) -> dict[str, Any] | None:
+    """What makes a single pass of the picture of some content (its "lights", "gains", "world" and "static"); None if
+    there is no such pass."""
+    passes = light_passes(light["name"] for light in content["lights"])
+    if name not in {STATIC, WORLD, *passes.values()}:
+        return None
+    gains = {light: gain if passes.get(light) == name else SILENT for light, gain in content["gains"].items()}
+    others = {other: content[other] if name == other else SILENT for other in (STATIC, WORLD)}
+    return content | {"gains": gains} | others
 
 
 def _free_name(light: str, taken: set[str]) -> str:

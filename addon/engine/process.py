@@ -22,8 +22,13 @@ from ..core.disk import free_space, in_words
 from . import painted
 
 SCRIPT = "relume_bake.py"
+OWNED = "RELUME_ENDS_WITH_STANDARD_INPUT"
+"""In the environment of a process that is to end with the one that started it. Not on Windows, where libraries that are
+loaded wait while the standard input is read."""
 LAST_WORDS = 20
 """Lines that are kept to say why a process failed."""
+OWNER_IS_GONE = 129
+"""Exit code, which nobody is left to read: as shells report SIGHUP."""
 LITTLE_ROOM = 2**26
 """Bytes: with less a disk counts as full, since what could not be written whole may have been removed."""
 WINDOWS_EXCEPTIONS = 0xC0000000
@@ -40,15 +45,17 @@ class Worker:
     def __init__(self, command: list[str], folder: Path):
         self._folder = folder
         self._told = ""
+        is_owned = os.name != "nt"
         # In a group of its own: a wrapper around Blender must not outlive it, and Ctrl-C is for Blender's own terminal.
         self._process = subprocess.Popen(
             command,
-            stdin=subprocess.DEVNULL,
+            stdin=subprocess.PIPE if is_owned else subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
             errors="replace",
             start_new_session=True,
+            env=os.environ | ({OWNED: "1"} if is_owned else {}),
         )
         self._lines: collections.deque[str] = collections.deque()
         self._last: collections.deque[str] = collections.deque(maxlen=LAST_WORDS)
@@ -113,6 +120,19 @@ class Worker:
             return
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self._process.pid, getattr(signal, name))
+
+
+def end_with_owner() -> None:
+    """In a Worker's process: ends it at once when the other end of the standard input is gone, which also goes where
+    Blender crashed or was killed. Files are whole at every moment."""
+
+    def wait() -> None:
+        while os.read(0, 1):
+            pass
+        os._exit(OWNER_IS_GONE)
+
+    if OWNED in os.environ:
+        threading.Thread(target=wait, name="relume-owner", daemon=True).start()
 
 
 def little_room(folder: Path) -> str:

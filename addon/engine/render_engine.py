@@ -17,7 +17,7 @@ import numpy as np
 
 from ..core.bake_folder import is_bake
 from ..core.differences import gain_between
-from ..core.pass_names import light_passes
+from ..core.pass_names import COMBINED, STATIC, WORLD, light_passes
 from ..core.progress import progress_line
 from ..core.rows import NEUTRAL
 from ..export import ExportOptions, trace_settings
@@ -29,6 +29,8 @@ from .options import Options, options_of, remembered_bake
 from .render_depsgraph import ExportCancelled
 from .scene import scene_of_depsgraph
 
+ENGINE = "RELUME"
+"""Of `bpy.types.RenderSettings.engine`."""
 POLL_SECONDS = 0.05
 NOTHING_HIT = 1e10
 """Cycles' depth where no surface is."""
@@ -50,9 +52,9 @@ class PassSettings:
 
     def declare(self, lights: list[str]) -> list[tuple[str, int, str, str]]:
         """Name, channels, their letters and Blender's type of each pass."""
-        found = [("Combined", 4, "RGBA", "COLOR")]
+        found = [(COMBINED, 4, "RGBA", "COLOR")]
         if self.lights:
-            names = [*light_passes(lights).values(), "static", "world"]
+            names = [*light_passes(lights).values(), STATIC, WORLD]
             found += [(name, 3, "RGB", "COLOR") for name in names]
         found += [("Depth", 1, "Z", "VALUE")] * self.depth
         found += [("Normal", 3, "XYZ", "VECTOR")] * self.normal
@@ -236,7 +238,7 @@ class _FinalRender:
         layers = self._layers(picture)
         layer_name = self.depsgraph.view_layer_eval.name
         for name, channels, letters, _ in self.passes.declare(list(picture["lights"])):
-            if name != "Combined":
+            if name != COMBINED:
                 self.engine.add_pass(name, channels, letters, layer=layer_name)
         x, y, width, height = border(self.scene.render)
         result = self.engine.begin_result(0, 0, width, height, layer=layer_name)
@@ -256,10 +258,10 @@ class _FinalRender:
             combined += image
         lights = light_passes(picture["lights"])
         return {
-            "Combined": np.concatenate([combined, picture["alpha"]], axis=-1),
+            COMBINED: np.concatenate([combined, picture["alpha"]], axis=-1),
             **{lights[name]: image for name, image in picture["lights"].items()},
-            "static": picture["static"],
-            "world": picture["world"],
+            STATIC: picture["static"],
+            WORLD: picture["world"],
             "Depth": self._depth(picture["depth"]),
             "Normal": picture["normal"],
             ALBEDO: picture["albedo"],

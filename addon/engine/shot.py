@@ -6,11 +6,12 @@ from __future__ import annotations
 import dataclasses
 import json
 import time
+from collections.abc import Collection
 from typing import Any
 
 import bpy
 
-from ..core import wanted
+from ..core import pass_names, wanted
 from ..core.bake_folder import camera_of, world_map_of
 from ..core.status import is_unfinished, lacks_samples
 from ..export import ExportOptions, trace_settings
@@ -19,6 +20,7 @@ from . import prints, record, world_change, worlds
 from .changes import Changes
 from .native import native
 from .options import Options, options_of, remember_bake, remembered_bake
+from .pass_turns import PassTurns
 from .render_depsgraph import ExportCancelled, RenderTask
 from .scene import load_scene_async
 from .scene_lights import Description, SceneLights
@@ -44,7 +46,8 @@ EMPTY: dict[str, Any] = {
 }
 """What the native module tells, and whether the folder still lacks something that was asked for."""
 LIVELY_SECONDS = 2.0
-WORKING = {"preparing", "baking", "training"}
+TRACING = {"preparing", "baking"}
+WORKING = TRACING | {"training"}
 
 _shots: dict[int, Shot] = {}
 
@@ -86,7 +89,11 @@ class Shot:
         """Whether reading the scene was stopped, and nobody has looked at that yet."""
         self.refusal = ""
         """Why the newest request has no picture."""
-        self._request_number = 0
+        self._request_number = self._whole_number = 0
+        """Of the newest request, and of the first one with the present content."""
+        self.serial = 0
+        """Of the newest frame, of the whole picture or of a pass."""
+        self._turns = PassTurns()
         self._status_text = ""
         self._news = time.monotonic()
         self._live = native().Live(
@@ -234,16 +241,30 @@ class Shot:
         return self.status["state"] in WORKING
 
     @property
+    def is_tracing(self) -> bool:
+        """Whether paths are being traced, or the scene is read for that."""
+        return self.status["state"] in TRACING
+
+    @property
     def picture(self) -> Any:
         """What is to be shown: the newest picture; before there is one, that of the bake before."""
         return self.frame or (self.frame_before if self.is_working else None)
+
+    @property
+    def pictures(self) -> list[Any]:
+        """All that views may show."""
+        return [self.picture, *self._turns.pictures.values()]
+
+    def picture_of(self, name: str) -> Any:
+        """What is to be shown of a pass; as long as there is no picture of it, or no such light, the picture itself."""
+        return self._turns.pictures.get(name, self.picture)
 
     @property
     def present_frame(self) -> Any:
         """The picture of the present lights and rows, in any size; None while it is on its way, and while that of a
         look or of lights that are being solved is asked for instead."""
         is_asked_for = bool(self._content) and not self.is_changing_world and not self.lights.is_waiting
-        is_present = is_asked_for and self.frame is not None and self.frame.request == self._request_number
+        is_present = is_asked_for and self.frame is not None and self.frame.request >= self._whole_number
         return self.frame if is_present else None
 
     @property
@@ -340,25 +361,65 @@ class Shot:
         self._news = time.monotonic()
         live = self._live
         self._request_number = live.relight(request) if world is None else live.show_world(world, request)
+        self._whole_number = self._request_number
         return self._request_number
+
+    def show_passes(self, names: Collection[str]) -> None:
+        """Has the pictures of single passes follow the picture itself, one a turn, and no others. Not before all paths
+        are traced: these look for the lights of the newest request."""
+        self._turns.keep(names)
+        frame = self.present_frame
+        if frame is None or self._turns.is_waiting or self.is_tracing or not self.can_show:
+            return
+        shown = json.loads(frame.summary)
+        if not (self._is_interactive or shown.get("settled", True)):
+            return
+        version = json.dumps(
+            [self._whole_number, frame.scale, shown.get("samples"), shown.get("makers"), self.status["proxies"]]
+        )
+        name = self._turns.due(names, version)
+        if name is not None:
+            self._ask_pass(name, version)
+        elif self._turns.is_away and not self._is_interactive:  # Otherwise a request follows anyway.
+            self._request_number = self._live.relight(request_text(self._content))
+
+    def _ask_pass(self, name: str, version: str) -> None:
+        content = pass_names.only(self._content, name)
+        if content is None:
+            self._turns.miss(name, version)
+            return
+        self._request_number = self._live.relight(request_text(content, self._is_interactive))
+        self._turns.ask(name, version, self._request_number)
 
     def poll(self) -> bool:
         """Takes the newest picture and status; whether there was anything new."""
         if self.is_exporting or self._has_ended:
             return False
         text = self._live.status()
-        frame = self._live.frame(self.frame.serial if self.frame else 0)
+        frame = self._live.frame(self.serial)
         self.keep_record()
         if text == self._status_text and frame is None:
             return False
         self._news = time.monotonic()
-        self._status_text, self.status = text, json.loads(text)
+        self._status_text = text
+        self.status = json.loads(text) | (self._of_whole() if self._turns.is_away else {})
         self._note_what_is_owed()
         self.status["is_under_another_world"] = self._is_under_another_world()
         self.changes.note_world(self.status["world_map"], self.status["world_color"])
         if frame:
-            self.frame, self.frame_before = frame, None
+            self._take(frame)
         return True
+
+    def _take(self, frame: Any) -> None:
+        self.serial, was_away = frame.serial, self._turns.is_away
+        if not self._turns.take(frame):
+            self.frame, self.frame_before = frame, None
+        if was_away and not self._turns.is_away:
+            self._status_text = ""  # What it says of the picture was left out.
+
+    def _of_whole(self) -> dict[str, Any]:
+        """What is known of the picture itself, while the status is that of a pass."""
+        return {name: self.status[name] for name in ("shown", "rarely_met", "warnings")}
 
     def _is_under_another_world(self) -> bool:
         """Whether paths are missing that cannot be added: those that are there are of another world than is shown."""

@@ -12,6 +12,7 @@ from . import (
     preferences,
     regions,
     render,
+    render_pass,
     rows,
     scribble_tool,
     settings,
@@ -27,7 +28,7 @@ from . import (
 
 MODULES = (
     *(timers, preferences, settings, solve_settings, rows, looks, overlay, handlers),
-    *(start, main_panel, mixer, looks_panel, verify, background, render),
+    *(start, main_panel, mixer, looks_panel, verify, background, render_pass, render),
     *(regions, target, locks, solving, scribble_tool, solve_operators, solve_panel),
 )
 """Registered in this order, unregistered in reverse."""

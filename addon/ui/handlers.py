@@ -17,7 +17,7 @@ from ..engine.options import FolderError, bake_folder, preferences, remember_bak
 from ..engine.render_depsgraph import settle_settings, show_settings
 from ..engine.scene_lights import Description
 from ..viewport.views import redraw
-from . import redraws, rows
+from . import redraws, render_pass, rows
 
 TICK_SECONDS = 1 / 60
 QUIET_SECONDS = 0.25
@@ -149,13 +149,14 @@ def tick() -> bool:
             continue
         if _read_waiting(scenes[found.scene_uid], found, READ_SECONDS):
             changed(scenes[found.scene_uid], interactive=True)
-        frame = found.frame
+        serial = found.serial
         found.poll()
         if not _resting and not _is_playing():
             found.changes.look(scenes[found.scene_uid], LOOK_SECONDS)
         if (world := found.follow_world(scenes[found.scene_uid])) is not None:
             changed(scenes[found.scene_uid], world=world)
-        goes_on |= redraws.follow(found, new_picture=found.frame is not frame)
+        found.show_passes(render_pass.wanted(scenes[found.scene_uid]))
+        goes_on |= redraws.follow(found, new_picture=found.serial != serial)
         goes_on |= found.is_busy or found.changes.is_pending or found.lights.is_waiting
     return goes_on or bool(_resting)
 

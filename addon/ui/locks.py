@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import bpy
-from bpy.props import EnumProperty
+from bpy.props import EnumProperty, StringProperty
 
 from ..apply.free_moves import FreeMoves
-from ..core.rows import LIGHT
+from ..core.rows import GROUP, LIGHT
 from ..core.rows import WORLD as WORLD_ROW
 from ..core.solve import WORLD
 from ..export.lights import name_of
@@ -33,8 +33,8 @@ ICONS = {
 }
 TEXTS = {move: move.capitalize() for move in MOVES} | {"color": "Colour"}
 """Those of the world are not called the world's, in its own row."""
-PARTLY = "VIEW_UNLOCKED"
-"""Icon of a lock that is open for some parameters: bolder than one that is open for all."""
+LOCKED, UNLOCKED, PARTLY = "LOCKED", "UNLOCKED", "VIEW_UNLOCKED"
+"""Icons of locks. One that is open for some parameters is bolder than one that is open for all."""
 COLUMNS = 3
 """Of locks beside each other in a narrow side bar."""
 
@@ -120,8 +120,8 @@ class _Locks:
         """Of the row's lock: closed, open, or open only in part."""
         free = [move for move in self.moves if getattr(self.owner, self.prefix + move)]
         if not free or getattr(self.owner, f"{self.prefix}locked"):
-            return "LOCKED"
-        return "UNLOCKED" if len(free) == len(self.moves) else PARTLY
+            return LOCKED
+        return UNLOCKED if len(free) == len(self.moves) else PARTLY
 
 
 def _locks_of(scene: bpy.types.Scene, row: rows.RelumeRow) -> _Locks | None:
@@ -140,8 +140,58 @@ def kind_of(row: rows.RelumeRow) -> str | None:
     return obj.data.type if obj is not None and obj.type == "LIGHT" else None
 
 
+def _locks_in(scene: bpy.types.Scene, group: str) -> Iterator[_Locks]:
+    """The locks of all lights of a collection that can be changed."""
+    for row in rows.present_rows(scene):
+        if row.kind == LIGHT and group in row.groups.split("\n"):
+            found = _locks_of(scene, row)
+            if found is not None and found.moves:
+                yield found
+
+
+def _icon_of_group(scene: bpy.types.Scene, group: str) -> str | None:
+    """The icon of all its lights; None where none of them can be changed."""
+    shared = None
+    for found in _locks_in(scene, group):
+        icon = found.icon
+        if icon == PARTLY or shared not in {None, icon}:
+            return PARTLY
+        shared = icon
+    return shared
+
+
+def toggle_group(scene: bpy.types.Scene, group: str) -> None:
+    """Locks all lights of a collection; unlocks them if all are locked."""
+    found = list(_locks_in(scene, group))
+    locks_all = any(locks.icon != LOCKED for locks in found)
+    for locks in found:
+        locks.owner.locked = locks_all
+
+
+class RELUME_OT_lock_group(bpy.types.Operator):  # noqa: N801
+    """Lock all lights of this collection, or unlock them if all are locked. A closed lock: solving leaves all of them \
+as they are. A bold open one: some of them, or something of them, is locked"""
+
+    bl_idname = "relume.lock_group"
+    bl_label = "Lock Group"
+    bl_options = {"REGISTER", "UNDO"}
+
+    group: StringProperty(name="Group", description="Name of the collection", options={"SKIP_SAVE"})
+
+    def execute(self, context):
+        """Called by Blender."""
+        toggle_group(context.scene, self.group)
+        return {"FINISHED"}
+
+
 def draw_lock(layout, scene: bpy.types.Scene, row: rows.RelumeRow) -> None:
     """The lock of a row as a whole; as wide where there is none."""
+    if row.kind == GROUP:
+        icon = _icon_of_group(scene, row.name)
+        cell = layout.row(align=True)
+        cell.enabled = icon is not None
+        cell.operator("relume.lock_group", text="", icon=icon or LOCKED, emboss=False).group = row.name
+        return
     found = _locks_of(scene, row)
     if found is None:
         layout.label(text="", icon="BLANK1")
@@ -160,7 +210,7 @@ def draw_parameters(layout, scene: bpy.types.Scene, row: rows.RelumeRow) -> None
     grid.enabled = not (row.kind == LIGHT and row.locks.held)
     for move in found.moves:
         name = found.prefix + move
-        icon = "UNLOCKED" if getattr(found.owner, name) else "LOCKED"
+        icon = UNLOCKED if getattr(found.owner, name) else LOCKED
         grid.prop(found.owner, name, text=TEXTS[move], icon=icon, toggle=True)
 
 
@@ -172,16 +222,16 @@ def draw_all(layout) -> None:
         line.operator("relume.lock_all", text="", icon=ICONS[move]).move = move
 
 
-CLASSES = (RELUME_OT_lock_all,)
+CLASSES = (RELUME_OT_lock_all, RELUME_OT_lock_group)
 
 
 def register():
-    """Adds the operator."""
+    """Adds the operators."""
     for cls in CLASSES:
         bpy.utils.register_class(cls)
 
 
 def unregister():
-    """Takes it away."""
+    """Takes them away."""
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

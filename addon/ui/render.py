@@ -9,15 +9,16 @@ import bpy
 from bpy.props import BoolProperty, PointerProperty
 
 from ..engine import render_engine, shot
-from ..engine.render_engine import PassSettings
+from ..engine.render_engine import ENGINE, PassSettings
 from ..export.lights import name_of
 from ..viewport import rendered
-from . import rows
+from . import handlers, render_pass, rows
 from .looks import lights_of
 
-ENGINE = "RELUME"
 CYCLES_RENDER_PANELS = ("CYCLES_RENDER_PT_light_paths", "CYCLES_RENDER_PT_film", "CYCLES_RENDER_PT_simplify")
 """Of Cycles' render settings what counts for a bake too; its other panels are for materials, lights and so on."""
+CYCLES_VIEW_PANELS = "CYCLES_VIEW3D_PT_shading"
+"""What Cycles' own pictures in a view show: nothing of Relume's follows them."""
 WITHOUT = ("CYCLES_RENDER_PT_light_paths_clamping", "CYCLES_RENDER_PT_light_paths_fast_gi")
 
 _own_sets: list[Any] = []
@@ -56,7 +57,9 @@ class RelumeRenderEngine(bpy.types.RenderEngine):
 
     def view_draw(self, context, depsgraph):
         """Called by Blender to draw a view; draws what is there and computes nothing."""
-        rendered.draw(self, context)
+        chosen = render_pass.of(context.space_data)
+        if not rendered.draw(self, context, chosen):
+            handlers.wake()
 
 
 def _light_names(scene: bpy.types.Scene) -> list[str]:
@@ -178,12 +181,14 @@ def _hide_panels() -> None:
     while _own_sets:
         del _own_sets.pop().COMPAT_ENGINES
     for panel in _panels():
-        if panel not in CLASSES:
+        if panel not in (*CLASSES, *render_pass.CLASSES):
             panel.COMPAT_ENGINES.discard(ENGINE)
 
 
 def _is_wanted(panel: Any) -> bool:
     name, context = panel.__name__, getattr(panel, "bl_context", "")
+    if name.startswith(CYCLES_VIEW_PANELS):
+        return False
     if name.startswith("CYCLES_") and context in {"render", "view_layer"}:
         return name.startswith(CYCLES_RENDER_PANELS) and name not in WITHOUT
     return "lightgroup" not in name and "FREESTYLE" not in name.upper()

@@ -46,7 +46,7 @@ def draw_picture() -> None:
     """Called by Blender for every 3D view, after the scene and before the gizmos."""
     context = bpy.context
     scene, region = context.scene, context.region
-    texture.keep_only([found.picture for found in shot.all_open()] + compare.frames())
+    texture.keep_only([*(picture for found in shot.all_open() for picture in found.pictures), *compare.frames()])
     view, is_ready = view_table.of(scene), warm_up.is_ready()
     if view is not None:
         warm_up.draw_picture_piece((region.width, region.height), view)

@@ -8,25 +8,28 @@ import bpy
 import gpu
 from gpu_extras.batch import batch_for_shader
 
+from ..core.pass_names import COMBINED
 from ..engine import shot
 from . import camera_frame, texture
 from .camera_frame import Rectangle
 
-TEXT_SIZE, TEXT_COLOR = 14.0, (0.7, 0.7, 0.7, 1.0)
+TEXT_SIZE, TEXT_MARGIN, TEXT_COLOR = 14.0, 20.0, (0.7, 0.7, 0.7, 1.0)
+TOO_EARLY = "The whole picture: this view's pass is shown when all paths are traced"
 
 
-def draw(engine: bpy.types.RenderEngine, context: bpy.types.Context) -> None:
-    """Body of `RenderEngine.view_draw`."""
+def draw(engine: bpy.types.RenderEngine, context: bpy.types.Context, name: str = COMBINED) -> bool:
+    """Body of `RenderEngine.view_draw`: draws a pass by its name. False if the picture stands in for it, as there is
+    none of the pass yet."""
     scene, region = context.scene, context.region
     found = shot.of(scene)
     camera = camera_frame.camera_of(scene, context.space_data)
     frame = camera_frame.frame_of(scene, camera, region, context.region_data)
     words = why_not(found, camera, frame)
     if words:
-        _write(words, region)
-        return
+        _write(words, region, region.height / 2)
+        return True
     assert found is not None and frame is not None
-    picture = texture.of_frame(found.picture)
+    picture = texture.of_frame(found.picture_of(name))
     place = frame.snapped((picture.width, picture.height)) or frame
     low, high = camera_frame.border_of(scene)
     blend = gpu.state.blend_get()
@@ -37,6 +40,10 @@ def draw(engine: bpy.types.RenderEngine, context: bpy.types.Context) -> None:
     finally:
         engine.unbind_display_space_shader()
         gpu.state.blend_set(blend)
+    is_there = name == COMBINED or found.picture_of(name) is not found.picture
+    if not is_there and found.is_tracing:
+        _write(TOO_EARLY, region, TEXT_MARGIN)
+    return is_there
 
 
 def _draw_part(picture: gpu.types.GPUTexture, place: Rectangle, part: Rectangle) -> None:
@@ -64,8 +71,8 @@ def why_not(found: shot.Shot | None, camera: bpy.types.Object | None, frame: Rec
     return ""
 
 
-def _write(words: str, region: bpy.types.Region) -> None:
+def _write(words: str, region: bpy.types.Region, bottom: float) -> None:
     blf.size(0, TEXT_SIZE * bpy.context.preferences.system.ui_scale)
     blf.color(0, *TEXT_COLOR)
-    blf.position(0, (region.width - blf.dimensions(0, words)[0]) / 2, region.height / 2, 0.0)
+    blf.position(0, (region.width - blf.dimensions(0, words)[0]) / 2, bottom, 0.0)
     blf.draw(0, words)

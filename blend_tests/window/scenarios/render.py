@@ -1,7 +1,9 @@
-"""Relume as the render engine: shading Rendered equals the overlay, F12 leaves the picture, disabling the add-on ends
-it. Verify and the background bake run in Blenders of their own. Reading a scene keeps the last render."""
+"""Relume as the render engine: shading Rendered equals the overlay and shows single passes, F12 leaves the picture,
+disabling the add-on ends it. Verify and the background bake run in Blenders of their own. Reading a scene keeps the
+last render."""
 
 import importlib
+from functools import partial
 
 import addon_utils
 import bpy
@@ -22,6 +24,11 @@ def settled(driver):
     found = module("engine.shot").of(bpy.context.scene)
     yield from driver.until(lambda: found.frame is not None and not found.is_busy, "the settled picture", 300)
     yield from driver.drawn()
+
+
+def has_pass(found, name):
+    """Whether there is a picture of a pass."""
+    return found.picture_of(name) is not found.picture
 
 
 def rendered(driver, seconds=300):
@@ -87,6 +94,39 @@ def play(driver):
         difference = np.abs(overlay[part] - shading[part])
         driver.check(np.ptp(overlay[part]) > 50, "there is a picture")
         driver.check(difference.mean() < 1.0, f"Rendered is the overlay's picture: {difference.mean():.2f} of 255")
+
+    with driver.step("single passes in the shading Rendered"):
+        found, whole = module("engine.shot").of(scene), module("engine.shot").of(scene).picture.image
+        lights = module("core.pass_names").light_passes(light["name"] for light in found.lights.descriptions)
+        total = np.zeros_like(whole)
+        for name in (*lights.values(), "world", "static"):
+            view.shading.relume.render_pass = name
+            yield from driver.until(partial(has_pass, found, name), f"the pass {name}", 60)
+            yield from settled(driver)
+            total += found.picture_of(name).image
+        off = np.abs(total - whole)[..., :3].max() / whole.max()
+        driver.check(off <= 1e-3, f"the passes add up to the picture: off by {off:.1e}")
+        light, name = next(iter(lights.items()))
+        view.shading.relume.render_pass = name
+        yield from driver.until(partial(has_pass, found, name), f"the pass {name}", 60)
+        yield from settled(driver)
+        alone = driver.photo("pass")[part].astype(float)
+        driver.check(np.abs(alone - shading[part]).mean() > 3.0, "it is not the whole picture")
+        yield from driver.move_mouse(driver.region().x + 600, driver.region().y + 500)
+        with driver.within("HEADER"):
+            bpy.ops.wm.call_panel(name="VIEW3D_PT_shading", keep_open=True)
+        yield from driver.drawn()
+        driver.photo("popover")
+        yield from driver.press("ESC")
+        yield from driver.drawn()
+        view.shading.relume.render_pass = "Combined"
+        row = next(row for row in scene.relume_mix.rows if row.name == light)
+        row.solo = True
+        yield from settled(driver)
+        difference = np.abs(driver.photo("solo")[part].astype(float) - alone).mean()
+        driver.check(difference < 1.0, f"it is what S in the row of {light} shows: {difference:.2f} of 255")
+        row.solo = False
+        yield from settled(driver)
         scene.relume_view.shown, view.shading.type = True, "SOLID"
 
     with driver.step("verify"):

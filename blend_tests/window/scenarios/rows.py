@@ -1,8 +1,10 @@
-"""Rows appear by themselves, are worked by hand, applied and undone; looks come back."""
+"""Rows appear by themselves, are worked by hand, applied and undone; looks come back. A group locks its lights."""
 
 import bpy
 
 NEEDS = ["demo.blend"]
+LOCK_ACROSS = 0.79
+"""Where the locks of rows are in the width of the side bar."""
 
 
 def row(name):
@@ -68,3 +70,19 @@ def play(driver):
         yield from press_button(driver, "bpy.ops.relume.restore_look")
         driver.photo("looks")
         driver.check(row(first).multiplier == 2.0, "the look is back")
+
+    with driver.step("lock of a group"):
+        rig, scene = bpy.data.collections.new("Rig"), bpy.context.scene
+        scene.collection.children.link(rig)
+        for name in lights[:2]:
+            rig.objects.link(bpy.data.objects[name])
+            scene.collection.objects.unlink(bpy.data.objects[name])
+        bpy.ops.ed.undo_push(message="Rig")
+        yield from driver.drawn()
+        yield from driver.press_button("bpy.ops.relume.lock_group", LOCK_ACROSS)
+        yield from driver.drawn()
+        driver.photo("group")
+        locked = {name: row(name).locks.locked for name in lights}
+        driver.check(locked == {name: name in lights[:2] for name in lights}, f"its lights are locked: {locked}")
+        yield from undo(driver)
+        driver.check(not any(row(name).locks.locked for name in lights), "one undo opens them again")

@@ -1,0 +1,56 @@
+"""Pictures of single passes, for views that show one. The native module makes one picture at a time, so they are asked
+for in turn, when the picture as a whole is there: what they are summed from is computed by then."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Any
+
+
+class PassTurns:
+    """Which passes there are pictures of, and which request is whose."""
+
+    def __init__(self) -> None:
+        self.pictures: dict[str, Any] = {}
+        """The newest frames by name of the pass."""
+        self.is_away = False
+        """Whether a pass was asked for, and no picture as a whole came since."""
+        self.is_waiting = False
+        """Whether the pass that was asked for last is on its way."""
+        self._versions: dict[str, str] = {}
+        """What was asked for of each pass, or is not there."""
+        self._requests: dict[int, str] = {}
+        """Passes by the numbers of requests that frames may still come of."""
+
+    def keep(self, names: Collection[str]) -> None:
+        """Lets go of all other passes."""
+        for kept in (self.pictures, self._versions):
+            for name in kept.keys() - set(names):
+                del kept[name]
+
+    def due(self, names: Collection[str], version: str) -> str | None:
+        """The next pass that there is no picture of, or only one of another version of the whole."""
+        return next((name for name in sorted(names) if self._versions.get(name) != version), None)
+
+    def ask(self, name: str, version: str, number: int) -> None:
+        """Notes under which number a pass was asked for."""
+        self._versions[name], self._requests[number] = version, name
+        self.is_away = self.is_waiting = True
+
+    def miss(self, name: str, version: str) -> None:
+        """Notes that a version of the whole has no such pass."""
+        self._versions[name] = version
+        self.pictures.pop(name, None)
+
+    def take(self, frame: Any) -> bool:
+        """Keeps a frame if it is of a pass; whether it is."""
+        name = self._requests.get(frame.request)
+        # No frame of an older request comes any more.
+        self._requests = {number: of for number, of in self._requests.items() if number >= frame.request}
+        is_newest = not any(number > frame.request for number in self._requests)
+        self.is_waiting &= not is_newest
+        if name is None:
+            self.is_away &= not is_newest
+        elif name in self._versions:
+            self.pictures[name] = frame
+        return name is not None
