@@ -18,6 +18,7 @@ import relume
 import strokes
 from problem import IDENTITY, random_spheres
 from records import general
+from shot import Shot
 
 from addon.core.solve import Wish
 from addon.core.solve import request as solver_request
@@ -55,14 +56,25 @@ cooler; a light moves; the spot gets another colour."""
 
 def run(shot, records, args):
     """All runs of one scene that are not measured yet."""
-    for number in range(args.runs):
-        cell = settings(shot, args, number)
-        if records.has(cell):
-            continue
+    numbers = [number for number in range(args.runs) if not records.has(settings(shot, args, number))]
+    if not numbers:
+        return
+    shot = Shot(shot.judge, shot.name, args, lit(shot))
+    for number in numbers:
         shot.open(bare=False)
-        record = cell | Shown(shot, number).measure()
+        record = settings(shot, args, number) | Shown(shot, number).measure()
         records.add(record)
         print(lines(record), flush=True)
+
+
+def lit(shot):
+    """The scene with the lights that are missing, in a file of its own: paths are to look for these as well."""
+    path = shot.folder.with_name(f"{shot.name}-lit.blend")
+    if not path.exists():
+        shot.open(bare=False)
+        Lighting(shot).add()
+        shot.judge.save(path=str(path))
+    return path
 
 
 def settings(shot, args, number):
@@ -71,42 +83,38 @@ def settings(shot, args, number):
     return same | {"lights": None, "pixel_fraction": 0.05, "starts": STARTS}
 
 
-class Shown:
-    """A scene before and after its hidden change."""
+class Lighting:
+    """Lights that are added to an open scene, and how bright they are to be."""
 
-    def __init__(self, shot, number):
-        self.shot, self.rng = shot, random.Random(100 + number)
-        self.space = shot.judge.space()
-        self._add_lights()
-        self.lights = shot.judge.describe()
-        self.before = shot.picture(SEED)
-        self.changed, self.free = self._hidden_change(number)
-        self.goals = strokes.paint(self.before, shot.picture(SEED), RUNS[number], self.rng)
-        shot.judge.put_back()
+    def __init__(self, shot):
+        self.shot, self.space = shot, shot.judge.space()
 
-    def _add_lights(self):
+    def add(self):
+        """Point lights where there are fewer than two lights, and the spot."""
         missing = LEAST_LIGHTS - len(self.shot.judge.describe())
         if missing > 0:
-            lights = random_spheres(self.shot.judge, self.space, 7, missing)
-            level = self._static_level()
-            self.shot.judge.set(lights=lights)
-            shares = self._shares()
-            for light in lights:
-                light["energy"] *= 0.5 * level / max(shares[light["name"]], 1e-9)
-            self.shot.judge.set(lights=lights)
+            self._add_points(missing)
         self._add_accent()
 
+    def _add_points(self, count):
+        lights = random_spheres(self.shot.judge, self.space, 7, count)
+        level = self._static_level()
+        self.shot.judge.set(lights=lights)
+        found = shares(self.shot)
+        for light in lights:
+            light["energy"] *= 0.5 * level / max(found[light["name"]], 1e-9)
+        self.shot.judge.set(lights=lights)
+
     def _add_accent(self):
-        """A spot that points down."""
-        level = self._static_level() + sum(self._shares().values())
+        level = self._static_level() + sum(shares(self.shot).values())
         places = self.shot.judge.places(seed=8, count=CANDIDATES, space=self.space)
         radius = self.space["size"][0]
         spots = [spot(f"{ACCENT} {number}", place, radius) for number, place in enumerate(places)]
         self.shot.judge.set(lights=spots)
-        shares = self._shares()
-        taken = sorted(spots, key=lambda light: shares[light["name"]])[CANDIDATES // 2]
+        found = shares(self.shot)
+        taken = sorted(spots, key=lambda light: found[light["name"]])[CANDIDATES // 2]
         self.shot.judge.remove(names=[light["name"] for light in spots])
-        energy = taken["energy"] * ACCENT_SHARE / (1 - ACCENT_SHARE) * level / shares[taken["name"]]
+        energy = taken["energy"] * ACCENT_SHARE / (1 - ACCENT_SHARE) * level / found[taken["name"]]
         self.shot.judge.set(lights=[taken | {"name": ACCENT, "energy": energy}])
 
     def _static_level(self):
@@ -114,17 +122,30 @@ class Shown:
         relit = relume.Relighter(self.shot.folder).relight(maker="gather", denoise=False)
         return float(relit["combined"].mean())
 
-    def _shares(self):
-        """Mean of each light's own picture."""
-        lights = json.dumps(self.shot.judge.light_set())
-        relit = relume.Relighter(self.shot.folder).relight(lights, maker="gather", denoise=False)
-        return {name: float(picture.mean()) for name, picture in relit["lights"].items()}
+
+def shares(shot):
+    """Mean of each light's own picture."""
+    lights = json.dumps(shot.judge.light_set())
+    relit = relume.Relighter(shot.folder).relight(lights, maker="gather", denoise=False)
+    return {name: float(picture.mean()) for name, picture in relit["lights"].items()}
+
+
+class Shown:
+    """A scene before and after its hidden change."""
+
+    def __init__(self, shot, number):
+        self.shot, self.rng = shot, random.Random(100 + number)
+        self.space = shot.judge.space()
+        self.lights = shot.judge.describe()
+        self.before = shot.picture(SEED)
+        self.changed, self.free = self._hidden_change(number)
+        self.goals = strokes.paint(self.before, shot.picture(SEED), RUNS[number], self.rng)
+        shot.judge.put_back()
 
     def _hidden_change(self, number):
         """Changes lights that matter in the open file; their names, and what may change of each light."""
-        shares = self._shares()
-        total = sum(shares.values())
-        able = sorted(name for name, share in shares.items() if share >= LEAST_SHARE * total)
+        found = shares(self.shot)
+        able = sorted(name for name, share in found.items() if share >= LEAST_SHARE * sum(found.values()))
         self.rng.shuffle(able)
         first, second = able[0], able[1 % len(able)]
         change, names = self.shot.judge.change, [light["name"] for light in self.lights]

@@ -25,13 +25,14 @@ def processor_seconds():
 class Shot:
     """A .blend file at the benchmark's size, baked and open in Cycles."""
 
-    def __init__(self, judge, name, args):
+    def __init__(self, judge, name, args, blend=None):
+        """`blend` is a file in place of the scene of that name."""
         self.judge, self.name, self.args = judge, name, args
         self.size = args.size
         # With one thread the processor's, which other work on the machine does not lengthen.
         self.clock = processor_seconds if args.threads == 1 else time.perf_counter
-        self.blend = args.scenes_folder / f"{name}.blend"
-        self.folder = args.out / "solve" / f"{name}-{self.size}-{args.bake_samples}"
+        self.blend = blend or args.scenes_folder / f"{name}.blend"
+        self.folder = args.out / "solve" / f"{self.blend.stem}-{self.size}-{args.bake_samples}"
         self.bake_seconds = None
         """Of the bake, Blender's start and reading of the file included, once it is there."""
 
