@@ -1,23 +1,19 @@
 //! A solve can be cancelled at any time.
 
 use crate::common;
-use crate::room::{baked, inside, key, light, picture, room, solve, target_request, traced};
+use crate::room::{baked, key, light, picture, target_request};
 use glam::Vec3;
-use relume_session::image::{Image, Layer, LayeredImage, Precision, metrics, write_exr};
-use relume_session::proxy::LightKind;
-use relume_session::scene::{Camera, Light, LightShape, Scene};
-use relume_session::trace::TraceSettings;
+use relume_session::scene::LightShape;
 use relume_session::{
-    Cancel, Listener, Monitor, Pictures, Progress, Relighter, SessionError, SoFar, SolveRequest, Solved,
-    Stage, bake, solve_lights,
+    Cancel, Listener, Monitor, Pictures, Progress, Relighter, SessionError, SoFar, SolveRequest, Stage,
+    solve_lights,
 };
-use serde_json::{Value, json};
+use serde_json::json;
 use std::collections::HashMap;
-use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 /// Stops a solver at its n-th report.
-struct StopAt(Mutex<usize>, Cancel);
+pub struct StopAt(pub Mutex<usize>, pub Cancel);
 
 impl Listener for StopAt {
     fn progress(&self, progress: &Progress) {

@@ -1,6 +1,6 @@
 //! Solving by the first passes of a live shot while later ones are traced.
 
-use crate::StopAt;
+use crate::cancelling::StopAt;
 use crate::room::{Bakes, inside, key, picture, room};
 use relume_session::live::{Live, LiveOptions, LiveState};
 use relume_session::scene::Light;

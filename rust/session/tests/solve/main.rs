@@ -11,19 +11,13 @@ mod room;
 mod told;
 
 use glam::Vec3;
-use relume_session::image::{Image, Layer, LayeredImage, Precision, metrics, write_exr};
+use relume_session::image::metrics;
 use relume_session::proxy::LightKind;
 use relume_session::scene::{Camera, Light, LightShape, Scene};
 use relume_session::trace::TraceSettings;
-use relume_session::{
-    Cancel, Listener, Monitor, Pictures, Progress, Relighter, SessionError, SoFar, SolveRequest, Solved,
-    Stage, bake, solve_lights,
-};
+use relume_session::{Monitor, Relighter, Solved, bake};
 use room::{baked, inside, key, light, picture, room, solve, target_request, traced};
 use serde_json::{Value, json};
-use std::collections::HashMap;
-use std::path::Path;
-use std::sync::{Arc, Mutex};
 
 #[test]
 fn a_hidden_light_is_found_through_the_dump_alone() {

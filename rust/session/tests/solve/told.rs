@@ -1,20 +1,15 @@
 //! What is said of goals and lights that do not go together.
 
 use crate::common;
-use crate::room::{baked, inside, key, light, picture, room, solve, target_request, traced};
+use crate::room::{baked, key, light, picture, solve, target_request};
 use glam::Vec3;
-use relume_session::image::{Image, Layer, LayeredImage, Precision, metrics, write_exr};
+use relume_session::image::{Image, Layer, LayeredImage, Precision, write_exr};
 use relume_session::proxy::LightKind;
-use relume_session::scene::{Camera, Light, LightShape, Scene};
-use relume_session::trace::TraceSettings;
-use relume_session::{
-    Cancel, Listener, Monitor, Pictures, Progress, Relighter, SessionError, SoFar, SolveRequest, Solved,
-    Stage, bake, solve_lights,
-};
+use relume_session::scene::{Light, LightShape};
+use relume_session::{Monitor, Pictures, Relighter, SolveRequest, solve_lights};
 use serde_json::{Value, json};
 use std::collections::HashMap;
 use std::path::Path;
-use std::sync::{Arc, Mutex};
 
 #[test]
 fn contradictions_are_named_and_an_unreachable_target_says_where_and_how_much() {
