@@ -355,8 +355,11 @@ impl SolveRequest {
                 return Err(format!("\"each\" names '{name}', which is not one of the lights"));
             }
             let bounds = own.bounds.unwrap_or_default();
-            if name == "world" && bounds != (BoundsWish { stops: bounds.stops, ..BoundsWish::default() }) {
-                return Err("\"each\": the world is nowhere, so its \"bounds\" can only be \"stops\"".into());
+            let BoundsWish { stops, tint, .. } = bounds;
+            if name == "world" && bounds != (BoundsWish { stops, tint, ..BoundsWish::default() }) {
+                let reason =
+                    "\"each\": the world is nowhere, so its \"bounds\" can only be \"stops\" and \"tint\"";
+                return Err(reason.into());
             }
             bounds.check().map_err(|reason| format!("\"each\": of the bounds of '{name}', {reason}"))?;
             if !own.stay.is_none_or(|stay| stay.is_finite() && stay >= 0.0) {
@@ -454,7 +457,7 @@ mod tests {
         assert!(fault(r#"{"Key": {"stay": -1}}"#).contains("\"stay\" of 'Key'"));
         assert!(fault(r#"{"Key": {"box": 1}}"#).contains("box"));
         assert!(fault(r#"{"world": {"bounds": {"min": [0, 0, 0]}}}"#).contains("nowhere"));
-        assert!(read(r#"{"world": {"bounds": {"stops": [-1, 1]}}}"#).is_ok());
+        assert!(read(r#"{"world": {"bounds": {"stops": [-1, 1], "tint": 1}}}"#).is_ok());
     }
     #[test]
     fn bounds_that_nothing_is_within_are_named() {
