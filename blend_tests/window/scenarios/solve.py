@@ -44,7 +44,8 @@ def press_limits(driver, artist):
     x, y = yield from driver.find_button("relume.solve")
     yield from driver.click(x, y - LIMITS_BELOW_SOLVE)
     yield from driver.wait(0.5)
-    for switch, number in (("limit_strength", "darker"), ("limit_cone", "cone_least")):
+    limits = {"limit_strength": "darker", "limit_tint": "tint", "limit_cone": "cone_least"}
+    for switch, number in limits.items():
         yield from driver.press_button(f"relume_solve.{switch}")
         driver.check(getattr(artist.settings, switch), f"{switch} is on")
         yield from driver.find_button(f"relume_solve.{number}")
