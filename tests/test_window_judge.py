@@ -28,6 +28,7 @@ def test_a_played_scenario_passes():
         (GOOD, 0, TRACE + "Blender quit\n", "KeyError"),
         (GOOD, 0, "Blender quit\n" + TRACE[:-13], "Traceback"),
         (GOOD, 0, "Error: Relume needs a camera\n", "needs a camera"),
+        (GOOD, 0, "Error: Not freed memory blocks: 2, total unfreed memory 0.000120 MB\n", "blocks: 2"),
         (GOOD | {"errors": ["Relume needs a camera"]}, 0, "", "Blender showed: Relume needs"),
         (GOOD | {"expected": ["no disk"]}, 0, "Error: no disk\nError: no camera\n", "no camera"),
     ],
@@ -40,3 +41,7 @@ def test_anything_else_fails(result, status, log, word):
 def test_expected_errors_pass():
     expecting = GOOD | {"expected": ["no (disk|camera)$"], "errors": ["no camera"]}
     assert failures(expecting, 0, "Error: no disk\n") == []
+
+
+def test_a_count_of_minus_one_block_passes():
+    assert failures(GOOD, 0, "Error: Not freed memory blocks: 4294967295, total unfreed memory 0.000000 MB\n") == []
