@@ -44,7 +44,7 @@ def arguments():
         "--least-cells",
         type=int,
         default=128,
-        help="of table 3, that a step looks at; as in the add-on. At the paper's size 0.1 %% are some 900 pixels",
+        help="of table 3, that a step looks at; as in the add-on. Of the paper's 885 x 500 pixels 0.1 %% are some 440",
     )
     parser.add_argument("--steps", type=int, default=500)
     parser.add_argument("--peer-steps", type=int, default=500, help="of Mitsuba in figure 9; the paper's are 500")
