@@ -3,8 +3,9 @@
 // use: common/residual
 
 const GROUP: u32 = 256u;
-// What single cells count beside their mean.
-const EVEN: f32 = 0.2;
+// What single cells count beside their mean: of what was asked for, and of what is kept.
+const EVEN: f32 = 0.01;
+const EVENLY_KEPT: f32 = 0.2;
 // Larger ones are those of a black picture.
 const MOST_GAIN: f32 = 1e30;
 
@@ -59,7 +60,7 @@ fn compare(
     let gain = gain_of(term, dot(LUMINANCE, sum));
     let whole = whole_residual(term, sum / term.weight);
     let d_whole = whole.slopes * whole.values;
-    let of_cells = select(EVEN, 1.0, term.residual == TONE);
+    let of_cells = weight_of_cells(term.residual);
 
     // Loss, and what the gain is pulled by.
     own = vec4f();
@@ -94,6 +95,15 @@ fn whole_residual(term: Term, mean: vec3f) -> Residual {
     if term.residual == TONE { return Residual(); }
     let reference = vec3f(term.mean_reference[0], term.mean_reference[1], term.mean_reference[2]);
     return residual_of_mean(term.residual, term.amount, mean, reference);
+}
+
+// A target asks for single cells alone.
+fn weight_of_cells(kind: u32) -> f32 {
+    switch kind {
+        case TONE: { return 1.0; }
+        case STOPS: { return EVENLY_KEPT; }
+        default: { return EVEN; }
+    }
 }
 
 // The sum of a value of each thread.

@@ -9,9 +9,11 @@ const STOPS: u32 = 4u;
 
 const STOP: f32 = 0.173;
 const EXCESS: f32 = 0.3;
+const SHORT: f32 = 2.0;
 const FLOOR: f32 = 0.01;
 const CHROMA: f32 = 0.3;
 const SIDE: f32 = 0.3;
+const SIDE_OF_MEAN: f32 = 0.2;
 const LUMINANCE = vec3f(0.2126, 0.7152, 0.0722);
 const LOG2_E: f32 = 1.44269504;
 
@@ -28,7 +30,9 @@ struct Sloped { value: f32, by: vec3f }
 fn residual(kind: u32, amount: f32, x: vec3f, reference: vec3f) -> Residual {
     switch kind {
         case TONE: { return tone_residual(x, reference); }
-        case BRIGHTNESS: { return brightness_residual(amount, x, reference); }
+        case BRIGHTNESS: {
+            return brightness_residual(select(EXCESS, 1.0, is_short(amount, x, reference)), SIDE, x, reference);
+        }
         case COLOR: { return color_residual(x, reference); }
         case WARMTH: { return warmth_residual(amount, x, reference); }
         default: { return stops_residual(x, reference); }
@@ -38,11 +42,8 @@ fn residual(kind: u32, amount: f32, x: vec3f, reference: vec3f) -> Residual {
 // The same of the mean of cells, of which what was asked for is wanted and no more.
 fn residual_of_mean(kind: u32, amount: f32, mean: vec3f, reference: vec3f) -> Residual {
     if kind == BRIGHTNESS {
-        let brightness = stops_of_luminance(mean);
-        let zero = vec3f();
-        return Residual(
-            vec3f(STOP * (brightness.value - reference.x), 0.0, 0.0), mat3x3f(STOP * brightness.by, zero, zero),
-        );
+        let weight = select(1.0, SHORT, is_short(amount, mean, reference));
+        return brightness_residual(weight, SIDE_OF_MEAN, mean, reference);
     }
     return residual(kind, amount, mean, reference);
 }
@@ -53,15 +54,22 @@ fn tone_residual(x: vec3f, reference: vec3f) -> Residual {
     return Residual(x * scale - reference, diagonal(scale * scale));
 }
 
-fn brightness_residual(amount: f32, x: vec3f, reference: vec3f) -> Residual {
+// Whether less brightness was gained, or lost, than was asked for.
+fn is_short(amount: f32, x: vec3f, reference: vec3f) -> bool {
+    return (stops_of_luminance(x).value - reference.x) * amount < 0.0;
+}
+
+// `weight` is what a difference of stops counts, `side_weight` what one of the colour ratios does.
+fn brightness_residual(weight: f32, side_weight: f32, x: vec3f, reference: vec3f) -> Residual {
     let brightness = stops_of_luminance(x);
     let red = ratio(x, 0u, 1u);
     let blue = ratio(x, 2u, 1u);
-    let difference = brightness.value - reference.x;
-    let scale = STOP * select(EXCESS, 1.0, difference * amount < 0.0);
-    let side = SIDE * CHROMA;
+    let scale = STOP * weight;
+    let side = side_weight * CHROMA;
     return Residual(
-        vec3f(scale * difference, side * (red.value - reference.y), side * (blue.value - reference.z)),
+        vec3f(
+            scale * (brightness.value - reference.x), side * (red.value - reference.y), side * (blue.value - reference.z),
+        ),
         mat3x3f(scale * brightness.by, side * red.by, side * blue.by),
     );
 }

@@ -83,6 +83,8 @@ impl Goal {
 const STOP: f32 = 0.173;
 /// What an excess of a single cell counts where at least so much was asked for.
 const EXCESS: f32 = 0.3;
+/// What a mean of cells counts that has less of what was asked for: at least that should be done.
+const SHORT: f32 = 2.0;
 /// Stops by which more is done than asked for: a dump and a render differ by a percent or two.
 const MARGIN: f32 = 0.02;
 /// Added to exposed values under a logarithm or a quotient: a fiftieth of the mean.
@@ -91,6 +93,13 @@ const FLOOR: f32 = 0.01;
 const CHROMA: f32 = 0.3;
 /// What counts a change that was not asked for: of colour by a goal about brightness, of brightness by one about warmth.
 const SIDE: f32 = 0.3;
+/// The same of the mean colour of cells, beside the mean brightness that was asked for: light from elsewhere has another colour.
+const SIDE_OF_MEAN: f32 = 0.2;
+/// What single cells count beside their mean where that is what was asked for: so much should it be reached everywhere alike. Light
+/// that falls from elsewhere never does, and what was asked for goes first.
+const EVEN: f32 = 0.01;
+/// The same of what is kept, which no cell of should change.
+const EVENLY_KEPT: f32 = 0.2;
 /// Change of ln(R / B) by one mired: `c2 (1/lambda_B - 1/lambda_R) 1e-6` of Planck's law (Wien's approximation), with
 /// c2 = 14388 um K, 0.46 um and 0.61 um.
 pub(crate) const RATIO_PER_MIRED: f32 = 0.00769;
@@ -111,13 +120,23 @@ impl Aim {
         }
     }
 
+    /// What single cells count beside their mean; a target asks for them alone.
+    pub(crate) fn weight_of_cells(&self) -> f32 {
+        match self {
+            Self::Target { .. } => 1.0,
+            Self::Keep => EVENLY_KEPT,
+            _ => EVEN,
+        }
+    }
+
     /// What [`Aim::residual_of_mean`] compares the mean of exposed cells to, from what it was before; a target asks for each cell by
     /// itself. Brightness should be what was asked for, no more and no less, but for `MARGIN`.
     pub(crate) fn reference_of_mean(&self, before: [f32; 3]) -> Option<[f32; 3]> {
         match self {
             Self::Target { .. } => None,
             Self::Brightness { stops } => {
-                Some([stop(luminance(before)).0 + stops + MARGIN.copysign(*stops), 0.0, 0.0])
+                let [asked, red, blue] = self.reference(before);
+                Some([asked + MARGIN.copysign(*stops), red, blue])
             }
             _ => Some(self.reference(before)),
         }
@@ -126,10 +145,9 @@ impl Aim {
     /// As [`Self::residual`] for the mean of cells.
     pub(crate) fn residual_of_mean(&self, mean: [f32; 3], reference: [f32; 3]) -> ([f32; 3], [[f32; 3]; 3]) {
         match self {
-            Self::Brightness { .. } => {
-                let (value, slope) = stop(luminance(mean));
-                let row = LUMINANCE.map(|w| STOP * slope * w);
-                ([STOP * (value - reference[0]), 0.0, 0.0], [row, [0.0; 3], [0.0; 3]])
+            Self::Brightness { stops } => {
+                let weight = |difference: f32| if difference * stops < 0.0 { SHORT } else { 1.0 };
+                brightness(mean, reference, SIDE_OF_MEAN, weight)
             }
             _ => self.residual(mean, reference),
         }
@@ -144,15 +162,8 @@ impl Aim {
                 (tone - reference[c], slope)
             }),
             Self::Brightness { stops } => {
-                let (value, slope) = stop(luminance(x));
-                let difference = value - reference[0];
-                let scale = STOP * if difference * stops < 0.0 { 1.0 } else { EXCESS };
-                let side = SIDE * CHROMA;
-                let ((red, d_red), (blue, d_blue)) = (ratio(x, 0, 1), ratio(x, 2, 1));
-                let values = [scale * difference, side * (red - reference[1]), side * (blue - reference[2])];
-                let rows =
-                    [LUMINANCE.map(|w| scale * slope * w), d_red.map(|d| side * d), d_blue.map(|d| side * d)];
-                (values, rows)
+                let weight = |difference: f32| if difference * stops < 0.0 { 1.0 } else { EXCESS };
+                brightness(x, reference, SIDE, weight)
             }
             Self::Color { .. } => {
                 let floored = luminance(x).max(0.0) + FLOOR;
@@ -179,6 +190,20 @@ impl Aim {
             }),
         }
     }
+}
+
+/// Brightness and colour ratios against a reference; `side` is what the ratios count, `weight` what a difference of stops does.
+fn brightness(
+    x: [f32; 3],
+    reference: [f32; 3],
+    side: f32,
+    weight: impl Fn(f32) -> f32,
+) -> ([f32; 3], [[f32; 3]; 3]) {
+    let ((value, slope), (red, d_red), (blue, d_blue)) = (stop(luminance(x)), ratio(x, 0, 1), ratio(x, 2, 1));
+    let difference = value - reference[0];
+    let (scale, side) = (STOP * weight(difference), side * CHROMA);
+    let values = [scale * difference, side * (red - reference[1]), side * (blue - reference[2])];
+    (values, [LUMINANCE.map(|w| scale * slope * w), d_red.map(|d| side * d), d_blue.map(|d| side * d)])
 }
 
 /// Values and a diagonal of derivatives from one function for each channel.

@@ -13,7 +13,7 @@
 //! What is free of a light is mapped to unconstrained values (`variable`), of which some end at walls (`wall`); what is asked for
 //! becomes residuals of cells (`goal`, `term`); their squares and what moves cost (`preference`) are the loss (`objective`). [`solve`]
 //! steps by Adam on random subsets, from several starts of which the worse are given up; [`polish`] by Levenberg-Marquardt on exact pictures.
-//! [`regroupings`] leads out of local minima, [`idle_lights`] finds lights that are not needed, [`report()`] says what became of each goal.
+//! [`regroupings`] and [`relocations`] lead out of local minima, [`idle_lights`] finds lights that are not needed, [`report()`] says what became of each goal.
 
 mod adam;
 mod cells;
@@ -29,6 +29,7 @@ mod random;
 mod region;
 mod regroup;
 mod relight;
+mod relocate;
 mod report;
 mod solve;
 mod starts;
@@ -44,6 +45,7 @@ pub use prune::idle_lights;
 pub use region::{Region, Stroke};
 pub use regroup::regroupings;
 pub use relight::{Compare, Compared, Linear, Picture, Relight, RelightError};
+pub use relocate::relocations;
 pub use report::{Report, Worst, conflicts, report};
 pub use solve::{RunnerUp, Settings, Solution, Step, solve};
 pub use starts::{RandomStarts, random_starts};

@@ -42,7 +42,7 @@ const MOST_CELLS: usize = 4096;
 const STAGES: [f32; 8] = [0.5, 0.25, 0.25, 0.12, 0.5, 0.25, 0.25, 0.12];
 /// Sizes are chosen before the second stage, and again after so many.
 const SIZES_EVERY: usize = 2;
-/// Two stages that together improve the loss by less than this share are the last ones.
+/// Two stages that together improve the loss by less than this share are the last ones, unless narrower differences are left.
 const LEAST_STAGE_GAIN: f64 = 0.05;
 
 /// Moves solved lights to where clean pictures serve the goals best, by Levenberg-Marquardt steps (Marquardt 1963) with
@@ -70,7 +70,7 @@ pub fn polish(
     let (mut iteration, mut leader) = (0, None::<Polish>);
     for (number, lights) in candidates.iter().enumerate() {
         let lights = problem.within(lights);
-        let fit = Fit { objective: &objective, draw: &draw, mappings: mappings(problem, &lights, 0.0)? };
+        let fit = Fit::new(&objective, &draw, mappings(problem, &lights, 0.0)?);
         let mut candidate = Polish::new(number, &lights, fit)?;
         candidate.stage(&mut iteration, steps, on_step)?;
         if leader.as_ref().is_none_or(|leader| candidate.loss() < leader.loss()) {
@@ -125,7 +125,8 @@ impl<'a> Polish<'a> {
         self.left = [self.left[1], self.loss() / before.max(f64::MIN_POSITIVE)];
         self.is_stopped = flow.is_break();
         let gains_enough = self.left[0] * self.left[1] <= 1.0 - LEAST_STAGE_GAIN;
-        self.goes_on = !self.is_stopped && gains_enough && self.stages < STAGES.len();
+        let may_gain = STAGES[self.stages..].iter().any(|next| gains_enough || *next < width);
+        self.goes_on = !self.is_stopped && may_gain;
         Ok(())
     }
 

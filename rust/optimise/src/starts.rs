@@ -95,7 +95,7 @@ impl Search<'_> {
     /// A random light, as powerful as it is if it shines already, else with an equal share of what the picture lacks.
     fn candidate(&self, number: usize, random: &mut Random) -> Result<Light, OptimiseError> {
         let variable = &self.problem.variables[number];
-        let light = Light { shape: random_shape(variable, random), ..variable.light.clone() };
+        let light = Light { shape: random_shape(variable, 1.0, random), ..variable.light.clone() };
         if self.shines(variable) {
             let radiance = power(&variable.light).map(|power| power / light.shape.extent());
             return Ok(variable.within(Light { radiance, ..light }));
@@ -144,8 +144,8 @@ fn strengths(variable: &Variable) -> impl Iterator<Item = f32> {
     all.iter().copied()
 }
 
-/// What is free of the shape drawn anew.
-fn random_shape(variable: &Variable, random: &mut Random) -> LightShape {
+/// What is free of the shape a share of the way to what is drawn anew.
+pub(crate) fn random_shape(variable: &Variable, share: f32, random: &mut Random) -> LightShape {
     let (locks, bounds, shape) = (&variable.locks, &variable.bounds, &variable.light.shape);
     let mut step = [0.0; LANES];
     if let (Some(center), false) = (shape.center(), locks.position) {
@@ -163,7 +163,7 @@ fn random_shape(variable: &Variable, random: &mut Random) -> LightShape {
         }
         lane::SIZE.for_each(|i| step[i] = step[locks.lead(i)]);
     }
-    let shape = shape.moved(&step);
+    let shape = shape.moved(&step.map(|step| share * step));
     bounds.direction.filter(|_| !locks.direction).map_or(shape, |cap| cap.squeezed(&shape))
 }
 

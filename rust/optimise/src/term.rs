@@ -18,9 +18,6 @@ pub(crate) struct Term<'a> {
     before: Vec<[f32; 3]>,
 }
 
-/// What single cells count beside their mean, which is what was asked for: so much should a goal be reached everywhere alike.
-const EVEN: f32 = 0.2;
-
 impl<'a> Term<'a> {
     /// `before` is the picture before, and what brings it to moderate brightness.
     pub(crate) fn new(goal: &'a Goal, cells: Cells, before: &[[f32; 3]], of_before: f32) -> Self {
@@ -70,6 +67,11 @@ impl<'a> Term<'a> {
             references,
             shares,
         }
+    }
+
+    /// Whether the mean of the cells is compared beside each of them.
+    pub(crate) fn has_mean(&self) -> bool {
+        !matches!(self.aim, Aim::Target { .. })
     }
 
     /// Whether the picture's exposure does not count.
@@ -156,22 +158,17 @@ impl<'a> Comparison<'a> {
         Self { wanted, exposed, gain, gain_slope, residuals, slopes, whole }
     }
 
-    /// Factor on the weights of single cells.
-    fn of_cells(&self) -> f32 {
-        if self.whole.is_some() { EVEN } else { 1.0 }
-    }
-
     pub(crate) fn loss(&self) -> f64 {
         let square = |(r, share): (&[f32; 3], &f32)| f64::from(share * r.iter().map(|r| r * r).sum::<f32>());
         let cells: f64 = self.residuals.iter().zip(&self.wanted.shares).map(square).sum();
         let whole = self.whole.map_or(0.0, |(r, _)| square((&r, &self.wanted.weight)));
-        f64::from(self.of_cells()) * cells + whole
+        f64::from(self.wanted.aim.weight_of_cells()) * cells + whole
     }
 
     /// Residuals times the roots of their weights, of another picture with these cells, to first order in what differs: where that
     /// is noise around 0, the residuals have no more than such noise either.
     pub(crate) fn weighted_residuals<'b>(&'b self, cells: &'b [[f32; 3]]) -> impl Iterator<Item = f32> + 'b {
-        let of_cells = self.of_cells();
+        let of_cells = self.wanted.aim.weight_of_cells();
         let differences: Vec<[f32; 3]> = cells
             .iter()
             .zip(&self.exposed)
@@ -200,7 +197,8 @@ impl<'a> Comparison<'a> {
         };
         let by_gained = |k: usize| -> [f32; 3] {
             std::array::from_fn(|c| {
-                let cell = self.of_cells() * half_slope(&self.residuals[k], &self.slopes[k], c);
+                let cell =
+                    self.wanted.aim.weight_of_cells() * half_slope(&self.residuals[k], &self.slopes[k], c);
                 let whole = self.whole.as_ref().map_or(0.0, |(r, slopes)| half_slope(r, slopes, c));
                 2.0 * self.wanted.shares[k] * (cell + whole)
             })

@@ -1,5 +1,5 @@
 use super::PolishStep;
-use super::noise::Trust;
+use super::noise::{Rows, Trust};
 use crate::OptimiseError;
 use crate::least_squares::{Jacobian, NormalEquations};
 use crate::objective::{Draw, Objective, mean};
@@ -17,7 +17,7 @@ const BRIGHTEN: f32 = 0.05;
 /// A further step that improves the loss by less than this share is the last of its stage.
 const LEAST_GAIN: f64 = 1e-3;
 /// So is the last of so many that improve nothing.
-const PATIENCE: usize = 3;
+const PATIENCE: usize = 5;
 /// Longest step of an unconstrained value; also what is expected of one, against which its derivatives are weighed: what they say
 /// less about than the residuals' scatter stays.
 const LONGEST: f64 = 0.7;
@@ -59,9 +59,17 @@ pub(super) struct Fit<'a> {
     pub objective: &'a Objective<'a>,
     pub draw: &'a Draw,
     pub mappings: Vec<Mapping>,
+    /// What residuals are of.
+    pub rows: Rows,
 }
 
-impl Fit<'_> {
+impl<'a> Fit<'a> {
+    pub fn new(objective: &'a Objective<'a>, draw: &'a Draw, mappings: Vec<Mapping>) -> Self {
+        let goals = objective.views.iter().zip(draw).flat_map(|(view, draw)| view.terms.iter().zip(draw));
+        let rows = Rows::new(goals.map(|(term, draw)| (draw.len(), term.has_mean())));
+        Self { objective, draw, mappings, rows }
+    }
+
     /// Steps until nothing is gained any more, or there were `most`; whether the caller wants to stop altogether.
     pub fn descend(
         &self,
@@ -71,7 +79,7 @@ impl Fit<'_> {
         most: usize,
         on_step: &mut dyn FnMut(PolishStep) -> ControlFlow<()>,
     ) -> Result<ControlFlow<()>, OptimiseError> {
-        let trust = Trust::new(&best.residuals);
+        let trust = Trust::new(&best.residuals, &self.rows);
         let mut loss = self.loss(best, &trust);
         let mut report =
             |iteration: usize, loss: f64, lights: &[Light]| on_step(PolishStep { iteration, loss, lights });
@@ -125,6 +133,7 @@ impl Fit<'_> {
                 residuals.extend(view.residuals_beside(&comparisons, half, draw));
             }
         }
+        self.rows.join_means(&mut residuals);
         residuals
     }
 
@@ -257,6 +266,7 @@ impl Fit<'_> {
                 residuals.iter_mut().zip(new).for_each(|(residuals, new)| residuals.extend(new));
             }
         }
+        residuals.iter_mut().for_each(|residuals| self.rows.join_means(residuals));
         for residuals in residuals.as_flattened_mut() {
             residuals.iter_mut().enumerate().for_each(|(i, residual)| *residual *= trust.of(i));
         }

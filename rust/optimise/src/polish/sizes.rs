@@ -21,7 +21,7 @@ const UNCHANGED: f32 = 1e-3;
 impl Fit<'_> {
     /// With the sizes that suit best of some over their whole range.
     pub fn with_best_sizes(&self, state: State) -> Result<State, OptimiseError> {
-        let trust = Trust::new(&self.exact_residuals(&state));
+        let trust = Trust::new(&self.exact_residuals(&state), &self.rows);
         let mut lights = state.lights.clone();
         for (number, light) in lights.iter_mut().enumerate() {
             for _ in 0..ROUNDS {
@@ -113,7 +113,7 @@ impl Fit<'_> {
     /// With the radiances that exact pictures ask for, if they leave little doubt.
     pub fn with_exact_radiances(&self, state: State) -> Result<State, OptimiseError> {
         let residuals = self.exact_residuals(&state);
-        let (trust, exact) = (Trust::new(&residuals), State { residuals, ..state.clone() });
+        let (trust, exact) = (Trust::new(&residuals, &self.rows), State { residuals, ..state.clone() });
         let jacobian = self.jacobian(&exact, 0.0, &trust, &mut || ControlFlow::Continue(()))?;
         let delta = jacobian.and_then(|jacobian| {
             let system = self.normal_equations(&jacobian, &exact, &trust);

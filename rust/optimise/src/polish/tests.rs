@@ -66,7 +66,7 @@ fn sizes(relight: Noisy, radius: f32, rounds: usize) -> (f32, f64) {
     let problem = Problem { views: vec![view], variables: vec![variable(&lights[0])] };
     let objective = Objective::new(&problem, 0.0).unwrap();
     let draw = objective.spread(MOST_CELLS);
-    let fit = Fit { objective: &objective, draw: &draw, mappings: mappings(&problem, &lights, 0.0).unwrap() };
+    let fit = Fit::new(&objective, &draw, mappings(&problem, &lights, 0.0).unwrap());
     let [asked, larger] = [radius, 1.5 * radius].map(|radius| fit.state(&[lamp(radius)]).unwrap());
     let against = fit.loss(&asked, &Trust::default()) - fit.loss(&larger, &Trust::default());
     let mut found = fit.state(&lights).unwrap();

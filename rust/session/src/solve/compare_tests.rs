@@ -237,7 +237,7 @@ fn steps_through_the_gather_are_those_of_the_cpu_and_leave_pictures_on_the_gpu()
     let open = || Relighter::from_dump(boxed((48, 32), 8).unwrap(), folder.path()).unwrap();
     let (on_gpu, on_cpu) = (open().on(&Compute::with(Arc::clone(&gpu), false)), open());
     let monitor = Monitor::default();
-    let prepared = [&on_gpu, &on_cpu].map(|relighter| Prepared::new(relighter, &monitor).unwrap());
+    let prepared = [&on_gpu, &on_cpu].map(|relighter| Prepared::new(relighter, &[], &monitor).unwrap());
     let device = GatherRelight::new(&on_gpu, &prepared[0], &monitor).unwrap();
     let cpu = GatherRelight::new(&on_cpu, &prepared[1], &monitor).unwrap();
     check(&Checked::new(&device, &cpu, &gpu, BY_GATHER), &bulbs(3), [0.3, 0.02]);

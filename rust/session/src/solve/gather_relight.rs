@@ -3,7 +3,7 @@
 use relume_dump::Aovs;
 use relume_gather::{DenoiseQuality, Gather, Half, SoftGather, relight};
 use relume_image::Image;
-use relume_optimise::{Compare, Compared, Linear, Picture, Relight, RelightError, Wanted};
+use relume_optimise::{Compare, Compared, Goal, Linear, Picture, Relight, RelightError, Wanted};
 use relume_scene::{LANES, Light};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -20,6 +20,8 @@ use crate::{Denoise, SessionError};
 const LARGEST_CELL: usize = 8;
 /// Cells that a small picture should at least have.
 const LEAST_CELLS: usize = 512;
+/// And the place of any goal: those at its edge are partly of what is beside it.
+const LEAST_CELLS_OF_PLACE: f32 = 64.0;
 
 /// What solving through a dump needs besides it.
 pub(super) struct Prepared {
@@ -43,12 +45,12 @@ const MOST_AT_ONCE: usize = 1 << 27;
 const QUICKLY_DENOISED: usize = 40_000;
 
 impl Prepared {
-    /// None without a dump. Without a denoiser, which the user is told, pictures are noisy.
-    pub fn new(relighter: &Relighter, monitor: &Monitor) -> Option<Self> {
+    /// For goals of the whole size. None without a dump. Without a denoiser, which the user is told, pictures are noisy.
+    pub fn new(relighter: &Relighter, goals: &[Goal], monitor: &Monitor) -> Option<Self> {
         let gather = relighter.gather()?;
         let aovs = relighter.aovs();
         let (width, height) = (aovs.albedo.width, aovs.albedo.height);
-        let cell = (width * height / LEAST_CELLS).isqrt().clamp(1, LARGEST_CELL);
+        let cell = edge_of_cells(width * height, goals);
         let is_quick = |shrink: &usize| width * height / (shrink * shrink) <= QUICKLY_DENOISED;
         let shrinks = [1, 2, 4, 8].into_iter().filter(|shrink| cell.is_multiple_of(*shrink));
         let shrink = shrinks.clone().find(is_quick).or(shrinks.max()).unwrap_or(1);
@@ -108,6 +110,13 @@ impl Prepared {
     fn cells(&self, image: &Image) -> Vec<[f32; 3]> {
         image.shrunk(self.cell).data.as_chunks::<3>().0.to_vec()
     }
+}
+
+/// Pixels along the edge of the cells of a picture of so many.
+fn edge_of_cells(pixels: usize, goals: &[Goal]) -> usize {
+    let place = |goal: &Goal| Some(goal.pixels.as_ref()?.iter().sum::<f32>() / LEAST_CELLS_OF_PLACE);
+    let largest = goals.iter().filter_map(place).fold((pixels / LEAST_CELLS) as f32, f32::min);
+    (largest.sqrt() as usize).clamp(1, LARGEST_CELL)
 }
 
 /// Lights whose whole pictures are held at a time.
@@ -340,5 +349,20 @@ impl Compare for GatherCompare<'_> {
         let goals = (&self.layers, still, &look(wanted));
         let compared = gather.compare(soft, (lights, softness), goals, relighter.compute(), monitor)?;
         Ok(compared.map(|of| Compared { loss: of.loss, lights: of.lights, still: of.layers }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use relume_optimise::Aim;
+
+    #[test]
+    fn small_places_have_small_cells() {
+        let place = |pixels: usize| Goal { aim: Aim::Keep, pixels: Some(vec![1.0; pixels]), weight: 1.0 };
+        let (small, large) = (160 * 90, 1920 * 1080);
+        assert_eq!([small, large].map(|pixels| edge_of_cells(pixels, &[])), [5, 8]);
+        assert_eq!([10_000, 400, 5].map(|pixels| edge_of_cells(large, &[place(pixels)])), [8, 2, 1]);
+        assert_eq!(edge_of_cells(large, &[place(large), place(400)]), 2);
     }
 }

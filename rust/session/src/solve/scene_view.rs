@@ -48,8 +48,10 @@ impl<'a> Scenes<'a> {
             };
             views.map(view).collect()
         };
-        let bake = |relighter: &&Relighter| Some(Source::Bake(Box::new(Prepared::new(relighter, monitor)?)));
-        let bakes: Option<Vec<Source>> = relighters.iter().map(bake).collect();
+        let bake = |(relighter, goals): (&&Relighter, &Vec<Goal>)| {
+            Some(Source::Bake(Box::new(Prepared::new(relighter, goals, monitor)?)))
+        };
+        let bakes: Option<Vec<Source>> = relighters.iter().zip(goals).map(bake).collect();
         let proxies =
             (through == Through::Proxy).then(|| relighters.iter().map(|_| Source::Proxies).collect());
         Ok(Self { gathered: bakes.map(views).transpose()?, proxied: proxies.map(views).transpose()? })

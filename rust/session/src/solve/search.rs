@@ -1,6 +1,6 @@
 use relume_optimise::{
     Polished, Problem, RandomStarts, Relight, RunnerUp, Settings, Solution, Step, idle_lights, polish,
-    random_starts, regroupings, solve,
+    random_starts, regroupings, relocations, solve,
 };
 use relume_proxy::{GpuProxy, LightKind};
 use relume_scene::Light;
@@ -11,7 +11,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use super::gather_relight::GatherRelight;
 use super::lights::Unknowns;
 use super::proxy_relight::ProxyRelight;
+use super::request::GoalKind;
 use super::scene_view::{SceneView, Scenes};
+use super::solved::reports;
 use super::{Preview, SoFar, SolveRequest, Wish};
 use crate::progress::{Monitor, Stage};
 use crate::relighter::Relighter;
@@ -19,11 +21,11 @@ use crate::{LightSet, SessionError};
 
 /// Softness of the smoothed gather at the first and the last step.
 const SOFTNESS: [f32; 2] = [0.2, 0.04];
-/// Lights are regrouped so often at most, and so many arrangements tried each time.
-const MOST_REGROUPINGS: usize = 3;
-const REGROUPINGS_TRIED: usize = 4;
-/// Share of the loss that a regrouping may leave.
-const REGROUPING_PAYS: f64 = 0.8;
+/// Lights are rearranged so often at most, and so many arrangements tried each time.
+const MOST_REARRANGEMENTS: usize = 3;
+const ARRANGEMENTS_TRIED: usize = 4;
+/// Share of the loss that another arrangement may leave.
+const REARRANGING_PAYS: f64 = 0.8;
 /// Loss from which on a picture is better solved again: differences of a hundredth of white.
 const VISIBLE: f64 = 1e-4;
 
@@ -69,7 +71,7 @@ impl<'a> Held<'a> {
     }
 }
 
-/// Explores, polishes, regroups and drops (`docs/solve.md`).
+/// Explores, polishes, rearranges and drops (`docs/solve.md`).
 pub(super) struct Search<'a> {
     pub request: &'a SolveRequest,
     pub unknowns: &'a Unknowns,
@@ -106,7 +108,7 @@ impl Search<'_> {
         Ok(found)
     }
 
-    /// Polishes what was explored and regroups it.
+    /// Polishes what was explored and rearranges it.
     fn refine(
         &self,
         problem: &Problem,
@@ -119,7 +121,7 @@ impl Search<'_> {
         }
         (found.lights, found.loss) = (polished.lights, polished.loss);
         if self.request.wish.starts > 1 && self.request.wish.steps > 0 {
-            self.regroup(problem, found)?;
+            self.rearrange(problem, found)?;
         }
         Ok(())
     }
@@ -229,27 +231,67 @@ impl Search<'_> {
         if self.monitor.cancelled() { Err(SessionError::Cancelled) } else { Ok(polished) }
     }
 
-    /// Leaves local minima: regroups the lights and solves again, as long as the goals are better served by that.
-    fn regroup(&self, problem: &Problem, found: &mut Found) -> Result<(), SessionError> {
-        let [_, softness] = SOFTNESS;
-        for _ in 0..MOST_REGROUPINGS {
-            if found.loss < VISIBLE {
+    /// Leaves local minima by other arrangements of the lights, as long as the goals are better served by that.
+    fn rearrange(&self, problem: &Problem, found: &mut Found) -> Result<(), SessionError> {
+        for _ in 0..MOST_REARRANGEMENTS {
+            if found.loss < VISIBLE || self.does_what_is_asked(found)? {
                 break;
             }
-            let others = regroupings(problem, &found.lights, softness, REGROUPINGS_TRIED)?;
-            if others.is_empty() {
+            if !(self.relocate(problem, found)? || self.regroup(problem, found)?) {
                 break;
             }
-            let steps = self.request.wish.steps / 2;
-            let solution = self.race(problem, &others, steps, [2.0 * softness, softness])?;
-            let polished =
-                self.polish(problem, &candidates(&solution.lights, solution.runner_up.as_ref()))?;
-            if polished.loss > REGROUPING_PAYS * found.loss {
-                break;
-            }
-            (found.lights, found.loss) = (polished.lights, polished.loss);
         }
         Ok(())
+    }
+
+    /// Whether each stroke has what was asked for. There is always more to be gained from a target.
+    fn does_what_is_asked(&self, found: &Found) -> Result<bool, SessionError> {
+        if self.request.wish.goals.iter().any(|goal| goal.goal == GoalKind::Target) {
+            return Ok(false);
+        }
+        for (number, scene) in self.scenes.told().iter().enumerate() {
+            let after = scene.picture(&found.lights, self.monitor)?;
+            if !reports(self.request, number, scene, &after).iter().all(|goal| goal.report.met) {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    /// Whether it pays to have one of the lights somewhere else.
+    fn relocate(&self, problem: &Problem, found: &mut Found) -> Result<bool, SessionError> {
+        let others = relocations(problem, &found.lights, ARRANGEMENTS_TRIED, self.request.wish.seed)?;
+        self.polish_others(problem, found, &others.iter().map(Vec::as_slice).collect::<Vec<_>>())
+    }
+
+    /// Whether it pays to regroup the lights and to solve again.
+    fn regroup(&self, problem: &Problem, found: &mut Found) -> Result<bool, SessionError> {
+        let [_, softness] = SOFTNESS;
+        let others = regroupings(problem, &found.lights, softness, ARRANGEMENTS_TRIED)?;
+        if others.is_empty() {
+            return Ok(false);
+        }
+        let steps = self.request.wish.steps / 2;
+        let solution = self.race(problem, &others, steps, [2.0 * softness, softness])?;
+        self.polish_others(problem, found, &candidates(&solution.lights, solution.runner_up.as_ref()))
+    }
+
+    /// Polishes other lights and takes them if that pays.
+    fn polish_others(
+        &self,
+        problem: &Problem,
+        found: &mut Found,
+        others: &[&[Light]],
+    ) -> Result<bool, SessionError> {
+        if others.is_empty() {
+            return Ok(false);
+        }
+        let polished = self.polish(problem, others)?;
+        let pays = polished.loss <= REARRANGING_PAYS * found.loss;
+        if pays {
+            (found.lights, found.loss) = (polished.lights, polished.loss);
+        }
+        Ok(pays)
     }
 
     /// Finds lights that are not needed.

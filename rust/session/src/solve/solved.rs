@@ -223,7 +223,13 @@ fn numbers(request: &SolveRequest, view: usize) -> Vec<usize> {
     goals.filter(|(_, goal)| goal.view == view).map(|(number, _)| number).collect()
 }
 
-fn reports(request: &SolveRequest, view: usize, scene: &SceneView, after: &Image) -> Vec<GoalReport> {
+/// What became of the goals that were asked for in one view.
+pub(super) fn reports(
+    request: &SolveRequest,
+    view: usize,
+    scene: &SceneView,
+    after: &Image,
+) -> Vec<GoalReport> {
     let of = |(goal, number): (&relume_optimise::Goal, usize)| {
         let report = report(goal, &scene.before, after);
         let text = text(request.wish.goals[number].goal, number, &report);
