@@ -24,11 +24,14 @@ class Whole:
     is_interactive: bool
     number: int
     """Of the first request with this content."""
+    samples: int
+    """Paths per pixel that are traced."""
     proxies: dict[str, Any]
 
-    @property
-    def version(self) -> str:
-        """Another one where the pictures of its passes would be others."""
+    def version(self, name: str) -> str:
+        """Another one where the picture of a pass would be another. What surfaces are no light changes."""
+        if name in pass_names.AOVS:
+            return str(self.samples)
         shown = json.loads(self.frame.summary)
         return json.dumps([self.number, self.frame.scale, shown.get("samples"), shown.get("makers"), self.proxies])
 
@@ -50,15 +53,16 @@ class Passes:
         self.turns.keep(names)
         if whole is None or self.turns.is_waiting or not whole.is_finished:
             return
-        name = self.turns.due(names, whole.version)
+        versions = {name: whole.version(name) for name in sorted(names)}
+        name = self.turns.due(versions)
         if name is not None:
-            self._ask_pass(name, whole)
+            self._ask_pass(name, versions[name], whole)
         elif self.turns.is_away and not whole.is_interactive:  # Otherwise a request follows anyway.
             self._ask(whole.content, False)
 
-    def _ask_pass(self, name: str, whole: Whole) -> None:
+    def _ask_pass(self, name: str, version: str, whole: Whole) -> None:
         content = pass_names.only(whole.content, name)
         if content is None:
-            self.turns.miss(name, whole.version)
+            self.turns.miss(name, version)
         else:
-            self.turns.ask(name, whole.version, self._ask(content, whole.is_interactive))
+            self.turns.ask(name, version, self._ask(content, whole.is_interactive))

@@ -367,10 +367,10 @@ class Shot:
     def show_passes(self, names: Collection[str]) -> None:
         """Has the pictures of single passes follow the picture itself, one a turn, and no others. Not before all paths
         are traced: these look for the lights of the newest request."""
-        frame, whole = self.present_frame, None
+        frame, status, whole = self.present_frame, self.status, None
         if frame is not None and self.can_show and not self.is_tracing:
             asked = self._content, self._is_interactive, self._whole_number
-            whole = Whole(frame, *asked, self.status["proxies"])
+            whole = Whole(frame, *asked, status["samples"], status["proxies"])
         self._passes.follow(names, whole)
 
     def _ask_content(self, content: dict[str, Any], interactive: bool) -> int:

@@ -5,11 +5,13 @@ use super::shared::{Frame, LiveState, Shared, Shown, State};
 use super::units::Units;
 use super::view::{Delivered, SharedImage, View, shown_statics};
 use super::world::WorldUnit;
-use super::{LiveOptions, LiveRequest};
+use super::{Aov, LiveOptions, LiveRequest};
 use crate::device_image::DeviceImage;
 use crate::world_layer::forget;
 use crate::{Cancel, Compute, Listener, Monitor, Progress, SessionError, With};
+use relume_image::Image;
 use relume_scene::Light;
+use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, MutexGuard};
@@ -186,6 +188,11 @@ impl Painter {
 
     fn try_paint(&mut self, request: &LiveRequest) -> Result<(), SessionError> {
         let Some(mut view) = self.view.take() else { return Ok(()) };
+        if let Some(aov) = request.aov {
+            self.show_aov(aov, &view);
+            self.view = Some(view);
+            return Ok(());
+        }
         let (parts, mut told) = parts(request, &mut view);
         self.units.trim(&parts.iter().map(|part| part.light.clone()).collect::<Vec<_>>());
         // Starting a denoiser of the full size denoises its features, which takes longer than all of the first picture.
@@ -345,28 +352,40 @@ impl Painter {
         let units = (&self.units, self.world.as_ref());
         let picture = Picture::new(request, view, units, parts, &stand_ins, manner);
         let image = picture.image(view, manner)?;
-        self.serial += 1;
         self.first_frame = false;
         // Without a denoiser nothing gets better than it is.
         let settled = picture.is_best || view.denoise(manner.scale).missing().is_some();
         let noise =
             if settled && !manner.drag { noise(request, units, parts, &stand_ins, &image)? } else { None };
-        let shown = Shown {
+        let (scale, samples, makers) = (manner.scale, picture.samples, picture.makers);
+        self.hand_over(image, |shown| Shown { scale, samples, makers, settled, noise, ..shown });
+        Ok(settled)
+    }
+
+    /// Surfaces as the paths have met them, whatever the lights are.
+    fn show_aov(&mut self, aov: Aov, view: &View) {
+        let samples = view.samples();
+        self.hand_over(aov.image(&view.aovs), |shown| Shown { samples, ..shown });
+    }
+
+    /// The newest frame is this picture. `describe` changes what is said of it: that it is of the full size and all there is to come.
+    fn hand_over(&mut self, image: Image, describe: impl FnOnce(Shown) -> Shown) {
+        self.serial += 1;
+        let shown = describe(Shown {
             serial: self.serial,
             request: self.painted.0,
-            scale: manner.scale,
-            samples: picture.samples,
-            makers: picture.makers,
-            settled,
-            noise,
+            scale: 1,
+            samples: 0,
+            makers: BTreeMap::new(),
+            settled: true,
+            noise: None,
             deliveries: self.painted.1,
-        };
+        });
         let frame = Arc::new(Frame { image, shown: shown.clone() });
         self.shared.change(|state| {
             state.frame = Some(frame);
             state.status.shown = Some(shown);
         });
-        Ok(settled)
     }
 
     /// What proxies say, for the parts that are theirs, and for those that wait for more paths.
