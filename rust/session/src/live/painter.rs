@@ -221,8 +221,11 @@ impl Painter {
                 || part.how == How::Gather
                     && (proxied || self.units.get(&part.light).is_some_and(|unit| unit.gathered.has_clean()))
         };
-        let new: Vec<Light> =
-            parts.iter().filter(|part| !replaced(part)).map(|part| part.light.clone()).collect();
+        let wanted = |number: usize, part: &Part| match part.how {
+            How::Glimpse => self.is_waiting(request, view, &parts[number + 1], true),
+            _ => !replaced(&part),
+        };
+        let new = lights(parts, wanted);
         while self.advance(&new, view)? {
             if self.units.all_begun(&new) && start.elapsed() > DRAG_BUDGET {
                 break;
@@ -248,11 +251,10 @@ impl Painter {
         view: &mut View,
         parts: &[Part],
     ) -> Result<(), SessionError> {
-        let gathered = parts.iter().filter(|part| part.how != How::Proxy);
-        let gathered: Vec<Light> = gathered.map(|part| part.light.clone()).collect();
+        let gathered = self.gathered(request, view, parts);
         let full = Manner { scale: 1, drag: false };
         let mut last_shown = Instant::now();
-        while self.advance(&gathered, view)? {
+        while self.advance(&self.gathered(request, view, parts), view)? {
             if self.is_outdated() {
                 return Ok(());
             }
@@ -274,6 +276,27 @@ impl Painter {
         }
         self.store_world(view);
         Ok(())
+    }
+
+    /// Lights that are summed over all paths, and those of which a glimpse is wanted.
+    fn gathered(&self, request: &LiveRequest, view: &View, parts: &[Part]) -> Vec<Light> {
+        let is_begun = |part: &Part| self.units.get(&part.light).is_some_and(|unit| unit.gathered.passes > 0);
+        lights(parts, |number, part| match part.how {
+            How::Gather | How::View => true,
+            How::Glimpse => !is_begun(part) && self.is_waiting(request, view, &parts[number + 1], false),
+            How::Proxy => false,
+        })
+    }
+
+    /// Whether a proxy stands in for what is still to be summed.
+    fn is_waiting(&self, request: &LiveRequest, view: &View, part: &Part, drag: bool) -> bool {
+        let is_there = self.units.get(&part.light).is_some_and(|unit| {
+            unit.gathered.passes >= view.passes.len() || (drag && unit.gathered.has_clean())
+        });
+        part.how == How::Gather
+            && !is_there
+            && request.with != With::Gather
+            && view.proxies.proxies().knowing(&part.light).is_some()
     }
 
     /// Gathers one more pass of another world and of some of the lights; false if none is behind.
@@ -398,12 +421,8 @@ impl Painter {
     ) -> Result<Vec<Option<SharedImage>>, SessionError> {
         let mut images = Vec::with_capacity(parts.len());
         for part in parts {
+            let waits = self.is_waiting(request, view, part, manner.drag);
             let unit = self.units.of(&part.light);
-            let waits = part.how == How::Gather
-                && unit.gathered.passes < view.passes.len()
-                && !(manner.drag && unit.gathered.has_clean())
-                && request.with != With::Gather
-                && view.proxies.proxies().knowing(&part.light).is_some();
             let evaluate = |half| match half {
                 true => Ok(DeviceImage::Cpu(view.proxies.half_image(&part.light)?)),
                 false => view.proxies.device_image(&part.light, &self.compute, &self.monitor),
@@ -414,6 +433,12 @@ impl Painter {
         }
         Ok(images)
     }
+}
+
+/// Of some parts, by their numbers.
+fn lights(parts: &[Part], wanted: impl Fn(usize, &Part) -> bool) -> Vec<Light> {
+    let wanted = parts.iter().enumerate().filter(|(number, part)| wanted(*number, part));
+    wanted.map(|(_, part)| part.light.clone()).collect()
 }
 
 /// Whether there is something that was not painted yet.

@@ -329,9 +329,18 @@ fn training_gives_a_proxy_that_stands_in_while_dragging() {
     let status = state(&live, LiveState::Ready);
     assert_eq!((status.samples, status.samples_total), (128, 128));
     assert!(status.proxies["sphere"].psnr > 0.0, "{status:?}");
-    let number = live.relight(LiveRequest { interactive: true, ..request(&[lamp(0.25)]) });
+    let mut moved = lamp(0.25);
+    moved.lobes.camera = 1.0;
+    let number = live.relight(LiveRequest { interactive: true, ..request(std::slice::from_ref(&moved)) });
     let frame = wait("a frame of the drag", || live.frame(0).filter(|frame| frame.shown.request == number));
     assert_eq!(frame.shown.makers["light"], Maker::Proxy);
+    let summed = settled(&live, live.relight(request(&[moved])));
+    let [dragged, still] =
+        [&frame, &summed].map(|frame| frame.image.data.iter().copied().fold(0.0, f32::max));
+    assert!(
+        still > 2.5 && (dragged - still).abs() < 0.2 * still,
+        "the lamp is seen itself: {dragged}, {still}"
+    );
 
     let states = |seconds: f64| {
         live.bake(room(32, 32), settings(128), seconds, false).unwrap();
