@@ -70,6 +70,23 @@ def lit(scene, registered, tmp_path):
 
 
 @pytest.fixture
+def rigged(scene, registered_for_all_files, tmp_path):
+    """A key, a fill in a rig, and a folder to bake into."""
+    from helpers import add_light, add_quad, update
+
+    add_quad(scene)
+    add_light(scene, "AREA", "Key", location=(1, 2, 3), shape="DISK", size=0.5)
+    rig = bpy.data.collections.new("Rig")
+    scene.collection.children.link(rig)
+    fill = add_light(scene, "POINT", "Fill", shadow_soft_size=0.2)
+    scene.collection.objects.unlink(fill)
+    rig.objects.link(fill)
+    scene.relume.folder = str(tmp_path / "bake")
+    update()
+    return scene
+
+
+@pytest.fixture
 def lit_by_two(scene, registered_for_all_files, monkeypatch, tmp_path):
     """A key and a fill on a plane, with a folder to bake into and a fake solver."""
     import relume

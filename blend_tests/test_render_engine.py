@@ -15,7 +15,7 @@ from addon.core.pass_names import light_passes
 from addon.engine import background, render_engine
 from addon.engine.commands import run
 from addon.engine.options import remember_bake
-from addon.engine.render_engine import ALBEDO
+from addon.engine.render_engine import ALBEDO_HERE
 from addon.engine.scene import load_scene
 from addon.ui import render as ui
 from addon.ui import rows
@@ -164,7 +164,7 @@ def test_depth_normal_and_colour_are_those_of_cycles(shot, tmp_path):
     assert (inside | beyond).mean() > 0.9
     whole = inside & (ours["Combined"][..., 3] == 1.0) & (cycles["Combined"][..., 3] == 1.0)
     assert np.abs(ours["Normal"] - cycles["Normal"])[whole].mean() < 0.02
-    assert np.abs(ours[ALBEDO] - cycles[ALBEDO])[whole].mean() < 0.02
+    assert np.abs(ours[ALBEDO_HERE] - cycles[ALBEDO_HERE])[whole].mean() < 0.02
 
 
 def test_the_render_border_is_a_part_of_the_picture(shot, tmp_path):

@@ -9,7 +9,7 @@ from addon.engine import shot
 from addon.ui import handlers, render_pass
 from addon.ui.start import start
 from fake_live import FakeLive
-from helpers import add_light, add_world, row, settled, until, update
+from helpers import add_light, add_quad, add_world, row, settled, until, update
 
 WHOLE = {"Key", "Rim.001", "static"}
 """What shines in the picture itself."""
@@ -115,6 +115,25 @@ def test_no_pass_is_asked_for_while_paths_are_traced(two):
     assert shining(live.requests[-1]) == {"Key"}
 
 
+def test_what_surfaces_are_is_asked_for_once_for_all_lights(two):
+    scene, live = two
+    show(scene, "Normal")
+    handlers.tick()
+    assert live.requests[-1]["aov"] == "normal"
+    normal = answer(live)
+    answer(live)
+    row(scene, "Key").exposure = 1.0
+    answer(live)
+    handlers._resting.clear()
+    handlers.changed(scene)
+    answer(live)
+    assert shot.of(scene).picture_of("Normal") is normal
+    assert [request.get("aov") for request in live.requests].count("normal") == 1
+    live.tell(samples=8)
+    handlers.tick()
+    assert live.requests[-1]["aov"] == "normal", "more paths know it better"
+
+
 @pytest.mark.parametrize("how", ["renamed", "deleted"])
 def test_without_its_light_the_view_shows_the_whole_picture(two, how):
     scene, live = two
@@ -150,7 +169,7 @@ def test_other_views_and_engines_want_nothing(two):
 
 
 def test_the_menu_sets_what_it_shows(two):
-    for name in ("Combined", "Combined_Key", "Combined_Rim_001", "world", "static"):
+    for name in ("Combined", "Combined_Key", "Combined_Rim_001", "world", "static", "Depth", "Normal", "Diffuse Color"):
         view().relume.render_pass = name
         assert view().relume.render_pass == view().relume.name_of_pass == name
 
@@ -160,6 +179,31 @@ def test_content_without_the_pass_has_none():
     assert shining(only(content, "Combined_Key")) == {"Key"}
     assert shining(only(content, "static")) == {"static"}
     assert only(content, "Combined_Gone") is None and only(content, "Combined") is None
+
+
+def test_surfaces_of_a_real_bake_are_those_of_final_renders(studio):
+    import relume
+
+    add_quad(studio, "Near", size=0.5).location.z = 1.0
+    update()
+    start(studio)
+    whole = until(studio, settled, "the picture").frame.image.copy()
+    final = relume.Relighter(shot.of(studio).folder).relight("[]")
+    shown = {}
+    for name in ("Normal", "Diffuse Color", "Depth"):
+        show(studio, name)
+        handlers.tick()
+        found = until(studio, settled, name)
+        assert found.picture is not found.picture_of(name)
+        assert np.abs(found.picture.image - whole).max() < 1e-5 * whole.max()
+        shown[name] = found.picture_of(name).image[..., :3][::-1]
+    assert np.array_equal(shown["Normal"], final["normal"])
+    assert np.array_equal(shown["Diffuse Color"], final["albedo"])
+    depth, distance = shown["Depth"][..., 0], final["depth"][..., 0]
+    seen = distance > 0.0
+    assert depth[distance == distance[seen].min()].max() == 0.0 and depth[distance == distance.max()].min() == 1.0
+    assert (depth[~seen] == 1.0).all()
+    assert np.corrcoef(depth[seen], distance[seen])[0, 1] > 0.9999
 
 
 def test_passes_of_a_real_bake_add_up_and_leave_the_picture_alone(studio):

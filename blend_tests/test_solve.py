@@ -115,8 +115,14 @@ def test_what_hangs_on_a_light_and_does_no_harm_locks_nothing(painted):
 
 
 def test_lights_shown_by_instances_stay_locked(painted):
-    free, notes = locks.free(painted, ["Key", "Fill", "Fill#2"])
-    assert free["Fill"] == [] and "light 'Fill' is shown several times, by instances: that stays as it is" in notes
+    """Even by a single one: its place is not the light's own."""
+    rig = bpy.data.collections.new("Rig")
+    rig.objects.link(bpy.data.objects.new("Bulb", bpy.data.lights.new("Bulb", "POINT")))
+    empty = add(painted, "Rig", None)
+    empty.instance_type, empty.instance_collection = "COLLECTION", rig
+    update()
+    free, notes = locks.free(painted, ["Key", "Bulb"])
+    assert free["Bulb"] == [] and free["Key"] and "light 'Bulb' is shown by instances: that stays as it is" in notes
 
 
 def test_what_is_switched_off_stays_off(painted):

@@ -48,7 +48,7 @@ def present_lights(scene, folder):
     lights = SceneLights(bpy.context.view_layer.name, receivers)
     lights.read(bpy.context.evaluated_depsgraph_get())
     warn(lights.warnings)
-    return lights.descriptions
+    return lights
 
 
 def warn(messages):
@@ -64,12 +64,12 @@ def light_objects(scene):
 
 def free_moves(scene, lights, args):
     """What may change of each light, less what could not be written back."""
-    shown = [light["name"] for light in lights]
+    shown = [light["name"] for light in lights.descriptions]
     unknown = ", ".join(set(args.lights or ()) - set(shown))
     if unknown:
         sys.exit(f"solve_from_png: the shot has no light {unknown}; there are {', '.join(shown) or 'none'}")
     objects = light_objects(scene)
-    moves, free = FreeMoves(scene, objects.values(), shown), {}
+    moves, free = FreeMoves(scene, objects.values(), lights.instanced), {}
     for name in args.lights or shown:
         if name in objects:
             reason, free[name] = moves.of(objects[name], args.free)
@@ -134,8 +134,9 @@ def run(args):
     target, how, _ = read_target(scene, taken(image), "AUTO", (manifest["width"], manifest["height"]))
     print(how)
     images = {"target": target, "unclipped": unclipped(image, target)}
-    lights = present_lights(scene, args.bake)
-    asked = request(lights, free_moves(scene, lights, args), args)
+    present = present_lights(scene, args.bake)
+    lights = present.descriptions
+    asked = request(lights, free_moves(scene, present, args), args)
     job = relume.solve([str(args.bake)], json.dumps(asked), images)
     answer = job.wait(on_warning=print)
     for row in answer["report"]:

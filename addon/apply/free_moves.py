@@ -23,17 +23,17 @@ PATHS = {
 class FreeMoves:
     """What may change of the lights of a scene."""
 
-    def __init__(self, scene: bpy.types.Scene, lights: Iterable[bpy.types.Object], shown: Iterable[str]):
-        """`shown` are the names of the picture's lights, instances included."""
+    def __init__(self, scene: bpy.types.Scene, lights: Iterable[bpy.types.Object], instanced: Iterable[str]):
+        """`instanced` are the names of those that are shown in other places than their own."""
         lights = set(lights)
-        self._instanced = {name.rpartition("#")[0] for name in shown}
+        self._instanced = set(instanced)
         self._users = Counter(obj.data for obj in lights)
         self._carriers = _carriers(scene, lights)
 
     def of(self, obj: bpy.types.Object, moves: Iterable[str]) -> tuple[str | None, list[str]]:
         """Why some moves could not be written to a light, to be put behind its name, and the others."""
         if name_of(obj) in self._instanced:
-            return "is shown several times, by instances", []
+            return "is shown by instances", []
         place = why_not_placed(obj) or self._carriers.get(obj)
         shared = f"shares its data '{obj.data.name}' with other lights" if self._users[obj.data] > 1 else None
         reason, kept = None, []

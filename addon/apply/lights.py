@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,6 +11,8 @@ import bpy
 from ..core.rows import LIGHT, NEUTRAL, Row, mix
 from .world import WorldWrite
 from .writable import RefusedError, why_not
+
+NOT_HIDDEN = "is off, and geometry nodes or particles show it even where it is hidden: dim its row instead"
 
 
 @dataclass(frozen=True)
@@ -46,9 +48,11 @@ def apply_mix(
     rows: Iterable[Row],
     groups: Iterable[Row],
     memberships: Mapping[str, Iterable[str]],
+    shown_anyway: Container[str] = (),
 ) -> dict[str, Any]:
     """Writes the mix into the light objects and the world, and returns it: of what it holds only "static" is still to
-    be kept as a row. A light without any gain keeps its energy and is hidden from render and viewport.
+    be kept as a row. A light without any gain keeps its energy and is hidden from render and viewport; one of
+    `shown_anyway` cannot be, as nodes or particles instance it.
     Raises RefusedError, and has then written nothing."""
     rows = list(rows)
     kelvins = {
@@ -59,11 +63,13 @@ def apply_mix(
     applied = mix(rows, groups, memberships)
     without = [replace(row, use_kelvin=row.use_kelvin and row.name not in kelvins) for row in rows]
     gains = mix(without, groups, memberships)["gains"]
-    hidden = [obj for name, obj in lights.items() if not any(gains[name]) and not _is_hidden(obj)]
+    silent = {name: obj for name, obj in lights.items() if not any(gains[name])}
+    hidden = [obj for obj in silent.values() if not _is_hidden(obj)]
     writes = [_LightWrite(obj, gains[name], kelvins.get(name)) for name, obj in lights.items() if any(gains[name])]
     world = WorldWrite(scene.world, applied["world"])
     asked = [*(write.refusal() for write in writes), *map(_hide_refusal, hidden), world.refusal()]
     reasons = [reason for reason in asked if reason] + _quarrels(writes)
+    reasons += [f"light '{name}' {NOT_HIDDEN}" for name in silent if name in shown_anyway]
     if reasons:
         raise RefusedError(reasons)
     for write in {write.owner.data: write for write in writes}.values():

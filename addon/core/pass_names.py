@@ -8,6 +8,9 @@ from typing import Any
 from .rows import SILENT
 
 COMBINED, STATIC, WORLD = "Combined", "static", "world"
+DEPTH, NORMAL, ALBEDO = "Depth", "Normal", "Diffuse Color"
+AOVS = {DEPTH: "depth", NORMAL: "normal", ALBEDO: "albedo"}
+"""Passes that no light changes, and what the native module calls them."""
 LONGEST = 63 - len("Combined_")
 """Blender cuts pass names after 63 bytes."""
 
@@ -22,6 +25,8 @@ def light_passes(lights: Iterable[str]) -> dict[str, str]:
 def only(content: dict[str, Any], name: str) -> dict[str, Any] | None:
     """What makes a single pass of the picture of some content (its "lights", "gains", "world" and "static"); None if
     there is no such pass."""
+    if name in AOVS:
+        return content | {"aov": AOVS[name]}
     passes = light_passes(light["name"] for light in content["lights"])
     if name not in {STATIC, WORLD, *passes.values()}:
         return None

@@ -87,7 +87,7 @@ def mix_for(
     rows, groups = list(rows), list(groups)
     found = mix(rows, groups, memberships)
     gains = found["gains"]
-    # Lights that only geometry nodes instance have no row.
+    # Lights that are instanced in a way which `export.light_tree` does not know have no row.
     other = SILENT if any_solo([*rows, *groups]) else NEUTRAL
     by_light = {name: gains.get(name) or gains.get(name.rpartition("#")[0]) or other for name in lights}
     return found | {"gains": by_light}

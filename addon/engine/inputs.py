@@ -8,6 +8,7 @@ from typing import Any
 
 import bpy
 
+from ..export.instancers import node_inputs
 from ..export.materials.graph import used_tree
 from ..export.plain import effective_properties
 
@@ -47,18 +48,6 @@ def _by_modifier(modifier: bpy.types.Modifier) -> Iterator[bpy.types.ID]:
         yield modifier.particle_system.settings
     elif modifier.type == "UV_PROJECT":
         yield from [projector.object for projector in modifier.projectors if projector.object is not None]
-
-
-def node_inputs(modifier: bpy.types.Modifier) -> list[tuple[str, Any]]:
-    """What a modifier of geometry nodes hands to its group, by name."""
-    if not hasattr(modifier, "properties"):  # As before Blender 5.2.
-        return list(modifier.items())
-    found = []
-    for side in (modifier.properties.inputs, modifier.properties.outputs) if modifier.properties else ():
-        for socket in side.bl_rna.properties.keys():
-            parts = [(part, getattr(getattr(side, socket), part, None)) for part in ("value", "type", "attribute_name")]
-            found += [(f"{socket} {part}", value) for part, value in parts]
-    return found
 
 
 def _by_group(tree: bpy.types.NodeTree) -> Iterator[bpy.types.ID | None]:

@@ -3,7 +3,7 @@ for in turn, when the picture as a whole is there: what they are summed from is 
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import Any
 
 
@@ -28,9 +28,9 @@ class PassTurns:
             for name in kept.keys() - set(names):
                 del kept[name]
 
-    def due(self, names: Collection[str], version: str) -> str | None:
-        """The next pass that there is no picture of, or only one of another version of the whole."""
-        return next((name for name in sorted(names) if self._versions.get(name) != version), None)
+    def due(self, versions: Mapping[str, str]) -> str | None:
+        """The next pass that there is no picture of, or only one of another version, in their order."""
+        return next((name for name, version in versions.items() if self._versions.get(name) != version), None)
 
     def ask(self, name: str, version: str, number: int) -> None:
         """Notes under which number a pass was asked for."""
@@ -38,7 +38,7 @@ class PassTurns:
         self.is_away = self.is_waiting = True
 
     def miss(self, name: str, version: str) -> None:
-        """Notes that a version of the whole has no such pass."""
+        """Notes that there is no such pass in a version."""
         self._versions[name] = version
         self.pictures.pop(name, None)
 

@@ -18,12 +18,13 @@ import bpy
 from ..core.differences import Print, color_text
 from ..export import trace_settings
 from ..export.camera import UnsupportedCameraError, camera_json, film_size
+from ..export.instancers import node_inputs
 from ..export.materials.graph import used_tree
 from ..export.plain import plain
 from ..export.working_space import working_space
 from ..export.world import export_world, world_of
 from ..export.world_graph import WorldGraph
-from .inputs import node_inputs, read_by
+from .inputs import read_by
 from .node_prints import drawn_curves, group, hashed, ramp, tree, values
 from .render_depsgraph import render_layer
 from .shape_prints import DATA, shape

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..core.bake_folder import is_bake
 from ..core.differences import gain_between
-from ..core.pass_names import COMBINED, STATIC, WORLD, light_passes
+from ..core.pass_names import ALBEDO, COMBINED, DEPTH, NORMAL, STATIC, WORLD, light_passes
 from ..core.progress import progress_line
 from ..core.rows import NEUTRAL
 from ..export import ExportOptions, trace_settings
@@ -34,8 +34,8 @@ ENGINE = "RELUME"
 POLL_SECONDS = 0.05
 NOTHING_HIT = 1e10
 """Cycles' depth where no surface is."""
-ALBEDO = "DiffCol" if bpy.app.version < (5, 0, 0) else "Diffuse Color"
-"""Blender's name of that pass."""
+ALBEDO_HERE = "DiffCol" if bpy.app.version < (5, 0, 0) else ALBEDO
+"""This Blender's name of that pass."""
 BAKE_SHARE = 0.9
 """Of the progress bar, where a bake has to be made."""
 
@@ -56,9 +56,9 @@ class PassSettings:
         if self.lights:
             names = [*light_passes(lights).values(), STATIC, WORLD]
             found += [(name, 3, "RGB", "COLOR") for name in names]
-        found += [("Depth", 1, "Z", "VALUE")] * self.depth
-        found += [("Normal", 3, "XYZ", "VECTOR")] * self.normal
-        found += [(ALBEDO, 3, "RGB", "COLOR")] * self.albedo
+        found += [(DEPTH, 1, "Z", "VALUE")] * self.depth
+        found += [(NORMAL, 3, "XYZ", "VECTOR")] * self.normal
+        found += [(ALBEDO_HERE, 3, "RGB", "COLOR")] * self.albedo
         return found
 
 
@@ -262,9 +262,9 @@ class _FinalRender:
             **{lights[name]: image for name, image in picture["lights"].items()},
             STATIC: picture["static"],
             WORLD: picture["world"],
-            "Depth": self._depth(picture["depth"]),
-            "Normal": picture["normal"],
-            ALBEDO: picture["albedo"],
+            DEPTH: self._depth(picture["depth"]),
+            NORMAL: picture["normal"],
+            ALBEDO_HERE: picture["albedo"],
         }
 
     def _depth(self, distance: np.ndarray) -> np.ndarray:

@@ -13,6 +13,9 @@ from functools import cached_property
 import bpy
 from mathutils import Matrix
 
+from ..core.rows import LIGHT
+from ..export.instancers import Instancers
+from ..export.light_tree import light_tree
 from ..export.lights import UniqueNames, describe_light, name_of, ray_visibility
 from ..export.linking import LightLinking
 
@@ -83,6 +86,11 @@ class SceneLights:
         """Whether nothing was read since `forget`."""
         return self._visibility is None
 
+    @property
+    def instanced(self) -> set[str]:
+        """Names (`name_of`) of lights that are shown in other places than their own."""
+        return {entry.name for entry in self._entries.values() if entry.matrix is not None}
+
     def forget(self) -> None:
         """What was read is no longer true, such as after undo: the next update reads everything."""
         self._entries, self._waiting, self._differs, self._visibility = {}, {}, False, None
@@ -110,7 +118,7 @@ class SceneLights:
         edited: set[int] = set()
         shaded: set[int] = set()
         data: set[int] = set()
-        may_instance = False
+        may_instance, instancers = False, Instancers()
         for update in depsgraph.updates:
             found = update.id.original
             if isinstance(found, bpy.types.Light):
@@ -122,6 +130,8 @@ class SceneLights:
                     )
                     (edited if is_edited else shaded).add(found.session_uid)
                 may_instance |= found.session_uid in self._instancers or found.instance_type != "NONE"
+                if update.is_updated_geometry and not may_instance:  # Its modifiers may be others now.
+                    may_instance = len(found.modifiers) > 0 and instancers.may_show_lights(found)
             elif isinstance(found, bpy.types.Collection):
                 may_instance = True
         edited |= {key[0] for key, entry in self._entries.items() if entry.data_uid in data}
@@ -165,7 +175,7 @@ class SceneLights:
         """Finds all lights and their instances; what is new or edited has to be read."""
         known, waiting = self._entries, self._waiting
         self._entries, self._waiting, self._instancers = {}, {}, set()
-        rendered = _RenderedObjects(depsgraph.view_layer)
+        rendered, instancers = _RenderedObjects(depsgraph.view_layer), Instancers()
         for instance in depsgraph.object_instances:
             obj = instance.object
             if obj.type != "LIGHT":
@@ -174,7 +184,11 @@ class SceneLights:
             owner = instance.parent.original if instance.is_instance else light
             if instance.is_instance:
                 self._instancers |= {owner.session_uid, light.session_uid}
-            if instance.show_self and not light.hide_render and owner in rendered:
+            if instance.is_instance:
+                is_rendered = not light.hide_render or instancers.names(owner, light)
+            else:
+                is_rendered = not light.hide_render and not _is_replaced(light)
+            if instance.show_self and is_rendered and owner in rendered:
                 key, entry = self._found(instance, light, owner)
                 before = None if key in waiting or light.session_uid in edited else known.get(key)
                 if before is None or not before.is_same(entry):
@@ -183,10 +197,14 @@ class SceneLights:
                 self._entries[key] = before
         self._differs = True
         self._visibility = _visibility(depsgraph.view_layer)
-        self._hidden = [
-            f"light '{obj.name}' is hidden in the view only: off here, but on in renders"
+        hidden = [
+            obj
             for obj in _lights(depsgraph.view_layer)
-            if not obj.visible_get(view_layer=depsgraph.view_layer) and obj in rendered
+            if not obj.visible_get(view_layer=depsgraph.view_layer) and obj in rendered and not _is_replaced(obj)
+        ]
+        hidden += _hidden_instances(depsgraph)
+        self._hidden = [
+            f"light '{name_of(obj)}' is hidden in the view only: off here, but on in renders" for obj in hidden
         ]
 
     def _found(
@@ -233,6 +251,21 @@ def _settings_of(light: bpy.types.Object) -> tuple:
     """What `describe_light` reads of an object itself."""
     linking = light.light_linking
     return ray_visibility(light), linking.receiver_collection is None, linking.blocker_collection is None
+
+
+def _is_replaced(light: bpy.types.Object) -> bool:
+    """Whether renders show a light only where it is instanced: views also show itself."""
+    return light.parent is not None and light.parent.instance_type in {"VERTS", "FACES"}
+
+
+def _hidden_instances(depsgraph: bpy.types.Depsgraph) -> list[bpy.types.Object]:
+    """Lights of instanced collections that are hidden in the view only."""
+    own = depsgraph.view_layer.objects
+    found = [obj for obj in bpy.data.objects if obj.type == "LIGHT" and obj.hide_viewport and not obj.hide_render]
+    if all(own.get(obj.name) is obj for obj in found):
+        return []
+    lines = {line.block: line for line in light_tree(depsgraph.scene) if line.kind == LIGHT}
+    return [obj for obj in found if obj in lines and own.get(obj.name) is not obj and not lines[obj].is_named]
 
 
 def _lights(view_layer: bpy.types.ViewLayer) -> list[bpy.types.Object]:

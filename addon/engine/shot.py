@@ -11,7 +11,7 @@ from typing import Any
 
 import bpy
 
-from ..core import pass_names, wanted
+from ..core import wanted
 from ..core.bake_folder import camera_of, world_map_of
 from ..core.status import is_unfinished, lacks_samples
 from ..export import ExportOptions, trace_settings
@@ -20,7 +20,7 @@ from . import prints, record, world_change, worlds
 from .changes import Changes
 from .native import native
 from .options import Options, options_of, remember_bake, remembered_bake
-from .pass_turns import PassTurns
+from .passes import Passes, Whole
 from .render_depsgraph import ExportCancelled, RenderTask
 from .scene import load_scene_async
 from .scene_lights import Description, SceneLights
@@ -93,7 +93,7 @@ class Shot:
         """Of the newest request, and of the first one with the present content."""
         self.serial = 0
         """Of the newest frame, of the whole picture or of a pass."""
-        self._turns = PassTurns()
+        self._passes = Passes(self._ask_content)
         self._status_text = ""
         self._news = time.monotonic()
         self._live = native().Live(
@@ -253,11 +253,11 @@ class Shot:
     @property
     def pictures(self) -> list[Any]:
         """All that views may show."""
-        return [self.picture, *self._turns.pictures.values()]
+        return [self.picture, *self._passes.turns.pictures.values()]
 
     def picture_of(self, name: str) -> Any:
         """What is to be shown of a pass; as long as there is no picture of it, or no such light, the picture itself."""
-        return self._turns.pictures.get(name, self.picture)
+        return self._passes.turns.pictures.get(name, self.picture)
 
     @property
     def present_frame(self) -> Any:
@@ -367,29 +367,15 @@ class Shot:
     def show_passes(self, names: Collection[str]) -> None:
         """Has the pictures of single passes follow the picture itself, one a turn, and no others. Not before all paths
         are traced: these look for the lights of the newest request."""
-        self._turns.keep(names)
-        frame = self.present_frame
-        if frame is None or self._turns.is_waiting or self.is_tracing or not self.can_show:
-            return
-        shown = json.loads(frame.summary)
-        if not (self._is_interactive or shown.get("settled", True)):
-            return
-        version = json.dumps(
-            [self._whole_number, frame.scale, shown.get("samples"), shown.get("makers"), self.status["proxies"]]
-        )
-        name = self._turns.due(names, version)
-        if name is not None:
-            self._ask_pass(name, version)
-        elif self._turns.is_away and not self._is_interactive:  # Otherwise a request follows anyway.
-            self._request_number = self._live.relight(request_text(self._content))
+        frame, status, whole = self.present_frame, self.status, None
+        if frame is not None and self.can_show and not self.is_tracing:
+            asked = self._content, self._is_interactive, self._whole_number
+            whole = Whole(frame, *asked, status["samples"], status["proxies"])
+        self._passes.follow(names, whole)
 
-    def _ask_pass(self, name: str, version: str) -> None:
-        content = pass_names.only(self._content, name)
-        if content is None:
-            self._turns.miss(name, version)
-            return
-        self._request_number = self._live.relight(request_text(content, self._is_interactive))
-        self._turns.ask(name, version, self._request_number)
+    def _ask_content(self, content: dict[str, Any], interactive: bool) -> int:
+        self._request_number = self._live.relight(request_text(content, interactive))
+        return self._request_number
 
     def poll(self) -> bool:
         """Takes the newest picture and status; whether there was anything new."""
@@ -402,7 +388,7 @@ class Shot:
             return False
         self._news = time.monotonic()
         self._status_text = text
-        self.status = json.loads(text) | (self._of_whole() if self._turns.is_away else {})
+        self.status = json.loads(text) | (self._of_whole() if self._passes.turns.is_away else {})
         self._note_what_is_owed()
         self.status["is_under_another_world"] = self._is_under_another_world()
         self.changes.note_world(self.status["world_map"], self.status["world_color"])
@@ -411,10 +397,11 @@ class Shot:
         return True
 
     def _take(self, frame: Any) -> None:
-        self.serial, was_away = frame.serial, self._turns.is_away
-        if not self._turns.take(frame):
+        turns = self._passes.turns
+        self.serial, was_away = frame.serial, turns.is_away
+        if not turns.take(frame):
             self.frame, self.frame_before = frame, None
-        if was_away and not self._turns.is_away:
+        if was_away and not turns.is_away:
             self._status_text = ""  # What it says of the picture was left out.
 
     def _of_whole(self) -> dict[str, Any]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import bpy
 
 from ..core.rows import GROUP, LIGHT
+from .instancers import Instancers
 from .lights import is_portal, name_of
 
 Path = tuple[bpy.types.Collection, ...]
@@ -23,23 +25,33 @@ class Line:
     """How many collections are around it."""
     groups: tuple[str, ...] = ()
     """Names (`name_of`) of all collections that a light is in, also through others and through instances."""
+    is_named: bool = False
+    """Whether geometry nodes or particles may instance the light itself, which show it even where it is hidden."""
 
 
 def light_tree(scene: bpy.types.Scene) -> list[Line]:
     """Every light and every collection with lights once, each collection before what is in it. Lights of instanced
-    collections count, under the collection that is instanced; portals do not, they emit nothing."""
-    walk = _Walk()
-    walk.enter(scene.collection, ())
+    collections count, under the collection that is instanced, and so do those that geometry nodes and particles
+    instance; where nothing else has them, below the collection of what instances them. Portals do not, they emit
+    nothing."""
+    walk = _Walk(scene.collection)
+    walk.enter_instanced()
     return list(walk.lines(scene.collection, 0))
 
 
 class _Walk:
-    def __init__(self) -> None:
+    def __init__(self, top: bpy.types.Collection):
         self.paths: dict[bpy.types.Object, list[Path]] = {}
         self.inside: dict[bpy.types.Collection, dict[bpy.types.ID, None]] = {}
         self.with_lights: set[bpy.types.Collection] = set()
         self.entered: set[Path] = set()
         self.listed: set[bpy.types.ID] = set()
+        self.seen: set[bpy.types.Object] = set()
+        self.modified: deque[tuple[bpy.types.Object, Path]] = deque()
+        """Objects with modifiers, and where they were met first."""
+        self.named: set[bpy.types.Object] = set()
+        self.top = top
+        self.enter(top, ())
 
     def enter(self, collection: bpy.types.Collection, path: Path) -> None:
         """Finds the lights below a collection. `path` is what leads there, itself included."""
@@ -47,12 +59,18 @@ class _Walk:
         for child in collection.children:
             self._enter_child(inside, child, path)
         for obj in collection.objects:
-            if is_light(obj):
-                self.paths.setdefault(obj, []).append(path)
-                self.with_lights.update(path)
-                inside[obj] = None
-            elif obj.instance_type == "COLLECTION" and obj.instance_collection:
-                self._enter_child(inside, obj.instance_collection, path)
+            self._enter_object(inside, obj, path)
+
+    def _enter_object(self, inside: dict[bpy.types.ID, None], obj: bpy.types.Object, path: Path) -> None:
+        if is_light(obj):
+            self.paths.setdefault(obj, []).append(path)
+            self.with_lights.update(path)
+            inside[obj] = None
+        elif obj.instance_type == "COLLECTION" and obj.instance_collection:
+            self._enter_child(inside, obj.instance_collection, path)
+        elif len(obj.modifiers) and obj not in self.seen:
+            self.modified.append((obj, path))
+        self.seen.add(obj)
 
     def _enter_child(self, inside: dict[bpy.types.ID, None], child: bpy.types.Collection, path: Path) -> None:
         below = (*path, child)
@@ -61,6 +79,20 @@ class _Walk:
         self.entered.add(below)
         inside[child] = None
         self.enter(child, below)
+
+    def enter_instanced(self) -> None:
+        """Finds lights that are in no collection so far, and those that modifiers name."""
+        instancers = Instancers()
+        while self.modified:
+            obj, path = self.modified.popleft()
+            inside = self.inside[path[-1] if path else self.top]
+            for block in instancers.named_by(obj):
+                if isinstance(block, bpy.types.Object):
+                    self.named.add(block)
+                    if block not in self.seen:
+                        self._enter_object(inside, block, path)
+                elif block not in self.inside:
+                    self._enter_child(inside, block, path)
 
     def lines(self, collection: bpy.types.Collection, depth: int) -> Iterator[Line]:
         inside = [block for block in self.inside[collection] if block not in self.listed]
@@ -74,7 +106,7 @@ class _Walk:
             if light not in self.listed:
                 self.listed.add(light)
                 names = dict.fromkeys(name_of(group) for path in self.paths[light] for group in path)
-                yield Line(light, LIGHT, depth, tuple(names))
+                yield Line(light, LIGHT, depth, tuple(names), light in self.named)
 
 
 def is_light(obj: bpy.types.Object) -> bool:

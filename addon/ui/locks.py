@@ -12,6 +12,7 @@ from ..apply.free_moves import FreeMoves
 from ..core.rows import GROUP, LIGHT
 from ..core.rows import WORLD as WORLD_ROW
 from ..core.solve import WORLD
+from ..engine import shot
 from ..export.lights import name_of
 from . import looks, rows
 from .solve_settings import MOVES
@@ -48,7 +49,8 @@ def free(scene: bpy.types.Scene, lights: Iterable[str]) -> tuple[dict[str, list[
     """What is unlocked, by the names of lights in the picture and WORLD; and why some of it stays locked anyway."""
     lights, settings = list(lights), scene.relume_solve
     objects = {name_of(obj): obj for obj in looks.lights_of(scene)}
-    moves = FreeMoves(scene, objects.values(), lights)
+    found = shot.of(scene)
+    moves = FreeMoves(scene, objects.values(), found.lights.instanced if found is not None else ())
     out: dict[str, list[str]] = {}
     notes = []
     for row in rows.present_rows(scene):

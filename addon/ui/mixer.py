@@ -10,6 +10,7 @@ from bpy.props import StringProperty
 from ..apply.lights import apply_mix, show_light
 from ..apply.writable import RefusedError
 from ..core.rows import GROUP, LIGHT, STATIC, Row
+from ..engine import shot
 from ..export.light_tree import light_tree
 from ..export.lights import name_of
 from . import handlers, locks, rows
@@ -23,8 +24,12 @@ def apply_to_lights(scene: bpy.types.Scene) -> None:
     """Writes the mix into the lights and makes the rows neutral: the picture stays. What emissive materials have
     cannot be written, so their row keeps it. Raises RefusedError."""
     rows.sync(scene)
-    lights = {name_of(line.block): line.block for line in light_tree(scene) if line.kind == LIGHT}
-    applied = apply_mix(scene, lights, *rows.plain(scene))
+    lines = {name_of(line.block): line for line in light_tree(scene) if line.kind == LIGHT}
+    named, found = {name for name, line in lines.items() if line.is_named}, shot.of(scene)
+    if found is not None:
+        named &= found.lights.instanced
+    lights = {name: line.block for name, line in lines.items()}
+    applied = apply_mix(scene, lights, *rows.plain(scene), shown_anyway=named)
     for row in rows.present_rows(scene):
         values = row.values()
         is_static = row.kind == STATIC

@@ -8,12 +8,13 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty, PointerProperty
 
+from ..core.rows import LIGHT
 from ..engine import render_engine, shot
 from ..engine.render_engine import ENGINE, PassSettings
+from ..export.light_tree import light_tree
 from ..export.lights import name_of
 from ..viewport import rendered
 from . import handlers, render_pass, rows
-from .looks import lights_of
 
 CYCLES_RENDER_PANELS = ("CYCLES_RENDER_PT_light_paths", "CYCLES_RENDER_PT_film", "CYCLES_RENDER_PT_simplify")
 """Of Cycles' render settings what counts for a bake too; its other panels are for materials, lights and so on."""
@@ -66,7 +67,8 @@ def _light_names(scene: bpy.types.Scene) -> list[str]:
     """The lights of a render. Of an open bake each instance is known; without one, each light is taken for one."""
     found = shot.of(scene)
     known = [light["name"] for light in found.lights.descriptions] if found is not None else []
-    return list(dict.fromkeys([*known, *(name_of(obj) for obj in lights_of(scene) if not obj.hide_render)]))
+    shown = [line for line in light_tree(scene) if line.kind == LIGHT and (line.is_named or not line.block.hide_render)]
+    return list(dict.fromkeys([*known, *(name_of(line.block) for line in shown)]))
 
 
 def pass_settings(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> PassSettings:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 from bpy.props import EnumProperty, PointerProperty, StringProperty
 
-from ..core.pass_names import COMBINED, STATIC, WORLD, light_passes
+from ..core.pass_names import ALBEDO, COMBINED, DEPTH, NORMAL, STATIC, WORLD, light_passes
 from ..engine import shot
 from ..engine.render_engine import ENGINE
 from ..viewport.views import redraw
@@ -22,6 +22,9 @@ def _items(_settings, context: bpy.types.Context | None) -> list[tuple[str, str,
         *((name, light, f"What light '{light}' alone gives") for light, name in lights.items()),
         (WORLD, "World", "What the world alone gives"),
         (STATIC, "Emissive Materials", "What the scene itself emits"),
+        (DEPTH, "Depth", "How far surfaces are: black where the nearest is, white where the farthest is or none"),
+        (NORMAL, "Normal", "Which way surfaces face in the world: x as red, y as green, z as blue"),
+        (ALBEDO, "Diffuse Colour", "The colour of surfaces without any light"),
     ]
     _shown_items[:] = [(*choice, number) for number, choice in enumerate(choices)]
     return _shown_items
@@ -46,14 +49,15 @@ class RelumeShading(bpy.types.PropertyGroup):
 
     name_of_pass: StringProperty(
         name="Name of Pass",
-        description="The name of the pass, as final renders have it: numbers of a menu would change with the lights",
+        description="The name of the pass, as final renders of Blender 5 have it: numbers of a menu would change with "
+        "the lights",
         default=COMBINED,
         update=_redraw,
     )
     render_pass: EnumProperty(
         name="Render Pass",
-        description="Which pass of the relit picture this view shows: all light, or that of a single light, of the "
-        "world or of emissive materials",
+        description="Which pass of the relit picture this view shows: all light, that of a single light, of the world "
+        "or of emissive materials, or what surfaces are",
         items=_items,
         get=_chosen,
         set=_choose,

@@ -234,14 +234,14 @@ def sync(scene: bpy.types.Scene) -> None:
 
 
 def _line_values(line: Line) -> dict[str, Any]:
-    block = line.block
+    block, shown = line.block, {"hidden": False} if line.is_named else {}
     group = {"name": name_of(block), "icon": "OUTLINER_COLLECTION", "present": True, "hidden": False}
     return {
         "kind": line.kind,
         "uid": block.session_uid,
         "depth": line.depth,
         "groups": "\n".join(line.groups),
-        **(_light_values(block) if line.kind == LIGHT else group),
+        **(_light_values(block) | shown if line.kind == LIGHT else group),
     }
 
 

@@ -1,6 +1,7 @@
 """What an artist does with a shot, as functions for scenarios; each is a generator, as scenarios are."""
 
 import importlib
+import json
 import shutil
 import time
 
@@ -138,18 +139,31 @@ class Artist:
         yield from self.driver.drawn()
 
     def drag(self, pixels, confirm=True):
-        """Moves what is selected to the right, G and the mouse; returns how many frames were drawn on the way."""
+        """Moves what is selected to the right, G and the mouse; returns what was drawn on the way, each frame with
+        its request."""
         region = self.driver.region()
         x, y = region.x + region.width / 2, region.y + region.height / 2
         yield from self.driver.move_mouse(x, y)
         yield from self.driver.press("G")
-        drawn = set()
+        first, requests, drawn = self.serial_drawn, {}, {}
+        shot, ask = self.shot, self.shot.ask
+
+        def noted(request, world=None):
+            number = ask(request, world)
+            requests[number] = json.loads(request)
+            return number
+
+        shot.ask = noted
         for i in range(1, 21):
             yield from self.driver.move_mouse(x + pixels * i / 20, y)
-            yield from self.driver.wait(0.1)
-            drawn.add(self.serial_drawn)
+            for _ in self.driver.wait(0.1):
+                frame = shot.frame
+                if self.serial_drawn == frame.serial > first:
+                    drawn[frame.serial] = frame
+                yield
         yield from self.driver.press("LEFTMOUSE" if confirm else "ESC")
-        return len(drawn) - 1
+        del shot.ask
+        return [(frame, requests[frame.request]) for frame in drawn.values() if frame.request in requests]
 
     def row_button(self, name, what):
         """Path and place in the side bar's width of what a row of the list has: "on", "solo" or "exposure"."""
@@ -258,8 +272,10 @@ def drag_and_undo(artist, light, pixels):
     driver, before, place = artist.driver, artist.picture(), tuple(artist.scene.objects[light].location)
     yield from artist.select(light)
     drawn = yield from artist.drag(pixels)
-    driver.record("pictures drawn while dragging, 20 moves of 0.1 s", drawn, "pictures")
-    driver.check(drawn >= 2, f"the picture follows while a light is dragged; {drawn} pictures")
+    driver.record("pictures drawn while dragging, 20 moves of 0.1 s", len(drawn), "pictures")
+    driver.check(len(drawn) >= 2, f"the picture follows while a light is dragged; {len(drawn)} pictures")
+    if artist.proxies():
+        check_proxy(artist, light, drawn)
     yield from artist.until_settled()
     driver.photo("dragged")
     driver.check(tuple(artist.scene.objects[light].location) != place, "the light was moved")
@@ -268,6 +284,34 @@ def drag_and_undo(artist, light, pixels):
     yield from artist.until_settled()
     driver.check(tuple(artist.scene.objects[light].location) == place, "undo puts the light back")
     driver.check(same(artist.picture(), before), "undo puts the picture back")
+
+
+def check_proxy(artist, light, drawn):
+    """What was drawn in a drag has the dragged light from its proxy, which is not what the samples give."""
+    driver = artist.driver
+    moving = [(frame, request["lights"]) for frame, request in drawn if request["interactive"]]
+    # The first may be of the place where it was, of which the sum is known.
+    makers = [json.loads(frame.summary)["makers"][light] for frame, _ in moving[1:]]
+    driver.check(set(makers) == {"proxy"}, f"the proxy of {light} answers in a drag: {makers}")
+    frame, lights = moving[-1]
+    relighter = addon("engine.native").native().Relighter(artist.shot.folder)
+    summed = relighter.relight(json.dumps(lights), maker="gather")
+    alone = json.dumps([found for found in lights if found["name"] == light])
+    learned = relighter.relight(alone, maker="proxy")["lights"][light]
+    off = {}
+    for maker, part in (("samples", summed["lights"][light]), ("proxy", learned)):
+        picture = (summed["combined"][..., :3] - summed["lights"][light] + part)[::-1]
+        off[maker] = np.abs(halved(picture, frame.scale) - frame.image[..., :3]).mean() / frame.image[..., :3].mean()
+    words = ", ".join(f"{100 * share:.2f} % off the {maker}" for maker, share in off.items())
+    driver.check(off["proxy"] < 0.5 * off["samples"], f"the picture of the drag is the proxy's: {words}")
+    driver.record("picture of a drag, off what the proxy says", 100 * off["proxy"], "%")
+    driver.record("picture of a drag, off what the samples say", 100 * off["samples"], "%")
+
+
+def halved(picture, scale):
+    """A picture of even size by averages of `scale` by `scale` pixels."""
+    height, width, channels = picture.shape
+    return picture.reshape(height // scale, scale, width // scale, scale, channels).mean(axis=(1, 3))
 
 
 def brighten(artist, light):

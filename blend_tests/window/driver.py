@@ -197,12 +197,17 @@ class Driver:
     @property
     def view(self):
         """The largest 3D view of the first window, an area."""
-        views = [area for area in self.window.screen.areas if area.type == "VIEW_3D"]
+        return self.view_of(self.window)
+
+    def view_of(self, window):
+        """The largest 3D view of a window."""
+        views = [area for area in window.screen.areas if area.type == "VIEW_3D"]
         return max(views, key=lambda area: area.width * area.height)
 
-    def region(self, kind="WINDOW"):
-        """A region of the 3D view."""
-        return next(region for region in self.view.regions if region.type == kind)
+    def region(self, kind="WINDOW", window=None):
+        """A region of the 3D view of a window, by default the first one."""
+        view = self.view_of(window or self.window)
+        return next(region for region in view.regions if region.type == kind)
 
     def within(self, kind="WINDOW"):
         """A context for operators in a region of the 3D view."""

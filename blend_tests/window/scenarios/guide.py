@@ -52,6 +52,46 @@ def show_preferences(driver):
     area.ui_type = "VIEW_3D"
 
 
+def show_popover(driver, panel, region, photo):
+    """A photograph with a panel opened over the view."""
+    view = driver.region()
+    yield from driver.move_mouse(view.x + 0.5 * view.width, view.y + 0.75 * view.height)
+    with driver.within(region):
+        bpy.ops.wm.call_panel(name=panel, keep_open=True)
+    yield from driver.wait(1)
+    yield from driver.drawn()
+    driver.photo(photo)
+    yield from driver.press("ESC")
+    yield from driver.drawn()
+
+
+def limit(driver):
+    """A light is locked, another may be moved too, and limits hold them all."""
+    scene = bpy.context.scene
+    settings, rows = scene.relume_solve, [row for row in scene.relume_mix.rows if row.kind == "LIGHT"]
+    rows[0].locks.locked, rows[1].locks.position = True, True
+    settings.limit_strength = settings.limit_tint = True
+    scene.relume_mix.active = scene.relume_mix.rows.find(rows[1].name)
+    yield from show_popover(driver, "RELUME_PT_solve_locks", "UI", "limits")
+    rows[0].locks.locked, rows[1].locks.position = False, False
+    settings.limit_strength = settings.limit_tint = False
+
+
+def show_pass(driver):
+    """A single light in the shading Rendered, and the menu that offers it."""
+    scene, shading = bpy.context.scene, driver.view.spaces.active.shading
+    before, scene.render.engine = scene.render.engine, "RELUME"
+    scene.relume_view.shown, shading.type = False, "RENDERED"
+    lights = (light["name"] for light in shot().lights.descriptions)
+    shading.relume.render_pass = name = next(iter(module("core.pass_names").light_passes(lights).values()))
+    yield from driver.until(lambda: shot().picture_of(name) is not shot().picture, "the pass", 60)
+    yield from settled(driver, "the picture as a whole")
+    yield from show_popover(driver, "VIEW3D_PT_shading", "HEADER", "passes")
+    shading.relume.render_pass, shading.type = "Combined", "SOLID"
+    scene.render.engine, scene.relume_view.shown = before, True
+    yield from settled(driver, "the overlay")
+
+
 def solve(driver):
     """Strokes, the panel, and the result beside how it was before."""
     artist, settings = Painter(driver), bpy.context.scene.relume_solve
@@ -112,8 +152,12 @@ def play(driver):
         yield from driver.drawn()
         driver.photo("wipe")
         scene.relume_view.wipe = False
+    with driver.step("limits"):
+        yield from limit(driver)
     with driver.step("solve"):
         yield from solve(driver)
+    with driver.step("passes"):
+        yield from show_pass(driver)
     with driver.step("changes"):
         scene.camera.location.x += 0.02
         yield from driver.wait(1)

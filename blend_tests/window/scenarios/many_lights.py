@@ -61,7 +61,7 @@ def play(driver):
     with driver.step("one is dragged among many"):
         place = tuple(bpy.data.objects[first].location)
         yield from artist.select(first)
-        drawn = yield from artist.drag(300)
+        drawn = len((yield from artist.drag(300)))
         driver.record("pictures drawn while one is dragged, 20 moves of 0.1 s", drawn, "pictures")
         seconds = yield from until_shown(artist)
         driver.record("time from the end of the drag to its picture", seconds, "s")

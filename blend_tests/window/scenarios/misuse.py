@@ -3,6 +3,7 @@
 import os
 
 import bpy
+import numpy as np
 from artist import Artist, addon, same
 from driver import ADDON
 
@@ -104,8 +105,12 @@ def second_window(driver, artist):
     windows = bpy.context.window_manager.windows
     yield from driver.until(lambda: len(windows) == 2, "a second window")
     yield from driver.wait(1)
-    driver.photo("two-windows")
-    yield from artist.set_exposure("Key", 0.5)
+    region = driver.region(window=windows[1])
+    bottom = driver.window.height - windows[1].y - region.y
+    part = np.s_[bottom - region.height : bottom, windows[1].x + region.x : windows[1].x + region.x + region.width]
+    bright = driver.photo("two-windows")[part].mean()
+    yield from artist.set_exposure("Key", -10.0)
+    yield from driver.until(lambda: driver.photo()[part].mean() < bright - 5.0, "the second window without the light")
     with bpy.context.temp_override(window=windows[1]):
         bpy.ops.wm.window_close()
     yield from driver.until(lambda: len(windows) == 1, "a single window")

@@ -62,14 +62,16 @@ def module(name):
     return importlib.import_module(f"{ADDON}.{name}")
 
 
-def rectangle(driver):
-    """The camera's frame in pixels of the screen: left, top, right, bottom, the top row being 0."""
-    region, data = driver.region(), driver.view.spaces.active.region_3d
+def rectangle(driver, window=None):
+    """The camera's frame in a window, in pixels of the screen: left, top, right, bottom, the top row being 0."""
+    window = window or driver.window
+    region, data = driver.region(window=window), driver.view_of(window).spaces.active.region_3d
     scene = bpy.context.scene
     found = module("viewport.camera_frame").frame_of(scene, scene.camera, region, data)
     found = found.snapped(SIZE) or found
-    left, right = (round(region.x + x) for x in (found.left, found.right))
-    top, bottom = (round(driver.window.height - region.y - y) for y in (found.top, found.bottom))
+    left, right = (round(window.x + region.x + x) for x in (found.left, found.right))
+    screen_top = driver.window.y + driver.window.height
+    top, bottom = (round(screen_top - window.y - region.y - y) for y in (found.top, found.bottom))
     return left, top, right, bottom
 
 
@@ -261,9 +263,20 @@ def check_many_views(driver):
         yield from driver.drawn()
     with driver.step("two windows"):
         bpy.ops.wm.window_new()
+        second = bpy.context.window_manager.windows[-1]
+        space = driver.view_of(second).spaces.active
+        space.region_3d.view_perspective, space.overlay.show_overlays, space.show_gizmo = "CAMERA", False, False
         yield from driver.drawn()
         yield from driver.wait(1)
-        driver.photo("two-windows")
+        found, expected = box_of(driver.photo("two-windows")), rectangle(driver, second)
+        is_there = found is not None and all(abs(a - b) <= 1 for a, b in zip(found, expected, strict=True))
+        driver.check(is_there, f"the picture is in the second window, which covers the first: {found}, not {expected}")
+        Picture.given = flat(40, color=(0.0, 0.0, 0.0))
+        module("ui.handlers").wake()
+        yield from driver.until(lambda: box_of(driver.photo()) is None, "the black picture in the second window")
+        Picture.given = flat(41)
+        module("ui.handlers").wake()
+        yield from driver.until(lambda: box_of(driver.photo()) == found, "the picture in the second window again")
         with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
             bpy.ops.wm.window_close()
         yield from driver.look_through_camera()

@@ -119,6 +119,16 @@ def play(driver):
         driver.photo("popover")
         yield from driver.press("ESC")
         yield from driver.drawn()
+        for name in module("core.pass_names").AOVS:
+            view.shading.relume.render_pass = name
+            yield from driver.until(partial(has_pass, found, name), f"the pass {name}", 60)
+            yield from settled(driver)
+            surfaces = driver.photo(name.replace(" ", "-").lower())[part].astype(float)
+            driver.check(np.abs(surfaces - shading[part]).mean() > 3.0, f"{name} is not the whole picture")
+            driver.check(np.ptp(surfaces) > 50, f"there is something in {name}")
+            is_grey = np.ptp(surfaces[100:-100, 100:-100], axis=-1).max() <= 2.0  # Tools and menus are around it.
+            driver.check(is_grey == (name == "Depth"), "depth is grey, and nothing else is")
+        driver.check(np.abs(found.picture.image - whole).max() <= 1e-3 * whole.max(), "the picture itself is the same")
         view.shading.relume.render_pass = "Combined"
         row = next(row for row in scene.relume_mix.rows if row.name == light)
         row.solo = True

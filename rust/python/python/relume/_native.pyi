@@ -238,7 +238,8 @@ class Live:
     def relight(self, request: str) -> int:
         """Asks for a picture; the newest request wins. JSON: `lights` (a light set), `gains` (RGB factors by name of
         light), `world`, `static` (RGB factors), `interactive` (quick before exact), `half` (whether
-        such a picture has half the size; by default on slow machines), `with` (auto, gather, proxy)."""
+        such a picture has half the size; by default on slow machines), `with` (auto, gather, proxy), `aov` (albedo,
+        normal or depth in place of the lights)."""
 
     def show_world(self, world: World, request: str) -> int:
         """Asks for a picture under another world from now on, gathered from the same paths, also while they are being

@@ -88,6 +88,7 @@ pub(super) fn still(lights: &[Light]) -> LiveRequest {
         interactive: false,
         half: None,
         with: With::Gather,
+        aov: None,
         notes: Vec::new(),
     }
 }

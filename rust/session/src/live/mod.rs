@@ -12,6 +12,7 @@
 //! next shard or step when cancelled. A light's unit image grows by one pass at a time, so that a light that moved is
 //! seen after the first and exact after the last, and no pass is gathered twice.
 
+mod aov;
 pub(crate) mod bench;
 mod compose;
 mod gathered;
@@ -27,6 +28,7 @@ mod world;
 
 use crate::world_layer::forget;
 use crate::{Cancel, Device, SessionError};
+pub use aov::Aov;
 use painter::Painter;
 use relume_scene::Scene;
 use relume_trace::TraceSettings;

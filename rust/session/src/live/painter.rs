@@ -5,11 +5,13 @@ use super::shared::{Frame, LiveState, Shared, Shown, State};
 use super::units::Units;
 use super::view::{Delivered, SharedImage, View, shown_statics};
 use super::world::WorldUnit;
-use super::{LiveOptions, LiveRequest};
+use super::{Aov, LiveOptions, LiveRequest};
 use crate::device_image::DeviceImage;
 use crate::world_layer::forget;
 use crate::{Cancel, Compute, Listener, Monitor, Progress, SessionError, With};
+use relume_image::Image;
 use relume_scene::Light;
+use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, MutexGuard};
@@ -186,6 +188,11 @@ impl Painter {
 
     fn try_paint(&mut self, request: &LiveRequest) -> Result<(), SessionError> {
         let Some(mut view) = self.view.take() else { return Ok(()) };
+        if let Some(aov) = request.aov {
+            self.show_aov(aov, &view);
+            self.view = Some(view);
+            return Ok(());
+        }
         let (parts, mut told) = parts(request, &mut view);
         self.units.trim(&parts.iter().map(|part| part.light.clone()).collect::<Vec<_>>());
         // Starting a denoiser of the full size denoises its features, which takes longer than all of the first picture.
@@ -214,8 +221,11 @@ impl Painter {
                 || part.how == How::Gather
                     && (proxied || self.units.get(&part.light).is_some_and(|unit| unit.gathered.has_clean()))
         };
-        let new: Vec<Light> =
-            parts.iter().filter(|part| !replaced(part)).map(|part| part.light.clone()).collect();
+        let wanted = |number: usize, part: &Part| match part.how {
+            How::Glimpse => self.is_waiting(request, view, &parts[number + 1], true),
+            _ => !replaced(&part),
+        };
+        let new = lights(parts, wanted);
         while self.advance(&new, view)? {
             if self.units.all_begun(&new) && start.elapsed() > DRAG_BUDGET {
                 break;
@@ -241,11 +251,10 @@ impl Painter {
         view: &mut View,
         parts: &[Part],
     ) -> Result<(), SessionError> {
-        let gathered = parts.iter().filter(|part| part.how != How::Proxy);
-        let gathered: Vec<Light> = gathered.map(|part| part.light.clone()).collect();
+        let gathered = self.gathered(request, view, parts);
         let full = Manner { scale: 1, drag: false };
         let mut last_shown = Instant::now();
-        while self.advance(&gathered, view)? {
+        while self.advance(&self.gathered(request, view, parts), view)? {
             if self.is_outdated() {
                 return Ok(());
             }
@@ -267,6 +276,27 @@ impl Painter {
         }
         self.store_world(view);
         Ok(())
+    }
+
+    /// Lights that are summed over all paths, and those of which a glimpse is wanted.
+    fn gathered(&self, request: &LiveRequest, view: &View, parts: &[Part]) -> Vec<Light> {
+        let is_begun = |part: &Part| self.units.get(&part.light).is_some_and(|unit| unit.gathered.passes > 0);
+        lights(parts, |number, part| match part.how {
+            How::Gather | How::View => true,
+            How::Glimpse => !is_begun(part) && self.is_waiting(request, view, &parts[number + 1], false),
+            How::Proxy => false,
+        })
+    }
+
+    /// Whether a proxy stands in for what is still to be summed.
+    fn is_waiting(&self, request: &LiveRequest, view: &View, part: &Part, drag: bool) -> bool {
+        let is_there = self.units.get(&part.light).is_some_and(|unit| {
+            unit.gathered.passes >= view.passes.len() || (drag && unit.gathered.has_clean())
+        });
+        part.how == How::Gather
+            && !is_there
+            && request.with != With::Gather
+            && view.proxies.proxies().knowing(&part.light).is_some()
     }
 
     /// Gathers one more pass of another world and of some of the lights; false if none is behind.
@@ -345,28 +375,40 @@ impl Painter {
         let units = (&self.units, self.world.as_ref());
         let picture = Picture::new(request, view, units, parts, &stand_ins, manner);
         let image = picture.image(view, manner)?;
-        self.serial += 1;
         self.first_frame = false;
         // Without a denoiser nothing gets better than it is.
         let settled = picture.is_best || view.denoise(manner.scale).missing().is_some();
         let noise =
             if settled && !manner.drag { noise(request, units, parts, &stand_ins, &image)? } else { None };
-        let shown = Shown {
+        let (scale, samples, makers) = (manner.scale, picture.samples, picture.makers);
+        self.hand_over(image, |shown| Shown { scale, samples, makers, settled, noise, ..shown });
+        Ok(settled)
+    }
+
+    /// Surfaces as the paths have met them, whatever the lights are.
+    fn show_aov(&mut self, aov: Aov, view: &View) {
+        let samples = view.samples();
+        self.hand_over(aov.image(&view.aovs), |shown| Shown { samples, ..shown });
+    }
+
+    /// The newest frame is this picture. `describe` changes what is said of it: that it is of the full size and all there is to come.
+    fn hand_over(&mut self, image: Image, describe: impl FnOnce(Shown) -> Shown) {
+        self.serial += 1;
+        let shown = describe(Shown {
             serial: self.serial,
             request: self.painted.0,
-            scale: manner.scale,
-            samples: picture.samples,
-            makers: picture.makers,
-            settled,
-            noise,
+            scale: 1,
+            samples: 0,
+            makers: BTreeMap::new(),
+            settled: true,
+            noise: None,
             deliveries: self.painted.1,
-        };
+        });
         let frame = Arc::new(Frame { image, shown: shown.clone() });
         self.shared.change(|state| {
             state.frame = Some(frame);
             state.status.shown = Some(shown);
         });
-        Ok(settled)
     }
 
     /// What proxies say, for the parts that are theirs, and for those that wait for more paths.
@@ -379,12 +421,8 @@ impl Painter {
     ) -> Result<Vec<Option<SharedImage>>, SessionError> {
         let mut images = Vec::with_capacity(parts.len());
         for part in parts {
+            let waits = self.is_waiting(request, view, part, manner.drag);
             let unit = self.units.of(&part.light);
-            let waits = part.how == How::Gather
-                && unit.gathered.passes < view.passes.len()
-                && !(manner.drag && unit.gathered.has_clean())
-                && request.with != With::Gather
-                && view.proxies.proxies().knowing(&part.light).is_some();
             let evaluate = |half| match half {
                 true => Ok(DeviceImage::Cpu(view.proxies.half_image(&part.light)?)),
                 false => view.proxies.device_image(&part.light, &self.compute, &self.monitor),
@@ -395,6 +433,12 @@ impl Painter {
         }
         Ok(images)
     }
+}
+
+/// Of some parts, by their numbers.
+fn lights(parts: &[Part], wanted: impl Fn(usize, &Part) -> bool) -> Vec<Light> {
+    let wanted = parts.iter().enumerate().filter(|(number, part)| wanted(*number, part));
+    wanted.map(|(_, part)| part.light.clone()).collect()
 }
 
 /// Whether there is something that was not painted yet.

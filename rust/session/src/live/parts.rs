@@ -19,6 +19,9 @@ pub(super) enum How {
     Proxy,
     /// The light itself as the camera sees it, summed over the paths.
     View,
+    /// The same of a light whose own sum is to come, of the first pass: for as long as its proxy, which knows nothing of it, stands
+    /// in for the next part.
+    Glimpse,
 }
 
 /// What there is to say about the lights of a request.
@@ -45,8 +48,13 @@ pub(super) fn parts(request: &LiveRequest, view: &mut View) -> (Vec<Part>, Told)
                     told.warnings.push(rare.warning(light));
                     told.rarely_met.extend(rare.would_be_met.then(|| light.name.clone()));
                 }
-                if how == How::Proxy && light.lobes.camera != 0.0 && !view.passes.is_empty() {
-                    parts.push(Part { light: camera_only(light), how: How::View });
+                let seen = match how {
+                    How::Proxy => Some(How::View),
+                    _ if request.with == With::Gather => None,
+                    _ => view.proxies.proxies().knowing(light).map(|_| How::Glimpse),
+                };
+                if let Some(how) = seen.filter(|_| light.lobes.camera != 0.0 && !view.passes.is_empty()) {
+                    parts.push(Part { light: camera_only(light), how });
                 }
                 parts.push(Part { light: light.clone(), how });
             }

@@ -60,7 +60,10 @@ impl<'a> Picture<'a> {
             picture.add(&world.gathered, request.world, quality, manner);
         }
         let denoiser = view.denoise(manner.scale).missing().is_none();
-        for (part, stand_in) in parts.iter().zip(stand_ins) {
+        for (number, (part, stand_in)) in parts.iter().zip(stand_ins).enumerate() {
+            if part.how == How::Glimpse && stand_ins[number + 1].is_none() {
+                continue;
+            }
             let weight = part.light.radiance;
             let Some(unit) = units.get(&part.light) else { continue };
             let mut maker = if denoiser { Maker::GatherDenoised } else { Maker::Gather };
@@ -70,13 +73,16 @@ impl<'a> Picture<'a> {
                     maker = Maker::Proxy;
                 }
                 None if unit.gathered.passes == 0 => continue,
+                None if part.how == How::Glimpse => {
+                    picture.clean.push(Layer { image: &unit.gathered.mean, weight });
+                }
                 None if part.how == How::View => {
                     picture.clean.push(Layer { image: &unit.gathered.mean, weight });
                     picture.samples = picture.samples.min(unit.gathered.samples);
                 }
                 None => picture.add(&unit.gathered, weight, quality, manner),
             }
-            if part.how != How::View {
+            if matches!(part.how, How::Gather | How::Proxy) {
                 picture.makers.insert(part.light.name.clone(), maker);
             }
         }

@@ -1,3 +1,4 @@
+use super::Aov;
 use crate::{LightSet, With};
 use relume_scene::Light;
 use serde::Deserialize;
@@ -19,6 +20,8 @@ pub struct LiveRequest {
     pub half: Option<bool>,
     /// What makes the pictures.
     pub with: With,
+    /// What is shown in place of the lights.
+    pub aov: Option<Aov>,
     /// What was changed on reading the lights, in words for the user.
     pub notes: Vec<String>,
 }
@@ -38,6 +41,7 @@ struct Json {
     half: Option<bool>,
     #[serde(default)]
     with: With,
+    aov: Option<Aov>,
 }
 
 fn one() -> [f32; 3] {
@@ -46,7 +50,7 @@ fn one() -> [f32; 3] {
 
 impl LiveRequest {
     /// Reads `{"lights": [...], "gains": {"Key": [1, 1, 1]}, "world": [1, 1, 1], "static": [1, 1, 1], "interactive": false,
-    /// "half": null, "with": "auto"}`; the lights are a light set ([`LightSet::parse`]), gains go by their names.
+    /// "half": null, "with": "auto", "aov": null}`; the lights are a light set ([`LightSet::parse`]), gains go by their names.
     ///
     /// # Errors
     /// In words that name the light or the field.
@@ -73,7 +77,7 @@ impl LiveRequest {
             }
             None => {}
         }
-        let Json { world, static_light, interactive, half, with, .. } = json;
-        Ok(Self { lights, world, static_light, interactive, half, with, notes })
+        let Json { world, static_light, interactive, half, with, aov, .. } = json;
+        Ok(Self { lights, world, static_light, interactive, half, with, aov, notes })
     }
 }

@@ -329,9 +329,18 @@ fn training_gives_a_proxy_that_stands_in_while_dragging() {
     let status = state(&live, LiveState::Ready);
     assert_eq!((status.samples, status.samples_total), (128, 128));
     assert!(status.proxies["sphere"].psnr > 0.0, "{status:?}");
-    let number = live.relight(LiveRequest { interactive: true, ..request(&[lamp(0.25)]) });
+    let mut moved = lamp(0.25);
+    moved.lobes.camera = 1.0;
+    let number = live.relight(LiveRequest { interactive: true, ..request(std::slice::from_ref(&moved)) });
     let frame = wait("a frame of the drag", || live.frame(0).filter(|frame| frame.shown.request == number));
     assert_eq!(frame.shown.makers["light"], Maker::Proxy);
+    let summed = settled(&live, live.relight(request(&[moved])));
+    let [dragged, still] =
+        [&frame, &summed].map(|frame| frame.image.data.iter().copied().fold(0.0, f32::max));
+    assert!(
+        still > 2.5 && (dragged - still).abs() < 0.2 * still,
+        "the lamp is seen itself: {dragged}, {still}"
+    );
 
     let states = |seconds: f64| {
         live.bake(room(32, 32), settings(128), seconds, false).unwrap();
@@ -395,6 +404,23 @@ fn slow_drags_are_shown_at_half_size_and_what_is_still_at_the_full_one() {
 }
 
 #[test]
+fn aovs_are_shown_in_place_of_the_lights() {
+    let folder = tempfile::tempdir().unwrap();
+    bake(&room(24, 16), &settings(8), folder.path(), false, &Monitor::default()).unwrap();
+    let live = live(folder.path());
+    live.open(0.0).unwrap();
+    let lit = settled(&live, live.relight(request(&[lamp(0.0)])));
+    let aovs = Dump::open(folder.path()).unwrap().aovs();
+    for (aov, rgb) in [(Aov::Albedo, &aovs.albedo), (Aov::Normal, &aovs.normal)] {
+        let asked = LiveRequest { aov: Some(aov), ..request(&[lamp(0.0)]) };
+        let frame = settled(&live, live.relight(asked));
+        assert_eq!(frame.image, super::compose::with_alpha(rgb, &aovs.alpha));
+        assert_eq!((frame.shown.scale, frame.shown.samples, frame.shown.makers.len()), (1, 8, 0));
+    }
+    assert_eq!(settled(&live, live.relight(request(&[lamp(0.0)]))).image, lit.image);
+}
+
+#[test]
 fn both_devices_show_the_same() {
     let folder = tempfile::tempdir().unwrap();
     bake(&room(24, 16), &settings(8), folder.path(), false, &Monitor::default()).unwrap();
@@ -428,6 +454,7 @@ fn mistakes_are_told_in_words() {
         (format!(r#"{{"lights": {lights}}}"#), "Key"),
         (r#"{"lights": [], "lamps": 1}"#.into(), "lamps"),
         (r#"{"lights": [], "world": [1, 1]}"#.into(), "length"),
+        (r#"{"lights": [], "aov": "mist"}"#.into(), "mist"),
         ("[".into(), "EOF"),
     ] {
         let message = LiveRequest::parse(&json).unwrap_err();
