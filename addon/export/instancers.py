@@ -12,10 +12,12 @@ Block: TypeAlias = bpy.types.Object | bpy.types.Collection
 
 
 class Instancers:
-    """Remembers what groups of nodes name, as many objects share them: for one look at the scene."""
+    """Remembers what groups of nodes name, as many objects share them, and what objects show, as one may show a
+    thousand times the same: for one look at the scene."""
 
     def __init__(self) -> None:
         self._by_group: dict[bpy.types.NodeTree, list[Block]] = {}
+        self._named: dict[bpy.types.Object, set[bpy.types.Object]] = {}
 
     def named_by(self, obj: bpy.types.Object) -> list[Block]:
         """Objects and collections in an object's modifiers."""
@@ -61,7 +63,9 @@ class Instancers:
 
     def names(self, obj: bpy.types.Object, light: bpy.types.Object) -> bool:
         """Whether an object shows a light by naming it, so that it does not matter whether the light is hidden."""
-        return any(found is light and is_named for found, is_named in self.reached_from(obj))
+        if obj not in self._named:
+            self._named[obj] = {found for found, is_named in self.reached_from(obj) if is_named}
+        return light in self._named[obj]
 
 
 def node_inputs(modifier: bpy.types.Modifier) -> list[tuple[str, Any]]:
