@@ -4,7 +4,8 @@ use crate::objective::{Draw, Objective, Unit, mean};
 use crate::problem::Problem;
 use crate::random::Random;
 use crate::solve::mappings;
-use crate::starts::random_shape;
+use crate::starts::{random_shape, strengths};
+use crate::variable::Mapping;
 use relume_scene::Light;
 
 /// Cells of each goal by which places are compared.
@@ -13,7 +14,8 @@ const COMPARED: usize = 1024;
 const PLACES: usize = 128;
 /// Of each place, in units of the light's power; a locked strength stays.
 const STRENGTHS: [f32; 5] = [0.25, 0.5, 1.0, 2.0, 4.0];
-const OWN_STRENGTH: [f32; 1] = [1.0];
+/// Places whose pictures are made at a time: a relighter that is cancelled says so before the next ones.
+const AT_ONCE: usize = 16;
 
 /// The same lights with one of them somewhere else altogether, the best first and at most `most`: what is free of its shape goes a
 /// random share of the way from where the artist has it to a random place in its bounds. Exact pictures are compared: smoothed lights
@@ -40,7 +42,8 @@ pub fn relocations(
     let objective = Objective::new(problem, 0.0)?;
     let draw = objective.spread(COMPARED);
     let units = objective.units(lights, &draw)?;
-    let mut relocate = Relocate { problem, lights, objective, draw, units, random: Random::new(seed) };
+    let (mappings, random) = (mappings(problem, lights, 0.0)?, Random::new(seed));
+    let mut relocate = Relocate { problem, lights, objective, mappings, draw, units, random };
     let mut all = Vec::new();
     for number in &movable {
         all.extend(relocate.places(*number, PLACES / movable.len())?);
@@ -53,6 +56,7 @@ struct Relocate<'a> {
     problem: &'a Problem<'a>,
     lights: &'a [Light],
     objective: Objective<'a>,
+    mappings: Vec<Mapping>,
     draw: Draw,
     /// By view and light.
     units: Vec<Vec<Unit>>,
@@ -64,16 +68,18 @@ impl Relocate<'_> {
     fn places(&mut self, number: usize, count: usize) -> Result<Vec<(f64, Vec<Light>)>, OptimiseError> {
         let places: Vec<Light> = (0..count).map(|_| self.place(number)).collect();
         let mut units = self.units.clone();
-        let by_view = self.objective.views.iter().zip(&self.draw).map(|(view, draw)| {
-            Ok(view.half_values(number, &places.iter().collect::<Vec<_>>(), &view.cells_of(draw))?)
-        });
-        let by_view = by_view.collect::<Result<Vec<_>, OptimiseError>>()?;
         let mut found = Vec::with_capacity(count);
-        for (i, place) in places.iter().enumerate() {
-            for (units, of_places) in units.iter_mut().zip(&by_view) {
-                units[number] = mean(&of_places[i]);
+        for some in places.chunks(AT_ONCE) {
+            let by_view = self.objective.views.iter().zip(&self.draw).map(|(view, draw)| {
+                view.half_values(number, &some.iter().collect::<Vec<_>>(), &view.cells_of(draw))
+            });
+            let by_view = by_view.collect::<Result<Vec<_>, _>>()?;
+            for (i, place) in some.iter().enumerate() {
+                for (units, of_places) in units.iter_mut().zip(&by_view) {
+                    units[number] = mean(&of_places[i]);
+                }
+                found.push(self.best_strength(number, place, &units));
             }
-            found.push(self.best_strength(number, place, &units)?);
         }
         Ok(found)
     }
@@ -87,26 +93,20 @@ impl Relocate<'_> {
         variable.within(Light { shape, radiance, ..light.clone() })
     }
 
-    fn best_strength(
-        &self,
-        number: usize,
-        place: &Light,
-        units: &[Vec<Unit>],
-    ) -> Result<(f64, Vec<Light>), OptimiseError> {
+    fn best_strength(&self, number: usize, place: &Light, units: &[Vec<Unit>]) -> (f64, Vec<Light>) {
         let variable = &self.problem.variables[number];
-        let strengths: &[f32] = if variable.locks.strength { &OWN_STRENGTH } else { &STRENGTHS };
         let mut best = (f64::INFINITY, self.lights.to_vec());
-        for strength in strengths {
+        for strength in strengths(variable, &STRENGTHS) {
             let mut lights = self.lights.to_vec();
             let radiance = place.radiance.map(|radiance| strength * radiance);
             lights[number] = variable.within(Light { radiance, ..place.clone() });
-            let moves = self.objective.preference_loss(&mappings(self.problem, &lights, 0.0)?, &lights);
-            let loss = self.objective.loss_of_goals(&lights, units, &self.draw) + moves;
+            let loss = self.objective.loss_of_goals(&lights, units, &self.draw)
+                + self.objective.preference_loss(&self.mappings, &lights);
             if loss < best.0 {
                 best = (loss, lights);
             }
         }
-        Ok(best)
+        best
     }
 }
 

@@ -119,7 +119,7 @@ impl Search<'_> {
                 units[number] = own.clone();
             }
             let variable = &self.problem.variables[number];
-            for strength in strengths(variable) {
+            for strength in strengths(variable, &STRENGTHS) {
                 let radiance = candidate.radiance.map(|r| strength * r);
                 let light = variable.within(Light { radiance, ..candidate.clone() });
                 placed.lights[number] = light.clone();
@@ -139,9 +139,9 @@ impl Search<'_> {
     }
 }
 
-fn strengths(variable: &Variable) -> impl Iterator<Item = f32> {
-    let all: &[f32] = if variable.locks.strength { &OWN_STRENGTH } else { &STRENGTHS };
-    all.iter().copied()
+/// Those that are tried of a light; its own where that is locked.
+pub(crate) fn strengths(variable: &Variable, all: &'static [f32]) -> impl Iterator<Item = f32> + use<> {
+    if variable.locks.strength { &OWN_STRENGTH } else { all }.iter().copied()
 }
 
 /// What is free of the shape a share of the way to what is drawn anew.
