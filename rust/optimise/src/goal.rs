@@ -3,6 +3,7 @@
 use crate::cells::Cells;
 use crate::variable::{LUMINANCE, luminance};
 use relume_image::Image;
+use std::f32::consts::LN_2;
 
 /// What is asked for.
 #[derive(Clone, Debug, PartialEq)]
@@ -85,8 +86,10 @@ const STOP: f32 = 0.173;
 const EXCESS: f32 = 0.3;
 /// What a mean of cells counts that has less of what was asked for: at least that should be done.
 const SHORT: f32 = 2.0;
-/// Stops by which more is done than asked for: a dump and a render differ by a percent or two.
+/// Stops by which more is done than asked for, and as much of a ratio of channels: a dump and a render differ by a percent or two.
 const MARGIN: f32 = 0.02;
+/// So many standard deviations more are asked for of a mean that is noisy: of many tries the best is seldom as good as it looks.
+const SURE: f32 = 2.0;
 /// Added to exposed values under a logarithm or a quotient: a fiftieth of the mean.
 const FLOOR: f32 = 0.01;
 /// What a difference of colour ratios counts beside one of tonemapped values.
@@ -130,15 +133,29 @@ impl Aim {
     }
 
     /// What [`Aim::residual_of_mean`] compares the mean of exposed cells to, from what it was before; a target asks for each cell by
-    /// itself. Brightness should be what was asked for, no more and no less, but for `MARGIN`.
-    pub(crate) fn reference_of_mean(&self, before: [f32; 3]) -> Option<[f32; 3]> {
+    /// itself. Amounts should be what was asked for, no more and no less, but for `MARGIN` and what their `deviation` by noise demands.
+    pub(crate) fn reference_of_mean(&self, before: [f32; 3], deviation: f32) -> Option<[f32; 3]> {
+        let [amount, second, third] = self.reference(before);
+        let more = SURE * deviation;
         match self {
             Self::Target { .. } => None,
-            Self::Brightness { stops } => {
-                let [asked, red, blue] = self.reference(before);
-                Some([asked + MARGIN.copysign(*stops), red, blue])
+            Self::Brightness { stops } => Some([amount + (MARGIN + more).copysign(*stops), second, third]),
+            Self::Temperature { mireds } => {
+                Some([amount + (LN_2 * MARGIN + more).copysign(*mireds), second, third])
             }
-            _ => Some(self.reference(before)),
+            Self::Color { .. } | Self::Keep => Some([amount, second, third]),
+        }
+    }
+
+    /// Slopes of what is asked for by amount, stops or the logarithm of a ratio of channels, by an exposed mean.
+    pub(crate) fn slopes_of_amount(&self, mean: [f32; 3]) -> Option<[f32; 3]> {
+        match self {
+            Self::Brightness { .. } => {
+                let (_, slope) = stop(luminance(mean));
+                Some(LUMINANCE.map(|w| slope * w))
+            }
+            Self::Temperature { .. } => Some(ratio(mean, 0, 2).1),
+            Self::Target { .. } | Self::Color { .. } | Self::Keep => None,
         }
     }
 

@@ -3,7 +3,7 @@ use crate::goal::{Aim, Goal};
 use crate::preference;
 use crate::problem::{Problem, View, mean_luminance};
 use crate::relight::{Compare, Compared, Linear, Picture};
-use crate::term::{Comparison, Term, Wanted};
+use crate::term::{Before, Comparison, Term, Wanted};
 use crate::variable::{Mapping, PARAMS};
 use crate::{OptimiseError, RelightError};
 use rayon::prelude::*;
@@ -88,6 +88,12 @@ impl<'a> Objective<'a> {
         self.views.iter().zip(units).zip(draw).map(of_view).sum()
     }
 
+    /// As [`Self::loss_of_goals`] from two exact estimates of each picture, which tell how noisy they are.
+    pub(crate) fn loss_of_halves(&self, lights: &[Light], units: &[Vec<Halves>], draw: &Draw) -> f64 {
+        let views = self.views.iter().zip(units).zip(draw);
+        views.map(|((view, units), draw)| view.loss_of_halves(lights, units, draw)).sum()
+    }
+
     /// Loss and its gradient by the unconstrained values of each light, without what leads through a wall.
     pub(crate) fn gradient(
         &self,
@@ -142,6 +148,9 @@ fn exposure_before(view: &View<'_>, luminance: f32) -> Result<f32, OptimiseError
 /// A light's picture for radiance 1 at some cells.
 pub(crate) type Unit = Vec<[f32; 3]>;
 
+/// Cells by two estimates with independent noise.
+pub(crate) type Halves = [Vec<[f32; 3]>; 2];
+
 /// Derivatives by the lanes of a shape and by the radiance.
 type LightGradient = ([f32; LANES], [f32; 3]);
 
@@ -153,11 +162,11 @@ impl<'a> ViewObjective<'a> {
         let lights = || problem.variables.iter().map(|v| v.light.clone()).collect::<Vec<_>>();
         let is_target = |goal: &Goal| matches!(goal.aim, Aim::Target { .. });
         let before = if view.goals.iter().all(is_target) {
-            new.base.clone()
+            Before { cells: new.base.clone(), halves: None }
         } else {
-            new.picture(&lights(), softness)?
+            new.before(&lights(), softness)?
         };
-        let of_before = exposure_before(view, mean_luminance(&before))?;
+        let of_before = exposure_before(view, mean_luminance(&before.cells))?;
         new.terms = view.goals.iter().map(|goal| Term::new(goal, cells, &before, of_before)).collect();
         let still: Vec<&[[f32; 3]]> = new.still.iter().flatten().map(Vec::as_slice).collect();
         // Where nothing moves, all pictures are here.
@@ -192,20 +201,22 @@ impl<'a> ViewObjective<'a> {
         number: usize,
         lights: &[&Light],
         cells: &[u32],
-    ) -> Result<Vec<[Vec<[f32; 3]>; 2]>, RelightError> {
+    ) -> Result<Vec<Halves>, RelightError> {
         let Some(values) = &self.still[number] else { return self.view.relight.half_values(lights, cells) };
         let values: Vec<[f32; 3]> = cells.iter().map(|cell| values[*cell as usize]).collect();
         Ok(lights.iter().map(|_| [values.clone(), values.clone()]).collect())
     }
 
-    /// All cells, clean at softness 0.
-    fn picture(&self, lights: &[Light], softness: f32) -> Result<Vec<[f32; 3]>, RelightError> {
+    /// The picture of the lights as they were, clean at softness 0.
+    fn before(&self, lights: &[Light], softness: f32) -> Result<Before, RelightError> {
         if softness == 0.0 {
-            return Ok(mean(&self.whole_picture(lights)?.clean));
+            let Picture { exact, clean } = self.whole_picture(lights)?;
+            return Ok(Before { cells: mean(&clean), halves: Some(exact) });
         }
         let cells: Vec<u32> = (0..self.base.len() as u32).collect();
         let units = self.units(lights, softness, &cells)?;
-        Ok((0..cells.len()).map(|k| self.sum(lights, &units, k, k)).collect())
+        let cells = (0..cells.len()).map(|k| self.sum(lights, &units, k, k)).collect();
+        Ok(Before { cells, halves: None })
     }
 
     /// Numbers of the drawn cells of all terms, one after the other.
@@ -256,10 +267,14 @@ impl<'a> ViewObjective<'a> {
         sum
     }
 
-    /// Each term at its drawn cells of a whole picture.
-    pub(crate) fn compare_picture(&self, picture: &[[f32; 3]], draw: &[Vec<u32>]) -> Vec<Comparison<'_>> {
-        let terms = self.terms.iter().zip(draw);
-        terms.map(|(term, draw)| Comparison::new(term.wanted(draw), term.drawn(picture, draw))).collect()
+    /// Each term at its drawn cells of a whole clean picture.
+    pub(crate) fn compare_picture(&self, picture: &Picture, draw: &[Vec<u32>]) -> Vec<Comparison<'_>> {
+        let clean = mean(&picture.clean);
+        let compare = |(term, draw): (&Term<'a>, &Vec<u32>)| {
+            let halves = picture.exact.each_ref().map(|half| term.drawn(half, draw));
+            Comparison::new(term.wanted_of(&halves, draw), term.drawn(&clean, draw))
+        };
+        self.terms.iter().zip(draw).map(compare).collect()
     }
 
     /// Weighted residuals of a picture that differs from the one compared by noise and little else.
@@ -282,17 +297,30 @@ impl<'a> ViewObjective<'a> {
         units: &[impl AsRef<[[f32; 3]]>],
         draw: &[Vec<u32>],
     ) -> Vec<Comparison<'_>> {
-        let mut comparisons = Vec::with_capacity(draw.len());
+        let pictures = self.drawn_sums(lights, units, draw);
+        let compare = |((term, draw), picture): ((&Term<'a>, &Vec<u32>), Vec<[f32; 3]>)| {
+            Comparison::new(term.wanted(draw), picture)
+        };
+        self.terms.iter().zip(draw).zip(pictures).map(compare).collect()
+    }
+
+    /// Base and lights at the drawn cells of each term.
+    fn drawn_sums(
+        &self,
+        lights: &[Light],
+        units: &[impl AsRef<[[f32; 3]]>],
+        draw: &[Vec<u32>],
+    ) -> Vec<Vec<[f32; 3]>> {
         let mut first = 0;
-        for (term, draw) in self.terms.iter().zip(draw) {
+        let of_term = |(term, draw): (&Term, &Vec<u32>)| {
             let at = |(k, number): (usize, &u32)| {
                 self.sum(lights, units, term.cells[*number as usize] as usize, first + k)
             };
             let picture = draw.iter().enumerate().map(at).collect();
-            comparisons.push(Comparison::new(term.wanted(draw), picture));
             first += draw.len();
-        }
-        comparisons
+            picture
+        };
+        self.terms.iter().zip(draw).map(of_term).collect()
     }
 
     fn loss(&self, lights: &[Light], softness: f32, draw: &[Vec<u32>]) -> Result<f64, OptimiseError> {
@@ -305,6 +333,18 @@ impl<'a> ViewObjective<'a> {
 
     fn loss_of_units(&self, lights: &[Light], units: &[Unit], draw: &[Vec<u32>]) -> f64 {
         self.compare(lights, units, draw).iter().map(Comparison::loss).sum()
+    }
+
+    fn loss_of_halves(&self, lights: &[Light], units: &[Halves], draw: &[Vec<u32>]) -> f64 {
+        let [first, second] = [0, 1].map(|half| {
+            let of_half: Vec<&Unit> = units.iter().map(|unit| &unit[half]).collect();
+            self.drawn_sums(lights, &of_half, draw)
+        });
+        let halves = first.into_iter().zip(second).map(|(a, b)| [a, b]);
+        let loss = |((term, draw), halves): ((&Term<'a>, &Vec<u32>), Halves)| {
+            Comparison::new(term.wanted_of(&halves, draw), mean(&halves)).loss()
+        };
+        self.terms.iter().zip(draw).zip(halves).map(loss).sum()
     }
 
     /// What the relighter says, if it compares its pictures itself.
@@ -396,6 +436,6 @@ pub(crate) fn add(sum: &mut [[f32; 3]], picture: &[[f32; 3]], radiance: [f32; 3]
 }
 
 /// The mean of two estimates of a picture.
-pub(crate) fn mean([a, b]: &[Vec<[f32; 3]>; 2]) -> Vec<[f32; 3]> {
+pub(crate) fn mean([a, b]: &Halves) -> Vec<[f32; 3]> {
     a.iter().zip(b).map(|(a, b)| std::array::from_fn(|c| 0.5 * (a[c] + b[c]))).collect()
 }

@@ -1,6 +1,6 @@
 use crate::OptimiseError;
 use crate::goal::Aim;
-use crate::objective::{Draw, Objective, Unit, mean};
+use crate::objective::{Draw, Halves, Objective, ViewObjective};
 use crate::problem::Problem;
 use crate::random::Random;
 use crate::solve::mappings;
@@ -41,7 +41,7 @@ pub fn relocations(
     }
     let objective = Objective::new(problem, 0.0)?;
     let draw = objective.spread(COMPARED);
-    let units = objective.units(lights, &draw)?;
+    let units = half_units(&objective, lights, &draw)?;
     let (mappings, random) = (mappings(problem, lights, 0.0)?, Random::new(seed));
     let mut relocate = Relocate { problem, lights, objective, mappings, draw, units, random };
     let mut all = Vec::new();
@@ -59,7 +59,7 @@ struct Relocate<'a> {
     mappings: Vec<Mapping>,
     draw: Draw,
     /// By view and light.
-    units: Vec<Vec<Unit>>,
+    units: Vec<Vec<Halves>>,
     random: Random,
 }
 
@@ -76,7 +76,7 @@ impl Relocate<'_> {
             let by_view = by_view.collect::<Result<Vec<_>, _>>()?;
             for (i, place) in some.iter().enumerate() {
                 for (units, of_places) in units.iter_mut().zip(&by_view) {
-                    units[number] = mean(&of_places[i]);
+                    units[number] = of_places[i].clone();
                 }
                 found.push(self.best_strength(number, place, &units));
             }
@@ -93,14 +93,14 @@ impl Relocate<'_> {
         variable.within(Light { shape, radiance, ..light.clone() })
     }
 
-    fn best_strength(&self, number: usize, place: &Light, units: &[Vec<Unit>]) -> (f64, Vec<Light>) {
+    fn best_strength(&self, number: usize, place: &Light, units: &[Vec<Halves>]) -> (f64, Vec<Light>) {
         let variable = &self.problem.variables[number];
         let mut best = (f64::INFINITY, self.lights.to_vec());
         for strength in strengths(variable, &STRENGTHS) {
             let mut lights = self.lights.to_vec();
             let radiance = place.radiance.map(|radiance| strength * radiance);
             lights[number] = variable.within(Light { radiance, ..place.clone() });
-            let loss = self.objective.loss_of_goals(&lights, units, &self.draw)
+            let loss = self.objective.loss_of_halves(&lights, units, &self.draw)
                 + self.objective.preference_loss(&self.mappings, &lights);
             if loss < best.0 {
                 best = (loss, lights);
@@ -108,6 +108,21 @@ impl Relocate<'_> {
         }
         best
     }
+}
+
+/// Each light's pictures for radiance 1 by either half of the paths, by view and light.
+fn half_units(
+    objective: &Objective,
+    lights: &[Light],
+    draw: &Draw,
+) -> Result<Vec<Vec<Halves>>, OptimiseError> {
+    let of_view = |(view, draw): (&ViewObjective, &Vec<Vec<u32>>)| {
+        let cells = view.cells_of(draw);
+        let of_light = |(number, light): (usize, &Light)| view.half_values(number, &[light], &cells);
+        let units = lights.iter().enumerate().map(of_light).collect::<Result<Vec<_>, _>>()?;
+        Ok(units.concat())
+    };
+    objective.views.iter().zip(draw).map(of_view).collect()
 }
 
 #[cfg(test)]

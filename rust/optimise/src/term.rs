@@ -1,5 +1,6 @@
 use crate::cells::Cells;
 use crate::goal::{Aim, Goal};
+use crate::objective::{Halves, mean};
 use crate::variable::{LUMINANCE, luminance};
 use relume_image::metrics;
 
@@ -16,26 +17,38 @@ pub(crate) struct Term<'a> {
     references: Vec<[f32; 3]>,
     /// What each was before, exposed.
     before: Vec<[f32; 3]>,
+    /// The same by either half of the paths, where they are told apart.
+    halves_before: Option<Halves>,
+}
+
+/// Cells of the picture before.
+pub(crate) struct Before {
+    pub cells: Vec<[f32; 3]>,
+    /// By either half of the paths, exact; where they are told apart.
+    pub halves: Option<Halves>,
 }
 
 impl<'a> Term<'a> {
     /// `before` is the picture before, and what brings it to moderate brightness.
-    pub(crate) fn new(goal: &'a Goal, cells: Cells, before: &[[f32; 3]], of_before: f32) -> Self {
+    pub(crate) fn new(goal: &'a Goal, cells: Cells, before: &Before, of_before: f32) -> Self {
         let (reference, exposure) = match &goal.aim {
             Aim::Target { image, .. } => (&cells.means(image), metrics::exposure(&goal.within(image))),
-            _ => (&before.to_vec(), of_before),
+            _ => (&before.cells, of_before),
         };
         let weights = goal.pixels.as_ref().map(|weights| goal.cell_weights(cells, weights));
         let weight = |cell: usize| weights.as_ref().map_or(1.0, |weights| weights[cell]);
         let chosen: Vec<usize> = (0..cells.count()).filter(|cell| weight(*cell) > 0.0).collect();
         let exposed = |image: &[[f32; 3]], cell: usize| image[cell].map(|x| exposure * x);
+        let all_exposed =
+            |image: &Vec<[f32; 3]>| chosen.iter().map(|cell| exposed(image, *cell)).collect::<Vec<_>>();
         Self {
             aim: &goal.aim,
             weight: goal.weight,
             exposure,
             weights: chosen.iter().map(|cell| weight(*cell)).collect(),
             references: chosen.iter().map(|cell| goal.aim.reference(exposed(reference, *cell))).collect(),
-            before: chosen.iter().map(|cell| exposed(before, *cell)).collect(),
+            before: all_exposed(&before.cells),
+            halves_before: before.halves.as_ref().map(|halves| halves.each_ref().map(all_exposed)),
             cells: chosen.into_iter().map(|cell| cell as u32).collect(),
         }
     }
@@ -51,6 +64,33 @@ impl<'a> Term<'a> {
 
     /// What is wanted of some cells, given by their numbers in the term's own list.
     pub(crate) fn wanted(&self, draw: &[u32]) -> Wanted<'a> {
+        self.wanted_despite(0.0, draw)
+    }
+
+    /// As [`Self::wanted`] of a picture by two estimates of its drawn cells, which say how noisy their mean is.
+    pub(crate) fn wanted_of(&self, halves: &Halves, draw: &[u32]) -> Wanted<'a> {
+        self.wanted_despite(self.deviation(halves, draw), draw)
+    }
+
+    /// Standard deviation of what is asked for by amount, told from how much two estimates of each cell differ. Noise that was there
+    /// before as well is left out, as it is of what was asked for: where only strengths change there is hardly any.
+    fn deviation(&self, halves: &Halves, draw: &[u32]) -> f32 {
+        let Some(before) = &self.halves_before else { return 0.0 };
+        let weight = |number: &u32| self.weights[*number as usize];
+        let total: f32 = draw.iter().map(weight).sum();
+        let shares: Vec<f32> = draw.iter().map(|number| weight(number) / total).collect();
+        let drawn = |half: &Vec<[f32; 3]>| draw.iter().map(|number| half[*number as usize]).collect();
+        let exposed = |half: &Vec<[f32; 3]>| half.iter().map(|x| x.map(|x| self.exposure * x)).collect();
+        let noise = |halves| noise_of_amount(self.aim, halves, &shares);
+        let (before, after) = (noise(before.each_ref().map(drawn)), noise(halves.each_ref().map(exposed)));
+        let (Some(before), Some(after)) = (before, after) else { return 0.0 };
+        let noise =
+            before.iter().zip(&after).zip(&shares).map(|((before, after), share)| share * (after - before));
+        // The mean of two estimates has half of their difference.
+        0.5 * noise.map(|noise| noise * noise).sum::<f32>().sqrt()
+    }
+
+    fn wanted_despite(&self, deviation: f32, draw: &[u32]) -> Wanted<'a> {
         let weight = |number: &u32| self.weights[*number as usize];
         let total: f32 = draw.iter().map(weight).sum();
         let shares: Vec<f32> = draw.iter().map(|number| self.weight * weight(number) / total).collect();
@@ -62,7 +102,7 @@ impl<'a> Term<'a> {
             weight: self.weight,
             exposure: self.exposure,
             luminance: self.is_exposure_invariant().then(|| luminance_of_target(&references, &shares)),
-            reference_of_mean: self.aim.reference_of_mean(before),
+            reference_of_mean: self.aim.reference_of_mean(before, deviation),
             cells: draw.iter().map(|number| self.cells[*number as usize]).collect(),
             references,
             shares,
@@ -78,6 +118,14 @@ impl<'a> Term<'a> {
     fn is_exposure_invariant(&self) -> bool {
         matches!(self.aim, Aim::Target { exposure_invariant: true, .. })
     }
+}
+
+/// By how much the amounts that are asked for of two estimates' mean would differ if only one of their exposed cells did, for each cell.
+fn noise_of_amount(aim: &Aim, halves: Halves, shares: &[f32]) -> Option<Vec<f32>> {
+    let slopes = aim.slopes_of_amount(sum(mean(&halves).into_iter(), shares))?;
+    let [first, second] = &halves;
+    let difference = |(a, b): (&[f32; 3], &[f32; 3])| dot(slopes, std::array::from_fn(|c| a[c] - b[c]));
+    Some(first.iter().zip(second).map(difference).collect())
 }
 
 /// Luminance of a target, each cell times its share.
@@ -220,4 +268,57 @@ impl<'a> Comparison<'a> {
 
 fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Random;
+
+    const SIZE: (usize, usize) = (64, 64);
+
+    /// Cells around a value, with noise of this standard deviation.
+    fn noisy(value: f32, noise: f32, random: &mut Random) -> Vec<[f32; 3]> {
+        let uniform = 12f32.sqrt();
+        (0..SIZE.0 * SIZE.1).map(|_| [value + noise * uniform * (random.next_f32() - 0.5); 3]).collect()
+    }
+
+    /// What a mean should be, by a picture before and one after of two estimates each.
+    fn first_of_reference(aim: &Aim, before: Halves, after: &Halves) -> f32 {
+        let goal = Goal { aim: aim.clone(), pixels: None, weight: 1.0 };
+        let before = Before { cells: mean(&before), halves: Some(before) };
+        let term = Term::new(&goal, Cells::new(SIZE, 1), &before, 1.0);
+        let draw: Vec<u32> = (0..term.len() as u32).collect();
+        let [told, untold] = [term.wanted_of(after, &draw), term.wanted(&draw)];
+        told.reference_of_mean.unwrap()[0] - untold.reference_of_mean.unwrap()[0]
+    }
+
+    #[test]
+    fn more_is_asked_for_of_what_is_noisy() {
+        let mut random = Random::new(1);
+        let mut two = |value: f32, noise: f32| [0, 1].map(|_| noisy(value, noise, &mut random));
+        let (before, after) = (two(1.0, 0.0), two(2.0, 0.8));
+        // Standard deviation of the mean of both estimates, as a share of it.
+        let deviation = 0.8 / 2.0 / (2.0 * (SIZE.0 * SIZE.1) as f32).sqrt();
+        let more = |aim: &Aim| first_of_reference(aim, before.clone(), &after);
+        let [up, down] = [1.0, -1.0].map(|stops| more(&Aim::Brightness { stops }));
+        let expected = 2.0 * deviation * std::f32::consts::LOG2_E;
+        assert!((up / expected - 1.0).abs() < 0.05, "{up}, expected {expected}");
+        assert_eq!(down, -up);
+        // Grey noise has no colour, and what is kept is not asked for by amount.
+        assert!(more(&Aim::Temperature { mireds: 50.0 }).abs() < 1e-4 * expected);
+        assert_eq!(more(&Aim::Keep), 0.0);
+    }
+
+    #[test]
+    fn noise_that_was_there_before_does_not_count() {
+        let mut random = Random::new(2);
+        let before = [0, 1].map(|_| noisy(100.0, 40.0, &mut random));
+        let doubled = before.each_ref().map(|half| half.iter().map(|x| x.map(|x| 2.0 * x)).collect());
+        let other = [0, 1].map(|_| noisy(200.0, 80.0, &mut random));
+        let aim = Aim::Brightness { stops: 1.0 };
+        let [same, independent] =
+            [doubled, other].map(|after| first_of_reference(&aim, before.clone(), &after));
+        assert!(independent > 0.01 && same < 1e-3 * independent, "{same} {independent}");
+    }
 }

@@ -22,6 +22,9 @@ pub struct PixelFeatures {
     pub wo: Vec<[f32; 3]>,
 }
 
+/// How far from the middle of what is seen something still counts, as a share of the middle's diagonal.
+const BEYOND: f32 = 0.5;
+
 impl PixelFeatures {
     /// Pixels in the image.
     pub fn pixel_count(&self) -> usize {
@@ -49,8 +52,9 @@ impl PixelFeatures {
         check("depth", count, self.depth.len(), self.depth.iter().position(|x| !x.is_finite()))
     }
 
-    /// Bounding box of the first hits that are no background, corner to corner; the whole box of all positions if
-    /// every pixel is background.
+    /// Box of the first hits that are no background, corner to corner; of all positions if every pixel is background. What is
+    /// further from the box of the middle nine tenths, axis by axis, than [`BEYOND`] of its diagonal is left out: a few pixels that
+    /// show a street through a window should not make the room a speck.
     pub fn visible_bounds(&self) -> (Vec3, Vec3) {
         let hit = |i: &usize| self.depth[*i] > 0.0;
         let all = 0..self.pixel_count();
@@ -58,10 +62,16 @@ impl PixelFeatures {
         if points.is_empty() {
             points = all.collect();
         }
-        points.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), &i| {
-            let p = Vec3::from(self.position[i]);
-            (low.min(p), high.max(p))
-        })
+        let Some(last) = points.len().checked_sub(1) else { return Default::default() };
+        let axes = [0, 1, 2].map(|axis| {
+            let mut values: Vec<f32> = points.iter().map(|&i| self.position[i][axis]).collect();
+            values.sort_by(f32::total_cmp);
+            values
+        });
+        let at = |rank: usize| Vec3::from(axes.each_ref().map(|values| values[rank]));
+        let (low, high) = (at(last / 20), at(last - last / 20));
+        let beyond = BEYOND * low.distance(high);
+        (at(0).max(low - beyond), at(last).min(high + beyond))
     }
 }
 
@@ -72,5 +82,28 @@ fn check(name: &str, expected: usize, found: usize, bad: Option<usize>) -> Resul
     match bad {
         Some(pixel) => Err(ProxyError::Features(format!("{name} of pixel {pixel} is not finite"))),
         None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_few_pixels_show_far_away_is_not_in_the_box() {
+        // A room of 8 x 6 x 3 metres, its floor for most of it, and two pixels of a street.
+        let room = (0..200).map(|i| [(i % 20) as f32 * 8.0 / 19.0, (i / 20) as f32 * 6.0 / 9.0, 0.0]);
+        let lamp = [[4.0, 3.0, 3.0]; 4];
+        let street = [[100.0, 3.0, 1.0], [4.0, -80.0, 1.0]];
+        let bounds = |position: Vec<[f32; 3]>| {
+            let count = position.len();
+            PixelFeatures { width: count, height: 1, depth: vec![1.0; count], position, ..Default::default() }
+                .visible_bounds()
+        };
+        let (low, high) = bounds(room.clone().chain(lamp).collect());
+        assert_eq!((low, high), (Vec3::ZERO, Vec3::new(8.0, 6.0, 3.0)), "a small thing within reach counts");
+        let (low, high) = bounds(room.chain(lamp).chain(street).collect());
+        assert!(low.y > -6.0 && low.y < 0.0 && high.x < 14.0 && high.x > 8.0, "{low} {high}");
+        assert_eq!(high.z, 3.0);
     }
 }

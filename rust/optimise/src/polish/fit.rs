@@ -128,7 +128,7 @@ impl<'a> Fit<'a> {
     ) -> [Vec<f32>; 2] {
         let mut residuals = [Vec::new(), Vec::new()];
         for ((view, draw), picture) in self.objective.views.iter().zip(self.draw).zip(pictures) {
-            let comparisons = view.compare_picture(&mean(&picture.clean), draw);
+            let comparisons = view.compare_picture(picture, draw);
             for (residuals, half) in residuals.iter_mut().zip(halves(picture)) {
                 residuals.extend(view.residuals_beside(&comparisons, half, draw));
             }
@@ -249,7 +249,7 @@ impl<'a> Fit<'a> {
             let unit =
                 |light: &Light| shapes.iter().position(|other| other.shape == light.shape).unwrap_or(0);
             let clean = mean(&picture.clean);
-            let comparisons = view.compare_picture(&clean, draw);
+            let comparisons = view.compare_picture(picture, draw);
             let by_light = lights.par_iter().map(|light| {
                 [0, 1].map(|half| {
                     let mut picture = match base {

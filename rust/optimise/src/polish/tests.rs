@@ -118,7 +118,9 @@ fn residuals_beside_a_picture_are_its_own_to_first_order() {
             light.radiance.map(|r| -r),
         );
         let of = |at: &[[f32; 3]], picture: &[[f32; 3]]| {
-            view.residuals_beside(&view.compare_picture(at, draw), picture, draw)
+            let twice = || [at.to_vec(), at.to_vec()];
+            let at = Picture { exact: twice(), clean: twice() };
+            view.residuals_beside(&view.compare_picture(&at, draw), picture, draw)
         };
         let distance =
             |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f32>().sqrt();
