@@ -153,7 +153,8 @@ pub struct Variable {
 }
 
 /// The map between steps of an unconstrained vector and a light: logistic within bounds for centre, logarithm of size, cone and
-/// blend (paper, section 5.3), rotation vectors for directions, softplus for power.
+/// blend (paper, section 5.3), rotation vectors for directions, softplus for power. A blend may be 0 or 1, where a logistic function
+/// of that range would not let it go: its own is wider, and what is beyond is cut off.
 ///
 /// Power (radiance times extent) takes the place of the paper's radiance, so that a change of size alone changes no picture far
 /// from the light, and a locked strength is what Blender means by it.
@@ -240,7 +241,8 @@ impl Mapping {
             Some(range) => {
                 let x = coordinate(shape, number);
                 let width = range.end - range.start;
-                range.start + width * logistic(logit((x - range.start) / width) + delta) - x
+                let to = range.start + width * logistic(logit((x - range.start) / width) + delta);
+                if number == lane::BLEND { to.clamp(0.0, 1.0) - x } else { to - x }
             }
         }
     }
@@ -265,7 +267,7 @@ impl Mapping {
             0..3 => Some(bounds.center_min[number]..bounds.center_max[number]),
             6..8 => Some(size[0].ln()..size[1].ln()),
             lane::CONE => Some(bounds.cone[0]..bounds.cone[1]),
-            lane::BLEND => Some(0.0..1.0),
+            lane::BLEND => Some(-0.2..1.2),
             _ => None,
         }
     }

@@ -76,6 +76,23 @@ fn wild_steps_stay_in_bounds() {
 }
 
 #[test]
+fn hard_and_soft_edges_of_cones_are_reached_and_left_again() {
+    let (map, spot) = (mapping(Locks::default()), lights()[2].clone());
+    let blend = |light: &Light| coordinate(&light.shape, lane::BLEND);
+    let stepped = |light: &Light, by: f32| {
+        let mut delta = [0.0; PARAMS];
+        delta[lane::BLEND] = by;
+        map.step(light, &delta)
+    };
+    for (out, end) in [(-9.0, 0.0), (9.0, 1.0)] {
+        let at_end = stepped(&spot, out);
+        assert_eq!(blend(&at_end), end);
+        let back = stepped(&at_end, -0.5 * out.signum());
+        assert!((blend(&back) - end).abs() > 0.05, "{back:?}");
+    }
+}
+
+#[test]
 fn locks_hold_what_they_name_and_nothing_else() {
     let delta = [0.1; PARAMS];
     for light in lights() {
