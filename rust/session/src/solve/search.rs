@@ -251,7 +251,7 @@ impl Search<'_> {
         }
         for (number, scene) in self.scenes.told().iter().enumerate() {
             let after = scene.picture(&found.lights, self.monitor)?;
-            if !reports(self.request, number, scene, &after).iter().all(|goal| goal.report.met) {
+            if !reports(self.request, number, scene, &after).all(|(_, report)| report.met) {
                 return Ok(false);
             }
         }

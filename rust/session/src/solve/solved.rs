@@ -82,7 +82,7 @@ pub(super) fn solved(
     for (number, scene) in scenes.iter().enumerate() {
         scene.relighter.warn_of(&new.lights, monitor);
         let after = scene.picture(&found.lit(), monitor)?;
-        report.extend(reports(request, number, scene, &after));
+        report.extend(reports(request, number, scene, &after).map(|report| in_words(request, report)));
         warnings.extend(conflict_lines(request, number, scene));
     }
     report.sort_by_key(|report| report.number);
@@ -223,19 +223,19 @@ fn numbers(request: &SolveRequest, view: usize) -> Vec<usize> {
     goals.filter(|(_, goal)| goal.view == view).map(|(number, _)| number).collect()
 }
 
-/// What became of the goals that were asked for in one view.
-pub(super) fn reports(
+/// What became of the goals that were asked for in one view, with their numbers.
+pub(super) fn reports<'a>(
     request: &SolveRequest,
     view: usize,
-    scene: &SceneView,
-    after: &Image,
-) -> Vec<GoalReport> {
-    let of = |(goal, number): (&relume_optimise::Goal, usize)| {
-        let report = report(goal, &scene.before, after);
-        let text = text(request.wish.goals[number].goal, number, &report);
-        GoalReport { number, report, text }
-    };
-    scene.goals.iter().zip(numbers(request, view)).map(of).collect()
+    scene: &'a SceneView,
+    after: &'a Image,
+) -> impl Iterator<Item = (usize, Report)> + use<'a> {
+    let goals = numbers(request, view).into_iter().zip(&scene.goals);
+    goals.map(|(number, goal)| (number, report(goal, &scene.before, after)))
+}
+
+fn in_words(request: &SolveRequest, (number, report): (usize, Report)) -> GoalReport {
+    GoalReport { number, text: text(request.wish.goals[number].goal, number, &report), report }
 }
 
 fn text(kind: GoalKind, number: usize, report: &Report) -> String {
