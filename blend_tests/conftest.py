@@ -174,9 +174,9 @@ def pytest_report_header():
     return f"Blender {bpy.app.version_string}, Python {sys.version.split()[0]}"
 
 
-def pytest_collection_modifyitems(items):
-    """Counts what should run."""
-    _results["collected"] = len(items)
+def pytest_collection_finish(session):
+    """Counts what should run: `-k` and `-m` have left out by now what should not."""
+    _results["collected"] = len(session.items)
 
 
 def pytest_runtest_logfinish():
