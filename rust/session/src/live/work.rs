@@ -1,4 +1,4 @@
-use super::shared::{Gate, LiveState, ProxyStatus, Shared, State};
+use super::shared::{Gate, LiveState, ProxyStatus, Shared, State, kinds_of};
 use super::{LiveOptions, OtherWorld};
 use crate::bake::{Observer, bake_observed, clear, clear_paths, difference};
 use crate::guided::Sight;
@@ -25,6 +25,18 @@ pub(super) enum Work {
     Bake { scene: Arc<Scene>, settings: TraceSettings, anew: bool },
     /// Takes what the folder holds.
     Open,
+    /// Nothing: the bake is there and shown.
+    Learn,
+}
+
+impl Work {
+    /// The state that it begins in.
+    pub fn first_state(&self) -> LiveState {
+        match self {
+            Self::Bake { .. } | Self::Open => LiveState::Preparing,
+            Self::Learn => LiveState::Training,
+        }
+    }
 }
 
 /// One run of the work thread.
@@ -69,6 +81,7 @@ impl Job {
                 let complete = self.open()?;
                 if complete { self.train(&monitor) } else { Ok(()) }
             }
+            Work::Learn => self.train(&monitor),
         }
     }
 
@@ -244,7 +257,10 @@ impl Job {
             return Ok(());
         }
         let compute = self.options.device.open(self.options.gpu_memory)?;
-        for kind in self.kinds_in_use()? {
+        let mut seen = Vec::new();
+        // Asked each time: lights of another kind may have been added while one was learned.
+        while let Some(kind) = self.kinds_in_use()?.into_iter().find(|kind| !seen.contains(kind)) {
+            seen.push(kind);
             if !self.is_trained(kind) {
                 self.shared.change(|state| state.status.state = LiveState::Training);
                 self.train_kind(kind, &compute, monitor)?;
@@ -272,8 +288,7 @@ impl Job {
         if let Some(request) = &self.shared.lock().request {
             lights.extend(request.lights.iter().cloned());
         }
-        let used = |kind: &LightKind| lights.iter().any(|light| LightKind::of(&light.shape) == Some(*kind));
-        Ok([LightKind::FacingDisk, LightKind::Sphere, LightKind::Quad].into_iter().filter(used).collect())
+        Ok(kinds_of(&lights))
     }
 
     /// Whether there is a proxy that learned for as long as is asked for, from at least half of the paths that there are now.
