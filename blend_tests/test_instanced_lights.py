@@ -200,7 +200,7 @@ def test_bake_picture_and_rows_have_the_same_lights(scene, live, way):
     assert {light["name"] for light in exported(scene)["lights"]} == wanted
     assert set(newest(made)) == wanted
     found = row(scene, "Bulb")
-    assert not wanted or not found.hidden, "it can be switched off"
+    assert not wanted or not mixer.is_hidden(scene, found), "it can be switched off"
     found.exposure = 1.0
     assert all(made.requests[-1]["gains"][name] == [2.0] * 3 for name in wanted)
     found.on = False
@@ -280,7 +280,13 @@ def test_what_nodes_only_read_can_be_hidden(scene, live):
     assert set(newest(made)) == {"Bulb"}
     row(scene, "Bulb").on = False
     mixer.apply_to_lights(scene)
-    assert light.hide_render and light.hide_viewport
+    assert light.hide_render and light.hide_viewport and newest(made) == {}
+    assert mixer.is_hidden(scene, row(scene, "Bulb")), "a box would say that it is on"
+    tree.links.new(tree.nodes["Object Info"].outputs["Geometry"], tree.nodes["Instance on Points"].inputs["Instance"])
+    update()
+    assert set(newest(made)) == TWO and not mixer.is_hidden(scene, row(scene, "Bulb"))
+    bpy.ops.relume.show_light(light="Bulb")
+    assert set(newest(made)) == {*TWO, "Bulb#3"}
 
 
 @pytest.mark.parametrize("way", [by_nodes, by_nodes_though_hidden, by_faces])

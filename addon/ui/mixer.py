@@ -25,17 +25,31 @@ def apply_to_lights(scene: bpy.types.Scene) -> None:
     cannot be written, so their row keeps it. Raises RefusedError."""
     rows.sync(scene)
     lines = {name_of(line.block): line for line in light_tree(scene) if line.kind == LIGHT}
-    named, found = {name for name, line in lines.items() if line.is_named}, shot.of(scene)
-    if found is not None:
-        named &= found.lights.instanced
+    named, instanced = {name for name, line in lines.items() if line.is_named}, _instanced(scene)
+    shown_anyway = named if instanced is None else named & instanced
     lights = {name: line.block for name, line in lines.items()}
-    applied = apply_mix(scene, lights, *rows.plain(scene), shown_anyway=named)
+    applied = apply_mix(scene, lights, *rows.plain(scene), shown_anyway=shown_anyway)
     for row in rows.present_rows(scene):
         values = row.values()
         is_static = row.kind == STATIC
         row.take(replace(values, solo=False, on=any(applied["static"])) if is_static else Row(row.name))
     rows.sync(scene)
     handlers.read_lights(scene)
+
+
+def _instanced(scene: bpy.types.Scene) -> set[str] | None:
+    """Names of lights that are shown in other places than their own; None where no open shot knows them."""
+    found = shot.of(scene)
+    return None if found is None or found.lights.is_forgotten else found.lights.instanced
+
+
+def is_hidden(scene: bpy.types.Scene, row: rows.RelumeRow) -> bool:
+    """Whether a light gives no light because it is hidden. Nodes and particles show it all the same, unless they only
+    read it, such as its place: as long as nobody knows, they may."""
+    if not row.hidden:
+        return False
+    instanced = _instanced(scene)
+    return not row.named if instanced is None else row.name not in instanced
 
 
 def select_light(context: bpy.types.Context, name: str) -> str | None:
@@ -149,7 +163,7 @@ class RELUME_UL_rows(bpy.types.UIList):  # noqa: N801
         if row.kind == GROUP:
             icon = "DISCLOSURE_TRI_DOWN" if row.open else "DISCLOSURE_TRI_RIGHT"
             line.prop(row, "open", text="", icon=icon, emboss=False)
-        if row.hidden:
+        if is_hidden(context.scene, row):
             line.operator("relume.show_light", text="", icon="HIDE_ON", emboss=False).light = row.name
         else:
             line.prop(row, "on", text="")
