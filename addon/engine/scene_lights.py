@@ -13,9 +13,7 @@ from functools import cached_property
 import bpy
 from mathutils import Matrix
 
-from ..core.rows import LIGHT
 from ..export.instancers import Instancers
-from ..export.light_tree import light_tree
 from ..export.lights import UniqueNames, describe_light, name_of, ray_visibility
 from ..export.linking import LightLinking
 
@@ -184,8 +182,10 @@ class SceneLights:
             owner = instance.parent.original if instance.is_instance else light
             if instance.is_instance:
                 self._instancers |= {owner.session_uid, light.session_uid}
-            if instance.is_instance:
-                is_rendered = not light.hide_render or instancers.names(owner, light)
+                is_child = light.parent == owner and _is_replaced(light)
+                is_rendered = (
+                    light in rendered if is_child else instancers.renders(owner, instance.persistent_id, light)
+                )
             else:
                 is_rendered = not light.hide_render and not _is_replaced(light)
             if instance.show_self and is_rendered and owner in rendered:
@@ -202,7 +202,7 @@ class SceneLights:
             for obj in _lights(depsgraph.view_layer)
             if not obj.visible_get(view_layer=depsgraph.view_layer) and obj in rendered and not _is_replaced(obj)
         ]
-        hidden += _hidden_instances(depsgraph)
+        hidden += _hidden_instances(depsgraph.view_layer, rendered, instancers, {key[0] for key in self._entries})
         self._hidden = [
             f"light '{name_of(obj)}' is hidden in the view only: off here, but on in renders" for obj in hidden
         ]
@@ -258,14 +258,19 @@ def _is_replaced(light: bpy.types.Object) -> bool:
     return light.parent is not None and light.parent.instance_type in {"VERTS", "FACES"}
 
 
-def _hidden_instances(depsgraph: bpy.types.Depsgraph) -> list[bpy.types.Object]:
-    """Lights of instanced collections that are hidden in the view only."""
-    own = depsgraph.view_layer.objects
-    found = [obj for obj in bpy.data.objects if obj.type == "LIGHT" and obj.hide_viewport and not obj.hide_render]
-    if all(own.get(obj.name) is obj for obj in found):
+def _hidden_instances(
+    view_layer: bpy.types.ViewLayer, rendered: _RenderedObjects, instancers: Instancers, shown: set[int]
+) -> list[bpy.types.Object]:
+    """Lights of instanced collections that are hidden in the view only: by themselves, or by what they are in."""
+    may_hide = [obj for obj in bpy.data.objects if obj.type in {"LIGHT", "EMPTY"}]
+    if not any(block.hide_viewport and not block.hide_render for block in [*may_hide, *bpy.data.collections]):
         return []
-    lines = {line.block: line for line in light_tree(depsgraph.scene) if line.kind == LIGHT}
-    return [obj for obj in found if obj in lines and own.get(obj.name) is not obj and not lines[obj].is_named]
+    reached = [instancers.reached_from(owner) for owner in view_layer.objects if owner in rendered]
+    lights = dict.fromkeys(obj for found in reached for obj in found if obj.type == "LIGHT")
+    # Those that nodes name are shown by them, hidden or not, or only read.
+    named = {obj for found in reached for obj, is_named in found.items() if is_named}
+    own = view_layer.objects
+    return [obj for obj in lights.keys() - named if obj.session_uid not in shown and own.get(obj.name) is not obj]
 
 
 def _lights(view_layer: bpy.types.ViewLayer) -> list[bpy.types.Object]:
