@@ -40,7 +40,7 @@ pub struct Progress {
     pub total: u64,
     /// Seconds since the stage began.
     pub elapsed_s: f64,
-    /// Seconds to the end at the pace so far; none before there is a pace.
+    /// Seconds to the end, at the pace so far or of a time limit; none before there is a pace.
     pub remaining_s: Option<f64>,
     /// What to tell the user; may be empty.
     pub message: String,
@@ -127,7 +127,7 @@ impl Monitor {
             done: AtomicU64::new(done),
             start: Instant::now(),
         };
-        progress.report("");
+        progress.report("", None);
         progress
     }
 }
@@ -146,21 +146,27 @@ impl StageProgress {
     /// Some more units are done.
     pub fn advance(&self, units: u64, message: &str) {
         self.done.fetch_add(units, Ordering::Relaxed);
-        self.report(message);
+        self.report(message, None);
     }
 
     /// So many units are done now.
     pub fn set(&self, done: u64, message: &str) {
-        self.done.store(done, Ordering::Relaxed);
-        self.report(message);
+        self.set_until(done, None, message);
     }
 
-    fn report(&self, message: &str) {
+    /// So many units are done now, and the stage will take so many seconds more, where that is known better than by the pace.
+    pub fn set_until(&self, done: u64, remaining_s: Option<f64>, message: &str) {
+        self.done.store(done, Ordering::Relaxed);
+        self.report(message, remaining_s);
+    }
+
+    fn report(&self, message: &str, remaining_s: Option<f64>) {
         let done = self.done.load(Ordering::Relaxed);
         let elapsed_s = self.start.elapsed().as_secs_f64();
         let fresh = done.saturating_sub(self.first);
         let left = self.total.saturating_sub(done);
-        let remaining_s = (fresh > 0).then(|| elapsed_s * left as f64 / fresh as f64);
+        let by_pace = (fresh > 0).then(|| elapsed_s * left as f64 / fresh as f64);
+        let remaining_s = remaining_s.or(by_pace);
         let (stage, total) = (self.stage, self.total);
         let progress = Progress { stage, done, total, elapsed_s, remaining_s, message: message.into() };
         self.monitor.listener.progress(&progress);
@@ -193,6 +199,17 @@ mod tests {
         let remaining = reports[1].remaining_s.unwrap();
         // One unit took the elapsed time, nine are left.
         assert!((remaining / reports[1].elapsed_s - 9.0).abs() < 1e-6 && remaining >= 0.18);
+    }
+
+    #[test]
+    fn a_time_that_is_known_is_told_in_place_of_the_pace() {
+        let record = Arc::new(Record::default());
+        let stage = Monitor::new(record.clone(), Cancel::default()).stage(Stage::Train, 0, 100);
+        stage.set_until(50, Some(42.0), "");
+        stage.set(60, "");
+        let reports = record.0.lock().unwrap();
+        assert_eq!((reports[1].done, reports[1].remaining_s), (50, Some(42.0)));
+        assert!(reports[2].remaining_s.unwrap() < 1.0, "the next report forgets it");
     }
 
     #[test]

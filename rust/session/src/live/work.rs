@@ -116,13 +116,21 @@ impl Job {
         self.shared.change(|state| state.status.samples_total = wanted);
         let early = Some(SAMPLES_TO_TRAIN).filter(|early| (there + 1..wanted).contains(early));
         for samples in early.filter(|_| self.train_seconds > 0.0).into_iter().chain([wanted]) {
-            self.shared.change(|state| state.status.state = LiveState::Baking);
+            self.enter(LiveState::Baking);
             let settings = TraceSettings { samples, threads: self.options.threads, ..settings.clone() };
             self.bake_samples(scene, &settings, monitor)?;
             self.deliver_proxies();
             self.train(monitor)?;
         }
         Ok(())
+    }
+
+    /// Begins with something else, of which there is no progress to tell yet.
+    fn enter(&self, state: LiveState) {
+        self.shared.change(|shared| {
+            shared.status.state = state;
+            shared.status.stage = None;
+        });
     }
 
     /// Samples of the whole passes that the folder holds of this very bake.
@@ -141,7 +149,8 @@ impl Job {
         monitor: &Monitor,
     ) -> Result<(), SessionError> {
         let lights = || self.lights_to_look_for(scene, settings);
-        let observer = Observer { lights: &lights, passes: &|dump| self.deliver(dump) };
+        let samples = self.shared.lock().status.samples_total;
+        let observer = Observer { samples, lights: &lights, passes: &|dump| self.deliver(dump) };
         let bake = || bake_observed(scene, settings, &self.folder, true, monitor, &observer);
         match bake() {
             Err(SessionError::Dump(DumpError::OtherBake { difference: Manifest::WORLD_MAP, .. })) => {
@@ -262,7 +271,7 @@ impl Job {
         while let Some(kind) = self.kinds_in_use()?.into_iter().find(|kind| !seen.contains(kind)) {
             seen.push(kind);
             if !self.is_trained(kind) {
-                self.shared.change(|state| state.status.state = LiveState::Training);
+                self.enter(LiveState::Training);
                 self.train_kind(kind, &compute, monitor)?;
                 self.deliver_proxies();
             }
