@@ -199,6 +199,49 @@ def test_hiding_and_showing_is_followed(scene, live):
         assert len(newest(made)) == 1, block.name
 
 
+def by_the_key_h(owner):
+    owner.hide_set(not owner.hide_get())
+
+
+def in_views(owner):
+    owner.hide_viewport = not owner.hide_viewport
+
+
+def by_the_eye_of_the_collection(_owner):
+    layer = bpy.context.view_layer.layer_collection.children["Props"]
+    layer.hide_viewport = not layer.hide_viewport
+
+
+def by_excluding_the_collection(_owner):
+    layer = bpy.context.view_layer.layer_collection.children["Props"]
+    layer.exclude = not layer.exclude
+
+
+@pytest.mark.parametrize("first", ["shown", "hidden"])
+@pytest.mark.parametrize("kind", ["collection", "nodes", "faces"])
+@pytest.mark.parametrize("toggle", [by_the_key_h, in_views, by_the_eye_of_the_collection, by_excluding_the_collection])
+def test_what_instances_a_light_is_hidden_and_shown(scene, live, toggle, kind, first):
+    props = inside(scene.collection, "Props")
+    if kind == "faces":
+        owner = carrier(scene, props)
+        bulb(scene.collection).parent = owner
+    else:
+        lamp = unlinked("Lamp")
+        bulb(lamp)
+        owner = empty(props, lamp) if kind == "collection" else scatter(props, lamp)
+    update()
+    if first == "hidden":
+        toggle(owner)
+    made = live()
+    for is_shown in (True, False, True) if first == "shown" else (False, True, False):
+        assert bool(newest(made)) == is_shown
+        said = shot.of(scene).notes == ["light 'Bulb' is hidden in the view only: off here, but on in renders"]
+        is_in_renders = len(exported(scene)["lights"]) > 0
+        assert said == (not is_shown and is_in_renders and kind != "faces"), shot.of(scene).notes
+        toggle(owner)
+        update()
+
+
 @pytest.mark.parametrize("hidden", ["Inner", "Bulb", "Empty"])
 def test_what_views_alone_hide_is_said(scene, live, hidden):
     rig, lamp = unlinked("Rig"), unlinked("Lamp")

@@ -201,9 +201,9 @@ def plain(scene: bpy.types.Scene) -> tuple[list[core.Row], list[core.Row], dict[
     return rows, groups, memberships
 
 
-def light_of(scene: bpy.types.Scene, name: str) -> bpy.types.Object | None:
-    """The light object of a row."""
-    return next((line.block for line in light_tree(scene) if line.kind == LIGHT and name_of(line.block) == name), None)
+def line_of(scene: bpy.types.Scene, name: str) -> Line | None:
+    """The light of a row, and the collections that it is in."""
+    return next((line for line in light_tree(scene) if line.kind == LIGHT and name_of(line.block) == name), None)
 
 
 def reset(scene: bpy.types.Scene, rows: Iterable[RelumeRow] | None = None) -> None:
