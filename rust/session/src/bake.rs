@@ -5,7 +5,7 @@ use relume_scene::{Light, Scene};
 use relume_trace::{Control, Outcome, TraceSettings, Tracer, lights_looked_for, manifest};
 use serde::Serialize;
 use std::path::Path;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 /// File of a bake folder that holds the lights that the scene came with ([`LightSet`]).
@@ -196,12 +196,16 @@ fn trace(
     samples: u32,
     monitor: &Monitor,
 ) -> Result<(), SessionError> {
-    let stage = OnceLock::new();
     let Manifest { width, height, .. } = *sink.manifest();
     let total = u64::from(samples) * (width * height) as u64;
+    // The tracer tells of what is there, too, as it goes over it: that takes no time.
+    let there = paths_in(sink);
+    let stage = monitor.stage(Stage::Trace, there, total);
     let on_progress = |progress: relume_trace::Progress| {
-        let stage = stage.get_or_init(|| monitor.stage(Stage::Trace, progress.paths, total));
-        stage.set(progress.paths, &format!("{} of {} shards", progress.shards, progress.shards_total));
+        stage.set(
+            progress.paths.max(there),
+            &format!("{} of {} shards", progress.shards, progress.shards_total),
+        );
     };
     let cancel = monitor.cancel().flag().clone();
     let lights = |pass| recorder.lights_of(pass, monitor);
@@ -211,6 +215,18 @@ fn trace(
         Outcome::Complete => Ok(()),
         Outcome::Cancelled => Err(SessionError::Cancelled),
     }
+}
+
+/// How many paths there are already.
+fn paths_in(sink: &dyn ShardSink) -> u64 {
+    let manifest = sink.manifest();
+    let shards = (0..manifest.passes.len())
+        .flat_map(|pass| (0..manifest.tile_count()).map(move |tile| (tile, pass)))
+        .filter(|(tile, pass)| sink.is_complete(*tile, *pass));
+    let paths = |(tile, pass): (usize, usize)| {
+        manifest.tile_rect(tile).pixel_count() as u64 * u64::from(manifest.passes[pass].samples)
+    };
+    shards.map(paths).sum()
 }
 
 /// Writes down what the paths of each pass look for.
@@ -326,29 +342,39 @@ mod tests {
     use crate::{Cancel, Listener, ObjView, Progress, obj_scene};
 
     #[derive(Default)]
-    struct Traced(Mutex<Vec<(u64, u64)>>);
+    struct Traced(Mutex<Vec<Progress>>);
 
     impl Listener for Traced {
         fn progress(&self, progress: &Progress) {
             if progress.stage == Stage::Trace {
-                self.0.lock().unwrap().push((progress.done, progress.total));
+                self.0.lock().unwrap().push(progress.clone());
             }
         }
         fn warning(&self, _: &str) {}
     }
 
     #[test]
-    fn progress_of_a_part_is_that_of_all_samples() {
+    fn progress_of_a_part_is_that_of_all_samples_and_the_pace_that_of_new_ones() {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/room.obj");
         let scene = obj_scene(&path, &ObjView { width: 8, height: 8, ..ObjView::default() }).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let traced = Arc::new(Traced::default());
         let monitor = Monitor::new(traced.clone(), Cancel::default());
-        for samples in [2, 8] {
+        for (there, samples) in [(0, 2), (2, 8)] {
+            traced.0.lock().unwrap().clear();
             let settings = TraceSettings { samples, threads: 1, ..TraceSettings::default() };
             let observer = Observer { samples: 8, lights: &Vec::new, passes: &|_| {} };
             bake_observed(&scene, &settings, folder.path(), true, &monitor, &observer).unwrap();
-            assert_eq!(*traced.0.lock().unwrap().last().unwrap(), (u64::from(samples) * 64, 8 * 64));
+            let reports = traced.0.lock().unwrap();
+            assert!(reports.iter().all(|report| report.done >= there * 64));
+            let done = |report: &Progress| (report.done, report.total);
+            assert_eq!(done(reports.first().unwrap()), (there * 64, 8 * 64));
+            assert_eq!(done(reports.last().unwrap()), (u64::from(samples) * 64, 8 * 64));
+            for report in reports.iter().filter(|report| report.done > there * 64) {
+                let pace = report.elapsed_s / (report.done - there * 64) as f64;
+                let left = pace * (report.total - report.done) as f64;
+                assert!((report.remaining_s.unwrap() - left).abs() < 1e-9, "{report:?}");
+            }
         }
     }
 }
