@@ -194,7 +194,7 @@ class Solving:
         except (SolveError, OSError) as error:
             self.notes.append(f"Few paths meet {names}, so the result is uncertain: {error}")
             return answer
-        self.notes.append(f"Few paths of the bake meet {names} in the new place; Rebake looks there")
+        self.notes.append(f"Few paths of the bake meet {names}; Rebake traces paths that look there")
         return found
 
     def _polished(self, answer: dict[str, Any]) -> Generator[None, None, dict[str, Any]]:

@@ -383,7 +383,7 @@ fn kinds_of_light_that_come_into_use_later_are_learned_too() {
     let live = live(folder.path());
     let of =
         |name: &str, shape: LightShape| Light { name: name.into(), ..crate::targets::unit_light(&shape) };
-    let (edge_u, edge_v) = (Vec3::X, Vec3::Y);
+    let (edge_u, edge_v) = (4.0 * Vec3::X, Vec3::Y);
     let quad =
         of("Rim", LightShape::Quad { center: 1.5 * Vec3::Z, edge_u, edge_v, spread: std::f32::consts::PI });
     let point = of("Bulb", LightShape::FacingDisk { center: 1.5 * Vec3::Z, radius: 0.2 });
@@ -394,6 +394,8 @@ fn kinds_of_light_that_come_into_use_later_are_learned_too() {
     state(&live, LiveState::Training);
     live.relight(request(&[lamp(0.0), quad.clone()]));
     assert_eq!(kinds(state(&live, LiveState::Ready)), ["quad", "sphere"], "added while another was learned");
+    let info = relume_proxy::read_info(&folder.path().join("proxy_quad.safetensors")).unwrap();
+    assert_eq!(info.size.max, 6.0, "the light that is there is among what was learned");
 
     let lights = [lamp(0.0), quad, point];
     live.relight(LiveRequest { interactive: true, ..request(&lights) });

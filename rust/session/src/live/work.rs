@@ -6,7 +6,7 @@ use crate::relighter::camera;
 use crate::world_layer::WorldLayer;
 use crate::{
     Cancel, Clock, Compute, Guided, LightSet, Monitor, Proxies, SessionError, TrainSettings, base_layers,
-    default_sizes, on_threads, train,
+    on_threads, sizes_with, train,
 };
 use relume_dump::{Dump, DumpError, Manifest};
 use relume_proxy::{LightKind, TrainConfig};
@@ -268,7 +268,8 @@ impl Job {
         let compute = self.options.device.open(self.options.gpu_memory)?;
         let mut seen = Vec::new();
         // Asked each time: lights of another kind may have been added while one was learned.
-        while let Some(kind) = self.kinds_in_use()?.into_iter().find(|kind| !seen.contains(kind)) {
+        while let Some(kind) = kinds_of(&self.lights_in_use()?).into_iter().find(|kind| !seen.contains(kind))
+        {
             seen.push(kind);
             if !self.is_trained(kind) {
                 self.enter(LiveState::Training);
@@ -282,7 +283,7 @@ impl Job {
     fn train_kind(&self, kind: LightKind, compute: &Compute, monitor: &Monitor) -> Result<(), SessionError> {
         let settings = TrainSettings {
             kind,
-            config: TrainConfig::fast(default_sizes(&self.folder, kind)?),
+            config: TrainConfig::fast(sizes_with(&self.folder, kind, &self.lights_in_use()?)?),
             seed: 0,
             seconds: Some(self.train_seconds),
             clock: Clock::Wall,
@@ -291,13 +292,13 @@ impl Job {
         train(&self.folder, &self.folder, &settings, false, compute, monitor).map(drop)
     }
 
-    /// Kinds of the lights that are asked for, and of those that the scene came with.
-    fn kinds_in_use(&self) -> Result<Vec<LightKind>, SessionError> {
+    /// The lights that are asked for, and those that the scene came with.
+    fn lights_in_use(&self) -> Result<Vec<Light>, SessionError> {
         let mut lights: Vec<Light> = LightSet::of_bake(&self.folder)?.lights;
         if let Some(request) = &self.shared.lock().request {
             lights.extend(request.lights.iter().cloned());
         }
-        Ok(kinds_of(&lights))
+        Ok(lights)
     }
 
     /// Whether there is a proxy that learned for as long as is asked for, from at least half of the paths that there are now.
