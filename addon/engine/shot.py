@@ -441,7 +441,7 @@ class Shot:
         """Has the kinds of light learned that the bake lacks."""
         try:
             self._live.learn(self._owed.note_kinds(self.status))
-        except OSError as error:
+        except (OSError, RuntimeError) as error:
             self.warnings.append(f"The kind of light that was added is not learned: {error}")
 
     def pause(self, paused: bool) -> None:
