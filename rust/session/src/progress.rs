@@ -1,7 +1,7 @@
 use serde::Serialize;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// What is being done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -38,7 +38,7 @@ pub struct Progress {
     pub done: u64,
     /// All units of the stage.
     pub total: u64,
-    /// Seconds since the stage began.
+    /// Seconds since the stage began, without those for which its listener held it up, as in a pause.
     pub elapsed_s: f64,
     /// Seconds to the end, at the pace so far or of a time limit; none before there is a pace.
     pub remaining_s: Option<f64>,
@@ -126,6 +126,7 @@ impl Monitor {
             first: done,
             done: AtomicU64::new(done),
             start: Instant::now(),
+            held: AtomicU64::new(0),
         };
         progress.report("", None);
         progress
@@ -140,6 +141,8 @@ pub struct StageProgress {
     first: u64,
     done: AtomicU64,
     start: Instant,
+    /// Nanoseconds for which the listener held it up.
+    held: AtomicU64,
 }
 
 impl StageProgress {
@@ -162,14 +165,17 @@ impl StageProgress {
 
     fn report(&self, message: &str, remaining_s: Option<f64>) {
         let done = self.done.load(Ordering::Relaxed);
-        let elapsed_s = self.start.elapsed().as_secs_f64();
+        let held = Duration::from_nanos(self.held.load(Ordering::Relaxed));
+        let elapsed_s = self.start.elapsed().saturating_sub(held).as_secs_f64();
         let fresh = done.saturating_sub(self.first);
         let left = self.total.saturating_sub(done);
         let by_pace = (fresh > 0).then(|| elapsed_s * left as f64 / fresh as f64);
         let remaining_s = remaining_s.or(by_pace);
         let (stage, total) = (self.stage, self.total);
         let progress = Progress { stage, done, total, elapsed_s, remaining_s, message: message.into() };
+        let told = Instant::now();
         self.monitor.listener.progress(&progress);
+        self.held.fetch_add(told.elapsed().as_nanos() as u64, Ordering::Relaxed);
     }
 }
 
@@ -210,6 +216,28 @@ mod tests {
         let reports = record.0.lock().unwrap();
         assert_eq!((reports[1].done, reports[1].remaining_s), (50, Some(42.0)));
         assert!(reports[2].remaining_s.unwrap() < 1.0, "the next report forgets it");
+    }
+
+    /// Keeps whoever tells it something waiting, as a pause does.
+    struct Pause(Record);
+
+    impl Listener for Pause {
+        fn progress(&self, progress: &Progress) {
+            self.0.progress(progress);
+            std::thread::sleep(Duration::from_millis(200));
+        }
+        fn warning(&self, _: &str) {}
+    }
+
+    #[test]
+    fn a_pause_does_not_make_the_rest_look_slow() {
+        let pause = Arc::new(Pause(Record::default()));
+        let stage = Monitor::new(pause.clone(), Cancel::default()).stage(Stage::Trace, 0, 100);
+        stage.advance(1, "");
+        stage.advance(1, "");
+        let reports = pause.0.0.lock().unwrap();
+        assert!(stage.start.elapsed() >= Duration::from_millis(600));
+        assert!(reports[2].elapsed_s < 0.1 && reports[2].remaining_s.unwrap() < 5.0, "{:?}", reports[2]);
     }
 
     #[test]
