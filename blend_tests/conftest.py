@@ -120,6 +120,23 @@ def baked(lit_by_two):
 
 
 @pytest.fixture
+def live(scene, registered_for_all_files, tmp_path):
+    """Starts a shot of the scene as it is, with a plane; the fake native module."""
+    from addon.ui.start import start
+    from fake_live import FakeLive
+    from helpers import add_quad, update
+
+    def begin():
+        scene.relume.folder = str(tmp_path / "bake")
+        update()
+        start(scene)
+        return FakeLive.made[-1]
+
+    add_quad(scene)
+    return begin
+
+
+@pytest.fixture
 def painted(baked):
     """With a stroke."""
     from solve_steps import LINE
@@ -174,9 +191,9 @@ def pytest_report_header():
     return f"Blender {bpy.app.version_string}, Python {sys.version.split()[0]}"
 
 
-def pytest_collection_modifyitems(items):
-    """Counts what should run."""
-    _results["collected"] = len(items)
+def pytest_collection_finish(session):
+    """Counts what should run: `-k` and `-m` have left out by now what should not."""
+    _results["collected"] = len(session.items)
 
 
 def pytest_runtest_logfinish():

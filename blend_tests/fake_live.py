@@ -26,6 +26,7 @@ class FakeLive:
             "world_map": None,
             "world_is_stored": True,
             "proxies": {},
+            "unlearned": [],
             "device": "CPU, 2 threads",
             "warnings": [],
             "rarely_met": [],
@@ -57,6 +58,11 @@ class FakeLive:
         """As Live.open."""
         self.calls.append(("open", train_seconds))
         self.tell(state="ready", samples=4, samples_total=4)
+
+    def learn(self, train_seconds):
+        """As Live.learn."""
+        self.calls.append(("learn", train_seconds))
+        self.tell(state="training")
 
     def relight(self, request):
         """As Live.relight."""

@@ -3,6 +3,7 @@
 import bpy
 import pytest
 
+from addon.core.differences import LATER
 from addon.engine import prints, shot
 from addon.engine.changes import Changes
 from addon.ui.start import start
@@ -355,7 +356,7 @@ def test_bakes_from_before_say_nothing_of_what_they_did_not_note(baked):
     found = shot.of(baked).changes
     older = {"camera", "film", "settings", "collections", "world", "object", "data", "material", "image"}
     found.baked = {
-        key: {part: text for part, text in taken.items() if part not in {"details", "origins"}}
+        key: {part: text for part, text in taken.items() if part not in LATER}
         for key, taken in found.baked.items()
         if key.partition(" ")[0] in older
     }

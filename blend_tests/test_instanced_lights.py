@@ -12,67 +12,10 @@ from addon.core.rows import GROUP, LIGHT
 from addon.engine import shot
 from addon.ui import handlers, mixer, rows
 from addon.ui.start import start
-from fake_live import FakeLive
 from helpers import add, add_quad, exported, render_cycles, row, said, settled, until, update
+from instances import bulb, instancing, newest, particles, scatter, unlinked
 
 TWO = {"Bulb", "Bulb#2"}
-
-
-def bulb(*collections):
-    """A light in some collections, or in none."""
-    light = bpy.data.lights.new("Bulb", "POINT")
-    light.energy, light.shadow_soft_size = 100.0, 0.3
-    obj = bpy.data.objects.new("Bulb", light)
-    for collection in collections:
-        collection.objects.link(obj)
-    return obj
-
-
-def unlinked(name, *objects):
-    """A collection that is not in the scene."""
-    made = bpy.data.collections.new(name)
-    for obj in objects:
-        made.objects.link(obj)
-    return made
-
-
-def scatter(collection, source):
-    """An object whose nodes show an object or a collection twice, 2 m above the ground."""
-    obj = bpy.data.objects.new("Scatter", bpy.data.meshes.new("Scatter"))
-    collection.objects.link(obj)
-    tree = bpy.data.node_groups.new("Scatter", "GeometryNodeTree")
-    tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
-    kind = "Object" if isinstance(source, bpy.types.Object) else "Collection"
-    kinds = ("GeometryNodeMeshLine", "GeometryNodeInstanceOnPoints", "NodeGroupOutput", f"GeometryNode{kind}Info")
-    line, points, output, info = (tree.nodes.new(name) for name in kinds)
-    line.inputs["Count"].default_value = 2
-    line.inputs["Start Location"].default_value, line.inputs["Offset"].default_value = (-0.5, 0, 2), (1, 0, 0)
-    info.inputs[kind].default_value = source
-    if kind == "Object":
-        info.inputs["As Instance"].default_value = True
-    tree.links.new(line.outputs[0], points.inputs["Points"])
-    tree.links.new(info.outputs["Geometry" if kind == "Object" else 0], points.inputs["Instance"])
-    tree.links.new(points.outputs[0], output.inputs[0])
-    obj.modifiers.new("Scatter", "NODES").node_group = tree
-    return obj
-
-
-def instancing(scene, collection):
-    """An empty in the scene that instances a collection."""
-    empty = add(scene, "Instance", None)
-    empty.instance_type, empty.instance_collection = "COLLECTION", collection
-
-
-def particles(scene, **shown):
-    """Two hairs that show something."""
-    obj = add_quad(scene, "Meadow", size=1.0)
-    obj.location.z = 2.0
-    obj.modifiers.new("Meadow", "PARTICLE_SYSTEM")
-    settings = obj.particle_systems[0].settings
-    settings.type, settings.count = "HAIR", 2
-    settings.render_type = "OBJECT" if "instance_object" in shown else "COLLECTION"
-    for name, value in shown.items():
-        setattr(settings, name, value)
 
 
 def by_nodes(scene):
@@ -172,26 +115,6 @@ WAYS = [
 ]
 
 
-@pytest.fixture
-def live(scene, registered_for_all_files, tmp_path):
-    """Starts a shot of the scene as it is; the fake native module."""
-
-    def begin():
-        scene.relume.folder = str(tmp_path / "bake")
-        update()
-        start(scene)
-        return FakeLive.made[-1]
-
-    add_quad(scene)
-    return begin
-
-
-def newest(live):
-    """The lights of the newest request by name, those that are off left out."""
-    request = live.requests[-1]
-    return {light["name"]: light for light in request["lights"] if any(request["gains"][light["name"]])}
-
-
 @pytest.mark.parametrize("way", WAYS)
 def test_bake_picture_and_rows_have_the_same_lights(scene, live, way):
     wanted = way(scene)
@@ -200,7 +123,7 @@ def test_bake_picture_and_rows_have_the_same_lights(scene, live, way):
     assert {light["name"] for light in exported(scene)["lights"]} == wanted
     assert set(newest(made)) == wanted
     found = row(scene, "Bulb")
-    assert not wanted or not found.hidden, "it can be switched off"
+    assert not wanted or not mixer.is_hidden(scene, found), "it can be switched off"
     found.exposure = 1.0
     assert all(made.requests[-1]["gains"][name] == [2.0] * 3 for name in wanted)
     found.on = False
@@ -280,7 +203,13 @@ def test_what_nodes_only_read_can_be_hidden(scene, live):
     assert set(newest(made)) == {"Bulb"}
     row(scene, "Bulb").on = False
     mixer.apply_to_lights(scene)
-    assert light.hide_render and light.hide_viewport
+    assert light.hide_render and light.hide_viewport and newest(made) == {}
+    assert mixer.is_hidden(scene, row(scene, "Bulb")), "a box would say that it is on"
+    tree.links.new(tree.nodes["Object Info"].outputs["Geometry"], tree.nodes["Instance on Points"].inputs["Instance"])
+    update()
+    assert set(newest(made)) == TWO and not mixer.is_hidden(scene, row(scene, "Bulb"))
+    bpy.ops.relume.show_light(light="Bulb")
+    assert set(newest(made)) == {*TWO, "Bulb#3"}
 
 
 @pytest.mark.parametrize("way", [by_nodes, by_nodes_though_hidden, by_faces])

@@ -334,7 +334,7 @@ CASES = {
     "apply_to_lights": (nothing, lambda scene, _: mixer.apply_to_lights(scene), {}),
     "read_from_lights": (nothing, lambda scene, _: rows.reset(scene), {}),
     "select_light": (nothing, lambda _scene, _: mixer.select_light(bpy.context, "Key"), {"light": "Key"}),
-    "show_light": (nothing, lambda scene, _: mixer.show_light(rows.light_of(scene, "Fill")), {"light": "Fill"}),
+    "show_light": (nothing, lambda _scene, _: mixer.show_light(bpy.context, "Fill"), {"light": "Fill"}),
     "snapshot": (nothing, lambda scene, _: looks.snapshot(scene), {}),
     "restore_look": (nothing, lambda scene, _: looks.restore(scene, looks.active_look(scene).look()), {}),
     "restore_look with lights": (

@@ -350,10 +350,10 @@ def test_a_doubtful_reading_of_the_target_is_said(baked):
 def test_previews_go_to_the_picture_and_never_to_lights(painted):
     before = state_of(painted)
     found, job = begin(painted)
-    job.reports.append({"done": 30, "total": 100})
+    job.reports.append({"stage": "optimise", "done": 30, "total": 100, "remaining_s": 65.0})
     lights = {"format": "relume-lights", "version": 1, "lights": [{"name": "Key"}, {"name": "New 1"}]}
     job.previews.append({"lights": lights, "world": [0.5, 0.25, 0.125]})
-    assert found.step() and found.progress == (0.3, "Solving, 30 %")
+    assert found.step() and found.progress == (0.3, "Solving, 30 %, 1:05 left")
     asked = FakeLive.made[-1].requests[-1]
     assert asked["interactive"] and asked["lights"] == lights and asked["gains"] == {}
     assert asked["world"] == [0.5, 0.25, 0.125]
@@ -379,9 +379,9 @@ def test_it_goes_on_while_another_scene_is_shown(painted):
     operator = SimpleNamespace(solving=found, shown=found.progress, next_words=float("inf"))
     bpy.context.window.scene = bpy.data.scenes.new("Other")
     event = SimpleNamespace(type="TIMER", value="NOTHING")
-    job.reports.append({"done": 1, "total": 2})
+    job.reports.append({"stage": "polish", "done": 1, "total": 2, "remaining_s": None})
     assert solve_operators.RELUME_OT_solve.modal(operator, bpy.context, event) == {"PASS_THROUGH"}
-    assert found.progress == (0.5, "Solving, 50 %") and found.is_running
+    assert found.progress == (0.5, "Polishing, 50 %") and found.is_running
     found.cancel()
     assert not found.is_running
 

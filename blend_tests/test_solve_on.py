@@ -52,7 +52,7 @@ def test_it_is_solved_on_with_paths_that_look_for_it(shown, asked):
     assert own is None and "from" not in first and first["steps"] > 0
     assert (second["steps"], second["from"]["changed"]) == (0, ["Key"])
     assert folder.parent == shot.of(shown).folder and not folder.exists()
-    assert any("Rebake looks there" in note for note in notes(shown))
+    assert any("Rebake traces paths that look there" in note for note in notes(shown))
     assert bpy.ops.relume.apply_solved() == {"FINISHED"}
     until(shown, settled, "the picture")
     assert any("'Key': its direct light is found by one path in" in note for note in shot.of(shown).notes)

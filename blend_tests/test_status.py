@@ -73,6 +73,7 @@ SHOWN = [
         "Showing 12 samples, denoised (noise 4 % before)",
     ),
     (state(shown=picture(Key="gather") | {"noise": None}), "Showing 12 samples"),
+    (state(shown=picture(Key="gather") | {"noise": 0.0}, rarely_met=["Key"]), "Showing 12 samples"),
 ]
 
 

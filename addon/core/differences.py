@@ -35,11 +35,12 @@ PARTS = {
     ("settings", "paths"): "Bounces or filters of the render settings changed",
     ("settings", "space"): "The file has another working space",
     ("collections", "hidden"): "Objects were hidden or shown by their collection",
+    ("collections", "lacking"): "Objects were hidden or shown by their collection",
     ("collections", "rays"): "Holdout or Indirect Only of a collection changed",
     ("collections", "origins"): "The origin of an instanced collection moved",
 }
 """What is said of a part that differs; of a `helper`, which no render shows itself, as of an `object`."""
-LATER = {"details", "origins"}
+LATER = {"details", "origins", "lacking"}
 """Parts that the first bakes do not know: of these nothing is said."""
 ORDER = (
     *("camera", "film", "settings", "collections", "world", "object", "helper", "collection", "nodes", "texture"),

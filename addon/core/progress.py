@@ -63,6 +63,24 @@ def progress_line(report: dict[str, Any]) -> str:
     return ", ".join(parts)
 
 
+def share_and_words(report: dict[str, Any]) -> tuple[float, str]:
+    """The share that is done, and a text: `42 %, 1:05 left`, as long as there is no pace `42 %`."""
+    share = min(max(report["done"] / max(report["total"], 1), 0.0), 1.0)
+    left = report.get("remaining_s")
+    return share, f"{100 * share:.0f} %" if left is None else f"{100 * share:.0f} %, {clock(left)} left"
+
+
+class Pace:
+    """How long steps of one length will take, from how long those took that are done."""
+
+    def __init__(self) -> None:
+        self.began = time.monotonic()
+
+    def remaining(self, done: int, total: int) -> float | None:
+        """Seconds to the end; None before the first step is done."""
+        return (time.monotonic() - self.began) * (total - done) / done if done else None
+
+
 def clock(seconds: float) -> str:
     """`m:ss`, or `h:mm:ss` from an hour on."""
     minutes, seconds = divmod(int(seconds + 0.5), 60)

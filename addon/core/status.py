@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from .progress import clock
+from .progress import share_and_words
 
 STAGES = {
     "prepare": "Preparing the scene",
@@ -13,6 +13,8 @@ STAGES = {
     "train": "Learning the lights",
     "measure": "Measuring what was learned",
     "write": "Writing files",
+    "optimise": "Solving",
+    "polish": "Polishing",
 }
 
 
@@ -25,7 +27,8 @@ def shown(status: dict[str, Any]) -> str:
     samples = picture.get("samples", 0)
     plain = f"{samples} {'sample' if samples == 1 else 'samples'}"
     denoised = ", denoised" if any(maker.endswith("denoised") for maker in makers) else ""
-    if (noise := picture.get("noise")) is not None:
+    # What few paths meet is no noise where none does: the figure would be too low.
+    if (noise := picture.get("noise")) is not None and not status["rarely_met"]:
         denoised += f" (noise {100 * noise:.0f} %{' before' if denoised else ''})"
     size = f", at 1/{picture['scale']} size" if picture.get("scale", 1) > 1 else ""
     if "proxy" not in makers:
@@ -112,10 +115,8 @@ def _doing(status: dict[str, Any], otherwise: str) -> str:
 
 
 def progress(status: dict[str, Any]) -> tuple[float, str] | None:
-    """Share that is done and a text, of the present stage; None if nothing runs. For example `42 %, 1:05 left`."""
+    """Share that is done and a text, of the present stage; None if nothing runs."""
     stage = status["stage"]
     if stage is None or status["state"] not in {"preparing", "baking", "training"}:
         return None
-    done = min(max(stage["done"] / max(stage["total"], 1), 0.0), 1.0)
-    left = stage.get("remaining_s")
-    return done, f"{100 * done:.0f} %" if left is None else f"{100 * done:.0f} %, {clock(left)} left"
+    return share_and_words(stage)

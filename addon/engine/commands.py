@@ -16,7 +16,7 @@ import bpy
 
 from ..core import command_line
 from ..core.bake_folder import OTHER_WORLD, clear, clear_paths, is_bake
-from ..core.progress import Reporter, clock
+from ..core.progress import Pace, Reporter, clock
 from ..export import ExportError, ExportOptions, trace_settings, write_view_table
 from . import pictures, record, world_render, worlds
 from .native import native
@@ -151,8 +151,11 @@ def verify(options: argparse.Namespace, _rest: list[str], reporter: Reporter) ->
     """Renders the open scene with Cycles and compares it with a picture."""
     from . import cycles_reference
 
+    pace = Pace()
+
     def on_progress(done: int, total: int) -> None:
-        reporter.progress({"stage": "render", "done": done, "total": total})
+        remaining_s = pace.remaining(done, total)
+        reporter.progress({"stage": "render", "done": done, "total": total, "remaining_s": remaining_s})
 
     found = cycles_reference.verify(Path(options.folder), on_progress)
     text = f"error {100 * found['error']:.1f} %, noise {100 * found['noise']:.1f} %, PSNR {found['psnr']:.1f} dB"

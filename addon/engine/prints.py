@@ -18,7 +18,7 @@ import bpy
 from ..core.differences import Print, color_text
 from ..export import trace_settings
 from ..export.camera import UnsupportedCameraError, camera_json, film_size
-from ..export.instancers import node_inputs
+from ..export.instancers import node_inputs, objects_in
 from ..export.materials.graph import used_tree
 from ..export.plain import plain
 from ..export.working_space import working_space
@@ -111,17 +111,21 @@ def _weighted() -> set[int]:
 
 def _instanced(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """The objects of instanced collections that are not in the scene themselves."""
+    found = {obj.name_full: obj for collection in _instanced_collections(scene) for obj in collection.all_objects}
+    return [obj for name, obj in found.items() if _by_full_name(scene.objects, name) is None]
+
+
+def _instanced_collections(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
+    """Collections that the scene's objects instance, and those that are instanced in them."""
     todo = [obj.instance_collection for obj in scene.objects if _counts(obj)]
-    seen: set[int] = set()
-    found: dict[str, bpy.types.Object] = {}
+    found: dict[int, bpy.types.Collection] = {}
     while todo:
         collection = todo.pop()
-        if collection is None or collection.session_uid in seen:
+        if collection is None or collection.session_uid in found:
             continue
-        seen.add(collection.session_uid)
-        found |= {obj.name_full: obj for obj in collection.all_objects}
+        found[collection.session_uid] = collection
         todo += [obj.instance_collection for obj in collection.all_objects]
-    return [obj for name, obj in found.items() if _by_full_name(scene.objects, name) is None]
+    return list(found.values())
 
 
 def _nothing() -> Steps:
@@ -279,8 +283,9 @@ def _settings(scene: bpy.types.Scene) -> Print:
 
 
 def _collections(scene: bpy.types.Scene) -> Print:
-    """Objects that collections of the view layer hide from renders, those whose collections alter what rays see, and
-    the origins of instanced collections. Costs next to nothing where no collection does either."""
+    """Objects that collections of the view layer hide from renders, those that instanced collections hide, those whose
+    collections alter what rays see, and the origins of instanced collections. Costs next to nothing where no collection
+    does either."""
     layers = list(_layers(render_layer(scene).layer_collection, False))
     hidden = {obj for layer, is_hidden in layers if is_hidden for obj in layer.collection.objects if _counts(obj)}
     if hidden:
@@ -293,8 +298,16 @@ def _collections(scene: bpy.types.Scene) -> Print:
         if _counts(obj)
     ]
     instanced = {obj.instance_collection for obj in scene.objects} - {None}
+    lacking = {
+        (collection.name_full, obj.name_full)
+        for collection in _instanced_collections(scene)
+        if any(inner.hide_render for inner in (collection, *collection.children_recursive))
+        for obj, is_shown in objects_in(collection)
+        if not is_shown and _counts(obj)
+    }
     return {
         "hidden": hashed(sorted(obj.name_full for obj in hidden)),
+        "lacking": hashed(sorted(lacking)),
         "rays": hashed(sorted(altered)),
         "origins": hashed(sorted((found.name_full, *found.instance_offset) for found in instanced)),
     }

@@ -13,9 +13,7 @@ from functools import cached_property
 import bpy
 from mathutils import Matrix
 
-from ..core.rows import LIGHT
 from ..export.instancers import Instancers
-from ..export.light_tree import light_tree
 from ..export.lights import UniqueNames, describe_light, name_of, ray_visibility
 from ..export.linking import LightLinking
 
@@ -74,6 +72,8 @@ class SceneLights:
         self._hidden: list[str] = []
         """What is said of lights that are hidden."""
         self._instancers: set[int] = set()
+        self._shown: set[int] = set()
+        """Uids of all lights that were found."""
         self._visibility: tuple | None = None
 
     @property
@@ -91,6 +91,11 @@ class SceneLights:
         """Names (`name_of`) of lights that are shown in other places than their own."""
         return {entry.name for entry in self._entries.values() if entry.matrix is not None}
 
+    def shows(self, uid: int) -> bool | None:
+        """Whether a light gives light, where it is or as an instance, by its session uid; None as long as that is not
+        known."""
+        return None if self.is_forgotten else uid in self._shown
+
     def forget(self) -> None:
         """What was read is no longer true, such as after undo: the next update reads everything."""
         self._entries, self._waiting, self._differs, self._visibility = {}, {}, False, None
@@ -105,7 +110,7 @@ class SceneLights:
         begun = time.perf_counter()
         edited, shaded, may_instance = self._named(depsgraph)
         is_known = edited | shaded <= {key[0] for key in self._entries}
-        if may_instance or not is_known or self._visibility != _visibility(depsgraph.view_layer):
+        if may_instance or not is_known or self._visibility != _visibility(depsgraph.view_layer, self._instancers):
             self._walk(depsgraph, edited)
         else:
             self._waiting |= {key: None for key in self._entries if key[0] in edited | shaded}
@@ -173,9 +178,10 @@ class SceneLights:
 
     def _walk(self, depsgraph: bpy.types.Depsgraph, edited: set[int]) -> None:
         """Finds all lights and their instances; what is new or edited has to be read."""
-        known, waiting = self._entries, self._waiting
-        self._entries, self._waiting, self._instancers = {}, {}, set()
-        rendered, instancers = _RenderedObjects(depsgraph.view_layer), Instancers()
+        known, waiting, layer = self._entries, self._waiting, depsgraph.view_layer
+        rendered, instancers = _RenderedObjects(layer), Instancers()
+        unseen = _hidden_instancers(layer, instancers)
+        self._entries, self._waiting, self._instancers = {}, {}, {obj.session_uid for obj in unseen}
         for instance in depsgraph.object_instances:
             obj = instance.object
             if obj.type != "LIGHT":
@@ -184,11 +190,15 @@ class SceneLights:
             owner = instance.parent.original if instance.is_instance else light
             if instance.is_instance:
                 self._instancers |= {owner.session_uid, light.session_uid}
-            if instance.is_instance:
-                is_rendered = not light.hide_render or instancers.names(owner, light)
+                is_child = light.parent == owner and _is_replaced(light)
+                is_rendered = (
+                    light in rendered if is_child else instancers.renders(owner, instance.persistent_id, light)
+                )
             else:
                 is_rendered = not light.hide_render and not _is_replaced(light)
-            if instance.show_self and is_rendered and owner in rendered:
+            # Of what the eye of a collection hides Blender tells here all the same.
+            is_seen = instance.show_self and owner.visible_get(view_layer=layer)
+            if is_seen and is_rendered and owner in rendered:
                 key, entry = self._found(instance, light, owner)
                 before = None if key in waiting or light.session_uid in edited else known.get(key)
                 if before is None or not before.is_same(entry):
@@ -196,13 +206,15 @@ class SceneLights:
                     before = entry
                 self._entries[key] = before
         self._differs = True
-        self._visibility = _visibility(depsgraph.view_layer)
+        self._shown = {key[0] for key in self._entries}
+        self._visibility = _visibility(layer, self._instancers)
         hidden = [
             obj
-            for obj in _lights(depsgraph.view_layer)
-            if not obj.visible_get(view_layer=depsgraph.view_layer) and obj in rendered and not _is_replaced(obj)
+            for obj in _lights(layer)
+            if not obj.visible_get(view_layer=layer) and obj in rendered and not _is_replaced(obj)
         ]
-        hidden += _hidden_instances(depsgraph)
+        if unseen or _views_hide():
+            hidden += _hidden_instances(layer, rendered, instancers, self._shown)
         self._hidden = [
             f"light '{name_of(obj)}' is hidden in the view only: off here, but on in renders" for obj in hidden
         ]
@@ -258,25 +270,44 @@ def _is_replaced(light: bpy.types.Object) -> bool:
     return light.parent is not None and light.parent.instance_type in {"VERTS", "FACES"}
 
 
-def _hidden_instances(depsgraph: bpy.types.Depsgraph) -> list[bpy.types.Object]:
-    """Lights of instanced collections that are hidden in the view only."""
-    own = depsgraph.view_layer.objects
-    found = [obj for obj in bpy.data.objects if obj.type == "LIGHT" and obj.hide_viewport and not obj.hide_render]
-    if all(own.get(obj.name) is obj for obj in found):
-        return []
-    lines = {line.block: line for line in light_tree(depsgraph.scene) if line.kind == LIGHT}
-    return [obj for obj in found if obj in lines and own.get(obj.name) is not obj and not lines[obj].is_named]
+def _hidden_instances(
+    view_layer: bpy.types.ViewLayer, rendered: _RenderedObjects, instancers: Instancers, shown: set[int]
+) -> list[bpy.types.Object]:
+    """Lights of instanced collections that are hidden in the view only: by themselves, or by what they are in."""
+    reached = [instancers.reached_from(owner) for owner in view_layer.objects if owner in rendered]
+    lights = dict.fromkeys(obj for found in reached for obj in found if obj.type == "LIGHT")
+    # Those that nodes name are shown by them, hidden or not, or only read.
+    named = {obj for found in reached for obj, is_named in found.items() if is_named}
+    own = view_layer.objects
+    return [obj for obj in lights.keys() - named if obj.session_uid not in shown and own.get(obj.name) is not obj]
+
+
+def _views_hide() -> bool:
+    """Whether views hide anything, of what lights may be shown by in instances, that renders show."""
+    may_hide = [obj for obj in bpy.data.objects if obj.type in {"LIGHT", "EMPTY"}]
+    return any(block.hide_viewport and not block.hide_render for block in [*may_hide, *bpy.data.collections])
+
+
+def _hidden_instancers(view_layer: bpy.types.ViewLayer, instancers: Instancers) -> list[bpy.types.Object]:
+    """Objects that may show lights by instances, but are hidden in the view."""
+    carriers = {obj.parent for obj in _lights(view_layer) if _is_replaced(obj)}
+    return [
+        obj
+        for obj in view_layer.objects
+        if (obj.instance_type != "NONE" or len(obj.modifiers))
+        and not obj.visible_get(view_layer=view_layer)
+        and (obj in carriers or instancers.may_show_lights(obj))
+    ]
 
 
 def _lights(view_layer: bpy.types.ViewLayer) -> list[bpy.types.Object]:
     return [obj for obj in view_layer.objects if obj.type == "LIGHT"]
 
 
-def _visibility(view_layer: bpy.types.ViewLayer) -> tuple:
-    """Differs when a light was added, deleted, hidden or shown."""
-    return tuple(
-        (obj.session_uid, obj.visible_get(view_layer=view_layer), obj.hide_render) for obj in _lights(view_layer)
-    )
+def _visibility(view_layer: bpy.types.ViewLayer, instancers: set[int]) -> tuple:
+    """Differs when a light, or one of what instances lights, was added, deleted, hidden or shown."""
+    sources = [obj for obj in view_layer.objects if obj.type == "LIGHT" or obj.session_uid in instancers]
+    return tuple((obj.session_uid, obj.visible_get(view_layer=view_layer), obj.hide_render) for obj in sources)
 
 
 class _RenderedObjects:

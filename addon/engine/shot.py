@@ -11,7 +11,6 @@ from typing import Any
 
 import bpy
 
-from ..core import wanted
 from ..core.bake_folder import camera_of, world_map_of
 from ..core.status import is_unfinished, lacks_samples
 from ..export import ExportOptions, trace_settings
@@ -20,6 +19,7 @@ from . import prints, record, world_change, worlds
 from .changes import Changes
 from .native import native
 from .options import Options, options_of, remember_bake, remembered_bake
+from .owed import Owed
 from .passes import Passes, Whole
 from .render_depsgraph import ExportCancelled, RenderTask
 from .scene import load_scene_async
@@ -36,6 +36,7 @@ EMPTY: dict[str, Any] = {
     "world_map": None,
     "world_is_stored": True,
     "proxies": {},
+    "unlearned": [],
     "device": "",
     "warnings": [],
     "rarely_met": [],
@@ -72,8 +73,7 @@ class Shot:
         self.changes = Changes(kept.prints if kept else None)
         self.changes.maps |= kept.maps if kept else {}
         self.is_recorded = kept is not None
-        self.wanted: wanted.Wanted | None = None
-        """What the folder still lacks something of."""
+        self._owed = Owed(options)
         self.is_exporting = self._has_ended = False
         self._task: RenderTask | None = None
         self._world_task: WorldTask | None = None
@@ -84,7 +84,7 @@ class Shot:
         """Shape of the world's print when reading the scene began."""
         self._content: dict[str, Any] = {}
         """What the newest request asks for; empty where that is not the present lights and rows."""
-        self._is_interactive = self._anew = self._bakes = False
+        self._is_interactive = self._anew = False
         self.was_interrupted = False
         """Whether reading the scene was stopped, and nobody has looked at that yet."""
         self.refusal = ""
@@ -119,7 +119,7 @@ class Shot:
         folder = remembered_bake(scene) or options.folder
         shot = cls._replace(scene, dataclasses.replace(options, folder=folder), record.read(folder))
         shot.is_recorded = True
-        shot.wanted = wanted.read(folder)
+        shot._owed.read()
         if shot.changes.recording:
             shot._camera_uid = None
             shot.warnings.append("This bake says nothing of its scene: what changed before it was opened is not seen")
@@ -186,9 +186,7 @@ class Shot:
         record.forget(self.folder)
         if scene := self._scene():
             remember_bake(scene, self.folder)
-        self.wanted = wanted.Wanted(self.options.samples, self.options.train_seconds)
-        self.wanted.write(self.folder)
-        self._bakes = True
+        self._owed.note_bake()
         self._live.bake(exported, settings, train_seconds=self.options.train_seconds, anew=self._anew)
 
     def _note_world_of(self, exported: Any) -> None:
@@ -389,7 +387,7 @@ class Shot:
         self._news = time.monotonic()
         self._status_text = text
         self.status = json.loads(text) | (self._of_whole() if self._passes.turns.is_away else {})
-        self._note_what_is_owed()
+        self._owed.note(self.status)
         self.status["is_under_another_world"] = self._is_under_another_world()
         self.changes.note_world(self.status["world_map"], self.status["world_color"])
         if frame:
@@ -414,20 +412,13 @@ class Shot:
             return False
         return world_map_of(self.folder) not in {None, self.status["world_map"]}
 
-    def _note_what_is_owed(self) -> None:
-        if self._bakes and self.status["state"] == "ready":
-            wanted.forget(self.folder)
-            self.wanted = None
-        self.status["is_owed"] = self.wanted is not None
-        if self.wanted is not None:
-            self.status["samples_total"] = max(self.status["samples_total"], self.wanted.samples)
-
     def rest(self, scene: bpy.types.Scene) -> Options:
         """Options to go on with what was asked for of this bake, in its folder."""
         options = dataclasses.replace(
             options_of(scene), folder=self.folder, samples=self.status["samples_total"] or self.options.samples
         )
-        return dataclasses.replace(options, train_seconds=self.wanted.train_seconds) if self.wanted else options
+        owed = self._owed.wanted
+        return dataclasses.replace(options, train_seconds=owed.train_seconds) if owed else options
 
     def keep_record(self) -> None:
         """Writes what the bake is of, as soon as there is a bake and that is known."""
@@ -439,6 +430,19 @@ class Shot:
             record.Record(self.camera, self.lights.receivers, found, self.changes.maps).write(self.folder)
         except OSError as error:
             self.warnings.append(f"What the bake is of could not be written down: {error}")
+
+    @property
+    def lacks_a_kind(self) -> bool:
+        """Whether a kind of light came into use after all that was asked for of this bake was done, and could be
+        learned as well. What a look or the solver shows is not in use."""
+        return bool(self._content) and not self._is_interactive and self._owed.lacks_a_kind(self.status)
+
+    def learn_kinds(self) -> None:
+        """Has the kinds of light learned that the bake lacks."""
+        try:
+            self._live.learn(self._owed.note_kinds(self.status))
+        except (OSError, RuntimeError) as error:
+            self.warnings.append(f"The kind of light that was added is not learned: {error}")
 
     def pause(self, paused: bool) -> None:
         """Lets baking and training stand still; relighting goes on."""

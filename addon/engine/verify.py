@@ -40,7 +40,7 @@ class Verification:
             raise VerifyError(f"camera '{camera}' of the bake is not in the scene")
         self.scene_uid = scene.session_uid
         self.ours = Picture(np.array(frame.image, np.float32))
-        self.done, self.total = 0, 1
+        self.stage: dict[str, Any] = {"done": 0, "total": 1, "remaining_s": None}
         self.error = ""
         self.result: dict[str, Any] | None = None
         self.reference: Picture | None = None
@@ -71,7 +71,7 @@ class Verification:
         ended, events = worker.ended, worker.events()
         for event in events:
             if event.get("event") == "progress":
-                self.done, self.total = event["done"], event["total"]
+                self.stage = event
         if ended:
             self._finish(worker)
         return ended or bool(events)

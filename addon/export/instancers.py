@@ -1,14 +1,17 @@
-"""What objects instance by geometry nodes and particles, which need not be in the scene itself. Read from what nodes
-and particle settings name: what becomes of that only the evaluated scene knows."""
+"""What objects instance: collections, and what geometry nodes and particles name, which need not be in the scene
+itself. Of nodes and particle settings it is read what they name: what becomes of that only the evaluated scene knows.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, TypeAlias
 
 import bpy
 
 Block: TypeAlias = bpy.types.Object | bpy.types.Collection
+NO_NUMBER = 2**31 - 1
+"""Fills persistent ids."""
 
 
 class Instancers:
@@ -17,7 +20,8 @@ class Instancers:
 
     def __init__(self) -> None:
         self._by_group: dict[bpy.types.NodeTree, list[Block]] = {}
-        self._named: dict[bpy.types.Object, set[bpy.types.Object]] = {}
+        self._reached: dict[bpy.types.Object, dict[bpy.types.Object, bool]] = {}
+        self._inside: dict[bpy.types.Collection, list[tuple[bpy.types.Object, bool]]] = {}
 
     def named_by(self, obj: bpy.types.Object) -> list[Block]:
         """Objects and collections in an object's modifiers."""
@@ -42,30 +46,62 @@ class Instancers:
             self._by_group[group] = _blocks(found)
         return self._by_group[group]
 
-    def reached_from(self, obj: bpy.types.Object) -> Iterator[tuple[bpy.types.Object, bool]]:
-        """Objects that an object may instance, also by way of others, and whether nodes or particles name them
-        themselves: those are shown even where they are hidden, unlike what is in collections."""
-        todo, seen = [obj], {obj}
-        while todo:
-            current = todo.pop()
-            instanced = [current.instance_collection] if current.instance_type == "COLLECTION" else []
-            for block in [*self.named_by(current), *_blocks(instanced)]:
-                is_named = isinstance(block, bpy.types.Object)
-                for found in [block] if is_named else block.all_objects:
-                    yield found, is_named
-                    if found not in seen:
-                        seen.add(found)
-                        todo.append(found)
+    def reached_from(self, obj: bpy.types.Object) -> dict[bpy.types.Object, bool]:
+        """Objects that an object may instance in renders, also by way of others, and whether nodes or particles name
+        them themselves: those are shown even where they are hidden, unlike what is in collections."""
+        if obj not in self._reached:
+            found = self._reached[obj] = {}
+            todo = [obj]
+            while todo:
+                current = todo.pop()
+                instanced = [current.instance_collection] if current.instance_type == "COLLECTION" else []
+                for block in [*self.named_by(current), *_blocks(instanced)]:
+                    is_named = isinstance(block, bpy.types.Object)
+                    inside = [block] if is_named else [inner for inner, is_shown in self._objects_of(block) if is_shown]
+                    todo += [inner for inner in inside if inner not in found]
+                    found |= {inner: is_named or found.get(inner, False) for inner in inside}
+        return self._reached[obj]
 
     def may_show_lights(self, obj: bpy.types.Object) -> bool:
         """Whether there are lights among what an object may instance."""
-        return any(found.type == "LIGHT" for found, _ in self.reached_from(obj))
+        return any(found.type == "LIGHT" for found in self.reached_from(obj))
 
-    def names(self, obj: bpy.types.Object, light: bpy.types.Object) -> bool:
-        """Whether an object shows a light by naming it, so that it does not matter whether the light is hidden."""
-        if obj not in self._named:
-            self._named[obj] = {found for found, is_named in self.reached_from(obj) if is_named}
-        return light in self._named[obj]
+    def renders(self, owner: bpy.types.Object, way: Sequence[int], light: bpy.types.Object) -> bool:
+        """Whether renders too show an instance of a light that a view shows. `way` is its persistent id, which says,
+        from the innermost to the outermost, which objects of instanced collections it is shown by; within nodes and
+        particles it says nothing of that, so that it is enough there if there is such a way at all."""
+        by = owner
+        for place in reversed([number for number in way if number != NO_NUMBER]):
+            if by.instance_type != "COLLECTION" or by.instance_collection is None:
+                break
+            by, is_shown = self._objects_of(by.instance_collection)[place]
+            if not is_shown:
+                return False
+        if by == light:
+            return True
+        is_child = by.instance_type in {"VERTS", "FACES"} and light.parent == by
+        return (is_child and not light.hide_render) or light in self.reached_from(by)
+
+    def _objects_of(self, collection: bpy.types.Collection) -> list[tuple[bpy.types.Object, bool]]:
+        if collection not in self._inside:
+            self._inside[collection] = objects_in(collection)
+        return self._inside[collection]
+
+
+def objects_in(collection: bpy.types.Collection) -> list[tuple[bpy.types.Object, bool]]:
+    """All objects of a collection that is instanced, in Blender's order, and whether renders show them there."""
+    shown = set(_shown_in(collection))
+    return [(obj, obj in shown and not obj.hide_render) for obj in collection.all_objects]
+
+
+def _shown_in(collection: bpy.types.Collection) -> Iterator[bpy.types.Object]:
+    """Objects that no collection hides from renders, on one way at least. An object is instanced however it is, or is
+    not, in the scene."""
+    if collection.hide_render:
+        return
+    yield from collection.objects
+    for child in collection.children:
+        yield from _shown_in(child)
 
 
 def node_inputs(modifier: bpy.types.Modifier) -> list[tuple[str, Any]]:

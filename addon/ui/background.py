@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..core.progress import clock
+from ..core.progress import share_and_words
 from ..engine import background, shot
 from ..engine.checks import ProblemError, check_start
 from ..engine.native import NativeModuleError
@@ -62,9 +62,8 @@ def progress(job: background.BackgroundBake) -> tuple[float, str]:
     """Share of the present stage that is done, and words for it."""
     stage = job.stage
     name = STAGES.get(stage["stage"], stage["stage"].capitalize())
-    share = stage["done"] / max(stage["total"], 1)
-    left = f", {clock(stage['remaining_s'])} left" if stage.get("remaining_s") else ""
-    return share, f"{name} {100 * share:.0f} %{left}"
+    share, words = share_and_words(stage)
+    return share, f"{name} {words}"
 
 
 class RELUME_OT_background_start(bpy.types.Operator):  # noqa: N801 -- Blender's naming

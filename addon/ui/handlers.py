@@ -12,6 +12,7 @@ from bpy.app.handlers import persistent
 
 from ..core.bake_folder import is_bake
 from ..engine import shot
+from ..engine.checks import folders_in_use
 from ..engine.native import NativeModuleError
 from ..engine.options import FolderError, bake_folder, preferences, remember_bake, remembered_bake
 from ..engine.render_depsgraph import settle_settings, show_settings
@@ -155,6 +156,8 @@ def tick() -> bool:
             found.changes.look(scenes[found.scene_uid], LOOK_SECONDS)
         if (world := found.follow_world(scenes[found.scene_uid])) is not None:
             changed(scenes[found.scene_uid], world=world)
+        if found.lacks_a_kind and found.folder not in folders_in_use(scenes[found.scene_uid]):
+            found.learn_kinds()
         found.show_passes(render_pass.wanted(scenes[found.scene_uid]))
         goes_on |= redraws.follow(found, new_picture=found.serial != serial)
         goes_on |= found.is_busy or found.changes.is_pending or found.lights.is_waiting

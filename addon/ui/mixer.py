@@ -7,7 +7,7 @@ from dataclasses import replace
 import bpy
 from bpy.props import StringProperty
 
-from ..apply.lights import apply_mix, show_light
+from ..apply.lights import apply_mix, hidden_collections, show
 from ..apply.writable import RefusedError
 from ..core.rows import GROUP, LIGHT, STATIC, Row
 from ..engine import shot
@@ -25,11 +25,10 @@ def apply_to_lights(scene: bpy.types.Scene) -> None:
     cannot be written, so their row keeps it. Raises RefusedError."""
     rows.sync(scene)
     lines = {name_of(line.block): line for line in light_tree(scene) if line.kind == LIGHT}
-    named, found = {name for name, line in lines.items() if line.is_named}, shot.of(scene)
-    if found is not None:
-        named &= found.lights.instanced
+    named, instanced = {name for name, line in lines.items() if line.is_named}, _instanced(scene)
+    shown_anyway = named if instanced is None else named & instanced
     lights = {name: line.block for name, line in lines.items()}
-    applied = apply_mix(scene, lights, *rows.plain(scene), shown_anyway=named)
+    applied = apply_mix(scene, lights, *rows.plain(scene), shown_anyway=shown_anyway)
     for row in rows.present_rows(scene):
         values = row.values()
         is_static = row.kind == STATIC
@@ -38,9 +37,26 @@ def apply_to_lights(scene: bpy.types.Scene) -> None:
     handlers.read_lights(scene)
 
 
+def _instanced(scene: bpy.types.Scene) -> set[str] | None:
+    """Names of lights that are shown in other places than their own; None where no open shot knows them."""
+    found = shot.of(scene)
+    return None if found is None or found.lights.is_forgotten else found.lights.instanced
+
+
+def is_hidden(scene: bpy.types.Scene, row: rows.RelumeRow) -> bool:
+    """Whether a light gives no light because it is hidden, itself or by what it is in. Nodes and particles show a
+    hidden one all the same, unless they only read it, such as its place: as long as nobody knows, they may."""
+    if row.kind != LIGHT:
+        return False
+    found = shot.of(scene)
+    shown = found.lights.shows(row.uid) if found is not None else None
+    return row.hidden and not row.named if shown is None else not shown
+
+
 def select_light(context: bpy.types.Context, name: str) -> str | None:
     """Makes the light of a row the active and only selected object; otherwise says why it cannot."""
-    obj, layer = rows.light_of(context.scene, name), context.view_layer
+    line, layer = rows.line_of(context.scene, name), context.view_layer
+    obj = line and line.block
     if obj is None or layer.objects.get(obj.name) is not obj:
         return f"'{name}' is not an object of this view layer"
     if not obj.visible_get(view_layer=layer):
@@ -50,6 +66,17 @@ def select_light(context: bpy.types.Context, name: str) -> str | None:
     obj.select_set(True, view_layer=layer)
     layer.objects.active = obj
     return None
+
+
+def show_light(context: bpy.types.Context, name: str) -> str | None:
+    """Shows the light of a row again, if it is hidden itself; says which collections hide it still. Raises
+    RefusedError."""
+    line = rows.line_of(context.scene, name)
+    if line is None:
+        return f"'{name}' is not in this scene any more"
+    show(line.block, context.view_layer)
+    hiding = [repr(group) for group in hidden_collections(context.view_layer) if group in line.groups]
+    return f"'{name}' is still hidden, by collection {' and '.join(hiding)}" if hiding else None
 
 
 class RELUME_OT_apply(bpy.types.Operator):  # noqa: N801 -- Blender's naming
@@ -123,7 +150,7 @@ class RELUME_OT_select_light(_OnLight, bpy.types.Operator):  # noqa: N801
 
 
 class RELUME_OT_show_light(_OnLight, bpy.types.Operator):  # noqa: N801
-    """This light is hidden in renders or views. Show it again in both"""
+    """This light is hidden. Show it again, in renders and views"""
 
     bl_idname = "relume.show_light"
     bl_label = "Show Light"
@@ -131,10 +158,12 @@ class RELUME_OT_show_light(_OnLight, bpy.types.Operator):  # noqa: N801
     def execute(self, context):
         """Called by Blender."""
         try:
-            show_light(rows.light_of(context.scene, self.light))
+            problem = show_light(context, self.light)
         except RefusedError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
+        if problem:
+            self.report({"WARNING"}, problem)
         return {"FINISHED"}
 
 
@@ -149,7 +178,7 @@ class RELUME_UL_rows(bpy.types.UIList):  # noqa: N801
         if row.kind == GROUP:
             icon = "DISCLOSURE_TRI_DOWN" if row.open else "DISCLOSURE_TRI_RIGHT"
             line.prop(row, "open", text="", icon=icon, emboss=False)
-        if row.hidden:
+        if is_hidden(context.scene, row):
             line.operator("relume.show_light", text="", icon="HIDE_ON", emboss=False).light = row.name
         else:
             line.prop(row, "on", text="")

@@ -80,6 +80,9 @@ class RelumeRow(bpy.types.PropertyGroup):
     groups: StringProperty(name="Groups", description="Collections with this light, by line", options={"HIDDEN"})
     present: BoolProperty(name="Present", description="Whether the scene has this light now", options={"HIDDEN"})
     hidden: BoolProperty(name="Hidden", description="Whether renders or views lack this light", options={"HIDDEN"})
+    named: BoolProperty(
+        name="Named", description="Whether geometry nodes or particles may show this light itself", options={"HIDDEN"}
+    )
     depth: IntProperty(name="Depth", description="Collections around this row", options={"HIDDEN"})
     order: IntProperty(name="Order", description="Place in the list", options={"HIDDEN"})
     icon: StringProperty(name="Icon", description="Icon of the row", options={"HIDDEN"})
@@ -198,9 +201,9 @@ def plain(scene: bpy.types.Scene) -> tuple[list[core.Row], list[core.Row], dict[
     return rows, groups, memberships
 
 
-def light_of(scene: bpy.types.Scene, name: str) -> bpy.types.Object | None:
-    """The light object of a row."""
-    return next((line.block for line in light_tree(scene) if line.kind == LIGHT and name_of(line.block) == name), None)
+def line_of(scene: bpy.types.Scene, name: str) -> Line | None:
+    """The light of a row, and the collections that it is in."""
+    return next((line for line in light_tree(scene) if line.kind == LIGHT and name_of(line.block) == name), None)
 
 
 def reset(scene: bpy.types.Scene, rows: Iterable[RelumeRow] | None = None) -> None:
@@ -216,7 +219,7 @@ def sync(scene: bpy.types.Scene) -> None:
         return
     state = scene.relume_mix
     wanted = [_line_values(line) for line in light_tree(scene)]
-    rest = {"uid": 0, "depth": 0, "groups": "", "hidden": False}
+    rest = {"uid": 0, "depth": 0, "groups": "", "hidden": False, "named": False}
     wanted.append({"kind": WORLD, "name": "World", "icon": "WORLD", "present": scene.world is not None, **rest})
     wanted.append({"kind": STATIC, "name": "Emissive Materials", "icon": "MATERIAL", "present": True, **rest})
     with quiet():
@@ -234,14 +237,15 @@ def sync(scene: bpy.types.Scene) -> None:
 
 
 def _line_values(line: Line) -> dict[str, Any]:
-    block, shown = line.block, {"hidden": False} if line.is_named else {}
+    block = line.block
     group = {"name": name_of(block), "icon": "OUTLINER_COLLECTION", "present": True, "hidden": False}
     return {
         "kind": line.kind,
         "uid": block.session_uid,
         "depth": line.depth,
         "groups": "\n".join(line.groups),
-        **(_light_values(block) | shown if line.kind == LIGHT else group),
+        "named": line.is_named,
+        **(_light_values(block) if line.kind == LIGHT else group),
     }
 
 

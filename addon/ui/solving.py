@@ -21,9 +21,11 @@ from ..core import coverage
 from ..core import solve as core
 from ..core.apart import apart
 from ..core.looks import Look
+from ..core.progress import share_and_words
 from ..core.receivers import with_names
 from ..core.rows import LIGHT, WORLD, Row, freed, is_neutral, times
 from ..core.solve import SolveError
+from ..core.status import STAGES
 from ..core.strokes import Stroke, goals
 from ..engine import new_paths, region_masks, shot, solve
 from ..engine.pictures import Reading
@@ -192,7 +194,7 @@ class Solving:
         except (SolveError, OSError) as error:
             self.notes.append(f"Few paths meet {names}, so the result is uncertain: {error}")
             return answer
-        self.notes.append(f"Few paths of the bake meet {names} in the new place; Rebake looks there")
+        self.notes.append(f"Few paths of the bake meet {names}; Rebake traces paths that look there")
         return found
 
     def _polished(self, answer: dict[str, Any]) -> Generator[None, None, dict[str, Any]]:
@@ -219,7 +221,7 @@ class Solving:
             while True:
                 job = next(work)
                 if job is not None:
-                    self._tell("Looking for the lights", job)
+                    self._tell(job, "Looking for the lights")
                 yield
         except StopIteration as end:
             return end.value
@@ -282,7 +284,7 @@ class Solving:
     def _wait_for_job(self) -> Iterator[None]:
         next_preview = 0.0
         while not self._job.done:
-            self._tell("Solving", self._job)
+            self._tell(self._job)
             if time.monotonic() >= next_preview:
                 found = self._job.preview()
                 if found is not None:
@@ -290,12 +292,12 @@ class Solving:
                     next_preview = time.monotonic() + PREVIEW_SECONDS
             yield
 
-    def _tell(self, words: str, job: Any) -> None:
-        """How far a job is."""
+    def _tell(self, job: Any, words: str = "") -> None:
+        """How far a job is, with what its present stage does if there are no other words."""
         report = job.progress()
         if report is not None:
-            share = min(max(report["done"] / max(report["total"], 1), 0.0), 1.0)
-            self.progress = (share, f"{words}, {100 * share:.0f} %")
+            share, so_far = share_and_words(report)
+            self.progress = (share, f"{words or STAGES.get(report['stage'], 'Solving')}, {so_far}")
 
     def _preview(self, found: dict[str, Any]) -> None:
         """Shows the best lights and world so far."""

@@ -8,6 +8,7 @@ import bpy
 from bpy.app.handlers import persistent
 from bpy.props import EnumProperty, IntProperty, PointerProperty
 
+from ..core.progress import share_and_words
 from ..engine import shot, verify
 from ..engine.process import NoCopyError
 from ..export.lights import name_of
@@ -70,7 +71,7 @@ def words(found: verify.Verification) -> str:
     if found.error:
         return f"Not verified: {found.error}"
     if found.result is None:
-        return f"Cycles renders, part {min(found.done + 1, found.total)} of {found.total}"
+        return f"Cycles renders, {share_and_words(found.stage)[1]}"
     error, noise, psnr = (found.result[name] for name in ("error", "noise", "psnr"))
     return (
         f"Differs from Cycles by {100 * error:.1f} % on average ({psnr:.1f} dB). "
@@ -177,7 +178,7 @@ class RELUME_PT_verify(RelumePanel, bpy.types.Panel):  # noqa: N801
         """Called by Blender."""
         layout, found = self.layout, verify.of(context.scene)
         if found is not None and found.is_running:
-            layout.progress(factor=found.done / found.total, text=words(found))
+            layout.progress(factor=share_and_words(found.stage)[0], text=words(found))
             layout.operator("relume.verify_cancel", icon="X")
             return
         row = layout.row(align=True)

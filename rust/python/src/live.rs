@@ -46,6 +46,10 @@ impl PyLive {
         enter_native(py, || self.live.open(train_seconds))
     }
 
+    fn learn(&self, py: Python<'_>, train_seconds: f64) -> PyResult<()> {
+        enter_native(py, || self.live.learn(train_seconds))
+    }
+
     fn relight(&self, py: Python<'_>, request: &str) -> PyResult<u64> {
         enter_native(py, || -> Result<u64, NativeError> {
             Ok(self.live.relight(LiveRequest::parse(request).map_err(invalid)?))

@@ -5,7 +5,7 @@ use relume_scene::{Light, Scene};
 use relume_trace::{Control, Outcome, TraceSettings, Tracer, lights_looked_for, manifest};
 use serde::Serialize;
 use std::path::Path;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 /// File of a bake folder that holds the lights that the scene came with ([`LightSet`]).
@@ -49,7 +49,8 @@ pub fn bake(
     monitor: &Monitor,
 ) -> Result<BakeReport, SessionError> {
     let lights = || lights_looked_for(scene, settings);
-    bake_observed(scene, settings, folder, resume, monitor, &Observer { lights: &lights, passes: &|_| {} })
+    let observer = Observer { samples: settings.samples, lights: &lights, passes: &|_| {} };
+    bake_observed(scene, settings, folder, resume, monitor, &observer)
 }
 
 /// The first thing in which the bake in a folder differs from one of this scene with these settings. More or fewer samples are no
@@ -79,6 +80,8 @@ fn has_samples(folder: &Path, samples: u32) -> Result<bool, SessionError> {
 
 /// Who watches a bake, and says where its paths look.
 pub(crate) struct Observer<'a> {
+    /// Samples that are wanted in the end, where this is a part of them: of these the progress is told.
+    pub samples: u32,
     /// The lights that the paths of the next pass look for.
     pub lights: &'a (dyn Fn() -> Vec<Light> + Sync),
     /// Takes all whole passes whenever there is one more, from the first on.
@@ -121,7 +124,7 @@ pub(crate) fn bake_observed(
     let recorder =
         GuideRecorder { folder, guiding: settings.guiding, lights: observer.lights, guided: guided.into() };
     let sink = ObservedWriter::new(writer, folder, observer.passes)?;
-    trace(&tracer, &sink, &recorder, monitor)?;
+    trace(&tracer, &sink, &recorder, observer.samples, monitor)?;
 
     Ok(report(&sink.writer.finish()?, start, warnings))
 }
@@ -185,17 +188,24 @@ pub(crate) fn check_scene(scene: &Scene) -> Result<(), String> {
         .map_err(|problems| problems.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))
 }
 
-/// Runs the tracer with its progress and the cancel flag passed on.
+/// Runs the tracer with its progress, as a part of so many samples, and the cancel flag passed on.
 fn trace(
     tracer: &Tracer,
     sink: &dyn ShardSink,
     recorder: &GuideRecorder,
+    samples: u32,
     monitor: &Monitor,
 ) -> Result<(), SessionError> {
-    let stage = OnceLock::new();
+    let Manifest { width, height, .. } = *sink.manifest();
+    let total = u64::from(samples) * (width * height) as u64;
+    // The tracer tells of what is there, too, as it goes over it: that takes no time.
+    let there = paths_in(sink);
+    let stage = monitor.stage(Stage::Trace, there, total);
     let on_progress = |progress: relume_trace::Progress| {
-        let stage = stage.get_or_init(|| monitor.stage(Stage::Trace, progress.paths, progress.paths_total));
-        stage.set(progress.paths, &format!("{} of {} shards", progress.shards, progress.shards_total));
+        stage.set(
+            progress.paths.max(there),
+            &format!("{} of {} shards", progress.shards, progress.shards_total),
+        );
     };
     let cancel = monitor.cancel().flag().clone();
     let lights = |pass| recorder.lights_of(pass, monitor);
@@ -205,6 +215,18 @@ fn trace(
         Outcome::Complete => Ok(()),
         Outcome::Cancelled => Err(SessionError::Cancelled),
     }
+}
+
+/// How many paths there are already.
+fn paths_in(sink: &dyn ShardSink) -> u64 {
+    let manifest = sink.manifest();
+    let shards = (0..manifest.passes.len())
+        .flat_map(|pass| (0..manifest.tile_count()).map(move |tile| (tile, pass)))
+        .filter(|(tile, pass)| sink.is_complete(*tile, *pass));
+    let paths = |(tile, pass): (usize, usize)| {
+        manifest.tile_rect(tile).pixel_count() as u64 * u64::from(manifest.passes[pass].samples)
+    };
+    shards.map(paths).sum()
 }
 
 /// Writes down what the paths of each pass look for.
@@ -312,4 +334,47 @@ fn remove(folder: &Path, beginnings: &[&str], names: &[&str]) -> Result<(), Sess
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Cancel, Listener, ObjView, Progress, obj_scene};
+
+    #[derive(Default)]
+    struct Traced(Mutex<Vec<Progress>>);
+
+    impl Listener for Traced {
+        fn progress(&self, progress: &Progress) {
+            if progress.stage == Stage::Trace {
+                self.0.lock().unwrap().push(progress.clone());
+            }
+        }
+        fn warning(&self, _: &str) {}
+    }
+
+    #[test]
+    fn progress_of_a_part_is_that_of_all_samples_and_the_pace_that_of_new_ones() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/room.obj");
+        let scene = obj_scene(&path, &ObjView { width: 8, height: 8, ..ObjView::default() }).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let traced = Arc::new(Traced::default());
+        let monitor = Monitor::new(traced.clone(), Cancel::default());
+        for (there, samples) in [(0, 2), (2, 8)] {
+            traced.0.lock().unwrap().clear();
+            let settings = TraceSettings { samples, threads: 1, ..TraceSettings::default() };
+            let observer = Observer { samples: 8, lights: &Vec::new, passes: &|_| {} };
+            bake_observed(&scene, &settings, folder.path(), true, &monitor, &observer).unwrap();
+            let reports = traced.0.lock().unwrap();
+            assert!(reports.iter().all(|report| report.done >= there * 64));
+            let done = |report: &Progress| (report.done, report.total);
+            assert_eq!(done(reports.first().unwrap()), (there * 64, 8 * 64));
+            assert_eq!(done(reports.last().unwrap()), (u64::from(samples) * 64, 8 * 64));
+            for report in reports.iter().filter(|report| report.done > there * 64) {
+                let pace = report.elapsed_s / (report.done - there * 64) as f64;
+                let left = pace * (report.total - report.done) as f64;
+                assert!((report.remaining_s.unwrap() - left).abs() < 1e-9, "{report:?}");
+            }
+        }
+    }
 }

@@ -68,6 +68,7 @@ pub use relighter::{Maker, RelightOptions, Relighter, With};
 pub use relit::{Relit, RelitLight};
 pub use scene_file::{SceneFile, write_scene};
 pub use sizes::default_sizes;
+use sizes::sizes_with;
 pub use solve::{
     Add, Answer, BoundsWish, Freedom, GoalKind, GoalReport, GoalWish, NewKind, Own, Pictures, Preview,
     RegionWish, SoFar, SolveRequest, Solved, Through, Wish, solve_lights,

@@ -1,7 +1,7 @@
 use serde::Serialize;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// What is being done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -38,9 +38,9 @@ pub struct Progress {
     pub done: u64,
     /// All units of the stage.
     pub total: u64,
-    /// Seconds since the stage began.
+    /// Seconds since the stage began, without those for which its listener held it up, as in a pause.
     pub elapsed_s: f64,
-    /// Seconds to the end at the pace so far; none before there is a pace.
+    /// Seconds to the end, at the pace so far or of a time limit; none before there is a pace.
     pub remaining_s: Option<f64>,
     /// What to tell the user; may be empty.
     pub message: String,
@@ -126,8 +126,9 @@ impl Monitor {
             first: done,
             done: AtomicU64::new(done),
             start: Instant::now(),
+            held: AtomicU64::new(0),
         };
-        progress.report("");
+        progress.report("", None);
         progress
     }
 }
@@ -140,30 +141,41 @@ pub struct StageProgress {
     first: u64,
     done: AtomicU64,
     start: Instant,
+    /// Nanoseconds for which the listener held it up.
+    held: AtomicU64,
 }
 
 impl StageProgress {
     /// Some more units are done.
     pub fn advance(&self, units: u64, message: &str) {
         self.done.fetch_add(units, Ordering::Relaxed);
-        self.report(message);
+        self.report(message, None);
     }
 
     /// So many units are done now.
     pub fn set(&self, done: u64, message: &str) {
-        self.done.store(done, Ordering::Relaxed);
-        self.report(message);
+        self.set_until(done, None, message);
     }
 
-    fn report(&self, message: &str) {
+    /// So many units are done now, and the stage will take so many seconds more, where that is known better than by the pace.
+    pub fn set_until(&self, done: u64, remaining_s: Option<f64>, message: &str) {
+        self.done.store(done, Ordering::Relaxed);
+        self.report(message, remaining_s);
+    }
+
+    fn report(&self, message: &str, remaining_s: Option<f64>) {
         let done = self.done.load(Ordering::Relaxed);
-        let elapsed_s = self.start.elapsed().as_secs_f64();
+        let held = Duration::from_nanos(self.held.load(Ordering::Relaxed));
+        let elapsed_s = self.start.elapsed().saturating_sub(held).as_secs_f64();
         let fresh = done.saturating_sub(self.first);
         let left = self.total.saturating_sub(done);
-        let remaining_s = (fresh > 0).then(|| elapsed_s * left as f64 / fresh as f64);
+        let by_pace = (fresh > 0).then(|| elapsed_s * left as f64 / fresh as f64);
+        let remaining_s = remaining_s.or(by_pace);
         let (stage, total) = (self.stage, self.total);
         let progress = Progress { stage, done, total, elapsed_s, remaining_s, message: message.into() };
+        let told = Instant::now();
         self.monitor.listener.progress(&progress);
+        self.held.fetch_add(told.elapsed().as_nanos() as u64, Ordering::Relaxed);
     }
 }
 
@@ -193,6 +205,39 @@ mod tests {
         let remaining = reports[1].remaining_s.unwrap();
         // One unit took the elapsed time, nine are left.
         assert!((remaining / reports[1].elapsed_s - 9.0).abs() < 1e-6 && remaining >= 0.18);
+    }
+
+    #[test]
+    fn a_time_that_is_known_is_told_in_place_of_the_pace() {
+        let record = Arc::new(Record::default());
+        let stage = Monitor::new(record.clone(), Cancel::default()).stage(Stage::Train, 0, 100);
+        stage.set_until(50, Some(42.0), "");
+        stage.set(60, "");
+        let reports = record.0.lock().unwrap();
+        assert_eq!((reports[1].done, reports[1].remaining_s), (50, Some(42.0)));
+        assert!(reports[2].remaining_s.unwrap() < 1.0, "the next report forgets it");
+    }
+
+    /// Keeps whoever tells it something waiting, as a pause does.
+    struct Pause(Record);
+
+    impl Listener for Pause {
+        fn progress(&self, progress: &Progress) {
+            self.0.progress(progress);
+            std::thread::sleep(Duration::from_millis(200));
+        }
+        fn warning(&self, _: &str) {}
+    }
+
+    #[test]
+    fn a_pause_does_not_make_the_rest_look_slow() {
+        let pause = Arc::new(Pause(Record::default()));
+        let stage = Monitor::new(pause.clone(), Cancel::default()).stage(Stage::Trace, 0, 100);
+        stage.advance(1, "");
+        stage.advance(1, "");
+        let reports = pause.0.0.lock().unwrap();
+        assert!(stage.start.elapsed() >= Duration::from_millis(600));
+        assert!(reports[2].elapsed_s < 0.1 && reports[2].remaining_s.unwrap() < 5.0, "{:?}", reports[2]);
     }
 
     #[test]

@@ -344,7 +344,7 @@ impl Run<'_> {
                 Some(loss) => format!("loss {loss:.4}{}", self.last_scores()),
                 None => format!("{} blocks of targets to gather", report.missing),
             };
-            stage.set(self.units_done(), &message);
+            stage.set_until(self.units_done(), self.seconds_left(), &message);
             if self.settings.half_for_measuring && self.progress() >= next_measure {
                 next_measure += 1.0 / CURVE_POINTS;
                 self.add_curve_point(held_out, &stage)?;
@@ -379,11 +379,22 @@ impl Run<'_> {
         self.trainer.set_samples(samples + ((seconds - trained).max(0.0) * rate) as u64);
     }
 
+    /// What is left of a time limit by the clock. The pace would tell less: the first steps take longer than the rest.
+    fn seconds_left(&self) -> Option<f64> {
+        let seconds = self.settings.seconds.filter(|_| self.settings.clock == Clock::Wall)?;
+        Some((seconds - self.trained.as_secs_f64()).max(0.0))
+    }
+
     fn add_curve_point(&mut self, held_out: &DumpTargets, stage: &StageProgress) -> Result<(), SessionError> {
         let scores = self.trainer.validate(held_out)?;
         let (seconds, samples) = (self.trained.as_secs_f64(), self.trainer.samples());
         self.curve.push(CurvePoint { seconds, samples, psnr: scores.psnr, smape: scores.smape });
-        stage.set(self.units_done(), &format!("held out {:.1} dB, SMAPE {:.3}", scores.psnr, scores.smape));
+        let left = self.seconds_left();
+        stage.set_until(
+            self.units_done(),
+            left,
+            &format!("held out {:.1} dB, SMAPE {:.3}", scores.psnr, scores.smape),
+        );
         Ok(())
     }
 

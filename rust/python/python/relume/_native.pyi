@@ -235,6 +235,10 @@ class Live:
     def open(self, *, train_seconds: float = 0.0) -> None:
         """Shows what the folder holds, and trains if asked and not trained yet."""
 
+    def learn(self, train_seconds: float) -> None:
+        """Trains a proxy for so many seconds for each kind of light in use that has none yet, on the whole bake that is
+        shown. Raises RelumeError if something is baked or trained already."""
+
     def relight(self, request: str) -> int:
         """Asks for a picture; the newest request wins. JSON: `lights` (a light set), `gains` (RGB factors by name of
         light), `world`, `static` (RGB factors), `interactive` (quick before exact), `half` (whether

@@ -99,6 +99,15 @@ impl Live {
         self.start(Work::Open, train_seconds)
     }
 
+    /// Trains a proxy for so many seconds for each kind of light in use that has none yet ([`LiveStatus::unlearned`]), on the whole
+    /// bake that is shown.
+    ///
+    /// # Errors
+    /// As [`Live::bake`].
+    pub fn learn(&self, train_seconds: f64) -> Result<(), SessionError> {
+        self.start(Work::Learn, train_seconds)
+    }
+
     /// Asks for a picture; the newest request wins. Gives the number that its frames carry.
     pub fn relight(&self, request: LiveRequest) -> u64 {
         self.shared.ask(request)
@@ -157,7 +166,7 @@ impl Live {
 
     fn start(&self, work: Work, train_seconds: f64) -> Result<(), SessionError> {
         let mut threads = self.threads();
-        if !self.shared.begin_work() {
+        if !self.shared.begin_work(work.first_state()) {
             let reason = "this shot is being baked or trained already, or is closed; cancel it first";
             return Err(SessionError::Settings(reason.into()));
         }

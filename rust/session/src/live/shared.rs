@@ -4,6 +4,7 @@ use crate::{Cancel, Guided, Listener, Maker, Measured, Progress, Proxies};
 use relume_dump::Dump;
 use relume_image::Image;
 use relume_proxy::LightKind;
+use relume_scene::Light;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -59,6 +60,9 @@ pub struct LiveStatus {
     pub world_is_stored: bool,
     /// Trained proxies by kind of light.
     pub proxies: BTreeMap<String, ProxyStatus>,
+    /// Kinds of light in the newest request that have no such proxy, although there are proxies of them. None while something is
+    /// being dragged.
+    pub unlearned: Vec<String>,
     /// Where pictures are made, in words.
     pub device: String,
     /// What cannot be represented, or is to be trusted less, in words for the user.
@@ -164,14 +168,14 @@ impl Shared {
         self.changed.notify_all();
     }
 
-    /// Notes that work begins; false if some is going on or all is closed.
-    pub fn begin_work(&self) -> bool {
+    /// Notes that work begins, in a state; false if some is going on or all is closed.
+    pub fn begin_work(&self, first: LiveState) -> bool {
         let mut state = self.lock();
         let status = &mut state.status;
         if status.state.is_working() {
             return false;
         }
-        status.state = LiveState::Preparing;
+        status.state = first;
         status.error = None;
         status.warnings.clear();
         !state.closed
@@ -198,6 +202,7 @@ impl Shared {
     pub fn status(&self) -> LiveStatus {
         let state = self.lock();
         let mut status = state.status.clone();
+        status.unlearned = state.unlearned().map(|kind| kind.to_string()).collect();
         status.warnings.extend(state.light_warnings.iter().cloned());
         if let Some(shown) = &mut status.shown {
             shown.settled &= shown.deliveries == state.deliveries;
@@ -223,7 +228,20 @@ impl Shared {
     }
 }
 
+/// The kinds that some lights are of, of those that have proxies, in the order in which they are learned.
+pub(super) fn kinds_of(lights: &[Light]) -> Vec<LightKind> {
+    let used = |kind: &LightKind| lights.iter().any(|light| LightKind::of(&light.shape) == Some(*kind));
+    [LightKind::FacingDisk, LightKind::Sphere, LightKind::Quad].into_iter().filter(used).collect()
+}
+
 impl State {
+    /// See [`LiveStatus::unlearned`].
+    fn unlearned(&self) -> impl Iterator<Item = LightKind> {
+        let request = self.request.as_ref().filter(|request| !request.interactive);
+        let kinds = request.map_or_else(Vec::new, |request| kinds_of(&request.lights));
+        kinds.into_iter().filter(|kind| self.measured.iter().all(|(known, _)| known != kind))
+    }
+
     /// Says which world is shown: the paths' own needs no other in its place.
     pub fn note_world(&mut self) {
         let Some(dump) = &self.dump else { return };

@@ -378,6 +378,39 @@ fn training_gives_a_proxy_that_stands_in_while_dragging() {
 }
 
 #[test]
+fn kinds_of_light_that_come_into_use_later_are_learned_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let live = live(folder.path());
+    let of =
+        |name: &str, shape: LightShape| Light { name: name.into(), ..crate::targets::unit_light(&shape) };
+    let (edge_u, edge_v) = (4.0 * Vec3::X, Vec3::Y);
+    let quad =
+        of("Rim", LightShape::Quad { center: 1.5 * Vec3::Z, edge_u, edge_v, spread: std::f32::consts::PI });
+    let point = of("Bulb", LightShape::FacingDisk { center: 1.5 * Vec3::Z, radius: 0.2 });
+    let kinds = |status: LiveStatus| status.proxies.into_keys().collect::<Vec<_>>();
+
+    live.relight(request(&[lamp(0.0)]));
+    live.bake(room(32, 32), settings(16), 1.0, false).unwrap();
+    state(&live, LiveState::Training);
+    live.relight(request(&[lamp(0.0), quad.clone()]));
+    assert_eq!(kinds(state(&live, LiveState::Ready)), ["quad", "sphere"], "added while another was learned");
+    let info = relume_proxy::read_info(&folder.path().join("proxy_quad.safetensors")).unwrap();
+    assert_eq!(info.size.max, 6.0, "the light that is there is among what was learned");
+
+    let lights = [lamp(0.0), quad, point];
+    live.relight(LiveRequest { interactive: true, ..request(&lights) });
+    assert!(live.status().unlearned.is_empty(), "it is being dragged still");
+    live.relight(request(&lights));
+    assert_eq!(live.status().unlearned, ["facing-disk"]);
+    live.learn(1.0).unwrap();
+    assert_eq!(live.status().state, LiveState::Training);
+    assert!(live.learn(1.0).is_err(), "twice at once");
+    let status = state(&live, LiveState::Ready);
+    assert!(status.unlearned.is_empty());
+    assert_eq!(kinds(status), ["facing-disk", "quad", "sphere"]);
+}
+
+#[test]
 fn slow_drags_are_shown_at_half_size_and_what_is_still_at_the_full_one() {
     let folder = tempfile::tempdir().unwrap();
     bake(&room(160, 128), &settings(8), folder.path(), false, &Monitor::default()).unwrap();

@@ -1,4 +1,4 @@
-use super::shared::{Gate, LiveState, ProxyStatus, Shared, State};
+use super::shared::{Gate, LiveState, ProxyStatus, Shared, State, kinds_of};
 use super::{LiveOptions, OtherWorld};
 use crate::bake::{Observer, bake_observed, clear, clear_paths, difference};
 use crate::guided::Sight;
@@ -6,7 +6,7 @@ use crate::relighter::camera;
 use crate::world_layer::WorldLayer;
 use crate::{
     Cancel, Clock, Compute, Guided, LightSet, Monitor, Proxies, SessionError, TrainSettings, base_layers,
-    default_sizes, on_threads, train,
+    on_threads, sizes_with, train,
 };
 use relume_dump::{Dump, DumpError, Manifest};
 use relume_proxy::{LightKind, TrainConfig};
@@ -25,6 +25,18 @@ pub(super) enum Work {
     Bake { scene: Arc<Scene>, settings: TraceSettings, anew: bool },
     /// Takes what the folder holds.
     Open,
+    /// Nothing: the bake is there and shown.
+    Learn,
+}
+
+impl Work {
+    /// The state that it begins in.
+    pub fn first_state(&self) -> LiveState {
+        match self {
+            Self::Bake { .. } | Self::Open => LiveState::Preparing,
+            Self::Learn => LiveState::Training,
+        }
+    }
 }
 
 /// One run of the work thread.
@@ -69,6 +81,7 @@ impl Job {
                 let complete = self.open()?;
                 if complete { self.train(&monitor) } else { Ok(()) }
             }
+            Work::Learn => self.train(&monitor),
         }
     }
 
@@ -103,13 +116,21 @@ impl Job {
         self.shared.change(|state| state.status.samples_total = wanted);
         let early = Some(SAMPLES_TO_TRAIN).filter(|early| (there + 1..wanted).contains(early));
         for samples in early.filter(|_| self.train_seconds > 0.0).into_iter().chain([wanted]) {
-            self.shared.change(|state| state.status.state = LiveState::Baking);
+            self.enter(LiveState::Baking);
             let settings = TraceSettings { samples, threads: self.options.threads, ..settings.clone() };
             self.bake_samples(scene, &settings, monitor)?;
             self.deliver_proxies();
             self.train(monitor)?;
         }
         Ok(())
+    }
+
+    /// Begins with something else, of which there is no progress to tell yet.
+    fn enter(&self, state: LiveState) {
+        self.shared.change(|shared| {
+            shared.status.state = state;
+            shared.status.stage = None;
+        });
     }
 
     /// Samples of the whole passes that the folder holds of this very bake.
@@ -128,7 +149,8 @@ impl Job {
         monitor: &Monitor,
     ) -> Result<(), SessionError> {
         let lights = || self.lights_to_look_for(scene, settings);
-        let observer = Observer { lights: &lights, passes: &|dump| self.deliver(dump) };
+        let samples = self.shared.lock().status.samples_total;
+        let observer = Observer { samples, lights: &lights, passes: &|dump| self.deliver(dump) };
         let bake = || bake_observed(scene, settings, &self.folder, true, monitor, &observer);
         match bake() {
             Err(SessionError::Dump(DumpError::OtherBake { difference: Manifest::WORLD_MAP, .. })) => {
@@ -244,9 +266,13 @@ impl Job {
             return Ok(());
         }
         let compute = self.options.device.open(self.options.gpu_memory)?;
-        for kind in self.kinds_in_use()? {
+        let mut seen = Vec::new();
+        // Asked each time: lights of another kind may have been added while one was learned.
+        while let Some(kind) = kinds_of(&self.lights_in_use()?).into_iter().find(|kind| !seen.contains(kind))
+        {
+            seen.push(kind);
             if !self.is_trained(kind) {
-                self.shared.change(|state| state.status.state = LiveState::Training);
+                self.enter(LiveState::Training);
                 self.train_kind(kind, &compute, monitor)?;
                 self.deliver_proxies();
             }
@@ -257,7 +283,7 @@ impl Job {
     fn train_kind(&self, kind: LightKind, compute: &Compute, monitor: &Monitor) -> Result<(), SessionError> {
         let settings = TrainSettings {
             kind,
-            config: TrainConfig::fast(default_sizes(&self.folder, kind)?),
+            config: TrainConfig::fast(sizes_with(&self.folder, kind, &self.lights_in_use()?)?),
             seed: 0,
             seconds: Some(self.train_seconds),
             clock: Clock::Wall,
@@ -266,14 +292,13 @@ impl Job {
         train(&self.folder, &self.folder, &settings, false, compute, monitor).map(drop)
     }
 
-    /// Kinds of the lights that are asked for, and of those that the scene came with.
-    fn kinds_in_use(&self) -> Result<Vec<LightKind>, SessionError> {
+    /// The lights that are asked for, and those that the scene came with.
+    fn lights_in_use(&self) -> Result<Vec<Light>, SessionError> {
         let mut lights: Vec<Light> = LightSet::of_bake(&self.folder)?.lights;
         if let Some(request) = &self.shared.lock().request {
             lights.extend(request.lights.iter().cloned());
         }
-        let used = |kind: &LightKind| lights.iter().any(|light| LightKind::of(&light.shape) == Some(*kind));
-        Ok([LightKind::FacingDisk, LightKind::Sphere, LightKind::Quad].into_iter().filter(used).collect())
+        Ok(lights)
     }
 
     /// Whether there is a proxy that learned for as long as is asked for, from at least half of the paths that there are now.

@@ -1,0 +1,272 @@
+"""Lights of instanced collections in which something is hidden: the live picture has those that renders have, and what
+views alone hide is said."""
+
+import bpy
+import pytest
+
+from addon.engine import shot
+from addon.ui import handlers
+from addon.ui.start import start
+from helpers import add_quad, exported, render_cycles, said, settled, until, update
+from instances import bulb, instancing, newest, particles, scatter, unlinked
+
+
+def inside(parent, name="Inner", **hidden):
+    """A collection in another one."""
+    made = unlinked(name)
+    parent.children.link(made)
+    for flag, value in hidden.items():
+        setattr(made, flag, value)
+    return made
+
+
+def empty(collection, instanced=None, **settings):
+    """An empty in a collection, that instances another one."""
+    made = bpy.data.objects.new("Empty", None)
+    collection.objects.link(made)
+    if instanced is not None:
+        made.instance_type, made.instance_collection = "COLLECTION", instanced
+    for name, value in settings.items():
+        setattr(made, name, value)
+    return made
+
+
+def carrier(scene, collection):
+    """A square in a collection of its own that instances its children on its face; one of them shines."""
+    obj = add_quad(scene, "Carrier", size=0.5)
+    scene.collection.objects.unlink(obj)
+    collection.objects.link(obj)
+    obj.instance_type, obj.location.z = "FACES", 2.0
+    return obj
+
+
+def in_a_collection(scene):
+    rig = unlinked("Rig")
+    bulb(inside(rig, hide_render=True))
+    instancing(scene, rig)
+    return 0
+
+
+def in_the_instanced_collection_itself(scene):
+    rig = unlinked("Rig")
+    rig.hide_render = True
+    bulb(rig)
+    instancing(scene, rig)
+    return 0
+
+
+def in_a_collection_of_a_hidden_one(scene):
+    rig = unlinked("Rig")
+    bulb(inside(inside(rig, "Middle", hide_render=True)))
+    instancing(scene, rig)
+    return 0
+
+
+def in_another_collection_too(scene):
+    rig = unlinked("Rig")
+    light = bulb(inside(rig, hide_render=True))
+    inside(rig, "Other").objects.link(light)
+    instancing(scene, rig)
+    return 1
+
+
+def in_the_scene_too(scene):
+    rig = unlinked("Rig")
+    scene.collection.objects.link(bulb(inside(rig, hide_render=True)))
+    instancing(scene, rig)
+    return 1
+
+
+def by_one_of_two_inner_instances(scene):
+    rig, lamp = unlinked("Rig"), unlinked("Lamp")
+    bulb(lamp)
+    empty(rig, lamp)
+    empty(rig, lamp, hide_render=True)
+    empty(inside(rig, hide_render=True), lamp)
+    instancing(scene, rig)
+    return 1
+
+
+def behind_what_views_hide(scene):
+    rig, lamp = unlinked("Rig"), unlinked("Lamp")
+    empty(rig, hide_viewport=True)
+    empty(inside(rig, "Unseen", hide_viewport=True))
+    empty(lamp, hide_viewport=True)
+    bulb(lamp)
+    empty(rig, lamp, hide_render=True)
+    empty(rig, lamp)
+    instancing(scene, rig)
+    return 1
+
+
+def in_a_collection_that_nodes_show(scene):
+    source = unlinked("Source")
+    bulb(inside(source, hide_render=True))
+    scatter(scene.collection, source)
+    return 0
+
+
+def in_a_collection_that_particles_show(scene):
+    source = unlinked("Source")
+    bulb(inside(source, hide_render=True))
+    particles(scene, instance_collection=source)
+    return 0
+
+
+def by_nodes_in_a_collection(scene):
+    rig = unlinked("Rig")
+    scatter(inside(rig, hide_render=True), bulb())
+    instancing(scene, rig)
+    return 0
+
+
+def by_hidden_nodes(scene):
+    rig = unlinked("Rig")
+    scatter(rig, bulb()).hide_render = True
+    instancing(scene, rig)
+    return 0
+
+
+def by_faces_in_a_collection(scene):
+    rig = unlinked("Rig")
+    bulb(rig).parent = carrier(scene, inside(rig, hide_render=True))
+    instancing(scene, rig)
+    return 0
+
+
+def by_faces_that_are_shown(scene):
+    rig = unlinked("Rig")
+    bulb(rig).parent = carrier(scene, rig)
+    instancing(scene, rig)
+    return 1
+
+
+def on_faces_of_the_scene(scene):
+    lamps = inside(scene.collection, "Lamps", hide_render=True)
+    bulb(lamps).parent = carrier(scene, scene.collection)
+    return 0
+
+
+WAYS = [
+    *(in_a_collection, in_the_instanced_collection_itself, in_a_collection_of_a_hidden_one),
+    *(in_another_collection_too, in_the_scene_too, by_one_of_two_inner_instances, behind_what_views_hide),
+    *(in_a_collection_that_nodes_show, in_a_collection_that_particles_show, by_nodes_in_a_collection, by_hidden_nodes),
+    *(by_faces_in_a_collection, by_faces_that_are_shown, on_faces_of_the_scene),
+]
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_the_live_picture_has_the_lights_of_renders(scene, live, way):
+    number = way(scene)
+    made = live()
+    assert len(exported(scene)["lights"]) == number
+    assert len(newest(made)) == number
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_renders_have_them(scene, way):
+    """What the other test compares with is what Cycles does."""
+    add_quad(scene)
+    number = way(scene)
+    assert (render_cycles(scene, samples=4).max() > 0.0) == (number > 0)
+
+
+def test_the_picture_is_that_of_cycles(studio):
+    bpy.data.objects.remove(bpy.data.objects["Key"])
+    studio.relume.samples = 64
+    by_one_of_two_inner_instances(studio)
+    bpy.data.objects["Instance"].location.z = 2.0
+    update()
+    start(studio)
+    handlers.read_lights(studio)
+    ours = until(studio, settled, "the picture").frame.image[..., :3].mean()
+    assert ours == pytest.approx(render_cycles(studio, samples=256).mean(), rel=0.03)
+
+
+def test_hiding_and_showing_is_followed(scene, live):
+    rig, lamp = unlinked("Rig"), unlinked("Lamp")
+    inner = inside(rig)
+    bulb(lamp)
+    instance = empty(inner, lamp)
+    instancing(scene, rig)
+    made = live()
+    for block in (inner, rig, lamp, instance, bpy.data.objects["Bulb"]):
+        block.hide_render = True
+        update()
+        assert not newest(made), block.name
+        block.hide_render = False
+        update()
+        assert len(newest(made)) == 1, block.name
+
+
+def by_the_key_h(owner):
+    owner.hide_set(not owner.hide_get())
+
+
+def in_views(owner):
+    owner.hide_viewport = not owner.hide_viewport
+
+
+def by_the_eye_of_the_collection(_owner):
+    layer = bpy.context.view_layer.layer_collection.children["Props"]
+    layer.hide_viewport = not layer.hide_viewport
+
+
+def by_excluding_the_collection(_owner):
+    layer = bpy.context.view_layer.layer_collection.children["Props"]
+    layer.exclude = not layer.exclude
+
+
+@pytest.mark.parametrize("first", ["shown", "hidden"])
+@pytest.mark.parametrize("kind", ["collection", "nodes", "faces"])
+@pytest.mark.parametrize("toggle", [by_the_key_h, in_views, by_the_eye_of_the_collection, by_excluding_the_collection])
+def test_what_instances_a_light_is_hidden_and_shown(scene, live, toggle, kind, first):
+    props = inside(scene.collection, "Props")
+    if kind == "faces":
+        owner = carrier(scene, props)
+        bulb(scene.collection).parent = owner
+    else:
+        lamp = unlinked("Lamp")
+        bulb(lamp)
+        owner = empty(props, lamp) if kind == "collection" else scatter(props, lamp)
+    update()
+    if first == "hidden":
+        toggle(owner)
+    made = live()
+    for is_shown in (True, False, True) if first == "shown" else (False, True, False):
+        assert bool(newest(made)) == is_shown
+        said = shot.of(scene).notes == ["light 'Bulb' is hidden in the view only: off here, but on in renders"]
+        is_in_renders = len(exported(scene)["lights"]) > 0
+        assert said == (not is_shown and is_in_renders and kind != "faces"), shot.of(scene).notes
+        toggle(owner)
+        update()
+
+
+@pytest.mark.parametrize("hidden", ["Inner", "Bulb", "Empty"])
+def test_what_views_alone_hide_is_said(scene, live, hidden):
+    rig, lamp = unlinked("Rig"), unlinked("Lamp")
+    bulb(inside(lamp))
+    empty(rig, lamp)
+    instancing(scene, rig)
+    (bpy.data.collections if hidden == "Inner" else bpy.data.objects)[hidden].hide_viewport = True
+    made = live()
+    assert not newest(made) and len(exported(scene)["lights"]) == 1
+    assert "light 'Bulb' is hidden in the view only: off here, but on in renders" in shot.of(scene).notes
+
+
+def test_objects_that_instanced_collections_hide_are_noticed(scene, live):
+    rig = unlinked("Rig")
+    inner, lamps = inside(rig), inside(rig, "Lamps")
+    bulb(lamps)
+    sofa = add_quad(scene, "Sofa")
+    scene.collection.objects.unlink(sofa)
+    inner.objects.link(sofa)
+    instancing(scene, rig)
+    live().tell(state="ready", samples=4, samples_total=4)
+    assert said(scene) == []
+    lamps.hide_render = True
+    assert said(scene) == [], "lights are in no bake"
+    inner.hide_render = True
+    assert said(scene) == ["Objects were hidden or shown by their collection"]
+    inner.hide_render = False
+    assert said(scene) == []
