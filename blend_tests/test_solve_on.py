@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import bpy
 import pytest
 
-from addon.core.solve import SolveError
+from addon.core.solve import SolveError, samples_towards
 from addon.core.status import out_of_sight
 from addon.engine import new_paths, shot, solve
 from addon.ui import solving
@@ -60,6 +60,11 @@ def test_it_is_solved_on_with_paths_that_look_for_it(shown, asked):
     assert bpy.ops.relume.rebake() == {"FINISHED"}
     until(shown, settled, "the new picture")
     assert not shot.of(shown).notes and not out_of_sight(shot.of(shown).status)
+
+
+def test_new_paths_are_a_share_of_the_bakes_but_enough():
+    """A quarter, 64 at least, and never more than there were."""
+    assert [samples_towards(baked) for baked in (4, 64, 128, 256, 1024)] == [4, 64, 64, 64, 256]
 
 
 def test_new_paths_are_of_the_world_that_the_bake_began_with(shown):

@@ -32,8 +32,19 @@ NOTHING = 1e-3
 """Share of the strongest channel that counts as none."""
 
 
+LEAST_TOWARDS = 64
+SHARE_TOWARDS = 4
+"""One in so many of a bake's paths is traced once more to look for lights where a solver has put them."""
+
+
 class SolveError(Exception):
     """Nothing can be solved; the message is one line for the artist."""
+
+
+def samples_towards(baked: int) -> int:
+    """Paths per pixel that look for lights where a solver has put them. They alone say then how well these serve, so
+    that they may not be much noisier than the bake."""
+    return min(baked, max(LEAST_TOWARDS, baked // SHARE_TOWARDS))
 
 
 @dataclass(frozen=True)

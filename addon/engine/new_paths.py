@@ -12,7 +12,7 @@ from typing import Any
 import bpy
 
 from ..core.bake_folder import MANIFEST, SOLVE, clear
-from ..core.solve import SolveError
+from ..core.solve import SolveError, samples_towards
 from ..export import trace_settings
 from .native import native
 from .scene import load_scene_async
@@ -21,9 +21,6 @@ from .solve import answer
 
 CLEAN_SECONDS = 0.25
 """Between looks whether cancelled jobs have ended."""
-SAMPLES = 64
-"""Paths per pixel, where the bake has as many."""
-
 
 _ending: list[tuple[Any, Path]] = []
 """Cancelled jobs that may still write or read, and the folder that goes when they are done."""
@@ -81,7 +78,8 @@ def bake(scene: bpy.types.Scene, shot: Shot, lights: list[dict[str, Any]], folde
     if (exported.hash, exported.world_map) != (baked, shot.status["world_map"]):
         return False
     settings = trace_settings(scene, lambda _warning: None)
-    settings |= {"samples": min(SAMPLES, shot.status["samples"]), "threads": shot.options.threads, "towards": lights}
+    samples = samples_towards(shot.status["samples"])
+    settings |= {"samples": samples, "threads": shot.options.threads, "towards": lights}
     # The request's factors on the light of the world are relative to that of the shot's bake.
     settings["world_color"] = shot.status["world_color"]
     job = native().bake(exported, folder, settings)

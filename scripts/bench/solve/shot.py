@@ -10,10 +10,10 @@ from pathlib import Path
 
 import relume
 
+from addon.core.solve import samples_towards
+
 ROOT = Path(__file__).resolve().parents[3]
 POLL_SECONDS = 0.02
-SAMPLES_TOWARDS = 64
-"""As in the add-on (`addon/engine/new_paths.py`)."""
 
 
 def processor_seconds():
@@ -89,7 +89,7 @@ class Shot:
         found = result["lights"]
         towards = self.folder / "towards.json"
         towards.write_text(json.dumps(found | {"lights": [*self.judge.light_set(), *found["lights"]]}))
-        self._run_bake(folder, "--samples", min(SAMPLES_TOWARDS, self.args.bake_samples), "--towards", towards)
+        self._run_bake(folder, "--samples", samples_towards(self.args.bake_samples), "--towards", towards)
         return folder
 
     def _run_bake(self, folder, *options):
