@@ -90,6 +90,8 @@ const SHORT: f32 = 2.0;
 const MARGIN: f32 = 0.02;
 /// So many standard deviations more are asked for of a mean that is noisy: of many tries the best is seldom as good as it looks.
 const SURE: f32 = 2.0;
+/// But at most this share of what was asked for: what is very noisy may as well be far more already.
+const MOST_MORE: f32 = 0.25;
 /// Added to exposed values under a logarithm or a quotient: a fiftieth of the mean.
 const FLOOR: f32 = 0.01;
 /// What a difference of colour ratios counts beside one of tonemapped values.
@@ -136,11 +138,16 @@ impl Aim {
     /// itself. Amounts should be what was asked for, no more and no less, but for `MARGIN` and what their `deviation` by noise demands.
     pub(crate) fn reference_of_mean(&self, before: [f32; 3], deviation: f32) -> Option<[f32; 3]> {
         let [amount, second, third] = self.reference(before);
-        let more = |asked: f32, margin: f32| (margin + SURE * deviation).copysign(asked);
+        let more = |asked: f32, margin: f32| {
+            let more = f32::min(SURE * deviation, MOST_MORE * asked.abs());
+            (margin + more).copysign(asked)
+        };
         match self {
             Self::Target { .. } => None,
             Self::Brightness { stops } => Some([amount + more(*stops, MARGIN), second, third]),
-            Self::Temperature { mireds } => Some([amount + more(*mireds, LN_2 * MARGIN), second, third]),
+            Self::Temperature { mireds } => {
+                Some([amount + more(RATIO_PER_MIRED * mireds, LN_2 * MARGIN), second, third])
+            }
             Self::Color { .. } | Self::Keep => Some([amount, second, third]),
         }
     }

@@ -305,6 +305,8 @@ mod tests {
         let expected = 2.0 * deviation * std::f32::consts::LOG2_E;
         assert!((up / expected - 1.0).abs() < 0.05, "{up}, expected {expected}");
         assert_eq!(down, -up);
+        let little = more(&Aim::Brightness { stops: 0.01 });
+        assert!((little / 0.0025 - 1.0).abs() < 1e-2, "a quarter of what was asked for at most: {little}");
         // Grey noise has no colour, and what is kept is not asked for by amount.
         assert!(more(&Aim::Temperature { mireds: 50.0 }).abs() < 1e-4 * expected);
         assert_eq!(more(&Aim::Keep), 0.0);
