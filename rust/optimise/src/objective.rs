@@ -267,7 +267,7 @@ impl<'a> ViewObjective<'a> {
         sum
     }
 
-    /// Each term at its drawn cells of a whole clean picture.
+    /// Each term at its drawn cells of a whole picture: the clean one, whose exact halves say how noisy means are.
     pub(crate) fn compare_picture(&self, picture: &Picture, draw: &[Vec<u32>]) -> Vec<Comparison<'_>> {
         let clean = mean(&picture.clean);
         let compare = |(term, draw): (&Term<'a>, &Vec<u32>)| {
