@@ -2,9 +2,10 @@
 
 mod common;
 
-use common::{contents, relume, result, room, trace_room};
+use common::{contents, program, relume, result, room, trace_room};
+use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Child, Command};
+use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// The code of a run that was asked to stop.
@@ -21,6 +22,16 @@ fn wait_for(what: &str, mut done: impl FnMut() -> bool) {
         assert!(start.elapsed() < Duration::from_secs(60), "{what} did not come");
         std::thread::sleep(Duration::from_millis(5));
     }
+}
+
+/// Waits until a run that reports in JSON has done a part of a stage.
+fn wait_for_part_of(child: &mut Child, stage: &str) {
+    let begun = |line: std::io::Result<String>| {
+        let report: serde_json::Value = serde_json::from_str(&line.unwrap()).unwrap();
+        report["stage"] == stage && report["done"].as_u64() > Some(0)
+    };
+    let reports = BufReader::new(child.stdout.as_mut().unwrap());
+    assert!(reports.lines().any(begun), "it ended without a report of {stage}");
 }
 
 fn shards(folder: &Path) -> usize {
@@ -52,16 +63,17 @@ fn terminated_training_resumes_to_the_same_bytes() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
     trace_room(path, "--out bake --width 24 --height 24 --samples 16");
-    let training = "train bake --million-samples 1 --neurons 16 --size-min 0.1 --size-max 0.3";
+    let training = "train bake --million-samples 2 --neurons 16 --size-min 0.1 --size-max 0.3";
     result(path, &format!("{training} --out whole"));
 
-    let child = relume(path, &format!("{training} --out cut")).spawn().unwrap();
-    wait_for("the training", || path.join("cut/base.exr").exists());
-    std::thread::sleep(Duration::from_millis(300));
+    let mut begins = Command::new(program());
+    begins.current_dir(path).args(format!("{training} --out cut --json").split_whitespace());
+    let mut child = begins.stdout(Stdio::piped()).spawn().unwrap();
+    wait_for_part_of(&mut child, "train");
     assert_eq!(terminate(child), STOPPED);
     let info = result(path, "info cut/proxy_sphere.safetensors");
     let done = info["info"]["samples"].as_u64().unwrap();
-    assert!(done < 1_000_000, "it was done before it was stopped");
+    assert!(done < 2_000_000, "it was done before it was stopped");
 
     result(path, &format!("{training} --out cut --resume"));
     for file in ["proxy_sphere.safetensors", "proxy_sphere.json"] {
