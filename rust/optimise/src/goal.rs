@@ -1,6 +1,7 @@
 //! What the picture should do, as residuals of cells: 0 where it does.
 
 use crate::cells::Cells;
+use crate::report::{MIREDS_MET, STOPS_MET};
 use crate::variable::{LUMINANCE, luminance};
 use relume_image::Image;
 use std::f32::consts::LN_2;
@@ -149,6 +150,29 @@ impl Aim {
                 Some([amount + more(RATIO_PER_MIRED * mireds, LN_2 * MARGIN), second, third])
             }
             Self::Color { .. } | Self::Keep => Some([amount, second, third]),
+        }
+    }
+
+    /// Whether an amount has less than its reference by more than goes for met, by a residual of [`Aim::residual_of_mean`].
+    pub(crate) fn lacks(&self, residual: [f32; 3]) -> bool {
+        match self {
+            Self::Brightness { stops } => -residual[0] * stops.signum() > SHORT * STOP * STOPS_MET as f32,
+            Self::Temperature { mireds } => {
+                -residual[0] * mireds.signum() > CHROMA * RATIO_PER_MIRED * MIREDS_MET as f32
+            }
+            Self::Target { .. } | Self::Color { .. } | Self::Keep => false,
+        }
+    }
+
+    /// Whether a residual of a mean says less good of a picture than another: less of what is asked for by amount, or further from the
+    /// rest.
+    pub(crate) fn is_worse(&self, residual: [f32; 3], other: [f32; 3]) -> bool {
+        let square = |r: [f32; 3]| r.iter().map(|r| r * r).sum::<f32>();
+        match self {
+            Self::Brightness { stops: asked } | Self::Temperature { mireds: asked } => {
+                (residual[0] - other[0]) * asked < 0.0
+            }
+            Self::Target { .. } | Self::Color { .. } | Self::Keep => square(residual) > square(other),
         }
     }
 

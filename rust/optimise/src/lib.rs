@@ -19,6 +19,7 @@ mod adam;
 mod cells;
 mod error;
 mod goal;
+mod lack;
 mod least_squares;
 mod objective;
 mod polish;
@@ -39,6 +40,7 @@ mod wall;
 
 pub use error::OptimiseError;
 pub use goal::{Aim, Goal};
+pub use lack::may_lack;
 pub use polish::{PolishStep, Polished, polish};
 pub use problem::{Problem, View};
 pub use prune::idle_lights;

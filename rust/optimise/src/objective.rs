@@ -3,7 +3,7 @@ use crate::goal::{Aim, Goal};
 use crate::preference;
 use crate::problem::{Problem, View, mean_luminance};
 use crate::relight::{Compare, Compared, Linear, Picture};
-use crate::term::{Before, Comparison, Term, Wanted};
+use crate::term::{Before, Comparison, Doubt, Term, Wanted};
 use crate::variable::{Mapping, PARAMS};
 use crate::{OptimiseError, RelightError};
 use rayon::prelude::*;
@@ -267,14 +267,28 @@ impl<'a> ViewObjective<'a> {
         sum
     }
 
-    /// Each term at its drawn cells of a whole picture: the clean one, whose exact halves say how noisy means are.
-    pub(crate) fn compare_picture(&self, picture: &Picture, draw: &[Vec<u32>]) -> Vec<Comparison<'_>> {
+    /// Each term at its drawn cells of a clean whole picture.
+    pub(crate) fn compare_picture(
+        &self,
+        picture: &Picture,
+        doubts: &[Doubt],
+        draw: &[Vec<u32>],
+    ) -> Vec<Comparison<'_>> {
         let clean = mean(&picture.clean);
-        let compare = |(term, draw): (&Term<'a>, &Vec<u32>)| {
-            let halves = picture.exact.each_ref().map(|half| term.drawn(half, draw));
-            Comparison::new(term.wanted_of(&halves, draw), term.drawn(&clean, draw))
+        let compare = |((term, doubt), draw): ((&Term<'a>, &Doubt), &Vec<u32>)| {
+            Comparison::new(term.wanted_despite(doubt, draw), term.drawn(&clean, draw))
         };
-        self.terms.iter().zip(draw).map(compare).collect()
+        self.terms.iter().zip(doubts).zip(draw).map(compare).collect()
+    }
+
+    /// What is to be doubted of the means of each term in a clean whole picture.
+    pub(crate) fn doubts(&self, picture: &Picture, draw: &[Vec<u32>]) -> Vec<Doubt> {
+        let clean = mean(&picture.clean);
+        let doubt = |(term, draw): (&Term<'a>, &Vec<u32>)| {
+            let exact = picture.exact.each_ref().map(|half| term.drawn(half, draw));
+            term.doubt_of_clean(&term.drawn(&clean, draw), &exact, draw)
+        };
+        self.terms.iter().zip(draw).map(doubt).collect()
     }
 
     /// Weighted residuals of a picture that differs from the one compared by noise and little else.
@@ -342,7 +356,7 @@ impl<'a> ViewObjective<'a> {
         });
         let halves = first.into_iter().zip(second).map(|(a, b)| [a, b]);
         let loss = |((term, draw), halves): ((&Term<'a>, &Vec<u32>), Halves)| {
-            Comparison::new(term.wanted_of(&halves, draw), mean(&halves)).loss()
+            Comparison::new(term.wanted_despite(&term.doubt(&halves, draw), draw), mean(&halves)).loss()
         };
         self.terms.iter().zip(draw).zip(halves).map(loss).sum()
     }

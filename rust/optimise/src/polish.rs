@@ -89,6 +89,7 @@ struct Polish<'a> {
     number: usize,
     fit: Fit<'a>,
     start: State,
+    start_loss: f64,
     best: State,
     /// Stages that are done.
     stages: usize,
@@ -99,10 +100,12 @@ struct Polish<'a> {
 }
 
 impl<'a> Polish<'a> {
-    fn new(number: usize, lights: &[Light], fit: Fit<'a>) -> Result<Self, OptimiseError> {
-        let start = fit.state(lights)?;
-        let best = start.clone();
-        Ok(Self { number, fit, start, best, stages: 0, left: [0.0; 2], goes_on: true, is_stopped: false })
+    fn new(number: usize, lights: &[Light], mut fit: Fit<'a>) -> Result<Self, OptimiseError> {
+        let mut start = fit.state(lights)?;
+        fit.doubt(&mut start);
+        let (start_loss, best) = (fit.loss(&start, &Trust::default()), start.clone());
+        let (stages, left) = (0, [0.0; 2]);
+        Ok(Self { number, fit, start, start_loss, best, stages, left, goes_on: true, is_stopped: false })
     }
 
     fn loss(&self) -> f64 {
@@ -118,9 +121,14 @@ impl<'a> Polish<'a> {
         if self.stages % SIZES_EVERY == 1 {
             self.best = self.fit.with_best_sizes(self.best.clone())?;
         }
-        let before = self.loss();
-        let width = STAGES[self.stages];
+        let (before, width) = (self.loss(), STAGES[self.stages]);
+        let (last, doubts) = (self.best.clone(), self.fit.doubts.clone());
         let flow = self.fit.descend(&mut self.best, width, iteration, steps, on_step)?;
+        self.fit.doubt(&mut self.best);
+        if self.loss() > before {
+            // What it gained was noise.
+            (self.best, self.fit.doubts) = (last, doubts);
+        }
         self.stages += 1;
         self.left = [self.left[1], self.loss() / before.max(f64::MIN_POSITIVE)];
         self.is_stopped = flow.is_break();
@@ -131,11 +139,11 @@ impl<'a> Polish<'a> {
     }
 
     fn finish(self) -> Result<Polished, OptimiseError> {
-        let Self { number, fit, start, mut best, is_stopped, .. } = self;
+        let Self { number, fit, start, start_loss, mut best, is_stopped, .. } = self;
         if !is_stopped {
             best = fit.with_exact_radiances(best)?;
         }
-        let [start_loss, loss] = [&start, &best].map(|state| fit.loss(state, &Trust::default()));
+        let loss = fit.loss(&best, &Trust::default());
         let is_worse = loss > start_loss && fit.exact_gain(&start, &best).mean < 0.0;
         let (best, loss) = if is_worse { (start, start_loss) } else { (best, loss) };
         // A sum of products may fall below 0 by chance.

@@ -42,8 +42,8 @@ pub struct Worst {
 /// PSNR from which a target counts as reached.
 const TARGET_MET: f64 = 30.0;
 /// Stops, mireds, colour ratios and shares by which a goal may be missed.
-const STOPS_MET: f64 = 0.05;
-const MIREDS_MET: f64 = 5.0;
+pub(crate) const STOPS_MET: f64 = 0.05;
+pub(crate) const MIREDS_MET: f64 = 5.0;
 const CHROMA_MET: f64 = 0.1;
 const KEEP_MET: f64 = 0.02;
 /// Tiles along the width of a picture.
@@ -100,6 +100,18 @@ pub fn report(goal: &Goal, before: &Image, after: &Image) -> Report {
 }
 
 impl Report {
+    /// With another report on the same goal by noisy pictures, if those show less of what was asked for by amount or more change of what
+    /// is to be kept. Noise hides how near colours and targets are, and where most changed.
+    #[must_use]
+    pub fn or_worse(self, noisy: Self) -> Self {
+        let is_worse = match (self.unit, self.asked) {
+            ("stops" | "mireds", Some(asked)) => (self.reached - noisy.reached) * asked > 0.0,
+            ("fraction", _) => noisy.reached > self.reached,
+            _ => false,
+        };
+        if is_worse { Self { worst: self.worst, ..noisy } } else { self }
+    }
+
     fn new(goal: &'static str, unit: &'static str) -> Self {
         Self { goal, asked: None, before: 0.0, reached: 0.0, unit, met: false, worst: None }
     }
@@ -257,6 +269,25 @@ mod tests {
         assert!(!report(&goal(Aim::Keep, first), &before, &after).met);
         let rest = Some(vec![0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0]);
         assert!(report(&goal(Aim::Keep, rest), &before, &after).met);
+    }
+
+    #[test]
+    fn of_two_reports_that_with_less_done_or_more_changed_counts() {
+        let before = flat([0.5; 3]);
+        let of = |aim: &Aim, value: f32| report(&goal(aim.clone(), None), &before, &flat([value; 3]));
+        let told = |aim: Aim, clean: f32, noisy: f32| of(&aim, clean).or_worse(of(&aim, noisy)).reached;
+        let by = |stops: f64, aim: &Aim, clean: f32, noisy: f32| {
+            assert!((told(aim.clone(), clean, noisy) - stops).abs() < 1e-5, "{aim:?} {clean} {noisy}");
+        };
+        let (up, down) = (Aim::Brightness { stops: 1.0 }, Aim::Brightness { stops: -1.0 });
+        by(1.0, &up, 1.0, 2.0);
+        by(1.0, &up, 2.0, 1.0);
+        by(-1.0, &down, 0.25, 0.25);
+        by(-1.0, &down, 0.125, 0.25);
+        by(-1.0, &down, 0.25, 0.125);
+        assert!((told(Aim::Keep, 0.5, 0.55) - 0.1).abs() < 1e-5 && told(Aim::Keep, 0.45, 0.5) > 0.09);
+        let target = Aim::Target { image: before.clone(), exposure_invariant: false };
+        assert_eq!(told(target, 0.5, 0.25), 99.0, "noise is no fault of the lights");
     }
 
     #[test]

@@ -28,6 +28,19 @@ pub(crate) struct Before {
     pub halves: Option<Halves>,
 }
 
+/// What noise may do to the mean of a term's cells, and what its removal does.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Doubt {
+    /// Standard deviation of what is asked for by amount.
+    deviation: f32,
+    /// What brings the mean of clean cells to that of exact ones, beside what did so before.
+    factor: [f32; 3],
+}
+
+impl Doubt {
+    pub(crate) const NONE: Self = Self { deviation: 0.0, factor: [1.0; 3] };
+}
+
 impl<'a> Term<'a> {
     /// `before` is the picture before, and what brings it to moderate brightness.
     pub(crate) fn new(goal: &'a Goal, cells: Cells, before: &Before, of_before: f32) -> Self {
@@ -64,21 +77,47 @@ impl<'a> Term<'a> {
 
     /// What is wanted of some cells, given by their numbers in the term's own list.
     pub(crate) fn wanted(&self, draw: &[u32]) -> Wanted<'a> {
-        self.wanted_despite(0.0, draw)
+        self.wanted_despite(&Doubt::NONE, draw)
     }
 
-    /// As [`Self::wanted`] of a picture by two estimates of its drawn cells, which say how noisy their mean is.
-    pub(crate) fn wanted_of(&self, halves: &Halves, draw: &[u32]) -> Wanted<'a> {
-        self.wanted_despite(self.deviation(halves, draw), draw)
+    /// What is to be doubted of the mean of the drawn cells of a picture by two estimates of them.
+    pub(crate) fn doubt(&self, exact: &Halves, draw: &[u32]) -> Doubt {
+        Doubt { deviation: self.deviation(exact, draw), ..Doubt::NONE }
+    }
+
+    /// The same of a clean picture of these cells: its mean is brought to that of the exact ones where that says less good of the
+    /// picture. Denoising moves light to beside where it is bright, which single cells hardly show but means do; the mean of exact cells
+    /// may be that of a few that happen to be very bright.
+    pub(crate) fn doubt_of_clean(&self, clean: &[[f32; 3]], exact: &Halves, draw: &[u32]) -> Doubt {
+        let doubt = self.doubt(exact, draw);
+        let of_exact = Doubt { factor: self.factor_to_exact(clean, exact, draw), ..doubt };
+        let residual =
+            |doubt: &Doubt| Comparison::new(self.wanted_despite(doubt, draw), clean.to_vec()).whole;
+        match (residual(&of_exact), residual(&doubt)) {
+            (Some((exact, _)), Some((clean, _))) if self.aim.is_worse(exact, clean) => of_exact,
+            _ => doubt,
+        }
+    }
+
+    /// What brings the mean of clean cells to that of exact ones, beside what did so before. Of a colour noise says too little.
+    fn factor_to_exact(&self, clean: &[[f32; 3]], exact: &Halves, draw: &[u32]) -> [f32; 3] {
+        let (Some(before), false) = (&self.halves_before, matches!(self.aim, Aim::Color { .. })) else {
+            return Doubt::NONE.factor;
+        };
+        let shares = self.shares(draw);
+        let drawn = |cells: &[[f32; 3]]| sum(draw.iter().map(|number| cells[*number as usize]), &shares);
+        let before = quotient(drawn(&mean(before)), drawn(&self.before));
+        let after = quotient(sum(mean(exact).into_iter(), &shares), sum(clean.iter().copied(), &shares));
+        let factor = quotient(after, before);
+        let is_known = factor.iter().all(|factor| factor.is_finite() && *factor > 0.0);
+        if is_known { factor } else { Doubt::NONE.factor }
     }
 
     /// Standard deviation of what is asked for by amount, told from how much two estimates of each cell differ. Noise that was there
     /// before as well is left out, as it is of what was asked for: where only strengths change there is hardly any.
     fn deviation(&self, halves: &Halves, draw: &[u32]) -> f32 {
         let Some(before) = &self.halves_before else { return 0.0 };
-        let weight = |number: &u32| self.weights[*number as usize];
-        let total: f32 = draw.iter().map(weight).sum();
-        let shares: Vec<f32> = draw.iter().map(|number| weight(number) / total).collect();
+        let shares = self.shares(draw);
         let drawn = |half: &Vec<[f32; 3]>| draw.iter().map(|number| half[*number as usize]).collect();
         let exposed = |half: &Vec<[f32; 3]>| half.iter().map(|x| x.map(|x| self.exposure * x)).collect();
         let noise = |halves| noise_of_amount(self.aim, halves, &shares);
@@ -90,10 +129,16 @@ impl<'a> Term<'a> {
         0.5 * noise.map(|noise| noise * noise).sum::<f32>().sqrt()
     }
 
-    fn wanted_despite(&self, deviation: f32, draw: &[u32]) -> Wanted<'a> {
+    /// What each drawn cell is of all of them.
+    fn shares(&self, draw: &[u32]) -> Vec<f32> {
         let weight = |number: &u32| self.weights[*number as usize];
         let total: f32 = draw.iter().map(weight).sum();
-        let shares: Vec<f32> = draw.iter().map(|number| self.weight * weight(number) / total).collect();
+        draw.iter().map(|number| weight(number) / total).collect()
+    }
+
+    /// As [`Self::wanted`], more where there is doubt.
+    pub(crate) fn wanted_despite(&self, doubt: &Doubt, draw: &[u32]) -> Wanted<'a> {
+        let shares: Vec<f32> = self.shares(draw).iter().map(|share| self.weight * share).collect();
         let references: Vec<[f32; 3]> = draw.iter().map(|number| self.references[*number as usize]).collect();
         let before = draw.iter().map(|number| self.before[*number as usize]);
         let before = sum(before, &shares).map(|sum| sum / self.weight);
@@ -102,7 +147,8 @@ impl<'a> Term<'a> {
             weight: self.weight,
             exposure: self.exposure,
             luminance: self.is_exposure_invariant().then(|| luminance_of_target(&references, &shares)),
-            reference_of_mean: self.aim.reference_of_mean(before, deviation),
+            factor_of_mean: doubt.factor,
+            reference_of_mean: self.aim.reference_of_mean(before, doubt.deviation),
             cells: draw.iter().map(|number| self.cells[*number as usize]).collect(),
             references,
             shares,
@@ -144,6 +190,10 @@ fn sum(values: impl Iterator<Item = [f32; 3]>, shares: &[f32]) -> [f32; 3] {
     sum
 }
 
+fn quotient(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    std::array::from_fn(|c| a[c] / b[c])
+}
+
 /// What a goal wants of some cells: all that a comparison needs beside the picture.
 #[derive(Clone, Debug)]
 pub struct Wanted<'a> {
@@ -156,7 +206,9 @@ pub struct Wanted<'a> {
     /// What the luminance of the exposed cells, each times its share, is brought to before they are compared, where their own exposure
     /// does not matter.
     pub luminance: Option<f32>,
-    /// What the mean of the exposed cells is compared to, by a goal that has one.
+    /// What the mean of the exposed cells is multiplied with before it is compared.
+    pub factor_of_mean: [f32; 3],
+    /// What it is compared to, by a goal that asks for a mean.
     pub reference_of_mean: Option<[f32; 3]>,
     /// Numbers of the cells.
     pub cells: Vec<u32>,
@@ -201,9 +253,18 @@ impl<'a> Comparison<'a> {
         };
         let compare = |(x, reference): (&[f32; 3], &[f32; 3])| aim.residual(x.map(|x| gain * x), *reference);
         let (residuals, slopes) = exposed.iter().zip(references).map(compare).unzip();
-        let mean_of_cells = sum.map(|sum| sum / wanted.weight);
-        let whole = wanted.reference_of_mean.map(|reference| aim.residual_of_mean(mean_of_cells, reference));
+        let factor = wanted.factor_of_mean;
+        let whole = wanted.reference_of_mean.map(|reference| {
+            let mean_of_cells = std::array::from_fn(|c| factor[c] * sum[c] / wanted.weight);
+            let (residual, slopes) = aim.residual_of_mean(mean_of_cells, reference);
+            (residual, slopes.map(|slopes| std::array::from_fn(|c| factor[c] * slopes[c])))
+        });
         Self { wanted, exposed, gain, gain_slope, residuals, slopes, whole }
+    }
+
+    /// Whether the mean has too little of an amount that was asked for.
+    pub(crate) fn lacks(&self) -> bool {
+        self.whole.is_some_and(|(residual, _)| self.wanted.aim.lacks(residual))
     }
 
     pub(crate) fn loss(&self) -> f64 {
@@ -289,7 +350,7 @@ mod tests {
         let before = Before { cells: mean(&before), halves: Some(before) };
         let term = Term::new(&goal, Cells::new(SIZE, 1), &before, 1.0);
         let draw: Vec<u32> = (0..term.len() as u32).collect();
-        let [told, untold] = [term.wanted_of(after, &draw), term.wanted(&draw)];
+        let [told, untold] = [term.wanted_despite(&term.doubt(after, &draw), &draw), term.wanted(&draw)];
         told.reference_of_mean.unwrap()[0] - untold.reference_of_mean.unwrap()[0]
     }
 
@@ -310,6 +371,33 @@ mod tests {
         // Grey noise has no colour, and what is kept is not asked for by amount.
         assert!(more(&Aim::Temperature { mireds: 50.0 }).abs() < 1e-4 * expected);
         assert_eq!(more(&Aim::Keep), 0.0);
+    }
+
+    #[test]
+    fn a_mean_is_that_of_clean_or_of_exact_cells_whichever_says_less_good_of_the_picture() {
+        let of = |value: f32| vec![[value; 3]; SIZE.0 * SIZE.1];
+        let factor = |aim: Aim, clean: f32, exact: f32| {
+            let goal = Goal { aim, pixels: None, weight: 2.0 };
+            // Cleaning took a tenth of the light before.
+            let before = Before { cells: of(0.9), halves: Some([of(1.0), of(1.0)]) };
+            let term = Term::new(&goal, Cells::new(SIZE, 1), &before, 0.5);
+            let draw: Vec<u32> = (0..term.len() as u32).collect();
+            term.doubt_of_clean(&of(clean), &[of(exact), of(exact)], &draw).factor[0]
+        };
+        let (up, down) = (|| Aim::Brightness { stops: 1.0 }, || Aim::Brightness { stops: -1.0 });
+        let expect =
+            |found: f32, expected: f32| assert!((found - expected).abs() < 1e-4, "{found} {expected}");
+        // Exact cells show less of what was asked for than clean ones, or more.
+        expect(factor(up(), 1.8, 1.8), 0.9);
+        expect(factor(up(), 1.8, 2.4), 1.0);
+        expect(factor(down(), 0.45, 0.6), 1.2);
+        expect(factor(down(), 0.45, 0.4), 1.0);
+        expect(factor(up(), 3.6, 3.6), 0.9);
+        // What is kept should not change by either.
+        expect(factor(Aim::Keep, 0.9, 1.3), 1.3);
+        expect(factor(Aim::Keep, 1.2, 1.1), 1.0);
+        expect(factor(Aim::Color { color: [1.0, 0.5, 0.5] }, 0.9, 1.3), 1.0);
+        expect(factor(up(), 0.0, 1.0), 1.0);
     }
 
     #[test]

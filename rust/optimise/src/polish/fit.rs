@@ -2,8 +2,9 @@ use super::PolishStep;
 use super::noise::{Rows, Trust};
 use crate::OptimiseError;
 use crate::least_squares::{Jacobian, NormalEquations};
-use crate::objective::{Draw, Objective, mean};
+use crate::objective::{Draw, Objective, ViewObjective, mean};
 use crate::relight::Picture;
+use crate::term::Doubt;
 use crate::variable::{Mapping, PARAMS};
 use crate::wall::Wall;
 use rayon::prelude::*;
@@ -61,13 +62,24 @@ pub(super) struct Fit<'a> {
     pub mappings: Vec<Mapping>,
     /// What residuals are of.
     pub rows: Rows,
+    /// Of the means of each view's terms, as they were last told.
+    pub doubts: Vec<Vec<Doubt>>,
 }
 
 impl<'a> Fit<'a> {
     pub fn new(objective: &'a Objective<'a>, draw: &'a Draw, mappings: Vec<Mapping>) -> Self {
         let goals = objective.views.iter().zip(draw).flat_map(|(view, draw)| view.terms.iter().zip(draw));
         let rows = Rows::new(goals.map(|(term, draw)| (draw.len(), term.has_mean())));
-        Self { objective, draw, mappings, rows }
+        let none = |view: &ViewObjective| vec![Doubt::NONE; view.terms.len()];
+        Self { objective, draw, mappings, rows, doubts: objective.views.iter().map(none).collect() }
+    }
+
+    /// Tells anew what is to be doubted of means, at these lights. It is taken for the same at those nearby: noise itself would lead
+    /// small steps astray.
+    pub fn doubt(&mut self, state: &mut State) {
+        let views = self.objective.views.iter().zip(self.draw).zip(&state.pictures);
+        self.doubts = views.map(|((view, draw), picture)| view.doubts(picture, draw)).collect();
+        state.residuals = self.residuals(&state.pictures, Base::Clean);
     }
 
     /// Steps until nothing is gained any more, or there were `most`; whether the caller wants to stop altogether.
@@ -116,20 +128,22 @@ impl<'a> Fit<'a> {
     pub fn state(&self, lights: &[Light]) -> Result<State, OptimiseError> {
         let pictures = self.objective.views.iter().map(|view| view.whole_picture(lights));
         let pictures = pictures.collect::<Result<Vec<_>, _>>()?;
-        let residuals = self.residuals(&pictures, |picture| &picture.clean);
+        let residuals = self.residuals(&pictures, Base::Clean);
         Ok(State { lights: lights.to_vec(), pictures, residuals })
     }
 
-    /// Weighted residuals of either half of the pictures of all views.
-    pub fn residuals(
-        &self,
-        pictures: &[Picture],
-        halves: fn(&Picture) -> &[Vec<[f32; 3]>; 2],
-    ) -> [Vec<f32>; 2] {
+    /// Weighted residuals of either half of the pictures of all views, clean or exact.
+    pub fn residuals(&self, pictures: &[Picture], of: Base) -> [Vec<f32>; 2] {
         let mut residuals = [Vec::new(), Vec::new()];
-        for ((view, draw), picture) in self.objective.views.iter().zip(self.draw).zip(pictures) {
-            let comparisons = view.compare_picture(picture, draw);
-            for (residuals, half) in residuals.iter_mut().zip(halves(picture)) {
+        for (i, ((view, draw), picture)) in
+            self.objective.views.iter().zip(self.draw).zip(pictures).enumerate()
+        {
+            let comparisons = view.compare_picture(picture, &self.doubts[i], draw);
+            let halves = match of {
+                Base::Clean => &picture.clean,
+                Base::Exact => &picture.exact,
+            };
+            for (residuals, half) in residuals.iter_mut().zip(halves) {
                 residuals.extend(view.residuals_beside(&comparisons, half, draw));
             }
         }
@@ -241,7 +255,9 @@ impl<'a> Fit<'a> {
         base: Base,
     ) -> Result<Vec<[Vec<f32>; 2]>, OptimiseError> {
         let mut residuals: Vec<[Vec<f32>; 2]> = vec![Default::default(); lights.len()];
-        for ((view, draw), picture) in self.objective.views.iter().zip(self.draw).zip(&state.pictures) {
+        for (i, ((view, draw), picture)) in
+            self.objective.views.iter().zip(self.draw).zip(&state.pictures).enumerate()
+        {
             let is_other = |light: &&Light| light.shape != lights[0].shape;
             let shapes: Vec<&Light> = lights[..1].iter().chain(lights.iter().filter(is_other)).collect();
             let cells = all_of(view.cells_of(draw));
@@ -249,7 +265,7 @@ impl<'a> Fit<'a> {
             let unit =
                 |light: &Light| shapes.iter().position(|other| other.shape == light.shape).unwrap_or(0);
             let clean = mean(&picture.clean);
-            let comparisons = view.compare_picture(picture, draw);
+            let comparisons = view.compare_picture(picture, &self.doubts[i], draw);
             let by_light = lights.par_iter().map(|light| {
                 [0, 1].map(|half| {
                     let mut picture = match base {

@@ -133,7 +133,7 @@ impl Fit<'_> {
     }
 
     fn exact_residuals(&self, state: &State) -> [Vec<f32>; 2] {
-        self.residuals(&state.pictures, |picture| &picture.exact)
+        self.residuals(&state.pictures, Base::Exact)
     }
 
     /// What the move of a light costs.

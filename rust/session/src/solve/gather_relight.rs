@@ -8,6 +8,7 @@ use relume_scene::{LANES, Light};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::look::look;
+use super::scene_view::Unit;
 use crate::device_gather::DeviceGather;
 use crate::device_layers::DeviceLayers;
 use crate::progress::{Monitor, Stage};
@@ -77,13 +78,13 @@ impl Prepared {
         Ok(statics)
     }
 
-    /// Lights for radiance 1, without noise.
+    /// Lights for radiance 1, without noise and exact.
     pub fn units(
         &self,
         relighter: &Relighter,
         lights: &[Light],
         monitor: &Monitor,
-    ) -> Result<Vec<Arc<Image>>, SessionError> {
+    ) -> Result<Vec<Unit>, SessionError> {
         let lights: Vec<Light> = lights.iter().map(key).collect();
         let mut units = Vec::with_capacity(lights.len());
         let stage = monitor.stage(Stage::Gather, 0, lights.len() as u64);
@@ -95,8 +96,13 @@ impl Prepared {
             units.extend(gathered.iter().map(|unit| unit.shrunk(self.shrink)));
             stage.advance(some.len() as u64, "");
         }
+        let exact: Vec<Arc<Image>> = units.iter().cloned().map(Arc::new).collect();
         self.denoise.images(&mut units, DenoiseQuality::High)?;
-        Ok(units.into_iter().map(Arc::new).collect())
+        Ok(units
+            .into_iter()
+            .zip(exact)
+            .map(|(clean, exact)| Unit { clean: Arc::new(clean), exact })
+            .collect())
     }
 
     /// The means of cells of a noisy picture without its noise.

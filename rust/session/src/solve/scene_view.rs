@@ -20,7 +20,31 @@ pub(crate) struct SceneView<'a> {
     /// Pictures for radiance 1 of lights of which only colour or strength may change.
     still: Vec<Option<Arc<Image>>>,
     /// All as it is now.
-    pub(super) before: Image,
+    pub(super) before: Looks,
+}
+
+/// A light's picture for radiance 1.
+pub(super) struct Unit {
+    /// Without noise.
+    pub clean: Arc<Image>,
+    /// As it was gathered; the clean one where there is no noise.
+    pub exact: Arc<Image>,
+}
+
+/// A picture of a view.
+#[derive(Default)]
+pub(super) struct Looks {
+    /// Without noise.
+    pub clean: Image,
+    /// With the lights that move as they were gathered: noisy, but right on average, which what is denoised is not quite.
+    pub exact: Image,
+}
+
+impl Looks {
+    fn add_scaled(&mut self, clean: &Image, exact: &Image, factor: &[f32; 3]) {
+        self.clean.add_scaled(clean, factor);
+        self.exact.add_scaled(exact, factor);
+    }
 }
 
 /// All views.
@@ -88,13 +112,14 @@ impl Source {
         relighter: &Relighter,
         lights: &[Light],
         monitor: &Monitor,
-    ) -> Result<Vec<Arc<Image>>, SessionError> {
+    ) -> Result<Vec<Unit>, SessionError> {
         match self {
             Self::Bake(prepared) => prepared.units(relighter, lights, monitor),
             Self::Proxies => {
                 let options = relighter.possible(&RelightOptions::default(), monitor);
                 let units = relighter.unit_images(lights, &options, monitor)?;
-                Ok(units.into_iter().map(|(unit, _)| unit).collect())
+                let unit = |unit: Arc<Image>| Unit { clean: Arc::clone(&unit), exact: unit };
+                Ok(units.into_iter().map(|(image, _)| unit(image)).collect())
             }
         }
     }
@@ -128,7 +153,7 @@ impl<'a> SceneView<'a> {
         let staying: Vec<Light> =
             now.lights.iter().enumerate().filter(stays).map(|(_, light)| light.clone()).collect();
         for (light, unit) in staying.iter().zip(source.units(relighter, &staying, monitor)?) {
-            base.add_scaled(&unit, &light.radiance);
+            base.add_scaled(&unit.clean, &light.radiance);
         }
         let held: Vec<Light> = unknowns.held().cloned().collect();
         let mut units = source.units(relighter, &held, monitor)?.into_iter();
@@ -136,26 +161,26 @@ impl<'a> SceneView<'a> {
         let still = unknowns.pictures().map(|place| match place {
             Picture::Moves => None,
             Picture::World => Some(Arc::clone(&world)),
-            Picture::Held => units.next(),
+            Picture::Held => units.next().map(|unit| unit.clean),
         });
         let still = still.collect();
-        let mut view = Self { relighter, source, goals, base, still, before: Image::default() };
+        let mut view = Self { relighter, source, goals, base, still, before: Looks::default() };
         let lights: Vec<Light> = unknowns.variables.iter().map(|variable| variable.light.clone()).collect();
         view.before = view.picture(&lights, monitor)?;
         Ok(view)
     }
 
     /// The view with these in the places of the lights to be solved.
-    pub fn picture(&self, lights: &[Light], monitor: &Monitor) -> Result<Image, SessionError> {
-        let mut sum = self.base.clone();
+    pub fn picture(&self, lights: &[Light], monitor: &Monitor) -> Result<Looks, SessionError> {
+        let mut sum = Looks { clean: self.base.clone(), exact: self.base.clone() };
         let is_lit = |(light, still): &(&Light, &Option<_>)| still.is_none() && light.radiance != [0.0; 3];
         let moving: Vec<Light> =
             lights.iter().zip(&self.still).filter(is_lit).map(|(light, _)| light.clone()).collect();
         for (light, unit) in moving.iter().zip(self.source.units(self.relighter, &moving, monitor)?) {
-            sum.add_scaled(&unit, &light.radiance);
+            sum.add_scaled(&unit.clean, &unit.exact, &light.radiance);
         }
         for (light, still) in lights.iter().zip(&self.still) {
-            still.iter().for_each(|unit| sum.add_scaled(unit, &light.radiance));
+            still.iter().for_each(|unit| sum.add_scaled(unit, unit, &light.radiance));
         }
         Ok(sum)
     }

@@ -1,6 +1,6 @@
 use relume_optimise::{
-    Polished, Problem, RandomStarts, Relight, RunnerUp, Settings, Solution, Step, idle_lights, polish,
-    random_starts, regroupings, relocations, solve,
+    Polished, Problem, RandomStarts, Relight, RunnerUp, Settings, Solution, Step, idle_lights, may_lack,
+    polish, random_starts, regroupings, relocations, solve,
 };
 use relume_proxy::{GpuProxy, LightKind};
 use relume_scene::Light;
@@ -234,7 +234,14 @@ impl Search<'_> {
     /// Leaves local minima by other arrangements of the lights, as long as the goals are better served by that.
     fn rearrange(&self, problem: &Problem, found: &mut Found) -> Result<(), SessionError> {
         for _ in 0..MOST_REARRANGEMENTS {
-            if found.loss < VISIBLE || self.does_what_is_asked(found)? {
+            if found.loss < VISIBLE {
+                break;
+            }
+            if self.seems_to_do_what_is_asked(found)? {
+                // Noise may hide that it does not: one other place is worth the time.
+                if may_lack(problem, &found.lights)? {
+                    self.relocate(problem, found)?;
+                }
                 break;
             }
             if !(self.relocate(problem, found)? || self.regroup(problem, found)?) {
@@ -245,7 +252,7 @@ impl Search<'_> {
     }
 
     /// Whether each stroke has what was asked for. There is always more to be gained from a target.
-    fn does_what_is_asked(&self, found: &Found) -> Result<bool, SessionError> {
+    fn seems_to_do_what_is_asked(&self, found: &Found) -> Result<bool, SessionError> {
         if self.request.wish.goals.iter().any(|goal| goal.goal == GoalKind::Target) {
             return Ok(false);
         }

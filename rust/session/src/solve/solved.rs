@@ -1,5 +1,4 @@
-use relume_image::Image;
-use relume_optimise::{Report, Worst, conflicts, report};
+use relume_optimise::{Goal, Report, Worst, conflicts, report};
 use relume_scene::{BlenderLight, BlenderLightKind, Light};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -8,7 +7,7 @@ use std::time::Instant;
 
 use super::lights::{Source, Unknowns};
 use super::request::{GoalKind, SolveRequest, Through};
-use super::scene_view::{SceneView, Scenes};
+use super::scene_view::{Looks, SceneView, Scenes};
 use super::search::Found;
 use crate::progress::Monitor;
 use crate::{LightSet, SessionError};
@@ -228,10 +227,16 @@ pub(super) fn reports<'a>(
     request: &SolveRequest,
     view: usize,
     scene: &'a SceneView,
-    after: &'a Image,
+    after: &'a Looks,
 ) -> impl Iterator<Item = (usize, Report)> + use<'a> {
     let goals = numbers(request, view).into_iter().zip(&scene.goals);
-    goals.map(|(number, goal)| (number, report(goal, &scene.before, after)))
+    goals.map(|(number, goal)| (number, told(goal, &scene.before, after)))
+}
+
+/// What became of a goal, by the picture without noise or by the noisy one, whichever says less good of it.
+fn told(goal: &Goal, before: &Looks, after: &Looks) -> Report {
+    let clean = report(goal, &before.clean, &after.clean);
+    clean.or_worse(report(goal, &before.exact, &after.exact))
 }
 
 fn in_words(request: &SolveRequest, (number, report): (usize, Report)) -> GoalReport {
@@ -298,5 +303,5 @@ fn conflict_lines(request: &SolveRequest, view: usize, scene: &SceneView) -> Vec
     let line = |(a, b): (usize, usize)| {
         format!("Goals {} and {} contradict each other in the same place", numbers[a] + 1, numbers[b] + 1)
     };
-    conflicts(asked, &scene.before).into_iter().map(line).collect()
+    conflicts(asked, &scene.before.clean).into_iter().map(line).collect()
 }
