@@ -2,7 +2,9 @@
 views alone hide is said."""
 
 import bpy
+import numpy as np
 import pytest
+from mathutils import Matrix
 
 from addon.engine import shot
 from addon.ui import handlers
@@ -147,11 +149,89 @@ def on_faces_of_the_scene(scene):
     return 0
 
 
+def two_inner_instances():
+    """A collection with two instances of a lamp, of which renders show one, and things that views alone hide."""
+    rig, lamp = unlinked("Rig"), unlinked("Lamp")
+    empty(lamp, hide_viewport=True)
+    bulb(lamp)
+    empty(rig, hide_viewport=True)
+    empty(rig, lamp, hide_render=True)
+    empty(rig, lamp, location=(0.3, 0.0, 0.0))
+    return rig
+
+
+def by_inner_instances_that_nodes_show(scene):
+    scatter(scene.collection, two_inner_instances())
+    return 2
+
+
+def by_inner_instances_that_nested_nodes_show(scene):
+    middle = unlinked("Middle")
+    scatter(middle, two_inner_instances())
+    scatter(scene.collection, middle)
+    return 4
+
+
+def by_inner_instances_of_instances_within_nodes(scene):
+    tree = scatter(scene.collection, two_inner_instances()).modifiers[0].node_group
+    nodes = {node.bl_idname: node for node in tree.nodes}
+    line, points = tree.nodes.new("GeometryNodeMeshLine"), tree.nodes.new("GeometryNodeInstanceOnPoints")
+    line.inputs["Count"].default_value = 3
+    tree.links.new(line.outputs[0], points.inputs["Points"])
+    tree.links.new(nodes["GeometryNodeInstanceOnPoints"].outputs[0], points.inputs["Instance"])
+    tree.links.new(points.outputs[0], nodes["NodeGroupOutput"].inputs[0])
+    return 6
+
+
+def by_an_object_that_nodes_show(scene):
+    rig = two_inner_instances()
+    scatter(scene.collection, empty(unlinked("Aside"), rig))
+    return 2
+
+
+def by_a_hidden_object_that_nodes_show(scene):
+    rig = two_inner_instances()
+    scatter(scene.collection, empty(unlinked("Aside"), rig, hide_render=True))
+    return 0
+
+
+def separate(obj):
+    """Nodes that show each thing in a collection, instead of all of it."""
+    tree = obj.modifiers[0].node_group
+    info = next(node for node in tree.nodes if node.bl_idname == "GeometryNodeCollectionInfo")
+    info.inputs["Separate Children"].default_value = True
+
+
+def by_separate_collections_that_nodes_show(scene):
+    outer = unlinked("Outer")
+    outer.children.link(two_inner_instances())
+    bulb(inside(outer, "Unseen", hide_render=True))
+    separate(scatter(scene.collection, outer))
+    return 2
+
+
+def though_hidden_separately_by_nodes(scene):
+    source = unlinked("Source")
+    bulb(source).hide_render = True
+    separate(scatter(scene.collection, source))
+    return 2
+
+
+def by_inner_instances_on_faces(scene):
+    square = carrier(scene, scene.collection)
+    square.data.transform(Matrix.Translation((0.2, 0.0, 0.0)))
+    empty(scene.collection, two_inner_instances()).parent = square
+    return 1
+
+
 WAYS = [
     *(in_a_collection, in_the_instanced_collection_itself, in_a_collection_of_a_hidden_one),
     *(in_another_collection_too, in_the_scene_too, by_one_of_two_inner_instances, behind_what_views_hide),
     *(in_a_collection_that_nodes_show, in_a_collection_that_particles_show, by_nodes_in_a_collection, by_hidden_nodes),
     *(by_faces_in_a_collection, by_faces_that_are_shown, on_faces_of_the_scene),
+    *(by_inner_instances_that_nodes_show, by_inner_instances_that_nested_nodes_show),
+    *(by_inner_instances_of_instances_within_nodes, by_an_object_that_nodes_show, by_a_hidden_object_that_nodes_show),
+    *(by_separate_collections_that_nodes_show, though_hidden_separately_by_nodes, by_inner_instances_on_faces),
 ]
 
 
@@ -159,8 +239,10 @@ WAYS = [
 def test_the_live_picture_has_the_lights_of_renders(scene, live, way):
     number = way(scene)
     made = live()
-    assert len(exported(scene)["lights"]) == number
-    assert len(newest(made)) == number
+    rendered = [light["shape"]["center"] for light in exported(scene)["lights"]]
+    ours = [[row[3] for row in light["world_from_object"][:3]] for light in newest(made).values()]
+    assert len(rendered) == number
+    assert np.array(sorted(ours)) == pytest.approx(np.array(sorted(rendered)), abs=1e-5)
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -171,11 +253,16 @@ def test_renders_have_them(scene, way):
     assert (render_cycles(scene, samples=4).max() > 0.0) == (number > 0)
 
 
-def test_the_picture_is_that_of_cycles(studio):
+def of_an_instance(scene):
+    by_one_of_two_inner_instances(scene)
+    bpy.data.objects["Instance"].location.z = 2.0
+
+
+@pytest.mark.parametrize("way", [of_an_instance, by_inner_instances_that_nodes_show])
+def test_the_picture_is_that_of_cycles(studio, way):
     bpy.data.objects.remove(bpy.data.objects["Key"])
     studio.relume.samples = 64
-    by_one_of_two_inner_instances(studio)
-    bpy.data.objects["Instance"].location.z = 2.0
+    way(studio)
     update()
     start(studio)
     handlers.read_lights(studio)
