@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from mathutils import Matrix
 
-from addon.engine import shot
+from addon.engine import prints, shot
+from addon.engine.changes import Changes
 from addon.ui import handlers
 from addon.ui.start import start
 from helpers import add_quad, exported, render_cycles, said, settled, until, update
@@ -356,4 +357,54 @@ def test_objects_that_instanced_collections_hide_are_noticed(scene, live):
     inner.hide_render = True
     assert said(scene) == ["Objects were hidden or shown by their collection"]
     inner.hide_render = False
+    assert said(scene) == []
+
+
+def by_nodes_of_a_modifier(scene, collection):
+    scatter(scene.collection, collection)
+
+
+def by_particles(scene, collection):
+    particles(scene, instance_collection=collection)
+
+
+def by_an_instance_that_nodes_show(scene, collection):
+    outer = unlinked("Outer")
+    empty(outer, collection)
+    scatter(scene.collection, outer)
+
+
+@pytest.mark.parametrize("way", [by_nodes_of_a_modifier, by_particles, by_an_instance_that_nodes_show])
+def test_what_nodes_and_particles_instance_is_noticed_when_hidden(scene, live, way):
+    rig = unlinked("Rig")
+    inner, lamps = inside(rig), inside(rig, "Lamps")
+    light = bulb(lamps)
+    sofa = add_quad(scene, "Sofa")
+    scene.collection.objects.unlink(sofa)
+    inner.objects.link(sofa)
+    way(scene, rig)
+    live()
+    # Without a window the start of a bake evaluates particles anew, which Blender calls an edit.
+    shot.of(scene).changes = Changes(prints.take_all(scene, scene.camera))
+    assert said(scene) == []
+    lamps.hide_render = light.hide_render = True
+    assert said(scene) == [], "lights are in no bake"
+    for block, name in ((inner, "Inner"), (rig, "Rig"), (sofa, "Inner")):
+        block.hide_render = True
+        assert said(scene) == [f"Objects of collection '{name}' were hidden or shown"]
+        block.hide_render = False
+        assert said(scene) == []
+    sofa.data.vertices[0].co.z = 0.25
+    sofa.data.update()
+    assert said(scene) == ["Geometry 'Sofa' changed"]
+
+
+def test_a_collection_that_cuts_cuts_hidden_too(scene, live):
+    cutters = unlinked("Cutters", add_quad(scene, "Cutter"))
+    scene.collection.objects.unlink(bpy.data.objects["Cutter"])
+    cut = add_quad(scene, "Cut").modifiers.new("Cut", "BOOLEAN")
+    cut.operand_type, cut.collection = "COLLECTION", cutters
+    live().tell(state="ready", samples=4, samples_total=4)
+    assert said(scene) == []
+    cutters.hide_render = True
     assert said(scene) == []
