@@ -81,13 +81,20 @@ class Instancers:
             found = self._reached[obj] = {}
             todo = [obj]
             while todo:
-                for inner, is_named in self._placed_by(todo.pop()):
+                for inner, is_named in self._shown_by(todo.pop()):
                     if inner not in found and not inner.hide_render:
                         todo.append(inner)
                     found[inner] = is_named or found.get(inner, False)
         return self._reached[obj]
 
-    def _placed_by(self, obj: bpy.types.Object) -> Iterator[tuple[bpy.types.Object, bool]]:
+    def placed_by(self, obj: bpy.types.Object) -> set[bpy.types.Object]:
+        """Objects that an object itself instances, or would if nothing were hidden."""
+        found = set(obj.children) if obj.instance_type in {"VERTS", "FACES"} else set()
+        for block in _blocks([_instanced_by(obj), *self.named_by(obj)]):
+            found |= {block} if isinstance(block, bpy.types.Object) else set(block.all_objects)
+        return found
+
+    def _shown_by(self, obj: bpy.types.Object) -> Iterator[tuple[bpy.types.Object, bool]]:
         """What an object itself may instance in renders, and whether that is shown even where it is hidden."""
         if (instanced := _instanced_by(obj)) is not None:
             yield from self._shown_in(instanced)
