@@ -149,7 +149,20 @@ def test_a_bake_that_cannot_be_opened_with_its_file_is_said(lit, tmp_path, drawn
 
 def test_hundreds_of_notes_are_not_all_listed(lit, drawn):
     start(lit)
-    shot.of(lit).warnings += [f"light 'Lamp {number}': out of reach" for number in range(300)]
+    shot.of(lit).warnings += [f"light 'Lamp {number}': out of reach of 'Sofa {number}'" for number in range(300)]
     lit.relume.show_warnings = True
     words = drawn(lit).words
     assert words[-1] == f"and {300 - main_panel.MOST_NOTES} more" and len(words) < 40
+
+
+def test_notes_that_say_the_same_of_several_lights_are_one(lit, drawn):
+    start(lit)
+    lit.relume.show_warnings = True
+    few = "its direct light is found by one path in {} pixels and will be noise; make it larger, or bake more samples"
+    notes = [f"light 'Lamp {number}': {few.format(number)}" for number in (40, 7, 190, 7, 12)]
+    FakeLive.made[-1].tell(state="ready", samples=4, samples_total=4, warnings=notes)
+    handlers.tick()
+    assert shot.of(lit).notes == [
+        f"light 'Lamp 40', and likewise 'Lamp 7', 'Lamp 190' and 'Lamp 12': {few.format('7 to 190')}"
+    ]
+    assert shot.of(lit).notes[0] in drawn(lit).words

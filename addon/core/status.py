@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from .progress import share_and_words
+from .words import listed
 
 STAGES = {
     "prepare": "Preparing the scene",
@@ -44,18 +45,15 @@ def _error(status: dict[str, Any]) -> str:
     return f" (error {limit}{100 * max(errors):.1f} %)" if errors else ""
 
 
-MOST_NAMES = 3
-"""Of lights that each have a sentence of their own."""
-
-
 def out_of_sight(status: dict[str, Any]) -> list[str]:
     """What to say of lights that were moved away from where the paths look; nothing while more paths come."""
     if status["state"] in {"preparing", "baking"}:
         return []
     names = status["rarely_met"]
-    if len(names) > MOST_NAMES:
-        return [f"Few paths meet {len(names)} lights where they are now: '{names[0]}', '{names[1]}' and others"]
-    return [f"Few paths meet '{name}' where it is now" for name in names]
+    if not names:
+        return []
+    where = "it is" if len(names) == 1 else "they are"
+    return [f"Few paths meet {listed(names)} where {where} now"]
 
 
 FULL_DISK = ("No space left on device", "os error 112", "Disk quota exceeded")

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import bpy
 
+from ..core.words import listed
 from ..export.instancers import Instancers
 from ..export.lights import name_of
 from .scene_lights import SceneLights
-
-MOST_NAMES = 3
-"""Of objects that hide the same light."""
 
 
 def still_hides(context: bpy.types.Context, light: bpy.types.Object) -> str | None:
@@ -24,14 +22,7 @@ def still_hides(context: bpy.types.Context, light: bpy.types.Object) -> str | No
     collections = [found for found in _hidden_collections(view_layer) if not ways.isdisjoint(found.all_objects)]
     objects = [obj for obj in instancers if _is_hidden(obj, view_layer)]
     named = [("collection", sorted(map(name_of, collections))), ("object", sorted(map(name_of, objects)))]
-    return " and ".join(f"by {kind} {_listed(names)}" for kind, names in named if names)
-
-
-def _listed(names: list[str]) -> str:
-    said = [repr(name) for name in names[:MOST_NAMES]]
-    rest = len(names) - len(said)
-    *first, last = [*said, *[f"{rest} more"] * (rest > 0)]
-    return " and ".join([*[", ".join(first)] * bool(first), last])
+    return " and ".join(f"by {kind} {listed(names)}" for kind, names in named if names)
 
 
 def _instancers_of(light: bpy.types.Object, scene: bpy.types.Scene) -> list[bpy.types.Object]:

@@ -13,6 +13,7 @@ import bpy
 
 from ..core.bake_folder import camera_of, world_map_of
 from ..core.status import is_unfinished, lacks_samples
+from ..core.words import grouped
 from ..export import ExportOptions, trace_settings
 from ..export.linking import receiver_names
 from . import prints, record, world_change, worlds
@@ -294,7 +295,7 @@ class Shot:
     def notes(self) -> list[str]:
         """What this shot has and Relume cannot represent, and what else the artist should know; each once."""
         refusal = [self.refusal] * bool(self.refusal)
-        return list(dict.fromkeys([*refusal, *self.lights.warnings, *self.warnings, *self.status["warnings"]]))
+        return list(grouped((*refusal, *self.lights.warnings, *self.warnings, *self.status["warnings"])))
 
     def follow_world(self, scene: bpy.types.Scene) -> Any:
         """Makes the present world ready to be shown where another one is, a turn at a time; gives it to `relight` once

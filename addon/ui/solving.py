@@ -27,6 +27,7 @@ from ..core.rows import LIGHT, WORLD, Row, freed, is_neutral, times
 from ..core.solve import SolveError
 from ..core.status import STAGES
 from ..core.strokes import Stroke, goals
+from ..core.words import grouped, listed
 from ..engine import new_paths, region_masks, shot, solve
 from ..engine.pictures import Reading
 from ..export.lights import name_of
@@ -188,7 +189,7 @@ class Solving:
 
     def _solve_on(self, answer: dict[str, Any]) -> Generator[None, None, dict[str, Any]]:
         """The answer, polished with paths that look for its lights; as it is where there can be none."""
-        names = ", ".join(f"'{name}'" for name in answer["rarely_met"])
+        names = listed(answer["rarely_met"])
         try:
             found = yield from self._polished(answer)
         except (SolveError, OSError) as error:
@@ -335,7 +336,7 @@ class Solving:
             {
                 "look": entry.name,
                 "lines": [{"text": line["text"], "met": line["met"]} for line in answer["report"]],
-                "notes": list(dict.fromkeys(self.notes)),
+                "notes": grouped(tuple(self.notes)),
             }
         )
         if frame is not None:
