@@ -131,6 +131,25 @@ def test_progress_is_of_running_work_only():
     assert status.progress(state(state="baking")) is None
 
 
+TO_COME = [
+    (state(state="baking", train_seconds=60.0, kinds_to_learn=2), "Then 2:00 or more of learning"),
+    (state(state="baking", train_seconds=0.0, kinds_to_learn=2), ""),
+    (state(state="baking", train_seconds=60.0), ""),
+    (state(state="training", train_seconds=60.0, samples=64, samples_total=256), "Then 192 more samples"),
+    (
+        state(state="training", train_seconds=60.0, kinds_to_learn=3, samples=64, samples_total=64),
+        "Then 2:00 or more for other types of light",
+    ),
+    (state(state="training", train_seconds=60.0, kinds_to_learn=1, samples=64, samples_total=64), ""),
+    (state(state="ready", train_seconds=60.0, kinds_to_learn=1, samples=64, samples_total=64), ""),
+]
+
+
+@pytest.mark.parametrize("told, said", TO_COME)
+def test_what_follows_the_present_stage_is_said_as_far_as_it_is_known(told, said):
+    assert status.to_come(told) == said
+
+
 def test_long_messages_are_broken_between_words():
     assert lines("the quick brown fox", 9) == ["the quick", "brown fox"]
     assert lines("long/path/of/a/file", 10) == ["long/path/", "of/a/file"]

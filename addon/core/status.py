@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from .progress import share_and_words
+from .progress import clock, share_and_words
 from .words import listed
 
 STAGES = {
@@ -118,3 +118,17 @@ def progress(status: dict[str, Any]) -> tuple[float, str] | None:
     if stage is None or status["state"] not in {"preparing", "baking", "training"}:
         return None
     return share_and_words(stage)
+
+
+def to_come(status: dict[str, Any]) -> str:
+    """What follows the present stage, as far as it is known; empty if nothing is. Learning takes its time limit at
+    least: it is measured then, and done again where many more samples have come."""
+    each, kinds = status["train_seconds"], status["kinds_to_learn"]
+    match status["state"]:
+        case "baking" if each * kinds > 0.0:
+            return f"Then {clock(each * kinds)} or more of learning"
+        case "training" if lacks_samples(status):
+            return f"Then {status['samples_total'] - status['samples']} more samples"
+        case "training" if kinds > 1:  # The first is being learned.
+            return f"Then {clock(each * (kinds - 1))} or more for other types of light"
+    return ""
