@@ -218,6 +218,17 @@ def though_hidden_separately_by_nodes(scene):
     return 2
 
 
+def by_nodes_that_are_off_in_renders(scene):
+    scatter(scene.collection, bulb()).modifiers[0].show_render = False
+    return 0
+
+
+def by_particles_that_are_off_in_renders(scene):
+    particles(scene, instance_object=bulb())
+    bpy.data.objects["Meadow"].modifiers[0].show_render = False
+    return 0
+
+
 def by_inner_instances_on_faces(scene):
     square = carrier(scene, scene.collection)
     square.data.transform(Matrix.Translation((0.2, 0.0, 0.0)))
@@ -232,6 +243,7 @@ WAYS = [
     *(by_faces_in_a_collection, by_faces_that_are_shown, on_faces_of_the_scene),
     *(by_inner_instances_that_nodes_show, by_inner_instances_that_nested_nodes_show),
     *(by_inner_instances_of_instances_within_nodes, by_an_object_that_nodes_show, by_a_hidden_object_that_nodes_show),
+    *(by_nodes_that_are_off_in_renders, by_particles_that_are_off_in_renders),
     *(by_separate_collections_that_nodes_show, though_hidden_separately_by_nodes, by_inner_instances_on_faces),
 ]
 
@@ -285,6 +297,16 @@ def test_hiding_and_showing_is_followed(scene, live):
         block.hide_render = False
         update()
         assert len(newest(made)) == 1, block.name
+
+
+def test_nodes_that_are_switched_off_and_on_in_renders_are_followed(scene, live):
+    modifier = scatter(scene.collection, bulb()).modifiers[0]
+    made = live()
+    for is_on in (True, False, True):
+        modifier.show_render = is_on
+        modifier.id_data.update_tag(refresh={"DATA"})  # As the button does.
+        update()
+        assert bool(newest(made)) == is_on
 
 
 def by_the_key_h(owner):

@@ -37,25 +37,30 @@ class Instancers:
         self._seen_inside: dict[bpy.types.Collection, list[tuple[bpy.types.Object, bool]]] = {}
 
     def named_by(self, obj: bpy.types.Object) -> list[Block]:
-        """Objects and collections in an object's modifiers."""
-        return _blocks([*self._nodes_of(obj).blocks, *self._particles_of(obj)])
+        """Objects and collections in an object's modifiers, in those too that are off."""
+        return _blocks([block for modifier in obj.modifiers for block in self._in_modifier(modifier).blocks])
 
     def _nodes_of(self, obj: bpy.types.Object) -> _Named:
+        """What an object's nodes name, in renders."""
         if obj not in self._by_nodes:
-            found, separates = [], set()
-            for modifier in obj.modifiers:
-                if modifier.type == "NODES" and modifier.node_group is not None:
-                    named = self._in_group(modifier.node_group)
-                    found += [*(value for _, value in node_inputs(modifier)), *named.blocks]
-                    separates |= named.separates
-            self._by_nodes[obj] = _Named(_blocks(found), separates)
+            named = [self._in_modifier(modifier) for modifier in _rendered_modifiers(obj, "NODES")]
+            blocks = _blocks([block for found in named for block in found.blocks])
+            self._by_nodes[obj] = _Named(blocks, set().union(*(found.separates for found in named)))
         return self._by_nodes[obj]
 
     def _particles_of(self, obj: bpy.types.Object) -> list[Block]:
         if obj not in self._by_particles:
-            systems = [modifier.particle_system for modifier in obj.modifiers if modifier.type == "PARTICLE_SYSTEM"]
-            self._by_particles[obj] = _blocks([shown for system in systems for shown in _by_particles(system.settings)])
+            named = [self._in_modifier(modifier) for modifier in _rendered_modifiers(obj, "PARTICLE_SYSTEM")]
+            self._by_particles[obj] = _blocks([block for found in named for block in found.blocks])
         return self._by_particles[obj]
+
+    def _in_modifier(self, modifier: bpy.types.Modifier) -> _Named:
+        if modifier.type == "NODES" and modifier.node_group is not None:
+            named = self._in_group(modifier.node_group)
+            inputs = [value for _, value in node_inputs(modifier)]
+            return _Named(_blocks([*inputs, *named.blocks]), named.separates)
+        shown = _by_particles(modifier.particle_system.settings) if modifier.type == "PARTICLE_SYSTEM" else []
+        return _Named(_blocks(shown), set())
 
     def _in_group(self, group: bpy.types.NodeTree) -> _Named:
         if group not in self._by_group:
@@ -98,7 +103,7 @@ class Instancers:
         """What an object itself may instance in renders, and whether that is shown even where it is hidden."""
         if (instanced := _instanced_by(obj)) is not None:
             yield from self._shown_in(instanced)
-        for block in self.named_by(obj):
+        for block in [*self._nodes_of(obj).blocks, *self._particles_of(obj)]:
             if isinstance(block, bpy.types.Object):
                 yield block, True
             else:
@@ -207,6 +212,10 @@ def _not_hidden(collection: bpy.types.Collection, hiding: str) -> Iterator[bpy.t
     yield from (obj for obj in collection.objects if not getattr(obj, hiding))
     for child in collection.children:
         yield from _not_hidden(child, hiding)
+
+
+def _rendered_modifiers(obj: bpy.types.Object, kind: str) -> list[bpy.types.Modifier]:
+    return [modifier for modifier in obj.modifiers if modifier.type == kind and modifier.show_render]
 
 
 def _instanced_by(obj: bpy.types.Object) -> bpy.types.Collection | None:
