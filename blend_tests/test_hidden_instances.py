@@ -218,6 +218,28 @@ def though_hidden_separately_by_nodes(scene):
     return 2
 
 
+def shows(collection, node, block):
+    """An object 2 m above the ground whose nodes hand on what a node gives of a block."""
+    obj = bpy.data.objects.new("Shows", bpy.data.meshes.new("Shows"))
+    collection.objects.link(obj)
+    obj.location.z = 2.0
+    tree = bpy.data.node_groups.new("Shows", "GeometryNodeTree")
+    tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    info = tree.nodes.new(f"GeometryNode{node}Info")
+    info.inputs[node].default_value = block
+    output = next(socket for socket in info.outputs if socket.type == "GEOMETRY")
+    tree.links.new(output, tree.nodes.new("NodeGroupOutput").inputs[0])
+    obj.modifiers.new("Shows", "NODES").node_group = tree
+    return obj
+
+
+def by_geometry_that_other_nodes_take_in(scene):
+    inner = shows(unlinked("Aside"), "Collection", two_inner_instances())
+    inner.hide_render = True
+    shows(scene.collection, "Object", inner)
+    return 1
+
+
 def by_nodes_that_are_off_in_renders(scene):
     scatter(scene.collection, bulb()).modifiers[0].show_render = False
     return 0
@@ -243,6 +265,7 @@ WAYS = [
     *(by_faces_in_a_collection, by_faces_that_are_shown, on_faces_of_the_scene),
     *(by_inner_instances_that_nodes_show, by_inner_instances_that_nested_nodes_show),
     *(by_inner_instances_of_instances_within_nodes, by_an_object_that_nodes_show, by_a_hidden_object_that_nodes_show),
+    by_geometry_that_other_nodes_take_in,
     *(by_nodes_that_are_off_in_renders, by_particles_that_are_off_in_renders),
     *(by_separate_collections_that_nodes_show, though_hidden_separately_by_nodes, by_inner_instances_on_faces),
 ]

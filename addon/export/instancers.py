@@ -34,18 +34,23 @@ class Instancers:
         self._by_particles: dict[bpy.types.Object, list[Block]] = {}
         self._reached: dict[bpy.types.Object, dict[bpy.types.Object, bool]] = {}
         self._inside: dict[bpy.types.Collection, list[tuple[bpy.types.Object, bool]]] = {}
-        self._seen_inside: dict[bpy.types.Collection, list[tuple[bpy.types.Object, bool]]] = {}
+        self._seen_inside: dict[Any, list[tuple[bpy.types.Object, bool]]] = {}
+        """Of a collection and what instances it."""
 
     def named_by(self, obj: bpy.types.Object) -> list[Block]:
         """Objects and collections in an object's modifiers, in those too that are off."""
         return _blocks([block for modifier in obj.modifiers for block in self._in_modifier(modifier).blocks])
 
     def _nodes_of(self, obj: bpy.types.Object) -> _Named:
-        """What an object's nodes name, in renders."""
+        """What an object's nodes name, in renders, and what those of named objects do: they may take in its geometry,
+        also where it is hidden."""
         if obj not in self._by_nodes:
+            found = self._by_nodes[obj] = _Named([], set())  # Objects may name each other.
             named = [self._in_modifier(modifier) for modifier in _rendered_modifiers(obj, "NODES")]
-            blocks = _blocks([block for found in named for block in found.blocks])
-            self._by_nodes[obj] = _Named(blocks, set().union(*(found.separates for found in named)))
+            blocks = [block for one in named for block in one.blocks]
+            named += [self._nodes_of(block) for block in blocks if isinstance(block, bpy.types.Object)]
+            found.blocks.extend(_blocks([block for one in named for block in one.blocks]))
+            found.separates.update(*(one.separates for one in named))
         return self._by_nodes[obj]
 
     def _particles_of(self, obj: bpy.types.Object) -> list[Block]:
@@ -161,7 +166,7 @@ class Instancers:
         of what it instances."""
         if not way:
             return False
-        seen = [entry for entry in self._seen_in(collection) if entry[0] != by]
+        seen = self._seen_in(collection, by)
         is_itself = way[0] % 2 == 0
         return is_itself == (len(way) == 1) and self._shows_one_of(seen, way[0] // 2, way[1:], light)
 
@@ -189,13 +194,13 @@ class Instancers:
             self._inside[collection] = objects_in(collection)
         return self._inside[collection]
 
-    def _seen_in(self, collection: bpy.types.Collection) -> list[tuple[bpy.types.Object, bool]]:
-        """Those of them that views show."""
-        if collection not in self._seen_inside:
-            seen = set(_not_hidden(collection, "hide_viewport"))
+    def _seen_in(self, collection: bpy.types.Collection, by: bpy.types.Object) -> list[tuple[bpy.types.Object, bool]]:
+        """Those of them that views show where an object instances them, which does not show itself."""
+        if (collection, by) not in self._seen_inside:
+            seen = set(_not_hidden(collection, "hide_viewport")) - {by}
             inside = self._objects_of(collection)
-            self._seen_inside[collection] = [(obj, is_shown) for obj, is_shown in inside if obj in seen]
-        return self._seen_inside[collection]
+            self._seen_inside[collection, by] = [(obj, is_shown) for obj, is_shown in inside if obj in seen]
+        return self._seen_inside[collection, by]
 
 
 def objects_in(collection: bpy.types.Collection) -> list[tuple[bpy.types.Object, bool]]:
