@@ -32,6 +32,7 @@ class Instancers:
         self._by_group: dict[bpy.types.NodeTree, _Named] = {}
         self._by_nodes: dict[bpy.types.Object, _Named] = {}
         self._by_particles: dict[bpy.types.Object, list[Block]] = {}
+        self._rendered: dict[tuple[bpy.types.Object, bpy.types.Object, Way], bool] = {}
         self._reached: dict[bpy.types.Object, dict[bpy.types.Object, bool]] = {}
         self._inside: dict[bpy.types.Collection, list[tuple[bpy.types.Object, bool]]] = {}
         self._seen_inside: dict[Any, list[tuple[bpy.types.Object, bool]]] = {}
@@ -127,61 +128,65 @@ class Instancers:
     def renders(self, owner: bpy.types.Object, way: Sequence[int], light: bpy.types.Object) -> bool:
         """Whether renders too show an instance of a light that a view shows. `way` is its persistent id, which says,
         from the innermost to the outermost, by which objects it is shown. Of particles it does not, nor of nodes that
-        take a collection apart: it is enough there that they show the light at all."""
-        return self._leads(owner, tuple(number for number in reversed(way) if number != NO_NUMBER), light)
+        take a collection apart: it is enough there that they show the light at all. So it is where nodes do what is not
+        known here."""
+        numbers = tuple(number for number in reversed(way) if number != NO_NUMBER)
+        # Which of their instances it is says nothing of points and faces, of which there may be thousands.
+        key = owner, light, numbers if _instanced_by(owner) else numbers[1:]
+        if key not in self._rendered:
+            found = list(self._instances(owner, numbers, light))
+            self._rendered[key] = any(found) if found else light in self.reached_from(owner)
+        return self._rendered[key]
 
-    def _leads(self, by: bpy.types.Object, way: Way, light: bpy.types.Object) -> bool:
-        """Whether renders show a light by what an object instances."""
+    def _instances(self, by: bpy.types.Object, way: Way, light: bpy.types.Object) -> Iterator[bool]:
+        """Whether renders show the light, of each thing that an object instances and the way may lead by to it."""
         if not way:
-            return False
+            return
         if (instanced := _instanced_by(by)) is not None:
-            return self._shows_one_of(self._objects_of(instanced), way[0], way[1:], light)
-        if by.instance_type in {"VERTS", "FACES"} and any(
-            not child.hide_render and self._shows(child, way[1:], light) for child in by.children
-        ):
-            return True
-        return self._nodes_lead(by, way, light) or light in self._shown_by_particles(by)
+            yield from self._in_place(self._objects_of(instanced), way[0], way[1:], light)
+            return
+        for child in by.children if by.instance_type in {"VERTS", "FACES"} else ():
+            yield from (is_shown and not child.hide_render for is_shown in self._along(child, way[1:], light))
+        # Nodes begin a way with a number for each time that they instance instances.
+        for block in self._nodes_of(by).blocks:
+            for begin in range(1, len(way) + 1):
+                yield from self._in_block(block, way[begin:], light, by)
+        if light in self._shown_by_particles(by):
+            yield True
 
-    def _nodes_lead(self, by: bpy.types.Object, way: Way, light: bpy.types.Object) -> bool:
-        """The same of nodes, which begin a way with a number for each time that they instance instances."""
-        ways = [way[begin:] for begin in range(1, len(way) + 1)]
-        return any(self._block_shows(block, rest, light, by) for block in self._nodes_of(by).blocks for rest in ways)
-
-    def _block_shows(self, block: Block, way: Way, light: bpy.types.Object, by: bpy.types.Object) -> bool:
-        """Whether an instance by nodes of an object or a collection is of a light, or shows it."""
+    def _in_block(self, block: Block, way: Way, light: bpy.types.Object, by: bpy.types.Object) -> Iterator[bool]:
+        """The same of what nodes name."""
         if isinstance(block, bpy.types.Object):
-            return self._shows(block, way, light)
-        separates = self._nodes_of(by).separates
+            yield from self._along(block, way, light)
+            return
+        separates = self._nodes_of(by).separates or {False}
         if True in separates:
-            if any(self._shows(obj, way, light) for obj in block.objects):
-                return True
-            if any(self._whole_shows(child, way, light, by) for child in block.children):
-                return True
-        return (False in separates or not separates) and self._whole_shows(block, way, light, by)
+            for obj in block.objects:
+                yield from self._along(obj, way, light)
+        for whole in [*block.children] * (True in separates) + [block] * (False in separates):
+            yield from self._in_whole(whole, way, light, by)
 
-    def _whole_shows(
+    def _in_whole(
         self, collection: bpy.types.Collection, way: Way, light: bpy.types.Object, by: bpy.types.Object
-    ) -> bool:
-        """Of a collection that nodes instance as one. Each object that views show there has two numbers: of itself, and
-        of what it instances."""
-        if not way:
-            return False
-        seen = self._seen_in(collection, by)
-        is_itself = way[0] % 2 == 0
-        return is_itself == (len(way) == 1) and self._shows_one_of(seen, way[0] // 2, way[1:], light)
+    ) -> Iterator[bool]:
+        """The same of a collection that nodes instance as one. Each object that views show there has two numbers: of
+        itself, and of what it instances."""
+        if way and (way[0] % 2 == 0) == (len(way) == 1):
+            yield from self._in_place(self._seen_in(collection, by), way[0] // 2, way[1:], light)
 
-    def _shows_one_of(
+    def _in_place(
         self, objects: list[tuple[bpy.types.Object, bool]], place: int, way: Way, light: bpy.types.Object
-    ) -> bool:
-        """Whether the object in a place shows the light, and renders show that."""
-        if not 0 <= place < len(objects):
-            return False
-        obj, is_shown = objects[place]
-        return is_shown and self._shows(obj, way, light)
+    ) -> Iterator[bool]:
+        """The same of the object in a place, and whether renders show that."""
+        for obj, is_rendered in objects[place : place + 1] if place >= 0 else ():
+            yield from (is_shown and is_rendered for is_shown in self._along(obj, way, light))
 
-    def _shows(self, obj: bpy.types.Object, way: Way, light: bpy.types.Object) -> bool:
-        """Whether an instance of an object is the light, or shows it. What is hidden instances nothing."""
-        return not obj.hide_render and self._leads(obj, way, light) if way else obj == light
+    def _along(self, obj: bpy.types.Object, way: Way, light: bpy.types.Object) -> Iterator[bool]:
+        """The same of an instance of an object, which may be the light itself. What is hidden instances nothing."""
+        if way:
+            yield from (is_shown and not obj.hide_render for is_shown in self._instances(obj, way, light))
+        elif obj == light:
+            yield True
 
     def _shown_by_particles(self, by: bpy.types.Object) -> list[bpy.types.Object]:
         blocks = self._particles_of(by)
