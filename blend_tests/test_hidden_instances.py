@@ -8,6 +8,7 @@ from mathutils import Matrix
 
 from addon.engine import prints, shot
 from addon.engine.changes import Changes
+from addon.export.instancers import Instancers
 from addon.ui import handlers
 from addon.ui.start import start
 from helpers import add_quad, exported, render_cycles, said, settled, until, update
@@ -287,6 +288,15 @@ def test_renders_have_them(scene, way):
     add_quad(scene)
     number = way(scene)
     assert (render_cycles(scene, samples=4).max() > 0.0) == (number > 0)
+
+
+def test_of_ways_that_are_not_understood_it_is_enough_that_the_light_is_shown(scene):
+    source = unlinked("Source")
+    light = bulb(source)
+    owner = scatter(scene.collection, source)
+    assert Instancers().renders(owner, (7, 7, 7, 7), light)
+    light.hide_render = True
+    assert not Instancers().renders(owner, (7, 7, 7, 7), light)
 
 
 def of_an_instance(scene):
