@@ -2,9 +2,13 @@
 views alone hide is said."""
 
 import bpy
+import numpy as np
 import pytest
+from mathutils import Matrix
 
-from addon.engine import shot
+from addon.engine import prints, shot
+from addon.engine.changes import Changes
+from addon.export.instancers import Instancers
 from addon.ui import handlers
 from addon.ui.start import start
 from helpers import add_quad, exported, render_cycles, said, settled, until, update
@@ -147,11 +151,124 @@ def on_faces_of_the_scene(scene):
     return 0
 
 
+def two_inner_instances():
+    """A collection with two instances of a lamp, of which renders show one, and things that views alone hide."""
+    rig, lamp = unlinked("Rig"), unlinked("Lamp")
+    empty(lamp, hide_viewport=True)
+    bulb(lamp)
+    empty(rig, hide_viewport=True)
+    empty(rig, lamp, hide_render=True)
+    empty(rig, lamp, location=(0.3, 0.0, 0.0))
+    return rig
+
+
+def by_inner_instances_that_nodes_show(scene):
+    scatter(scene.collection, two_inner_instances())
+    return 2
+
+
+def by_inner_instances_that_nested_nodes_show(scene):
+    middle = unlinked("Middle")
+    scatter(middle, two_inner_instances())
+    scatter(scene.collection, middle)
+    return 4
+
+
+def by_inner_instances_of_instances_within_nodes(scene):
+    tree = scatter(scene.collection, two_inner_instances()).modifiers[0].node_group
+    nodes = {node.bl_idname: node for node in tree.nodes}
+    line, points = tree.nodes.new("GeometryNodeMeshLine"), tree.nodes.new("GeometryNodeInstanceOnPoints")
+    line.inputs["Count"].default_value = 3
+    tree.links.new(line.outputs[0], points.inputs["Points"])
+    tree.links.new(nodes["GeometryNodeInstanceOnPoints"].outputs[0], points.inputs["Instance"])
+    tree.links.new(points.outputs[0], nodes["NodeGroupOutput"].inputs[0])
+    return 6
+
+
+def by_an_object_that_nodes_show(scene):
+    rig = two_inner_instances()
+    scatter(scene.collection, empty(unlinked("Aside"), rig))
+    return 2
+
+
+def by_a_hidden_object_that_nodes_show(scene):
+    rig = two_inner_instances()
+    scatter(scene.collection, empty(unlinked("Aside"), rig, hide_render=True))
+    return 0
+
+
+def separate(obj):
+    """Nodes that show each thing in a collection, instead of all of it."""
+    tree = obj.modifiers[0].node_group
+    info = next(node for node in tree.nodes if node.bl_idname == "GeometryNodeCollectionInfo")
+    info.inputs["Separate Children"].default_value = True
+
+
+def by_separate_collections_that_nodes_show(scene):
+    outer = unlinked("Outer")
+    outer.children.link(two_inner_instances())
+    bulb(inside(outer, "Unseen", hide_render=True))
+    separate(scatter(scene.collection, outer))
+    return 2
+
+
+def though_hidden_separately_by_nodes(scene):
+    source = unlinked("Source")
+    bulb(source).hide_render = True
+    separate(scatter(scene.collection, source))
+    return 2
+
+
+def shows(collection, node, block):
+    """An object 2 m above the ground whose nodes hand on what a node gives of a block."""
+    obj = bpy.data.objects.new("Shows", bpy.data.meshes.new("Shows"))
+    collection.objects.link(obj)
+    obj.location.z = 2.0
+    tree = bpy.data.node_groups.new("Shows", "GeometryNodeTree")
+    tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    info = tree.nodes.new(f"GeometryNode{node}Info")
+    info.inputs[node].default_value = block
+    output = next(socket for socket in info.outputs if socket.type == "GEOMETRY")
+    tree.links.new(output, tree.nodes.new("NodeGroupOutput").inputs[0])
+    obj.modifiers.new("Shows", "NODES").node_group = tree
+    return obj
+
+
+def by_geometry_that_other_nodes_take_in(scene):
+    inner = shows(unlinked("Aside"), "Collection", two_inner_instances())
+    inner.hide_render = True
+    shows(scene.collection, "Object", inner)
+    return 1
+
+
+def by_nodes_that_are_off_in_renders(scene):
+    scatter(scene.collection, bulb()).modifiers[0].show_render = False
+    return 0
+
+
+def by_particles_that_are_off_in_renders(scene):
+    particles(scene, instance_object=bulb())
+    bpy.data.objects["Meadow"].modifiers[0].show_render = False
+    return 0
+
+
+def by_inner_instances_on_faces(scene):
+    square = carrier(scene, scene.collection)
+    square.data.transform(Matrix.Translation((0.2, 0.0, 0.0)))
+    empty(scene.collection, two_inner_instances()).parent = square
+    return 1
+
+
 WAYS = [
     *(in_a_collection, in_the_instanced_collection_itself, in_a_collection_of_a_hidden_one),
     *(in_another_collection_too, in_the_scene_too, by_one_of_two_inner_instances, behind_what_views_hide),
     *(in_a_collection_that_nodes_show, in_a_collection_that_particles_show, by_nodes_in_a_collection, by_hidden_nodes),
     *(by_faces_in_a_collection, by_faces_that_are_shown, on_faces_of_the_scene),
+    *(by_inner_instances_that_nodes_show, by_inner_instances_that_nested_nodes_show),
+    *(by_inner_instances_of_instances_within_nodes, by_an_object_that_nodes_show, by_a_hidden_object_that_nodes_show),
+    by_geometry_that_other_nodes_take_in,
+    *(by_nodes_that_are_off_in_renders, by_particles_that_are_off_in_renders),
+    *(by_separate_collections_that_nodes_show, though_hidden_separately_by_nodes, by_inner_instances_on_faces),
 ]
 
 
@@ -159,8 +276,10 @@ WAYS = [
 def test_the_live_picture_has_the_lights_of_renders(scene, live, way):
     number = way(scene)
     made = live()
-    assert len(exported(scene)["lights"]) == number
-    assert len(newest(made)) == number
+    rendered = [light["shape"]["center"] for light in exported(scene)["lights"]]
+    ours = [[row[3] for row in light["world_from_object"][:3]] for light in newest(made).values()]
+    assert len(rendered) == number
+    assert np.array(sorted(ours)) == pytest.approx(np.array(sorted(rendered)), abs=1e-5)
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -171,11 +290,25 @@ def test_renders_have_them(scene, way):
     assert (render_cycles(scene, samples=4).max() > 0.0) == (number > 0)
 
 
-def test_the_picture_is_that_of_cycles(studio):
+def test_of_ways_that_are_not_understood_it_is_enough_that_the_light_is_shown(scene):
+    source = unlinked("Source")
+    light = bulb(source)
+    owner = scatter(scene.collection, source)
+    assert Instancers().renders(owner, (7, 7, 7, 7), light)
+    light.hide_render = True
+    assert not Instancers().renders(owner, (7, 7, 7, 7), light)
+
+
+def of_an_instance(scene):
+    by_one_of_two_inner_instances(scene)
+    bpy.data.objects["Instance"].location.z = 2.0
+
+
+@pytest.mark.parametrize("way", [of_an_instance, by_inner_instances_that_nodes_show])
+def test_the_picture_is_that_of_cycles(studio, way):
     bpy.data.objects.remove(bpy.data.objects["Key"])
     studio.relume.samples = 64
-    by_one_of_two_inner_instances(studio)
-    bpy.data.objects["Instance"].location.z = 2.0
+    way(studio)
     update()
     start(studio)
     handlers.read_lights(studio)
@@ -197,6 +330,16 @@ def test_hiding_and_showing_is_followed(scene, live):
         block.hide_render = False
         update()
         assert len(newest(made)) == 1, block.name
+
+
+def test_nodes_that_are_switched_off_and_on_in_renders_are_followed(scene, live):
+    modifier = scatter(scene.collection, bulb()).modifiers[0]
+    made = live()
+    for is_on in (True, False, True):
+        modifier.show_render = is_on
+        modifier.id_data.update_tag(refresh={"DATA"})  # As the button does.
+        update()
+        assert bool(newest(made)) == is_on
 
 
 def by_the_key_h(owner):
@@ -269,4 +412,54 @@ def test_objects_that_instanced_collections_hide_are_noticed(scene, live):
     inner.hide_render = True
     assert said(scene) == ["Objects were hidden or shown by their collection"]
     inner.hide_render = False
+    assert said(scene) == []
+
+
+def by_nodes_of_a_modifier(scene, collection):
+    scatter(scene.collection, collection)
+
+
+def by_particles(scene, collection):
+    particles(scene, instance_collection=collection)
+
+
+def by_an_instance_that_nodes_show(scene, collection):
+    outer = unlinked("Outer")
+    empty(outer, collection)
+    scatter(scene.collection, outer)
+
+
+@pytest.mark.parametrize("way", [by_nodes_of_a_modifier, by_particles, by_an_instance_that_nodes_show])
+def test_what_nodes_and_particles_instance_is_noticed_when_hidden(scene, live, way):
+    rig = unlinked("Rig")
+    inner, lamps = inside(rig), inside(rig, "Lamps")
+    light = bulb(lamps)
+    sofa = add_quad(scene, "Sofa")
+    scene.collection.objects.unlink(sofa)
+    inner.objects.link(sofa)
+    way(scene, rig)
+    live()
+    # Without a window the start of a bake evaluates particles anew, which Blender calls an edit.
+    shot.of(scene).changes = Changes(prints.take_all(scene, scene.camera))
+    assert said(scene) == []
+    lamps.hide_render = light.hide_render = True
+    assert said(scene) == [], "lights are in no bake"
+    for block, name in ((inner, "Inner"), (rig, "Rig"), (sofa, "Inner")):
+        block.hide_render = True
+        assert said(scene) == [f"Objects of collection '{name}' were hidden or shown"]
+        block.hide_render = False
+        assert said(scene) == []
+    sofa.data.vertices[0].co.z = 0.25
+    sofa.data.update()
+    assert said(scene) == ["Geometry 'Sofa' changed"]
+
+
+def test_a_collection_that_cuts_cuts_hidden_too(scene, live):
+    cutters = unlinked("Cutters", add_quad(scene, "Cutter"))
+    scene.collection.objects.unlink(bpy.data.objects["Cutter"])
+    cut = add_quad(scene, "Cut").modifiers.new("Cut", "BOOLEAN")
+    cut.operand_type, cut.collection = "COLLECTION", cutters
+    live().tell(state="ready", samples=4, samples_total=4)
+    assert said(scene) == []
+    cutters.hide_render = True
     assert said(scene) == []

@@ -8,7 +8,7 @@ import pytest
 from addon.core import status, wanted
 from addon.core.bake_folder import MANIFEST
 from addon.engine import options, shot
-from addon.ui import handlers, main_panel
+from addon.ui import handlers, main_panel, rows
 from addon.ui.start import start
 from fake_live import FakeLive
 from helpers import until
@@ -149,7 +149,47 @@ def test_a_bake_that_cannot_be_opened_with_its_file_is_said(lit, tmp_path, drawn
 
 def test_hundreds_of_notes_are_not_all_listed(lit, drawn):
     start(lit)
-    shot.of(lit).warnings += [f"light 'Lamp {number}': out of reach" for number in range(300)]
+    shot.of(lit).warnings += [f"light 'Lamp {number}': out of reach of 'Sofa {number}'" for number in range(300)]
     lit.relume.show_warnings = True
     words = drawn(lit).words
     assert words[-1] == f"and {300 - main_panel.MOST_NOTES} more" and len(words) < 40
+
+
+def test_notes_that_say_the_same_of_several_lights_are_one(lit, drawn):
+    start(lit)
+    lit.relume.show_warnings = True
+    few = "its direct light is found by one path in {} pixels and will be noise; make it larger, or bake more samples"
+    notes = [f"light 'Lamp {number}': {few.format(number)}" for number in (40, 7, 190, 7, 12)]
+    FakeLive.made[-1].tell(state="ready", samples=4, samples_total=4, warnings=notes)
+    handlers.tick()
+    assert shot.of(lit).notes == [
+        f"light 'Lamp 40', and likewise 'Lamp 7', 'Lamp 190' and 'Lamp 12': {few.format('7 to 190')}"
+    ]
+    assert shot.of(lit).notes[0] in drawn(lit).words
+
+
+def test_what_is_to_be_learned_is_said_while_paths_are_traced(lit, drawn):
+    start(lit)
+    live = FakeLive.made[-1]
+    words = "Then 1:00 or more of learning"
+    live.tell(state="baking", samples=4, samples_total=64, unlearned=["facing-disk"])
+    live.show()
+    handlers.tick()
+    assert words in drawn(lit).words
+    shot.of(lit).relight([], rows.mix(lit, []), interactive=True)
+    live.tell(unlearned=[])
+    handlers.tick()
+    assert words in drawn(lit).words, "nothing is told of kinds while something is dragged"
+    live.tell(state="ready", samples=64)
+    handlers.tick()
+    assert words not in drawn(lit).words
+
+
+def test_what_follows_is_said_of_a_real_bake(studio):
+    studio.relume.samples, options.preferences().train_seconds = 4096, 1.0
+    start(studio)
+    found = until(studio, lambda found: found.status["state"] == "training", "the first learning")
+    assert status.to_come(found.status) == "Then 4032 more samples"
+    until(studio, lambda found: found.status["proxies"] and found.is_tracing, "the other samples")
+    assert status.to_come(found.status) == "", "what was learned may do"
+    found.cancel()

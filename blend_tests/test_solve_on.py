@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import bpy
 import pytest
 
-from addon.core.solve import SolveError, samples_towards
+from addon.core.solve import SolveError, moved_out_of_sight, samples_towards
 from addon.core.status import out_of_sight
 from addon.engine import new_paths, shot, solve
 from addon.ui import solving
@@ -60,6 +60,48 @@ def test_it_is_solved_on_with_paths_that_look_for_it(shown, asked):
     assert bpy.ops.relume.rebake() == {"FINISHED"}
     until(shown, settled, "the new picture")
     assert not shot.of(shown).notes and not out_of_sight(shot.of(shown).status)
+
+
+def test_no_paths_are_traced_for_lights_that_stay_where_they_are(shown, asked):
+    """Nor where one was moved after the bake, as that picture is the same noise before and after."""
+    bpy.data.objects["Key"].location.x = 1.0
+    for move in ("position", "strength"):  # Free is the strength alone.
+        bpy.ops.relume.lock_all(move=move)
+    until(shown, settled, "the picture of the light in its new place")
+    assert out_of_sight(shot.of(shown).status) == ["Few paths meet 'Key' where it is now"]
+    assert bpy.ops.relume.solve() == {"FINISHED"}
+    assert len(asked) == 1 and asked[0][0]["free"] == {"Key": ["strength"]}
+    assert notes(shown) == ["Few paths meet 'Key', so the result is uncertain: Rebake, then solve again"]
+
+
+def area(by=0.0, turn=0.0, **kind):
+    """An area light of a request."""
+    matrix = (1.0, turn, 0.0, 0.5 + by), (-turn, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 2.0), (0.0, 0.0, 0.0, 1.0)
+    kind = {"type": "AREA", "shape": "RECTANGLE", "size": 0.5, "size_y": 0.2, "spread": 3.0} | kind
+    return {"name": "Strip", "world_from_object": matrix, "kind": kind}
+
+
+ASKED_AND_FOUND = [
+    (area(), area(), False),
+    (area(), area(by=1e-6), False),
+    (area(), area(by=1e-2), True),
+    (area(), area(turn=0.1), True),
+    (area(), area(size=0.4), True),
+    (area(), area(size_y=0.4), True),
+    (area(), area(spread=2.0), True),
+    (area(), area(shape="ELLIPSE"), True),
+    (area() | {"name": "Other"}, area(), True),
+    ({"name": "Strip", "shape": {"type": "sphere"}}, area(), True),
+]
+
+
+@pytest.mark.parametrize("asked_for, found, is_looked_for", ASKED_AND_FOUND)
+def test_lights_that_were_moved_turned_reshaped_or_added_are_looked_for(asked_for, found, is_looked_for):
+    blender = [found["kind"] | {"name": "Strip", "world_from_object": found["world_from_object"], "energy": 9.0}]
+    answer = {"rarely_met": ["Strip"], "blender": blender}
+    assert moved_out_of_sight(answer, [asked_for]) == ["Strip"] * is_looked_for
+    assert moved_out_of_sight(answer | {"rarely_met": []}, [asked_for]) == []
+    assert moved_out_of_sight(answer | {"blender": []}, [asked_for]) == ["Strip"], "Blender cannot have it"
 
 
 def test_new_paths_are_a_share_of_the_bakes_but_enough():

@@ -2,7 +2,7 @@
 
 import pytest
 
-from addon.core import status
+from addon.core import status, words
 from addon.engine.shot import EMPTY
 from addon.ui.panel import lines
 
@@ -44,9 +44,9 @@ SAYINGS = [
 ]
 
 
-@pytest.mark.parametrize("told, words", SAYINGS)
-def test_headline(told, words):
-    assert status.headline(told) == words
+@pytest.mark.parametrize("told, said", SAYINGS)
+def test_headline(told, said):
+    assert status.headline(told) == said
 
 
 def picture(scale=1, samples=12, **makers):
@@ -77,18 +77,50 @@ SHOWN = [
 ]
 
 
-@pytest.mark.parametrize("told, words", SHOWN)
-def test_shown(told, words):
-    assert status.shown(told) == words
+@pytest.mark.parametrize("told, said", SHOWN)
+def test_shown(told, said):
+    assert status.shown(told) == said
 
 
 def test_lights_out_of_sight_are_named_as_long_as_they_are_few():
     assert status.out_of_sight(state(state="ready", rarely_met=["Key"])) == ["Few paths meet 'Key' where it is now"]
     many = [f"Lamp {number}" for number in range(198)]
     assert status.out_of_sight(state(state="ready", rarely_met=many)) == [
-        "Few paths meet 198 lights where they are now: 'Lamp 0', 'Lamp 1' and others"
+        "Few paths meet 'Lamp 0', 'Lamp 1', 'Lamp 2' and 195 more where they are now"
+    ]
+    assert status.out_of_sight(state(state="ready", rarely_met=["Key", "Rim"])) == [
+        "Few paths meet 'Key' and 'Rim' where they are now"
     ]
     assert status.out_of_sight(state(state="baking", rarely_met=many)) == []
+
+
+FEW = "its direct light is found by one path in {} pixels and will be noise; make it larger, or bake more samples"
+NOTES = [
+    ([], []),
+    (["the file is old", "the file is old"], ["the file is old"]),
+    ([f"light 'Key': {FEW.format(12)}"], [f"light 'Key': {FEW.format(12)}"]),
+    (
+        [f"light 'Key': {FEW.format(12)}", "the file is old", f"light 'Rim': {FEW.format(12)}"],
+        [f"light 'Key', and likewise 'Rim': {FEW.format(12)}", "the file is old"],
+    ),
+    (
+        [f"light 'L{number}': {FEW.format(number)}" for number in (90, 12, 110, 9, 10)],
+        [f"light 'L90', and likewise 'L12', 'L110', 'L9' and 1 more: {FEW.format('9 to 110')}"],
+    ),
+    (
+        ["light 'Bob's lamp' is hidden", "light 'Key' is hidden", "object 'Key' is hidden"],
+        ["light 'Bob's lamp', and likewise 'Key', is hidden", "object 'Key' is hidden"],
+    ),
+    (
+        ["light 'Key': its node 'Glow 1' is odd", "light 'Rim': its node 'Glow 2' is odd"],
+        ["light 'Key': its node 'Glow 1' is odd", "light 'Rim': its node 'Glow 2' is odd"],
+    ),
+]
+
+
+@pytest.mark.parametrize("notes, said", NOTES)
+def test_what_is_said_of_several_lights_alike_is_said_once(notes, said):
+    assert list(words.grouped(tuple(notes))) == said
 
 
 def test_progress_is_of_running_work_only():
@@ -97,6 +129,25 @@ def test_progress_is_of_running_work_only():
     assert status.progress(state(state="baking", stage=stage("trace", 9, 0))) == (1.0, "100 %, 1:05 left")
     assert status.progress(state(state="ready", stage=stage("trace"))) is None
     assert status.progress(state(state="baking")) is None
+
+
+TO_COME = [
+    (state(state="baking", train_seconds=60.0, kinds_to_learn=2), "Then 2:00 or more of learning"),
+    (state(state="baking", train_seconds=0.0, kinds_to_learn=2), ""),
+    (state(state="baking", train_seconds=60.0), ""),
+    (state(state="training", train_seconds=60.0, samples=64, samples_total=256), "Then 192 more samples"),
+    (
+        state(state="training", train_seconds=60.0, kinds_to_learn=3, samples=64, samples_total=64),
+        "Then 2:00 or more for other types of light",
+    ),
+    (state(state="training", train_seconds=60.0, kinds_to_learn=1, samples=64, samples_total=64), ""),
+    (state(state="ready", train_seconds=60.0, kinds_to_learn=1, samples=64, samples_total=64), ""),
+]
+
+
+@pytest.mark.parametrize("told, said", TO_COME)
+def test_what_follows_the_present_stage_is_said_as_far_as_it_is_known(told, said):
+    assert status.to_come(told) == said
 
 
 def test_long_messages_are_broken_between_words():

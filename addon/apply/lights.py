@@ -9,7 +9,6 @@ from typing import Any
 import bpy
 
 from ..core.rows import LIGHT, NEUTRAL, Row, mix
-from ..export.lights import name_of
 from .world import WorldWrite
 from .writable import RefusedError, why_not
 
@@ -89,18 +88,6 @@ def show(obj: bpy.types.Object, view_layer: bpy.types.ViewLayer) -> None:
     obj.hide_render = obj.hide_viewport = False
     if view_layer.objects.get(obj.name) is obj:
         obj.hide_set(False, view_layer=view_layer)
-
-
-def hidden_collections(view_layer: bpy.types.ViewLayer) -> list[str]:
-    """Names of all collections that something hides, in renders or in the view."""
-    layers, hidden = [view_layer.layer_collection], set()
-    while layers:
-        layer = layers.pop()
-        layers += layer.children
-        if layer.exclude or layer.hide_viewport:
-            hidden.add(layer.collection)
-    hidden |= {found for found in bpy.data.collections if found.hide_render or found.hide_viewport}
-    return sorted(map(name_of, hidden))
 
 
 def scaled(energy: float, color: Iterable[float], gain: Iterable[float]) -> tuple[float, list[float]]:

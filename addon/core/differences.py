@@ -36,6 +36,7 @@ PARTS = {
     ("settings", "space"): "The file has another working space",
     ("collections", "hidden"): "Objects were hidden or shown by their collection",
     ("collections", "lacking"): "Objects were hidden or shown by their collection",
+    ("instanced", "lacking"): "Objects of collection '{name}' were hidden or shown",
     ("collections", "rays"): "Holdout or Indirect Only of a collection changed",
     ("collections", "origins"): "The origin of an instanced collection moved",
 }
@@ -43,8 +44,8 @@ PARTS = {
 LATER = {"details", "origins", "lacking"}
 """Parts that the first bakes do not know: of these nothing is said."""
 ORDER = (
-    *("camera", "film", "settings", "collections", "world", "object", "helper", "collection", "nodes", "texture"),
-    *("particles", "data", "material", "image"),
+    *("camera", "film", "settings", "collections", "world", "object", "helper", "collection", "instanced", "nodes"),
+    *("texture", "particles", "data", "material", "image"),
 )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -32,6 +34,8 @@ NOTHING = 1e-3
 """Share of the strongest channel that counts as none."""
 
 
+ROUNDING = 1e-4
+"""By how much, and by which share, a number of a light may differ between a request and its answer and be the same."""
 LEAST_TOWARDS = 64
 SHARE_TOWARDS = 4
 """One in so many of a bake's paths is traced once more to look for lights where a solver has put them."""
@@ -146,6 +150,32 @@ def _untinted(color: list[float], light: dict[str, Any]) -> dict[str, Any]:
         return {"color": color, "use_temperature": False}
     under = [channel / factor if factor > 0.0 else 1.0 for channel, factor in zip(color, tint, strict=True)]
     return {"color": under}
+
+
+def moved_out_of_sight(answer: dict[str, Any], asked: Iterable[dict[str, Any]]) -> list[str]:
+    """The lights of an answer that few paths meet where it has put them, by their names. Those that have the place and
+    shape that they had in the request, `asked`, are met as often as before: paths that look for them would tell nothing
+    of what was solved."""
+    before = {light["name"]: light for light in asked}
+    now = {light["name"]: light for light in answer["blender"]}
+
+    def stays(name: str) -> bool:
+        return name in before and name in now and _is_where_it_was(now[name], before[name])
+
+    return [name for name in answer["rarely_met"] if not stays(name)]
+
+
+def _is_where_it_was(now: dict[str, Any], before: dict[str, Any]) -> bool:
+    """Whether a light of an answer has the place and shape of a request's light."""
+    if "kind" not in before:  # As programs may write lights.
+        return False
+    rows = [zip(*pair, strict=True) for pair in zip(now["world_from_object"], before["world_from_object"], strict=True)]
+    shape = [(now[name], value) for name, value in before["kind"].items() if name in now]
+    return all(_is_close(*pair) for pair in itertools.chain(shape, *rows))
+
+
+def _is_close(a: Any, b: Any) -> bool:
+    return a == b or (not isinstance(a, str) and math.isclose(a, b, rel_tol=ROUNDING, abs_tol=ROUNDING))
 
 
 @dataclass

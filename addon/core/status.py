@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from .progress import share_and_words
+from .progress import clock, share_and_words
+from .words import listed
 
 STAGES = {
     "prepare": "Preparing the scene",
@@ -44,18 +45,15 @@ def _error(status: dict[str, Any]) -> str:
     return f" (error {limit}{100 * max(errors):.1f} %)" if errors else ""
 
 
-MOST_NAMES = 3
-"""Of lights that each have a sentence of their own."""
-
-
 def out_of_sight(status: dict[str, Any]) -> list[str]:
     """What to say of lights that were moved away from where the paths look; nothing while more paths come."""
     if status["state"] in {"preparing", "baking"}:
         return []
     names = status["rarely_met"]
-    if len(names) > MOST_NAMES:
-        return [f"Few paths meet {len(names)} lights where they are now: '{names[0]}', '{names[1]}' and others"]
-    return [f"Few paths meet '{name}' where it is now" for name in names]
+    if not names:
+        return []
+    where = "it is" if len(names) == 1 else "they are"
+    return [f"Few paths meet {listed(names)} where {where} now"]
 
 
 FULL_DISK = ("No space left on device", "os error 112", "Disk quota exceeded")
@@ -120,3 +118,17 @@ def progress(status: dict[str, Any]) -> tuple[float, str] | None:
     if stage is None or status["state"] not in {"preparing", "baking", "training"}:
         return None
     return share_and_words(stage)
+
+
+def to_come(status: dict[str, Any]) -> str:
+    """What follows the present stage, as far as it is known; empty if nothing is. Learning takes its time limit at
+    least: it is measured then, and done again where many more samples have come."""
+    each, kinds = status["train_seconds"], status["kinds_to_learn"]
+    match status["state"]:
+        case "baking" if each * kinds > 0.0:
+            return f"Then {clock(each * kinds)} or more of learning"
+        case "training" if lacks_samples(status):
+            return f"Then {status['samples_total'] - status['samples']} more samples"
+        case "training" if kinds > 1:  # The first is being learned.
+            return f"Then {clock(each * (kinds - 1))} or more for other types of light"
+    return ""

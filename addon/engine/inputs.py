@@ -29,6 +29,16 @@ def read_by(block: bpy.types.ID) -> Iterator[bpy.types.ID | None]:
         yield from _pointers(block)
 
 
+def may_instance(block: bpy.types.ID, collection: bpy.types.Collection) -> bool:
+    """Whether a block that computes with a collection may show what is in it, as nodes and particles do, others not."""
+    if isinstance(block, bpy.types.Object):
+        nodes = [modifier for modifier in block.modifiers if modifier.type == "NODES"]
+        return any(value == collection for modifier in nodes for _, value in node_inputs(modifier))
+    if isinstance(block, bpy.types.ParticleSettings):
+        return block.render_type == "COLLECTION" and block.instance_collection == collection
+    return isinstance(block, bpy.types.GeometryNodeTree)
+
+
 def _by_object(obj: bpy.types.Object) -> Iterator[bpy.types.ID]:
     if obj.data is not None:
         yield obj.data

@@ -19,6 +19,8 @@ class Owed:
         self._options = options
         self._is_asked_for = False
         """Whether this shot was baked, and not opened alone."""
+        self._unlearned = 0
+        """Kinds of light in use that have not been learned yet."""
         self._taken_up: set[str] = set()
         """Kinds of light that were learned after all else was done, or were to be."""
 
@@ -35,8 +37,11 @@ class Owed:
         self.wanted = wanted.Wanted(samples, self._options.train_seconds)
         self.wanted.write(self.folder)
 
-    def note(self, status: dict[str, Any]) -> None:
-        """Takes a new status, and tells in it what is owed."""
+    def note(self, status: dict[str, Any], is_dragging: bool) -> None:
+        """Takes a new status, and tells in it what is owed. While something is dragged it says nothing of kinds."""
+        if not is_dragging:
+            self._unlearned = len(status["unlearned"])
+        status |= {"train_seconds": self._options.train_seconds, "kinds_to_learn": self._unlearned}
         if self._is_asked_for and status["state"] == "ready":
             wanted.forget(self.folder)
             self.wanted = None

@@ -24,7 +24,7 @@ from ..export.plain import plain
 from ..export.working_space import working_space
 from ..export.world import export_world, world_of
 from ..export.world_graph import WorldGraph
-from .inputs import read_by
+from .inputs import may_instance, read_by
 from .node_prints import drawn_curves, group, hashed, ramp, tree, values
 from .render_depsgraph import render_layer
 from .shape_prints import DATA, shape
@@ -42,7 +42,9 @@ def keys_of(found: bpy.types.ID, scene: bpy.types.Scene) -> list[str]:
         helper = f"helper {found.name_full}"
         if found == scene.camera:
             return ["camera", helper]
-        return [f"object {found.name_full}", helper] if _counts(found) else [helper]
+        own = [f"object {found.name_full}", helper] if _counts(found) else [helper]
+        is_elsewhere = _by_full_name(scene.objects, found.name_full) is None
+        return [*own, *(f"instanced {around.name_full}" for around in found.users_collection if is_elsewhere)]
     if isinstance(found, bpy.types.Camera):
         return ["camera"]
     if isinstance(found, bpy.types.World):
@@ -55,13 +57,18 @@ def keys_of(found: bpy.types.ID, scene: bpy.types.Scene) -> list[str]:
     own = [f"{kind} {found.name_full}"] if kind else []
     if isinstance(found, bpy.types.Image):
         return [*own, "world"]
-    return [*own, "collections"] if isinstance(found, bpy.types.Collection) else own
+    is_collection = isinstance(found, bpy.types.Collection)
+    return [*own, f"instanced {found.name_full}", "collections"] if is_collection else own
 
 
 def _counts(obj: bpy.types.Object) -> bool:
     """Whether the object can be seen in a render, or moves what can."""
-    shown = not obj.hide_render
-    return shown and (obj.type in GEOMETRY or obj.type == "ARMATURE" or obj.instance_type != "NONE")
+    return not obj.hide_render and _may_count(obj)
+
+
+def _may_count(obj: bpy.types.Object) -> bool:
+    """The same if it is not hidden."""
+    return obj.type in GEOMETRY or obj.type == "ARMATURE" or obj.instance_type != "NONE"
 
 
 def walk(scene: bpy.types.Scene) -> Iterator[tuple[str, Take]]:
@@ -77,6 +84,7 @@ def walk(scene: bpy.types.Scene) -> Iterator[tuple[str, Take]]:
     todo: list[bpy.types.ID] = [*reversed(rendered), *([world] if world else [])]
     reached: set[int] = set()
     shapes: list[bpy.types.ID] = []
+    instanced: list[bpy.types.Collection | None] = []
     while todo:
         block = todo.pop()
         if block.session_uid in reached:
@@ -85,6 +93,8 @@ def walk(scene: bpy.types.Scene) -> Iterator[tuple[str, Take]]:
         if isinstance(block, bpy.types.Object):
             kind = "object" if block.session_uid in objects else "helper"
             yield f"{kind} {block.name_full}", partial(_at_once, _object, block)
+            if kind == "helper" and block.instance_collection is not None:
+                todo.append(block.instance_collection)
         elif isinstance(block, DATA):
             shapes.append(block)
         elif kind := _kind(block):
@@ -94,6 +104,10 @@ def walk(scene: bpy.types.Scene) -> Iterator[tuple[str, Take]]:
                 yield "", _nothing
             else:
                 todo.append(found)
+                instanced += [found] * (isinstance(found, bpy.types.Collection) and may_instance(block, found))
+    outer = _with_instanced(instanced)
+    for collection in dict.fromkeys(inner for found in outer for inner in (found, *found.children_recursive)):
+        yield f"instanced {collection.name_full}", partial(BLOCKS["instanced"].take, collection)
     weighted = _weighted()
     for data in shapes:
         yield f"data {data.name_full}", partial(shape, data, data.session_uid in weighted)
@@ -117,7 +131,11 @@ def _instanced(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 
 def _instanced_collections(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
     """Collections that the scene's objects instance, and those that are instanced in them."""
-    todo = [obj.instance_collection for obj in scene.objects if _counts(obj)]
+    return _with_instanced([obj.instance_collection for obj in scene.objects if _counts(obj)])
+
+
+def _with_instanced(todo: list[bpy.types.Collection | None]) -> list[bpy.types.Collection]:
+    """Some collections, and those that are instanced in them, each once."""
     found: dict[int, bpy.types.Collection] = {}
     while todo:
         collection = todo.pop()
@@ -240,6 +258,14 @@ def _particles(settings: bpy.types.ParticleSettings) -> Print:
 
 def _collection(collection: bpy.types.Collection) -> Print:
     return {"objects": hashed(sorted(block.name_full for block in [*collection.objects, *collection.children]))}
+
+
+def _instanced_print(collection: bpy.types.Collection) -> Print | None:
+    """What a collection that nodes or particles instance hides; None where that is no part of a bake."""
+    if not any(map(_may_count, collection.all_objects)):
+        return None
+    hidden = sorted(obj.name_full for obj in collection.objects if obj.hide_render and _may_count(obj))
+    return {"lacking": hashed([collection.hide_render, hidden])}
 
 
 def _image(image: bpy.types.Image) -> Print | None:
@@ -374,6 +400,7 @@ BLOCKS = {
     "material": _Block(bpy.types.Material, "materials", partial(_at_once, _material)),
     "image": _Block(bpy.types.Image, "images", partial(_at_once, _image)),
     "collection": _Block(bpy.types.Collection, "collections", partial(_at_once, _collection)),
+    "instanced": _Block(bpy.types.Collection, "collections", partial(_at_once, _instanced_print)),
     "nodes": _Block(bpy.types.GeometryNodeTree, "node_groups", _group),
     "texture": _Block(bpy.types.Texture, "textures", partial(_at_once, _texture)),
     "particles": _Block(bpy.types.ParticleSettings, "particles", partial(_at_once, _particles)),
@@ -383,7 +410,7 @@ SHAPES = ("meshes", "curves", "metaballs", "lattices", "hair_curves", "pointclou
 
 
 def _kind(block: bpy.types.ID) -> str:
-    """Of the prints of a data-block; empty if it has none."""
+    """Of the prints of a data-block, of collections that of any; empty if it has none."""
     if isinstance(block, DATA):
         return "data"
     return next((kind for kind, of in BLOCKS.items() if isinstance(block, of.type)), "")

@@ -20,6 +20,7 @@ from ..core.differences import gain_between
 from ..core.pass_names import ALBEDO, COMBINED, DEPTH, NORMAL, STATIC, WORLD, light_passes
 from ..core.progress import progress_line
 from ..core.rows import NEUTRAL
+from ..core.words import grouped, listed
 from ..export import ExportOptions, trace_settings
 from ..export.camera import film_size
 from . import shot
@@ -162,7 +163,7 @@ class _FinalRender:
         """Whether lights were moved to where the bake's paths do not look: their light would be missing."""
         names = relighter.rarely_met(json.dumps(lights))
         if names:
-            words = f"few paths of the bake meet {', '.join(names)} now: new ones are traced for this picture"
+            words = f"few paths of the bake meet {listed(names)} now: new ones are traced for this picture"
             self.engine.report({"INFO"}, f"Relume: {words}")
         return bool(names)
 
@@ -218,7 +219,7 @@ class _FinalRender:
             with suppress(native().RelumeError):
                 job.result()
             raise
-        for text in job.warnings():
+        for text in grouped(tuple(job.warnings())):
             warn(text)
         job.result()
 

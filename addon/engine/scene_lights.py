@@ -187,18 +187,16 @@ class SceneLights:
             if obj.type != "LIGHT":
                 continue
             light = obj.original
-            owner = instance.parent.original if instance.is_instance else light
+            owner, is_rendered = instance.parent.original if instance.is_instance else light, True
             if instance.is_instance:
                 self._instancers |= {owner.session_uid, light.session_uid}
                 is_child = light.parent == owner and _is_replaced(light)
                 is_rendered = (
                     light in rendered if is_child else instancers.renders(owner, instance.persistent_id, light)
                 )
-            else:
-                is_rendered = not light.hide_render and not _is_replaced(light)
             # Of what the eye of a collection hides Blender tells here all the same.
             is_seen = instance.show_self and owner.visible_get(view_layer=layer)
-            if is_seen and is_rendered and owner in rendered:
+            if is_seen and is_rendered and owner in rendered and not _is_replaced(owner):
                 key, entry = self._found(instance, light, owner)
                 before = None if key in waiting or light.session_uid in edited else known.get(key)
                 if before is None or not before.is_same(entry):

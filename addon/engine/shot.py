@@ -13,6 +13,7 @@ import bpy
 
 from ..core.bake_folder import camera_of, world_map_of
 from ..core.status import is_unfinished, lacks_samples
+from ..core.words import grouped
 from ..export import ExportOptions, trace_settings
 from ..export.linking import receiver_names
 from . import prints, record, world_change, worlds
@@ -42,10 +43,12 @@ EMPTY: dict[str, Any] = {
     "rarely_met": [],
     "error": None,
     "shown": None,
+    "train_seconds": 0.0,
+    "kinds_to_learn": 0,
     "is_owed": False,
     "is_under_another_world": False,
 }
-"""What the native module tells, and whether the folder still lacks something that was asked for."""
+"""What the native module tells, what is to be learned, and whether the folder lacks something that was asked for."""
 LIVELY_SECONDS = 2.0
 TRACING = {"preparing", "baking"}
 WORKING = TRACING | {"training"}
@@ -294,7 +297,7 @@ class Shot:
     def notes(self) -> list[str]:
         """What this shot has and Relume cannot represent, and what else the artist should know; each once."""
         refusal = [self.refusal] * bool(self.refusal)
-        return list(dict.fromkeys([*refusal, *self.lights.warnings, *self.warnings, *self.status["warnings"]]))
+        return list(grouped((*refusal, *self.lights.warnings, *self.warnings, *self.status["warnings"])))
 
     def follow_world(self, scene: bpy.types.Scene) -> Any:
         """Makes the present world ready to be shown where another one is, a turn at a time; gives it to `relight` once
@@ -387,7 +390,7 @@ class Shot:
         self._news = time.monotonic()
         self._status_text = text
         self.status = json.loads(text) | (self._of_whole() if self._passes.turns.is_away else {})
-        self._owed.note(self.status)
+        self._owed.note(self.status, self._is_interactive)
         self.status["is_under_another_world"] = self._is_under_another_world()
         self.changes.note_world(self.status["world_map"], self.status["world_color"])
         if frame:

@@ -5,13 +5,23 @@ itself. Of nodes and particle settings it is read what they name: what becomes o
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import bpy
 
 Block: TypeAlias = bpy.types.Object | bpy.types.Collection
+Way: TypeAlias = tuple[int, ...]
+"""What is left of a persistent id, from the outermost to the innermost."""
 NO_NUMBER = 2**31 - 1
 """Fills persistent ids."""
+
+
+class _Named(NamedTuple):
+    """What nodes name, and how."""
+
+    blocks: list[Block]
+    separates: set[bool]
+    """Whether they make instances of each thing in a collection, or one of all of it; both where nobody can tell."""
 
 
 class Instancers:
@@ -19,48 +29,97 @@ class Instancers:
     thousand times the same: for one look at the scene."""
 
     def __init__(self) -> None:
-        self._by_group: dict[bpy.types.NodeTree, list[Block]] = {}
+        self._by_group: dict[bpy.types.NodeTree, _Named] = {}
+        self._by_nodes: dict[bpy.types.Object, _Named] = {}
+        self._by_particles: dict[bpy.types.Object, list[Block]] = {}
+        self._rendered: dict[tuple[bpy.types.Object, bpy.types.Object, Way], bool] = {}
         self._reached: dict[bpy.types.Object, dict[bpy.types.Object, bool]] = {}
         self._inside: dict[bpy.types.Collection, list[tuple[bpy.types.Object, bool]]] = {}
+        self._seen_inside: dict[Any, list[tuple[bpy.types.Object, bool]]] = {}
+        """Of a collection and what instances it."""
 
     def named_by(self, obj: bpy.types.Object) -> list[Block]:
-        """Objects and collections in an object's modifiers."""
-        found: list[Any] = []
-        for modifier in obj.modifiers:
-            if modifier.type == "NODES" and modifier.node_group is not None:
-                found += [value for _, value in node_inputs(modifier)]
-                found += self._in_group(modifier.node_group)
-            elif modifier.type == "PARTICLE_SYSTEM":
-                found += _by_particles(modifier.particle_system.settings)
-        return _blocks(found)
+        """Objects and collections in an object's modifiers, in those too that are off."""
+        return _blocks([block for modifier in obj.modifiers for block in self._in_modifier(modifier).blocks])
 
-    def _in_group(self, group: bpy.types.NodeTree) -> list[Block]:
+    def _nodes_of(self, obj: bpy.types.Object) -> _Named:
+        """What an object's nodes name, in renders, and what those of named objects do: they may take in its geometry,
+        also where it is hidden."""
+        if obj not in self._by_nodes:
+            found = self._by_nodes[obj] = _Named([], set())  # Objects may name each other.
+            named = [self._in_modifier(modifier) for modifier in _rendered_modifiers(obj, "NODES")]
+            blocks = [block for one in named for block in one.blocks]
+            named += [self._nodes_of(block) for block in blocks if isinstance(block, bpy.types.Object)]
+            found.blocks.extend(_blocks([block for one in named for block in one.blocks]))
+            found.separates.update(*(one.separates for one in named))
+        return self._by_nodes[obj]
+
+    def _particles_of(self, obj: bpy.types.Object) -> list[Block]:
+        if obj not in self._by_particles:
+            named = [self._in_modifier(modifier) for modifier in _rendered_modifiers(obj, "PARTICLE_SYSTEM")]
+            self._by_particles[obj] = _blocks([block for found in named for block in found.blocks])
+        return self._by_particles[obj]
+
+    def _in_modifier(self, modifier: bpy.types.Modifier) -> _Named:
+        if modifier.type == "NODES" and modifier.node_group is not None:
+            named = self._in_group(modifier.node_group)
+            inputs = [value for _, value in node_inputs(modifier)]
+            return _Named(_blocks([*inputs, *named.blocks]), named.separates)
+        shown = _by_particles(modifier.particle_system.settings) if modifier.type == "PARTICLE_SYSTEM" else []
+        return _Named(_blocks(shown), set())
+
+    def _in_group(self, group: bpy.types.NodeTree) -> _Named:
         if group not in self._by_group:
-            self._by_group[group] = []  # A group cannot hold itself, but a damaged file may say so.
+            self._by_group[group] = _Named([], set())  # A group cannot hold itself, but a damaged file may say so.
             found: list[Any] = []
+            separates: set[bool] = set()
             for node in group.nodes:
                 found += [getattr(node, "object", None), getattr(node, "collection", None)]
                 found += [getattr(socket, "default_value", None) for socket in node.inputs if not socket.is_linked]
+                separates |= _separates(node)
                 if (inner := getattr(node, "node_tree", None)) is not None:
-                    found += self._in_group(inner)
-            self._by_group[group] = _blocks(found)
+                    named = self._in_group(inner)
+                    found += named.blocks
+                    separates |= named.separates
+            self._by_group[group] = _Named(_blocks(found), separates)
         return self._by_group[group]
 
     def reached_from(self, obj: bpy.types.Object) -> dict[bpy.types.Object, bool]:
         """Objects that an object may instance in renders, also by way of others, and whether nodes or particles name
-        them themselves: those are shown even where they are hidden, unlike what is in collections."""
+        them themselves: those are shown even where they are hidden, unlike what is in collections, but not what they
+        instance."""
         if obj not in self._reached:
             found = self._reached[obj] = {}
             todo = [obj]
             while todo:
-                current = todo.pop()
-                instanced = [current.instance_collection] if current.instance_type == "COLLECTION" else []
-                for block in [*self.named_by(current), *_blocks(instanced)]:
-                    is_named = isinstance(block, bpy.types.Object)
-                    inside = [block] if is_named else [inner for inner, is_shown in self._objects_of(block) if is_shown]
-                    todo += [inner for inner in inside if inner not in found]
-                    found |= {inner: is_named or found.get(inner, False) for inner in inside}
+                for inner, is_named in self._shown_by(todo.pop()):
+                    if inner not in found and not inner.hide_render:
+                        todo.append(inner)
+                    found[inner] = is_named or found.get(inner, False)
         return self._reached[obj]
+
+    def placed_by(self, obj: bpy.types.Object) -> set[bpy.types.Object]:
+        """Objects that an object itself instances, or would if nothing were hidden."""
+        found = set(obj.children) if obj.instance_type in {"VERTS", "FACES"} else set()
+        for block in _blocks([_instanced_by(obj), *self.named_by(obj)]):
+            found |= {block} if isinstance(block, bpy.types.Object) else set(block.all_objects)
+        return found
+
+    def _shown_by(self, obj: bpy.types.Object) -> Iterator[tuple[bpy.types.Object, bool]]:
+        """What an object itself may instance in renders, and whether that is shown even where it is hidden."""
+        if (instanced := _instanced_by(obj)) is not None:
+            yield from self._shown_in(instanced)
+        for block in [*self._nodes_of(obj).blocks, *self._particles_of(obj)]:
+            if isinstance(block, bpy.types.Object):
+                yield block, True
+            else:
+                yield from self._shown_in(block)
+        if True in self._nodes_of(obj).separates:
+            for block in self._nodes_of(obj).blocks:
+                yield from ((inner, True) for inner in getattr(block, "objects", ()))
+
+    def _shown_in(self, collection: bpy.types.Collection) -> Iterator[tuple[bpy.types.Object, bool]]:
+        yield from ((obj, False) for obj, is_shown in self._objects_of(collection) if is_shown)
 
     def may_show_lights(self, obj: bpy.types.Object) -> bool:
         """Whether there are lights among what an object may instance."""
@@ -68,40 +127,116 @@ class Instancers:
 
     def renders(self, owner: bpy.types.Object, way: Sequence[int], light: bpy.types.Object) -> bool:
         """Whether renders too show an instance of a light that a view shows. `way` is its persistent id, which says,
-        from the innermost to the outermost, which objects of instanced collections it is shown by; within nodes and
-        particles it says nothing of that, so that it is enough there if there is such a way at all."""
-        by = owner
-        for place in reversed([number for number in way if number != NO_NUMBER]):
-            if by.instance_type != "COLLECTION" or by.instance_collection is None:
-                break
-            by, is_shown = self._objects_of(by.instance_collection)[place]
-            if not is_shown:
-                return False
-        if by == light:
-            return True
-        is_child = by.instance_type in {"VERTS", "FACES"} and light.parent == by
-        return (is_child and not light.hide_render) or light in self.reached_from(by)
+        from the innermost to the outermost, by which objects it is shown. Of particles it does not, nor of nodes that
+        take a collection apart: it is enough there that they show the light at all. So it is where nodes do what is not
+        known here."""
+        numbers = tuple(number for number in reversed(way) if number != NO_NUMBER)
+        # Which of their instances it is says nothing of points and faces, of which there may be thousands.
+        key = owner, light, numbers if _instanced_by(owner) else numbers[1:]
+        if key not in self._rendered:
+            found = list(self._instances(owner, numbers, light))
+            self._rendered[key] = any(found) if found else light in self.reached_from(owner)
+        return self._rendered[key]
+
+    def _instances(self, by: bpy.types.Object, way: Way, light: bpy.types.Object) -> Iterator[bool]:
+        """Whether renders show the light, of each thing that an object instances and the way may lead by to it."""
+        if not way:
+            return
+        if (instanced := _instanced_by(by)) is not None:
+            yield from self._in_place(self._objects_of(instanced), way[0], way[1:], light)
+            return
+        for child in by.children if by.instance_type in {"VERTS", "FACES"} else ():
+            yield from (is_shown and not child.hide_render for is_shown in self._along(child, way[1:], light))
+        # Nodes begin a way with a number for each time that they instance instances.
+        for block in self._nodes_of(by).blocks:
+            for begin in range(1, len(way) + 1):
+                yield from self._in_block(block, way[begin:], light, by)
+        if light in self._shown_by_particles(by):
+            yield True
+
+    def _in_block(self, block: Block, way: Way, light: bpy.types.Object, by: bpy.types.Object) -> Iterator[bool]:
+        """The same of what nodes name."""
+        if isinstance(block, bpy.types.Object):
+            yield from self._along(block, way, light)
+            return
+        separates = self._nodes_of(by).separates or {False}
+        if True in separates:
+            for obj in block.objects:
+                yield from self._along(obj, way, light)
+        for whole in [*block.children] * (True in separates) + [block] * (False in separates):
+            yield from self._in_whole(whole, way, light, by)
+
+    def _in_whole(
+        self, collection: bpy.types.Collection, way: Way, light: bpy.types.Object, by: bpy.types.Object
+    ) -> Iterator[bool]:
+        """The same of a collection that nodes instance as one. Each object that views show there has two numbers: of
+        itself, and of what it instances."""
+        if way and (way[0] % 2 == 0) == (len(way) == 1):
+            yield from self._in_place(self._seen_in(collection, by), way[0] // 2, way[1:], light)
+
+    def _in_place(
+        self, objects: list[tuple[bpy.types.Object, bool]], place: int, way: Way, light: bpy.types.Object
+    ) -> Iterator[bool]:
+        """The same of the object in a place, and whether renders show that."""
+        for obj, is_rendered in objects[place : place + 1] if place >= 0 else ():
+            yield from (is_shown and is_rendered for is_shown in self._along(obj, way, light))
+
+    def _along(self, obj: bpy.types.Object, way: Way, light: bpy.types.Object) -> Iterator[bool]:
+        """The same of an instance of an object, which may be the light itself. What is hidden instances nothing."""
+        if way:
+            yield from (is_shown and not obj.hide_render for is_shown in self._instances(obj, way, light))
+        elif obj == light:
+            yield True
+
+    def _shown_by_particles(self, by: bpy.types.Object) -> list[bpy.types.Object]:
+        blocks = self._particles_of(by)
+        collections = [block for block in blocks if isinstance(block, bpy.types.Collection)]
+        inside = [obj for collection in collections for obj, _ in self._shown_in(collection)]
+        return [*inside, *(block for block in blocks if isinstance(block, bpy.types.Object))]
 
     def _objects_of(self, collection: bpy.types.Collection) -> list[tuple[bpy.types.Object, bool]]:
         if collection not in self._inside:
             self._inside[collection] = objects_in(collection)
         return self._inside[collection]
 
+    def _seen_in(self, collection: bpy.types.Collection, by: bpy.types.Object) -> list[tuple[bpy.types.Object, bool]]:
+        """Those of them that views show where an object instances them, which does not show itself."""
+        if (collection, by) not in self._seen_inside:
+            seen = set(_not_hidden(collection, "hide_viewport")) - {by}
+            inside = self._objects_of(collection)
+            self._seen_inside[collection, by] = [(obj, is_shown) for obj, is_shown in inside if obj in seen]
+        return self._seen_inside[collection, by]
+
 
 def objects_in(collection: bpy.types.Collection) -> list[tuple[bpy.types.Object, bool]]:
     """All objects of a collection that is instanced, in Blender's order, and whether renders show them there."""
-    shown = set(_shown_in(collection))
-    return [(obj, obj in shown and not obj.hide_render) for obj in collection.all_objects]
+    shown = set(_not_hidden(collection, "hide_render"))
+    return [(obj, obj in shown) for obj in collection.all_objects]
 
 
-def _shown_in(collection: bpy.types.Collection) -> Iterator[bpy.types.Object]:
-    """Objects that no collection hides from renders, on one way at least. An object is instanced however it is, or is
-    not, in the scene."""
-    if collection.hide_render:
+def _not_hidden(collection: bpy.types.Collection, hiding: str) -> Iterator[bpy.types.Object]:
+    """Objects that a property hides neither themselves nor by collections, on one way at least. An object is instanced
+    however it is, or is not, in the scene."""
+    if getattr(collection, hiding):
         return
-    yield from collection.objects
+    yield from (obj for obj in collection.objects if not getattr(obj, hiding))
     for child in collection.children:
-        yield from _shown_in(child)
+        yield from _not_hidden(child, hiding)
+
+
+def _rendered_modifiers(obj: bpy.types.Object, kind: str) -> list[bpy.types.Modifier]:
+    return [modifier for modifier in obj.modifiers if modifier.type == kind and modifier.show_render]
+
+
+def _instanced_by(obj: bpy.types.Object) -> bpy.types.Collection | None:
+    return obj.instance_collection if obj.instance_type == "COLLECTION" else None
+
+
+def _separates(node: bpy.types.Node) -> set[bool]:
+    if node.bl_idname != "GeometryNodeCollectionInfo":
+        return set()
+    socket = node.inputs["Separate Children"]
+    return {True, False} if socket.is_linked else {socket.default_value}
 
 
 def node_inputs(modifier: bpy.types.Modifier) -> list[tuple[str, Any]]:

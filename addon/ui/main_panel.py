@@ -133,6 +133,8 @@ def _draw_shot(layout, scene, found: shot.Shot) -> None:
     progress = status.progress(state)
     if progress is not None:
         layout.progress(factor=progress[0], text=progress[1])
+    if words := status.to_come(state):
+        message(layout, words)
     if found.is_working:
         row = layout.row(align=True)
         paused = state["paused"]

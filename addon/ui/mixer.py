@@ -7,10 +7,11 @@ from dataclasses import replace
 import bpy
 from bpy.props import StringProperty
 
-from ..apply.lights import apply_mix, hidden_collections, show
+from ..apply.lights import apply_mix, show
 from ..apply.writable import RefusedError
 from ..core.rows import GROUP, LIGHT, STATIC, Row
 from ..engine import shot
+from ..engine.hiding import still_hides
 from ..export.light_tree import light_tree
 from ..export.lights import name_of
 from . import handlers, locks, rows
@@ -69,14 +70,13 @@ def select_light(context: bpy.types.Context, name: str) -> str | None:
 
 
 def show_light(context: bpy.types.Context, name: str) -> str | None:
-    """Shows the light of a row again, if it is hidden itself; says which collections hide it still. Raises
-    RefusedError."""
+    """Shows the light of a row again, if it is hidden itself; says what hides it still. Raises RefusedError."""
     line = rows.line_of(context.scene, name)
     if line is None:
         return f"'{name}' is not in this scene any more"
     show(line.block, context.view_layer)
-    hiding = [repr(group) for group in hidden_collections(context.view_layer) if group in line.groups]
-    return f"'{name}' is still hidden, by collection {' and '.join(hiding)}" if hiding else None
+    hiding = still_hides(context, line.block)
+    return None if hiding is None else ", ".join([f"'{name}' is still hidden", *[hiding] * bool(hiding)])
 
 
 class RELUME_OT_apply(bpy.types.Operator):  # noqa: N801 -- Blender's naming

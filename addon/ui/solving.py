@@ -27,6 +27,7 @@ from ..core.rows import LIGHT, WORLD, Row, freed, is_neutral, times
 from ..core.solve import SolveError
 from ..core.status import STAGES
 from ..core.strokes import Stroke, goals
+from ..core.words import grouped, listed
 from ..engine import new_paths, region_masks, shot, solve
 from ..engine.pictures import Reading
 from ..export.lights import name_of
@@ -45,6 +46,7 @@ STEP_SECONDS = 0.03
 COARSE = (160, 90)
 """Size at which strokes are looked at for whether anything is left of them."""
 SOLVED, BEFORE = "Solve", "Before"
+UNCERTAIN, REBAKE = "so the result is uncertain", "Rebake, then solve again"
 WORLD_STAYS = (
     "The world's light is in its row, which renders by Cycles do not have: Apply to Lights writes it into the world"
 )
@@ -176,8 +178,10 @@ class Solving:
         self._job = solve.start(self.shot, self._request, self._images)
         yield from self._wait_for_job()
         answer = solve.answer(self._job)
-        if answer["rarely_met"]:
+        if core.moved_out_of_sight(answer, self._request["lights"]):
             answer = yield from self._solve_on(answer)
+        elif answer["rarely_met"]:
+            self.notes.append(f"Few paths meet {listed(answer['rarely_met'])}, {UNCERTAIN}: {REBAKE}")
         self.progress = (1.0, "Making the picture")
         request = core.picture_request(answer, self._content["static"])
         frame = yield from self._picture(json.dumps(request | {"interactive": False}))
@@ -188,11 +192,11 @@ class Solving:
 
     def _solve_on(self, answer: dict[str, Any]) -> Generator[None, None, dict[str, Any]]:
         """The answer, polished with paths that look for its lights; as it is where there can be none."""
-        names = ", ".join(f"'{name}'" for name in answer["rarely_met"])
+        names = listed(answer["rarely_met"])
         try:
             found = yield from self._polished(answer)
         except (SolveError, OSError) as error:
-            self.notes.append(f"Few paths meet {names}, so the result is uncertain: {error}")
+            self.notes.append(f"Few paths meet {names}, {UNCERTAIN}: {error}")
             return answer
         self.notes.append(f"Few paths of the bake meet {names}; Rebake traces paths that look there")
         return found
@@ -206,7 +210,7 @@ class Solving:
             work = new_paths.bake(scene, self.shot, answer["lights"]["lights"], folder)
             is_there = yield from self._wait_for_paths(work)
             if not is_there:
-                raise SolveError("Rebake, then solve again")
+                raise SolveError(REBAKE)
             request = self._request | {"from": answer, "steps": 0, "starts": 1}
             self._job = solve.start(self.shot, request, self._images, folder)
             try:
@@ -335,7 +339,7 @@ class Solving:
             {
                 "look": entry.name,
                 "lines": [{"text": line["text"], "met": line["met"]} for line in answer["report"]],
-                "notes": list(dict.fromkeys(self.notes)),
+                "notes": grouped(tuple(self.notes)),
             }
         )
         if frame is not None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import relume
 
-from addon.core.solve import samples_towards
+from addon.core.solve import moved_out_of_sight, samples_towards
 
 ROOT = Path(__file__).resolve().parents[3]
 POLL_SECONDS = 0.02
@@ -53,7 +53,7 @@ class Shot:
         general = {"steps": self.args.steps, "through": self.args.through}
         start, processor = self.clock(), processor_seconds()
         result = self._solved(self.folder, general | request, images, start, on_preview)
-        if result["rarely_met"]:
+        if moved_out_of_sight(result, request["lights"]):
             again = general | request | {"from": result, "steps": 0, "starts": 1}
             result = self._solved(self._bake_towards(result), again, images, start, on_preview)
         seconds = {"seconds": self.clock() - start, "processor_seconds": processor_seconds() - processor}

@@ -1,0 +1,65 @@
+"""Many things of one kind in few words."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from functools import lru_cache
+
+MOST_NAMES = 3
+OF_ONE = re.compile(r"(?P<kind>light|object) '(?P<name>.+?)'(?P<said>:? .*)", re.DOTALL)
+"""What is said of a single light or object."""
+QUOTED_OR_NUMBER = re.compile(r"'[^']*'|(?<= )\d+(?:\.\d+)?(?= |$)")
+
+
+def listed(names: Sequence[str]) -> str:
+    """For example `'Key', 'Rim' and 'Fill'`; of many names the first ones and how many more there are."""
+    said = [f"'{name}'" for name in names[:MOST_NAMES]]
+    rest = len(names) - len(said)
+    *first, last = [*said, *[f"{rest} more"] * (rest > 0)]
+    return " and ".join([*[", ".join(first)] * bool(first), last])
+
+
+@lru_cache(maxsize=8)
+def grouped(notes: tuple[str, ...]) -> tuple[str, ...]:
+    """Notes, where what is said of several lights or objects alike is said once, each number from its least to its
+    most, in the place of the first."""
+    groups: dict[str, list[re.Match[str] | None]] = {}
+    for note in notes:
+        found = OF_ONE.fullmatch(note)
+        alike = f"{found['kind']} {_numberless(found['said'])}" if found else note
+        groups.setdefault(alike, []).append(found)
+    return tuple(_as_one([note for note in group if note]) or alike for alike, group in groups.items())
+
+
+def _as_one(notes: list[re.Match[str]]) -> str:
+    """One note of all that are alike; empty of none."""
+    if len(notes) < 2:
+        return "".join(note.string for note in notes)
+    names = list(dict.fromkeys(note["name"] for note in notes))
+    said = _with_ranges([note["said"] for note in notes])
+    also = f", and likewise {listed(names[1:])}" if len(names) > 1 else ""
+    comma = "," * (bool(also) and not said.startswith(":"))
+    return f"{notes[0]['kind']} '{names[0]}'{also}{comma}{said}"
+
+
+def _is_number(found: re.Match[str]) -> bool:
+    return not found[0].startswith("'")
+
+
+def _numberless(said: str) -> str:
+    return QUOTED_OR_NUMBER.sub(lambda found: "#" if _is_number(found) else found[0], said)
+
+
+def _with_ranges(said: list[str]) -> str:
+    """Sentences that differ by their numbers only, as one."""
+    numbers = [[found[0] for found in QUOTED_OR_NUMBER.finditer(text) if _is_number(found)] for text in said]
+    ends = iter([(min(column, key=float), max(column, key=float)) for column in zip(*numbers, strict=True)])
+
+    def range_of(found: re.Match[str]) -> str:
+        if not _is_number(found):
+            return found[0]
+        least, most = next(ends)
+        return least if least == most else f"{least} to {most}"
+
+    return QUOTED_OR_NUMBER.sub(range_of, said[0])
