@@ -1,7 +1,7 @@
 //! What the picture should do, as residuals of cells: 0 where it does.
 
 use crate::cells::Cells;
-use crate::report::{MIREDS_MET, STOPS_MET};
+use crate::report::{KEEP_MET, MIREDS_MET, STOPS_MET};
 use crate::variable::{LUMINANCE, luminance};
 use relume_image::Image;
 use std::f32::consts::LN_2;
@@ -153,15 +153,22 @@ impl Aim {
         }
     }
 
-    /// Whether an amount has less than its reference by more than goes for met, by a residual of [`Aim::residual_of_mean`].
-    pub(crate) fn lacks(&self, residual: [f32; 3]) -> bool {
-        match self {
-            Self::Brightness { stops } => -residual[0] * stops.signum() > SHORT * STOP * STOPS_MET as f32,
+    /// By a residual of [`Aim::residual_of_mean`]: whether an amount is less than its reference by more than goes for met, or more by as
+    /// much and a quarter of what was asked for, or half as much changed of what is kept as may.
+    pub(crate) fn is_off(&self, residual: [f32; 3]) -> bool {
+        let (asked, met, short, excess) = match self {
+            Self::Brightness { stops } => (*stops, STOPS_MET as f32, SHORT * STOP, STOP),
             Self::Temperature { mireds } => {
-                -residual[0] * mireds.signum() > CHROMA * RATIO_PER_MIRED * MIREDS_MET as f32
+                (RATIO_PER_MIRED * mireds, RATIO_PER_MIRED * MIREDS_MET as f32, CHROMA, EXCESS * CHROMA)
             }
-            Self::Target { .. } | Self::Color { .. } | Self::Keep => false,
-        }
+            Self::Keep => {
+                let change = residual.iter().map(|r| r.abs()).sum::<f32>() / 3.0;
+                return change > STOP * (0.5 * KEEP_MET as f32).ln_1p() / LN_2;
+            }
+            Self::Target { .. } | Self::Color { .. } => return false,
+        };
+        let residual = residual[0] * asked.signum();
+        -residual > short * met || residual > excess * (met + MOST_MORE * asked.abs())
     }
 
     /// Whether a residual of a mean says less good of a picture than another: less of what is asked for by amount, or further from the

@@ -17,9 +17,9 @@
 
 mod adam;
 mod cells;
+mod doubtful;
 mod error;
 mod goal;
-mod lack;
 mod least_squares;
 mod objective;
 mod polish;
@@ -38,9 +38,9 @@ mod term;
 mod variable;
 mod wall;
 
+pub use doubtful::is_doubtful;
 pub use error::OptimiseError;
 pub use goal::{Aim, Goal};
-pub use lack::may_lack;
 pub use polish::{PolishStep, Polished, polish};
 pub use problem::{Problem, View};
 pub use prune::idle_lights;

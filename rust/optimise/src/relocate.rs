@@ -12,7 +12,7 @@ use relume_scene::Light;
 /// Cells of each goal by which places are compared.
 const COMPARED: usize = 1024;
 /// Places tried, of all lights together.
-const PLACES: usize = 128;
+const PLACES: usize = 512;
 /// Of each light in turn, in units of its power, so often over; a locked strength stays.
 const ROUNDS: usize = 2;
 const STRENGTHS: [f32; 5] = [0.25, 0.5, 1.0, 2.0, 4.0];

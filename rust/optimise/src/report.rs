@@ -45,7 +45,7 @@ const TARGET_MET: f64 = 30.0;
 pub(crate) const STOPS_MET: f64 = 0.05;
 pub(crate) const MIREDS_MET: f64 = 5.0;
 const CHROMA_MET: f64 = 0.1;
-const KEEP_MET: f64 = 0.02;
+pub(crate) const KEEP_MET: f64 = 0.02;
 /// Tiles along the width of a picture.
 const TILES: usize = 16;
 

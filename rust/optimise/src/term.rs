@@ -262,9 +262,9 @@ impl<'a> Comparison<'a> {
         Self { wanted, exposed, gain, gain_slope, residuals, slopes, whole }
     }
 
-    /// Whether the mean has too little of an amount that was asked for.
-    pub(crate) fn lacks(&self) -> bool {
-        self.whole.is_some_and(|(residual, _)| self.wanted.aim.lacks(residual))
+    /// Whether the mean has too little or far too much of what was asked for.
+    pub(crate) fn is_off(&self) -> bool {
+        self.whole.is_some_and(|(residual, _)| self.wanted.aim.is_off(residual))
     }
 
     pub(crate) fn loss(&self) -> f64 {

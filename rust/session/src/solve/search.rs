@@ -1,5 +1,5 @@
 use relume_optimise::{
-    Polished, Problem, RandomStarts, Relight, RunnerUp, Settings, Solution, Step, idle_lights, may_lack,
+    Polished, Problem, RandomStarts, Relight, RunnerUp, Settings, Solution, Step, idle_lights, is_doubtful,
     polish, random_starts, regroupings, relocations, solve,
 };
 use relume_proxy::{GpuProxy, LightKind};
@@ -238,8 +238,8 @@ impl Search<'_> {
                 break;
             }
             if self.seems_to_do_what_is_asked(found)? {
-                // Noise may hide that it does not: one other place is worth the time.
-                if may_lack(problem, &found.lights)? {
+                // Noise may hide that it does not, or it does far too much: one other place is worth the time.
+                if is_doubtful(problem, &found.lights)? {
                     self.relocate(problem, found)?;
                 }
                 break;
