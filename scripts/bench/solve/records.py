@@ -4,7 +4,7 @@ import json
 
 GENERAL = ("size", "steps", "samples", "bake_samples")
 """Options of the command line that belong to every record."""
-SETTINGS = ("table", "scene", "lights", "pixel_fraction", "starts", "run", "through", "least_cells", *GENERAL)
+SETTINGS = ("table", "scene", "lights", "pixel_fraction", "starts", "run", "through", "least_cells", "seed", *GENERAL)
 """What makes two records measurements of the same thing."""
 
 

@@ -37,6 +37,7 @@ def arguments():
     parser.add_argument("--table", nargs="+", choices=TABLES, default=list(TABLES))
     parser.add_argument("--scenes", nargs="+", help="default: all of each table")
     parser.add_argument("--runs", type=int, help="default: 5 of table 3, 50 of figure 9, 5 of scribbles")
+    parser.add_argument("--seed", type=int, default=0, help="of scribbles: of other hidden changes and strokes")
     parser.add_argument("--lights", nargs="+", type=int, help="of table 3; default: 1 3 5 20")
     parser.add_argument("--fractions", nargs="+", type=float, help="of table 3; default: the paper's six")
     parser.add_argument("--starts", nargs="+", type=int, default=[1, 4], help="of table 3; more than one at 5 %% only")

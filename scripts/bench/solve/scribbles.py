@@ -3,9 +3,10 @@
 What the hidden change makes brighter, darker, warmer, cooler or of another colour is painted, at 80 % of the change,
 and what it leaves alone as kept. Every light of the file may change what the strokes are about (its strength, its
 colour), those of the hidden change may also move where one has moved. What is found is written into the file as *Apply*
-of the add-on does; the file is saved, opened again and rendered with the seed of the picture before. Files with fewer
-than two lights get seeded point lights, and each gets a spot that lights a part of the picture: without it every light
-of a closed room reaches all that is seen, and nothing would be left to be kept.
+of the add-on does; the file is saved, opened again and rendered with the seed of the picture before, with more samples
+where the render and the solver disagree. Files with fewer than two lights get seeded point lights, and each gets a spot
+that lights a part of the picture: without it every light of a closed room reaches all that is seen, and nothing would
+be left to be kept.
 """
 
 import json
@@ -33,6 +34,10 @@ KEEP_LIMIT = 0.02
 STARTS = 4
 """As the add-on has it."""
 SEED = 1
+MOST_SAMPLES = 2048
+"""Of a render by which strokes are judged."""
+AGREED = {"stops": 0.1, "mireds": 10.0, "keep": 0.005, "color": 0.05}
+"""By which a render and the solver may differ before more samples are rendered."""
 MIREDS = 100.0
 ACCENT = "Accent"
 """The spot's name."""
@@ -80,6 +85,7 @@ def lit(shot):
 def settings(shot, args, number):
     """What a run's record is known by."""
     same = {"table": "scribbles", "scene": shot.name, "run": number, "through": args.through} | general(args)
+    same |= {"seed": args.seed} if args.seed else {}
     return same | {"lights": None, "pixel_fraction": 0.05, "starts": STARTS}
 
 
@@ -134,7 +140,7 @@ class Shown:
     """A scene before and after its hidden change."""
 
     def __init__(self, shot, number):
-        self.shot, self.rng = shot, random.Random(100 + number)
+        self.shot, self.rng = shot, random.Random(100 + number + shot.args.seed)
         self.space = shot.judge.space()
         self.lights = shot.judge.describe()
         self.before = shot.picture(SEED)
@@ -191,26 +197,35 @@ class Shown:
             }
         request = self.request()
         result = self.shot.solve(request)
-        judge = self.shot.judge
-        judge.apply(answer=result, asked=request["lights"])
+        self.shot.judge.apply(answer=result, asked=request["lights"])
         with tempfile.TemporaryDirectory() as folder:
             path = str(Path(folder) / "solved.blend")
-            judge.save(path=path)
-            judge.open(blend=path, size=self.shot.size)
-            after = self.shot.picture(SEED)
-        said = {row["number"]: row for row in result["report"]}
-        found = [
-            verdict(goal, known, self.before, after, said.get(number))
-            for number, (goal, known) in enumerate(self.goals)
-        ]
+            self.shot.judge.save(path=path)
+            found, samples = self._judged(path, {row["number"]: row for row in result["report"]})
         return {
             "strokes": found,
+            "judged_samples": samples,
             "changed": self.changed,
             "psnr": None,
             "parameter_error": None,
             "seconds": result["seconds"],
             "method": f"relume {result['through']}",
         }
+
+    def _judged(self, path, said):
+        """Each stroke by renders of the file as it was and as solved, and their samples: four times as many as long
+        as a render and the solver disagree, since either may be noise."""
+        samples, before = self.shot.args.samples, self.before
+        while True:
+            self.shot.judge.open(blend=path, size=self.shot.size)
+            after = self.shot.judge.picture(samples, SEED)
+            goals = enumerate(self.goals)
+            found = [verdict(goal, known, before, after, said.get(number)) for number, (goal, known) in goals]
+            if samples >= MOST_SAMPLES or not any(disagrees(one) for one in found):
+                return found, samples
+            samples *= 4
+            self.shot.open(bare=False)
+            before = self.shot.judge.picture(samples, SEED)
 
 
 def spot(name, place, radius):
@@ -239,6 +254,13 @@ def verdict(goal, known, before, after, said):
     return found | {"said": said and told(kind, said)}
 
 
+def disagrees(found):
+    """Whether the render of a verdict shows something else than the solver says."""
+    kind = found["goal"]
+    limit = AGREED[strokes.UNITS.get(kind, kind)]
+    return found["said"] is not None and abs(found["reached"] - found["said"]) > limit
+
+
 def told(kind, said):
     """What the solver says of a stroke, as it is measured here."""
     if kind == "color":
@@ -248,6 +270,7 @@ def told(kind, said):
 
 def lines(record):
     """A line for each stroke."""
+    samples = record.get("judged_samples", record["samples"])
     texts = []
     for found in record["strokes"]:
         unit = strokes.UNITS.get(found["goal"], "(share)")
@@ -255,7 +278,7 @@ def lines(record):
         texts.append(
             f"  {record['scene']:12} run {record['run']}  {found['goal']:8} asked {found['asked']:7.3f}"
             f"  known answer {found['known']:7.3f}  reached {found['reached']:7.3f} {unit:7} (the solver says {said})"
-            f"  {'met' if found['met'] else 'MISSED'}"
+            f"  {samples} samples  {'met' if found['met'] else 'MISSED'}"
         )
     texts += [
         f"  {record['scene']:12} run {record['run']}  {kind:8} not painted: the hidden change leaves no place for it"
@@ -272,8 +295,15 @@ def unpainted(record):
 
 def show(records):
     """All strokes, and how many are met."""
-    found = sorted(records.select(table="scribbles"), key=lambda record: (record["scene"], record["run"]))
-    print("\nScribbles, judged on Cycles renders of the written-back files")
+    for seed in sorted({record.get("seed", 0) for record in records.select(table="scribbles")}):
+        show_seed(seed, [record for record in records.select(table="scribbles") if record.get("seed", 0) == seed])
+
+
+def show_seed(seed, records):
+    """Those of one seed."""
+    found = sorted(records, key=lambda record: (record["scene"], record["run"]))
+    of_seed = f", hidden changes and strokes of seed {seed}" if seed else ""
+    print(f"\nScribbles, judged on Cycles renders of the written-back files{of_seed}")
     for record in found:
         print(lines(record))
     painted = [one for record in found for one in record["strokes"]]

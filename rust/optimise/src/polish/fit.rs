@@ -135,10 +135,8 @@ impl<'a> Fit<'a> {
     /// Weighted residuals of either half of the pictures of all views, clean or exact.
     pub fn residuals(&self, pictures: &[Picture], of: Base) -> [Vec<f32>; 2] {
         let mut residuals = [Vec::new(), Vec::new()];
-        for (i, ((view, draw), picture)) in
-            self.objective.views.iter().zip(self.draw).zip(pictures).enumerate()
-        {
-            let comparisons = view.compare_picture(picture, &self.doubts[i], draw);
+        for (((view, draw), doubts), picture) in self.views().zip(pictures) {
+            let comparisons = view.compare_picture(picture, doubts, draw);
             let halves = match of {
                 Base::Clean => &picture.clean,
                 Base::Exact => &picture.exact,
@@ -149,6 +147,11 @@ impl<'a> Fit<'a> {
         }
         self.rows.join_means(&mut residuals);
         residuals
+    }
+
+    /// With the drawn cells of their terms, and the doubts.
+    fn views(&self) -> impl Iterator<Item = ((&ViewObjective<'a>, &Vec<Vec<u32>>), &Vec<Doubt>)> {
+        self.objective.views.iter().zip(self.draw).zip(&self.doubts)
     }
 
     /// Sum of the products of two estimates: that of squares without what noise adds.
@@ -255,9 +258,7 @@ impl<'a> Fit<'a> {
         base: Base,
     ) -> Result<Vec<[Vec<f32>; 2]>, OptimiseError> {
         let mut residuals: Vec<[Vec<f32>; 2]> = vec![Default::default(); lights.len()];
-        for (i, ((view, draw), picture)) in
-            self.objective.views.iter().zip(self.draw).zip(&state.pictures).enumerate()
-        {
+        for (((view, draw), doubts), picture) in self.views().zip(&state.pictures) {
             let is_other = |light: &&Light| light.shape != lights[0].shape;
             let shapes: Vec<&Light> = lights[..1].iter().chain(lights.iter().filter(is_other)).collect();
             let cells = all_of(view.cells_of(draw));
@@ -265,7 +266,7 @@ impl<'a> Fit<'a> {
             let unit =
                 |light: &Light| shapes.iter().position(|other| other.shape == light.shape).unwrap_or(0);
             let clean = mean(&picture.clean);
-            let comparisons = view.compare_picture(picture, &self.doubts[i], draw);
+            let comparisons = view.compare_picture(picture, doubts, draw);
             let by_light = lights.par_iter().map(|light| {
                 [0, 1].map(|half| {
                     let mut picture = match base {
