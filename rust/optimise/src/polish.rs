@@ -124,9 +124,10 @@ impl<'a> Polish<'a> {
         let (before, width) = (self.loss(), STAGES[self.stages]);
         let (last, doubts) = (self.best.clone(), self.fit.doubts.clone());
         let flow = self.fit.descend(&mut self.best, width, iteration, steps, on_step)?;
+        let after = self.loss();
         self.fit.doubt(&mut self.best);
-        if self.loss() > before {
-            // What it gained was noise.
+        if self.loss() > before.max(after) {
+            // What it gained is doubtful altogether.
             (self.best, self.fit.doubts) = (last, doubts);
         }
         self.stages += 1;

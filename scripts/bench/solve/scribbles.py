@@ -37,7 +37,8 @@ SEED = 1
 MOST_SAMPLES = 2048
 """Of a render by which strokes are judged."""
 AGREED = {"stops": 0.1, "mireds": 10.0, "keep": 0.005, "color": 0.05}
-"""By which a render and the solver may differ before more samples are rendered."""
+AGREED_SHARE = 0.15
+"""By which, and by which share of what was asked for, a render and the solver may differ without more samples."""
 MIREDS = 100.0
 ACCENT = "Accent"
 """The spot's name."""
@@ -257,7 +258,7 @@ def verdict(goal, known, before, after, said):
 def disagrees(found):
     """Whether the render of a verdict shows something else than the solver says."""
     kind = found["goal"]
-    limit = AGREED[strokes.UNITS.get(kind, kind)]
+    limit = max(AGREED[strokes.UNITS.get(kind, kind)], AGREED_SHARE * found["asked"] * (kind in strokes.UNITS))
     return found["said"] is not None and abs(found["reached"] - found["said"]) > limit
 
 
