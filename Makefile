@@ -44,6 +44,8 @@ test-rust: setup
 # The tests of GPUs once more, with the kernels of release builds, which check nothing.
 	RELUME_GPU_UNCHECKED=1 $(CARGO) test -p relume-gpu --lib
 	RELUME_GPU_UNCHECKED=1 $(CARGO) test --workspace --exclude relume-gpu --lib -- gpu compare sorting device
+# CI builds this once, and needs the space for what comes after.
+	@[ -z "$$CI" ] || rm -rf target/debug target/tmp
 
 test-python: wheel
 	@scripts/install-wheel "$(WHEELS)" 4.2

@@ -123,6 +123,7 @@ def test_what_keeps_a_shot_from_starting_is_one_clear_line(lit, tmp_path, monkey
 def test_the_disk_space_is_estimated_and_missed(lit, monkeypatch):
     lit.render.resolution_x, lit.render.resolution_y, lit.render.resolution_percentage = 1920, 1080, 50
     lit.relume.quality = "GOOD"
+    monkeypatch.setattr(checks, "free_space", lambda _: int(2e9))
     assert checks.disk_space(lit) == ("About 1.8 GB on disk", True)
     monkeypatch.setattr(checks, "free_space", lambda _: int(2e8))
     assert checks.disk_space(lit) == ("About 1.8 GB on disk, but only 200.0 MB free", False)
