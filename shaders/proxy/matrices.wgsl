@@ -1,15 +1,15 @@
-// Unit images like those of `infer.wgsl`, with matrices of 16-bit floats that a subgroup multiplies at once. A subgroup of 32
-// makes 32 rows of each layer for a tile of 64 pixels.
+// Unit images like those of `infer.wgsl`, with matrices of 16-bit floats that a subgroup multiplies at once. A subgroup makes
+// two matrices of rows of each layer for a tile of pixels, which are four.
 // use: proxy/pixels
+// use: common/matrices
 // constant: SUBGROUPS 2
 
 enable f16;
-enable wgpu_cooperative_matrix;
 
-const THREADS: u32 = 32u * SUBGROUPS;
+const THREADS: u32 = SUBGROUP * SUBGROUPS;
 // Rows of the first input and of `x`, in whole matrices, and from one row of `x` to the next: eight more than there are
 // pixels, so that rows do not start in the same bank.
-const FIRST_ROWS: u32 = FAST * 16u + (1u - FAST) * ((PIXEL_ROWS + 15u) / 16u * 16u);
+const FIRST_ROWS: u32 = (FAST * FEATURES + (1u - FAST) * PIXEL_ROWS + SIDE - 1u) / SIDE * SIDE;
 const X_ROWS: u32 = max(WIDTH, FIRST_ROWS);
 const STRIDE: u32 = PIXELS + 8u;
 // Where the matrices between layers and of the output start; its bias comes last. The output has quads of three values.
@@ -71,7 +71,7 @@ fn load_rows(tile: u32, count: u32, thread: u32) {
 fn store_features(light: u32, tile: u32, count: u32, thread: u32) {
     for (var p = thread; p < PIXELS; p += THREADS) {
         let f = features_of(light, pixel_of(tile, p, count), 9u);
-        for (var row = 0u; row < 16u; row++) {
+        for (var row = 0u; row < FIRST_ROWS; row++) {
             var value = 0.0;
             if row < FEATURES { value = f[row].x; }
             x[row * STRIDE + p] = f16(value);
@@ -79,33 +79,33 @@ fn store_features(light: u32, tile: u32, count: u32, thread: u32) {
     }
 }
 
-// Replaces `x` by the product of the weights from `at` on with its first `inputs` rows. Of 32 rows by 64 pixels, two by four
-// matrices, nothing is kept but these eight sums; places are named first, as the compiler asks for.
+// Replaces `x` by the product of the weights from `at` on with its first `inputs` rows. Of two by four
+// matrices nothing is kept but these eight sums; places are named first, as the compiler asks for.
 fn multiply(at: u32, inputs: u32, subgroup: u32) {
-    let row = 32u * subgroup;
-    var c00 = coop_mat16x16<f16, C>();
-    var c01 = coop_mat16x16<f16, C>();
-    var c02 = coop_mat16x16<f16, C>();
-    var c03 = coop_mat16x16<f16, C>();
-    var c10 = coop_mat16x16<f16, C>();
-    var c11 = coop_mat16x16<f16, C>();
-    var c12 = coop_mat16x16<f16, C>();
-    var c13 = coop_mat16x16<f16, C>();
+    let row = 2u * SIDE * subgroup;
+    var c00 = HalfSum();
+    var c01 = HalfSum();
+    var c02 = HalfSum();
+    var c03 = HalfSum();
+    var c10 = HalfSum();
+    var c11 = HalfSum();
+    var c12 = HalfSum();
+    var c13 = HalfSum();
     let width = WIDTH;
     let stride = STRIDE;
-    for (var k = 0u; k < inputs; k += 16u) {
+    for (var k = 0u; k < inputs; k += SIDE) {
         let a0_at = at + k * width + row;
-        let a1_at = a0_at + 16u;
+        let a1_at = a0_at + SIDE;
         let b0_at = k * stride;
-        let b1_at = b0_at + 16u;
-        let b2_at = b0_at + 32u;
-        let b3_at = b0_at + 48u;
-        let a0 = coopLoad<coop_mat16x16<f16, A>>(&weights[a0_at], width);
-        let a1 = coopLoad<coop_mat16x16<f16, A>>(&weights[a1_at], width);
-        let b0 = coopLoadT<coop_mat16x16<f16, B>>(&x[b0_at], stride);
-        let b1 = coopLoadT<coop_mat16x16<f16, B>>(&x[b1_at], stride);
-        let b2 = coopLoadT<coop_mat16x16<f16, B>>(&x[b2_at], stride);
-        let b3 = coopLoadT<coop_mat16x16<f16, B>>(&x[b3_at], stride);
+        let b1_at = b0_at + SIDE;
+        let b2_at = b0_at + 2u * SIDE;
+        let b3_at = b0_at + 3u * SIDE;
+        let a0 = coopLoad<Left>(&weights[a0_at], width);
+        let a1 = coopLoad<Left>(&weights[a1_at], width);
+        let b0 = coopLoadT<Right>(&x[b0_at], stride);
+        let b1 = coopLoadT<Right>(&x[b1_at], stride);
+        let b2 = coopLoadT<Right>(&x[b2_at], stride);
+        let b3 = coopLoadT<Right>(&x[b3_at], stride);
         c00 = coopMultiplyAdd(a0, b0, c00);
         c01 = coopMultiplyAdd(a0, b1, c01);
         c02 = coopMultiplyAdd(a0, b2, c02);
@@ -117,13 +117,13 @@ fn multiply(at: u32, inputs: u32, subgroup: u32) {
     }
     workgroupBarrier();
     let c0_at = row * stride;
-    let c1_at = c0_at + 16u * stride;
-    let c01_at = c0_at + 16u;
-    let c02_at = c0_at + 32u;
-    let c03_at = c0_at + 48u;
-    let c11_at = c1_at + 16u;
-    let c12_at = c1_at + 32u;
-    let c13_at = c1_at + 48u;
+    let c1_at = c0_at + SIDE * stride;
+    let c01_at = c0_at + SIDE;
+    let c02_at = c0_at + 2u * SIDE;
+    let c03_at = c0_at + 3u * SIDE;
+    let c11_at = c1_at + SIDE;
+    let c12_at = c1_at + 2u * SIDE;
+    let c13_at = c1_at + 3u * SIDE;
     coopStoreT(c00, &x[c0_at], stride);
     coopStoreT(c01, &x[c01_at], stride);
     coopStoreT(c02, &x[c02_at], stride);

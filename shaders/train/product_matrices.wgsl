@@ -1,9 +1,9 @@
 // use: train/layers
-// Products of matrices by tiles, as `product.wgsl`, but both factors are rounded to 16 bits, and subgroups of 32 multiply 16 by
-// 16 of them at once; sums have 32 bits. A subgroup has 16 rows by 32 columns of a tile.
+// use: common/matrices
+// Products of matrices by tiles, as `product.wgsl`, but both factors are rounded to 16 bits, and subgroups multiply matrices of
+// them at once; sums have 32 bits. A subgroup has some pairs of a tile's matrices.
 
 enable f16;
-enable wgpu_cooperative_matrix;
 
 @group(0) @binding(0) var<storage, read> layers: array<Layer>;
 @group(0) @binding(1) var<storage, read_write> activations: array<vec4f>;
@@ -15,6 +15,9 @@ const THREADS: u32 = 256u;
 /// Values from a row of a slab, and of the sums, to the next: some more than it has, so that rows do not start in the same bank.
 const PITCH: u32 = TILE + 8u;
 const SUM_PITCH: u32 = TILE + 4u;
+/// Pairs in a row of a tile, and of a subgroup: one of 16 by 16 where a subgroup is 32 invocations.
+const ROW_PAIRS: u32 = TILE / (2u * SIDE);
+const PAIRS: u32 = TILE / SIDE * ROW_PAIRS * SUBGROUP / THREADS;
 /// Largest 16-bit float.
 const LARGEST: f32 = 65504.0;
 
@@ -24,41 +27,58 @@ var<workgroup> right: array<f16, SLAB * PITCH>;
 /// Sums, `[row][column]`; between products, what a tile keeps.
 var<workgroup> sums_of_tile: array<f32, TILE * SUM_PITCH>;
 
+/// A row of two sums.
+struct Pair {
+    near: WideSum,
+    far: WideSum,
+}
+
 /// A subgroup's share of a product.
-struct Sum {
-    near: coop_mat16x16<f32, C>,
-    far: coop_mat16x16<f32, C>,
+alias Sum = array<Pair, PAIRS>;
+
+/// First row and column of a pair of an invocation's subgroup.
+fn place_of_pair(pair: u32, local: u32) -> vec2u {
+    let number = local / SUBGROUP * PAIRS + pair;
+    return vec2u(number / ROW_PAIRS * SIDE, number % ROW_PAIRS * 2u * SIDE);
 }
 
 /// Adds the product of both slabs, once all threads have filled them; after it they may be filled again.
 fn add_slabs(start: Sum, local: u32) -> Sum {
     workgroupBarrier();
-    let row = local / 64u * 16u;
-    let column = local / 32u % 2u * 32u;
     let pitch = PITCH;
-    var near = start.near;
-    var far = start.far;
-    for (var k = 0u; k < SLAB; k += 16u) {
-        let a_at = k * pitch + row;
-        let near_at = k * pitch + column;
-        let far_at = near_at + 16u;
-        let a = coopLoad<coop_mat16x16<f16, A>>(&left[a_at], pitch);
-        let b_near = coopLoadT<coop_mat16x16<f16, B>>(&right[near_at], pitch);
-        let b_far = coopLoadT<coop_mat16x16<f16, B>>(&right[far_at], pitch);
-        near = coopMultiplyAdd(a, b_near, near);
-        far = coopMultiplyAdd(a, b_far, far);
+    var sum = start;
+    for (var pair = 0u; pair < PAIRS; pair += 1u) {
+        let place = place_of_pair(pair, local);
+        var near = sum[pair].near;
+        var far = sum[pair].far;
+        for (var k = 0u; k < SLAB; k += SIDE) {
+            let a_at = k * pitch + place.x;
+            let near_at = k * pitch + place.y;
+            let far_at = near_at + SIDE;
+            let a = coopLoad<Left>(&left[a_at], pitch);
+            let b_near = coopLoadT<Right>(&right[near_at], pitch);
+            let b_far = coopLoadT<Right>(&right[far_at], pitch);
+            near = coopMultiplyAdd(a, b_near, near);
+            far = coopMultiplyAdd(a, b_far, far);
+        }
+        sum[pair] = Pair(near, far);
     }
     workgroupBarrier();
-    return Sum(near, far);
+    return sum;
 }
 
 /// A thread's 4 by 4 of a finished product: columns of the sum are its rows.
 fn values_of(sum: Sum, local: u32) -> mat4x4f {
-    let near_at = local / 64u * 16u * SUM_PITCH + local / 32u % 2u * 32u;
-    let far_at = near_at + 16u;
     let pitch = SUM_PITCH;
-    coopStoreT(sum.near, &sums_of_tile[near_at], pitch);
-    coopStoreT(sum.far, &sums_of_tile[far_at], pitch);
+    // With an index that is no constant, an array has to be a variable.
+    var pairs = sum;
+    for (var pair = 0u; pair < PAIRS; pair += 1u) {
+        let place = place_of_pair(pair, local);
+        let near_at = place.x * pitch + place.y;
+        let far_at = near_at + SIDE;
+        coopStoreT(pairs[pair].near, &sums_of_tile[near_at], pitch);
+        coopStoreT(pairs[pair].far, &sums_of_tile[far_at], pitch);
+    }
     workgroupBarrier();
     var values: mat4x4f;
     for (var i = 0u; i < 4u; i += 1u) {

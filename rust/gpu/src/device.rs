@@ -1,10 +1,10 @@
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use crate::choice::choose;
 use crate::kernel::{Checks, Compiled};
 use crate::memory::Memory;
-use crate::{AdapterSummary, GpuChoice, GpuError};
+use crate::{AdapterSummary, GpuChoice, GpuError, matrices};
 
 /// Bytes of arguments that a dispatch may carry ([`crate::Commands::run`]); every back end has them.
 pub(crate) const IMMEDIATES: u32 = 64;
@@ -29,6 +29,7 @@ pub struct Gpu {
     trouble: Arc<Mutex<Trouble>>,
     checks: Checks,
     compiled: Compiled,
+    matrix_subgroup: OnceLock<Option<u32>>,
 }
 
 /// What kernels and buffers of a GPU may be.
@@ -48,10 +49,8 @@ pub struct Limits {
     pub f16: bool,
     /// Atomic additions of 32-bit floats.
     pub float_atomics: bool,
-    /// 16x16 matrices of 16-bit floats that a subgroup multiplies at once.
-    pub matrices: bool,
-    /// The same with sums of 32 bits.
-    pub matrices_with_wide_sums: bool,
+    /// Side of the matrices of 16-bit floats that a subgroup multiplies at once ([`Gpu::matrices`]).
+    pub matrices: Option<u32>,
     /// Times on the device.
     pub timestamps: bool,
 }
@@ -153,7 +152,7 @@ impl Gpu {
         watch(&device, &trouble);
         let memory = Arc::new(Memory::new(adapter));
         let limits = limits(adapter, features);
-        let (compiled, bytes_read) = (Compiled::default(), AtomicU64::new(0));
+        let (compiled, bytes_read, matrix_subgroup) = Default::default();
         let summary = AdapterSummary::new(&info);
         let adapter = adapter.clone();
         Ok(Arc::new(Self {
@@ -168,6 +167,7 @@ impl Gpu {
             trouble,
             checks,
             compiled,
+            matrix_subgroup,
         }))
     }
 
@@ -259,6 +259,11 @@ impl Gpu {
     pub(crate) fn compiled(&self) -> &Compiled {
         &self.compiled
     }
+
+    /// Invocations of a subgroup in kernels with matrices; nothing if those were refused.
+    pub(crate) fn matrix_subgroup(&self) -> &OnceLock<Option<u32>> {
+        &self.matrix_subgroup
+    }
 }
 
 /// What kernels need and this driver does not have, in words.
@@ -289,15 +294,9 @@ fn wanted_features() -> wgpu::Features {
 fn limits(adapter: &wgpu::Adapter, features: wgpu::Features) -> Limits {
     let (limits, info) = (adapter.limits(), adapter.get_info());
     let subgroup = (info.subgroup_min_size, info.subgroup_max_size);
-    let half = wgpu::CooperativeScalarType::F16;
-    let has_matrices = |sums: wgpu::CooperativeScalarType| {
-        let properties = adapter.cooperative_matrix_properties();
-        let fits = |matrix: &wgpu::CooperativeMatrixProperties| {
-            (matrix.m_size, matrix.n_size, matrix.k_size) == (16, 16, 16)
-                && (matrix.ab_type, matrix.cr_type) == (half, sums)
-        };
-        features.contains(wgpu::Features::EXPERIMENTAL_COOPERATIVE_MATRIX) && properties.iter().any(fits)
-    };
+    let of_matrices = wgpu::Features::EXPERIMENTAL_COOPERATIVE_MATRIX
+        | wgpu::Features::SHADER_F16
+        | wgpu::Features::SUBGROUP;
     Limits {
         buffer: limits.max_buffer_size.min(limits.max_storage_buffer_binding_size),
         workgroup_memory: limits.max_compute_workgroup_storage_size,
@@ -306,8 +305,10 @@ fn limits(adapter: &wgpu::Adapter, features: wgpu::Features) -> Limits {
         subgroup: features.contains(wgpu::Features::SUBGROUP).then_some(subgroup),
         f16: features.contains(wgpu::Features::SHADER_F16),
         float_atomics: features.contains(wgpu::Features::SHADER_FLOAT32_ATOMIC),
-        matrices: has_matrices(half),
-        matrices_with_wide_sums: has_matrices(wgpu::CooperativeScalarType::F32),
+        matrices: features
+            .contains(of_matrices)
+            .then(|| matrices::side(&adapter.cooperative_matrix_properties()))
+            .flatten(),
         timestamps: features.contains(wgpu::Features::TIMESTAMP_QUERY),
     }
 }

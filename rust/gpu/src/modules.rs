@@ -23,6 +23,9 @@ macro_rules! files {
 files![
     "common/add_units",
     "common/compare",
+    "common/matrices",
+    "common/matrices_16",
+    "common/matrices_8",
     "common/mean",
     "common/packing",
     "common/pull_units",
@@ -59,6 +62,7 @@ files![
     "proxy/pixels",
     "proxy/rows",
     "selftest",
+    "subgroup",
     "train/batch",
     "train/chains",
     "train/dense",

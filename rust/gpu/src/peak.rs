@@ -1,6 +1,6 @@
 use std::time::Instant;
 
-use crate::{Bound, Buffer, Commands, Gpu, GpuError};
+use crate::{Bound, Buffer, Commands, Gpu, GpuError, Matrices};
 
 /// Rounds of which the best counts.
 const ROUNDS: usize = 5;
@@ -8,12 +8,11 @@ const ROUNDS: usize = 5;
 const MULTIPLY_ADDS: u32 = 256 * 32;
 /// Invocations of a workgroup there, and in `peak_matrices.wgsl`.
 const GROUP: u32 = 128;
-/// Invocations that multiply matrices together.
-const SUBGROUP: u32 = 32;
-/// Multiply-adds of a subgroup of `peak_matrices.wgsl`: its `ROUNDS` times its sums, times those of a product.
-const MATRIX_MULTIPLY_ADDS: u32 = 256 * 8 * 16 * 16 * 16;
-/// Values of its starts and results.
-const MATRIX_RESULTS: u32 = 9 * 16 * 16;
+/// Products of a subgroup of `peak_matrices.wgsl`: its `ROUNDS` times its sums.
+const PRODUCTS: u32 = 256 * 8;
+/// Matrices of its factors, and of its starts and results.
+const FACTORS: u32 = 2;
+const RESULTS: u32 = 9;
 /// Buffers that are read in turn, so that no cache holds them all, and bytes of each; less on a small device, and on a software
 /// driver.
 const READ_BUFFERS: usize = 16;
@@ -40,7 +39,7 @@ pub struct Peaks {
     pub multiply_adds: f64,
     /// The same of 16-bit floats; none if kernels cannot have them.
     pub half: Option<f64>,
-    /// The same in products of 16x16 matrices of 16-bit floats; none if it has no such matrices for subgroups of 32.
+    /// The same in products of matrices of 16-bit floats; none if it has none ([`Gpu::matrices`]).
     pub matrices: Option<f64>,
     /// The same with sums of 32 bits.
     pub wide_matrices: Option<f64>,
@@ -99,15 +98,11 @@ impl Gpu {
     /// If the device has not the memory, or was lost.
     pub fn peaks(&self) -> Result<Peaks, GpuError> {
         let limits = self.limits();
-        let whole_subgroups = limits.subgroup == Some((SUBGROUP, SUBGROUP)) && limits.f16;
         Ok(Peaks {
             multiply_adds: self.peak_multiply_adds()?,
             half: limits.f16.then(|| self.peak_of("peak_half")).transpose()?,
-            matrices: self.peak_of_matrices("peak_matrices", whole_subgroups && limits.matrices),
-            wide_matrices: self.peak_of_matrices(
-                "peak_matrices_with_wide_sums",
-                whole_subgroups && limits.matrices_with_wide_sums,
-            ),
+            matrices: self.peak_of_matrices("peak_matrices"),
+            wide_matrices: self.peak_of_matrices("peak_matrices_with_wide_sums"),
             read: self.peak_read()?,
         })
     }
@@ -142,29 +137,30 @@ impl Gpu {
     }
 
     /// Nothing where the device has no such matrices, or its driver refuses them all the same.
-    fn peak_of_matrices(&self, entry: &str, there: bool) -> Option<f64> {
-        there.then(|| self.rate_of_matrices(entry).ok()).flatten()
+    fn peak_of_matrices(&self, entry: &str) -> Option<f64> {
+        self.matrices().and_then(|matrices| self.rate_of_matrices(matrices, entry).ok())
     }
 
-    fn rate_of_matrices(&self, entry: &str) -> Result<f64, GpuError> {
+    fn rate_of_matrices(&self, matrices: Matrices, entry: &str) -> Result<f64, GpuError> {
+        let values = matrices.side.pow(2);
         // 16-bit floats of either sign from 1/8 to 1/2, in an order without pattern.
         let half = |i: u32| {
             let random = i.wrapping_mul(0x9e37_79b1) >> 16;
             ((random & 0x8000) | (0x3000 + (random & 0x7ff))) as u16
         };
         let halves = |len: u32| (0..len).map(half).collect::<Vec<u16>>();
-        let factors = self.buffer_of("factors", &halves(512))?;
-        let kernel = self.kernel("peak_matrices", entry, &[])?;
+        let factors = self.buffer_of("factors", &halves(FACTORS * values))?;
+        let kernel = self.kernel("peak_matrices", entry, &matrices.constants())?;
         // Starts of the sums; of either type, small numbers.
         let bound = if entry.ends_with("wide_sums") {
-            let small: Vec<f32> = (0..MATRIX_RESULTS).map(|i| i as f32 * 1e-3).collect();
+            let small: Vec<f32> = (0..RESULTS * values).map(|i| i as f32 * 1e-3).collect();
             kernel.bind(&[factors.whole(), self.buffer_of("wide results", &small)?.whole()])?
         } else {
-            kernel.bind(&[factors.whole(), self.buffer_of("results", &halves(MATRIX_RESULTS))?.whole()])?
+            kernel.bind(&[factors.whole(), self.buffer_of("results", &halves(RESULTS * values))?.whole()])?
         };
         let seconds = self.seconds_of_groups(&bound, self.peak_groups(), &[])?;
-        let subgroups = f64::from(self.peak_groups() * (GROUP / SUBGROUP));
-        Ok(subgroups * f64::from(MATRIX_MULTIPLY_ADDS) / seconds)
+        let subgroups = f64::from(self.peak_groups() * (GROUP / matrices.subgroup));
+        Ok(subgroups * f64::from(PRODUCTS * matrices.side.pow(3)) / seconds)
     }
 
     /// Bytes read per second from several buffers, each as large as can be bound: the limit of what kernels can read.

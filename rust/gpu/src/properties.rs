@@ -28,8 +28,8 @@ impl Gpu {
             ("16-bit floats in kernels", yes(limits.f16)),
             ("atomic additions of 32-bit floats", yes(limits.float_atomics)),
             ("times on the device", yes(limits.timestamps)),
-            ("matrices that kernels here can multiply", yes(limits.matrices)),
-            ("the same with sums of 32 bits", yes(limits.matrices_with_wide_sums)),
+            ("side of the matrices that kernels here multiply", f64::from(limits.matrices.unwrap_or(0))),
+            ("invocations of a subgroup that does", f64::from(self.matrices().map_or(0, |m| m.subgroup))),
         ]
         .map(|(name, value)| (name.to_owned(), value))
         .into();

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::matrices::Matrices;
+use super::matrices::ByMatrices;
 use super::network::{Matrix, Parts};
 use super::proxy::{GpuProxy, grow};
 use crate::analytic::{FEATURES, Real, Surface, features, scaled_params};
@@ -25,7 +25,7 @@ impl GpuProxy {
     pub(super) fn error_of(
         &self,
         light: &LightParams,
-        matrices: Option<&Matrices>,
+        matrices: Option<&ByMatrices>,
     ) -> Result<f64, ProxyError> {
         let count = self.proxy().features().pixel_count();
         {

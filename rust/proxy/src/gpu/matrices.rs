@@ -1,5 +1,5 @@
 use half::f16;
-use relume_gpu::{Buffer, Gpu, Kernel};
+use relume_gpu::{Buffer, Gpu, Kernel, Matrices};
 
 use super::DeviceNetwork;
 use super::proxy::GpuProxy;
@@ -7,58 +7,57 @@ use crate::{LightKind, LightParams, ProxyError};
 
 const MODULE: &str = "proxy/matrices";
 const ENTRY: &str = "infer_by_matrices";
-/// Pixels of a tile of `matrices.wgsl`.
-pub(super) const TILE: usize = 64;
-/// Side of a matrix there.
-const SIDE: usize = 16;
-/// Rows of a layer that a subgroup makes, and its invocations.
-const SUBGROUP: usize = 32;
+/// Matrices that a subgroup of `matrices.wgsl` makes of a layer: rows of them, and of pixels, which are a tile.
+const ROWS: usize = 2;
+const COLUMNS: usize = 4;
 /// Most error of an image, as a share of its root mean square, that rounding to 16 bits may make: sums of 256 products in steps
 /// of 16 are off by some thousandths in each of up to nine layers. Proxies are several times further from what they learned.
 pub(super) const TOLERANCE: f64 = 0.02;
 
 /// Inference by matrices of 16-bit floats.
 #[derive(Debug)]
-pub(super) struct Matrices {
+pub(super) struct ByMatrices {
     pub kernel: Kernel,
     pub weights: Buffer<u16>,
+    /// Pixels of a tile.
+    pub tile: usize,
 }
 
-impl Matrices {
+impl ByMatrices {
     /// Nothing where the device has no such matrices, the network does not fit them, or they do not give what the plain kernel
     /// gives.
     ///
     /// # Errors
     /// If the plain kernel fails.
     pub fn tested(proxy: &GpuProxy) -> Result<Option<Self>, ProxyError> {
-        if !fits(proxy.gpu(), proxy.network()) {
-            return Ok(None);
-        }
+        let there = proxy.gpu().matrices().filter(|there| fits(*there, proxy.gpu(), proxy.network()));
         // A driver that refuses them is no reason to do without it.
-        let Ok(matrices) = Self::new(proxy) else { return Ok(None) };
+        let Some(Ok(matrices)) = there.map(|there| Self::new(proxy, there)) else { return Ok(None) };
         let light = test_light(proxy);
         let expected = proxy.whole_image(&light, None)?;
         let Ok(found) = proxy.whole_image(&light, Some(&matrices)) else { return Ok(None) };
         Ok((error(&found, &expected) < TOLERANCE).then_some(matrices))
     }
 
-    fn new(proxy: &GpuProxy) -> Result<Self, ProxyError> {
-        let kernel = proxy.gpu().kernel(MODULE, ENTRY, &constants(proxy))?;
-        Self::with_kernel(proxy, kernel)
+    fn new(proxy: &GpuProxy, matrices: Matrices) -> Result<Self, ProxyError> {
+        let kernel = proxy.gpu().kernel(MODULE, ENTRY, &constants(proxy, matrices))?;
+        Self::with_kernel(proxy, matrices, kernel)
     }
 
-    fn with_kernel(proxy: &GpuProxy, kernel: Kernel) -> Result<Self, ProxyError> {
-        let weights = proxy.gpu().buffer_of("16-bit weights of a proxy", &half_weights(proxy.network()))?;
-        Ok(Self { kernel, weights })
+    fn with_kernel(proxy: &GpuProxy, matrices: Matrices, kernel: Kernel) -> Result<Self, ProxyError> {
+        let weights = half_weights(proxy.network(), matrices.side as usize);
+        let weights = proxy.gpu().buffer_of("16-bit weights of a proxy", &weights)?;
+        Ok(Self { kernel, weights, tile: COLUMNS * matrices.side as usize })
     }
 }
 
-fn constants(proxy: &GpuProxy) -> Vec<(&'static str, u32)> {
-    let plain = proxy.constants().into_iter().filter(|(name, _)| *name != "ROWS");
-    plain
-        .map(|(name, value)| (name, if name == "PIXELS" { TILE as u32 } else { value }))
-        .chain([("SUBGROUPS", (proxy.network().width / SUBGROUP) as u32)])
-        .collect()
+fn constants(proxy: &GpuProxy, matrices: Matrices) -> Vec<(&'static str, u32)> {
+    let plain = proxy.constants().into_iter().filter(|(name, _)| !["ROWS", "PIXELS"].contains(name));
+    let own = [
+        ("PIXELS", COLUMNS as u32 * matrices.side),
+        ("SUBGROUPS", proxy.network().width as u32 / (ROWS as u32 * matrices.side)),
+    ];
+    plain.chain(own).chain(matrices.constants()).collect()
 }
 
 /// Root mean square of the error, as a share of that of what is expected.
@@ -68,27 +67,25 @@ pub(super) fn error(found: &[f32], expected: &[f32]) -> f64 {
     (error / squares(&mut expected.iter().copied())).sqrt()
 }
 
-fn fits(gpu: &Gpu, network: &DeviceNetwork) -> bool {
-    let limits = gpu.limits();
-    let rows = network.width.max(network.first_inputs().next_multiple_of(SIDE));
+fn fits(matrices: Matrices, gpu: &Gpu, network: &DeviceNetwork) -> bool {
+    let (side, limits) = (matrices.side as usize, gpu.limits());
+    let rows = network.width.max(network.first_inputs().next_multiple_of(side));
+    let (tile, invocations) = (COLUMNS * side, network.width / (ROWS * side) * matrices.subgroup as usize);
     // Activations, eight more than pixels in a row; and four floats for each share of an output.
-    let memory = 2 * rows * (TILE + 8) + 16 * network.width.max(TILE);
-    limits.matrices
-        && limits.f16
-        && limits.subgroup == Some((SUBGROUP as u32, SUBGROUP as u32))
-        && network.width == network.true_width
-        && network.width.is_multiple_of(SUBGROUP)
-        && network.width <= limits.invocations as usize
+    let memory = 2 * rows * (tile + 8) + 16 * invocations.max(tile);
+    network.width == network.true_width
+        && network.width.is_multiple_of(ROWS * side)
+        && invocations <= limits.invocations as usize
         && memory <= limits.workgroup_memory as usize
 }
 
 /// The weights for the way forward, the first matrix filled up to whole matrices.
-fn half_weights(network: &DeviceNetwork) -> Vec<u16> {
+fn half_weights(network: &DeviceNetwork, side: usize) -> Vec<u16> {
     let rounded = |values: &[f32]| values.iter().map(|v| f16::from_f32(*v).to_bits()).collect::<Vec<_>>();
     let (width, inputs) = (network.width, network.first_inputs());
     let (first, rest) = network.weights.split_at(inputs * width);
     let mut half = rounded(first);
-    half.resize(inputs.next_multiple_of(SIDE) * width, 0);
+    half.resize(inputs.next_multiple_of(side) * width, 0);
     half.extend(rounded(&rest[..network.hidden * width * width + 4 * (width + 1)]));
     half
 }
@@ -139,6 +136,9 @@ mod tests {
         }
     ";
 
+    /// Those that are emulated: a card's.
+    const CARD: Matrices = Matrices { side: 16, subgroup: 32 };
+
     /// The module for devices without matrices and with subgroups of any size.
     fn emulated(proxy: &GpuProxy) -> String {
         let count = "let count = arguments.count;\n";
@@ -151,15 +151,18 @@ mod tests {
                     "let subgroup = thread / 32u; lane = thread % 16u; side = 16u * arguments.lights; {count}"
                 ),
             ),
-            ("coop_mat16x16<f16, C>()", "Row()".into()),
-            ("coopLoad<coop_mat16x16<f16, A>>(&weights[", "load_weights(".into()),
-            ("coopLoadT<coop_mat16x16<f16, B>>(&x[", "load_x(".into()),
+            ("alias Left = coop_mat16x16<f16, A>;", String::new()),
+            ("alias Right = coop_mat16x16<f16, B>;", String::new()),
+            ("alias HalfSum = coop_mat16x16<f16, C>;", "alias HalfSum = Row;".into()),
+            ("alias WideSum = coop_mat16x16<f32, C>;", String::new()),
+            ("coopLoad<Left>(&weights[", "load_weights(".into()),
+            ("coopLoadT<Right>(&x[", "load_x(".into()),
             ("coopMultiplyAdd(", "multiply_add(".into()),
             ("_at], ", "_at, ".into()),
             ("coopStoreT(", "store_x(".into()),
             (", &x[c", ", c".into()),
         ];
-        let text = modules::compose(MODULE, &constants(proxy)).unwrap();
+        let text = modules::compose(MODULE, &constants(proxy, CARD)).unwrap();
         let text = replacements.iter().fold(text, |text, (from, to)| {
             assert!(text.contains(from), "{from} is not in the module any more");
             text.replace(from, to)
@@ -168,7 +171,7 @@ mod tests {
     }
 
     /// Matrices in software; nothing where even that cannot be.
-    fn by_emulated_matrices(proxy: &GpuProxy) -> Option<Matrices> {
+    fn by_emulated_matrices(proxy: &GpuProxy) -> Option<ByMatrices> {
         if !proxy.gpu().limits().f16 {
             let name = &proxy.gpu().summary().name;
             assert!(std::env::var_os("CI").is_none(), "{name} has no 16-bit floats");
@@ -176,7 +179,7 @@ mod tests {
             return None;
         }
         let kernel = proxy.gpu().kernel_of_text("emulated", &emulated(proxy), ENTRY).unwrap();
-        Some(Matrices::with_kernel(proxy, kernel).unwrap())
+        Some(ByMatrices::with_kernel(proxy, CARD, kernel).unwrap())
     }
 
     #[test]
@@ -215,7 +218,7 @@ mod tests {
         let len = 12 * width + hidden * width * width + 4 * (width + 1);
         let weights: Vec<f32> = (0..len + 100).map(|i| (i % 1000) as f32).collect();
         let network = DeviceNetwork { fast: true, width, true_width: width, hidden, pixel_rows: 44, weights };
-        let half = half_weights(&network);
+        let half = half_weights(&network, 16);
         assert_eq!(half.len(), len + 4 * width);
         assert!(half[12 * width..16 * width].iter().all(|w| *w == 0));
         assert_eq!(f16::from_bits(half[16 * width]).to_f32(), network.weights[12 * width]);

@@ -6,7 +6,7 @@ use relume_image::Image;
 
 use super::DeviceNetwork;
 use super::gradient::GradientKernels;
-use super::matrices::{self, Matrices};
+use super::matrices::ByMatrices;
 use crate::analytic::scaled_params;
 use crate::proxy::check_length;
 use crate::{LightKind, LightParams, Proxy, ProxyError};
@@ -40,7 +40,7 @@ pub struct GpuProxy {
     infer: Kernel,
     collect: Kernel,
     /// Faster than `infer`, where the device can.
-    matrices: Option<Matrices>,
+    matrices: Option<ByMatrices>,
     /// Most bytes of encoded pixels that are collected from a list at a time.
     pub(super) max_collected: u64,
     /// Most bytes that workgroups keep of the way forward while they make gradients.
@@ -126,7 +126,7 @@ impl GpuProxy {
             tile,
             gpu,
         };
-        on_device.matrices = Matrices::tested(&on_device)?;
+        on_device.matrices = ByMatrices::tested(&on_device)?;
         Ok(on_device)
     }
 
@@ -150,7 +150,7 @@ impl GpuProxy {
     pub(super) fn whole_image(
         &self,
         light: &LightParams,
-        matrices: Option<&Matrices>,
+        matrices: Option<&ByMatrices>,
     ) -> Result<Vec<f32>, ProxyError> {
         let len = 3 * self.proxy.features().pixel_count();
         let shared = &mut *self.shared();
@@ -208,12 +208,12 @@ impl GpuProxy {
     fn add_whole(
         &self,
         commands: &mut Commands<'_>,
-        matrices: Option<&Matrices>,
+        matrices: Option<&ByMatrices>,
         lights: &Buffer<f32>,
         out: &Buffer<f32>,
     ) -> Result<(), ProxyError> {
         let (kernel, weights, tile) = match matrices {
-            Some(matrices) => (&matrices.kernel, matrices.weights.whole(), matrices::TILE),
+            Some(matrices) => (&matrices.kernel, matrices.weights.whole(), matrices.tile),
             None => (&self.infer, self.weights.whole(), self.tile),
         };
         for Part { pixels, encoded } in &self.parts {
@@ -230,7 +230,7 @@ impl GpuProxy {
     }
 
     /// The kernel by matrices, or none for the plain one; nothing where there is no such kernel.
-    pub(super) fn matrices_or_plain(&self, by_matrices: bool) -> Option<Option<&Matrices>> {
+    pub(super) fn matrices_or_plain(&self, by_matrices: bool) -> Option<Option<&ByMatrices>> {
         if by_matrices { self.matrices.as_ref().map(Some) } else { Some(None) }
     }
 

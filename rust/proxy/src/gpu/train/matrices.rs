@@ -1,4 +1,4 @@
-use relume_gpu::{Gpu, GpuError};
+use relume_gpu::{Gpu, GpuError, Matrices};
 
 use super::kernels::Products;
 use super::{GpuTraining, Samples};
@@ -12,9 +12,10 @@ use crate::{NetworkConfig, ProxyError, Rng, SizeRange};
 
 /// Narrowest network whose training is worth it (the table at the top of [`super`]): narrower ones wait for dispatches.
 const NARROWEST: usize = 128;
-/// Invocations of a subgroup of `train/product_matrices.wgsl`, and bytes of workgroup memory where it needs most.
-const SUBGROUP: u32 = 32;
+/// Bytes of workgroup memory of `train/product_matrices.wgsl`, where it needs most, and its invocations and side of a tile.
 const MEMORY: u32 = 30 << 10;
+const INVOCATIONS: u32 = 256;
+const SIDE: u32 = 64;
 /// Most error of a tensor's gradient at the start, as a share of its norm. Rounding to 11 bits is off by 3e-4 in the mean, in
 /// each of two factors; with that a thousandth of all units or less are on one side of their ReLU instead of the other,
 /// each with all of its gradient: the root of that share, 3 %; one to three were seen. Matrices in another order would be off by
@@ -34,12 +35,15 @@ pub(super) fn gradient_scale(samples: u32) -> f32 {
     (3 * samples / 16).next_power_of_two() as f32
 }
 
-fn fits(gpu: &Gpu) -> bool {
-    let limits = gpu.limits();
-    limits.matrices_with_wide_sums
-        && limits.f16
-        && limits.subgroup == Some((SUBGROUP, SUBGROUP))
-        && MEMORY <= limits.workgroup_memory
+/// Whether each subgroup has whole pairs of a tile's matrices, and workgroup memory suffices.
+fn fits(matrices: Matrices, gpu: &Gpu) -> bool {
+    let pairs = SIDE * SIDE / (2 * matrices.side * matrices.side);
+    pairs.is_multiple_of(INVOCATIONS / matrices.subgroup) && MEMORY <= gpu.limits().workgroup_memory
+}
+
+/// Constants of modules that multiply by matrices.
+pub(super) fn constants(matrices: Matrices) -> Vec<(&'static str, u32)> {
+    [("MATRICES", 1)].into_iter().chain(matrices.constants()).collect()
 }
 
 impl GpuTraining {
@@ -49,10 +53,11 @@ impl GpuTraining {
     /// # Errors
     /// If the plain kernels fail.
     pub(super) fn try_matrices(&mut self, network: &impl Network, size: SizeRange) -> Result<(), ProxyError> {
-        if !fits(&self.gpu) {
+        let Some(matrices) = self.gpu.matrices().filter(|matrices| fits(*matrices, &self.gpu)) else {
             return Ok(());
-        }
-        let compile = |name: &str, entry: &str| self.gpu.kernel(name, entry, &[("MATRICES", 1)]);
+        };
+        let constants = constants(matrices);
+        let compile = |name: &str, entry: &str| self.gpu.kernel(name, entry, &constants);
         // A driver that refuses them is no reason to do without it.
         let Ok(products) = self.products(true, compile) else { return Ok(()) };
         self.adopt(products, network, size)

@@ -1,8 +1,8 @@
-//! Products by matrices, of which software drivers have none, in software.
+//! Products by matrices: in software, since most software drivers have none, and by the device's own where it has them.
 
-use relume_gpu::{Kernel, modules};
+use relume_gpu::{Kernel, Matrices, modules};
 
-use super::super::matrices::{TOLERANCE, error};
+use super::super::matrices::{TOLERANCE, constants, error};
 use super::*;
 
 /// What each invocation holds of the matrices: of left factors the row of its number, of right ones where they are, of sums half
@@ -43,11 +43,14 @@ fn emulated_text(name: &str) -> Result<String, GpuError> {
     let half = "let half = min(8u, arrayLength(&layers) * 8u);";
     let replacements = [
         ("enable wgpu_cooperative_matrix;", String::new()),
-        ("coop_mat16x16<f32, C>", "Half".into()),
+        ("alias Left = coop_mat16x16<f16, A>;", String::new()),
+        ("alias Right = coop_mat16x16<f16, B>;", String::new()),
+        ("alias HalfSum = coop_mat16x16<f16, C>;", String::new()),
+        ("alias WideSum = coop_mat16x16<f32, C>;", "alias WideSum = Half;".into()),
         ("let pitch = PITCH;", format!("let pitch = PITCH; {half}")),
         ("let pitch = SUM_PITCH;", format!("let pitch = SUM_PITCH; {half}")),
-        ("coopLoad<coop_mat16x16<f16, A>>(&left[a_at], pitch)", "load_left(a_at, pitch, local, half)".into()),
-        ("coopLoadT<coop_mat16x16<f16, B>>(&right[", "load_right(".into()),
+        ("coopLoad<Left>(&left[a_at], pitch)", "load_left(a_at, pitch, local, half)".into()),
+        ("coopLoadT<Right>(&right[", "load_right(".into()),
         ("near_at], pitch);", "near_at, pitch, local, half);".into()),
         ("far_at], pitch);", "far_at, pitch, local, half);".into()),
         ("coopMultiplyAdd(a, b_near, near)", "multiply_add(a, b_near, near, half)".into()),
@@ -63,11 +66,31 @@ fn emulated_text(name: &str) -> Result<String, GpuError> {
     Ok(text + EMULATED)
 }
 
-/// Makes a training multiply as with matrices.
-fn emulate(training: &mut GpuTraining) {
-    let gpu = Arc::clone(&training.gpu);
+/// What matrices a training multiplies by.
+#[derive(Clone, Copy, Debug)]
+enum By {
+    /// Those of a card, in software.
+    Software,
+    /// A device's own.
+    Device(Matrices),
+}
+
+/// All that a device can. Where a kernel takes subgroups for larger than they are, those of one number do the same; so each has
+/// several pairs, as it has where small matrices meet large subgroups.
+fn ways(gpu: &Gpu) -> Vec<By> {
     assert!(gpu.limits().f16, "{} has no 16-bit floats", gpu.summary().name);
-    let products = training.products(true, |name, entry| emulated(&gpu, name, entry));
+    let own = gpu.matrices().into_iter();
+    let own = own.flat_map(|own| [own, Matrices { subgroup: 4 * own.subgroup, ..own }]).map(By::Device);
+    std::iter::once(By::Software).chain(own).collect()
+}
+
+/// Makes a training multiply by matrices.
+fn multiply_by(training: &mut GpuTraining, way: By) {
+    let gpu = Arc::clone(&training.gpu);
+    let products = training.products(true, |name, entry| match way {
+        By::Software => emulated(&gpu, name, entry),
+        By::Device(matrices) => gpu.kernel(name, entry, &constants(matrices)),
+    });
     training.kernels.products = products.expect("compiled");
 }
 
@@ -76,13 +99,16 @@ fn check<N: Network>(network: &N, setup: &Setup, config: &TrainConfig, what: &st
     let params = network.layout().start_values(5);
     let mut training = on_device(network, setup, config, &params, &batch);
     let (expected_loss, expected) = loss_and_gradient(&training, 1);
-    emulate(&mut training);
-    let (loss, gradient) = loss_and_gradient(&training, 1);
-    let error = error(network.layout(), &gradient, &expected);
-    println!("{what}: loss {loss} and {expected_loss}, error {error:.1e}");
-    // 16 bits must show, or nothing was tested.
-    assert!(error > 1e-5 && error < TOLERANCE, "{what}: error {error}");
-    assert!((loss - expected_loss).abs() < 1e-2 * expected_loss, "{what}: loss {loss}, not {expected_loss}");
+    for way in ways(&training.gpu) {
+        multiply_by(&mut training, way);
+        let (loss, gradient) = loss_and_gradient(&training, 1);
+        let error = error(network.layout(), &gradient, &expected);
+        println!("{what}, {way:?}: loss {loss} and {expected_loss}, error {error:.1e}");
+        // 16 bits must show, or nothing was tested.
+        assert!(error > 1e-5 && error < TOLERANCE, "{what}, {way:?}: error {error}");
+        let off = (loss - expected_loss).abs();
+        assert!(off < 1e-2 * expected_loss, "{what}, {way:?}: loss {loss}, not {expected_loss}");
+    }
 }
 
 #[test]
@@ -104,7 +130,7 @@ fn matrices_that_give_something_else_are_left_alone() {
     let config = config(NetworkConfig::Reference { width: 16, layers: 1, grid }, 1, 8);
     let demand = Demand { config: &config, scene: &setup.scene, chunks: 1, draws: 8, matrices: true };
     let mut training = GpuTraining::new(gpu(), &network, &demand).expect("room on the device");
-    let has_matrices = training.gpu.limits().matrices_with_wide_sums;
+    let has_matrices = training.gpu.matrices().is_some();
     assert!(has_matrices || !training.by_matrices(), "no device has what its driver does not offer");
     let gpu = Arc::clone(&training.gpu);
     training.kernels.products =
@@ -136,7 +162,9 @@ fn training_by_matrices_reaches_the_error_of_32_bits() {
     };
     let wide: Vec<f32> = (1..=4).map(|seed| score(trainer(&config, seed))).collect();
     let mut by_matrices = trainer(&config, 1).on_gpu(gpu()).expect("room");
-    emulate(&mut by_matrices.device.as_mut().expect("on the device").training);
+    let training = &mut by_matrices.device.as_mut().expect("on the device").training;
+    let own = training.gpu.matrices().map_or(By::Software, By::Device);
+    multiply_by(training, own);
     let found = score(by_matrices);
     println!("32 bits {wide:?}, by matrices {found}");
     let mean = wide.iter().sum::<f32>() / wide.len() as f32;
