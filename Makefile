@@ -12,6 +12,7 @@ export OIDN_DIR := $(DEV)/lib/python3.11/site-packages/pyoidn/oidn
 # Mesa's layer that picks a GPU by the desktop complains where there is none.
 export NODEVICE_SELECT := 1
 CARGO := LD_LIBRARY_PATH=$(OIDN_DIR)/lib cargo
+NEWEST_DRIVER := CARGO_TARGET_X86_64_UNKNOWN_LINUX_GNU_RUNNER=$(CURDIR)/scripts/on-newest-driver
 
 .PHONY: setup wheel extension extension-linux test test-rust test-python test-blender window guide fuzz demo shots parity quality bench bench-gpu solve clean
 
@@ -41,9 +42,10 @@ test-rust: setup
 	$(CARGO) fmt --all --check
 	$(CARGO) clippy --workspace --all-targets -- -D warnings
 	$(CARGO) test --workspace
-# The tests of GPUs once more, with the kernels of release builds, which check nothing.
-	RELUME_GPU_UNCHECKED=1 $(CARGO) test -p relume-gpu --lib
-	RELUME_GPU_UNCHECKED=1 $(CARGO) test --workspace --exclude relume-gpu --lib -- gpu compare sorting device
+# The tests of GPUs once more, on a driver with matrices, with the kernels of release builds, which check nothing.
+	RELUME_GPU_UNCHECKED=1 $(NEWEST_DRIVER) $(CARGO) test -p relume-gpu --lib
+	RELUME_GPU_UNCHECKED=1 $(NEWEST_DRIVER) $(CARGO) test --workspace --exclude relume-gpu --lib -- gpu compare sorting device
+	RELUME_GPU_UNCHECKED=1 $(NEWEST_DRIVER) $(CARGO) test --workspace --exclude relume-gpu --test gpu
 # CI builds this once, and needs the space for what comes after.
 	@[ -z "$$CI" ] || rm -rf target/debug target/tmp
 

@@ -9,9 +9,9 @@ use cpu_time::ProcessTime;
 use relume_dump::Dump;
 use relume_gather::{Gather, Half};
 use relume_image::write_atomically;
-use relume_proxy::{LightKind, ProxyInfo, TargetMode, TrainConfig, Trainer, read_info};
+use relume_proxy::{LightKind, ProxyInfo, Snapshot, TargetMode, TrainConfig, Trainer, read_info};
 use serde::Serialize;
-use std::cell::Cell;
+use std::cell::RefCell;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Once};
@@ -97,9 +97,11 @@ pub struct TrainReport {
     pub measured: Option<Measured>,
 }
 
-/// Time between checkpoints: a graphics card does more in it, and may be lost at any time.
+/// Time between checkpoints: a graphics card does more in it, and may take the process with it at any time.
 const CHECKPOINT: Duration = Duration::from_secs(60);
 const CHECKPOINT_OF_GPU: Duration = Duration::from_secs(10);
+/// Most of the time of a training on a GPU that may go into snapshots of it, which are all that is left where that is lost.
+const SNAPSHOT_SHARE: f64 = 0.01;
 /// Times that the held-out error is measured on the way.
 const CURVE_POINTS: f64 = 10.0;
 /// Steps of the progress report.
@@ -109,7 +111,7 @@ const MEASURED_LIGHTS: usize = 16;
 
 /// Trains a proxy on a bake and writes it into `out`, with all that relighting without the bake needs. With `resume` it
 /// goes on where a stopped training was, and ends as if it had never stopped. A GPU that is lost is opened again, once; where it
-/// fails and the CPU may go on, that does so: from the last checkpoint, or from the start if there is none yet.
+/// fails and the CPU may go on, that does so: from a snapshot of a moment before ([`SNAPSHOT_SHARE`]).
 ///
 /// # Errors
 /// [`SessionError::Cancelled`] if stopped, with a checkpoint and a usable proxy written.
@@ -121,21 +123,22 @@ pub fn train(
     compute: &Compute,
     monitor: &Monitor,
 ) -> Result<TrainReport, SessionError> {
-    let kept = Cell::<Kept>::default();
-    let goes_on = || kept.get().has_checkpoint || resume && state_path(out, settings.kind).exists();
-    let from = || if goes_on() { " from the last checkpoint" } else { " from the start" };
-    compute.attempt(monitor, from, |compute| {
-        let resume = resume || kept.get().has_checkpoint;
-        train_on(compute, bake, out, settings, resume, monitor, &kept)
-    })
+    let kept = RefCell::<Kept>::default();
+    let from = || match kept.borrow().snapshot {
+        Some(_) => " from a moment before",
+        None if resume && state_path(out, settings.kind).exists() => " from the last checkpoint",
+        None => " from the start",
+    };
+    compute.attempt(monitor, from, |compute| train_on(compute, bake, out, settings, resume, monitor, &kept))
 }
 
 /// What is left of a try that failed.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Default)]
 struct Kept {
-    has_checkpoint: bool,
-    /// Time of training up to it.
+    snapshot: Option<Snapshot>,
+    /// Time of training, and held-out errors, up to it.
     trained: Duration,
+    curve: Vec<CurvePoint>,
 }
 
 /// [`train`] without another try. `kept` is of the one before, and afterwards of this one.
@@ -146,7 +149,7 @@ fn train_on(
     settings: &TrainSettings,
     resume: bool,
     monitor: &Monitor,
-    kept: &Cell<Kept>,
+    kept: &RefCell<Kept>,
 ) -> Result<TrainReport, SessionError> {
     let dump = Dump::open(bake)?;
     if let Some((tile, pass)) = dump.missing().first() {
@@ -166,12 +169,16 @@ fn train_on(
     let (denoise, bounds) = (Denoise::new(&aovs, compute.gpu.as_deref()), features.visible_bounds());
     let gather = Gather::new(dump);
     let state = state_path(out, settings.kind);
-    let trainer = if resume && state.exists() {
+    let Kept { snapshot, trained, curve } = kept.borrow().clone();
+    let trainer = if snapshot.is_none() && resume && state.exists() {
         resumed(&state, settings, &scene_hash)?
     } else {
         let mut trainer = Trainer::new(features, settings.kind, settings.config.clone(), settings.seed)?;
         trainer.set_scene_hash(scene_hash.clone());
-        trainer
+        match snapshot {
+            Some(snapshot) => trainer.from_snapshot(snapshot),
+            None => trainer,
+        }
     };
     let trainer = match &compute.gpu {
         Some(gpu) => trainer.on_gpu(Arc::clone(gpu))?,
@@ -186,8 +193,6 @@ fn train_on(
     let targets = |half| DumpTargets::new(&gather, half, bounds, &denoise).on(on_gpu.as_ref());
     let (training, held_out) = (targets(halves.0), targets(halves.1));
     let samples_before = trainer.samples();
-    let (trained, filled) = (kept.get().trained, Duration::ZERO);
-    let curve = Vec::new();
     let checkpoint = if compute.gpu.is_some() { CHECKPOINT_OF_GPU } else { CHECKPOINT };
     let replaces_measured = has_measured(out, settings.kind, &scene_hash);
     let mut run = Run {
@@ -196,8 +201,9 @@ fn train_on(
         out,
         state,
         checkpoint,
+        next_snapshot: compute.gpu.as_ref().map(|_| Instant::now()),
         trained,
-        filled,
+        uncounted: trained,
         curve,
         samples_before,
         replaces_measured,
@@ -304,15 +310,18 @@ struct Run<'a> {
     state: PathBuf,
     /// Time between checkpoints.
     checkpoint: Duration,
+    /// When a snapshot is due; never on the CPU, which is not lost.
+    next_snapshot: Option<Instant>,
     trained: Duration,
-    /// The part of `trained` before the first batch, when the pool of denoised images was filled.
-    filled: Duration,
+    /// The part of `trained` that says nothing about the speed: by a try that failed, or before the first batch, when the pool of
+    /// denoised images was filled.
+    uncounted: Duration,
     curve: Vec<CurvePoint>,
     /// Samples that an interrupted run had done.
     samples_before: u64,
     /// Whether a proxy of the scene is there that was measured.
     replaces_measured: bool,
-    kept: &'a Cell<Kept>,
+    kept: &'a RefCell<Kept>,
 }
 
 impl Run<'_> {
@@ -340,6 +349,9 @@ impl Run<'_> {
             }
             self.trained += took;
             self.fit_schedule_to_time();
+            if self.next_snapshot.is_some_and(|due| due <= Instant::now()) && self.trainer.steps() > 0 {
+                self.keep_snapshot()?;
+            }
             let message = match report.loss {
                 Some(loss) => format!("loss {loss:.4}{}", self.last_scores()),
                 None => format!("{} blocks of targets to gather", report.missing),
@@ -372,10 +384,10 @@ impl Run<'_> {
         let Some(seconds) = self.settings.seconds else { return };
         let (trained, samples) = (self.trained.as_secs_f64(), self.trainer.samples());
         if samples == self.samples_before {
-            self.filled = self.trained;
+            self.uncounted = self.trained;
             return;
         }
-        let rate = (samples - self.samples_before) as f64 / (trained - self.filled.as_secs_f64());
+        let rate = (samples - self.samples_before) as f64 / (trained - self.uncounted.as_secs_f64());
         self.trainer.set_samples(samples + ((seconds - trained).max(0.0) * rate) as u64);
     }
 
@@ -403,13 +415,21 @@ impl Run<'_> {
         scores.map(|s| format!(", held out {:.1} dB, SMAPE {:.3}", s.psnr, s.smape)).unwrap_or_default()
     }
 
+    /// The next is due when the time that this one takes is [`SNAPSHOT_SHARE`] of what has passed.
+    fn keep_snapshot(&mut self) -> Result<(), SessionError> {
+        let start = Instant::now();
+        let snapshot = Some(self.trainer.snapshot()?);
+        self.kept.replace(Kept { snapshot, trained: self.trained, curve: self.curve.clone() });
+        self.next_snapshot = Some(Instant::now() + start.elapsed().div_f64(SNAPSHOT_SHARE));
+        Ok(())
+    }
+
     /// The checkpoint, and the proxy as it is now, unless one that was measured would make way for one that was not.
     fn save(&mut self) -> Result<(), SessionError> {
         if self.trainer.steps() == 0 {
             return Ok(());
         }
         self.trainer.save(&self.state)?;
-        self.kept.set(Kept { has_checkpoint: true, trained: self.trained });
         if self.replaces_measured { Ok(()) } else { self.publish(None) }
     }
 

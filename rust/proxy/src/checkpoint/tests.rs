@@ -39,16 +39,19 @@ fn resumed_training_equals_an_uninterrupted_one_bit_for_bit() {
         let path = folder.path().join("training.safetensors");
         let mut whole = trainer(config.clone(), kind);
         run(&mut whole, 25);
-        let mut first = trainer(config, kind);
+        let mut first = trainer(config.clone(), kind);
         run(&mut first, 11);
         first.save(&path).expect("saved");
+        let from_memory = trainer(config, kind).from_snapshot(first.snapshot().expect("weights"));
         drop(first);
-        let mut second = Trainer::resume(&path).expect("resumed");
-        run(&mut second, 14);
-        assert_eq!(whole.state.params, second.state.params, "weights");
-        assert_eq!(whole.state.mean, second.state.mean, "mean weights");
-        assert_eq!(whole.state.optimiser.second, second.state.optimiser.second, "moments");
-        assert_eq!(whole.info(), second.info());
+        let from_file = Trainer::resume(&path).expect("resumed");
+        for mut second in [from_file, from_memory] {
+            run(&mut second, 14);
+            assert_eq!(whole.state.params, second.state.params, "weights");
+            assert_eq!(whole.state.mean, second.state.mean, "mean weights");
+            assert_eq!(whole.state.optimiser.second, second.state.optimiser.second, "moments");
+            assert_eq!(whole.info(), second.info());
+        }
     }
 }
 
