@@ -12,10 +12,10 @@ use crate::{NetworkConfig, ProxyError, Rng, SizeRange};
 
 /// Narrowest network whose training is worth it (the table at the top of [`super`]): narrower ones wait for dispatches.
 const NARROWEST: usize = 128;
-/// Bytes of workgroup memory of `train/product_matrices.wgsl`, where it needs most, and its invocations and side of a tile.
+/// Bytes of workgroup memory of `train/product_matrices.wgsl`, where it needs most, its invocations, and the side of a tile.
 const MEMORY: u32 = 30 << 10;
 const INVOCATIONS: u32 = 256;
-const SIDE: u32 = 64;
+const TILE_SIDE: u32 = 64;
 /// Most error of a tensor's gradient at the start, as a share of its norm. Rounding to 11 bits is off by 3e-4 in the mean, in
 /// each of two factors; with that a thousandth of all units or less are on one side of their ReLU instead of the other,
 /// each with all of its gradient: the root of that share, 3 %; one to three were seen. Matrices in another order would be off by
@@ -37,7 +37,7 @@ pub(super) fn gradient_scale(samples: u32) -> f32 {
 
 /// Whether each subgroup has whole pairs of a tile's matrices, and workgroup memory suffices.
 fn fits(matrices: Matrices, gpu: &Gpu) -> bool {
-    let pairs = SIDE * SIDE / (2 * matrices.side * matrices.side);
+    let pairs = TILE_SIDE * TILE_SIDE / (2 * matrices.side * matrices.side);
     pairs.is_multiple_of(INVOCATIONS / matrices.subgroup) && MEMORY <= gpu.limits().workgroup_memory
 }
 
