@@ -43,9 +43,8 @@ test-rust: setup
 	$(CARGO) clippy --workspace --all-targets -- -D warnings
 	$(CARGO) test --workspace
 # The tests of GPUs once more, on a driver with matrices, with the kernels of release builds, which check nothing.
-	RELUME_GPU_UNCHECKED=1 $(NEWEST_DRIVER) $(CARGO) test -p relume-gpu --lib
-	RELUME_GPU_UNCHECKED=1 $(NEWEST_DRIVER) $(CARGO) test --workspace --exclude relume-gpu --lib -- gpu compare sorting device
-	RELUME_GPU_UNCHECKED=1 $(NEWEST_DRIVER) $(CARGO) test --workspace --exclude relume-gpu --test gpu
+	RELUME_GPU_UNCHECKED=1 $(NEWEST_DRIVER) $(CARGO) test --workspace --lib -- gpu compare sorting device driver matrices images
+	RELUME_GPU_UNCHECKED=1 $(NEWEST_DRIVER) $(CARGO) test --workspace --test gpu
 # CI builds this once, and needs the space for what comes after.
 	@[ -z "$$CI" ] || rm -rf target/debug target/tmp
 
@@ -56,9 +55,7 @@ test-python: wheel
 	$(PYTHON) -m pytest tests
 
 test-blender: extension-linux
-	@scripts/setup $(BLENDERS)
-	@scripts/install-wheel "$(WHEELS)" $(BLENDERS)
-	@scripts/test-blender $(BLENDERS)
+	@scripts/test-blender "$(WHEELS)" $(BLENDERS)
 
 # A real Blender with its window, on a virtual display; WINDOW="smoke" for less. Needs root, for chroot.
 window: extension-linux

@@ -51,4 +51,4 @@ pub use properties::Property;
 pub use timer::Timer;
 
 #[cfg(test)]
-mod tests;
+mod gpu_tests;

@@ -59,7 +59,7 @@ mod tests {
     use wgpu::CooperativeScalarType::{F16, F32};
 
     use super::*;
-    use crate::tests::gpu;
+    use crate::gpu_tests::gpu;
 
     fn of(size: [u32; 3], sums: wgpu::CooperativeScalarType) -> wgpu::CooperativeMatrixProperties {
         let [m_size, n_size, k_size] = size;
