@@ -339,6 +339,7 @@ fn remove(folder: &Path, beginnings: &[&str], names: &[&str]) -> Result<(), Sess
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::test_room::room;
     use crate::{Cancel, Listener, ObjView, Progress, obj_scene};
 
     #[derive(Default)]
@@ -355,8 +356,7 @@ mod tests {
 
     #[test]
     fn progress_of_a_part_is_that_of_all_samples_and_the_pace_that_of_new_ones() {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/room.obj");
-        let scene = obj_scene(&path, &ObjView { width: 8, height: 8, ..ObjView::default() }).unwrap();
+        let scene = obj_scene(&room(), &ObjView { width: 8, height: 8, ..ObjView::default() }).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let traced = Arc::new(Traced::default());
         let monitor = Monitor::new(traced.clone(), Cancel::default());

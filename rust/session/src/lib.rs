@@ -45,6 +45,8 @@ mod sizes;
 mod solve;
 mod sorting;
 mod targets;
+#[cfg(test)]
+mod test_room;
 mod threads;
 mod train;
 mod unit_cache;

@@ -3,6 +3,7 @@ mod world;
 use super::units::Units;
 use super::view::{Delivered, View};
 use super::*;
+use crate::test_room::room;
 use crate::{Compute, LightSet, Maker, Monitor, ObjView, RelightOptions, Relighter, With, bake, obj_scene};
 use glam::Vec3;
 use relume_dump::Dump;
@@ -12,7 +13,6 @@ use relume_scene::{Light, LightShape};
 
 /// The room of the tests, with a size in pixels.
 fn room(width: usize, height: usize) -> Arc<Scene> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/room.obj");
     let view = ObjView {
         up: relume_scene::UpAxis::Z,
         eye: Some(Vec3::new(0.0, -4.2, 1.0)),
@@ -21,7 +21,7 @@ fn room(width: usize, height: usize) -> Arc<Scene> {
         height,
         ..ObjView::default()
     };
-    Arc::new(obj_scene(&path, &view).unwrap())
+    Arc::new(obj_scene(&room(), &view).unwrap())
 }
 
 fn settings(samples: u32) -> TraceSettings {
