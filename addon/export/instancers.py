@@ -101,9 +101,11 @@ class Instancers:
     def placed_by(self, obj: bpy.types.Object) -> set[bpy.types.Object]:
         """Objects that an object itself instances, or would if nothing were hidden."""
         found = set(obj.children) if obj.instance_type in {"VERTS", "FACES"} else set()
-        for block in _blocks([_instanced_by(obj), *self.named_by(obj)]):
-            found |= {block} if isinstance(block, bpy.types.Object) else set(block.all_objects)
-        return found
+        return found.union(_objects_of(_blocks([_instanced_by(obj)])), *map(self.placed_by_modifier, obj.modifiers))
+
+    def placed_by_modifier(self, modifier: bpy.types.Modifier) -> set[bpy.types.Object]:
+        """The same of a modifier, also of one that is off."""
+        return _objects_of(self._in_modifier(modifier).blocks)
 
     def _shown_by(self, obj: bpy.types.Object) -> Iterator[tuple[bpy.types.Object, bool]]:
         """What an object itself may instance in renders, and whether that is shown even where it is hidden."""
@@ -254,6 +256,12 @@ def node_inputs(modifier: bpy.types.Modifier) -> list[tuple[str, Any]]:
 def _by_particles(settings: bpy.types.ParticleSettings) -> list[Any]:
     shown = {"OBJECT": settings.instance_object, "COLLECTION": settings.instance_collection}
     return [shown.get(settings.render_type)]
+
+
+def _objects_of(blocks: list[Block]) -> set[bpy.types.Object]:
+    """Objects, and those in collections."""
+    inside = (block.all_objects if isinstance(block, bpy.types.Collection) else [block] for block in blocks)
+    return {obj for objects in inside for obj in objects}
 
 
 def _blocks(values: list[Any]) -> list[Block]:
