@@ -1,5 +1,6 @@
 """What the first panel offers and says after a file was opened."""
 
+import shutil
 from types import SimpleNamespace
 
 import bpy
@@ -75,6 +76,29 @@ def test_a_stopped_bake_that_is_opened_again_can_go_on(studio, tmp_path, drawn):
     assert bpy.ops.relume.go_on() == {"FINISHED"}
     found = until(scene, lambda found: found.status["samples"] > kept, "more samples")
     assert found.status["samples_total"] == 4096, "the quality that it was started with"
+
+
+def test_a_bake_that_lost_its_manifest_and_one_that_was_moved_are_told_apart(studio, tmp_path, drawn):
+    path = tmp_path / "shot.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    start(studio)
+    folder = until(studio, lambda found: found.status["state"] == "ready", "the bake").folder
+    bpy.ops.wm.save_mainfile()
+    shot.close_all()
+
+    def panel():
+        bpy.ops.wm.open_mainfile(filepath=str(path))
+        handlers.open_bakes()
+        assert shot.of(bpy.context.scene) is None
+        return drawn(bpy.context.scene)
+
+    (folder / MANIFEST).unlink()
+    layout = panel()
+    assert f"manifest.json is missing or damaged in {folder}" in layout.words and "Find Bake" in layout.buttons
+    shutil.rmtree(folder)
+    main_panel._known.clear()
+    layout = panel()
+    assert f"The bake is not where it was: {folder}" in layout.words and "Find Bake" in layout.buttons
 
 
 @pytest.mark.parametrize("end", ["cancelled", "died"])
