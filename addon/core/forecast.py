@@ -59,8 +59,8 @@ class Forecast:
             case "trace":  # It tells of all paths, those too that are traced after learning.
                 later, missing = self._learning(status["to_learn"]), 0
             case "train":
-                comparing = (0.0, True) if _share(stage) >= COMPARED else self._comparing.at(samples)
-                later = [comparing, self._measuring.at(samples), *self._learning(status["to_learn"][1:])]
+                later = [self._left_to_compare(status), self._measuring.at(samples)]
+                later += self._learning(status["to_learn"][1:])
             case "measure":
                 later = self._learning(status["to_learn"][1:])
             case _:
@@ -70,6 +70,18 @@ class Forecast:
         traces = missing > 0 or stage["stage"] == "trace"
         seconds = stage["remaining_s"] + sum(seconds for seconds, _ in later)
         return Rest(seconds, all(is_whole for _, is_whole in later), traces) if later else None
+
+    def of_stage(self, status: dict[str, Any]) -> float | None:
+        """What is left of the present stage; None where nobody knows."""
+        stage = status["stage"]
+        if stage is None or stage["remaining_s"] is None or stage["stage"] != "train":
+            return stage and stage["remaining_s"]
+        seconds, is_known = self._left_to_compare(status)
+        return stage["remaining_s"] + seconds if is_known else None
+
+    def _left_to_compare(self, status: dict[str, Any]) -> Part:
+        """Pictures to compare with that are still to be made while lights are learned."""
+        return (0.0, True) if _share(status["stage"]) >= COMPARED else self._comparing.at(status["samples"])
 
     def _learning(self, all_samples: list[int]) -> list[Part]:
         """Learning kinds of light, each from so many paths per pixel."""

@@ -52,6 +52,8 @@ class Owed:
             status["samples_total"] = max(status["samples_total"], self.wanted.samples)
         self._forecast.note(status)
         status["rest"] = self._forecast.rest(status)
+        if status["stage"] is not None:  # The native module counts the time limit of learning alone.
+            status["stage"]["remaining_s"] = self._forecast.of_stage(status)
 
     def lacks_a_kind(self, status: dict[str, Any]) -> bool:
         """Whether a kind of light came into use after all was done that was asked for, and could be learned as well."""
