@@ -175,8 +175,11 @@ def test_all_that_is_left_is_told_by_the_paces_so_far():
     assert told("train", 16, [16], **begun) == (54.0 + 8.0 + 4.0 + 48.0, True, True)
     assert told("train", 64, [64, 64], **compared) == (30.0 + 4.0 + 60.0 + 8.0 + 4.0, False, False)
     assert told("measure", 64, [64], remaining_s=10.0) is None, "nothing follows"
+    assert told("measure", 16, [64], done=4, remaining_s=0.0) is None, (
+        "what was measured may be out of the list already"
+    )
     # Of learning alone it is not told before it is known how long pictures to compare with take.
-    assert of_stage == [None, None, 48.0, None, 30.0, 3.0, 3.0, 32.0, 54.0 + 8.0, 30.0, 10.0]
+    assert of_stage == [None, None, 48.0, None, 30.0, 3.0, 3.0, 32.0, 54.0 + 8.0, 30.0, 10.0, 0.0]
 
 
 def test_what_was_not_seen_to_be_traced_has_no_pace():

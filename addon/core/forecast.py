@@ -50,9 +50,9 @@ class Forecast:
                 self._measuring = _Seen(status["samples"], elapsed + left)
 
     def rest(self, status: dict[str, Any]) -> Rest | None:
-        """What is left; None before the present stage has a pace, and where nothing follows it."""
+        """What is left; None before the present stage has a pace, between two stages, and where nothing follows."""
         stage, samples = status["stage"], status["samples"]
-        if stage is None or stage["remaining_s"] is None:
+        if stage is None or stage["remaining_s"] is None or _share(stage) >= 1.0:
             return None
         missing = status["samples_total"] - samples
         match stage["stage"]:
