@@ -287,7 +287,7 @@ class Shot:
             return False
         shown = self.status["shown"] or {}
         waits = shown.get("request", 0) < self._request_number or not shown.get("settled", True)
-        return self.is_working or waits or self._world_task is not None
+        return self.is_working or waits or self._world_task is not None or self.lights.is_waiting
 
     @property
     def is_lively(self) -> bool:

@@ -76,14 +76,14 @@ class Artist:
     # Waiting
 
     def until_settled(self, seconds=WORK_SECONDS):
-        """Waits until nothing better is to come for the lights as they are, and the view shows it. On a slow machine
-        the picture of half the size is whole a moment before the full one is asked for after a drag, and lights are
-        read in turns, before any picture of them is asked for."""
+        """Waits until nothing better is to come for the lights as they are, and the view shows it: after a drag on a
+        slow machine the picture of half the size is whole a moment before the full one is asked for, and after undo
+        lights are read a moment later."""
 
         def is_settled():
             shot, frame = self.shot, self.shot.frame
-            is_read = not (shot.lights.is_waiting or shot.lights.is_forgotten)
-            return is_read and not shot.is_busy and frame.scale == 1 and self.serial_drawn == frame.serial
+            is_done = not shot.lights.is_forgotten and not shot.is_busy
+            return is_done and frame.scale == 1 and self.serial_drawn == frame.serial
 
         return self.driver.until(is_settled, lambda: f"the last picture; {self.words()}", seconds)
 
