@@ -27,6 +27,7 @@ class FakeLive:
             "world_is_stored": True,
             "proxies": {},
             "unlearned": [],
+            "to_learn": [],
             "device": "CPU, 2 threads",
             "warnings": [],
             "rarely_met": [],

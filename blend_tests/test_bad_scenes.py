@@ -47,10 +47,20 @@ def hide_all_from_renders(scene):
     scene.objects["Plane"].hide_render = True
 
 
+def empty_region(scene):
+    scene.render.use_border, scene.render.border_max_y = True, 0.0
+
+
+def spoil_camera(scene):
+    scene.camera.location.x = float("nan")
+
+
 @pytest.mark.parametrize(
     "spoil, word",
     [
         (spoil_vertex, "Plane"),
+        (empty_region, "The render region of scene 'Scene' is empty; draw it anew"),
+        (spoil_camera, "camera 'Camera': one of its values is not a finite number"),
         (remove_camera, "camera"),
         (remove_surfaces, "nothing to render"),
         (hide_all_from_renders, "nothing to render"),
@@ -75,6 +85,14 @@ def lose_texture(scene):
     scene.objects["Plane"].data.materials.append(material)
 
 
+def spoil_material(scene):
+    material, tree, output = add_material("Spoilt")
+    diffuse = tree.nodes.new("ShaderNodeBsdfDiffuse")
+    diffuse.inputs["Color"].default_value = (float("nan"), 0.0, 0.0, 1.0)
+    tree.links.new(diffuse.outputs[0], output.inputs["Surface"])
+    scene.objects["Plane"].data.materials.append(material)
+
+
 def flatten_object(scene):
     add_quad(scene, "Gone").scale = (0.0, 0.0, 0.0)
 
@@ -85,7 +103,15 @@ def collapse_triangle(scene):
     scene.collection.objects.link(bpy.data.objects.new("Needle", mesh))
 
 
-@pytest.mark.parametrize("spoil, word", [(lose_texture, "wood.png"), (flatten_object, "Gone"), (collapse_triangle, "")])
+@pytest.mark.parametrize(
+    "spoil, word",
+    [
+        (lose_texture, "wood.png"),
+        (flatten_object, "Gone"),
+        (collapse_triangle, ""),
+        (spoil_material, "material 'Spoilt': one of its values is not a finite number; taken as grey diffuse"),
+    ],
+)
 def test_small_damage_is_named_and_the_rest_is_baked(shot, tmp_path, capsys, spoil, word):
     spoil(shot)
     code, events = bake(tmp_path / "bake", capsys)

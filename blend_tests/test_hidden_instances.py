@@ -259,6 +259,34 @@ def by_inner_instances_on_faces(scene):
     return 1
 
 
+def by_a_hidden_instance_on_faces(scene):
+    lamps = inside(scene.collection, "Lamps", hide_render=True)
+    empty(lamps, two_inner_instances()).parent = carrier(scene, scene.collection)
+    return 0
+
+
+def by_a_hidden_child_of_faces_in_an_instance(scene):
+    rig = unlinked("Rig")
+    bulb(inside(rig, hide_render=True)).parent = carrier(scene, rig)
+    instancing(scene, rig)
+    return 0
+
+
+def by_a_hidden_child_of_faces_that_nodes_show(scene):
+    rig = unlinked("Rig")
+    bulb(inside(rig, hide_render=True)).parent = carrier(scene, rig)
+    scatter(scene.collection, rig)
+    return 0
+
+
+def by_a_child_of_faces_of_which_one_collection_is_hidden(scene):
+    rig = unlinked("Rig")
+    light = bulb(inside(rig, hide_render=True), inside(rig, "Other"))
+    light.parent = carrier(scene, rig)
+    instancing(scene, rig)
+    return 1
+
+
 WAYS = [
     *(in_a_collection, in_the_instanced_collection_itself, in_a_collection_of_a_hidden_one),
     *(in_another_collection_too, in_the_scene_too, by_one_of_two_inner_instances, behind_what_views_hide),
@@ -269,6 +297,8 @@ WAYS = [
     by_geometry_that_other_nodes_take_in,
     *(by_nodes_that_are_off_in_renders, by_particles_that_are_off_in_renders),
     *(by_separate_collections_that_nodes_show, though_hidden_separately_by_nodes, by_inner_instances_on_faces),
+    *(by_a_hidden_instance_on_faces, by_a_hidden_child_of_faces_in_an_instance),
+    *(by_a_hidden_child_of_faces_that_nodes_show, by_a_child_of_faces_of_which_one_collection_is_hidden),
 ]
 
 
@@ -294,9 +324,9 @@ def test_of_ways_that_are_not_understood_it_is_enough_that_the_light_is_shown(sc
     source = unlinked("Source")
     light = bulb(source)
     owner = scatter(scene.collection, source)
-    assert Instancers().renders(owner, (7, 7, 7, 7), light)
+    assert Instancers().renders(owner, (7, 7, 7, 7), light, lambda _: True)
     light.hide_render = True
-    assert not Instancers().renders(owner, (7, 7, 7, 7), light)
+    assert not Instancers().renders(owner, (7, 7, 7, 7), light, lambda _: True)
 
 
 def of_an_instance(scene):

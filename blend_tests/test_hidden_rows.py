@@ -6,7 +6,7 @@ import pytest
 from addon.core.rows import GROUP
 from addon.ui import mixer, rows
 from helpers import add_quad, row, update
-from instances import bulb, instancing, newest, scatter, unlinked
+from instances import bulb, instancing, newest, particles, scatter, unlinked
 
 
 def rig(scene):
@@ -105,6 +105,34 @@ def by_the_collection_of_the_second_that_shows_it(scene):
     return "by collection 'First' and 'Second'"
 
 
+def by_nodes_that_are_off_in_renders(scene):
+    lamps = unlinked("Lamps")
+    bulb(lamps)
+    owner = scatter(scene.collection, lamps)
+    owner.modifiers.new("Mirror", "MIRROR").show_render = False
+    owner.modifiers["Scatter"].show_render = False
+    return "by a switched-off modifier of 'Scatter'"
+
+
+def by_particles_that_are_off_in_views(scene):
+    lamps = unlinked("Lamps")
+    bulb(lamps)
+    lamps.hide_render = True
+    particles(scene, instance_collection=lamps)
+    bpy.data.objects["Meadow"].modifiers[0].show_viewport = False
+    return "by collection 'Lamps' and by a switched-off modifier of 'Meadow'"
+
+
+def by_nodes_that_show_nothing(scene):
+    lamps = unlinked("Lamps")
+    bulb(lamps)
+    owner = scatter(scene.collection, lamps)
+    owner.modifiers.new("Mirror", "MIRROR").show_render = False
+    line = next(node for node in owner.modifiers[0].node_group.nodes if node.bl_idname == "GeometryNodeMeshLine")
+    line.inputs["Count"].default_value = 0
+    return "though nothing is switched off: what could show it has no instance of it"
+
+
 def by_a_hidden_carrier(scene):
     carrier = add_quad(scene, "Carrier")
     carrier.instance_type, carrier.hide_render = "FACES", True
@@ -116,6 +144,7 @@ WAYS = [
     *(by_the_key_h, in_views, in_renders, by_the_eye_of_its_collection, by_an_excluded_collection),
     *(by_its_collection_in_renders, inside_of_an_instance, by_an_instance_in_renders, by_an_instance_in_views),
     *(by_an_instance_within_another, by_what_nodes_scatter, by_the_collection_of_the_second_that_shows_it),
+    *(by_nodes_that_are_off_in_renders, by_particles_that_are_off_in_views, by_nodes_that_show_nothing),
     by_a_hidden_carrier,
 ]
 

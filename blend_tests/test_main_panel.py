@@ -1,5 +1,6 @@
 """What the first panel offers and says after a file was opened."""
 
+import shutil
 from types import SimpleNamespace
 
 import bpy
@@ -8,7 +9,7 @@ import pytest
 from addon.core import status, wanted
 from addon.core.bake_folder import MANIFEST
 from addon.engine import options, shot
-from addon.ui import handlers, main_panel, rows
+from addon.ui import handlers, main_panel
 from addon.ui.start import start
 from fake_live import FakeLive
 from helpers import until
@@ -75,6 +76,29 @@ def test_a_stopped_bake_that_is_opened_again_can_go_on(studio, tmp_path, drawn):
     assert bpy.ops.relume.go_on() == {"FINISHED"}
     found = until(scene, lambda found: found.status["samples"] > kept, "more samples")
     assert found.status["samples_total"] == 4096, "the quality that it was started with"
+
+
+def test_a_bake_that_lost_its_manifest_and_one_that_was_moved_are_told_apart(studio, tmp_path, drawn):
+    path = tmp_path / "shot.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    start(studio)
+    folder = until(studio, lambda found: found.status["state"] == "ready", "the bake").folder
+    bpy.ops.wm.save_mainfile()
+    shot.close_all()
+
+    def panel():
+        bpy.ops.wm.open_mainfile(filepath=str(path))
+        handlers.open_bakes()
+        assert shot.of(bpy.context.scene) is None
+        return drawn(bpy.context.scene)
+
+    (folder / MANIFEST).unlink()
+    layout = panel()
+    assert f"manifest.json is missing or damaged in {folder}" in layout.words and "Find Bake" in layout.buttons
+    shutil.rmtree(folder)
+    main_panel._known.clear()
+    layout = panel()
+    assert f"The bake is not where it was: {folder}" in layout.words and "Find Bake" in layout.buttons
 
 
 @pytest.mark.parametrize("end", ["cancelled", "died"])
@@ -168,28 +192,46 @@ def test_notes_that_say_the_same_of_several_lights_are_one(lit, drawn):
     assert shot.of(lit).notes[0] in drawn(lit).words
 
 
-def test_what_is_to_be_learned_is_said_while_paths_are_traced(lit, drawn):
+def tracing(samples, total, seconds_each):
+    """What the native module tells of the stage that traces."""
+    left = (total - samples) * seconds_each
+    return {
+        **{"stage": "trace", "done": 100 * samples, "total": 100 * total, "message": ""},
+        **{"elapsed_s": samples * seconds_each, "remaining_s": left},
+    }
+
+
+def test_how_long_all_will_take_is_said_while_paths_are_traced(lit, drawn):
     start(lit)
     live = FakeLive.made[-1]
-    words = "Then 1:00 or more of learning"
-    live.tell(state="baking", samples=4, samples_total=64, unlearned=["facing-disk"])
+    live.tell(state="baking", samples=4, samples_total=64, stage=tracing(4, 64, 2.0), to_learn=[64])
     live.show()
     handlers.tick()
-    assert words in drawn(lit).words
-    shot.of(lit).relight([], rows.mix(lit, []), interactive=True)
-    live.tell(unlearned=[])
+    assert "At least 3:00 until all is traced and learned" in drawn(lit).words
+    live.tell(state="ready", samples=64, stage=None, to_learn=[])
     handlers.tick()
-    assert words in drawn(lit).words, "nothing is told of kinds while something is dragged"
-    live.tell(state="ready", samples=64)
-    handlers.tick()
-    assert words not in drawn(lit).words
+    assert not any("until all is" in words for words in drawn(lit).words)
 
 
-def test_what_follows_is_said_of_a_real_bake(studio):
-    studio.relume.samples, options.preferences().train_seconds = 4096, 1.0
+@pytest.mark.parametrize("samples", [128, 512])
+def test_how_long_a_real_bake_will_take_is_said(studio, samples):
+    """Lights are learned from 64 samples. That does for twice as many; of more, they are learned again."""
+    studio.relume.samples, options.preferences().train_seconds = samples, 1.0
     start(studio)
-    found = until(studio, lambda found: found.status["state"] == "training", "the first learning")
-    assert status.to_come(found.status) == "Then 4032 more samples"
-    until(studio, lambda found: found.status["proxies"] and found.is_tracing, "the other samples")
-    assert status.to_come(found.status) == "", "what was learned may do"
-    found.cancel()
+    told = []
+
+    def is_done(found):
+        if (rest := found.status["rest"]) is not None:
+            told.append((found.status["stage"]["stage"], found.status["to_learn"], rest))
+        return found.status["state"] == "ready"
+
+    found = until(studio, is_done, "the end")
+    assert found.status["samples"] == samples and status.to_come(found.status) == ""
+    assert {"trace", "train", "measure"} <= {name for name, _, _ in told}
+    assert told[0][1] == ([64] if samples == 128 else [64, 512])
+    for name, to_learn, rest in told:
+        learned = len(to_learn) - (name != "trace")
+        assert rest.seconds > learned, "each learning that is still to come takes its time"
+        assert rest.traces == (name == "trace" or to_learn[0] == 64)
+        # What more samples will take to learn from is not known.
+        assert not rest.is_whole or (name == "measure" and samples == 128)

@@ -150,7 +150,7 @@ def test_many_lights_are_read_in_turns_and_asked_for_once_all_are(lit, street, m
     for obj in lit.objects:
         obj.location.x = 1.0
     update()
-    assert found.lights.is_waiting and found.present_frame is None
+    assert found.lights.is_waiting and found.is_busy and found.present_frame is None
     turns = 0
     while found.lights.is_waiting:
         assert len(street.requests) == before, "not with some lights moved and others not"

@@ -68,7 +68,9 @@ def test_a_picture_is_drawn_at_once(bake):
 
 
 def test_another_state_is_drawn_at_once_and_again_when_the_panels_have_moved(bake, lit):
-    for change in ({"paused": True}, {"error": "no space left"}, {"state": "cancelled", "stage": None}):
+    stage = {"stage": "trace", "done": 1, "total": 100, "elapsed_s": 1.0, "remaining_s": 99.0}
+    more_is_told = {"stage": stage, "to_learn": [4]}
+    for change in (more_is_told, {"paused": True}, {"error": "no space left"}, {"state": "cancelled", "stage": None}):
         bake.drawn.clear()
         bake.live.tell(**change)
         assert bake.turn()

@@ -17,6 +17,7 @@ from addon.engine.commands import run
 from addon.engine.options import remember_bake
 from addon.engine.render_engine import ALBEDO_HERE
 from addon.engine.scene import load_scene
+from addon.export.camera import film_border
 from addon.ui import render as ui
 from addon.ui import rows
 from addon.viewport import rendered
@@ -172,7 +173,7 @@ def test_the_render_border_is_a_part_of_the_picture(shot, tmp_path):
     settings = shot.render
     settings.use_border = True
     settings.border_min_x, settings.border_max_x, settings.border_min_y, settings.border_max_y = 0.25, 0.7, 0.1, 0.6
-    left, bottom, width, height = render_engine.border(settings)
+    left, bottom, width, height = film_border(settings)
     assert (left, bottom, width, height) == (12, 3, 21, 16)
     part = whole[32 - bottom - height : 32 - bottom, left : left + width]
     bordered = render(shot, tmp_path)["Combined"]

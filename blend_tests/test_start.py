@@ -98,9 +98,22 @@ def fails_with(number):
     return mistake
 
 
+def no_pixels(scene, _folder, _monkeypatch):
+    scene.render.resolution_x, scene.render.resolution_percentage = 99, 1
+    return "The picture of scene 'Scene' has no pixels; raise the resolution"
+
+
+def empty_region(scene, _folder, _monkeypatch):
+    render = scene.render
+    render.use_border, render.border_min_x, render.border_max_x = True, 0.5, 0.501
+    return "The render region of scene 'Scene' is empty; draw it anew"
+
+
 MISTAKES = {
     "no camera": no_camera,
     "panorama": panorama,
+    "no pixels": no_pixels,
+    "empty region": empty_region,
     "file in the way": file_in_the_way,
     "beside no file": beside_no_file,
     "disk full": fails_with(errno.ENOSPC),

@@ -3,6 +3,7 @@
 import pytest
 
 from addon.core import status, words
+from addon.core.forecast import Forecast, Rest
 from addon.engine.shot import EMPTY
 from addon.ui.panel import lines
 
@@ -11,8 +12,9 @@ def state(**changes):
     return EMPTY | changes
 
 
-def stage(name, done=1, total=4, remaining_s=65.0):
-    return {"stage": name, "done": done, "total": total, "elapsed_s": 1.0, "remaining_s": remaining_s, "message": ""}
+def stage(name, done=1, total=4, remaining_s=65.0, elapsed_s=1.0):
+    times = {"elapsed_s": elapsed_s, "remaining_s": remaining_s}
+    return {"stage": name, "done": done, "total": total, **times, "message": ""}
 
 
 SAYINGS = [
@@ -132,22 +134,59 @@ def test_progress_is_of_running_work_only():
 
 
 TO_COME = [
-    (state(state="baking", train_seconds=60.0, kinds_to_learn=2), "Then 2:00 or more of learning"),
-    (state(state="baking", train_seconds=0.0, kinds_to_learn=2), ""),
-    (state(state="baking", train_seconds=60.0), ""),
-    (state(state="training", train_seconds=60.0, samples=64, samples_total=256), "Then 192 more samples"),
-    (
-        state(state="training", train_seconds=60.0, kinds_to_learn=3, samples=64, samples_total=64),
-        "Then 2:00 or more for other types of light",
-    ),
-    (state(state="training", train_seconds=60.0, kinds_to_learn=1, samples=64, samples_total=64), ""),
-    (state(state="ready", train_seconds=60.0, kinds_to_learn=1, samples=64, samples_total=64), ""),
+    (state(state="baking", rest=Rest(185.0, False, True)), "At least 3:05 until all is traced and learned"),
+    (state(state="training", rest=Rest(185.0, True, True)), "About 3:05 until all is traced and learned"),
+    (state(state="training", rest=Rest(65.0, True, False)), "About 1:05 until all is learned"),
+    (state(state="cancelled", rest=Rest(65.0, True, False)), ""),
+    (state(state="baking"), ""),
 ]
 
 
 @pytest.mark.parametrize("told, said", TO_COME)
-def test_what_follows_the_present_stage_is_said_as_far_as_it_is_known(told, said):
+def test_how_long_all_that_is_left_will_take_is_said(told, said):
     assert status.to_come(told) == said
+
+
+def working(name, samples, to_learn, **stage_values):
+    return state(stage=stage(name, **stage_values), samples=samples, samples_total=64, to_learn=to_learn)
+
+
+def test_all_that_is_left_is_told_by_the_paces_so_far():
+    forecast, of_stage = Forecast(60.0), []
+
+    def told(*values, **stage_values):
+        told = working(*values, **stage_values)
+        forecast.note(told)
+        of_stage.append(forecast.of_stage(told))
+        return forecast.rest(told)
+
+    assert told("prepare", 0, [16, 64], remaining_s=None) is None
+    assert told("trace", 0, [16, 64], done=0, remaining_s=None) is None
+    # A second for each of 64 samples; of 16 samples and of all of them a minute each, and what nobody knows yet.
+    assert told("trace", 16, [16, 64], done=1600, total=6400, remaining_s=48.0) == (168.0, False, True)
+    begun = {"done": 10, "total": 100, "remaining_s": 54.0, "elapsed_s": 6.0}
+    assert told("train", 16, [16, 64], **begun) == (54.0 + 60.0 + 48.0, False, True)
+    # Eight seconds of pictures to compare with, and four of measuring; more of both with more samples.
+    compared = {"done": 50, "total": 100, "remaining_s": 30.0, "elapsed_s": 38.0}
+    assert told("train", 16, [16, 64], **compared) == (30.0 + 60.0 + 8.0 + 48.0, False, True)
+    assert told("measure", 16, [16, 64], remaining_s=3.0) == (3.0 + 72.0 + 48.0, False, True)
+    assert told("measure", 16, [16, 16], remaining_s=3.0) == (3.0 + 72.0 + 48.0, True, True)
+    assert told("trace", 32, [64], done=3200, total=6400, remaining_s=32.0) == (32.0 + 72.0, False, True)
+    assert told("train", 16, [16], **begun) == (54.0 + 8.0 + 4.0 + 48.0, True, True)
+    assert told("train", 64, [64, 64], **compared) == (30.0 + 4.0 + 60.0 + 8.0 + 4.0, False, False)
+    assert told("measure", 64, [64], remaining_s=10.0) is None, "nothing follows"
+    assert told("measure", 16, [64], done=4, remaining_s=0.0) is None, (
+        "what was measured may be out of the list already"
+    )
+    # Of learning alone it is not told before it is known how long pictures to compare with take.
+    assert of_stage == [None, None, 48.0, None, 30.0, 3.0, 3.0, 32.0, 54.0 + 8.0, 30.0, 10.0, 0.0]
+
+
+def test_what_was_not_seen_to_be_traced_has_no_pace():
+    forecast = Forecast(60.0)
+    told = working("measure", 16, [16], remaining_s=3.0)
+    forecast.note(told)
+    assert forecast.rest(told) == (3.0, False, True), "in a bake that was opened again"
 
 
 def test_long_messages_are_broken_between_words():

@@ -42,6 +42,23 @@ def is_bake(folder: Path) -> bool:
     return isinstance(manifest, dict) and {"scene_hash", "passes", "tile_size"} <= manifest.keys()
 
 
+def why_no_bake(folder: Path) -> str:
+    """Why the folder that a file remembers its bake in is none."""
+    if next(folder.glob("tile_*.safetensors"), None) is not None:
+        return f"{MANIFEST} is missing or damaged in {folder}"
+    return f"The bake is not where it was: {folder}"
+
+
+def lost_of_proxies(folder: Path) -> list[str]:
+    """What is missing of the proxies in a folder, in whose learning nobody was interrupted, by what is left of them."""
+    patterns = ("proxy_*.safetensors", "proxy_*.json", "training_*.safetensors")
+    kinds = {file.stem.partition("_")[2] for pattern in patterns for file in folder.glob(pattern)}
+    names = [name for kind in sorted(kinds) for name in (f"proxy_{kind}.safetensors", f"proxy_{kind}.json")]
+    effect = "so that lights of its type are summed from the samples"
+    advice = "restore it, or press Rebake to have them learned again"
+    return [f"{name} is missing in {folder}, {effect}: {advice}" for name in names if not (folder / name).exists()]
+
+
 def camera_of(folder: Path) -> str:
     """Name of the camera that a bake was made with; empty if it cannot be read."""
     try:

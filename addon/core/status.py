@@ -121,14 +121,9 @@ def progress(status: dict[str, Any]) -> tuple[float, str] | None:
 
 
 def to_come(status: dict[str, Any]) -> str:
-    """What follows the present stage, as far as it is known; empty if nothing is. Learning takes its time limit at
-    least: it is measured then, and done again where many more samples have come."""
-    each, kinds = status["train_seconds"], status["kinds_to_learn"]
-    match status["state"]:
-        case "baking" if each * kinds > 0.0:
-            return f"Then {clock(each * kinds)} or more of learning"
-        case "training" if lacks_samples(status):
-            return f"Then {status['samples_total'] - status['samples']} more samples"
-        case "training" if kinds > 1:  # The first is being learned.
-            return f"Then {clock(each * (kinds - 1))} or more for other types of light"
-    return ""
+    """How long all that is left will take, where something follows the present stage; empty as long as nobody knows."""
+    rest = status["rest"]
+    if rest is None or status["state"] not in {"baking", "training"}:
+        return ""
+    about = "About" if rest.is_whole else "At least"
+    return f"{about} {clock(rest.seconds)} until all is {'traced and ' if rest.traces else ''}learned"

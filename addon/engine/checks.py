@@ -9,7 +9,7 @@ from pathlib import Path
 import bpy
 
 from ..core.disk import expected_size, free_space, in_words
-from ..export.camera import film_size
+from ..export.camera import film_size, why_no_picture
 from . import background, cache, shot
 from .options import FolderError, bake_folder, options_of
 
@@ -28,6 +28,8 @@ def check_start(scene: bpy.types.Scene, folder: Path | None = None) -> None:
     if camera.data.type not in {"PERSP", "ORTHO"}:
         kind = camera.data.type.lower()
         raise ProblemError(f"Camera '{camera.name}' is {kind}; Relume needs a perspective or orthographic one")
+    if words := why_no_picture(scene):
+        raise ProblemError(words)
     try:
         folder = folder or bake_folder(scene)
     except FolderError as error:

@@ -17,17 +17,25 @@ def still_hides(context: bpy.types.Context, light: bpy.types.Object) -> str | No
     lights.read(context.evaluated_depsgraph_get(), 0.0)
     if lights.shows(light.session_uid):
         return None
-    instancers = _instancers_of(light, context.scene)
-    ways = {light, *instancers}
-    collections = [found for found in _hidden_collections(view_layer) if not ways.isdisjoint(found.all_objects)]
-    objects = [obj for obj in instancers if _is_hidden(obj, view_layer)]
-    named = [("collection", sorted(map(name_of, collections))), ("object", sorted(map(name_of, objects)))]
-    return " and ".join(f"by {kind} {listed(names)}" for kind, names in named if names)
-
-
-def _instancers_of(light: bpy.types.Object, scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """Objects by way of which a scene may show a light, hidden or not."""
     instancers = Instancers()
+    owners = _owners_of(light, context.scene, instancers)
+    ways = {light, *owners}
+    collections = [found for found in _hidden_collections(view_layer) if not ways.isdisjoint(found.all_objects)]
+    objects = [obj for obj in owners if _is_hidden(obj, view_layer)]
+    switched_off = [obj for obj in owners if any(_is_off(found, ways, instancers) for found in obj.modifiers)]
+    blocks = {"collection": collections, "object": objects, "a switched-off modifier of": switched_off}
+    named = [f"by {kind} {listed(sorted(map(name_of, found)))}" for kind, found in blocks.items() if found]
+    return " and ".join(named) or "though nothing is switched off: what could show it has no instance of it"
+
+
+def _is_off(modifier: bpy.types.Modifier, ways: set[bpy.types.Object], instancers: Instancers) -> bool:
+    """Whether renders or views lack what a modifier would show of some objects."""
+    is_on = modifier.show_render and modifier.show_viewport
+    return not is_on and not ways.isdisjoint(instancers.placed_by_modifier(modifier))
+
+
+def _owners_of(light: bpy.types.Object, scene: bpy.types.Scene, instancers: Instancers) -> list[bpy.types.Object]:
+    """Objects by way of which a scene may show a light, hidden or not."""
     placed: dict[bpy.types.Object, set[bpy.types.Object]] = {}
     todo = list(scene.objects)
     while todo:

@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from ..core import wanted
+from ..core.bake_folder import lost_of_proxies
+from ..core.forecast import Forecast
 from .options import Options
 
 
@@ -19,14 +21,17 @@ class Owed:
         self._options = options
         self._is_asked_for = False
         """Whether this shot was baked, and not opened alone."""
-        self._unlearned = 0
-        """Kinds of light in use that have not been learned yet."""
+        self._forecast = Forecast(options.train_seconds)
         self._taken_up: set[str] = set()
         """Kinds of light that were learned after all else was done, or were to be."""
 
     def read(self) -> None:
         """Takes what the folder says, of a bake that is opened."""
         self.wanted = wanted.read(self.folder)
+
+    def lost_of_proxies(self) -> list[str]:
+        """What is missing of what was learned; nothing where learning was interrupted."""
+        return lost_of_proxies(self.folder) if self.wanted is None else []
 
     def note_bake(self) -> None:
         """A bake begins."""
@@ -37,17 +42,18 @@ class Owed:
         self.wanted = wanted.Wanted(samples, self._options.train_seconds)
         self.wanted.write(self.folder)
 
-    def note(self, status: dict[str, Any], is_dragging: bool) -> None:
-        """Takes a new status, and tells in it what is owed. While something is dragged it says nothing of kinds."""
-        if not is_dragging:
-            self._unlearned = len(status["unlearned"])
-        status |= {"train_seconds": self._options.train_seconds, "kinds_to_learn": self._unlearned}
+    def note(self, status: dict[str, Any]) -> None:
+        """Takes a new status, and tells in it what is owed and how long that will take."""
         if self._is_asked_for and status["state"] == "ready":
             wanted.forget(self.folder)
             self.wanted = None
         status["is_owed"] = self.wanted is not None
         if self.wanted is not None:
             status["samples_total"] = max(status["samples_total"], self.wanted.samples)
+        self._forecast.note(status)
+        status["rest"] = self._forecast.rest(status)
+        if status["stage"] is not None:  # The native module counts the time limit of learning alone.
+            status["stage"]["remaining_s"] = self._forecast.of_stage(status)
 
     def lacks_a_kind(self, status: dict[str, Any]) -> bool:
         """Whether a kind of light came into use after all was done that was asked for, and could be learned as well."""

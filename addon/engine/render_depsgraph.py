@@ -14,6 +14,8 @@ from typing import Any, Generic, TypeVar
 
 import bpy
 
+from ..export.camera import why_no_picture
+
 Result = TypeVar("Result")
 Stop = Callable[[], bool]
 """Whether the work should end."""
@@ -55,9 +57,11 @@ _reading: set[int] = set()
 
 
 class RenderTask(Generic[Result]):
-    """Work with a render-mode depsgraph, and what came of it."""
+    """Work with a render-mode depsgraph, and what came of it. Raises RuntimeError of a scene without a picture."""
 
     def __init__(self, scene: bpy.types.Scene, work: Callable[[bpy.types.Depsgraph, Stop], Result]):
+        if words := why_no_picture(scene):  # Blender would not say of which scene.
+            raise RuntimeError(words)
         self.scene_name, self.scene_uid = scene.name, scene.session_uid
         self.work = work
         self.started = self.cancelled = False

@@ -22,7 +22,7 @@ from ..core.progress import progress_line
 from ..core.rows import NEUTRAL
 from ..core.words import grouped, listed
 from ..export import ExportOptions, trace_settings
-from ..export.camera import film_size
+from ..export.camera import film_border, film_size
 from . import shot
 from .checks import folders_in_use
 from .native import native
@@ -241,7 +241,7 @@ class _FinalRender:
         for name, channels, letters, _ in self.passes.declare(list(picture["lights"])):
             if name != COMBINED:
                 self.engine.add_pass(name, channels, letters, layer=layer_name)
-        x, y, width, height = border(self.scene.render)
+        x, y, width, height = film_border(self.scene.render)
         result = self.engine.begin_result(0, 0, width, height, layer=layer_name)
         try:
             for render_pass in result.layers[0].passes:
@@ -280,16 +280,6 @@ class _FinalRender:
             y = top + (bottom - top) * (np.arange(height) + 0.5) / height
             depth = distance * (-z / np.sqrt(x**2 + y[:, None] ** 2 + z**2))[..., None]
         return np.where(distance > 0.0, depth, NOTHING_HIT)
-
-
-def border(settings: bpy.types.RenderSettings) -> tuple[int, int, int, int]:
-    """Left, bottom, width and height in pixels of what Blender renders of the whole picture."""
-    width, height = film_size(settings)
-    if not settings.use_border:
-        return 0, 0, width, height
-    left, right = int(settings.border_min_x * width), int(settings.border_max_x * width)
-    bottom, top = int(settings.border_min_y * height), int(settings.border_max_y * height)
-    return left, bottom, right - left, top - bottom
 
 
 def _is_free(folder: Path) -> bool:

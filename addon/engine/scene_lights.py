@@ -190,10 +190,7 @@ class SceneLights:
             owner, is_rendered = instance.parent.original if instance.is_instance else light, True
             if instance.is_instance:
                 self._instancers |= {owner.session_uid, light.session_uid}
-                is_child = light.parent == owner and _is_replaced(light)
-                is_rendered = (
-                    light in rendered if is_child else instancers.renders(owner, instance.persistent_id, light)
-                )
+                is_rendered = instancers.renders(owner, instance.persistent_id, light, rendered.__contains__)
             # Of what the eye of a collection hides Blender tells here all the same.
             is_seen = instance.show_self and owner.visible_get(view_layer=layer)
             if is_seen and is_rendered and owner in rendered and not _is_replaced(owner):

@@ -38,17 +38,17 @@ EMPTY: dict[str, Any] = {
     "world_is_stored": True,
     "proxies": {},
     "unlearned": [],
+    "to_learn": [],
     "device": "",
     "warnings": [],
     "rarely_met": [],
     "error": None,
     "shown": None,
-    "train_seconds": 0.0,
-    "kinds_to_learn": 0,
+    "rest": None,
     "is_owed": False,
     "is_under_another_world": False,
 }
-"""What the native module tells, what is to be learned, and whether the folder lacks something that was asked for."""
+"""What the native module tells, how long the rest takes, and whether the folder lacks something that was asked for."""
 LIVELY_SECONDS = 2.0
 TRACING = {"preparing", "baking"}
 WORKING = TRACING | {"training"}
@@ -123,6 +123,7 @@ class Shot:
         shot = cls._replace(scene, dataclasses.replace(options, folder=folder), record.read(folder))
         shot.is_recorded = True
         shot._owed.read()
+        shot.warnings += shot._owed.lost_of_proxies()
         if shot.changes.recording:
             shot._camera_uid = None
             shot.warnings.append("This bake says nothing of its scene: what changed before it was opened is not seen")
@@ -286,7 +287,7 @@ class Shot:
             return False
         shown = self.status["shown"] or {}
         waits = shown.get("request", 0) < self._request_number or not shown.get("settled", True)
-        return self.is_working or waits or self._world_task is not None
+        return self.is_working or waits or self._world_task is not None or self.lights.is_waiting
 
     @property
     def is_lively(self) -> bool:
@@ -390,7 +391,7 @@ class Shot:
         self._news = time.monotonic()
         self._status_text = text
         self.status = json.loads(text) | (self._of_whole() if self._passes.turns.is_away else {})
-        self._owed.note(self.status, self._is_interactive)
+        self._owed.note(self.status)
         self.status["is_under_another_world"] = self._is_under_another_world()
         self.changes.note_world(self.status["world_map"], self.status["world_color"])
         if frame:

@@ -8,7 +8,7 @@ import bpy
 
 
 class UnsupportedCameraError(Exception):
-    """A projection that Relume does not have."""
+    """A camera that Relume cannot take."""
 
 
 def film_size(render: bpy.types.RenderSettings, percentage: int | None = None) -> tuple[int, int]:
@@ -18,6 +18,26 @@ def film_size(render: bpy.types.RenderSettings, percentage: int | None = None) -
     return width, height
 
 
+def film_border(render: bpy.types.RenderSettings) -> tuple[int, int, int, int]:
+    """Left, bottom, width and height in pixels of what Blender renders of the whole picture."""
+    width, height = film_size(render)
+    if not render.use_border:
+        return 0, 0, width, height
+    left, right = int(render.border_min_x * width), int(render.border_max_x * width)
+    bottom, top = int(render.border_min_y * height), int(render.border_max_y * height)
+    return left, bottom, right - left, top - bottom
+
+
+def why_no_picture(scene: bpy.types.Scene) -> str:
+    """Why Blender would render nothing of a scene, and what to do; empty if there are pixels to render."""
+    render = scene.render
+    if min(render.resolution_x, render.resolution_y) * render.resolution_percentage < 100:
+        return f"The picture of scene '{scene.name}' has no pixels; raise the resolution or its percentage"
+    if min(film_border(render)[2:]) < 1:
+        return f"The render region of scene '{scene.name}' is empty; draw it anew or switch it off"
+    return ""
+
+
 def camera_json(camera: bpy.types.Object, scene: bpy.types.Scene, size: tuple[int, int]) -> str:
     """The JSON form of `BlenderCamera` for an evaluated camera object and a film of `size` pixels."""
     data, render = camera.data, scene.render
@@ -25,23 +45,28 @@ def camera_json(camera: bpy.types.Object, scene: bpy.types.Scene, size: tuple[in
         raise UnsupportedCameraError(
             f"camera '{camera.name}': {data.type.lower()} projection is not supported; use perspective or orthographic"
         )
-    return json.dumps(
-        {
-            "name": camera.name,
-            "world_from_object": [list(row) for row in camera.matrix_world],
-            "projection": "perspective" if data.type == "PERSP" else "orthographic",
-            "resolution": list(size),
-            "pixel_aspect": [render.pixel_aspect_x, render.pixel_aspect_y],
-            "sensor_fit": data.sensor_fit,
-            "sensor": [data.sensor_width, data.sensor_height],
-            "lens": data.lens,
-            "ortho_scale": data.ortho_scale,
-            "shift": [data.shift_x, data.shift_y],
-            "clip_start": data.clip_start,
-            "clip_end": data.clip_end,
-            "depth_of_field": _depth_of_field(camera) if data.dof.use_dof else None,
-        }
-    )
+    description = {
+        "name": camera.name,
+        "world_from_object": [list(row) for row in camera.matrix_world],
+        "projection": "perspective" if data.type == "PERSP" else "orthographic",
+        "resolution": list(size),
+        "pixel_aspect": [render.pixel_aspect_x, render.pixel_aspect_y],
+        "sensor_fit": data.sensor_fit,
+        "sensor": [data.sensor_width, data.sensor_height],
+        "lens": data.lens,
+        "ortho_scale": data.ortho_scale,
+        "shift": [data.shift_x, data.shift_y],
+        "clip_start": data.clip_start,
+        "clip_end": data.clip_end,
+        "depth_of_field": _depth_of_field(camera) if data.dof.use_dof else None,
+    }
+    try:
+        return json.dumps(description, allow_nan=False)
+    except ValueError as error:
+        raise UnsupportedCameraError(
+            f"camera '{camera.name}': one of its values is not a finite number; set its transform and lens, or what "
+            "drives them, anew"
+        ) from error
 
 
 def _depth_of_field(camera: bpy.types.Object) -> dict[str, float]:

@@ -4,7 +4,7 @@ itself. Of nodes and particle settings it is read what they name: what becomes o
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import bpy
@@ -12,6 +12,8 @@ import bpy
 Block: TypeAlias = bpy.types.Object | bpy.types.Collection
 Way: TypeAlias = tuple[int, ...]
 """What is left of a persistent id, from the outermost to the innermost."""
+Shown: TypeAlias = Callable[[bpy.types.Object], bool]
+"""Whether renders show an object in some place, neither hidden itself nor by collections."""
 NO_NUMBER = 2**31 - 1
 """Fills persistent ids."""
 
@@ -101,9 +103,11 @@ class Instancers:
     def placed_by(self, obj: bpy.types.Object) -> set[bpy.types.Object]:
         """Objects that an object itself instances, or would if nothing were hidden."""
         found = set(obj.children) if obj.instance_type in {"VERTS", "FACES"} else set()
-        for block in _blocks([_instanced_by(obj), *self.named_by(obj)]):
-            found |= {block} if isinstance(block, bpy.types.Object) else set(block.all_objects)
-        return found
+        return found.union(_objects_of(_blocks([_instanced_by(obj)])), *map(self.placed_by_modifier, obj.modifiers))
+
+    def placed_by_modifier(self, modifier: bpy.types.Modifier) -> set[bpy.types.Object]:
+        """The same of a modifier, also of one that is off."""
+        return _objects_of(self._in_modifier(modifier).blocks)
 
     def _shown_by(self, obj: bpy.types.Object) -> Iterator[tuple[bpy.types.Object, bool]]:
         """What an object itself may instance in renders, and whether that is shown even where it is hidden."""
@@ -125,44 +129,47 @@ class Instancers:
         """Whether there are lights among what an object may instance."""
         return any(found.type == "LIGHT" for found in self.reached_from(obj))
 
-    def renders(self, owner: bpy.types.Object, way: Sequence[int], light: bpy.types.Object) -> bool:
+    def renders(self, owner: bpy.types.Object, way: Sequence[int], light: bpy.types.Object, is_rendered: Shown) -> bool:
         """Whether renders too show an instance of a light that a view shows. `way` is its persistent id, which says,
         from the innermost to the outermost, by which objects it is shown. Of particles it does not, nor of nodes that
         take a collection apart: it is enough there that they show the light at all. So it is where nodes do what is not
-        known here."""
+        known here. `is_rendered` tells of the scene's own objects."""
         numbers = tuple(number for number in reversed(way) if number != NO_NUMBER)
         # Which of their instances it is says nothing of points and faces, of which there may be thousands.
         key = owner, light, numbers if _instanced_by(owner) else numbers[1:]
         if key not in self._rendered:
-            found = list(self._instances(owner, numbers, light))
+            found = list(self._instances(owner, numbers, light, is_rendered))
             self._rendered[key] = any(found) if found else light in self.reached_from(owner)
         return self._rendered[key]
 
-    def _instances(self, by: bpy.types.Object, way: Way, light: bpy.types.Object) -> Iterator[bool]:
-        """Whether renders show the light, of each thing that an object instances and the way may lead by to it."""
+    def _instances(self, by: bpy.types.Object, way: Way, light: bpy.types.Object, is_here: Shown) -> Iterator[bool]:
+        """Whether renders show the light, of each thing that an object instances and the way may lead by to it.
+        `is_here`: what renders show of the scene, or the collection, that the object itself is shown in."""
         if not way:
             return
         if (instanced := _instanced_by(by)) is not None:
             yield from self._in_place(self._objects_of(instanced), way[0], way[1:], light)
             return
         for child in by.children if by.instance_type in {"VERTS", "FACES"} else ():
-            yield from (is_shown and not child.hide_render for is_shown in self._along(child, way[1:], light))
+            yield from (is_shown and is_here(child) for is_shown in self._along(child, way[1:], light, is_here))
         # Nodes begin a way with a number for each time that they instance instances.
         for block in self._nodes_of(by).blocks:
             for begin in range(1, len(way) + 1):
-                yield from self._in_block(block, way[begin:], light, by)
+                yield from self._in_block(block, way[begin:], light, by, is_here)
         if light in self._shown_by_particles(by):
             yield True
 
-    def _in_block(self, block: Block, way: Way, light: bpy.types.Object, by: bpy.types.Object) -> Iterator[bool]:
+    def _in_block(
+        self, block: Block, way: Way, light: bpy.types.Object, by: bpy.types.Object, is_here: Shown
+    ) -> Iterator[bool]:
         """The same of what nodes name."""
         if isinstance(block, bpy.types.Object):
-            yield from self._along(block, way, light)
+            yield from self._along(block, way, light, is_here)
             return
         separates = self._nodes_of(by).separates or {False}
         if True in separates:
             for obj in block.objects:
-                yield from self._along(obj, way, light)
+                yield from self._along(obj, way, light, is_here)
         for whole in [*block.children] * (True in separates) + [block] * (False in separates):
             yield from self._in_whole(whole, way, light, by)
 
@@ -178,13 +185,17 @@ class Instancers:
         self, objects: list[tuple[bpy.types.Object, bool]], place: int, way: Way, light: bpy.types.Object
     ) -> Iterator[bool]:
         """The same of the object in a place, and whether renders show that."""
-        for obj, is_rendered in objects[place : place + 1] if place >= 0 else ():
-            yield from (is_shown and is_rendered for is_shown in self._along(obj, way, light))
 
-    def _along(self, obj: bpy.types.Object, way: Way, light: bpy.types.Object) -> Iterator[bool]:
+        def is_here(obj: bpy.types.Object) -> bool:
+            return (obj, True) in objects
+
+        for obj, is_rendered in objects[place : place + 1] if place >= 0 else ():
+            yield from (is_shown and is_rendered for is_shown in self._along(obj, way, light, is_here))
+
+    def _along(self, obj: bpy.types.Object, way: Way, light: bpy.types.Object, is_here: Shown) -> Iterator[bool]:
         """The same of an instance of an object, which may be the light itself. What is hidden instances nothing."""
         if way:
-            yield from (is_shown and not obj.hide_render for is_shown in self._instances(obj, way, light))
+            yield from (is_shown and not obj.hide_render for is_shown in self._instances(obj, way, light, is_here))
         elif obj == light:
             yield True
 
@@ -254,6 +265,12 @@ def node_inputs(modifier: bpy.types.Modifier) -> list[tuple[str, Any]]:
 def _by_particles(settings: bpy.types.ParticleSettings) -> list[Any]:
     shown = {"OBJECT": settings.instance_object, "COLLECTION": settings.instance_collection}
     return [shown.get(settings.render_type)]
+
+
+def _objects_of(blocks: list[Block]) -> set[bpy.types.Object]:
+    """Objects, and those in collections."""
+    inside = (block.all_objects if isinstance(block, bpy.types.Collection) else [block] for block in blocks)
+    return {obj for objects in inside for obj in objects}
 
 
 def _blocks(values: list[Any]) -> list[Block]:

@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 
 from ..core import status
-from ..core.bake_folder import is_bake
+from ..core.bake_folder import is_bake, why_no_bake
 from ..engine import shot
 from ..engine.checks import disk_space
 from ..engine.options import remembered_bake
@@ -104,7 +104,7 @@ def _draw_stored_bake(layout, scene) -> None:
         layout.operator("relume.show_bake", icon="HIDE_OFF")
         return
     box = layout.box()
-    message(box, f"The bake is not where it was: {folder}", "ERROR")
+    message(box, _lately(("lost", folder), lambda: why_no_bake(folder)), "ERROR")
     box.operator("relume.find_bake", icon="FILE_FOLDER")
 
 

@@ -76,7 +76,7 @@ def show_light(context: bpy.types.Context, name: str) -> str | None:
         return f"'{name}' is not in this scene any more"
     show(line.block, context.view_layer)
     hiding = still_hides(context, line.block)
-    return None if hiding is None else ", ".join([f"'{name}' is still hidden", *[hiding] * bool(hiding)])
+    return None if hiding is None else f"'{name}' is still hidden, {hiding}"
 
 
 class RELUME_OT_apply(bpy.types.Operator):  # noqa: N801 -- Blender's naming

@@ -65,10 +65,10 @@ def forget() -> None:
 
 
 def _words(found: Shot) -> tuple[tuple, tuple]:
-    state, progress = found.status, status.progress(found.status)
-    urgent = (state["state"], state["paused"], state["error"], progress is None, len(found.notes))
+    state, progress, to_come = found.status, status.progress(found.status), status.to_come(found.status)
+    urgent = (state["state"], state["paused"], state["error"], progress is None, to_come == "", len(found.notes))
     urgent += ((state["shown"] or {}).get("scale"), *found.changes.sentences)
-    return urgent, (status.headline(state), status.to_come(state), status.shown(state), progress)
+    return urgent, (status.headline(state), to_come, status.shown(state), progress)
 
 
 def _tag(kinds: set[str]) -> None:

@@ -77,11 +77,13 @@ class Artist:
 
     def until_settled(self, seconds=WORK_SECONDS):
         """Waits until nothing better is to come for the lights as they are, and the view shows it: after a drag on a
-        slow machine the picture of half the size is whole a moment before the full one is asked for."""
+        slow machine the picture of half the size is whole a moment before the full one is asked for, and after undo
+        lights are read a moment later."""
 
         def is_settled():
-            frame = self.shot.frame
-            return not self.shot.is_busy and frame.scale == 1 and self.serial_drawn == frame.serial
+            shot, frame = self.shot, self.shot.frame
+            is_done = not shot.lights.is_forgotten and not shot.is_busy
+            return is_done and frame.scale == 1 and self.serial_drawn == frame.serial
 
         return self.driver.until(is_settled, lambda: f"the last picture; {self.words()}", seconds)
 

@@ -43,6 +43,9 @@ class MaterialExporter:
     def _export(self, material: bpy.types.Material | None, object_name: str) -> int:
         translation = Translation(self.builder, self.images, material, object_name)
         description = translation.run()
+        if not _is_finite(description):
+            translation.name("one of its values is not a finite number; taken as grey diffuse")
+            description |= {"nodes": [DEFAULT_SURFACE], "surface": 0}
         if material is not None and not material.use_transparent_shadow and _any(description, TRANSPARENCY):
             translation.name("shadows that ignore transparency are not supported; light passes what is transparent")
         number = self.builder.add_material(json.dumps(description))
@@ -170,6 +173,14 @@ class Translation:
         if key not in self.done:
             self.done[key] = self.emit(description())
         return self.done[key]
+
+
+def _is_finite(description: dict[str, Any]) -> bool:
+    try:
+        json.dumps(description, allow_nan=False)
+    except ValueError:
+        return False
+    return True
 
 
 def _any(description: dict[str, Any], fields: dict[str, tuple[str, Any]]) -> bool:

@@ -6,7 +6,7 @@ use relume_image::Image;
 use relume_proxy::LightKind;
 use relume_scene::Light;
 use serde::Serialize;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -63,6 +63,9 @@ pub struct LiveStatus {
     /// Kinds of light in the newest request that have no such proxy, although there are proxies of them. None while something is
     /// being dragged.
     pub unlearned: Vec<String>,
+    /// Paths per pixel that each training of the work under way is done on, of those that have not ended, in turn: as far as the
+    /// kinds of light in the newest request tell.
+    pub to_learn: Vec<u32>,
     /// Where pictures are made, in words.
     pub device: String,
     /// What cannot be represented, or is to be trusted less, in words for the user.
@@ -144,6 +147,8 @@ pub(super) struct State {
     pub proxies: Option<Proxies>,
     /// How all proxies were measured.
     pub measured: Vec<(LightKind, Measured)>,
+    /// When lights are learned in the work under way.
+    pub learning: Learning,
     /// Counts what work has delivered.
     pub deliveries: u64,
     pub frame: Option<Arc<Frame>>,
@@ -155,6 +160,15 @@ pub(super) struct State {
     /// Whether the painter makes a picture that the caller waits for.
     pub painting: bool,
     pub closed: bool,
+}
+
+/// What is still to be learned in a run of the work thread, and for how long.
+#[derive(Default)]
+pub(super) struct Learning {
+    /// For each kind of light.
+    pub seconds: f64,
+    /// Paths per pixel after which all kinds are learned that were not from half as many, in turn.
+    pub rounds: VecDeque<u32>,
 }
 
 impl Shared {
@@ -203,6 +217,7 @@ impl Shared {
         let state = self.lock();
         let mut status = state.status.clone();
         status.unlearned = state.unlearned().map(|kind| kind.to_string()).collect();
+        status.to_learn = state.to_learn();
         status.warnings.extend(state.light_warnings.iter().cloned());
         if let Some(shown) = &mut status.shown {
             shown.settled &= shown.deliveries == state.deliveries;
@@ -242,6 +257,37 @@ impl State {
         kinds.into_iter().filter(|kind| self.measured.iter().all(|(known, _)| known != kind))
     }
 
+    /// See [`LiveStatus::to_learn`].
+    fn to_learn(&self) -> Vec<u32> {
+        let kinds = self.request.as_ref().map_or_else(Vec::new, |request| kinds_of(&request.lights));
+        let mut list = Vec::new();
+        for kind in kinds {
+            let mut learned_from = self.learned_from(kind);
+            for samples in self.learning.rounds.iter().copied() {
+                if !is_enough(learned_from, samples) {
+                    learned_from = Some(samples / 2);
+                    list.push(samples);
+                }
+            }
+        }
+        list.sort_unstable();
+        list
+    }
+
+    /// Whether there is a proxy that learned for as long as is asked for, from at least half of the paths that there are now.
+    pub fn is_trained(&self, kind: LightKind) -> bool {
+        let samples = self.dump.as_ref().map_or(0, |dump| dump.manifest().samples());
+        is_enough(self.learned_from(kind), samples)
+    }
+
+    /// Paths per pixel that a kind of light was learned from, the half that it was not measured on, for as long as is asked for.
+    fn learned_from(&self, kind: LightKind) -> Option<u32> {
+        let long_enough =
+            |measured: &Measured| measured.seconds.is_none_or(|seconds| seconds >= self.learning.seconds);
+        let found = self.measured.iter().filter(|(of, measured)| *of == kind && long_enough(measured));
+        found.map(|(_, measured)| measured.samples).max()
+    }
+
     /// Says which world is shown: the paths' own needs no other in its place.
     pub fn note_world(&mut self) {
         let Some(dump) = &self.dump else { return };
@@ -257,6 +303,11 @@ impl State {
         (status.world_map, status.world_color) = (Some(shown.map.clone()), Some(shown.color));
         self.world = world;
     }
+}
+
+/// Whether to have learned from so many paths per pixel, as many again being left to measure on, does for so many.
+fn is_enough(learned_from: Option<u32>, samples: u32) -> bool {
+    learned_from.is_some_and(|half| 4 * half >= samples)
 }
 
 /// Passes progress on, and holds work up while it is paused or the painter needs the machine.
@@ -278,5 +329,52 @@ impl Listener for Gate {
 
     fn warning(&self, message: &str) {
         self.shared.warn(message);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{LightSet, MeanQuality};
+    use glam::Vec3;
+    use relume_scene::LightShape;
+
+    fn light(shape: LightShape) -> Light {
+        crate::targets::unit_light(&shape)
+    }
+
+    fn request(lights: Vec<Light>) -> Arc<LiveRequest> {
+        let json = serde_json::json!({ "lights": LightSet { lights, ..LightSet::default() } }).to_string();
+        Arc::new(LiveRequest::parse(&json).unwrap())
+    }
+
+    fn measured(samples: u32, seconds: f64) -> Measured {
+        let none = MeanQuality { psnr: 0.0, smape: 0.0, ssim: 0.0, flip: 0.0 };
+        let [proxy, gather, gather_denoised] = [none; 3];
+        Measured { lights: 1, samples, seconds: Some(seconds), proxy, gather, gather_denoised }
+    }
+
+    #[test]
+    fn what_is_to_be_learned_is_told_of_all_kinds_and_rounds() {
+        let sphere = light(LightShape::Sphere { center: Vec3::ZERO, radius: 0.3 });
+        let point = light(LightShape::FacingDisk { center: Vec3::ZERO, radius: 0.2 });
+        let sun = light(LightShape::Sun { direction: Vec3::Z, half_angle: 0.01 });
+        let mut state =
+            State { request: Some(request(vec![sphere.clone(), sun.clone()])), ..State::default() };
+        assert!(state.to_learn().is_empty(), "nothing is going on");
+        state.learning = Learning { seconds: 60.0, rounds: [64, 256].into() };
+        assert_eq!(state.to_learn(), [64, 256]);
+        state.learning.rounds = [64, 128].into();
+        assert_eq!(state.to_learn(), [64], "twice as many paths are not worth it");
+        state.request = Some(request(vec![sphere.clone(), point, sphere]));
+        assert_eq!(state.to_learn(), [64, 64]);
+        state.learning.rounds = [64, 256].into();
+        assert_eq!(state.to_learn(), [64, 64, 256, 256]);
+        state.measured = vec![(LightKind::Sphere, measured(32, 60.0))];
+        assert_eq!(state.to_learn(), [64, 256, 256], "one is learned");
+        state.measured = vec![(LightKind::Sphere, measured(32, 59.0))];
+        assert_eq!(state.to_learn(), [64, 64, 256, 256], "but not for as long as is asked for now");
+        state.request = Some(request(vec![sun]));
+        assert!(state.to_learn().is_empty(), "suns are never learned");
     }
 }

@@ -1,4 +1,4 @@
-use super::shared::{Gate, LiveState, ProxyStatus, Shared, State, kinds_of};
+use super::shared::{Gate, Learning, LiveState, ProxyStatus, Shared, kinds_of};
 use super::{LiveOptions, OtherWorld};
 use crate::bake::{Observer, bake_observed, clear, clear_paths, difference};
 use crate::guided::Sight;
@@ -62,6 +62,7 @@ impl Job {
             shared.status.state = state;
             shared.status.error = error;
             shared.status.stage = None;
+            shared.learning = Learning::default();
             // The machine: the painter makes better pictures with it now, and stores the light of another world.
             shared.deliveries += 1;
         });
@@ -79,9 +80,9 @@ impl Job {
             }
             Work::Open => {
                 let complete = self.open()?;
-                if complete { self.train(&monitor) } else { Ok(()) }
+                if complete { self.learn(&monitor) } else { Ok(()) }
             }
-            Work::Learn => self.train(&monitor),
+            Work::Learn => self.learn(&monitor),
         }
     }
 
@@ -115,12 +116,18 @@ impl Job {
         let wanted = settings.samples.max(there);
         self.shared.change(|state| state.status.samples_total = wanted);
         let early = Some(SAMPLES_TO_TRAIN).filter(|early| (there + 1..wanted).contains(early));
-        for samples in early.filter(|_| self.train_seconds > 0.0).into_iter().chain([wanted]) {
+        let rounds: Vec<u32> =
+            early.filter(|_| self.train_seconds > 0.0).into_iter().chain([wanted]).collect();
+        self.plan(&rounds);
+        for samples in rounds {
             self.enter(LiveState::Baking);
             let settings = TraceSettings { samples, threads: self.options.threads, ..settings.clone() };
             self.bake_samples(scene, &settings, monitor)?;
             self.deliver_proxies();
             self.train(monitor)?;
+            self.shared.change(|state| {
+                state.learning.rounds.pop_front();
+            });
         }
         Ok(())
     }
@@ -261,6 +268,19 @@ impl Job {
         of_dump.or_else(|| state.base.as_ref().map(|base| base.scene_hash.clone()))
     }
 
+    /// Says after how many paths per pixel lights will be learned.
+    fn plan(&self, rounds: &[u32]) {
+        let rounds = rounds.iter().copied().filter(|_| self.train_seconds > 0.0).collect();
+        self.shared.change(|state| state.learning = Learning { seconds: self.train_seconds, rounds });
+    }
+
+    /// Trains on the whole bake that is shown.
+    fn learn(&self, monitor: &Monitor) -> Result<(), SessionError> {
+        let samples = self.shared.lock().status.samples;
+        self.plan(&[samples]);
+        self.train(monitor)
+    }
+
     fn train(&self, monitor: &Monitor) -> Result<(), SessionError> {
         if self.train_seconds == 0.0 {
             return Ok(());
@@ -271,7 +291,7 @@ impl Job {
         while let Some(kind) = kinds_of(&self.lights_in_use()?).into_iter().find(|kind| !seen.contains(kind))
         {
             seen.push(kind);
-            if !self.is_trained(kind) {
+            if !self.shared.lock().is_trained(kind) {
                 self.enter(LiveState::Training);
                 self.train_kind(kind, &compute, monitor)?;
                 self.deliver_proxies();
@@ -299,15 +319,5 @@ impl Job {
             lights.extend(request.lights.iter().cloned());
         }
         Ok(lights)
-    }
-
-    /// Whether there is a proxy that learned for as long as is asked for, from at least half of the paths that there are now.
-    fn is_trained(&self, kind: LightKind) -> bool {
-        let State { measured, dump, .. } = &*self.shared.lock();
-        let samples = dump.as_ref().map_or(0, |dump| dump.manifest().samples());
-        measured.iter().filter(|(of, _)| *of == kind).any(|(_, measured)| {
-            let long_enough = measured.seconds.is_none_or(|seconds| seconds >= self.train_seconds);
-            long_enough && 4 * measured.samples >= samples
-        })
     }
 }
