@@ -59,7 +59,11 @@ impl SceneBuilder {
             return Err(part("world", "World", "its texture does not exist"));
         }
         if !(world.color.iter().all(|c| c.is_finite()) && world.texture_from_world.is_finite()) {
-            return Err(part("world", "World", "a value is not a finite number"));
+            return Err(part(
+                "world",
+                "World",
+                "a value is not a finite number; correct its colour, strength or mapping",
+            ));
         }
         self.scene.world = world;
         Ok(())

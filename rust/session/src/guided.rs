@@ -193,11 +193,10 @@ impl Rare {
             }
             _ => "make it larger, or bake more samples".to_string(),
         };
-        format!(
-            "light '{}': its direct light is found by one path in {:.0} pixels and will be noise; {advice}",
-            light.name,
-            (1.0 / self.hits).ceil()
-        )
+        let pixels = (1.0 / self.hits).ceil();
+        // As many as no picture has say nothing.
+        let found = if pixels < 1e7 { format!("one path in {pixels:.0} pixels") } else { "no path".into() };
+        format!("light '{}': its direct light is found by {found} and will be noise; {advice}", light.name)
     }
 }
 
@@ -293,6 +292,8 @@ mod tests {
         assert!(warning.ends_with("bake again (Rebake), and paths look for it there") && rare.would_be_met);
         let dust = lamp(-0.8, 1e-5);
         assert!(sight.rare(&dust).unwrap().warning(&dust).ends_with("make it larger, or bake more samples"));
+        let nothing = lamp(-0.8, 1e-12);
+        assert!(sight.rare(&nothing).unwrap().warning(&nothing).contains("found by no path and"));
         assert!(sight.rare(&Light { radiance: [0.0; 3], ..moved.clone() }).is_none());
         assert!(sight.would_gain(&[moved], 0.25) && !sight.would_gain(&[lamp(0.5, 0.01)], 0.25));
         assert!(!sight.would_gain(&[lamp(-0.8, 1.0)], 0.25));

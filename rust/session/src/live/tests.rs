@@ -3,7 +3,7 @@ mod world;
 use super::units::Units;
 use super::view::{Delivered, View};
 use super::*;
-use crate::test_room::room;
+use crate::test_room;
 use crate::{Compute, LightSet, Maker, Monitor, ObjView, RelightOptions, Relighter, With, bake, obj_scene};
 use glam::Vec3;
 use relume_dump::Dump;
@@ -21,7 +21,7 @@ fn room(width: usize, height: usize) -> Arc<Scene> {
         height,
         ..ObjView::default()
     };
-    Arc::new(obj_scene(&room(), &view).unwrap())
+    Arc::new(obj_scene(&test_room::room(), &view).unwrap())
 }
 
 fn settings(samples: u32) -> TraceSettings {
