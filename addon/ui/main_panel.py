@@ -133,8 +133,6 @@ def _draw_shot(layout, scene, found: shot.Shot) -> None:
     progress = status.progress(state)
     if progress is not None:
         layout.progress(factor=progress[0], text=progress[1])
-    if words := status.to_come(state):
-        message(layout, words)
     if found.is_working:
         row = layout.row(align=True)
         paused = state["paused"]
@@ -143,6 +141,9 @@ def _draw_shot(layout, scene, found: shot.Shot) -> None:
         row.operator("relume.cancel", icon="X")
     elif status.is_unfinished(state):
         layout.operator("relume.go_on", icon="PLAY")
+    # Below the buttons, which must not move under the mouse when it appears.
+    if words := status.to_come(state):
+        message(layout, words)
     if found.frame is None and found.picture is not None:
         message(layout, "Showing the bake before")
     elif status.shown(state):
