@@ -2,7 +2,10 @@
 
 #![allow(dead_code, reason = "each test file uses a part of it")]
 
-use std::path::{Path, PathBuf};
+#[path = "../../src/test_room.rs"]
+mod test_room;
+
+use std::path::Path;
 use std::sync::Mutex;
 
 use glam::Vec3;
@@ -14,16 +17,11 @@ use relume_session::{
     bake, obj_scene, train,
 };
 
+pub use test_room::room;
+
 /// A small lit bake in a folder.
 pub fn baked(folder: &Path) {
     baked_with(folder, |_| ());
-}
-
-/// The file of a small room.
-pub fn room() -> PathBuf {
-    // At run time: `scripts/gpu-check` runs this where it was not built.
-    let package = std::env::var("CARGO_MANIFEST_DIR").unwrap_or_else(|_| env!("CARGO_MANIFEST_DIR").into());
-    Path::new(&package).join("../../tests/data/room.obj")
 }
 
 /// That room before a camera of few pixels, as its file has it.
