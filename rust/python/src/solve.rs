@@ -6,7 +6,7 @@ use crate::job::PyJob;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use relume_session::image::Image;
-use relume_session::{Device, Pictures, Relighter, SoFar, SolveRequest, on_threads, solve_lights};
+use relume_session::{Device, Pictures, Relighter, SoFar, SolveRequest, in_background, solve_lights};
 use std::collections::HashMap;
 use std::path::PathBuf;
 
@@ -25,7 +25,7 @@ pub fn solve(
     let pictures = Pictures::named(named(images)?);
     let Ok(device) = device.parse::<Device>();
     PyJob::start_with_preview(move |monitor, show| -> Result<_, NativeError> {
-        on_threads(threads, || {
+        in_background(threads, || {
             let compute = device.open(gpu_memory)?;
             compute.warn(monitor);
             let open = |folder: &PathBuf| Ok(Relighter::open(folder)?.on(&compute));

@@ -4,6 +4,8 @@ use std::thread::JoinHandle;
 
 use relume_gather::GpuGather;
 
+use crate::in_background;
+
 /// Relights after which sorting is worth its seconds: who relights once more does so often.
 const RELIGHTS: usize = 3;
 
@@ -50,9 +52,9 @@ fn sort(gather: &GpuGather, stop: &AtomicBool) {
     static ONE: Mutex<()> = Mutex::new(());
     let _one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
     let threads = std::thread::available_parallelism().map_or(1, |count| count.get().div_ceil(2));
-    let Ok(pool) = rayon::ThreadPoolBuilder::new().num_threads(threads).build() else { return };
+    let sort = || gather.sort_within(MOST_MEMORY, &|| stop.load(Ordering::Relaxed));
     // A lost device is found by the next relight, which tells the user.
-    let _ = pool.install(|| gather.sort_within(MOST_MEMORY, &|| stop.load(Ordering::Relaxed)));
+    let _ = in_background(threads, sort);
 }
 
 impl Drop for Sorting {

@@ -148,13 +148,14 @@ impl<'a> Tracer<'a> {
         if let Some(difference) = self.manifest().difference(manifest) {
             return Err(TraceError::Mismatch(difference));
         }
-        let threads = self.settings.threads;
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()
-            .map_err(|source| TraceError::Threads { threads, source })?;
         let run = Run::new(self, manifest, sink, control);
-        pool.broadcast(|_| run.work());
+        match self.settings.threads {
+            0 => rayon::broadcast(|_| run.work()),
+            threads => {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+                pool.map_err(|source| TraceError::Threads { threads, source })?.broadcast(|_| run.work())
+            }
+        };
         run.finish()
     }
 

@@ -20,7 +20,7 @@ pub struct TraceSettings {
     pub tile_size: usize,
     /// How the samples are divided into passes over the image.
     pub passes: PassSchedule,
-    /// Worker threads; 0 for one a core. Does not change the result.
+    /// Worker threads; 0 for those of the pool that traces, outside of any one a core. Does not change the result.
     pub threads: usize,
     /// Share of the directions that look for where the file's lights stand, 0 for none, at most [`MOST_GUIDING`]. Changes only
     /// the noise, never what is expected: less for lights near there, at each bounce up to `1 / (1 - guiding)` of the variance elsewhere.

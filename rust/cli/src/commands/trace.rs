@@ -71,7 +71,6 @@ fn overridden(own: &TraceSettings, args: &TraceArgs, context: &Context) -> anyho
         samples: args.samples.unwrap_or(own.samples),
         seed: context.global.seed.unwrap_or(own.seed),
         tile_size: args.tile,
-        threads: context.global.threads,
         ..own.clone()
     };
     if let Some(path) = &args.towards {

@@ -6,7 +6,7 @@ use crate::relighter::camera;
 use crate::world_layer::WorldLayer;
 use crate::{
     Cancel, Clock, Compute, Guided, LightSet, Monitor, Proxies, SessionError, TrainSettings, base_layers,
-    on_threads, sizes_with, train,
+    in_background, sizes_with, train,
 };
 use relume_dump::{Dump, DumpError, Manifest};
 use relume_proxy::{LightKind, TrainConfig};
@@ -51,7 +51,7 @@ pub(super) struct Job {
 
 impl Job {
     pub fn run(self) {
-        let outcome = catch_unwind(AssertUnwindSafe(|| on_threads(self.options.threads, || self.work())));
+        let outcome = catch_unwind(AssertUnwindSafe(|| in_background(self.options.threads, || self.work())));
         let (state, error) = match outcome {
             Ok(Ok(())) => (LiveState::Ready, None),
             Ok(Err(SessionError::Cancelled)) => (LiveState::Cancelled, None),
@@ -121,7 +121,7 @@ impl Job {
         self.plan(&rounds);
         for samples in rounds {
             self.enter(LiveState::Baking);
-            let settings = TraceSettings { samples, threads: self.options.threads, ..settings.clone() };
+            let settings = TraceSettings { samples, threads: 0, ..settings.clone() };
             self.bake_samples(scene, &settings, monitor)?;
             self.deliver_proxies();
             self.train(monitor)?;
