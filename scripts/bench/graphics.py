@@ -107,7 +107,7 @@ def goals_table(machines):
         return "" if goal[key] is None else f"{bound}{goal[key]:g} {goal['unit']}".rstrip()
 
     def limit(goal):
-        return f"{number(goal, 'limit')} ({goal['limit_by']})" if goal["limit"] else ""
+        return f"{number(goal, 'limit')} ({goal['limit_by']})" if goal["limit"] else goal["limit_by"]
 
     head = ["", "goal on an H200", "the paper, RTX 5090", "limit of an H200", *(machines or ["any card"])]
     lines = [

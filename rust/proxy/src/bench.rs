@@ -109,6 +109,16 @@ pub fn inference_names(network: &str) -> [String; 2] {
     [true, false].map(|by_matrices| name_of(inference(by_matrices), network, PAPER_SIZE))
 }
 
+/// Names that [`device`] gives the training of a network on a card, at the paper's size: by matrices, and in 32 bits.
+pub fn training_names(network: &str) -> [String; 2] {
+    [true, false]
+        .map(|by_matrices| name_of(&training(by_matrices, Extent::CARD.samples), network, PAPER_SIZE))
+}
+
+fn training(by_matrices: bool, samples: usize) -> String {
+    format!("training on {samples} samples an iteration{}", if by_matrices { " by matrices" } else { "" })
+}
+
 fn inference(by_matrices: bool) -> &'static str {
     if by_matrices { "inference by matrices" } else { "inference kernel" }
 }
@@ -235,14 +245,14 @@ fn measure_training(
     Extent { rounds, size: [width, height], samples, .. }: Extent,
 ) -> Result<Vec<Figure>, ProxyError> {
     let mut figures = Vec::new();
-    for (by, matrices) in [("", false), (" by matrices", true)] {
+    for matrices in [false, true] {
         let trainer = device_trainer(network.clone(), [width, height])?;
         let peak = peaks.wide_matrices.filter(|_| matrices).unwrap_or(peaks.multiply_adds);
         // Backward costs a product for the inputs and one for the weights.
         let limit = peak / (3.0 * (samples * trainer.multiply_adds().0) as f64);
         let room = SyntheticRoom::new(width, height);
         if let Some(seconds) = trainer.seconds_on_gpu(gpu, &room, (samples, rounds), matrices)? {
-            let name = format!("training on {samples} samples an iteration{by} {name}, {width} x {height}");
+            let name = name_of(&training(matrices, samples), name, [width, height]);
             let figure = Figure::new(name, 1.0 / seconds, "iterations/s");
             figures.push(figure.within(&[Limit::operations(limit)]));
         }

@@ -2,7 +2,7 @@ use rayon::ThreadPoolBuilder;
 use thread_priority::{ThreadPriority, ThreadPriorityValue, set_current_thread_priority};
 
 /// Of 0 to 99, where threads have 50 by themselves: niceness 10 on Linux, below normal on Windows.
-const BACKGROUND: u8 = 24;
+const BACKGROUND: u8 = 22;
 
 /// Does some work on a thread pool of its own, so that a program can do several things, each with its number of threads; 0 for
 /// one a core. Where no threads can be had, the calling one does all.

@@ -38,7 +38,7 @@ mod tests {
     use super::super::{Extent, device::solve_name};
     use super::*;
     use relume_gather::bench::paper_names;
-    use relume_proxy::bench::inference_names;
+    use relume_proxy::bench::{inference_names, training_names};
 
     /// Figures are found by their names: one that is called otherwise would lose its goal in silence.
     #[test]
@@ -47,6 +47,7 @@ mod tests {
         for network in ["fast 64x2", "reference 64/4", "reference 128/8", "reference 256/8"] {
             names.extend(inference_names(network));
         }
+        names.extend(training_names("fast 64x2"));
         names.push(solve_name(Extent::CARD.picture, Extent::CARD.steps));
         let wanted = goals().iter().flat_map(|goal| &goal.names);
         // Those of trained proxies, which `scripts/bench/graphics.py` measures.
