@@ -4,6 +4,7 @@ import bpy
 import numpy as np
 import pytest
 
+from addon.export import view_transform
 from addon.export.view_transform import displayed
 from addon.viewport import view_table
 from helpers import add_light, update
@@ -61,6 +62,15 @@ def test_the_scene_is_as_it_was(scene):
     assert (output.file_format, output.color_depth) == ("OPEN_EXR", "16")
     assert scene.render.dither_intensity == pytest.approx(0.4)
     assert before == {name: set(getattr(bpy.data, name).keys()) for name in before}
+
+
+def test_colours_are_the_same_where_no_view_is_without_files(scene, monkeypatch):
+    scene.view_settings.view_transform = "AgX"
+    expected = view_table.complete(scene).apply(some_colors())
+    view_table.clear()
+    monkeypatch.setattr(view_transform, "WITHOUT_FILES", "of another configuration")
+    assert np.array_equal(view_table.complete(scene).apply(some_colors()), expected)
+    assert scene.render.image_settings.color_management == "FOLLOW_SCENE"
 
 
 def test_dragging_exposure_bakes_nothing(scene):

@@ -26,6 +26,9 @@ SLICE_SECONDS = 0.012
 FEWEST_ENTRIES, MOST_ENTRIES = 8_000, 100_000
 """Of a slice: fewer do not become quicker, for a file is written and read each time."""
 
+WITHOUT_FILES = "Raw"
+"""A view of Blender's own colour configuration that needs no other file."""
+
 HIDDEN_NAME = ".relume view"
 """Of images that exist for a moment: lists leave out what begins with a dot."""
 
@@ -98,8 +101,8 @@ def displayed_in_slices(
     scene-linear colours of rows, [rows, width, 3]; `view` as for `displayed`."""
     global _entries
     with closing(_Display()) as display:
-        read_view_files(display, scene, view)
-        yield slice(0, 0), np.empty((0, width, 3), np.float32)
+        for _ in read_view_files(display, scene, view):
+            yield slice(0, 0), np.empty((0, width, 3), np.float32)
         start = 0
         while start < height:
             rows = slice(start, min(start + max(1, _entries // width), height))
@@ -112,10 +115,15 @@ def displayed_in_slices(
             yield rows, shown
 
 
-def read_view_files(display: _Display, scene: bpy.types.Scene, view: dict[str, Any] | None) -> None:
-    """Has Blender read the files of a view, as it does when it first colours anything with it: that takes as long as
-    many slices, and is needed once."""
-    display.show(scene, np.zeros((1, 1, 3), np.float32), view)
+def read_view_files(display: _Display, scene: bpy.types.Scene, view: dict[str, Any] | None) -> Iterator[None]:
+    """Has Blender make ready what writes pictures, and then read the files of a view, as it does when it first colours
+    anything with it: each takes as long as many slices, and is needed once."""
+    black = np.zeros((1, 1, 3), np.float32)
+    with suppress(TypeError):  # A colour configuration of the user's own may have no such view.
+        display.show(scene, black, {"view_transform": WITHOUT_FILES})
+    yield
+    display.show(scene, black, view)
+    yield
 
 
 def displayed(scene: bpy.types.Scene, colors: np.ndarray, view: dict[str, Any] | None = None) -> np.ndarray:
