@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+import sys
 import time
 
 import bpy
@@ -13,6 +14,7 @@ from addon.core.bake_folder import clear, is_bake, size_of
 from addon.engine import background, shot
 from addon.engine.checks import ProblemError, disk_space
 from addon.engine.options import options_of, remembered_bake
+from addon.engine.process import Worker
 from addon.ui import background as ui
 from addon.ui import handlers
 from addon.ui.start import start
@@ -89,6 +91,16 @@ def test_a_proxy_is_trained_for_each_type_of_light(room, tmp_path, monkeypatch):
     assert job.done, job.error
     assert (tmp_path / "bake" / "proxy_sphere.safetensors").exists()
     assert {"trace", "train"} <= stages
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has priorities of another kind")
+def test_another_blender_leaves_the_processor_to_the_artists(tmp_path):
+    tell = "import json, os; print(json.dumps({'event': 'told', 'niceness': os.nice(0)}))"
+    worker = Worker([sys.executable, "-c", tell], tmp_path)
+    deadline = time.monotonic() + 60
+    while not worker.ended and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert worker.events() == [{"event": "told", "niceness": min(os.nice(0) + 10, 19)}]
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import collections
 import contextlib
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -25,6 +26,9 @@ SCRIPT = "relume_bake.py"
 OWNED = "RELUME_ENDS_WITH_STANDARD_INPUT"
 """In the environment of a process that is to end with the one that started it. Not on Windows, where libraries that are
 loaded wait while the standard input is read."""
+GIVES_WAY = ["nice", "-n", "10"]
+"""What starts a process on Unix that leaves the processor to the artist's Blender where both want it; one that lowers its own
+priority would do so on Linux for one of its threads."""
 LAST_WORDS = 20
 """Lines that are kept to say why a process failed."""
 OWNER_IS_GONE = 129
@@ -40,7 +44,7 @@ class NoCopyError(Exception):
 
 
 class Worker:
-    """A process that writes into a folder, and what it prints. Nothing here waits."""
+    """A process of low priority that writes into a folder, and what it prints. Nothing here waits."""
 
     def __init__(self, command: list[str], folder: Path):
         self._folder = folder
@@ -48,13 +52,14 @@ class Worker:
         is_owned = os.name != "nt"
         # In a group of its own: a wrapper around Blender must not outlive it, and Ctrl-C is for Blender's own terminal.
         self._process = subprocess.Popen(
-            command,
+            [*GIVES_WAY, *command] if shutil.which(GIVES_WAY[0]) else command,
             stdin=subprocess.PIPE if is_owned else subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
             errors="replace",
             start_new_session=True,
+            creationflags=getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0),  # Of Windows alone.
             env=os.environ | ({OWNED: "1"} if is_owned else {}),
         )
         self._lines: collections.deque[str] = collections.deque()
