@@ -56,7 +56,7 @@ def lost_of_proxies(folder: Path) -> list[str]:
     names = [name for kind in sorted(kinds) for name in (f"proxy_{kind}.safetensors", f"proxy_{kind}.json")]
     effect = "so that lights of its type are summed from the samples"
     advice = "restore it, or press Rebake to have them learned again"
-    return [f"{name} is missing in {folder}, {effect}: {advice}" for name in names if not (folder / name).exists()]
+    return [f"There is no {name} in {folder}, {effect}: {advice}" for name in names if not (folder / name).exists()]
 
 
 def camera_of(folder: Path) -> str:

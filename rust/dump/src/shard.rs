@@ -378,7 +378,9 @@ fn check_samples(manifest: &Manifest, tile: usize, pass: usize, samples: &TileSa
             return Err(format!("{reason} in pixel {pixel}"));
         }
         if !samples.aov[pixel].iter().all(|value| value.is_finite()) {
-            return Err(format!("an AOV is not finite in pixel {pixel}"));
+            return Err(format!(
+                "an AOV is not finite in pixel {pixel}; lower the strength of what glows there, or in sight of it"
+            ));
         }
     }
     Ok(())

@@ -1,5 +1,6 @@
 //! Builds a [`Scene`] piece by piece and refuses what the tracer could trip over.
 
+use crate::validate::world_problem;
 use crate::{Camera, Instance, Light, Material, Mesh, Node, Scene, Texels, Texture, World};
 use serde::Deserialize;
 use serde_json::Value;
@@ -55,15 +56,8 @@ impl SceneBuilder {
 
     /// Sets the world; its texture must have been added before.
     pub fn set_world(&mut self, world: World) -> Result<(), BuildError> {
-        if world.texture.is_some_and(|texture| texture >= self.scene.textures.len()) {
-            return Err(part("world", "World", "its texture does not exist"));
-        }
-        if !(world.color.iter().all(|c| c.is_finite()) && world.texture_from_world.is_finite()) {
-            return Err(part(
-                "world",
-                "World",
-                "a value is not a finite number; correct its colour, strength or mapping",
-            ));
+        if let Some(reason) = world_problem(&world, &self.scene.textures) {
+            return Err(part("world", "World", reason));
         }
         self.scene.world = world;
         Ok(())

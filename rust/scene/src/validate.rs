@@ -1,6 +1,9 @@
 use std::fmt;
 
-use crate::{Instance, Material, Mesh, Node, Scene, Texels, Texture};
+use crate::{Instance, Material, Mesh, Node, Scene, Texels, Texture, World};
+
+/// Brightest world: sums over many paths of one that is near the largest number are none any more.
+const MOST_RADIANCE: f32 = 1e30;
 
 /// Something that makes a scene untraceable: which part, and what to do about it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -52,7 +55,7 @@ impl Scene {
         for texture in &self.textures {
             check("image", &texture.name, texture_problem(texture));
         }
-        check("world", "World", self.world_problem());
+        check("world", "World", world_problem(&self.world, &self.textures));
         if problems.is_empty() { Ok(()) } else { Err(problems) }
     }
 
@@ -122,18 +125,19 @@ impl Scene {
         let surface = material.surface.filter(|surface| *surface as usize >= material.nodes.len());
         surface.map(|_| "its surface node does not exist".to_owned())
     }
+}
 
-    fn world_problem(&self) -> Option<String> {
-        if self.world.texture.is_some_and(|texture| texture >= self.textures.len()) {
-            Some("its image does not exist".to_owned())
-        } else if !self.world.color.iter().all(|value| value.is_finite())
-            || !self.world.texture_from_world.is_finite()
-        {
-            Some("its colour or mapping is not a finite number".to_owned())
-        } else {
-            None
-        }
+/// What is wrong with a world.
+pub(crate) fn world_problem(world: &World, textures: &[Texture]) -> Option<String> {
+    if world.texture.is_some_and(|texture| texture >= textures.len()) {
+        return Some("its image does not exist".to_owned());
     }
+    let is_finite = world.color.iter().all(|value| value.is_finite()) && world.texture_from_world.is_finite();
+    if !is_finite {
+        return Some("a value is not a finite number; correct its colour, strength or mapping".to_owned());
+    }
+    let is_too_bright = world.color.iter().any(|value| *value > MOST_RADIANCE);
+    is_too_bright.then(|| format!("it is brighter than {MOST_RADIANCE:e}; lower its strength"))
 }
 
 /// The first vertex that is no number is named with the objects that use the mesh, since those are what the user sees.
@@ -217,6 +221,8 @@ mod tests {
         assert!(reason(|scene| scene.instances[0].mesh = 1).contains("Floor"));
         assert!(reason(|scene| scene.instances[0].materials = vec![0]).contains("Floor"));
         assert!(reason(|scene| scene.world.texture = Some(0)).contains("world"));
+        assert!(reason(|scene| scene.world.color[1] = f32::NAN).contains("not a finite number"));
+        assert!(reason(|scene| scene.world.color[1] = f32::MAX).contains("lower its strength"));
         assert!(reason(|scene| scene.meshes[0].corner_normals = vec![Vec3::Z]).contains("Plane"));
     }
 
