@@ -234,7 +234,7 @@ def test_how_long_a_real_bake_will_take_is_said(studio, samples):
     assert {"trace", "train", "measure"} <= {name for name, _, _ in told}
     assert told[0][1] == ([64] if samples == 128 else [64, 512])
     for name, to_learn, rest in told:
-        learned = len(to_learn) - (name != "trace")
+        learned = len(to_learn) - (name in {"train", "measure"})
         assert rest.seconds > learned, "each learning that is still to come takes its time"
         assert rest.traces == (name == "trace" or to_learn[0] == 64)
         # What more samples will take to learn from is not known.

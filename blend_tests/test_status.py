@@ -22,6 +22,7 @@ SAYINGS = [
     (state(state="preparing"), "Reading the scene"),
     (state(state="baking", stage=stage("trace"), samples=3, samples_total=64), "Tracing paths, 3 of 64 samples"),
     (state(state="baking", stage=stage("prepare"), samples_total=64), "Preparing the scene, 0 of 64 samples"),
+    (state(state="training", stage=stage("references")), "Making pictures to compare with"),
     (state(state="training", stage=stage("measure")), "Measuring what was learned"),
     (state(state="training", paused=True), "Paused: Learning the lights"),
     (state(state="ready", samples=64), "Ready, 64 samples"),
@@ -164,22 +165,25 @@ def test_all_that_is_left_is_told_by_the_paces_so_far():
     assert told("trace", 0, [16, 64], done=0, remaining_s=None) is None
     # A second for each of 64 samples; of 16 samples and of all of them a minute each, and what nobody knows yet.
     assert told("trace", 16, [16, 64], done=1600, total=6400, remaining_s=48.0) == (168.0, False, True)
+    # Five seconds of pictures to compare with, three of comparing and four of measuring; more of the first and last
+    # with more samples.
+    assert told("references", 16, [16, 64], remaining_s=4.0) == (4.0 + 60.0 + 5.0 + 60.0 + 48.0, False, True)
     begun = {"done": 10, "total": 100, "remaining_s": 54.0, "elapsed_s": 6.0}
-    assert told("train", 16, [16, 64], **begun) == (54.0 + 60.0 + 48.0, False, True)
-    # Eight seconds of pictures to compare with, and four of measuring; more of both with more samples.
-    compared = {"done": 50, "total": 100, "remaining_s": 30.0, "elapsed_s": 38.0}
-    assert told("train", 16, [16, 64], **compared) == (30.0 + 60.0 + 8.0 + 48.0, False, True)
+    assert told("train", 16, [16, 64], **begun) == (54.0 + 5.0 + 60.0 + 48.0, False, True)
+    compared = {"done": 50, "total": 100, "remaining_s": 31.5, "elapsed_s": 31.5}
+    assert told("train", 16, [16, 64], **compared) == (31.5 + 5.0 + 63.0 + 48.0, False, True)
     assert told("measure", 16, [16, 64], remaining_s=3.0) == (3.0 + 72.0 + 48.0, False, True)
     assert told("measure", 16, [16, 16], remaining_s=3.0) == (3.0 + 72.0 + 48.0, True, True)
     assert told("trace", 32, [64], done=3200, total=6400, remaining_s=32.0) == (32.0 + 72.0, False, True)
-    assert told("train", 16, [16], **begun) == (54.0 + 8.0 + 4.0 + 48.0, True, True)
-    assert told("train", 64, [64, 64], **compared) == (30.0 + 4.0 + 60.0 + 8.0 + 4.0, False, False)
+    assert told("references", 16, [16], remaining_s=4.0) == (4.0 + 63.0 + 4.0 + 48.0, True, True)
+    assert told("train", 16, [16], **begun) == (54.0 + 3.0 + 4.0 + 48.0, True, True)
+    assert told("train", 64, [64, 64], **compared) == (31.5 + 4.0 + 5.0 + 63.0 + 4.0, False, False)
     assert told("measure", 64, [64], remaining_s=10.0) is None, "nothing follows"
     assert told("measure", 16, [64], done=4, remaining_s=0.0) is None, (
         "what was measured may be out of the list already"
     )
-    # Of learning alone it is not told before it is known how long pictures to compare with take.
-    assert of_stage == [None, None, 48.0, None, 30.0, 3.0, 3.0, 32.0, 54.0 + 8.0, 30.0, 10.0, 0.0]
+    # Of learning alone it is not told before it is known how long comparing takes.
+    assert of_stage == [None, None, 48.0, 4.0, None, 31.5, 3.0, 3.0, 32.0, 4.0, 54.0 + 3.0, 31.5, 10.0, 0.0]
 
 
 def test_what_was_not_seen_to_be_traced_has_no_pace():

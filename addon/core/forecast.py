@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple, TypeAlias
 
 COMPARED = 0.2
-"""Share of learning by which the pictures are there for sure that it is compared with on the way, from a tenth on. They
-are made once, beside the time limit, and the native module tells nothing of them."""
+"""Share of learning by which the native module knows for sure how long comparing takes: it does so at every tenth,
+beside the time limit."""
 Part: TypeAlias = tuple[float, bool]
 """Seconds that something takes, and whether it takes no longer."""
 UNKNOWN: Part = (0.0, False)
@@ -26,11 +26,12 @@ class Forecast:
     """Of one bake. `note` is to be told every status before `rest` is asked about it."""
 
     def __init__(self, train_seconds: float) -> None:
-        self._training: Part = (train_seconds, True)
-        """Of each kind of light, but for what follows."""
+        self._limit = train_seconds
+        self._training: Part = (train_seconds, False)
+        """Of each kind of light, with comparing on the way."""
         self._tracing: float | None = None
         """Seconds for one more path per pixel."""
-        self._comparing = _Seen()
+        self._references = _Seen()
         """Pictures to compare with."""
         self._measuring = _Seen()
         """Measuring what was learned."""
@@ -44,8 +45,10 @@ class Forecast:
         match stage["stage"]:
             case "trace" if (share := _share(stage)) < 1.0:
                 self._tracing = left / ((1.0 - share) * status["samples_total"])
+            case "references":
+                self._references = _Seen(status["samples"], elapsed + left)
             case "train" if _share(stage) >= COMPARED:
-                self._comparing = _Seen(status["samples"], max(elapsed - (self._training[0] - left), 0.0))
+                self._training = (elapsed + left, True)
             case "measure":
                 self._measuring = _Seen(status["samples"], elapsed + left)
 
@@ -58,6 +61,9 @@ class Forecast:
         match stage["stage"]:
             case "trace":  # It tells of all paths, those too that are traced after learning.
                 later, missing = self._learning(status["to_learn"]), 0
+            case "references":
+                later = [self._training, self._measuring.at(samples)]
+                later += self._learning(status["to_learn"][1:])
             case "train":
                 later = [self._left_to_compare(status), self._measuring.at(samples)]
                 later += self._learning(status["to_learn"][1:])
@@ -80,12 +86,13 @@ class Forecast:
         return stage["remaining_s"] + seconds if is_known else None
 
     def _left_to_compare(self, status: dict[str, Any]) -> Part:
-        """Pictures to compare with that are still to be made while lights are learned."""
-        return (0.0, True) if _share(status["stage"]) >= COMPARED else self._comparing.at(status["samples"])
+        """Comparing that is still to be done, as long as the native module does not tell of it."""
+        seconds, is_known = self._training
+        return (0.0, True) if _share(status["stage"]) >= COMPARED else (max(seconds - self._limit, 0.0), is_known)
 
     def _learning(self, all_samples: list[int]) -> list[Part]:
         """Learning kinds of light, each from so many paths per pixel."""
-        each = ((self._training, self._comparing.at(number), self._measuring.at(number)) for number in all_samples)
+        each = ((self._references.at(number), self._training, self._measuring.at(number)) for number in all_samples)
         return [part for parts in each for part in parts]
 
 

@@ -11,6 +11,7 @@ STAGES = {
     "prepare": "Preparing the scene",
     "trace": "Tracing paths",
     "gather": "Summing lights",
+    "references": "Making pictures to compare with",
     "train": "Learning the lights",
     "measure": "Measuring what was learned",
     "write": "Writing files",

@@ -52,7 +52,7 @@ class Owed:
             status["samples_total"] = max(status["samples_total"], self.wanted.samples)
         self._forecast.note(status)
         status["rest"] = self._forecast.rest(status)
-        if status["stage"] is not None:  # The native module counts the time limit of learning alone.
+        if status["stage"] is not None:  # Before it has compared, the native module counts the time limit alone.
             status["stage"]["remaining_s"] = self._forecast.of_stage(status)
 
     def lacks_a_kind(self, status: dict[str, Any]) -> bool:

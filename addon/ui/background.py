@@ -15,7 +15,13 @@ from . import handlers
 from .panel import RelumePanel, message
 
 TICK_SECONDS = 0.25
-STAGES = {"prepare": "Preparing", "trace": "Tracing", "train": "Learning", "measure": "Measuring"}
+STAGES = {
+    "prepare": "Preparing",
+    "trace": "Tracing",
+    "references": "Pictures to compare with",
+    "train": "Learning",
+    "measure": "Measuring",
+}
 
 
 def start(scene: bpy.types.Scene) -> background.BackgroundBake:

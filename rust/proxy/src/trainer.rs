@@ -40,7 +40,8 @@ pub struct Trainer {
     pub(crate) samples_of: Samples,
     /// Where steps are done, if not here. Weights and moments of the state are then empty.
     pub(crate) device: Option<Box<DeviceCore>>,
-    held_out: Option<(Vec<LightParams>, Vec<Image>)>,
+    /// Lights that training never sees, with their pictures.
+    held_out: Vec<(LightParams, Image)>,
 }
 
 /// All that a resumed training needs besides its configuration.
@@ -123,7 +124,7 @@ impl Trainer {
             samples_of: Samples::new(&config, features.pixel_count(), 0),
             isa: Isa::detect(),
             scene_hash: String::new(),
-            held_out: None,
+            held_out: Vec::new(),
             device: None,
             config,
             kind,
@@ -259,24 +260,41 @@ impl Trainer {
         if averaged { &state.mean } else { &state.params }
     }
 
-    /// Measures the proxy as it stands on lights that training never sees, whose images are gathered (and denoised, if
-    /// the source can) at the first call.
+    /// Lights that [`Trainer::validate`] measures on.
+    pub fn held_out_lights(&self) -> usize {
+        self.config.held_out.max(1)
+    }
+
+    /// Gathers the images of some more lights for [`Trainer::validate`], denoised if the source can. How many were missing and
+    /// are there now; none once all are.
+    ///
+    /// # Errors
+    /// The failure of the source.
+    pub fn hold_out(&mut self, source: &dyn TargetSource, at_most: usize) -> Result<usize, ProxyError> {
+        let sampler = self.sampler();
+        let there = self.held_out.len();
+        let draw = |i| sampler.light_anywhere(source, &mut Rng::stream(self.seed, HELD_OUT_STREAM, i as u64));
+        let lights: Vec<LightParams> =
+            (there..self.held_out_lights().min(there + at_most)).map(draw).collect();
+        if lights.is_empty() {
+            return Ok(0);
+        }
+        let images = images_of(source, &lights, true, self.features.pixel_count())?;
+        self.held_out.extend(lights.into_iter().zip(images));
+        Ok(self.held_out.len() - there)
+    }
+
+    /// Measures the proxy as it stands on lights that training never sees. Images of theirs that [`Trainer::hold_out`] has not
+    /// gathered are gathered first.
     ///
     /// # Errors
     /// The failure of the source.
     pub fn validate(&mut self, source: &dyn TargetSource) -> Result<Scores, ProxyError> {
-        let sampler = self.sampler();
-        self.calibrated(&sampler, source)?;
-        if self.held_out.is_none() {
-            let draw = |i| sampler.light_anywhere(source, &mut Rng::stream(self.seed, HELD_OUT_STREAM, i));
-            let lights: Vec<LightParams> = (0..self.config.held_out.max(1) as u64).map(draw).collect();
-            let images = images_of(source, &lights, true, self.features.pixel_count())?;
-            self.held_out = Some((lights, images));
-        }
+        self.calibrated(&self.sampler(), source)?;
+        self.hold_out(source, self.held_out_lights())?;
         let proxy = self.proxy()?;
-        let (lights, references) = self.held_out.as_ref().expect("filled above");
         let mut scores = Scores { psnr: 0.0, smape: 0.0, lights: 0, samples: self.state.samples };
-        for (light, reference) in lights.iter().zip(references) {
+        for (light, reference) in &self.held_out {
             let image = proxy.unit_image(light)?;
             // Equal pictures have no finite PSNR.
             scores.psnr += metrics::psnr_reinhard(&image, reference).min(100.0) as f32;

@@ -13,6 +13,8 @@ pub enum Stage {
     Trace,
     /// Summing lights over the dump.
     Gather,
+    /// Making the pictures that a proxy is compared with while it is trained.
+    References,
     /// Training a proxy.
     Train,
     /// Measuring a proxy against gathers.

@@ -106,6 +106,9 @@ const SNAPSHOT_SHARE: f64 = 0.01;
 const CURVE_POINTS: f64 = 10.0;
 /// Steps of the progress report.
 const TRAIN_UNITS: u64 = 1000;
+/// Pictures made at once to compare with: few are gathered no slower one by one than together, and the first tell how long the
+/// rest will take.
+const REFERENCES_AT_ONCE: usize = 2;
 /// Lights of the final comparison.
 const MEASURED_LIGHTS: usize = 16;
 
@@ -180,7 +183,7 @@ fn train_on(
             None => trainer,
         }
     };
-    let trainer = match &compute.gpu {
+    let mut trainer = match &compute.gpu {
         Some(gpu) => trainer.on_gpu(Arc::clone(gpu))?,
         None => trainer,
     };
@@ -195,6 +198,9 @@ fn train_on(
     let samples_before = trainer.samples();
     let checkpoint = if compute.gpu.is_some() { CHECKPOINT_OF_GPU } else { CHECKPOINT };
     let replaces_measured = has_measured(out, settings.kind, &scene_hash);
+    if settings.half_for_measuring {
+        make_references(&mut trainer, &held_out, monitor)?;
+    }
     let mut run = Run {
         trainer,
         settings,
@@ -204,6 +210,7 @@ fn train_on(
         next_snapshot: compute.gpu.as_ref().map(|_| Instant::now()),
         trained,
         uncounted: trained,
+        compared: Compared::default(),
         curve,
         samples_before,
         replaces_measured,
@@ -211,7 +218,7 @@ fn train_on(
     };
     run.steps((&training, on_gpu.as_ref()), &held_out, monitor)?;
     // The last figures belong to the last weights, wherever the training was interrupted.
-    if settings.half_for_measuring && run.trainer.done() {
+    if settings.half_for_measuring && run.trainer.done() && !run.has_scores() {
         run.trainer.validate(&held_out)?;
     }
     run.save()?;
@@ -236,6 +243,22 @@ fn train_on(
         copied: on_gpu.as_ref().map_or(0, GpuTargets::copied_bytes),
         measured,
     })
+}
+
+/// Makes the pictures that the proxy is compared with on the way, or as many as there is time for before a cancel.
+fn make_references(
+    trainer: &mut Trainer,
+    held_out: &DumpTargets,
+    monitor: &Monitor,
+) -> Result<(), SessionError> {
+    let stage = monitor.stage(Stage::References, 0, trainer.held_out_lights() as u64);
+    while !monitor.cancelled() {
+        match trainer.hold_out(held_out, REFERENCES_AT_ONCE)? {
+            0 => break,
+            made => stage.advance(made as u64, ""),
+        }
+    }
+    Ok(())
 }
 
 const NO_ROOM: &str = "the training leaves no room in the GPU's memory for parts of the bake: the CPU gathers for it; raise \
@@ -316,12 +339,20 @@ struct Run<'a> {
     /// The part of `trained` that says nothing about the speed: by a try that failed, or before the first batch, when the pool of
     /// denoised images was filled.
     uncounted: Duration,
+    compared: Compared,
     curve: Vec<CurvePoint>,
     /// Samples that an interrupted run had done.
     samples_before: u64,
     /// Whether a proxy of the scene is there that was measured.
     replaces_measured: bool,
     kept: &'a RefCell<Kept>,
+}
+
+/// How often the proxy was compared on the way in this try, and how long that took.
+#[derive(Default)]
+struct Compared {
+    times: u32,
+    took: Duration,
 }
 
 impl Run<'_> {
@@ -391,14 +422,25 @@ impl Run<'_> {
         self.trainer.set_samples(samples + ((seconds - trained).max(0.0) * rate) as u64);
     }
 
-    /// What is left of a time limit by the clock. The pace would tell less: the first steps take longer than the rest.
+    /// What is left of a time limit by the clock, and of comparing, which does not count towards it: that is known from the
+    /// first time on. The pace would tell less: the first steps take longer than the rest.
     fn seconds_left(&self) -> Option<f64> {
         let seconds = self.settings.seconds.filter(|_| self.settings.clock == Clock::Wall)?;
-        Some((seconds - self.trained.as_secs_f64()).max(0.0))
+        let times_left = ((1.0 - self.progress()) * CURVE_POINTS).ceil().max(0.0);
+        let each = self.compared.took.as_secs_f64() / f64::from(self.compared.times.max(1));
+        Some((seconds - self.trained.as_secs_f64()).max(0.0) + times_left * each)
+    }
+
+    /// Whether the last comparison was of the weights as they are.
+    fn has_scores(&self) -> bool {
+        self.trainer.scores().is_some_and(|scores| scores.samples == self.trainer.samples())
     }
 
     fn add_curve_point(&mut self, held_out: &DumpTargets, stage: &StageProgress) -> Result<(), SessionError> {
+        let start = Instant::now();
         let scores = self.trainer.validate(held_out)?;
+        self.compared.times += 1;
+        self.compared.took += start.elapsed();
         let (seconds, samples) = (self.trained.as_secs_f64(), self.trainer.samples());
         self.curve.push(CurvePoint { seconds, samples, psnr: scores.psnr, smape: scores.smape });
         let left = self.seconds_left();

@@ -37,6 +37,17 @@ fn fast_network_learns_the_room_for_every_kind_of_light() {
 }
 
 #[test]
+fn scores_do_not_depend_on_how_many_held_out_images_are_made_at_once() {
+    let room = SyntheticRoom::new(24, 16);
+    let start = || Trainer::new(Arc::new(room.features()), LightKind::Sphere, config(1), 3).expect("valid");
+    let (mut apart, mut together) = (start(), start());
+    let made = [(); 3].map(|()| apart.hold_out(&room, 3).expect("images"));
+    assert_eq!(made, [3, 1, 0]);
+    assert_eq!(apart.validate(&room).expect("scores"), together.validate(&room).expect("scores"));
+    assert_eq!(together.hold_out(&room, 3).expect("images"), 0, "they are kept");
+}
+
+#[test]
 fn reference_network_learns_from_a_pool() {
     let room = SyntheticRoom::new(48, 32);
     let config = TrainConfig {
