@@ -4,13 +4,14 @@ import bpy
 import pytest
 
 from addon.core import status
+from addon.core.bake_folder import CONTENTS
 from addon.engine import options, shot
 from addon.ui import handlers
 from addon.ui.start import start
 from helpers import settled, until
 
 WEIGHTS, MEASURED = "proxy_facing-disk.safetensors", "proxy_facing-disk.json"
-TRAINING = "training_facing-disk.safetensors"
+TRAINING, GUIDED = "training_facing-disk.safetensors", "guided.json"
 
 
 @pytest.fixture
@@ -37,28 +38,45 @@ def notes_of_files(found, folder):
     return [note for note in found.notes if str(folder) in note]
 
 
-@pytest.mark.parametrize("lost, named", [([WEIGHTS], WEIGHTS), ([MEASURED], MEASURED), ([WEIGHTS, MEASURED], MEASURED)])
-def test_a_proxy_that_lacks_a_file_is_named_and_learned_again(learned, lost, named):
+LOST = [
+    ([WEIGHTS], f"{WEIGHTS} is missing in"),
+    ([MEASURED], f"{MEASURED} is missing in"),
+    ([WEIGHTS, MEASURED, TRAINING], f"{WEIGHTS} and {MEASURED} are missing in"),
+    ([GUIDED], f"{GUIDED} is missing in"),
+]
+
+
+@pytest.mark.parametrize("lost, said", LOST)
+def test_what_a_bake_lacks_is_named_and_made_again(learned, lost, said):
     folder, reopen = learned
     for name in lost:
         (folder / name).unlink()
     scene = reopen()
     found = until(scene, settled, "the bake")
-    notes = notes_of_files(found, folder)
-    assert [note.split()[0] for note in notes] == lost and named in " ".join(notes)
-    assert status.shown(found.status).startswith("Showing 16 samples") and not found.status["proxies"]
+    (note,) = notes_of_files(found, folder)
+    assert note.startswith(said) and "Rebake" in note
+    if lost != [GUIDED]:
+        assert status.shown(found.status).startswith("Showing 16 samples") and not found.status["proxies"]
     options.preferences().train_seconds = 1.0
     assert bpy.ops.relume.rebake() == {"FINISHED"}
     found = until(scene, lambda found: found.status["proxies"] and settled(found), "what was lost")
     assert notes_of_files(found, folder) == [] and all((folder / name).exists() for name in lost)
 
 
-def test_a_whole_bake_and_one_that_was_interrupted_lack_nothing(learned):
+def test_a_bake_that_does_not_say_what_it_holds_is_judged_by_what_is_left(learned):
+    folder, reopen = learned
+    (folder / CONTENTS).unlink()
+    assert notes_of_files(until(reopen(), settled, "the bake"), folder) == []
+    (folder / WEIGHTS).unlink()
+    (note,) = notes_of_files(until(reopen(), settled, "the bake"), folder)
+    assert note.startswith(f"There is no {WEIGHTS} in")
+    shot.of(bpy.context.scene)._owed.note_bake()  # As while a proxy is made anew.
+    found = until(reopen(), settled, "the bake")
+    assert found.status["is_owed"] and notes_of_files(found, folder) == []
+
+
+def test_a_whole_bake_lacks_nothing(learned):
     folder, reopen = learned
     assert notes_of_files(until(reopen(), settled, "the bake"), folder) == []
     (folder / TRAINING).unlink()
-    assert notes_of_files(until(reopen(), settled, "the bake"), folder) == []
-    (folder / MEASURED).unlink()  # As while a proxy is made anew.
-    shot.of(bpy.context.scene)._owed.note_bake()
-    found = until(reopen(), settled, "the bake")
-    assert found.status["is_owed"] and notes_of_files(found, folder) == []
+    assert notes_of_files(until(reopen(), settled, "the bake"), folder) == [], "nobody needs it any more"

@@ -164,6 +164,30 @@ fn damaged_proxies_and_light_sets_are_refused() {
 }
 
 #[test]
+fn files_that_are_gone_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    small_bake(path);
+    let training = "train bake --million-samples 0.01 --neurons 16 --size-min 0.1 --size-max 0.3";
+    result(path, &format!("{training} --all-paths"));
+    assert_eq!(result(path, "info bake")["lost"], serde_json::json!([]), "that is not measured");
+    result(path, training);
+    assert_eq!(result(path, "info bake")["lost"], serde_json::json!([]));
+    for name in
+        ["guided.json", "proxy_sphere.safetensors", "proxy_sphere.json", "training_sphere.safetensors"]
+    {
+        std::fs::remove_file(path.join("bake").join(name)).unwrap();
+    }
+    let lost = result(path, "info bake")["lost"].to_string();
+    assert!(lost.contains("guided.json is missing in bake, ") && lost.contains("Rebake"), "{lost}");
+    assert!(lost.contains("proxy_sphere.safetensors and proxy_sphere.json are missing in bake, "), "{lost}");
+    assert!(lost.contains("relume train --type sphere") && lost.contains("restore them"), "{lost}");
+    assert!(failure(path, "validate bake").contains("2 problems"));
+    result(path, training);
+    assert!(!result(path, "info bake")["lost"].to_string().contains("proxy_sphere"));
+}
+
+#[test]
 fn pictures_of_another_size_are_no_targets() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();

@@ -12,8 +12,10 @@ MANIFEST = "manifest.json"
 PATHS = (MANIFEST, "guided.json", "world.exr", "tile_*.safetensors", "training_*.safetensors")
 """Files of paths, and what is made of those paths alone. The manifest goes first: what is left after a crash is never
 taken for a bake."""
+CONTENTS = "contents.json"
+"""What the native module notes there: which files the folder should hold."""
 OWN_FILES = (
-    *(*PATHS, "lights.json", "shot.json", "wanted.json", "view.png", "base.exr"),
+    *(*PATHS, "lights.json", "shot.json", "wanted.json", "view.png", "base.exr", CONTENTS),
     *("proxy_*.safetensors", "proxy_*.json"),
 )
 """Of a bake and its proxies."""
@@ -50,7 +52,10 @@ def why_no_bake(folder: Path) -> str:
 
 
 def lost_of_proxies(folder: Path) -> list[str]:
-    """What is missing of the proxies in a folder, in whose learning nobody was interrupted, by what is left of them."""
+    """What is missing of the proxies in a folder, in whose learning nobody was interrupted, by what is left of them.
+    Where the folder says itself what it should hold, the native module says what of that is gone."""
+    if (folder / CONTENTS).exists():
+        return []
     patterns = ("proxy_*.safetensors", "proxy_*.json", "training_*.safetensors")
     kinds = {file.stem.partition("_")[2] for pattern in patterns for file in folder.glob(pattern)}
     names = [name for kind in sorted(kinds) for name in (f"proxy_{kind}.safetensors", f"proxy_{kind}.json")]

@@ -1,10 +1,10 @@
 use crate::progress::{Monitor, Stage};
-use crate::{GUIDED_FILE, Guided, LightSet, SessionError, WORLD_FILE};
+use crate::{CONTENTS_FILE, GUIDED_FILE, Guided, LightSet, SessionError, WORLD_FILE, contents};
 use relume_dump::{Dump, DumpError, DumpWriter, Manifest, Shard, ShardSink, TileSamples};
 use relume_scene::{Light, Scene};
 use relume_trace::{Control, Outcome, TraceSettings, Tracer, lights_looked_for, manifest};
 use serde::Serialize;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
@@ -102,7 +102,7 @@ pub(crate) fn bake_observed(
     let lights =
         LightSet { name: scene.camera.name.clone(), lights: scene.lights.clone(), notes: Vec::new() };
     if let Some(dump) = if resume { of_another_world(scene, settings, folder)? } else { None } {
-        lights.write(&folder.join(LIGHTS_FILE))?;
+        write_lights(&lights, folder)?;
         (observer.passes)(dump.clone());
         return Ok(report(&dump, start, scene.warnings.clone()));
     }
@@ -119,7 +119,7 @@ pub(crate) fn bake_observed(
         true => DumpWriter::resume(folder, tracer.manifest())?,
         false => DumpWriter::create(folder, tracer.manifest())?,
     };
-    lights.write(&folder.join(LIGHTS_FILE))?;
+    write_lights(&lights, folder)?;
     let guided = if resume { Guided::of_bake(folder).unwrap_or_default() } else { Guided::default() };
     let recorder =
         GuideRecorder { folder, guiding: settings.guiding, lights: observer.lights, guided: guided.into() };
@@ -127,6 +127,12 @@ pub(crate) fn bake_observed(
     trace(&tracer, &sink, &recorder, observer.samples, monitor)?;
 
     Ok(report(&sink.writer.finish()?, start, warnings))
+}
+
+fn write_lights(lights: &LightSet, folder: &Path) -> Result<(), SessionError> {
+    let path = folder.join(LIGHTS_FILE);
+    lights.write(&path)?;
+    contents::note(&path)
 }
 
 fn report(dump: &Dump, start: Instant, warnings: Vec<String>) -> BakeReport {
@@ -307,7 +313,7 @@ pub(crate) fn clear(folder: &Path) -> Result<(), SessionError> {
     remove(
         folder,
         &["tile_", "proxy_", "training_"],
-        &["base.exr", WORLD_FILE, LIGHTS_FILE, GUIDED_FILE, VIEW_FILE],
+        &["base.exr", WORLD_FILE, LIGHTS_FILE, GUIDED_FILE, VIEW_FILE, CONTENTS_FILE],
     )
 }
 
@@ -324,16 +330,15 @@ fn remove(folder: &Path, beginnings: &[&str], names: &[&str]) -> Result<(), Sess
     };
     remove(&folder.join(Manifest::FILE))?;
     let entries = std::fs::read_dir(folder).map_err(SessionError::io("read the folder", folder))?;
-    for entry in entries.flatten() {
-        let name = entry.file_name();
-        let name = name.to_string_lossy();
-        let ours = beginnings.iter().any(|start| name.starts_with(start))
+    let is_ours = |path: &PathBuf| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let by_beginning = beginnings.iter().any(|start| name.starts_with(start))
             && [".safetensors", ".json"].iter().any(|end| name.ends_with(end));
-        if ours || names.contains(&name.as_ref()) {
-            remove(&entry.path())?;
-        }
-    }
-    Ok(())
+        by_beginning || names.contains(&name.as_ref())
+    };
+    let ours: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).filter(is_ours).collect();
+    contents::forget(folder, &ours)?;
+    ours.iter().try_for_each(|path| remove(path))
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Which lights the paths of a bake look for, and how often they meet others.
 
-use crate::{LightSet, SessionError, seen_points};
+use crate::{LightSet, SessionError, contents, seen_points};
 use glam::Vec3;
 use relume_dump::{Aovs, Manifest};
 use relume_scene::{Camera, Light, LightShape};
@@ -57,10 +57,12 @@ impl Guided {
     }
 
     pub(crate) fn write(&self, folder: &Path) -> Result<(), SessionError> {
-        Ok(relume_image::write_atomically(&folder.join(GUIDED_FILE), |writer| {
+        let path = folder.join(GUIDED_FILE);
+        relume_image::write_atomically(&path, |writer| {
             serde_json::to_writer(&mut *writer, self)?;
             writer.write_all(b"\n")
-        })?)
+        })?;
+        contents::note(&path)
     }
 
     /// Notes that a pass looks for these lights, with a share of its directions. Whether that is news.

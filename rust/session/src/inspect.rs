@@ -1,6 +1,6 @@
 use crate::progress::{Monitor, Stage};
 use crate::proxies::{Measured, Proxies};
-use crate::{LightSet, SceneFile, SessionError};
+use crate::{LightSet, SceneFile, SessionError, lost_files};
 use relume_dump::{Dump, Manifest};
 use relume_proxy::{Proxy, ProxyInfo};
 use relume_scene::Instance;
@@ -25,11 +25,15 @@ pub enum Info {
         lights: Vec<String>,
         /// Its proxies.
         proxies: Vec<ProxySummary>,
+        /// Files that are gone, in words ([`lost_files`]).
+        lost: Vec<String>,
     },
     /// A folder of proxies without their bake.
     Proxies {
         /// The proxies.
         proxies: Vec<ProxySummary>,
+        /// Files that are gone, in words ([`lost_files`]).
+        lost: Vec<String>,
     },
     /// A proxy.
     Proxy {
@@ -116,13 +120,15 @@ fn bake_info(folder: &Path) -> Result<Info, SessionError> {
         bytes: dump.shards().map(|shard| shard.as_bytes().len() as u64).sum(),
         lights: lights.lights.into_iter().map(|light| light.name).collect(),
         proxies: summaries(&Proxies::open(folder, &manifest.scene_hash)?),
+        lost: lost_files(folder),
         manifest: Box::new(manifest.clone()),
     })
 }
 
 fn proxies_info(folder: &Path) -> Result<Info, SessionError> {
     let base = crate::base_layers::read(folder)?;
-    Ok(Info::Proxies { proxies: summaries(&Proxies::open(folder, &base.scene_hash)?) })
+    let proxies = summaries(&Proxies::open(folder, &base.scene_hash)?);
+    Ok(Info::Proxies { proxies, lost: lost_files(folder) })
 }
 
 fn summaries(proxies: &Proxies) -> Vec<ProxySummary> {
@@ -140,6 +146,9 @@ pub fn validate(path: &Path, monitor: &Monitor) -> Result<Vec<String>, SessionEr
     let mut problems = Vec::new();
     if path.is_dir() && path.join(Manifest::FILE).exists() {
         problems = Dump::validate_dir(path)?;
+    }
+    if path.is_dir() {
+        problems.extend(lost_files(path));
     }
     // The rest of a folder, and single files, are checked whole by their readers.
     if let Err(error) = info(path) {

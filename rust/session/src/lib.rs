@@ -14,12 +14,14 @@
 //! that its paths look for ([`GUIDED_FILE`]), the light of another world that is shown ([`WORLD_FILE`]), its view transform ([`VIEW_FILE`], if it is not the sRGB curve) and, once
 //! trained, for each kind of light
 //! `proxy_<kind>.safetensors`, `proxy_<kind>.json` ([`Measured`]), `training_<kind>.safetensors` (to resume from) and
-//! `base.exr` (what relighting needs when the dump is not at hand). Everything is written atomically; long work checks the
+//! `base.exr` (what relighting needs when the dump is not at hand). [`CONTENTS_FILE`] says which of these it should hold
+//! ([`lost_files`]). Everything is written atomically; long work checks the
 //! cancel flag between units and leaves whole files.
 
 mod bake;
 mod base_layers;
 pub mod bench;
+mod contents;
 mod denoise;
 mod device;
 mod device_gather;
@@ -53,6 +55,7 @@ mod unit_cache;
 mod world_layer;
 
 pub use bake::{BakeReport, LIGHTS_FILE, VIEW_FILE, bake, difference};
+pub use contents::{CONTENTS_FILE, lost_files};
 pub use denoise::Denoise;
 pub use device::{Compute, Device};
 pub use environment::environment_texture;

@@ -4,7 +4,7 @@ use relume_scene::{Light, LobeFactors};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-const KINDS: [LightKind; 3] = [LightKind::Sphere, LightKind::FacingDisk, LightKind::Quad];
+pub(crate) const KINDS: [LightKind; 3] = [LightKind::Sphere, LightKind::FacingDisk, LightKind::Quad];
 
 /// Mean errors over some lights, against independent gathers of the other half of the paths.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -4,7 +4,7 @@ use crate::progress::{Monitor, Stage, StageProgress};
 use crate::proxies::{Measured, measured_path, proxy_path};
 use crate::relighter::camera;
 use crate::targets::{DumpTargets, GpuTargets};
-use crate::{Compute, SessionError, base_layers, pixel_features};
+use crate::{Compute, SessionError, base_layers, contents, pixel_features};
 use cpu_time::ProcessTime;
 use relume_dump::Dump;
 use relume_gather::{Gather, Half};
@@ -478,11 +478,15 @@ impl Run<'_> {
     /// The proxy as it is now, with how it was measured. An older measurement was of other weights and goes first.
     fn publish(&self, measured: Option<&Measured>) -> Result<(), SessionError> {
         let path = measured_path(self.out, self.settings.kind);
+        contents::forget(self.out, std::slice::from_ref(&path))?;
         if path.exists() {
             std::fs::remove_file(&path).map_err(SessionError::io("remove", &path))?;
         }
-        self.trainer.proxy()?.save(&proxy_path(self.out, self.settings.kind))?;
+        let proxy = proxy_path(self.out, self.settings.kind);
+        self.trainer.proxy()?.save(&proxy)?;
+        contents::note(&proxy)?;
         let Some(measured) = measured else { return Ok(()) };
-        Ok(write_atomically(&path, |writer| Ok(serde_json::to_writer_pretty(writer, measured)?))?)
+        write_atomically(&path, |writer| Ok(serde_json::to_writer_pretty(writer, measured)?))?;
+        contents::note(&path)
     }
 }

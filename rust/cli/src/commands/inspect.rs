@@ -12,7 +12,7 @@ pub fn info(args: &PathArgs, context: &Context) -> anyhow::Result<()> {
 
 fn text(info: &Info) -> String {
     match info {
-        Info::Bake { manifest, shards, records, bytes, lights, proxies } => {
+        Info::Bake { manifest, shards, records, bytes, lights, proxies, lost } => {
             let mut lines = vec![
                 format!(
                     "bake of {} x {} pixels, {} paths per pixel",
@@ -30,10 +30,11 @@ fn text(info: &Info) -> String {
                 lights_line(lights),
             ];
             lines.extend(proxies.iter().map(proxy_line));
+            lines.extend(warning_lines(lost));
             lines.join("\n")
         }
-        Info::Proxies { proxies } => {
-            let lines: Vec<String> = proxies.iter().map(proxy_line).collect();
+        Info::Proxies { proxies, lost } => {
+            let lines: Vec<String> = proxies.iter().map(proxy_line).chain(warning_lines(lost)).collect();
             lines.join("\n")
         }
         Info::Proxy { info } => proxy_line(&ProxySummary { info: (**info).clone(), measured: None }),
@@ -62,10 +63,13 @@ fn text(info: &Info) -> String {
                 format!("{instances} objects, {triangles} triangles"),
                 lights_line(lights),
             ];
-            let warnings = warnings.iter().map(|warning| format!("warning: {warning}"));
-            lines.into_iter().chain(warnings).collect::<Vec<_>>().join("\n")
+            lines.into_iter().chain(warning_lines(warnings)).collect::<Vec<_>>().join("\n")
         }
     }
+}
+
+fn warning_lines(warnings: &[String]) -> impl Iterator<Item = String> {
+    warnings.iter().map(|warning| format!("warning: {warning}"))
 }
 
 fn lights_line(names: &[String]) -> String {

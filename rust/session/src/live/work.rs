@@ -5,8 +5,8 @@ use crate::guided::Sight;
 use crate::relighter::camera;
 use crate::world_layer::WorldLayer;
 use crate::{
-    Cancel, Clock, Compute, Guided, LightSet, Monitor, Proxies, SessionError, TrainSettings, base_layers,
-    in_background, sizes_with, train,
+    Cancel, Clock, Compute, GUIDED_FILE, Guided, LightSet, Monitor, Proxies, SessionError, TrainSettings,
+    base_layers, contents, in_background, lost_files, sizes_with, train,
 };
 use relume_dump::{Dump, DumpError, Manifest};
 use relume_proxy::{LightKind, TrainConfig};
@@ -87,7 +87,7 @@ impl Job {
     }
 
     /// Whether the folder holds a whole bake of the scene, and its world or the lights that are shown now would have much less noise
-    /// from paths that look for them.
+    /// from paths that look for them, or nobody knows any more what its paths look for.
     fn looks_elsewhere(&self, scene: &Scene, settings: &TraceSettings) -> Result<bool, SessionError> {
         let is_there = self.folder.join(Manifest::FILE).exists();
         let Some(dump) = is_there.then(|| Dump::open(&self.folder)).transpose()? else { return Ok(false) };
@@ -96,7 +96,7 @@ impl Job {
         if !is_same || !dump.missing().is_empty() {
             return Ok(false);
         }
-        if manifest.world_map != scene.world_map() {
+        if manifest.world_map != scene.world_map() || contents::is_lost(&self.folder.join(GUIDED_FILE)) {
             return Ok(true);
         }
         let guided = Guided::of_bake(&self.folder).unwrap_or_default();
@@ -189,6 +189,7 @@ impl Job {
 
     /// Whether the folder holds a whole bake.
     fn open(&self) -> Result<bool, SessionError> {
+        lost_files(&self.folder).iter().for_each(|text| self.shared.warn(text));
         if !self.folder.join(Manifest::FILE).exists() {
             let base = Arc::new(base_layers::read(&self.folder)?);
             self.shared.change(|state| {

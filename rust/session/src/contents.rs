@@ -1,0 +1,162 @@
+use crate::proxies::{KINDS, measured_path, proxy_path};
+use crate::{GUIDED_FILE, LIGHTS_FILE, SessionError};
+use relume_dump::Manifest;
+use relume_image::write_atomically;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+/// File of a bake folder that says which files it should hold beside the paths, so that one that is gone is missed.
+pub const CONTENTS_FILE: &str = "contents.json";
+
+const FORMAT: &str = "relume-contents";
+const VERSION: u32 = 1;
+
+#[derive(Serialize, Deserialize)]
+struct Contents {
+    format: String,
+    version: u32,
+    /// Names.
+    files: BTreeSet<String>,
+}
+
+impl Contents {
+    /// What a folder says; nothing where it does not say, as those of versions before do not.
+    fn of(folder: &Path) -> Self {
+        let text = std::fs::read_to_string(folder.join(CONTENTS_FILE)).unwrap_or_default();
+        let known = |contents: &Self| contents.format == FORMAT && contents.version == VERSION;
+        let none = || Self { format: FORMAT.into(), version: VERSION, files: BTreeSet::new() };
+        serde_json::from_str(&text).ok().filter(known).unwrap_or_else(none)
+    }
+
+    fn write(&self, folder: &Path) -> Result<(), SessionError> {
+        let path = folder.join(CONTENTS_FILE);
+        Ok(write_atomically(&path, |writer| Ok(serde_json::to_writer_pretty(writer, self)?))?)
+    }
+
+    fn lacks(&self, path: &Path) -> bool {
+        self.files.contains(&name_of(path)) && !path.exists()
+    }
+}
+
+/// Notes that a folder should hold a file, which was written before: after a crash between the two it is not missed.
+pub(crate) fn note(path: &Path) -> Result<(), SessionError> {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let mut contents = Contents::of(folder);
+    if contents.files.insert(name_of(path)) { contents.write(folder) } else { Ok(()) }
+}
+
+/// Notes that a folder need not hold some files any more, which are to be removed after.
+pub(crate) fn forget(folder: &Path, paths: &[PathBuf]) -> Result<(), SessionError> {
+    let mut contents = Contents::of(folder);
+    let before = contents.files.len();
+    let gone: Vec<String> = paths.iter().map(|path| name_of(path)).collect();
+    contents.files.retain(|name| !gone.contains(name));
+    if contents.files.len() < before { contents.write(folder) } else { Ok(()) }
+}
+
+/// Whether a file is gone that its folder should hold.
+pub(crate) fn is_lost(path: &Path) -> bool {
+    Contents::of(path.parent().unwrap_or(Path::new(""))).lacks(path)
+}
+
+/// The files that are gone from a folder of a bake or of proxies, with what follows and what to do, in words for the user.
+pub fn lost_files(folder: &Path) -> Vec<String> {
+    let contents = Contents::of(folder);
+    let mut lost = Vec::new();
+    if folder.join(Manifest::FILE).exists() {
+        lost.extend(
+            OF_PATHS.into_iter().filter(|(name, _)| contents.lacks(&folder.join(name))).map(
+                |(name, effect)| format!("{name} is missing in {}, {effect} (Rebake)", folder.display()),
+            ),
+        );
+    }
+    for kind in KINDS {
+        let files = [proxy_path(folder, kind), measured_path(folder, kind)];
+        let names: Vec<String> =
+            files.iter().filter(|path| contents.lacks(path)).map(|path| name_of(path)).collect();
+        let (are, them) = match names.len() {
+            0 => continue,
+            1 => ("is", "it"),
+            _ => ("are", "them"),
+        };
+        lost.push(format!(
+            "{} {are} missing in {}, so that lights of this type are summed from the samples: restore {them}, or have them \
+             learned again (Rebake, or relume train --type {kind})",
+            names.join(" and "),
+            folder.display()
+        ));
+    }
+    lost
+}
+
+/// Files that belong to the paths of a bake, and what follows where they are gone.
+const OF_PATHS: [(&str, &str); 2] = [
+    (
+        LIGHTS_FILE,
+        "so that the scene's own lights are not known without its .blend: restore it, or bake again",
+    ),
+    (
+        GUIDED_FILE,
+        "so that lights may be said to be met by few paths that are met by many: restore it, or trace anew",
+    ),
+];
+
+fn name_of(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use relume_proxy::LightKind;
+
+    fn write(path: &Path) {
+        std::fs::write(path, "something").unwrap();
+    }
+
+    #[test]
+    fn what_was_noted_and_is_gone_is_missed() {
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path();
+        let [proxy, measured] = [proxy_path(folder, LightKind::Quad), measured_path(folder, LightKind::Quad)];
+        note(&proxy).unwrap();
+        note(&measured).unwrap();
+        write(&proxy);
+        let lost = lost_files(folder);
+        assert_eq!(lost.len(), 1, "{lost:?}");
+        let place = folder.display();
+        assert!(lost[0].starts_with(&format!("proxy_quad.json is missing in {place}, so")), "{lost:?}");
+        std::fs::remove_file(&proxy).unwrap();
+        let both = format!("proxy_quad.safetensors and proxy_quad.json are missing in {place}, so");
+        assert!(lost_files(folder)[0].starts_with(&both));
+        forget(folder, std::slice::from_ref(&measured)).unwrap();
+        assert!(is_lost(&proxy) && !is_lost(&measured));
+        write(&proxy);
+        assert_eq!(lost_files(folder), [""; 0]);
+    }
+
+    #[test]
+    fn files_of_paths_are_missed_where_there_are_paths() {
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path();
+        note(&folder.join(GUIDED_FILE)).unwrap();
+        note(&folder.join("another.json")).unwrap();
+        assert_eq!(lost_files(folder), [""; 0], "a folder of proxies has none");
+        write(&folder.join(Manifest::FILE));
+        let lost = lost_files(folder);
+        assert!(lost.len() == 1 && lost[0].starts_with(GUIDED_FILE), "{lost:?}");
+    }
+
+    #[test]
+    fn a_folder_that_does_not_say_what_it_holds_lacks_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path();
+        write(&folder.join(Manifest::FILE));
+        assert_eq!(lost_files(folder), [""; 0]);
+        for text in ["", "{}", r#"{"format": "relume-contents", "version": 2, "files": ["guided.json"]}"#] {
+            std::fs::write(folder.join(CONTENTS_FILE), text).unwrap();
+            assert_eq!(lost_files(folder), [""; 0], "{text}");
+        }
+    }
+}
