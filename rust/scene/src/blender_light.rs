@@ -9,7 +9,7 @@
 //! | sun of half angle a | `P / (pi sin^2 a)`: irradiance `P` | `P` |
 //! | area of area A | `P / (pi A)`, A with the object's scale | `P / pi` |
 
-use crate::{Light, LightShape, LobeFactors, ReceiverSet};
+use crate::{Light, LightShape, LobeFactors, MOST_RADIANCE, ReceiverSet};
 use glam::{Mat3, Vec3};
 use std::f32::consts::PI;
 
@@ -172,6 +172,11 @@ impl BlenderLight {
             lobes: self.lobes,
             receivers: self.receivers.clone(),
         };
+        // So that NaN, of no power times no end of it, is refused as well.
+        if !light.radiance.iter().all(|radiance| radiance.abs() <= MOST_RADIANCE) {
+            let reason = format!("it is brighter than {MOST_RADIANCE:e}; lower its power");
+            return Err(self.error(&reason));
+        }
         Ok((light, notes))
     }
 

@@ -191,3 +191,14 @@ fn json_needs_only_what_differs_from_the_defaults() {
     let misspelt = json.replace("energy", "enregy");
     assert!(serde_json::from_str::<BlenderLight>(&misspelt).unwrap_err().to_string().contains("enregy"));
 }
+
+/// Of a light without radius, radiance is more than the largest number.
+#[test]
+fn lights_too_bright_to_be_summed_are_refused_by_name() {
+    for radius in [0.0, 0.5] {
+        let kind = BlenderLightKind::Point { radius, soft_falloff: true };
+        let error = BlenderLight { energy: f32::MAX, ..light(kind) }.to_light().unwrap_err();
+        assert_eq!(error.to_string(), "light 'Lamp': it is brighter than 1e30; lower its power");
+        assert!(BlenderLight { energy: 1e25, ..light(kind) }.to_light().is_ok());
+    }
+}

@@ -47,7 +47,7 @@ pub use procedural::{
     VoronoiHash, VoronoiTexture, WaveDirection, WaveKind, WaveProfile, WaveTexture,
 };
 pub use texture::{ColorEncoding, Extension, Interpolation, Texels, Texture};
-pub use validate::Problem;
+pub use validate::{MOST_RADIANCE, Problem};
 pub use world::World;
 
 /// Everything that the tracer needs, and the lights that the file came with.

@@ -1,9 +1,9 @@
 use std::fmt;
 
-use crate::{Instance, Material, Mesh, Node, Scene, Texels, Texture, World};
+use crate::{Input, Instance, Material, Mesh, Node, Scene, Texels, Texture, World};
 
-/// Brightest world: sums over many paths of one that is near the largest number are none any more.
-const MOST_RADIANCE: f32 = 1e30;
+/// Brightest world, light or glow of a surface: sums over many paths of one that is near the largest number are none any more.
+pub const MOST_RADIANCE: f32 = 1e30;
 
 /// Something that makes a scene untraceable: which part, and what to do about it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -122,8 +122,28 @@ impl Scene {
         if let Some(texture) = missing {
             return Some(format!("its image number {texture} does not exist"));
         }
-        let surface = material.surface.filter(|surface| *surface as usize >= material.nodes.len());
-        surface.map(|_| "its surface node does not exist".to_owned())
+        if material.surface.is_some_and(|surface| surface as usize >= material.nodes.len()) {
+            return Some("its surface node does not exist".to_owned());
+        }
+        let is_too_bright = material.nodes.iter().any(|node| glow(node) > MOST_RADIANCE);
+        is_too_bright
+            .then(|| format!("it glows brighter than {MOST_RADIANCE:e}; lower its emission strength"))
+    }
+}
+
+/// Radiance that a shader emits, as far as it is not linked: what comes over a link counts as 1.
+fn glow(node: &Node) -> f32 {
+    let brightest = |input: &Input| match input {
+        Input::Float(value) => *value,
+        Input::Rgb(values) => values.iter().copied().fold(0.0, f32::max),
+        Input::Link { .. } => 1.0,
+    };
+    match node {
+        Node::Emission { color, strength } => brightest(color) * brightest(strength),
+        Node::Principled { emission_color, emission_strength, .. } => {
+            brightest(emission_color) * brightest(emission_strength)
+        }
+        _ => 0.0,
     }
 }
 
@@ -224,6 +244,21 @@ mod tests {
         assert!(reason(|scene| scene.world.color[1] = f32::NAN).contains("not a finite number"));
         assert!(reason(|scene| scene.world.color[1] = f32::MAX).contains("lower its strength"));
         assert!(reason(|scene| scene.meshes[0].corner_normals = vec![Vec3::Z]).contains("Plane"));
+    }
+
+    #[test]
+    fn materials_that_glow_too_brightly_are_named() {
+        let glowing = |color, strength| {
+            let nodes = vec![Node::Emission { color, strength: Input::Float(strength) }];
+            Scene { materials: vec![Material { name: "Neon".into(), nodes, surface: Some(0) }], ..scene() }
+        };
+        let linked = || Input::Link { node: 0, output: crate::Output::Color };
+        assert_eq!(glowing(Input::Rgb([1.0, 0.5, 0.0]), 1e30).validate(), Ok(()));
+        for scene in [glowing(Input::Rgb([0.0, 1e20, 0.0]), 1e20), glowing(linked(), f32::MAX)] {
+            let [problem] = &scene.validate().unwrap_err()[..] else { panic!("one problem") };
+            assert_eq!((problem.part, problem.name.as_str()), ("material", "Neon"));
+            assert!(problem.reason.ends_with("lower its emission strength"), "{problem}");
+        }
     }
 
     #[test]

@@ -11,7 +11,7 @@
 //! `energy`). A bare list of lights is read too.
 
 use crate::SessionError;
-use relume_scene::{BlenderLight, Light};
+use relume_scene::{BlenderLight, Light, MOST_RADIANCE};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::io::Write;
@@ -153,7 +153,8 @@ pub(crate) fn check(light: &Light) -> Result<(), String> {
             (positive(*half_angle), "half_angle must be above 0"),
         ],
     };
-    let radiance = (light.radiance.iter().all(|r| r.is_finite()), "radiance must be finite");
+    let is_bearable = light.radiance.iter().all(|radiance| radiance.abs() <= MOST_RADIANCE);
+    let radiance = (is_bearable, "radiance must be a number of at most 1e30");
     match checks.iter().chain([&radiance]).find(|(ok, _)| !ok) {
         Some((_, reason)) => Err((*reason).into()),
         None => Ok(()),
@@ -176,6 +177,17 @@ mod tests {
         assert!(matches!(set.lights[1].shape, LightShape::Quad { .. }));
         // 100 W over 1 m2 of Lambertian emitter: P / (pi A).
         assert!((set.lights[1].radiance[0] - 100.0 / std::f32::consts::PI).abs() < 1e-3);
+    }
+
+    #[test]
+    fn lights_too_bright_to_be_summed_are_refused_by_name() {
+        let too_bright = |light: &str, from: &str, to: &str| {
+            LightSet::parse(&format!("[{}]", light.replace(from, to))).unwrap_err()
+        };
+        let error = too_bright(SPHERE, "[5, 4, 3]", "[5, 2e30, 3]");
+        assert!(error.contains("'Key'") && error.contains("at most 1e30"), "{error}");
+        let error = too_bright(AREA, "100", "1e36");
+        assert!(error.contains("'Rim'") && error.contains("lower its power"), "{error}");
     }
 
     #[test]

@@ -1,6 +1,6 @@
 use super::Aov;
 use crate::{LightSet, With};
-use relume_scene::Light;
+use relume_scene::{Light, MOST_RADIANCE};
 use serde::Deserialize;
 use serde_json::Value;
 use std::collections::HashMap;
@@ -70,8 +70,13 @@ impl LiveRequest {
             light.radiance = std::array::from_fn(|c| light.radiance[c] * gain[c]);
         }
         let finite = |factor: &[f32; 3]| factor.iter().all(|value| value.is_finite());
-        match lights.iter().find(|light| !finite(&light.radiance)) {
-            Some(light) => return Err(format!("light '{}': its gain must be finite", light.name)),
+        let is_bearable = |light: &&Light| light.radiance.iter().all(|value| value.abs() <= MOST_RADIANCE);
+        match lights.iter().find(|light| !is_bearable(light)) {
+            Some(light) => {
+                let limit = format!("it is brighter than {MOST_RADIANCE:e} with its row");
+                let advice = "lower its power, exposure or multiplier";
+                return Err(format!("light '{}': {limit}; {advice}", light.name));
+            }
             None if !finite(&json.world) || !finite(&json.static_light) => {
                 return Err("the gains of world and static must be finite".into());
             }

@@ -483,8 +483,10 @@ fn mistakes_are_told_in_words() {
     assert!(error.contains("nothing") && !error.contains('\n'), "{error}");
 
     let lights = r#"[{"name": "Key", "shape": {"type": "sphere", "center": [0, 1, 2], "radius": -1}, "radiance": [5, 4, 3]}]"#;
+    let bright = lights.replace("-1", "1").replace("[5, 4, 3]", "[5e29, 4, 3]");
     for (json, word) in [
         (format!(r#"{{"lights": {lights}}}"#), "Key"),
+        (format!(r#"{{"lights": {bright}, "gains": {{"Key": [4, 1, 1]}}}}"#), "exposure or multiplier"),
         (r#"{"lights": [], "lamps": 1}"#.into(), "lamps"),
         (r#"{"lights": [], "world": [1, 1]}"#.into(), "length"),
         (r#"{"lights": [], "aov": "mist"}"#.into(), "mist"),
