@@ -27,8 +27,8 @@ OWNED = "RELUME_ENDS_WITH_STANDARD_INPUT"
 """In the environment of a process that is to end with the one that started it. Not on Windows, where libraries that are
 loaded wait while the standard input is read."""
 GIVES_WAY = ["nice", "-n", "10"]
-"""What starts a process on Unix that leaves the processor to the artist's Blender where both want it; one that lowers its own
-priority would do so on Linux for one of its threads."""
+"""What starts a process on Unix that leaves the processor to the artist's Blender where both want it; one that lowers
+its own priority would do so on Linux for one of its threads."""
 LAST_WORDS = 20
 """Lines that are kept to say why a process failed."""
 OWNER_IS_GONE = 129
