@@ -16,7 +16,7 @@ from ..core.status import is_unfinished, lacks_samples
 from ..core.words import grouped
 from ..export import ExportOptions, trace_settings
 from ..export.linking import receiver_names
-from . import prints, record, world_change, worlds
+from . import prints, record, worlds
 from .changes import Changes
 from .native import native
 from .options import Options, options_of, remember_bake, remembered_bake
@@ -25,7 +25,7 @@ from .passes import Passes, Whole
 from .render_depsgraph import ExportCancelled, RenderTask
 from .scene import load_scene_async
 from .scene_lights import Description, SceneLights
-from .world_change import WorldTask
+from .world_follower import WorldFollower
 
 EMPTY: dict[str, Any] = {
     "state": "empty",
@@ -79,10 +79,7 @@ class Shot:
         self._owed = Owed(options)
         self.is_exporting = self._has_ended = False
         self._task: RenderTask | None = None
-        self._world_task: WorldTask | None = None
-        """Another world than the one that is shown, in the making."""
-        self._world_before: WorldTask | None = None
-        """The world that was read last."""
+        self._world = WorldFollower(self.changes)
         self._read_world = ""
         """Shape of the world's print when reading the scene began."""
         self._content: dict[str, Any] = {}
@@ -272,7 +269,7 @@ class Shot:
     @property
     def is_changing_world(self) -> bool:
         """Whether another world than the present one is shown still."""
-        return self._world_task is not None or self.changes.other_world() is not None
+        return self._world.is_behind
 
     @property
     def can_show(self) -> bool:
@@ -287,7 +284,7 @@ class Shot:
             return False
         shown = self.status["shown"] or {}
         waits = shown.get("request", 0) < self._request_number or not shown.get("settled", True)
-        return self.is_working or waits or self._world_task is not None or self.lights.is_waiting
+        return self.is_working or waits or self._world.is_reading or self.lights.is_waiting
 
     @property
     def is_lively(self) -> bool:
@@ -303,42 +300,13 @@ class Shot:
     def follow_world(self, scene: bpy.types.Scene) -> Any:
         """Makes the present world ready to be shown where another one is, a turn at a time; gives it to `relight` once
         it is."""
-        task = self._world_task
+        task = None if self.is_exporting else self._world.follow(scene)
         if task is None:
-            shape = self.changes.other_world()
-            if shape is not None and not self.is_exporting:
-                self._world_task = self._read(scene, shape)
             return None
-        if not task.done:
-            if task.shape != self.changes.other_world():  # It has changed again.
-                task.cancel()
-            return None
-        self._world_task = None
-        if task.was_cancelled:
-            return None
-        if task.needs_blender:
-            self._world_task = self._read(scene, task.shape, by_blender=True)
-        elif task.error is not None:
-            self.changes.refuse_world(task.shape, world_change.reason(task.error))
-        else:
-            self._take_world(task)
-        return task.world
-
-    def _read(self, scene: bpy.types.Scene, shape: str, by_blender: bool = False) -> WorldTask | None:
-        try:
-            return WorldTask(scene, shape, self._world_before, by_blender)
-        except Exception as error:
-            self.changes.refuse_world(shape, world_change.reason(error))
-            return None
-
-    def _take_world(self, task: WorldTask) -> None:
-        """The world of a task is the one that is shown from now on."""
-        self._world_before = task
         self.warnings += task.world.warnings
-        self.changes.maps[task.world.map] = task.shape
-        self.changes.note_world(task.world.map, task.world.color)
         self.is_recorded = self.changes.recording
         self.keep_record()
+        return task.world
 
     def relight(self, lights: list[Description], mix: dict, interactive: bool, world: Any = None) -> bool:
         """Asks for a picture; the newest request wins. `lights` as `SceneLights` describes them, `mix` as
@@ -464,11 +432,11 @@ class Shot:
         """Ends everything, without waiting unless told to. The folder stays whole."""
         if self.is_open:
             del _shots[self.scene_uid]
-        for task in (self._task, self._world_task):
-            if task is not None:
-                task.cancel()
+        if self._task is not None:
+            self._task.cancel()
+        self._world.close()
         self._live.close(wait_seconds=wait_seconds)
-        self.frame = self.frame_before = self._world_before = None
+        self.frame = self.frame_before = None
 
 
 def request_text(content: dict[str, Any], interactive: bool = False) -> str:
