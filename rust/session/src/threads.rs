@@ -1,8 +1,4 @@
 use rayon::ThreadPoolBuilder;
-use thread_priority::{ThreadPriority, ThreadPriorityValue, set_current_thread_priority};
-
-/// Of 0 to 99, where threads have 50 by themselves: niceness 10 on Linux, below normal on Windows.
-const BACKGROUND: u8 = 22;
 
 /// Does some work on a thread pool of its own, so that a program can do several things, each with its number of threads; 0 for
 /// one a core. Where no threads can be had, the calling one does all.
@@ -23,10 +19,21 @@ fn install<T: Send>(pool: ThreadPoolBuilder, work: impl FnOnce() -> T + Send) ->
     }
 }
 
+/// Takes 10 more of niceness, which Linux keeps for each thread. A system that refuses has the thread work as it is.
+#[cfg(target_os = "linux")]
 fn give_way() {
-    let priority = ThreadPriorityValue::try_from(BACKGROUND).expect("of 0 to 99");
-    // What may not give way, as in a process that was itself started with less, works as it is.
-    let _ = set_current_thread_priority(ThreadPriority::Crossplatform(priority));
+    let _ = rustix::process::nice(10);
+}
+
+/// Takes a priority below normal, on Windows the one of that name.
+#[cfg(not(target_os = "linux"))]
+fn give_way() {
+    /// Of 0 to 99, where threads have 50 by themselves.
+    const BELOW_NORMAL: u8 = 22;
+    let priority = thread_priority::ThreadPriorityValue::try_from(BELOW_NORMAL).expect("of 0 to 99");
+    let _ = thread_priority::set_current_thread_priority(thread_priority::ThreadPriority::Crossplatform(
+        priority,
+    ));
 }
 
 #[cfg(all(test, target_os = "linux"))]
@@ -45,7 +52,7 @@ mod tests {
     #[test]
     fn threads_in_the_background_give_way_and_no_others() {
         let [others, background] = [on_threads(2, niceness), in_background(2, niceness)];
-        assert!(background.iter().all(|nice| *nice == others[0].max(10)), "{background:?}");
+        assert!(background.iter().all(|nice| *nice == (others[0] + 10).min(19)), "{background:?}");
         assert_eq!((background.len(), on_threads(2, niceness)), (2, others));
     }
 }
