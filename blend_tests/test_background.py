@@ -93,7 +93,6 @@ def test_a_proxy_is_trained_for_each_type_of_light(room, tmp_path, monkeypatch):
     assert {"trace", "train"} <= stages
 
 
-@pytest.mark.skipif(os.name == "nt", reason="Windows has priorities of another kind")
 def test_another_blender_leaves_the_processor_to_the_artists(tmp_path):
     tell = "import json, os; print(json.dumps({'event': 'told', 'niceness': os.nice(0)}))"
     worker = Worker([sys.executable, "-c", tell], tmp_path)

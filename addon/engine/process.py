@@ -49,18 +49,18 @@ class Worker:
     def __init__(self, command: list[str], folder: Path):
         self._folder = folder
         self._told = ""
-        is_owned = os.name != "nt"
+        is_unix = os.name != "nt"
         # In a group of its own: a wrapper around Blender must not outlive it, and Ctrl-C is for Blender's own terminal.
         self._process = subprocess.Popen(
-            [*GIVES_WAY, *command] if shutil.which(GIVES_WAY[0]) else command,
-            stdin=subprocess.PIPE if is_owned else subprocess.DEVNULL,
+            [*GIVES_WAY, *command] if is_unix and shutil.which(GIVES_WAY[0]) else command,
+            stdin=subprocess.PIPE if is_unix else subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
             errors="replace",
             start_new_session=True,
             creationflags=getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0),  # Of Windows alone.
-            env=os.environ | ({OWNED: "1"} if is_owned else {}),
+            env=os.environ | ({OWNED: "1"} if is_unix else {}),
         )
         self._lines: collections.deque[str] = collections.deque()
         self._last: collections.deque[str] = collections.deque(maxlen=LAST_WORDS)
