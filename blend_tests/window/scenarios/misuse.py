@@ -180,7 +180,8 @@ def full_disk(driver, artist):
     driver.photo("full-disk")
     error = artist.shot.status["error"] or ""
     driver.check("space" in error or "full" in error, f"the disk is full is said: {artist.words()}")
-    driver.check(artist.shot.frame is not None, "the first samples were shown")
+    # They may be traced before the first picture of them is made.
+    yield from driver.until(lambda: artist.shot.frame, lambda: f"the samples that fitted; {artist.words()}", 60)
     yield from artist.set_exposure("Key", 1.0)
     driver.photo("full-disk-relit")
 
