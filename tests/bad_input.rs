@@ -131,6 +131,10 @@ fn damaged_dumps_are_found_and_refused() {
     assert!(failure(folder.path(), "train bake --million-samples 0.01").contains("resume"));
     let relit = run(folder.path(), &gather);
     assert!(relit.status.success() && String::from_utf8_lossy(&relit.stderr).contains("unfinished"));
+    std::fs::remove_file(bake.join("guided.json")).unwrap();
+    let relit = run(folder.path(), &gather);
+    let words = String::from_utf8_lossy(&relit.stderr).into_owned();
+    assert!(relit.status.success() && words.contains("guided.json is missing"), "{words}");
     // Resuming bakes what is missing, and nothing else.
     trace_room(folder.path(), "--out bake --width 16 --height 16 --samples 8 --resume");
     assert!(std::fs::read(&shard).unwrap() == good);

@@ -51,19 +51,6 @@ def why_no_bake(folder: Path) -> str:
     return f"The bake is not where it was: {folder}"
 
 
-def lost_of_proxies(folder: Path) -> list[str]:
-    """What is missing of the proxies in a folder, in whose learning nobody was interrupted, by what is left of them.
-    Where the folder says itself what it should hold, the native module says what of that is gone."""
-    if (folder / CONTENTS).exists():
-        return []
-    patterns = ("proxy_*.safetensors", "proxy_*.json", "training_*.safetensors")
-    kinds = {file.stem.partition("_")[2] for pattern in patterns for file in folder.glob(pattern)}
-    names = [name for kind in sorted(kinds) for name in (f"proxy_{kind}.safetensors", f"proxy_{kind}.json")]
-    effect = "so that lights of its type are summed from the samples"
-    advice = "restore it, or press Rebake to have them learned again"
-    return [f"There is no {name} in {folder}, {effect}: {advice}" for name in names if not (folder / name).exists()]
-
-
 def camera_of(folder: Path) -> str:
     """Name of the camera that a bake was made with; empty if it cannot be read."""
     try:

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from ..core import wanted
-from ..core.bake_folder import lost_of_proxies
 from ..core.forecast import Forecast
 from .options import Options
 
@@ -28,10 +27,6 @@ class Owed:
     def read(self) -> None:
         """Takes what the folder says, of a bake that is opened."""
         self.wanted = wanted.read(self.folder)
-
-    def lost_of_proxies(self) -> list[str]:
-        """What is missing of what was learned; nothing where learning was interrupted."""
-        return lost_of_proxies(self.folder) if self.wanted is None else []
 
     def note_bake(self) -> None:
         """A bake begins."""

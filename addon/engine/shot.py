@@ -120,7 +120,6 @@ class Shot:
         shot = cls._replace(scene, dataclasses.replace(options, folder=folder), record.read(folder))
         shot.is_recorded = True
         shot._owed.read()
-        shot.warnings += shot._owed.lost_of_proxies()
         if shot.changes.recording:
             shot._camera_uid = None
             shot.warnings.append("This bake says nothing of its scene: what changed before it was opened is not seen")

@@ -15,6 +15,9 @@ pub const LIGHTS_FILE: &str = "lights.json";
 /// [`relume_image::ViewTransform::read_lut`].
 pub const VIEW_FILE: &str = "view.png";
 
+/// Largest film exposure, so that what is as bright as may be can be summed still; Blender's own goes to 10.
+const MOST_EXPOSURE: f32 = 1e4;
+
 /// What a bake did.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BakeReport {
@@ -120,9 +123,7 @@ pub(crate) fn bake_observed(
         false => DumpWriter::create(folder, tracer.manifest())?,
     };
     write_lights(&lights, folder)?;
-    let guided = if resume { Guided::of_bake(folder).unwrap_or_default() } else { Guided::default() };
-    let recorder =
-        GuideRecorder { folder, guiding: settings.guiding, lights: observer.lights, guided: guided.into() };
+    let recorder = GuideRecorder::new(folder, resume, settings.guiding, observer.lights);
     let sink = ObservedWriter::new(writer, folder, observer.passes)?;
     trace(&tracer, &sink, &recorder, observer.samples, monitor)?;
 
@@ -181,8 +182,8 @@ fn check(scene: &Scene, settings: &TraceSettings) -> Result<(), SessionError> {
         return settings_error("the tile size must be at least 1 pixel");
     }
     let exposure = settings.paths.film_exposure;
-    if !(exposure >= 0.0 && exposure.is_finite()) {
-        return settings_error("the film exposure must be a finite number, 0 or more");
+    if !(0.0..=MOST_EXPOSURE).contains(&exposure) {
+        return settings_error(&format!("the film exposure must be a number from 0 to {MOST_EXPOSURE}"));
     }
     check_scene(scene).map_err(SessionError::Settings)
 }
@@ -241,13 +242,27 @@ struct GuideRecorder<'a> {
     guiding: f32,
     lights: &'a (dyn Fn() -> Vec<Light> + Sync),
     guided: Mutex<Guided>,
+    /// Whether the record of the paths that are there is gone. One of new paths alone would hide that.
+    is_lost: bool,
 }
 
-impl GuideRecorder<'_> {
+impl<'a> GuideRecorder<'a> {
+    fn new(
+        folder: &'a Path,
+        resume: bool,
+        guiding: f32,
+        lights: &'a (dyn Fn() -> Vec<Light> + Sync),
+    ) -> Self {
+        let guided = if resume { Guided::of_bake(folder).unwrap_or_default() } else { Guided::default() };
+        let is_lost = resume && contents::is_lost(&folder.join(GUIDED_FILE));
+        Self { folder, guiding, lights, guided: guided.into(), is_lost }
+    }
+
     fn lights_of(&self, pass: usize, monitor: &Monitor) -> Vec<Light> {
         let lights = (self.lights)();
         let mut guided = self.guided.lock().unwrap_or_else(PoisonError::into_inner);
         if guided.note(pass, &lights, self.guiding)
+            && !self.is_lost
             && let Err(error) = guided.write(self.folder)
         {
             monitor.warn(&error.to_string());
@@ -345,7 +360,7 @@ fn remove(folder: &Path, beginnings: &[&str], names: &[&str]) -> Result<(), Sess
 mod tests {
     use super::*;
     use crate::test_room::room;
-    use crate::{Cancel, Listener, ObjView, Progress, obj_scene};
+    use crate::{Cancel, Listener, ObjView, Progress, lost_files, obj_scene};
 
     #[derive(Default)]
     struct Traced(Mutex<Vec<Progress>>);
@@ -380,6 +395,34 @@ mod tests {
                 let left = pace * (report.total - report.done) as f64;
                 assert!((report.remaining_s.unwrap() - left).abs() < 1e-9, "{report:?}");
             }
+        }
+    }
+
+    #[test]
+    fn a_record_that_is_gone_stays_missed_when_samples_are_added() {
+        let scene = obj_scene(&room(), &ObjView { width: 8, height: 8, ..ObjView::default() }).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let bake = |samples, resume| {
+            let settings = TraceSettings { samples, threads: 1, ..TraceSettings::default() };
+            bake(&scene, &settings, folder.path(), resume, &Monitor::default()).unwrap();
+            lost_files(folder.path())
+        };
+        assert_eq!(bake(2, false), [""; 0]);
+        std::fs::remove_file(folder.path().join(GUIDED_FILE)).unwrap();
+        let lost = bake(4, true);
+        assert!(lost.len() == 1 && lost[0].starts_with(GUIDED_FILE), "{lost:?}");
+        clear_paths(folder.path()).unwrap();
+        assert_eq!(bake(4, true), [""; 0], "new paths have a record of their own");
+    }
+
+    #[test]
+    fn a_film_exposure_that_no_picture_can_hold_is_refused() {
+        let scene = obj_scene(&room(), &ObjView { width: 8, height: 8, ..ObjView::default() }).unwrap();
+        for exposure in [-1.0, f32::NAN, 1e20] {
+            let mut settings = TraceSettings::default();
+            settings.paths.film_exposure = exposure;
+            let error = check(&scene, &settings).unwrap_err().to_string();
+            assert!(error.contains("film exposure must be a number from 0 to 10000"), "{error}");
         }
     }
 }

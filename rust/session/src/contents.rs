@@ -21,7 +21,7 @@ struct Contents {
 }
 
 impl Contents {
-    /// What a folder says; nothing where it does not say, as those of versions before do not.
+    /// What a folder says; nothing where it does not say, or not in words of this version.
     fn of(folder: &Path) -> Self {
         let text = std::fs::read_to_string(folder.join(CONTENTS_FILE)).unwrap_or_default();
         let known = |contents: &Self| contents.format == FORMAT && contents.version == VERSION;

@@ -4,7 +4,7 @@ use std::f32::consts::{PI, TAU};
 
 use glam::{Mat3, Vec2, Vec3};
 use rayon::prelude::*;
-use relume_scene::Scene;
+use relume_scene::{MOST_RADIANCE, Scene};
 
 use crate::{
     distribution::Distribution,
@@ -45,7 +45,7 @@ impl Environment {
         Self { color, texture_from_world: transform, visible_camera: world.visible_camera, grid }
     }
 
-    /// Radiance from the unit `direction`, for camera rays or others.
+    /// Radiance from the unit `direction`, for camera rays or others, as far as it can be summed.
     pub fn radiance(
         &self,
         scene: &Scene,
@@ -56,7 +56,7 @@ impl Environment {
         if self.color == Vec3::ZERO || (is_camera && !self.visible_camera) {
             return Vec3::ZERO;
         }
-        self.color * materials.world_texel(scene, direction)
+        (self.color * materials.world_texel(scene, direction)).min(Vec3::splat(MOST_RADIANCE))
     }
 
     /// Whether sampling directions directly is worth it: a world of one colour is as well met by BSDF sampling.

@@ -11,7 +11,8 @@ mod train;
 
 use crate::args::Global;
 use crate::console::Console;
-use relume_session::{Compute, Monitor};
+use relume_session::{Compute, Monitor, Relighter, lost_files};
+use std::path::Path;
 
 pub use bench::bench;
 pub use devices::devices;
@@ -35,6 +36,13 @@ impl Context<'_> {
         let compute = self.global.device.open(self.global.gpu_memory.map(|mebibytes| mebibytes << 20))?;
         compute.warn(self.monitor);
         Ok(compute)
+    }
+
+    /// A bake or proxies, to be shown by a device; files that are gone from there are said.
+    fn relighter(&self, folder: &Path, compute: &Compute) -> anyhow::Result<Relighter> {
+        let relighter = Relighter::open(folder)?.on(compute);
+        lost_files(folder).iter().for_each(|lost| self.monitor.warn(lost));
+        Ok(relighter)
     }
 
     /// `--seed`, where nothing else says one.

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 /// Finds lights for what the picture should do.
 pub fn optimise(args: &OptimiseArgs, context: &Context) -> anyhow::Result<()> {
     let compute = context.compute()?;
-    let open = |folder: &PathBuf| Ok(Relighter::open(folder)?.on(&compute));
+    let open = |folder: &PathBuf| context.relighter(folder, &compute);
     let relighters = args.bakes.iter().map(open).collect::<anyhow::Result<Vec<_>>>()?;
     let (mut request, folder) = match (&args.request, &args.target) {
         (Some(path), _) => (read_request(path, &relighters[0])?, path.parent().unwrap_or(Path::new(""))),

@@ -41,7 +41,7 @@ fn write_picture(bake: &Path, with: With, args: &PictureArgs, context: &Context)
             args.out.display()
         );
     }
-    let mut relighter = Relighter::open(bake)?.on(&context.compute()?);
+    let mut relighter = context.relighter(bake, &context.compute()?)?;
     warn_if_unfinished(&relighter, context);
     change_world(&mut relighter, args, context)?;
     let view = match &args.view {

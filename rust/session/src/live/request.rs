@@ -69,16 +69,17 @@ impl LiveRequest {
             let gain = json.gains.get(&light.name).copied().unwrap_or(one());
             light.radiance = std::array::from_fn(|c| light.radiance[c] * gain[c]);
         }
-        let finite = |factor: &[f32; 3]| factor.iter().all(|value| value.is_finite());
-        let is_bearable = |light: &&Light| light.radiance.iter().all(|value| value.abs() <= MOST_RADIANCE);
-        match lights.iter().find(|light| !is_bearable(light)) {
+        let is_bearable = |values: &[f32; 3]| values.iter().all(|value| value.abs() <= MOST_RADIANCE);
+        match lights.iter().find(|light| !is_bearable(&light.radiance)) {
             Some(light) => {
                 let limit = format!("it is brighter than {MOST_RADIANCE:e} with its row");
                 let advice = "lower its power, exposure or multiplier";
                 return Err(format!("light '{}': {limit}; {advice}", light.name));
             }
-            None if !finite(&json.world) || !finite(&json.static_light) => {
-                return Err("the gains of world and static must be finite".into());
+            None if !is_bearable(&json.world) || !is_bearable(&json.static_light) => {
+                return Err(format!(
+                    "the gains of world and static must be numbers of at most {MOST_RADIANCE:e}"
+                ));
             }
             None => {}
         }

@@ -1,5 +1,6 @@
 use glam::{Vec3, Vec4};
 use relume_dump::Lobe;
+use relume_scene::MOST_RADIANCE;
 
 use super::closure::{Closure, Scatter, Sharpness};
 use super::{Interface, Reach, Sides};
@@ -125,10 +126,10 @@ impl Surface {
         self.values = values;
     }
 
-    /// Adds emitted radiance; what is not a finite number is left out.
+    /// Adds emitted radiance, as far as it can be summed; what is not a finite number is left out.
     pub fn add_emission(&mut self, radiance: Vec3) {
         if radiance.is_finite() {
-            self.emission += radiance;
+            self.emission = (self.emission + radiance).min(Vec3::splat(MOST_RADIANCE));
         }
     }
 

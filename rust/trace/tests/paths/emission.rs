@@ -1,8 +1,8 @@
 //! Static layers: light that the scene itself emits.
 
 use relume_scene::{
-    Alpha, ColorEncoding, Extension, Input, Interpolation, Material, Node, Output, Scene, Texels, Texture,
-    UvMap,
+    Alpha, ColorEncoding, Extension, Input, Interpolation, MOST_RADIANCE, Material, MathOp, Node, Output,
+    Scene, Texels, Texture, UvMap,
     glam::{Affine3A, Vec2, Vec3},
 };
 use relume_trace::{TraceSettings, settings::BounceLimits};
@@ -141,6 +141,39 @@ fn film_exposure_multiplies_all_light_and_changes_no_path() {
         let light = |path: &Path| [path.aovs.emission, path.aovs.world];
         assert_eq!(light(plain).map(|light| light * 4.0), light(bright));
         assert_eq!((plain.aovs.alpha, plain.aovs.albedo), (bright.aovs.alpha, bright.aovs.albedo));
+    }
+}
+
+#[test]
+fn what_is_brighter_than_can_be_summed_is_as_bright_as_can_be() {
+    let mut scene = Scene::default();
+    let factor = || Input::Float(1e19);
+    let strength = Node::Math {
+        operation: MathOp::Multiply,
+        clamp: false,
+        a: factor(),
+        b: factor(),
+        c: Input::Float(0.0),
+    };
+    let strength_of = Input::Link { node: 0, output: Output::Value };
+    let glow = Node::Emission { color: Input::Rgb([1.0; 3]), strength: strength_of };
+    let neon = Material { nodes: vec![strength, glow], surface: Some(1), ..Material::default() };
+    add(&mut scene, square(0.0), Affine3A::IDENTITY, neon);
+    scene.textures.push(Texture {
+        name: "nova".into(),
+        width: 1,
+        height: 1,
+        texels: Texels::Float(vec![1e19; 4]),
+        encoding: ColorEncoding::Linear,
+        alpha: Alpha::None,
+    });
+    scene.world.color = [1e19; 3];
+    scene.world.texture = Some(0);
+    scene.camera = look_at_origin(Vec3::new(0.5, -2.0, 1.0), 8, 1.5);
+    let paths = image_paths(&scene, &settings(4, true));
+    for light in [|path: &Path| path.aovs.emission, |path: &Path| path.aovs.world] {
+        let brightest = paths.iter().flatten().map(|path| light(path).max_element()).fold(0.0, f32::max);
+        assert_eq!(brightest, MOST_RADIANCE);
     }
 }
 
