@@ -112,6 +112,7 @@ pub(crate) fn bake_observed(
     let prepare = monitor.stage(Stage::Prepare, 0, 1);
     // What is added to a bake is of the colour that its world began with; the writer refuses a bake of something else.
     let baked = if resume { Manifest::read(folder).ok() } else { None };
+    let is_record_lost = baked.is_some() && contents::is_lost(&folder.join(GUIDED_FILE));
     let world_color = baked.map(|baked| baked.world_color).or(settings.world_color);
     let tracer = Tracer::new(scene, &TraceSettings { world_color, ..settings.clone() })?;
     prepare.advance(1, "");
@@ -123,7 +124,14 @@ pub(crate) fn bake_observed(
         false => DumpWriter::create(folder, tracer.manifest())?,
     };
     write_lights(&lights, folder)?;
-    let recorder = GuideRecorder::new(folder, resume, settings.guiding, observer.lights);
+    let guided = if resume { Guided::of_bake(folder).unwrap_or_default() } else { Guided::default() };
+    let recorder = GuideRecorder {
+        folder,
+        guiding: settings.guiding,
+        lights: observer.lights,
+        guided: guided.into(),
+        is_lost: is_record_lost,
+    };
     let sink = ObservedWriter::new(writer, folder, observer.passes)?;
     trace(&tracer, &sink, &recorder, observer.samples, monitor)?;
 
@@ -246,18 +254,7 @@ struct GuideRecorder<'a> {
     is_lost: bool,
 }
 
-impl<'a> GuideRecorder<'a> {
-    fn new(
-        folder: &'a Path,
-        resume: bool,
-        guiding: f32,
-        lights: &'a (dyn Fn() -> Vec<Light> + Sync),
-    ) -> Self {
-        let guided = if resume { Guided::of_bake(folder).unwrap_or_default() } else { Guided::default() };
-        let is_lost = resume && contents::is_lost(&folder.join(GUIDED_FILE));
-        Self { folder, guiding, lights, guided: guided.into(), is_lost }
-    }
-
+impl GuideRecorder<'_> {
     fn lights_of(&self, pass: usize, monitor: &Monitor) -> Vec<Light> {
         let lights = (self.lights)();
         let mut guided = self.guided.lock().unwrap_or_else(PoisonError::into_inner);
