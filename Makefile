@@ -44,7 +44,7 @@ test-rust: setup
 	$(CARGO) test --workspace
 # The tests of GPUs once more, on a driver with matrices, with the kernels of release builds, which check nothing.
 	RELUME_GPU_UNCHECKED=1 $(NEWEST_DRIVER) $(CARGO) test --workspace --lib -- gpu compare sorting device driver matrices images
-	RELUME_GPU_UNCHECKED=1 $(NEWEST_DRIVER) $(CARGO) test --workspace --test gpu
+	RELUME_GPU_UNCHECKED=1 RELUME_VALIDATE=1 $(NEWEST_DRIVER) $(CARGO) test --workspace --test gpu
 # CI builds this once, and needs the space for what comes after.
 	@[ -z "$$CI" ] || rm -rf target/debug target/tmp
 

@@ -1,6 +1,7 @@
 """What artists do that nobody planned for, while Relume is at work: a clear word, nothing lost, no crash."""
 
 import os
+import time
 
 import bpy
 import numpy as np
@@ -61,7 +62,7 @@ def pause(driver, artist):
     """Tracing stands still, relighting does not."""
     yield from driver.press_button("relume.pause")
     yield from driver.until(lambda: artist.shot.status["paused"], "the pause")
-    yield from driver.wait(1)  # A pass that had begun may be finished.
+    yield from stands_still(driver, artist)
     samples = artist.shot.status["samples"]
     yield from artist.set_exposure("Key", 1.0)
     driver.photo("paused")
@@ -69,6 +70,19 @@ def pause(driver, artist):
     driver.check(artist.shot.status["samples"] == samples, "nothing is traced while paused")
     yield from driver.press_button("relume.pause")
     yield from grows(driver, artist)
+
+
+def stands_still(driver, artist):
+    """What was being traced may be finished, on a busy machine seconds later; then nothing is for three of them."""
+    samples, since = None, time.perf_counter()
+
+    def is_still():
+        nonlocal samples, since
+        if artist.shot.status["samples"] != samples:
+            samples, since = artist.shot.status["samples"], time.perf_counter()
+        return time.perf_counter() > since + 3
+
+    return driver.until(is_still, artist.words)
 
 
 def grows(driver, artist):
