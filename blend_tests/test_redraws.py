@@ -79,6 +79,23 @@ def test_another_state_is_drawn_at_once_and_again_when_the_panels_have_moved(bak
         assert bake.drawn == [BAR, BAR], change
 
 
+def test_panels_move_when_words_take_another_line(bake, monkeypatch):
+    monkeypatch.setattr(redraws, "_regions", lambda kinds: [SimpleNamespace(width=300)])
+
+    def show(noise):
+        """Now it says "Showing 4 samples, denoised (noise 9 % before)", of which 36 characters fit into a line."""
+        bake.drawn.clear()
+        bake.live.show(serial=bake.live.newest.serial + 1 if bake.live.newest else 1, makers={"Key": "gather_denoised"})
+        bake.live.state["shown"]["noise"] = noise
+        for _ in range(3):
+            bake.turn()
+        return bake.drawn
+
+    show(None)
+    assert show(0.09) == [BOTH, BAR]
+    assert show(0.08) == [BOTH]
+
+
 def test_nothing_is_drawn_when_nothing_is_new(bake):
     for _ in range(5):
         bake.turn(1.0)

@@ -25,13 +25,14 @@ def message(layout, text: str, icon: str = "NONE") -> None:
     """Text over as many lines as it needs: a label of Blender is cut off at the panel's edge."""
     column = layout.column(align=True)
     column.scale_y = 0.8
-    for number, line in enumerate(lines(text, _characters(icon != "NONE"))):
+    for number, line in enumerate(lines(text, characters(bpy.context.region, icon != "NONE"))):
         column.label(text=line, icon=icon if number == 0 else ("BLANK1" if icon != "NONE" else "NONE"))
 
 
-def _characters(with_icon: bool) -> int:
-    """How many characters a line of the present region can hold."""
-    width = bpy.context.region.width / bpy.context.preferences.system.ui_scale
+def characters(region: bpy.types.Region, with_icon: bool = False) -> int:
+    """How many characters a line of the sidebar can hold."""
+    scale = bpy.context.preferences.system.ui_scale or 1.0  # Without a window Blender has none.
+    width = region.width / scale
     return max(int((width - MARGIN - ICON * with_icon) / CHARACTER), 16)
 
 

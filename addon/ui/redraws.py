@@ -13,6 +13,7 @@ import bpy
 
 from ..core import status
 from ..engine.shot import Shot
+from .panel import characters, lines
 
 SHARE = 0.1
 """Of the time, at most, goes into drawing nothing but progress."""
@@ -20,7 +21,7 @@ PAUSE_SECONDS = 0.1
 """Between drawings of progress where they cost nothing."""
 
 _said: dict[int, tuple[tuple, tuple]] = {}
-"""By scene, what the side bar says: words that must be read at once, and progress."""
+"""By scene, what the side bar says: words that must be read at once, with how many lines there are, and progress."""
 _settling: set[int] = set()
 """Scenes whose side bar has other lines now: Blender puts the panels below in their places one drawing later."""
 _asked: float | None = None
@@ -68,17 +69,19 @@ def _words(found: Shot) -> tuple[tuple, tuple]:
     state, progress, to_come = found.status, status.progress(found.status), status.to_come(found.status)
     urgent = (state["state"], state["paused"], state["error"], progress is None, to_come == "", len(found.notes))
     urgent += ((state["shown"] or {}).get("scale"), *found.changes.sentences)
-    return urgent, (status.headline(state), to_come, status.shown(state), progress)
+    words = status.headline(state), to_come, status.shown(state)
+    urgent += tuple(len(lines(text, characters(bar))) for bar in _regions({"UI"}) for text in words)
+    return urgent, (*words, progress)
 
 
 def _tag(kinds: set[str]) -> None:
-    for region in _regions_of_views():
-        if region.type in kinds:
-            region.tag_redraw()
+    for region in _regions(kinds):
+        region.tag_redraw()
 
 
-def _regions_of_views() -> Iterator[bpy.types.Region]:
+def _regions(kinds: set[str]) -> Iterator[bpy.types.Region]:
+    """Those of all 3D views."""
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
             if area.type == "VIEW_3D":
-                yield from area.regions
+                yield from (region for region in area.regions if region.type in kinds)
