@@ -25,6 +25,8 @@ TYPED = dict(zip("0123456789.-", "ZERO ONE TWO THREE FOUR FIVE SIX SEVEN EIGHT N
 """Keys of signs."""
 ROW_PIXELS = 14
 """Less than the height of a button."""
+SEARCHES = 3
+"""For a button, before it is not there."""
 
 
 def nap():
@@ -294,12 +296,21 @@ class Driver:
         `what`: part of its Python command, "relume.start", or of its data path, "relume_mix.rows[0].solo".
         `across`: where in the width of the side bar.
         """
-        region = self.region("UI")
         # Away from what the mouse is on now: Blender notices a move only when it comes to it.
         yield from self.move_mouse(0, 0)
         yield from self.wait(10 * INTERVAL)
+        seen = {}
+        # What is drawn meanwhile may move a button to where the search has been.
+        for _ in range(SEARCHES):
+            if place := (yield from self._search(what, across, seen)):
+                return place
+        raise LookupError(f"no button for {what} in the side bar, but {list(seen)}")
+
+    def _search(self, what, across, seen):
+        """`find_button`, once; None if it is not found. Notes all buttons in `seen`."""
+        region = self.region("UI")
         yield from self.scroll_tab(-100_000)
-        seen, moved = {}, region.height
+        moved = region.height
         while moved > 0:
             for y in range(region.y + region.height - ROW_PIXELS, region.y, -ROW_PIXELS):
                 yield from self.move_mouse(region.x + across * region.width, y)
@@ -312,7 +323,7 @@ class Driver:
                     if what in self._button_under_mouse():
                         return self._mouse
             moved = yield from self.scroll_tab(region.height // 2)
-        raise LookupError(f"no button for {what} in the side bar, but {list(seen)}")
+        return None
 
     def _button_under_mouse(self):
         """Python command or data path of the button in the side bar that the mouse is over."""

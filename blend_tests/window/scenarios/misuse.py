@@ -65,8 +65,8 @@ def pause(driver, artist):
     yield from stands_still(driver, artist)
     samples = artist.shot.status["samples"]
     yield from artist.set_exposure("Key", 1.0)
-    driver.photo("paused")
     yield from driver.wait(1)
+    driver.photo("paused")
     driver.check(artist.shot.status["samples"] == samples, "nothing is traced while paused")
     yield from driver.press_button("relume.pause")
     yield from grows(driver, artist)
