@@ -54,8 +54,9 @@ test-python: wheel
 	$(PYTHON) -m mypy
 	$(PYTHON) -m pytest tests
 
+# Two at a time: tests wait for other processes for about as long as they compute.
 test-blender: extension-linux
-	@scripts/test-blender "$(WHEELS)" $(BLENDERS)
+	@printf '%s\n' $(BLENDERS) | xargs -P 2 -I VERSION scripts/test-blender "$(WHEELS)" VERSION
 
 # A real Blender with its window, on a virtual display; WINDOW="smoke" for less. Needs root, for chroot.
 window: extension-linux

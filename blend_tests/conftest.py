@@ -17,7 +17,8 @@ _results = {"collected": 0, "reported": 0}
 @pytest.fixture(autouse=True)
 def scene():
     """An empty scene with Cycles and a camera 5 m above the origin that looks down."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    # Without preferences, which take Blender five times as long; tests that change them put them back.
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
     scene.cycles.sample_clamp_indirect = 0.0
@@ -67,6 +68,22 @@ def lit(scene, registered, tmp_path):
     add_light(scene, "POINT", name="Key", shadow_soft_size=0.5)
     scene.relume.folder = str(tmp_path / "bake")
     return scene
+
+
+@pytest.fixture
+def small_tables(monkeypatch):
+    """Tables of a view that take a moment, in many slices like large ones: for what does not depend on entries."""
+    from addon.export import view_file, view_transform
+    from addon.viewport import view_table
+
+    monkeypatch.setattr(view_table, "COARSE", 9)
+    monkeypatch.setattr(view_table, "FINE", 17)
+    monkeypatch.setattr(view_file, "SIZE", 17)
+    for name in ("_entries", "FEWEST_ENTRIES", "MOST_ENTRIES"):
+        monkeypatch.setattr(view_transform, name, 500)
+    view_table.clear()
+    yield
+    view_table.clear()
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from helpers import row
 @pytest.fixture(autouse=True)
 def width(monkeypatch):
     """Of the side bar, which there is none of here."""
-    monkeypatch.setattr(panel, "_characters", lambda _with_icon: 40)
+    monkeypatch.setattr(panel, "characters", lambda *_: 40)
 
 
 def all_of(kind):

@@ -137,6 +137,9 @@ def test_a_new_light_is_made_where_it_is_needed(shown):
 @pytest.mark.parametrize("kind", ["spot", "sun"])
 def test_a_new_light_is_of_the_type_that_was_asked_for(shown, kind):
     settings = shown.relume_solve
+    shown.relume.samples = 128  # Of a noisy mean more is asked for than of a clean one.
+    start(shown)
+    until(shown, settled, "pictures of all samples")
     bpy.ops.relume.lock_all(move="strength")
     settings.add_count, settings.add_type, settings.keep_rest = 1, kind, 0.0
     before = picture(shown)
@@ -147,7 +150,7 @@ def test_a_new_light_is_of_the_type_that_was_asked_for(shown, kind):
     assert made.data.type == kind.upper()
     y, x = np.mgrid[:24, :32] + 0.5
     painted = np.hypot(x - 16.0, y - 12.0) < 0.4 * 24
-    assert 0.7 < np.log2(after[painted].mean() / before[painted].mean()) < 1.4
+    assert 0.9 < np.log2(after[painted].mean() / before[painted].mean()) < 1.3
 
 
 def test_places_of_every_kind_are_solved(shown):

@@ -7,22 +7,20 @@ from addon.engine import shot
 from addon.export import view_file, write_view_table
 from addon.ui import handlers as ui_handlers
 from addon.ui.start import start
-from addon.viewport import handlers, view_files, view_table
+from addon.viewport import handlers, view_files
 from fake_live import FakeLive
 from views import VIEWS
 
 
 @pytest.fixture
-def baked(lit, tmp_path, monkeypatch):
+def baked(lit, tmp_path, small_tables, monkeypatch):
     """A bake with its first picture, and the place of its view."""
     monkeypatch.setattr(view_files, "SETTLE_SECONDS", 0.0)
-    view_table.clear()
     lit.view_settings.view_transform = "AgX"
     (tmp_path / "bake").mkdir()
     start(lit)
     show_picture()
-    yield lit, tmp_path / "bake" / "view.png"
-    view_table.clear()
+    return lit, tmp_path / "bake" / "view.png"
 
 
 def show_picture():

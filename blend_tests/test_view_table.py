@@ -53,7 +53,7 @@ def test_lamps_and_highlights_keep_their_colour(scene, name):
     assert error.mean() <= 1.0 and np.percentile(error, 99) <= 3.0
 
 
-def test_the_scene_is_as_it_was(scene):
+def test_the_scene_is_as_it_was(scene, small_tables):
     scene.view_settings.view_transform = "AgX"
     output = scene.render.image_settings
     output.file_format, output.color_depth, scene.render.dither_intensity = "OPEN_EXR", "16", 0.4
@@ -64,7 +64,7 @@ def test_the_scene_is_as_it_was(scene):
     assert before == {name: set(getattr(bpy.data, name).keys()) for name in before}
 
 
-def test_colours_are_the_same_where_no_view_is_without_files(scene, monkeypatch):
+def test_colours_are_the_same_where_no_view_is_without_files(scene, small_tables, monkeypatch):
     scene.view_settings.view_transform = "AgX"
     expected = view_table.complete(scene).apply(some_colors())
     view_table.clear()
@@ -73,7 +73,7 @@ def test_colours_are_the_same_where_no_view_is_without_files(scene, monkeypatch)
     assert scene.render.image_settings.color_management == "FOLLOW_SCENE"
 
 
-def test_dragging_exposure_bakes_nothing(scene):
+def test_dragging_exposure_bakes_nothing(scene, small_tables):
     scene.view_settings.view_transform = "AgX"
     table = view_table.complete(scene).table
     scene.view_settings.exposure = 1.0
@@ -92,7 +92,7 @@ def test_exposure_changed_in_the_middle_of_a_bake_does_no_harm(scene, name):
     assert np.percentile(error, 99) <= 3.0
 
 
-def test_what_shapes_the_view_bakes_a_new_table(scene):
+def test_what_shapes_the_view_bakes_a_new_table(scene, small_tables):
     scene.view_settings.view_transform = "AgX"
     seen = [view_table.complete(scene).table]
     for name in ("AgX, look", "AgX, exposure and gamma", "AgX, curves", "Filmic"):
@@ -123,7 +123,7 @@ def test_a_coarse_table_serves_until_the_fine_one_is_there(scene):
     assert len(view_table.of(scene).table) == view_table.FINE, "the last table serves until there is a better one"
 
 
-def test_undo_in_the_middle_of_a_bake_begins_again(scene):
+def test_undo_in_the_middle_of_a_bake_begins_again(scene, small_tables):
     scene.view_settings.view_transform = "AgX"
     bpy.ops.ed.undo_push(message="one")
     scene.frame_current = 2
@@ -135,7 +135,7 @@ def test_undo_in_the_middle_of_a_bake_begins_again(scene):
     assert view_table.complete(bpy.context.scene).table is not None
 
 
-def test_a_table_in_the_making_leaves_nothing_to_be_saved(scene):
+def test_a_table_in_the_making_leaves_nothing_to_be_saved(scene, small_tables):
     """Or Blender asks the artist who presses Ctrl S about an image that nobody has seen."""
     scene.view_settings.view_transform = "AgX"
     turns = 0
@@ -146,7 +146,7 @@ def test_a_table_in_the_making_leaves_nothing_to_be_saved(scene):
     assert turns > 10
 
 
-def test_a_table_in_the_making_leaves_the_objects_of_the_scene_alone(scene):
+def test_a_table_in_the_making_leaves_the_objects_of_the_scene_alone(scene, small_tables):
     """When an image is removed Blender evaluates all objects again: once for a table, not once for a slice."""
     add_light(scene, "POINT")
     scene.view_settings.view_transform = "AgX"

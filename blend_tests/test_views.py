@@ -170,7 +170,7 @@ def test_lights_in_front_of_the_picture_are_marked(view):
     assert light_marks.places_of([], view.region_data, what).shape == (0, 2)
 
 
-def test_the_timer_completes_the_table_of_a_waiting_scene_and_ends(view):
+def test_the_timer_completes_the_table_of_a_waiting_scene_and_ends(view, small_tables):
     view.scene.view_settings.view_transform = "AgX"
     handlers._waiting.add(view.scene.session_uid)
     turns = 0

@@ -21,6 +21,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -207,10 +208,12 @@ def play_all(room, scenarios, seconds):
                 print(f"window: {scenario.stem}: {verdict}, {', '.join(missing)} is not in {SCENES}", flush=True)
                 well = well and may_lack_scenes()
                 continue
+            begun = time.monotonic()
             problems, skipped, measured = play(room, screen, scenario, seconds)
             verdict = "FAILED" if problems else "passed"
             notes = [*problems, *(f"skipped: {what}" for what in skipped)]
-            print(f"window: {scenario.stem}: {verdict}", *notes, sep="\n  ", flush=True)
+            took = time.monotonic() - begun
+            print(f"window: {scenario.stem}: {verdict} in {took:.0f} s", *notes, sep="\n  ", flush=True)
             figures += measured
             well = well and not problems
     return figures, well
