@@ -71,19 +71,28 @@ def lit(scene, registered, tmp_path):
 
 
 @pytest.fixture
-def small_tables(monkeypatch):
-    """Tables of a view that take a moment, in many slices like large ones: for what does not depend on entries."""
-    from addon.export import view_file, view_transform
+def views_here(monkeypatch):
+    """No other Blender colours views."""
+    from addon.engine import view_worker
+    from addon.viewport import view_table
+    from views import ColouredHere
+
+    here = ColouredHere()
+    monkeypatch.setattr(view_worker, "shared", lambda: here)
+    view_table.clear()
+    yield here
+    view_table.clear()
+
+
+@pytest.fixture
+def small_tables(views_here, monkeypatch):
+    """Tables of a view that take a moment, for what does not depend on their entries."""
+    from addon.export import view_file
     from addon.viewport import view_table
 
     monkeypatch.setattr(view_table, "COARSE", 9)
     monkeypatch.setattr(view_table, "FINE", 17)
     monkeypatch.setattr(view_file, "SIZE", 17)
-    for name in ("_entries", "FEWEST_ENTRIES", "MOST_ENTRIES"):
-        monkeypatch.setattr(view_transform, name, 500)
-    view_table.clear()
-    yield
-    view_table.clear()
 
 
 @pytest.fixture

@@ -1,7 +1,39 @@
-"""Settings of a scene's view, each a function that makes them."""
+"""Settings of a scene's view, each a function that makes them, and what colours views without another Blender."""
+
+from pathlib import Path
 
 import bpy
 import pytest
+
+from addon.export import write_view_table
+from addon.export.color_table import color_table
+from addon.viewport import view_table
+
+
+class ColouredHere:
+    """Stands in for the Blender in the background (`ViewWorker`): this one does what is asked for."""
+
+    def __init__(self):
+        self._job, self._pieces = None, []
+        self.is_finished = False
+
+    def ask(self, job):
+        if job != self._job or self.is_finished:
+            self._job, self.is_finished = job, False
+            self._pieces = [self._write] if "file" in job else [self._coarse, self._fine]
+
+    def turn(self):
+        self.is_finished = not self._pieces
+        return self._pieces.pop(0)() if self._pieces else None
+
+    def _coarse(self):
+        return color_table(bpy.context.scene, view_table.COARSE)
+
+    def _fine(self):
+        return color_table(bpy.context.scene, view_table.FINE)
+
+    def _write(self):
+        write_view_table(bpy.context.scene, Path(self._job["file"]), self._job["stamp"].encode("latin-1"))
 
 
 def high_contrast(scene):

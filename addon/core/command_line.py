@@ -47,6 +47,7 @@ def parser() -> argparse.ArgumentParser:
     _add_verify(commands)
     _add_read_picture(commands)
     _add_render_world(commands)
+    _add_colour_views(commands)
     for name, text in FORWARDED.items():
         commands.add_parser(name, help=f"{text} (see `{PROGRAM} {name} --help`)", add_help=False)
     return top
@@ -102,6 +103,14 @@ def _add_render_world(commands: argparse._SubParsersAction) -> None:
     render = commands.add_parser("render-world", help="render a world with Cycles over all directions (used by a bake)")
     render.add_argument("folder", help="folder with the job, for the result too")
     _add_output(render)
+
+
+def _add_colour_views(commands: argparse._SubParsersAction) -> None:
+    colour = commands.add_parser(
+        "colour-views", help="make tables of views while they are asked for (used by the panel)"
+    )
+    colour.add_argument("folder", help="folder with the jobs, for the results too")
+    _add_output(colour)
 
 
 def _add_view(command: argparse.ArgumentParser) -> None:

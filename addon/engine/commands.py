@@ -18,7 +18,7 @@ from ..core import command_line
 from ..core.bake_folder import OTHER_WORLD, clear, clear_paths, is_bake
 from ..core.progress import Pace, Reporter, clock
 from ..export import ExportError, ExportOptions, trace_settings, write_view_table
-from . import pictures, record, world_render, worlds
+from . import pictures, record, view_worker, world_render, worlds
 from .native import native
 from .scene import load_scene
 
@@ -170,6 +170,12 @@ def read_picture(options: argparse.Namespace, _rest: list[str], reporter: Report
     return 0
 
 
+def colour_views(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
+    """Makes the tables of views as they are asked for."""
+    view_worker.serve(Path(options.folder), lambda told: reporter.result(told, ""))
+    return 0
+
+
 def render_world(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
     """Renders a world with Cycles over all directions."""
     world_render.render(Path(options.folder))
@@ -218,6 +224,7 @@ COMMANDS = {
     "verify": verify,
     pictures.COMMAND: read_picture,
     worlds.COMMAND: render_world,
+    view_worker.COMMAND: colour_views,
 }
 
 

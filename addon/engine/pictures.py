@@ -17,12 +17,11 @@ import numpy as np
 
 from ..core.apart import apart
 from ..export.target import Picture, TargetError, read_mask, read_target, taken
+from ..export.view_transform import set_view, view_settings
 from .process import Worker, blender_command, telling_little_room
 
 COMMAND = "read-picture"
 JOB, PIXELS, PACKED, RESULT = "job.json", "pixels.npy", "packed", "result.npy"
-VIEW = ("view_transform", "look", "exposure", "gamma", "use_curve_mapping", "use_white_balance")
-"""Of the view's settings, those that say whether and how it can be undone."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,7 @@ class Reading:
             prefix="relume-", dir=bpy.app.tempdir or None, ignore_cleanup_errors=True
         )
         self._place = Path(self._folder.name)
-        job = {"name": image.name, "size": size, "colors": colors, "view": _view_of(scene)}
+        job = {"name": image.name, "size": size, "colors": colors, "view": view_settings(scene)}
         self._work = self._run(job | _described(image, self._place), image.session_uid)
 
     @property
@@ -133,19 +132,12 @@ def _prepare(place: Path, job: dict[str, Any], contents: Picture | bytes | None)
     (place / JOB).write_text(json.dumps(job), encoding="utf-8")
 
 
-def _view_of(scene: bpy.types.Scene) -> dict[str, Any]:
-    view = scene.view_settings
-    found = {name: getattr(view, name) for name in VIEW if hasattr(view, name)}
-    working = getattr(getattr(bpy.data, "colorspace", None), "working_space", None)
-    return {"device": scene.display_settings.display_device, "working": working, "settings": found}
-
-
 def read(place: Path) -> tuple[str, bool]:
     """The body of `relume read-picture`, in the other Blender: does the job of a folder, and says how the colours were
     understood and whether that is to be doubted. Raises TargetError."""
     job = json.loads((place / JOB).read_text(encoding="utf-8"))
     scene = bpy.context.scene
-    _set_view(scene, job["view"])
+    set_view(scene, job["view"])
     picture = _picture(place, job)
     words, is_doubtful = "", False
     if job["colors"] is None:
@@ -167,11 +159,3 @@ def _picture(place: Path, job: dict[str, Any]) -> Picture:
         image.colorspace_settings.name = job["space"]
     image.alpha_mode = job["alpha"]
     return replace(taken(image), name=job["name"])
-
-
-def _set_view(scene: bpy.types.Scene, view: dict[str, Any]) -> None:
-    if view["working"] is not None and bpy.data.colorspace.working_space != view["working"]:
-        bpy.ops.wm.set_working_color_space(working_space=view["working"])
-    scene.display_settings.display_device = view["device"]
-    for name, value in view["settings"].items():
-        setattr(scene.view_settings, name, value)

@@ -7,13 +7,12 @@ from __future__ import annotations
 import os
 import struct
 import zlib
-from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
 import numpy as np
 
-from .view_transform import displayed_in_slices, is_standard, shaper_axis, view_key
+from .view_transform import displayed, is_standard, shaper_axis, view_key
 
 SIZE = 65
 START = 256
@@ -24,44 +23,30 @@ def is_current(scene: bpy.types.Scene, path: Path) -> bool:
     """Whether the file is of the scene's view; of the plain sRGB curve there is none."""
     try:
         with path.open("rb") as file:
-            return not is_standard(scene) and _stamp(scene) in file.read(START)
+            return not is_standard(scene) and stamp(scene) in file.read(START)
     except FileNotFoundError:
         return is_standard(scene)
 
 
-def _stamp(scene: bpy.types.Scene) -> bytes:
-    return b"Relume view\0%08x" % zlib.crc32(repr(view_key(scene)).encode())
+def stamp(scene: bpy.types.Scene) -> bytes:
+    """What tells the file of a scene's view from that of another one."""
+    return b"Relume view\0%08x" % zlib.crc32(view_key(scene).encode())
 
 
-def write_view_table(scene: bpy.types.Scene, path: Path) -> None:
-    """Makes the file that of the scene's view, at once; see `view_table_slices`."""
-    for _ in view_table_slices(scene, path):
-        pass
-
-
-def view_table_slices(scene: bpy.types.Scene, path: Path) -> Iterator[None]:
-    """Makes the file that of the scene's view, a slice at each step: a 16-bit PNG of SIZE^2 by SIZE pixels, whole or
-    not at all, or none for the plain sRGB curve."""
+def write_view_table(scene: bpy.types.Scene, path: Path, stamped: bytes = b"") -> None:
+    """Makes the file that of the scene's view: a 16-bit PNG of SIZE^2 by SIZE pixels, whole or not at all, or none for
+    the plain sRGB curve. `stamped` is another scene's `stamp` that has the same view."""
     if is_standard(scene):
         path.unlink(missing_ok=True)
         return
-    stamp, axis = _stamp(scene), shaper_axis(SIZE)
-    line = np.empty((SIZE, SIZE, 3), np.float32)  # [blue, red, channel]
-    line[..., 0], line[..., 2] = axis, axis[:, None]
-
-    def lines(rows: slice) -> np.ndarray:
-        colors = np.repeat(line[None], len(axis[rows]), axis=0)  # [green, blue, red, channel]
-        colors[..., 1] = axis[rows, None, None]
-        return colors.reshape(-1, SIZE * SIZE, 3)
-
-    packer, packed = zlib.compressobj(1), []
-    for _, shown in displayed_in_slices(scene, SIZE, SIZE * SIZE, lines):
-        words = np.round(shown * 65535.0).astype(">u2").reshape(-1, 3 * SIZE * SIZE).view(np.uint8)
-        unfiltered = np.zeros((len(words), 1), np.uint8)
-        packed.append(packer.compress(np.hstack([unfiltered, words]).tobytes()))
-        yield None
-    if stamp == _stamp(scene):  # Else some slices are of another view.
-        _write_png(path, (SIZE * SIZE, SIZE), stamp, b"".join([*packed, packer.flush()]))
+    axis = shaper_axis(SIZE)
+    colors = np.empty((SIZE, SIZE, SIZE, 3), np.float32)  # [green, blue, red, channel]
+    colors[..., 0], colors[..., 1], colors[..., 2] = axis, axis[:, None, None], axis[:, None]
+    shown = displayed(scene, colors.reshape(SIZE, SIZE * SIZE, 3))
+    words = np.round(shown * 65535.0).astype(">u2").reshape(-1, 3 * SIZE * SIZE).view(np.uint8)
+    unfiltered = np.zeros((len(words), 1), np.uint8)
+    packed = zlib.compress(np.hstack([unfiltered, words]).tobytes(), 1)
+    _write_png(path, (SIZE * SIZE, SIZE), stamped or stamp(scene), packed)
 
 
 def _write_png(path: Path, size: tuple[int, int], text: bytes, packed: bytes) -> None:

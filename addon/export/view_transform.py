@@ -6,11 +6,11 @@ balance are all in it. Layout and spacing are those of `relume_image::ViewTransf
 
 from __future__ import annotations
 
+import json
 import os
 import tempfile
-import time
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager, suppress
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -21,19 +21,10 @@ from .working_space import LINEAR_REC709, working_space
 
 SHAPER_MIN, SHAPER_MAX, SHAPER_OFFSET = -12.0, 7.0, 2.0**-12
 PNG_END = b"IEND\xae\x42\x60\x82"
-SLICE_SECONDS = 0.012
-"""How long Blender may colour at once while an artist is at work."""
-FEWEST_ENTRIES, MOST_ENTRIES = 8_000, 100_000
-"""Of a slice: fewer do not become quicker, for a file is written and read each time."""
-
-WITHOUT_FILES = "Raw"
-"""A view of Blender's own colour configuration that needs no other file."""
-
 HIDDEN_NAME = ".relume view"
 """Of images that exist for a moment: lists leave out what begins with a dot."""
-
-_entries = FEWEST_ENTRIES
-"""How many colours SLICE_SECONDS are enough for, by the slice before."""
+FIRST = ("display_device", "use_curve_mapping", "view_transform", "look")
+"""Settings that others depend on, in the order in which they are set."""
 
 
 def is_srgb_view(scene: bpy.types.Scene) -> bool:
@@ -55,33 +46,64 @@ def is_standard(scene: bpy.types.Scene) -> bool:
     return is_srgb_curve(scene) and view.exposure == 0.0 and view.gamma == 1.0
 
 
-def view_key(scene: bpy.types.Scene, with_exposure: bool = True) -> tuple:
-    """All that the view of a scene depends on, as plain values."""
+def view_settings(scene: bpy.types.Scene, with_exposure: bool = True) -> dict[str, Any]:
+    """All that the view of a scene depends on, as JSON has it, for `set_view` in another Blender; with or without
+    exposure."""
     view = scene.view_settings
-    apart = {"curve_mapping"} if with_exposure else {"curve_mapping", "exposure"}
-    key = [working_space()]
-    key += _values(view, apart) + _values(scene.display_settings, set())
+    found: dict[str, Any] = {
+        "working_space": working_space(),
+        "display": _plain(scene.display_settings),
+        "view": _plain(view),
+        "curves": None,
+    }
+    if not with_exposure:
+        found["view"]["exposure"] = 0.0
     if view.use_curve_mapping:
-        key += _curves(view.curve_mapping)
-    return tuple(key)
-
-
-def _values(owner: bpy.types.bpy_struct, apart: set[str]) -> list[Any]:
-    found = []
-    for name in owner.bl_rna.properties.keys():
-        if name not in apart | {"rna_type"}:
-            value = getattr(owner, name)
-            found.append((name, value if isinstance(value, bool | int | float | str) else tuple(value)))
+        mapping = view.curve_mapping
+        points = [[[*point.location, point.handle_type] for point in curve.points] for curve in mapping.curves]
+        levels = {name: list(getattr(mapping, name)) for name in ("black_level", "white_level")}
+        found["curves"] = {"settings": _plain(mapping) | levels, "points": points}
     return found
 
 
-def _curves(mapping: bpy.types.CurveMapping) -> list[Any]:
-    points = [
-        (curve_index, *point.location, point.handle_type)
-        for curve_index, curve in enumerate(mapping.curves)
-        for point in curve.points
-    ]
-    return _values(mapping, {"curves"}) + points
+def view_key(scene: bpy.types.Scene, with_exposure: bool = True) -> str:
+    """The same as a text that tells one view from another."""
+    return json.dumps(view_settings(scene, with_exposure), sort_keys=True)
+
+
+def _plain(owner: bpy.types.bpy_struct) -> dict[str, Any]:
+    """Properties that are numbers or words; others follow from these."""
+    found = {name: getattr(owner, name) for name in owner.bl_rna.properties.keys()}
+    return {name: value for name, value in found.items() if isinstance(value, bool | int | float | str)}
+
+
+def set_view(scene: bpy.types.Scene, settings: dict[str, Any]) -> None:
+    """Gives a scene the view of another one (`view_settings`), and the file its working space."""
+    wanted = settings["working_space"]
+    if working_space() != wanted:
+        bpy.ops.wm.set_working_color_space(working_space=wanted, convert_colors=False)
+    _set(scene.display_settings, settings["display"])
+    _set(scene.view_settings, settings["view"])
+    if settings["curves"] is not None:
+        _set_curves(scene.view_settings.curve_mapping, settings["curves"])
+
+
+def _set(owner: bpy.types.bpy_struct, values: dict[str, Any]) -> None:
+    for name in sorted(values, key=lambda name: FIRST.index(name) if name in FIRST else len(FIRST)):
+        if not owner.is_property_readonly(name):
+            setattr(owner, name, values[name])
+
+
+def _set_curves(mapping: bpy.types.CurveMapping, curves: dict[str, Any]) -> None:
+    _set(mapping, curves["settings"])
+    for curve, wanted in zip(mapping.curves, curves["points"], strict=True):
+        while len(curve.points) < len(wanted):
+            curve.points.new(0.0, 0.0)
+        while len(curve.points) > len(wanted):
+            curve.points.remove(curve.points[-1])
+        for point, (x, y, handle) in zip(curve.points, wanted, strict=True):
+            point.location, point.handle_type = (x, y), handle
+    mapping.update()
 
 
 def shaper_axis(size: int, log_max: float = SHAPER_MAX) -> np.ndarray:
@@ -90,98 +112,46 @@ def shaper_axis(size: int, log_max: float = SHAPER_MAX) -> np.ndarray:
     return np.maximum(np.exp2(steps) - SHAPER_OFFSET, 0.0).astype(np.float32)
 
 
-def displayed_in_slices(
-    scene: bpy.types.Scene,
-    height: int,
-    width: int,
-    colors_of: Callable[[slice], np.ndarray],
-    view: dict[str, Any] | None = None,
-) -> Iterator[tuple[slice, np.ndarray]]:
-    """Rows with their display colours, as many at a time as Blender colours in SLICE_SECONDS. `colors_of` gives
-    scene-linear colours of rows, [rows, width, 3]; `view` as for `displayed`."""
-    global _entries
-    with closing(_Display()) as display:
-        for _ in read_view_files(display, scene, view):
-            yield slice(0, 0), np.empty((0, width, 3), np.float32)
-        start = 0
-        while start < height:
-            rows = slice(start, min(start + max(1, _entries // width), height))
-            colors, begun = colors_of(rows), time.perf_counter()
-            shown = display.show(scene, colors, view)
-            took = max(time.perf_counter() - begun, 1e-6)
-            wanted = int(colors.size // 3 * min(SLICE_SECONDS / took, 2.0))
-            _entries = min(max(wanted, FEWEST_ENTRIES), MOST_ENTRIES)
-            start = rows.stop
-            yield rows, shown
-
-
-def read_view_files(display: _Display, scene: bpy.types.Scene, view: dict[str, Any] | None) -> Iterator[None]:
-    """Has Blender make ready what writes pictures, and then read the files of a view, as it does when it first colours
-    anything with it: each takes as long as many slices, and is needed once."""
-    black = np.zeros((1, 1, 3), np.float32)
-    with suppress(TypeError):  # A colour configuration of the user's own may have no such view.
-        display.show(scene, black, {"view_transform": WITHOUT_FILES})
-    yield
-    display.show(scene, black, view)
-    yield
-
-
 def displayed(scene: bpy.types.Scene, colors: np.ndarray, view: dict[str, Any] | None = None) -> np.ndarray:
     """Display colours as Blender makes them of opaque scene-linear ones, in 16 bits; both [height, width, 3]. With
     `view` in another view than the scene's: its `display_device` and properties of view settings."""
-    with closing(_Display()) as display:
-        return display.show(scene, colors, view)
+    handle, name = tempfile.mkstemp(suffix=".png", dir=bpy.app.tempdir or None)
+    os.close(handle)
+    path = Path(name)
+    try:
+        _write(scene, colors, view, path)
+        return _read(path).reshape(*colors.shape[:2], -1)[..., :3]
+    finally:
+        path.unlink(missing_ok=True)
 
 
-class _Display:
-    """Has Blender colour one picture after another in the same two images: whenever an image is removed, Blender puts
-    all objects of its scenes together anew, which holds up large scenes for longer than the colouring."""
-
-    def __init__(self) -> None:
-        handle, name = tempfile.mkstemp(suffix=".png", dir=bpy.app.tempdir or None)
-        os.close(handle)
-        self._path = Path(name)
-        self._linear: bpy.types.Image | None = None
-        self._shown: bpy.types.Image | None = None
-
-    def show(self, scene: bpy.types.Scene, colors: np.ndarray, view: dict[str, Any] | None = None) -> np.ndarray:
-        """As `displayed`. After undo it may raise ReferenceError."""
-        self._write(scene, colors, view)
-        if self._shown is None:
-            self._shown = bpy.data.images.load(str(self._path))
-            self._shown.name = HIDDEN_NAME
-            self._shown.colorspace_settings.name = "Non-Color"
-        else:
-            self._shown.reload()
-        pixels = np.empty(len(self._shown.pixels), np.float32)
-        self._shown.pixels.foreach_get(pixels)
-        return pixels.reshape(*colors.shape[:2], -1)[..., :3]
-
-    def _write(self, scene: bpy.types.Scene, colors: np.ndarray, view: dict[str, Any] | None) -> None:
-        """Writes scene-linear colours, [height from the bottom, width, 3], as a 16-bit PNG of a view. No pixels stay in
-        the image: with Ctrl S Blender would ask whether they are to be saved, too."""
-        height, width = colors.shape[:2]
-        pixels = np.ones((height, width, 4), np.float32)
-        pixels[..., :3] = colors
-        if self._linear is None:
-            self._linear = bpy.data.images.new(HIDDEN_NAME, width, height, float_buffer=True)
-        else:
-            self._linear.generated_width, self._linear.generated_height = width, height
-        self._linear.pixels.foreach_set(pixels.reshape(-1))
+def _write(scene: bpy.types.Scene, colors: np.ndarray, view: dict[str, Any] | None, path: Path) -> None:
+    """Writes scene-linear colours, [height from the bottom, width, 3], as a 16-bit PNG of a view."""
+    height, width = colors.shape[:2]
+    pixels = np.ones((height, width, 4), np.float32)
+    pixels[..., :3] = colors
+    image = bpy.data.images.new(HIDDEN_NAME, width, height, float_buffer=True)
+    try:
+        image.pixels.foreach_set(pixels.reshape(-1))
         with _png_settings(scene, view):
-            self._linear.save_render(str(self._path), scene=scene)
-        self._linear.buffers_free()
-        # Blender reports success on a full disk.
-        if not self._path.read_bytes().endswith(PNG_END):
-            raise OSError(f"cannot write the view transform; check the free space: {self._path}")
+            image.save_render(str(path), scene=scene)
+    finally:
+        bpy.data.images.remove(image)
+    # Blender reports success on a full disk.
+    if not path.read_bytes().endswith(PNG_END):
+        raise OSError(f"cannot write the view transform; check the free space: {path}")
 
-    def close(self) -> None:
-        """Removes images and file."""
-        for image in (self._linear, self._shown):
-            with suppress(ReferenceError):  # Undo, or another file, may have removed it.
-                if image is not None:
-                    bpy.data.images.remove(image)
-        self._path.unlink(missing_ok=True)
+
+def _read(path: Path) -> np.ndarray:
+    image = bpy.data.images.load(str(path))
+    try:
+        image.name = HIDDEN_NAME
+        image.colorspace_settings.name = "Non-Color"
+        pixels = np.empty(len(image.pixels), np.float32)
+        image.pixels.foreach_get(pixels)
+        return pixels
+    finally:
+        bpy.data.images.remove(image)
 
 
 @contextmanager

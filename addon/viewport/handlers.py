@@ -1,7 +1,7 @@
 """Draw handlers of all 3D views, and the timer that bakes view tables.
 
 The picture goes over the scene and under the gizmos (POST_VIEW), the words over everything (POST_PIXEL). A view table
-that is not there yet is never waited for: the timer makes it, a slice at a time, and asks for a redraw.
+that is not there yet is never waited for: the timer has it made, and asks for a redraw.
 """
 
 from __future__ import annotations
@@ -14,17 +14,15 @@ import gpu
 from bpy.app.handlers import persistent
 from gpu_extras.batch import batch_for_shader
 
-from ..engine import shot
+from ..engine import shot, view_worker
 from . import compare, light_marks, overlay, texture, view_files, view_table, warm_up
 from .overlay import Show
-from .view_files import NEXT_SLICE_SECONDS
+from .view_files import NEXT_TURN_SECONDS
 from .views import redraw
 
 WORDS_POINTS = 11.0
 MARGIN_POINTS = 14.0
 RETRY_SECONDS = 5.0
-JOB_SECONDS = 0.1
-"""Pause while a render, or the reading of the scene, has the render settings."""
 
 _handles: list[Any] = []
 _waiting: set[int] = set()
@@ -88,22 +86,22 @@ def wake() -> None:
 
 
 def bake_views() -> float | None:
-    """One slice of the view table of each scene that waits for one, and then of the file beside its bake; seconds until
-    the next turn."""
-    if bpy.app.is_job_running("RENDER"):
-        return JOB_SECONDS  # It would write its pictures with our settings.
-    better, pause = False, JOB_SECONDS
+    """A turn of having the view table made of a scene that waits for one, and then the file beside its bake; seconds
+    until the next turn."""
+    better, pause = False, NEXT_TURN_SECONDS
     for scene in bpy.data.scenes:
         if scene.session_uid not in _waiting:
             continue
         try:
-            better |= view_table.work(scene)
-            pause = min(pause, _work_on_file(scene))
+            better = view_table.work(scene)
+            pause = _work_on_file(scene)
             _trouble.pop(scene.session_uid, None)
         except (OSError, RuntimeError) as error:
             _trouble[scene.session_uid], pause = str(error), RETRY_SECONDS
         if _has_table(scene) and _has_file(scene):
             _waiting.discard(scene.session_uid)
+        elif pause != RETRY_SECONDS:
+            break  # Views are coloured one after another.
     if better or pause == RETRY_SECONDS:
         redraw()
     if better and not bpy.app.background:
@@ -128,7 +126,7 @@ def _work_on_file(scene: bpy.types.Scene) -> float:
     """Seconds until the next turn."""
     found = shot.of(scene)
     if found is None or not view_table.is_complete(scene) or view_files.is_done(found, scene):
-        return NEXT_SLICE_SECONDS
+        return NEXT_TURN_SECONDS
     return view_files.work(found, scene)
 
 
@@ -149,6 +147,7 @@ def unregister() -> None:
     if bpy.app.timers.is_registered(bake_views):
         bpy.app.timers.unregister(bake_views)
     _forget()
+    view_worker.close()
     view_table.clear()
     warm_up.reset()
     texture.free()

@@ -14,9 +14,9 @@ import gpu
 import numpy as np
 from gpu_extras.batch import batch_for_shader
 
+from ..export.color_table import LOG_MAX
+from ..export.false_color import LEVELS
 from ..export.view_transform import SHAPER_MIN, SHAPER_OFFSET
-from .false_color import LEVELS
-from .view_table import LOG_MAX
 
 VERTEX = """
 void main()

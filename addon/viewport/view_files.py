@@ -1,27 +1,26 @@
-"""Keeps the view beside an open bake (`export.view_file`) that of its scene, a slice at a time and once the artist has
-let it be for a moment: dragging exposure writes nothing."""
+"""Keeps the view beside an open bake (`export.view_file`) that of its scene, once the artist has let it be for a
+moment: dragging exposure writes nothing."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from weakref import WeakKeyDictionary
 
 import bpy
 
+from ..engine import view_worker
 from ..engine.shot import Shot
-from ..export.view_file import is_current, view_table_slices
-from ..export.view_transform import view_key
+from ..export.view_file import is_current, stamp
+from ..export.view_transform import view_key, view_settings
 
 FILE = "view.png"
 SETTLE_SECONDS = 1.0
-NEXT_SLICE_SECONDS = 0.005
+NEXT_TURN_SECONDS = 0.03
 
-_done: WeakKeyDictionary[Shot, tuple] = WeakKeyDictionary()
+_done: WeakKeyDictionary[Shot, str] = WeakKeyDictionary()
 """The view that was written, or cannot be."""
-_seen: WeakKeyDictionary[Shot, tuple[tuple, float]] = WeakKeyDictionary()
+_seen: WeakKeyDictionary[Shot, tuple[str, float]] = WeakKeyDictionary()
 """The view that was seen last, and since when."""
-_making: WeakKeyDictionary[Shot, Iterator[None]] = WeakKeyDictionary()
 
 
 def is_done(found: Shot, scene: bpy.types.Scene) -> bool:
@@ -31,31 +30,23 @@ def is_done(found: Shot, scene: bpy.types.Scene) -> bool:
 
 
 def work(found: Shot, scene: bpy.types.Scene) -> float:
-    """Colours one slice of the file; seconds until the next turn. Not while drawing."""
+    """A turn of having the file written; seconds until the next one."""
     key, now = view_key(scene), time.monotonic()
-    before, since = _seen.get(found, ((), now))
+    before, since = _seen.get(found, ("", now))
     if key != before:
         _seen[found] = key, now
-        _making.pop(found, None)
         return SETTLE_SECONDS
     if now - since < SETTLE_SECONDS:
         return SETTLE_SECONDS
     path = found.folder / FILE
     try:
-        if found not in _making:
-            _making[found] = iter(()) if is_current(scene, path) else view_table_slices(scene, path)
-        next(_making[found])
-        return NEXT_SLICE_SECONDS
-    except StopIteration:
-        pass
-    except ReferenceError:  # Undo has made another scene of it: the next turn begins again.
-        return _forget(found)
+        if is_current(scene, path):
+            _done[found] = key
+        else:
+            worker = view_worker.shared()
+            worker.ask(view_worker.file_of(view_settings(scene), path, stamp(scene)))
+            worker.turn()
     except OSError as error:
         found.warnings.append(f"PNGs that the command line makes of this bake will not have the scene's view: {error}")
-    _done[found] = key
-    return _forget(found)
-
-
-def _forget(found: Shot) -> float:
-    _making.pop(found, None)
-    return NEXT_SLICE_SECONDS
+        _done[found] = key
+    return NEXT_TURN_SECONDS

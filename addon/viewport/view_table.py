@@ -1,37 +1,27 @@
-"""How scene-linear pixels become what the scene's view shows, as a table for shaders.
+"""How scene-linear pixels become what the scene's view shows, as a table for shaders (`export.color_table`).
 
-Blender colours the entries of the table itself (`export.view_transform`), a slice at a time, so that the window never
-stands still: first a coarse table, then a fine one. Exposure multiplies before the table, so dragging it bakes
-nothing, unless the view has curves, which Blender applies before exposure. The plain sRGB curve needs no table. Of a
-view that jumps from one colour to the next the table holds places in a list of colours (`false_color`).
+A Blender in the background colours the entries (`engine.view_worker`), so that the window never stands still: first a
+coarse table, then a fine one. The plain sRGB curve needs no table.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
 import bpy
 import numpy as np
 
-from ..export.view_transform import SHAPER_MIN, SHAPER_OFFSET, displayed_in_slices, is_srgb_view, shaper_axis, view_key
+from ..engine import view_worker
+from ..export import false_color
+from ..export.color_table import COARSE, FINE, LOG_MAX, Table, color_table
+from ..export.view_transform import SHAPER_MIN, SHAPER_OFFSET, is_srgb_view, view_key, view_settings
 from ..export.working_space import rec709_from_scene_linear
-from . import false_color
 
-LOG_MAX = 10.0
-"""Logarithm of the brightest value of the table. Filmic tells colours apart up to about 2^10."""
-COARSE, FINE = 45, 89
-"""Entries along an axis: half and quarter stops, so that the clipping of "Standard" at 1.0 falls on an entry."""
 KEPT = 4
 """Tables that are kept for views seen before."""
 
-Table = tuple[np.ndarray, np.ndarray | None]
-"""`View.table` and `View.levels`."""
-
-_tables: dict[tuple, Table] = {}
-_baking: dict[int, tuple[tuple, Iterator[Table | None]]] = {}
-"""By scene: the view and its table in the making."""
+_tables: dict[tuple[int, str], Table] = {}
 _shown: dict[int, Table] = {}
 """By scene: the newest table, good enough until the next one is there."""
 
@@ -88,29 +78,28 @@ def is_complete(scene: bpy.types.Scene) -> bool:
 
 
 def work(scene: bpy.types.Scene) -> bool:
-    """Colours one slice of the scene's table; whether a better table came of it. Not while drawing."""
-    baking = _baking.pop(scene.session_uid, (None, None))
+    """A turn of having the table made; whether a better one came of it. Raises OSError."""
     if is_complete(scene):
         return False
-    size = FINE if _key(scene, COARSE) in _tables else COARSE
-    key = _key(scene, size)
-    slices = baking[1] if baking[0] == key else _slices(scene, size)
     try:
-        table = next(slices)
-    except ReferenceError:  # Undo has made another scene of it: the next turn begins again.
-        return False
+        worker = view_worker.shared()
+        worker.ask(view_worker.tables_of(_settings(scene)))
+        table = worker.turn()
+    except OSError:
+        if bpy.app.is_job_running("RENDER"):  # It would write its pictures with our settings.
+            raise
+        complete(scene)  # Where there can be no other Blender this one stands still for a moment.
+        return True
     if table is None:
-        _baking[scene.session_uid] = key, slices
         return False
-    _tables[key] = table
-    _forget(_tables)
+    _keep(scene, table)
     return True
 
 
 def complete(scene: bpy.types.Scene) -> View:
     """The view of a scene in full, at once: for what is not drawn live."""
-    while not is_complete(scene):
-        work(scene)
+    if not is_complete(scene):
+        _keep(scene, color_table(scene, FINE))
     view = of(scene)
     assert view is not None
     return view
@@ -118,8 +107,13 @@ def complete(scene: bpy.types.Scene) -> View:
 
 def clear() -> None:
     """Forgets all tables."""
-    for kept in (_tables, _baking, _shown):
-        kept.clear()
+    _tables.clear()
+    _shown.clear()
+
+
+def _keep(scene: bpy.types.Scene, table: Table) -> None:
+    _tables[_key(scene, len(table[0]))] = table
+    _forget(_tables)
 
 
 def _forget(kept: dict) -> None:
@@ -128,45 +122,13 @@ def _forget(kept: dict) -> None:
         del kept[next(iter(kept))]
 
 
-def _key(scene: bpy.types.Scene, size: int) -> tuple:
+def _settings(scene: bpy.types.Scene) -> dict[str, Any]:
     """All that the table depends on. Exposure multiplies before it, except where there are curves."""
+    return view_settings(scene, with_exposure=scene.view_settings.use_curve_mapping)
+
+
+def _key(scene: bpy.types.Scene, size: int) -> tuple[int, str]:
     return size, view_key(scene, with_exposure=scene.view_settings.use_curve_mapping)
-
-
-def _slices(scene: bpy.types.Scene, size: int) -> Iterator[Table | None]:
-    """The table after as many Nones as it takes."""
-    learnt = (yield from false_color.learn(scene, LOG_MAX)) if false_color.applies(scene) else None
-    if learnt is None:
-        yield (yield from _colored(scene, size)), None
-        return
-    weights, levels = learnt
-    formed_by = false_color.formed_by(scene)
-    table = yield from _colored(scene, size, formed_by, lambda shown: false_color.brightness(shown, weights)[..., None])
-    yield table, levels
-
-
-def _colored(
-    scene: bpy.types.Scene,
-    size: int,
-    view: dict[str, Any] | None = None,
-    entries_of: Callable[[np.ndarray], np.ndarray] = lambda shown: shown,
-) -> Generator[None, None, np.ndarray]:
-    """The entries that the scene's view shows, or another (see `displayed`), or what follows from these."""
-    axis = shaper_axis(size, LOG_MAX)
-
-    def rows_of(rows: slice) -> np.ndarray:
-        blue, green = np.divmod(np.arange(rows.start, rows.stop), size)
-        colors = np.empty((len(blue), size, 3), np.float32)
-        colors[..., 0], colors[..., 1], colors[..., 2] = axis, axis[green, None], axis[blue, None]
-        # Exposure multiplies before the table is looked up, so Blender's own is taken out of the entries.
-        settings = scene.view_settings
-        return colors if view or settings.use_curve_mapping else colors / np.float32(2.0**settings.exposure)
-
-    table = np.ones((size * size, size, 4), np.float32)  # [blue and green, red, channel]
-    for rows, shown in displayed_in_slices(scene, size * size, size, rows_of, view):
-        table[rows, :, :3] = entries_of(shown)
-        yield None
-    return table.reshape(size, size, size, 4)
 
 
 def _sample(table: np.ndarray, colors: np.ndarray) -> np.ndarray:

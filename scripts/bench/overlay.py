@@ -154,8 +154,7 @@ def main():
     scene = bpy.context.scene
     scene.view_settings.view_transform = "AgX"
     machine = f"{gpu.platform.renderer_get()}, {gpu.platform.backend_type_get()}"
-    figures = {"view table, one slice, longest": longest_slice(scene)}
-    view = view_table.complete(scene)
+    view, figures = view_table.complete(scene), {}
     for size in SIZES:
         name = f"{size[0]} x {size[1]}"
         figures |= {f"{step}, {name}": value for step, value in picture_times(size, view).items()}
@@ -166,16 +165,6 @@ def main():
     print(machine)
     options.out.mkdir(parents=True, exist_ok=True)
     (options.out / "bench-overlay.json").write_text(json.dumps({"machine": machine, "records": records}, indent=1))
-
-
-def longest_slice(scene):
-    """Milliseconds that a view table keeps Blender's window at most."""
-    longest = 0.0
-    while not view_table.is_complete(scene):
-        start = time.perf_counter()
-        view_table.work(scene)
-        longest = max(longest, 1000 * (time.perf_counter() - start))
-    return longest
 
 
 if __name__ == "__main__":

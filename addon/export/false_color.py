@@ -6,13 +6,12 @@ it up in 4096 colours."""
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from typing import Any
 
 import bpy
 import numpy as np
 
-from ..export.view_transform import SHAPER_MIN, displayed_in_slices
+from .view_transform import SHAPER_MIN, displayed
 
 Weights = tuple[float, float, float]
 
@@ -53,23 +52,13 @@ def brightness(shown: np.ndarray, weights: Weights) -> np.ndarray:
     return np.maximum(shown.astype(np.float64) ** REC2020_GAMMA @ np.array(weights), 0.0) ** (1.0 / ROOT)
 
 
-def learn(scene: bpy.types.Scene, log_max: float) -> Generator[None, None, tuple[Weights, np.ndarray] | None]:
-    """After as many Nones as it takes, returns weights and list, [LEVELS, 3]; None where they do not give the view."""
+def learn(scene: bpy.types.Scene, log_max: float) -> tuple[Weights, np.ndarray] | None:
+    """Weights and list, [LEVELS, 3]; None where they do not give the view."""
     colors = np.empty((ROWS, COLUMNS, 3), np.float32)
     colors[:-1] = np.exp2(np.linspace(SHAPER_MIN, log_max, (ROWS - 1) * COLUMNS)).reshape(ROWS - 1, COLUMNS, 1)
     colors[-1] = np.exp2(np.random.default_rng(1).uniform(-8.0, 4.0, (COLUMNS, 3)))
-    shown, formed = np.empty_like(colors), np.empty_like(colors)
-
-    def without_exposure(rows: slice) -> np.ndarray:
-        # Read for each slice, as it may be dragged between them.
-        return colors[rows] / np.float32(2.0**scene.view_settings.exposure)
-
-    for rows, part in displayed_in_slices(scene, ROWS, COLUMNS, without_exposure):
-        shown[rows] = part
-        yield None
-    for rows, part in displayed_in_slices(scene, ROWS, COLUMNS, colors.__getitem__, formed_by(scene)):
-        formed[rows] = part
-        yield None
+    shown = displayed(scene, colors / np.float32(2.0**scene.view_settings.exposure))
+    formed = displayed(scene, colors, formed_by(scene))
     found = [_list_of(shown, formed, weights) for weights in WEIGHTS]
     error, weights, levels = min(found, key=lambda one: one[0])
     return (weights, levels) if error <= GOOD else None

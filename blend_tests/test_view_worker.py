@@ -1,0 +1,148 @@
+"""The Blender in the background that colours the tables of views."""
+
+import signal
+import time
+
+import bpy
+import numpy as np
+import pytest
+
+from addon.engine import view_worker
+from addon.engine.view_worker import ViewWorker, file_of, tables_of
+from addon.export import write_view_table
+from addon.export.color_table import COARSE, FINE, color_table
+from addon.export.view_file import stamp
+from addon.export.view_transform import view_settings
+from helpers import update
+from views import VIEWS
+
+SECONDS = 120.0
+
+
+@pytest.fixture
+def worker():
+    found = ViewWorker()
+    yield found
+    found.close()
+
+
+def turns(worker, job):
+    """Has a job done; the tables that come of it, as they come."""
+    until = time.monotonic() + SECONDS
+    worker.ask(job)
+    while not worker.is_finished:
+        worker.ask(job)
+        table = worker.turn()
+        if table is not None:
+            yield table
+        assert time.monotonic() < until
+        time.sleep(0.01)
+
+
+def test_its_tables_and_files_are_those_of_this_blender(scene, worker, tmp_path):
+    for name, apply in VIEWS.items():
+        try:
+            apply(scene)
+        except pytest.skip.Exception:
+            continue
+        here, there = tmp_path / "here.png", tmp_path / "there.png"
+        tables = list(turns(worker, tables_of(view_settings(scene))))
+        assert [len(table) for table, _ in tables] == [COARSE, FINE], name
+        for table, levels in tables:
+            entries, places = color_table(scene, len(table))
+            assert np.array_equal(table, entries), name
+            assert (levels is None) == (places is None) and (levels is None or np.array_equal(levels, places)), name
+        assert not list(turns(worker, file_of(view_settings(scene), there, stamp(scene))))
+        write_view_table(scene, here)
+        assert here.exists() == there.exists() and (not here.exists() or here.read_bytes() == there.read_bytes()), name
+        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+        scene = bpy.context.scene
+
+
+@pytest.mark.skipif(bpy.app.version < (5, 0, 0), reason="files choose their working space from Blender 5.0 on")
+def test_its_files_have_the_working_space_of_this_one(scene, worker):
+    for space in ("ACEScg", "Linear Rec.709"):
+        bpy.ops.wm.set_working_color_space(working_space=space, convert_colors=False)
+        scene.view_settings.view_transform = "AgX"
+        coarse, _ = next(turns(worker, tables_of(view_settings(scene))))
+        assert np.array_equal(coarse, color_table(scene, COARSE)[0]), space
+
+
+def test_a_newer_view_replaces_the_one_before(scene, worker):
+    scene.view_settings.view_transform = "AgX"
+    old = tables_of(view_settings(scene))
+    next(turns(worker, old))
+    scene.view_settings.gamma = 1.5
+    tables = list(turns(worker, tables_of(view_settings(scene))))
+    assert [len(table) for table, _ in tables] == [COARSE, FINE]
+    assert np.array_equal(tables[0][0], color_table(scene, COARSE)[0])
+
+
+def test_what_cannot_be_done_is_said_and_may_be_asked_again(scene, worker, tmp_path):
+    scene.view_settings.view_transform = "AgX"
+    path = tmp_path / "missing" / "view.png"
+    for _ in range(2):
+        with pytest.raises(OSError, match="missing"):
+            list(turns(worker, file_of(view_settings(scene), path, stamp(scene))))
+    path.parent.mkdir()
+    list(turns(worker, file_of(view_settings(scene), path, stamp(scene))))
+    assert path.exists()
+
+
+def test_one_that_was_killed_is_said_and_started_anew(scene, worker):
+    scene.view_settings.view_transform = "AgX"
+    job = tables_of(view_settings(scene))
+    next(turns(worker, job))
+    worker._worker._signal("SIGKILL")
+    with pytest.raises(OSError, match="ended from outside"):
+        list(turns(worker, job))
+    assert len(list(turns(worker, job))) == 2
+
+
+def test_one_that_ended_because_nothing_came_is_started_anew(scene, worker, tmp_path, monkeypatch):
+    scene.view_settings.view_transform = "AgX"
+    list(turns(worker, tables_of(view_settings(scene))))
+    worker._place.rename(tmp_path / "away")  # Which ends it in the same way.
+    while worker._worker is not None:
+        worker.turn()
+    (tmp_path / "away").rename(worker._place)
+    scene.view_settings.gamma = 1.2
+    assert len(list(turns(worker, tables_of(view_settings(scene))))) == 2
+    monkeypatch.setattr(view_worker, "IDLE_SECONDS", 0.0)
+    told = []
+    view_worker.serve(worker._place, told.append)
+    assert not told
+
+
+def test_the_open_file_is_left_alone(scene, worker):
+    """Blender would ask the artist who presses Ctrl S about an image that nobody has seen, and evaluate all objects
+    again whenever one goes."""
+    scene.view_settings.view_transform = "AgX"
+    scene.render.image_settings.file_format = "OPEN_EXR"
+    update()
+    seen = []
+    bpy.app.handlers.depsgraph_update_post.append(lambda *_: seen.append(1))
+    try:
+        for _ in turns(worker, tables_of(view_settings(scene))):
+            update()
+            assert not bpy.data.images
+    finally:
+        bpy.app.handlers.depsgraph_update_post.pop()
+    assert not seen and scene.render.image_settings.file_format == "OPEN_EXR"
+
+
+def test_it_ends_with_its_owner(scene, worker):
+    scene.view_settings.view_transform = "AgX"
+    next(turns(worker, tables_of(view_settings(scene))))
+    process = worker._worker._process
+    process.stdin.close()
+    assert process.wait(SECONDS) != -signal.SIGKILL
+    worker._worker = None
+
+
+def test_closing_leaves_nothing_behind(scene):
+    worker = ViewWorker()
+    next(turns(worker, tables_of(view_settings(scene))))
+    place, process = worker._place, worker._worker._process
+    worker.close()
+    assert not place.exists() and process.poll() is not None
