@@ -36,13 +36,18 @@ extension: wheel
 	@scripts/build-wheel "$(WHEELS)-macos-intel" --macos-intel
 	@scripts/build-extension build/extension "$(WHEELS)" "$(WHEELS)-windows" "$(WHEELS)-macos" "$(WHEELS)-macos-intel"
 
-test: test-rust test-python test-blender window
+# What is downloaded for the later parts is fetched while the first ones compile; whoever needs it waits for it, or fetches it anew.
+test: setup
+	@{ scripts/window/setup; scripts/setup $(BLENDERS); } >/dev/null 2>&1 &
+	@$(MAKE) --no-print-directory test-rust test-python test-blender window
 
 test-rust: setup
 	$(CARGO) fmt --all --check
 	$(CARGO) clippy --workspace --all-targets -- -D warnings
+	$(CARGO) clippy --workspace --test gpu -- -D warnings
 	$(CARGO) test --workspace
-# The tests of GPUs once more, on a driver with matrices, with the kernels of release builds, which check nothing.
+# The tests of GPUs once more, on a driver with matrices, with the kernels of release builds, which check nothing; and those of the
+# whole chain.
 	RELUME_GPU_UNCHECKED=1 $(NEWEST_DRIVER) $(CARGO) test --workspace --lib -- gpu compare sorting device driver matrices images
 	RELUME_GPU_UNCHECKED=1 RELUME_VALIDATE=1 $(NEWEST_DRIVER) $(CARGO) test --workspace --test gpu
 # CI builds this once, and needs the space for what comes after.
