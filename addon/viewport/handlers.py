@@ -93,7 +93,7 @@ def bake_views() -> float | None:
         if scene.session_uid not in _waiting:
             continue
         try:
-            better = view_table.work(scene)
+            better |= view_table.work(scene)
             pause = _work_on_file(scene)
             _trouble.pop(scene.session_uid, None)
         except (OSError, RuntimeError) as error:
