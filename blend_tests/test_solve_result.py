@@ -136,10 +136,10 @@ def test_solved_looks_pass_through_files(painted, tmp_path):
 
 
 @pytest.fixture
-def solved_world(painted):
-    """A world that was solved with a light, not applied yet."""
-    add_world(painted)
-    rows.sync(painted)
+def solved_world(lit_by_two, request):
+    """A world of the bake that was solved with a light, not applied yet."""
+    add_world(lit_by_two)
+    painted = request.getfixturevalue("painted")
     found, job = begin(painted)
     job.answer(changed=[light("Key", "AREA")], world=[0.5, 0.25, 0.25])
     finish(found)
