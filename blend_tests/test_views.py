@@ -173,11 +173,10 @@ def test_lights_in_front_of_the_picture_are_marked(view):
 def test_the_timer_completes_the_table_of_a_waiting_scene_and_ends(view, small_tables):
     view.scene.view_settings.view_transform = "AgX"
     handlers._waiting.add(view.scene.session_uid)
-    turns = 0
-    while handlers.bake_views() is not None:
-        turns += 1
-        assert turns < 100
-    assert turns > 0 and view_table.is_complete(view.scene)
+    assert handlers.bake_views() == handlers.NEXT_TURN_SECONDS
+    assert len(view_table.of(view.scene).table) == view_table.COARSE
+    assert handlers.bake_views() is None
+    assert view_table.is_complete(view.scene) and not handlers._waiting
 
 
 def test_a_table_that_cannot_be_made_is_said_and_tried_again(view, small_tables, monkeypatch):
@@ -191,7 +190,7 @@ def test_a_table_that_cannot_be_made_is_said_and_tried_again(view, small_tables,
         broken.setattr(view_transform, "_write", full)
         assert handlers.bake_views() == handlers.RETRY_SECONDS
         assert "free space" in handlers._trouble[view.scene.session_uid]
-    assert handlers.bake_views() != handlers.RETRY_SECONDS
+    assert handlers.bake_views() == handlers.NEXT_TURN_SECONDS
     assert not handlers._trouble
 
 

@@ -24,7 +24,9 @@ class ColouredHere:
 
     def turn(self):
         self.is_finished = not self._pieces
-        return self._pieces.pop(0)() if self._pieces else None
+        found = self._pieces[0]() if self._pieces else None
+        del self._pieces[:1]  # What fails stays to be done.
+        return found
 
     def _coarse(self):
         return color_table(bpy.context.scene, view_table.COARSE)
