@@ -39,7 +39,7 @@ extension: wheel
 # What is downloaded for the later parts is fetched while the first ones compile; whoever needs it waits for it, or fetches it anew.
 test: setup
 	@{ scripts/window/setup; scripts/setup $(BLENDERS); } >/dev/null 2>&1 &
-	@$(MAKE) --no-print-directory test-rust test-python test-blender window
+	@$(MAKE) --no-print-directory test-rust test-python test-blender window AT_ONCE=2
 
 test-rust: setup
 	$(CARGO) fmt --all --check
@@ -63,9 +63,10 @@ test-python: wheel
 test-blender: extension-linux
 	@printf '%s\n' $(BLENDERS) | xargs -P 2 -I VERSION scripts/test-blender "$(WHEELS)" VERSION
 
-# A real Blender with its window, on a virtual display; WINDOW="smoke" for less. Needs root, for chroot.
+# A real Blender with its window, on a virtual display; WINDOW="smoke" for less, AT_ONCE=2 for two side by side, which disturbs their
+# times. Needs root, for chroot.
 window: extension-linux
-	@RELUME_SCENES="$(SCENES)" $(PYTHON) scripts/window/run.py $(WINDOW)
+	@RELUME_SCENES="$(SCENES)" $(PYTHON) scripts/window/run.py --at-once $(or $(AT_ONCE),1) $(WINDOW)
 
 # The pictures of docs/guide.md, taken anew.
 guide: extension-linux

@@ -114,7 +114,7 @@ class Artist:
         yield from self._until_first_picture(None)
         seconds, render = time.perf_counter() - start, self.scene.render
         size = (render.resolution_x, render.resolution_y)
-        goal = 5 if (self.driver.name, size) == ("modern_hall", (960, 540)) else None
+        goal = 5 if (self.driver.name, size) == ("cost", (960, 540)) else None
         self.driver.record(f"time to the first picture, {size[0]} x {size[1]}", seconds, "s", goal)
 
     def rebake(self):

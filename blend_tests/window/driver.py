@@ -81,7 +81,9 @@ class Driver:
         self._save()
         self._longest_gap = 0.0
         self.watch.reset()
+        begun = time.perf_counter()
         yield
+        self.record(f"{name}: all of it", time.perf_counter() - begun, "s")
         self.record(f"{name}: longest block of the window", self._longest_gap * 1000, "ms")
         if self.watch.calls:
             longest, own, first = self.watch.longest, self.watch.heaviest.own, self.watch.first_time

@@ -22,6 +22,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -29,7 +30,9 @@ HARNESS = REPOSITORY / "blend_tests" / "window"
 OUT = REPOSITORY / "out" / "window"
 FIGURES = OUT.with_suffix(".json")
 PYTHON = REPOSITORY / ".venv-4.2" / "bin" / "python"
-SCREEN = "1920x1080"
+SCREEN = "1280x720"
+"""Of scenarios that do not say their own. To draw a view on software OpenGL takes as long as it has pixels: half a
+second in a window of 1920 x 1080."""
 SMALL_DISK = "4m"
 NEWEST = "sid"  # Debian unstable
 OLDEST_BLENDER = (5, 2)
@@ -103,9 +106,9 @@ def kill_group(process):
 
 
 @contextlib.contextmanager
-def display(room):
-    """A virtual screen that keeps its pixels in a file of the room; its name, ":1"."""
-    options = f"-displayfd 1 -screen 0 {SCREEN}x24 -nocursor -nolisten tcp -fbdir"
+def display(room, size):
+    """A virtual screen of a size, "1280x720", that keeps its pixels in a file of the room; its name, ":1"."""
+    options = f"-displayfd 1 -screen 0 {size}x24 -nocursor -nolisten tcp -fbdir"
     command = room.command("Xvfb", *options.split(), room.inside / "screen")
     with (room.folder / "Xvfb.log").open("wb") as log:
         server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True, start_new_session=True)
@@ -146,8 +149,8 @@ def install_extension(room):
 
 
 def constant(scenario, name, otherwise):
-    """What a scenario says in a constant: NEEDS, the scenes; SIMULATES_EVENTS, without which Blender takes those of the
-    X server."""
+    """What a scenario says in a constant: NEEDS, the scenes; SCREEN, its size; SIMULATES_EVENTS, without which Blender
+    takes those of the X server."""
     for node in ast.parse(scenario.read_text()).body:
         if isinstance(node, ast.Assign) and node.targets[0].id == name:
             return ast.literal_eval(node.value)
@@ -175,19 +178,21 @@ def may_lack_scenes():
     return not os.environ.get("CI") or is_meant
 
 
-def play(room, screen, scenario, seconds):
-    """Plays one scenario; returns what went wrong, what was skipped, and its figures."""
+def play(room, scenario, seconds):
+    """Plays one scenario on a screen of its own; returns what went wrong, what was skipped, and its figures."""
     for name, source in (("user", "installed"), ("scratch", None), ("pictures", None), ("tmp", None)):
         shutil.rmtree(room.folder / name)
         shutil.copytree(room.folder / source, room.folder / name) if source else (room.folder / name).mkdir()
     result_file = room.folder / "result.json"
     result_file.unlink(missing_ok=True)
     log = OUT / f"{scenario.stem}.log"
-    window = ["--window-geometry", "0", "0", *SCREEN.split("x"), "--python-exit-code", "1"]
+    size = constant(scenario, "SCREEN", SCREEN)
+    window = ["--window-geometry", "0", "0", *size.split("x"), "--python-exit-code", "1"]
     window += ["--enable-event-simulate"] * constant(scenario, "SIMULATES_EVENTS", True)
     scenario_inside = room.inside / "window" / "scenarios" / scenario.name
     script = ["--python", room.inside / "window" / "play.py", "--", scenario_inside, room.inside]
-    status = room.call("blender", *window, *script, log=log, seconds=seconds, DISPLAY=screen)
+    with display(room, size) as screen:
+        status = room.call("blender", *window, *script, log=log, seconds=seconds, DISPLAY=screen)
     for left in (*(room.folder / "pictures").iterdir(), *(room.folder / "tmp").glob("*.crash.txt")):
         shutil.copy(left, OUT)
     result = json.loads(result_file.read_text()) if result_file.exists() else None
@@ -199,24 +204,31 @@ def play(room, screen, scenario, seconds):
 
 
 def play_all(room, scenarios, seconds):
-    """Plays scenarios one after another; returns their figures and whether all went well."""
+    """Plays scenarios of a list until none is left in it; returns their figures and whether all went well."""
     figures, well = [], True
-    with display(room) as screen:
-        for scenario in scenarios:
-            if missing := [name for name in constant(scenario, "NEEDS", []) if not fetch_scene(room, name)]:
-                verdict = "skipped" if may_lack_scenes() else "FAILED"
-                print(f"window: {scenario.stem}: {verdict}, {', '.join(missing)} is not in {SCENES}", flush=True)
-                well = well and may_lack_scenes()
-                continue
-            begun = time.monotonic()
-            problems, skipped, measured = play(room, screen, scenario, seconds)
-            verdict = "FAILED" if problems else "passed"
-            notes = [*problems, *(f"skipped: {what}" for what in skipped)]
-            took = time.monotonic() - begun
-            print(f"window: {scenario.stem}: {verdict} in {took:.0f} s", *notes, sep="\n  ", flush=True)
-            figures += measured
-            well = well and not problems
+    while scenarios:
+        scenario = scenarios.pop(0)
+        if missing := [name for name in constant(scenario, "NEEDS", []) if not fetch_scene(room, name)]:
+            verdict = "skipped" if may_lack_scenes() else "FAILED"
+            print(f"window: {scenario.stem}: {verdict}, {', '.join(missing)} is not in {SCENES}", flush=True)
+            well = well and may_lack_scenes()
+            continue
+        begun = time.monotonic()
+        problems, skipped, measured = play(room, scenario, seconds)
+        verdict = "FAILED" if problems else "passed"
+        notes = [*problems, *(f"skipped: {what}" for what in skipped)]
+        took = time.monotonic() - begun
+        print(f"window: {scenario.stem}: {verdict} in {took:.0f} s", *notes, sep="\n  ", flush=True)
+        figures += measured
+        well = well and not problems
     return figures, well
+
+
+def play_at_once(rooms, scenarios, seconds):
+    """Plays scenarios, as many at a time as there are rooms; returns as `play_all` does."""
+    with ThreadPoolExecutor(len(rooms)) as players:
+        played = list(players.map(lambda room: play_all(room, scenarios, seconds), rooms))
+    return sum((figures for figures, _ in played), []), all(well for _, well in played)
 
 
 def main():
@@ -225,6 +237,9 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenarios", nargs="*", metavar="SCENARIO", help=f"of {', '.join(scenarios)}")
     parser.add_argument("--seconds", type=float, default=1200, help="time limit of a scenario")
+    parser.add_argument(
+        "--at-once", type=int, default=1, metavar="N", help="how many are played at a time; disturbs times"
+    )
     parser.add_argument("--debian", metavar="RELEASE", default=NEWEST, help="whose Blender: trixie has 4.3")
     options = parser.parse_args()
     if unknown := set(options.scenarios) - set(scenarios):
@@ -236,13 +251,17 @@ def main():
         sys.exit(1)
     shutil.rmtree(OUT, ignore_errors=True)
     OUT.mkdir(parents=True)
-    room = Room(Path(setup.stdout.strip()))
+    tree = Path(setup.stdout.strip())
+    rooms = [Room(tree) for _ in range(options.at_once)]
     try:
-        check_blender(room, OLDEST_BLENDER if options.debian == NEWEST else OLDEST_SUPPORTED)
-        install_extension(room)
-        figures, well = play_all(room, [scenarios[name] for name in options.scenarios or scenarios], options.seconds)
+        check_blender(rooms[0], OLDEST_BLENDER if options.debian == NEWEST else OLDEST_SUPPORTED)
+        for room in rooms:
+            install_extension(room)
+        chosen = [scenarios[name] for name in options.scenarios or scenarios]
+        figures, well = play_at_once(rooms, chosen, options.seconds)
     finally:
-        shutil.rmtree(room.folder)
+        for room in rooms:
+            shutil.rmtree(room.folder)
     FIGURES.write_text(json.dumps(figures, indent=1) + "\n")
     sys.exit(0 if well else 1)
 

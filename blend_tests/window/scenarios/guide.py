@@ -3,10 +3,12 @@
 import importlib
 
 import bpy
+from artist import WORK_SECONDS
 from driver import ADDON
 from painter import Painter
 
 NEEDS = ["demo.blend"]
+SCREEN = "1920x1080"
 
 
 def module(name):
@@ -27,7 +29,7 @@ def settled(driver, what):
         shown = found.status["shown"]
         return not found.is_working and shown and shown["settled"] and not found.is_busy
 
-    yield from driver.until(done, what, 240)
+    yield from driver.until(done, what, WORK_SECONDS)
     yield from driver.wait(0.5)
     yield from driver.drawn()
 

@@ -8,4 +8,4 @@ NEEDS = ["modern_hall.blend"]
 def play(driver):
     """See the first line of this file."""
     lights = ("light_0", "light_0", "light_5")
-    yield from visit(driver, "modern_hall.blend", (960, 540), lights, patient=False)
+    yield from visit(driver, "modern_hall.blend", (480, 270), lights, patient=False)

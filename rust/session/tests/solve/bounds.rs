@@ -33,9 +33,7 @@ fn found(relighter: &Relighter, target: &Image, lights: &[Light], free: Value, m
 
 #[test]
 fn a_light_is_as_bright_as_its_stops_allow_and_wide_bounds_change_nothing() {
-    let folder = tempfile::tempdir().unwrap();
-    baked(folder.path(), 0.0);
-    let relighter = Relighter::open(folder.path()).unwrap();
+    let relighter = baked(0.0);
     let target = picture(&relighter, &[brightened(&key(), 2.0)]);
     let with = |bounds: Value| {
         let mut all = inside();
@@ -76,9 +74,7 @@ fn lights_and_the_world_are_as_coloured_as_their_tint_allows() {
 
 #[test]
 fn a_spot_turns_as_far_as_its_degrees_allow() {
-    let folder = tempfile::tempdir().unwrap();
-    baked(folder.path(), 0.0);
-    let relighter = Relighter::open(folder.path()).unwrap();
+    let relighter = baked(0.0);
     let axis = |degrees: f32| glam::Quat::from_rotation_z(degrees.to_radians()) * Vec3::new(0.2, 0.8, -0.6);
     let spot = |degrees: f32| {
         let shape = LightShape::Spot {
@@ -104,9 +100,7 @@ fn a_spot_turns_as_far_as_its_degrees_allow() {
 
 #[test]
 fn a_light_that_may_not_be_dark_is_not_left_out() {
-    let folder = tempfile::tempdir().unwrap();
-    baked(folder.path(), 0.0);
-    let relighter = Relighter::open(folder.path()).unwrap();
+    let relighter = baked(0.0);
     let rest = Light { name: "Rest".into(), ..key() };
     let target = picture(&relighter, std::slice::from_ref(&rest));
     let dimmed = |bounds: Value| {
@@ -137,9 +131,7 @@ fn the_world_is_as_bright_as_its_stops_allow_and_new_lights_as_bright_as_they_li
 
 #[test]
 fn bounds_and_stay_of_one_light_hold_that_one_alone() {
-    let folder = tempfile::tempdir().unwrap();
-    baked(folder.path(), 0.0);
-    let relighter = Relighter::open(folder.path()).unwrap();
+    let relighter = baked(0.0);
     let target = picture(&relighter, &[key()]);
     let center = |x: f32| Vec3::new(x, 0.1, 1.1);
     let at = |x: f32| Light { shape: LightShape::Sphere { center: center(x), radius: 0.2 }, ..key() };
@@ -160,9 +152,7 @@ fn bounds_and_stay_of_one_light_hold_that_one_alone() {
 
 #[test]
 fn a_spot_keeps_its_cone_in_the_range_that_was_asked_for() {
-    let folder = tempfile::tempdir().unwrap();
-    baked(folder.path(), 0.0);
-    let relighter = Relighter::open(folder.path()).unwrap();
+    let relighter = baked(0.0);
     let spot = |half_angle: f32| LightShape::Spot {
         center: Vec3::new(0.1, -0.6, 1.4),
         radius: 0.2,

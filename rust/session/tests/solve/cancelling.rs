@@ -43,9 +43,7 @@ impl Listener for Steps {
 
 #[test]
 fn cancelling_works_before_the_first_step() {
-    let folder = tempfile::tempdir().unwrap();
-    baked(folder.path(), 0.0);
-    let relighter = Relighter::open(folder.path()).unwrap();
+    let relighter = baked(0.0);
     let request = target_request(json!({"add": {"count": 2}}));
     let request = SolveRequest::parse(&request.to_string()).unwrap();
     let target = picture(&relighter, &[key()]);
@@ -60,9 +58,7 @@ fn cancelling_works_before_the_first_step() {
 
 #[test]
 fn cancelling_works_at_any_step_and_previews_hold_all_lights() {
-    let folder = tempfile::tempdir().unwrap();
-    baked(folder.path(), 0.0);
-    let relighter = Relighter::open(folder.path()).unwrap();
+    let relighter = baked(0.0);
     let target = picture(&relighter, &[key()]);
     let request =
         target_request(json!({"lights": [key()], "free": {"Key": ["strength"]}, "add": {"count": 1}}));

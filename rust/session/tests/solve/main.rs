@@ -21,9 +21,7 @@ use serde_json::{Value, json};
 
 #[test]
 fn a_hidden_light_is_found_through_the_dump_alone() {
-    let folder = tempfile::tempdir().unwrap();
-    baked(folder.path(), 0.0);
-    let relighter = Relighter::open(folder.path()).unwrap();
+    let relighter = baked(0.0);
     let target = picture(&relighter, &[key()]);
     let solved =
         solve(&[&relighter], &target_request(json!({"add": {"count": 1}})), &[("target", &target)]).unwrap();
@@ -56,10 +54,7 @@ fn a_bake_of_a_single_sample_finds_the_strength() {
 
 #[test]
 fn two_views_share_their_lights_and_unneeded_ones_are_dropped() {
-    let folders = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
-    baked(folders[0].path(), -1.0);
-    baked(folders[1].path(), 1.0);
-    let relighters = folders.each_ref().map(|folder| Relighter::open(folder.path()).unwrap());
+    let relighters = [baked(-1.0), baked(1.0)];
     let targets = relighters.each_ref().map(|relighter| picture(relighter, &[key()]));
     let goal = |view: usize| json!({"goal": "target", "image": format!("target {view}"), "view": view});
     let request = json!({
@@ -85,9 +80,7 @@ fn miss(solved: &Solved) -> f32 {
 
 #[test]
 fn strokes_change_what_they_ask_for_and_keep_the_rest() {
-    let folder = tempfile::tempdir().unwrap();
-    baked(folder.path(), 0.0);
-    let relighter = Relighter::open(folder.path()).unwrap();
+    let relighter = baked(0.0);
     let fill =
         Light { shape: LightShape::Sphere { center: Vec3::new(-0.6, 0.3, 0.7), radius: 0.2 }, ..key() };
     let lights = [key(), Light { name: "Fill".into(), ..fill }];
@@ -115,9 +108,7 @@ fn strokes_change_what_they_ask_for_and_keep_the_rest() {
 
 #[test]
 fn surplus_lights_are_dropped_without_a_polish_too() {
-    let folder = tempfile::tempdir().unwrap();
-    baked(folder.path(), 0.0);
-    let relighter = Relighter::open(folder.path()).unwrap();
+    let relighter = baked(0.0);
     let target = picture(&relighter, &[key()]);
     let request = json!({"lights": [key()], "add": {"count": 2}, "polish": 0, "starts": 1, "steps": 128});
     let solved = solve(&[&relighter], &target_request(request), &[("target", &target)]).unwrap();
@@ -172,9 +163,7 @@ fn in_a_large_picture_strengths_and_places_are_found_and_told_of_the_part_that_c
 
 #[test]
 fn new_lights_are_of_the_type_that_was_asked_for() {
-    let folder = tempfile::tempdir().unwrap();
-    baked(folder.path(), 0.0);
-    let relighter = Relighter::open(folder.path()).unwrap();
+    let relighter = baked(0.0);
     let target = picture(&relighter, &[key()]);
     for (kind, blender) in [("point", "POINT"), ("area", "AREA"), ("spot", "SPOT"), ("sun", "SUN")] {
         // From so many starts each type finds a place where it helps; a light that does nothing is not added.

@@ -16,12 +16,13 @@ use std::sync::{Mutex, PoisonError};
 const ROOM: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/room.obj");
 pub const GATHER: RelightOptions = RelightOptions { with: With::Gather, denoise: true };
 
-/// A bake of the room, seen from a little to the left (-1) or right (1).
-pub fn baked(folder: &Path, side: f32) {
-    traced(folder, side, &TraceSettings { samples: 96, ..TraceSettings::default() });
+/// A bake of the room, seen from a little to the left (-1) or right (1). All tests of a run share its files.
+pub fn baked(side: f32) -> Relighter {
+    let samples = TraceSettings { samples: 96, ..TraceSettings::default() };
+    made_once(&format!("room-at-{side}"), &room(side, [0.0; 3]), &samples)
 }
 
-/// One of other paths.
+/// One of other paths, in a folder of its own.
 pub fn traced(folder: &Path, side: f32, settings: &TraceSettings) {
     let scene = room(side, [0.0; 3]);
     bake(&scene, settings, folder, false, &Monitor::default()).unwrap();

@@ -13,9 +13,7 @@ use std::path::Path;
 
 #[test]
 fn contradictions_are_named_and_an_unreachable_target_says_where_and_how_much() {
-    let folder = tempfile::tempdir().unwrap();
-    baked(folder.path(), 0.0);
-    let relighter = Relighter::open(folder.path()).unwrap();
+    let relighter = baked(0.0);
     let left = json!({"rectangle": [0, 0, 0.5, 1]});
     let request = json!({
         "lights": [key()], "free": {"Key": ["strength"]}, "steps": 40,
@@ -38,9 +36,7 @@ fn contradictions_are_named_and_an_unreachable_target_says_where_and_how_much() 
 
 #[test]
 fn a_stroke_that_a_target_does_not_show_contradicts_it() {
-    let folder = tempfile::tempdir().unwrap();
-    baked(folder.path(), 0.0);
-    let relighter = Relighter::open(folder.path()).unwrap();
+    let relighter = baked(0.0);
     let now = picture(&relighter, &[key()]);
     let warnings = |stops: f32, target: &Image| {
         let brighter = json!({"goal": "brighter", "stops": stops, "where": {"rectangle": [0, 0, 0.5, 1]}});
@@ -57,9 +53,7 @@ fn a_stroke_that_a_target_does_not_show_contradicts_it() {
 
 #[test]
 fn a_target_of_another_hue_is_missed_in_words_of_colour() {
-    let folder = tempfile::tempdir().unwrap();
-    baked(folder.path(), 0.0);
-    let relighter = Relighter::open(folder.path()).unwrap();
+    let relighter = baked(0.0);
     let mut target = picture(&relighter, &[key()]);
     // Red and blue for the same luminance: a light of this colour cannot become so.
     for pixel in target.data.chunks_exact_mut(3) {
@@ -75,8 +69,7 @@ fn a_target_of_another_hue_is_missed_in_words_of_colour() {
 #[test]
 fn a_mask_with_values_that_are_no_numbers_is_named() {
     let folder = tempfile::tempdir().unwrap();
-    baked(folder.path(), 0.0);
-    let relighter = Relighter::open(folder.path()).unwrap();
+    let relighter = baked(0.0);
     let error_of = |equals: Value, pictures: &Pictures| {
         let place = json!({"mask": "hand.exr", "equals": equals});
         let goals = json!([{"goal": "brighter"}, {"goal": "darker", "where": place}]);
