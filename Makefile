@@ -12,6 +12,9 @@ export OIDN_DIR := $(DEV)/lib/python3.11/site-packages/pyoidn/oidn
 # Mesa's layer that picks a GPU by the desktop complains where there is none.
 export NODEVICE_SELECT := 1
 CARGO := LD_LIBRARY_PATH=$(OIDN_DIR)/lib cargo
+# CI sets these to --release and --native: tests and the wheel are then of the same build, which is half as much to compile.
+PROFILE ?=
+WHEEL ?=
 NEWEST_DRIVER := CARGO_TARGET_X86_64_UNKNOWN_LINUX_GNU_RUNNER=$(CURDIR)/scripts/on-newest-driver
 
 .PHONY: setup wheel extension extension-linux test test-rust test-python test-blender window guide fuzz demo shots parity quality bench bench-gpu solve clean
@@ -20,7 +23,7 @@ setup:
 	@scripts/setup
 
 wheel: setup
-	@scripts/build-wheel "$(WHEELS)"
+	@scripts/build-wheel "$(WHEELS)" $(WHEEL)
 
 # The zip for Linux, which is what tests run.
 extension-linux: wheel
@@ -45,13 +48,12 @@ test-rust: setup
 	$(CARGO) fmt --all --check
 	$(CARGO) clippy --workspace --all-targets -- -D warnings
 	$(CARGO) clippy --workspace --test gpu -- -D warnings
-	$(CARGO) test --workspace
-# The tests of GPUs once more, on a driver with matrices, with the kernels of release builds, which check nothing; and those of the
-# whole chain.
-	RELUME_GPU_UNCHECKED=1 $(NEWEST_DRIVER) $(CARGO) test --workspace --lib -- gpu compare sorting device driver matrices images
-	RELUME_GPU_UNCHECKED=1 RELUME_VALIDATE=1 $(NEWEST_DRIVER) $(CARGO) test --workspace --test gpu
-# CI builds this once, and needs the space for what comes after.
-	@[ -z "$$CI" ] || rm -rf target/debug target/tmp
+	$(CARGO) test --workspace $(PROFILE)
+# On a driver with matrices, with the kernels of shipped builds, which check nothing: tests of the device and of matrices, and those of
+# the whole chain.
+	RELUME_GPU_UNCHECKED=1 $(NEWEST_DRIVER) $(CARGO) test --workspace $(PROFILE) --lib -- device driver matrices
+	RELUME_GPU_UNCHECKED=1 RELUME_VALIDATE=1 $(NEWEST_DRIVER) $(CARGO) test --workspace $(PROFILE) --test gpu
+	@[ -z "$$CI" ] || rm -rf target/tmp
 
 test-python: wheel
 	@scripts/install-wheel "$(WHEELS)" 4.2
