@@ -3,7 +3,8 @@
 DEV := $(CURDIR)/.venv-4.2
 PYTHON := $(DEV)/bin/python
 # Blender versions that the tests run on; those whose Python is not here are skipped with a message, but not where CI is set.
-BLENDERS ?= 4.2 4.5 5.0 5.2
+# Those of all tests come first: they take longest, and two run at a time.
+BLENDERS ?= 4.2 5.2 4.5 5.0
 WHEELS := $(CURDIR)/build/wheels
 SCENES := $(or $(RELUME_SCENES),$(CURDIR)/../shared/scenes)
 
@@ -61,7 +62,6 @@ test-python: wheel
 	$(PYTHON) -m mypy
 	$(PYTHON) -m pytest tests
 
-# Two at a time: tests wait for other processes for about as long as they compute.
 test-blender: extension-linux
 	@printf '%s\n' $(BLENDERS) | xargs -P 2 -I VERSION scripts/test-blender "$(WHEELS)" VERSION
 

@@ -262,6 +262,7 @@ def test_script_reports_mistakes_by_its_exit_code(saved, tmp_path):
     assert missing.returncode == 1 and "there is no file" in missing.stderr
 
 
+@pytest.mark.both_ends
 def test_a_terminated_bake_resumes_to_the_same_result(saved, tmp_path):
     whole, broken = tmp_path / "whole", tmp_path / "broken"
     arguments = ["--samples", "4096", "--quiet", "--threads", "1", "--tile", "8"]

@@ -212,6 +212,7 @@ LARGE = [("PNG", "8"), ("PNG", "16"), ("JPEG", "8"), ("OPEN_EXR", "16"), ("TIFF"
 
 @pytest.mark.parametrize(("kind", "depth"), LARGE)
 @pytest.mark.parametrize("is_packed", [False, True])
+@pytest.mark.both_ends
 def test_decoding_does_not_hold_pythons_lock(save, kind, depth, is_packed):
     image, waits, took = save(f"large.{kind.lower()}", kind, depth=depth, edge=2500), [], []
     if is_packed:

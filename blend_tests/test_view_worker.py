@@ -16,6 +16,8 @@ from addon.export.view_transform import view_settings
 from helpers import update
 from views import VIEWS
 
+pytestmark = pytest.mark.both_ends
+
 SECONDS = 120.0
 
 

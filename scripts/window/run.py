@@ -149,8 +149,8 @@ def install_extension(room):
 
 
 def constant(scenario, name, otherwise):
-    """What a scenario says in a constant: NEEDS, the scenes; SCREEN, its size; SIMULATES_EVENTS, without which Blender
-    takes those of the X server."""
+    """What a scenario says in a constant: NEEDS, the scenes; MEASURES, if figures are all that it is for; SCREEN, its
+    size; SIMULATES_EVENTS, without which Blender takes those of the X server."""
     for node in ast.parse(scenario.read_text()).body:
         if isinstance(node, ast.Assign) and node.targets[0].id == name:
             return ast.literal_eval(node.value)
@@ -238,7 +238,11 @@ def main():
     parser.add_argument("scenarios", nargs="*", metavar="SCENARIO", help=f"of {', '.join(scenarios)}")
     parser.add_argument("--seconds", type=float, default=1200, help="time limit of a scenario")
     parser.add_argument(
-        "--at-once", type=int, default=1, metavar="N", help="how many are played at a time; disturbs times"
+        "--at-once",
+        type=int,
+        default=1,
+        metavar="N",
+        help="how many are played at a time, without those that only measure",
     )
     parser.add_argument("--debian", metavar="RELEASE", default=NEWEST, help="whose Blender: trixie has 4.3")
     options = parser.parse_args()
@@ -258,6 +262,8 @@ def main():
         for room in rooms:
             install_extension(room)
         chosen = [scenarios[name] for name in options.scenarios or scenarios]
+        if options.at_once > 1 and not options.scenarios:
+            chosen = [scenario for scenario in chosen if not constant(scenario, "MEASURES", False)]
         figures, well = play_at_once(rooms, chosen, options.seconds)
     finally:
         for room in rooms:

@@ -7,4 +7,4 @@ NEEDS = ["demo.blend"]
 
 def play(driver):
     """See the first line of this file."""
-    yield from visit(driver, "demo.blend", (288, 162), ("Key", "Lamp", "Lamp"), pixels=200)
+    yield from visit(driver, "demo.blend", (192, 108), ("Key", "Lamp", "Lamp"), pixels=200)
