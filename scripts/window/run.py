@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 """Plays scenarios in a real Blender with its window, on a virtual display: scripts/window/run.py [SCENARIO...]
 
-Each scenario of blend_tests/window/scenarios (all, if none is named) runs in a Blender of its own in the tree that
-scripts/window/setup makes. The extension is installed from its zip in build/extension, for a user of its own. Files are
-copied into the tree and out of it; nothing is mounted from the checkout. Leaves photographs in out/window, logs beside
-them, and figures in out/window.json. Takes about 10 s more than the scenarios. What this machine lacks is skipped and
-said; where CI is set, a scene that is missing is a failure, unless there is no folder of scenes at all and
+Each scenario of blend_tests/window/scenarios (those that test, if none is named) runs in a Blender of its own in the
+tree that scripts/window/setup makes. The extension is installed from its zip in build/extension, for a user of its own.
+Files are copied into the tree and out of it; nothing is mounted from the checkout. Leaves photographs in out/window,
+logs beside them, and figures in out/window.json. Takes about 10 s more than the scenarios. What this machine lacks is
+skipped and said; where CI is set, a scene that is missing is a failure, unless there is no folder of scenes at all and
 RELUME_WITHOUT_SCENES=1 says that this is meant.
 """
 
@@ -149,8 +149,8 @@ def install_extension(room):
 
 
 def constant(scenario, name, otherwise):
-    """What a scenario says in a constant: NEEDS, the scenes; MEASURES, if figures are all that it is for; SCREEN, its
-    size; SIMULATES_EVENTS, without which Blender takes those of the X server."""
+    """What a scenario says in a constant: NEEDS, the scenes; BY_NAME, if it is played only when it is named; SCREEN,
+    its size; SIMULATES_EVENTS, without which Blender takes those of the X server."""
     for node in ast.parse(scenario.read_text()).body:
         if isinstance(node, ast.Assign) and node.targets[0].id == name:
             return ast.literal_eval(node.value)
@@ -234,15 +234,12 @@ def play_at_once(rooms, scenarios, seconds):
 def main():
     """See the first lines of this file."""
     scenarios = {path.stem: path for path in sorted((HARNESS / "scenarios").glob("*.py"))}
+    tests = [name for name, path in scenarios.items() if not constant(path, "BY_NAME", False)]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenarios", nargs="*", metavar="SCENARIO", help=f"of {', '.join(scenarios)}")
     parser.add_argument("--seconds", type=float, default=1200, help="time limit of a scenario")
     parser.add_argument(
-        "--at-once",
-        type=int,
-        default=1,
-        metavar="N",
-        help="how many are played at a time, without those that only measure",
+        "--at-once", type=int, default=1, metavar="N", help="how many are played at a time; disturbs times"
     )
     parser.add_argument("--debian", metavar="RELEASE", default=NEWEST, help="whose Blender: trixie has 4.3")
     options = parser.parse_args()
@@ -261,9 +258,7 @@ def main():
         check_blender(rooms[0], OLDEST_BLENDER if options.debian == NEWEST else OLDEST_SUPPORTED)
         for room in rooms:
             install_extension(room)
-        chosen = [scenarios[name] for name in options.scenarios or scenarios]
-        if options.at_once > 1 and not options.scenarios:
-            chosen = [scenario for scenario in chosen if not constant(scenario, "MEASURES", False)]
+        chosen = [scenarios[name] for name in options.scenarios or tests]
         figures, well = play_at_once(rooms, chosen, options.seconds)
     finally:
         for room in rooms:

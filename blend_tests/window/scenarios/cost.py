@@ -7,7 +7,7 @@ import bpy
 from artist import Artist, addon
 
 NEEDS = ["modern_hall.blend"]
-MEASURES = True
+BY_NAME = True
 ROUNDS = 8
 
 

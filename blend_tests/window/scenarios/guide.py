@@ -9,6 +9,7 @@ from painter import Painter
 
 NEEDS = ["demo.blend"]
 SCREEN = "1920x1080"
+BY_NAME = True
 
 
 def module(name):
