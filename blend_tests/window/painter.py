@@ -1,9 +1,7 @@
 """What an artist does with the scribble brush, as functions for scenarios."""
 
 import numpy as np
-from artist import Artist, addon
-
-SOLVE_SECONDS = 240
+from artist import WORK_SECONDS, Artist, addon
 
 
 class Painter(Artist):
@@ -71,6 +69,6 @@ class Painter(Artist):
         found = solving.running(self.scene)
         self.driver.check(found is not None, "Enter begins to solve")
         seconds = yield from self.driver.until(
-            lambda: solving.running(self.scene) is None, lambda: f"the end of solving; {found.progress}", SOLVE_SECONDS
+            lambda: solving.running(self.scene) is None, lambda: f"the end of solving; {found.progress}", WORK_SECONDS
         )
         self.driver.record("time to solve", seconds, "s")
