@@ -149,8 +149,8 @@ def install_extension(room):
 
 
 def constant(scenario, name, otherwise):
-    """What a scenario says in a constant: NEEDS, the scenes; BY_NAME, if it is played only when it is named; SCREEN,
-    its size; SIMULATES_EVENTS, without which Blender takes those of the X server."""
+    """What a scenario says in a constant: NEEDS, the scenes; BY_NAME, if it is played only when it is named; FIRST,
+    if it takes longest, so that others are played beside it; SCREEN, its size; SIMULATES_EVENTS, without which Blender takes those of the X server."""
     for node in ast.parse(scenario.read_text()).body:
         if isinstance(node, ast.Assign) and node.targets[0].id == name:
             return ast.literal_eval(node.value)
@@ -235,6 +235,7 @@ def main():
     """See the first lines of this file."""
     scenarios = {path.stem: path for path in sorted((HARNESS / "scenarios").glob("*.py"))}
     tests = [name for name, path in scenarios.items() if not constant(path, "BY_NAME", False)]
+    tests.sort(key=lambda name: not constant(scenarios[name], "FIRST", False))
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenarios", nargs="*", metavar="SCENARIO", help=f"of {', '.join(scenarios)}")
     parser.add_argument("--seconds", type=float, default=1200, help="time limit of a scenario")

@@ -10,6 +10,7 @@ from painter import Painter
 from screen import write_png
 
 NEEDS = ["cornell_box.blend"]
+FIRST = True
 SIZE = (256, 256)
 
 
