@@ -150,7 +150,8 @@ def install_extension(room):
 
 def constant(scenario, name, otherwise):
     """What a scenario says in a constant: NEEDS, the scenes; BY_NAME, if it is played only when it is named; FIRST,
-    if it takes longest, so that others are played beside it; SCREEN, its size; SIMULATES_EVENTS, without which Blender takes those of the X server."""
+    if it takes longest, so that others are played beside it; SCREEN, its size; SIMULATES_EVENTS, without which Blender
+    takes those of the X server."""
     for node in ast.parse(scenario.read_text()).body:
         if isinstance(node, ast.Assign) and node.targets[0].id == name:
             return ast.literal_eval(node.value)
