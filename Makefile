@@ -47,8 +47,8 @@ test: setup
 
 test-rust: setup
 	$(CARGO) fmt --all --check
-	$(CARGO) clippy --workspace --all-targets -- -D warnings
-	$(CARGO) clippy --workspace --test gpu -- -D warnings
+	$(CARGO) clippy --workspace --all-targets $(PROFILE) -- -D warnings
+	$(CARGO) clippy --workspace --test gpu $(PROFILE) -- -D warnings
 	$(CARGO) test --workspace $(PROFILE)
 # On a driver with matrices, with the kernels of shipped builds, which check nothing: tests of the device and of matrices, and those of
 # the whole chain.

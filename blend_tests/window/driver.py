@@ -48,6 +48,8 @@ class Driver:
         self._result |= {name: [] for name in ("failures", "figures", "expected", "skipped")}
         self._longest_gap = 0.0
         self._mouse = (0, 0)
+        self._found = {}
+        """Where buttons were the last time: how far the side bar was scrolled, and the height in the window."""
         self._save()
 
     # Playing
@@ -239,13 +241,16 @@ class Driver:
 
     def scroll_tab(self, pixels):
         """Moves the content of the side bar up by pixels, as far as there is any; the pixels that it moved."""
-        view = self.region("UI").view2d
-        before = view.region_to_view(0, 0)[1]
+        before = self._bottom_of_tab()
         with self.within("UI"):
             # Not `scroll_down`, which takes no distance by scripts: it goes on by one turn of the wheel.
             bpy.ops.view2d.pan(deltay=-pixels)
         yield from self.drawn()
-        return before - view.region_to_view(0, 0)[1]
+        return before - self._bottom_of_tab()
+
+    def _bottom_of_tab(self):
+        """What of the side bar's content is at its lower edge: pixels, falling as it is scrolled down."""
+        return self.region("UI").view2d.region_to_view(0, 0)[1]
 
     # The person's hands: Blender's own simulated events, which go the same way as those of a mouse
 
@@ -293,7 +298,8 @@ class Driver:
         yield from self._event(button, "RELEASE", **modifiers)
 
     def find_button(self, what, across=0.3):
-        """The place of a button in the side bar, by what it runs or sets; tries every row, from the top down.
+        """The place of a button in the side bar, by what it runs or sets: where it was the last time, or else the first
+        of every row from the top down.
 
         `what`: part of its Python command, "relume.start", or of its data path, "relume_mix.rows[0].solo".
         `across`: where in the width of the side bar.
@@ -301,10 +307,16 @@ class Driver:
         # Away from what the mouse is on now: Blender notices a move only when it comes to it.
         yield from self.move_mouse(0, 0)
         yield from self.wait(10 * INTERVAL)
+        if button := self._found.get((what, across)):
+            bottom, y = button
+            yield from self.scroll_tab(round(self._bottom_of_tab() - bottom))
+            if (yield from self._is_at(what, across, y)):
+                return self._mouse
         seen = {}
         # What is drawn meanwhile may move a button to where the search has been.
         for _ in range(SEARCHES):
             if place := (yield from self._search(what, across, seen)):
+                self._found[what, across] = self._bottom_of_tab(), place[1]
                 return place
         raise LookupError(f"no button for {what} in the side bar, but {list(seen)}")
 
@@ -320,12 +332,17 @@ class Driver:
                 seen[button] = None
                 # A window that draws slowly may still tell of the place before.
                 for place in (y, y + ROW_PIXELS) if what in button else ():
-                    yield from self.move_mouse(region.x + across * region.width, place)
-                    yield from self.wait(10 * INTERVAL)
-                    if what in self._button_under_mouse():
+                    if (yield from self._is_at(what, across, place)):
                         return self._mouse
             moved = yield from self.scroll_tab(region.height // 2)
         return None
+
+    def _is_at(self, what, across, y):
+        """Whether a button is at a height in the window; the mouse is over it then."""
+        region = self.region("UI")
+        yield from self.move_mouse(region.x + across * region.width, y)
+        yield from self.wait(10 * INTERVAL)
+        return what in self._button_under_mouse()
 
     def _button_under_mouse(self):
         """Python command or data path of the button in the side bar that the mouse is over."""

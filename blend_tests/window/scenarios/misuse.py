@@ -86,12 +86,12 @@ def stands_still(driver, artist):
 
 
 def grows(driver, artist):
-    """The bake goes on."""
+    """The bake goes on: lights are learned between its passes too."""
     samples = artist.shot.status["samples"]
     yield from driver.until(
         lambda: artist.shot.status["samples"] > samples, lambda: f"more samples; {artist.words()}", 120
     )
-    driver.check(artist.state == "baking", f"baking: {artist.words()}")
+    driver.check(artist.state in addon("engine.shot").WORKING, f"at work: {artist.words()}")
 
 
 def save(driver, artist):

@@ -105,10 +105,11 @@ impl Prepared {
             .collect())
     }
 
-    /// The means of cells of a noisy picture without its noise.
+    /// The means of cells of a noisy picture without its noise. Not at the best quality: means of cells do not show it, and most of
+    /// a polish's time is denoising.
     fn clean_cells(&self, noisy: Image) -> Result<Vec<[f32; 3]>, SessionError> {
         let mut images = [noisy];
-        self.denoise.images(&mut images, DenoiseQuality::High)?;
+        self.denoise.images(&mut images, DenoiseQuality::Balanced)?;
         Ok(self.cells(&images[0]))
     }
 
