@@ -241,7 +241,7 @@ def main():
     parser.add_argument("scenarios", nargs="*", metavar="SCENARIO", help=f"of {', '.join(scenarios)}")
     parser.add_argument("--seconds", type=float, default=1200, help="time limit of a scenario")
     parser.add_argument(
-        "--at-once", type=int, default=1, metavar="N", help="how many are played at a time; disturbs times"
+        "--at-once", type=int, choices=(1, 2, 3, 4), default=1, help="how many are played at a time; disturbs times"
     )
     parser.add_argument("--debian", metavar="RELEASE", default=NEWEST, help="whose Blender: trixie has 4.3")
     options = parser.parse_args()
