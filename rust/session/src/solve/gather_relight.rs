@@ -105,8 +105,8 @@ impl Prepared {
             .collect())
     }
 
-    /// The means of cells of a noisy picture without its noise. At its best, denoising would be most of a polish's work, for means that
-    /// serve no better.
+    /// The means of cells of a noisy picture without its noise. Denoised at its best it would take twice as long, for lights that are
+    /// about as good (`docs/solve.md`).
     fn clean_cells(&self, noisy: Image) -> Result<Vec<[f32; 3]>, SessionError> {
         let mut images = [noisy];
         self.denoise.images(&mut images, DenoiseQuality::Balanced)?;
