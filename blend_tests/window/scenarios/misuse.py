@@ -91,7 +91,7 @@ def grows(driver, artist):
     yield from driver.until(
         lambda: artist.shot.status["samples"] > samples, lambda: f"more samples; {artist.words()}", 120
     )
-    driver.check(artist.state in addon("engine.shot").WORKING, f"at work: {artist.words()}")
+    driver.check(artist.state in {"baking", "training"}, f"at work: {artist.words()}")
 
 
 def save(driver, artist):

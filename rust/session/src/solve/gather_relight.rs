@@ -105,8 +105,8 @@ impl Prepared {
             .collect())
     }
 
-    /// The means of cells of a noisy picture without its noise. Denoised at its best it would take twice as long, for lights that are
-    /// about as good (`docs/solve.md`).
+    /// The means of cells of a noisy picture without its noise. At the best quality a polish would take up to twice as long, for lights
+    /// that are about as good (`docs/solve.md`).
     fn clean_cells(&self, noisy: Image) -> Result<Vec<[f32; 3]>, SessionError> {
         let mut images = [noisy];
         self.denoise.images(&mut images, DenoiseQuality::Balanced)?;
