@@ -72,7 +72,7 @@ def main():
     if "cycles" not in bpy.context.preferences.addons:
         bpy.ops.preferences.addon_enable(module="cycles")
     load_addon()
-    from relume_addon.engine.commands import main as run
+    from relume_addon.commands import main as run
     from relume_addon.engine.process import end_with_owner
 
     end_with_owner()

@@ -13,7 +13,7 @@ _registered: list[object] = []
 
 def _run_command(arguments: list[str]) -> int:
     """Imports the native module at first use only, so that it can be updated while it is not in use."""
-    from .engine.commands import main
+    from .commands import main
 
     return main(arguments)
 

@@ -9,7 +9,7 @@ import bpy
 import pytest
 import relume
 
-from addon.engine.commands import run
+from addon.commands import run
 from helpers import add_light, add_material, add_quad
 
 REPOSITORY = Path(__file__).resolve().parents[1]

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import relume
 
-from addon.engine.commands import run
+from addon.commands import run
 from addon.export import trace_settings, write_view_table
 from addon.export.view_transform import is_standard
 from helpers import add_light, add_material, add_quad, add_sky, add_world, render_cycles, sky_file

@@ -7,8 +7,8 @@ import bpy
 import numpy as np
 import pytest
 
+from addon.commands import run
 from addon.engine import options, record, shot
-from addon.engine.commands import run
 from addon.engine.options import remembered_bake
 from addon.engine.render_depsgraph import ExportCancelled
 from addon.ui import handlers

@@ -11,9 +11,9 @@ import pytest
 import relume
 
 import addon
+from addon.commands import run
 from addon.core.pass_names import light_passes
 from addon.engine import background, render_engine
-from addon.engine.commands import run
 from addon.engine.options import remember_bake
 from addon.engine.render_engine import ALBEDO_HERE
 from addon.engine.scene import load_scene

@@ -4,15 +4,17 @@ import signal
 import time
 
 import bpy
+import gpu
 import numpy as np
 import pytest
 
 from addon.engine import view_worker
-from addon.engine.view_worker import ViewWorker, file_of, tables_of
+from addon.engine.view_worker import ViewWorker, file_of, programs_of, tables_of
 from addon.export import write_view_table
 from addon.export.color_table import COARSE, FINE, color_table
 from addon.export.view_file import stamp
 from addon.export.view_transform import view_settings
+from addon.viewport import rehearsal
 from helpers import update
 from views import VIEWS
 
@@ -112,7 +114,7 @@ def test_one_that_ended_because_nothing_came_is_started_anew(scene, worker, tmp_
     assert len(list(turns(worker, tables_of(view_settings(scene))))) == 2
     monkeypatch.setattr(view_worker, "IDLE_SECONDS", 0.0)
     told = []
-    view_worker.serve(worker._place, told.append)
+    view_worker.serve(worker._place, told.append, rehearsal.perform)
     assert not told
 
 
@@ -148,3 +150,55 @@ def test_closing_leaves_nothing_behind(scene):
     place, process = worker._place, worker._worker._process
     worker.close()
     assert not place.exists() and process.poll() is not None
+
+
+@pytest.fixture
+def kept_by_driver(tmp_path, monkeypatch):
+    """Names of what the graphics driver keeps on disk, those of Mesa; counted anew by each call."""
+    if not hasattr(gpu, "init"):
+        pytest.skip("Blender draws without a window from 5.2 on")
+    folder = tmp_path / "compiled"
+    monkeypatch.setenv("MESA_SHADER_CACHE_DIR", str(folder))
+    monkeypatch.setenv("LIBGL_ALWAYS_SOFTWARE", "1")
+    return lambda: {path.name for path in folder.rglob("*") if path.is_file()}
+
+
+def test_what_it_compiles_is_compiled_by_no_other_one(scene, kept_by_driver):
+    job, kept = programs_of((240, 240)), []
+    for _ in range(2):
+        worker = ViewWorker()
+        assert not list(turns(worker, job))
+        until_still(kept_by_driver)
+        worker.close()
+        kept.append(kept_by_driver())
+    assert kept[0] and kept[0] == kept[1]
+    worker = ViewWorker()
+    list(turns(worker, programs_of((256, 256))))
+    until_still(kept_by_driver)
+    worker.close()
+    assert kept[1] < kept_by_driver(), "pictures with edges that are powers of two"
+
+
+def until_still(look, seconds=2.0):
+    """Waits until what is seen has not changed for a while."""
+    before, since = look(), time.monotonic()
+    while time.monotonic() - since < seconds:
+        time.sleep(0.05)
+        if look() != before:
+            before, since = look(), time.monotonic()
+
+
+def test_without_graphics_the_window_compiles_for_itself(scene, monkeypatch):
+    """As in Blenders before 5.2, which have none without a window."""
+    monkeypatch.setattr(rehearsal, "is_due", lambda: not rehearsal._is_over)
+    monkeypatch.setattr(view_worker, "programs_of", lambda _film: {"programs": []})
+    rehearsal.reset()
+    until = time.monotonic() + SECONDS
+    while rehearsal.is_due():
+        rehearsal.work(scene)
+        assert time.monotonic() < until
+        time.sleep(0.01)
+    scene.view_settings.view_transform = "AgX"
+    assert len(list(turns(view_worker.shared(), tables_of(view_settings(scene))))) == 2, "tables are made as before"
+    rehearsal.reset()
+    view_worker.close()

@@ -121,9 +121,7 @@ def start_with_render_depsgraph(
         around.push(settings)
         settings.enter_context(_render_settings(task))
         with _no_render_window(), bpy.context.temp_override(window=_window()):
-            answer = bpy.ops.render.render("INVOKE_DEFAULT", layer=render_layer(scene).name, scene=scene.name)
-        if answer == {"CANCELLED"}:
-            raise RuntimeError("Blender is rendering already; wait for its end or press Esc there")
+            _begin_render(scene)
     except BaseException:
         around.close()
         raise
@@ -139,6 +137,13 @@ def start_with_render_depsgraph(
 
     bpy.app.timers.register(poll, first_interval=POLL_SECONDS, persistent=True)
     return task
+
+
+def _begin_render(scene: bpy.types.Scene) -> None:
+    """Starts Blender's job. Blender makes a graphics context for its first one of a scene, whatever the engine."""
+    answer = bpy.ops.render.render("INVOKE_DEFAULT", layer=render_layer(scene).name, scene=scene.name)
+    if answer == {"CANCELLED"}:
+        raise RuntimeError("Blender is rendering already; wait for its end or press Esc there")
 
 
 def _finish(task: RenderTask[Result], done: Callable[[Result | None, BaseException | None], None]) -> None:

@@ -1,5 +1,6 @@
-"""Has Blender colour the tables of views (`export.color_table`, `export.view_file`) in a Blender of its own: the window
-would stand still while it reads the files of a view, and while it colours.
+"""Has Blender colour the tables of views (`export.color_table`, `export.view_file`) and compile what draws with them
+(`viewport.rehearsal`) in a Blender of its own: the window would stand still while it reads the files of a view, while
+it colours, and while the graphics driver compiles.
 
 The other Blender waits for the next view as long as one may be wanted soon. Newer jobs replace the one before."""
 
@@ -9,6 +10,7 @@ import json
 import os
 import tempfile
 import time
+from collections import deque
 from collections.abc import Callable, Generator, Iterator
 from functools import partial
 from pathlib import Path
@@ -31,6 +33,8 @@ IDLE_SECONDS = 120.0
 POLL_SECONDS = 0.02
 SETTLE_SECONDS = 0.2
 """Between the coarse table and the fine one: while a view is dragged coarse ones follow it."""
+Compile = Callable[[tuple[int, int]], Iterator[None]]
+"""Compiles what draws pictures of a size; yields when that is done which is wanted soon."""
 
 
 def tables_of(view: dict[str, Any]) -> dict[str, Any]:
@@ -41,6 +45,11 @@ def tables_of(view: dict[str, Any]) -> dict[str, Any]:
 def file_of(view: dict[str, Any], path: Path, stamp: bytes) -> dict[str, Any]:
     """The job of writing the file of a view (`export.view_file`)."""
     return {"view": view, "file": str(path), "stamp": stamp.decode("latin-1")}
+
+
+def programs_of(film: tuple[int, int]) -> dict[str, Any]:
+    """The job of compiling what draws pictures of a size."""
+    return {"programs": film}
 
 
 class ViewWorker:
@@ -140,7 +149,7 @@ def _load(path: Path) -> Table:
     return table
 
 
-def serve(place: Path, tell: Callable[[dict[str, Any]], None]) -> None:
+def serve(place: Path, tell: Callable[[dict[str, Any]], None], compile_programs: Compile) -> None:
     """The body of `relume colour-views`, in the other Blender: does the jobs of a folder, and tells of each with its
     number, until none has come for a while."""
     done, since = 0, time.monotonic()
@@ -151,7 +160,7 @@ def serve(place: Path, tell: Callable[[dict[str, Any]], None]) -> None:
             continue
         done = number
         try:
-            for event in _do(place, number):
+            for event in _do(place, number, compile_programs):
                 tell(event | {"number": number})
         except (OSError, RuntimeError, TypeError) as error:
             tell({"number": number, "failed": str(error)})
@@ -163,8 +172,14 @@ def _newest(place: Path) -> int:
     return max((int(path.name.removesuffix(JOB)) for path in place.glob(f"*{JOB}")), default=0)
 
 
-def _do(place: Path, number: int) -> Iterator[dict[str, Any]]:
+def _do(place: Path, number: int, compile_programs: Compile) -> Iterator[dict[str, Any]]:
     scene, job = bpy.context.scene, json.loads((place / f"{number}{JOB}").read_text(encoding="utf-8"))
+    if "programs" in job:
+        compiled = compile_programs(tuple(job["programs"]))
+        next(compiled)
+        yield {"finished": True}
+        deque(compiled, maxlen=0)
+        return
     set_view(scene, job["view"])
     if "file" in job:
         write_view_table(scene, Path(job["file"]), job["stamp"].encode("latin-1"))

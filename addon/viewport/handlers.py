@@ -15,7 +15,7 @@ from bpy.app.handlers import persistent
 from gpu_extras.batch import batch_for_shader
 
 from ..engine import shot, view_worker
-from . import compare, light_marks, overlay, texture, view_files, view_table, warm_up
+from . import compare, light_marks, overlay, rehearsal, texture, view_files, view_table, warm_up
 from .overlay import Show
 from .view_files import NEXT_TURN_SECONDS
 from .views import redraw
@@ -26,14 +26,14 @@ RETRY_SECONDS = 5.0
 
 _handles: list[Any] = []
 _waiting: set[int] = set()
-"""Scenes whose view table is not complete."""
+"""Scenes of which something is not ready that other Blenders make: the view's table, its file, or what draws them."""
 _trouble: dict[int, str] = {}
 """Why the view table of a scene cannot be made, in words for the artist."""
 
 
 def prepare(scene: bpy.types.Scene) -> None:
     """Has ready what the first picture of a scene will need, a little at a time; costs nothing where it is."""
-    if view_table.of(scene) is None:
+    if view_table.of(scene) is None or rehearsal.is_due():
         _waiting.add(scene.session_uid)
         wake()
     elif not bpy.app.background:
@@ -59,7 +59,7 @@ def draw_picture() -> None:
     if view is not None and is_ready:
         overlay.draw(what, view)
     elif view is not None:  # Compiling and drawing would come in one turn.
-        warm_up.want()
+        prepare(scene)
 
 
 def draw_words() -> None:
@@ -86,25 +86,29 @@ def wake() -> None:
 
 
 def bake_views() -> float | None:
-    """A turn of having the view table made of a scene that waits for one, and then the file beside its bake; seconds
-    until the next turn."""
+    """A turn of having the view table made of a scene that waits for one, then what draws with it compiled, then the
+    file beside its bake written; seconds until the next turn."""
     better, pause = False, NEXT_TURN_SECONDS
     for scene in bpy.data.scenes:
         if scene.session_uid not in _waiting:
             continue
         try:
-            better |= view_table.work(scene)
-            pause = _work_on_file(scene)
+            if view_table.of(scene) is not None and rehearsal.is_due():
+                rehearsal.work(scene)
+                better = not rehearsal.is_due()
+            else:
+                better = view_table.work(scene)
+                pause = _work_on_file(scene)
             _trouble.pop(scene.session_uid, None)
         except (OSError, RuntimeError) as error:
             _trouble[scene.session_uid], pause = str(error), RETRY_SECONDS
-        if _has_table(scene) and _has_file(scene):
+        if _has_table(scene) and _has_file(scene) and not rehearsal.is_due():
             _waiting.discard(scene.session_uid)
         elif pause != RETRY_SECONDS:
             break  # Views are coloured one after another.
     if better or pause == RETRY_SECONDS:
         redraw()
-    if better and not bpy.app.background:
+    if better and not (bpy.app.background or rehearsal.is_due()):
         warm_up.want()  # The side bar, which asks for it, may not be drawn again for long.
     _waiting.intersection_update({scene.session_uid for scene in bpy.data.scenes})
     return pause if _waiting else None
@@ -149,6 +153,7 @@ def unregister() -> None:
     _forget()
     view_worker.close()
     view_table.clear()
+    rehearsal.reset()
     warm_up.reset()
     texture.free()
     if not bpy.app.background:

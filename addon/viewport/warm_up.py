@@ -23,8 +23,9 @@ NOTHING, POWER_OF_TWO = 3, 4
 """Edges of an invisible picture, in pixels. Drivers compile anew for edges that are powers of two."""
 
 _is_wanted = False
-_picture_pieces: list[Callable[[tuple[int, int], View], None]] = []
-_word_pieces: list[Callable[[], None]] = []
+_picture_pieces: list[Callable[[tuple[int, int], View], object]] = []
+_word_pieces: list[Callable[[], object]] = []
+"""What is left of all of them."""
 
 
 def want() -> None:
@@ -63,17 +64,17 @@ def reset() -> None:
     """What was compiled is gone, or never was."""
     global _is_wanted
     _is_wanted = False
-    _picture_pieces[:] = [
-        lambda _region, view: texture.of_levels(view),
-        lambda _region, view: texture.of_table(view),
-        lambda _region, _view: shader.show(one_to_one=True),
-        lambda _region, _view: shader.show(one_to_one=False),
-        partial(_draw_nothing, one_to_one=True),
-        partial(_draw_nothing, one_to_one=False),
-    ]
-    _word_pieces[:] = [light_marks.draw_nothing, strokes.draw_no_strokes, strokes.draw_no_rectangles]
+    _picture_pieces[:], _word_pieces[:] = PICTURE_PIECES, WORD_PIECES
     if bpy.app.timers.is_registered(redraw):
         bpy.app.timers.unregister(redraw)
+
+
+def draw_everything(region: tuple[int, int], view: View) -> None:
+    """All pieces at once, into what is bound."""
+    for draw_piece in PICTURE_PIECES:
+        draw_piece(region, view)
+    for draw_words in WORD_PIECES:
+        draw_words()
 
 
 def _draw_nothing(region: tuple[int, int], view: View, one_to_one: bool) -> None:
@@ -85,4 +86,17 @@ def _draw_nothing(region: tuple[int, int], view: View, one_to_one: bool) -> None
     overlay.draw(overlay.Show(region, place, place, picture, picture, opacity=0.0), view)
 
 
+PICTURE_PIECES: tuple[Callable[[tuple[int, int], View], object], ...] = (
+    lambda _region, view: texture.of_levels(view),
+    lambda _region, view: texture.of_table(view),
+    lambda _region, _view: shader.show(one_to_one=True),
+    lambda _region, _view: shader.show(one_to_one=False),
+    partial(_draw_nothing, one_to_one=True),
+    partial(_draw_nothing, one_to_one=False),
+)
+WORD_PIECES: tuple[Callable[[], object], ...] = (
+    light_marks.draw_nothing,
+    strokes.draw_no_strokes,
+    strokes.draw_no_rectangles,
+)
 reset()

@@ -14,13 +14,14 @@ from typing import Any
 
 import bpy
 
-from ..core import command_line
-from ..core.bake_folder import OTHER_WORLD, clear, clear_paths, is_bake
-from ..core.progress import Pace, Reporter, clock
-from ..export import ExportError, ExportOptions, trace_settings, write_view_table
-from . import pictures, record, view_worker, world_render, worlds
-from .native import native
-from .scene import load_scene
+from .core import command_line
+from .core.bake_folder import OTHER_WORLD, clear, clear_paths, is_bake
+from .core.progress import Pace, Reporter, clock
+from .engine import pictures, record, view_worker, world_render, worlds
+from .engine.native import native
+from .engine.scene import load_scene
+from .export import ExportError, ExportOptions, trace_settings, write_view_table
+from .viewport import rehearsal
 
 STOPPED = 130
 """Exit code of a run that was asked to stop: 128 + SIGINT, as shells report it."""
@@ -149,7 +150,7 @@ def relight(options: argparse.Namespace, rest: list[str], reporter: Reporter) ->
 
 def verify(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
     """Renders the open scene with Cycles and compares it with a picture."""
-    from . import cycles_reference
+    from .engine import cycles_reference
 
     pace = Pace()
 
@@ -171,8 +172,8 @@ def read_picture(options: argparse.Namespace, _rest: list[str], reporter: Report
 
 
 def colour_views(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
-    """Makes the tables of views as they are asked for."""
-    view_worker.serve(Path(options.folder), lambda told: reporter.result(told, ""))
+    """Makes the tables of views as they are asked for, and compiles what draws with them."""
+    view_worker.serve(Path(options.folder), lambda told: reporter.result(told, ""), rehearsal.perform)
     return 0
 
 
