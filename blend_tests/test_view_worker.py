@@ -2,6 +2,7 @@
 
 import signal
 import time
+from types import SimpleNamespace
 
 import bpy
 import gpu
@@ -21,6 +22,7 @@ from views import VIEWS
 pytestmark = pytest.mark.both_ends
 
 SECONDS = 120.0
+DRIVER = "vendor_get", "renderer_get", "version_get", "backend_type_get"
 
 
 @pytest.fixture
@@ -188,17 +190,54 @@ def until_still(look, seconds=2.0):
             before, since = look(), time.monotonic()
 
 
-def test_without_graphics_the_window_compiles_for_itself(scene, monkeypatch):
-    """As in Blenders before 5.2, which have none without a window."""
-    monkeypatch.setattr(rehearsal, "is_due", lambda: not rehearsal._is_over)
-    monkeypatch.setattr(view_worker, "programs_of", lambda _film: {"programs": []})
+@pytest.fixture
+def in_a_window(monkeypatch, tmp_path):
+    """As if this Blender had a window, and a driver that says nothing new."""
+    platform = SimpleNamespace(**dict.fromkeys(DRIVER, lambda: "software"))
+    monkeypatch.setattr(rehearsal, "bpy", SimpleNamespace(app=SimpleNamespace(background=False, build_hash=b"1")))
+    monkeypatch.setattr(rehearsal, "gpu", SimpleNamespace(init=None, platform=platform))
+    monkeypatch.setattr(rehearsal, "user_folder", lambda name: tmp_path / name)
     rehearsal.reset()
+    rehearsal._name.cache_clear()
+    yield platform
+    rehearsal.reset()
+    rehearsal._name.cache_clear()
+    view_worker.close()
+
+
+def rehearse(scene):
     until = time.monotonic() + SECONDS
-    while rehearsal.is_due():
+    while rehearsal.is_due(scene):
         rehearsal.work(scene)
         assert time.monotonic() < until
         time.sleep(0.01)
-    scene.view_settings.view_transform = "AgX"
-    assert len(list(turns(view_worker.shared(), tables_of(view_settings(scene))))) == 2, "tables are made as before"
+
+
+def test_what_was_compiled_once_is_not_waited_for_again(scene, in_a_window):
+    if not hasattr(gpu, "init"):
+        pytest.skip("Blender draws without a window from 5.2 on")
+    rehearse(scene)
     rehearsal.reset()
-    view_worker.close()
+    assert not rehearsal.is_due(scene), "the next session"
+    scene.render.resolution_y = 64
+    assert rehearsal.is_due(scene), "edges that are powers of two"
+    scene.render.resolution_y = 48
+    rehearsal._name.cache_clear()
+    in_a_window.version_get = lambda: "newer"
+    assert rehearsal.is_due(scene), "another driver"
+
+
+def test_where_none_can_compile_the_window_does(scene, in_a_window, monkeypatch):
+    """As in Blenders before 5.2, which have no graphics without a window."""
+    monkeypatch.setattr(view_worker, "programs_of", lambda _film: {"programs": []})
+    rehearse(scene)
+    assert rehearsal._is_refused and not list(rehearsal.user_folder(rehearsal.FOLDER).glob("*"))
+    scene.view_settings.view_transform = "AgX"
+    tables = turns(view_worker.shared(), tables_of(view_settings(scene)))
+    assert len(list(tables)) == 2, "tables are made as before"
+
+
+def test_one_that_takes_for_ever_is_not_waited_for(scene, in_a_window, monkeypatch):
+    monkeypatch.setattr(rehearsal, "SECONDS", 0.0)
+    rehearse(scene)
+    assert rehearsal._is_refused and view_worker._shared is None

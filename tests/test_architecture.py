@@ -67,7 +67,7 @@ def imports_by_room():
     found = {room: [] for room in rooms}
     for path in sorted((ROOT / "addon").rglob("*.py")):
         room = path.relative_to(ROOT / "addon").parts[0]
-        if room != "__init__.py":
+        if room in rooms:
             found[room] += [(str(path.relative_to(ROOT)), name) for name in imports_of(path)]
     return found
 

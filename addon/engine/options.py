@@ -101,9 +101,14 @@ def cache_folder() -> Path:
     chosen = preferences()
     if chosen is not None and chosen.cache_folder:
         return absolute(chosen.cache_folder)
+    return user_folder("bakes")
+
+
+def user_folder(name: str) -> Path:
+    """A folder for files of the add-on that belong to the user, which may not be there yet."""
     if PACKAGE.startswith("bl_ext."):
-        return Path(bpy.utils.extension_path_user(PACKAGE, path="bakes"))
-    return Path(bpy.utils.user_resource("DATAFILES", path="relume")) / "bakes"
+        return Path(bpy.utils.extension_path_user(PACKAGE, path=name))
+    return Path(bpy.utils.user_resource("DATAFILES", path="relume")) / name
 
 
 def absolute(path: str) -> Path:

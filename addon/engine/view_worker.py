@@ -10,7 +10,6 @@ import json
 import os
 import tempfile
 import time
-from collections import deque
 from collections.abc import Callable, Generator, Iterator
 from functools import partial
 from pathlib import Path
@@ -33,8 +32,8 @@ IDLE_SECONDS = 120.0
 POLL_SECONDS = 0.02
 SETTLE_SECONDS = 0.2
 """Between the coarse table and the fine one: while a view is dragged coarse ones follow it."""
-Compile = Callable[[tuple[int, int]], Iterator[None]]
-"""Compiles what draws pictures of a size; yields when that is done which is wanted soon."""
+Compile = Callable[[tuple[int, int]], None]
+"""Compiles what draws pictures of a size."""
 
 
 def tables_of(view: dict[str, Any]) -> dict[str, Any]:
@@ -174,14 +173,11 @@ def _newest(place: Path) -> int:
 
 def _do(place: Path, number: int, compile_programs: Compile) -> Iterator[dict[str, Any]]:
     scene, job = bpy.context.scene, json.loads((place / f"{number}{JOB}").read_text(encoding="utf-8"))
+    if "view" in job:
+        set_view(scene, job["view"])
     if "programs" in job:
-        compiled = compile_programs(tuple(job["programs"]))
-        next(compiled)
-        yield {"finished": True}
-        deque(compiled, maxlen=0)
-        return
-    set_view(scene, job["view"])
-    if "file" in job:
+        compile_programs(tuple(job["programs"]))
+    elif "file" in job:
         write_view_table(scene, Path(job["file"]), job["stamp"].encode("latin-1"))
     else:
         yield {"table": _save(place / f"{number}-coarse.npz", color_table(scene, COARSE))}

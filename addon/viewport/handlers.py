@@ -33,7 +33,7 @@ _trouble: dict[int, str] = {}
 
 def prepare(scene: bpy.types.Scene) -> None:
     """Has ready what the first picture of a scene will need, a little at a time; costs nothing where it is."""
-    if view_table.of(scene) is None or rehearsal.is_due():
+    if view_table.of(scene) is None or rehearsal.is_due(scene):
         _waiting.add(scene.session_uid)
         wake()
     elif not bpy.app.background:
@@ -93,23 +93,23 @@ def bake_views() -> float | None:
         if scene.session_uid not in _waiting:
             continue
         try:
-            if view_table.of(scene) is not None and rehearsal.is_due():
+            if view_table.of(scene) is not None and rehearsal.is_due(scene):
                 rehearsal.work(scene)
-                better = not rehearsal.is_due()
+                better |= not rehearsal.is_due(scene)
             else:
-                better = view_table.work(scene)
+                better |= view_table.work(scene)
                 pause = _work_on_file(scene)
             _trouble.pop(scene.session_uid, None)
         except (OSError, RuntimeError) as error:
             _trouble[scene.session_uid], pause = str(error), RETRY_SECONDS
-        if _has_table(scene) and _has_file(scene) and not rehearsal.is_due():
+        if better and not (bpy.app.background or rehearsal.is_due(scene)):
+            warm_up.want()  # The side bar, which asks for it, may not be drawn again for long.
+        if _has_table(scene) and _has_file(scene) and not rehearsal.is_due(scene):
             _waiting.discard(scene.session_uid)
         elif pause != RETRY_SECONDS:
             break  # Views are coloured one after another.
     if better or pause == RETRY_SECONDS:
         redraw()
-    if better and not (bpy.app.background or rehearsal.is_due()):
-        warm_up.want()  # The side bar, which asks for it, may not be drawn again for long.
     _waiting.intersection_update({scene.session_uid for scene in bpy.data.scenes})
     return pause if _waiting else None
 

@@ -4,14 +4,17 @@ this one's window finds it there and does not stand still. From Blender 5.2 on, 
 
 from __future__ import annotations
 
+import hashlib
 import time
-from collections.abc import Iterator
+from contextlib import suppress
+from functools import cache
 
 import bpy
 import gpu
 import numpy as np
 
 from ..engine import view_worker
+from ..engine.options import user_folder
 from ..export.camera import film_size
 from ..export.false_color import LEVELS
 from . import shader, warm_up
@@ -22,52 +25,78 @@ SECONDS = 20.0
 COLOR_FORMAT, DEPTH_FORMAT = "SRGB8_A8", "DEPTH32F_STENCIL8"
 """What a 3D view is drawn into: drivers compile anew for other formats."""
 EDGE = 64
+FOLDER = "compiled"
+"""Of the user: an empty file for each thing that was compiled once, so that later sessions need not wait for it."""
 
+_done: set[str] = set()
+"""Their names, as far as they were looked for."""
 _begun: float | None = None
-_is_over = False
+_is_refused = False
 
 
-def is_due() -> bool:
-    """Whether the window should wait for it before it compiles anything."""
-    return hasattr(gpu, "init") and not (_is_over or bpy.app.background)
+def is_due(scene: bpy.types.Scene) -> bool:
+    """Whether the window should wait for it before it compiles what draws a scene."""
+    if _is_refused or bpy.app.background or not hasattr(gpu, "init"):
+        return False
+    name = _name(*warm_up.film_like(film_size(scene.render)))
+    if name not in _done and (user_folder(FOLDER) / name).exists():
+        _done.add(name)
+    return name not in _done
 
 
 def work(scene: bpy.types.Scene) -> None:
-    """A turn of having it done; where no other Blender can do it, it is over."""
-    global _begun, _is_over
+    """A turn of having it done; where no other Blender can do it, none is asked again."""
+    global _begun, _is_refused
+    film = warm_up.film_like(film_size(scene.render))
     _begun = _begun or time.monotonic()
     try:
         worker = view_worker.shared()
-        worker.ask(view_worker.programs_of(film_size(scene.render)))
+        worker.ask(view_worker.programs_of(film))
         worker.turn()
-        _is_over = worker.is_finished
     except OSError:
-        _is_over = True
-    if not _is_over and time.monotonic() - _begun > SECONDS:
+        _is_refused = True
+        return
+    if worker.is_finished:
+        _begun = None
+        _note(_name(*film))
+    elif time.monotonic() - _begun > SECONDS:
         view_worker.close()
-        _is_over = True
+        _is_refused = True
 
 
 def reset() -> None:
-    """Forgets that it was done."""
-    global _begun, _is_over
-    _begun, _is_over = None, False
+    """Forgets what was done in this session."""
+    global _begun, _is_refused
+    _done.clear()
+    _begun, _is_refused = None, False
 
 
-def perform(film: tuple[int, int]) -> Iterator[None]:
-    """In the other Blender: compiles all that draws pictures of a size; yields when the most likely views are ready."""
+def perform(film: tuple[int, int]) -> None:
+    """In the other Blender: compiles all that draws pictures of a size."""
     gpu.init()
-    render = bpy.context.scene.render
-    render.resolution_x, render.resolution_y, render.resolution_percentage = *film, 100
     region = EDGE, EDGE
     color, depth = (gpu.types.GPUTexture(region, format=name) for name in (COLOR_FORMAT, DEPTH_FORMAT))
     with gpu.types.GPUFrameBuffer(depth_slot=depth, color_slots={"texture": color}).bind():
         for view in (View(None, 1.0, 1.0), _view_of_places()):
             shader.free()  # What Mesa looks for on disk changes once it has compiled something of a program.
-            warm_up.draw_everything(region, view)
-            yield
+            warm_up.draw_everything(film, region, view)
 
 
 def _view_of_places() -> View:
     """Its table has another format than those of colours, which a view without a table is given as well."""
     return View(np.zeros((3, 3, 3, 4), np.float32), 1.0, 1.0, np.zeros((LEVELS, 3), np.float32))
+
+
+@cache
+def _name(*film: int) -> str:
+    """Of what draws pictures of a size by the present driver, Blender and Relume."""
+    driver = gpu.platform
+    by = driver.vendor_get(), driver.renderer_get(), driver.version_get(), driver.backend_type_get(), bpy.app.build_hash
+    return hashlib.sha1(repr((by, shader.VERTEX, shader.FRAGMENT, film)).encode()).hexdigest()
+
+
+def _note(name: str) -> None:
+    _done.add(name)
+    with suppress(OSError):  # Then the next session waits for it as well.
+        user_folder(FOLDER).mkdir(parents=True, exist_ok=True)
+        (user_folder(FOLDER) / name).touch()

@@ -23,7 +23,7 @@ NOTHING, POWER_OF_TWO = 3, 4
 """Edges of an invisible picture, in pixels. Drivers compile anew for edges that are powers of two."""
 
 _is_wanted = False
-_picture_pieces: list[Callable[[tuple[int, int], View], object]] = []
+_picture_pieces: list[Callable[[tuple[int, int], tuple[int, int], View], object]] = []
 _word_pieces: list[Callable[[], object]] = []
 """What is left of all of them."""
 
@@ -49,7 +49,7 @@ def is_ready() -> bool:
 def draw_picture_piece(region: tuple[int, int], view: View) -> None:
     """The next piece of what draws pictures, if any is wanted; where these are drawn, into a region of that size."""
     if _is_wanted and _picture_pieces:
-        _picture_pieces.pop(0)(region, view)
+        _picture_pieces.pop(0)(film_size(bpy.context.scene.render), region, view)
         want()
 
 
@@ -69,28 +69,34 @@ def reset() -> None:
         bpy.app.timers.unregister(redraw)
 
 
-def draw_everything(region: tuple[int, int], view: View) -> None:
-    """All pieces at once, into what is bound."""
+def draw_everything(film: tuple[int, int], region: tuple[int, int], view: View) -> None:
+    """All pieces at once for pictures of a size, into what is bound."""
     for draw_piece in PICTURE_PIECES:
-        draw_piece(region, view)
+        draw_piece(film, region, view)
     for draw_words in WORD_PIECES:
         draw_words()
 
 
-def _draw_nothing(region: tuple[int, int], view: View, one_to_one: bool) -> None:
-    """An invisible picture, as a driver sees it like those of the scene, over as many pixels as it has, or more."""
-    width, height = (NOTHING if edge & (edge - 1) else POWER_OF_TWO for edge in film_size(bpy.context.scene.render))
+def film_like(film: tuple[int, int]) -> tuple[int, int]:
+    """A size that is the same to drivers."""
+    width, height = (NOTHING if edge & (edge - 1) else POWER_OF_TWO for edge in film)
+    return width, height
+
+
+def _draw_nothing(film: tuple[int, int], region: tuple[int, int], view: View, one_to_one: bool) -> None:
+    """An invisible picture, as a driver sees it like those of a size, over as many pixels as it has, or more."""
+    width, height = film_like(film)
     larger = 1 if one_to_one else 2
     place = Rectangle(0.0, 0.0, larger * width, larger * height)
     picture = SimpleNamespace(image=np.zeros((height, width, 4), np.float32))
     overlay.draw(overlay.Show(region, place, place, picture, picture, opacity=0.0), view)
 
 
-PICTURE_PIECES: tuple[Callable[[tuple[int, int], View], object], ...] = (
-    lambda _region, view: texture.of_levels(view),
-    lambda _region, view: texture.of_table(view),
-    lambda _region, _view: shader.show(one_to_one=True),
-    lambda _region, _view: shader.show(one_to_one=False),
+PICTURE_PIECES: tuple[Callable[[tuple[int, int], tuple[int, int], View], object], ...] = (
+    lambda _film, _region, view: texture.of_levels(view),
+    lambda _film, _region, view: texture.of_table(view),
+    lambda _film, _region, _view: shader.show(one_to_one=True),
+    lambda _film, _region, _view: shader.show(one_to_one=False),
     partial(_draw_nothing, one_to_one=True),
     partial(_draw_nothing, one_to_one=False),
 )

@@ -14,7 +14,6 @@ SLOW_SECONDS = 0.04
 """Calls that take longer are remembered one by one."""
 OF_BLENDER = {
     "_begin_render": "Blender begins a render",
-    "_packed": "Blender opens its first picture file",
     "compile_program": "the driver compiles a shader",
     "_draw_nothing": "the driver compiles what draws pictures",
     "draw_nothing": "the driver compiles what draws rings",
