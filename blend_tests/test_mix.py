@@ -4,6 +4,7 @@ import bpy
 import pytest
 
 import addon
+from addon.core import rows as core
 from addon.core.rows import GROUP, LIGHT, STATIC, WORLD
 from addon.ui import rows
 from addon.ui.start import start
@@ -249,3 +250,30 @@ def test_disabled_and_enabled_again(scene):
     assert rows.on_depsgraph_update not in bpy.app.handlers.depsgraph_update_post
     addon.register()
     assert row(scene, "Key").exposure == 1.0
+
+
+CHANGES = {"on": False, "solo": True, "exposure": 1.0, "multiplier": 2.0, "color": (1.0, 0.5, 0.25)}
+CHANGES |= {"use_kelvin": True, "kelvin": 3000.0, "kind": STATIC, "name": "Other", "groups": "", "present": False}
+
+
+def test_a_mix_is_made_anew_when_a_row_changes_and_not_before(scene, monkeypatch):
+    light_in(collection(scene, "Lamps"), "Key")
+    add_light(scene, "AREA", "Fill")
+    update()
+    read, names, key = [], ["Key", "Fill"], row(scene, "Key")
+    plain = rows.plain
+    monkeypatch.setattr(rows, "plain", lambda scene: read.append(1) or plain(scene))
+
+    def mixed():
+        found = rows.mix(scene, names)
+        assert found == core.mix_for(names, *plain(scene))
+        return found
+
+    assert mixed() is mixed() and len(read) == 1
+    row(scene, "Lamps", GROUP).exposure = -1.0
+    mixed()
+    for name, value in CHANGES.items():
+        read.clear()
+        with rows.quiet():
+            setattr(key, name, value)
+        assert mixed() is mixed() and len(read) == 1, name

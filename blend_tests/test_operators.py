@@ -37,7 +37,7 @@ class FakeWorker:
     def __init__(self, command, _folder):
         # The folder of the copy is another one each time.
         self.command = [re.sub(r".*/relume-[^/]*", "COPY", word) for word in command]
-        self.ended, self.end = False, ""
+        self.ended, self.ending = False, ""
         FakeWorker.made.append(self)
 
     def events(self):
@@ -46,11 +46,16 @@ class FakeWorker:
 
     def stop(self):
         """As Worker.stop."""
-        self.end = "stopped"
+        self.ending = "stopped"
 
     def kill(self):
         """As Worker.kill."""
-        self.end = "killed"
+        self.ending = "killed"
+
+    def end(self, clean_up):
+        """As Worker.end."""
+        self.kill()
+        clean_up()
 
 
 class FakeLook:
@@ -184,7 +189,7 @@ def state(scene, folder):
             "said": preferences._said,
             "devices": devices.names(),
             "target": target_pixels(scene),
-            "workers": [(worker.command, worker.end) for worker in FakeWorker.made],
+            "workers": [(worker.command, worker.ending) for worker in FakeWorker.made],
             "background": [(job.name, job.camera, job.options, job.error) for job in background.all_jobs()],
             "verified": verification(scene),
         }

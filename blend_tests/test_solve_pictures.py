@@ -118,4 +118,5 @@ def test_closing_ends_the_other_blender(scene):
         assert reading.step()
         time.sleep(0.01)
     reading.close()
-    assert reading._worker.code is not None and not reading.step()
+    reading._worker._process.wait(60.0)
+    assert not reading.step()

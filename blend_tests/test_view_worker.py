@@ -151,7 +151,11 @@ def test_closing_leaves_nothing_behind(scene):
     next(turns(worker, tables_of(view_settings(scene))))
     place, process = worker._place, worker._worker._process
     worker.close()
-    assert not place.exists() and process.poll() is not None
+    process.wait(SECONDS)
+    until = time.monotonic() + SECONDS
+    while place.exists() and time.monotonic() < until:
+        time.sleep(0.01)
+    assert not place.exists()
 
 
 @pytest.fixture

@@ -72,9 +72,9 @@ class Reading:
         """Ends it; nothing stays behind."""
         self._work.close()
         if self._worker is not None:
-            self._worker.kill()
-        # To remove large files takes a while.
-        threading.Thread(target=self._folder.cleanup, name="relume-cleanup").start()
+            self._worker.end(self._folder.cleanup)
+        else:  # To remove large files takes a while.
+            threading.Thread(target=self._folder.cleanup, name="relume-cleanup").start()
 
     def _run(self, job: dict[str, Any], uid: int) -> Generator[None, None, None]:
         contents = yield from _contents(uid)

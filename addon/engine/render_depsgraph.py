@@ -141,7 +141,10 @@ def start_with_render_depsgraph(
 
 def _begin_render(scene: bpy.types.Scene) -> None:
     """Starts Blender's job. Blender makes a graphics context for its first one of a scene, whatever the engine."""
-    answer = bpy.ops.render.render("INVOKE_DEFAULT", layer=render_layer(scene).name, scene=scene.name)
+    which = {"scene": scene.name}
+    if scene.render.use_single_layer or sum(layer.use for layer in scene.view_layers) != 1:
+        which["layer"] = render_layer(scene).name  # Blender waits 0.2 s where one is named.
+    answer = bpy.ops.render.render("INVOKE_DEFAULT", **which)
     if answer == {"CANCELLED"}:
         raise RuntimeError("Blender is rendering already; wait for its end or press Esc there")
 

@@ -87,18 +87,15 @@ class Verification:
                 self.error = worker.failure()
         except (OSError, ValueError) as error:
             self.error = str(error)
-        self._end()
+        self._worker = None
+        self._copy.remove()
 
     def cancel(self) -> None:
         """Ends it; nothing stays."""
         if self._worker is not None:
-            self._worker.kill()
+            self._worker.end(self._copy.remove)
+            self._worker = None
             self.error = "cancelled"
-            self._end()
-
-    def _end(self) -> None:
-        self._worker = None
-        self._copy.remove()
 
 
 def _devices(scene: bpy.types.Scene) -> dict[str, Any] | None:

@@ -118,8 +118,9 @@ class ViewWorker:
     def close(self) -> None:
         """Ends it; nothing stays behind."""
         if self._worker is not None:
-            self._worker.kill()
-        self._folder.cleanup()
+            self._worker.end(self._folder.cleanup)
+        else:
+            self._folder.cleanup()
 
 
 _shared: ViewWorker | None = None

@@ -6,16 +6,18 @@ use numpy::{PyArray1, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyDict;
+use relume_session::KnownLights;
 use relume_session::live::{self, LiveOptions, LiveRequest};
 use relume_session::trace::TraceSettings;
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 /// See the stubs.
 #[pyclass(name = "Live", module = "relume", frozen)]
 pub struct PyLive {
     live: live::Live,
+    known: Mutex<KnownLights>,
 }
 
 #[pymethods]
@@ -24,7 +26,8 @@ impl PyLive {
     #[pyo3(signature = (folder, *, device="auto", gpu_memory=None, threads=0))]
     fn new(folder: PathBuf, device: &str, gpu_memory: Option<u64>, threads: usize) -> Self {
         let Ok(device) = device.parse();
-        Self { live: live::Live::new(&folder, LiveOptions { device, gpu_memory, threads }) }
+        let live = live::Live::new(&folder, LiveOptions { device, gpu_memory, threads });
+        Self { live, known: Mutex::default() }
     }
 
     #[pyo3(signature = (scene, settings, *, train_seconds=60.0, anew=false))]
@@ -51,14 +54,12 @@ impl PyLive {
     }
 
     fn relight(&self, py: Python<'_>, request: &str) -> PyResult<u64> {
-        enter_native(py, || -> Result<u64, NativeError> {
-            Ok(self.live.relight(LiveRequest::parse(request).map_err(invalid)?))
-        })
+        enter_native(py, || -> Result<u64, NativeError> { Ok(self.live.relight(self.parse(request)?)) })
     }
 
     fn show_world(&self, py: Python<'_>, world: &PyWorld, request: &str) -> PyResult<u64> {
         enter_native(py, || -> Result<u64, NativeError> {
-            let request = LiveRequest::parse(request).map_err(invalid)?;
+            let request = self.parse(request)?;
             Ok(self.live.show_world(world.world.clone(), request)?)
         })
     }
@@ -87,6 +88,13 @@ impl PyLive {
             .map_err(|error| invalid(format!("wait_seconds: {error}")))?;
         py.detach(|| self.live.close(wait));
         Ok(())
+    }
+}
+
+impl PyLive {
+    fn parse(&self, request: &str) -> Result<LiveRequest, NativeError> {
+        let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
+        LiveRequest::parse_knowing(request, &mut known).map_err(invalid)
     }
 }
 

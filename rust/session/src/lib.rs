@@ -64,7 +64,7 @@ pub(crate) use features::seen_points;
 pub use features::{pixel_features, pixel_ray};
 pub use guided::{GUIDED_FILE, Guided};
 pub use inspect::{Info, ProxySummary, info, validate};
-pub use light_set::LightSet;
+pub use light_set::{KnownLights, LightSet};
 pub use measure::{Evaluation, evaluate};
 pub use obj_scene::{ObjView, obj_scene};
 pub use progress::{Cancel, Listener, Monitor, Progress, Stage, StageProgress};

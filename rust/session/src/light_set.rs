@@ -14,6 +14,8 @@ use crate::SessionError;
 use relume_scene::{BlenderLight, Light, MOST_RADIANCE};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use serde_json::value::RawValue;
+use std::collections::HashMap;
 use std::io::Write;
 use std::path::Path;
 
@@ -89,12 +91,14 @@ impl LightSet {
         }
         let mut set = Self { name: file.name, ..Self::default() };
         for (i, value) in file.lights.into_iter().enumerate() {
-            let name = value.get("name").and_then(Value::as_str).unwrap_or("unnamed").to_string();
-            let (light, notes) = light(value).map_err(|reason| format!("light {i} '{name}': {reason}"))?;
-            set.lights.push(light);
-            set.notes.extend(notes);
+            set.push(numbered_light(i, value)?);
         }
         Ok(set)
+    }
+
+    fn push(&mut self, (light, notes): Read) {
+        self.lights.push(light);
+        self.notes.extend(notes);
     }
 
     /// Writes the lights, atomically.
@@ -114,7 +118,41 @@ impl Serialize for LightSet {
     }
 }
 
-fn light(value: Value) -> Result<(Light, Vec<String>), String> {
+/// A light and what was changed on reading it.
+type Read = (Light, Vec<String>);
+
+/// The lights of the text that was read last. Of many lights an edit changes few: the others are not parsed again.
+#[derive(Default)]
+pub struct KnownLights(HashMap<String, Read>);
+
+impl KnownLights {
+    /// As [`LightSet::parse`].
+    ///
+    /// # Errors
+    /// As [`LightSet::parse`]; the lights of the text before are still known then.
+    pub(crate) fn parse(&mut self, text: &str) -> Result<LightSet, String> {
+        let Ok(texts) = serde_json::from_str::<Vec<&RawValue>>(text) else { return LightSet::parse(text) };
+        let texts: Vec<_> = texts.into_iter().map(RawValue::get).collect();
+        let mut read = Vec::with_capacity(texts.len());
+        for (i, text) in texts.iter().enumerate() {
+            read.push(match self.0.get(*text) {
+                Some(known) => known.clone(),
+                None => numbered_light(i, serde_json::from_str(text).map_err(|error| error.to_string())?)?,
+            });
+        }
+        self.0 = texts.iter().map(ToString::to_string).zip(read.iter().cloned()).collect();
+        let mut set = LightSet::default();
+        read.into_iter().for_each(|read| set.push(read));
+        Ok(set)
+    }
+}
+
+fn numbered_light(i: usize, value: Value) -> Result<Read, String> {
+    let name = value.get("name").and_then(Value::as_str).unwrap_or("unnamed").to_string();
+    light(value).map_err(|reason| format!("light {i} '{name}': {reason}"))
+}
+
+fn light(value: Value) -> Result<Read, String> {
     if value.get("kind").is_some() {
         let light: BlenderLight = serde_json::from_value(value).map_err(|error| error.to_string())?;
         return light.to_light().map_err(|error| error.reason);
@@ -177,6 +215,23 @@ mod tests {
         assert!(matches!(set.lights[1].shape, LightShape::Quad { .. }));
         // 100 W over 1 m2 of Lambertian emitter: P / (pi A).
         assert!((set.lights[1].radiance[0] - 100.0 / std::f32::consts::PI).abs() < 1e-3);
+    }
+
+    #[test]
+    fn known_lights_are_those_of_the_text() {
+        let mut known = KnownLights::default();
+        let moved = SPHERE.replace("[0, 1, 2]", "[0, 1, 3]");
+        for lights in [[SPHERE, AREA], [AREA, SPHERE], [&moved, AREA], [SPHERE, SPHERE]] {
+            let text = format!("[{}]", lights.join(", "));
+            assert_eq!(known.parse(&text), LightSet::parse(&text));
+        }
+        let wrong = format!("[{AREA}, {}]", SPHERE.replace("0.1", "-1"));
+        assert_eq!(known.parse(&wrong), LightSet::parse(&wrong));
+        assert!(known.parse(&wrong).unwrap_err().starts_with("light 1 'Key'"));
+        assert_eq!(known.parse("[{"), LightSet::parse("[{"));
+        let whole =
+            format!(r#"{{"format": "relume-lights", "version": 1, "name": "Evening", "lights": [{AREA}]}}"#);
+        assert_eq!(known.parse(&whole).unwrap().name, "Evening");
     }
 
     #[test]

@@ -1,8 +1,10 @@
 use super::Aov;
+use crate::light_set::KnownLights;
 use crate::{LightSet, With};
 use relume_scene::{Light, MOST_RADIANCE};
 use serde::Deserialize;
 use serde_json::Value;
+use serde_json::value::RawValue;
 use std::collections::HashMap;
 
 /// What picture is asked for.
@@ -28,8 +30,8 @@ pub struct LiveRequest {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Json {
-    lights: Value,
+struct Json<L> {
+    lights: L,
     #[serde(default)]
     gains: HashMap<String, [f32; 3]>,
     #[serde(default = "one")]
@@ -55,16 +57,26 @@ impl LiveRequest {
     /// # Errors
     /// In words that name the light or the field.
     pub fn parse(text: &str) -> Result<Self, String> {
-        Self::of(serde_json::from_str(text).map_err(|error| error.to_string())?)
+        Self::parse_knowing(text, &mut KnownLights::default())
+    }
+
+    /// As [`LiveRequest::parse`], quicker where most lights are those of the text before.
+    ///
+    /// # Errors
+    /// As [`LiveRequest::parse`].
+    pub fn parse_knowing(text: &str, known: &mut KnownLights) -> Result<Self, String> {
+        let json: Json<&RawValue> = serde_json::from_str(text).map_err(|error| error.to_string())?;
+        Self::of(known.parse(json.lights.get())?, json)
     }
 
     /// As [`LiveRequest::parse`], of a part of some JSON.
     pub(crate) fn from_json(value: Value) -> Result<Self, String> {
-        Self::of(serde_json::from_value(value).map_err(|error| error.to_string())?)
+        let mut json: Json<Value> = serde_json::from_value(value).map_err(|error| error.to_string())?;
+        Self::of(LightSet::from_json(json.lights.take())?, json)
     }
 
-    fn of(json: Json) -> Result<Self, String> {
-        let LightSet { mut lights, notes, .. } = LightSet::from_json(json.lights)?;
+    fn of<L>(set: LightSet, json: Json<L>) -> Result<Self, String> {
+        let LightSet { mut lights, notes, .. } = set;
         for light in &mut lights {
             let gain = json.gains.get(&light.name).copied().unwrap_or(one());
             light.radiance = std::array::from_fn(|c| light.radiance[c] * gain[c]);
