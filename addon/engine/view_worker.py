@@ -52,7 +52,7 @@ def programs_of(film: tuple[int, int]) -> dict[str, Any]:
 
 
 class ViewWorker:
-    """The window's side. Nothing waits here, but for `close`."""
+    """The window's side. Nothing waits here."""
 
     def __init__(self) -> None:
         self._folder = tempfile.TemporaryDirectory(
