@@ -93,10 +93,8 @@ def bake_views() -> float | None:
         if scene.session_uid not in _waiting:
             continue
         try:
-            if view_table.of(scene) is not None and rehearsal.is_due(scene):
-                rehearsal.work(scene)
-                better |= not rehearsal.is_due(scene)
-            else:
+            better |= _rehearse(scene)
+            if view_table.of(scene) is None or not rehearsal.is_due(scene):
                 better |= view_table.work(scene)
                 pause = _work_on_file(scene)
             _trouble.pop(scene.session_uid, None)
@@ -112,6 +110,15 @@ def bake_views() -> float | None:
         redraw()
     _waiting.intersection_update({scene.session_uid for scene in bpy.data.scenes})
     return pause if _waiting else None
+
+
+def _rehearse(scene: bpy.types.Scene) -> bool:
+    """A turn of having compiled what draws a scene whose view is known; whether that has come to its end. The fine
+    table is asked for then, and is made before *Start*."""
+    if view_table.of(scene) is None or not rehearsal.is_due(scene):
+        return False
+    rehearsal.work(scene)
+    return not rehearsal.is_due(scene)
 
 
 def _has_table(scene: bpy.types.Scene) -> bool:
