@@ -107,7 +107,7 @@ def _add_render_world(commands: argparse._SubParsersAction) -> None:
 
 def _add_colour_views(commands: argparse._SubParsersAction) -> None:
     colour = commands.add_parser(
-        "colour-views", help="make tables of views while they are asked for (used by the panel)"
+        "colour-views", help="make tables of views, and compile what draws with them, as asked for (used by the panel)"
     )
     colour.add_argument("folder", help="folder with the jobs, for the results too")
     _add_output(colour)

@@ -120,10 +120,9 @@ class Worker:
 
     def end(self, clean_up: Callable[[], None]) -> None:
         """As `kill`, then cleans up; nobody waits for either, which can take a tenth of a second."""
-        self._signal("SIGKILL")
 
         def bury() -> None:
-            self._process.wait()
+            self.kill()
             clean_up()
 
         threading.Thread(target=bury, name="relume-cleanup").start()

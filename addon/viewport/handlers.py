@@ -171,6 +171,7 @@ def unregister() -> None:
 def _forget(*_arguments) -> None:
     """Another file is about to be opened."""
     compare.free()
+    rehearsal.interrupt()
     _waiting.clear()
     _trouble.clear()
 

@@ -64,11 +64,18 @@ def work(scene: bpy.types.Scene) -> None:
         _is_refused = True
 
 
+def interrupt() -> None:
+    """Another file is about to be opened: what has passed since it was begun does not count."""
+    global _begun
+    _begun = None
+
+
 def reset() -> None:
     """Forgets what was done in this session."""
-    global _begun, _is_refused
+    global _is_refused
+    interrupt()
     _done.clear()
-    _begun, _is_refused = None, False
+    _is_refused = False
 
 
 def perform(film: tuple[int, int]) -> None:
