@@ -86,13 +86,13 @@ def draw(what: Show, view: View) -> None:
     snapped = what.frame.snapped(size) if size == (second.width, second.height) else None
     frame = snapped or what.frame
     drawn = frame if what.drawn == what.frame else what.drawn
-    program = shader.show(one_to_one=snapped is not None)
+    compares = what.mode != SINGLE
+    program = shader.show(one_to_one=snapped is not None, compares=compares)
     numbers = view.scale, view.exponent, what.gain
     rows = ((*row, number) for row, number in zip(view.to_rec709.tolist(), numbers, strict=True))
     with _state():
         program.shader.bind()
-        for name, sampled in (("first", first), ("second", second)):
-            program.shader.uniform_sampler(name, sampled)
+        program.shader.uniform_sampler("first", first)
         program.shader.uniform_sampler("levels", texture.of_levels(view))
         program.shader.uniform_sampler("table", texture.of_table(view))
         for name, number in (
@@ -102,8 +102,10 @@ def draw(what: Show, view: View) -> None:
             *zip(shader.ROWS, rows, strict=True),
         ):
             program.shader.uniform_float(name, number)
-        program.shader.uniform_int("mode", what.mode)
         program.shader.uniform_int("use_table", int(view.table is not None) + int(view.levels is not None))
+        if compares:
+            program.shader.uniform_sampler("second", second)
+            program.shader.uniform_int("mode", what.mode)
         program.square.draw(program.shader)
 
 

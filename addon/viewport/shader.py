@@ -26,6 +26,9 @@ void main()
 }
 """
 
+KEEP_LOOPS = "#pragma optionNV(unroll none)\n"
+"""To NVIDIA's compiler, which is done sooner so; others do not know it."""
+
 # Fetches by hand: Python cannot choose a texture's filter before Blender 5.2, and the weights stay exact.
 FRAGMENT = (
     f"""
@@ -51,14 +54,22 @@ float finite(float x)
 
 vec4 texel(bool is_first, ivec2 at)
 {
+#ifdef COMPARES
   vec4 color = is_first ? texelFetch(first, at, 0) : texelFetch(second, at, 0);
+#else
+  vec4 color = texelFetch(first, at, 0);
+#endif
   return vec4(finite(color.r), finite(color.g), finite(color.b), clamp(color.a, 0.0, 1.0));
 }
 
 /* A picture at a place of 0..1. */
 vec4 filtered(bool is_first, vec2 at)
 {
+#ifdef COMPARES
   ivec2 size = is_first ? textureSize(first, 0) : textureSize(second, 0);
+#else
+  ivec2 size = textureSize(first, 0);
+#endif
 #ifdef ONE_TO_ONE
   return texel(is_first, clamp(ivec2(floor(at * vec2(size))), ivec2(0), size - 1));
 #else
@@ -135,15 +146,19 @@ void main()
 {
   vec2 at = (pixel - frame.xy) / (frame.zw - frame.xy);
   bool right = pixel.x >= SPLIT_AT;
-  if (mode != SPLIT && right) {
-    discard;
-  }
+#ifdef COMPARES
   int last = mode == DIFFERENCE ? 1 : 0;
   vec4 color = vec4(0.0);
   for (int turn = 0; turn <= last; turn++) {
     vec4 shown = displayed(filtered(turn == 0 && !(mode == SPLIT && right), at));
     color = turn == 0 ? shown : vec4(min(abs(color.rgb - shown.rgb) * GAIN, vec3(1.0)), 1.0);
   }
+#else
+  if (right) {
+    discard;
+  }
+  vec4 color = displayed(filtered(true, at));
+#endif
   if (color.a * OPACITY < 1.0) {
     color.rgb = pow(color.rgb, vec3(2.2)); /* Blended, so that no level can be chosen. */
   }
@@ -170,31 +185,33 @@ class Program:
 
 
 @cache
-def show(one_to_one: bool) -> Program:
-    """With `one_to_one` each pixel is one texel, without any filter.
+def show(one_to_one: bool, compares: bool) -> Program:
+    """With `one_to_one` each pixel is one texel, without any filter. Without `compares` there is one picture, left of
+    the split: a program of its own, because a driver compiles all that a program could do.
 
-    Samplers `first`, `second`, `levels` (`texture.of_levels`) and `table` (`view_table`). Constants `frame` and
-    `drawn`, rectangles in pixels of the region; `region`: its width and height, where the split is, opacity; `ROWS` of
-    the view, with its scale, its exponent and the gain of a difference; `mode`: 0 first left of the split, SPLIT,
-    DIFFERENCE; `use_table`: 1 the view has one, 2 of places in `levels`.
+    Samplers `first`, `levels` (`texture.of_levels`), `table` (`view_table`), and `second` where it compares. Constants
+    `frame` and `drawn`, rectangles in pixels of the region; `region`: its width and height, where the split is,
+    opacity; `ROWS` of the view, with its scale, its exponent and the gain of a difference; `use_table`: 1 the view has
+    one, 2 of places in `levels`; where it compares `mode`: SPLIT or DIFFERENCE.
     """
     info = gpu.types.GPUShaderCreateInfo()
     info.sampler(0, "FLOAT_2D", "first")
-    info.sampler(1, "FLOAT_2D", "second")
-    info.sampler(2, "FLOAT_1D", "levels")
-    info.sampler(3, "FLOAT_3D", "table")
-    for kind, names in (
-        ("VEC4", ("frame", "drawn", "region", *ROWS)),
-        ("INT", ("mode", "use_table")),
-    ):
-        for name in names:
-            info.push_constant(kind, name)
+    info.sampler(1, "FLOAT_1D", "levels")
+    info.sampler(2, "FLOAT_3D", "table")
+    for name in ("frame", "drawn", "region", *ROWS):
+        info.push_constant("VEC4", name)
+    info.push_constant("INT", "use_table")
+    if compares:
+        info.sampler(3, "FLOAT_2D", "second")
+        info.push_constant("INT", "mode")
+        info.define("COMPARES")
     between = gpu.types.GPUStageInterfaceInfo("relume_show")
     between.smooth("VEC2", "pixel")
     info.vertex_out(between)
     if one_to_one:
         info.define("ONE_TO_ONE")
-    return compile_program(info, VERTEX, FRAGMENT)
+    is_opengl = gpu.platform.backend_type_get() == "OPENGL"
+    return compile_program(info, VERTEX, KEEP_LOOPS + FRAGMENT if is_opengl else FRAGMENT)
 
 
 def overlay_encoding() -> np.ndarray:

@@ -17,13 +17,15 @@ from .camera_frame import Rectangle
 from .view_table import View
 from .views import redraw
 
+PicturePiece = Callable[[tuple[int, int], tuple[int, int], View], object]
+"""Called with the width and height of pictures, and of the region that is drawn into."""
 PAUSE_SECONDS = 0.02
 """Between redraws: what the artist does comes in between."""
 NOTHING, POWER_OF_TWO = 3, 4
 """Edges of an invisible picture, in pixels. Drivers compile anew for edges that are powers of two."""
 
 _is_wanted = False
-_picture_pieces: list[Callable[[tuple[int, int], tuple[int, int], View], object]] = []
+_picture_pieces: list[PicturePiece] = []
 _word_pieces: list[Callable[[], object]] = []
 """What is left of all of them."""
 
@@ -42,8 +44,8 @@ def is_wanted() -> bool:
 
 
 def is_ready() -> bool:
-    """Whether pictures are drawn without compiling anything."""
-    return not _picture_pieces
+    """Whether a picture is drawn without compiling anything."""
+    return len(_picture_pieces) <= len(COMPARE_PIECES)
 
 
 def draw_picture_piece(region: tuple[int, int], view: View) -> None:
@@ -64,14 +66,14 @@ def reset() -> None:
     """What was compiled is gone, or never was."""
     global _is_wanted
     _is_wanted = False
-    _picture_pieces[:], _word_pieces[:] = PICTURE_PIECES, WORD_PIECES
+    _picture_pieces[:], _word_pieces[:] = PICTURE_PIECES + COMPARE_PIECES, WORD_PIECES
     if bpy.app.timers.is_registered(redraw):
         bpy.app.timers.unregister(redraw)
 
 
 def draw_everything(film: tuple[int, int], region: tuple[int, int], view: View) -> None:
     """All pieces at once for pictures of a size, into what is bound."""
-    for draw_piece in PICTURE_PIECES:
+    for draw_piece in PICTURE_PIECES + COMPARE_PIECES:
         draw_piece(film, region, view)
     for draw_words in WORD_PIECES:
         draw_words()
@@ -83,22 +85,32 @@ def film_like(film: tuple[int, int]) -> tuple[int, int]:
     return width, height
 
 
-def _draw_nothing(film: tuple[int, int], region: tuple[int, int], view: View, one_to_one: bool) -> None:
+def _show(_film: tuple[int, int], _region: tuple[int, int], _view: View, one_to_one: bool, compares: bool) -> None:
+    shader.show(one_to_one, compares)
+
+
+def _draw_nothing(film: tuple[int, int], region: tuple[int, int], view: View, one_to_one: bool, mode: int) -> None:
     """An invisible picture, as a driver sees it like those of a size, over as many pixels as it has, or more."""
     width, height = film_like(film)
     larger = 1 if one_to_one else 2
     place = Rectangle(0.0, 0.0, larger * width, larger * height)
     picture = SimpleNamespace(image=np.zeros((height, width, 4), np.float32))
-    overlay.draw(overlay.Show(region, place, place, picture, picture, opacity=0.0), view)
+    overlay.draw(overlay.Show(region, place, place, picture, picture, mode, opacity=0.0), view)
 
 
-PICTURE_PIECES: tuple[Callable[[tuple[int, int], tuple[int, int], View], object], ...] = (
+PICTURE_PIECES: tuple[PicturePiece, ...] = (
     lambda _film, _region, view: texture.of_levels(view),
     lambda _film, _region, view: texture.of_table(view),
-    lambda _film, _region, _view: shader.show(one_to_one=True),
-    lambda _film, _region, _view: shader.show(one_to_one=False),
-    partial(_draw_nothing, one_to_one=True),
-    partial(_draw_nothing, one_to_one=False),
+    partial(_show, one_to_one=True, compares=False),
+    partial(_show, one_to_one=False, compares=False),
+    partial(_draw_nothing, one_to_one=True, mode=overlay.SINGLE),
+    partial(_draw_nothing, one_to_one=False, mode=overlay.SINGLE),
+)
+COMPARE_PIECES: tuple[PicturePiece, ...] = (
+    partial(_show, one_to_one=True, compares=True),
+    partial(_show, one_to_one=False, compares=True),
+    partial(_draw_nothing, one_to_one=True, mode=overlay.DIFFERENCE),
+    partial(_draw_nothing, one_to_one=False, mode=overlay.DIFFERENCE),
 )
 WORD_PIECES: tuple[Callable[[], object], ...] = (
     light_marks.draw_nothing,

@@ -10,6 +10,7 @@ import time
 import traceback
 
 import bpy
+import gpu
 from screen import photograph, write_png
 from watch import Watch
 
@@ -165,8 +166,9 @@ class Driver:
             yield from self.until(lambda: draws, "a redraw of the 3D view")
         finally:
             bpy.types.SpaceView3D.draw_handler_remove(handler, "WINDOW")
-        # The drawing of the view comes before the window is shown.
-        yield from self.wait(3 * INTERVAL)
+        # The drawing of the view comes before the window is shown, and a card's picture reaches the screen later still.
+        is_software = "llvmpipe" in gpu.platform.renderer_get()
+        yield from self.wait((3 if is_software else 20) * INTERVAL)
 
     # Looking
 

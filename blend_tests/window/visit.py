@@ -4,6 +4,9 @@ import bpy
 from artist import Artist, addon, brighten, drag_and_undo, same
 from driver import ADDON
 
+MANY_SAMPLES = 512
+"""More than are traced until somebody finds the button that cancels."""
+
 
 def visit(driver, blend, size, lights, pixels=100, patient=True):
     """Relights a shot by hand, with mouse and keys where the artist would use them.
@@ -15,7 +18,7 @@ def visit(driver, blend, size, lights, pixels=100, patient=True):
     artist = Artist(driver)
     key, dragged, alone = lights
     with driver.step("open"):
-        yield from artist.open(blend, size, samples=4, train_seconds=2)
+        yield from artist.open(blend, size, samples=4 if patient else MANY_SAMPLES, train_seconds=2)
         driver.photo("panel")
     with driver.step("start"):
         yield from artist.start()
@@ -118,7 +121,7 @@ def reopen(driver, artist, key):
 
 def cancel(driver, artist, key):
     """A bake can be stopped in the middle; what is there is kept and can be relit."""
-    artist.scene.relume.samples = 64
+    artist.scene.relume.samples = MANY_SAMPLES
     yield from driver.show_tab("Relume")
     yield from artist.rebake()
     yield from driver.press_button("relume.cancel", across=0.7)

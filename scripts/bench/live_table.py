@@ -9,7 +9,8 @@ TEXT = """# How soon an artist sees something
 Native part, without Blender's drawing (that is `docs/overlay.md`), of a shot that is baked and trained here and now.
 Made from the files beside it by
 `.venv-4.2/bin/python scripts/bench/live.py SHOT.blend --keep MACHINE [--device gpu]`.
-Under each machine: its processor, what made the pictures, and how many other threads wanted its cores when it began.
+Under each machine: its processor, what made the pictures, and how many other threads wanted its cores when it began. A
+card has goals of its own.
 
 {table}
 """
@@ -21,18 +22,25 @@ def figure(record):
     return f"{record['value']:.3g} {record['unit']}{size}"
 
 
+def others(record):
+    """How many other threads there were, where that is known: not of a machine that is gone."""
+    return [f"others {record['others']:g}"] if "others" in record else []
+
+
 def page(folder):
     """What the README of a folder of kept figures says: a row for each figure, a column for each machine."""
     machines = {path.stem: json.loads(path.read_text()) for path in sorted(folder.glob("*.json"))}
-    goals = {record["name"]: (record["goal"], record["unit"]) for records in machines.values() for record in records}
+    goals = {}
+    for record in (record for records in machines.values() for record in records):
+        goal = "" if record["goal"] is None else f"{record['goal']:g} {record['unit']}"
+        goals.setdefault(record["name"], {})[goal] = None
     heads = [
-        f"{name}<br>{first['machine']}<br>{first['device']}, others {first['others']:g}, {first['date']}"
+        ", ".join([f"{name}<br>{first['machine']}<br>{first['device']}", *others(first), first["date"]])
         for name, (first, *_) in machines.items()
     ]
 
     def cells(name):
-        goal, unit = goals[name]
         found = (next((figure(r) for r in records if r["name"] == name), "") for records in machines.values())
-        return [name, "" if goal is None else f"{goal:g} {unit}", *found]
+        return [name, " or ".join(goals[name]), *found]
 
     return TEXT.format(table=rows(["", "goal", *heads], map(cells, goals)))

@@ -47,13 +47,32 @@ from judge import failures  # noqa: E402
 class Room:
     """A private folder in the tree, gone at the end, and programs that see it as `inside`."""
 
-    def __init__(self, tree):
+    def __init__(self, tree, driver=None):
         self.tree = tree
         self.folder = Path(tempfile.mkdtemp(prefix="relume-", dir=tree / "tmp"))
         self.inside = Path("/") / self.folder.relative_to(tree)
         for name in ("home", "user", "screen", "scenes", "scratch", "pictures", "tmp", "small", "read_only"):
             (self.folder / name).mkdir()
         shutil.copytree(HARNESS, self.folder / "window")
+        self.graphics = self.bring_driver(driver) if driver else {"LIBGL_ALWAYS_SOFTWARE": 1}
+
+    def bring_driver(self, driver):
+        """Copies NVIDIA's driver from a folder of this machine; what makes programs use it."""
+        copy = self.folder / "driver"
+        copy.mkdir()
+        for library in driver.glob("lib*.so*"):
+            if re.match(r"lib(.*nvidia|cuda)", library.name):
+                shutil.copy(library, copy)
+        # This library, unlike the other of Vulkan, needs none of a display.
+        library, inside = {"library_path": "libEGL_nvidia.so.0"}, self.inside / copy.name
+        for name, about in (("vulkan", {"api_version": "1.3.0"}), ("egl", {})):
+            (copy / f"{name}.json").write_text(json.dumps({"file_format_version": "1.0.0", "ICD": library | about}))
+        return {
+            "LD_LIBRARY_PATH": inside,
+            "__GLX_VENDOR_LIBRARY_NAME": "nvidia",
+            "__EGL_VENDOR_LIBRARY_FILENAMES": inside / "egl.json",
+            "VK_DRIVER_FILES": inside / "vulkan.json",
+        }
 
     def command(self, *command, **environment):
         """A command in the tree; where mounting is allowed, with the machine's devices and processes, a small disk and
@@ -64,9 +83,8 @@ class Room:
             "HOME": self.inside / "home",
             "TMPDIR": self.inside / "tmp",
             "BLENDER_USER_RESOURCES": self.inside / "user",
-            "LIBGL_ALWAYS_SOFTWARE": 1,
             "NODEVICE_SELECT": 1,
-            **environment,
+            **(self.graphics | environment),
         }
         chroot = ["chroot", self.tree, "env", "-i", *(f"{name}={value}" for name, value in variables.items()), *command]
         if may_mount():
@@ -243,10 +261,18 @@ def main():
     parser.add_argument(
         "--at-once", type=int, choices=(1, 2, 3, 4), default=1, help="how many are played at a time; disturbs times"
     )
+    parser.add_argument(
+        "--nvidia",
+        type=Path,
+        metavar="FOLDER",
+        help="draw and compute on the card whose driver, libGLX_nvidia.so.0 and others, is there",
+    )
     parser.add_argument("--debian", metavar="RELEASE", default=NEWEST, help="whose Blender: trixie has 4.3")
     options = parser.parse_args()
     if unknown := set(options.scenarios) - set(scenarios):
         parser.error(f"no such scenario: {', '.join(sorted(unknown))}")
+    if options.nvidia and not (options.nvidia / "libGLX_nvidia.so.0").exists():
+        parser.error(f"no libGLX_nvidia.so.0 in {options.nvidia}; ldconfig -p tells where it is")
     if os.geteuid() != 0:
         sys.exit("window: needs root, for chroot; run it as root or in a container")
     setup = subprocess.run([Path(__file__).with_name("setup"), options.debian], stdout=subprocess.PIPE, text=True)
@@ -255,7 +281,7 @@ def main():
     shutil.rmtree(OUT, ignore_errors=True)
     OUT.mkdir(parents=True)
     tree = Path(setup.stdout.strip())
-    rooms = [Room(tree) for _ in range(options.at_once)]
+    rooms = [Room(tree, options.nvidia) for _ in range(options.at_once)]
     try:
         check_blender(rooms[0], OLDEST_BLENDER if options.debian == NEWEST else OLDEST_SUPPORTED)
         for room in rooms:

@@ -189,6 +189,8 @@ def full_disk(driver, artist):
         driver.skip("a full disk: no right to mount")
         return
     artist.scene.relume.folder = str(folder / "bake")
+    # As many as the disk has room for while each writes a part of the first sample.
+    bpy.context.preferences.addons[ADDON].preferences.threads = 2
     bpy.ops.relume.start()
     yield from driver.until(lambda: artist.state not in {"preparing", "baking"}, artist.words, 120)
     driver.photo("full-disk")

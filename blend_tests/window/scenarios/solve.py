@@ -48,10 +48,12 @@ def press_limits(driver, artist):
     limits = {"limit_strength": "darker", "limit_tint": "tint", "limit_cone": "cone_least"}
     for switch, number in limits.items():
         yield from driver.press_button(f"relume_solve.{switch}")
+        yield from driver.drawn()
         driver.check(getattr(artist.settings, switch), f"{switch} is on")
         yield from driver.find_button(f"relume_solve.{number}")
         driver.photo(switch)
         yield from driver.press_button(f"relume_solve.{switch}")
+        yield from driver.drawn()
         driver.check(not getattr(artist.settings, switch), f"{switch} is off")
     x, y = yield from driver.find_button("relume.solve")
     yield from driver.click(x, y - LIMITS_BELOW_SOLVE)

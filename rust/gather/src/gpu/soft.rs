@@ -225,25 +225,29 @@ mod tests {
         let streamed = GpuGather::new(little, &gather).unwrap();
         assert!(!streamed.is_resident());
         let cells: Vec<u32> = (0..16).rev().chain([3, 3]).collect();
-        // Distances of metres are rounded to 1e-6 m, 2e-5 of the narrowest soft edge, and slopes of both signs cancel.
+        // Distances of metres are rounded to 1e-6 m, 2e-5 of the narrowest soft edge, and slopes of both signs cancel. Of a sun's
+        // narrowest edge, a thousandth of a radian, 2e-4 are what WGSL allows a division of directions (2.5 units in the last
+        // place), which cards make use of.
+        let (tolerance, divided) = (3e-4, if on_gpu.gpu.summary().software { 3e-4 } else { 3e-3 });
         let (mut most, mut sloped) = (0.0_f32, 0);
         for (index, light) in random_lights().iter().enumerate() {
+            let tolerance = if matches!(light.shape, LightShape::Sun { .. }) { divided } else { tolerance };
             for softness in [0.01, 0.1, 0.7] {
                 let expected = soft.linearise(light, softness, &cells).unwrap();
                 for on_gpu in [&on_gpu, &in_chunks, &streamed] {
                     let found = on_gpu.linearise(&soft, light, softness, &cells).unwrap();
                     let (error, whole) = apart(&found.values, &expected.values);
-                    most = most.max(error / whole);
+                    most = most.max(error / whole / tolerance);
                     for lane in 0..LANES {
                         let (error, whole) = apart(&slopes_of(&found, lane), &slopes_of(&expected, lane));
                         assert!(whole == 0.0 || light.shape.has_lane(lane), "light {index}, lane {lane}");
                         sloped += usize::from(whole != 0.0);
-                        most = most.max(if error > 0.0 { error / whole } else { 0.0 });
+                        most = most.max(if error > 0.0 { error / whole / tolerance } else { 0.0 });
                     }
                 }
             }
         }
-        assert!(most < 3e-4 && sloped > 2700, "{most:e} apart at most, {sloped} slopes");
+        assert!(most < 1.0 && sloped > 2700, "{most} of what is allowed apart at most, {sloped} slopes");
     }
 
     #[test]

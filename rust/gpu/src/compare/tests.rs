@@ -131,7 +131,12 @@ fn layers_that_need_several_buffers_give_the_same() {
     for (most, buffers) in [(1, 3), (2 * 12 * CELLS as u64, 2)] {
         let layers = layers_in(&gpu, most);
         assert_eq!(layers.pictures.len(), buffers);
-        assert_eq!(compared(&layers, &radiances, &look), expected);
+        let found = compared(&layers, &radiances, &look);
+        assert_eq!(found.loss, expected.loss);
+        // Another kernel, whose products and sums a driver may put together in another way.
+        for (&a, &b) in found.layers.as_flattened().iter().zip(expected.layers.as_flattened()) {
+            assert!((a - b).abs() <= 1e-6 * b.abs(), "{found:?} for {expected:?}");
+        }
     }
 }
 
