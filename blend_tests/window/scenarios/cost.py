@@ -62,6 +62,19 @@ def first_colours(driver):
     driver.record("Blender colours another pixel, without Relume", seconds[1] * 1000, "ms")
 
 
+def programs(driver):
+    """What draws pictures, in a text that no driver has on disk; software compiles when it draws."""
+    shader = addon("viewport.shader")
+    before = shader.FRAGMENT
+    shader.FRAGMENT = before.replace("65504.0", f"{65000 + int(time.time()) % 500}.0")
+    for compares in (False, True):
+        for one_to_one in (False, True):
+            seconds = timed(lambda way=(one_to_one, compares): shader.show.__wrapped__(*way))
+            words = f"of {'two pictures' if compares else 'a picture'}{', a texel for a pixel' * one_to_one}"
+            driver.record(f"the driver compiles a program {words}", seconds * 1000, "ms", 50)
+    shader.FRAGMENT = before
+
+
 def save_copy(driver):
     """What Verify and the background bake begin with."""
     path = str(driver.scratch / "copy.blend")
@@ -118,6 +131,7 @@ def play(driver):
     with driver.step("Blender alone"):
         yield from render_operator(driver)
         first_colours(driver)
+        programs(driver)
         save_copy(driver)
         yield from redraws(driver, "nothing baked", {"WINDOW"})
     with driver.step("start"):
