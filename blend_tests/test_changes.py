@@ -48,6 +48,24 @@ def background(scene):
     return next(node for node in scene.world.node_tree.nodes if node.bl_idname == "ShaderNodeBackground")
 
 
+def test_edits_of_many_are_noted_without_looking_for_each(lit, monkeypatch):
+    for number in range(100):
+        add_quad(lit, f"Quad {number}")
+    lit.view_layers[0].update()
+    names, scanned = [], Changes(None)
+    monkeypatch.setattr(prints, "_by_full_name", lambda _place, name: names.append(name))
+
+    def marked(scene, depsgraph):
+        scanned.mark(scene, list(depsgraph.updates))
+
+    bpy.app.handlers.depsgraph_update_post.append(marked)
+    for obj in lit.objects:
+        obj.location.x += 1.0
+    lit.view_layers[0].update()
+    bpy.app.handlers.depsgraph_update_post.remove(marked)
+    assert names == [] and {f"object Quad {number}" for number in range(100)} <= scanned.baked.keys()
+
+
 def test_undo_is_looked_at_in_every_scene(baked, tmp_path):
     other = baked.copy()
     other.relume.folder = str(tmp_path / "other")

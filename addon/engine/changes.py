@@ -56,7 +56,7 @@ class Changes:
             self.mark_all()
             return self._look_at_world(scene)
         edited = [update.id.original for update in updates]
-        found = {key: None for block in edited for key in prints.keys_of(block, scene)}
+        found = prints.keys_of(edited, scene)
         self._waiting |= found
         if any(isinstance(block, (bpy.types.Scene, bpy.types.Collection)) for block in edited):
             self._is_outdated = self._walk is not None
@@ -69,10 +69,12 @@ class Changes:
         put in order, which Start does, for its geometry what reads them."""
         in_order = any(isinstance(update.id.original, bpy.types.Collection) for update in updates)
         for update in updates:
-            reshaped = update.is_updated_geometry and not (in_order and isinstance(update.id, bpy.types.Object))
-            kinds = ("object ", "helper ", "data ") if update.is_updated_transform or reshaped else ()
-            kinds += ("material ",) * update.is_updated_shading
-            for key in prints.keys_of(update.id.original, scene):
+            is_object = isinstance(update.id, bpy.types.Object)
+            reshaped = update.is_updated_geometry and not (in_order and is_object)
+            kinds: tuple[str, ...] = ("material ",) * (update.is_updated_shading and not is_object)
+            if update.is_updated_transform or reshaped:
+                kinds += ("object ", "helper ", "data ")
+            for key in prints.own_keys_of(update.id.original, scene) if kinds else ():
                 if key.startswith(kinds):
                     self.baked.setdefault(key, EDITED)
 

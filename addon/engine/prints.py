@@ -36,15 +36,22 @@ Take = Callable[[], Steps]
 GEOMETRY = {"MESH", "CURVE", "SURFACE", "FONT", "META", "CURVES", "POINTCLOUD", "VOLUME"}
 
 
-def keys_of(found: bpy.types.ID, scene: bpy.types.Scene) -> list[str]:
-    """The prints that an edited data-block may be part of."""
+def keys_of(blocks: list[bpy.types.ID], scene: bpy.types.Scene) -> dict[str, None]:
+    """The prints that edited data-blocks may be part of."""
+    objects = [block for block in blocks if isinstance(block, bpy.types.Object)]
+    here = {obj.session_uid for obj in scene.objects} if objects else set()
+    around = {each for obj in objects if obj.session_uid not in here for each in obj.users_collection}
+    own = [key for block in blocks for key in own_keys_of(block, scene)]
+    return dict.fromkeys([*own, *(f"instanced {each.name_full}" for each in around)])
+
+
+def own_keys_of(found: bpy.types.ID, scene: bpy.types.Scene) -> list[str]:
+    """Those of one data-block, but for what an object is instanced by."""
     if isinstance(found, bpy.types.Object):
         helper = f"helper {found.name_full}"
         if found == scene.camera:
             return ["camera", helper]
-        own = [f"object {found.name_full}", helper] if _counts(found) else [helper]
-        is_elsewhere = _by_full_name(scene.objects, found.name_full) is None
-        return [*own, *(f"instanced {around.name_full}" for around in found.users_collection if is_elsewhere)]
+        return [f"object {found.name_full}", helper] if _counts(found) else [helper]
     if isinstance(found, bpy.types.Camera):
         return ["camera"]
     if isinstance(found, bpy.types.World):
@@ -52,7 +59,7 @@ def keys_of(found: bpy.types.ID, scene: bpy.types.Scene) -> list[str]:
     if isinstance(found, bpy.types.Scene):
         return ["camera", "film", "settings", "collections", "world"]
     if isinstance(found, bpy.types.Key):
-        return keys_of(found.user, scene)
+        return own_keys_of(found.user, scene)
     kind = _kind(found)
     own = [f"{kind} {found.name_full}"] if kind else []
     if isinstance(found, bpy.types.Image):
