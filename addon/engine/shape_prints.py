@@ -135,13 +135,18 @@ def _attribute(data: Any, name: str) -> Generator[None, None, str]:
 
 def _array(owner: Any, name: str, width: int, of: Any = np.float32) -> Generator[None, None, str]:
     """Of one value of all elements: a copy of them, then a part at a time."""
-    copied = _floats(owner, name, width, of).view(np.uint8).data
+    copied = _widened(_floats(owner, name, width, of)).view(np.uint8).data
     found = 0
     for start in range(0, len(copied), SLICE_BYTES):
         yield
         found = zlib.crc32(copied[start : start + SLICE_BYTES], found)
     yield
     return f"{found:08x}"
+
+
+def _widened(copied: np.ndarray) -> np.ndarray:
+    """Whole numbers of 16 bits as those of 32, which prints are of; Blender itself would give each one by one."""
+    return copied.astype(np.int32) if copied.dtype == np.int16 else copied
 
 
 def _floats(owner: Any, name: str, width: int, of: Any = np.float32) -> np.ndarray:
@@ -153,7 +158,7 @@ def _floats(owner: Any, name: str, width: int, of: Any = np.float32) -> np.ndarr
 ATTRIBUTES = {
     "BOOLEAN": ("value", 1, np.bool_),
     "INT": ("value", 1, np.int32),
-    "INT16_2D": ("value", 2, np.int32),
+    "INT16_2D": ("value", 2, np.int16),
     "FLOAT": ("value", 1, np.float32),
     "FLOAT2": ("vector", 2, np.float32),
     "FLOAT_VECTOR": ("vector", 3, np.float32),
