@@ -46,9 +46,12 @@ def draw_picture() -> None:
     scene, region = context.scene, context.region
     texture.keep_only([*(picture for found in shot.all_open() for picture in found.pictures), *compare.frames()])
     view, is_ready = view_table.of(scene), warm_up.is_ready()
-    if view is not None:
-        warm_up.draw_picture_piece((region.width, region.height), view)
     what = overlay.what_to_show(scene, context.space_data, region, context.region_data)
+    is_uploaded_now = is_ready and isinstance(what, Show) and not texture.is_there(what.first)
+    if view is not None and is_uploaded_now:
+        warm_up.want()  # Compiling would come in the same turn.
+    elif view is not None:
+        warm_up.draw_picture_piece((region.width, region.height), view)
     if not isinstance(what, Show):
         if what is not None:
             prepare(scene)

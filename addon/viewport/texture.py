@@ -23,6 +23,11 @@ _levels: dict[int, tuple[Any, Any]] = {}
 """The same of their lists of colours, or none."""
 
 
+def is_there(frame: Any) -> bool:
+    """Whether the pixels of a frame were uploaded."""
+    return id(frame) in _frames
+
+
 def of_frame(frame: Any) -> Any:
     """The scene-linear pixels of a frame."""
     if id(frame) not in _frames:
