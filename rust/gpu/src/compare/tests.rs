@@ -128,14 +128,15 @@ fn layers_that_need_several_buffers_give_the_same() {
     let (gpu, look) = (gpu(), look());
     let radiances = [[0.9, 0.6, 0.4], [0.3, 0.5, 1.1]];
     let expected = compared(&layers_in(&gpu, u64::MAX), &radiances, &look);
+    // Another kernel, whose products and sums a card's driver may put together in another way.
+    let rounding = if gpu.summary().software { 0.0 } else { 1e-6 };
     for (most, buffers) in [(1, 3), (2 * 12 * CELLS as u64, 2)] {
         let layers = layers_in(&gpu, most);
         assert_eq!(layers.pictures.len(), buffers);
         let found = compared(&layers, &radiances, &look);
         assert_eq!(found.loss, expected.loss);
-        // Another kernel, whose products and sums a driver may put together in another way.
         for (&a, &b) in found.layers.as_flattened().iter().zip(expected.layers.as_flattened()) {
-            assert!((a - b).abs() <= 1e-6 * b.abs(), "{found:?} for {expected:?}");
+            assert!((a - b).abs() <= rounding * b.abs(), "{found:?} for {expected:?}");
         }
     }
 }
