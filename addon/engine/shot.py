@@ -16,7 +16,7 @@ from ..core.status import is_unfinished, lacks_samples
 from ..core.words import grouped
 from ..export import ExportOptions, trace_settings
 from ..export.linking import receiver_names
-from . import prints, record, worlds
+from . import garbage, prints, record, worlds
 from .changes import Changes
 from .native import native
 from .options import Options, options_of, remember_bake, remembered_bake
@@ -139,6 +139,7 @@ class Shot:
             shot.frame_before = before.picture if before.camera == shot.camera else None
             before.close()
         _shots[scene.session_uid] = shot
+        garbage.spare()
         return shot
 
     def _export(self, scene: bpy.types.Scene) -> None:
@@ -431,6 +432,8 @@ class Shot:
         """Ends everything, without waiting unless told to. The folder stays whole."""
         if self.is_open:
             del _shots[self.scene_uid]
+        if not _shots:
+            garbage.spare_nothing()
         if self._task is not None:
             self._task.cancel()
         self._world.close()

@@ -22,6 +22,23 @@ def addon(module):
     return importlib.import_module(f"{ADDON}.{module}")
 
 
+def will_ask_again():
+    """Whether a fuller picture of what was edited will be asked for a moment later."""
+    return bool(addon("ui.handlers")._resting)
+
+
+def settled(driver):
+    """Waits for the full picture of what the scene has now; for scenarios without an artist."""
+    yield from driver.drawn()  # What scripts edit is noticed then.
+    shot = addon("engine.shot").of(driver.window.scene)
+
+    def is_settled():
+        return shot.frame is not None and not shot.is_busy and not will_ask_again()
+
+    yield from driver.until(is_settled, "the settled picture", WORK_SECONDS)
+    yield from driver.drawn()
+
+
 class Artist:
     """An artist with one shot open in a window."""
 
@@ -82,7 +99,7 @@ class Artist:
 
         def is_settled():
             shot, frame = self.shot, self.shot.frame
-            is_done = not shot.lights.is_forgotten and not shot.is_busy
+            is_done = not (shot.lights.is_forgotten or shot.is_busy or will_ask_again())
             return is_done and frame.scale == 1 and self.serial_drawn == frame.serial
 
         return self.driver.until(is_settled, lambda: f"the last picture; {self.words()}", seconds)

@@ -6,6 +6,7 @@ A scenario is a generator function `play(driver)`: it yields whenever Blender sh
 
 import contextlib
 import json
+import math
 import time
 import traceback
 
@@ -301,11 +302,12 @@ class Driver:
 
     def find_button(self, what, across=0.3):
         """The place of a button in the side bar, by what it runs or sets: where it was the last time, or else the first
-        of every row from the top down.
+        below the mouse, or the first from the top down.
 
         `what`: part of its Python command, "relume.start", or of its data path, "relume_mix.rows[0].solo".
         `across`: where in the width of the side bar.
         """
+        below = self._mouse[1]
         # Away from what the mouse is on now: Blender notices a move only when it comes to it.
         yield from self.move_mouse(0, 0)
         yield from self.wait(10 * INTERVAL)
@@ -315,28 +317,37 @@ class Driver:
             if (yield from self._is_at(what, across, y)):
                 return self._mouse
         seen = {}
+        place = yield from self._search_shown(what, across, seen, below)
         # What is drawn meanwhile may move a button to where the search has been.
         for _ in range(SEARCHES):
-            if place := (yield from self._search(what, across, seen)):
-                self._found[what, across] = self._bottom_of_tab(), place[1]
-                return place
-        raise LookupError(f"no button for {what} in the side bar, but {list(seen)}")
+            place = place or (yield from self._search(what, across, seen))
+        if not place:
+            raise LookupError(f"no button for {what} in the side bar, but {list(seen)}")
+        self._found[what, across] = self._bottom_of_tab(), place[1]
+        return place
 
     def _search(self, what, across, seen):
-        """`find_button`, once; None if it is not found. Notes all buttons in `seen`."""
-        region = self.region("UI")
+        """`find_button`, once from the top of the side bar to its end; None if it is not found. Notes all buttons in
+        `seen`."""
         yield from self.scroll_tab(-100_000)
-        moved = region.height
+        moved = height = self.region("UI").height
         while moved > 0:
-            for y in range(region.y + region.height - ROW_PIXELS, region.y, -ROW_PIXELS):
-                yield from self.move_mouse(region.x + across * region.width, y)
-                button = self._button_under_mouse()
-                seen[button] = None
-                # A window that draws slowly may still tell of the place before.
-                for place in (y, y + ROW_PIXELS) if what in button else ():
-                    if (yield from self._is_at(what, across, place)):
-                        return self._mouse
-            moved = yield from self.scroll_tab(region.height // 2)
+            if place := (yield from self._search_shown(what, across, seen)):
+                return place
+            moved = yield from self.scroll_tab(height // 2)
+        return None
+
+    def _search_shown(self, what, across, seen, below=math.inf):
+        """The same in what is shown of the side bar, below a height in the window."""
+        region = self.region("UI")
+        for y in range(min(below, region.y + region.height) - ROW_PIXELS, region.y, -ROW_PIXELS):
+            yield from self.move_mouse(region.x + across * region.width, y)
+            button = self._button_under_mouse()
+            seen[button] = None
+            # A window that draws slowly may still tell of the place before.
+            for place in (y, y + ROW_PIXELS) if what in button else ():
+                if (yield from self._is_at(what, across, place)):
+                    return self._mouse
         return None
 
     def _is_at(self, what, across, y):

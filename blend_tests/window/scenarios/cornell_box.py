@@ -7,4 +7,4 @@ NEEDS = ["cornell_box.blend"]
 
 def play(driver):
     """See the first line of this file."""
-    yield from visit(driver, "cornell_box.blend", (240, 240), ("light_0", "light_0", "World"))
+    yield from visit(driver, "cornell_box.blend", (192, 192), ("light_0", "light_0", "World"))

@@ -1,9 +1,7 @@
 """The pictures of the user guide: the way of an artist through the panels, on the demo scene."""
 
-import importlib
-
 import bpy
-from artist import WORK_SECONDS
+from artist import WORK_SECONDS, addon
 from driver import ADDON
 from painter import Painter
 
@@ -12,14 +10,9 @@ SCREEN = "1920x1080"
 BY_NAME = True
 
 
-def module(name):
-    """A module of the installed extension."""
-    return importlib.import_module(f"{ADDON}.{name}")
-
-
 def shot():
     """The open shot of the scene."""
-    return module("engine.shot").of(bpy.context.scene)
+    return addon("engine.shot").of(bpy.context.scene)
 
 
 def settled(driver, what):
@@ -86,7 +79,7 @@ def show_pass(driver):
     before, scene.render.engine = scene.render.engine, "RELUME"
     scene.relume_view.shown, shading.type = False, "RENDERED"
     lights = (light["name"] for light in shot().lights.descriptions)
-    shading.relume.render_pass = name = next(iter(module("core.pass_names").light_passes(lights).values()))
+    shading.relume.render_pass = name = next(iter(addon("core.pass_names").light_passes(lights).values()))
     yield from driver.until(lambda: shot().picture_of(name) is not shot().picture, "the pass", 60)
     yield from settled(driver, "the picture as a whole")
     yield from show_popover(driver, "VIEW3D_PT_shading", "HEADER", "passes")
@@ -133,7 +126,7 @@ def play(driver):
     with driver.step("start"):
         yield from press(driver, relume.start)
         yield from driver.until(lambda: shot() and shot().frame, "the first picture", 60)
-        yield from driver.until(lambda: module("viewport.view_table").of(scene), "colours of the view", 60)
+        yield from driver.until(lambda: addon("viewport.view_table").of(scene), "colours of the view", 60)
         yield from driver.wait(0.5)  # Panels slide to their places.
         yield from driver.drawn()
         driver.photo("first-picture")

@@ -1,30 +1,15 @@
 """Looks have thumbnails of their pictures and are compared in the camera's frame: wipe, A, B and difference."""
 
-import importlib
-
 import bpy
 import numpy as np
-from driver import ADDON
+from artist import addon, settled
 
 NEEDS = ["demo.blend"]
-
-
-def module(name):
-    """A module of the installed extension."""
-    return importlib.import_module(f"{ADDON}.{name}")
 
 
 def row(name):
     """A row of the mix."""
     return next(row for row in bpy.context.scene.relume_mix.rows if row.present and row.name == name)
-
-
-def settled(driver):
-    """Waits for the full picture of what the scene has now."""
-    yield from driver.wait(0.3)  # The rest after a drag.
-    found = module("engine.shot").of(bpy.context.scene)
-    yield from driver.until(lambda: found.frame is not None and not found.is_busy, "the settled picture", 300)
-    yield from driver.drawn()
 
 
 def snapshot(driver, name):
@@ -33,7 +18,7 @@ def snapshot(driver, name):
     bpy.ops.relume.snapshot()
     look = bpy.context.scene.relume_looks.items[-1]
     look.name = name
-    thumbnail = module("ui.thumbnails").decode(look.thumbnail)
+    thumbnail = addon("ui.thumbnails").decode(look.thumbnail)
     driver.check(thumbnail.max() > 100 and np.ptp(thumbnail) > 50, f"{name} has a thumbnail with something in it")
     return thumbnail.astype(float).mean(axis=(0, 1))
 
@@ -46,13 +31,13 @@ def play(driver):
     scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 160, 90, 100
     scene.relume.quality, scene.relume.samples = "CUSTOM", 4
     scene.relume.folder = str(driver.scratch / "bake")
-    module("engine.options").preferences().train_seconds = 0.0
+    addon("engine.options").preferences().train_seconds = 0.0
     yield from driver.show_tab("Relume")
     with driver.step("start"):
         bpy.ops.relume.start()
-        found = module("engine.shot").of(scene)
+        found = addon("engine.shot").of(scene)
         yield from driver.until(lambda: found.frame is not None, "the first picture", 300)
-        yield from driver.until(lambda: module("viewport.view_table").of(scene) is not None, "the view's colours", 60)
+        yield from driver.until(lambda: addon("viewport.view_table").of(scene) is not None, "the view's colours", 60)
 
     with driver.step("snapshots"):
         neutral = yield from snapshot(driver, "Neutral")
@@ -65,7 +50,7 @@ def play(driver):
     with driver.step("compare"):
         scene.relume_looks.active, scene.relume_looks.other = 0, "Blue"
         bpy.ops.relume.compare_looks()
-        pair_of = module("viewport.compare").pair_of
+        pair_of = addon("viewport.compare").pair_of
         yield from driver.until(lambda: pair_of(scene) is not None, "both pictures", 300)
         screens, scene.relume_view.difference_gain = {}, 1.0
         for mode in ("WIPE", "A", "B", "DIFFERENCE"):

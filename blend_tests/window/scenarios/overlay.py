@@ -1,14 +1,13 @@
 """The picture in the camera's frame is, on the screen, what Blender itself shows of its EXR; exactly in its place."""
 
-import importlib
 import json
 from types import SimpleNamespace
 
 import bpy
 import numpy as np
+from artist import addon
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 from display import in_image_editor, read_exr, write_exr
-from driver import ADDON
 from mathutils import Vector
 
 NEEDS = ["demo.blend"]
@@ -27,7 +26,7 @@ class Picture:
         return lambda *_arguments, **_options: 0
 
     def status(self):
-        return json.dumps(importlib.import_module(f"{ADDON}.engine.shot").EMPTY | {"state": "ready"})
+        return json.dumps(addon("engine.shot").EMPTY | {"state": "ready"})
 
     def frame(self, newer_than=0):
         return Picture.given if Picture.given and Picture.given.serial > newer_than else None
@@ -57,17 +56,12 @@ def ramp(serial):
     return picture
 
 
-def module(name):
-    """A module of the installed extension."""
-    return importlib.import_module(f"{ADDON}.{name}")
-
-
 def rectangle(driver, window=None):
     """The camera's frame in a window, in pixels of the screen: left, top, right, bottom, the top row being 0."""
     window = window or driver.window
     region, data = driver.region(window=window), driver.view_of(window).spaces.active.region_3d
     scene = bpy.context.scene
-    found = module("viewport.camera_frame").frame_of(scene, scene.camera, region, data)
+    found = addon("viewport.camera_frame").frame_of(scene, scene.camera, region, data)
     found = found.snapped(SIZE) or found
     left, right = (round(window.x + region.x + x) for x in (found.left, found.right))
     screen_top = driver.window.y + driver.window.height
@@ -78,7 +72,7 @@ def rectangle(driver, window=None):
 def shown(driver, name=None):
     """What the screen shows in the camera's frame, 0..1, bottom row first."""
     yield from driver.drawn()
-    view_table, warm_up = module("viewport.view_table"), module("viewport.warm_up")
+    view_table, warm_up = addon("viewport.view_table"), addon("viewport.warm_up")
     yield from driver.until(lambda: view_table.is_complete(bpy.context.scene), "the view's table", 300)
     yield from driver.until(warm_up.is_ready, "what draws pictures", 300)
     yield from driver.drawn()
@@ -273,10 +267,10 @@ def check_many_views(driver):
         is_there = found is not None and all(abs(a - b) <= 1 for a, b in zip(found, expected, strict=True))
         driver.check(is_there, f"the picture is in the second window, which covers the first: {found}, not {expected}")
         Picture.given = flat(40, color=(0.0, 0.0, 0.0))
-        module("ui.handlers").wake()
+        addon("ui.handlers").wake()
         yield from driver.until(lambda: box_of(driver.photo()) is None, "the black picture in the second window")
         Picture.given = flat(41)
-        module("ui.handlers").wake()
+        addon("ui.handlers").wake()
         yield from driver.until(lambda: box_of(driver.photo()) == found, "the picture in the second window again")
         with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
             bpy.ops.wm.window_close()
@@ -287,7 +281,7 @@ def check_many_views(driver):
 def play(driver):
     """See the first line of this file."""
     yield from driver.open("demo.blend")
-    shot = module("engine.shot")
+    shot = addon("engine.shot")
     shot.native = lambda: SimpleNamespace(Live=Picture)
     Picture.given = frame(1)
     yield from bare_camera_view(driver)

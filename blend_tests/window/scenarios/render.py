@@ -2,28 +2,16 @@
 disabling the add-on ends it. Verify and the background bake run in Blenders of their own. Reading a scene keeps the
 last render."""
 
-import importlib
 from functools import partial
 
 import addon_utils
 import bpy
 import numpy as np
+from artist import addon, settled
 from display import read_exr
 from driver import ADDON
 
 NEEDS = ["demo.blend"]
-
-
-def module(name):
-    """A module of the installed extension."""
-    return importlib.import_module(f"{ADDON}.{name}")
-
-
-def settled(driver):
-    """Waits for the full picture of what the scene has now."""
-    found = module("engine.shot").of(bpy.context.scene)
-    yield from driver.until(lambda: found.frame is not None and not found.is_busy, "the settled picture", 300)
-    yield from driver.drawn()
 
 
 def has_pass(found, name):
@@ -55,7 +43,7 @@ def play(driver):
     scene.render.image_settings.file_format, scene.render.image_settings.color_depth = "OPEN_EXR", "32"
     scene.relume.quality, scene.relume.samples = "CUSTOM", 4
     scene.relume.folder = str(driver.scratch / "bake")
-    module("engine.options").preferences().train_seconds = 0.0
+    addon("engine.options").preferences().train_seconds = 0.0
     bpy.context.preferences.view.render_display_type = "NONE"
     scene.render.engine = "RELUME"
 
@@ -67,26 +55,26 @@ def play(driver):
     with driver.step("panel"):
         # What draws pictures is compiled while the artist looks at the panel.
         yield from driver.show_tab("Relume")
-        yield from driver.until(lambda: not module("viewport.warm_up").is_wanted(), "the end of compiling", 60)
+        yield from driver.until(lambda: not addon("viewport.warm_up").is_wanted(), "the end of compiling", 60)
 
     with driver.step("start keeps the last render"):
         bpy.ops.relume.start()
         yield from settled(driver)
         driver.check((read_exr(save_render(driver)) == first).all(), "the last render is the user's")
-        shown = module("engine.shot").of(scene).frame.image
+        shown = addon("engine.shot").of(scene).frame.image
         off = np.abs(shown - first).max() / first.max()
         driver.check(off <= 1e-3, f"the picture at rest is the one of F12, but for rounding: off by {off:.1e}")
         driver.check(scene.render.engine == "RELUME", "the engine is the user's")
 
     with driver.step("shading Rendered"):
         view.overlay.show_overlays = view.show_gizmo = False
-        yield from driver.until(lambda: module("viewport.view_table").is_complete(scene), "the view transform", 300)
+        yield from driver.until(lambda: addon("viewport.view_table").is_complete(scene), "the view transform", 300)
         yield from driver.drawn()
         overlay = driver.photo("overlay").astype(float)
         scene.relume_view.shown, view.shading.type = False, "RENDERED"
         yield from driver.drawn()
         shading = driver.photo("rendered").astype(float)
-        frame = module("viewport.camera_frame").frame_of(scene, scene.camera, driver.region(), view.region_3d)
+        frame = addon("viewport.camera_frame").frame_of(scene, scene.camera, driver.region(), view.region_3d)
         left, top = driver.region().x + int(frame.left) + 4, overlay.shape[0] - driver.region().y - int(frame.top) + 4
         # What the side bar says may change meanwhile.
         side_bar = next(region.x for region in driver.view.regions if region.type == "UI")
@@ -96,8 +84,8 @@ def play(driver):
         driver.check(difference.mean() < 1.0, f"Rendered is the overlay's picture: {difference.mean():.2f} of 255")
 
     with driver.step("single passes in the shading Rendered"):
-        found, whole = module("engine.shot").of(scene), module("engine.shot").of(scene).picture.image
-        lights = module("core.pass_names").light_passes(light["name"] for light in found.lights.descriptions)
+        found, whole = addon("engine.shot").of(scene), addon("engine.shot").of(scene).picture.image
+        lights = addon("core.pass_names").light_passes(light["name"] for light in found.lights.descriptions)
         total = np.zeros_like(whole)
         for name in (*lights.values(), "world", "static"):
             view.shading.relume.render_pass = name
@@ -119,7 +107,7 @@ def play(driver):
         driver.photo("popover")
         yield from driver.press("ESC")
         yield from driver.drawn()
-        for name in module("core.pass_names").AOVS:
+        for name in addon("core.pass_names").AOVS:
             view.shading.relume.render_pass = name
             yield from driver.until(partial(has_pass, found, name), f"the pass {name}", 60)
             yield from settled(driver)
@@ -142,7 +130,7 @@ def play(driver):
     with driver.step("verify"):
         scene.relume_verify.samples = 16
         bpy.ops.relume.verify()
-        found = module("engine.verify").of(scene)
+        found = addon("engine.verify").of(scene)
         seconds = yield from driver.until(lambda: not found.is_running, "the render by Cycles", 300)
         driver.record("verify with 16 samples", seconds, "s")
         driver.check(found.result is not None and found.result["error"] < 1.0, f"it is verified: {found.error}")
@@ -155,11 +143,11 @@ def play(driver):
     with driver.step("background"):
         scene.camera.location.x += 0.1
         bpy.ops.relume.background_start()
-        job = module("engine.background").of(scene)
+        job = addon("engine.background").of(scene)
         yield from driver.until(lambda: not job.is_running, "the background bake", 300)
         driver.check(job.done, f"the background bake is ready: {job.error}")
         yield from settled(driver)
-        driver.check(module("engine.shot").of(scene).folder == driver.scratch / "bake", "it is shown")
+        driver.check(addon("engine.shot").of(scene).folder == driver.scratch / "bake", "it is shown")
 
     with driver.step("disabled while F12 bakes"):
         scene.camera.location.x += 0.1

@@ -11,7 +11,7 @@ from screen import write_png
 
 NEEDS = ["cornell_box.blend"]
 FIRST = True
-SIZE = (256, 256)
+SIZE = (160, 160)
 
 
 LIMITS_BELOW_SOLVE = 63

@@ -69,15 +69,19 @@ impl Half {
 
 /// Index of the first record of a path, counted from 0; the number of records if there are not so many paths.
 fn path_start(z_flags: &[u32], path: u32) -> usize {
-    let starts = |words: &[u32]| {
-        words.iter().map(|word| u32::from(Flags((word >> 16) as u16).path_start())).sum::<u32>()
-    };
+    let starts = |word: &u32| u32::from(Flags((word >> 16) as u16).path_start());
     let mut left = path;
+    // Sums of whole chunks are vectorised.
     for (chunk, words) in z_flags.chunks(64).enumerate() {
-        let here = starts(words);
+        let here = words.iter().map(starts).sum::<u32>();
         if left < here {
-            let before = (0..words.len()).find(|&i| starts(&words[..=i]) > left);
-            return chunk * 64 + before.unwrap_or(0);
+            let begins = |word: &u32| {
+                let is_start = starts(word) == 1;
+                let is_it = is_start && left == 0;
+                left -= u32::from(is_start && !is_it);
+                is_it
+            };
+            return chunk * 64 + words.iter().position(begins).unwrap_or(0);
         }
         left -= here;
     }

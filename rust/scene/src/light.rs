@@ -18,6 +18,19 @@ pub struct Light {
     pub receivers: Option<ReceiverSet>,
 }
 
+impl Light {
+    /// What unit images are of: radiance 1, Blender's default ray visibility, all receivers. Without a name.
+    pub fn unit(shape: LightShape) -> Self {
+        Self {
+            name: String::new(),
+            shape,
+            radiance: [1.0; 3],
+            lobes: LobeFactors::default(),
+            receivers: None,
+        }
+    }
+}
+
 /// Geometry and emission profile of a light, for radiance 1. Lengths in metres, angles in radians, directions
 /// unit length, all in world space.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]

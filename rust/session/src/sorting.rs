@@ -13,7 +13,7 @@ const RELIGHTS: usize = 3;
 const MOST_MEMORY: f64 = 0.5;
 
 /// Sorts the segments of a dump on the GPU, once it is relit again and again, on a thread of its own; relighting goes on
-/// meanwhile, and reads less for small lights afterwards. Ends with its owner.
+/// meanwhile, and reads less for small lights afterwards, where that is measured to be quicker. Ends with its owner.
 #[derive(Default)]
 pub(crate) struct Sorting {
     relights: AtomicUsize,
@@ -52,9 +52,10 @@ fn sort(gather: &GpuGather, stop: &AtomicBool) {
     static ONE: Mutex<()> = Mutex::new(());
     let _one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
     let threads = std::thread::available_parallelism().map_or(1, |count| count.get().div_ceil(2));
-    let sort = || gather.sort_within(MOST_MEMORY, &|| stop.load(Ordering::Relaxed));
-    // A lost device is found by the next relight, which tells the user.
-    let _ = in_background(threads, sort);
+    let cancelled = || stop.load(Ordering::Relaxed);
+    let sort = || gather.sort_within(MOST_MEMORY, &cancelled);
+    // A lost device is found by the next relight, which tells the user; without room for an image bytes alone decide.
+    let _ = in_background(threads, sort).and_then(|_| gather.weigh_sorted(&cancelled));
 }
 
 impl Drop for Sorting {
@@ -70,14 +71,13 @@ mod tests {
     use crate::bench::closed_box;
     use crate::device_gather::DeviceGather;
     use crate::progress::Monitor;
-    use crate::targets::unit_light;
     use crate::{Compute, Device};
     use glam::Vec3;
     use relume_dump::{Dump, MemoryWriter};
     use relume_gather::Gather;
     use relume_gather::Half;
     use relume_gpu::GpuChoice;
-    use relume_scene::LightShape;
+    use relume_scene::{Light, LightShape};
     use relume_trace::{Control, TraceSettings, Tracer};
 
     fn dump() -> Dump {
@@ -92,7 +92,7 @@ mod tests {
     #[test]
     fn a_dump_that_is_relit_again_is_sorted_meanwhile_with_the_same_pictures() {
         let compute = Device::Gpu(GpuChoice::Best).open(None).expect("tests need a GPU");
-        let light = unit_light(&LightShape::Sphere { center: Vec3::new(0.3, 0.2, 0.4), radius: 0.05 });
+        let light = Light::unit(LightShape::Sphere { center: Vec3::new(0.3, 0.2, 0.4), radius: 0.05 });
         let lights = [light];
         let relight = |gather: &DeviceGather, compute: &Compute| {
             gather.unit_images(&lights, Half::All, compute, &Monitor::default()).expect("a picture").remove(0)
@@ -130,7 +130,7 @@ mod tests {
         (0..RELIGHTS).for_each(|_| sorting.relit(|| Some(Arc::clone(&gather))));
         drop(sorting);
         let light =
-            Gather::new(dump()).prepare(&unit_light(&LightShape::Sphere { center: Vec3::ZERO, radius: 0.1 }));
+            Gather::new(dump()).prepare(&Light::unit(LightShape::Sphere { center: Vec3::ZERO, radius: 0.1 }));
         assert_eq!(gather.sorted_bytes(&light.expect("a light")), None);
         assert_eq!(Arc::strong_count(&gather), 1);
     }

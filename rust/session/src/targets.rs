@@ -4,7 +4,7 @@ use relume_gather::{DenoiseQuality, Gather, GatherError, GpuGather, Half, Prepar
 use relume_gpu::{Buffer, Gpu, GpuError};
 use relume_image::Image;
 use relume_proxy::{DeviceTargets, GroupQueries, PixelQueries, ProxyError, Rng, TargetSource};
-use relume_scene::{Light, LightShape, LobeFactors};
+use relume_scene::{Light, LightShape};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -113,23 +113,12 @@ impl<'a> DumpTargets<'a> {
     }
 
     fn prepare(&self, shape: &LightShape) -> Result<PreparedLight, ProxyError> {
-        self.gather.prepare(&unit_light(shape)).map_err(ProxyError::targets)
+        self.gather.prepare(&Light::unit(*shape)).map_err(ProxyError::targets)
     }
 
     fn place(&self, pixel: u32) -> (usize, usize) {
         let width = self.gather.dump().manifest().width;
         (pixel as usize % width, pixel as usize / width)
-    }
-}
-
-/// The light that proxies learn: radiance 1, Blender's default ray visibility, all receivers.
-pub(crate) fn unit_light(shape: &LightShape) -> Light {
-    Light {
-        name: String::new(),
-        shape: *shape,
-        radiance: [1.0; 3],
-        lobes: LobeFactors::default(),
-        receivers: None,
     }
 }
 

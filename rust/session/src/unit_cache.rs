@@ -43,21 +43,20 @@ pub(crate) fn key(light: &Light) -> Light {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::targets::unit_light;
     use glam::Vec3;
     use relume_scene::LightShape;
 
     #[test]
     fn colour_and_name_do_not_matter_but_shape_lobes_and_maker_do() {
         let cache = UnitCache::default();
-        let light = unit_light(&LightShape::Sphere { center: Vec3::ONE, radius: 0.1 });
+        let light = Light::unit(LightShape::Sphere { center: Vec3::ONE, radius: 0.1 });
         cache.insert(&light, Maker::Gather, Image::new(1, 1, 3));
         let mut bright = Light { name: "Key".into(), radiance: [9.0; 3], ..light.clone() };
         assert!(cache.get(&bright, Maker::Gather).is_some());
         assert!(cache.get(&bright, Maker::Proxy).is_none());
         bright.lobes.glossy = 0.0;
         assert!(cache.get(&bright, Maker::Gather).is_none());
-        let moved = unit_light(&LightShape::Sphere { center: Vec3::ZERO, radius: 0.1 });
+        let moved = Light::unit(LightShape::Sphere { center: Vec3::ZERO, radius: 0.1 });
         assert!(cache.get(&moved, Maker::Gather).is_none());
     }
 }

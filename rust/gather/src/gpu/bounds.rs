@@ -79,6 +79,11 @@ impl Frame {
         self.step.into()
     }
 
+    /// Its middle.
+    pub fn middle(&self) -> Vec3 {
+        Vec3::from(self.minimum) + 0.5 * STEPS * self.step()
+    }
+
     /// Length of the diagonal, metres.
     pub fn diagonal(&self) -> f32 {
         (self.step() * STEPS).length()

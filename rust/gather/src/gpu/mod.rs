@@ -26,10 +26,12 @@ mod world;
 
 use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Mutex, OnceLock};
+use std::time::Instant;
 
 use relume_dump::Dump;
 use relume_gpu::{Buffer, Commands, Gpu, GpuError, GpuImage, Submission};
 use relume_image::Image;
+use relume_scene::Light;
 
 use crate::kernel::magnitude;
 use crate::{Gather, GatherError, Half, PreparedLight};
@@ -44,6 +46,8 @@ use sorted::Sorted;
 const BUFFER_BYTES: u64 = 1 << 30;
 /// Share of the free memory that a streamed dump takes.
 const STREAM_SHARE: f64 = 0.9;
+/// Of which the quickest says how long a gather takes: the first compiles kernels, and others use the device meanwhile.
+const TRIES: usize = 4;
 /// Chunks of a streamed dump on the device: one that is worked on, one that waits for it, one that is copied.
 const STREAM_PLACES: usize = 3;
 
@@ -165,6 +169,32 @@ impl GpuGather {
         // If another thread was faster, its work is as good.
         let _ = self.sorted.set(sorted);
         Ok(true)
+    }
+
+    /// Learns by the clock for which lights the sorted segments, if there are any, are the quicker way on this device: until
+    /// then those count for which less is read. Gathers a small light both ways, some times; ends soon after `cancelled` has
+    /// become true. A dump that does not stay on the device is not measured: to copy it takes longer anyway.
+    ///
+    /// # Errors
+    /// If there is no room for an image, or the device was lost.
+    pub fn weigh_sorted(&self, cancelled: &dyn Fn() -> bool) -> Result<(), GatherError> {
+        let (Some(sorted), true) = (self.sorted.get(), self.is_resident()) else { return Ok(()) };
+        let light = [PreparedLight::new(&Light::unit(sorted.small_light()), 0.0)?];
+        let mut least = [f64::INFINITY; 2];
+        for _ in 0..TRIES {
+            for (least, [small, large]) in least.iter_mut().zip([[&[0][..], &[]], [&[], &[0]]]) {
+                if cancelled() {
+                    return Ok(());
+                }
+                self.wait()?;
+                let start = Instant::now();
+                self.gather_as(&light, Half::All, small, large)?;
+                self.wait()?;
+                *least = least.min(start.elapsed().as_secs_f64());
+            }
+        }
+        sorted.weigh(&GpuLight::new(&light[0], self.magnitude, 0), least);
+        Ok(())
     }
 
     /// Bytes that are read for a light per segment of the dump once that is sorted ([`GpuGather::sort`]), estimated: bounds, and
@@ -301,11 +331,23 @@ impl GpuGather {
             sorted.is_some_and(|sorted| sorted.pays(&GpuLight::new(light, self.magnitude, 0)))
         };
         let (small, large): (Vec<_>, Vec<_>) = (0..lights.len()).partition(|&light| pays(&lights[light]));
-        let on_device = self.lights_in_order(lights, small.iter().chain(&large))?;
-        let mut images = self.images(&small, 0, &SORTED_LIGHTS)?;
+        self.gather_as(lights, half, &small, &large)
+    }
+
+    /// Images of some lights from the sorted segments, which must be there if there are such lights, and of others in the
+    /// order of paths.
+    fn gather_as(
+        &self,
+        lights: &[PreparedLight],
+        half: Half,
+        small: &[usize],
+        large: &[usize],
+    ) -> Result<Vec<Images>, GatherError> {
+        let on_device = self.lights_in_order(lights, small.iter().chain(large))?;
+        let mut images = self.images(small, 0, &SORTED_LIGHTS)?;
         images.iter_mut().for_each(|group| group.sorted = true);
-        images.extend(self.images(&large, small.len(), &LIGHTS)?);
-        if let Some(sorted) = sorted {
+        images.extend(self.images(large, small.len(), &LIGHTS)?);
+        if let Some(sorted) = self.sorted.get() {
             self.add_sorted(sorted, half, &on_device, &images)?;
         }
         if large.is_empty() {

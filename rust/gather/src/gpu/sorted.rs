@@ -1,7 +1,10 @@
+use std::sync::OnceLock;
+
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 use relume_dump::Dump;
 use relume_gpu::{Buffer, Commands, Gpu, GpuError, Kernel};
+use relume_scene::LightShape;
 
 use super::bounds::{Bounds, Frame};
 use super::chunk::GpuShard;
@@ -16,6 +19,8 @@ const SEGMENT_BYTES: usize = 20;
 const BOUNDS_BYTES: usize = size_of::<Bounds>();
 /// Bytes that the gather in the order of paths reads of a segment that the light is far from.
 const PATH_ORDER_BYTES: f64 = 8.0;
+/// Radius of a light that stands for small ones, in diagonals of the scene.
+const SMALL: f32 = 0.05;
 /// Blocks that stand for all where the share of those that a light touches is estimated.
 const SAMPLE: usize = 4096;
 
@@ -52,6 +57,7 @@ pub struct Sorted {
     chunks: Vec<SortedChunk>,
     sample: Vec<Bounds>,
     image: [usize; 2],
+    byte_cost: OnceLock<f64>,
 }
 
 #[derive(Debug)]
@@ -84,8 +90,13 @@ impl Sorted {
     ) -> Result<Option<Self>, GpuError> {
         let frame = Frame::new(dump);
         let manifest = dump.manifest();
-        let mut sorted =
-            Self { frame, chunks: Vec::new(), sample: Vec::new(), image: [manifest.width, manifest.height] };
+        let mut sorted = Self {
+            frame,
+            chunks: Vec::new(),
+            sample: Vec::new(),
+            image: [manifest.width, manifest.height],
+            byte_cost: OnceLock::new(),
+        };
         let limit = most_segments(gpu);
         let (mut groups, mut room) = (Vec::new(), 0);
         for group in PixelGroup::all(dump) {
@@ -163,9 +174,26 @@ impl Sorted {
         BOUNDS_BYTES as f64 / BLOCK as f64 + share * 16.0
     }
 
-    /// Whether less is read for a light than in the order of paths.
+    /// Whether a light is gathered sooner than in the order of paths: until that was measured, whether less is read for it.
     pub fn pays(&self, light: &GpuLight) -> bool {
-        self.bytes_per_segment(light) < PATH_ORDER_BYTES
+        self.bytes_per_segment(light) * self.byte_cost().unwrap_or(1.0) < PATH_ORDER_BYTES
+    }
+
+    /// How much longer than a byte in the order of paths one of these takes, once that was measured.
+    pub fn byte_cost(&self) -> Option<f64> {
+        self.byte_cost.get().copied()
+    }
+
+    /// A light that is small in the scene, in its middle.
+    pub fn small_light(&self) -> LightShape {
+        LightShape::Sphere { center: self.frame.middle(), radius: SMALL * self.frame.diagonal() }
+    }
+
+    /// Notes the times that a light took from the sorted segments and in the order of paths.
+    pub fn weigh(&self, light: &GpuLight, [sorted, in_path_order]: [f64; 2]) {
+        let bytes = self.bytes_per_segment(light) / PATH_ORDER_BYTES;
+        // Times are those of the first who asked; those of another are as good.
+        let _ = self.byte_cost.set(sorted / in_path_order / bytes);
     }
 
     /// Adds what all segments give for `count` lights to their images.

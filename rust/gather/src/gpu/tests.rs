@@ -245,6 +245,36 @@ fn lights_at_whose_edges_blocks_pass_are_not_missed() {
 }
 
 #[test]
+fn lights_are_gathered_in_the_way_that_was_measured_to_be_quicker() {
+    let mut random = Random(5);
+    let place: Vec<_> = (0..16).map(|_| random.point(4.0)).collect();
+    let gather = Gather::new(bundles(&place));
+    let small = gather.prepare(&grazed(&place)[0]).unwrap();
+    let on_gpu = GpuGather::new(gpu(), &gather).unwrap();
+    let in_path_order = on_gpu.unit_images(std::slice::from_ref(&small), Half::All).unwrap();
+    let pays_after = |seconds: Option<[f64; 2]>| {
+        let sorted = Sorted::new(on_gpu.gpu(), gather.dump(), &|| false).unwrap().unwrap();
+        let light = GpuLight::new(&small, on_gpu.magnitude, 0);
+        if let Some(seconds) = seconds {
+            sorted.weigh(&light, seconds);
+        }
+        sorted.pays(&light)
+    };
+    assert!(pays_after(None) && pays_after(Some([0.9, 1.0])));
+    assert!(!pays_after(Some([1.1, 1.0])));
+
+    on_gpu.weigh_sorted(&|| false).unwrap();
+    assert!(on_gpu.sorted.get().is_none() && on_gpu.sort().unwrap());
+    let sorted = on_gpu.sorted.get().unwrap();
+    on_gpu.weigh_sorted(&|| true).unwrap();
+    assert_eq!(sorted.byte_cost(), None);
+    on_gpu.weigh_sorted(&|| false).unwrap();
+    assert!(sorted.byte_cost().is_some_and(|cost| cost.is_finite() && cost > 0.0));
+    let found = on_gpu.unit_images(std::slice::from_ref(&small), Half::All).unwrap();
+    assert_eq!(differing(&found[0], &in_path_order[0]), 0);
+}
+
+#[test]
 fn far_from_the_origin_lights_that_escaping_paths_pass_are_not_missed() {
     // Kilometres from the origin to where paths escape along an axis, and from there to a light that they pass at its far side.
     const PLACE: f32 = 50e3;

@@ -10,14 +10,13 @@ use relume_gpu::{Checks, Figure, Gpu, Limit};
 use relume_proxy::bench::Extent as NetworkExtent;
 use relume_proxy::synthetic::SyntheticRoom;
 use relume_proxy::{GpuProxy, LightKind, SizeRange, TrainConfig, Trainer};
-use relume_scene::LightShape;
+use relume_scene::{Light, LightShape};
 use relume_trace::{Control, TraceSettings, Tracer};
 
 use super::{Record, closed_box};
 use crate::SessionError;
 use crate::live::bench as live_bench;
 use crate::solve::bench as solve_bench;
-use crate::targets::unit_light;
 
 /// What the driver says, what the device can do at best, and what it costs to have it do anything.
 pub fn limits(gpu: &Arc<Gpu>) -> Result<Vec<Record>, SessionError> {
@@ -61,7 +60,7 @@ pub fn first_picture(gpu: &Arc<Gpu>, size: (usize, usize)) -> Result<Vec<Record>
     let traced = start.elapsed().as_secs_f64();
     let gather = Gather::new(writer.snapshot());
     let on_gpu = GpuGather::new(Arc::clone(gpu), &gather)?;
-    let lights = [gather.prepare(&unit_light(&shape))?];
+    let lights = [gather.prepare(&Light::unit(shape))?];
     let images = on_gpu.unit_images(&lights, Half::All)?;
     let seconds = start.elapsed().as_secs_f64();
     // Three words a record, and a picture.

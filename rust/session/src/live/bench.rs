@@ -4,7 +4,6 @@ use super::painter::Painter;
 use super::shared::Shared;
 use super::{LiveOptions, LiveRequest};
 use crate::bench::closed_box;
-use crate::targets::unit_light;
 use crate::{Compute, SessionError, With};
 use glam::Vec3;
 use relume_dump::{Dump, MemoryWriter};
@@ -74,7 +73,7 @@ pub fn bulbs(count: usize) -> Vec<Light> {
     let bulb = |i: usize| {
         let around = i as f32 / count as f32 * std::f32::consts::TAU;
         let center = Vec3::new(0.6 * around.cos(), 0.6 * around.sin(), -0.5);
-        Light { name: format!("Bulb {i}"), ..unit_light(&LightShape::Sphere { center, radius: 0.15 }) }
+        Light { name: format!("Bulb {i}"), ..Light::unit(LightShape::Sphere { center, radius: 0.15 }) }
     };
     (0..count).map(bulb).collect()
 }

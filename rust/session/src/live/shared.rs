@@ -340,7 +340,7 @@ mod tests {
     use relume_scene::LightShape;
 
     fn light(shape: LightShape) -> Light {
-        crate::targets::unit_light(&shape)
+        Light::unit(shape)
     }
 
     fn request(lights: Vec<Light>) -> Arc<LiveRequest> {

@@ -35,7 +35,7 @@ fn live(folder: &Path) -> Live {
 
 fn lamp(x: f32) -> Light {
     let shape = LightShape::Sphere { center: Vec3::new(x, 0.0, 1.5), radius: 0.3 };
-    Light { radiance: [3.0, 2.0, 1.0], name: "light".into(), ..crate::targets::unit_light(&shape) }
+    Light { radiance: [3.0, 2.0, 1.0], name: "light".into(), ..Light::unit(shape) }
 }
 
 fn request(lights: &[Light]) -> LiveRequest {
@@ -267,7 +267,7 @@ fn training_gives_a_proxy_that_stands_in_while_dragging() {
         ("Huge", sphere(Vec3::Z, 3.0), "sizes of"),
         ("Far", sphere(Vec3::new(0.0, 0.0, 40.0), 0.3), "places of"),
     ] {
-        let light = Light { name: name.into(), ..crate::targets::unit_light(&shape) };
+        let light = Light { name: name.into(), ..Light::unit(shape) };
         let frame = settled(&live, live.relight(request(&[light])));
         assert_eq!(frame.shown.makers[name], Maker::GatherDenoised);
         let warnings = live.status().warnings;
@@ -287,8 +287,7 @@ fn training_gives_a_proxy_that_stands_in_while_dragging() {
 fn kinds_of_light_that_come_into_use_later_are_learned_too() {
     let folder = tempfile::tempdir().unwrap();
     let live = live(folder.path());
-    let of =
-        |name: &str, shape: LightShape| Light { name: name.into(), ..crate::targets::unit_light(&shape) };
+    let of = |name: &str, shape: LightShape| Light { name: name.into(), ..Light::unit(shape) };
     let (edge_u, edge_v) = (4.0 * Vec3::X, Vec3::Y);
     let quad =
         of("Rim", LightShape::Quad { center: 1.5 * Vec3::Z, edge_u, edge_v, spread: std::f32::consts::PI });

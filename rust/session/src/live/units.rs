@@ -172,8 +172,7 @@ mod tests {
 
     #[test]
     fn what_the_present_picture_needs_is_never_forgotten() {
-        let light =
-            |radius| crate::targets::unit_light(&LightShape::Sphere { center: glam::Vec3::ZERO, radius });
+        let light = |radius| Light::unit(LightShape::Sphere { center: glam::Vec3::ZERO, radius });
         let lights: Vec<Light> = [1.0, 2.0, 3.0, 4.0].map(light).to_vec();
         let mut units = Units::default();
         for light in &lights {
@@ -192,7 +191,7 @@ mod tests {
 
     #[test]
     fn a_proxy_is_asked_once_for_each_size_and_not_for_half_of_what_is_known() {
-        let light = crate::targets::unit_light(&LightShape::Sphere { center: glam::Vec3::ZERO, radius: 1.0 });
+        let light = Light::unit(LightShape::Sphere { center: glam::Vec3::ZERO, radius: 1.0 });
         let mut units = Units::default();
         let mut asked = Vec::new();
         for half in [true, true, false, true, false] {

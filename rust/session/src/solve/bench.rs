@@ -1,11 +1,11 @@
 use relume_image::Image;
 use relume_optimise::{Aim, Bounds, Goal, Locks, Problem, Settings, Variable, View, solve};
 use relume_proxy::{GpuProxy, LightKind, LightParams};
+use relume_scene::Light;
 use std::ops::ControlFlow;
 use std::time::Instant;
 
 use super::proxy_relight::ProxyRelight;
-use crate::targets::unit_light;
 use crate::{Proxies, SessionError};
 
 /// Runs, of which the best counts: the first compiles kernels.
@@ -29,7 +29,7 @@ pub(crate) fn seconds_of_a_light(
     let aim = Aim::Target { image, exposure_invariant: false };
     let goals = [Goal { aim, pixels: None, weight: 1.0 }];
     let view = View { relight: &relight, base: &base, still: vec![None], goals: &goals };
-    let light = unit_light(&at(-0.5).shape());
+    let light = Light::unit(at(-0.5).shape());
     let bounds = Bounds::new(glam::Vec3::splat(-1.5), glam::Vec3::splat(1.5), [0.1, 0.5]);
     let variable = Variable { light: light.clone(), locks: Locks::default(), bounds, stay: 0.0 };
     let problem = Problem { views: vec![view], variables: vec![variable] };

@@ -19,7 +19,6 @@ use super::proxy_relight::{ProxyRelight, by_lane};
 use crate::live::bench::{boxed, bulbs};
 use crate::progress::Monitor;
 use crate::relighter::Relighter;
-use crate::targets::unit_light;
 use crate::{Compute, Proxies};
 
 /// Most that gradients on the GPU differ from those of the CPU, as a share of the largest of a light (`ARCHITECTURE.md`).
@@ -285,6 +284,6 @@ fn steps_through_two_kinds_of_proxies_are_those_of_the_cpu_and_leave_pictures_on
     let device = ProxyRelight { proxies: &Proxies::default(), kinds, size: cpu.size() };
     let sphere = |x: f32| LightParams::round(LightKind::Sphere, Vec3::new(x, -0.3, 1.2), 0.3).shape();
     let quad = LightParams::quad(Vec3::new(0.1, 0.3, 1.6), 0.3 * Vec3::Y, Vec3::new(0.35, 0.0, 0.1)).shape();
-    let lights = [sphere(0.4), quad, sphere(-0.5)].map(|shape| unit_light(&shape));
+    let lights = [sphere(0.4), quad, sphere(-0.5)].map(Light::unit);
     check(&Checked::new(&device, &cpu, &gpu, BY_PROXY), &lights, [0.0; 2]);
 }

@@ -104,7 +104,11 @@ impl Kernel for Avx2 {
         let corner = vector(&block.corner);
         // SAFETY: the caller runs with AVX2 and FMA.
         unsafe {
-            let to_origin = [0, 1, 2].map(|axis| _mm256_sub_ps(self.origin[axis], corner[axis]));
+            let to_origin = [
+                _mm256_sub_ps(self.origin[0], corner[0]),
+                _mm256_sub_ps(self.origin[1], corner[1]),
+                _mm256_sub_ps(self.origin[2], corner[2]),
+            ];
             let p = cross(self.direction, edge_2);
             let q = cross(to_origin, edge_1);
             let inverse_det = _mm256_div_ps(_mm256_set1_ps(1.0), dot(edge_1, p));
