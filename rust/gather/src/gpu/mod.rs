@@ -31,7 +31,6 @@ use std::time::Instant;
 use relume_dump::Dump;
 use relume_gpu::{Buffer, Commands, Gpu, GpuError, GpuImage, Submission};
 use relume_image::Image;
-use relume_scene::Light;
 
 use crate::kernel::magnitude;
 use crate::{Gather, GatherError, Half, PreparedLight};
@@ -179,7 +178,8 @@ impl GpuGather {
     /// If there is no room for an image, or the device was lost.
     pub fn weigh_sorted(&self, cancelled: &dyn Fn() -> bool) -> Result<(), GatherError> {
         let (Some(sorted), true) = (self.sorted.get(), self.is_resident()) else { return Ok(()) };
-        let light = [PreparedLight::new(&Light::unit(sorted.small_light()), 0.0)?];
+        let Some(light) = sorted.small_light(self.magnitude) else { return Ok(()) };
+        let light = [light];
         let mut least = [f64::INFINITY; 2];
         for _ in 0..TRIES {
             for (least, [small, large]) in least.iter_mut().zip([[&[0][..], &[]], [&[], &[0]]]) {

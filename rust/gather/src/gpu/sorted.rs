@@ -4,13 +4,13 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 use relume_dump::Dump;
 use relume_gpu::{Buffer, Commands, Gpu, GpuError, Kernel};
-use relume_scene::LightShape;
+use relume_scene::{Light, LightShape};
 
 use super::bounds::{Bounds, Frame};
 use super::chunk::GpuShard;
 use super::light::{GpuLight, GpuLights};
 use super::sort::{BLOCK, Blocks, MOST_SHARDS, PixelGroup};
-use crate::Half;
+use crate::{Half, PreparedLight};
 
 /// Largest buffer of a chunk; what is sorted at a time also takes some memory of the CPU.
 const BUFFER_BYTES: u64 = 256 << 20;
@@ -19,8 +19,10 @@ const SEGMENT_BYTES: usize = 20;
 const BOUNDS_BYTES: usize = size_of::<Bounds>();
 /// Bytes that the gather in the order of paths reads of a segment that the light is far from.
 const PATH_ORDER_BYTES: f64 = 8.0;
-/// Radius of a light that stands for small ones, in diagonals of the scene.
-const SMALL: f32 = 0.05;
+/// Radii of lights of which one stands for small ones, in diagonals of the scene: the first that touches so large a share of
+/// the blocks that to read them takes time.
+const SMALL: [f32; 4] = [0.05, 0.1, 0.2, 0.4];
+const ENOUGH: f64 = 0.02;
 /// Blocks that stand for all where the share of those that a light touches is estimated.
 const SAMPLE: usize = 4096;
 
@@ -169,9 +171,13 @@ impl Sorted {
     /// Bytes that are read for a light per segment of the dump, estimated: the bounds of all blocks, and the segments of those
     /// that it may touch.
     pub fn bytes_per_segment(&self, light: &GpuLight) -> f64 {
+        BOUNDS_BYTES as f64 / BLOCK as f64 + self.touched(light) * 16.0
+    }
+
+    /// The share of blocks that a light may touch, estimated.
+    fn touched(&self, light: &GpuLight) -> f64 {
         let touched = self.sample.iter().filter(|bounds| bounds.may_be_touched(light, &self.frame)).count();
-        let share = touched as f64 / self.sample.len().max(1) as f64;
-        BOUNDS_BYTES as f64 / BLOCK as f64 + share * 16.0
+        touched as f64 / self.sample.len().max(1) as f64
     }
 
     /// Whether a light is gathered sooner than in the order of paths: until that was measured, whether less is read for it.
@@ -184,9 +190,15 @@ impl Sorted {
         self.byte_cost.get().copied()
     }
 
-    /// A light that is small in the scene, in its middle.
-    pub fn small_light(&self) -> LightShape {
-        LightShape::Sphere { center: self.frame.middle(), radius: SMALL * self.frame.diagonal() }
+    /// A light in the middle of the scene by which times are compared; none where hardly any paths are. `magnitude` is the
+    /// largest coordinate.
+    pub fn small_light(&self, magnitude: f32) -> Option<PreparedLight> {
+        let sphere = |part| {
+            let (center, radius) = (self.frame.middle(), part * self.frame.diagonal());
+            PreparedLight::new(&Light::unit(LightShape::Sphere { center, radius }), 0.0).ok()
+        };
+        let is_met = |light: &PreparedLight| self.touched(&GpuLight::new(light, magnitude, 0)) > ENOUGH;
+        SMALL.into_iter().filter_map(sphere).find(is_met)
     }
 
     /// Notes the times that a light took from the sorted segments and in the order of paths.
