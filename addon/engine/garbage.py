@@ -1,6 +1,6 @@
 """What Python leaves out when it looks for garbage while shots are open. Otherwise it looks through everything now and
-then, on whichever thread has just asked for memory: in a Blender that has only been started 40 ms and more, for modules
-that are no garbage."""
+then, on whichever thread has just asked for memory: tens of milliseconds, for Blender's own
+modules, which are none."""
 
 from __future__ import annotations
 

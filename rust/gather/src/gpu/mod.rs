@@ -26,7 +26,6 @@ mod world;
 
 use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Mutex, OnceLock};
-use std::time::Instant;
 
 use relume_dump::Dump;
 use relume_gpu::{Buffer, Commands, Gpu, GpuError, GpuImage, Submission};
@@ -45,8 +44,6 @@ use sorted::Sorted;
 const BUFFER_BYTES: u64 = 1 << 30;
 /// Share of the free memory that a streamed dump takes.
 const STREAM_SHARE: f64 = 0.9;
-/// Of which the quickest says how long a gather takes: the first compiles kernels, and others use the device meanwhile.
-const TRIES: usize = 4;
 /// Chunks of a streamed dump on the device: one that is worked on, one that waits for it, one that is copied.
 const STREAM_PLACES: usize = 3;
 
@@ -133,75 +130,6 @@ impl GpuGather {
     /// Whether the dump stays on the device.
     pub fn is_resident(&self) -> bool {
         self.resident.is_some()
-    }
-
-    /// Sorts the segments so that a light that is small in the scene touches few of them: unit images of such lights then
-    /// cost a fraction of what they did. Takes some hundred nanoseconds a segment and thread, and 21 bytes a segment of the
-    /// device's memory; other calls go on meanwhile. Returns whether there was room for it.
-    ///
-    /// # Errors
-    /// If the device was lost.
-    pub fn sort(&self) -> Result<bool, GatherError> {
-        self.sort_within(1.0, &|| false)
-    }
-
-    /// [`GpuGather::sort`] if that takes at most this share of the free memory; ends without a result soon after `cancelled`
-    /// has become true.
-    ///
-    /// # Errors
-    /// As [`GpuGather::sort`].
-    pub fn sort_within(
-        &self,
-        share: f64,
-        cancelled: &(dyn Fn() -> bool + Sync),
-    ) -> Result<bool, GatherError> {
-        if self.sorted.get().is_some() {
-            return Ok(true);
-        }
-        let most = (self.gpu.free_memory() as f64 * share) as u64;
-        let fits = |bytes: u64| bytes <= most && self.has_room(bytes);
-        if !Sorted::bytes(&self.gpu, &self.dump).is_some_and(fits) {
-            return Ok(false);
-        }
-        let sorted = if_it_fits(Sorted::new(&self.gpu, &self.dump, cancelled))?.flatten();
-        let Some(sorted) = sorted else { return Ok(false) };
-        // If another thread was faster, its work is as good.
-        let _ = self.sorted.set(sorted);
-        Ok(true)
-    }
-
-    /// Learns by the clock for which lights the sorted segments, if there are any, are the quicker way on this device: until
-    /// then those count for which less is read. Gathers a small light both ways, some times; ends soon after `cancelled` has
-    /// become true. A dump that does not stay on the device is not measured: to copy it takes longer anyway.
-    ///
-    /// # Errors
-    /// If there is no room for an image, or the device was lost.
-    pub fn weigh_sorted(&self, cancelled: &dyn Fn() -> bool) -> Result<(), GatherError> {
-        let (Some(sorted), true) = (self.sorted.get(), self.is_resident()) else { return Ok(()) };
-        let Some(light) = sorted.small_light(self.magnitude) else { return Ok(()) };
-        let light = [light];
-        let mut least = [f64::INFINITY; 2];
-        for _ in 0..TRIES {
-            for (least, [small, large]) in least.iter_mut().zip([[&[0][..], &[]], [&[], &[0]]]) {
-                if cancelled() {
-                    return Ok(());
-                }
-                self.wait()?;
-                let start = Instant::now();
-                self.gather_as(&light, Half::All, small, large)?;
-                self.wait()?;
-                *least = least.min(start.elapsed().as_secs_f64());
-            }
-        }
-        sorted.weigh(&GpuLight::new(&light[0], self.magnitude, 0), least);
-        Ok(())
-    }
-
-    /// Bytes that are read for a light per segment of the dump once that is sorted ([`GpuGather::sort`]), estimated: bounds, and
-    /// blocks that it may touch.
-    pub fn sorted_bytes(&self, light: &PreparedLight) -> Option<f64> {
-        let light = GpuLight::new(light, self.magnitude, 0);
-        self.sorted.get().map(|sorted| sorted.bytes_per_segment(&light))
     }
 
     /// Whether so many bytes leave room for images.

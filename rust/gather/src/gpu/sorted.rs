@@ -1,4 +1,5 @@
 use std::sync::OnceLock;
+use std::time::Instant;
 
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
@@ -10,7 +11,8 @@ use super::bounds::{Bounds, Frame};
 use super::chunk::GpuShard;
 use super::light::{GpuLight, GpuLights};
 use super::sort::{BLOCK, Blocks, MOST_SHARDS, PixelGroup};
-use crate::{Half, PreparedLight};
+use super::{GpuGather, if_it_fits};
+use crate::{GatherError, Half, PreparedLight};
 
 /// Largest buffer of a chunk; what is sorted at a time also takes some memory of the CPU.
 const BUFFER_BYTES: u64 = 256 << 20;
@@ -23,6 +25,8 @@ const PATH_ORDER_BYTES: f64 = 8.0;
 /// the blocks that to read them takes time.
 const SMALL: [f32; 4] = [0.05, 0.1, 0.2, 0.4];
 const ENOUGH: f64 = 0.02;
+/// Of which the quickest says how long a gather takes: the first compiles kernels, and others use the device meanwhile.
+const TRIES: usize = 4;
 /// Blocks that stand for all where the share of those that a light touches is estimated.
 const SAMPLE: usize = 4096;
 
@@ -241,6 +245,77 @@ impl Sorted {
             commands.run(&bound, chunk.groups.len() as u32, bytemuck::bytes_of(&arguments));
         }
         Ok(())
+    }
+}
+
+impl GpuGather {
+    /// Sorts the segments so that a light that is small in the scene touches few of them: unit images of such lights then
+    /// cost a fraction of what they did. Takes some hundred nanoseconds a segment and thread, and 21 bytes a segment of the
+    /// device's memory; other calls go on meanwhile. Returns whether there was room for it.
+    ///
+    /// # Errors
+    /// If the device was lost.
+    pub fn sort(&self) -> Result<bool, GatherError> {
+        self.sort_within(1.0, &|| false)
+    }
+
+    /// [`GpuGather::sort`] if that takes at most this share of the free memory; ends without a result soon after `cancelled`
+    /// has become true.
+    ///
+    /// # Errors
+    /// As [`GpuGather::sort`].
+    pub fn sort_within(
+        &self,
+        share: f64,
+        cancelled: &(dyn Fn() -> bool + Sync),
+    ) -> Result<bool, GatherError> {
+        if self.sorted.get().is_some() {
+            return Ok(true);
+        }
+        let most = (self.gpu.free_memory() as f64 * share) as u64;
+        let fits = |bytes: u64| bytes <= most && self.has_room(bytes);
+        if !Sorted::bytes(&self.gpu, &self.dump).is_some_and(fits) {
+            return Ok(false);
+        }
+        let sorted = if_it_fits(Sorted::new(&self.gpu, &self.dump, cancelled))?.flatten();
+        let Some(sorted) = sorted else { return Ok(false) };
+        // If another thread was faster, its work is as good.
+        let _ = self.sorted.set(sorted);
+        Ok(true)
+    }
+
+    /// Learns by the clock for which lights the sorted segments, if there are any, are the quicker way on this device: until
+    /// then those count for which less is read. Gathers a small light both ways, some times; ends soon after `cancelled` has
+    /// become true. A dump that does not stay on the device is not measured: to copy it takes longer anyway.
+    ///
+    /// # Errors
+    /// If there is no room for an image, or the device was lost.
+    pub fn weigh_sorted(&self, cancelled: &dyn Fn() -> bool) -> Result<(), GatherError> {
+        let (Some(sorted), true) = (self.sorted.get(), self.is_resident()) else { return Ok(()) };
+        let Some(light) = sorted.small_light(self.magnitude) else { return Ok(()) };
+        let light = [light];
+        let mut least = [f64::INFINITY; 2];
+        for _ in 0..TRIES {
+            for (least, [small, large]) in least.iter_mut().zip([[&[0][..], &[]], [&[], &[0]]]) {
+                if cancelled() {
+                    return Ok(());
+                }
+                self.wait()?;
+                let start = Instant::now();
+                self.gather_as(&light, Half::All, small, large)?;
+                self.wait()?;
+                *least = least.min(start.elapsed().as_secs_f64());
+            }
+        }
+        sorted.weigh(&GpuLight::new(&light[0], self.magnitude, 0), least);
+        Ok(())
+    }
+
+    /// Bytes that are read for a light per segment of the dump once that is sorted ([`GpuGather::sort`]), estimated: bounds, and
+    /// blocks that it may touch.
+    pub fn sorted_bytes(&self, light: &PreparedLight) -> Option<f64> {
+        let light = GpuLight::new(light, self.magnitude, 0);
+        self.sorted.get().map(|sorted| sorted.bytes_per_segment(&light))
     }
 }
 
