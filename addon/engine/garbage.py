@@ -1,6 +1,6 @@
 """What Python leaves out when it looks for garbage while shots are open. Otherwise it looks through everything now and
-then, on whichever thread has just asked for memory: tens of milliseconds, for Blender's own
-modules, which are none."""
+then, on whichever thread has just asked for memory: tens of milliseconds, for
+Blender's own modules, which are none."""
 
 from __future__ import annotations
 
