@@ -229,6 +229,10 @@ def test_what_was_compiled_once_is_not_waited_for_again(scene, in_a_window):
     rehearsal._name.cache_clear()
     in_a_window.version_get = lambda: "newer"
     assert rehearsal.is_due(scene), "another driver"
+    in_a_window.vendor_get = lambda: "NVIDIA Corporation"
+    assert rehearsal.is_due(scene)
+    in_a_window.backend_type_get = lambda: "OPENGL"
+    assert not rehearsal.is_due(scene), "it would not find what the other Blender has compiled"
 
 
 def test_where_none_can_compile_the_window_does(scene, in_a_window, monkeypatch):

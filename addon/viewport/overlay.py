@@ -86,23 +86,24 @@ def draw(what: Show, view: View) -> None:
     snapped = what.frame.snapped(size) if size == (second.width, second.height) else None
     frame = snapped or what.frame
     drawn = frame if what.drawn == what.frame else what.drawn
-    compares = what.mode != SINGLE
-    program = shader.show(one_to_one=snapped is not None, compares=compares)
-    numbers = view.scale, view.exponent, what.gain
-    rows = ((*row, number) for row, number in zip(view.to_rec709.tolist(), numbers, strict=True))
+    compares, has_table = what.mode != SINGLE, view.table is not None
+    program = shader.show(snapped is not None, compares, has_table)
+    rows = ((*row, 0.0) for row in view.to_rec709.tolist())
     with _state():
         program.shader.bind()
         program.shader.uniform_sampler("first", first)
         program.shader.uniform_sampler("levels", texture.of_levels(view))
-        program.shader.uniform_sampler("table", texture.of_table(view))
         for name, number in (
             ("frame", (frame.left, frame.bottom, frame.right, frame.top)),
             ("drawn", (drawn.left, drawn.bottom, drawn.right, drawn.top)),
             ("region", (*what.region, what.split, what.opacity)),
-            *zip(shader.ROWS, rows, strict=True),
+            ("numbers", (view.scale, view.exponent, what.gain, 0.0)),
+            *(() if has_table else zip(shader.ROWS, rows, strict=True)),
         ):
             program.shader.uniform_float(name, number)
-        program.shader.uniform_int("use_table", int(view.table is not None) + int(view.levels is not None))
+        if has_table:
+            program.shader.uniform_sampler("table", texture.of_table(view))
+            program.shader.uniform_int("has_places", int(view.levels is not None))
         if compares:
             program.shader.uniform_sampler("second", second)
             program.shader.uniform_int("mode", what.mode)

@@ -36,7 +36,7 @@ _is_refused = False
 
 def is_due(scene: bpy.types.Scene) -> bool:
     """Whether the window should wait for it before it compiles what draws a scene."""
-    if _is_refused or bpy.app.background or not hasattr(gpu, "init"):
+    if _is_refused or bpy.app.background or not hasattr(gpu, "init") or _is_for_later_sessions():
         return False
     name = _name(*warm_up.film_like(film_size(scene.render)))
     if name not in _done and (user_folder(FOLDER) / name).exists():
@@ -84,14 +84,16 @@ def perform(film: tuple[int, int]) -> None:
     region = EDGE, EDGE
     color, depth = (gpu.types.GPUTexture(region, format=name) for name in (COLOR_FORMAT, DEPTH_FORMAT))
     with gpu.types.GPUFrameBuffer(depth_slot=depth, color_slots={"texture": color}).bind():
-        for view in (View(None, 1.0, 1.0), _view_of_places()):
+        # Tables of places have another format than those of colours.
+        table, levels = np.zeros((3, 3, 3, 4), np.float32), np.zeros((LEVELS, 3), np.float32)
+        for view in (View(None, 1.0, 1.0), View(table, 1.0, 1.0), View(table.copy(), 1.0, 1.0, levels)):
             shader.free()  # What Mesa looks for on disk changes once it has compiled something of a program.
             warm_up.draw_everything(film, region, view)
 
 
-def _view_of_places() -> View:
-    """Its table has another format than those of colours, which a view without a table is given as well."""
-    return View(np.zeros((3, 3, 3, 4), np.float32), 1.0, 1.0, np.zeros((LEVELS, 3), np.float32))
+def _is_for_later_sessions() -> bool:
+    """NVIDIA's OpenGL does not look again on disk for what others have compiled since a program began."""
+    return (gpu.platform.vendor_get(), gpu.platform.backend_type_get()) == ("NVIDIA Corporation", "OPENGL")
 
 
 @cache

@@ -41,10 +41,9 @@ FRAGMENT = (
 #define DIFFERENCE 2
 #define SPLIT_AT region.z
 #define OPACITY region.w
-#define SCALE to_red.w
-#define EXPONENT to_green.w
-#define GAIN to_blue.w
-#define PLACES 2
+#define SCALE numbers.x
+#define EXPONENT numbers.y
+#define GAIN numbers.z
 #define LARGEST_RADIUS 16.0
 
 float finite(float x)
@@ -92,12 +91,13 @@ vec4 filtered(bool is_first, vec2 at)
 #endif
 }
 
-float srgb_from_linear(float x)
+/* Texel of the list `levels` at a place of 0..1. */
+int level_of(float place)
 {
-  x = clamp(x, 0.0, 1.0);
-  return x <= 0.0031308 ? 12.92 * x : 1.055 * pow(x, 1.0 / 2.4) - 0.055;
+  return int(clamp(place, 0.0, 1.0) * float(textureSize(levels, 0) - 1) + 0.5);
 }
 
+#ifdef HAS_TABLE
 vec3 from_table(vec3 color)
 {
   int last = textureSize(table, 0).x - 1;
@@ -113,28 +113,30 @@ vec3 from_table(vec3 color)
   }
   return sum;
 }
-
-/* Texel of the list `levels` at a place of 0..1. */
-int level_of(float place)
+#else
+float srgb_from_linear(float x)
 {
-  return int(clamp(place, 0.0, 1.0) * float(textureSize(levels, 0) - 1) + 0.5);
+  x = clamp(x, 0.0, 1.0);
+  return x <= 0.0031308 ? 12.92 * x : 1.055 * pow(x, 1.0 / 2.4) - 0.055;
 }
+#endif
 
 /* Display colour, not multiplied by alpha, of a scene-linear one that is. As Blender's own display: light without cover
  * (alpha 0) is shown as it is. */
 vec4 displayed(vec4 pixel)
 {
   vec3 color = pixel.rgb * (SCALE / (pixel.a > 0.0 ? pixel.a : 1.0));
-  if (use_table != 0) {
-    color = from_table(color);
-    if (use_table == PLACES) {
-      color = texelFetch(levels, level_of(color.r), 0).rgb;
-    }
-    return vec4(color, pixel.a);
+#ifdef HAS_TABLE
+  color = from_table(color);
+  if (has_places != 0) {
+    color = texelFetch(levels, level_of(color.r), 0).rgb;
   }
+#else
   color = vec3(dot(to_red.rgb, color), dot(to_green.rgb, color), dot(to_blue.rgb, color));
   color = vec3(srgb_from_linear(color.r), srgb_from_linear(color.g), srgb_from_linear(color.b));
-  return vec4(EXPONENT == 1.0 ? color : pow(color, vec3(EXPONENT)), pixel.a);
+  color = EXPONENT == 1.0 ? color : pow(color, vec3(EXPONENT));
+#endif
+  return vec4(color, pixel.a);
 }
 
 float overlay_from_display(float color)
@@ -172,8 +174,7 @@ void main()
 
 ENCODING_ENTRIES = LEVELS
 ROWS = ("to_red", "to_green", "to_blue")
-"""Rows of `View.to_rec709`. Their fourth values are numbers of other kinds: drivers need not have more than 128 bytes
-of push constants."""
+"""Rows of `View.to_rec709`, each with a fourth value that is not read."""
 
 
 @dataclass(frozen=True)
@@ -185,22 +186,25 @@ class Program:
 
 
 @cache
-def show(one_to_one: bool, compares: bool) -> Program:
+def show(one_to_one: bool, compares: bool, has_table: bool) -> Program:
     """With `one_to_one` each pixel is one texel, without any filter. Without `compares` there is one picture, left of
-    the split: a program of its own, because a driver compiles all that a program could do.
+    the split. Programs of their own, because a driver compiles all that a program could do.
 
-    Samplers `first`, `levels` (`texture.of_levels`), `table` (`view_table`), and `second` where it compares. Constants
-    `frame` and `drawn`, rectangles in pixels of the region; `region`: its width and height, where the split is,
-    opacity; `ROWS` of the view, with its scale, its exponent and the gain of a difference; `use_table`: 1 the view has
-    one, 2 of places in `levels`; where it compares `mode`: SPLIT or DIFFERENCE.
+    Samplers `first` and `levels` (`texture.of_levels`). Constants `frame` and `drawn`, rectangles in pixels of the
+    region; `region`: its width and height, where the split is, opacity; `numbers`: scale and exponent of the view, gain
+    of a difference. Where the view has a table, the sampler `table` and `has_places`: 1 if it holds places in `levels`;
+    otherwise `ROWS`. Where it compares, the sampler `second` and `mode`: SPLIT or DIFFERENCE. All in 128 bytes: drivers
+    need not have more.
     """
     info = gpu.types.GPUShaderCreateInfo()
     info.sampler(0, "FLOAT_2D", "first")
     info.sampler(1, "FLOAT_1D", "levels")
-    info.sampler(2, "FLOAT_3D", "table")
-    for name in ("frame", "drawn", "region", *ROWS):
+    for name in ("frame", "drawn", "region", "numbers", *(() if has_table else ROWS)):
         info.push_constant("VEC4", name)
-    info.push_constant("INT", "use_table")
+    if has_table:
+        info.sampler(2, "FLOAT_3D", "table")
+        info.push_constant("INT", "has_places")
+        info.define("HAS_TABLE")
     if compares:
         info.sampler(3, "FLOAT_2D", "second")
         info.push_constant("INT", "mode")

@@ -12,8 +12,6 @@ from . import shader
 from .view_table import View
 
 TABLES_KEPT = 3
-NO_TABLE = np.zeros((3, 3, 3, 4), np.float32)
-"""Drivers compile anew for edges that are powers of two."""
 
 _frames: dict[int, tuple[Any, Any]] = {}
 """Frame and texture, by identity of the frame, which is kept alive."""
@@ -37,8 +35,9 @@ def of_frame(frame: Any) -> Any:
 
 
 def of_table(view: View) -> Any:
-    """The table of a view; something to bind if it has none."""
-    table = NO_TABLE if view.table is None else view.table
+    """The table of a view that has one."""
+    table = view.table
+    assert table is not None
     if id(table) not in _tables:
         # Places in a list of colours are finer than half floats.
         exact = view.levels is not None

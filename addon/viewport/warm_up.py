@@ -85,8 +85,13 @@ def film_like(film: tuple[int, int]) -> tuple[int, int]:
     return width, height
 
 
-def _show(_film: tuple[int, int], _region: tuple[int, int], _view: View, one_to_one: bool, compares: bool) -> None:
-    shader.show(one_to_one, compares)
+def _upload(_film: tuple[int, int], _region: tuple[int, int], view: View) -> None:
+    if view.table is not None:
+        texture.of_table(view)
+
+
+def _show(_film: tuple[int, int], _region: tuple[int, int], view: View, one_to_one: bool, compares: bool) -> None:
+    shader.show(one_to_one, compares, view.table is not None)
 
 
 def _draw_nothing(film: tuple[int, int], region: tuple[int, int], view: View, one_to_one: bool, mode: int) -> None:
@@ -100,7 +105,7 @@ def _draw_nothing(film: tuple[int, int], region: tuple[int, int], view: View, on
 
 PICTURE_PIECES: tuple[PicturePiece, ...] = (
     lambda _film, _region, view: texture.of_levels(view),
-    lambda _film, _region, view: texture.of_table(view),
+    _upload,
     partial(_show, one_to_one=True, compares=False),
     partial(_show, one_to_one=False, compares=False),
     partial(_draw_nothing, one_to_one=True, mode=overlay.SINGLE),

@@ -2,6 +2,7 @@
 
 import statistics
 import time
+from itertools import product
 
 import bpy
 from artist import Artist, addon
@@ -67,11 +68,11 @@ def programs(driver):
     shader = addon("viewport.shader")
     before = shader.FRAGMENT
     shader.FRAGMENT = before.replace("65504.0", f"{65000 + int(time.time()) % 500}.0")
-    for compares in (False, True):
-        for one_to_one in (False, True):
-            seconds = timed(lambda way=(one_to_one, compares): shader.show.__wrapped__(*way))
-            words = f"of {'two pictures' if compares else 'a picture'}{', a texel for a pixel' * one_to_one}"
-            driver.record(f"the driver compiles a program {words}", seconds * 1000, "ms", 50)
+    for compares, one_to_one, has_table in product((False, True), repeat=3):
+        seconds = timed(lambda way=(one_to_one, compares, has_table): shader.show.__wrapped__(*way))
+        words = "of two pictures" if compares else "of a picture"
+        words += ", a texel for a pixel" * one_to_one + ", by a table" * has_table
+        driver.record(f"the driver compiles a program {words}", seconds * 1000, "ms", 50)
     shader.FRAGMENT = before
 
 
