@@ -87,6 +87,19 @@ impl PixelGroup {
         shards.map(records).sum::<usize>() + Self::PADDING
     }
 
+    /// How many blocks its segments make up.
+    pub fn block_count(&self, dump: &Dump) -> usize {
+        let mut segments = [0; CLASSES];
+        for shard in dump.tile(self.tile) {
+            for pixel in 0..self.pixel_count() {
+                let flags = &shard.position_z_flags()[shard.pixel(self.tile_pixel(dump, pixel))];
+                let classes = flags.iter().filter_map(|&z_flags| class(flags_of(z_flags)));
+                classes.for_each(|class| segments[class] += 1);
+            }
+        }
+        segments.iter().map(|count: &usize| count.div_ceil(BLOCK)).sum()
+    }
+
     /// Sorts the segments.
     pub fn sort(&self, dump: &Dump, frame: &Frame) -> Blocks {
         let mut classes = [const { Vec::new() }; CLASSES];
@@ -114,11 +127,22 @@ impl PixelGroup {
     }
 }
 
+/// Of a word of a shard.
+fn flags_of(z_flags: u32) -> Flags {
+    Flags((z_flags >> 16) as u16)
+}
+
+/// The class of a record, if it is a segment.
+fn class(flags: Flags) -> Option<usize> {
+    flags.lobe()?;
+    Some(if flags.escaped() { ESCAPES } else { usize::from(!flags.path_start()) })
+}
+
 /// A record and its class, if it is a segment; `place` is what is added to the last word.
 fn item(shard: &Shard, record: usize, place: u32) -> Option<(usize, Item)> {
     let (xy, z_flags) = (shard.position_xy(), shard.position_z_flags());
-    let flags = Flags((z_flags[record] >> 16) as u16);
-    flags.lobe()?;
+    let flags = flags_of(z_flags[record]);
+    let class = class(flags)?;
     // The first record of a shard starts a path.
     let before = record.saturating_sub(1);
     let position = |record: usize| {
@@ -133,7 +157,6 @@ fn item(shard: &Shard, record: usize, place: u32) -> Option<(usize, Item)> {
         }
         false => position(record),
     };
-    let class = if flags.escaped() { ESCAPES } else { usize::from(!flags.path_start()) };
     let words = [xy[record], z_flags[record], xy[before], z_flags[before] & 0xffff | place];
     Some((class, Item { ends: Ends { start, end }, words, throughput: shard.throughput()[record] }))
 }

@@ -14,8 +14,8 @@ use super::sort::{BLOCK, Blocks, MOST_SHARDS, PixelGroup};
 use super::{GpuGather, if_it_fits};
 use crate::{GatherError, Half, PreparedLight};
 
-/// Largest buffer of a chunk; what is sorted at a time also takes some memory of the CPU.
-const BUFFER_BYTES: u64 = 256 << 20;
+/// Blocks that are sorted at a time, 256 MiB: until they are on the device they are in the CPU's memory.
+const BLOCKS_AT_ONCE: usize = 1 << 18;
 /// Bytes of a segment on the device, and of the bounds of a block.
 const SEGMENT_BYTES: usize = 20;
 const BOUNDS_BYTES: usize = size_of::<Bounds>();
@@ -56,6 +56,9 @@ struct Arguments {
     unused: [u32; 3],
 }
 
+/// A group and how many blocks it has.
+type Counted = (PixelGroup, usize);
+
 /// A dump on the device whose segments are sorted, so that most of them need not be read for a small light.
 #[derive(Debug)]
 pub struct Sorted {
@@ -73,6 +76,45 @@ struct SortedChunk {
     bounds: Buffer<Bounds>,
     shards: Buffer<GpuShard>,
     groups: Buffer<GpuGroup>,
+}
+
+impl SortedChunk {
+    /// Room for the segments of some groups, whose blocks are counted.
+    fn new(gpu: &Gpu, dump: &Dump, groups: &[Counted]) -> Result<Self, GpuError> {
+        let (mut shards, mut table, mut blocks) = (Vec::new(), Vec::new(), 0);
+        let mut first_shard = (usize::MAX, 0);
+        for (group, block_count) in groups {
+            if first_shard.0 != group.tile {
+                first_shard = (group.tile, shards.len() as u32);
+                shards.extend(dump.tile(group.tile).map(|shard| GpuShard::new(shard)));
+            }
+            let scale = |half: Half| 1.0 / half.tile_samples(dump, group.tile).max(1) as f32;
+            table.push(GpuGroup {
+                first_pixel: group.place(dump) as u32,
+                width: group.width as u32,
+                pixels: group.pixel_count() as u32,
+                first_block: blocks as u32,
+                end_block: (blocks + block_count) as u32,
+                first_shard: first_shard.1,
+                scales: [Half::All, Half::First, Half::Second].map(scale),
+            });
+            blocks += block_count;
+        }
+        Ok(Self {
+            segments: gpu.zeros("sorted segments", blocks * BLOCK)?,
+            throughput: gpu.zeros("throughputs of sorted segments", blocks * BLOCK)?,
+            bounds: gpu.zeros("bounds of sorted segments", blocks)?,
+            shards: gpu.buffer_of("shards", &shards)?,
+            groups: gpu.buffer_of("groups of pixels", &table)?,
+        })
+    }
+
+    /// Replaces the blocks from `first` on.
+    fn write(&self, gpu: &Gpu, first: usize, blocks: &Blocks) {
+        gpu.write(&self.segments, first * BLOCK, &blocks.segments);
+        gpu.write(&self.throughput, first * BLOCK, &blocks.throughput);
+        gpu.write(&self.bounds, first, &blocks.bounds);
+    }
 }
 
 impl Sorted {
@@ -94,82 +136,46 @@ impl Sorted {
         dump: &Dump,
         cancelled: &(dyn Fn() -> bool + Sync),
     ) -> Result<Option<Self>, GpuError> {
-        let frame = Frame::new(dump);
+        Self::in_chunks(gpu, dump, [most_segments(gpu) / BLOCK, BLOCKS_AT_ONCE], cancelled)
+    }
+
+    /// [`Sorted::new`] with chunks of at most so many blocks, but at least one group, and so many sorted at a time.
+    pub fn in_chunks(
+        gpu: &Gpu,
+        dump: &Dump,
+        [of_chunk, at_once]: [usize; 2],
+        cancelled: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Option<Self>, GpuError> {
         let manifest = dump.manifest();
         let mut sorted = Self {
-            frame,
+            frame: Frame::new(dump),
             chunks: Vec::new(),
             sample: Vec::new(),
             image: [manifest.width, manifest.height],
             byte_cost: OnceLock::new(),
         };
-        let limit = most_segments(gpu);
-        let (mut groups, mut room) = (Vec::new(), 0);
-        for group in PixelGroup::all(dump) {
-            let more = group.room(dump);
-            if room + more > limit && !groups.is_empty() {
-                let Some(blocks) = sorted.blocks(dump, &groups, cancelled) else { return Ok(None) };
-                sorted.add_chunk(gpu, dump, &groups, blocks)?;
-                (groups, room) = (Vec::new(), 0);
-            }
-            groups.push(group);
-            room += more;
-        }
-        let Some(blocks) = sorted.blocks(dump, &groups, cancelled) else { return Ok(None) };
-        sorted.add_chunk(gpu, dump, &groups, blocks)?;
-        Ok(Some(sorted))
-    }
-
-    /// The sorted segments of some groups, unless that was cancelled.
-    fn blocks(
-        &self,
-        dump: &Dump,
-        groups: &[PixelGroup],
-        cancelled: &(dyn Fn() -> bool + Sync),
-    ) -> Option<Vec<Blocks>> {
-        let sort = |group: &PixelGroup| (!cancelled()).then(|| group.sort(dump, &self.frame));
-        groups.par_iter().map(sort).collect()
-    }
-
-    fn add_chunk(
-        &mut self,
-        gpu: &Gpu,
-        dump: &Dump,
-        groups: &[PixelGroup],
-        sorted: Vec<Blocks>,
-    ) -> Result<(), GpuError> {
-        let (mut all, mut shards, mut table) = (Blocks::default(), Vec::new(), Vec::new());
-        let mut first_shard = (usize::MAX, 0);
-        for (group, blocks) in groups.iter().zip(sorted) {
-            if first_shard.0 != group.tile {
-                first_shard = (group.tile, shards.len() as u32);
-                shards.extend(dump.tile(group.tile).map(|shard| GpuShard::new(shard)));
-            }
-            let first_block = all.bounds.len() as u32;
-            all.segments.extend(blocks.segments);
-            all.throughput.extend(blocks.throughput);
-            all.bounds.extend(blocks.bounds);
-            let scale = |half: Half| 1.0 / half.tile_samples(dump, group.tile).max(1) as f32;
-            table.push(GpuGroup {
-                first_pixel: group.place(dump) as u32,
-                width: group.width as u32,
-                pixels: group.pixel_count() as u32,
-                first_block,
-                end_block: all.bounds.len() as u32,
-                first_shard: first_shard.1,
-                scales: [Half::All, Half::First, Half::Second].map(scale),
-            });
-        }
+        let groups: Vec<_> = PixelGroup::all(dump).collect();
+        let blocks: Vec<_> = groups.par_iter().map(|group| group.block_count(dump)).collect();
+        let groups: Vec<_> = groups.into_iter().zip(blocks).collect();
         let every = (dump.record_count() / BLOCK / SAMPLE).max(1);
-        self.sample.extend(all.bounds.iter().step_by(every));
-        self.chunks.push(SortedChunk {
-            segments: gpu.buffer_of("sorted segments", &all.segments)?,
-            throughput: gpu.buffer_of("throughputs of sorted segments", &all.throughput)?,
-            bounds: gpu.buffer_of("bounds of sorted segments", &all.bounds)?,
-            shards: gpu.buffer_of("shards", &shards)?,
-            groups: gpu.buffer_of("groups of pixels", &table)?,
-        });
-        Ok(())
+        let sort = |(group, _): &Counted| (!cancelled()).then(|| group.sort(dump, &sorted.frame));
+        for groups in runs(&groups, of_chunk) {
+            let chunk = SortedChunk::new(gpu, dump, groups)?;
+            let mut first_block = 0;
+            for groups in runs(groups, at_once) {
+                let all: Option<Vec<Blocks>> = groups.par_iter().map(sort).collect();
+                let Some(all) = all else { return Ok(None) };
+                for blocks in all {
+                    chunk.write(gpu, first_block, &blocks);
+                    let to_next = first_block.next_multiple_of(every) - first_block;
+                    sorted.sample.extend(blocks.bounds.iter().skip(to_next).step_by(every));
+                    first_block += blocks.bounds.len();
+                }
+                gpu.wait_for(gpu.submit_writes()?)?;
+            }
+            sorted.chunks.push(chunk);
+        }
+        Ok(Some(sorted))
     }
 
     /// Bytes that are read for a light per segment of the dump, estimated: the bounds of all blocks, and the segments of those
@@ -319,16 +325,37 @@ impl GpuGather {
     }
 }
 
-/// Most segments of a chunk.
+/// Most segments of a chunk. What is in several is gathered one after the other, by few of the device's processors if they are small.
 fn most_segments(gpu: &Gpu) -> usize {
-    (gpu.limits().buffer.min(BUFFER_BYTES) / size_of::<[u32; 4]>() as u64) as usize
+    (gpu.limits().buffer / size_of::<[u32; 4]>() as u64) as usize
+}
+
+/// Groups, as many together as have this many blocks at most; one alone may have more.
+fn runs(groups: &[Counted], most_blocks: usize) -> impl Iterator<Item = &[Counted]> {
+    let mut blocks = 0;
+    groups.chunk_by(move |(_, before), (_, after)| {
+        blocks += before;
+        let fits = blocks + after <= most_blocks;
+        blocks *= usize::from(fits);
+        fits
+    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tests::kernels::random_dump_of;
 
     relume_gpu::part_of_mirrors!(Frame as Struct);
+
+    #[test]
+    fn groups_are_taken_together_as_long_as_their_blocks_fit() {
+        let group = PixelGroup::all(&random_dump_of(4, &[1])).next().unwrap();
+        let groups = [3, 4, 2, 9, 1, 1].map(|blocks| (group, blocks));
+        let found: Vec<Vec<_>> =
+            runs(&groups, 7).map(|groups| groups.iter().map(|(_, blocks)| *blocks).collect()).collect();
+        assert_eq!(found, [vec![3, 4], vec![2], vec![9], vec![1, 1]]);
+    }
 
     #[test]
     fn groups_and_arguments_have_the_layout_of_their_wgsl_twins() {

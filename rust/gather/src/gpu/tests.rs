@@ -180,6 +180,10 @@ fn sorted_segments_give_the_same_images() {
     assert!((5..lights.len()).contains(&paying), "{paying} of {} are small", lights.len());
     let sorted = on_gpu.unit_images(&lights, Half::All).unwrap();
     assert_eq!(sorted, on_gpu.unit_images(&lights, Half::All).unwrap());
+    let in_pieces = GpuGather::new(gpu(), &gather).unwrap();
+    let pieces = Sorted::in_chunks(in_pieces.gpu(), gather.dump(), [150, 50], &|| false).unwrap().unwrap();
+    in_pieces.sorted.set(pieces).unwrap();
+    assert_eq!(sorted, in_pieces.unit_images(&lights, Half::All).unwrap());
     for (sorted, in_path_order) in sorted.iter().zip(&in_path_order) {
         // Sums of about 30 values in another order, and 2^-32 of the largest weight lost of each, which a narrow spread makes
         // some hundred times the others.
