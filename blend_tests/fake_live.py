@@ -40,9 +40,9 @@ class FakeLive:
         """Changes the status."""
         self.state |= changes
 
-    def show(self, serial=1, scale=1, samples=4, makers=None, value=0.5):
+    def show(self, serial=1, scale=1, samples=4, denoised=False, value=0.5):
         """A picture of the newest request."""
-        summary = {"samples": samples, "makers": makers or {"Key": "gather"}, "denoised": False}
+        summary = {"samples": samples, "makers": {"Key": "gather"}, "denoised": denoised}
         image = np.full((48 // scale, 64 // scale, 4), value, np.float32)
         self.newest = SimpleNamespace(
             serial=serial, request=len(self.requests), scale=scale, image=image, summary=json.dumps(summary)

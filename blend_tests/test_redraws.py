@@ -85,7 +85,7 @@ def test_panels_move_when_words_take_another_line(bake, monkeypatch):
     def show(noise):
         """Now it says "Showing 4 samples, denoised (noise 9 % before)", of which 36 characters fit into a line."""
         bake.drawn.clear()
-        bake.live.show(serial=bake.live.newest.serial + 1 if bake.live.newest else 1, makers={"Key": "gather_denoised"})
+        bake.live.show(serial=bake.live.newest.serial + 1 if bake.live.newest else 1, denoised=True)
         bake.live.state["shown"]["noise"] = noise
         for _ in range(3):
             bake.turn()

@@ -52,8 +52,9 @@ def test_headline(told, said):
     assert status.headline(told) == said
 
 
-def picture(scale=1, samples=12, **makers):
-    return {"serial": 1, "request": 1, "scale": scale, "samples": samples, "makers": makers}
+def picture(scale=1, samples=12, denoised=False, **makers):
+    common = {"serial": 1, "request": 1, "scale": scale, "samples": samples}
+    return common | {"makers": makers, "denoised": denoised}
 
 
 PROXIES = {"sphere": {"psnr": 31.0, "smape": 0.08, "gather_smape": 0.05}}
@@ -61,18 +62,19 @@ SEVERAL = PROXIES | {"quad": {"psnr": 35.0, "smape": 0.03, "gather_smape": 0.02}
 SHOWN = [
     (state(), ""),
     (state(shown=picture(Key="gather")), "Showing 12 samples"),
-    (state(shown=picture(samples=1, Key="gather_denoised")), "Showing 1 sample, denoised"),
+    (state(shown=picture(samples=1, denoised=True, Key="gather_denoised")), "Showing 1 sample, denoised"),
     (state(shown=picture(scale=2, Key="gather")), "Showing 12 samples, at 1/2 size"),
     (state(shown=picture(Key="proxy"), proxies=PROXIES), "Showing the proxy (error 8.0 %)"),
     (state(shown=picture(Key="proxy"), proxies=SEVERAL), "Showing the proxy (error up to 8.0 %)"),
     (
-        state(shown=picture(Key="proxy", Rim="gather_denoised"), proxies=PROXIES),
+        state(shown=picture(denoised=True, Key="proxy", Rim="gather_denoised"), proxies=PROXIES),
         "Showing the proxy (error 8.0 %) and 12 samples, denoised",
     ),
     (state(shown=picture()), "Showing 12 samples"),
+    (state(shown=picture(denoised=True)), "Showing 12 samples, denoised"),
     (state(shown=picture(Key="gather") | {"noise": 0.042}), "Showing 12 samples (noise 4 %)"),
     (
-        state(shown=picture(Key="gather_denoised") | {"noise": 0.042}),
+        state(shown=picture(denoised=True, Key="gather_denoised") | {"noise": 0.042}),
         "Showing 12 samples, denoised (noise 4 % before)",
     ),
     (state(shown=picture(Key="gather") | {"noise": None}), "Showing 12 samples"),

@@ -28,7 +28,7 @@ def shown(status: dict[str, Any]) -> str:
     makers = set(picture.get("makers", {}).values())
     samples = picture.get("samples", 0)
     plain = f"{samples} {'sample' if samples == 1 else 'samples'}"
-    denoised = ", denoised" if any(maker.endswith("denoised") for maker in makers) else ""
+    denoised = ", denoised" if picture["denoised"] else ""
     # What few paths meet is no noise where none does: the figure would be too low.
     if (noise := picture.get("noise")) is not None and not status["rarely_met"]:
         denoised += f" (noise {100 * noise:.0f} %{' before' if denoised else ''})"

@@ -376,12 +376,13 @@ impl Painter {
         let picture = Picture::new(request, view, units, parts, &stand_ins, manner);
         let image = picture.image(view, manner)?;
         self.first_frame = false;
+        let denoised = view.denoise(manner.scale).missing().is_none();
         // Without a denoiser nothing gets better than it is.
-        let settled = picture.is_best || view.denoise(manner.scale).missing().is_some();
+        let settled = picture.is_best || !denoised;
         let noise =
             if settled && !manner.drag { noise(request, units, parts, &stand_ins, &image)? } else { None };
         let (scale, samples, makers) = (manner.scale, picture.samples, picture.makers);
-        self.hand_over(image, |shown| Shown { scale, samples, makers, settled, noise, ..shown });
+        self.hand_over(image, |shown| Shown { scale, samples, makers, denoised, settled, noise, ..shown });
         Ok(settled)
     }
 
@@ -400,6 +401,7 @@ impl Painter {
             scale: 1,
             samples: 0,
             makers: BTreeMap::new(),
+            denoised: false,
             settled: true,
             noise: None,
             deliveries: self.painted.1,

@@ -102,6 +102,8 @@ pub struct Shown {
     pub samples: u32,
     /// What made each light's part.
     pub makers: BTreeMap<String, Maker>,
+    /// Whether what was summed over paths is denoised.
+    pub denoised: bool,
     /// Whether nothing better will come for this request from what the work has delivered.
     pub settled: bool,
     /// Of a settled picture: the noise of all that was summed over paths, before it was denoised, as the errors of proxies are

@@ -149,6 +149,7 @@ fn noise_of_settled_frames_is_that_of_their_samples() {
     assert!((0.5..2.0).contains(&(estimate / noise)), "estimated {estimate}, it is {noise}");
     let dark = settled(&live, live.relight(request(&[])));
     assert_eq!(dark.shown.noise, None, "nothing is summed");
+    assert!(dark.shown.denoised, "what the scene itself emits");
 }
 
 #[test]
@@ -354,6 +355,7 @@ fn aovs_are_shown_in_place_of_the_lights() {
         let frame = settled(&live, live.relight(asked));
         assert_eq!(frame.image, super::compose::with_alpha(rgb, &aovs.alpha));
         assert_eq!((frame.shown.scale, frame.shown.samples, frame.shown.makers.len()), (1, 8, 0));
+        assert!(!frame.shown.denoised);
     }
     assert_eq!(settled(&live, live.relight(request(&[lamp(0.0)]))).image, lit.image);
 }
