@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from addon.export.view_transform import displayed
-from addon.viewport import overlay, texture, view_table
+from addon.viewport import overlay, shader, texture, view_table, warm_up
 from addon.viewport.camera_frame import Rectangle
 from addon.viewport.overlay import Show
 from views import VIEWS
@@ -67,6 +67,26 @@ def assert_same(found, expected):
 
 def inside(pixels, at=(10, 7), size=(WIDTH, HEIGHT)):
     return pixels[at[1] : at[1] + size[1], at[0] : at[0] + size[0]]
+
+
+@pytest.mark.parametrize("name", ["Standard", "AgX"])
+def test_all_programs_are_compiled_once_before_a_picture_is_drawn(scene, monkeypatch, name):
+    compile_program, compiled = shader.compile_program, []
+
+    def count(info, vertex, fragment):
+        compiled.extend([fragment] * (shader.FRAGMENT in fragment))
+        return compile_program(info, vertex, fragment)
+
+    monkeypatch.setattr(shader, "compile_program", count)
+    shader.free()
+    VIEWS[name](scene)
+    region = 100, 80
+    with gpu.types.GPUFrameBuffer(color_slots=gpu.types.GPUTexture(region, format="SRGB8_A8")).bind():
+        warm_up.draw_everything((WIDTH, HEIGHT), region, view_table.complete(scene))
+    assert len(compiled) == 4
+    for more in ({}, {"size": (2 * WIDTH, HEIGHT)}, {"mode": overlay.SPLIT}, {"mode": overlay.DIFFERENCE}):
+        drawn(scene, show(frame(), **more))
+    assert len(compiled) == 4
 
 
 @pytest.mark.parametrize("name", VIEWS)
