@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
+from zlib import crc32
 
 import gpu
 import numpy as np
@@ -218,6 +219,15 @@ def show(one_to_one: bool, compares: bool, has_table: bool) -> Program:
     return compile_program(info, VERTEX, KEEP_LOOPS + FRAGMENT if is_opengl else FRAGMENT)
 
 
+@cache
+def first() -> Program:
+    """Draws nothing. A driver loads its compiler for the first program that it does not find on disk, which takes as
+    long as to compile a large one. Its text changes with FRAGMENT, so that it is never found alone."""
+    vertex = "void main() { gl_Position = vec4(position, 0.0, 1.0); }"
+    fragment = f"void main() {{ result = vec4({crc32(FRAGMENT.encode())}.0); }}"
+    return compile_program(gpu.types.GPUShaderCreateInfo(), vertex, fragment)
+
+
 def overlay_encoding() -> np.ndarray:
     """What the overlay texture of the 3D view has to be given for a display colour to come out, [entries] for
     display colours from 0 to 1.
@@ -234,6 +244,7 @@ def overlay_encoding() -> np.ndarray:
 
 def free() -> None:
     """Lets go of the compiled shaders."""
+    first.cache_clear()
     show.cache_clear()
 
 

@@ -104,6 +104,7 @@ def _draw_nothing(film: tuple[int, int], region: tuple[int, int], view: View, on
 
 
 PICTURE_PIECES: tuple[PicturePiece, ...] = (
+    lambda _film, _region, _view: shader.first(),
     lambda _film, _region, view: texture.of_levels(view),
     _upload,
     partial(_show, one_to_one=True, compares=False),
