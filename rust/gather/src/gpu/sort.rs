@@ -162,7 +162,7 @@ fn item(shard: &Shard, record: usize, place: u32) -> Option<(usize, Item)> {
 }
 
 /// Halves segments along the widest side of their bounds until they make up a block.
-fn split(items: &mut [Item], end_weight: f32, take: &mut impl FnMut(&[Item])) {
+fn split(items: &mut [Item], end_weight: f32, take: &mut impl FnMut(&mut [Item])) {
     if items.len() <= BLOCK {
         if !items.is_empty() {
             take(items);
@@ -183,7 +183,9 @@ fn split(items: &mut [Item], end_weight: f32, take: &mut impl FnMut(&[Item])) {
 }
 
 impl Blocks {
-    fn push(&mut self, items: &[Item], escape: bool, frame: &Frame) {
+    fn push(&mut self, items: &mut [Item], escape: bool, frame: &Frame) {
+        // Those of one pixel side by side: drivers add up what neighbours add to one place, before they add it there.
+        items.sort_unstable_by_key(|item| item.words[3] >> 16 & 255);
         let bounds = Aabb::around(items.iter().map(|item| &item.ends));
         self.bounds.push(Bounds::new(bounds, escape, frame));
         self.segments.extend(items.iter().map(|item| item.words));
