@@ -28,6 +28,8 @@ QUICK_SECONDS = 0.0005
 """Calls inside of others that are no longer are seen MANY times only: to see each would take longer than the call
 itself, so that whoever calls small functions often would seem slow."""
 MANY = 20
+NAMED = 3
+"""Calls of a turn that are named: those that took longest."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,23 @@ class Call:
         for what, processor in self.of_blender.items():
             words += f"; of that {processor * 1000:.1f} ms of the processor while {what}"
         return words
+
+
+@dataclass
+class Turn:
+    """What the add-on had of a turn of Blender's window, in which it may be called several times."""
+
+    seconds: float = 0.0
+    by_name: Counter = field(default_factory=Counter)
+
+    def add(self, call):
+        """A call in it has ended."""
+        self.seconds += call.seconds
+        self.by_name[call.name] += call.seconds
+
+    def __str__(self):
+        parts = (f"{name} {seconds * 1000:.1f}" for name, seconds in self.by_name.most_common(NAMED))
+        return f"{self.seconds * 1000:.1f} ms: {', '.join(parts)}"
 
 
 @dataclass
@@ -97,6 +116,7 @@ class Watch:
     def reset(self):
         """Forgets what it has seen."""
         self.calls, self.slow = 0, []
+        self.turn, self.longest_turn = Turn(), Turn()
         self.longest = self.heaviest = self.first_time = Call()
         self._outermost, self._quick = set(), Counter()
         """Codes that Blender itself has called, and how often others were called and took no time."""
@@ -161,11 +181,17 @@ class Watch:
     def _note(self, call):
         """An outermost call has ended."""
         self.calls += 1
+        self.turn.add(call)
         self.longest = max(self.longest, call, key=lambda it: it.seconds)
         self.heaviest = max(self.heaviest, call, key=lambda it: it.own)
         self.first_time = max(self.first_time, call, key=lambda it: it.processor - it.own)
         if call.seconds > SLOW_SECONDS:
             self.slow.append(call)
+
+    def end_turn(self):
+        """A turn of the window has ended."""
+        self.longest_turn = max(self.longest_turn, self.turn, key=lambda it: it.seconds)
+        self.turn = Turn()
 
     # Exceptions cannot be switched off for a single place: these must not return DISABLE.
     def _enter_by_exception(self, code, *_):
