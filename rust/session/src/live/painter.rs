@@ -320,13 +320,18 @@ impl Painter {
         if let Err(error) = &stored {
             self.monitor.warn(&error.to_string());
         }
+        let mut forgotten = Ok(());
         self.shared.change(|state| {
             if world.is_of(state.world.as_ref()) {
                 state.status.world_is_stored = stored.is_ok_and(|stored| stored);
-            } else if let Err(error) = forget(folder) {
-                self.monitor.warn(&error.to_string());
+            } else {
+                forgotten = forget(folder);
             }
         });
+        // Not before the lock is free, which a warning takes.
+        if let Err(error) = forgotten {
+            self.monitor.warn(&error.to_string());
+        }
     }
 
     /// Denoises what is stale, one picture at a time; false if something newer came up.
