@@ -184,7 +184,7 @@ fn split(items: &mut [Item], end_weight: f32, take: &mut impl FnMut(&mut [Item])
 
 impl Blocks {
     fn push(&mut self, items: &mut [Item], escape: bool, frame: &Frame) {
-        // Those of one pixel side by side: drivers add up what neighbours add to one place, before they add it there.
+        // Those of one pixel side by side: what neighbours add to one place can be added up before it is added there.
         items.sort_unstable_by_key(|item| item.words[3] >> 16 & 255);
         let bounds = Aabb::around(items.iter().map(|item| &item.ends));
         self.bounds.push(Bounds::new(bounds, escape, frame));
