@@ -64,13 +64,13 @@ class Call:
 class Turn:
     """What the add-on had of a turn of Blender's window, in which it may be called several times."""
 
-    seconds: float = 0.0
     by_name: Counter = field(default_factory=Counter)
+    """Seconds of its calls."""
 
-    def add(self, call):
-        """A call in it has ended."""
-        self.seconds += call.seconds
-        self.by_name[call.name] += call.seconds
+    @property
+    def seconds(self):
+        """Of all of them."""
+        return sum(self.by_name.values())
 
     def __str__(self):
         parts = (f"{name} {seconds * 1000:.1f}" for name, seconds in self.by_name.most_common(NAMED))
@@ -181,7 +181,7 @@ class Watch:
     def _note(self, call):
         """An outermost call has ended."""
         self.calls += 1
-        self.turn.add(call)
+        self.turn.by_name[call.name] += call.seconds
         self.longest = max(self.longest, call, key=lambda it: it.seconds)
         self.heaviest = max(self.heaviest, call, key=lambda it: it.own)
         self.first_time = max(self.first_time, call, key=lambda it: it.processor - it.own)

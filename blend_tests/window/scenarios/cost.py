@@ -69,7 +69,7 @@ def programs(driver):
     before = shader.FRAGMENT
     shader.FRAGMENT = before.replace("65504.0", f"{65000 + int(time.time()) % 500}.0")
     seconds = timed(shader.first.__wrapped__)
-    driver.record("the driver loads its compiler for a first program", seconds * 1000, "ms", 50)
+    driver.record("the driver compiles a small program before them", seconds * 1000, "ms", 50)
     for compares, one_to_one, has_table in product((False, True), repeat=3):
         seconds = timed(lambda way=(one_to_one, compares, has_table): shader.show.__wrapped__(*way))
         words = "of two pictures" if compares else "of a picture"
