@@ -42,10 +42,11 @@ def play(driver):
         yield from artist.start()
         yield from artist.until_settled()
     waiting = Waiting()
-    obj = next(obj for obj in artist.scene.objects if any(modifier.type == "SUBSURF" for modifier in obj.modifiers))
+    modifiers = (modifier for obj in artist.scene.objects for modifier in obj.modifiers)
+    subdivision = next(modifier for modifier in modifiers if modifier.type == "SUBSURF")
     for level in LEVELS:
         with driver.step(f"subdivided {level} times"):
-            obj.modifiers[-1].render_levels = level
+            subdivision.render_levels = level
             bpy.ops.ed.undo_push(message="Subdivide")
             yield from artist.until_settled()
             waiting.take()
