@@ -2,17 +2,38 @@
 
 import time
 
+import bmesh
 import bpy
 import numpy as np
 import pytest
 from mathutils import Vector
 
+from addon.export.arrays import stored
 from addon.export.geometry import mesh_arrays
 from helpers import add, add_material, add_quad, affine, exported
 
 
 def names(summary):
     return sorted(instance["name"] for instance in summary["instances"])
+
+
+def add_ball(scene, name="Ball"):
+    """A smooth ball of 512 faces, with a UV map."""
+    bm = bmesh.new()
+    bm.loops.layers.uv.new("UVMap")
+    bmesh.ops.create_uvsphere(bm, u_segments=32, v_segments=16, radius=1.0, calc_uvs=True)
+    mesh = bpy.data.meshes.new(name)
+    bm.to_mesh(mesh)
+    bm.free()
+    mesh.shade_smooth()
+    return add(scene, name, mesh)
+
+
+def copied(collection, field, width, of=np.float32):
+    """What Blender's own copying gives."""
+    values = np.empty(len(collection) * width, of)
+    collection.foreach_get(field, values)
+    return values
 
 
 def test_render_settings_count_not_viewport_ones(scene):
@@ -94,6 +115,37 @@ def test_custom_normals_count_on_flat_faces(scene):
     arrays = mesh_arrays(mesh)
     assert "sharp_faces" not in arrays
     assert np.allclose(arrays["corner_normals"], normal, atol=1e-3)
+
+
+def test_a_meshs_memory_is_what_blender_copies_out(scene):
+    mesh = add_ball(scene).data
+    rng = np.random.default_rng(3)
+    painted = mesh.color_attributes.new("Painted", "BYTE_COLOR", "CORNER")
+    painted.data.foreach_set("color", rng.random(4 * len(mesh.loops), np.float32))
+    mesh.attributes.new("Height", "FLOAT", "POINT").data.foreach_set(
+        "value", rng.random(len(mesh.vertices), np.float32)
+    )
+    arrays = mesh_arrays(mesh, ["Height"])
+    found = {
+        "positions": copied(mesh.vertices, "co", 3),
+        "corner_verts": copied(mesh.loops, "vertex_index", 1, np.int32),
+        "face_starts": copied(mesh.polygons, "loop_start", 1, np.int32),
+        "vertex_normals": copied(mesh.vertex_normals, "vector", 3),
+    }
+    for name, values in found.items():
+        assert np.array_equal(arrays[name].reshape(-1), values), name
+    assert np.array_equal(arrays["uv_maps"]["UVMap"].reshape(-1), copied(mesh.uv_layers[0].uv, "vector", 2))
+    colors = arrays["color_attributes"]
+    assert np.allclose(colors["Painted"].reshape(-1), copied(painted.data, "color", 4), atol=4e-7)
+    height = copied(mesh.attributes["Height"].data, "value", 1)[arrays["corner_verts"]]
+    assert np.array_equal(colors["Height"], np.stack([height, height, height, np.ones_like(height)], axis=-1))
+
+
+def test_elements_that_lie_apart_are_no_memory_to_read(scene):
+    mesh = add_ball(scene).data
+    with pytest.raises(RuntimeError, match="do not lie one after the other"):
+        stored(mesh.edges, np.int32)
+    assert stored(bpy.data.meshes.new("Empty").vertices, np.float32, 3).shape == (0, 3)
 
 
 def test_render_uv_map_comes_first(scene):

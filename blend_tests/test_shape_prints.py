@@ -7,20 +7,25 @@ import numpy as np
 import pytest
 
 from addon.engine import shape_prints
+from addon.export.arrays import LAYOUTS
 from helpers import add_quad
 
 KINDS = bpy.types.Attribute.bl_rna.properties["data_type"].enum_items.keys()
 
 
-@pytest.mark.parametrize("kind", [kind for kind in shape_prints.ATTRIBUTES if kind in KINDS])
-def test_prints_of_attributes_are_of_all_values(lit, kind):
+@pytest.mark.parametrize("kind", [kind for kind in LAYOUTS if kind in KINDS])
+def test_prints_of_attributes_are_of_all_values(lit, monkeypatch, kind):
+    monkeypatch.setattr(shape_prints, "SLICE_BYTES", 3)
     mesh = add_quad(lit, "Quad").data
     mesh.attributes.new("It", kind, "CORNER")
-    data, (name, width, _) = mesh.attributes["It"].data, shape_prints.ATTRIBUTES[kind]
-    of = np.bool_ if kind == "BOOLEAN" else np.int32 if kind.startswith("INT") else np.float32
-    data.foreach_set(name, (np.arange(len(data) * width) % 7 / (7 if of is np.float32 else 1)).astype(of))
-    values = np.empty(len(data) * width, of)
-    data.foreach_get(name, values)
+    of, width = LAYOUTS[kind]
+    values = (np.arange(4 * width) % 5).astype(of)
+    if kind == "BYTE_COLOR":
+        for corner, color in zip(mesh.attributes["It"].data, values.reshape(4, 4) / 255, strict=True):
+            corner.color_srgb = color
+    else:
+        field = next(name for name in ("value", "vector", "color") if hasattr(mesh.attributes["It"].data[0], name))
+        mesh.attributes["It"].data.foreach_set(field, values)
     steps = shape_prints._attribute(mesh, "It")
     with pytest.raises(StopIteration) as end:
         while True:

@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 
 from ..core.differences import Print
+from ..export.arrays import LAYOUTS, stored
 from .node_prints import drawn_curves, hashed, values
 
 SLICE_BYTES = 2**22
@@ -126,16 +127,23 @@ def _attributes(data: Any) -> Generator[None, None, list]:
 
 
 def _attribute(data: Any, name: str) -> Generator[None, None, str]:
-    """Of all values of an attribute; empty if it is not there, or of a type that no picture shows."""
-    attribute = data.attributes.get(name)
-    if attribute is None or attribute.data_type not in ATTRIBUTES:
-        return ""
-    return (yield from _array(attribute.data, *ATTRIBUTES[attribute.data_type]))
+    """Of all values of an attribute, a part at a time; empty if it is not there, or of a type that no picture shows."""
+    found = start = 0
+    while True:
+        attribute = data.attributes.get(name)
+        if attribute is None or attribute.data_type not in LAYOUTS:
+            return ""
+        memory = stored(attribute.data, *LAYOUTS[attribute.data_type]).reshape(-1).view(np.uint8).data
+        found = zlib.crc32(memory[start : start + SLICE_BYTES], found)
+        yield
+        start += SLICE_BYTES
+        if start >= len(memory):
+            return f"{found:08x}"
 
 
-def _array(owner: Any, name: str, width: int, of: Any = np.float32) -> Generator[None, None, str]:
+def _array(owner: Any, name: str, width: int) -> Generator[None, None, str]:
     """Of one value of all elements: a copy of them, then a part at a time."""
-    copied = _widened(_floats(owner, name, width, of)).view(np.uint8).data
+    copied = _floats(owner, name, width).view(np.uint8).data
     found = 0
     for start in range(0, len(copied), SLICE_BYTES):
         yield
@@ -144,25 +152,7 @@ def _array(owner: Any, name: str, width: int, of: Any = np.float32) -> Generator
     return f"{found:08x}"
 
 
-def _widened(copied: np.ndarray) -> np.ndarray:
-    """Whole numbers of 16 bits as those of 32, which prints are of; Blender itself would give each one by one."""
-    return copied.astype(np.int32) if copied.dtype == np.int16 else copied
-
-
-def _floats(owner: Any, name: str, width: int, of: Any = np.float32) -> np.ndarray:
-    copied: np.ndarray = np.empty(len(owner) * width, of)
+def _floats(owner: Any, name: str, width: int) -> np.ndarray:
+    copied: np.ndarray = np.empty(len(owner) * width, np.float32)
     owner.foreach_get(name, copied)
     return copied
-
-
-ATTRIBUTES = {
-    "BOOLEAN": ("value", 1, np.bool_),
-    "INT": ("value", 1, np.int32),
-    "INT16_2D": ("value", 2, np.int16),
-    "FLOAT": ("value", 1, np.float32),
-    "FLOAT2": ("vector", 2, np.float32),
-    "FLOAT_VECTOR": ("vector", 3, np.float32),
-    "FLOAT_COLOR": ("color", 4, np.float32),
-    "BYTE_COLOR": ("color", 4, np.float32),
-}
-"""How values of an attribute are read by its type."""

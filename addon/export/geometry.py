@@ -8,20 +8,13 @@ from typing import Any
 import bpy
 import numpy as np
 
-from .arrays import touched
+from .arrays import LAYOUTS, stored
 
-FIELDS: dict[str, tuple[str, int, Any]] = {
-    "BOOLEAN": ("value", 1, np.bool_),
-    "INT8": ("value", 1, np.int32),
-    "INT": ("value", 1, np.int32),
-    "FLOAT": ("value", 1, np.float32),
-    "FLOAT2": ("vector", 2, np.float32),
-    "FLOAT_VECTOR": ("vector", 3, np.float32),
-    "BYTE_COLOR": ("color", 4, np.float32),
-    "FLOAT_COLOR": ("color", 4, np.float32),
-    "QUATERNION": ("value", 4, np.float32),
-}
-"""Where an attribute of a type has its values, and how many, of the types that Cycles reads."""
+UNREAD = {"INT16_2D", "INT32_2D"}
+"""Types of attributes that Cycles does not read."""
+BYTE = np.float32(1.0 / 255.0) * np.arange(256, dtype=np.float32)
+LINEAR_BYTE = np.where(BYTE < 0.04045, BYTE / 12.92, ((BYTE + 0.055) / 1.055) ** 2.4).astype(np.float32)
+"""Scene-linear values of colours that are stored as sRGB bytes."""
 
 
 class GeometryExporter:
@@ -53,13 +46,12 @@ class GeometryExporter:
 def mesh_arrays(mesh: bpy.types.Mesh, asked: Collection[str] = ()) -> dict[str, Any]:
     """The arrays that `SceneBuilder.add_mesh` takes, one copy each; attributes that are `asked` for by name are among
     the colours. Attributes are read by their stored arrays: `vertices.co` and its like are up to 300 times slower."""
-    faces, corners, vertices = len(mesh.polygons), len(mesh.loops), len(mesh.vertices)
     arrays: dict[str, Any] = {
-        "positions": _attribute(mesh, "position", "vector", (vertices, 3), np.float32),
-        "corner_verts": _attribute(mesh, ".corner_vert", "value", corners, np.int32),
-        "face_starts": _collection(mesh.polygons, "loop_start", faces, np.int32),
+        "positions": _attribute(mesh, "position"),
+        "corner_verts": _attribute(mesh, ".corner_vert"),
+        "face_starts": stored(mesh.polygons, np.int32).copy(),
         "uv_maps": {
-            layer.name: _attribute(mesh, layer.name, "vector", (corners, 2), np.float32)
+            layer.name: _attribute(mesh, layer.name)
             for layer in sorted(mesh.uv_layers, key=lambda layer: not layer.active_render)
         },
     }
@@ -68,18 +60,18 @@ def mesh_arrays(mesh: bpy.types.Mesh, asked: Collection[str] = ()) -> dict[str, 
     arrays["color_attributes"] = _color_attributes(mesh, arrays["corner_verts"])
     for name in sorted(set(asked) - arrays["color_attributes"].keys()):
         attribute = mesh.attributes.get(name)
-        if attribute is not None and attribute.data_type in FIELDS and attribute.domain in {"POINT", "CORNER", "FACE"}:
+        if attribute is not None and _is_readable(attribute):
             arrays["color_attributes"][name] = _as_colors(attribute, arrays["corner_verts"], arrays["face_starts"])
     if _has_attribute(mesh, "material_index", "INT", "FACE"):
-        arrays["material_slots"] = _attribute(mesh, "material_index", "value", faces, np.int32)
+        arrays["material_slots"] = _attribute(mesh, "material_index")
     if mesh.normals_domain == "POINT":
-        arrays["vertex_normals"] = _collection(mesh.vertex_normals, "vector", (vertices, 3), np.float32)
+        arrays["vertex_normals"] = stored(mesh.vertex_normals, np.float32, 3).copy()
     elif mesh.normals_domain == "CORNER":
-        arrays["corner_normals"] = _collection(mesh.corner_normals, "vector", (corners, 3), np.float32)
+        arrays["corner_normals"] = stored(mesh.corner_normals, np.float32, 3).copy()
         # Where sharp faces are flat in Cycles: in older versions, and never against custom normals.
         is_flat = bpy.app.version < (5, 0) and not mesh.has_custom_normals
         if is_flat and _has_attribute(mesh, "sharp_face", "BOOLEAN", "FACE"):
-            arrays["sharp_faces"] = _attribute(mesh, "sharp_face", "value", faces, np.bool_)
+            arrays["sharp_faces"] = _attribute(mesh, "sharp_face")
     return arrays
 
 
@@ -89,22 +81,26 @@ def _color_attributes(mesh: bpy.types.Mesh, corner_verts: np.ndarray) -> dict[st
     first = attributes.render_color_index
     colors = {}
     for _, attribute in sorted(enumerate(attributes), key=lambda entry: entry[0] != first):
-        values = _collection(attribute.data, "color", (len(attribute.data), 4), np.float32)
+        values = _values(attribute)
         colors[attribute.name] = values[corner_verts] if attribute.domain == "POINT" else values
     return colors
 
 
 def _as_colors(attribute: bpy.types.Attribute, corner_verts: np.ndarray, face_starts: np.ndarray) -> np.ndarray:
     """What Cycles makes of any attribute, [C, 4]: numbers are grey, what vectors lack is 0, and alpha 1."""
-    field, width, dtype = FIELDS[attribute.data_type]
-    values = _collection(attribute.data, field, (len(attribute.data), width), dtype)
+    values = _values(attribute)
+    width = 1 if values.ndim == 1 else values.shape[1]
     colors = np.zeros((len(values), 4), np.float32)
     colors[:, 3] = 1.0
-    colors[:, : 3 if width == 1 else width] = values
+    colors[:, : 3 if width == 1 else width] = values.reshape(-1, width)
     if attribute.domain == "CORNER":
         return colors
     faces = np.diff(face_starts, append=len(corner_verts))
     return colors[corner_verts] if attribute.domain == "POINT" else np.repeat(colors, faces, axis=0)
+
+
+def _is_readable(attribute: bpy.types.Attribute) -> bool:
+    return attribute.data_type in LAYOUTS.keys() - UNREAD and attribute.domain in {"POINT", "CORNER", "FACE"}
 
 
 def _has_attribute(mesh: bpy.types.Mesh, name: str, data_type: str, domain: str) -> bool:
@@ -112,11 +108,15 @@ def _has_attribute(mesh: bpy.types.Mesh, name: str, data_type: str, domain: str)
     return attribute is not None and attribute.data_type == data_type and attribute.domain == domain
 
 
-def _attribute(mesh: bpy.types.Mesh, name: str, field: str, shape: Any, dtype: Any) -> np.ndarray:
-    return _collection(mesh.attributes[name].data, field, shape, dtype)
+def _attribute(mesh: bpy.types.Mesh, name: str) -> np.ndarray:
+    return _values(mesh.attributes[name])
 
 
-def _collection(collection: Any, field: str, shape: Any, dtype: Any) -> np.ndarray:
-    array = touched(shape, dtype)
-    collection.foreach_get(field, array.reshape(-1))
-    return array
+def _values(attribute: bpy.types.Attribute) -> np.ndarray:
+    """A copy of an attribute's values; scene-linear of a colour."""
+    found = stored(attribute.data, *LAYOUTS[attribute.data_type])
+    if attribute.data_type != "BYTE_COLOR":
+        return found.copy()
+    colors = LINEAR_BYTE[found]
+    colors[:, 3] = BYTE[found[:, 3]]
+    return colors
