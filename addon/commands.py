@@ -17,7 +17,7 @@ import bpy
 from .core import command_line
 from .core.bake_folder import OTHER_WORLD, clear, clear_paths, is_bake
 from .core.progress import Pace, Reporter, clock
-from .engine import pictures, record, view_worker, world_render, worlds
+from .engine import mesh_worker, pictures, record, view_worker, world_render, worlds
 from .engine.native import native
 from .engine.scene import load_scene
 from .export import ExportError, ExportOptions, trace_settings, write_view_table
@@ -177,6 +177,12 @@ def colour_views(options: argparse.Namespace, _rest: list[str], reporter: Report
     return 0
 
 
+def finish_meshes(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
+    """Finishes meshes as they are asked for."""
+    mesh_worker.serve(Path(options.folder), lambda told: reporter.result(told, ""))
+    return 0
+
+
 def render_world(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
     """Renders a world with Cycles over all directions."""
     world_render.render(Path(options.folder))
@@ -225,6 +231,7 @@ COMMANDS = {
     "verify": verify,
     pictures.COMMAND: read_picture,
     worlds.COMMAND: render_world,
+    mesh_worker.COMMAND: finish_meshes,
     view_worker.COMMAND: colour_views,
 }
 

@@ -47,6 +47,7 @@ def parser() -> argparse.ArgumentParser:
     _add_verify(commands)
     _add_read_picture(commands)
     _add_render_world(commands)
+    _add_finish_meshes(commands)
     _add_colour_views(commands)
     for name, text in FORWARDED.items():
         commands.add_parser(name, help=f"{text} (see `{PROGRAM} {name} --help`)", add_help=False)
@@ -103,6 +104,12 @@ def _add_render_world(commands: argparse._SubParsersAction) -> None:
     render = commands.add_parser("render-world", help="render a world with Cycles over all directions (used by a bake)")
     render.add_argument("folder", help="folder with the job, for the result too")
     _add_output(render)
+
+
+def _add_finish_meshes(commands: argparse._SubParsersAction) -> None:
+    finish = commands.add_parser("finish-meshes", help="subdivide and shade meshes, as asked for (used by the panel)")
+    finish.add_argument("folder", help="folder with the meshes, for the results too")
+    _add_output(finish)
 
 
 def _add_colour_views(commands: argparse._SubParsersAction) -> None:

@@ -9,7 +9,7 @@ import bpy
 
 from ..export import ExportOptions, export_scene
 from ..export.working_space import LINEAR_REC709, working_space
-from . import worlds
+from . import mesh_worker, worlds
 from .native import native
 from .render_depsgraph import (
     ExportCancelled,
@@ -52,7 +52,11 @@ def scene_of_depsgraph(depsgraph: bpy.types.Depsgraph, options: ExportOptions | 
     if working_space() != LINEAR_REC709:
         builder.warn(f"working space {working_space()}: image textures and black bodies keep {LINEAR_REC709} primaries")
     export_scene(
-        _Stoppable(builder, stop), depsgraph, options or ExportOptions(), lambda world: worlds.rendered(world, stop)
+        _Stoppable(builder, stop),
+        depsgraph,
+        options or ExportOptions(),
+        lambda world: worlds.rendered(world, stop),
+        None if bpy.app.background else mesh_worker.finisher(stop),
     )
     return builder.build()
 

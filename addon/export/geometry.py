@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
+from contextlib import suppress
 from typing import Any
 
 import bpy
 import numpy as np
 
 from .arrays import LAYOUTS, stored
+from .late_mesh import FinishMesh, late_mesh
 
 UNREAD = {"INT16_2D", "INT32_2D"}
 """Types of attributes that Cycles does not read."""
@@ -20,27 +22,72 @@ LINEAR_BYTE = np.where(BYTE < 0.04045, BYTE / 12.92, ((BYTE + 0.055) / 1.055) **
 class GeometryExporter:
     """Exports each evaluated mesh once and remembers its number."""
 
-    def __init__(self, builder: Any, asked: Collection[str]):
-        self.builder = builder
+    def __init__(self, builder: Any, depsgraph: bpy.types.Depsgraph, asked: Collection[str], finish: FinishMesh | None):
+        self.builder, self.depsgraph = builder, depsgraph
         self.asked = asked
         """Names of attributes that materials read."""
-        self.numbers: dict[int, int | None] = {}
+        self.finish = finish
+        self.begun: dict[int, Callable[[], dict[str, Any]] | None] = {}
+        """Of an object's number in the session: what waits for its mesh to be finished; None where it is not late."""
+        self.numbers: dict[tuple[str, int], int | None] = {}
+        """Of evaluated meshes by their places, and of late ones by their objects."""
         self.attributes: dict[int, set[str]] = {}
         """Of a mesh's number: names of what materials can read."""
 
-    def mesh_number(self, mesh: bpy.types.Mesh) -> int | None:
-        """Number of an evaluated mesh; None if it has no faces. Evaluated meshes are shared by all instances of one
+    def begin(self) -> None:
+        """Has late meshes begun with, all of those that are likely to be seen."""
+        if self.finish is not None:
+            for found in self.depsgraph.ids:
+                if isinstance(found, bpy.types.Object) and found.type == "MESH" and not found.hide_render:
+                    self._begun(found)
+
+    def mesh_number(self, instance: bpy.types.DepsgraphObjectInstance) -> int | None:
+        """Number of the mesh of an instance; None if it has no faces. Evaluated meshes are shared by all instances of one
         evaluated object and by linked duplicates without modifiers."""
-        key = mesh.as_pointer()
+        obj = instance.object
+        # Curves and text have meshes too.
+        if self.finish is not None and obj.original.type == "MESH" and not is_part(instance):
+            key = ("object", obj.original.session_uid)
+            if key in self.numbers:
+                return self.numbers[key]
+            arrays = self._late_arrays(obj)
+            if arrays is not None:
+                self.numbers[key] = self._add(obj.original.data.name, arrays)
+                return self.numbers[key]
+        mesh = obj.data
+        key = ("mesh", mesh.as_pointer())
         if key not in self.numbers:
-            self.numbers[key] = self._export(mesh) if len(mesh.polygons) > 0 else None
+            has_faces = len(mesh.polygons) > 0
+            self.numbers[key] = self._add(mesh.name, mesh_arrays(mesh, self.asked)) if has_faces else None
         return self.numbers[key]
 
-    def _export(self, mesh: bpy.types.Mesh) -> int:
-        arrays = mesh_arrays(mesh, self.asked)
-        number = self.builder.add_mesh(mesh.name, **arrays)
+    def _late_arrays(self, obj: bpy.types.Object) -> dict[str, Any] | None:
+        """Of a late mesh; None of others, and where the other Blender failed: then this one finishes it."""
+        wait = self._begun(obj)
+        with suppress(OSError):
+            return wait() if wait is not None else None
+        self.begun[obj.original.session_uid] = None
+        return None
+
+    def _begun(self, obj: bpy.types.Object) -> Callable[[], dict[str, Any]] | None:
+        uid = obj.original.session_uid
+        if uid not in self.begun:
+            self.begun[uid] = None
+            late = late_mesh(obj.original.evaluated_get(self.depsgraph), self.depsgraph.scene_eval.render)
+            if late is not None and self.finish is not None:
+                with suppress(OSError):
+                    self.begun[uid] = self.finish(late, self.asked)
+        return self.begun[uid]
+
+    def _add(self, name: str, arrays: dict[str, Any]) -> int:
+        number = self.builder.add_mesh(name, **arrays)
         self.attributes[number] = set(arrays["color_attributes"])
         return number
+
+
+def is_part(instance: bpy.types.DepsgraphObjectInstance) -> bool:
+    """Whether an instance shows geometry that its object's own nodes instance, and not the object's mesh."""
+    return instance.is_instance and instance.parent.original == instance.object.original
 
 
 def mesh_arrays(mesh: bpy.types.Mesh, asked: Collection[str] = ()) -> dict[str, Any]:

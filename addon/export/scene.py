@@ -12,8 +12,9 @@ import numpy as np
 
 from ..core.random_number import MASK, random_of_name
 from .camera import camera_json, film_size
-from .geometry import GeometryExporter
+from .geometry import GeometryExporter, is_part
 from .images import ImageExporter
+from .late_mesh import FinishMesh
 from .lights import LightExporter
 from .linking import LightLinking, receiver_names
 from .materials import MaterialExporter, asked_attributes
@@ -55,16 +56,21 @@ def _no_render(_world: WorldGraph) -> np.ndarray:
 
 
 def export_scene(
-    builder: Any, depsgraph: bpy.types.Depsgraph, options: ExportOptions, render_world: RenderWorld = _no_render
+    builder: Any,
+    depsgraph: bpy.types.Depsgraph,
+    options: ExportOptions,
+    render_world: RenderWorld = _no_render,
+    finish_mesh: FinishMesh | None = None,
 ) -> None:
     """Feeds `builder` (a `relume.SceneBuilder`) with everything that `depsgraph` renders. What a world's nodes do
-    `render_world` finds out where they are more than a colour or an environment texture."""
+    `render_world` finds out where they are more than a colour or an environment texture; `finish_mesh` finishes meshes
+    that would hold up the window, if there is one."""
     if depsgraph.mode != "RENDER":
         raise ExportError("the scene must be evaluated for rendering; start the export from a render engine")
     scene = depsgraph.scene_eval
     size = options.resolution or film_size(scene.render, options.resolution_percentage)
     builder.set_camera(camera_json(_camera_object(depsgraph, options), scene, size))
-    _SceneExporter(builder, depsgraph, render_world).run()
+    _SceneExporter(builder, depsgraph, render_world, finish_mesh).run()
 
 
 def _camera_object(depsgraph: bpy.types.Depsgraph, options: ExportOptions) -> bpy.types.Object:
@@ -79,7 +85,13 @@ def _camera_object(depsgraph: bpy.types.Depsgraph, options: ExportOptions) -> bp
 
 
 class _SceneExporter:
-    def __init__(self, builder: Any, depsgraph: bpy.types.Depsgraph, render_world: RenderWorld):
+    def __init__(
+        self,
+        builder: Any,
+        depsgraph: bpy.types.Depsgraph,
+        render_world: RenderWorld,
+        finish_mesh: FinishMesh | None,
+    ):
         self.builder = builder
         self.render_world = render_world
         self.depsgraph = depsgraph
@@ -88,10 +100,11 @@ class _SceneExporter:
         self.materials = MaterialExporter(builder, self.images)
         self.linking = LightLinking(receiver_names(depsgraph.scene), builder.warn)
         self.lights = LightExporter(lambda light: builder.add_light(json.dumps(light)), builder.warn, self.linking)
-        self.geometry = GeometryExporter(builder, asked_attributes())
+        self.geometry = GeometryExporter(builder, depsgraph, asked_attributes(), finish_mesh)
 
     def run(self) -> None:
         self._warn_about_settings()
+        self.geometry.begin()
         for instance in self.depsgraph.object_instances:
             obj = instance.object
             self._warn_about_object(obj)
@@ -109,11 +122,11 @@ class _SceneExporter:
 
     def _export_geometry(self, instance: bpy.types.DepsgraphObjectInstance) -> None:
         obj = instance.object
-        mesh = self.geometry.mesh_number(obj.data)
+        mesh = self.geometry.mesh_number(instance)
         if mesh is None:
             return
         original = instance.parent.original if instance.is_instance and instance.parent else obj.original
-        materials = self._materials(obj)
+        materials = self._materials(instance)
         if self.materials.emissive.intersection(materials):
             self._warn_about_emitter(obj)
         self._warn_about_attributes(obj, mesh, materials)
@@ -130,14 +143,15 @@ class _SceneExporter:
             visibility=self._visibility(obj),
         )
 
-    def _materials(self, obj: bpy.types.Object) -> list[int]:
+    def _materials(self, instance: bpy.types.DepsgraphObjectInstance) -> list[int]:
+        obj = instance.object
         override = self.view_layer.material_override
         if override is not None:
             return [self.materials.number(override, obj.name)]
         slots = [slot.material for slot in obj.material_slots]
-        if not slots:
-            slots = list(getattr(obj.data, "materials", ())) or [None]
-        return [self.materials.number(material, obj.name) for material in slots]
+        if not slots and is_part(instance):
+            slots = list(obj.data.materials)  # Objects have a slot for each material of their own mesh.
+        return [self.materials.number(material, obj.name) for material in slots or [None]]
 
     def _visibility(self, obj: bpy.types.Object) -> tuple[bool, bool, bool, bool]:
         camera = obj.visible_camera and not obj.original.indirect_only_get(view_layer=self.view_layer)

@@ -1,0 +1,132 @@
+"""Meshes that Blender finishes only when somebody asks for them, as plain data from which another Blender finishes them.
+
+In a render it leaves a subdivision that is the last modifier to the engine (`delay` in its MOD_subsurf.cc), and normals
+always. Python asks with its lock held, and Blender's window waits for that lock."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Collection
+from typing import Any
+
+import bpy
+import numpy as np
+
+from .arrays import LAYOUTS, stored
+from .plain import settings_of
+
+SUBDIVIDED_FACES = 50_000
+"""From so many faces on a subdivision is left to another Blender: two cores take 20 ms for them."""
+SHADED_FACES = 250_000
+"""Likewise for the normals of a mesh whose modifiers change it: 20 ms. Others share theirs with what the viewport shows."""
+TOPOLOGY = (".edge_verts", ".corner_vert", ".corner_edge")
+"""Attributes that are Blender's own and part of a shape; the others of a dot are what is selected."""
+
+
+@dataclasses.dataclass(frozen=True)
+class LateMesh:
+    """An unfinished mesh."""
+
+    plain: dict[str, Any]
+    """What `finished` takes: plain data, and arrays that lie in Blender's memory."""
+    geometry: Any
+    """What that memory goes with."""
+
+
+FinishMesh = Callable[[LateMesh, Collection[str]], Callable[[], dict[str, Any]]]
+"""Begins to have a mesh finished and read elsewhere, with the attributes that are asked for; what it gives waits for the
+arrays (`geometry.mesh_arrays`). Both raise OSError."""
+
+
+def late_mesh(obj: bpy.types.Object, render: bpy.types.RenderSettings) -> LateMesh | None:
+    """The mesh of an evaluated object where finishing it would hold up the window; None of others."""
+    if not obj.modifiers or not hasattr(obj, "evaluated_geometry"):
+        return None
+    modifier = _last_modifier(obj, render)
+    if modifier is None:
+        return None
+    levels = _levels(modifier, render) if modifier.type == "SUBSURF" else 0
+    geometry = obj.evaluated_geometry()
+    mesh = geometry.mesh_base
+    if mesh is None or not _is_heavy(mesh, levels):
+        return None
+    subdivision = settings_of(modifier) | {"levels": levels} if levels else None
+    return LateMesh({"subdivision": subdivision} | _plain_mesh(mesh), geometry)
+
+
+def finished(late: dict[str, Any]) -> bpy.types.Mesh:
+    """The mesh, in another Blender."""
+    mesh = _built(late)
+    obj = bpy.data.objects.new(mesh.name, mesh)
+    scene = bpy.context.scene
+    scene.collection.objects.link(obj)
+    if late["subdivision"]:
+        modifier = obj.modifiers.new("Subdivision", "SUBSURF")
+        for name, value in late["subdivision"].items():
+            setattr(modifier, name, value)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    return obj.evaluated_get(depsgraph).data
+
+
+def _last_modifier(obj: bpy.types.Object, render: bpy.types.RenderSettings) -> bpy.types.Modifier | None:
+    for modifier in reversed(obj.modifiers):
+        if modifier.show_render and not (modifier.type == "SUBSURF" and _levels(modifier, render) == 0):
+            return modifier
+    return None
+
+
+def _levels(modifier: bpy.types.SubsurfModifier, render: bpy.types.RenderSettings) -> int:
+    most = render.simplify_subdivision_render if render.use_simplify else modifier.render_levels
+    return min(modifier.render_levels, most)
+
+
+def _is_heavy(mesh: bpy.types.Mesh, levels: int) -> bool:
+    if levels:
+        return len(mesh.loops) * 4 ** (levels - 1) >= SUBDIVIDED_FACES
+    return len(mesh.polygons) >= SHADED_FACES and mesh.normals_domain != "FACE"
+
+
+def _plain_mesh(mesh: bpy.types.Mesh) -> dict[str, Any]:
+    attributes = [
+        {
+            "name": attribute.name,
+            "type": attribute.data_type,
+            "domain": attribute.domain,
+            "values": stored(attribute.data, *LAYOUTS[attribute.data_type]),
+        }
+        for attribute in mesh.attributes
+        if attribute.data_type in LAYOUTS and (attribute.name in TOPOLOGY or not attribute.name.startswith("."))
+    ]
+    colors = mesh.color_attributes
+    return {
+        "name": mesh.name,
+        "vertices": len(mesh.vertices),
+        "edges": len(mesh.edges),
+        "face_starts": stored(mesh.polygons, np.int32),
+        "attributes": attributes,
+        "uv_map": next((layer.name for layer in mesh.uv_layers if layer.active_render), None),
+        "color": colors[colors.render_color_index].name if len(colors) else None,
+        "texture_space": [list(mesh.texspace_location), list(mesh.texspace_size)],
+    }
+
+
+def _built(late: dict[str, Any]) -> bpy.types.Mesh:
+    mesh = bpy.data.meshes.new(late["name"])
+    corners = next(len(found["values"]) for found in late["attributes"] if found["name"] == ".corner_vert")
+    mesh.vertices.add(late["vertices"])
+    mesh.edges.add(late["edges"])
+    mesh.loops.add(corners)
+    mesh.polygons.add(len(late["face_starts"]))
+    mesh.polygons.foreach_set("loop_start", late["face_starts"])
+    for found in late["attributes"]:
+        attribute = mesh.attributes.get(found["name"])
+        attribute = attribute or mesh.attributes.new(found["name"], found["type"], found["domain"])
+        stored(attribute.data, *LAYOUTS[found["type"]], is_new=True)[...] = found["values"]
+    mesh.update()
+    for layer in mesh.uv_layers:
+        layer.active_render = layer.name == late["uv_map"]
+    if late["color"] is not None:
+        mesh.color_attributes.render_color_index = mesh.color_attributes.find(late["color"])
+    mesh.use_auto_texspace = False
+    mesh.texspace_location, mesh.texspace_size = late["texture_space"]
+    return mesh
