@@ -148,6 +148,24 @@ def test_corrections_of_radiance_pictures_are_not_heeded(tmp_path, monkeypatch, 
     check_same(bpy.data.images.load(str(file)), monkeypatch, "Linear Rec.709", "STRAIGHT")
 
 
+@pytest.mark.parametrize(("mark", "names"), [("<UDIM>", ("1001", "1012")), ("<UVTILE>", ("u1_v1", "u2_v2"))])
+@pytest.mark.parametrize("first", [0, 1])
+def test_the_first_tile_has_the_texels_that_blender_reads(save, monkeypatch, tmp_path, mark, names, first):
+    for name in names:
+        bpy.data.images.remove(save(f"a.{name}.png", "PNG", brightest=0.5 if name == names[0] else 1.0))
+    image = bpy.data.images.load(str(tmp_path / f"a.{names[0]}.png"))
+    image.source, image.filepath = "TILED", str(tmp_path / f"a.{mark}.png")
+    image.tiles.new(1012)
+    if first:
+        image.tiles.remove(image.tiles.get(1001))
+    assert exported(image) == ([True], ["test: " + images.note_on(image)])
+    found = texels(image)
+    left_to_blender(monkeypatch)
+    assert exported(image)[0] == []
+    np.testing.assert_array_equal(found, texels(image))
+    assert (found[..., :3].max() > 200) == bool(first)
+
+
 def test_a_multi_layer_exr_is_left_to_blender(scene, tmp_path):
     output = scene.render.image_settings
     if hasattr(output, "media_type"):
@@ -190,14 +208,18 @@ def test_an_image_made_in_blender_keeps_what_its_packed_file_lacks(scene):
     assert texels(image)[..., 3].std() > 10
 
 
-def test_another_working_space_is_left_to_blender(save):
-    if not hasattr(bpy.data, "colorspace"):
-        pytest.skip("files have no working space before Blender 5.0")
-    image = save("a.exr", "OPEN_EXR", depth="32")
-    bpy.ops.wm.set_working_color_space(working_space="Linear Rec.2020")
-    assert exported(image)[0] == []
-    image.colorspace_settings.name = "Non-Color"
-    assert exported(image)[0] == [True]
+@pytest.mark.skipif(not hasattr(bpy.data, "colorspace"), reason="files have no working space before Blender 5.0")
+@pytest.mark.parametrize("working_space", ["Linear Rec.2020", "ACEScg"])
+@pytest.mark.parametrize(("kind", "depth"), [("PNG", "8"), ("PNG", "16"), ("OPEN_EXR", "32"), ("HDR", "8")])
+@ALPHA_MODES
+def test_files_have_blenders_texels_in_another_working_space(save, monkeypatch, working_space, kind, depth, alpha):
+    image = save(f"a.{kind.lower()}", kind, "RGB" if kind == "HDR" else "RGBA", depth)
+    bpy.ops.wm.set_working_color_space(working_space=working_space, convert_colors=False)
+    image.alpha_mode = alpha
+    found = texels(image)
+    assert exported(image) == ([True], [])
+    left_to_blender(monkeypatch)
+    np.testing.assert_allclose(found, texels(image), rtol=1e-4, atol=1e-4)
 
 
 def test_a_missing_file_is_said(save, tmp_path):

@@ -1,7 +1,6 @@
 """Meshes that another Blender finishes, so that the window does not wait for them."""
 
 import time
-from types import SimpleNamespace
 
 import bpy
 import numpy as np

@@ -46,7 +46,7 @@ class MeshWorker:
             part = self._place / ".part"
             array_file.write(part, {"late": plain, "asked": sorted(asked)})
             os.replace(part, self._place / f"{self._count}{JOB}")
-        if self._worker is None or self._worker.ended:
+        if not self.is_working:
             self._worker = Worker(blender_command(None, [COMMAND, str(self._place), "--json"]), self._place)
         return self._count
 
@@ -55,7 +55,13 @@ class MeshWorker:
         while number not in self._told:
             if stop():
                 raise ExportCancelled("cancelled")
-            self._listen()
+            worker = self._worker
+            if worker is None:
+                raise OSError("the other Blender was ended")
+            has_ended = worker.ended
+            self._told |= {event["number"]: event.get("failed", "") for event in worker.events() if "number" in event}
+            if has_ended and number not in self._told:
+                raise OSError(worker.failure())
             time.sleep(POLL_SECONDS)
         if words := self._told.pop(number):
             raise OSError(words)
@@ -64,13 +70,10 @@ class MeshWorker:
         path.unlink(missing_ok=True)
         return arrays
 
-    def _listen(self) -> None:
-        worker = self._worker
-        has_ended = worker is None or worker.ended
-        events = worker.events() if worker is not None else []
-        self._told |= {event["number"]: event.get("failed", "") for event in events if "number" in event}
-        if has_ended:
-            raise OSError(worker.failure() if worker is not None else "the other Blender was ended")
+    @property
+    def is_working(self) -> bool:
+        """Whether the other Blender is at work or waits."""
+        return self._worker is not None and not self._worker.ended
 
     def close(self) -> None:
         """Ends it; nothing stays behind."""
@@ -110,6 +113,11 @@ def _open() -> MeshWorker:
     return _shared
 
 
+def is_working() -> bool:
+    """Whether there is another Blender, at work or waiting."""
+    return _shared is not None and _shared.is_working
+
+
 def close() -> None:
     """Ends the other Blender, if there is one."""
     global _shared
@@ -119,8 +127,8 @@ def close() -> None:
 
 
 def serve(place: Path, tell: Callable[[dict[str, Any]], None]) -> None:
-    """The body of `relume finish-meshes`, in the other Blender: does the jobs of a folder one after the other, and tells
-    of each by its number, until none has come for a while."""
+    """The body of `relume finish-meshes`, in the other Blender: does the jobs of a folder one after the other, and
+    tells of each by its number, until none has come for a while."""
     since = time.monotonic()
     while place.is_dir() and time.monotonic() - since < IDLE_SECONDS:
         for number in _waiting(place):

@@ -1,5 +1,5 @@
-"""Memory of Blender, and memory for what Blender copies out. Blender copies with Python's lock held, and its window waits
-for that lock; numpy lets go of it."""
+"""Memory of Blender, and memory for what Blender copies out. Blender copies with Python's lock held, and its window
+waits for that lock; numpy lets go of it."""
 
 from __future__ import annotations
 

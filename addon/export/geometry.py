@@ -42,8 +42,8 @@ class GeometryExporter:
                     self._begun(found)
 
     def mesh_number(self, instance: bpy.types.DepsgraphObjectInstance) -> int | None:
-        """Number of the mesh of an instance; None if it has no faces. Evaluated meshes are shared by all instances of one
-        evaluated object and by linked duplicates without modifiers."""
+        """Number of the mesh of an instance; None if it has no faces. Evaluated meshes are shared by all instances of
+        one evaluated object and by linked duplicates without modifiers."""
         obj = instance.object
         # Curves and text have meshes too.
         if self.finish is not None and obj.original.type == "MESH" and not is_part(instance):

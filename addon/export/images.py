@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 
 from .arrays import touched
-from .working_space import LINEAR_REC709, working_space
+from .working_space import LINEAR_REC709, scene_linear_from_rec709, working_space
 
 ALPHA = {"STRAIGHT": "straight", "PREMUL": "premultiplied", "CHANNEL_PACKED": "channel_packed", "NONE": "none"}
 LINEAR_SPACES = {"Non-Color", "Raw", "Linear Rec.709", "Linear", "scene_linear", "Generic Data"}
@@ -38,11 +38,14 @@ class ImageExporter:
 
     def _export(self, image: bpy.types.Image, user: str) -> int:
         alpha = ALPHA.get(image.alpha_mode, "straight")
-        path = bpy.path.abspath(image.filepath, library=image.library)
+        path = path_of(image)
+        if note := note_on(image):
+            self.builder.warn(f"{user}: {note}")
         colors = colors_of_file(image)
         if colors is not None:
             file = image.packed_file.data if image.packed_file else path
-            number = self.builder.add_texture_file(image.name, file, colors=colors, alpha=alpha)
+            turn = None if working_space() == LINEAR_REC709 else scene_linear_from_rec709().tolist()
+            number = self.builder.add_texture_file(image.name, file, colors=colors, alpha=alpha, scene_from_rec709=turn)
             if number is not None:
                 return number
         texels = self._texels(image)
@@ -50,8 +53,6 @@ class ImageExporter:
             path = path or image.name
             self.builder.warn(f"{user}: image '{image.name}' could not be read from {path}; shown magenta")
             return self.missing(image.name)
-        if note := note_on(image):
-            self.builder.warn(f"{user}: {note}")
         return self.builder.add_texture(image.name, texels, encoding=self._encoding(image, user), alpha=alpha)
 
     def _texels(self, image: bpy.types.Image) -> np.ndarray | None:
@@ -80,14 +81,22 @@ class ImageExporter:
 def colors_of_file(image: bpy.types.Image) -> str | None:
     """What the values in an image's file stand for, in the native module's words; None where Blender may have others
     than those of one file, or where the native module does not know the colour space."""
-    if not is_as_in_file(image):
+    is_whole_tile = image.source == "TILED" and not image.is_dirty and not image.packed_files
+    if not is_whole_tile and not is_as_in_file(image):
         return None
     if image.colorspace_settings.is_data:
         return "data"
-    if working_space() != LINEAR_REC709:  # Blender converts floats, and only it knows which files have them.
-        return None
     space = image.colorspace_settings.name
     return "linear" if space in LINEAR_SPACES else "srgb" if space in SRGB_SPACES else None
+
+
+def path_of(image: bpy.types.Image) -> str:
+    """Of its file; of the first tile's, where there are several."""
+    path = bpy.path.abspath(image.filepath, library=image.library)
+    if image.source != "TILED":
+        return path
+    v, u = divmod(image.tiles[0].number - 1001, 10)
+    return path.replace("<UDIM>", f"{1001 + 10 * v + u}").replace("<UVTILE>", f"u{u + 1}_v{v + 1}")
 
 
 def note_on(image: bpy.types.Image) -> str:

@@ -1,4 +1,4 @@
-"""Meshes that Blender finishes only when somebody asks for them, as plain data from which another Blender finishes them.
+"""Meshes that Blender finishes only when somebody asks for them, as plain data that another Blender finishes.
 
 In a render it leaves a subdivision that is the last modifier to the engine (`delay` in its MOD_subsurf.cc), and normals
 always. Python asks with its lock held, and Blender's window waits for that lock."""
@@ -18,7 +18,7 @@ from .plain import settings_of
 SUBDIVIDED_FACES = 50_000
 """From so many faces on a subdivision is left to another Blender: two cores take 20 ms for them."""
 SHADED_FACES = 250_000
-"""Likewise for the normals of a mesh whose modifiers change it: 20 ms. Others share theirs with what the viewport shows."""
+"""Likewise for the normals of a mesh that modifiers change. Others share theirs with what the viewport shows."""
 TOPOLOGY = (".edge_verts", ".corner_vert", ".corner_edge")
 """Attributes that are Blender's own and part of a shape; the others of a dot are what is selected."""
 
@@ -34,8 +34,8 @@ class LateMesh:
 
 
 FinishMesh = Callable[[LateMesh, Collection[str]], Callable[[], dict[str, Any]]]
-"""Begins to have a mesh finished and read elsewhere, with the attributes that are asked for; what it gives waits for the
-arrays (`geometry.mesh_arrays`). Both raise OSError."""
+"""Begins to have a mesh finished and read elsewhere, with the attributes that are asked for; what it gives waits for
+the arrays (`geometry.mesh_arrays`). Both raise OSError."""
 
 
 def late_mesh(obj: bpy.types.Object, render: bpy.types.RenderSettings) -> LateMesh | None:

@@ -159,7 +159,7 @@ impl PySceneBuilder {
         enter_native(py, || self.builder.add_texture(texture))
     }
 
-    #[pyo3(signature = (name, file, *, colors="srgb", alpha="straight"))]
+    #[pyo3(signature = (name, file, *, colors="srgb", alpha="straight", scene_from_rec709=None))]
     fn add_texture_file(
         &mut self,
         py: Python<'_>,
@@ -167,7 +167,9 @@ impl PySceneBuilder {
         file: TextureFile<'_>,
         colors: &str,
         alpha: &str,
+        scene_from_rec709: Option<[[f32; 3]; 3]>,
     ) -> PyResult<Option<usize>> {
+        let turn = scene_from_rec709.map(mat3_from_rows);
         let (colors, alpha) = (known("colors", colors)?, known("alpha", alpha)?);
         let bytes = file.bytes();
         enter_native(py, || -> Result<_, NativeError> {
@@ -175,7 +177,7 @@ impl PySceneBuilder {
                 Ok(bytes) => scene::PictureFile::decode(bytes),
                 Err(path) => scene::PictureFile::read(path),
             };
-            let texture = picture.ok().map(|picture| picture.into_texture(name.into(), colors, alpha));
+            let texture = picture.ok().map(|picture| picture.into_texture(name.into(), colors, alpha, turn));
             Ok(texture.map(|texture| self.builder.add_texture(texture)).transpose()?)
         })
     }

@@ -214,7 +214,7 @@ fn base_texture(
     let number = match PictureFile::read(&path) {
         Ok(picture) => {
             let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            Some(builder.add_texture(picture.into_texture(name, FileColors::Srgb, Alpha::Straight))?)
+            Some(builder.add_texture(picture.into_texture(name, FileColors::Srgb, Alpha::Straight, None))?)
         }
         Err(reason) => {
             builder.warn(format!("texture {}: {reason}; the plain colour is used", path.display()));

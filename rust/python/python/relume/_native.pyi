@@ -77,9 +77,11 @@ class SceneBuilder:
         *,
         colors: Literal["srgb", "linear", "data"] = "srgb",
         alpha: Literal["straight", "premultiplied", "channel_packed", "none"] = "straight",
+        scene_from_rec709: Matrix3 | None = None,
     ) -> int | None:
         """The texels that Blender has of a picture file, or of its bytes: PNG, JPEG, OpenEXR, TIFF or Radiance; None if
-        it is none that can be read. `colors`: what its values stand for."""
+        it is none that can be read. `colors`: what its values stand for. `scene_from_rec709`: into the scene's linear
+        space, where that is another."""
 
     def set_camera(self, json: str) -> None:
         """A Blender camera in the JSON form of `relume_scene::BlenderCamera`."""

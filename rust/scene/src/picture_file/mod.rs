@@ -10,6 +10,7 @@ mod radiance;
 mod tiff;
 
 use crate::{Alpha, ColorEncoding, Texels, Texture};
+use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 use std::io::Read;
 use std::path::Path;
@@ -73,8 +74,15 @@ impl PictureFile {
     }
 
     /// The picture as a texture of that name, with the values that Blender has: bytes stay encoded with straight alpha,
-    /// floats become scene-linear and multiplied by alpha, and data stay what they are.
-    pub fn into_texture(mut self, name: String, colors: FileColors, alpha: Alpha) -> Texture {
+    /// floats become scene-linear and multiplied by alpha, and data stay what they are. Where the scene's linear space is
+    /// not that of Rec. 709, `scene_from_rec709` turns floats into it; Blender does not turn bytes either.
+    pub fn into_texture(
+        mut self,
+        name: String,
+        colors: FileColors,
+        alpha: Alpha,
+        scene_from_rec709: Option<Mat3>,
+    ) -> Texture {
         let encoding = match (&mut self.texels, colors) {
             (_, FileColors::Data) => ColorEncoding::Linear,
             (Texels::Byte(texels), _) => {
@@ -85,6 +93,9 @@ impl PictureFile {
                 associate(texels, alpha);
                 if colors == FileColors::Srgb {
                     decode_srgb(texels, alpha);
+                }
+                if let Some(scene_from_rec709) = scene_from_rec709 {
+                    turn(texels, scene_from_rec709);
                 }
                 ColorEncoding::Linear
             }
@@ -165,6 +176,14 @@ fn decode_srgb(texels: &mut [f32], alpha: Alpha) {
         for value in &mut pixel[..3] {
             *value = linear_from_srgb(*value / by) * by;
         }
+    });
+}
+
+/// Into another linear space; colours may be multiplied by alpha.
+fn turn(texels: &mut [f32], scene_from_rec709: Mat3) {
+    let (pixels, _) = texels.as_chunks_mut::<4>();
+    pixels.par_iter_mut().for_each(|[r, g, b, _]| {
+        [*r, *g, *b] = (scene_from_rec709 * Vec3::new(*r, *g, *b)).to_array();
     });
 }
 

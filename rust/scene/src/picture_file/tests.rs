@@ -141,7 +141,7 @@ fn radiance_pictures_are_read_flat_and_in_runs() {
 #[test]
 fn alpha_and_curve_are_those_of_blender() {
     let texture = |texels, colors, alpha| {
-        PictureFile { width: 1, height: 1, texels }.into_texture("test".into(), colors, alpha)
+        PictureFile { width: 1, height: 1, texels }.into_texture("test".into(), colors, alpha, None)
     };
     let bytes = |alpha| texture(Texels::Byte(vec![11, 20, 200, 100]), FileColors::Srgb, alpha).texels;
     assert_eq!(bytes_of(&bytes(Alpha::Straight)), [11, 20, 200, 100]);
