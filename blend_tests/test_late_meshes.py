@@ -81,6 +81,16 @@ def with_nothing_after(rock):
     rock.modifiers.remove(rock.modifiers[-1])
 
 
+def with_shape_keys(rock):
+    """Leaves a mesh that only shape keys change."""
+    rock.modifiers.clear()
+    rock.shape_key_add(name="Basis")
+    key = rock.shape_key_add(name="Wide")
+    for point in key.data:
+        point.co.x *= 2.0
+    key.value = 0.5
+
+
 def with_a_texture_space(rock):
     """Gives it one of its own."""
     rock.data.use_auto_texspace = False
@@ -96,6 +106,7 @@ CASES = {
     "simplified": simplify,
     "custom normals": with_custom_normals,
     "not subdivided": with_nothing_after,
+    "shape keys": with_shape_keys,
     "texture space": with_a_texture_space,
     "off after it": lambda rock: setattr(rock.modifiers.new("Off", "SUBSURF"), "render_levels", 0),
 }
@@ -120,7 +131,7 @@ def test_another_blender_finishes_a_mesh_as_this_one_does(scene, tmp_path, case)
     finally:
         worker.close()
     same(here, there)
-    assert len(here["face_starts"]) == {"not subdivided": 500, "simplified": 1968}.get(case, 7872)
+    assert len(here["face_starts"]) == {"not subdivided": 500, "shape keys": 500, "simplified": 1968}.get(case, 7872)
 
 
 def same(here, there):

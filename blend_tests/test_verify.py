@@ -261,6 +261,35 @@ def test_the_panel_verifies_what_it_shows(shot, tmp_path, monkeypatch):
     running.wait(60.0)
 
 
+def test_it_waits_for_the_picture_that_is_on_its_way(shot, monkeypatch):
+    addon.register()
+    try:
+        frame = picture(shot, samples=16)
+        opened = showing(frame)
+        opened.present_frame = None
+        monkeypatch.setattr(ui.shot, "of", lambda scene: opened)
+        ui.ask(shot)
+        assert ui.tick() and ui.is_waiting(shot) and verify.of(shot) is None
+        opened.present_frame = Picture(frame.image, scale=2)
+        assert ui.tick() and ui.is_waiting(shot) and verify.of(shot) is None
+        opened.present_frame = frame
+        assert ui.tick() and not ui.is_waiting(shot) and verify.of(shot).is_running
+        opened.present_frame = None
+        ui.ask(shot)
+        assert verify.of(shot) is None, "what ran is ended"
+        assert bpy.ops.relume.verify_cancel() == {"FINISHED"}
+        assert not ui.tick() and not ui.is_waiting(shot)
+        ui.ask(shot)
+        opened.refusal = "too many lights"
+        assert not ui.tick() and not ui.is_waiting(shot) and "too many lights" in ui._refused[shot.session_uid]
+        opened.refusal = ""
+        ui.ask(shot)
+        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+        assert not ui.tick() and not ui._waiting and not ui._refused
+    finally:
+        addon.unregister()
+
+
 def test_metrics_are_those_of_the_native_module():
     ones, twos = np.ones((2, 2, 3), np.float32), np.full((2, 2, 3), 2.0, np.float32)
     assert metrics.relative_error(twos, ones) == 1.0 and metrics.relative_error(ones, ones) == 0.0

@@ -18,7 +18,7 @@ from .plain import settings_of
 SUBDIVIDED_FACES = 50_000
 """From so many faces on a subdivision is left to another Blender: two cores take 20 ms for them."""
 SHADED_FACES = 250_000
-"""Likewise for the normals of a mesh that modifiers change. Others share theirs with what the viewport shows."""
+"""Likewise for the normals of a mesh that modifiers or shape keys change. Others share those of the viewport."""
 TOPOLOGY = (".edge_verts", ".corner_vert", ".corner_edge")
 """Attributes that are Blender's own and part of a shape; the others of a dot are what is selected."""
 
@@ -40,18 +40,17 @@ the arrays (`geometry.mesh_arrays`). Both raise OSError."""
 
 def late_mesh(obj: bpy.types.Object, render: bpy.types.RenderSettings) -> LateMesh | None:
     """The mesh of an evaluated object where finishing it would hold up the window; None of others."""
-    if not obj.modifiers or not hasattr(obj, "evaluated_geometry"):
-        return None
     modifier = _last_modifier(obj, render)
-    if modifier is None:
+    is_changed = modifier is not None or obj.original.data.shape_keys is not None
+    if not is_changed or not hasattr(obj, "evaluated_geometry"):
         return None
-    levels = _levels(modifier, render) if modifier.type == "SUBSURF" else 0
+    levels = _levels(modifier, render) if modifier is not None and modifier.type == "SUBSURF" else 0
     geometry = obj.evaluated_geometry()
     mesh = geometry.mesh_base
     if mesh is None or not _is_heavy(mesh, levels):
         return None
     subdivision = settings_of(modifier) | {"levels": levels} if levels else None
-    return LateMesh({"subdivision": subdivision} | _plain_mesh(mesh), geometry)
+    return LateMesh(_plain_mesh(mesh) | {"subdivision": subdivision}, geometry)
 
 
 def finished(late: dict[str, Any]) -> bpy.types.Mesh:

@@ -20,6 +20,7 @@ from .looks import lights_of
 from .panel import RelumePanel, message
 
 TICK_SECONDS = 0.25
+WAITS = "Waits for the picture of the present lights"
 VIEWS = {
     "WIPE": ("Wipe", "Cycles on the left, Relume on the right"),
     "A": ("Cycles", "The render by Cycles"),
@@ -27,16 +28,57 @@ VIEWS = {
     "DIFFERENCE": ("Difference", "Where the two differ: from black (nothing) by blue, green and red to white"),
 }
 
+_waiting: set[int] = set()
+"""Session uids of scenes that are verified as soon as their picture is there."""
+_refused: dict[int, str] = {}
+"""Why it did not come to that."""
+
+
+def ask(scene: bpy.types.Scene) -> None:
+    """As `start`, but where the picture of the present lights and rows is on its way, or not in full size yet, as soon
+    as it is there."""
+    cancel(scene.session_uid)
+    if _is_on_its_way(scene):
+        _waiting.add(scene.session_uid)
+        _poll()
+    else:
+        start(scene)
+
+
+def is_waiting(scene: bpy.types.Scene) -> bool:
+    """Whether a scene is verified as soon as its picture is there."""
+    return scene.session_uid in _waiting
+
+
+def cancel(scene_uid: int) -> None:
+    """Ends and forgets what runs or waits for a scene."""
+    _waiting.discard(scene_uid)
+    _refused.pop(scene_uid, None)
+    verify.close(scene_uid)
+
 
 def start(scene: bpy.types.Scene) -> verify.Verification:
-    """Renders the present lights and rows with Cycles, and compares. Raises VerifyError or NoCopyError."""
+    """Renders the present lights and rows with Cycles, and compares. Raises VerifyError, NoCopyError or OSError."""
     found, frame = shot.of(scene), _present_frame(scene)
     lights = [name_of(obj) for obj in lights_of(scene)]
     running = verify.start(scene, frame, found.camera, scene.relume_verify.samples, rows.mix(scene, lights))
     compare.clear(scene)
+    _poll()
+    return running
+
+
+def _poll() -> None:
     if not bpy.app.background and not bpy.app.timers.is_registered(_timer):
         bpy.app.timers.register(_timer, first_interval=TICK_SECONDS, persistent=True)
-    return running
+
+
+def _is_on_its_way(scene: bpy.types.Scene) -> bool:
+    """Whether there is going to be a picture of the present lights and rows in full size."""
+    found = shot.of(scene)
+    if found is None or found.frame is None or found.refusal or solving.running(scene) or comparing.running(scene):
+        return False
+    frame = found.present_frame
+    return frame is None or frame.scale != 1
 
 
 def _present_frame(scene: bpy.types.Scene) -> Any:
@@ -82,10 +124,25 @@ def words(found: verify.Verification) -> str:
 def tick() -> bool:
     """One turn of polling. Whether there is to be another one."""
     verify.close_gone()
+    has_begun = _begin_waiting()
     running = verify.all_running()
-    if any([found.poll() for found in running]):
+    if any([found.poll() for found in running]) or has_begun:
         redraw("UI")
-    return bool(running)
+    return bool(running or _waiting)
+
+
+def _begin_waiting() -> bool:
+    """Begins with what waits and has its picture now. Whether there was any."""
+    scenes = {scene.session_uid: scene for scene in bpy.data.scenes}
+    ready = [uid for uid in _waiting if uid not in scenes or not _is_on_its_way(scenes[uid])]
+    for uid in ready:
+        _waiting.remove(uid)
+        try:
+            if uid in scenes:
+                start(scenes[uid])
+        except (verify.VerifyError, NoCopyError, OSError) as error:
+            _refused[uid] = str(error)
+    return bool(ready)
 
 
 def _timer() -> float | None:
@@ -95,6 +152,12 @@ def _timer() -> float | None:
 @persistent
 def _on_load_pre(*_arguments) -> None:
     """Another file is about to be opened."""
+    _end()
+
+
+def _end() -> None:
+    _waiting.clear()
+    _refused.clear()
     verify.close_all()
 
 
@@ -119,7 +182,8 @@ class RELUME_OT_verify(bpy.types.Operator):  # noqa: N801 -- Blender's naming
     def execute(self, context):
         """Called by Blender."""
         try:
-            start(context.scene)
+            # Without a window nothing would begin with what waits.
+            (start if bpy.app.background else ask)(context.scene)
         except (verify.VerifyError, NoCopyError, OSError) as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -134,7 +198,7 @@ class RELUME_OT_verify_cancel(bpy.types.Operator):  # noqa: N801
 
     def execute(self, context):
         """Called by Blender."""
-        verify.close(context.scene.session_uid)
+        cancel(context.scene.session_uid)
         return {"FINISHED"}
 
 
@@ -177,13 +241,16 @@ class RELUME_PT_verify(RelumePanel, bpy.types.Panel):  # noqa: N801
     def draw(self, context):
         """Called by Blender."""
         layout, found = self.layout, verify.of(context.scene)
-        if found is not None and found.is_running:
-            layout.progress(factor=share_and_words(found.stage)[0], text=words(found))
+        if is_waiting(context.scene) or (found is not None and found.is_running):
+            share = share_and_words(found.stage)[0] if found is not None else 0.0
+            layout.progress(factor=share, text=words(found) if found is not None else WAITS)
             layout.operator("relume.verify_cancel", icon="X")
             return
         row = layout.row(align=True)
         row.prop(context.scene.relume_verify, "samples")
         row.operator("relume.verify", icon="CHECKMARK")
+        if refused := _refused.get(context.scene.session_uid):
+            message(layout, f"Not verified: {refused}", icon="ERROR")
         if found is None:
             return
         message(layout, words(found), icon="ERROR" if found.error else "NONE")
@@ -214,7 +281,7 @@ def register():
 def unregister():
     """Takes them away and ends what runs."""
     bpy.app.handlers.load_pre.remove(_on_load_pre)
-    verify.close_all()
+    _end()
     if bpy.app.timers.is_registered(_timer):
         bpy.app.timers.unregister(_timer)
     del bpy.types.Scene.relume_verify
