@@ -11,7 +11,7 @@ import relume
 from addon.engine.scene import load_scene
 from addon.export import images
 from addon.export.images import ImageExporter
-from helpers import add_material, add_quad
+from helpers import add_material, add_quad, render_cycles
 
 SIZE = 64
 
@@ -63,7 +63,9 @@ def save(scene, tmp_path):
 def exported(image):
     """Whether the file was read without Blender, empty if that was not tried; and what was warned of."""
     recorder = Recorder()
-    ImageExporter(recorder).number(image, "test")
+    material, tree, _ = add_material("User")
+    ImageExporter(recorder, 1).number(image, "test", tree.nodes.new("ShaderNodeTexImage").image_user)
+    bpy.data.materials.remove(material)
     return recorder.files, recorder.warnings
 
 
@@ -164,6 +166,33 @@ def test_the_first_tile_has_the_texels_that_blender_reads(save, monkeypatch, tmp
     assert exported(image)[0] == []
     np.testing.assert_array_equal(found, texels(image))
     assert (found[..., :3].max() > 200) == bool(first)
+
+
+@pytest.mark.parametrize(("frame", "shown"), [(1, 2), (3, 4), (9, 5), (-5, 1)])
+@pytest.mark.parametrize("is_cyclic", [False, True])
+def test_an_image_of_a_sequence_is_that_of_its_frame_in_cycles(scene, tmp_path, frame, shown, is_cyclic):
+    for number in range(1, 8):
+        image = bpy.data.images.new("made", 8, 8)
+        image.pixels.foreach_set(np.tile(np.float32([0.1 * number] * 3 + [1.0]), 8 * 8))
+        image.filepath_raw, image.file_format = str(tmp_path / f"v2_{number:03}.png"), "PNG"
+        image.save()
+        bpy.data.images.remove(image)
+    image = bpy.data.images.load(str(tmp_path / "v2_003.png"))
+    image.source, image.colorspace_settings.name = "SEQUENCE", "Non-Color"
+    material, tree, output = add_material("Film")
+    texture, emission = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("TexImage", "Emission"))
+    texture.image, settings = image, texture.image_user
+    settings.frame_duration, settings.frame_start, settings.frame_offset = 4, 1, 1
+    settings.use_auto_refresh, settings.use_cyclic = True, is_cyclic
+    tree.links.new(texture.outputs["Color"], emission.inputs["Color"])
+    tree.links.new(emission.outputs[0], output.inputs["Surface"])
+    add_quad(scene, "Screen", size=20.0, material=material)
+    scene.frame_set(frame)
+    loaded = load_scene(scene)
+    assert loaded.warnings == []
+    found = loaded.texels(0)[0, 0, 0] / 255
+    assert found == pytest.approx(render_cycles(scene, samples=1)[24, 32, 0], abs=2e-3)
+    assert is_cyclic or found == pytest.approx(0.1 * shown, abs=3e-3)
 
 
 def test_a_multi_layer_exr_is_left_to_blender(scene, tmp_path):

@@ -18,6 +18,7 @@ import bpy
 from ..core.differences import Print, color_text
 from ..export import trace_settings
 from ..export.camera import UnsupportedCameraError, camera_json, film_size
+from ..export.images import path_of
 from ..export.instancers import node_inputs, objects_in
 from ..export.materials.graph import used_tree
 from ..export.plain import plain
@@ -357,7 +358,8 @@ def _layers(layer: bpy.types.LayerCollection, is_hidden: bool) -> Iterator[tuple
 class _WorldRecorder:
     """Takes what `export_world` says about a world."""
 
-    def __init__(self) -> None:
+    def __init__(self, frame: int) -> None:
+        self.frame = frame
         self.color = [0.0, 0.0, 0.0]
         self.shape: list[Any] = []
 
@@ -365,9 +367,10 @@ class _WorldRecorder:
         """As the scene builder's."""
         self.color, self.shape = color, [texture, sorted(shape.items())]
 
-    def number(self, image: bpy.types.Image, _owner: str) -> str:
+    def number(self, image: bpy.types.Image, _owner: str, settings: bpy.types.ImageUser) -> str:
         """As the image exporter's."""
-        return repr([image.name_full, image.filepath, image.colorspace_settings.name, image.alpha_mode])
+        path = path_of(image, settings, self.frame) if image.source == "SEQUENCE" else image.filepath
+        return repr([image.name_full, path, image.colorspace_settings.name, image.alpha_mode])
 
     def texture_of(self, graph: WorldGraph, _name: str) -> str:
         """In place of rendering the world."""
@@ -380,7 +383,7 @@ class _WorldRecorder:
 
 def world(scene: bpy.types.Scene) -> Print:
     """The print of the scene's world."""
-    recorder: Any = _WorldRecorder()
+    recorder: Any = _WorldRecorder(scene.frame_current)
     export_world(recorder, recorder, recorder.texture_of, scene, render_layer(scene))
     return {"shape": hashed(recorder.shape), "color": color_text(recorder.color)}
 

@@ -35,7 +35,7 @@ class WorldTask:
         self.error: Exception | None = None
         self._stopped = False
         steps = _Steps(by_blender, before.source if before else None, lambda: self._stopped)
-        export_world(steps, ImageExporter(steps), steps.texture_of, scene, render_layer(scene))
+        export_world(steps, ImageExporter(steps, scene.frame_current), steps.texture_of, scene, render_layer(scene))
         self.source: Hashable = steps.source
         """What its texture is read from; None where nothing tells whether another is the same."""
         self._texture_of = before.world if before and steps.is_same else None

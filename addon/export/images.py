@@ -5,6 +5,7 @@ native module decodes files, packed ones too, as far as it comes to the pixels t
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import bpy
@@ -16,43 +17,51 @@ from .working_space import LINEAR_REC709, scene_linear_from_rec709, working_spac
 ALPHA = {"STRAIGHT": "straight", "PREMUL": "premultiplied", "CHANNEL_PACKED": "channel_packed", "NONE": "none"}
 LINEAR_SPACES = {"Non-Color", "Raw", "Linear Rec.709", "Linear", "scene_linear", "Generic Data"}
 SRGB_SPACES = {"sRGB", "Utility - sRGB - Texture"}
+LAST_NUMBER = re.compile(r"\d+(?=[^\d/\\]*\.[^./\\]*$)")
+"""Of a file's name without its extension: the frame, where it is one of a sequence."""
 MAGENTA = np.array([[[255, 0, 255, 255]]], np.uint8)
 
 
 class ImageExporter:
     """Exports each image once and remembers its number."""
 
-    def __init__(self, builder: Any):
+    def __init__(self, builder: Any, frame: int):
         self.builder = builder
-        self.numbers: dict[str, int] = {}
+        self.frame = frame
+        """Of the scene, where an image is one of a sequence."""
+        self.numbers: dict[tuple[str, str], int] = {}
 
-    def number(self, image: bpy.types.Image, user: str) -> int:
-        """Number of an image; `user` names who asks, for messages."""
-        if image.name_full not in self.numbers:
-            self.numbers[image.name_full] = self._export(image, user)
-        return self.numbers[image.name_full]
+    def number(self, image: bpy.types.Image, user: str, settings: bpy.types.ImageUser) -> int:
+        """Number of an image as a node's settings choose it; `user` names who asks, for messages."""
+        path = path_of(image, settings, self.frame)
+        key = image.name_full, path
+        if key not in self.numbers:
+            self.numbers[key] = self._export(image, path, user)
+        return self.numbers[key]
 
     def missing(self, user: str) -> int:
         """Blender's magenta, for a texture node without an image file."""
         return self.builder.add_texture(user, MAGENTA, encoding="linear", alpha="none")
 
-    def _export(self, image: bpy.types.Image, user: str) -> int:
+    def _export(self, image: bpy.types.Image, path: str, user: str) -> int:
         alpha = ALPHA.get(image.alpha_mode, "straight")
-        path = path_of(image)
-        if note := note_on(image):
-            self.builder.warn(f"{user}: {note}")
+        note = note_on(image)
         colors = colors_of_file(image)
         if colors is not None:
             file = image.packed_file.data if image.packed_file else path
             turn = None if working_space() == LINEAR_REC709 else scene_linear_from_rec709().tolist()
             number = self.builder.add_texture_file(image.name, file, colors=colors, alpha=alpha, scene_from_rec709=turn)
             if number is not None:
+                if note and image.source == "TILED":
+                    self.builder.warn(f"{user}: {note}")
                 return number
         texels = self._texels(image)
         if texels is None:
             path = path or image.name
             self.builder.warn(f"{user}: image '{image.name}' could not be read from {path}; shown magenta")
             return self.missing(image.name)
+        if note:
+            self.builder.warn(f"{user}: {note}")
         return self.builder.add_texture(image.name, texels, encoding=self._encoding(image, user), alpha=alpha)
 
     def _texels(self, image: bpy.types.Image) -> np.ndarray | None:
@@ -81,8 +90,8 @@ class ImageExporter:
 def colors_of_file(image: bpy.types.Image) -> str | None:
     """What the values in an image's file stand for, in the native module's words; None where Blender may have others
     than those of one file, or where the native module does not know the colour space."""
-    is_whole_tile = image.source == "TILED" and not image.is_dirty and not image.packed_files
-    if not is_whole_tile and not is_as_in_file(image):
+    is_one_of_several = image.source in {"TILED", "SEQUENCE"} and not image.is_dirty and not image.packed_files
+    if not is_one_of_several and not is_as_in_file(image):
         return None
     if image.colorspace_settings.is_data:
         return "data"
@@ -90,20 +99,31 @@ def colors_of_file(image: bpy.types.Image) -> str | None:
     return "linear" if space in LINEAR_SPACES else "srgb" if space in SRGB_SPACES else None
 
 
-def path_of(image: bpy.types.Image) -> str:
-    """Of its file; of the first tile's, where there are several."""
+def path_of(image: bpy.types.Image, settings: bpy.types.ImageUser, frame: int) -> str:
+    """Of the file that a node shows in a frame of the scene; of the first tile's, where there are several."""
     path = bpy.path.abspath(image.filepath, library=image.library)
-    if image.source != "TILED":
-        return path
-    v, u = divmod(image.tiles[0].number - 1001, 10)
-    return path.replace("<UDIM>", f"{1001 + 10 * v + u}").replace("<UVTILE>", f"u{u + 1}_v{v + 1}")
+    if image.source == "TILED":
+        v, u = divmod(image.tiles[0].number - 1001, 10)
+        return path.replace("<UDIM>", f"{1001 + 10 * v + u}").replace("<UVTILE>", f"u{u + 1}_v{v + 1}")
+    if image.source == "SEQUENCE" and (found := LAST_NUMBER.search(path)):
+        number = str(_frame_of_sequence(settings, frame)).zfill(len(found[0]))
+        return path[: found.start()] + number + path[found.end() :]
+    return path
+
+
+def _frame_of_sequence(settings: bpy.types.ImageUser, frame: int) -> int:
+    """As Blender's `BKE_image_user_frame_get`."""
+    length = settings.frame_duration
+    place = frame - settings.frame_start + 1
+    place = (place - 1) % max(length, 1) + 1 if settings.use_cyclic else min(max(place, 0), length)
+    return place + settings.frame_offset if length else 0
 
 
 def note_on(image: bpy.types.Image) -> str:
     """What is left out of an image with several pictures; empty of others."""
-    if image.source not in {"MOVIE", "SEQUENCE", "TILED"}:
-        return ""
-    return f"image '{image.name}' is a {image.source.lower()}; its first tile or present frame is used"
+    if image.source in {"MOVIE", "SEQUENCE"}:
+        return f"image '{image.name}' is a {image.source.lower()}; the frame that Blender has of it is used"
+    return f"image '{image.name}' is tiled; its first tile is used" if image.source == "TILED" else ""
 
 
 def is_as_in_file(image: bpy.types.Image) -> bool:

@@ -96,7 +96,7 @@ class _SceneExporter:
         self.render_world = render_world
         self.depsgraph = depsgraph
         self.view_layer = depsgraph.view_layer
-        self.images = ImageExporter(builder)
+        self.images = ImageExporter(builder, depsgraph.scene.frame_current)
         self.materials = MaterialExporter(builder, self.images)
         self.linking = LightLinking(receiver_names(depsgraph.scene), builder.warn)
         self.lights = LightExporter(lambda light: builder.add_light(json.dumps(light)), builder.warn, self.linking)

@@ -121,7 +121,7 @@ class _WorldExporter:
         mapping = self._direction(texture, "Vector")
         if texture.node.projection != "EQUIRECTANGULAR" or texture.node.image is None or mapping is None:
             return False
-        number = self.images.number(texture.node.image, f"world '{self.world.name}'")
+        number = self.images.number(texture.node.image, f"world '{self.world.name}'", texture.node.image_user)
         self._set([strength] * 3, texture=number, matrix=mapping)
         return True
 

@@ -57,7 +57,7 @@ def _image_texture(t: Translation, source: Source) -> Any:
         if node.image is None:
             texture = t.images.missing(user)
         else:
-            texture = t.images.number(node.image, user)
+            texture = t.images.number(node.image, user, node.image_user)
         return {
             "type": "image_texture",
             "texture": texture,
