@@ -61,5 +61,6 @@ def rebake(driver, artist, waiting, what):
         waiting.take()
         yield from artist.rebake()
         driver.record(f"longest wait for Python's lock, {what}", waiting.take() * 1000, "ms", GOAL_MS)
+        driver.photo(what.replace(" ", "-"))
         driver.check(artist.shot.frame, "there is a picture")
         yield from artist.until_settled()
