@@ -46,7 +46,7 @@ class GeometryExporter:
         one evaluated object and by linked duplicates without modifiers."""
         obj = instance.object
         # Curves and text have meshes too.
-        if self.finish is not None and obj.original.type == "MESH" and not is_part(instance):
+        if self.finish is not None and obj.original.type == "MESH" and not _is_part(instance):
             key = ("object", obj.original.session_uid)
             if key in self.numbers:
                 return self.numbers[key]
@@ -85,7 +85,7 @@ class GeometryExporter:
         return number
 
 
-def is_part(instance: bpy.types.DepsgraphObjectInstance) -> bool:
+def _is_part(instance: bpy.types.DepsgraphObjectInstance) -> bool:
     """Whether an instance shows geometry that its object's own nodes instance, and not the object's mesh."""
     return instance.is_instance and instance.parent.original == instance.object.original
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..core.random_number import MASK, random_of_name
 from .camera import camera_json, film_size
-from .geometry import GeometryExporter, is_part
+from .geometry import GeometryExporter
 from .images import ImageExporter
 from .late_mesh import FinishMesh
 from .lights import LightExporter
@@ -126,7 +126,7 @@ class _SceneExporter:
         if mesh is None:
             return
         original = instance.parent.original if instance.is_instance and instance.parent else obj.original
-        materials = self._materials(instance)
+        materials = self._materials(obj)
         if self.materials.emissive.intersection(materials):
             self._warn_about_emitter(obj)
         self._warn_about_attributes(obj, mesh, materials)
@@ -143,14 +143,12 @@ class _SceneExporter:
             visibility=self._visibility(obj),
         )
 
-    def _materials(self, instance: bpy.types.DepsgraphObjectInstance) -> list[int]:
-        obj = instance.object
+    def _materials(self, obj: bpy.types.Object) -> list[int]:
         override = self.view_layer.material_override
         if override is not None:
             return [self.materials.number(override, obj.name)]
+        # Evaluated, an object has a slot for each material of its mesh.
         slots = [slot.material for slot in obj.material_slots]
-        if not slots and is_part(instance):
-            slots = list(obj.data.materials)  # Objects have a slot for each material of their own mesh.
         return [self.materials.number(material, obj.name) for material in slots or [None]]
 
     def _visibility(self, obj: bpy.types.Object) -> tuple[bool, bool, bool, bool]:
