@@ -97,6 +97,11 @@ def with_a_texture_space(rock):
     rock.data.texspace_location, rock.data.texspace_size = (1, 2, 3), (4, 5, 6)
 
 
+def adaptive(rock):
+    """The setting that has Cycles subdivide it by its size in the picture, which a file of 4.5 has for the object."""
+    return {"use_adaptive_subdivision": True} if hasattr(rock.modifiers[-1], "use_adaptive_subdivision") else {}
+
+
 CASES = {
     "creased": lambda rock: None,
     "simple": lambda rock: subdivision(rock, subdivision_type="SIMPLE", uv_smooth="SMOOTH_ALL"),
@@ -104,6 +109,7 @@ CASES = {
         rock, use_limit_surface=False, quality=1, boundary_smooth="PRESERVE_CORNERS"
     ),
     "simplified": simplify,
+    "adaptive": lambda rock: subdivision(rock, **adaptive(rock)),
     "custom normals": with_custom_normals,
     "not subdivided": with_nothing_after,
     "shape keys": with_shape_keys,
