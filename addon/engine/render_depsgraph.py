@@ -1,5 +1,6 @@
 """A render-mode depsgraph, which Blender gives only to render engines: modifiers at render levels, objects that are
-shown in renders only. A hidden engine is registered around one render and passes its depsgraph on.
+shown in renders only. For one render the engine of the scene is borrowed where it can be, or a hidden one is
+registered, and passes its depsgraph on.
 
 In Blender's window the render is a job of Blender's own, on a thread of its own; without a window it is done when the
 call returns. Either way the user's settings, picture and windows stay as they were.
@@ -22,7 +23,10 @@ Stop = Callable[[], bool]
 
 POLL_SECONDS = 0.01
 SLOT = "Relume"
-"""The render slot that takes the empty picture of the hidden engine."""
+"""The render slot that takes the empty picture."""
+LENT = {"CYCLES", "RELUME"}
+"""Engines in Python, whose class runs the task in place of a render. For another one in the scene Blender would end the
+views that the scene's draws, put their nodes in order, and begin them anew: a tenth of a second and more."""
 SWITCH_SECONDS = 0.0002
 """How long Blender's window waits for Python while the work runs on another thread; Python's own 5 ms add up to a
 standstill, because every panel waits anew."""
@@ -48,12 +52,14 @@ class RelumeExportEngine(bpy.types.RenderEngine):
             task.run(self, depsgraph)
 
 
-HIDDEN = {"engine": RelumeExportEngine.bl_idname, "use_sequencer": False, "use_compositing": False}
+PLAIN = {"use_sequencer": False, "use_compositing": False}
 """Render settings of a scene that is being read, until Blender has copied them."""
+HIDDEN = PLAIN | {"engine": RelumeExportEngine.bl_idname}
+"""The same where its engine is not borrowed."""
 MARK = "relume_render_settings"
 """Custom property of such a scene, with what they were: it is in undo steps and files that are written meanwhile."""
-_reading: set[int] = set()
-"""Such scenes."""
+_reading: dict[int, dict[str, Any]] = {}
+"""Such scenes, and their settings."""
 
 
 class RenderTask(Generic[Result]):
@@ -73,11 +79,14 @@ class RenderTask(Generic[Result]):
         self.started = True
         before = sys.getswitchinterval()
         sys.setswitchinterval(SWITCH_SECONDS)
+        # Nothing may keep the engine, which Blender frees: neither what `work` leaves nor the frames of an error.
+        engines = [engine]
         try:
-            self._outcome.append(self.work(depsgraph, lambda: self.cancelled or engine.test_break()))
+            self._outcome.append(self.work(depsgraph, lambda: self.cancelled or not engines or engines[0].test_break()))
         except BaseException as error:
-            self._error = error
+            self._error = error.with_traceback(None)
         finally:
+            engines.clear()
             sys.setswitchinterval(before)
 
     def cancel(self) -> None:
@@ -101,7 +110,7 @@ def with_render_depsgraph(scene: bpy.types.Scene, work: Callable[[bpy.types.Deps
     """The result of `work`, called with the depsgraph of the scene's present frame and first render layer, and with
     what says whether to stop. Blender's window stands still meanwhile."""
     task = RenderTask(scene, work)
-    with _hidden_engine(task), _kept_render_result(), _render_settings(task):
+    with _engine(task, scene) as settings, _kept_render_result(), _render_settings(task, settings):
         bpy.ops.render.render(layer=render_layer(scene).name, scene=scene.name)
     return task.result()
 
@@ -116,10 +125,10 @@ def start_with_render_depsgraph(
     task = RenderTask(scene, work)
     around, settings = ExitStack(), ExitStack()
     try:
-        around.enter_context(_hidden_engine(task))
+        wanted = around.enter_context(_engine(task, scene))
         around.enter_context(_kept_render_result())
         around.push(settings)
-        settings.enter_context(_render_settings(task))
+        settings.enter_context(_render_settings(task, wanted))
         with _no_render_window(), bpy.context.temp_override(window=_window()):
             _begin_render(scene)
     except BaseException:
@@ -176,6 +185,43 @@ def _window() -> bpy.types.Window:
 
 
 @contextmanager
+def _engine(task: RenderTask[Any], scene: bpy.types.Scene) -> Iterator[dict[str, Any]]:
+    """Has the next render of a scene run a task; the settings that the scene needs for that."""
+    name = scene.render.engine
+    engines = bpy.types.RenderEngine.__subclasses__() if name in LENT else []
+    lent = next((cls for cls in engines if getattr(cls, "bl_idname", "") == name and cls.is_registered), None)
+    with _hidden_engine(task) if lent is None else _borrowed(lent, task):
+        yield HIDDEN if lent is None else PLAIN
+
+
+@contextmanager
+def _borrowed(lent: type[bpy.types.RenderEngine], task: RenderTask[Any]) -> Iterator[None]:
+    """Blender asks a class for its functions at each call. It may render previews with it at the same time."""
+    before = {name: vars(lent)[name] for name in ("update", "render") if name in vars(lent)}
+
+    def is_ours(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> bool:
+        return not engine.is_preview and depsgraph.scene.session_uid == task.scene_uid
+
+    def update(self, data, depsgraph):
+        if not is_ours(self, depsgraph):
+            before["update"](self, data, depsgraph)
+
+    def render(self, depsgraph):
+        if not is_ours(self, depsgraph):
+            before["render"](self, depsgraph)
+        elif not task.started:
+            task.run(self, depsgraph)
+
+    for name in before:
+        setattr(lent, name, {"update": update, "render": render}[name])
+    try:
+        yield
+    finally:
+        for name, function in before.items():
+            setattr(lent, name, function)
+
+
+@contextmanager
 def _hidden_engine(task: RenderTask[Any]) -> Iterator[None]:
     # A RenderEngine class left registered crashes Blender 4.2 at exit and hangs 4.5.
     bpy.utils.register_class(RelumeExportEngine)
@@ -188,25 +234,25 @@ def _hidden_engine(task: RenderTask[Any]) -> Iterator[None]:
 
 
 @contextmanager
-def _render_settings(task: RenderTask[Any]) -> Iterator[None]:
-    """Switches to the hidden engine, without sequencer and compositor, and back."""
-    _reading.add(task.scene_uid)
+def _render_settings(task: RenderTask[Any], settings: dict[str, Any]) -> Iterator[None]:
+    """Gives the scene these settings, and its own ones back."""
+    _reading[task.scene_uid] = settings
     settle_settings()
     try:
         yield
     finally:
-        _reading.discard(task.scene_uid)
+        _reading.pop(task.scene_uid, None)
         settle_settings()
 
 
 def settle_settings() -> None:
-    """Gives the hidden engine to the scenes that are being read and to no others. To be called after a file was
+    """Gives the settings for it to the scenes that are being read and to no others. To be called after a file was
     written, and after undo or a file brought back a moment in which a scene was being read."""
     show_settings()
     for scene in bpy.data.scenes:
-        if scene.session_uid in _reading:
-            scene[MARK] = {name: getattr(scene.render, name) for name in HIDDEN}
-            _set_render(scene, HIDDEN)
+        if settings := _reading.get(scene.session_uid):
+            scene[MARK] = {name: getattr(scene.render, name) for name in settings}
+            _set_render(scene, settings)
 
 
 def show_settings() -> None:
