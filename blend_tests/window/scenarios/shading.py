@@ -3,7 +3,6 @@ another engine for it."""
 
 import time
 
-import bpy
 from artist import Artist, addon
 
 NEEDS = ["modern_hall.blend"]
