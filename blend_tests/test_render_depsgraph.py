@@ -44,11 +44,13 @@ def test_the_users_render_stays(shot, tmp_path):
     assert (saved_picture(tmp_path) == before).all()
 
 
-def test_nothing_stays_where_nothing_was_rendered(shot):
+def test_only_blenders_empty_picture_stays_where_nothing_was_rendered(shot):
     settings = shot.render.engine, shot.render.use_compositing, shot.render.use_sequencer
     names = {image.name for image in bpy.data.images}
-    load_scene(shot)
-    assert {image.name for image in bpy.data.images} == names
+    for _ in range(2):
+        load_scene(shot)
+    assert {image.name for image in bpy.data.images} == names | {"Render Result"}
+    assert bpy.data.images["Render Result"].render_slots.active_index == 0
     assert (shot.render.engine, shot.render.use_compositing, shot.render.use_sequencer) == settings
     assert not RelumeExportEngine.is_registered
 

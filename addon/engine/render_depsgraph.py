@@ -272,15 +272,10 @@ def _set_render(scene: bpy.types.Scene, values: dict[str, Any]) -> None:
 
 @contextmanager
 def _kept_render_result() -> Iterator[None]:
-    """Lets the user's last picture be: the empty one goes into a slot of its own, or away if there was none."""
+    """Lets the user's last picture be: the empty one goes into a slot of its own."""
     image = _render_result()
-    if image is None:
-        try:
-            yield
-        finally:
-            image = _render_result()
-            if image is not None:
-                bpy.data.images.remove(image)
+    if image is None:  # Blender makes it. If it went again, Blender would put all that its views draw together anew.
+        yield
         return
     slots = image.render_slots
     before = slots.active_index
