@@ -1,4 +1,4 @@
-"""The export by a hidden engine: what it sees, and that it leaves nothing behind."""
+"""A scene read in a render: what is seen of it, and that nothing is left behind."""
 
 from types import SimpleNamespace
 

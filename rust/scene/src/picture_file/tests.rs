@@ -167,6 +167,24 @@ fn alpha_and_curve_are_those_of_blender() {
 }
 
 #[test]
+fn colours_of_floats_alone_are_turned_into_the_scenes_space() {
+    let turn = Mat3::from_cols(Vec3::new(0.5, 0.25, 0.0), Vec3::Y, Vec3::new(0.0, 0.0, 2.0));
+    let texture = |texels, colors| {
+        PictureFile { width: 1, height: 1, texels }.into_texture(
+            "test".into(),
+            colors,
+            Alpha::Straight,
+            Some(turn),
+        )
+    };
+    let floats = |colors| texture(Texels::Float(vec![0.5, 0.25, 0.125, 0.5]), colors).texels;
+    assert_eq!(floats_of(&floats(FileColors::Linear)), [0.125, 0.1875, 0.125, 0.5]);
+    assert_eq!(floats_of(&floats(FileColors::Data)), [0.5, 0.25, 0.125, 0.5]);
+    let bytes = texture(Texels::Byte(vec![11, 20, 200, 255]), FileColors::Srgb).texels;
+    assert_eq!(bytes_of(&bytes), [11, 20, 200, 255]);
+}
+
+#[test]
 fn damaged_files_are_refused_in_words() {
     let png = png(::png::ColorType::Rgb, ::png::BitDepth::Eight, &[0; 12]);
     let (tiff, exr) = (tiff_of::<colortype::Gray8>([8, 8], &[0; 64]), exr_of(&["Y"], 2));
