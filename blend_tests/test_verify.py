@@ -5,6 +5,7 @@ import os
 import sys
 import time
 from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import bpy
 import numpy as np
@@ -16,6 +17,7 @@ from addon.engine import process, verify
 from addon.engine.cycles_mix import write_mix
 from addon.engine.cycles_reference import JOB
 from addon.engine.verify import Picture, VerifyError
+from addon.ui import panel
 from addon.ui import verify as ui
 from addon.viewport import compare
 from helpers import add_light, add_material, add_quad, instance_linked_light, render_cycles
@@ -261,7 +263,15 @@ def test_the_panel_verifies_what_it_shows(shot, tmp_path, monkeypatch):
     running.wait(60.0)
 
 
+def drawn(scene):
+    """What the panel says."""
+    layout = MagicMock()
+    ui.RELUME_PT_verify.draw(SimpleNamespace(layout=layout), SimpleNamespace(scene=scene))
+    return str(layout.mock_calls)
+
+
 def test_it_waits_for_the_picture_that_is_on_its_way(shot, monkeypatch):
+    monkeypatch.setattr(panel, "characters", lambda *_: 80)
     addon.register()
     try:
         frame = picture(shot, samples=16)
@@ -270,6 +280,7 @@ def test_it_waits_for_the_picture_that_is_on_its_way(shot, monkeypatch):
         monkeypatch.setattr(ui.shot, "of", lambda scene: opened)
         ui.ask(shot)
         assert ui.tick() and ui.is_waiting(shot) and verify.of(shot) is None
+        assert ui.WAITS in drawn(shot) and "relume.verify_cancel" in drawn(shot)
         opened.present_frame = Picture(frame.image, scale=2)
         assert ui.tick() and ui.is_waiting(shot) and verify.of(shot) is None
         opened.present_frame = frame
@@ -282,6 +293,7 @@ def test_it_waits_for_the_picture_that_is_on_its_way(shot, monkeypatch):
         ui.ask(shot)
         opened.refusal = "too many lights"
         assert not ui.tick() and not ui.is_waiting(shot) and "too many lights" in ui._refused[shot.session_uid]
+        assert "Not verified" in drawn(shot) and ui.WAITS not in drawn(shot)
         opened.refusal = ""
         ui.ask(shot)
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
