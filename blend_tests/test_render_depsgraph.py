@@ -1,5 +1,7 @@
 """A scene read in a render: what is seen of it, and that nothing is left behind."""
 
+import sys
+import weakref
 from types import SimpleNamespace
 
 import bpy
@@ -146,6 +148,21 @@ def test_cycles_has_its_class_back_where_reading_fails(shot):
     with pytest.raises(ValueError, match="told"):
         with_render_depsgraph(shot, fail)
     assert vars(lent_class())["render"] is before
+
+
+def test_no_error_keeps_the_engine_that_blender_frees(shot):
+    engines = []
+
+    def fail(_depsgraph, _stop):
+        engines.append(weakref.ref(sys._getframe(1).f_locals["engine"]))
+        try:
+            raise KeyError("first")
+        except KeyError as error:
+            raise ValueError("told") from error
+
+    with pytest.raises(ValueError, match="told") as told:
+        with_render_depsgraph(shot, fail)
+    assert engines[0]() is None and told.value.__cause__.args == ("first",)
 
 
 def test_previews_and_other_scenes_are_rendered_by_cycles_meanwhile(shot, monkeypatch):

@@ -84,7 +84,7 @@ class RenderTask(Generic[Result]):
         try:
             self._outcome.append(self.work(depsgraph, lambda: self.cancelled or not engines or engines[0].test_break()))
         except BaseException as error:
-            self._error = error.with_traceback(None)
+            self._error = _without_frames(error)
         finally:
             engines.clear()
             sys.setswitchinterval(before)
@@ -104,6 +104,15 @@ class RenderTask(Generic[Result]):
         raise RuntimeError(
             f"Blender did not render scene '{self.scene_name}'; is a camera set, is a view layer enabled?"
         )
+
+
+def _without_frames(error: BaseException) -> BaseException:
+    """An error, and those that led to it, without what keeps the frames of their calls."""
+    link: BaseException | None = error
+    while link is not None:
+        link.__traceback__ = None
+        link = link.__cause__ or link.__context__
+    return error
 
 
 def with_render_depsgraph(scene: bpy.types.Scene, work: Callable[[bpy.types.Depsgraph, Stop], Result]) -> Result:
