@@ -406,3 +406,17 @@ def test_a_shape_may_lose_its_parts_while_it_is_looked_at(baked, steps_before):
     bpy.data.lattices["Cage"].points_u = 1
     for steps in taken:
         assert len(list(steps)) < 100
+
+
+@pytest.mark.parametrize(("mark", "names"), [("<UDIM>", ("1001", "1012")), ("<UVTILE>", ("u1_v1", "u2_v2"))])
+def test_the_file_of_every_tile_counts(scene, tmp_path, mark, names):
+    for name in names:
+        (tmp_path / f"a.{name}.png").write_bytes(b"before")
+    image = bpy.data.images.load(str(tmp_path / f"a.{names[0]}.png"))
+    image.source, image.filepath = "TILED", str(tmp_path / f"a.{mark}.png")
+    image.tiles.new(1012)
+    found = prints._image(image)
+    for name in names:
+        (tmp_path / f"a.{name}.png").write_bytes(b"after")
+        assert prints._image(image) != found
+        found = prints._image(image)

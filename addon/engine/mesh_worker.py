@@ -4,7 +4,6 @@ as the scene may be read again soon."""
 from __future__ import annotations
 
 import os
-import tempfile
 import time
 from collections.abc import Callable, Collection
 from pathlib import Path
@@ -15,7 +14,7 @@ import bpy
 from ..core import array_file
 from ..export.geometry import mesh_arrays
 from ..export.late_mesh import FinishMesh, LateMesh, finished
-from .process import Worker, blender_command, telling_little_room
+from .process import Worker, blender_command, private_folder, telling_little_room
 from .render_depsgraph import ExportCancelled, Stop
 
 COMMAND = "finish-meshes"
@@ -30,9 +29,7 @@ class MeshWorker:
     """The side of the Blender whose scene is read, on the thread that reads it."""
 
     def __init__(self) -> None:
-        self._folder = tempfile.TemporaryDirectory(
-            prefix="relume-", dir=bpy.app.tempdir or None, ignore_cleanup_errors=True
-        )
+        self._folder = private_folder()
         self._place = Path(self._folder.name)
         self._worker: Worker | None = None
         self._count = 0
@@ -111,11 +108,6 @@ def _open() -> MeshWorker:
     global _shared
     _shared = MeshWorker()
     return _shared
-
-
-def is_working() -> bool:
-    """Whether there is another Blender, at work or waiting."""
-    return _shared is not None and _shared.is_working
 
 
 def close() -> None:

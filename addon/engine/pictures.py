@@ -4,7 +4,6 @@ this one's window for a second."""
 from __future__ import annotations
 
 import json
-import tempfile
 import threading
 from collections.abc import Generator
 from dataclasses import dataclass, replace
@@ -18,7 +17,7 @@ import numpy as np
 from ..core.apart import apart
 from ..export.target import Picture, TargetError, read_mask, read_target, taken
 from ..export.view_transform import set_view, view_settings
-from .process import Worker, blender_command, telling_little_room
+from .process import Worker, blender_command, private_folder, telling_little_room
 
 COMMAND = "read-picture"
 JOB, PIXELS, PACKED, RESULT = "job.json", "pixels.npy", "packed", "result.npy"
@@ -44,9 +43,7 @@ class Reading:
         self.error = ""
         """Why it cannot be used, one line for the artist."""
         self._worker: Worker | None = None
-        self._folder = tempfile.TemporaryDirectory(
-            prefix="relume-", dir=bpy.app.tempdir or None, ignore_cleanup_errors=True
-        )
+        self._folder = private_folder()
         self._place = Path(self._folder.name)
         job = {"name": image.name, "size": size, "colors": colors, "view": view_settings(scene)}
         self._work = self._run(job | _described(image, self._place), image.session_uid)

@@ -18,7 +18,7 @@ import bpy
 from ..core.differences import Print, color_text
 from ..export import trace_settings
 from ..export.camera import UnsupportedCameraError, camera_json, film_size
-from ..export.images import path_of
+from ..export.images import path_of, tile_path
 from ..export.instancers import node_inputs, objects_in
 from ..export.materials.graph import used_tree
 from ..export.plain import plain
@@ -281,8 +281,8 @@ def _image(image: bpy.types.Image) -> Print | None:
     if image.source not in {"FILE", "SEQUENCE", "TILED"} or image.packed_file:
         return None
     path = bpy.path.abspath(image.filepath, library=image.library)
-    tiles = [tile.number for tile in image.tiles] if image.source == "TILED" else [0]
-    return {"file": hashed([_stamp(path.replace("<UDIM>", str(tile))) for tile in tiles])}
+    paths = [tile_path(path, tile.number) for tile in image.tiles] if image.source == "TILED" else [path]
+    return {"file": hashed([_stamp(found) for found in paths])}
 
 
 def _stamp(path: str) -> tuple[int, int] | None:

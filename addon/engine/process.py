@@ -181,6 +181,11 @@ def _crash(code: int) -> str:
     return f"the other Blender crashed ({name})"
 
 
+def private_folder() -> tempfile.TemporaryDirectory[str]:
+    """A new folder in Blender's own temporary one, or the system's; it goes when that is asked for. Raises OSError."""
+    return tempfile.TemporaryDirectory(prefix="relume-", dir=bpy.app.tempdir or None, ignore_cleanup_errors=True)
+
+
 class SavedCopy:
     """The open file as it is now, in a private folder that goes with `remove`. Raises NoCopyError, also where the copy
     would lack something that renders of the scene show."""
@@ -188,7 +193,7 @@ class SavedCopy:
     def __init__(self, scene: bpy.types.Scene) -> None:
         if words := painted.refusal(scene):
             raise NoCopyError(words)
-        self._folder = tempfile.TemporaryDirectory(prefix="relume-", dir=bpy.app.tempdir, ignore_cleanup_errors=True)
+        self._folder = private_folder()
         self.folder = Path(self._folder.name)
         self.blend = self.folder / "shot.blend"
         try:

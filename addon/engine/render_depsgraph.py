@@ -26,7 +26,7 @@ SLOT = "Relume"
 """The render slot that takes the empty picture."""
 LENT = {"CYCLES", "RELUME"}
 """Engines in Python, whose class runs the task in place of a render. For another one in the scene Blender would end the
-views that the scene's draws, put their nodes in order, and begin them anew: a tenth of a second and more."""
+views that the scene's draws, and begin them anew (docs/overlay.md)."""
 SWITCH_SECONDS = 0.0002
 """How long Blender's window waits for Python while the work runs on another thread; Python's own 5 ms add up to a
 standstill, because every panel waits anew."""

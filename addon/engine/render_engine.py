@@ -4,7 +4,6 @@ the rows' mix, in passes."""
 from __future__ import annotations
 
 import json
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -27,6 +26,7 @@ from . import shot
 from .checks import folders_in_use
 from .native import native
 from .options import Options, options_of, remembered_bake
+from .process import private_folder
 from .render_depsgraph import ExportCancelled
 from .scene import scene_of_depsgraph
 
@@ -125,10 +125,7 @@ class _FinalRender:
         with ExitStack() as temporary:
             if relighter is None or misses:
                 if not (is_same or _is_free(folder)) or self._is_being_baked(folder) or misses:
-                    path = tempfile.TemporaryDirectory(
-                        prefix="relume-", dir=bpy.app.tempdir, ignore_cleanup_errors=True
-                    )
-                    folder = Path(temporary.enter_context(path))
+                    folder = Path(temporary.enter_context(private_folder()))
                 self._bake(exported, folder)
                 relighter = self._open(folder, exported)
             yield relighter

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import tempfile
 import time
 from collections.abc import Callable, Generator, Iterator
 from functools import partial
@@ -22,7 +21,7 @@ from ..core.apart import apart
 from ..export.color_table import COARSE, FINE, Table, color_table
 from ..export.view_file import write_view_table
 from ..export.view_transform import set_view
-from .process import Worker, blender_command, telling_little_room
+from .process import Worker, blender_command, private_folder, telling_little_room
 
 COMMAND = "colour-views"
 JOB = "-job.json"
@@ -55,9 +54,7 @@ class ViewWorker:
     """The window's side. Nothing waits here."""
 
     def __init__(self) -> None:
-        self._folder = tempfile.TemporaryDirectory(
-            prefix="relume-", dir=bpy.app.tempdir or None, ignore_cleanup_errors=True
-        )
+        self._folder = private_folder()
         self._place = Path(self._folder.name)
         self._worker: Worker | None = None
         self._job: dict[str, Any] = {}

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import tempfile
 import threading
 import time
 from collections import OrderedDict
@@ -21,7 +20,7 @@ from ..export.images import is_as_in_file
 from ..export.working_space import working_space
 from ..export.world import WorldRenderError
 from ..export.world_graph import WorldGraph
-from .process import Worker, blender_command, telling_little_room
+from .process import Worker, blender_command, private_folder, telling_little_room
 from .render_depsgraph import ExportCancelled, Stop
 
 COMMAND = "render-world"
@@ -117,9 +116,7 @@ def _name(data: bytes) -> str:
 
 
 def _render(job: str, contents: dict[str, _Contents], stop: Stop) -> np.ndarray:
-    with tempfile.TemporaryDirectory(
-        prefix="relume-", dir=bpy.app.tempdir or None, ignore_cleanup_errors=True
-    ) as folder:
+    with private_folder() as folder:
         place = Path(folder)
         with telling_little_room(place):
             _write_job(place, job, contents)

@@ -103,12 +103,17 @@ def path_of(image: bpy.types.Image, settings: bpy.types.ImageUser, frame: int) -
     """Of the file that a node shows in a frame of the scene; of the first tile's, where there are several."""
     path = bpy.path.abspath(image.filepath, library=image.library)
     if image.source == "TILED":
-        v, u = divmod(image.tiles[0].number - 1001, 10)
-        return path.replace("<UDIM>", f"{1001 + 10 * v + u}").replace("<UVTILE>", f"u{u + 1}_v{v + 1}")
+        return tile_path(path, image.tiles[0].number)
     if image.source == "SEQUENCE" and (found := LAST_NUMBER.search(path)):
         number = str(_frame_of_sequence(settings, frame)).zfill(len(found[0]))
         return path[: found.start()] + number + path[found.end() :]
     return path
+
+
+def tile_path(path: str, number: int) -> str:
+    """Of the file of a tile: 1001 is the first of the first ten."""
+    v, u = divmod(number - 1001, 10)
+    return path.replace("<UDIM>", str(number)).replace("<UVTILE>", f"u{u + 1}_v{v + 1}")
 
 
 def _frame_of_sequence(settings: bpy.types.ImageUser, frame: int) -> int:

@@ -47,7 +47,7 @@ def play(driver):
     for level in LEVELS:
         subdivision.render_levels = level
         yield from rebake(driver, artist, waiting, f"subdivided {level} times")
-    driver.check(addon("engine.mesh_worker").is_working(), "another Blender has subdivided")
+    driver.check(addon("engine.mesh_worker")._shared.is_working, "another Blender has subdivided")
     obj.modifiers.new("Triangles", "TRIANGULATE")
     obj.data.shade_smooth()
     yield from rebake(driver, artist, waiting, f"subdivided {level} times and changed after it")
