@@ -1,14 +1,10 @@
-"""A scene read in a render: what is seen of it, and that nothing is left behind."""
-
-import sys
-import weakref
-from types import SimpleNamespace
+"""The export by a hidden engine: what it sees, and that it leaves nothing behind."""
 
 import bpy
 import numpy as np
 import pytest
 
-from addon.engine.render_depsgraph import HIDDEN, MARK, ExportCancelled, RelumeExportEngine, with_render_depsgraph
+from addon.engine.render_depsgraph import MARK, ExportCancelled, RelumeExportEngine, with_render_depsgraph
 from addon.engine.scene import load_scene, load_scene_async, scene_of_depsgraph
 from addon.export import ExportError, ExportOptions
 from helpers import add_light, add_quad, render_cycles
@@ -46,13 +42,11 @@ def test_the_users_render_stays(shot, tmp_path):
     assert (saved_picture(tmp_path) == before).all()
 
 
-def test_only_blenders_empty_picture_stays_where_nothing_was_rendered(shot):
+def test_nothing_stays_where_nothing_was_rendered(shot):
     settings = shot.render.engine, shot.render.use_compositing, shot.render.use_sequencer
     names = {image.name for image in bpy.data.images}
-    for _ in range(2):
-        load_scene(shot)
-    assert {image.name for image in bpy.data.images} == names | {"Render Result"}
-    assert bpy.data.images["Render Result"].render_slots.active_index == 0
+    load_scene(shot)
+    assert {image.name for image in bpy.data.images} == names
     assert (shot.render.engine, shot.render.use_compositing, shot.render.use_sequencer) == settings
     assert not RelumeExportEngine.is_registered
 
@@ -62,12 +56,7 @@ def settings_of(scene):
     return scene.render.engine, scene.render.use_sequencer, scene.render.use_compositing
 
 
-ENGINES = pytest.mark.parametrize("engine", ["CYCLES", "BLENDER_WORKBENCH"])
-
-
-@ENGINES
-def test_a_file_that_is_saved_meanwhile_has_the_artists_settings(shot, registered_for_all_files, tmp_path, engine):
-    shot.render.engine = engine
+def test_a_file_that_is_saved_meanwhile_has_the_artists_settings(shot, registered_for_all_files, tmp_path):
     before = settings_of(shot)
     path = str(tmp_path / "saved.blend")
 
@@ -75,17 +64,14 @@ def test_a_file_that_is_saved_meanwhile_has_the_artists_settings(shot, registere
         bpy.ops.wm.save_as_mainfile(filepath=path, copy=True)
         return settings_of(bpy.context.scene), list(shot.keys())
 
-    meanwhile, _ = with_render_depsgraph(shot, save)
-    assert meanwhile == ("CYCLES" if engine == "CYCLES" else HIDDEN["engine"], False, False)
-    assert settings_of(shot) == before
+    (engine, *_), _ = with_render_depsgraph(shot, save)
+    assert engine == "RELUME_EXPORT" and settings_of(shot) == before
     with bpy.data.libraries.load(path) as (names, wanted):
         wanted.scenes = names.scenes
     assert settings_of(wanted.scenes[0]) == before and MARK not in wanted.scenes[0]
 
 
-@ENGINES
-def test_undo_does_not_bring_the_hidden_engine_back(shot, registered_for_all_files, engine):
-    shot.render.engine = engine
+def test_undo_does_not_bring_the_hidden_engine_back(shot, registered_for_all_files):
     before = settings_of(shot)
     bpy.ops.ed.undo_push(message="before")
     with_render_depsgraph(shot, lambda _depsgraph, _stop: bpy.ops.ed.undo_push(message="while it is read"))
@@ -119,69 +105,3 @@ def test_an_export_can_be_stopped_between_two_parts(shot):
     with pytest.raises(ExportCancelled):
         with_render_depsgraph(shot, work)
     assert shot.render.engine == "CYCLES" and not RelumeExportEngine.is_registered
-
-
-def lent_class():
-    """Cycles', as Blender finds it."""
-    return next(cls for cls in bpy.types.RenderEngine.__subclasses__() if getattr(cls, "bl_idname", "") == "CYCLES")
-
-
-def test_cycles_lends_its_class_for_one_render_and_renders_after_it(shot):
-    before = {name: vars(lent_class())[name] for name in ("update", "render")}
-    picture = render_cycles(shot, samples=4)
-    hashes = set()
-    for engine in ("CYCLES", "BLENDER_WORKBENCH"):
-        shot.render.engine = engine
-        hashes.add(load_scene(shot).hash)
-        assert {name: vars(lent_class())[name] for name in before} == before
-    assert len(hashes) == 1
-    shot.render.engine = "CYCLES"
-    assert (render_cycles(shot, samples=4) == picture).all()
-
-
-def test_cycles_has_its_class_back_where_reading_fails(shot):
-    before = vars(lent_class())["render"]
-
-    def fail(_depsgraph, _stop):
-        raise ValueError("told")
-
-    with pytest.raises(ValueError, match="told"):
-        with_render_depsgraph(shot, fail)
-    assert vars(lent_class())["render"] is before
-
-
-def test_no_error_keeps_the_engine_that_blender_frees(shot):
-    engines = []
-
-    def fail(_depsgraph, _stop):
-        engines.append(weakref.ref(sys._getframe(1).f_locals["engine"]))
-        try:
-            raise KeyError("first")
-        except KeyError as error:
-            raise ValueError("told") from error
-
-    with pytest.raises(ValueError, match="told") as told:
-        with_render_depsgraph(shot, fail)
-    assert engines[0]() is None and told.value.__cause__.args == ("first",)
-
-
-def test_previews_and_other_scenes_are_rendered_by_cycles_meanwhile(shot, monkeypatch):
-    called = []
-    for name in ("update", "render"):
-        monkeypatch.setattr(lent_class(), name, lambda *arguments, name=name: called.append(name))
-
-    def work(depsgraph, _stop):
-        cls = lent_class()
-        for is_preview, scene in ((True, depsgraph.scene), (False, shot.copy())):
-            engine, found = SimpleNamespace(is_preview=is_preview), SimpleNamespace(scene=scene)
-            cls.update(engine, bpy.data, found)
-            cls.render(engine, found)
-        cls.render(SimpleNamespace(is_preview=False), depsgraph)
-
-    with_render_depsgraph(shot, work)
-    assert called == ["update", "render"] * 2
-
-
-def test_relume_lends_its_own_class(shot, registered_for_all_files):
-    shot.render.engine = "RELUME"
-    assert with_render_depsgraph(shot, lambda _depsgraph, _stop: shot.render.engine) == "RELUME"

@@ -1,6 +1,5 @@
 """A render-mode depsgraph, which Blender gives only to render engines: modifiers at render levels, objects that are
-shown in renders only. For one render the engine of the scene is borrowed where it can be, or a hidden one is
-registered, and passes its depsgraph on.
+shown in renders only. A hidden engine is registered around one render and passes its depsgraph on.
 
 In Blender's window the render is a job of Blender's own, on a thread of its own; without a window it is done when the
 call returns. Either way the user's settings, picture and windows stay as they were.
@@ -23,10 +22,7 @@ Stop = Callable[[], bool]
 
 POLL_SECONDS = 0.01
 SLOT = "Relume"
-"""The render slot that takes the empty picture."""
-LENT = {"CYCLES", "RELUME"}
-"""Engines in Python, whose class runs the task in place of a render. For another one in the scene Blender would end the
-views that the scene's draws, and begin them anew (docs/overlay.md)."""
+"""The render slot that takes the empty picture of the hidden engine."""
 SWITCH_SECONDS = 0.0002
 """How long Blender's window waits for Python while the work runs on another thread; Python's own 5 ms add up to a
 standstill, because every panel waits anew."""
@@ -52,14 +48,12 @@ class RelumeExportEngine(bpy.types.RenderEngine):
             task.run(self, depsgraph)
 
 
-PLAIN = {"use_sequencer": False, "use_compositing": False}
+HIDDEN = {"engine": RelumeExportEngine.bl_idname, "use_sequencer": False, "use_compositing": False}
 """Render settings of a scene that is being read, until Blender has copied them."""
-HIDDEN = PLAIN | {"engine": RelumeExportEngine.bl_idname}
-"""The same where its engine is not borrowed."""
 MARK = "relume_render_settings"
 """Custom property of such a scene, with what they were: it is in undo steps and files that are written meanwhile."""
-_reading: dict[int, dict[str, Any]] = {}
-"""Such scenes, and their settings."""
+_reading: set[int] = set()
+"""Such scenes."""
 
 
 class RenderTask(Generic[Result]):
@@ -79,14 +73,11 @@ class RenderTask(Generic[Result]):
         self.started = True
         before = sys.getswitchinterval()
         sys.setswitchinterval(SWITCH_SECONDS)
-        # Nothing may keep the engine, which Blender frees: neither what `work` leaves nor the frames of an error.
-        engines = [engine]
         try:
-            self._outcome.append(self.work(depsgraph, lambda: self.cancelled or not engines or engines[0].test_break()))
+            self._outcome.append(self.work(depsgraph, lambda: self.cancelled or engine.test_break()))
         except BaseException as error:
-            self._error = _without_frames(error)
+            self._error = error
         finally:
-            engines.clear()
             sys.setswitchinterval(before)
 
     def cancel(self) -> None:
@@ -106,20 +97,11 @@ class RenderTask(Generic[Result]):
         )
 
 
-def _without_frames(error: BaseException) -> BaseException:
-    """An error, and those that led to it, without what keeps the frames of their calls."""
-    link: BaseException | None = error
-    while link is not None:
-        link.__traceback__ = None
-        link = link.__cause__ or link.__context__
-    return error
-
-
 def with_render_depsgraph(scene: bpy.types.Scene, work: Callable[[bpy.types.Depsgraph, Stop], Result]) -> Result:
     """The result of `work`, called with the depsgraph of the scene's present frame and first render layer, and with
     what says whether to stop. Blender's window stands still meanwhile."""
     task = RenderTask(scene, work)
-    with _engine(task, scene) as settings, _kept_render_result(), _render_settings(task, settings):
+    with _hidden_engine(task), _kept_render_result(), _render_settings(task):
         bpy.ops.render.render(layer=render_layer(scene).name, scene=scene.name)
     return task.result()
 
@@ -134,10 +116,10 @@ def start_with_render_depsgraph(
     task = RenderTask(scene, work)
     around, settings = ExitStack(), ExitStack()
     try:
-        wanted = around.enter_context(_engine(task, scene))
+        around.enter_context(_hidden_engine(task))
         around.enter_context(_kept_render_result())
         around.push(settings)
-        settings.enter_context(_render_settings(task, wanted))
+        settings.enter_context(_render_settings(task))
         with _no_render_window(), bpy.context.temp_override(window=_window()):
             _begin_render(scene)
     except BaseException:
@@ -194,43 +176,6 @@ def _window() -> bpy.types.Window:
 
 
 @contextmanager
-def _engine(task: RenderTask[Any], scene: bpy.types.Scene) -> Iterator[dict[str, Any]]:
-    """Has the next render of a scene run a task; the settings that the scene needs for that."""
-    name = scene.render.engine
-    engines = bpy.types.RenderEngine.__subclasses__() if name in LENT else []
-    lent = next((cls for cls in engines if getattr(cls, "bl_idname", "") == name and cls.is_registered), None)
-    with _hidden_engine(task) if lent is None else _borrowed(lent, task):
-        yield HIDDEN if lent is None else PLAIN
-
-
-@contextmanager
-def _borrowed(lent: type[bpy.types.RenderEngine], task: RenderTask[Any]) -> Iterator[None]:
-    """Blender asks a class for its functions at each call. It may render previews with it at the same time."""
-    before = {name: vars(lent)[name] for name in ("update", "render") if name in vars(lent)}
-
-    def is_ours(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> bool:
-        return not engine.is_preview and depsgraph.scene.session_uid == task.scene_uid
-
-    def update(self, data, depsgraph):
-        if not is_ours(self, depsgraph):
-            before["update"](self, data, depsgraph)
-
-    def render(self, depsgraph):
-        if not is_ours(self, depsgraph):
-            before["render"](self, depsgraph)
-        elif not task.started:
-            task.run(self, depsgraph)
-
-    for name in before:
-        setattr(lent, name, {"update": update, "render": render}[name])
-    try:
-        yield
-    finally:
-        for name, function in before.items():
-            setattr(lent, name, function)
-
-
-@contextmanager
 def _hidden_engine(task: RenderTask[Any]) -> Iterator[None]:
     # A RenderEngine class left registered crashes Blender 4.2 at exit and hangs 4.5.
     bpy.utils.register_class(RelumeExportEngine)
@@ -243,25 +188,25 @@ def _hidden_engine(task: RenderTask[Any]) -> Iterator[None]:
 
 
 @contextmanager
-def _render_settings(task: RenderTask[Any], settings: dict[str, Any]) -> Iterator[None]:
-    """Gives the scene these settings, and its own ones back."""
-    _reading[task.scene_uid] = settings
+def _render_settings(task: RenderTask[Any]) -> Iterator[None]:
+    """Switches to the hidden engine, without sequencer and compositor, and back."""
+    _reading.add(task.scene_uid)
     settle_settings()
     try:
         yield
     finally:
-        _reading.pop(task.scene_uid, None)
+        _reading.discard(task.scene_uid)
         settle_settings()
 
 
 def settle_settings() -> None:
-    """Gives the settings for it to the scenes that are being read and to no others. To be called after a file was
+    """Gives the hidden engine to the scenes that are being read and to no others. To be called after a file was
     written, and after undo or a file brought back a moment in which a scene was being read."""
     show_settings()
     for scene in bpy.data.scenes:
-        if settings := _reading.get(scene.session_uid):
-            scene[MARK] = {name: getattr(scene.render, name) for name in settings}
-            _set_render(scene, settings)
+        if scene.session_uid in _reading:
+            scene[MARK] = {name: getattr(scene.render, name) for name in HIDDEN}
+            _set_render(scene, HIDDEN)
 
 
 def show_settings() -> None:
@@ -281,10 +226,15 @@ def _set_render(scene: bpy.types.Scene, values: dict[str, Any]) -> None:
 
 @contextmanager
 def _kept_render_result() -> Iterator[None]:
-    """Lets the user's last picture be: the empty one goes into a slot of its own."""
+    """Lets the user's last picture be: the empty one goes into a slot of its own, or away if there was none."""
     image = _render_result()
-    if image is None:  # Blender makes it. If it went again, Blender would put all that its views draw together anew.
-        yield
+    if image is None:
+        try:
+            yield
+        finally:
+            image = _render_result()
+            if image is not None:
+                bpy.data.images.remove(image)
         return
     slots = image.render_slots
     before = slots.active_index
