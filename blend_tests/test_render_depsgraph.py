@@ -1,9 +1,10 @@
-"""The export by a hidden engine: what it sees, and that it leaves nothing behind."""
+"""A scene read in a render: what is seen of it, and that nothing is left behind."""
 
 import bpy
 import numpy as np
 import pytest
 
+from addon.engine.engine_name import set_engine_unseen
 from addon.engine.render_depsgraph import MARK, ExportCancelled, RelumeExportEngine, with_render_depsgraph
 from addon.engine.scene import load_scene, load_scene_async, scene_of_depsgraph
 from addon.export import ExportError, ExportOptions
@@ -42,12 +43,14 @@ def test_the_users_render_stays(shot, tmp_path):
     assert (saved_picture(tmp_path) == before).all()
 
 
-def test_nothing_stays_where_nothing_was_rendered(shot):
-    settings = shot.render.engine, shot.render.use_compositing, shot.render.use_sequencer
+def test_only_blenders_empty_picture_stays_where_nothing_was_rendered(shot):
+    before = settings_of(shot)
     names = {image.name for image in bpy.data.images}
-    load_scene(shot)
-    assert {image.name for image in bpy.data.images} == names
-    assert (shot.render.engine, shot.render.use_compositing, shot.render.use_sequencer) == settings
+    for _ in range(2):
+        load_scene(shot)
+    assert {image.name for image in bpy.data.images} == names | {"Render Result"}
+    assert bpy.data.images["Render Result"].render_slots.active_index == 0
+    assert settings_of(shot) == before
     assert not RelumeExportEngine.is_registered
 
 
@@ -65,7 +68,7 @@ def test_a_file_that_is_saved_meanwhile_has_the_artists_settings(shot, registere
         return settings_of(bpy.context.scene), list(shot.keys())
 
     (engine, *_), _ = with_render_depsgraph(shot, save)
-    assert engine == "RELUME_EXPORT" and settings_of(shot) == before
+    assert engine == "RELUME" and settings_of(shot) == before
     with bpy.data.libraries.load(path) as (names, wanted):
         wanted.scenes = names.scenes
     assert settings_of(wanted.scenes[0]) == before and MARK not in wanted.scenes[0]
@@ -105,3 +108,38 @@ def test_an_export_can_be_stopped_between_two_parts(shot):
     with pytest.raises(ExportCancelled):
         with_render_depsgraph(shot, work)
     assert shot.render.engine == "CYCLES" and not RelumeExportEngine.is_registered
+
+
+def test_the_engine_of_the_add_on_reads_and_renders(shot, registered):
+    hashes = {load_scene(shot).hash}
+    shot.render.engine = "RELUME"
+    hashes.add(load_scene(shot).hash)
+    assert len(hashes) == 1 and shot.render.engine == "RELUME" and not RelumeExportEngine.is_registered
+
+
+def values_of(settings):
+    """All numbers and words of a scene's render settings."""
+    names = (prop.identifier for prop in settings.bl_rna.properties if prop.type not in {"POINTER", "COLLECTION"})
+    return {name: repr(getattr(settings, name)) for name in names}
+
+
+def test_an_engine_is_set_unseen_and_nothing_else(scene):
+    scene.render.engine = "BLENDER_WORKBENCH"
+    of_workbench = values_of(scene.render)
+    scene.render.engine = "CYCLES"
+    of_cycles = values_of(scene.render)
+    for engine, values in 2 * (("BLENDER_WORKBENCH", of_workbench), ("CYCLES", of_cycles)):
+        assert set_engine_unseen(scene, engine) and scene.render.engine == engine
+        assert values_of(scene.render) == values
+
+
+@pytest.mark.parametrize("name", ["CYCLES", "//pictures/CYCLES"])
+def test_an_engine_whose_name_is_elsewhere_too_is_let_be(scene, name):
+    scene.render.engine, scene.render.filepath = "CYCLES", name
+    assert not set_engine_unseen(scene, "BLENDER_WORKBENCH")
+    assert scene.render.engine == "CYCLES" and scene.render.filepath == name
+
+
+def test_a_name_that_is_too_long_for_blender_is_refused(scene):
+    scene.render.engine = "CYCLES"
+    assert not set_engine_unseen(scene, 32 * "X") and scene.render.engine == "CYCLES"

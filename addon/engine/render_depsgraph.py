@@ -1,5 +1,6 @@
 """A render-mode depsgraph, which Blender gives only to render engines: modifiers at render levels, objects that are
-shown in renders only. A hidden engine is registered around one render and passes its depsgraph on.
+shown in renders only. For one render an engine that passes it on takes the place of the scene's: the add-on's own one
+where that is registered, else a hidden one.
 
 In Blender's window the render is a job of Blender's own, on a thread of its own; without a window it is done when the
 call returns. Either way the user's settings, picture and windows stay as they were.
@@ -8,21 +9,26 @@ call returns. Either way the user's settings, picture and windows stay as they w
 from __future__ import annotations
 
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 import bpy
 
 from ..export.camera import why_no_picture
+from .engine_name import set_engine_unseen
 
 Result = TypeVar("Result")
 Stop = Callable[[], bool]
 """Whether the work should end."""
 
 POLL_SECONDS = 0.01
+COPY_SECONDS = 0.05
+"""How long to wait for a render that begins at once to have copied the scene's settings; it takes it some 4 ms."""
 SLOT = "Relume"
-"""The render slot that takes the empty picture of the hidden engine."""
+"""The render slot that takes the empty picture."""
 SWITCH_SECONDS = 0.0002
 """How long Blender's window waits for Python while the work runs on another thread; Python's own 5 ms add up to a
 standstill, because every panel waits anew."""
@@ -33,27 +39,49 @@ class ExportCancelled(Exception):  # noqa: N818 -- what the user wanted is no er
 
 
 class RelumeExportEngine(bpy.types.RenderEngine):
-    """Hands the depsgraph of a final render to `task` and draws nothing."""
+    """The hidden one; draws nothing."""
 
     bl_idname = "RELUME_EXPORT"
     bl_label = "Relume (internal)"
     bl_use_preview = False
 
-    task: RenderTask[Any] | None = None
-
     def render(self, depsgraph):
         """Called by Blender, once."""
-        task, type(self).task = type(self).task, None
-        if task is not None:
-            task.run(self, depsgraph)
+        run_waiting(self, depsgraph)
 
 
-HIDDEN = {"engine": RelumeExportEngine.bl_idname, "use_sequencer": False, "use_compositing": False}
-"""Render settings of a scene that is being read, until Blender has copied them."""
+standing: type[bpy.types.RenderEngine] | None = None
+"""The add-on's own engine while it is registered, whose `render` begins with `run_waiting`. To register one for a
+reading, or to take it away, would end all that Blender's views draw."""
+PLAIN = {"use_sequencer": False, "use_compositing": False}
+"""Render settings of a scene that is being read, besides its engine, until Blender has copied them."""
 MARK = "relume_render_settings"
 """Custom property of such a scene, with what they were: it is in undo steps and files that are written meanwhile."""
-_reading: set[int] = set()
-"""Such scenes."""
+
+
+@dataclass
+class _Switch:
+    """Settings of a scene that is being read."""
+
+    values: dict[str, Any]
+    is_unseen: bool
+    """Whether nothing was drawn with its engine: views need not be told."""
+
+
+_reading: dict[int, _Switch] = {}
+"""By scene."""
+_waiting: list[RenderTask[Any]] = []
+"""What the next render of its scene is to run."""
+
+
+def run_waiting(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> bool:
+    """Runs what waits for a depsgraph of this scene; whether there was such a thing."""
+    found = next((task for task in _waiting if task.scene_uid == depsgraph.scene.session_uid), None)
+    if found is None:
+        return False
+    _waiting.remove(found)
+    found.run(engine, depsgraph)
+    return True
 
 
 class RenderTask(Generic[Result]):
@@ -101,7 +129,7 @@ def with_render_depsgraph(scene: bpy.types.Scene, work: Callable[[bpy.types.Deps
     """The result of `work`, called with the depsgraph of the scene's present frame and first render layer, and with
     what says whether to stop. Blender's window stands still meanwhile."""
     task = RenderTask(scene, work)
-    with _hidden_engine(task), _kept_render_result(), _render_settings(task):
+    with _engine(task) as engine, _kept_render_result(), _render_settings(task, engine):
         bpy.ops.render.render(layer=render_layer(scene).name, scene=scene.name)
     return task.result()
 
@@ -116,12 +144,17 @@ def start_with_render_depsgraph(
     task = RenderTask(scene, work)
     around, settings = ExitStack(), ExitStack()
     try:
-        around.enter_context(_hidden_engine(task))
+        engine = around.enter_context(_engine(task))
         around.enter_context(_kept_render_result())
         around.push(settings)
-        settings.enter_context(_render_settings(task))
-        with _no_render_window(), bpy.context.temp_override(window=_window()):
+        with _no_render_window(), _copied_settings() as copied, bpy.context.temp_override(window=_window()):
+            is_unseen = standing is not None and not _is_delayed(scene)
+            switch = settings.enter_context(_render_settings(task, engine, is_unseen))
             _begin_render(scene)
+            if is_unseen and copied.wait(COPY_SECONDS):
+                settings.close()
+            elif is_unseen:
+                switch.is_unseen, scene.render.engine = False, engine
     except BaseException:
         around.close()
         raise
@@ -142,11 +175,16 @@ def start_with_render_depsgraph(
 def _begin_render(scene: bpy.types.Scene) -> None:
     """Starts Blender's job. Blender makes a graphics context for its first one of a scene, whatever the engine."""
     which = {"scene": scene.name}
-    if scene.render.use_single_layer or sum(layer.use for layer in scene.view_layers) != 1:
-        which["layer"] = render_layer(scene).name  # Blender waits 0.2 s where one is named.
+    if _is_delayed(scene):
+        which["layer"] = render_layer(scene).name
     answer = bpy.ops.render.render("INVOKE_DEFAULT", **which)
     if answer == {"CANCELLED"}:
         raise RuntimeError("Blender is rendering already; wait for its end or press Esc there")
+
+
+def _is_delayed(scene: bpy.types.Scene) -> bool:
+    """Whether the render has to be told its layer: Blender waits 0.2 s then until it begins."""
+    return scene.render.use_single_layer or sum(layer.use for layer in scene.view_layers) != 1
 
 
 def _finish(task: RenderTask[Result], done: Callable[[Result | None, BaseException | None], None]) -> None:
@@ -176,37 +214,66 @@ def _window() -> bpy.types.Window:
 
 
 @contextmanager
-def _hidden_engine(task: RenderTask[Any]) -> Iterator[None]:
+def _engine(task: RenderTask[Any]) -> Iterator[str]:
+    """Has the next render of a scene run a task, if it is by the engine of this name."""
+    _waiting.append(task)
+    try:
+        if standing is not None:
+            yield standing.bl_idname
+        else:
+            with _hidden_engine():
+                yield RelumeExportEngine.bl_idname
+    finally:
+        if task in _waiting:
+            _waiting.remove(task)
+
+
+@contextmanager
+def _hidden_engine() -> Iterator[None]:
     # A RenderEngine class left registered crashes Blender 4.2 at exit and hangs 4.5.
     bpy.utils.register_class(RelumeExportEngine)
-    RelumeExportEngine.task = task
     try:
         yield
     finally:
-        RelumeExportEngine.task = None
         bpy.utils.unregister_class(RelumeExportEngine)
 
 
 @contextmanager
-def _render_settings(task: RenderTask[Any]) -> Iterator[None]:
-    """Switches to the hidden engine, without sequencer and compositor, and back."""
-    _reading.add(task.scene_uid)
+def _copied_settings() -> Iterator[threading.Event]:
+    """Is set as soon as a render has copied its scene's settings; its own thread says so."""
+    copied = threading.Event()
+
+    def note(*_arguments) -> None:
+        copied.set()
+
+    bpy.app.handlers.render_pre.append(note)
+    try:
+        yield copied
+    finally:
+        bpy.app.handlers.render_pre.remove(note)
+
+
+@contextmanager
+def _render_settings(task: RenderTask[Any], engine: str, is_unseen: bool = False) -> Iterator[_Switch]:
+    """Switches to an engine, without sequencer and compositor, and back."""
+    switch = _reading[task.scene_uid] = _Switch(PLAIN | {"engine": engine}, is_unseen)
     settle_settings()
     try:
-        yield
+        yield switch
     finally:
-        _reading.discard(task.scene_uid)
+        show_settings()
+        _reading.pop(task.scene_uid, None)
         settle_settings()
 
 
 def settle_settings() -> None:
-    """Gives the hidden engine to the scenes that are being read and to no others. To be called after a file was
+    """Gives the settings for it to the scenes that are being read and to no others. To be called after a file was
     written, and after undo or a file brought back a moment in which a scene was being read."""
     show_settings()
     for scene in bpy.data.scenes:
-        if scene.session_uid in _reading:
-            scene[MARK] = {name: getattr(scene.render, name) for name in HIDDEN}
-            _set_render(scene, HIDDEN)
+        if switch := _reading.get(scene.session_uid):
+            scene[MARK] = {name: getattr(scene.render, name) for name in switch.values}
+            _set_render(scene, switch.values)
 
 
 def show_settings() -> None:
@@ -219,22 +286,20 @@ def show_settings() -> None:
 
 
 def _set_render(scene: bpy.types.Scene, values: dict[str, Any]) -> None:
+    switch = _reading.get(scene.session_uid)
     for name, value in values.items():
+        if name == "engine" and switch and switch.is_unseen and set_engine_unseen(scene, value):
+            continue
         with suppress(TypeError):  # The engine of an add-on that is not enabled any more.
             setattr(scene.render, name, value)
 
 
 @contextmanager
 def _kept_render_result() -> Iterator[None]:
-    """Lets the user's last picture be: the empty one goes into a slot of its own, or away if there was none."""
+    """Lets the user's last picture be: the empty one goes into a slot of its own."""
     image = _render_result()
-    if image is None:
-        try:
-            yield
-        finally:
-            image = _render_result()
-            if image is not None:
-                bpy.data.images.remove(image)
+    if image is None:  # Blender makes it. If it went again, Blender would put all that its views draw together anew.
+        yield
         return
     slots = image.render_slots
     before = slots.active_index

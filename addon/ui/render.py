@@ -9,7 +9,7 @@ import bpy
 from bpy.props import BoolProperty, PointerProperty
 
 from ..core.rows import LIGHT
-from ..engine import render_engine, shot
+from ..engine import render_depsgraph, render_engine, shot
 from ..engine.render_engine import ENGINE, PassSettings
 from ..export.light_tree import light_tree
 from ..export.lights import name_of
@@ -45,8 +45,9 @@ class RelumeRenderEngine(bpy.types.RenderEngine):
     bl_use_eevee_viewport = True
 
     def render(self, depsgraph):
-        """Called by Blender for each view layer of a final render."""
-        render_engine.render(self, depsgraph, rows.mix, pass_settings)
+        """Called by Blender for each view layer of a final render, and where a scene is to be read."""
+        if not render_depsgraph.run_waiting(self, depsgraph):
+            render_engine.render(self, depsgraph, rows.mix, pass_settings)
 
     def update_render_passes(self, scene, renderlayer):
         """Called by Blender where passes become sockets of the compositor."""
@@ -141,6 +142,7 @@ def register():
     render_engine.stop_all(False)
     for cls in (RelumeRenderEngine, *CLASSES):
         bpy.utils.register_class(cls)
+    render_depsgraph.standing = RelumeRenderEngine
     bpy.types.Scene.relume_render = PointerProperty(type=RelumeRenderSettings)
     _show_panels()
     if not bpy.app.background:  # Cycles may be enabled after this add-on.
@@ -155,6 +157,7 @@ def unregister():
     del bpy.types.Scene.relume_render
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)
+    render_depsgraph.standing = None
     render_engine.stop_all()
     if _end_engine() is not None:
         bpy.app.timers.register(_end_engine, first_interval=END_SECONDS, persistent=True)
