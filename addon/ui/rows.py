@@ -39,6 +39,8 @@ SESSION = uuid.uuid4().hex
 LIGHT_ICONS = {"POINT": "LIGHT_POINT", "SUN": "LIGHT_SUN", "SPOT": "LIGHT_SPOT", "AREA": "LIGHT_AREA"}
 
 _quiet = 0
+_due: set[int] = set()
+"""Scenes whose rows are to be compared."""
 _mixes: dict[int, tuple[tuple, dict[str, Any]]] = {}
 """By scene: the newest mix, and all that it follows from."""
 
@@ -308,7 +310,18 @@ def on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) 
     named = [(update.id.original, update.is_updated_transform) for update in depsgraph.updates]
     objects = [block for block, is_moved in named if isinstance(block, bpy.types.Object) and not is_moved]
     if any(isinstance(block, bpy.types.Collection | bpy.types.World) for block, _ in named) or _differ(scene, objects):
-        sync(scene)
+        _due.add(scene.session_uid)
+        if bpy.app.background:
+            _sync_due()
+        elif not bpy.app.timers.is_registered(_sync_due):  # Lights are read in this turn of the window.
+            bpy.app.timers.register(_sync_due, first_interval=0.0)
+
+
+def _sync_due() -> None:
+    for scene in bpy.data.scenes:
+        if scene.session_uid in _due:
+            sync(scene)
+    _due.clear()
 
 
 def _differ(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> bool:
@@ -364,6 +377,9 @@ def unregister():
     """Takes it away; values stay in the file."""
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).remove(handler)
+    if bpy.app.timers.is_registered(_sync_due):
+        bpy.app.timers.unregister(_sync_due)
+    _due.clear()
     del bpy.types.Scene.relume_mix
     _mixes.clear()
     for cls in reversed(CLASSES):
