@@ -12,13 +12,12 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 import bpy
 
 from ..export.camera import why_no_picture
-from .engine_name import set_engine_unseen
+from .engine_name import address_of_engine, set_engine_unseen
 
 Result = TypeVar("Result")
 Stop = Callable[[], bool]
@@ -26,7 +25,7 @@ Stop = Callable[[], bool]
 
 POLL_SECONDS = 0.01
 COPY_SECONDS = 0.05
-"""How long to wait for a render that begins at once to have copied the scene's settings; it takes it some 4 ms."""
+"""How long to wait until a render that begins at once has copied its scene's engine; it takes it some 4 ms."""
 SLOT = "Relume"
 """The render slot that takes the empty picture."""
 SWITCH_SECONDS = 0.0002
@@ -54,22 +53,11 @@ standing: type[bpy.types.RenderEngine] | None = None
 """The add-on's own engine while it is registered, whose `render` begins with `run_waiting`. To register one for a
 reading, or to take it away, would end all that Blender's views draw."""
 PLAIN = {"use_sequencer": False, "use_compositing": False}
-"""Render settings of a scene that is being read, besides its engine, until Blender has copied them."""
+"""Render settings of a scene that is being read, besides its engine, until the engine is called."""
 MARK = "relume_render_settings"
 """Custom property of such a scene, with what they were: it is in undo steps and files that are written meanwhile."""
-
-
-@dataclass
-class _Switch:
-    """Settings of a scene that is being read."""
-
-    values: dict[str, Any]
-    is_unseen: bool
-    """Whether nothing was drawn with its engine: views need not be told."""
-
-
-_reading: dict[int, _Switch] = {}
-"""By scene."""
+_reading: dict[int, dict[str, Any]] = {}
+"""Such scenes, and these settings."""
 _waiting: list[RenderTask[Any]] = []
 """What the next render of its scene is to run."""
 
@@ -129,7 +117,7 @@ def with_render_depsgraph(scene: bpy.types.Scene, work: Callable[[bpy.types.Deps
     """The result of `work`, called with the depsgraph of the scene's present frame and first render layer, and with
     what says whether to stop. Blender's window stands still meanwhile."""
     task = RenderTask(scene, work)
-    with _engine(task) as engine, _kept_render_result(), _render_settings(task, engine):
+    with _engine(task) as engine, _kept_render_result(), _render_settings(task, PLAIN | {"engine": engine}):
         bpy.ops.render.render(layer=render_layer(scene).name, scene=scene.name)
     return task.result()
 
@@ -147,20 +135,15 @@ def start_with_render_depsgraph(
         engine = around.enter_context(_engine(task))
         around.enter_context(_kept_render_result())
         around.push(settings)
-        with _no_render_window(), _copied_settings() as copied, bpy.context.temp_override(window=_window()):
-            is_unseen = standing is not None and not _is_delayed(scene)
-            switch = settings.enter_context(_render_settings(task, engine, is_unseen))
+        settings.enter_context(_render_settings(task, PLAIN))
+        with _no_render_window(), bpy.context.temp_override(window=_window()), _unseen_engine(scene, engine):
             _begin_render(scene)
-            if is_unseen and copied.wait(COPY_SECONDS):
-                settings.close()
-            elif is_unseen:
-                switch.is_unseen, scene.render.engine = False, engine
     except BaseException:
         around.close()
         raise
 
     def poll() -> float | None:
-        if task.started:  # Blender has copied them.
+        if task.started:  # Blender needs them no more.
             settings.close()
         if bpy.app.is_job_running("RENDER") or (not task.started and _is_waiting()):
             return POLL_SECONDS
@@ -239,31 +222,51 @@ def _hidden_engine() -> Iterator[None]:
 
 
 @contextmanager
-def _copied_settings() -> Iterator[threading.Event]:
-    """Is set as soon as a render has copied its scene's settings; its own thread says so."""
+def _render_settings(task: RenderTask[Any], values: dict[str, Any]) -> Iterator[None]:
+    """Gives the scene of a task these settings, and its own ones back."""
+    _reading[task.scene_uid] = values.copy()
+    settle_settings()
+    try:
+        yield
+    finally:
+        _reading.pop(task.scene_uid, None)
+        settle_settings()
+
+
+@contextmanager
+def _unseen_engine(scene: bpy.types.Scene, engine: str) -> Iterator[None]:
+    """Gives a scene an engine until the render that begins in here has copied it, and nothing of Blender is told. Where
+    that cannot be, the engine is one more of the settings that the scene has while it is read."""
+    before = scene.render.engine
+    address = None if standing is None or _is_delayed(scene) else address_of_engine(scene)
+    if address is None:
+        _show_engine(scene, before, engine)
+        yield
+        return
     copied = threading.Event()
 
     def note(*_arguments) -> None:
         copied.set()
 
-    bpy.app.handlers.render_pre.append(note)
+    bpy.app.handlers.render_pre.append(note)  # On the render's thread, right after its copy.
+    set_engine_unseen(address, engine)
     try:
-        yield copied
+        yield
+        is_over = copied.wait(COPY_SECONDS)
+    except BaseException:
+        is_over = True
+        raise
     finally:
         bpy.app.handlers.render_pre.remove(note)
+        if is_over:
+            set_engine_unseen(address, before)
+        else:
+            _show_engine(scene, before, engine)
 
 
-@contextmanager
-def _render_settings(task: RenderTask[Any], engine: str, is_unseen: bool = False) -> Iterator[_Switch]:
-    """Switches to an engine, without sequencer and compositor, and back."""
-    switch = _reading[task.scene_uid] = _Switch(PLAIN | {"engine": engine}, is_unseen)
-    settle_settings()
-    try:
-        yield switch
-    finally:
-        show_settings()
-        _reading.pop(task.scene_uid, None)
-        settle_settings()
+def _show_engine(scene: bpy.types.Scene, before: str, engine: str) -> None:
+    scene[MARK]["engine"], _reading[scene.session_uid]["engine"] = before, engine
+    scene.render.engine = engine
 
 
 def settle_settings() -> None:
@@ -271,9 +274,9 @@ def settle_settings() -> None:
     written, and after undo or a file brought back a moment in which a scene was being read."""
     show_settings()
     for scene in bpy.data.scenes:
-        if switch := _reading.get(scene.session_uid):
-            scene[MARK] = {name: getattr(scene.render, name) for name in switch.values}
-            _set_render(scene, switch.values)
+        if values := _reading.get(scene.session_uid):
+            scene[MARK] = {name: getattr(scene.render, name) for name in values}
+            _set_render(scene, values)
 
 
 def show_settings() -> None:
@@ -286,10 +289,7 @@ def show_settings() -> None:
 
 
 def _set_render(scene: bpy.types.Scene, values: dict[str, Any]) -> None:
-    switch = _reading.get(scene.session_uid)
     for name, value in values.items():
-        if name == "engine" and switch and switch.is_unseen and set_engine_unseen(scene, value):
-            continue
         with suppress(TypeError):  # The engine of an add-on that is not enabled any more.
             setattr(scene.render, name, value)
 
