@@ -240,7 +240,8 @@ def _unseen_engine(scene: bpy.types.Scene, engine: str) -> Iterator[None]:
     before = scene.render.engine
     address = None if standing is None or _is_delayed(scene) else address_of_engine(scene)
     if address is None:
-        _show_engine(scene, before, engine)
+        _note_engine(scene, before, engine)
+        scene.render.engine = engine
         yield
         return
     copied = threading.Event()
@@ -261,12 +262,12 @@ def _unseen_engine(scene: bpy.types.Scene, engine: str) -> Iterator[None]:
         if is_over:
             set_engine_unseen(address, before)
         else:
-            _show_engine(scene, before, engine)
+            _note_engine(scene, before, engine)
 
 
-def _show_engine(scene: bpy.types.Scene, before: str, engine: str) -> None:
+def _note_engine(scene: bpy.types.Scene, before: str, engine: str) -> None:
+    """Makes the engine one of the settings that the scene has while it is read."""
     scene[MARK]["engine"], _reading[scene.session_uid]["engine"] = before, engine
-    scene.render.engine = engine
 
 
 def settle_settings() -> None:

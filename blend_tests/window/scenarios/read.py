@@ -1,15 +1,20 @@
 """A shot is read whatever its own render would show, in views of all kinds, and all settings stay."""
 
+import time
+
 import bpy
 from artist import Artist, addon
 
 NEEDS = ["demo.blend"]
+LATE = "a render that begins late"
+LATE_SECONDS = 0.3
 CASES = [
     ("CYCLES", "//pictures/", 1, "an engine that no view sees"),
     ("RELUME", "//pictures/", 1, "the engine itself"),
     ("BLENDER_WORKBENCH", "//pictures/", 1, "an engine of Blender's"),
     ("CYCLES", "//CYCLES", 1, "a name in two places"),
     ("CYCLES", "//RELUME", 1, "the other name in two places"),
+    ("CYCLES", "//pictures/", 1, LATE),
     ("CYCLES", "//pictures/", 2, "a layer that has to be named"),
 ]
 """Engine, path of output, view layers, and what is special about it."""
@@ -22,6 +27,11 @@ def show_other_things(scene):
     tree.links.new(tree.nodes.new("CompositorNodeRGB").outputs[0], tree.nodes.new("NodeGroupOutput").inputs[0])
     scene.compositing_node_group = tree
     scene.sequence_editor_create().strips.new_effect("Grey", "COLOR", channel=1, frame_start=1, length=100)
+
+
+def come_late(*_arguments):
+    """What another add-on may do on the thread of a render, before its settings are copied."""
+    time.sleep(LATE_SECONDS)
 
 
 def settings_of(scene):
@@ -49,7 +59,11 @@ def play(driver):
             space.shading.type = ("SOLID", "MATERIAL", "RENDERED")[number % 3]
             yield from driver.drawn()
             before = settings_of(scene)
+            if words == LATE:
+                bpy.app.handlers.render_init.append(come_late)
             yield from artist.rebake()
+            if words == LATE:
+                bpy.app.handlers.render_init.remove(come_late)
             yield from artist.until_settled()
             driver.check(settings_of(scene) == before, f"the settings are {settings_of(scene)}, and were {before}")
             driver.check(addon("engine.render_depsgraph").MARK not in scene, "nothing is left in the scene")
