@@ -11,6 +11,7 @@ import relume
 
 import addon
 from addon.core.bake_folder import clear, is_bake, size_of
+from addon.core.disk import free_space
 from addon.engine import background, shot
 from addon.engine.checks import ProblemError, disk_space
 from addon.engine.options import options_of, remembered_bake
@@ -186,7 +187,7 @@ def test_no_bake_goes_beside_a_file_that_is_not_saved(room, monkeypatch, tmp_pat
         bpy.ops.relume.background_start()
     with pytest.raises(ValueError, match="not saved"):
         options_of(room)
-    assert disk_space(room) == (
+    assert disk_space(room, free_space) == (
         "The bake folder is beside a file that is not saved; save it, or choose another folder",
         False,
     )

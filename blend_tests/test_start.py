@@ -11,19 +11,9 @@ import pytest
 import addon
 from addon.engine import checks, shot
 from addon.engine.checks import ProblemError
-from addon.ui import handlers, main_panel
+from addon.ui import handlers
 from addon.ui.start import start
 from fake_live import FakeLive
-
-
-def test_the_disk_is_looked_at_now_and_then(monkeypatch):
-    looks = []
-    for _ in range(5):
-        assert main_panel._lately(("test",), lambda: looks.append(1) or "found") == "found"
-    assert len(looks) == 1
-    monkeypatch.setattr(main_panel, "DISK_SECONDS", -1.0)
-    main_panel._lately(("test",), lambda: looks.append(1))
-    assert len(looks) == 2
 
 
 def test_start_bakes_and_asks_for_the_present_lights(lit):
@@ -133,13 +123,12 @@ def test_what_keeps_a_shot_from_starting_is_one_clear_line(lit, tmp_path, monkey
     assert shot.of(lit) is None and FakeLive.made == []
 
 
-def test_the_disk_space_is_estimated_and_missed(lit, monkeypatch):
+def test_the_disk_space_is_estimated_and_missed(lit):
     lit.render.resolution_x, lit.render.resolution_y, lit.render.resolution_percentage = 1920, 1080, 50
     lit.relume.quality = "GOOD"
-    monkeypatch.setattr(checks, "free_space", lambda _: int(2e9))
-    assert checks.disk_space(lit) == ("About 1.8 GB on disk", True)
-    monkeypatch.setattr(checks, "free_space", lambda _: int(2e8))
-    assert checks.disk_space(lit) == ("About 1.8 GB on disk, but only 200.0 MB free", False)
+    assert checks.disk_space(lit, lambda _: int(2e9)) == ("About 1.8 GB on disk", True)
+    assert checks.disk_space(lit, lambda _: int(2e8)) == ("About 1.8 GB on disk, but only 200.0 MB free", False)
+    assert checks.disk_space(lit, lambda _: None) == ("About 1.8 GB on disk", True)
 
 
 def test_start_changes_nothing_of_the_scene_but_where_the_bake_is(lit, tmp_path):

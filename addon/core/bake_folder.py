@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -44,8 +44,11 @@ def is_bake(folder: Path) -> bool:
     return isinstance(manifest, dict) and {"scene_hash", "passes", "tile_size"} <= manifest.keys()
 
 
-def why_no_bake(folder: Path) -> str:
-    """Why the folder that a file remembers its bake in is none."""
+def why_no_bake(places: Sequence[Path]) -> str:
+    """Why there is no bake in the folders where a file remembers it; empty if there is one."""
+    if any(map(is_bake, places)):
+        return ""
+    folder = places[0]
     if next(folder.glob("tile_*.safetensors"), None) is not None:
         return f"{MANIFEST} is missing or damaged in {folder}"
     return f"The bake is not where it was: {folder}"

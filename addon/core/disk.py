@@ -14,9 +14,13 @@ def expected_size(size: tuple[int, int], samples: int) -> int:
     return size[0] * size[1] * samples * BYTES_PER_PATH
 
 
-def free_space(folder: Path) -> int:
-    """Bytes that are free on the disk of a folder, which may be one that is still to be made. Raises OSError."""
-    return shutil.disk_usage(next(found for found in (folder, *folder.parents) if found.exists())).free
+def free_space(folder: Path) -> int | None:
+    """Bytes that are free on the disk of a folder, which may be one that is still to be made; None if that cannot be
+    told."""
+    try:
+        return shutil.disk_usage(next(found for found in (folder, *folder.parents) if found.exists())).free
+    except OSError:
+        return None
 
 
 def in_words(size: int) -> str:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import errno
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import bpy
 
-from ..core.disk import expected_size, free_space, in_words
+from ..core.disk import expected_size, in_words
 from ..export.camera import film_size, why_no_picture
 from . import background, cache, shot
 from .options import FolderError, bake_folder, options_of
@@ -55,19 +56,16 @@ def folders_in_use(scene: bpy.types.Scene | None = None) -> dict[Path, str]:
     }
 
 
-def disk_space(scene: bpy.types.Scene) -> tuple[str, bool]:
-    """How much a bake of the scene will take, in words, and whether there is so much."""
+def disk_space(scene: bpy.types.Scene, free_on: Callable[[Path], int | None]) -> tuple[str, bool]:
+    """How much a bake of the scene will take, in words, and whether there is so much; `free_on` as `free_space`."""
     try:
         options = options_of(scene)
     except FolderError as error:
         return str(error), False
     size = expected_size(film_size(scene.render), options.samples)
     words = f"About {in_words(size)} on disk"
-    try:
-        free = free_space(options.folder)
-    except OSError:
-        return words, True
-    return (words, True) if size < free else (f"{words}, but only {in_words(free)} free", False)
+    free = free_on(options.folder)
+    return (words, True) if free is None or size < free else (f"{words}, but only {in_words(free)} free", False)
 
 
 def check_folder(folder: Path) -> None:

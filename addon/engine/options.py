@@ -87,13 +87,18 @@ def remember_bake(scene: bpy.types.Scene, folder: Path) -> None:
             scene.relume.baked_folder = bpy.path.relpath(str(folder))
 
 
-def remembered_bake(scene: bpy.types.Scene) -> Path | None:
-    """Where the file says that its bake is, whether it is there or not; None if it says nothing."""
+def places_of_bake(scene: bpy.types.Scene) -> tuple[Path, ...]:
+    """Where the bake of a scene may be by what its file says, the likelier first; none if it says nothing."""
     settings = getattr(scene, "relume", None)
     if settings is None or not settings.baked_folder:
-        return None
-    places = [absolute(settings.baked_folder), absolute(settings.baked_absolute or settings.baked_folder)]
-    return next((place for place in places if is_bake(place)), places[0])
+        return ()
+    return absolute(settings.baked_folder), absolute(settings.baked_absolute or settings.baked_folder)
+
+
+def remembered_bake(scene: bpy.types.Scene) -> Path | None:
+    """Where the file says that its bake is, whether it is there or not; None if it says nothing."""
+    places = places_of_bake(scene)
+    return next((place for place in places if is_bake(place)), places[0] if places else None)
 
 
 def cache_folder() -> Path:

@@ -153,11 +153,10 @@ def end_with_owner() -> None:
 def little_room(folder: Path) -> str:
     """What to add to the words of a failure where the disk is full, or nearly. Blender calls that "No such file
     or directory", NumPy "3072 requested and 3040 written"."""
-    try:
-        free = free_space(folder)
-    except OSError:
+    free = free_space(folder)
+    if free is None or free >= LITTLE_ROOM:
         return ""
-    return f"; only {in_words(free)} are free on the disk of '{folder}'" if free < LITTLE_ROOM else ""
+    return f"; only {in_words(free)} are free on the disk of '{folder}'"
 
 
 @contextlib.contextmanager

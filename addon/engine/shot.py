@@ -147,13 +147,14 @@ class Shot:
         self.is_exporting = True
         if bpy.app.background:
             self._load(scene)
-        else:  # The window is drawn between this and Blender's operator that begins a render: either takes its time.
-            bpy.app.timers.register(self._load_own_scene, first_interval=0.0, persistent=True)
 
-    def _load_own_scene(self) -> None:
-        scene = self._scene()
-        if self.is_open and self.is_exporting and scene is not None:
-            self._load(scene)
+    def begin_reading(self, scene: bpy.types.Scene) -> bool:
+        """Begins to read the scene in a window, where that was asked for; whether it did. Blender's operator that
+        begins a render takes its time: it should have a turn of the window to itself."""
+        if not self.is_exporting or self._task is not None:
+            return False
+        self._load(scene)
+        return True
 
     def _scene(self) -> bpy.types.Scene | None:
         return next((scene for scene in bpy.data.scenes if scene.session_uid == self.scene_uid), None)

@@ -136,9 +136,11 @@ def look_at_files() -> float | None:
 
 def tick() -> bool:
     """One turn of polling. Whether there is to be another one."""
+    scenes = {scene.session_uid: scene for scene in bpy.data.scenes}
+    if any(found.begin_reading(scenes[found.scene_uid]) for found in shot.all_open() if found.scene_uid in scenes):
+        return True
     _rest()
     goes_on = False
-    scenes = {scene.session_uid: scene for scene in bpy.data.scenes}
     for found in shot.all_open():
         if found.scene_uid not in scenes:
             found.close()

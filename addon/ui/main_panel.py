@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
-from typing import Any
+from functools import partial
 
 import bpy
 
 from ..core import status
-from ..core.bake_folder import is_bake, why_no_bake
+from ..core.answers import About, Answer, Answers
+from ..core.bake_folder import why_no_bake
+from ..core.disk import free_space
 from ..engine import shot
 from ..engine.checks import disk_space
-from ..engine.options import remembered_bake
-from ..export.camera import film_size
+from ..engine.options import places_of_bake
 from ..viewport import handlers as viewport
+from ..viewport.views import redraw
 from . import handlers
 from .panel import RelumePanel, message
 
 DISK_SECONDS = 2.0
-"""Between looks at the disk."""
+"""Between looks at the disk: panels are drawn for every movement of the mouse."""
+POLL_SECONDS = 0.1
+"""Between looks whether it has answered."""
 MOST_CHANGES = 6
 """Changes that are listed one by one."""
 MOST_NOTES = 20
@@ -82,36 +85,33 @@ class RELUME_PT_bake(RelumePanel, bpy.types.Panel):  # noqa: N801
             layout.label(text=f"On {found.status['device']}")
 
 
-_known: dict[tuple, tuple[float, Any]] = {}
-"""What the disk said, and when."""
+_disk = Answers(DISK_SECONDS)
 
 
-def _lately(key: tuple, look: Callable[[], Any]) -> Any:
-    """What `look` finds on the disk, at most DISK_SECONDS ago: panels are drawn for every movement of the mouse."""
-    now = time.monotonic()
-    for old in [old for old, (when, _) in _known.items() if now - when > DISK_SECONDS]:
-        del _known[old]
-    if key not in _known:
-        _known[key] = now, look()
-    return _known[key][1]
+def _on_disk(ask: Callable[[About], Answer], about: About) -> Answer | None:
+    """What the disk said of something; None where it has not yet, which is drawn later."""
+    answer = _disk.of(ask, about)
+    if _disk.are_awaited and not bpy.app.background and not bpy.app.timers.is_registered(_draw_answers):
+        bpy.app.timers.register(_draw_answers, first_interval=POLL_SECONDS)
+    return answer
+
+
+def _draw_answers() -> float | None:
+    if _disk.are_awaited:
+        return POLL_SECONDS
+    redraw("UI")
+    return None
 
 
 def _draw_stored_bake(layout, scene) -> None:
-    folder = remembered_bake(scene)
-    if folder is None:
-        return
-    if _lately(("bake", folder), lambda: is_bake(folder)):
+    places = places_of_bake(scene)
+    problem = _on_disk(why_no_bake, places) if places else None
+    if problem == "":
         layout.operator("relume.show_bake", icon="HIDE_OFF")
-        return
-    box = layout.box()
-    message(box, _lately(("lost", folder), lambda: why_no_bake(folder)), "ERROR")
-    box.operator("relume.find_bake", icon="FILE_FOLDER")
-
-
-def _wishes(scene) -> tuple:
-    """What the space of a bake depends on."""
-    settings = scene.relume
-    return scene.session_uid, settings.quality, settings.samples, settings.folder, *film_size(scene.render)
+    elif problem:
+        box = layout.box()
+        message(box, problem, "ERROR")
+        box.operator("relume.find_bake", icon="FILE_FOLDER")
 
 
 def _draw_choices(layout, scene) -> None:
@@ -121,7 +121,7 @@ def _draw_choices(layout, scene) -> None:
         column.prop(scene.relume, "samples")
     place = "Beside the file" if bpy.data.filepath else "In the cache folder"
     column.prop(scene.relume, "folder", text="Folder", placeholder=place)
-    words, is_enough = _lately(("disk", *_wishes(scene)), lambda: disk_space(scene))
+    words, is_enough = disk_space(scene, partial(_on_disk, free_space))
     message(layout, words, "NONE" if is_enough else "ERROR")
 
 

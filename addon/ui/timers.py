@@ -9,6 +9,8 @@ from typing import Any
 import bpy
 
 POLL_SECONDS = 0.05
+SCRIPT_POLL_SECONDS = 0.01
+"""The same where a script waits."""
 
 _timers: list[bpy.types.Timer] = []
 
@@ -64,7 +66,7 @@ class WaitingOperator:
         """Called by Blender for scripts and for Repeat Last."""
         begun = self.work(context)
         while (outcome := self._step(begun)) is None:
-            time.sleep(POLL_SECONDS)
+            time.sleep(SCRIPT_POLL_SECONDS)
         return outcome
 
     def _step(self: Any, begun: Generator[None, None, str | None]) -> set[str] | None:

@@ -2,11 +2,12 @@
 which counts waiting (for a lock, a disk, a processor that others use) too, and by the thread's own processor time."""
 
 import gc
+import os
 import sys
 import threading
 import time
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import FrameType
 
 TOOL = sys.monitoring.PROFILER_ID
@@ -39,6 +40,8 @@ class Call:
     name: str = ""
     seconds: float = 0.0
     processor: float = 0.0
+    queue: float = 0.0
+    """Of an outermost call: seconds in which it was ready to run and others had the processors."""
     inner: "Call | None" = None
     """The longest call of the add-on inside of this one."""
     of_blender: dict[str, float] = field(default_factory=dict)
@@ -50,7 +53,10 @@ class Call:
         return self.processor - sum(self.of_blender.values())
 
     def __str__(self):
-        words = f"{self.seconds * 1000:.1f} ms ({self.processor * 1000:.1f} ms of the processor): {self.name}"
+        words = f"{self.seconds * 1000:.1f} ms ({self.processor * 1000:.1f} ms of the processor"
+        if self.queue > QUICK_SECONDS:
+            words += f", {self.queue * 1000:.1f} ms in its queue"
+        words += f"): {self.name}"
         inner = self.inner
         while inner and inner.seconds > SHARE * self.seconds:
             words += f" > {inner.name}"
@@ -66,6 +72,8 @@ class Turn:
 
     by_name: Counter = field(default_factory=Counter)
     """Seconds of its calls."""
+    queue: float = 0.0
+    """Seconds of them in which others had the processors."""
 
     @property
     def seconds(self):
@@ -74,7 +82,10 @@ class Turn:
 
     def __str__(self):
         parts = (f"{name} {seconds * 1000:.1f}" for name, seconds in self.by_name.most_common(NAMED))
-        return f"{self.seconds * 1000:.1f} ms: {', '.join(parts)}"
+        words = f"{self.seconds * 1000:.1f} ms"
+        if self.queue > QUICK_SECONDS:
+            words += f" ({self.queue * 1000:.1f} ms in the processors' queue)"
+        return f"{words}: {', '.join(parts)}"
 
 
 @dataclass
@@ -84,6 +95,7 @@ class _Open:
     frame: FrameType
     began: float
     began_processor: float
+    began_queue: float = 0.0
     inner: Call | None = None
     of_blender: dict[str, float] = field(default_factory=dict)
 
@@ -96,6 +108,7 @@ class Watch:
         self._open = []
         """The outermost first."""
         self._main = threading.main_thread().ident
+        self._schedule = os.open(f"/proc/self/task/{threading.main_thread().native_id}/schedstat", os.O_RDONLY)
         events = sys.monitoring.events
         callbacks = {
             events.PY_START: self._enter,
@@ -130,7 +143,8 @@ class Watch:
                 self._outermost.add(code)
             elif self._quick[code] >= MANY and code not in self._outermost:
                 return sys.monitoring.DISABLE
-            self._open.append(_Open(_frame_of(code), time.perf_counter(), time.thread_time()))
+            queue = 0.0 if self._open else self._queue()
+            self._open.append(_Open(_frame_of(code), time.perf_counter(), time.thread_time(), queue))
         return None
 
     def _leave(self, code, *_):
@@ -148,8 +162,12 @@ class Watch:
                 self._quick[code] += seconds < QUICK_SECONDS
                 self._note_inside(self._open[-1], call)
             else:
-                self._note(call)
+                self._note(replace(call, queue=self._queue() - begun.began_queue))
         return None
+
+    def _queue(self):
+        """Seconds that Blender's main thread was ready to run and had no processor (Linux: `sched-stats.rst`)."""
+        return int(os.pread(self._schedule, 64, 0).split()[1]) * 1e-9
 
     def _collect(self, phase, _about):
         """Python collects garbage, which all that runs in it has left: whose call that falls into is chance."""
@@ -182,6 +200,7 @@ class Watch:
         """An outermost call has ended."""
         self.calls += 1
         self.turn.by_name[call.name] += call.seconds
+        self.turn.queue += call.queue
         self.longest = max(self.longest, call, key=lambda it: it.seconds)
         self.heaviest = max(self.heaviest, call, key=lambda it: it.own)
         self.first_time = max(self.first_time, call, key=lambda it: it.processor - it.own)
