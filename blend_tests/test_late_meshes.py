@@ -15,6 +15,7 @@ from addon.export import ExportOptions, export_scene, late_mesh
 from addon.export.geometry import mesh_arrays
 from helpers import add, add_material
 
+FACES = late_mesh.SUBDIVIDED_FACES
 pytestmark = pytest.mark.skipif(
     bpy.app.version < (4, 5, 0), reason="this Blender tells of no mesh before it is finished"
 )
@@ -223,6 +224,55 @@ def test_cancel_does_not_wait_for_the_other_blender(rocks, monkeypatch):
 def test_small_meshes_are_not_late(rocks, monkeypatch):
     monkeypatch.setattr(late_mesh, "SUBDIVIDED_FACES", 7873)
     monkeypatch.setattr(late_mesh, "SHADED_FACES", 501)
+    monkeypatch.setattr(late_mesh, "IRREGULAR_FACES", 0)
     finish, asked = counted(monkeypatch, finisher(lambda: False))
     scene_read(rocks, finish)
     assert asked == []
+
+
+def creased(obj):
+    """Gives every edge a crease."""
+    crease = obj.data.attributes.new("crease_edge", "FLOAT", "EDGE")
+    crease.data.foreach_set("value", [0.5] * len(obj.data.edges))
+
+
+def without_limit(obj):
+    """Leaves its points where repeated subdivision has them."""
+    obj.modifiers[-1].use_limit_surface = False
+
+
+def emptied(obj):
+    """Leaves nothing of it."""
+    obj.data.clear_geometry()
+
+
+def of_best_quality(obj):
+    """Isolates its points more often."""
+    obj.modifiers[-1].quality = 10
+
+
+SHAPES = {
+    "of quads": ("grid", {"x_subdivisions": 20, "y_subdivisions": 20}, None, False),
+    "of quads, creased": ("grid", {"x_subdivisions": 20, "y_subdivisions": 20}, creased, True),
+    "of triangles": ("ico_sphere", {"subdivisions": 3}, None, True),
+    "of triangles, without a limit": ("ico_sphere", {"subdivisions": 3}, without_limit, False),
+    "few triangles": ("ico_sphere", {"subdivisions": 1}, None, False),
+    "few triangles of best quality": ("ico_sphere", {"subdivisions": 1}, of_best_quality, True),
+    "nothing": ("grid", {}, emptied, False),
+    "large polygons": ("cylinder", {"vertices": 64}, None, True),
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_what_makes_a_limit_surface_slow_is_its_irregular_points(scene, monkeypatch, shape):
+    kind, settings, change, is_late = SHAPES[shape]
+    monkeypatch.setattr(late_mesh, "SUBDIVIDED_FACES", FACES)
+    getattr(bpy.ops.mesh, f"primitive_{kind}_add")(**settings)
+    obj = bpy.context.object
+    obj.modifiers.new("Subdivision", "SUBSURF").render_levels = 1
+    if change is not None:
+        change(obj)
+    found = with_render_depsgraph(
+        scene, lambda depsgraph, _stop: late_mesh.late_mesh(obj.evaluated_get(depsgraph), scene.render)
+    )
+    assert (found is not None) == is_late

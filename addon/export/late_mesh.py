@@ -15,10 +15,13 @@ import numpy as np
 from .arrays import LAYOUTS, stored
 from .plain import settings_of
 
-SUBDIVIDED_FACES = 50_000
-"""From so many faces on a subdivision is left to another Blender. Fewer hold the lock for under 50 ms on two cores."""
+SUBDIVIDED_FACES = 30_000
+"""From so many faces on a subdivision is left to another Blender. Fewer hold the lock for some 20 ms on two cores."""
+IRREGULAR_FACES = 140
+"""So many of them take as long as what a limit surface adds for an irregular point and one step of quality."""
 SHADED_FACES = 250_000
 """Likewise for the normals of a mesh that modifiers or shape keys change. Others share those of the viewport."""
+CREASES = ("crease_edge", "crease_vert")
 TOPOLOGY = (".edge_verts", ".corner_vert", ".corner_edge")
 """Attributes that are Blender's own and part of a shape; the others of a dot are what is selected."""
 
@@ -47,7 +50,7 @@ def late_mesh(obj: bpy.types.Object, render: bpy.types.RenderSettings) -> LateMe
     levels = _levels(modifier, render) if modifier is not None and modifier.type == "SUBSURF" else 0
     geometry = obj.evaluated_geometry()
     mesh = geometry.mesh_base
-    if mesh is None or not _is_heavy(mesh, levels):
+    if mesh is None or not _is_heavy(mesh, modifier, levels):
         return None
     subdivision = settings_of(modifier) | {"levels": levels} if levels else None
     return LateMesh(_plain_mesh(mesh) | {"subdivision": subdivision}, geometry)
@@ -79,10 +82,23 @@ def _levels(modifier: bpy.types.SubsurfModifier, render: bpy.types.RenderSetting
     return min(modifier.render_levels, most)
 
 
-def _is_heavy(mesh: bpy.types.Mesh, levels: int) -> bool:
-    if levels:
-        return len(mesh.loops) * 4 ** (levels - 1) >= SUBDIVIDED_FACES
-    return len(mesh.polygons) >= SHADED_FACES and mesh.normals_domain != "FACE"
+def _is_heavy(mesh: bpy.types.Mesh, modifier: bpy.types.Modifier | None, levels: int) -> bool:
+    if modifier is None or not levels:
+        return len(mesh.polygons) >= SHADED_FACES and mesh.normals_domain != "FACE"
+    faces = len(mesh.loops) * 4 ** (levels - 1)
+    if 0 < faces < SUBDIVIDED_FACES and modifier.use_limit_surface:
+        faces += IRREGULAR_FACES * modifier.quality * _irregular_points(mesh)
+    return faces >= SUBDIVIDED_FACES
+
+
+def _irregular_points(mesh: bpy.types.Mesh) -> float:
+    """How many points of a mesh OpenSubdiv isolates from the regular patches of its limit surface, creases among them.
+    Those of many edges or corners count as several: the patches around one grow in number and in size."""
+    valences = np.bincount(stored(mesh.attributes[".edge_verts"].data, *LAYOUTS["INT32_2D"]).ravel())
+    corners = np.diff(stored(mesh.polygons, np.int32), append=len(mesh.loops))
+    creases = [stored(mesh.attributes[name].data, *LAYOUTS["FLOAT"]) for name in CREASES if name in mesh.attributes]
+    points = sum(np.sum((found[found != 4] / 4) ** 2) for found in (valences, corners))
+    return points + sum(np.count_nonzero(found) for found in creases)
 
 
 def _plain_mesh(mesh: bpy.types.Mesh) -> dict[str, Any]:

@@ -40,12 +40,12 @@ class Call:
     name: str = ""
     seconds: float = 0.0
     processor: float = 0.0
-    queue: float = 0.0
-    """Of an outermost call: seconds in which it was ready to run and others had the processors."""
     inner: "Call | None" = None
     """The longest call of the add-on inside of this one."""
     of_blender: dict[str, float] = field(default_factory=dict)
     """Seconds of the processor in it that are OF_BLENDER."""
+    queue: float = 0.0
+    """Of an outermost call: seconds in which it was ready to run and others had the processors."""
 
     @property
     def own(self):
