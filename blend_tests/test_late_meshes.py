@@ -256,8 +256,8 @@ SHAPES = {
     "of quads, creased": ("grid", {"x_subdivisions": 20, "y_subdivisions": 20}, creased, True),
     "of triangles": ("ico_sphere", {"subdivisions": 3}, None, True),
     "of triangles, without a limit": ("ico_sphere", {"subdivisions": 3}, without_limit, False),
-    "few triangles": ("ico_sphere", {"subdivisions": 1}, None, False),
-    "few triangles of best quality": ("ico_sphere", {"subdivisions": 1}, of_best_quality, True),
+    "few triangles": ("ico_sphere", {"subdivisions": 2}, None, False),
+    "few triangles of best quality": ("ico_sphere", {"subdivisions": 2}, of_best_quality, True),
     "nothing": ("grid", {}, emptied, False),
     "large polygons": ("cylinder", {"vertices": 64}, None, True),
 }

@@ -15,9 +15,10 @@ import numpy as np
 from .arrays import LAYOUTS, stored
 from .plain import settings_of
 
-SUBDIVIDED_FACES = 30_000
-"""From so many faces on a subdivision is left to another Blender. Fewer hold the lock for some 20 ms on two cores."""
-IRREGULAR_FACES = 140
+SUBDIVIDED_FACES = 50_000
+"""From so many faces on a subdivision is left to another Blender, which takes it a second to start. Fewer hold the lock
+for under 50 ms on two cores."""
+IRREGULAR_FACES = 90
 """So many of them take as long as what a limit surface adds for an irregular point and one step of quality."""
 SHADED_FACES = 250_000
 """Likewise for the normals of a mesh that modifiers or shape keys change. Others share those of the viewport."""
@@ -97,7 +98,7 @@ def _irregular_points(mesh: bpy.types.Mesh) -> float:
     valences = np.bincount(stored(mesh.attributes[".edge_verts"].data, *LAYOUTS["INT32_2D"]).ravel())
     corners = np.diff(stored(mesh.polygons, np.int32), append=len(mesh.loops))
     creases = [stored(mesh.attributes[name].data, *LAYOUTS["FLOAT"]) for name in CREASES if name in mesh.attributes]
-    points = sum(np.sum((found[found != 4] / 4) ** 2) for found in (valences, corners))
+    points = sum(np.sum((found[found != 4] / 4) ** 2.5) for found in (valences, corners))
     return points + sum(np.count_nonzero(found) for found in creases)
 
 
