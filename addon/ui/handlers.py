@@ -137,7 +137,7 @@ def look_at_files() -> float | None:
 def tick() -> bool:
     """One turn of polling. Whether there is to be another one."""
     scenes = {scene.session_uid: scene for scene in bpy.data.scenes}
-    if any(found.begin_reading(scenes[found.scene_uid]) for found in shot.all_open() if found.scene_uid in scenes):
+    if rows.sync_due() or _begin_reading(scenes):  # Each takes so long that it has a turn to itself.
         return True
     _rest()
     goes_on = False
@@ -164,6 +164,11 @@ def tick() -> bool:
         goes_on |= redraws.follow(found, new_picture=found.serial != serial)
         goes_on |= found.is_busy or found.changes.is_pending or found.lights.is_waiting
     return goes_on or bool(_resting)
+
+
+def _begin_reading(scenes: dict[int, bpy.types.Scene]) -> bool:
+    """Begins to read one of the scenes that are to be baked; whether there was one."""
+    return any(found.begin_reading(scenes[found.scene_uid]) for found in shot.all_open() if found.scene_uid in scenes)
 
 
 def _rest() -> None:

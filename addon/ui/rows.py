@@ -310,18 +310,27 @@ def on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) 
     named = [(update.id.original, update.is_updated_transform) for update in depsgraph.updates]
     objects = [block for block, is_moved in named if isinstance(block, bpy.types.Object) and not is_moved]
     if any(isinstance(block, bpy.types.Collection | bpy.types.World) for block, _ in named) or _differ(scene, objects):
-        _due.add(scene.session_uid)
-        if bpy.app.background:
-            _sync_due()
-        elif not bpy.app.timers.is_registered(_sync_due):  # Lights are read in this turn of the window.
-            bpy.app.timers.register(_sync_due, first_interval=0.0)
+        _sync_soon([scene])
 
 
-def _sync_due() -> None:
-    for scene in bpy.data.scenes:
-        if scene.session_uid in _due:
-            sync(scene)
+def _sync_soon(scenes: Iterable[bpy.types.Scene]) -> None:
+    """Compares the rows of scenes in a turn of the window of its own: lights are read in this one."""
+    from . import handlers
+
+    _due.update(scene.session_uid for scene in scenes)
+    if bpy.app.background:
+        sync_due()
+    else:
+        handlers.wake()
+
+
+def sync_due() -> bool:
+    """Compares the rows that may be other ones now; whether there were any."""
+    due = [scene for scene in bpy.data.scenes if scene.session_uid in _due]
     _due.clear()
+    for scene in due:
+        sync(scene)
+    return bool(due)
 
 
 def _differ(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> bool:
@@ -340,8 +349,7 @@ def _differ(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> bool:
 @persistent
 def on_undo(*_arguments) -> None:
     """Lights may be back, or gone again."""
-    for scene in bpy.data.scenes:
-        sync(scene)
+    _sync_soon(bpy.data.scenes)
 
 
 @persistent
@@ -377,8 +385,6 @@ def unregister():
     """Takes it away; values stay in the file."""
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).remove(handler)
-    if bpy.app.timers.is_registered(_sync_due):
-        bpy.app.timers.unregister(_sync_due)
     _due.clear()
     del bpy.types.Scene.relume_mix
     _mixes.clear()

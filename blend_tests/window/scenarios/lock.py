@@ -3,12 +3,14 @@
 import threading
 import time
 
+import bmesh
 import bpy
 from artist import Artist, addon
 
 NEEDS = ["demo.blend"]
 LEVELS = (2, 4, 5)
 """Of subdivision: each has four times as many faces as the one before it."""
+BALL_SUBDIVISIONS = 5
 GOAL_MS = 50
 
 
@@ -47,10 +49,23 @@ def play(driver):
     for level in LEVELS:
         subdivision.render_levels = level
         yield from rebake(driver, artist, waiting, f"subdivided {level} times")
+    shape = obj.data
+    obj.data, subdivision.render_levels = ball(), 1
+    yield from rebake(driver, artist, waiting, f"{len(obj.data.polygons)} triangles subdivided once")
+    obj.data, subdivision.render_levels = shape, level
     driver.check(addon("engine.mesh_worker")._shared.is_working, "another Blender has subdivided")
     obj.modifiers.new("Triangles", "TRIANGULATE")
     obj.data.shade_smooth()
     yield from rebake(driver, artist, waiting, f"subdivided {level} times and changed after it")
+
+
+def ball():
+    """A ball of triangles: a limit surface that is regular nowhere."""
+    mesh, shape = bpy.data.meshes.new("Ball"), bmesh.new()
+    bmesh.ops.create_icosphere(shape, subdivisions=BALL_SUBDIVISIONS, radius=1.0)
+    shape.to_mesh(mesh)
+    shape.free()
+    return mesh
 
 
 def rebake(driver, artist, waiting, what):
