@@ -101,6 +101,13 @@ def by_faces(scene):
     return {"Bulb"}
 
 
+def by_faces_further_up(scene):
+    carrier = add_quad(scene, "Carrier", size=0.5)
+    carrier.location.z, carrier.instance_type = 2.0, "FACES"
+    between = add(scene, "Between", None)
+    between.parent, bulb(scene.collection).parent = carrier, between
+
+
 def in_a_collection_though_hidden(scene):
     light = bulb()
     light.hide_render = True
@@ -111,7 +118,8 @@ def in_a_collection_though_hidden(scene):
 WAYS = [
     *(by_nodes, by_nodes_of_a_collection, by_nodes_and_in_the_scene, by_nodes_though_hidden, by_nodes_though_excluded),
     *(by_an_inner_group, by_an_input_of_the_modifier, by_an_instance_of_nodes, by_nodes_of_an_instance),
-    *(by_particles, by_particles_though_hidden, by_particles_of_a_collection, by_faces, in_a_collection_though_hidden),
+    *(by_particles, by_particles_though_hidden, by_particles_of_a_collection, by_faces, by_faces_further_up),
+    in_a_collection_though_hidden,
 ]
 
 

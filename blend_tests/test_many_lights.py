@@ -9,6 +9,7 @@ from addon.ui import handlers, rows
 from addon.ui.start import start
 from fake_live import FakeLive
 from helpers import add, add_light, row, update
+from instances import instancing, scatter, unlinked
 
 MANY = 60
 
@@ -142,6 +143,73 @@ def test_what_is_read_bit_by_bit_is_what_would_be_read_anew(lit, street, monkeyp
         assert found.lights.descriptions == anew.descriptions, f"after change {number}"
         assert found.lights.warnings == anew.warnings, f"after change {number}"
         assert street.requests[-1]["lights"] == anew.descriptions, f"asked for after change {number}"
+
+
+def nothing(_scene):
+    pass
+
+
+def instances_of_others(scene):
+    """Instances, of which no light is one."""
+    scatter(scene.collection, unlinked("Trees", bpy.data.objects["Plane"]))
+
+
+def hidden_lights(scene):
+    """Lights and collections that renders or views lack."""
+    bpy.data.objects["Lamp 01"].hide_render = bpy.data.objects["Lamp 02"].hide_viewport = True
+    bpy.data.objects["Lamp 03"].hide_set(True)
+    aside = bpy.data.collections.new("Aside")
+    bpy.data.collections["Street"].children.link(aside)
+    for name in ("Lamp 04", "Lamp 05"):
+        aside.objects.link(bpy.data.objects[name])
+        bpy.data.collections["Street"].objects.unlink(bpy.data.objects[name])
+    bpy.context.view_layer.layer_collection.children["Street"].children["Aside"].hide_viewport = True
+
+
+def linked_to_each_other(scene):
+    """A light that hangs from another, and one that lights a collection of lights alone."""
+    bpy.data.objects["Lamp 01"].parent = bpy.data.objects["Lamp 02"]
+    bpy.data.objects["Lamp 03"].light_linking.receiver_collection = bpy.data.collections["Street"]
+
+
+@pytest.mark.parametrize("change", [nothing, instances_of_others, hidden_lights, linked_to_each_other])
+def test_where_no_light_is_instanced_no_instance_is_looked_at(lit, street, monkeypatch, change):
+    change(lit)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    by_all, by_themselves = (SceneLights(bpy.context.view_layer.name, ["Plane"]) for _ in range(2))
+    with monkeypatch.context() as patch:
+        patch.setattr(scene_lights, "may_be_instanced", lambda _: True)
+        by_all.read(depsgraph)
+    monkeypatch.setattr(scene_lights, "_shown", None)
+    by_themselves.read(depsgraph)
+    assert by_themselves.descriptions == by_all.descriptions and len(by_all.descriptions) > MANY / 2
+    assert by_themselves.warnings == by_all.warnings
+    assert by_themselves._visibility == by_all._visibility
+
+
+def of_a_collection_around(scene):
+    instancing(scene, bpy.data.collections["Street"])
+
+
+def of_nodes(scene):
+    scatter(scene.collection, bpy.data.objects["Lamp 07"])
+
+
+def of_points_further_up(scene):
+    """What a light hangs from hangs from an object that instances it on its points."""
+    outer = add(scene, "Points", bpy.data.objects["Plane"].data)
+    outer.instance_type = "VERTS"
+    inner = add(scene, "Between", None)
+    inner.parent, bpy.data.objects["Lamp 07"].parent = outer, inner
+
+
+@pytest.mark.parametrize("change", [of_a_collection_around, of_nodes, of_points_further_up])
+def test_what_may_instance_a_light_is_noticed(lit, street, change):
+    before = len(shot.of(lit).lights.descriptions)
+    change(lit)
+    update()
+    assert shot.of(lit).lights.instanced
+    assert len(shot.of(lit).lights.descriptions) > before
 
 
 def test_many_lights_are_read_in_turns_and_asked_for_once_all_are(lit, street, monkeypatch):

@@ -7,16 +7,21 @@ from __future__ import annotations
 import json
 import math
 import time
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import compress
+from typing import NamedTuple
 
 import bpy
+import numpy as np
 from mathutils import Matrix
 
-from ..export.instancers import Instancers
+from ..export.instancers import Instancers, may_be_instanced
 from ..export.lights import UniqueNames, describe_light, name_of, ray_visibility
 from ..export.linking import LightLinking
 
+LIGHT = bpy.types.Object.bl_rna.properties["type"].enum_items["LIGHT"].value
 Key = tuple[int, ...]
 """Session uids of a light and of what instances it, or of itself, and which of the instances it is."""
 
@@ -124,23 +129,29 @@ class SceneLights:
         shaded: set[int] = set()
         data: set[int] = set()
         may_instance, instancers = False, Instancers()
+        kinds = bpy.types.Object, bpy.types.Light, bpy.types.Collection  # Looking them up takes longer than the rest.
         for update in depsgraph.updates:
-            found = update.id.original
-            if isinstance(found, bpy.types.Light):
-                data.add(found.session_uid)
-            elif isinstance(found, bpy.types.Object):
+            found = update.id
+            if isinstance(found, kinds[0]):
                 if found.type == "LIGHT":
                     is_edited = (
                         update.is_updated_transform or update.is_updated_geometry or not update.is_updated_shading
                     )
-                    (edited if is_edited else shaded).add(found.session_uid)
-                may_instance |= found.session_uid in self._instancers or found.instance_type != "NONE"
-                if update.is_updated_geometry and not may_instance:  # Its modifiers may be others now.
-                    may_instance = len(found.modifiers) > 0 and instancers.may_show_lights(found)
-            elif isinstance(found, bpy.types.Collection):
+                    (edited if is_edited else shaded).add(found.original.session_uid)
+                may_instance = may_instance or self._may_instance(update, found, instancers)
+            elif isinstance(found, kinds[1]):
+                data.add(found.original.session_uid)
+            elif isinstance(found, kinds[2]):
                 may_instance = True
         edited |= {key[0] for key, entry in self._entries.items() if entry.data_uid in data}
         return edited, shaded, may_instance
+
+    def _may_instance(self, update: bpy.types.DepsgraphUpdate, found: bpy.types.Object, instancers: Instancers) -> bool:
+        """Whether an updated object may instance other lights now than before."""
+        if found.instance_type != "NONE" or (self._instancers and found.original.session_uid in self._instancers):
+            return True
+        has_others = update.is_updated_geometry and len(found.modifiers) > 0
+        return has_others and instancers.may_show_lights(found.original)
 
     def _is_ours(self, depsgraph: bpy.types.Depsgraph) -> bool:
         """Windows may show several view layers of a scene; the lights are those of one."""
@@ -180,21 +191,18 @@ class SceneLights:
         """Finds all lights and their instances; what is new or edited has to be read."""
         known, waiting, layer = self._entries, self._waiting, depsgraph.view_layer
         rendered, instancers = _RenderedObjects(layer), Instancers()
-        unseen = _hidden_instancers(layer, instancers)
+        are_instanced = may_be_instanced(_lights(bpy.data.objects))
+        unseen = _hidden_instancers(layer, instancers) if are_instanced else []
         self._entries, self._waiting, self._instancers = {}, {}, {obj.session_uid for obj in unseen}
-        for instance in depsgraph.object_instances:
-            obj = instance.object
-            if obj.type != "LIGHT":
-                continue
-            light = obj.original
-            owner, is_rendered = instance.parent.original if instance.is_instance else light, True
-            if instance.is_instance:
+        for shown in _shown(depsgraph) if are_instanced else _shown_themselves(depsgraph):
+            light, owner, is_rendered = shown.light, shown.owner, True
+            if shown.matrix is not None:
                 self._instancers |= {owner.session_uid, light.session_uid}
-                is_rendered = instancers.renders(owner, instance.persistent_id, light, rendered.__contains__)
+                is_rendered = instancers.renders(owner, shown.which, light, rendered.__contains__)
             # Of what the eye of a collection hides Blender tells here all the same.
-            is_seen = instance.show_self and owner.visible_get(view_layer=layer)
+            is_seen = shown.is_shown and owner.visible_get(view_layer=layer)
             if is_seen and is_rendered and owner in rendered and not _is_replaced(owner):
-                key, entry = self._found(instance, light, owner)
+                key, entry = self._found(shown)
                 before = None if key in waiting or light.session_uid in edited else known.get(key)
                 if before is None or not before.is_same(entry):
                     self._waiting[key] = None
@@ -205,25 +213,22 @@ class SceneLights:
         self._visibility = _visibility(layer, self._instancers)
         hidden = [
             obj
-            for obj in _lights(layer)
+            for obj in _lights(layer.objects)
             if not obj.visible_get(view_layer=layer) and obj in rendered and not _is_replaced(obj)
         ]
-        if unseen or _views_hide():
+        if are_instanced and (unseen or _views_hide()):
             hidden += _hidden_instances(layer, rendered, instancers, self._shown)
         self._hidden = [
             f"light '{name_of(obj)}' is hidden in the view only: off here, but on in renders" for obj in hidden
         ]
 
-    def _found(
-        self, instance: bpy.types.DepsgraphObjectInstance, light: bpy.types.Object, owner: bpy.types.Object
-    ) -> tuple[Key, _Entry]:
+    def _found(self, shown: _Shown) -> tuple[Key, _Entry]:
         """A light of the walk, not read yet."""
-        which = instance.persistent_id if instance.is_instance else ()
-        key = (light.session_uid, owner.session_uid, *which)
+        light = shown.light
+        key = (light.session_uid, shown.owner.session_uid, *shown.which)
         while key in self._entries:
             key = (*key, 0)
-        matrix = instance.matrix_world.copy() if instance.is_instance else None
-        return key, _Entry(light, light.data.session_uid, name_of(light), _settings_of(instance.object), matrix)
+        return key, _Entry(light, light.data.session_uid, name_of(light), _settings_of(shown.evaluated), shown.matrix)
 
     def _read_one(self, entry: _Entry, depsgraph: bpy.types.Depsgraph) -> None:
         """Blender also names what was only evaluated again: that makes no difference."""
@@ -252,6 +257,37 @@ class SceneLights:
                     entry.description = Description(entry.description | {"name": name})
                 self.descriptions.append(entry.description)
         self.warnings = list(dict.fromkeys([*warnings, *self._hidden]))
+
+
+class _Shown(NamedTuple):
+    """A light where the view may show it, or an instance of one."""
+
+    evaluated: bpy.types.Object
+    light: bpy.types.Object
+    owner: bpy.types.Object
+    """What shows it: the light itself, or what instances it."""
+    is_shown: bool = True
+    which: Key = ()
+    """Of its owner's instances."""
+    matrix: Matrix | None = None
+    """Of an instance."""
+
+
+def _shown_themselves(depsgraph: bpy.types.Depsgraph) -> Iterator[_Shown]:
+    """Of a scene in which nothing instances lights: there may be hundreds of thousands of other instances."""
+    yield from (_Shown(light.evaluated_get(depsgraph), light, light) for light in _lights(depsgraph.view_layer.objects))
+
+
+def _shown(depsgraph: bpy.types.Depsgraph) -> Iterator[_Shown]:
+    for instance in depsgraph.object_instances:
+        obj = instance.object
+        if obj.type != "LIGHT":
+            continue
+        if instance.is_instance:
+            place = tuple(instance.persistent_id), instance.matrix_world.copy()
+            yield _Shown(obj, obj.original, instance.parent.original, instance.show_self, *place)
+        else:
+            yield _Shown(obj, obj.original, obj.original, instance.show_self)
 
 
 def _settings_of(light: bpy.types.Object) -> tuple:
@@ -285,7 +321,7 @@ def _views_hide() -> bool:
 
 def _hidden_instancers(view_layer: bpy.types.ViewLayer, instancers: Instancers) -> list[bpy.types.Object]:
     """Objects that may show lights by instances, but are hidden in the view."""
-    carriers = {obj.parent for obj in _lights(view_layer) if _is_replaced(obj)}
+    carriers = {obj.parent for obj in _lights(view_layer.objects) if _is_replaced(obj)}
     return [
         obj
         for obj in view_layer.objects
@@ -295,13 +331,18 @@ def _hidden_instancers(view_layer: bpy.types.ViewLayer, instancers: Instancers) 
     ]
 
 
-def _lights(view_layer: bpy.types.ViewLayer) -> list[bpy.types.Object]:
-    return [obj for obj in view_layer.objects if obj.type == "LIGHT"]
+def _lights(objects: bpy.types.bpy_prop_collection, others: Collection[int] = ()) -> list[bpy.types.Object]:
+    """The lights among many objects, and others by their session uids."""
+    kinds, uids = np.empty(len(objects), np.int32), np.empty(len(objects), np.int32)
+    objects.foreach_get("type", kinds)
+    objects.foreach_get("session_uid", uids)
+    is_wanted = (kinds == LIGHT) | np.isin(uids, list(others))
+    return list(compress(objects, is_wanted.tolist()))
 
 
 def _visibility(view_layer: bpy.types.ViewLayer, instancers: set[int]) -> tuple:
     """Differs when a light, or one of what instances lights, was added, deleted, hidden or shown."""
-    sources = [obj for obj in view_layer.objects if obj.type == "LIGHT" or obj.session_uid in instancers]
+    sources = _lights(view_layer.objects, instancers)
     return tuple((obj.session_uid, obj.visible_get(view_layer=view_layer), obj.hide_render) for obj in sources)
 
 

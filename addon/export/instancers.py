@@ -4,7 +4,7 @@ itself. Of nodes and particle settings it is read what they name: what becomes o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import bpy
@@ -14,6 +14,8 @@ Way: TypeAlias = tuple[int, ...]
 """What is left of a persistent id, from the outermost to the innermost."""
 Shown: TypeAlias = Callable[[bpy.types.Object], bool]
 """Whether renders show an object in some place, neither hidden itself nor by collections."""
+INSTANCE_BY = ("OBJECT", "NODETREE", "PARTICLE")
+"""Types of what can name what is instanced."""
 NO_NUMBER = 2**31 - 1
 """Fills persistent ids."""
 
@@ -102,7 +104,7 @@ class Instancers:
 
     def placed_by(self, obj: bpy.types.Object) -> set[bpy.types.Object]:
         """Objects that an object itself instances, or would if nothing were hidden."""
-        found = set(obj.children) if obj.instance_type in {"VERTS", "FACES"} else set()
+        found = set(obj.children_recursive) if obj.instance_type in {"VERTS", "FACES"} else set()
         return found.union(_objects_of(_blocks([_instanced_by(obj)])), *map(self.placed_by_modifier, obj.modifiers))
 
     def placed_by_modifier(self, modifier: bpy.types.Modifier) -> set[bpy.types.Object]:
@@ -150,7 +152,7 @@ class Instancers:
         if (instanced := _instanced_by(by)) is not None:
             yield from self._in_place(self._objects_of(instanced), way[0], way[1:], light)
             return
-        for child in by.children if by.instance_type in {"VERTS", "FACES"} else ():
+        for child in by.children_recursive if by.instance_type in {"VERTS", "FACES"} else ():
             yield from (is_shown and is_here(child) for is_shown in self._along(child, way[1:], light, is_here))
         # Nodes begin a way with a number for each time that they instance instances.
         for block in self._nodes_of(by).blocks:
@@ -217,6 +219,31 @@ class Instancers:
             inside = self._objects_of(collection)
             self._seen_inside[collection, by] = [(obj, is_shown) for obj, is_shown in inside if obj in seen]
         return self._seen_inside[collection, by]
+
+
+def may_be_instanced(lights: Collection[bpy.types.Object]) -> bool:
+    """Whether something may instance one of a file's lights: what could do so uses it, or a collection around it. That
+    may be a rig; but to know it of a hundred thousand objects and instances, no look at each of them is needed."""
+    if any(light.instance_type != "NONE" or _is_on_points(light) for light in lights):
+        return True
+    users = bpy.data.user_map(subset={*lights, *bpy.data.collections}, value_types={"COLLECTION", *INSTANCE_BY})
+    todo: list[bpy.types.ID] = list(lights)
+    seen = set(todo)
+    while todo:
+        for user in users.get(todo.pop(), set()) - seen:
+            if not isinstance(user, bpy.types.Collection):
+                return True
+            seen.add(user)
+            todo.append(user)
+    return False
+
+
+def _is_on_points(obj: bpy.types.Object) -> bool:
+    """Whether what an object hangs from instances it on its points or faces."""
+    parent = obj.parent
+    while parent is not None and parent.instance_type not in {"VERTS", "FACES"}:
+        parent = parent.parent
+    return parent is not None
 
 
 def objects_in(collection: bpy.types.Collection) -> list[tuple[bpy.types.Object, bool]]:

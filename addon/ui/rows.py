@@ -307,9 +307,16 @@ def _write(row: bpy.types.PropertyGroup, values: dict[str, Any]) -> None:
 @persistent
 def on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Lights may have come, gone or changed their names."""
-    named = [(update.id.original, update.is_updated_transform) for update in depsgraph.updates]
-    objects = [block for block, is_moved in named if isinstance(block, bpy.types.Object) and not is_moved]
-    if any(isinstance(block, bpy.types.Collection | bpy.types.World) for block, _ in named) or _differ(scene, objects):
+    lights, kind, around = [], bpy.types.Object, (bpy.types.Collection, bpy.types.World)
+    for update in depsgraph.updates:
+        found = update.id
+        if isinstance(found, kind):
+            if found.type == "LIGHT" and not update.is_updated_transform:
+                lights.append(found.original)
+        elif isinstance(found, around):
+            _sync_soon([scene])
+            return
+    if _differ(scene, lights):
         _sync_soon([scene])
 
 
@@ -333,10 +340,9 @@ def sync_due() -> bool:
     return bool(due)
 
 
-def _differ(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> bool:
-    """Whether the row of a light among some objects is no longer as it should be: neither a drag, nor an edit of a
-    light's values, nor a slider of a row has to walk over all of them."""
-    lights = [obj for obj in objects if obj.type == "LIGHT"]
+def _differ(scene: bpy.types.Scene, lights: list[bpy.types.Object]) -> bool:
+    """Whether the row of a light is no longer as it should be: neither a drag, nor an edit of a light's values, nor a
+    slider of a row has to walk over all of them."""
     rows = {row.uid: row for row in scene.relume_mix.rows if row.kind == LIGHT} if lights else {}
 
     def is_same(light: bpy.types.Object) -> bool:
