@@ -1,14 +1,13 @@
 """What became of a scene since its bake is noticed, in words, and outlives saving and opening."""
 
 import json
-import math
 import time
 
 import bpy
 import numpy as np
 import pytest
 
-from addon.engine import prints, record, shape_prints, shot, worlds
+from addon.engine import prints, record, shot, worlds
 from addon.engine.changes import Changes
 from addon.ui import handlers
 from addon.ui.start import start
@@ -78,18 +77,6 @@ def test_undo_is_looked_at_in_every_scene(baked, tmp_path):
         handlers._resting.clear()
     bpy.ops.ed.undo()
     assert all(found.changes.is_pending for found in shot.all_open()) and len(shot.all_open()) == 2
-
-
-def test_a_large_mesh_is_looked_at_in_slices(lit, monkeypatch):
-    whole = prints.take_all(lit, lit.camera)["data Plane"]
-    monkeypatch.setattr(shape_prints, "SLICE_BYTES", 8)
-    sizes = [48, 16, 32, 1]  # Of positions, corners, UVs and flatness.
-    assert len(list(prints.take(lit, "data Plane"))) == sum(math.ceil(size / 8) for size in sizes)
-    found, looks = Changes({"data Plane": whole}), 0
-    while found.is_pending and looks < 100:
-        found.look(lit, 0.0)
-        looks += 1
-    assert 15 < looks < 100 and found.present["data Plane"] == whole
 
 
 def test_kinds_of_a_newer_relume_are_left_out(tmp_path):

@@ -201,7 +201,7 @@ class Changes:
                 self._walked.add(key)
                 if self._takes_all or key not in self.present:
                     self._taking = key, take()
-            if not self._go_on_taking(deadline):
+            if not self._go_on_taking(deadline) or time.perf_counter() > deadline:
                 return False
         for key in {**self.baked, **self.present}.keys() - self._walked:
             if self.recording and not key.startswith("object "):  # Edited meanwhile, but no part of the scene.
