@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import bpy
 import numpy as np
@@ -84,6 +84,14 @@ def _camera_object(depsgraph: bpy.types.Depsgraph, options: ExportOptions) -> bp
     return camera.evaluated_get(depsgraph)
 
 
+class _Shared(NamedTuple):
+    """What all instances of an object by another one have in common: there may be hundreds of thousands."""
+
+    name: str
+    materials: list[int]
+    settings: dict[str, Any]
+
+
 class _SceneExporter:
     def __init__(
         self,
@@ -101,47 +109,64 @@ class _SceneExporter:
         self.linking = LightLinking(receiver_names(depsgraph.scene), builder.warn)
         self.lights = LightExporter(lambda light: builder.add_light(json.dumps(light)), builder.warn, self.linking)
         self.geometry = GeometryExporter(builder, depsgraph, asked_attributes(), finish_mesh)
+        self.known: set[int] = set()
+        """Uids of objects that were met."""
+        self.shared: dict[tuple[int, int, int], _Shared] = {}
+        """By the uids of an object and of what instances it, and its mesh."""
 
     def run(self) -> None:
         self._warn_about_settings()
         self.geometry.begin()
         for instance in self.depsgraph.object_instances:
             obj = instance.object
-            self._warn_about_object(obj)
+            uid = obj.original.session_uid
+            if uid not in self.known:
+                self.known.add(uid)
+                self._warn_about_object(obj)
             if not instance.show_self:
                 continue
             if obj.type == "LIGHT":
                 self.lights.export(obj, instance.matrix_world)
             elif obj.type == "MESH":  # Curves, text and metaballs appear as meshes of their own.
-                self._export_geometry(instance)
+                self._export_geometry(instance, uid)
         scene, view_layer = self.depsgraph.scene_eval, self.depsgraph.view_layer_eval
         export_world(self.builder, self.images, self._world_texture, scene, view_layer)
 
     def _world_texture(self, world: WorldGraph, name: str) -> int:
         return self.builder.add_texture(name, self.render_world(world), encoding="linear", alpha="none")
 
-    def _export_geometry(self, instance: bpy.types.DepsgraphObjectInstance) -> None:
+    def _export_geometry(self, instance: bpy.types.DepsgraphObjectInstance, uid: int) -> None:
         obj = instance.object
         mesh = self.geometry.mesh_number(instance)
         if mesh is None:
             return
-        original = instance.parent.original if instance.is_instance and instance.parent else obj.original
+        owner = instance.parent.original if instance.is_instance and instance.parent else obj.original
+        key = uid, owner.session_uid, mesh
+        if key not in self.shared:
+            self.shared[key] = self._shared(obj, owner, mesh)
+        shared = self.shared[key]
+        self.builder.add_instance(
+            shared.name,
+            mesh,
+            [tuple(row) for row in instance.matrix_world],
+            shared.materials,
+            random=(instance.random_id & MASK) / MASK if instance.is_instance else random_of_name(shared.name),
+            **shared.settings,
+        )
+
+    def _shared(self, obj: bpy.types.Object, owner: bpy.types.Object, mesh: int) -> _Shared:
         materials = self._materials(obj)
         if self.materials.emissive.intersection(materials):
             self._warn_about_emitter(obj)
         self._warn_about_attributes(obj, mesh, materials)
-        self.builder.add_instance(
-            obj.name,
-            mesh,
-            [tuple(row) for row in instance.matrix_world],
-            materials,
-            receiver=self.linking.receiver_number(obj.original, original),
-            color=tuple(obj.color),
-            pass_index=obj.pass_index,
-            random=(instance.random_id & MASK) / MASK if instance.is_instance else random_of_name(obj.name),
-            shadow_terminator_offset=_shadow_terminator_offset(obj),
-            visibility=self._visibility(obj),
-        )
+        settings = {
+            "receiver": self.linking.receiver_number(obj.original, owner),
+            "color": tuple(obj.color),
+            "pass_index": obj.pass_index,
+            "shadow_terminator_offset": _shadow_terminator_offset(obj),
+            "visibility": self._visibility(obj),
+        }
+        return _Shared(obj.name, materials, settings)
 
     def _materials(self, obj: bpy.types.Object) -> list[int]:
         override = self.view_layer.material_override
