@@ -48,6 +48,7 @@ def instancing(scene, collection):
     """An empty in the scene that instances a collection."""
     empty = add(scene, "Instance", None)
     empty.instance_type, empty.instance_collection = "COLLECTION", collection
+    return empty
 
 
 def particles(scene, **shown):

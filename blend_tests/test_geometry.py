@@ -11,6 +11,7 @@ from mathutils import Vector
 from addon.export.arrays import stored
 from addon.export.geometry import mesh_arrays
 from helpers import add, add_material, add_quad, affine, exported
+from instances import instancing, unlinked
 
 
 def names(summary):
@@ -170,6 +171,23 @@ def test_slots_and_visibility(scene):
     assert instance["visibility"] == [False, True, False, True]
     assert instance["pass_index"] == 7
     assert instance["color"] == pytest.approx([0.1, 0.2, 0.3, 0.4])
+
+
+def test_an_instance_is_seen_by_rays_that_see_what_instances_it_too(scene):
+    plane = add_quad(scene, "Plane")
+    scene.collection.objects.unlink(plane)
+    empty = instancing(scene, unlinked("Source", plane))
+    plane.visible_glossy = empty.visible_diffuse = False
+    assert exported(scene)["instances"][0]["visibility"] == [True, False, False, True]
+    aside = bpy.data.collections.new("Aside")
+    scene.collection.children.link(aside)
+    scene.collection.objects.unlink(empty)
+    aside.objects.link(empty)
+    layer = bpy.context.view_layer.layer_collection.children["Aside"]
+    layer.indirect_only = True
+    assert exported(scene)["instances"][0]["visibility"] == [False, False, False, True]
+    layer.indirect_only, layer.holdout = False, True
+    assert any("'Instance': holdout" in warning for warning in exported(scene)["warnings"])
 
 
 def test_unsupported_things_are_named(scene):

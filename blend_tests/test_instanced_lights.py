@@ -139,6 +139,19 @@ def test_bake_picture_and_rows_have_the_same_lights(scene, live, way):
     assert said(scene) == []
 
 
+def test_an_instance_shines_on_what_its_instancer_shines_on_too(scene, live):
+    light = bulb()
+    empty = instancing(scene, unlinked("Source", light))
+    light.visible_glossy = False
+    made = live()
+    empty.visible_diffuse = False
+    update()
+    (found,) = made.requests[-1]["lights"]
+    diffuse = 1 if bpy.app.version < (4, 4, 0) else 0  # As of Cycles.
+    assert (found["lobes"]["diffuse"], found["lobes"]["glossy"], found["lobes"]["transmission"]) == (diffuse, 0, 1)
+    assert found["lobes"] == exported(scene)["lights"][0]["lobes"]
+
+
 def test_what_nodes_show_is_listed_below_the_collection_of_the_nodes(scene, live):
     props = unlinked("Props")
     scene.collection.children.link(props)

@@ -11,6 +11,7 @@ import relume
 from addon.engine.scene import load_scene
 from addon.export import trace_settings
 from helpers import add_light, add_material, add_quad, render_cycles
+from instances import instancing, unlinked
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "scripts" / "parity"))
 from compare import summary  # noqa: E402
@@ -87,6 +88,15 @@ def test_light_linking_and_ray_visibility(room, tmp_path):
         receivers.objects.link(bpy.data.objects[name])
     light.light_linking.receiver_collection = receivers
     light.visible_glossy = False
+    assert_equal(*pictures(room, tmp_path))
+
+
+def test_ray_visibility_of_what_instances(room, tmp_path):
+    light = add_light(room, "POINT", name="Key", location=(-0.6, -0.4, 1.8), shadow_soft_size=0.4)
+    for obj, ray in ((light, "visible_glossy"), (bpy.data.objects["Block"], "visible_camera")):
+        for collection in obj.users_collection:
+            collection.objects.unlink(obj)
+        setattr(instancing(room, unlinked(obj.name, obj)), ray, False)
     assert_equal(*pictures(room, tmp_path))
 
 

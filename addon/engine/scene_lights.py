@@ -39,10 +39,12 @@ class _Entry:
     """One light or one instance of one."""
 
     light: bpy.types.Object
+    owner: bpy.types.Object
+    """What instances it, or the light itself."""
     data_uid: int
     name: str
     settings: tuple
-    """Of the object, see `_settings_of`."""
+    """Of both objects, see `_settings_of`."""
     matrix: Matrix | None
     """Of an instance; a light itself is asked."""
     description: Description | None = None
@@ -129,19 +131,20 @@ class SceneLights:
         shaded: set[int] = set()
         data: set[int] = set()
         may_instance, instancers = False, Instancers()
-        kinds = bpy.types.Object, bpy.types.Light, bpy.types.Collection  # Looking them up takes longer than the rest.
+        # Kept, as looking one of them up takes longer than all the rest.
+        object_kind, light_kind, collection_kind = bpy.types.Object, bpy.types.Light, bpy.types.Collection
         for update in depsgraph.updates:
             found = update.id
-            if isinstance(found, kinds[0]):
+            if isinstance(found, object_kind):
                 if found.type == "LIGHT":
                     is_edited = (
                         update.is_updated_transform or update.is_updated_geometry or not update.is_updated_shading
                     )
                     (edited if is_edited else shaded).add(found.original.session_uid)
                 may_instance = may_instance or self._may_instance(update, found, instancers)
-            elif isinstance(found, kinds[1]):
+            elif isinstance(found, light_kind):
                 data.add(found.original.session_uid)
-            elif isinstance(found, kinds[2]):
+            elif isinstance(found, collection_kind):
                 may_instance = True
         edited |= {key[0] for key, entry in self._entries.items() if entry.data_uid in data}
         return edited, shaded, may_instance
@@ -224,23 +227,24 @@ class SceneLights:
 
     def _found(self, shown: _Shown) -> tuple[Key, _Entry]:
         """A light of the walk, not read yet."""
-        light = shown.light
-        key = (light.session_uid, shown.owner.session_uid, *shown.which)
+        light, owner = shown.light, shown.owner
+        key = (light.session_uid, owner.session_uid, *shown.which)
         while key in self._entries:
             key = (*key, 0)
-        return key, _Entry(light, light.data.session_uid, name_of(light), _settings_of(shown.evaluated), shown.matrix)
+        settings = _settings_of(shown.evaluated, owner)
+        return key, _Entry(light, owner, light.data.session_uid, name_of(light), settings, shown.matrix)
 
     def _read_one(self, entry: _Entry, depsgraph: bpy.types.Depsgraph) -> None:
         """Blender also names what was only evaluated again: that makes no difference."""
         obj = entry.light.evaluated_get(depsgraph)
         warnings: list[str] = []
         linking = LightLinking(self.receivers, warnings.append)
-        found = describe_light(obj, entry.matrix or obj.matrix_world, linking, warnings.append)
+        found = describe_light(obj, entry.owner, entry.matrix or obj.matrix_world, linking, warnings.append)
         before, name = entry.description, name_of(entry.light)
         if found is not None:
             found["name"] = before["name"] if before is not None and name == entry.name else name
         self._differs |= found != before or warnings != entry.warnings
-        entry.data_uid, entry.name, entry.settings = entry.light.data.session_uid, name, _settings_of(obj)
+        entry.data_uid, entry.name, entry.settings = entry.light.data.session_uid, name, _settings_of(obj, entry.owner)
         entry.description, entry.warnings = None if found is None else Description(found), warnings
 
     def _describe_anew(self) -> None:
@@ -290,10 +294,10 @@ def _shown(depsgraph: bpy.types.Depsgraph) -> Iterator[_Shown]:
             yield _Shown(obj, obj.original, obj.original, instance.show_self)
 
 
-def _settings_of(light: bpy.types.Object) -> tuple:
-    """What `describe_light` reads of an object itself."""
+def _settings_of(light: bpy.types.Object, owner: bpy.types.Object) -> tuple:
+    """What `describe_light` reads of the objects themselves."""
     linking = light.light_linking
-    return ray_visibility(light), linking.receiver_collection is None, linking.blocker_collection is None
+    return ray_visibility(light, owner), linking.receiver_collection is None, linking.blocker_collection is None
 
 
 def _is_replaced(light: bpy.types.Object) -> bool:

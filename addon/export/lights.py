@@ -42,17 +42,22 @@ class LightExporter:
         self.linking = linking
         self.unique = UniqueNames()
 
-    def export(self, obj: bpy.types.Object, world_from_object: Any) -> None:
-        """Adds one light or one instance of a light."""
-        description = describe_light(obj, world_from_object, self.linking, self.warn)
+    def export(self, obj: bpy.types.Object, owner: bpy.types.Object, world_from_object: Any) -> None:
+        """Adds one light, or one instance that its owner makes of it."""
+        description = describe_light(obj, owner, world_from_object, self.linking, self.warn)
         if description is not None:
             self.add(description | {"name": self.unique(name_of(obj.original))})
 
 
 def describe_light(
-    obj: bpy.types.Object, world_from_object: Any, linking: LightLinking, warn: Callable[[str], None]
+    obj: bpy.types.Object,
+    owner: bpy.types.Object,
+    world_from_object: Any,
+    linking: LightLinking,
+    warn: Callable[[str], None],
 ) -> dict[str, Any] | None:
-    """The JSON form of `BlenderLight`; None for a light that cannot be represented."""
+    """The JSON form of `BlenderLight`; None for a light that cannot be represented. `owner` is what instances it, or
+    the light itself."""
     light = obj.data
     if is_portal(light):
         return None
@@ -74,7 +79,7 @@ def describe_light(
         "temperature_color": temperature_color(light),
         "emission": emission,
         "normalize": getattr(light, "normalize", True),
-        "lobes": ray_visibility(obj),
+        "lobes": ray_visibility(obj, owner),
     }
     receivers = linking.receivers(obj)
     if receivers is not None:
@@ -82,14 +87,17 @@ def describe_light(
     return description
 
 
-def ray_visibility(obj: bpy.types.Object) -> dict[str, float]:
-    """The JSON form of `Lobes`."""
+def ray_visibility(obj: bpy.types.Object, owner: bpy.types.Object) -> dict[str, float]:
+    """The JSON form of `Lobes`: of rays that see both a light and what instances it, as in Cycles since its lights are
+    geometry."""
+    if bpy.app.version < (4, 4, 0):
+        owner = obj
     return {
-        "camera": float(obj.visible_camera),
-        "diffuse": float(obj.visible_diffuse),
-        "glossy": float(obj.visible_glossy),
-        "transmission": float(obj.visible_transmission),
-        "volume": float(obj.visible_volume_scatter),
+        "camera": float(obj.visible_camera and owner.visible_camera),
+        "diffuse": float(obj.visible_diffuse and owner.visible_diffuse),
+        "glossy": float(obj.visible_glossy and owner.visible_glossy),
+        "transmission": float(obj.visible_transmission and owner.visible_transmission),
+        "volume": float(obj.visible_volume_scatter and owner.visible_volume_scatter),
     }
 
 

@@ -126,7 +126,7 @@ class _SceneExporter:
             if not instance.show_self:
                 continue
             if obj.type == "LIGHT":
-                self.lights.export(obj, instance.matrix_world)
+                self.lights.export(obj, _owner(instance), instance.matrix_world)
             elif obj.type == "MESH":  # Curves, text and metaballs appear as meshes of their own.
                 self._export_geometry(instance, uid)
         scene, view_layer = self.depsgraph.scene_eval, self.depsgraph.view_layer_eval
@@ -140,7 +140,7 @@ class _SceneExporter:
         mesh = self.geometry.mesh_number(instance)
         if mesh is None:
             return
-        owner = instance.parent.original if instance.is_instance and instance.parent else obj.original
+        owner = _owner(instance).original
         key = uid, owner.session_uid, mesh
         if key not in self.shared:
             self.shared[key] = self._shared(obj, owner, mesh)
@@ -155,6 +155,8 @@ class _SceneExporter:
         )
 
     def _shared(self, obj: bpy.types.Object, owner: bpy.types.Object, mesh: int) -> _Shared:
+        for each in dict.fromkeys((obj.original, owner)):
+            self._warn_about_rays(each)
         materials = self._materials(obj)
         if self.materials.emissive.intersection(materials):
             self._warn_about_emitter(obj)
@@ -164,7 +166,7 @@ class _SceneExporter:
             "color": tuple(obj.color),
             "pass_index": obj.pass_index,
             "shadow_terminator_offset": _shadow_terminator_offset(obj),
-            "visibility": self._visibility(obj),
+            "visibility": self._visibility(obj, owner),
         }
         return _Shared(obj.name, materials, settings)
 
@@ -176,25 +178,30 @@ class _SceneExporter:
         slots = [slot.material for slot in obj.material_slots]
         return [self.materials.number(material, obj.name) for material in slots or [None]]
 
-    def _visibility(self, obj: bpy.types.Object) -> tuple[bool, bool, bool, bool]:
-        camera = obj.visible_camera and not obj.original.indirect_only_get(view_layer=self.view_layer)
-        return (camera, obj.visible_diffuse, obj.visible_glossy, obj.visible_transmission)
+    def _visibility(self, obj: bpy.types.Object, owner: bpy.types.Object) -> tuple[bool, bool, bool, bool]:
+        """To rays of the camera, diffuse, glossy and transmitted ones: those see it that see its owner too."""
+        camera, *others = (
+            getattr(obj, f"visible_{ray}") and getattr(owner, f"visible_{ray}")
+            for ray in ("camera", "diffuse", "glossy", "transmission")
+        )
+        return (camera and not owner.indirect_only_get(view_layer=self.view_layer), *others)
 
     def _warn_about_object(self, obj: bpy.types.Object) -> None:
         warn, name = self.builder.warn, obj.name
         if obj.type in UNSUPPORTED_TYPES:
             warn(f"object '{name}': {UNSUPPORTED_TYPES[obj.type]} are not supported yet; left out")
-        if obj.type != "MESH":
-            return
-        if obj.is_holdout or obj.original.holdout_get(view_layer=self.view_layer):
+        for system in obj.particle_systems if obj.type == "MESH" else ():
+            if system.settings.type == "HAIR" and system.settings.render_type == "PATH":
+                warn(f"object '{name}': hair of particle system '{system.name}' is not supported yet; left out")
+
+    def _warn_about_rays(self, obj: bpy.types.Object) -> None:
+        warn, name = self.builder.warn, obj.name
+        if obj.is_holdout or obj.holdout_get(view_layer=self.view_layer):
             warn(f"object '{name}': holdout is not supported yet; rendered as an ordinary object")
         if obj.is_shadow_catcher:
             warn(f"object '{name}': shadow catcher is not supported yet; rendered as an ordinary object")
         if not obj.visible_shadow:
             warn(f"object '{name}': an object without shadow is not supported; it blocks light")
-        for system in obj.particle_systems:
-            if system.settings.type == "HAIR" and system.settings.render_type == "PATH":
-                warn(f"object '{name}': hair of particle system '{system.name}' is not supported yet; left out")
 
     def _warn_about_emitter(self, obj: bpy.types.Object) -> None:
         warn, name, linking = self.builder.warn, obj.name, obj.light_linking
@@ -214,6 +221,11 @@ class _SceneExporter:
         scene, warn = self.depsgraph.scene, self.builder.warn
         if scene.render.use_motion_blur:
             warn(f"scene '{scene.name}': motion blur is not supported yet; the frame is baked without it")
+
+
+def _owner(instance: bpy.types.DepsgraphObjectInstance) -> bpy.types.Object:
+    """What instances it, or the object itself."""
+    return instance.parent if instance.is_instance and instance.parent else instance.object
 
 
 def _shadow_terminator_offset(obj: bpy.types.Object) -> float:
