@@ -85,6 +85,16 @@ def test_edits_of_values_do_not_walk_over_the_rows(lit, street, monkeypatch, edi
     update()
 
 
+def test_rows_that_are_due_again_and_again_leave_turns_to_pictures(lit, street, monkeypatch):
+    polled, compared = [], []
+    monkeypatch.setattr(shot.Shot, "poll", lambda found: polled.append(found))
+    monkeypatch.setattr(rows, "sync", compared.append)
+    for _ in range(6):
+        rows._due.add(lit.session_uid)
+        assert handlers.tick(), "polling goes on"
+    assert len(polled) == len(compared) == 3
+
+
 def test_an_edit_that_changes_a_row_of_a_light_is_seen(lit, street):
     lamp = bpy.data.objects["Lamp 07"]
     lamp.data.type = "SUN"

@@ -36,6 +36,9 @@ READ_SECONDS = math.inf if bpy.app.background else 0.01
 
 _is_quiet = False
 """Whether the next poll is a while away."""
+_was_given = False
+"""Whether the turn before was given to what takes so long that it has one to itself. The next is not: during a drag
+rows may be compared again and again."""
 _resting: dict[int, float] = {}
 """Scenes with a change in progress: when to ask for the full picture."""
 _unopened: dict[int, str] = {}
@@ -136,8 +139,10 @@ def look_at_files() -> float | None:
 
 def tick() -> bool:
     """One turn of polling. Whether there is to be another one."""
+    global _was_given
     scenes = {scene.session_uid: scene for scene in bpy.data.scenes}
-    if rows.sync_due() or _begin_reading(scenes):  # Each takes so long that it has a turn to itself.
+    _was_given = not _was_given and (rows.sync_due() or _begin_reading(scenes))
+    if _was_given:
         return True
     _rest()
     goes_on = False
@@ -163,7 +168,7 @@ def tick() -> bool:
         found.show_passes(render_pass.wanted(scenes[found.scene_uid]))
         goes_on |= redraws.follow(found, new_picture=found.serial != serial)
         goes_on |= found.is_busy or found.changes.is_pending or found.lights.is_waiting
-    return goes_on or bool(_resting)
+    return goes_on or bool(_resting) or rows.are_due()
 
 
 def _begin_reading(scenes: dict[int, bpy.types.Scene]) -> bool:

@@ -331,6 +331,11 @@ def _sync_soon(scenes: Iterable[bpy.types.Scene]) -> None:
         handlers.wake()
 
 
+def are_due() -> bool:
+    """Whether any rows are to be compared."""
+    return bool(_due)
+
+
 def sync_due() -> bool:
     """Compares the rows that may be other ones now; whether there were any."""
     due = [scene for scene in bpy.data.scenes if scene.session_uid in _due]

@@ -57,9 +57,8 @@ def play(driver):
             bpy.ops.relume.select_light(light=first)
             bpy.ops.object.delete()
             bpy.ops.ed.undo_push(message="Delete")
-        yield from driver.drawn()
-        there = {row.name for row in bpy.context.scene.relume_mix.rows if row.present}
-        driver.check(first not in there, "its row is gone")
+        rows = bpy.context.scene.relume_mix.rows
+        yield from driver.until(lambda: not any(row.name == first and row.present for row in rows), "its row to go")
         yield from undo(driver)
         driver.check(row(first).multiplier == 2.0, "undo brings it back with its values")
 
