@@ -286,6 +286,34 @@ def test_bakes_from_before_image_files_were_noted_say_nothing_of_them(textured):
     assert said(textured) == []
 
 
+def test_another_file_of_a_sequence_is_named(lit, tmp_path):
+    for number in (1, 2, 3):
+        write_image(tmp_path / f"film_{number:03}.png", (0.2 * number, 0.5, 0.5))
+    image = bpy.data.images.load(str(tmp_path / "film_001.png"))
+    image.source = "SEQUENCE"
+    material, tree, output = add_material("Screen")
+    texture, emission = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("TexImage", "Emission"))
+    texture.image, texture.image_user.frame_duration = image, 2
+    tree.links.new(texture.outputs["Color"], emission.inputs["Color"])
+    tree.links.new(emission.outputs[0], output.inputs["Surface"])
+    add_quad(lit, "Wall", material=material)
+    bpy.context.view_layer.update()
+    start(lit)
+    assert said(lit) == []
+    words = [f"Image '{image.name}' shows another picture in this frame"]
+    lit.frame_set(2)
+    assert said(lit) == words
+    lit.frame_set(1)
+    assert said(lit) == []
+    texture.image_user.frame_offset = 1
+    assert said(lit) == words
+    texture.image_user.frame_offset = 0
+    assert said(lit) == []
+    write_image(tmp_path / "film_002.png", (0.0, 0.0, 0.0))
+    handlers.look_at_files()
+    assert said(lit) == []
+
+
 def fewer_bounces(scene):
     scene.cycles.max_bounces = 1
     scene.update_tag()

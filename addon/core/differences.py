@@ -45,7 +45,7 @@ LATER = {"details", "origins", "lacking"}
 """Parts that the first bakes do not know: of these nothing is said."""
 ORDER = (
     *("camera", "film", "settings", "collections", "world", "object", "helper", "collection", "instanced", "nodes"),
-    *("texture", "particles", "data", "material", "image"),
+    *("texture", "particles", "data", "material", "image", "sequences"),
 )
 
 
@@ -69,6 +69,9 @@ def _of_one(key: str, baked: Print | None, present: Print | None) -> list[str]:
         return [f"The camera is '{present.get('name')}' now; the bake is of '{baked.get('name')}'"]
     if kind == "film":
         return [f"The picture has {present.get('size')} pixels now; the bake has {baked.get('size')}"]
+    if kind == "sequences":  # Images come and go with materials.
+        both = baked.keys() & present.keys()
+        return [f"Image '{image}' shows another picture in this frame" for image in parts if image in both]
     if parts == ["color"] and world_gain(baked, present):
         return []
     said_as = "object" if kind == "helper" else kind

@@ -92,8 +92,14 @@ class Changes:
     def mark_files(self) -> bool:
         """Image files may have been written by other programs, of which nobody tells. Whether there are any."""
         files = {key: None for key in self.present if key.startswith("image ")}
+        if files:
+            files["sequences"] = None
         self._waiting |= files
         return bool(files)
+
+    def mark_frame(self) -> None:
+        """Another frame is shown: so may image sequences do, which Blender does not name."""
+        self._waiting["sequences"] = None
 
     def reload_images(self) -> None:
         """Has Blender read the files anew that changed since the bake, as a render by Cycles does; what was painted

@@ -20,7 +20,7 @@ def read_by(block: bpy.types.ID) -> Iterator[bpy.types.ID | None]:
     if isinstance(block, bpy.types.Object):
         yield from _by_object(block)
     elif isinstance(block, (bpy.types.Material, bpy.types.World)):
-        yield from _images(used_tree(block))
+        yield from (node.image for node in image_nodes(used_tree(block)))
     elif isinstance(block, bpy.types.GeometryNodeTree):
         yield from _by_group(block)
     elif isinstance(block, bpy.types.Collection):
@@ -82,10 +82,10 @@ def _pointer_names(kind: str) -> list[str]:
     return [prop.identifier for prop in properties if prop.type == "POINTER"]
 
 
-def _images(tree: bpy.types.NodeTree | None) -> Iterator[bpy.types.Image]:
-    """The images in the nodes of a material or world."""
+def image_nodes(tree: bpy.types.NodeTree | None) -> Iterator[bpy.types.Node]:
+    """The nodes with images of a material or world."""
     for node in tree.nodes if tree else ():
-        if (image := getattr(node, "image", None)) is not None:
-            yield image
+        if getattr(node, "image", None) is not None:
+            yield node
         if (inner := getattr(node, "node_tree", None)) is not None:
-            yield from _images(inner)
+            yield from image_nodes(inner)

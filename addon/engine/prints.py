@@ -2,8 +2,9 @@
 
 They see transforms, data and its attributes, modifiers with all that they read (objects that no render shows, groups of
 geometry nodes, textures), particle settings, poses, material and world nodes, visibility of objects and collections,
-objects of instanced collections, camera and render settings, and size and time of image files. They do not see
-simulation caches, combed hair, multiresolution sculpting, and files other than images."""
+objects of instanced collections, camera and render settings, and size and time of image files, of sequences those that
+are shown in the frame. They do not see simulation caches, combed hair, multiresolution sculpting, and files other than
+images."""
 
 from __future__ import annotations
 
@@ -18,14 +19,14 @@ import bpy
 from ..core.differences import Print, color_text
 from ..export import trace_settings
 from ..export.camera import UnsupportedCameraError, camera_json, film_size
-from ..export.images import path_of, tile_path
+from ..export.images import frame_of, path_of, tile_path
 from ..export.instancers import node_inputs, objects_in
 from ..export.materials.graph import used_tree
 from ..export.plain import plain
 from ..export.working_space import working_space
 from ..export.world import export_world, world_of
 from ..export.world_graph import WorldGraph
-from .inputs import may_instance, read_by
+from .inputs import image_nodes, may_instance, read_by
 from .node_prints import drawn_curves, group, hashed, ramp, tree, values
 from .render_depsgraph import render_layer
 from .shape_prints import DATA, shape
@@ -58,13 +59,15 @@ def own_keys_of(found: bpy.types.ID, scene: bpy.types.Scene) -> list[str]:
     if isinstance(found, bpy.types.World):
         return ["world"]
     if isinstance(found, bpy.types.Scene):
-        return ["camera", "film", "settings", "collections", "world"]
+        return list(ONE_OF_A_KIND)
     if isinstance(found, bpy.types.Key):
         return own_keys_of(found.user, scene)
     kind = _kind(found)
     own = [f"{kind} {found.name_full}"] if kind else []
     if isinstance(found, bpy.types.Image):
         return [*own, "world"]
+    if isinstance(found, bpy.types.Material):
+        return [*own, "sequences"]
     is_collection = isinstance(found, bpy.types.Collection)
     return [*own, f"instanced {found.name_full}", "collections"] if is_collection else own
 
@@ -285,6 +288,20 @@ def _image(image: bpy.types.Image) -> Print | None:
     return {"file": hashed([_stamp(found) for found in paths])}
 
 
+def _sequences(scene: bpy.types.Scene) -> Print:
+    """What images of several files or frames show in the scene's frame, by their names. Costs next to nothing where
+    there are none."""
+    images = {image for image in bpy.data.images if image.source in {"SEQUENCE", "MOVIE"}}
+    shown: dict[str, list] = {}
+    for material in bpy.data.materials if images else ():
+        for node in image_nodes(used_tree(material)) if material.users else ():
+            if node.image in images:
+                path = path_of(node.image, node.image_user, scene.frame_current)
+                files = shown.setdefault(node.image.name_full, [])
+                files.append([path, frame_of(node.image_user, scene.frame_current), _stamp(path)])
+    return {name: hashed(sorted(files)) for name, files in shown.items()}
+
+
 def _stamp(path: str) -> tuple[int, int] | None:
     """Differs when a file was written anew."""
     try:
@@ -394,6 +411,7 @@ ONE_OF_A_KIND: dict[str, Callable[[bpy.types.Scene], Print | None]] = {
     "settings": _settings,
     "collections": _collections,
     "world": world,
+    "sequences": _sequences,
 }
 
 

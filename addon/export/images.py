@@ -105,7 +105,7 @@ def path_of(image: bpy.types.Image, settings: bpy.types.ImageUser, frame: int) -
     if image.source == "TILED":
         return tile_path(path, image.tiles[0].number)
     if image.source == "SEQUENCE" and (found := LAST_NUMBER.search(path)):
-        number = str(_frame_of_sequence(settings, frame)).zfill(len(found[0]))
+        number = str(frame_of(settings, frame)).zfill(len(found[0]))
         return path[: found.start()] + number + path[found.end() :]
     return path
 
@@ -116,8 +116,8 @@ def tile_path(path: str, number: int) -> str:
     return path.replace("<UDIM>", str(number)).replace("<UVTILE>", f"u{u + 1}_v{v + 1}")
 
 
-def _frame_of_sequence(settings: bpy.types.ImageUser, frame: int) -> int:
-    """As Blender's `BKE_image_user_frame_get`."""
+def frame_of(settings: bpy.types.ImageUser, frame: int) -> int:
+    """Which of an image's pictures is shown in a frame of the scene, as Blender's `BKE_image_user_frame_get`."""
     length = settings.frame_duration
     place = frame - settings.frame_start + 1
     place = (place - 1) % max(length, 1) + 1 if settings.use_cyclic else min(max(place, 0), length)

@@ -209,7 +209,9 @@ def on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) 
 @persistent
 def on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Another frame of the animation is shown. Renders call this from a thread of their own."""
-    if not bpy.app.is_job_running("RENDER"):
+    found = shot.of(scene)
+    if found is not None and not bpy.app.is_job_running("RENDER"):
+        found.changes.mark_frame()
         on_depsgraph_update(scene, depsgraph)
 
 
