@@ -1,12 +1,14 @@
 """What the first panel offers and says after a file was opened."""
 
 import shutil
+import time
 from types import SimpleNamespace
 
 import bpy
 import pytest
 
 from addon.core import status, wanted
+from addon.core.answers import Answers
 from addon.core.bake_folder import MANIFEST
 from addon.engine import options, shot
 from addon.ui import handlers, main_panel
@@ -80,7 +82,7 @@ def test_a_stopped_bake_that_is_opened_again_can_go_on(studio, tmp_path, drawn):
     assert found.status["samples_total"] == 4096, "the quality that it was started with"
 
 
-def test_a_bake_that_lost_its_manifest_and_one_that_was_moved_are_told_apart(studio, tmp_path, drawn):
+def test_a_bake_that_lost_its_manifest_and_one_that_was_moved_are_told_apart(studio, tmp_path, drawn, monkeypatch):
     path = tmp_path / "shot.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     start(studio)
@@ -92,13 +94,16 @@ def test_a_bake_that_lost_its_manifest_and_one_that_was_moved_are_told_apart(stu
         bpy.ops.wm.open_mainfile(filepath=str(path))
         handlers.open_bakes()
         assert shot.of(bpy.context.scene) is None
+        monkeypatch.setattr(main_panel, "_disk", Answers(1e9))
+        drawn(bpy.context.scene)
+        while main_panel._disk.are_awaited:
+            time.sleep(0.001)
         return drawn(bpy.context.scene)
 
     (folder / MANIFEST).unlink()
     layout = panel()
     assert f"manifest.json is missing or damaged in {folder}" in layout.words and "Find Bake" in layout.buttons
     shutil.rmtree(folder)
-    main_panel._known.clear()
     layout = panel()
     assert f"The bake is not where it was: {folder}" in layout.words and "Find Bake" in layout.buttons
 
