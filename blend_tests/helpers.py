@@ -84,9 +84,14 @@ def add_world(scene, color=(0.2, 0.3, 0.4), strength=0.5):
     world = scene.world = bpy.data.worlds.new("Sky")
     if bpy.app.version < (5, 2, 0):
         world.use_nodes = True
-    node = next(node for node in world.node_tree.nodes if node.bl_idname == "ShaderNodeBackground")
+    node = background(scene)
     node.inputs["Color"].default_value, node.inputs["Strength"].default_value = (*color, 1.0), strength
     return node
+
+
+def background(scene):
+    """The node with the colour of the world."""
+    return next(node for node in scene.world.node_tree.nodes if node.bl_idname == "ShaderNodeBackground")
 
 
 def sky_file(folder):

@@ -12,7 +12,7 @@ from addon.apply.writable import RefusedError
 from addon.core.rows import GROUP, STATIC, WORLD, Row
 from addon.engine.scene import load_scene
 from addon.ui import mixer, rows
-from helpers import add_light, add_material, add_quad, add_world, row, update
+from helpers import add_light, add_material, add_quad, add_world, background, row, update
 
 VERSION = bpy.app.version
 
@@ -66,7 +66,7 @@ class Native:
 
 def world_color(scene):
     """Colour times strength of the world's Background node."""
-    node = next(node for node in scene.world.node_tree.nodes if node.bl_idname == "ShaderNodeBackground")
+    node = background(scene)
     return np.array(node.inputs["Color"].default_value[:3]) * node.inputs["Strength"].default_value
 
 
@@ -238,16 +238,13 @@ def no_background(scene, _folder):
 
 def tinted_texture(scene, _folder):
     tree = scene.world.node_tree
-    background = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeBackground")
-    tree.links.new(tree.nodes.new("ShaderNodeTexEnvironment").outputs[0], background.inputs["Color"])
+    tree.links.new(tree.nodes.new("ShaderNodeTexEnvironment").outputs[0], background(scene).inputs["Color"])
     row(scene, "World", WORLD).color = (1.0, 0.5, 0.5)
     return "world 'Sky' has nodes that feed its color"
 
 
 def animated_world(scene, _folder):
-    tree = scene.world.node_tree
-    background = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeBackground")
-    background.inputs["Strength"].keyframe_insert("default_value")
+    background(scene).inputs["Strength"].keyframe_insert("default_value")
     row(scene, "World", WORLD).multiplier = 2.0
     return "world 'Sky' has animation on its strength"
 

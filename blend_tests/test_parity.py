@@ -10,7 +10,7 @@ import relume
 
 from addon.engine.scene import load_scene
 from addon.export import trace_settings
-from helpers import add_light, add_material, add_quad, render_cycles
+from helpers import add_light, add_material, add_quad, background, render_cycles
 from instances import instancing, unlinked
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "scripts" / "parity"))
@@ -111,8 +111,7 @@ def test_depth_of_field_and_shift(room, tmp_path):
 def test_world_colour(room, tmp_path):
     if bpy.app.version < (5, 2, 0):
         room.world.use_nodes = True
-    background = next(node for node in room.world.node_tree.nodes if node.bl_idname == "ShaderNodeBackground")
-    background.inputs["Color"].default_value = (0.2, 0.5, 0.9, 1.0)
+    background(room).inputs["Color"].default_value = (0.2, 0.5, 0.9, 1.0)
     assert_equal(*pictures(room, tmp_path))
 
 

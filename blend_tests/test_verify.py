@@ -20,7 +20,7 @@ from addon.engine.verify import Picture, VerifyError
 from addon.ui import panel
 from addon.ui import verify as ui
 from addon.viewport import compare
-from helpers import add_light, add_material, add_quad, instance_linked_light, render_cycles
+from helpers import add_light, add_material, add_quad, background, instance_linked_light, render_cycles
 
 NEUTRAL = {"gains": {}, "world": [1.0, 1.0, 1.0], "static": [1.0, 1.0, 1.0]}
 
@@ -45,8 +45,7 @@ def shot(scene):
     scene.world = bpy.data.worlds.new("Sky")
     if bpy.app.version < (5, 2, 0):
         scene.world.use_nodes = True
-    background = next(node for node in scene.world.node_tree.nodes if node.bl_idname == "ShaderNodeBackground")
-    background.inputs["Color"].default_value = (0.1, 0.2, 0.3, 1.0)
+    background(scene).inputs["Color"].default_value = (0.1, 0.2, 0.3, 1.0)
     scene.render.resolution_x, scene.render.resolution_y = 32, 24
     yield scene
     verify.close_all()

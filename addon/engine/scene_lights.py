@@ -22,6 +22,7 @@ from ..export.lights import UniqueNames, describe_light, name_of, ray_visibility
 from ..export.linking import LightLinking
 
 LIGHT = bpy.types.Object.bl_rna.properties["type"].enum_items["LIGHT"].value
+"""What `foreach_get` says of the type of a light."""
 Key = tuple[int, ...]
 """Session uids of a light and of what instances it, or of itself, and which of the instances it is."""
 

@@ -193,5 +193,7 @@ def register():
 
 def unregister():
     """Takes them away."""
+    if bpy.app.timers.is_registered(_draw_answers):  # A disk may never answer.
+        bpy.app.timers.unregister(_draw_answers)
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

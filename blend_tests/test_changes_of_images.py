@@ -1,0 +1,115 @@
+"""Image files, and the pictures of sequences, that have changed since the bake are noticed."""
+
+import bpy
+import pytest
+
+from addon.engine import shot
+from addon.ui import handlers
+from addon.ui.start import start
+from fake_live import FakeLive
+from helpers import add_material, add_quad, background, said
+
+
+def write_image(path, color):
+    """A picture file as an artist's other program would write it."""
+    image = bpy.data.images.new("made elsewhere", 4, 4)
+    image.pixels.foreach_set([*color, 1.0] * 16)
+    image.filepath_raw, image.file_format = str(path), "PNG"
+    image.save()
+    bpy.data.images.remove(image)
+
+
+@pytest.fixture
+def textured(lit, tmp_path):
+    """A bake of a quad with an image file in a group of its material, and of a world with another."""
+    for name in ("wood.png", "sky.png"):
+        write_image(tmp_path / name, (0.5, 0.5, 0.5))
+    lit.world = bpy.data.worlds.new("World")
+    if bpy.app.version < (5, 2, 0):
+        lit.world.use_nodes = True
+    sky = lit.world.node_tree.nodes.new("ShaderNodeTexEnvironment")
+    sky.image = bpy.data.images.load(str(tmp_path / "sky.png"))
+    lit.world.node_tree.links.new(sky.outputs["Color"], background(lit).inputs["Color"])
+    material, tree, output = add_material("Floor")
+    group = bpy.data.node_groups.new("Wood", "ShaderNodeTree")
+    group.interface.new_socket("Color", in_out="OUTPUT", socket_type="NodeSocketColor")
+    wood = group.nodes.new("ShaderNodeTexImage")
+    wood.image = bpy.data.images.load(str(tmp_path / "wood.png"))
+    group.links.new(wood.outputs["Color"], group.nodes.new("NodeGroupOutput").inputs["Color"])
+    user, diffuse = tree.nodes.new("ShaderNodeGroup"), tree.nodes.new("ShaderNodeBsdfDiffuse")
+    user.node_tree = group
+    tree.links.new(user.outputs["Color"], diffuse.inputs["Color"])
+    tree.links.new(diffuse.outputs[0], output.inputs["Surface"])
+    add_quad(lit, "Floor", material=material)
+    bpy.context.view_layer.update()
+    start(lit)
+    FakeLive.made[-1].tell(state="ready", samples=4, samples_total=4)
+    assert said(lit) == []
+    return lit
+
+
+@pytest.mark.parametrize("name", ["wood.png", "sky.png"])
+def test_image_files_that_change_on_disk_are_named(textured, tmp_path, name):
+    write_image(tmp_path / name, (1.0, 0.0, 0.0))
+    assert handlers.look_at_files() > 0.0
+    assert said(textured) == [f"The file of image '{name}' changed"]
+    (tmp_path / name).unlink()
+    handlers.look_at_files()
+    assert said(textured) == [f"The file of image '{name}' changed"]
+
+
+def test_a_rebake_reads_changed_image_files_anew(textured, tmp_path):
+    image = bpy.data.images["wood.png"]
+    assert image.pixels[0] == pytest.approx(0.5, abs=0.01)
+    write_image(tmp_path / "wood.png", (1.0, 0.0, 0.0))
+    handlers.look_at_files()
+    assert len(said(textured)) == 1
+    start(textured)
+    assert tuple(image.pixels[:3]) == (1.0, 0.0, 0.0)
+    assert said(textured) == []
+
+
+def test_painted_pixels_outlive_a_rebake(textured, tmp_path):
+    image = bpy.data.images["wood.png"]
+    image.pixels.foreach_set([0.0, 1.0, 0.0, 1.0] * 16)
+    write_image(tmp_path / "wood.png", (1.0, 0.0, 0.0))
+    handlers.look_at_files()
+    assert len(said(textured)) == 1
+    start(textured)
+    assert tuple(image.pixels[:3]) == (0.0, 1.0, 0.0)
+
+
+def test_bakes_from_before_image_files_were_noted_say_nothing_of_them(textured):
+    found = shot.of(textured).changes
+    for key in [key for key in found.baked if key.startswith("image ")]:
+        del found.baked[key]
+    found.mark_all()
+    assert said(textured) == []
+
+
+def test_another_picture_of_a_sequence_is_named(lit, tmp_path):
+    for number in (1, 2, 3):
+        write_image(tmp_path / f"film_{number:03}.png", (0.2 * number, 0.5, 0.5))
+    image = bpy.data.images.load(str(tmp_path / "film_001.png"))
+    image.source = "SEQUENCE"
+    material, tree, output = add_material("Screen")
+    texture, emission = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("TexImage", "Emission"))
+    texture.image, texture.image_user.frame_duration = image, 2
+    tree.links.new(texture.outputs["Color"], emission.inputs["Color"])
+    tree.links.new(emission.outputs[0], output.inputs["Surface"])
+    add_quad(lit, "Wall", material=material)
+    bpy.context.view_layer.update()
+    start(lit)
+    assert said(lit) == []
+    words = [f"Image '{image.name}' shows another picture in this frame"]
+    lit.frame_set(2)
+    assert said(lit) == words
+    lit.frame_set(1)
+    assert said(lit) == []
+    texture.image_user.frame_offset = 1
+    assert said(lit) == words
+    texture.image_user.frame_offset = 0
+    assert said(lit) == []
+    write_image(tmp_path / "film_002.png", (0.0, 0.0, 0.0))
+    handlers.look_at_files()
+    assert said(lit) == []
