@@ -4,7 +4,7 @@ DEV := $(CURDIR)/.venv-4.2
 PYTHON := $(DEV)/bin/python
 # Blender versions that the tests run on; those whose Python is not here are skipped with a message, but not where CI is set.
 # Those of all tests come first: they take longest, and two run at a time.
-BLENDERS ?= 4.2 5.2 4.5 5.0
+BLENDERS ?= 4.2 5.2 4.5 5.0 5.3
 WHEELS := $(CURDIR)/build/wheels
 SCENES := $(or $(RELUME_SCENES),$(CURDIR)/../shared/scenes)
 

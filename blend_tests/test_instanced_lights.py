@@ -147,7 +147,7 @@ def test_an_instance_shines_on_what_its_instancer_shines_on_too(scene, live):
     empty.visible_diffuse = False
     update()
     (found,) = made.requests[-1]["lights"]
-    diffuse = 1 if bpy.app.version < (4, 4, 0) else 0  # As of Cycles.
+    diffuse = 1 if bpy.app.version < (4, 5, 0) else 0  # As of Cycles.
     assert (found["lobes"]["diffuse"], found["lobes"]["glossy"], found["lobes"]["transmission"]) == (diffuse, 0, 1)
     assert found["lobes"] == exported(scene)["lights"][0]["lobes"]
 

@@ -65,12 +65,13 @@ class Changes:
 
     def _mark_edited(self, scene: bpy.types.Scene, updates: list[bpy.types.DepsgraphUpdate]) -> None:
         """What was moved, reshaped or given another look before its print was taken is not what was baked. Blender also
-        names what was only evaluated again: for its shading what uses an edited material, and, where collections were
-        put in order, which Start does, for its geometry what reads them."""
-        in_order = any(isinstance(update.id.original, bpy.types.Collection) for update in updates)
+        names what was only evaluated again: for its shading what uses an edited material, and for its geometry what
+        reads collections that were put in order, which Start does, and from 5.3 on what uses an edited material."""
+        around = (bpy.types.Collection, bpy.types.Material)
+        names_objects = any(isinstance(update.id, around) for update in updates)
         for update in updates:
             is_object = isinstance(update.id, bpy.types.Object)
-            reshaped = update.is_updated_geometry and not (in_order and is_object)
+            reshaped = update.is_updated_geometry and not (names_objects and is_object)
             kinds: tuple[str, ...] = ("material ",) * (update.is_updated_shading and not is_object)
             if update.is_updated_transform or reshaped:
                 kinds += ("object ", "helper ", "data ")

@@ -90,7 +90,7 @@ def describe_light(
 def ray_visibility(obj: bpy.types.Object, owner: bpy.types.Object) -> dict[str, float]:
     """The JSON form of `Lobes`: of rays that see both a light and what instances it, as in Cycles since its lights are
     geometry."""
-    if bpy.app.version < (4, 4, 0):
+    if bpy.app.version < (4, 5, 0):
         owner = obj
     return {
         "camera": float(obj.visible_camera and owner.visible_camera),
