@@ -37,6 +37,41 @@ def test_a_missing_scene(tmp_path, monkeypatch, capsys, variables, has_folder, w
     scenario.write_text('NEEDS = ["hall.blend"]\n')
     (tmp_path / "room" / "scenes").mkdir(parents=True)
     room = SimpleNamespace(folder=tmp_path / "room")
-    assert run.play_all(room, [scenario], 1.0) == ([], well)
+    assert run.play_all(room, [run.Part(scenario)], 1.0) == ([], well)
     verdict = "skipped" if well else "FAILED"
     assert f"window: hall: {verdict}, hall.blend is not in {scenes}" in capsys.readouterr().out
+
+
+SCENARIOS = {"long": "FIRST = True\nON_VULKAN = True\n", "plain": "", "slow": "BY_NAME = True\n"}
+
+
+@pytest.mark.parametrize(
+    ("names", "on_vulkan", "played"),
+    [
+        ([], False, ["long", "long-vulkan", "plain"]),
+        ([], True, ["long-vulkan", "plain-vulkan"]),
+        (["slow", "long"], False, ["slow", "long"]),
+        (["slow"], True, ["slow-vulkan"]),
+    ],
+)
+def test_what_is_played(tmp_path, names, on_vulkan, played):
+    paths = {name: tmp_path / f"{name}.py" for name in sorted(SCENARIOS)}
+    for name, path in paths.items():
+        path.write_text(SCENARIOS[name])
+    assert [part.name for part in run.chosen_parts(paths, names, on_vulkan)] == played
+
+
+def test_maps_of_memory_are_as_many_as_vulkan_takes_while_it_is_played(tmp_path, monkeypatch, capsys):
+    limit = tmp_path / "max_map_count"
+    limit.write_text("65530\n")
+    monkeypatch.setattr(run, "MAPS", limit)
+    plain, vulkan = run.Part(Path("a.py")), run.Part(Path("a.py"), "vulkan")
+    with run.enough_maps([plain]) as parts:
+        assert (parts, limit.read_text()) == ([plain], "65530\n")
+    with run.enough_maps([plain, vulkan]) as parts:
+        assert (parts, int(limit.read_text())) == ([plain, vulkan], run.MAPS_NEEDED)
+    assert limit.read_text() == "65530\n"
+    monkeypatch.setattr(Path, "write_text", lambda *_: (_ for _ in ()).throw(PermissionError("no right")))
+    with run.enough_maps([plain, vulkan]) as parts:
+        assert parts == [plain]
+    assert "Vulkan is skipped" in capsys.readouterr().out

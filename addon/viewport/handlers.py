@@ -71,13 +71,15 @@ def draw_words() -> None:
     scene, region = context.scene, context.region
     warm_up.draw_words_piece()
     what = overlay.what_to_show(scene, context.space_data, region, context.region_data)
-    if isinstance(what, Show):
+    hint = _trouble.get(scene.session_uid)
+    if not isinstance(what, Show):
+        hint = what if context.space_data.overlay.show_overlays else None
+    elif not warm_up.are_words_ready():  # Compiling would hold up the picture.
+        prepare(scene)
+    else:
         light_marks.draw(context, what, _scale())
         if what.split != overlay.NEVER:
             _draw_split(what)
-        hint = _trouble.get(scene.session_uid)
-    else:
-        hint = what if context.space_data.overlay.show_overlays else None
     if hint:
         write(f"Relume: {hint}", region.width / 2, MARGIN_POINTS * _scale())
 

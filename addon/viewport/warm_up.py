@@ -48,6 +48,11 @@ def is_ready() -> bool:
     return len(_picture_pieces) <= len(COMPARE_PIECES)
 
 
+def are_words_ready() -> bool:
+    """The same of what goes over pictures."""
+    return not (_picture_pieces or _word_pieces)
+
+
 def draw_picture_piece(region: tuple[int, int], view: View) -> None:
     """The next piece of what draws pictures, if any is wanted; where these are drawn, into a region of that size."""
     if _is_wanted and _picture_pieces:

@@ -2,11 +2,12 @@
 """Plays scenarios in a real Blender with its window, on a virtual display: scripts/window/run.py [SCENARIO...]
 
 Each scenario of blend_tests/window/scenarios (those that test, if none is named) runs in a Blender of its own in the
-tree that scripts/window/setup makes. The extension is installed from its zip in build/extension, for a user of its own.
-Files are copied into the tree and out of it; nothing is mounted from the checkout. Leaves photographs in out/window,
-logs beside them, and figures in out/window.json. Takes about 10 s more than the scenarios. What this machine lacks is
-skipped and said; where CI is set, a scene that is missing is a failure, unless there is no folder of scenes at all and
-RELUME_WITHOUT_SCENES=1 says that this is meant.
+tree that scripts/window/setup makes, on OpenGL; where none is named, those that say so also on Vulkan. The extension
+is installed from its zip in build/extension, for a user of its own. Files are copied into the tree and out of it;
+nothing is mounted from the checkout. Leaves photographs in out/window, logs beside them, and figures in
+out/window.json. Takes about 10 s more than the scenarios. What this machine lacks is skipped and said; where CI is
+set, a scene that is missing is a failure, unless there is no folder of scenes at all and RELUME_WITHOUT_SCENES=1 says
+that this is meant.
 """
 
 import argparse
@@ -23,6 +24,7 @@ import sys
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -34,6 +36,10 @@ SCREEN = "1280x720"
 """Of scenarios that do not say their own. To draw a view on software OpenGL takes as long as it has pixels: half a
 second in a window of 1920 x 1080."""
 SMALL_DISK = "4m"
+MAPS = Path("/proc/sys/vm/max_map_count")
+MAPS_NEEDED = 2**22
+"""Of memory, of a process: Mesa's Vulkan on the processor makes one for every set of descriptors, of which Blender
+takes some 300 a redraw and gives none back while it runs."""
 NEWEST = "sid"  # Debian unstable
 OLDEST_BLENDER = (5, 2)
 OLDEST_SUPPORTED = (4, 2)
@@ -42,6 +48,28 @@ SCENES = Path(os.environ.get("RELUME_SCENES") or REPOSITORY.parent / "shared" / 
 sys.path[:0] = [str(HARNESS), str(REPOSITORY / "scripts")]
 from extension_zip import zip_for_this_machine  # noqa: E402
 from judge import failures  # noqa: E402
+
+
+@dataclass(frozen=True)
+class Part:
+    """A scenario, and the graphics library that Blender plays it with."""
+
+    scenario: Path
+    library: str = "opengl"
+
+    @property
+    def name(self):
+        """What its files and figures begin with."""
+        return self.scenario.stem + (f"-{self.library}" if self.library != "opengl" else "")
+
+    def constant(self, name, otherwise):
+        """What the scenario says in a constant: NEEDS, the scenes; BY_NAME, if it is played only when it is named;
+        FIRST, if it takes longest, so that others are played beside it; ON_VULKAN, if it is played there too; SCREEN,
+        its size; SIMULATES_EVENTS, without which Blender takes those of the X server."""
+        for node in ast.parse(self.scenario.read_text()).body:
+            if isinstance(node, ast.Assign) and node.targets[0].id == name:
+                return ast.literal_eval(node.value)
+        return otherwise
 
 
 class Room:
@@ -166,16 +194,6 @@ def install_extension(room):
     shutil.copytree(room.folder / "user", room.folder / "installed")
 
 
-def constant(scenario, name, otherwise):
-    """What a scenario says in a constant: NEEDS, the scenes; BY_NAME, if it is played only when it is named; FIRST,
-    if it takes longest, so that others are played beside it; SCREEN, its size; SIMULATES_EVENTS, without which Blender
-    takes those of the X server."""
-    for node in ast.parse(scenario.read_text()).body:
-        if isinstance(node, ast.Assign) and node.targets[0].id == name:
-            return ast.literal_eval(node.value)
-    return otherwise
-
-
 def fetch_scene(room, name):
     """Copies a scene into the room; False if it is not on this machine."""
     target = room.folder / "scenes" / name
@@ -197,19 +215,20 @@ def may_lack_scenes():
     return not os.environ.get("CI") or is_meant
 
 
-def play(room, scenario, seconds):
-    """Plays one scenario on a screen of its own; returns what went wrong, what was skipped, and its figures."""
+def play(room, part, seconds):
+    """Plays one part on a screen of its own; returns what went wrong, what was skipped, and its figures."""
     for name, source in (("user", "installed"), ("scratch", None), ("pictures", None), ("tmp", None)):
         shutil.rmtree(room.folder / name)
         shutil.copytree(room.folder / source, room.folder / name) if source else (room.folder / name).mkdir()
     result_file = room.folder / "result.json"
     result_file.unlink(missing_ok=True)
-    log = OUT / f"{scenario.stem}.log"
-    size = constant(scenario, "SCREEN", SCREEN)
+    log = OUT / f"{part.name}.log"
+    size = part.constant("SCREEN", SCREEN)
     window = ["--window-geometry", "0", "0", *size.split("x"), "--python-exit-code", "1"]
-    window += ["--enable-event-simulate"] * constant(scenario, "SIMULATES_EVENTS", True)
-    scenario_inside = room.inside / "window" / "scenarios" / scenario.name
-    script = ["--python", room.inside / "window" / "play.py", "--", scenario_inside, room.inside]
+    window += ["--gpu-backend", part.library]
+    window += ["--enable-event-simulate"] * part.constant("SIMULATES_EVENTS", True)
+    scenario_inside = room.inside / "window" / "scenarios" / part.scenario.name
+    script = ["--python", room.inside / "window" / "play.py", "--", part.name, scenario_inside, room.inside]
     with display(room, size) as screen:
         status = room.call("blender", *window, *script, log=log, seconds=seconds, DISPLAY=screen)
     for left in (*(room.folder / "pictures").iterdir(), *(room.folder / "tmp").glob("*.crash.txt")):
@@ -222,41 +241,72 @@ def play(room, scenario, seconds):
     return problems, skipped, result["figures"] if result else []
 
 
-def play_all(room, scenarios, seconds):
-    """Plays scenarios of a list until none is left in it; returns their figures and whether all went well."""
+def play_all(room, parts, seconds):
+    """Plays parts of a list until none is left in it; returns their figures and whether all went well."""
     figures, well = [], True
-    while scenarios:
-        scenario = scenarios.pop(0)
-        if missing := [name for name in constant(scenario, "NEEDS", []) if not fetch_scene(room, name)]:
+    while parts:
+        part = parts.pop(0)
+        if missing := [name for name in part.constant("NEEDS", []) if not fetch_scene(room, name)]:
             verdict = "skipped" if may_lack_scenes() else "FAILED"
-            print(f"window: {scenario.stem}: {verdict}, {', '.join(missing)} is not in {SCENES}", flush=True)
+            print(f"window: {part.name}: {verdict}, {', '.join(missing)} is not in {SCENES}", flush=True)
             well = well and may_lack_scenes()
             continue
         begun = time.monotonic()
-        problems, skipped, measured = play(room, scenario, seconds)
+        problems, skipped, measured = play(room, part, seconds)
         verdict = "FAILED" if problems else "passed"
         notes = [*problems, *(f"skipped: {what}" for what in skipped)]
         took = time.monotonic() - begun
-        print(f"window: {scenario.stem}: {verdict} in {took:.0f} s", *notes, sep="\n  ", flush=True)
+        print(f"window: {part.name}: {verdict} in {took:.0f} s", *notes, sep="\n  ", flush=True)
         figures += measured
         well = well and not problems
     return figures, well
 
 
-def play_at_once(rooms, scenarios, seconds):
-    """Plays scenarios, as many at a time as there are rooms; returns as `play_all` does."""
+def play_at_once(rooms, parts, seconds):
+    """Plays parts, as many at a time as there are rooms; returns as `play_all` does."""
     with ThreadPoolExecutor(len(rooms)) as players:
-        played = list(players.map(lambda room: play_all(room, scenarios, seconds), rooms))
+        played = list(players.map(lambda room: play_all(room, parts, seconds), rooms))
     return sum((figures for figures, _ in played), []), all(well for _, well in played)
+
+
+def chosen_parts(scenarios, names, on_vulkan):
+    """What is to be played of the scenarios: those of these names, or else all that test, and, where one says so, on
+    Vulkan too."""
+    if names:
+        return [Part(scenarios[name], "vulkan" if on_vulkan else "opengl") for name in names]
+    tests = [part for part in map(Part, scenarios.values()) if not part.constant("BY_NAME", False)]
+    vulkan = [Part(part.scenario, "vulkan") for part in tests if on_vulkan or part.constant("ON_VULKAN", False)]
+    return sorted(vulkan if on_vulkan else tests + vulkan, key=lambda part: not part.constant("FIRST", False))
+
+
+@contextlib.contextmanager
+def enough_maps(parts):
+    """Lets processes have as many maps of memory as Vulkan on the processor takes, while these parts are played; yields
+    those that can be."""
+    before = MAPS.read_text()
+    if int(before) >= MAPS_NEEDED or all(part.library != "vulkan" for part in parts):
+        yield parts
+        return
+    try:
+        MAPS.write_text(str(MAPS_NEEDED))
+    except OSError as error:
+        print(f"window: Vulkan is skipped, as it needs {MAPS} to be {MAPS_NEEDED}: {error}", flush=True)
+        yield [part for part in parts if part.library != "vulkan"]
+        return
+    try:
+        yield parts
+    finally:
+        MAPS.write_text(before)
 
 
 def main():
     """See the first lines of this file."""
     scenarios = {path.stem: path for path in sorted((HARNESS / "scenarios").glob("*.py"))}
-    tests = [name for name, path in scenarios.items() if not constant(path, "BY_NAME", False)]
-    tests.sort(key=lambda name: not constant(scenarios[name], "FIRST", False))
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenarios", nargs="*", metavar="SCENARIO", help=f"of {', '.join(scenarios)}")
+    parser.add_argument(
+        "--vulkan", action="store_true", help="play all of them on Vulkan, which Blender takes by itself from 5.3 on"
+    )
     parser.add_argument("--seconds", type=float, default=1200, help="time limit of a scenario")
     parser.add_argument(
         "--at-once", type=int, choices=(1, 2, 3, 4), default=1, help="how many are played at a time; disturbs times"
@@ -286,8 +336,8 @@ def main():
         check_blender(rooms[0], OLDEST_BLENDER if options.debian == NEWEST else OLDEST_SUPPORTED)
         for room in rooms:
             install_extension(room)
-        chosen = [scenarios[name] for name in options.scenarios or tests]
-        figures, well = play_at_once(rooms, chosen, options.seconds)
+        with enough_maps(chosen_parts(scenarios, options.scenarios, options.vulkan)) as parts:
+            figures, well = play_at_once(rooms, parts, options.seconds)
     finally:
         for room in rooms:
             shutil.rmtree(room.folder)

@@ -3,6 +3,7 @@
 from visit import visit
 
 NEEDS = ["cornell_box.blend"]
+ON_VULKAN = True
 
 
 def play(driver):

@@ -189,8 +189,8 @@ def full_disk(driver, artist):
         driver.skip("a full disk: no right to mount")
         return
     artist.scene.relume.folder = str(folder / "bake")
-    # The disk has room for one sample and a part of the next. A thread alone writes them in turn; of several, one may write
-    # all of the second while another, which Linux lets wait, is at its first part of the first.
+    # The disk has room for one sample and a part of the next. A thread alone writes them in turn; of several, one may
+    # write all of the second while another, which Linux lets wait, is at its first part of the first.
     bpy.context.preferences.addons[ADDON].preferences.threads = 1
     bpy.ops.relume.start()
     yield from driver.until(lambda: artist.state not in {"preparing", "baking"}, artist.words, 120)

@@ -12,6 +12,7 @@ from display import read_exr
 from driver import ADDON
 
 NEEDS = ["demo.blend"]
+ON_VULKAN = True
 
 
 def has_pass(found, name):
