@@ -160,11 +160,13 @@ def test_closing_leaves_nothing_behind(scene):
 
 @pytest.fixture
 def kept_by_driver(tmp_path, monkeypatch):
-    """Names of what the graphics driver keeps on disk, those of Mesa; counted anew by each call."""
+    """Names of what the graphics driver, that of Mesa, keeps on disk, and Blender for it on Vulkan; counted anew by
+    each call."""
     if not hasattr(gpu, "init"):
         pytest.skip("Blender draws without a window from 5.2 on")
     folder = tmp_path / "compiled"
-    monkeypatch.setenv("MESA_SHADER_CACHE_DIR", str(folder))
+    for name in ("MESA_SHADER_CACHE_DIR", "XDG_CACHE_HOME"):
+        monkeypatch.setenv(name, str(folder))
     monkeypatch.setenv("LIBGL_ALWAYS_SOFTWARE", "1")
     return lambda: {path.name for path in folder.rglob("*") if path.is_file()}
 
@@ -177,12 +179,13 @@ def test_what_it_compiles_is_compiled_by_no_other_one(scene, kept_by_driver):
         until_still(kept_by_driver)
         worker.close()
         kept.append(kept_by_driver())
-    assert kept[0] and kept[0] == kept[1]
+    assert len(kept[0]) > 1 and kept[0] == kept[1]
     worker = ViewWorker()
     list(turns(worker, programs_of((256, 256))))
     until_still(kept_by_driver)
     worker.close()
-    assert kept[1] < kept_by_driver(), "pictures with edges that are powers of two"
+    if not any(name.endswith(".spv") for name in kept[1]):  # Of Vulkan, to which sizes are all the same.
+        assert kept[1] < kept_by_driver(), "pictures with edges that are powers of two"
 
 
 def until_still(look, seconds=2.0):

@@ -9,9 +9,8 @@ import math
 import time
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
-from functools import cached_property
 from itertools import compress
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import bpy
 import numpy as np
@@ -28,11 +27,12 @@ Key = tuple[int, ...]
 
 
 class Description(dict):
-    """The JSON form of a light, with its text, which all requests share until the light changes."""
+    """The JSON form of a light, with its text, which all requests share until the light changes. It is made when the
+    light is read, in turns, and not of many lights at once when their picture is asked for."""
 
-    @cached_property
-    def text(self) -> str:
-        return json.dumps(self)
+    def __init__(self, fields: dict[str, Any]):
+        super().__init__(fields)
+        self.text = json.dumps(self)
 
 
 @dataclass
