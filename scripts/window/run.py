@@ -43,6 +43,8 @@ takes some 300 a redraw and gives none back while it runs."""
 NEWEST = "sid"  # Debian unstable
 OLDEST_BLENDER = (5, 2)
 OLDEST_SUPPORTED = (4, 2)
+OLDEST_ON_VULKAN = (4, 5)
+"""Before, Blender's own Vulkan was a trial."""
 SCENES = Path(os.environ.get("RELUME_SCENES") or REPOSITORY.parent / "shared" / "scenes")
 
 sys.path[:0] = [str(HARNESS), str(REPOSITORY / "scripts")]
@@ -168,15 +170,17 @@ def display(room, size):
 
 
 def check_blender(room, oldest):
-    """The tree's Blender is said, and must be new enough for what is tested here."""
+    """The tree's Blender is said, and must be new enough for what is tested here; its version."""
     log = OUT / "version.log"
     room.call("blender", "--background", "--version", log=log, seconds=60)
     found = re.search(r"^Blender (\d+)\.(\d+).*", log.read_text(errors="replace"), re.M)
     if not found:
         sys.exit(f"window: the Blender of {room.tree} does not say its version:\n{log.read_text()[-2000:]}")
     print(f"window: {found[0]}", flush=True)
-    if tuple(map(int, found.groups())) < oldest:
+    version = tuple(map(int, found.groups()))
+    if version < oldest:
         sys.exit(f"window: needs Blender {'.'.join(map(str, oldest))}; delete {room.tree} for a newer one")
+    return version
 
 
 def install_extension(room):
@@ -333,10 +337,14 @@ def main():
     tree = Path(setup.stdout.strip())
     rooms = [Room(tree, options.nvidia) for _ in range(options.at_once)]
     try:
-        check_blender(rooms[0], OLDEST_BLENDER if options.debian == NEWEST else OLDEST_SUPPORTED)
+        version = check_blender(rooms[0], OLDEST_BLENDER if options.debian == NEWEST else OLDEST_SUPPORTED)
         for room in rooms:
             install_extension(room)
-        with enough_maps(chosen_parts(scenarios, options.scenarios, options.vulkan)) as parts:
+        chosen = chosen_parts(scenarios, options.scenarios, options.vulkan)
+        chosen = [part for part in chosen if part.library != "vulkan" or version >= OLDEST_ON_VULKAN]
+        with enough_maps(chosen) as parts:
+            if not parts:
+                sys.exit("window: there is nothing to play")
             figures, well = play_at_once(rooms, parts, options.seconds)
     finally:
         for room in rooms:
