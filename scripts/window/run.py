@@ -39,7 +39,7 @@ SMALL_DISK = "4m"
 MAPS = Path("/proc/sys/vm/max_map_count")
 MAPS_NEEDED = 2**22
 """Of memory, of a process: Mesa's Vulkan on the processor makes one for every set of descriptors, of which Blender
-takes some 300 a redraw and gives none back while it runs."""
+takes hundreds a redraw and gives none back while it runs."""
 NEWEST = "sid"  # Debian unstable
 OLDEST_BLENDER = (5, 2)
 OLDEST_SUPPORTED = (4, 2)
