@@ -9,6 +9,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ import bpy
 from .core import command_line
 from .core.bake_folder import OTHER_WORLD, clear, clear_paths, is_bake
 from .core.progress import Pace, Reporter, clock
-from .engine import mesh_worker, pictures, record, view_worker, world_render, worlds
+from .engine import helper, mesh_worker, pictures, record, view_worker, world_render, worlds
 from .engine.native import native
 from .engine.scene import load_scene
 from .export import ExportError, ExportOptions, trace_settings, write_view_table
@@ -171,15 +172,13 @@ def read_picture(options: argparse.Namespace, _rest: list[str], reporter: Report
     return 0
 
 
-def colour_views(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
-    """Makes the tables of views as they are asked for, and compiles what draws with them."""
-    view_worker.serve(Path(options.folder), lambda told: reporter.result(told, ""), rehearsal.perform)
-    return 0
-
-
-def finish_meshes(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
-    """Finishes meshes as they are asked for."""
-    mesh_worker.serve(Path(options.folder), lambda told: reporter.result(told, ""))
+def help_window(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
+    """Does short work for the window of another Blender as it is asked for."""
+    works: dict[str, helper.Work] = {
+        mesh_worker.KIND: mesh_worker.work,
+        view_worker.KIND: partial(view_worker.work, rehearsal.perform),
+    }
+    helper.serve(Path(options.folder), lambda told: reporter.result(told, ""), works)
     return 0
 
 
@@ -231,8 +230,7 @@ COMMANDS = {
     "verify": verify,
     pictures.COMMAND: read_picture,
     worlds.COMMAND: render_world,
-    mesh_worker.COMMAND: finish_meshes,
-    view_worker.COMMAND: colour_views,
+    helper.COMMAND: help_window,
 }
 
 

@@ -1,4 +1,4 @@
-"""The Blender in the background that colours the tables of views."""
+"""The Blender in the background that colours the tables of views and compiles what draws them."""
 
 import signal
 import time
@@ -9,7 +9,7 @@ import gpu
 import numpy as np
 import pytest
 
-from addon.engine import view_worker
+from addon.engine import helper, view_worker
 from addon.engine.view_worker import ViewWorker, file_of, programs_of, tables_of
 from addon.export import write_view_table
 from addon.export.color_table import COARSE, FINE, color_table
@@ -27,9 +27,8 @@ DRIVER = "vendor_get", "renderer_get", "version_get", "backend_type_get"
 
 @pytest.fixture
 def worker():
-    found = ViewWorker()
-    yield found
-    found.close()
+    yield ViewWorker()
+    helper.close()
 
 
 def turns(worker, job):
@@ -99,7 +98,7 @@ def test_one_that_was_killed_is_said_and_started_anew(scene, worker):
     scene.view_settings.view_transform = "AgX"
     job = tables_of(view_settings(scene))
     next(turns(worker, job))
-    worker._worker._signal("SIGKILL")
+    helper.shared()._worker._signal("SIGKILL")
     with pytest.raises(OSError, match="ended from outside"):
         list(turns(worker, job))
     assert len(list(turns(worker, job))) == 2
@@ -108,15 +107,16 @@ def test_one_that_was_killed_is_said_and_started_anew(scene, worker):
 def test_one_that_ended_because_nothing_came_is_started_anew(scene, worker, tmp_path, monkeypatch):
     scene.view_settings.view_transform = "AgX"
     list(turns(worker, tables_of(view_settings(scene))))
-    worker._place.rename(tmp_path / "away")  # Which ends it in the same way.
-    while worker._worker is not None:
-        worker.turn()
-    (tmp_path / "away").rename(worker._place)
+    other = helper.shared()
+    other._place.rename(tmp_path / "away")  # Which ends it in the same way.
+    while other.is_running:
+        time.sleep(0.01)
+    (tmp_path / "away").rename(other._place)
     scene.view_settings.gamma = 1.2
     assert len(list(turns(worker, tables_of(view_settings(scene))))) == 2
-    monkeypatch.setattr(view_worker, "IDLE_SECONDS", 0.0)
+    monkeypatch.setattr(helper, "IDLE_SECONDS", 0.0)
     told = []
-    view_worker.serve(worker._place, told.append, rehearsal.perform)
+    helper.serve(other._place, told.append, {})
     assert not told
 
 
@@ -140,17 +140,15 @@ def test_the_open_file_is_left_alone(scene, worker):
 def test_it_ends_with_its_owner(scene, worker):
     scene.view_settings.view_transform = "AgX"
     next(turns(worker, tables_of(view_settings(scene))))
-    process = worker._worker._process
+    process = helper.shared()._worker._process
     process.stdin.close()
     assert process.wait(SECONDS) != -signal.SIGKILL
-    worker._worker = None
 
 
-def test_closing_leaves_nothing_behind(scene):
-    worker = ViewWorker()
+def test_closing_leaves_nothing_behind(scene, worker):
     next(turns(worker, tables_of(view_settings(scene))))
-    place, process = worker._place, worker._worker._process
-    worker.close()
+    place, process = helper.shared()._place, helper.shared()._worker._process
+    helper.close()
     process.wait(SECONDS)
     until = time.monotonic() + SECONDS
     while place.exists() and time.monotonic() < until:
@@ -174,16 +172,14 @@ def kept_by_driver(tmp_path, monkeypatch):
 def test_what_it_compiles_is_compiled_by_no_other_one(scene, kept_by_driver):
     job, kept = programs_of((240, 240)), []
     for _ in range(2):
-        worker = ViewWorker()
-        assert not list(turns(worker, job))
+        assert not list(turns(ViewWorker(), job))
         until_still(kept_by_driver)
-        worker.close()
+        helper.close()
         kept.append(kept_by_driver())
     assert len(kept[0]) > 1 and kept[0] == kept[1]
-    worker = ViewWorker()
-    list(turns(worker, programs_of((256, 256))))
+    list(turns(ViewWorker(), programs_of((256, 256))))
     until_still(kept_by_driver)
-    worker.close()
+    helper.close()
     if any(name.endswith(".spv") for name in kept[1]):
         assert kept[1] == kept_by_driver(), "to Vulkan sizes are all the same"
     else:
@@ -211,7 +207,8 @@ def in_a_window(monkeypatch, tmp_path):
     yield platform
     rehearsal.reset()
     rehearsal._name.cache_clear()
-    view_worker.close()
+    view_worker.shared().drop()
+    helper.close()
 
 
 def rehearse(scene):
@@ -253,4 +250,4 @@ def test_where_none_can_compile_the_window_does(scene, in_a_window, monkeypatch)
 def test_one_that_takes_for_ever_is_not_waited_for(scene, in_a_window, monkeypatch):
     monkeypatch.setattr(rehearsal, "SECONDS", 0.0)
     rehearse(scene)
-    assert rehearsal._is_refused and view_worker._shared is None
+    assert rehearsal._is_refused and not helper.shared().is_running

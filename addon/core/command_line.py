@@ -47,8 +47,7 @@ def parser() -> argparse.ArgumentParser:
     _add_verify(commands)
     _add_read_picture(commands)
     _add_render_world(commands)
-    _add_finish_meshes(commands)
-    _add_colour_views(commands)
+    _add_help_window(commands)
     for name, text in FORWARDED.items():
         commands.add_parser(name, help=f"{text} (see `{PROGRAM} {name} --help`)", add_help=False)
     return top
@@ -106,18 +105,12 @@ def _add_render_world(commands: argparse._SubParsersAction) -> None:
     _add_output(render)
 
 
-def _add_finish_meshes(commands: argparse._SubParsersAction) -> None:
-    finish = commands.add_parser("finish-meshes", help="subdivide and shade meshes, as asked for (used by the panel)")
-    finish.add_argument("folder", help="folder with the meshes, for the results too")
-    _add_output(finish)
-
-
-def _add_colour_views(commands: argparse._SubParsersAction) -> None:
-    colour = commands.add_parser(
-        "colour-views", help="make tables of views, and compile what draws with them, as asked for (used by the panel)"
+def _add_help_window(commands: argparse._SubParsersAction) -> None:
+    serve = commands.add_parser(
+        "help-window", help="make tables of views, compile what draws, finish meshes, as asked for (used by the panel)"
     )
-    colour.add_argument("folder", help="folder with the jobs, for the results too")
-    _add_output(colour)
+    serve.add_argument("folder", help="folder with the jobs, for the results too")
+    _add_output(serve)
 
 
 def _add_view(command: argparse.ArgumentParser) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from typing import Any
 
 import bpy
@@ -51,13 +52,14 @@ def scene_of_depsgraph(depsgraph: bpy.types.Depsgraph, options: ExportOptions | 
     builder = native().SceneBuilder(working_space())
     if working_space() != LINEAR_REC709:
         builder.warn(f"working space {working_space()}: image textures and black bodies keep {LINEAR_REC709} primaries")
-    export_scene(
-        _Stoppable(builder, stop),
-        depsgraph,
-        options or ExportOptions(),
-        lambda world: worlds.rendered(world, stop),
-        None if bpy.app.background else mesh_worker.finisher(stop),
-    )
+    with nullcontext() if bpy.app.background else mesh_worker.finishing(stop) as finish_mesh:
+        export_scene(
+            _Stoppable(builder, stop),
+            depsgraph,
+            options or ExportOptions(),
+            lambda world: worlds.rendered(world, stop),
+            finish_mesh,
+        )
     return builder.build()
 
 

@@ -16,7 +16,7 @@ from ..core.status import is_unfinished, lacks_samples
 from ..core.words import grouped
 from ..export import ExportOptions, trace_settings
 from ..export.linking import receiver_names
-from . import garbage, mesh_worker, prints, record, worlds
+from . import garbage, prints, record, worlds
 from .changes import Changes
 from .native import native
 from .options import Options, options_of, remember_bake, remembered_bake
@@ -468,4 +468,3 @@ def close_all(wait_seconds: float = 0.0) -> None:
     for shot in all_open():
         shot.close(wait_seconds)
     worlds.forget()
-    mesh_worker.close()

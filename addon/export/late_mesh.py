@@ -6,7 +6,8 @@ always. Python asks with its lock held, and Blender's window waits for that lock
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import bpy
@@ -15,9 +16,9 @@ import numpy as np
 from .arrays import LAYOUTS, stored
 from .plain import settings_of
 
-SUBDIVIDED_FACES = 50_000
-"""From so many faces on a subdivision is left to another Blender, which takes it a second to start. Fewer hold the lock
-for under 50 ms on two cores."""
+SUBDIVIDED_FACES = 25_000
+"""From so many faces on a subdivision is left to another Blender. Fewer hold the lock for some 25 ms on two cores, which
+a turn of the window can spare."""
 IRREGULAR_FACES = 90
 """So many of them take as long as what a limit surface adds for an irregular point and one step of quality."""
 SHADED_FACES = 250_000
@@ -57,18 +58,23 @@ def late_mesh(obj: bpy.types.Object, render: bpy.types.RenderSettings) -> LateMe
     return LateMesh(_plain_mesh(mesh) | {"subdivision": subdivision}, geometry)
 
 
-def finished(late: dict[str, Any]) -> bpy.types.Mesh:
-    """The mesh, in another Blender."""
-    mesh = _built(late)
+@contextmanager
+def finished(late: dict[str, Any]) -> Iterator[bpy.types.Mesh]:
+    """The mesh, in another Blender, where nothing is left of it afterwards."""
+    mesh = bpy.data.meshes.new(late["name"])
     obj = bpy.data.objects.new(mesh.name, mesh)
-    scene = bpy.context.scene
-    scene.collection.objects.link(obj)
-    if late["subdivision"]:
-        modifier = obj.modifiers.new("Subdivision", "SUBSURF")
-        for name, value in late["subdivision"].items():
-            setattr(modifier, name, value)
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    return obj.evaluated_get(depsgraph).data
+    try:
+        _build(mesh, late)
+        bpy.context.scene.collection.objects.link(obj)
+        if late["subdivision"]:
+            modifier = obj.modifiers.new("Subdivision", "SUBSURF")
+            for name, value in late["subdivision"].items():
+                setattr(modifier, name, value)
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        yield obj.evaluated_get(depsgraph).data
+    finally:
+        bpy.data.objects.remove(obj)
+        bpy.data.meshes.remove(mesh)
 
 
 def _last_modifier(obj: bpy.types.Object, render: bpy.types.RenderSettings) -> bpy.types.Modifier | None:
@@ -126,8 +132,7 @@ def _plain_mesh(mesh: bpy.types.Mesh) -> dict[str, Any]:
     }
 
 
-def _built(late: dict[str, Any]) -> bpy.types.Mesh:
-    mesh = bpy.data.meshes.new(late["name"])
+def _build(mesh: bpy.types.Mesh, late: dict[str, Any]) -> None:
     corners = next(len(found["values"]) for found in late["attributes"] if found["name"] == ".corner_vert")
     mesh.vertices.add(late["vertices"])
     mesh.edges.add(late["edges"])
@@ -145,4 +150,3 @@ def _built(late: dict[str, Any]) -> bpy.types.Mesh:
         mesh.color_attributes.render_color_index = mesh.color_attributes.find(late["color"])
     mesh.use_auto_texspace = False
     mesh.texspace_location, mesh.texspace_size = late["texture_space"]
-    return mesh

@@ -14,7 +14,7 @@ import gpu
 from bpy.app.handlers import persistent
 from gpu_extras.batch import batch_for_shader
 
-from ..engine import shot, view_worker
+from ..engine import helper, shot, view_worker
 from . import compare, light_marks, overlay, rehearsal, texture, view_files, view_table, warm_up
 from .overlay import Show
 from .view_files import NEXT_TURN_SECONDS
@@ -163,7 +163,8 @@ def unregister() -> None:
     if bpy.app.timers.is_registered(bake_views):
         bpy.app.timers.unregister(bake_views)
     _forget()
-    view_worker.close()
+    view_worker.shared().drop()
+    helper.close()
     view_table.clear()
     rehearsal.reset()
     warm_up.reset()

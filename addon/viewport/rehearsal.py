@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import hashlib
 import time
+from collections.abc import Iterator
 from contextlib import suppress
 from functools import cache
 
@@ -60,7 +61,7 @@ def work(scene: bpy.types.Scene) -> None:
         _begun = None
         _note(_name(*film))
     elif time.monotonic() - _begun > SECONDS:
-        view_worker.close()
+        worker.drop(at_once=True)
         _is_refused = True
 
 
@@ -78,17 +79,20 @@ def reset() -> None:
     _is_refused = False
 
 
-def perform(film: tuple[int, int]) -> None:
-    """In the other Blender: compiles all that draws pictures of a size."""
+def perform(film: tuple[int, int]) -> Iterator[None]:
+    """In the other Blender: compiles all that draws pictures of a size, a piece at a time."""
     gpu.init()
     region = EDGE, EDGE
     color, depth = (gpu.types.GPUTexture(region, format=name) for name in (COLOR_FORMAT, DEPTH_FORMAT))
-    with gpu.types.GPUFrameBuffer(depth_slot=depth, color_slots={"texture": color}).bind():
-        # Tables of places have another format than those of colours.
-        table, levels = np.zeros((3, 3, 3, 4), np.float32), np.zeros((LEVELS, 3), np.float32)
-        for view in (View(None, 1.0, 1.0), View(table, 1.0, 1.0), View(table.copy(), 1.0, 1.0, levels)):
-            shader.free()  # What Mesa looks for on disk changes once it has compiled something of a program.
-            warm_up.draw_everything(film, region, view)
+    drawn_into = gpu.types.GPUFrameBuffer(depth_slot=depth, color_slots={"texture": color})
+    # Tables of places have another format than those of colours.
+    table, levels = np.zeros((3, 3, 3, 4), np.float32), np.zeros((LEVELS, 3), np.float32)
+    for view in (View(None, 1.0, 1.0), View(table, 1.0, 1.0), View(table.copy(), 1.0, 1.0, levels)):
+        shader.free()  # What Mesa looks for on disk changes once it has compiled something of a program.
+        for draw_piece in warm_up.all_pieces(film, region, view):
+            with drawn_into.bind():
+                draw_piece()
+            yield
 
 
 def _is_for_later_sessions() -> bool:

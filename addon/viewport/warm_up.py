@@ -76,12 +76,9 @@ def reset() -> None:
         bpy.app.timers.unregister(redraw)
 
 
-def draw_everything(film: tuple[int, int], region: tuple[int, int], view: View) -> None:
-    """All pieces at once for pictures of a size, into what is bound."""
-    for draw_piece in PICTURE_PIECES + COMPARE_PIECES:
-        draw_piece(film, region, view)
-    for draw_words in WORD_PIECES:
-        draw_words()
+def all_pieces(film: tuple[int, int], region: tuple[int, int], view: View) -> list[Callable[[], object]]:
+    """All pieces for pictures of a size; each draws into what is bound."""
+    return [*(partial(piece, film, region, view) for piece in PICTURE_PIECES + COMPARE_PIECES), *WORD_PIECES]
 
 
 def film_like(film: tuple[int, int]) -> tuple[int, int]:
