@@ -52,7 +52,12 @@ def native_module():
 
 def arguments():
     """What follows `--`."""
-    return sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else ["--help"]
+    if "--" in sys.argv:
+        return sys.argv[sys.argv.index("--") + 1 :]
+    words = [] if bpy.app.binary_path else [word for word in sys.argv[1:] if not word.endswith(".blend")]
+    if words and not words[0].startswith("-"):
+        sys.exit(f"Error: the command comes after --: python relume_bake.py shot.blend -- {' '.join(words)}")
+    return ["--help"]
 
 
 def open_file():
@@ -68,6 +73,7 @@ def open_file():
 
 def main():
     """Opens, runs, and leaves without Blender's own exit, which can crash or hang before 5.0."""
+    asked = arguments()
     open_file()
     if "cycles" not in bpy.context.preferences.addons:
         bpy.ops.preferences.addon_enable(module="cycles")
@@ -77,7 +83,7 @@ def main():
 
     end_with_owner()
     with native_module():
-        code = run(arguments())
+        code = run(asked)
     os._exit(code)
 
 

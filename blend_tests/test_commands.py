@@ -260,6 +260,9 @@ def test_script_reports_mistakes_by_its_exit_code(saved, tmp_path):
     assert done.returncode == 2 and "--out" in done.stderr
     missing = subprocess.run(script(tmp_path / "none.blend", "info"), capture_output=True, text=True, timeout=120)
     assert missing.returncode == 1 and "there is no file" in missing.stderr
+    command = [word for word in script(saved, "bake", "--out", "x") if word != "--"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 1 and "shot.blend -- bake --out x" in done.stderr
 
 
 @pytest.mark.both_ends

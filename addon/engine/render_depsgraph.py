@@ -24,7 +24,7 @@ Stop = Callable[[], bool]
 """Whether the work should end."""
 
 POLL_SECONDS = 0.01
-COPY_SECONDS = 0.05
+COPY_SECONDS = 0.03
 """How long to wait until a render that begins at once has copied its scene's engine; it takes it some 4 ms."""
 SLOT = "Relume"
 """The render slot that takes the empty picture."""
