@@ -17,8 +17,8 @@ from .arrays import LAYOUTS, stored
 from .plain import settings_of
 
 SUBDIVIDED_FACES = 25_000
-"""From so many faces on a subdivision is left to another Blender. Fewer hold the lock for some 25 ms on two cores, which
-a turn of the window can spare."""
+"""From so many faces on a subdivision is left to another Blender. Fewer hold the lock for some 25 ms on two cores: the
+window can spare that."""
 IRREGULAR_FACES = 90
 """So many of them take as long as what a limit surface adds for an irregular point and one step of quality."""
 SHADED_FACES = 250_000
