@@ -22,6 +22,9 @@ class ColouredHere:
             self._job, self.is_finished = job, False
             self._pieces = [self._write] if "file" in job else [self._coarse, self._fine]
 
+    def drop(self):
+        self._job, self._pieces = None, []
+
     def turn(self):
         self.is_finished = not self._pieces
         found = self._pieces[0]() if self._pieces else None
