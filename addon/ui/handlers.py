@@ -37,8 +37,8 @@ READ_SECONDS = math.inf if bpy.app.background else 0.01
 _is_quiet = False
 """Whether the next poll is a while away."""
 _was_given = False
-"""Whether the turn before was given to what takes so long that it has one to itself. The next is not: during a drag
-rows may be compared again and again."""
+"""Whether the turn before was given to what takes so long that it has one to itself, or has undone something and
+reads lights. The next is not: during a drag rows may be compared again and again."""
 _resting: dict[int, float] = {}
 """Scenes with a change in progress: when to ask for the full picture."""
 _unopened: dict[int, str] = {}
@@ -218,6 +218,8 @@ def on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> N
 @persistent
 def on_undo(*_arguments) -> None:
     """Undo and redo may have changed anything, in every scene."""
+    global _was_given
+    _was_given = True
     settle_settings()
     _remember_bakes()
     for found in shot.all_open():
