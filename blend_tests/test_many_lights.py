@@ -271,3 +271,15 @@ def test_lights_that_go_while_they_wait_do_no_harm(lit, street, monkeypatch, way
         handlers.tick()
     names = [light["name"] for light in street.requests[-1]["lights"]]
     assert len(names) == MANY + 1 and "Short-lived" not in names
+
+
+def test_rows_are_compared_in_a_turn_after_the_one_that_undoes(street, monkeypatch):
+    turns = []
+    monkeypatch.setattr(rows, "sync_due", lambda: turns.append("rows") or False)
+    handlers.tick()
+    assert turns == ["rows"]
+    handlers.on_undo()
+    handlers.tick()
+    assert turns == ["rows"], "this turn reads lights"
+    handlers.tick()
+    assert turns == ["rows"] * 2
