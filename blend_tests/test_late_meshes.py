@@ -148,33 +148,26 @@ def same(here, there):
         assert np.array_equal(here, there)
 
 
-def scene_read(scene, stop=lambda: False, asked=None):
+def scene_read(scene, finish=None):
+    """The scene; without `finish` read by this Blender alone."""
+
+    def read(depsgraph, _stop):
+        builder = relume.SceneBuilder()
+        export_scene(builder, depsgraph, ExportOptions(), finish_mesh=finish)
+        return builder.build()
+
+    return with_render_depsgraph(scene, read)
+
+
+def read_with_another(scene, asked, stop=lambda: False):
     """The scene, read with the other Blender; appends the names of meshes that this one was asked for."""
+    with finishing(stop) as finish:
 
-    def read(depsgraph, _stop):
-        builder = relume.SceneBuilder()
-        with finishing(stop) as finish:
+        def begin(late, names):
+            asked.append(late.plain["name"])
+            return finish(late, names)
 
-            def begin(late, names):
-                if asked is not None:
-                    asked.append(late.plain["name"])
-                return finish(late, names)
-
-            export_scene(builder, depsgraph, ExportOptions(), finish_mesh=begin)
-        return builder.build()
-
-    return with_render_depsgraph(scene, read)
-
-
-def read_here(scene):
-    """The scene, read by this Blender alone."""
-
-    def read(depsgraph, _stop):
-        builder = relume.SceneBuilder()
-        export_scene(builder, depsgraph, ExportOptions())
-        return builder.build()
-
-    return with_render_depsgraph(scene, read)
+        return scene_read(scene, begin)
 
 
 @pytest.fixture
@@ -196,18 +189,19 @@ def rocks(scene):
 
 def test_a_scene_is_the_same_with_another_blenders_meshes(rocks):
     asked = []
-    assert scene_read(rocks, asked=asked).hash == read_here(rocks).hash
+    assert read_with_another(rocks, asked).hash == scene_read(rocks).hash
     assert sorted(asked) == ["First", "Second"]
     until = time.monotonic() + SECONDS
     while list(helper.shared()._place.iterdir()):
         assert time.monotonic() < until
-    assert scene_read(rocks).hash == read_here(rocks).hash, "the next time, by the same one"
+        time.sleep(0.01)
+    assert read_with_another(rocks, []).hash == scene_read(rocks).hash, "the next time, by the same one"
 
 
 def test_where_the_other_blender_fails_this_one_finishes_meshes(rocks, monkeypatch):
     monkeypatch.setattr(helper, "blender_command", lambda *_: ["false"])
     asked = []
-    assert scene_read(rocks, asked=asked).hash == read_here(rocks).hash
+    assert read_with_another(rocks, asked).hash == scene_read(rocks).hash
     assert len(asked) == 2
 
 
@@ -216,14 +210,14 @@ def test_a_full_disk_leaves_meshes_to_this_blender(rocks, monkeypatch):
         raise OSError("no space left")
 
     monkeypatch.setattr(array_file, "write", full)
-    assert scene_read(rocks).hash == read_here(rocks).hash
+    assert read_with_another(rocks, []).hash == scene_read(rocks).hash
 
 
 def test_cancel_does_not_wait_for_the_other_blender(rocks, monkeypatch):
     monkeypatch.setattr(helper, "blender_command", lambda *_: ["sleep", "600"])
     until = time.monotonic() + 0.2
     with pytest.raises(ExportCancelled):
-        scene_read(rocks, lambda: time.monotonic() > until)
+        read_with_another(rocks, [], lambda: time.monotonic() > until)
     assert time.monotonic() < until + 30.0
     assert not helper.shared().is_running and not list(helper.shared()._place.iterdir())
 
@@ -233,7 +227,7 @@ def test_small_meshes_are_not_late(rocks, monkeypatch):
     monkeypatch.setattr(late_mesh, "SHADED_FACES", 501)
     monkeypatch.setattr(late_mesh, "IRREGULAR_FACES", 0)
     asked = []
-    scene_read(rocks, asked=asked)
+    read_with_another(rocks, asked)
     assert asked == []
 
 
