@@ -79,6 +79,7 @@ pub use solve::{
     RegionWish, SoFar, SolveRequest, Solved, Through, Wish, solve_lights,
 };
 pub use targets::{DumpTargets, GpuTargets};
+use threads::beside_window;
 pub use threads::{in_background, on_threads};
 pub use train::{Clock, CurvePoint, TrainReport, TrainSettings, train};
 pub use world_layer::{WORLD_FILE, WorldAbout};

@@ -8,7 +8,7 @@ use super::world::WorldUnit;
 use super::{Aov, LiveOptions, LiveRequest};
 use crate::device_image::DeviceImage;
 use crate::world_layer::forget;
-use crate::{Cancel, Compute, Listener, Monitor, Progress, SessionError, With};
+use crate::{Cancel, Compute, Listener, Monitor, Progress, SessionError, With, beside_window};
 use relume_image::Image;
 use relume_scene::Light;
 use std::collections::BTreeMap;
@@ -90,15 +90,12 @@ impl Painter {
 
     /// Paints until the shot is closed.
     pub fn run(mut self) {
-        let threads = rayon::ThreadPoolBuilder::new().num_threads(self.options.threads).build();
-        let outcome = threads.map_err(|error| error.to_string()).and_then(|threads| {
-            let outcome = catch_unwind(AssertUnwindSafe(|| threads.install(|| self.paint_until_closed())));
-            outcome.map_err(|_| "internal error while painting; please report it".to_string())
-        });
-        if let Err(error) = outcome {
+        let threads = self.options.threads;
+        let outcome = catch_unwind(AssertUnwindSafe(|| beside_window(threads, || self.paint_until_closed())));
+        if outcome.is_err() {
             self.shared.change(|state| {
                 state.painting = false;
-                state.picture_error = Some(error);
+                state.picture_error = Some("internal error while painting; please report it".into());
             });
         }
     }
