@@ -1,6 +1,7 @@
 """The window tests' watch sees what takes long, and takes nothing itself that it would then see."""
 
 import gc
+import mmap
 import sys
 from pathlib import Path
 
@@ -33,6 +34,10 @@ def fails():
 
 def collects():
     gc.collect()
+
+def touches(memory, pages):
+    for page in range(pages):
+        memory[page * 4096] = 1
 
 def outer():
     many(1000)
@@ -93,3 +98,17 @@ def test_collecting_garbage_is_not_taken_for_the_call_that_it_falls_into(watched
     assert (what, others) == ("Python collects garbage", [])
     assert 0.5 * watch.longest.processor < seconds <= watch.longest.processor
     assert watch.longest.own == watch.longest.processor - seconds
+
+
+def test_memory_that_is_touched_for_the_first_time_is_counted(watched):
+    watch, names = watched
+    with mmap.mmap(-1, 4096 * 2000) as memory:
+        memory.madvise(mmap.MADV_NOHUGEPAGE)
+        names["touches"](memory, 2000)
+        first = watch.longest
+        watch.reset()
+        names["touches"](memory, 2000)
+    again = watch.longest
+    assert first.of_machine.pages >= 2000 > 200 > again.of_machine.pages
+    watch.end_turn()
+    assert watch.longest_turn.of_machine == again.of_machine

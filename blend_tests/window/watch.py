@@ -3,11 +3,12 @@ which counts waiting (for a lock, a disk, a processor that others use) too, and 
 
 import gc
 import os
+import resource
 import sys
 import threading
 import time
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
 from types import FrameType
 
 TOOL = sys.monitoring.PROFILER_ID
@@ -34,6 +35,31 @@ NAMED = 3
 
 
 @dataclass(frozen=True)
+class OfMachine:
+    """What the main thread had of the machine, since it began or in some span of time."""
+
+    queue: float = 0.0
+    """Seconds in which it was ready to run and others had the processors."""
+    kernel: float = 0.0
+    """Seconds of the processor in Linux itself."""
+    pages: int = 0
+    """Pages of memory that were touched for the first time. Each takes a microsecond, but ten and more where the
+    machine is a virtual one and its host has to find the memory first."""
+
+    def __add__(self, other):
+        return OfMachine(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
+
+    def __sub__(self, other):
+        return OfMachine(*(a - b for a, b in zip(astuple(self), astuple(other), strict=True)))
+
+    def __str__(self):
+        words = f", {self.queue * 1000:.1f} ms in the processors' queue" if self.queue > QUICK_SECONDS else ""
+        if self.kernel > QUICK_SECONDS:
+            words += f", {self.kernel * 1000:.1f} ms in the kernel, {self.pages} new pages of memory"
+        return words
+
+
+@dataclass(frozen=True)
 class Call:
     """A call that has ended: seconds by the clock and of the processor, and the functions that took them."""
 
@@ -44,8 +70,8 @@ class Call:
     """The longest call of the add-on inside of this one."""
     of_blender: dict[str, float] = field(default_factory=dict)
     """Seconds of the processor in it that are OF_BLENDER."""
-    queue: float = 0.0
-    """Of an outermost call: seconds in which it was ready to run and others had the processors."""
+    of_machine: OfMachine = OfMachine()
+    """Of an outermost call."""
 
     @property
     def own(self):
@@ -53,10 +79,8 @@ class Call:
         return self.processor - sum(self.of_blender.values())
 
     def __str__(self):
-        words = f"{self.seconds * 1000:.1f} ms ({self.processor * 1000:.1f} ms of the processor"
-        if self.queue > QUICK_SECONDS:
-            words += f", {self.queue * 1000:.1f} ms in its queue"
-        words += f"): {self.name}"
+        words = f"{self.seconds * 1000:.1f} ms ({self.processor * 1000:.1f} ms of the processor{self.of_machine})"
+        words += f": {self.name}"
         inner = self.inner
         while inner and inner.seconds > SHARE * self.seconds:
             words += f" > {inner.name}"
@@ -72,8 +96,7 @@ class Turn:
 
     by_name: Counter = field(default_factory=Counter)
     """Seconds of its calls."""
-    queue: float = 0.0
-    """Seconds of them in which others had the processors."""
+    of_machine: OfMachine = OfMachine()
 
     @property
     def seconds(self):
@@ -82,10 +105,7 @@ class Turn:
 
     def __str__(self):
         parts = (f"{name} {seconds * 1000:.1f}" for name, seconds in self.by_name.most_common(NAMED))
-        words = f"{self.seconds * 1000:.1f} ms"
-        if self.queue > QUICK_SECONDS:
-            words += f" ({self.queue * 1000:.1f} ms in the processors' queue)"
-        return f"{words}: {', '.join(parts)}"
+        return f"{self.seconds * 1000:.1f} ms{self.of_machine}: {', '.join(parts)}"
 
 
 @dataclass
@@ -95,7 +115,7 @@ class _Open:
     frame: FrameType
     began: float
     began_processor: float
-    began_queue: float = 0.0
+    began_machine: OfMachine = OfMachine()
     inner: Call | None = None
     of_blender: dict[str, float] = field(default_factory=dict)
 
@@ -143,8 +163,8 @@ class Watch:
                 self._outermost.add(code)
             elif self._quick[code] >= MANY and code not in self._outermost:
                 return sys.monitoring.DISABLE
-            queue = 0.0 if self._open else self._queue()
-            self._open.append(_Open(_frame_of(code), time.perf_counter(), time.thread_time(), queue))
+            machine = OfMachine() if self._open else self._machine()
+            self._open.append(_Open(_frame_of(code), time.perf_counter(), time.thread_time(), machine))
         return None
 
     def _leave(self, code, *_):
@@ -162,12 +182,14 @@ class Watch:
                 self._quick[code] += seconds < QUICK_SECONDS
                 self._note_inside(self._open[-1], call)
             else:
-                self._note(replace(call, queue=self._queue() - begun.began_queue))
+                self._note(replace(call, of_machine=self._machine() - begun.began_machine))
         return None
 
-    def _queue(self):
-        """Seconds that Blender's main thread was ready to run and had no processor (Linux: `sched-stats.rst`)."""
-        return int(os.pread(self._schedule, 64, 0).split()[1]) * 1e-9
+    def _machine(self):
+        """Since the main thread began. Linux: `sched-stats.rst`, `getrusage(2)`."""
+        queue = int(os.pread(self._schedule, 64, 0).split()[1]) * 1e-9
+        used = resource.getrusage(resource.RUSAGE_THREAD)
+        return OfMachine(queue, used.ru_stime, used.ru_minflt)
 
     def _collect(self, phase, _about):
         """Python collects garbage, which all that runs in it has left: whose call that falls into is chance."""
@@ -200,7 +222,7 @@ class Watch:
         """An outermost call has ended."""
         self.calls += 1
         self.turn.by_name[call.name] += call.seconds
-        self.turn.queue += call.queue
+        self.turn.of_machine += call.of_machine
         self.longest = max(self.longest, call, key=lambda it: it.seconds)
         self.heaviest = max(self.heaviest, call, key=lambda it: it.own)
         self.first_time = max(self.first_time, call, key=lambda it: it.processor - it.own)
