@@ -23,8 +23,11 @@ Result = TypeVar("Result")
 Stop = Callable[[], bool]
 """Whether the work should end."""
 
+CONTEXT_BYTES = 32 << 20
+"""More than the graphics context takes that Blender makes for a first render, whatever the engine: 26 MB in Mesa's
+OpenGL on the processor."""
 POLL_SECONDS = 0.01
-COPY_SECONDS = 0.03
+COPY_SECONDS = 0.015
 """How long to wait until a render that begins at once has copied its scene's engine; it takes it some 4 ms."""
 SLOT = "Relume"
 """The render slot that takes the empty picture."""

@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import threading
 import time
 from collections.abc import Collection
 from typing import Any
 
 import bpy
 
+from ..core import fresh_memory
 from ..core.bake_folder import camera_of, world_map_of
 from ..core.status import is_unfinished, lacks_samples
 from ..core.words import grouped
@@ -22,7 +24,7 @@ from .native import native
 from .options import Options, options_of, remember_bake, remembered_bake
 from .owed import Owed
 from .passes import Passes, Whole
-from .render_depsgraph import ExportCancelled, RenderTask
+from .render_depsgraph import CONTEXT_BYTES, ExportCancelled, RenderTask
 from .scene import load_scene_async
 from .scene_lights import Description, SceneLights
 from .world_follower import WorldFollower
@@ -78,6 +80,7 @@ class Shot:
         self.is_recorded = kept is not None
         self._owed = Owed(options)
         self.is_exporting = self._has_ended = False
+        self._memory: threading.Thread | None = None
         self._task: RenderTask | None = None
         self._world = WorldFollower(self.changes)
         self._read_world = ""
@@ -147,11 +150,14 @@ class Shot:
         self.is_exporting = True
         if bpy.app.background:
             self._load(scene)
+        else:
+            self._memory = fresh_memory.begin_to_find(CONTEXT_BYTES)
 
     def begin_reading(self, scene: bpy.types.Scene) -> bool:
         """Begins to read the scene in a window, where that was asked for; whether it did. Blender's operator that
         begins a render takes its time: it should have a turn of the window to itself."""
-        if not self.is_exporting or self._task is not None:
+        is_memory_due = self._memory is not None and self._memory.is_alive()
+        if not self.is_exporting or self._task is not None or is_memory_due:
             return False
         self._load(scene)
         return True
