@@ -10,6 +10,7 @@ from addon.export.view_transform import displayed
 from addon.viewport import overlay, shader, texture, view_table, warm_up
 from addon.viewport.camera_frame import Rectangle
 from addon.viewport.overlay import Show
+from addon.viewport.view_table import View
 from views import VIEWS
 
 pytestmark = pytest.mark.usefixtures("gpu_started")
@@ -232,6 +233,16 @@ def test_a_frame_is_uploaded_once(scene, monkeypatch):
     assert uploads.count((WIDTH, HEIGHT)) == 1
     drawn(scene, show(frame(2)))
     assert uploads.count((WIDTH, HEIGHT)) == 2
+
+
+def test_memory_that_was_found_for_a_table_is_given_back_before_it_is_uploaded(scene, monkeypatch):
+    order, upload = [], texture._upload
+    monkeypatch.setattr(texture, "_upload", lambda size, *more: order.append(size) or upload(size, *more))
+    memory = SimpleNamespace(give_back=lambda: order.append("given back"))
+    view = View(np.zeros((3, 3, 3, 4), np.float32), 1.0, 1.0, memory=memory)
+    for _ in range(2):
+        texture.of_table(view)
+    assert order == ["given back", (3, 3, 3)]
 
 
 def test_frames_out_of_use_are_let_go(scene):

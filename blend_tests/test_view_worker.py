@@ -37,8 +37,10 @@ def turns(worker, job):
     worker.ask(job)
     while not worker.is_finished:
         worker.ask(job)
-        table = worker.turn()
-        if table is not None:
+        found = worker.turn()
+        if found is not None:
+            table, memory = found
+            memory.give_back()
             yield table
         assert time.monotonic() < until
         time.sleep(0.01)

@@ -1,10 +1,12 @@
 """Settings of a scene's view, each a function that makes them, and what colours views without another Blender."""
 
+import mmap
 from pathlib import Path
 
 import bpy
 import pytest
 
+from addon.core.fresh_memory import FreshMemory
 from addon.export import write_view_table
 from addon.export.color_table import color_table
 from addon.viewport import view_table
@@ -32,10 +34,10 @@ class ColouredHere:
         return found
 
     def _coarse(self):
-        return color_table(bpy.context.scene, view_table.COARSE)
+        return color_table(bpy.context.scene, view_table.COARSE), FreshMemory(mmap.PAGESIZE)
 
     def _fine(self):
-        return color_table(bpy.context.scene, view_table.FINE)
+        return color_table(bpy.context.scene, view_table.FINE), FreshMemory(mmap.PAGESIZE)
 
     def _write(self):
         write_view_table(bpy.context.scene, Path(self._job["file"]), self._job["stamp"].encode("latin-1"))

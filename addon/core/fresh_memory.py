@@ -4,21 +4,23 @@ page, in a microsecond each; in a virtual machine whose host has taken free memo
 from __future__ import annotations
 
 import mmap
-import threading
 from contextlib import suppress
 
 import numpy as np
 
 
-def begin_to_find(size: int) -> threading.Thread:
-    """Finds so many bytes, on a thread that ends when they are there. They are free again then, and what Linux gives
-    first: what came back last."""
-    thread = threading.Thread(target=_find, args=(size,), name="relume-memory", daemon=True)
-    thread.start()
-    return thread
+class FreshMemory:
+    """So many bytes, which are found and held; to be made on another thread. Where there are not so many it has none:
+    what needs them will say so."""
 
+    def __init__(self, size: int):
+        self._memory: mmap.mmap | None = None
+        with suppress(OSError):
+            self._memory = mmap.mmap(-1, size)  # An allocator might keep what it is given back.
+            np.ndarray(size // mmap.PAGESIZE, np.uint8, self._memory, strides=mmap.PAGESIZE).fill(1)
 
-def _find(size: int) -> None:
-    # An allocator might keep what it is given back. Where there is not so much, whoever needs it will say so.
-    with suppress(OSError), mmap.mmap(-1, size) as memory:
-        np.ndarray(size // mmap.PAGESIZE, np.uint8, memory, strides=mmap.PAGESIZE).fill(1)
+    def give_back(self) -> None:
+        """To be called by the thread that needs them next, right before: Linux gives a processor first what that one
+        has given back last."""
+        if self._memory is not None:
+            self._memory.close()

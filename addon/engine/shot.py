@@ -5,15 +5,16 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import threading
 import time
 from collections.abc import Collection
+from functools import partial
 from typing import Any
 
 import bpy
 
-from ..core import fresh_memory
+from ..core.apart import apart
 from ..core.bake_folder import camera_of, world_map_of
+from ..core.fresh_memory import FreshMemory
 from ..core.status import is_unfinished, lacks_samples
 from ..core.words import grouped
 from ..export import ExportOptions, trace_settings
@@ -80,7 +81,7 @@ class Shot:
         self.is_recorded = kept is not None
         self._owed = Owed(options)
         self.is_exporting = self._has_ended = False
-        self._memory: threading.Thread | None = None
+        self._memory = apart(partial(FreshMemory, CONTEXT_BYTES))
         self._task: RenderTask | None = None
         self._world = WorldFollower(self.changes)
         self._read_world = ""
@@ -150,14 +151,17 @@ class Shot:
         self.is_exporting = True
         if bpy.app.background:
             self._load(scene)
-        else:
-            self._memory = fresh_memory.begin_to_find(CONTEXT_BYTES)
 
     def begin_reading(self, scene: bpy.types.Scene) -> bool:
         """Begins to read the scene in a window, where that was asked for; whether it did. Blender's operator that
         begins a render takes its time: it should have a turn of the window to itself."""
-        is_memory_due = self._memory is not None and self._memory.is_alive()
-        if not self.is_exporting or self._task is not None or is_memory_due:
+        if not self.is_exporting or self._task is not None:
+            return False
+        try:
+            next(self._memory)
+        except StopIteration as found:
+            found.value.give_back()
+        else:
             return False
         self._load(scene)
         return True

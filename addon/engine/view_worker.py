@@ -14,6 +14,7 @@ import bpy
 import numpy as np
 
 from ..core.apart import apart
+from ..core.fresh_memory import FreshMemory
 from ..export.color_table import COARSE, FINE, Table, color_table
 from ..export.view_file import write_view_table
 from ..export.view_transform import set_view
@@ -50,7 +51,7 @@ class ViewWorker:
         self._job: dict[str, Any] = {}
         self._number = 0
         self._told: list[helper.Told] = []
-        self._loading: Generator[None, None, Table] | None = None
+        self._loading: Generator[None, None, tuple[Table, FreshMemory]] | None = None
         self.is_finished = False
         """Whether all of the newest job was done and taken."""
 
@@ -63,9 +64,9 @@ class ViewWorker:
         self._number = self._helper.begin(KIND, job)
         self._job = job
 
-    def turn(self) -> Table | None:
-        """A table of the job, better than the one before, if one has come. Raises OSError with why the job failed; it
-        may be asked for again."""
+    def turn(self) -> tuple[Table, FreshMemory] | None:
+        """A table of the job, better than the one before, if one has come, and as much memory as software graphics
+        take for it: its texels, twice. Raises OSError with why the job failed; it may be asked for again."""
         if self._helper is None:
             return None
         try:
@@ -106,9 +107,11 @@ def shared() -> ViewWorker:
     return _shared
 
 
-def _load(path: Path) -> Table:
+def _load(path: Path) -> tuple[Table, FreshMemory]:
     with np.load(path) as found:
-        return found["table"], found.get("levels")
+        entries, levels = found["table"], found.get("levels")
+    copies = 1 if levels is None else 2  # Without levels its texels are half floats (`viewport.texture.of_table`).
+    return (entries, levels), FreshMemory(copies * entries.nbytes)
 
 
 def work(compile_programs: Compile, prefix: str, job: dict[str, Any]) -> Iterator[helper.Told]:

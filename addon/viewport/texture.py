@@ -41,6 +41,8 @@ def of_table(view: View) -> Any:
     if id(table) not in _tables:
         # Places in a list of colours are finer than half floats.
         exact = view.levels is not None
+        if view.memory is not None:
+            view.memory.give_back()
         _tables[id(table)] = table, _upload(table.shape[2::-1], table, "RGBA32F" if exact else "RGBA16F")
         _forget(_tables)
     return _tables[id(table)][1]

@@ -12,6 +12,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+from ..core.fresh_memory import FreshMemory
 from ..engine import view_worker
 from ..export import false_color
 from ..export.color_table import COARSE, FINE, LOG_MAX, Table, color_table
@@ -21,8 +22,9 @@ from ..export.working_space import rec709_from_scene_linear
 KEPT = 4
 """Tables that are kept for views seen before."""
 
-_tables: dict[tuple[int, str], Table] = {}
-_shown: dict[int, Table] = {}
+_Kept = tuple[Table, FreshMemory | None]
+_tables: dict[tuple[int, str], _Kept] = {}
+_shown: dict[int, _Kept] = {}
 """By scene: the newest table, good enough until the next one is there."""
 
 
@@ -38,6 +40,8 @@ class View:
     """Display colours [LEVELS, 3] of which the table holds the places, 0..1, where the view jumps between them."""
     to_rec709: np.ndarray = field(default_factory=lambda: np.eye(3, dtype=np.float32))
     """Matrix [3, 3] from scene-linear; used where there is no table."""
+    memory: FreshMemory | None = None
+    """What the table takes on software graphics, until it is there."""
 
     def apply(self, colors: np.ndarray) -> np.ndarray:
         """Display colours, 0..1, of opaque scene-linear ones, [..., 3]."""
@@ -60,16 +64,17 @@ def of(scene: bpy.types.Scene) -> View | None:
     if is_srgb_view(scene):
         exponent = 1.0 / max(settings.gamma, 1e-6)
         return View(None, 2.0**settings.exposure, exponent, to_rec709=rec709_from_scene_linear())
-    table = _tables.get(_key(scene, FINE))
-    if table is None:
-        table = _tables.get(_key(scene, COARSE))
-    if table is None:
-        table = _shown.get(scene.session_uid)
-    if table is None:
+    kept = _tables.get(_key(scene, FINE))
+    if kept is None:
+        kept = _tables.get(_key(scene, COARSE))
+    if kept is None:
+        kept = _shown.get(scene.session_uid)
+    if kept is None:
         return None
-    _shown[scene.session_uid] = table
+    _shown[scene.session_uid] = kept
     _forget(_shown)
-    return View(table[0], 1.0 if settings.use_curve_mapping else 2.0**settings.exposure, 1.0, table[1])
+    (entries, levels), memory = kept
+    return View(entries, 1.0 if settings.use_curve_mapping else 2.0**settings.exposure, 1.0, levels, memory=memory)
 
 
 def is_complete(scene: bpy.types.Scene) -> bool:
@@ -84,15 +89,15 @@ def work(scene: bpy.types.Scene) -> bool:
     try:
         worker = view_worker.shared()
         worker.ask(view_worker.tables_of(_settings(scene)))
-        table = worker.turn()
+        found = worker.turn()
     except OSError:
         if bpy.app.is_job_running("RENDER"):  # It would write its pictures with our settings.
             raise
         complete(scene)  # Where there can be no other Blender this one stands still for a moment.
         return True
-    if table is None:
+    if found is None:
         return False
-    _keep(scene, table)
+    _keep(scene, *found)
     return True
 
 
@@ -111,8 +116,8 @@ def clear() -> None:
     _shown.clear()
 
 
-def _keep(scene: bpy.types.Scene, table: Table) -> None:
-    _tables[_key(scene, len(table[0]))] = table
+def _keep(scene: bpy.types.Scene, table: Table, memory: FreshMemory | None = None) -> None:
+    _tables[_key(scene, len(table[0]))] = table, memory
     _forget(_tables)
 
 
