@@ -27,8 +27,8 @@ CONTEXT_BYTES = 32 << 20
 """More than the graphics context takes that Blender makes for a first render, whatever the engine: 26 MB in Mesa's
 OpenGL on the processor."""
 POLL_SECONDS = 0.01
-COPY_SECONDS = 0.015
-"""How long to wait until a render that begins at once has copied its scene's engine; it takes it some 4 ms."""
+COPY_SECONDS = 0.01
+"""How long to wait until a render that begins at once has copied its scene's engine; it takes it up to 5 ms."""
 SLOT = "Relume"
 """The render slot that takes the empty picture."""
 SWITCH_SECONDS = 0.0002
