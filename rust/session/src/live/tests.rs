@@ -33,6 +33,14 @@ fn live(folder: &Path) -> Live {
     Live::new(folder, LiveOptions { device: Device::Cpu, gpu_memory: None, threads: 2 })
 }
 
+/// A bake that is open: pictures from now on are the best that there are of it, since no work goes on beside the painter.
+fn opened(folder: &Path, device: Device) -> Live {
+    let live = Live::new(folder, LiveOptions { device, gpu_memory: None, threads: 2 });
+    live.open(0.0).unwrap();
+    state(&live, LiveState::Ready);
+    live
+}
+
 fn lamp(x: f32) -> Light {
     let shape = LightShape::Sphere { center: Vec3::new(x, 0.0, 1.5), radius: 0.3 };
     Light { radiance: [3.0, 2.0, 1.0], name: "light".into(), ..Light::unit(shape) }
@@ -141,8 +149,7 @@ fn noise_of_settled_frames_is_that_of_their_samples() {
         let layers: Vec<_> = images.iter().zip(lights.each_ref().map(|light| light.radiance)).collect();
         relume_gather::relight((32, 24), &layers)
     });
-    let live = live(&few);
-    live.open(0.0).unwrap();
+    let live = opened(&few, Device::Cpu);
     let frame = settled(&live, live.relight(request(&lights)));
     let noise = metrics::smape(&seen, &reference) as f32;
     let estimate = frame.shown.noise.expect("an estimate");
@@ -320,9 +327,7 @@ fn kinds_of_light_that_come_into_use_later_are_learned_too() {
 fn slow_drags_are_shown_at_half_size_and_what_is_still_at_the_full_one() {
     let folder = tempfile::tempdir().unwrap();
     bake(&room(160, 128), &settings(8), folder.path(), false, &Monitor::default()).unwrap();
-    let live = live(folder.path());
-    live.open(0.0).unwrap();
-    state(&live, LiveState::Ready);
+    let live = opened(folder.path(), Device::Cpu);
     // More than can be gathered in the time that a quick drag has.
     let many = |shift: f32| -> Vec<Light> {
         let lamp = |i: u16| Light { name: format!("Lamp {i}"), ..lamp(shift + f32::from(i) * 1e-3) };
@@ -346,8 +351,7 @@ fn slow_drags_are_shown_at_half_size_and_what_is_still_at_the_full_one() {
 fn aovs_are_shown_in_place_of_the_lights() {
     let folder = tempfile::tempdir().unwrap();
     bake(&room(24, 16), &settings(8), folder.path(), false, &Monitor::default()).unwrap();
-    let live = live(folder.path());
-    live.open(0.0).unwrap();
+    let live = opened(folder.path(), Device::Cpu);
     let lit = settled(&live, live.relight(request(&[lamp(0.0)])));
     let aovs = Dump::open(folder.path()).unwrap().aovs();
     for (aov, rgb) in [(Aov::Albedo, &aovs.albedo), (Aov::Normal, &aovs.normal)] {
@@ -365,8 +369,7 @@ fn both_devices_show_the_same() {
     let folder = tempfile::tempdir().unwrap();
     bake(&room(24, 16), &settings(8), folder.path(), false, &Monitor::default()).unwrap();
     let picture = |device: Device| {
-        let live = Live::new(folder.path(), LiveOptions { device, gpu_memory: None, threads: 2 });
-        live.open(0.0).unwrap();
+        let live = opened(folder.path(), device);
         let frame = settled(&live, live.relight(request(&[lamp(0.3)])));
         (frame.image.clone(), live.status())
     };

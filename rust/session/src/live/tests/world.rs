@@ -37,11 +37,7 @@ fn a_turned_world_is_shown_stored_and_taken_back() {
     let (before, turned) = (under_a_sky(0.0, (24, 16)), under_a_sky(3.0, (24, 16)));
     bake(&before, &settings(64), folder.path(), false, &Monitor::default()).unwrap();
     let stored = folder.path().join(crate::WORLD_FILE);
-    let open = || {
-        let live = live(folder.path());
-        live.open(0.0).unwrap();
-        live
-    };
+    let open = || opened(folder.path(), Device::Cpu);
     let shot = open();
     let own = settled(&shot, shot.relight(request(&[])));
     assert_eq!((own.shown.noise, shot.status().world_is_stored), (None, true));
@@ -52,8 +48,7 @@ fn a_turned_world_is_shown_stored_and_taken_back() {
     // Under the new world as a bake of that shows it, but for noise.
     let traced = tempfile::tempdir().unwrap();
     bake(&turned, &settings(64), traced.path(), false, &Monitor::default()).unwrap();
-    let reference = live(traced.path());
-    reference.open(0.0).unwrap();
+    let reference = opened(traced.path(), Device::Cpu);
     let expected = settled(&reference, reference.relight(request(&[])));
     let error = |frame: &Frame| metrics::smape(&frame.image, &expected.image);
     assert!(error(&other) < 0.1 * error(&own), "{} and {}", error(&other), error(&own));
@@ -90,8 +85,7 @@ fn a_turned_world_needs_no_texture_again() {
 
     let folder = tempfile::tempdir().unwrap();
     bake(&before, &settings(16), folder.path(), false, &Monitor::default()).unwrap();
-    let live = live(folder.path());
-    live.open(0.0).unwrap();
+    let live = opened(folder.path(), Device::Cpu);
     let show = |world: OtherWorld| settled(&live, live.show_world(Arc::new(world), request(&[])).unwrap());
     let of_new = show(OtherWorld::new(&turned).unwrap());
     let of_before = show(read.with_texture_for(&turned.world).unwrap());
@@ -109,8 +103,7 @@ fn noise_under_another_world_is_told_truly() {
     let environment = relume_gather::Environment::new(&turned.world, &turned.textures).unwrap();
     let [seen, reference] = [folder.path(), many.path()]
         .map(|folder| Gather::new(Dump::open(folder).unwrap()).world_image(&environment, Half::All));
-    let live = live(folder.path());
-    live.open(0.0).unwrap();
+    let live = opened(folder.path(), Device::Cpu);
     let estimate = shown_under(&live, &turned).shown.noise.expect("an estimate");
     let noise = metrics::smape(&seen, &reference) as f32;
     assert!((0.5..2.0).contains(&(estimate / noise)), "estimated {estimate}, it is {noise}");
@@ -130,8 +123,7 @@ fn a_world_turned_while_paths_are_traced_is_gathered_from_all_of_them() {
     wait("a picture of all samples", || {
         (settled(&shot, number).shown.samples == 64 && shot.status().world_is_stored).then_some(())
     });
-    let reopened = live(folder.path());
-    reopened.open(0.0).unwrap();
+    let reopened = opened(folder.path(), Device::Cpu);
     let at_once = shown_under(&reopened, &turned);
     let brightest = at_once.image.data.iter().fold(0.0_f32, |a, b| a.max(*b));
     for (a, b) in settled(&shot, number).image.data.iter().zip(&at_once.image.data) {
