@@ -153,8 +153,9 @@ def test_the_others_jobs_outlive_one_that_is_interrupted(scene, other):
     other.interrupt(interrupted)
     lengths, until = [], time.monotonic() + SECONDS
     while not worker.is_finished:
-        table = worker.turn()
-        lengths += [] if table is None else [len(table[0])]
+        if (found := worker.turn()) is not None:
+            (entries, _), _ = found
+            lengths.append(len(entries))
         assert time.monotonic() < until
         time.sleep(0.01)
     assert lengths == [COARSE, FINE]
