@@ -1,5 +1,6 @@
 """Memory that is found before Blender's main thread touches it."""
 
+import inspect
 import resource
 import sys
 import threading
@@ -76,6 +77,14 @@ def test_a_scene_is_read_when_memory_is_there_and_given_back(lit, slow, monkeypa
     while not found.begin_reading(lit):
         assert time.monotonic() < until
     assert slow.seen == [CONTEXT_BYTES, "given back", "read"]
+
+
+def test_a_bake_that_is_cancelled_holds_no_memory(lit, slow):
+    found = start(lit)
+    found.is_exporting = True
+    assert not found.begin_reading(lit)
+    found.cancel()
+    assert not found.is_exporting and inspect.getgeneratorstate(found._memory) == inspect.GEN_CLOSED
 
 
 def test_a_table_comes_when_memory_is_there_for_it(scene, slow):

@@ -436,6 +436,7 @@ class Shot:
         if self._task is not None:
             self._task.cancel()
         elif self.is_exporting:
+            self._memory.close()
             self._exported(None, ExportCancelled("cancelled"), {})
         self._live.cancel()
 
