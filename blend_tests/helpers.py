@@ -181,3 +181,12 @@ def said(scene):
         if not found.changes.is_pending:
             return found.changes.sentences
     raise AssertionError("looking for changes does not come to an end")
+
+
+def compositor(scene):
+    """The tree of a scene's compositor."""
+    if bpy.app.version < (5, 0, 0):
+        scene.use_nodes = True
+        return scene.node_tree
+    scene.compositing_node_group = bpy.data.node_groups.new("Compositing", "CompositorNodeTree")
+    return scene.compositing_node_group

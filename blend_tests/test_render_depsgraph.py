@@ -56,7 +56,8 @@ def test_only_blenders_empty_picture_stays_where_nothing_was_rendered(shot):
 
 def settings_of(scene):
     """What is switched while a scene is read."""
-    return scene.render.engine, scene.render.use_sequencer, scene.render.use_compositing
+    render = scene.render
+    return render.engine, render.use_sequencer, render.use_compositing, render.use_freestyle
 
 
 def test_a_file_that_is_saved_meanwhile_has_the_artists_settings(shot, registered_for_all_files, tmp_path):

@@ -252,7 +252,8 @@ def test_stopping_leaves_no_picture_and_no_error(shot, tmp_path, monkeypatch):
 
 def test_disabling_ends_a_render_and_enabling_allows_it_again(shot, tmp_path):
     render_engine.stop_all()
-    bpy.ops.render.render()
+    with pytest.raises(RuntimeError, match="disabled while it rendered"):
+        bpy.ops.render.render()
     assert not (tmp_path / "bake").exists()
     addon.unregister()
     assert not ui.RelumeRenderEngine.is_registered

@@ -15,6 +15,7 @@ import numpy as np
 from ..core import metrics
 from .cycles_mix import write_mix
 from .cycles_render import read_picture, set_up
+from .render_depsgraph import WITHOUT_EFFECTS
 
 JOB, PICTURE, RESULT = "job.json", "picture.npy", "result.json"
 REFERENCE, DIFFERENCE = "cycles.npy", "difference.npy"
@@ -51,8 +52,7 @@ def _prepare(scene: bpy.types.Scene, job: dict[str, Any], size: tuple[int, int])
     scene.camera = scene.objects[job["camera"]]
     # Only seed and samples change between the parts.
     whole = {"use_border": False, "use_multiview": False, "use_persistent_data": True}
-    plain = {"use_compositing": False, "use_sequencer": False}
-    set_up(scene, size, whole | plain, {"use_animated_seed": False})
+    set_up(scene, size, whole | WITHOUT_EFFECTS, {"use_animated_seed": False})
     _use_devices(job.get("devices"))
 
 

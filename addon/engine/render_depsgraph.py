@@ -55,12 +55,14 @@ class RelumeExportEngine(bpy.types.RenderEngine):
 standing: type[bpy.types.RenderEngine] | None = None
 """The add-on's own engine while it is registered, whose `render` begins with `run_waiting`. To register one for a
 reading, or to take it away, would end all that Blender's views draw."""
-PLAIN = {"use_sequencer": False, "use_compositing": False}
-"""Render settings of a scene that is being read, besides its engine, until the engine is called."""
+WITHOUT_EFFECTS = {"use_sequencer": False, "use_compositing": False, "use_freestyle": False}
+"""Render settings without what Blender does to a picture once it is rendered. Freestyle would crash where there is
+none, and file output nodes would write over the artist's files."""
 MARK = "relume_render_settings"
-"""Custom property of such a scene, with what they were: it is in undo steps and files that are written meanwhile."""
+"""Custom property of a scene that is being read, with the render settings that it had before: it is in undo steps and
+files that are written meanwhile."""
 _reading: dict[int, dict[str, Any]] = {}
-"""Such scenes, and these settings."""
+"""Such scenes, and the settings that they have until the engine is called."""
 _waiting: list[RenderTask[Any]] = []
 """What the next render of its scene is to run."""
 
@@ -120,7 +122,7 @@ def with_render_depsgraph(scene: bpy.types.Scene, work: Callable[[bpy.types.Deps
     """The result of `work`, called with the depsgraph of the scene's present frame and first render layer, and with
     what says whether to stop. Blender's window stands still meanwhile."""
     task = RenderTask(scene, work)
-    with _engine(task) as engine, _kept_render_result(), _render_settings(task, PLAIN | {"engine": engine}):
+    with _engine(task) as engine, _surroundings(scene), _render_settings(task, WITHOUT_EFFECTS | {"engine": engine}):
         bpy.ops.render.render(layer=render_layer(scene).name, scene=scene.name)
     return task.result()
 
@@ -136,9 +138,9 @@ def start_with_render_depsgraph(
     around, settings = ExitStack(), ExitStack()
     try:
         engine = around.enter_context(_engine(task))
-        around.enter_context(_kept_render_result())
+        around.enter_context(_surroundings(scene))
         around.push(settings)
-        settings.enter_context(_render_settings(task, PLAIN))
+        settings.enter_context(_render_settings(task, WITHOUT_EFFECTS))
         with _no_render_window(), bpy.context.temp_override(window=_window()), _unseen_engine(scene, engine):
             _begin_render(scene)
     except BaseException:
@@ -296,6 +298,29 @@ def _set_render(scene: bpy.types.Scene, values: dict[str, Any]) -> None:
     for name, value in values.items():
         with suppress(TypeError):  # The engine of an add-on that is not enabled any more.
             setattr(scene.render, name, value)
+
+
+@contextmanager
+def _surroundings(scene: bpy.types.Scene) -> Iterator[None]:
+    """Lets the user's last picture be, and handlers of other add-ons do what they like."""
+    with _kept_render_result(), _synchronised_layers(scene):
+        yield
+
+
+@contextmanager
+def _synchronised_layers(scene: bpy.types.Scene) -> Iterator[None]:
+    """Has a scene's view layers take up what handlers have changed before a render. Blender 5 crashes where an object
+    was hidden by one and settings were switched off just before."""
+
+    def synchronise(*_arguments) -> None:
+        for layer in scene.view_layers:
+            _ = layer.objects.active  # Blender brings a layer up to date when it is asked for this.
+
+    bpy.app.handlers.render_pre.append(synchronise)
+    try:
+        yield
+    finally:
+        bpy.app.handlers.render_pre.remove(synchronise)
 
 
 @contextmanager

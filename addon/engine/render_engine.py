@@ -82,7 +82,10 @@ def render(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, mix_o
     try:
         _FinalRender(engine, depsgraph, mix_of, passes_of).run()
     except ExportCancelled:
-        pass
+        # Without an error Blender would write the empty picture, and crash where Freestyle draws lines into it.
+        if _stopping:
+            with suppress(ReferenceError):
+                engine.report({"ERROR"}, "Relume: disabled while it rendered; there is no picture")
     except BaseException as error:
         # Blender removes an engine that is disabled while it renders.
         with suppress(ReferenceError):

@@ -35,6 +35,8 @@ def why_no_picture(scene: bpy.types.Scene) -> str:
         return f"The picture of scene '{scene.name}' has no pixels; raise the resolution or its percentage"
     if min(film_border(render)[2:]) < 1:
         return f"The render region of scene '{scene.name}' is empty; draw it anew or switch it off"
+    if not any(layer.use for layer in scene.view_layers):
+        return f"No view layer of scene '{scene.name}' is rendered; switch on Use for Rendering of one"
     return ""
 
 
