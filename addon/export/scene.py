@@ -28,6 +28,7 @@ UNSUPPORTED_TYPES = {
     "GREASEPENCIL": "grease pencil",
     "GPENCIL": "grease pencil",
 }
+"""Of objects, and of what nodes put beside an object's mesh, which appears as an object of that type."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,8 +110,8 @@ class _SceneExporter:
         self.linking = LightLinking(receiver_names(depsgraph.scene), builder.warn)
         self.lights = LightExporter(lambda light: builder.add_light(json.dumps(light)), builder.warn, self.linking)
         self.geometry = GeometryExporter(builder, depsgraph, asked_attributes(), finish_mesh)
-        self.known: set[int] = set()
-        """Uids of objects that were met."""
+        self.known: set[tuple[int, str]] = set()
+        """Uids of objects that were met, and in which type: nodes may add others to an object's own."""
         self.shared: dict[tuple[int, int, int], _Shared] = {}
         """By the uids of an object and of what instances it, and its mesh."""
 
@@ -120,11 +121,12 @@ class _SceneExporter:
         for instance in self.depsgraph.object_instances:
             obj = instance.object
             uid = obj.original.session_uid
-            if uid not in self.known:
-                self.known.add(uid)
-                self._warn_about_object(obj)
+            if instance.show_particles and self._is_new(uid, "HAIR"):
+                self._warn_about_hair(obj)
             if not instance.show_self:
                 continue
+            if self._is_new(uid, obj.type):
+                self._warn_about_type(obj)
             if obj.type == "LIGHT":
                 self.lights.export(obj, _owner(instance), instance.matrix_world)
             elif obj.type == "MESH":  # Curves, text and metaballs appear as meshes of their own.
@@ -186,13 +188,28 @@ class _SceneExporter:
         )
         return (camera and not owner.indirect_only_get(view_layer=self.view_layer), *others)
 
-    def _warn_about_object(self, obj: bpy.types.Object) -> None:
+    def _is_new(self, uid: int, kind: str) -> bool:
+        """Whether an object is met in a type for the first time."""
+        found = (uid, kind) not in self.known
+        self.known.add((uid, kind))
+        return found
+
+    def _warn_about_type(self, obj: bpy.types.Object) -> None:
         warn, name = self.builder.warn, obj.name
         if obj.type in UNSUPPORTED_TYPES:
             warn(f"object '{name}': {UNSUPPORTED_TYPES[obj.type]} are not supported yet; left out")
-        for system in obj.particle_systems if obj.type == "MESH" else ():
-            if system.settings.type == "HAIR" and system.settings.render_type == "PATH":
-                warn(f"object '{name}': hair of particle system '{system.name}' is not supported yet; left out")
+        elif obj.type == "CURVE" and obj.original.type != "CURVE":
+            warn(f"object '{name}': curves that its geometry nodes leave without a profile are left out, as by Cycles")
+
+    def _warn_about_hair(self, obj: bpy.types.Object) -> None:
+        """Hair that Cycles would render: other systems without objects are invisible to it."""
+        for modifier in obj.modifiers:
+            if modifier.type != "PARTICLE_SYSTEM" or not modifier.show_render:
+                continue
+            system = modifier.particle_system
+            if system.settings.type == "HAIR" and system.settings.render_type == "PATH" and len(system.particles):
+                what = f"hair of particle system '{system.name}'"
+                self.builder.warn(f"object '{obj.name}': {what} is not supported yet; left out")
 
     def _warn_about_rays(self, obj: bpy.types.Object) -> None:
         warn, name = self.builder.warn, obj.name
