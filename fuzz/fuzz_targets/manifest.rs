@@ -11,7 +11,10 @@ libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     manifest.samples();
     manifest.bake_id();
     if tiles * manifest.passes.len() < 1 << 16 {
-        assert_eq!(Dump::in_memory(manifest.clone()).expect("checked").missing().len(), tiles * manifest.passes.len());
+        assert_eq!(
+            Dump::in_memory(manifest.clone()).expect("checked").missing().len(),
+            tiles * manifest.passes.len()
+        );
     }
     assert_eq!(manifest.difference(&manifest), None);
 });

@@ -13,7 +13,7 @@ thread_local! {
 /// As a texture.
 fn decode(bytes: &[u8]) {
     let Ok(picture) = PictureFile::decode(bytes) else { return };
-    let texture = picture.into_texture("fuzzed".into(), FileColors::Srgb, Alpha::Premultiplied);
+    let texture = picture.into_texture("fuzzed".into(), FileColors::Srgb, Alpha::Premultiplied, None);
     let values = match &texture.texels {
         Texels::Byte(texels) => texels.len(),
         Texels::Float(texels) => texels.len(),
