@@ -18,7 +18,7 @@ PROFILE ?=
 WHEEL ?=
 NEWEST_DRIVER := CARGO_TARGET_X86_64_UNKNOWN_LINUX_GNU_RUNNER=$(CURDIR)/scripts/on-newest-driver
 
-.PHONY: setup wheel extension extension-linux test test-rust test-python test-blender window guide fuzz demo shots parity quality bench bench-gpu solve clean
+.PHONY: setup wheel extension extension-linux test test-rust test-python test-blender window guide fuzz demo shots parity quality bench bench-gpu solve cases hunt clean
 
 setup:
 	@scripts/setup
@@ -117,6 +117,18 @@ bench-gpu: wheel
 parity: wheel
 	@scripts/install-wheel "$(WHEELS)" 4.2
 	$(PYTHON) scripts/parity/run.py --folder "$(SCENES)" $(PARITY)
+
+# Small files that strangers might make, against Cycles in the oldest, the next and the newest Blender that are set up here;
+# CASES="--only 83 --version 5.3" for less. Keeps docs/bench/cases.json and the page beside it.
+cases: wheel
+	@scripts/install-wheel "$(WHEELS)" $(BLENDERS)
+	@$(PYTHON) scripts/cases.py $(CASES)
+
+# Random scenes against Cycles in the oldest and the newest Blender that are set up here; HUNT="--kinds graphs,lamps --seed 2
+# --rounds 1000 --version 5.3" for others. Prints each round that fails with the command that plays it alone.
+hunt: wheel
+	@scripts/install-wheel "$(WHEELS)" $(BLENDERS)
+	@$(PYTHON) scripts/hunt/run.py $(HUNT)
 
 clean:
 	rm -rf build out target
