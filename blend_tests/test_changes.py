@@ -363,6 +363,29 @@ def test_a_turned_mapping_is_a_change(scene):
     assert prints.take_all(scene, scene.camera)["material Wood"] != before
 
 
+def map_texture(material):
+    material.node_tree.nodes["Checker Texture"].texture_mapping.scale = (2.0, 2.0, 2.0)
+
+
+def use_other_output(material):
+    material.node_tree.nodes["Material Output.001"].is_active_output = True
+
+
+def displace(material):
+    material.displacement_method = "BOTH"
+
+
+@pytest.mark.parametrize("edit", [map_texture, use_other_output, displace])
+def test_edits_of_materials_beside_their_sockets_are_changes(scene, edit):
+    material, tree, _ = add_material("Wood")
+    tree.nodes.new("ShaderNodeTexChecker")
+    tree.nodes.new("ShaderNodeOutputMaterial").is_active_output = False
+    add_quad(scene, material=material)
+    before = prints.take_all(scene, scene.camera)["material Wood"]
+    edit(material)
+    assert prints.take_all(scene, scene.camera)["material Wood"] != before
+
+
 def test_looking_comes_to_an_end_while_the_scene_is_edited(baked):
     found = shot.of(baked).changes
     bpy.data.objects["Sofa"].location.z = 1.0

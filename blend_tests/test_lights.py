@@ -107,7 +107,7 @@ def test_emission_node_tints_and_textures_are_named(scene):
     (light,) = out["lights"]
     assert light["name"] == "Tinted"
     assert np.array(light["radiance"]) / light["radiance"][0] == pytest.approx([1.0, 0.5, 2.0])
-    assert any("'Gobo'" in warning and "not one constant emission" in warning for warning in out["warnings"])
+    assert any("'Gobo'" in warning and "(Checker Texture)" in warning for warning in out["warnings"])
 
 
 def test_light_linking_lists_receivers(scene):

@@ -4,6 +4,7 @@ import bpy
 import numpy as np
 import pytest
 
+from addon.export.materials import exporter
 from helpers import add_material, add_quad, exported
 
 LINK = "link"
@@ -240,10 +241,43 @@ def test_unsupported_nodes_are_named_with_object_material_and_node(tree):
     diffuse_with(tree, output, wireframe.outputs[0])
     displacement = tree.nodes.new("ShaderNodeDisplacement")
     tree.links.new(displacement.outputs[0], output.inputs["Displacement"])
+    bpy.data.materials["Paint"].displacement_method = "DISPLACEMENT"
     material, warnings, _ = export()
     assert any("object 'Wall', material 'Paint': node 'Wireframe'" in warning for warning in warnings)
     assert any("displacement is not supported" in warning for warning in warnings)
     assert material["nodes"][-1]["color"] == [0.5, 0.5, 0.5]
+
+
+def test_a_graph_that_is_not_understood_is_grey_and_named_and_the_rest_is_exported(tree, monkeypatch):
+    tree, output, export = tree
+    diffuse_with(tree, output, tree.nodes.new("ShaderNodeTexNoise").outputs["Color"])
+    for settings in ({"type": "of another version"}, KeyError("of another version")):
+
+        def translated(_translation, _source, settings=settings):
+            if isinstance(settings, Exception):
+                raise settings
+            return {"node": _translation.emit(settings), "output": "color"}
+
+        monkeypatch.setitem(exporter.VALUES, "ShaderNodeTexNoise", translated)
+        material, warnings, _ = export()
+        assert [node["type"] for node in material["nodes"]] == ["diffuse"]
+        (warning,) = warnings
+        assert warning.startswith("object 'Wall', material 'Paint': its nodes are not understood")
+
+
+def test_long_chains_are_followed_or_named(tree, monkeypatch):
+    tree, output, export = tree
+    socket = tree.nodes.new("ShaderNodeTexNoise").outputs["Color"]
+    for _ in range(200):
+        node = tree.nodes.new("ShaderNodeGamma")
+        tree.links.new(socket, node.inputs["Color"])
+        socket = node.outputs[0]
+    diffuse_with(tree, output, socket)
+    material, warnings, _ = export()
+    assert len(material["nodes"]) == 202 and warnings == []
+    monkeypatch.setattr(exporter, "DEEPEST", 1000)
+    material, warnings, _ = export()
+    assert material["nodes"][0]["type"] == "diffuse" and "too many follow each other" in warnings[0]
 
 
 @pytest.mark.parametrize("kind", ["ShaderNodeBsdfPrincipled", "ShaderNodeBsdfGlass", "ShaderNodeBsdfMetallic"])

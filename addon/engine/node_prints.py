@@ -8,6 +8,7 @@ from typing import Any
 
 import bpy
 
+from ..export.materials.coordinates import is_mapped
 from ..export.plain import SIMPLE, effective_properties, plain
 
 VIEWER = "GeometryNodeViewer"
@@ -95,4 +96,8 @@ def _node(node: bpy.types.Node) -> list:
         extra.append([[tuple(point.location) for point in curve.points] for curve in mapping.curves])
     if (image := getattr(node, "image", None)) is not None:
         extra.append([image.filepath, image.colorspace_settings.name])
+    if (mapping := getattr(node, "texture_mapping", None)) is not None and is_mapped(node):
+        extra.append(values(mapping))
+    if not getattr(node, "is_active_output", True):
+        extra.append("inactive")
     return [node.name, node.bl_idname, node.mute, values(node), inputs, outputs, extra]

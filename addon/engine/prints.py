@@ -27,6 +27,7 @@ from ..export.working_space import working_space
 from ..export.world import export_world, world_of
 from ..export.world_graph import WorldGraph
 from .inputs import image_nodes, may_instance, read_by
+from .native import native
 from .node_prints import drawn_curves, group, hashed, ramp, tree, values
 from .render_depsgraph import render_layer
 from .shape_prints import DATA, shape
@@ -252,7 +253,10 @@ def _modifier_details(modifier: bpy.types.Modifier) -> list:
 
 def _material(material: bpy.types.Material) -> Print:
     used = used_tree(material)
-    return {"nodes": hashed(tree(used) if used else values(material))}
+    if used is None:
+        return {"nodes": hashed(values(material))}
+    method = material.displacement_method
+    return {"nodes": hashed(tree(used) if method == "BUMP" else [tree(used), method])}
 
 
 def _group(geometry: bpy.types.NodeTree) -> Steps:
@@ -392,6 +396,10 @@ class _WorldRecorder:
     def texture_of(self, graph: WorldGraph, _name: str) -> str:
         """In place of rendering the world."""
         return graph.text
+
+    def constant_emission(self, shader: str) -> Any:
+        """As the scene builder's."""
+        return native().SceneBuilder.constant_emission(shader)
 
     def warn(self, message: str) -> None:
         """What cannot be represented is a part of the world too."""

@@ -19,6 +19,7 @@ from mathutils import Matrix
 from ..export.instancers import Instancers, may_be_instanced
 from ..export.lights import UniqueNames, describe_light, name_of, ray_visibility
 from ..export.linking import LightLinking
+from .native import native
 
 LIGHT = bpy.types.Object.bl_rna.properties["type"].enum_items["LIGHT"].value
 """What `foreach_get` says of the type of a light."""
@@ -240,7 +241,8 @@ class SceneLights:
         obj = entry.light.evaluated_get(depsgraph)
         warnings: list[str] = []
         linking = LightLinking(self.receivers, warnings.append)
-        found = describe_light(obj, entry.owner, entry.matrix or obj.matrix_world, linking, warnings.append)
+        place, computed = entry.matrix or obj.matrix_world, native().SceneBuilder.constant_emission
+        found = describe_light(obj, entry.owner, place, linking, warnings.append, computed)
         before, name = entry.description, name_of(entry.light)
         if found is not None:
             found["name"] = before["name"] if before is not None and name == entry.name else name

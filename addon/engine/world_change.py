@@ -112,6 +112,10 @@ class _Steps:
             more["texture"] = None
         self.calls.append(lambda builder: builder.set_world(*arguments, **more))
 
+    def constant_emission(self, shader: str) -> Any:
+        """As the scene builder's."""
+        return native().SceneBuilder.constant_emission(shader)
+
     def warn(self, message: str) -> None:
         """As the scene builder's."""
         self.calls.append(lambda builder: builder.warn(message))

@@ -11,6 +11,7 @@ import numpy as np
 
 from .arrays import LAYOUTS, stored
 from .late_mesh import FinishMesh, late_mesh
+from .materials import FACTOR
 
 UNREAD = {"INT16_2D", "INT32_2D"}
 """Types of attributes that Cycles does not read."""
@@ -81,7 +82,8 @@ class GeometryExporter:
 
     def _add(self, name: str, arrays: dict[str, Any]) -> int:
         number = self.builder.add_mesh(name, **arrays)
-        self.attributes[number] = set(arrays["color_attributes"])
+        found = (*arrays["color_attributes"], *arrays["uv_maps"])
+        self.attributes[number] = {name.removesuffix(FACTOR) for name in found}
         return number
 
 
@@ -105,10 +107,11 @@ def mesh_arrays(mesh: bpy.types.Mesh, asked: Collection[str] = ()) -> dict[str, 
     # Centre and half size, so that generated coordinates are Cycles' after a modifier changed the mesh.
     arrays["texture_space"] = [list(mesh.texspace_location), list(mesh.texspace_size)]
     arrays["color_attributes"] = _color_attributes(mesh, arrays["corner_verts"])
-    for name in sorted(set(asked) - arrays["color_attributes"].keys()):
-        attribute = mesh.attributes.get(name)
+    for name in sorted(set(asked) - arrays["color_attributes"].keys() - arrays["uv_maps"].keys()):
+        attribute = mesh.attributes.get(name.removesuffix(FACTOR))
         if attribute is not None and _is_readable(attribute):
-            arrays["color_attributes"][name] = _as_colors(attribute, arrays["corner_verts"], arrays["face_starts"])
+            colors = _as_colors(attribute, arrays["corner_verts"], arrays["face_starts"])
+            arrays["color_attributes"][name] = _as_factors(attribute, colors) if name.endswith(FACTOR) else colors
     if _has_attribute(mesh, "material_index", "INT", "FACE"):
         arrays["material_slots"] = _attribute(mesh, "material_index")
     if mesh.normals_domain == "POINT":
@@ -144,6 +147,13 @@ def _as_colors(attribute: bpy.types.Attribute, corner_verts: np.ndarray, face_st
         return colors
     faces = np.diff(face_starts, append=len(corner_verts))
     return colors[corner_verts] if attribute.domain == "POINT" else np.repeat(colors, faces, axis=0)
+
+
+def _as_factors(attribute: bpy.types.Attribute, colors: np.ndarray) -> np.ndarray:
+    """The one number that Cycles makes of an attribute, as grey: u of a UV map, the mean of others."""
+    is_uv = attribute.data_type == "FLOAT2"
+    colors[:, :3] = colors[:, :1] if is_uv else colors[:, :3].mean(axis=1, keepdims=True)
+    return colors
 
 
 def _is_readable(attribute: bpy.types.Attribute) -> bool:

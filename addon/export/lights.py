@@ -10,9 +10,26 @@ from typing import Any
 import bpy
 
 from .linking import LightLinking
-from .materials.graph import Source, constant_value, resolve, used_tree
+from .materials.constants import ConstantEmission, ConstantTranslation, VaryingNodeError
+from .materials.graph import surface_socket, used_tree
 
 WHITE = [1.0, 1.0, 1.0]
+LIGHT_PATH = dict.fromkeys(
+    (
+        *("Is Camera Ray", "Is Shadow Ray", "Is Diffuse Ray", "Is Glossy Ray", "Is Singular Ray"),
+        *("Is Reflection Ray", "Is Transmission Ray", "Is Volume Scatter Ray"),
+    ),
+    0.0,
+)
+"""Outputs of the Light Path node that are the same for all rays that meet a lamp."""
+VARYING = {
+    "ShaderNodeTexIES": "is an IES profile",
+    "ShaderNodeTexImage": "is an image",
+    "ShaderNodeTexEnvironment": "is an image",
+    "ShaderNodeLightFalloff": "changes its falloff with distance",
+    "ShaderNodeLightPath": "depends on the length or depth of rays",
+}
+"""Why a light is not the same everywhere."""
 ALL_BOUNCES = 1024
 """Of a light in Cycles, unless somebody has set fewer: no scene has more."""
 
@@ -36,15 +53,22 @@ class UniqueNames:
 class LightExporter:
     """Describes every light that can be represented, under a name of its own, and names the others."""
 
-    def __init__(self, add: Callable[[dict[str, Any]], None], warn: Callable[[str], None], linking: LightLinking):
+    def __init__(
+        self,
+        add: Callable[[dict[str, Any]], None],
+        warn: Callable[[str], None],
+        linking: LightLinking,
+        constant_emission: ConstantEmission,
+    ):
         self.add = add
         self.warn = warn
         self.linking = linking
+        self.constant_emission = constant_emission
         self.unique = UniqueNames()
 
     def export(self, obj: bpy.types.Object, owner: bpy.types.Object, world_from_object: Any) -> None:
         """Adds one light, or one instance that its owner makes of it."""
-        description = describe_light(obj, owner, world_from_object, self.linking, self.warn)
+        description = describe_light(obj, owner, world_from_object, self.linking, self.warn, self.constant_emission)
         if description is not None:
             self.add(description | {"name": self.unique(name_of(obj.original))})
 
@@ -55,13 +79,14 @@ def describe_light(
     world_from_object: Any,
     linking: LightLinking,
     warn: Callable[[str], None],
+    constant_emission: ConstantEmission,
 ) -> dict[str, Any] | None:
     """The JSON form of `BlenderLight`; None for a light that cannot be represented. `owner` is what instances it, or
     the light itself."""
     light = obj.data
     if is_portal(light):
         return None
-    emission = _emission(obj, warn)
+    emission = _emission(obj, warn, constant_emission)
     if emission is None:
         return None
     problem = _problem(light, world_from_object)
@@ -143,33 +168,26 @@ def is_portal(light: bpy.types.Light) -> bool:
     return light.type == "AREA" and bool(getattr(light, "cycles", None) and light.cycles.is_portal)
 
 
-def _emission(obj: bpy.types.Object, warn: Callable[[str], None]) -> list[float] | None:
-    """Colour times strength of the light's nodes; None if it has nodes and they are not one constant."""
+def _emission(
+    obj: bpy.types.Object, warn: Callable[[str], None], constant_emission: ConstantEmission
+) -> list[float] | None:
+    """What the light's nodes emit; None if they emit nothing or not the same everywhere."""
     tree = used_tree(obj.data)
     if tree is None:
         return WHITE
-    output = tree.get_output_node("CYCLES")
-    source = resolve(output.inputs["Surface"], ()) if output else None
-    if source is None:
+    found = surface_socket(tree)
+    translation = ConstantTranslation(LIGHT_PATH.get, is_sun=obj.data.type == "SUN")
+    try:
+        emission = translation.emission(*found, constant_emission) if found else None
+    except VaryingNodeError as error:
+        node = error.node
+        reason = VARYING.get(node.bl_idname, "makes it shine differently by place, direction or distance")
+        what = f"its node '{node.name}' ({node.bl_label}) {reason}, which is not supported yet"
+        warn(f"light '{obj.name}': {what}; left out")
+        return None
+    if emission is None:
         warn(f"light '{obj.name}': its nodes emit nothing; left out")
-        return None
-    if source.node.bl_idname == "ShaderNodeEmission":
-        emission = _constant_emission(source)
-        if emission is not None:
-            return emission
-    node = source.node.name
-    warn(f"light '{obj.name}': its node '{node}' is not one constant emission (IES, gobo or texture); left out")
-    return None
-
-
-def _constant_emission(source: Source) -> list[float] | None:
-    color = constant_value(source.node.inputs["Color"], source.context)
-    strength = constant_value(source.node.inputs["Strength"], source.context)
-    if color is None or strength is None:
-        return None
-    strength = strength if isinstance(strength, float) else sum(strength) / 3.0
-    color = color if isinstance(color, list) else [color] * 3
-    return [channel * strength for channel in color]
+    return emission
 
 
 def light_kind(light: bpy.types.Light) -> dict[str, Any]:

@@ -108,7 +108,9 @@ class _SceneExporter:
         self.images = ImageExporter(builder, depsgraph.scene.frame_current)
         self.materials = MaterialExporter(builder, self.images)
         self.linking = LightLinking(receiver_names(depsgraph.scene), builder.warn)
-        self.lights = LightExporter(lambda light: builder.add_light(json.dumps(light)), builder.warn, self.linking)
+        self.lights = LightExporter(
+            lambda light: builder.add_light(json.dumps(light)), builder.warn, self.linking, builder.constant_emission
+        )
         self.geometry = GeometryExporter(builder, depsgraph, asked_attributes(), finish_mesh)
         self.known: set[tuple[int, str]] = set()
         """Uids of objects that were met, and in which type: nodes may add others to an object's own."""

@@ -9,7 +9,8 @@ import bpy
 from mathutils import Euler, Matrix
 
 from .images import ImageExporter, note_on
-from .materials.graph import Source, Unlinked, used_tree
+from .materials.coordinates import is_mapped
+from .materials.graph import Source, is_implied, resolve, surface_socket, used_tree
 from .world_graph import UnsupportedNodeError, WorldGraph, WorldReader, place_of
 
 BLACK = [0.0, 0.0, 0.0]
@@ -69,7 +70,7 @@ class _WorldExporter:
         self.images = images
         self.texture_of = texture_of
         self.world = world
-        self.reader = WorldReader()
+        self.reader = WorldReader(builder.constant_emission)
         visibility = getattr(world, "cycles_visibility", None)
         self.visible_camera = (visibility is None or visibility.camera) and not film_transparent
 
@@ -92,21 +93,30 @@ class _WorldExporter:
         if tree is None:
             self._set(list(self.world.color))
             return
-        output = tree.get_output_node("CYCLES")
-        if output and output.inputs["Volume"].is_linked:
-            self._name("its volume is not supported yet; left out")
-        source = self.reader.follow(output.inputs["Surface"], ()) if output else None
-        if not isinstance(source, Source):
+        found = surface_socket(tree)
+        if found is None:
             self._set(BLACK)
-        elif not (source.node.bl_idname == "ShaderNodeBackground" and self._background(source)):
-            self._rendered(source)
+            return
+        surface, context = found
+        volume = surface.node.inputs.get("Volume")
+        if volume is not None and resolve(volume, context):
+            self._name("its volume is not supported yet; left out")
+        source = self.reader.follow(surface, context)
+        if not (isinstance(source, Source) and self._background(source)):
+            emission = self.reader.emission(surface, context)
+            if emission is not None or not isinstance(source, Source):
+                self._set(emission or BLACK)
+            else:
+                self._rendered(source)
         if self.reader.uses_light_path:
             self._name(
                 "what depends on Light Path is as diffuse rays see it; to camera and reflections it may look different"
             )
 
     def _background(self, source: Source) -> bool:
-        """Sets a colour or an environment texture, if that is what the node shows."""
+        """Sets a colour or an environment texture, if the node is a Background that shows one."""
+        if source.node.bl_idname != "ShaderNodeBackground":
+            return False
         strength = self._strength(source)
         if strength is None:
             return False
@@ -118,7 +128,7 @@ class _WorldExporter:
         texture = self.reader.follow(source.node.inputs["Color"], source.context)
         if not isinstance(texture, Source) or texture.node.bl_idname != "ShaderNodeTexEnvironment":
             return False
-        mapping = self._direction(texture, "Vector")
+        mapping = None if is_mapped(texture.node) else self._direction(texture, "Vector")
         if texture.node.projection != "EQUIRECTANGULAR" or texture.node.image is None or mapping is None:
             return False
         number = self.images.number(texture.node.image, f"world '{self.world.name}'", texture.node.image_user)
@@ -133,7 +143,7 @@ class _WorldExporter:
         """The texture direction that a node gets, from the world direction; None if it is no linear map of it."""
         wanted = user.node.inputs[socket]
         found = self.reader.follow(wanted, user.context)
-        if isinstance(found, Unlinked) and found.socket == wanted and user.node.bl_idname != "ShaderNodeMapping":
+        if user.node.bl_idname != "ShaderNodeMapping" and is_implied(found, wanted):
             return Matrix.Identity(3)
         if not isinstance(found, Source):
             return None

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 
 import bpy
 
-from .materials.graph import Context, Source, Unlinked, Value, constant_of, convert, trace
+from .materials.constants import ConstantEmission, ConstantTranslation, VaryingNodeError
+from .materials.graph import Constant, Context, Source, Value, constant_of, is_implied, trace
 from .plain import plain, settings_of
 
 LIGHT_PATH = {
@@ -28,6 +29,8 @@ UNSUPPORTED = {
 }
 VALUES = {"ShaderNodeValue", "ShaderNodeRGB", "ShaderNodeNormal"}
 """Nodes that keep their value in an output."""
+IMPLIED = {"Vector", "Normal", "Tangent"}
+"""Inputs that imply a value where nothing is linked."""
 CAMERA_SPACE = {("ShaderNodeTexCoord", "Camera"), ("ShaderNodeTexCoord", "Window")}
 """Outputs that depend on the camera."""
 
@@ -49,11 +52,13 @@ class Sides(NamedTuple):
 class WorldReader:
     """Follows the nodes of a world, past mixtures of which one side counts only."""
 
-    def __init__(self) -> None:
+    def __init__(self, constant_emission: ConstantEmission | None = None):
+        """`constant_emission` computes what nodes come to; without, only nodes that are constants themselves count."""
         self.uses_light_path = False
         """Whether anything depended on what sees the world."""
+        self._constant_emission = constant_emission
 
-    def follow(self, socket: bpy.types.NodeSocket, context: Context) -> Source | Unlinked | None:
+    def follow(self, socket: bpy.types.NodeSocket, context: Context) -> Source | Constant:
         """As `trace`, through Mix nodes with a factor of 0 or 1 too."""
         while True:
             found = trace(socket, context)
@@ -69,18 +74,25 @@ class WorldReader:
                 return found
             context = found.context
 
+    def emission(self, surface: bpy.types.NodeSocket, context: Context) -> list[float] | None:
+        """What a shader socket emits everywhere; None if it varies."""
+        return self._computed(ConstantTranslation.emission, surface, context)
+
     def constant(self, socket: bpy.types.NodeSocket, context: Context) -> Value | None:
-        """The value of a socket that only constants feed, also through Combine XYZ; None otherwise."""
-        found = self.follow(socket, context)
-        kind = found.node.bl_idname if isinstance(found, Source) else ""
-        if isinstance(found, Source) and kind == "ShaderNodeLightPath":
-            self.uses_light_path = True
-            return convert(LIGHT_PATH.get(found.socket.identifier, 0.0), socket, is_color=False)
-        if isinstance(found, Source) and kind == "ShaderNodeCombineXYZ":
-            parts = [self.constant(part, found.context) for part in found.node.inputs]
-            numbers = [part for part in parts if isinstance(part, float)]
-            return convert(numbers, socket, is_color=False) if len(numbers) == len(parts) else None
-        return constant_of(found, socket)
+        """The value of a socket that only constants feed; None otherwise."""
+        found = constant_of(self.follow(socket, context), socket)
+        return found if found is not None else self._computed(ConstantTranslation.constant, socket, context)
+
+    def _computed(self, compute: Any, socket: bpy.types.NodeSocket, context: Context) -> Any:
+        if self._constant_emission is None:
+            return None
+        translation = ConstantTranslation(lambda output: LIGHT_PATH.get(output, 0.0))
+        try:
+            value = compute(translation, socket, context, self._constant_emission)
+        except VaryingNodeError:
+            return None
+        self.uses_light_path |= translation.uses_light_path
+        return value
 
 
 class WorldGraph:
@@ -142,8 +154,10 @@ class WorldGraph:
             return self._link(found)
         if socket.type == "SHADER" or not hasattr(socket, "default_value"):
             return None
-        if isinstance(found, Unlinked) and found.socket == socket:
+        if isinstance(found, Constant) and found.owner == socket:
             return None if socket.hide_value else plain(socket.default_value)
+        if socket.identifier in IMPLIED and is_implied(found, socket):
+            return None
         value = self._reader.constant(socket, context)
         value = 0.0 if value is None else value
         own = plain(socket.default_value)

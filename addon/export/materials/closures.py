@@ -80,6 +80,7 @@ def _simple(kind: str, *fields: tuple[str, str, Any], microfacet: bool = False) 
     return translate
 
 
+EMISSION = _simple("emission", ("color", "Color", WHITE), ("strength", "Strength", 1.0))
 COLOR = ("color", "Color", [0.8, 0.8, 0.8])
 NORMAL = ("normal", "Normal", None)
 ROUGHNESS = ("roughness", "Roughness", 0.0)
@@ -148,7 +149,8 @@ CLOSURES: dict[str, Translate] = {
     "ShaderNodeBsdfRefraction": _simple("refraction", COLOR, ROUGHNESS, IOR, NORMAL, microfacet=True),
     "ShaderNodeBsdfTranslucent": _simple("translucent", COLOR, NORMAL),
     "ShaderNodeBsdfTransparent": _simple("transparent", ("color", "Color", WHITE)),
-    "ShaderNodeEmission": _simple("emission", ("color", "Color", WHITE), ("strength", "Strength", 1.0)),
+    "ShaderNodeEmission": EMISSION,
+    "ShaderNodeBackground": EMISSION,
     "ShaderNodeMixShader": _mix,
     "ShaderNodeAddShader": _add,
 }

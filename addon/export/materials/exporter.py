@@ -3,20 +3,49 @@
 from __future__ import annotations
 
 import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import bpy
 
 from ..images import ImageExporter
 from .closures import CLOSURES, FALLBACK_CLOSURES
-from .graph import Context, Source, Unlinked, convert, node_constant, resolve, socket_default, trace, used_tree
-from .values import VALUES, attribute_name
+from .graph import (
+    CONVERTING,
+    IS_INLINED,
+    NUMBERS,
+    Constant,
+    Context,
+    Source,
+    constant_of,
+    is_implied,
+    node_constant,
+    passed_on,
+    resolve,
+    surface_socket,
+    trace,
+    used_tree,
+)
+from .values import VALUES, asked_of
 
 Key = tuple[int | str, ...]
 """A node in its groups, and which part of it."""
 
 DEFAULT_SURFACE = {"type": "diffuse", "color": [0.8, 0.8, 0.8], "roughness": 0.0, "normal": None}
 EMISSION = {"emission": ("strength", 0.0), "principled": ("emission_strength", 0.0)}
+NOT_UNDERSTOOD = (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError)
+"""What a graph raises that holds something unforeseen."""
+BUMP_WIDTH = 0.1 if bpy.app.version >= (4, 3, 0) else 1.0
+"""Pixels over which Cycles takes differences of a displacement."""
+DEEPEST = 10_000
+"""Calls within calls while a graph is followed, about seven for each node."""
+PURE = {
+    *("mix", "math", "vector_math", "map_range", "clamp", "color_ramp", "rgb_curves", "hue_saturation"),
+    *("bright_contrast", "gamma", "invert", "separate_color", "combine_color", "separate_xyz", "combine_xyz"),
+}
+"""Types of nodes that depend on their inputs alone."""
 TRANSPARENCY = {"transparent": ("color", [0.0, 0.0, 0.0]), "principled": ("alpha", 1.0)}
 """Fields of closures by their type, and the values that do nothing."""
 
@@ -42,25 +71,44 @@ class MaterialExporter:
 
     def _export(self, material: bpy.types.Material | None, object_name: str) -> int:
         translation = Translation(self.builder, self.images, material, object_name)
-        description = translation.run()
-        if not _is_finite(description):
-            translation.name("one of its values is not a finite number; taken as grey diffuse")
-            description |= {"nodes": [DEFAULT_SURFACE], "surface": 0}
+        try:
+            with _deep_recursion():
+                description = translation.run()
+            if not _is_finite(description):
+                translation.name("one of its values is not a finite number; taken as grey diffuse")
+                description |= {"nodes": [DEFAULT_SURFACE], "surface": 0}
+            number = self.builder.add_material(json.dumps(description))
+        except NOT_UNDERSTOOD as error:
+            translation.attributes.clear()
+            reason = "too many follow each other" if isinstance(error, RecursionError) else error
+            translation.name(f"its nodes are not understood ({reason}); taken as grey diffuse")
+            description = {"name": translation.title, "nodes": [DEFAULT_SURFACE], "surface": 0}
+            number = self.builder.add_material(json.dumps(description))
         if material is not None and not material.use_transparent_shadow and _any(description, TRANSPARENCY):
             translation.name("shadows that ignore transparency are not supported; light passes what is transparent")
-        number = self.builder.add_material(json.dumps(description))
         self.attributes[number] = {
-            name: f"material '{description['name']}', node '{node}'" for name, node in translation.attributes.items()
+            name: f"material '{translation.title}', node '{node}'" for name, node in translation.attributes.items()
         }
         if _any(description, EMISSION):
             self.emissive.add(number)
         return number
 
 
+@contextmanager
+def _deep_recursion() -> Iterator[None]:
+    """Lets graphs be followed in which hundreds of nodes follow each other."""
+    before = sys.getrecursionlimit()
+    sys.setrecursionlimit(max(before, DEEPEST))
+    try:
+        yield
+    finally:
+        sys.setrecursionlimit(before)
+
+
 def asked_attributes() -> set[str]:
     """Names that the materials of the open file ask meshes for."""
     trees = [block.node_tree for block in bpy.data.materials if block.node_tree] + list(bpy.data.node_groups)
-    return {name for tree in trees for node in tree.nodes if (name := attribute_name(node))}
+    return {name for tree in trees for node in tree.nodes for name in asked_of(node)}
 
 
 class Translation:
@@ -70,17 +118,21 @@ class Translation:
         self.builder = builder
         self.images = images
         self.material = material
+        self.title = material.name if material else "Default"
         self.owner = f"object '{object_name}', material '{material.name}'" if material else f"object '{object_name}'"
         self.nodes: list[dict[str, Any]] = []
+        self.is_constant: list[bool] = []
+        """Whether a node gives the same everywhere."""
         self.done: dict[Key, Any] = {}
+        self.normal: dict[str, Any] | None = None
+        """A link to the shading normal, where it is not the mesh's."""
         self.attributes: dict[str, str] = {}
         """Names of what it asks meshes for, and of a node that does."""
 
     def run(self) -> dict[str, Any]:
         """The JSON form of the material."""
         surface = self._surface()
-        name = self.material.name if self.material else "Default"
-        return {"name": name, "nodes": self.nodes, "surface": surface}
+        return {"name": self.title, "nodes": self.nodes, "surface": surface}
 
     def _surface(self) -> int | None:
         material = self.material
@@ -89,34 +141,67 @@ class Translation:
         tree = used_tree(material)
         if tree is None:
             return self.emit(DEFAULT_SURFACE | {"color": list(material.diffuse_color)[:3]})
-        output = tree.get_output_node("CYCLES")
-        if output is None:
+        found = surface_socket(tree)
+        if found is None:
             return None
-        unsupported = [kind for kind in ("Volume", "Displacement") if resolve(output.inputs[kind], ()) is not None]
-        for kind in unsupported:
-            self.name(f"{kind.lower()} is not supported yet; left out")
-        if "Volume" in unsupported and resolve(output.inputs["Surface"], ()) is None:
-            return self.emit({"type": "transparent", "color": [1.0, 1.0, 1.0]})  # Cycles passes through it as well.
-        return self.shader(output.inputs["Surface"], ())
+        surface, context = found
+        if self._feeds("Volume", surface, context):
+            self.name("volume is not supported yet; left out")
+            if resolve(surface, context) is None:
+                return self.emit({"type": "transparent", "color": [1.0, 1.0, 1.0]})  # Cycles passes through it as well.
+        if self._feeds("Displacement", surface, context):
+            if material.displacement_method == "BUMP":
+                self.normal = self._displaced_normal(surface.node.inputs["Displacement"], context)
+            else:
+                self.name("displacement is not supported yet; left out")
+        return self.shader(surface, context)
+
+    def _feeds(self, name: str, surface: bpy.types.NodeSocket, context: Context) -> bool:
+        """Whether a node feeds another input of the output node."""
+        inputs = surface.node.inputs
+        return name in inputs and resolve(inputs[name], context) is not None
+
+    def _displaced_normal(self, socket: bpy.types.NodeSocket, context: Context) -> dict[str, Any] | None:
+        """The shading normal of a surface whose displacement is only looked at: Cycles bumps it."""
+        displacement = self.socket_value(socket, context, None)
+        # Nodes of the surface have the bumped normal.
+        self.done.clear()
+        if not isinstance(displacement, dict):
+            return None
+        geometry = self.emit({"type": "geometry"})
+        normal = {"node": geometry, "output": "normal"}
+        inputs = {"a": displacement, "b": normal, "c": [0.0] * 3, "scale": 1.0}
+        height = self.emit({"type": "vector_math", "operation": "DOT_PRODUCT", **inputs})
+        settings = {"invert": False, "strength": 1.0, "distance": 1.0, "filter_width": BUMP_WIDTH, "normal": None}
+        bump = {"type": "bump", **settings, "height": {"node": height, "output": "value"}}
+        return {"node": self.emit(bump), "output": "normal"}
 
     def emit(self, node: dict[str, Any]) -> int:
         """Appends a node and returns its number."""
         self.nodes.append(node)
+        self.is_constant.append(node["type"] in PURE and all(map(self._is_constant, node.values())))
         return len(self.nodes) - 1
+
+    def _is_constant(self, value: Any) -> bool:
+        return not isinstance(value, dict) or "node" not in value or self.is_constant[value["node"]]
 
     def name(self, what: str) -> None:
         """Tells the user what of this material could not be represented."""
         self.builder.warn(f"{self.owner}: {what}")
 
     def shader(self, socket: bpy.types.NodeSocket, context: Context) -> int | None:
-        """Number of the closure node that feeds a shader socket."""
-        source = resolve(socket, context)
-        if source is None:
-            return None
-        key = _key(source)
-        if key not in self.done:
-            self.done[key] = self._closure(source)
-        return self.done[key]
+        """Number of the closure node that feeds a shader socket; what is no shader is emitted."""
+        found = trace(socket, context)
+        if isinstance(found, Constant):
+            color = constant_of(found, socket)
+        elif found.socket.type != "SHADER":
+            color = self._link_value(found, "RGBA")
+        else:
+            key = _key(found)
+            if key not in self.done:
+                self.done[key] = self._closure(found)
+            return self.done[key]
+        return None if color is None else self.emit({"type": "emission", "color": color, "strength": 1.0})
 
     def _closure(self, source: Source) -> int | None:
         kind = source.node.bl_idname
@@ -130,7 +215,7 @@ class Translation:
 
     def value(self, node: bpy.types.Node, socket: str | int, context: Context, default: Any = 0.0) -> Any:
         """An input as JSON: a number, three numbers or a link. `default` stands for a socket that this Blender
-        does not have, or that shows no value."""
+        does not have; None as default for one that implies its value where nothing is linked."""
         try:
             target = node.inputs[socket]
         except (KeyError, IndexError):
@@ -139,21 +224,66 @@ class Translation:
 
     def socket_value(self, target: bpy.types.NodeSocket, context: Context, default: Any = 0.0) -> Any:
         """See `value`."""
-        source = trace(target, context)
-        if source is None:
-            return convert([0.0, 0.0, 0.0], target, is_color=True)
-        if isinstance(source, Unlinked):
-            value = socket_default(source.socket)
-            return default if value is None else convert(value, target, source.socket.type == "RGBA")
+        found = trace(target, context)
+        if default is None and is_implied(found, target):
+            return self.normal if target.identifier in {"Normal", "Coat Normal"} else None
+        if isinstance(found, Source):
+            return self._link_value(found, target.type)
+        value = constant_of(found, target)
+        return default if value is None else value
+
+    def number(self, node: bpy.types.Node, socket: str | int, context: Context, default: float = 0.0) -> Any:
+        """An input as JSON that is a number also where a colour is linked to it."""
+        value = self.value(node, socket, context, default)
+        if isinstance(value, dict) and value["output"] in {"color", "vector", "normal"}:
+            return self._math("ADD", value)
+        return value
+
+    def _link_value(self, source: Source, target: str) -> Any:
+        """What a node computes, as a socket of a type sees it."""
+        kind = source.socket.type
+        value = self._constant(source)
+        if value is None:
+            value = self._output(source)
+        if value is None or not isinstance(value, dict):
+            return None if value is None else passed_on(value, kind, (*source.passed, target))
+        for index, to in enumerate(source.passed):
+            if self._is_constant(value) or to in CONVERTING:
+                is_narrowed = not NUMBERS.isdisjoint({*source.passed[index + 1 :], target})
+                value, kind = self._converted(value, kind, to, is_narrowed), to
+        return value
+
+    def _constant(self, source: Source) -> Any:
         if source.node.bl_idname == "ShaderNodeObjectInfo" and source.socket.identifier == "Material Index":
-            index = self.material.pass_index if self.material else 0
-            return convert(float(index), target, is_color=False)
-        constant = node_constant(source)
-        if constant is None:
-            constant = self._output(source)
-        if isinstance(constant, dict):
-            return constant
-        return convert(constant, target, source.socket.type == "RGBA")
+            return float(self.material.pass_index if self.material else 0)
+        return node_constant(source)
+
+    def _converted(self, link: dict[str, Any], kind: str, to: str, is_narrowed: bool) -> dict[str, Any]:
+        """A link's value after it has passed a socket of another type. `is_narrowed`: it becomes a number later, which
+        differs for colours and vectors."""
+        if to == "BOOLEAN" and IS_INLINED:
+            return self._math("GREATER_THAN", link)
+        if to in {"INT", "BOOLEAN"} and kind not in {"INT", "BOOLEAN"}:
+            return self._math("TRUNC", link)
+        if to == "VALUE" and kind in {"RGBA", "VECTOR"}:
+            return self._math("ADD", link)
+        if {kind, to} == {"RGBA", "VECTOR"} and is_narrowed:
+            return self.as_color(link) if to == "RGBA" else self._as_vector(link)
+        return link
+
+    def _math(self, operation: str, link: dict[str, Any]) -> dict[str, Any]:
+        settings = {"operation": operation, "clamp": False, "b": 0.0, "c": 0.0}
+        return {"node": self.emit({"type": "math", "a": link, **settings}), "output": "value"}
+
+    def as_color(self, link: dict[str, Any]) -> dict[str, Any]:
+        """A link whose value becomes a number by its luminance."""
+        settings = {"data": "color", "blend": "MIX", "clamp_factor": True, "clamp_result": False}
+        mix = {"type": "mix", **settings, "factor": 0.0, "a": link, "b": [0.0] * 3}
+        return {"node": self.emit(mix), "output": "color"}
+
+    def _as_vector(self, link: dict[str, Any]) -> dict[str, Any]:
+        settings = {"operation": "ADD", "b": [0.0] * 3, "c": [0.0] * 3, "scale": 1.0}
+        return {"node": self.emit({"type": "vector_math", "a": link, **settings}), "output": "vector"}
 
     def _output(self, source: Source) -> Any:
         """A link to the translated node, or a constant in place of a node that is not known."""

@@ -1,7 +1,19 @@
-"""Follows links through groups, reroutes and muted nodes to the node that really feeds a socket."""
+"""What feeds a socket: follows links through groups, reroutes and muted nodes, as Cycles of this Blender does.
+
+| feeds a socket | before Blender 5.0 | since then |
+|---|---|---|
+| a reroute or muted node that nothing feeds | 0 | the socket counts as not linked |
+| a muted node without an input for that output, or a node that Cycles leaves out | counts as not linked | the same |
+| a group without output node | 0 | 0 |
+| sockets of other types on the way (groups, muted nodes) | convert what passes | convert constants alone |
+| any of these or a group's own value, to a normal or texture vector | is left out | counts (`is_implied`) |
+| Material Output in a group, and a muted one | counts; does not | does not; counts |
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import bpy
@@ -13,6 +25,26 @@ Context = tuple[bpy.types.Node, ...]
 
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 """Weights of linear Rec.709, Cycles' conversion from colour to float."""
+LEFT_OUT = {
+    "NodeUndefined",
+    "ShaderNodeEeveeSpecular",
+    "ShaderNodeLightAccumulation",
+    "ShaderNodeLightEvaluation",
+    "ShaderNodeLightInfo",
+    "ShaderNodeShaderToRGB",
+    "ShaderNodeShadowRaycast",
+    "ShaderNodeSqueeze",
+    "ShaderNodeUVAlongStroke",
+}
+"""Nodes that Cycles does not know, as if they were not there."""
+IS_INLINED = bpy.app.version >= (5, 0, 0)
+"""Whether Blender itself resolves groups and muted nodes before Cycles sees them."""
+CONVERTING = {"VALUE", "INT", "BOOLEAN", "RGBA", "VECTOR"}
+if IS_INLINED:
+    CONVERTING = {"BOOLEAN"} if bpy.app.version >= (5, 3, 0) else set()
+"""Types of sockets on the way that convert what nodes compute."""
+NUMBERS = {"VALUE", "INT", "BOOLEAN"}
+"""Types of sockets with one number."""
 
 Value = float | list[float]
 
@@ -25,47 +57,143 @@ def used_tree(block: bpy.types.ID) -> bpy.types.NodeTree | None:
     return block.node_tree
 
 
+def surface_socket(tree: bpy.types.NodeTree) -> tuple[bpy.types.NodeSocket, Context] | None:
+    """The Surface input of the output that Cycles renders, and the groups around it; None without one."""
+    if IS_INLINED and _has_cycle(tree):
+        return None
+    return next(_surface_sockets(tree, ()), None)
+
+
+def _surface_sockets(tree: bpy.types.NodeTree, context: Context) -> Iterator[tuple[bpy.types.NodeSocket, Context]]:
+    """Of outputs within groups first, where they count."""
+    if not IS_INLINED:
+        for group in filter(_is_group, tree.nodes):
+            if group.node_tree is not None and not group.mute:
+                found = _surface_sockets(group.node_tree, (*context, group))
+                yield from ((socket, inner) for socket, inner in found if socket.is_linked)
+    output = tree.get_output_node("CYCLES")
+    if output is not None and (IS_INLINED or not output.mute):
+        yield output.inputs["Surface"], context
+
+
+def _has_cycle(tree: bpy.types.NodeTree) -> bool:
+    """Whether nodes feed themselves: then Blender renders nothing of a tree that it inlines."""
+    shader = "SHADER"
+    return any(
+        not link.is_valid and (link.from_socket.type == shader) == (link.to_socket.type == shader)
+        for link in tree.links
+        if not (link.is_muted or link.from_socket.is_unavailable or link.to_socket.is_unavailable)
+    )
+
+
 class Source(NamedTuple):
     """An output socket of a node that is no reroute, group or muted node."""
 
     node: bpy.types.Node
     socket: bpy.types.NodeSocket
     context: Context
+    passed: tuple[str, ...] = ()
+    """Types of sockets between it and what it feeds, in the order in which its value passes them."""
 
 
-class Unlinked(NamedTuple):
-    """An input socket without a link: its default value counts. The socket may belong to a group around."""
+class Constant(NamedTuple):
+    """The value that a socket has without any node."""
 
-    socket: bpy.types.NodeSocket
+    value: Value | None
+    """None of a shader, and of what has no value that can be shown."""
+    kind: str
+    """The type of the socket that has it."""
+    owner: bpy.types.NodeSocket | None
+    """The input that has it: the asked socket itself or one of a group around; None of 0 in place of a link."""
+    passed: tuple[str, ...] = ()
+    """As of `Source`."""
 
 
-def trace(socket: bpy.types.NodeSocket, context: Context) -> Source | Unlinked | None:
-    """What feeds `socket`; None if a link ends nowhere, for example in a muted node without an equal input."""
+def trace(socket: bpy.types.NodeSocket, context: Context) -> Source | Constant:
+    """What feeds an input socket of a node in some groups."""
+    owner, own_passed = socket, 0  # What counts where links lead nowhere, and how much is passed from there.
+    passed: list[str] = []
+    is_gap = False  # Whether `socket` is of a reroute or a muted node.
     while True:
-        link = next((link for link in socket.links if not link.is_muted and link.is_valid), None)
-        if link is None:
-            return Unlinked(socket)
+        link = _used_link(socket)
+        inner = _inner(link.from_node, link.from_socket) if link is not None else None
+        if link is None or (inner is None and _is_left_out(link.from_node, context)):
+            if is_gap and not IS_INLINED:
+                return _zero(socket.type, passed)
+            return Constant(_shown(owner), owner.type, owner, tuple(reversed(passed[:own_passed])))
         node, output = link.from_node, link.from_socket
-        if node.bl_idname == "NodeReroute":
-            socket = node.inputs[0]
-        elif node.mute:
-            inner = next((link for link in node.internal_links if link.to_socket == output), None)
-            if inner is None:
-                return None
-            socket = inner.from_socket
-        elif node.bl_idname == "ShaderNodeGroup":
-            group_output = _group_output(node)
-            if group_output is None:
-                return None
-            socket, context = _by_identifier(group_output.inputs, output.identifier), (*context, node)
+        if inner is not None:
+            passed += [output.type, inner.type] if IS_INLINED else [output.type]
+            socket, is_gap = inner, True
+        elif node.bl_idname == "NodeReroute":
+            socket, is_gap = node.inputs[0], True
+        elif _is_group(node):
+            passed.append(output.type)
+            found = _group_output(node, output.identifier)
+            if found is None:
+                return _zero(output.type, passed)
+            owner = socket = found
+            context, is_gap = (*context, node), False
+            passed.append(socket.type)
+            own_passed = len(passed)
         elif node.bl_idname == "NodeGroupInput":
-            if not context:
-                return None
-            socket, context = _by_identifier(context[-1].inputs, output.identifier), context[:-1]
+            found = _by_identifier(context[-1].inputs, output.identifier)
+            if found is None:
+                return _zero(output.type, passed)
+            owner = socket = found
+            context, is_gap = context[:-1], False
+            passed.append(socket.type)
+            own_passed = len(passed)
         else:
-            return Source(node, output, context)
-        if socket is None:
-            return None
+            return Source(node, output, context, tuple(reversed(passed)))
+
+
+def _used_link(socket: bpy.types.NodeSocket) -> bpy.types.NodeLink | None:
+    return next(
+        (link for link in socket.links if not link.is_muted and link.is_valid and not link.from_socket.is_unavailable),
+        None,
+    )
+
+
+def _inner(node: bpy.types.Node, output: bpy.types.NodeSocket) -> bpy.types.NodeSocket | None:
+    """The input that a muted node passes on to an output."""
+    if not node.mute:
+        return None
+    return next((link.from_socket for link in node.internal_links if link.to_socket == output), None)
+
+
+def _is_left_out(node: bpy.types.Node, context: Context) -> bool:
+    if node.bl_idname == "NodeGroupInput":
+        return not context
+    return node.mute or node.bl_idname in LEFT_OUT or (node.type == "CUSTOM" and not _is_group(node))
+
+
+def _is_group(node: bpy.types.Node) -> bool:
+    return hasattr(node, "node_tree")  # Those of add-ons have it too.
+
+
+def _group_output(group: bpy.types.Node, identifier: str) -> bpy.types.NodeSocket | None:
+    """The socket inside a group that gives one of its outputs."""
+    nodes = group.node_tree.nodes if group.node_tree is not None else ()
+    outputs = [node for node in nodes if node.bl_idname == "NodeGroupOutput"]
+    active = next((node for node in outputs if node.is_active_output), outputs[0] if outputs else None)
+    return _by_identifier(active.inputs, identifier) if active is not None else None
+
+
+def _by_identifier(sockets: Any, identifier: str) -> Any:
+    return next((socket for socket in sockets if socket.identifier == identifier), None)
+
+
+def _zero(kind: str, passed: list[str]) -> Constant:
+    return Constant(None if kind == "SHADER" else 0.0, kind, None, tuple(reversed(passed)))
+
+
+def _shown(socket: bpy.types.NodeSocket) -> Value | None:
+    """The value of a socket that is not linked."""
+    value = getattr(socket, "default_value", None)
+    if isinstance(value, bool | int | float):
+        return float(value)
+    return None if value is None or isinstance(value, str | bpy.types.ID) else list(value)[:3]
 
 
 def resolve(socket: bpy.types.NodeSocket, context: Context) -> Source | None:
@@ -74,60 +202,66 @@ def resolve(socket: bpy.types.NodeSocket, context: Context) -> Source | None:
     return source if isinstance(source, Source) else None
 
 
+def is_implied(found: Source | Constant, socket: bpy.types.NodeSocket) -> bool:
+    """Whether a socket for a normal, tangent or texture vector takes what it takes where nothing is linked."""
+    if isinstance(found, Source):
+        return False
+    if not IS_INLINED or found.owner == socket:
+        return True
+    is_alike = found.owner is not None and found.owner.hide_value and found.kind == socket.type
+    return is_alike and socket.identifier != "Vector"
+
+
 def constant_value(socket: bpy.types.NodeSocket, context: Context) -> Value | None:
     """The value of a socket that nothing but a constant feeds, as this socket sees it; None otherwise."""
     return constant_of(trace(socket, context), socket)
 
 
-def constant_of(source: Source | Unlinked | None, socket: bpy.types.NodeSocket) -> Value | None:
+def constant_of(found: Source | Constant, socket: bpy.types.NodeSocket) -> Value | None:
     """The value of what feeds `socket` (as `trace` finds it), as `socket` sees it; None if it is no constant."""
-    if source is None:
-        return convert([0.0, 0.0, 0.0], socket, is_color=True)
-    if isinstance(source, Unlinked):
-        value = socket_default(source.socket)
-        return None if value is None else convert(value, socket, source.socket.type == "RGBA")
-    value = node_constant(source)
-    return None if value is None else convert(value, socket, source.socket.type == "RGBA")
+    if isinstance(found, Constant):
+        value, kind = found.value, found.kind
+    else:
+        value, kind = node_constant(found), found.socket.type
+    return None if value is None else passed_on(value, kind, (*found.passed, socket.type))
 
 
 def node_constant(source: Source) -> Value | None:
     """The output of a node that is a constant by itself."""
-    if source.node.bl_idname == "ShaderNodeRGB":
-        return list(source.socket.default_value)[:3]
-    if source.node.bl_idname == "ShaderNodeValue":
-        return float(source.socket.default_value)
-    if source.node.bl_idname == "ShaderNodeBlackbody":
-        kelvin = constant_value(source.node.inputs["Temperature"], source.context)
-        return blackbody_color(kelvin) if isinstance(kelvin, float) else None
+    node = source.node
+    match node.bl_idname:
+        case "ShaderNodeRGB":
+            return list(source.socket.default_value)[:3]
+        case "ShaderNodeValue":
+            return float(source.socket.default_value)
+        case "ShaderNodeBlackbody":
+            kelvin = constant_value(node.inputs["Temperature"], source.context)
+            return blackbody_color(kelvin) if isinstance(kelvin, float) else None
+        case "FunctionNodeInputBool":
+            return float(node.boolean)
+        case "FunctionNodeInputInt":
+            return float(node.integer)
+        case "FunctionNodeInputVector":
+            return list(node.vector)[:3]
     return None
 
 
-def socket_default(socket: bpy.types.NodeSocket) -> Value | None:
-    """The value shown on an unlinked socket; None for sockets that show none (normals, texture vectors)."""
-    if socket.type in {"SHADER", "STRING", "OBJECT", "IMAGE", "GEOMETRY"} or socket.hide_value:
-        return None
-    value = getattr(socket, "default_value", None)
-    if value is None:
-        return None
-    return float(value) if isinstance(value, int | float) else list(value)[:3]
-
-
-def convert(value: Value, to: bpy.types.NodeSocket, is_color: bool) -> Value:
-    """Blender's implicit conversions between floats, colours and vectors."""
-    if to.type in {"RGBA", "VECTOR"}:
-        return value if isinstance(value, list) else [value] * 3
-    if isinstance(value, list):
-        weights = LUMINANCE if is_color else (1.0 / 3.0,) * 3
-        return sum(weight * channel for weight, channel in zip(weights, value, strict=True))
+def passed_on(value: Value, kind: str, types: tuple[str, ...]) -> Value:
+    """A value of a type of socket after it has passed sockets of these types."""
+    for to in types:
+        value, kind = convert(value, kind, to), to
     return value
 
 
-def _group_output(group: bpy.types.Node) -> Any:
-    if group.node_tree is None:
-        return None
-    outputs = [node for node in group.node_tree.nodes if node.bl_idname == "NodeGroupOutput"]
-    return next((node for node in outputs if node.is_active_output), outputs[0] if outputs else None)
-
-
-def _by_identifier(sockets: Any, identifier: str) -> Any:
-    return next((socket for socket in sockets if socket.identifier == identifier), None)
+def convert(value: Value, kind: str, to: str) -> Value:
+    """Blender's implicit conversion between types of sockets."""
+    if to in {"RGBA", "VECTOR", "SHADER"}:
+        return value if isinstance(value, list) else [value] * 3
+    if to == "BOOLEAN" and IS_INLINED and isinstance(value, list) and kind == "VECTOR":
+        return float(any(value))
+    if isinstance(value, list):
+        weights = LUMINANCE if kind == "RGBA" else (1.0 / 3.0,) * 3
+        value = sum(weight * channel for weight, channel in zip(weights, value, strict=True))
+    if to == "BOOLEAN" and IS_INLINED:
+        return float(value > 0.0)
+    return float(math.trunc(value)) if to in {"INT", "BOOLEAN"} and math.isfinite(value) else value

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
+from .coordinates import texture_vector
+
 if TYPE_CHECKING:
     from .exporter import Translation
     from .graph import Source
@@ -32,7 +34,6 @@ def _texture(name: str, sockets: str, settings: dict[str, str]) -> Translate:
         is_position = name == "voronoi" and output in {"vector", "w"}
 
         def description() -> dict[str, Any]:
-            _name_mapping(t, node)
             values = {field: getattr(node, attribute) for field, attribute in settings.items()}
             if name == "voronoi":
                 values |= {"hash": "pcg" if bpy.app.version >= (5, 0, 0) else "jenkins", "position": is_position}
@@ -40,23 +41,15 @@ def _texture(name: str, sockets: str, settings: dict[str, str]) -> Translate:
                 values["direction"] = node.bands_direction if node.wave_type == "BANDS" else node.rings_direction
             for field in sockets.split():
                 values[field] = t.value(node, field.replace("_", " ").title(), source.context)
-            vector = t.value(node, "Vector", source.context, None)
+            if name == "white_noise":  # It takes no coordinates by itself.
+                vector = t.value(node, "Vector", source.context, [0.0] * 3)
+            else:
+                vector = texture_vector(t, source, {"type": "texture_coordinate", "kind": "generated"})
             return {"type": "procedural", "texture": name, **values, "vector": vector}
 
         return {"node": t.once(source, description, part="position" if is_position else ""), "output": output}
 
     return translate
-
-
-def _name_mapping(t: Translation, node: bpy.types.Node) -> None:
-    """White noise has no such mapping."""
-    mapping = getattr(node, "texture_mapping", None)
-    if mapping is None:
-        return
-    axes = (mapping.mapping_x, mapping.mapping_y, mapping.mapping_z)
-    is_changed = any(mapping.translation) or any(mapping.rotation) or any(scale != 1.0 for scale in mapping.scale)
-    if is_changed or axes != ("X", "Y", "Z"):
-        t.name(f"node '{node.name}': the texture mapping in its properties is not supported yet; use a Mapping node")
 
 
 TEXTURES: dict[str, Translate] = {

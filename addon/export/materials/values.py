@@ -6,17 +6,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+from .coordinates import texture_vector
 from .graph import convert
 from .procedural import TEXTURES
 from .tables import color_ramp, float_curve, rgb_curves
 
 if TYPE_CHECKING:
+    import bpy
+
     from .exporter import Translation
     from .graph import Source
 
 Translate = Callable[["Translation", "Source"], Any]
 Field = tuple[str, str | int, Any]
 
+FACTOR = "\tfactor"
+"""Behind the name of an attribute that is asked for as one number."""
 UP = [0.0, 0.0, 1.0]
 INTERPOLATION = {"Linear": "linear", "Closest": "closest", "Cubic": "cubic", "Smart": "cubic"}
 
@@ -61,7 +66,7 @@ def _image_texture(t: Translation, source: Source) -> Any:
         return {
             "type": "image_texture",
             "texture": texture,
-            "vector": t.value(node, "Vector", source.context, None),
+            "vector": texture_vector(t, source, {"type": "uv_map", "name": ""}),
             "interpolation": INTERPOLATION.get(node.interpolation, "linear"),
             "extension": node.extension.lower(),
         }
@@ -72,13 +77,24 @@ def _image_texture(t: Translation, source: Source) -> Any:
 
 def _texture_coordinate(t: Translation, source: Source) -> Any:
     kind = source.socket.identifier.lower()
+    if kind in {"generated", "uv"}:
+        _name_instancer(t, source.node)
     if source.node.object is not None and kind == "object":
         t.name(f"node '{source.node.name}': coordinates of another object are not supported yet; own ones are used")
     return {"node": t.emit({"type": "texture_coordinate", "kind": kind}), "output": "vector"}
 
 
 def _uv_map(t: Translation, source: Source) -> Any:
-    return {"node": t.emit({"type": "uv_map", "name": source.node.uv_map}), "output": "vector"}
+    """A UV map by its name may be an attribute of any kind."""
+    _name_instancer(t, source.node)
+    name = attribute_name(source.node)
+    node = {"type": "attribute", "name": name} if name else {"type": "uv_map", "name": ""}
+    return {"node": t.once(source, lambda: node), "output": "vector"}
+
+
+def _name_instancer(t: Translation, node: bpy.types.Node) -> None:
+    if node.from_instancer:
+        t.name(f"node '{node.name}': coordinates of the instancer are not supported yet; own ones are used")
 
 
 def _mix(t: Translation, source: Source) -> Any:
@@ -194,6 +210,8 @@ def _geometry(t: Translation, source: Source) -> Any:
     if name not in outputs:
         t.name(f"node '{source.node.name}': output {name} is not supported yet; taken as constant 0.5")
         return 0.5
+    if name == "Normal" and t.normal is not None:
+        return t.normal
     return {"node": t.once(source, lambda: {"type": "geometry"}), "output": outputs[name]}
 
 
@@ -242,7 +260,7 @@ def _float_curve(t: Translation, source: Source) -> Any:
     node = source.node
 
     def description() -> dict[str, Any]:
-        factor, value = t.value(node, 0, source.context, 1.0), t.value(node, 1, source.context)
+        factor, value = t.value(node, 0, source.context, 1.0), t.number(node, 1, source.context)
         return {"type": "rgb_curves", "factor": factor, "color": value, "curves": float_curve(node.mapping)}
 
     return {"node": t.once(source, description), "output": "color"}
@@ -254,21 +272,36 @@ def _attribute(t: Translation, source: Source) -> Any:
     if getattr(node, "attribute_type", "GEOMETRY") != "GEOMETRY":
         t.name(f"node '{node.name}': attributes of the {node.attribute_type.lower()} are not supported yet; black")
         return [0.0, 0.0, 0.0]
-    name = attribute_name(node)
+    name = attribute_name(node) or ""
     if name == "" and node.bl_idname == "ShaderNodeAttribute":
         return 1.0 if output == "Alpha" else [0.0, 0.0, 0.0]
     if name:
         t.attributes[name] = node.name
-    number = t.once(source, lambda: {"type": "color_attribute", "name": name})
-    if output == "Fac":  # The mean, not the luminance.
-        dot = {"operation": "DOT_PRODUCT", "a": {"node": number, "output": "vector"}, "b": [1.0 / 3.0] * 3}
-        return {"node": t.emit({"type": "vector_math", **dot, "c": [0.0] * 3, "scale": 1.0}), "output": "value"}
-    return {"node": number, "output": output.lower()}
+    if node.bl_idname == "ShaderNodeVertexColor":
+        return {"node": t.once(source, lambda: {"type": "color_attribute", "name": name}), "output": output.lower()}
+    if output == "Fac":
+        number = t.once(source, lambda: {"type": "attribute", "name": name + FACTOR}, "factor")
+        return {"node": number, "output": "value"}
+    return {"node": t.once(source, lambda: {"type": "attribute", "name": name}), "output": output.lower()}
+
+
+def asked_of(node: Any) -> list[str]:
+    """Names under which a node asks meshes for attributes."""
+    name = attribute_name(node)
+    if not name:
+        return []
+    outputs = {socket.identifier for socket in node.outputs if socket.is_linked}
+    return [name] * bool(outputs - {"Fac"}) + [name + FACTOR] * ("Fac" in outputs)
 
 
 def attribute_name(node: Any) -> str | None:
-    """What a node asks meshes for; the empty name of Color Attribute is the colour that renders. None for others."""
-    names = {"ShaderNodeVertexColor": "layer_name", "ShaderNodeAttribute": "attribute_name"}
+    """What a node asks meshes for; the empty name of Color Attribute is the colour that renders, and that of UV Map the
+    UV map that renders. None for others."""
+    names = {
+        "ShaderNodeVertexColor": "layer_name",
+        "ShaderNodeAttribute": "attribute_name",
+        "ShaderNodeUVMap": "uv_map",
+    }
     return getattr(node, names[node.bl_idname]) if node.bl_idname in names else None
 
 
@@ -317,13 +350,7 @@ def _rgb_to_bw(t: Translation, source: Source) -> Any:
 
     def description() -> dict[str, Any]:
         color = t.value(source.node, 0, source.context)
-        if isinstance(color, dict):
-            # A vector that arrives here counts as a colour from here on.
-            settings = {"data": "color", "blend": "MIX", "clamp_factor": True, "clamp_result": False}
-            mix = {"type": "mix", **settings, "factor": 0.0, "a": color, "b": [0.0, 0.0, 0.0]}
-            value: Any = {"node": t.emit(mix), "output": "color"}
-        else:
-            value = convert(color, source.socket, is_color=True)
+        value = t.as_color(color) if isinstance(color, dict) else convert(color, "RGBA", "VALUE")
         return {"type": "math", "operation": "ADD", "clamp": False, "a": value, "b": 0.0, "c": 0.0}
 
     return {"node": t.once(source, description), "output": "value"}
@@ -357,6 +384,15 @@ VALUES: dict[str, Translate] = {
         ("rotation", "Rotation", [0.0] * 3),
         ("scale", "Scale", [1.0] * 3),
         properties={"kind": ("vector_type", str.lower)},
+    ),
+    "ShaderNodeDisplacement": _simple(
+        "displacement",
+        "vector",
+        ("height", "Height", 0.0),
+        ("midlevel", "Midlevel", 0.5),
+        ("scale", "Scale", 1.0),
+        ("normal", "Normal", None),
+        properties={"world_space": ("space", lambda space: space == "WORLD")},
     ),
     "ShaderNodeNormalMap": _normal_map,
     "ShaderNodeBump": _bump,

@@ -8,7 +8,7 @@ use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use relume_scene as scene;
-use relume_session::trace::TraceSettings;
+use relume_session::trace::{TraceSettings, shading::constant_emission};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -136,6 +136,16 @@ impl PySceneBuilder {
 
     fn add_material(&mut self, py: Python<'_>, json: &str) -> PyResult<usize> {
         enter_native(py, || self.builder.add_material_json(json))
+    }
+
+    #[staticmethod]
+    fn constant_emission(json: &str) -> PyResult<(Option<[f32; 3]>, Option<u32>)> {
+        let material =
+            serde_json::from_str(json).map_err(|error| invalid(format!("shader (JSON): {error}")))?;
+        Ok(match constant_emission(&material) {
+            Ok(color) => (Some(color.to_array()), None),
+            Err(node) => (None, Some(node)),
+        })
     }
 
     #[pyo3(signature = (name, texels, *, encoding="srgb", alpha="straight"))]

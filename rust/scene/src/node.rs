@@ -109,6 +109,10 @@ pub enum Node {
     ColorAttribute {
         name: String,
     },
+    /// A named attribute of any kind, or a UV map; black and opaque where a mesh lacks it.
+    Attribute {
+        name: String,
+    },
     Mapping {
         kind: MappingKind,
         vector: Input,
@@ -130,6 +134,14 @@ pub enum Node {
         #[serde(default = "default_filter_width")]
         filter_width: Input,
         height: Input,
+        normal: Option<Input>,
+    },
+    /// A displacement as a vector in world space, whose height is in object or world space.
+    Displacement {
+        world_space: bool,
+        height: Input,
+        midlevel: Input,
+        scale: Input,
         normal: Option<Input>,
     },
     // Colour and maths.
@@ -300,6 +312,7 @@ impl Node {
             | Self::TextureCoordinate { .. }
             | Self::UvMap { .. }
             | Self::ColorAttribute { .. }
+            | Self::Attribute { .. }
             | Self::Geometry
             | Self::ObjectInfo => {}
             Self::ImageTexture { vector, .. } => vector.iter_mut().for_each(visit),
@@ -310,6 +323,10 @@ impl Node {
             Self::NormalMap { space: _, uv_map: _, strength, color } => all(&mut [strength, color]),
             Self::Bump { invert: _, strength, distance, filter_width, height, normal } => {
                 all(&mut [strength, distance, filter_width, height]);
+                normal.iter_mut().for_each(visit);
+            }
+            Self::Displacement { world_space: _, height, midlevel, scale, normal } => {
+                all(&mut [height, midlevel, scale]);
                 normal.iter_mut().for_each(visit);
             }
             Self::Mix { factor, a, b, .. } => all(&mut [factor, a, b]),

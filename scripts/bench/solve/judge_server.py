@@ -16,6 +16,7 @@ os.dup2(2, 1)
 
 import bpy  # noqa: E402
 import numpy as np  # noqa: E402
+import relume  # noqa: E402
 from mathutils import Matrix  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -138,7 +139,9 @@ class Judge:
     def describe(self):
         """All lights as a request to `relume.solve` has them."""
         found = []
-        exporter = LightExporter(found.append, print_error, LightLinking([], print_error))
+        exporter = LightExporter(
+            found.append, print_error, LightLinking([], print_error), relume.SceneBuilder.constant_emission
+        )
         for obj in self.lights():
             exporter.export(obj, obj.matrix_world)
         return found

@@ -60,6 +60,10 @@ class SceneBuilder:
     def add_material(self, json: str) -> int:
         """A shader graph in the JSON form of `relume_scene::Material`."""
 
+    @staticmethod
+    def constant_emission(json: str) -> tuple[list[float] | None, int | None]:
+        """What such a graph emits as a lamp's, if it is the same everywhere; else the number of a node that varies."""
+
     def add_texture(
         self,
         name: str,

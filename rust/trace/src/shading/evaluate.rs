@@ -5,6 +5,7 @@ use relume_scene::{Input, Instance, Mesh, Node, NodeId, NormalSpace, Output, Sce
 
 use super::coordinates;
 use super::graph::{Aid, Graph, rotation};
+use super::prepared::NamedAttribute;
 use super::values::{Inputs, evaluate_pure};
 use super::{PreparedMaterials, SurfacePoint, procedural};
 use crate::bsdf;
@@ -43,6 +44,11 @@ impl Inputs for Known<'_, '_> {
 }
 
 impl Known<'_, '_> {
+    /// A normal input as it is, the shading normal if there is none.
+    fn raw_normal(&self, input: &Option<Input>) -> Vec3 {
+        input.as_ref().map_or(self.context.point.shading_normal, |input| self.vector(input))
+    }
+
     /// A normal input: unit length, the shading normal if there is none.
     pub fn normal(&self, input: &Option<Input>) -> Vec3 {
         let smooth = self.context.point.shading_normal;
@@ -97,7 +103,13 @@ impl<'a> Context<'a> {
             }
             Node::TextureCoordinate { kind } => coordinates::coordinate(self, *kind),
             Node::UvMap { .. } => self.uv(self.attribute(index)),
-            Node::ColorAttribute { .. } => return self.color(self.attribute(index)),
+            Node::ColorAttribute { .. } => return self.named(self.attribute(index)).unwrap_or_default(),
+            Node::Attribute { .. } => return self.named(self.attribute(index)).unwrap_or(Vec4::W),
+            Node::Displacement { world_space, height, midlevel, scale, normal } => {
+                let along = known.raw_normal(normal);
+                let height = (known.float(height) - known.float(midlevel)) * known.float(scale);
+                self.displacement(*world_space, along, height)
+            }
             Node::Mapping { kind, vector, location, rotation: angles, scale } => {
                 let rotation = match &self.graph.aids[index] {
                     Aid::Rotation(rotation) => *rotation,
@@ -116,10 +128,10 @@ impl<'a> Context<'a> {
             Node::Fresnel { ior, normal } => {
                 let ior = known.float(ior).max(1e-5);
                 let eta = if self.point.backfacing { 1.0 / ior } else { ior };
-                return Vec4::splat(bsdf::dielectric(known.normal(normal).dot(self.point.wo), eta).0);
+                return Vec4::splat(bsdf::dielectric(known.raw_normal(normal).dot(self.point.wo), eta).0);
             }
             Node::LayerWeight { blend, normal } => {
-                return self.layer_weight(known.float(blend), known.normal(normal));
+                return self.layer_weight(known.float(blend), known.raw_normal(normal));
             }
             _ => Vec3::ZERO,
         };
@@ -141,15 +153,33 @@ impl<'a> Context<'a> {
     /// UV coordinates of the named map with this number; 0 where the mesh lacks it.
     fn uv(&self, name: usize) -> Vec3 {
         let Some(map) = self.prepared.uv_map(self.point.mesh, name) else { return Vec3::ZERO };
-        let coords = &self.mesh().uv_maps[map].coords;
-        let uv: Vec2 = self.interpolate(|corner| coords[corner]);
-        uv.extend(0.0)
+        self.interpolate_uv(map).extend(0.0)
     }
 
-    fn color(&self, name: usize) -> Vec4 {
-        let Some(map) = self.prepared.color_attribute(self.point.mesh, name) else { return Vec4::ZERO };
-        let colors = &self.mesh().color_attributes[map].colors;
-        self.interpolate(|corner| Vec4::from(colors[corner]))
+    fn interpolate_uv(&self, map: usize) -> Vec2 {
+        let coords = &self.mesh().uv_maps[map].coords;
+        self.interpolate(|corner| coords[corner])
+    }
+
+    /// The attribute with this name number, alpha 1 for a UV map; nothing where the mesh lacks it.
+    fn named(&self, name: usize) -> Option<Vec4> {
+        Some(match self.prepared.attribute(self.point.mesh, name)? {
+            NamedAttribute::Color(map) => {
+                let colors = &self.mesh().color_attributes[map].colors;
+                self.interpolate(|corner| Vec4::from(colors[corner]))
+            }
+            NamedAttribute::Uv(map) => self.interpolate_uv(map).extend(0.0).extend(1.0),
+        })
+    }
+
+    /// A height along a world-space normal as a vector in world space. A height in object space is scaled with the object.
+    fn displacement(&self, world_space: bool, normal: Vec3, height: f32) -> Vec3 {
+        if world_space {
+            return normal * height;
+        }
+        let world_from_object = self.instance().world_from_object.matrix3;
+        let in_object = (world_from_object.transpose() * normal).normalize_or_zero();
+        world_from_object * in_object * height
     }
 
     fn interpolate<T>(&self, at_corner: impl Fn(usize) -> T) -> T

@@ -52,8 +52,8 @@ pub struct Names {
     pub uv_maps: Vec<String>,
     /// UV maps whose tangents are needed: indices into `uv_maps`.
     pub tangents: BTreeSet<usize>,
-    /// Colour attributes; the empty name is the active one.
-    pub colors: Vec<String>,
+    /// Attributes; the empty name is the active colour.
+    pub attributes: Vec<String>,
 }
 
 fn number_of(names: &mut Vec<String>, name: &str) -> usize {
@@ -153,7 +153,9 @@ impl Graph {
                     .map_or(Aid::None, |read| Aid::Parameters(Box::new(read)))
             }
             Node::UvMap { name } => Aid::Attribute(number_of(&mut names.uv_maps, name)),
-            Node::ColorAttribute { name } => Aid::Attribute(number_of(&mut names.colors, name)),
+            Node::ColorAttribute { name } | Node::Attribute { name } => {
+                Aid::Attribute(number_of(&mut names.attributes, name))
+            }
             Node::NormalMap { uv_map, .. } => {
                 let number = number_of(&mut names.uv_maps, uv_map);
                 names.tangents.insert(number);

@@ -5,6 +5,7 @@
 
 mod closures;
 mod color;
+mod constant;
 mod coordinates;
 mod evaluate;
 mod graph;
@@ -19,6 +20,7 @@ mod tests;
 mod texture;
 mod values;
 
+pub use constant::constant_emission;
 pub use point::{Hit, SurfacePoint};
 pub use prepared::PreparedMaterials;
 pub(crate) use texture::equirectangular;

@@ -36,7 +36,16 @@ struct Attributes {
     uv_maps: Vec<Option<usize>>,
     /// Corner tangents by UV map name.
     tangents: Vec<Option<Vec<Vec4>>>,
-    colors: Vec<Option<usize>>,
+    named: Vec<Option<NamedAttribute>>,
+}
+
+/// Where a mesh has an attribute of some name.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum NamedAttribute {
+    /// Index of a colour attribute.
+    Color(usize),
+    /// Index of a UV map.
+    Uv(usize),
 }
 
 impl PreparedMaterials {
@@ -152,9 +161,9 @@ impl PreparedMaterials {
         self.attributes[mesh as usize].uv_maps[name]
     }
 
-    /// Index of the colour attribute with this name number in a mesh.
-    pub(super) fn color_attribute(&self, mesh: u32, name: usize) -> Option<usize> {
-        self.attributes[mesh as usize].colors[name]
+    /// The attribute with this name number in a mesh.
+    pub(super) fn attribute(&self, mesh: u32, name: usize) -> Option<NamedAttribute> {
+        self.attributes[mesh as usize].named[name]
     }
 
     /// Corner tangents of the UV map with this name number.
@@ -217,12 +226,12 @@ fn find_attributes(mesh: &Mesh, names: &Names) -> Attributes {
             Some(corner_tangents(mesh, &mesh.uv_maps[map]))
         })
         .collect();
-    let colors = names
-        .colors
-        .iter()
-        .map(|name| find(name, &mut mesh.color_attributes.iter().map(|attribute| &attribute.name)))
-        .collect();
-    Attributes { uv_maps, tangents, colors }
+    let colors = |name| find(name, &mut mesh.color_attributes.iter().map(|attribute| &attribute.name));
+    let uvs = |name: &String| mesh.uv_maps.iter().position(|map| map.name == *name);
+    let named = names.attributes.iter();
+    let named =
+        named.map(|name| colors(name).map(NamedAttribute::Color).or(uvs(name).map(NamedAttribute::Uv)));
+    Attributes { uv_maps, tangents, named: named.collect() }
 }
 
 #[cfg(test)]

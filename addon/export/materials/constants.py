@@ -1,0 +1,115 @@
+"""Shaders of lamps and worlds that emit the same everywhere. The tracer computes what their nodes come to."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import bpy
+
+from .closures import CLOSURES
+from .exporter import Translation
+from .graph import NUMBERS, Context, Source, Value
+
+ConstantEmission = Callable[[str], tuple[list[float] | None, int | None]]
+"""`relume.SceneBuilder.constant_emission`."""
+
+EMITTERS = {
+    "ShaderNodeEmission",
+    "ShaderNodeBackground",
+    "ShaderNodeBsdfPrincipled",
+    "ShaderNodeMixShader",
+    "ShaderNodeAddShader",
+}
+"""Shaders that count in a lamp or world; others emit nothing."""
+COMPUTED = {
+    *("ShaderNodeMix", "ShaderNodeMixRGB", "ShaderNodeMath", "ShaderNodeVectorMath", "ShaderNodeMapRange"),
+    *("ShaderNodeClamp", "ShaderNodeValToRGB", "ShaderNodeRGBCurve", "ShaderNodeFloatCurve"),
+    *("ShaderNodeHueSaturation", "ShaderNodeBrightContrast", "ShaderNodeGamma", "ShaderNodeInvert"),
+    *("ShaderNodeRGBToBW", "ShaderNodeSeparateColor", "ShaderNodeSeparateRGB", "ShaderNodeSeparateHSV"),
+    *("ShaderNodeCombineColor", "ShaderNodeCombineRGB", "ShaderNodeCombineHSV", "ShaderNodeSeparateXYZ"),
+    "ShaderNodeCombineXYZ",
+}
+"""Nodes that depend on their inputs alone."""
+
+
+class VaryingNodeError(Exception):
+    """A shader does not emit the same everywhere; `node` is one that varies."""
+
+    def __init__(self, node: bpy.types.Node):
+        super().__init__(f"node '{node.name}' ({node.bl_label}) varies")
+        self.node = node
+
+
+class ConstantTranslation(Translation):
+    """The graph of a lamp or world, in which nodes that vary stand for themselves."""
+
+    def __init__(self, light_path: Callable[[str], float | None], is_sun: bool = False):
+        """`light_path`: what an output of the Light Path node is for all that the light meets, if it is the same."""
+        images: Any = None  # Images vary.
+        super().__init__(None, images, None, "")
+        self.light_path = light_path
+        self.is_sun = is_sun
+        self.uses_light_path = False
+        """Whether anything depended on what sees it."""
+        self.varying: dict[int, bpy.types.Node] = {}
+        self._present: list[bpy.types.Node] = []
+        """The nodes in translation."""
+
+    def emission(
+        self, surface: bpy.types.NodeSocket, context: Context, compute: ConstantEmission
+    ) -> list[float] | None:
+        """What a shader socket emits; None if it has no shader. Raises VaryingNodeError."""
+        number = self.shader(surface, context)
+        return None if number is None else self._computed(number, compute)
+
+    def constant(self, socket: bpy.types.NodeSocket, context: Context, compute: ConstantEmission) -> Value:
+        """The value of a socket. Raises VaryingNodeError."""
+        value = self.socket_value(socket, context)
+        color = self._computed(self.emit({"type": "emission", "color": value, "strength": 1.0}), compute)
+        return color[0] if socket.type in NUMBERS else color
+
+    def _computed(self, surface: int, compute: ConstantEmission) -> list[float]:
+        color, varying = compute(json.dumps({"name": "", "nodes": self.nodes, "surface": surface}))
+        if color is None:
+            raise VaryingNodeError(self.varying[varying if varying is not None else -1])
+        return color
+
+    def _closure(self, source: Source) -> int | None:
+        if source.node.bl_idname not in EMITTERS:
+            return None
+        self._present.append(source.node)
+        number = CLOSURES[source.node.bl_idname](self, source.node, source.context)
+        self._present.pop()
+        if number is not None:
+            self.varying[number] = source.node
+        return number
+
+    def _output(self, source: Source) -> Any:
+        node, output = source.node, source.socket.identifier
+        if node.bl_idname == "ShaderNodeLightPath" and (value := self.light_path(output)) is not None:
+            self.uses_light_path = True
+            return value
+        if node.bl_idname == "ShaderNodeLightFalloff" and self._is_plain(source):
+            return self.value(node, "Strength", source.context)
+        if node.bl_idname not in COMPUTED:
+            return self._varies(node)
+        self._present.append(node)
+        value = super()._output(source)
+        self._present.pop()
+        return value
+
+    def _is_plain(self, falloff: Source) -> bool:
+        """Whether a Light Falloff node gives its strength, as that of a lamp without nodes."""
+        is_smooth = self.value(falloff.node, "Smooth", falloff.context) != 0.0
+        return self.is_sun or (falloff.socket.identifier == "Quadratic" and not is_smooth)
+
+    def _varies(self, node: bpy.types.Node) -> dict[str, Any]:
+        number = self.emit({"type": "geometry"})
+        self.varying[number] = node
+        return {"node": number, "output": "position"}
+
+    def name(self, _what: str) -> None:
+        """What cannot be computed varies."""
+        raise VaryingNodeError(self._present[-1])

@@ -1,0 +1,60 @@
+"""Where textures are taken: what feeds their Vector input, and the mapping in their properties."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import bpy
+
+if TYPE_CHECKING:
+    from .exporter import Translation
+    from .graph import Source
+
+AXES = {"X": "x", "Y": "y", "Z": "z"}
+
+
+def is_mapped(node: bpy.types.Node) -> bool:
+    """Whether the mapping in a texture's properties does anything. White noise has no such mapping."""
+    mapping = getattr(node, "texture_mapping", None)
+    if mapping is None:
+        return False
+    is_moved = any(mapping.translation) or any(mapping.rotation) or any(scale != 1.0 for scale in mapping.scale)
+    return is_moved or mapping.use_min or mapping.use_max or _axes(mapping) != ("X", "Y", "Z")
+
+
+def texture_vector(t: Translation, source: Source, implied: dict[str, Any]) -> Any:
+    """The vector that a texture is taken at; None for what it takes where nothing is linked, which is `implied` as a
+    node."""
+    node = source.node
+    vector = t.value(node, "Vector", source.context, None)
+    if not is_mapped(node):
+        return vector
+    if vector is None:
+        vector = {"node": t.emit(implied), "output": "vector"}
+    return _mapped(t, vector, node.texture_mapping)
+
+
+def _axes(mapping: bpy.types.TexMapping) -> tuple[str, str, str]:
+    return mapping.mapping_x, mapping.mapping_y, mapping.mapping_z
+
+
+def _mapped(t: Translation, vector: Any, mapping: bpy.types.TexMapping) -> Any:
+    """In Cycles' order: axes are exchanged, then moved, then limited."""
+    if _axes(mapping) != ("X", "Y", "Z"):
+        parts = t.emit({"type": "separate_xyz", "vector": vector})
+        found = [{"node": parts, "output": AXES[axis]} if axis in AXES else 0.0 for axis in _axes(mapping)]
+        vector = {"node": t.emit({"type": "combine_xyz"} | dict(zip("xyz", found, strict=True))), "output": "vector"}
+    settings = {
+        "kind": mapping.vector_type.lower(),
+        "location": list(mapping.translation),
+        "rotation": list(mapping.rotation),
+        "scale": list(mapping.scale),
+    }
+    vector = {"node": t.emit({"type": "mapping", "vector": vector, **settings}), "output": "vector"}
+    limits = (("MAXIMUM", mapping.use_min, mapping.min), ("MINIMUM", mapping.use_max, mapping.max))
+    for operation, is_used, limit in limits:
+        if is_used:
+            inputs = {"a": vector, "b": list(limit), "c": [0.0] * 3, "scale": 1.0}
+            node = t.emit({"type": "vector_math", "operation": operation, **inputs})
+            vector = {"node": node, "output": "vector"}
+    return vector
