@@ -19,6 +19,7 @@ PARTS = {
     ("object", "details"): "Modifiers of '{name}' changed",
     ("object", "materials"): "'{name}' has other materials",
     ("object", "visibility"): "Visibility of '{name}' changed",
+    ("object", "terminator"): "Shadow Terminator of '{name}' changed",
     ("object", "pose"): "'{name}' has another pose",
     ("data", "shape"): "Geometry '{name}' changed",
     ("data", "details"): "Geometry '{name}' changed",
@@ -41,7 +42,7 @@ PARTS = {
     ("collections", "origins"): "The origin of an instanced collection moved",
 }
 """What is said of a part that differs; of a `helper`, which no render shows itself, as of an `object`."""
-LATER = {"details", "origins", "lacking"}
+LATER = {"details", "origins", "lacking", "terminator"}
 """Parts that the first bakes do not know: of these nothing is said."""
 ORDER = (
     *("camera", "film", "settings", "collections", "world", "object", "helper", "collection", "instanced", "nodes"),

@@ -23,6 +23,7 @@ from ..export.images import frame_of, path_of, tile_path
 from ..export.instancers import node_inputs, objects_in
 from ..export.materials.graph import used_tree
 from ..export.plain import plain
+from ..export.scene import shadow_terminator
 from ..export.working_space import working_space
 from ..export.world import export_world, world_of
 from ..export.world_graph import WorldGraph
@@ -226,6 +227,8 @@ def _object(obj: bpy.types.Object) -> Print:
         "place": _matrix(obj.matrix_world),
         "visibility": hashed([getattr(obj, f"visible_{name}") for name in visible]),
     }
+    if obj.type in GEOMETRY:
+        found["terminator"] = hashed(shadow_terminator(obj))
     if obj.data is not None:
         found["data"] = obj.data.name_full
     elif obj.instance_collection is not None:

@@ -32,6 +32,8 @@ def trace_settings(scene: bpy.types.Scene, warn: Callable[[str], None]) -> dict[
                 "glossy": cycles.glossy_bounces,
                 "transmission": cycles.transmission_bounces,
                 "transparent": cycles.transparent_max_bounces,
+                # Until 5.0, Cycles' paths went through one more than its lights.
+                "more_transparent": int(bpy.app.version < (5, 0, 0)),
                 "min_total": cycles.min_light_bounces,
                 "min_transparent": cycles.min_transparent_bounces,
             },

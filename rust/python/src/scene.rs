@@ -103,7 +103,7 @@ impl PySceneBuilder {
     }
 
     #[pyo3(signature = (name, mesh, world_from_object, materials, *, receiver=0, color=[1.0; 4], pass_index=0,
-        random=0.0, shadow_terminator_offset=0.1, visibility=[true; 4]))]
+        random=0.0, shadow_terminator_offset=0.1, shadow_terminator_shading=0.0, visibility=[true; 4]))]
     fn add_instance(
         &mut self,
         py: Python<'_>,
@@ -116,6 +116,7 @@ impl PySceneBuilder {
         pass_index: u32,
         random: f32,
         shadow_terminator_offset: f32,
+        shadow_terminator_shading: f32,
         visibility: [bool; 4],
     ) -> PyResult<()> {
         let [visible_camera, visible_diffuse, visible_glossy, visible_transmission] = visibility;
@@ -125,6 +126,7 @@ impl PySceneBuilder {
             pass_index,
             random,
             shadow_terminator_offset,
+            shadow_terminator_shading,
             visible_camera,
             visible_diffuse,
             visible_glossy,
@@ -393,6 +395,7 @@ fn summary(scene: &scene::Scene) -> serde_json::Value {
             "name": i.name, "mesh": i.mesh, "materials": i.materials, "receiver": i.receiver,
             "world_from_object": i.world_from_object, "color": i.color, "pass_index": i.pass_index,
             "random": i.random, "shadow_terminator_offset": i.shadow_terminator_offset,
+            "shadow_terminator_shading": i.shadow_terminator_shading,
             "visibility": [i.visible_camera, i.visible_diffuse, i.visible_glossy, i.visible_transmission],
         })).collect::<Vec<_>>(),
         "textures": scene.textures.iter().map(|t| serde_json::json!({

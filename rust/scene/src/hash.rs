@@ -111,6 +111,9 @@ fn hash_instance(hasher: &mut Hasher, instance: &Instance) {
             instance.shadow_terminator_offset,
         ),
     );
+    if instance.shadow_terminator_shading != 0.0 {
+        json(hasher, &instance.shadow_terminator_shading);
+    }
 }
 
 fn hash_texture(hasher: &mut Hasher, texture: &Texture) {
@@ -138,10 +141,11 @@ mod tests {
 
     #[test]
     fn everything_that_changes_paths_changes_the_hash() {
-        let changes: [fn(&mut Scene); 7] = [
+        let changes: [fn(&mut Scene); 8] = [
             |scene| scene.meshes[0].positions[0].x = 1.000_001,
             |scene| scene.instances[0].world_from_object.translation.y = 1e-6,
             |scene| scene.instances[0].visible_glossy = false,
+            |scene| scene.instances[0].shadow_terminator_shading = 0.5,
             |scene| scene.camera.width += 1,
             |scene| scene.materials.push(Material::default()),
             |scene| scene.meshes[0].corner_normals.push(Vec3::ONE),

@@ -62,6 +62,9 @@ pub struct Instance {
     /// Cosine below which rays that graze a smooth-shaded triangle start above it (Cycles' Shadow Terminator Geometry
     /// Offset); 0 for never.
     pub shadow_terminator_offset: f32,
+    /// How far reflection ends before the horizon, 0 for there, 1 for halfway (Cycles' Shadow Terminator Shading Offset).
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub shadow_terminator_shading: f32,
     /// Seen by camera rays.
     pub visible_camera: bool,
     /// Seen by diffuse rays.
@@ -70,6 +73,10 @@ pub struct Instance {
     pub visible_glossy: bool,
     /// Seen by transmission rays.
     pub visible_transmission: bool,
+}
+
+fn is_zero(value: &f32) -> bool {
+    *value == 0.0
 }
 
 impl Instance {
@@ -99,6 +106,7 @@ impl Instance {
             pass_index: 0,
             random: 0.0,
             shadow_terminator_offset: 0.1,
+            shadow_terminator_shading: 0.0,
             visible_camera: true,
             visible_diffuse: true,
             visible_glossy: true,

@@ -5,7 +5,7 @@ use relume_dump::{AovSample, End, Lobe, Segment, TileSamples};
 use relume_scene::Scene;
 
 use crate::{
-    bsdf::{BsdfSample, Surface},
+    bsdf::{BsdfSample, Caustics, Surface},
     bvh::{Ray, SceneBvh},
     camera::CameraSampler,
     departure::{start_at, start_lifted},
@@ -102,13 +102,14 @@ impl Integrator<'_> {
             if let Some(horizon) = path.horizon {
                 if (hit.instance, hit.triangle) != horizon.triangle {
                     let end = End::Vertex(horizon.vertex + ray.direction * hit.distance);
-                    sink.push(self.segment(&path, end));
+                    self.record(&path, last, end, sink);
                 }
                 break;
             }
             footprint += camera.spread * hit.distance;
             let point = self.materials.surface_point(self.scene, &hit, ray.origin, ray.direction, footprint);
-            sink.push(self.segment(&path, End::Vertex(point.position)));
+            self.record(&path, last, End::Vertex(point.position), sink);
+            scratch.surface.show(if path.is_diffuse { self.settings.caustics() } else { Caustics::ALL });
             self.materials.evaluate(self.scene, &point, &mut scratch.surface);
             if surface_number == 0 {
                 features.sample.depth = Some(camera.start + hit.distance);
@@ -142,10 +143,12 @@ impl Integrator<'_> {
         sink.end_path(features.sample);
     }
 
-    /// The path's current segment, as the film sees it.
-    fn segment(&self, path: &PathState, end: End) -> Segment {
-        let segment = path.segment(end);
-        Segment { throughput: segment.throughput * self.settings.film_exposure, ..segment }
+    /// Records the path's current segment, as the film sees it, if lights along it count. `last` is there if lights are looked for from its place.
+    fn record(&self, path: &PathState, last: Option<LastBounce>, end: End, sink: &mut impl PathSink) {
+        if path.sees_lights(&self.settings.bounces, last.is_none()) {
+            let segment = path.segment(end);
+            sink.push(Segment { throughput: segment.throughput * self.settings.film_exposure, ..segment });
+        }
     }
 
     /// The path leaves the scene.
@@ -157,7 +160,7 @@ impl Integrator<'_> {
         features: &mut Features,
         sink: &mut impl PathSink,
     ) {
-        sink.push(self.segment(path, End::Escape(direction)));
+        self.record(path, last, End::Escape(direction), sink);
         let is_camera = path.lobe == Lobe::Camera;
         if is_camera {
             features.sample.alpha = 1.0 - path.throughput.element_sum() / 3.0;
@@ -229,6 +232,7 @@ impl Integrator<'_> {
                 materials: &self.materials,
                 environment: &self.environment,
                 cones,
+                transparent_left: path.transparent_left(limits),
             };
             let on_film = path.throughput * self.settings.film_exposure;
             match lights.sample(&lookup, point, surface, &mut scratch.shadow, on_film, draw(1)) {
@@ -267,12 +271,9 @@ impl Integrator<'_> {
         true
     }
 
-    /// Caustics options, defensive sampling and Filter Glossy (Cycles' `surface_shader_prepare_closures`).
+    /// Defensive sampling and Filter Glossy (Cycles' `surface_shader_prepare_closures`).
     fn filter_closures(&self, path: &PathState, surface: &mut Surface) {
-        let PathSettings { caustics_reflective, caustics_refractive, filter_glossy, .. } = self.settings;
-        if path.lobe == Lobe::Diffuse && !(caustics_reflective && caustics_refractive) {
-            surface.filter_caustics(caustics_reflective, caustics_refractive);
-        }
+        let filter_glossy = self.settings.filter_glossy;
         if path.is_on_first_surface() {
             surface.sample_defensively();
         }

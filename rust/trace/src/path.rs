@@ -12,6 +12,8 @@ pub(crate) struct PathState {
     pub throughput: Vec3,
     /// What made the current segment; transparent surfaces do not change it.
     pub lobe: Lobe,
+    /// Whether that was diffuse, on either side of the surface.
+    pub is_diffuse: bool,
     /// Class that lights along the present segment are collected under ([`BsdfSample::light_lobe`]).
     pub light_lobe: Lobe,
     /// Receiver number of the object that the path last scattered at; transparent surfaces do not change it, so that
@@ -49,6 +51,7 @@ impl PathState {
         Self {
             throughput: Vec3::ONE,
             lobe: Lobe::Camera,
+            is_diffuse: false,
             light_lobe: Lobe::Camera,
             receiver: 0,
             horizon: None,
@@ -98,7 +101,19 @@ impl PathState {
         self.throughput *= weight;
         self.transparent += 1;
         self.through_transparent = true;
-        self.ends_on_surface |= self.transparent > limits.transparent;
+        self.ends_on_surface |=
+            self.transparent >= limits.transparent.saturating_add(limits.more_transparent);
+    }
+
+    /// How many transparent surfaces light may pass on its way straight to the surface that the path is on.
+    pub fn transparent_left(&self, limits: &BounceLimits) -> u32 {
+        limits.transparent.saturating_sub(self.transparent)
+    }
+
+    /// Whether lights along the current segment count: where they are looked for from surfaces, no more transparent ones may
+    /// lie before them than the limit says. `is_found` where a path meets them by itself alone, as in mirrors.
+    pub fn sees_lights(&self, limits: &BounceLimits, is_found: bool) -> bool {
+        is_found || self.transparent <= limits.transparent
     }
 
     /// Scatters at a surface (`path_state_next`). Cycles' kernel limits are the settings plus one, so that a light is
@@ -107,6 +122,7 @@ impl PathState {
         self.throughput *= sample.weight;
         self.min_pdf = self.min_pdf.min(sample.pdf);
         self.lobe = sample.lobe;
+        self.is_diffuse = sample.diffuse;
         self.light_lobe = sample.light_lobe;
         self.through_transparent = false;
         self.bounces += 1;
@@ -131,6 +147,7 @@ mod tests {
             pdf: 1.0,
             lobe,
             light_lobe: lobe,
+            diffuse: lobe == Lobe::Diffuse,
             singular: false,
             transparent: false,
             lights_only: false,
@@ -161,14 +178,19 @@ mod tests {
 
     #[test]
     fn transparent_surfaces_keep_the_lobe_and_count_apart() {
-        let limits = BounceLimits { total: 0, transparent: 2, ..BounceLimits::default() };
-        let mut path = PathState::new();
-        for _ in 0..3 {
-            assert!(path.survival(&limits) > 0.0);
-            path.pass_through(Vec3::ONE, &limits);
-            assert!(path.lobe == Lobe::Camera && !path.is_last_surface());
+        for more_transparent in [0, 1] {
+            let limits =
+                BounceLimits { total: 0, transparent: 2, more_transparent, ..BounceLimits::default() };
+            let mut path = PathState::new();
+            for _ in 0..2 + more_transparent {
+                assert!(path.survival(&limits) > 0.0 && path.sees_lights(&limits, false));
+                path.pass_through(Vec3::ONE, &limits);
+                assert!(path.lobe == Lobe::Camera && !path.is_last_surface());
+            }
+            assert_eq!(path.survival(&limits), 0.0);
+            assert_eq!(path.sees_lights(&limits, false), more_transparent == 0);
+            assert!(path.sees_lights(&limits, true));
         }
-        assert_eq!(path.survival(&limits), 0.0);
     }
 
     #[test]

@@ -110,7 +110,7 @@ impl<'a> Tracer<'a> {
         let environment = Environment::new(scene, world_color(scene, settings), &materials);
         let paths = settings.paths.clone();
         let lights = if paths.sample_static_lights {
-            StaticLights::new(scene, &materials, &environment, paths.bounces.transparent)
+            StaticLights::new(scene, &materials, &environment)
         } else {
             None
         };

@@ -3,6 +3,7 @@
 use relume_dump::Pass;
 use relume_scene::Light;
 
+use crate::bsdf::Caustics;
 use crate::filter::PixelFilter;
 
 /// Of [`TraceSettings::guiding`]: above, lights that were moved would be too noisy.
@@ -57,9 +58,9 @@ pub struct PathSettings {
     pub bounces: BounceLimits,
     /// Blender's Filter Glossy; 0 for none.
     pub filter_glossy: f32,
-    /// Whether glossy reflection is seen by diffuse rays.
+    /// Whether glossy reflection is seen by diffuse rays, reflected or transmitted.
     pub caustics_reflective: bool,
-    /// Whether refraction is seen by diffuse rays.
+    /// Whether refraction is seen by diffuse rays, reflected or transmitted.
     pub caustics_refractive: bool,
     /// Pixel filter.
     pub filter: PixelFilter,
@@ -68,6 +69,13 @@ pub struct PathSettings {
     /// Whether the scene's own emitters and the world are also sampled directly. Changes only the noise of the static
     /// layers, never a path.
     pub sample_static_lights: bool,
+}
+
+impl PathSettings {
+    /// What diffuse rays see of the surfaces that they meet.
+    pub(crate) fn caustics(&self) -> Caustics {
+        Caustics { reflective: self.caustics_reflective, refractive: self.caustics_refractive }
+    }
 }
 
 impl Default for PathSettings {
@@ -96,8 +104,10 @@ pub struct BounceLimits {
     pub glossy: u32,
     /// Transmission.
     pub transmission: u32,
-    /// Surfaces that a path goes straight through.
+    /// Transparent surfaces that a path goes straight through and still sees lights behind.
     pub transparent: u32,
+    /// How many more of them a path goes through to what the scene itself emits, and to what mirrors and the camera see.
+    pub more_transparent: u32,
     /// Bounces before Russian roulette may end a path.
     pub min_total: u32,
     /// Transparent surfaces before Russian roulette may end a path.
@@ -112,6 +122,7 @@ impl Default for BounceLimits {
             glossy: 4,
             transmission: 12,
             transparent: 8,
+            more_transparent: 0,
             min_total: 0,
             min_transparent: 0,
         }

@@ -28,7 +28,6 @@ pub(crate) struct StaticLights {
     /// For each instance: whether any of its materials lets light through.
     transparent: Vec<bool>,
     any_transparent: bool,
-    transparent_limit: u32,
 }
 
 /// What a light sample adds to the static layers, before the path's throughput.
@@ -47,12 +46,7 @@ pub(crate) struct LastBounce {
 
 impl StaticLights {
     /// Nothing if there is nothing to sample.
-    pub fn new(
-        scene: &Scene,
-        materials: &PreparedMaterials,
-        environment: &Environment,
-        transparent_limit: u32,
-    ) -> Option<Self> {
+    pub fn new(scene: &Scene, materials: &PreparedMaterials, environment: &Environment) -> Option<Self> {
         let emitters = Emitters::new(scene, materials);
         let samples_environment = environment.can_sample();
         let by_material: Vec<bool> = scene.materials.iter().map(may_be_transparent).collect();
@@ -67,7 +61,6 @@ impl StaticLights {
             samples_environment,
             transparent,
             any_transparent,
-            transparent_limit,
         })
     }
 
@@ -147,7 +140,7 @@ impl StaticLights {
         if goal.is_none() && !self.any_transparent {
             return (!tracer.bvh.is_blocked(&ray)).then_some(through);
         }
-        for _ in 0..=self.transparent_limit {
+        for _ in 0..=tracer.transparent_left {
             let Some(hit) = tracer.bvh.intersect(&ray) else {
                 return goal.is_none().then_some(through);
             };
@@ -177,6 +170,8 @@ pub(crate) struct Lookup<'a> {
     pub environment: &'a Environment,
     /// What the path's own directions are drawn from beside the surface.
     pub cones: Option<&'a Cones>,
+    /// How many transparent surfaces may lie before a light.
+    pub transparent_left: u32,
 }
 
 impl Lookup<'_> {

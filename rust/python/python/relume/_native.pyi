@@ -52,6 +52,7 @@ class SceneBuilder:
         pass_index: int = 0,
         random: float = 0.0,
         shadow_terminator_offset: float = 0.1,
+        shadow_terminator_shading: float = 0.0,
         visibility: Sequence[bool] = (True, True, True, True),
     ) -> None:
         """Places a mesh; matrices are rows, one material a slot, visibility to camera, diffuse, glossy and

@@ -38,6 +38,7 @@ fn scene() -> Scene {
             pass_index: 7,
             random: 0.7,
             shadow_terminator_offset: 0.2,
+            shadow_terminator_shading: 0.4,
             visible_glossy: false,
             ..Instance::new("Wall", mesh, world_from_object, vec![material])
         })

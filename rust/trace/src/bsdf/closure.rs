@@ -142,6 +142,14 @@ impl Closure {
         matches!(self.scatter, Scatter::Microfacet(_) | Scatter::AshikhminShirley(_))
     }
 
+    /// Whether it is diffuse, on either side of the surface.
+    pub fn is_diffuse(&self) -> bool {
+        matches!(
+            self.scatter,
+            Scatter::Diffuse | Scatter::OrenNayar(_) | Scatter::Sheen(_) | Scatter::Translucent
+        )
+    }
+
     pub(crate) fn sharpness(&self) -> Sharpness {
         match &self.scatter {
             Scatter::Transparent => Sharpness::Singular,

@@ -177,6 +177,10 @@ fn reflection_albedo(rough: f32, mu: f32, samples: u32) -> f32 {
 }
 
 fn glass_albedo(rough: f32, mu: f32, ior: f32, samples: u32) -> f32 {
+    // What goes straight on loses nothing, however rough the surface.
+    if fresnel::is_unbending(ior) {
+        return 1.0;
+    }
     mean_over_normals(rough, mu, samples, |surface, wo, h| {
         let cos = h.dot(wo);
         let (reflectance, cos_t) = fresnel::dielectric(cos, ior);
@@ -236,6 +240,7 @@ mod tests {
         assert!((rough - (1.0 - std::f32::consts::LN_2)).abs() < 1e-3, "{rough}");
         assert!(GLASS.at([0.0, 0.5, 0.4]) > 0.999);
         assert!(GLASS.at([1.0, 0.5, 0.4]) < 0.98);
+        assert_eq!(Compensation::glass(1.0, 0.5, 1.0, Vec3::ONE).scale, 1.0);
     }
 
     #[test]

@@ -18,6 +18,11 @@ pub fn dielectric(cos_i: f32, eta: f32) -> (f32, f32) {
     (0.5 * (perpendicular * perpendicular + parallel * parallel), cos_t)
 }
 
+/// Whether the two sides have the same index, so that refraction is a straight line however rough the surface.
+pub fn is_unbending(eta: f32) -> bool {
+    (eta - 1.0).abs() < 1e-4
+}
+
 /// Reflectance of a dielectric at normal incidence.
 pub fn f0_from_ior(ior: f32) -> f32 {
     let root = (ior - 1.0) / (ior + 1.0);

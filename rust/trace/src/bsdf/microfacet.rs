@@ -89,7 +89,7 @@ impl Microfacet {
 
     /// Whether the two sides have the same index, so that refraction is a straight line however rough the surface.
     pub fn is_unbending(&self) -> bool {
-        (self.ior - 1.0).abs() < 1e-4
+        fresnel::is_unbending(self.ior)
     }
 
     /// Reflected and transmitted part at a facet seen at `cos`, and cosine of the refracted angle.

@@ -28,4 +28,4 @@ pub use fresnel::{F82, dielectric, dielectric_mean, f0_from_ior, ior_from_f0};
 pub use microfacet::{Fresnel, Interface, Microfacet};
 pub use normal::{Reach, Sides, ensure_valid_reflection};
 pub use sheen::Sheen;
-pub use surface::{BsdfSample, Surface, WEIGHT_CUTOFF};
+pub use surface::{BsdfSample, Caustics, Surface, WEIGHT_CUTOFF};

@@ -73,6 +73,38 @@ pub fn bump_shadowing(smooth: Vec3, normal: Vec3, wi: Vec3) -> f32 {
     }
 }
 
+/// Where reflection ends: at the horizon, or before it, which hides the shadows that a coarse mesh casts on its smooth
+/// shading (Cycles' Shadow Terminator Shading Offset).
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Terminator {
+    /// Factor on the angle to the normal, 1 for none.
+    frequency: f32,
+}
+
+impl Default for Terminator {
+    fn default() -> Self {
+        Self { frequency: 1.0 }
+    }
+}
+
+impl Terminator {
+    /// That of an offset, 0 for the horizon. Cycles takes none where the angle would be turned over.
+    pub fn new(offset: f32) -> Self {
+        let frequency = 1.0 / (1.0 - 0.5 * offset);
+        if frequency > 1.0 && frequency.is_finite() { Self { frequency } } else { Self::default() }
+    }
+
+    /// Factor on what is reflected along `wi` about `normal`: the cosine of the larger angle over that of the angle.
+    #[inline]
+    pub fn factor(self, normal: Vec3, wi: Vec3) -> f32 {
+        if self.frequency == 1.0 {
+            return 1.0;
+        }
+        let cos = normal.dot(wi).min(1.0);
+        if cos <= 0.0 { 1.0 } else { (cos.acos() * self.frequency).cos().max(0.0) / cos }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -88,6 +120,18 @@ mod tests {
         ] {
             assert_eq!(sides.reach(wi, false), reflected, "{wi} reflected");
             assert_eq!(sides.reach(wi, true), transmitted, "{wi} transmitted");
+        }
+    }
+
+    #[test]
+    fn an_offset_ends_reflection_before_the_horizon_and_leaves_transmission() {
+        let at = |degrees: f32| Vec3::new(degrees.to_radians().sin(), 0.0, degrees.to_radians().cos());
+        let halfway = Terminator::new(1.0);
+        for (degrees, expected) in [(0.0, 1.0), (30.0, 0.5 / 0.75f32.sqrt()), (50.0, 0.0), (120.0, 1.0)] {
+            assert!((halfway.factor(Vec3::Z, at(degrees)) - expected).abs() < 1e-5, "{degrees}");
+        }
+        for offset in [0.0, 2.0, 3.0, -1.0, f32::MAX] {
+            assert_eq!(Terminator::new(offset).factor(Vec3::Z, at(80.0)), 1.0, "{offset}");
         }
     }
 

@@ -3,6 +3,7 @@ use relume_dump::Lobe;
 use relume_scene::MOST_RADIANCE;
 
 use super::closure::{Closure, Scatter, Sharpness};
+use super::normal::Terminator;
 use super::{Interface, Reach, Sides};
 use crate::{guide::Horizon, shading::SurfacePoint};
 
@@ -27,6 +28,8 @@ pub struct BsdfSample {
     /// Class that lights are collected under along `wi`: chosen by what each class contributes there, so that the light
     /// of a class is that of its own closures, as when Cycles samples lights, however directions were chosen.
     pub light_lobe: Lobe,
+    /// Whether the closure is diffuse, on either side of the surface: what Cycles' caustics options go by.
+    pub diffuse: bool,
     /// Whether the closure is a mirror or perfectly smooth refraction.
     pub singular: bool,
     /// Whether the ray goes straight through (Transparent BSDF and alpha); counts as a transparent bounce.
@@ -41,6 +44,37 @@ impl BsdfSample {
     pub const SINGULAR_PDF: f32 = 1e6;
 }
 
+/// What of the surfaces that diffuse rays meet they see (Cycles' caustics options).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Caustics {
+    /// Glossy reflection.
+    pub reflective: bool,
+    /// Refraction.
+    pub refractive: bool,
+}
+
+impl Caustics {
+    /// Everything is seen.
+    pub const ALL: Self = Self { reflective: true, refractive: true };
+
+    /// What is left of a closure; nothing if all of it is left out. A layer that is left out darkens none below it.
+    fn filter(self, mut scatter: Scatter) -> Option<Scatter> {
+        let is_seen = match &mut scatter {
+            Scatter::AshikhminShirley(_) => self.reflective,
+            Scatter::Microfacet(facets) => match facets.interface {
+                Interface::Reflection => self.reflective,
+                Interface::Refraction => self.refractive,
+                Interface::Glass => {
+                    facets.keep_sides(self.reflective, self.refractive);
+                    self.reflective || self.refractive
+                }
+            },
+            _ => true,
+        };
+        is_seen.then_some(scatter)
+    }
+}
+
 /// The closures and the emission of one surface point. Reused from hit to hit: nothing is allocated.
 #[derive(Clone, Debug)]
 pub struct Surface {
@@ -49,6 +83,8 @@ pub struct Surface {
     sides: Sides,
     emission: Vec3,
     transparency: Vec3,
+    caustics: Caustics,
+    terminator: Terminator,
     /// Scratch for the values of shader nodes.
     values: Vec<Vec4>,
 }
@@ -61,12 +97,19 @@ impl Default for Surface {
             sides: Sides { geometric: Vec3::Z, shading: Vec3::Z },
             emission: Vec3::ZERO,
             transparency: Vec3::ZERO,
+            caustics: Caustics::ALL,
+            terminator: Terminator::default(),
             values: Vec::new(),
         }
     }
 }
 
 impl Surface {
+    /// Sets what is seen of the closures that are added from now on.
+    pub fn show(&mut self, caustics: Caustics) {
+        self.caustics = caustics;
+    }
+
     /// Empties the surface and takes the frame of `point`.
     pub fn reset(&mut self, point: &SurfacePoint) {
         self.closures.clear();
@@ -76,9 +119,33 @@ impl Surface {
         self.transparency = Vec3::ZERO;
     }
 
+    /// Makes reflection end before the horizon, by Cycles' Shadow Terminator Shading Offset; 0 for there.
+    pub fn end_before_horizon(&mut self, offset: f32) {
+        self.terminator = Terminator::new(offset);
+    }
+
     /// Adds a closure unless its weight is negligible or the surface is full; negative weights are taken for none.
     /// `albedo` is the model's own, see [`Closure::sample_weight`]. Returns whether it was added.
     pub fn add(&mut self, weight: Vec3, albedo: Vec3, normal: Vec3, scatter: Scatter) -> bool {
+        if self.caustics != Caustics::ALL {
+            return self.add_filtered(weight, albedo, normal, scatter);
+        }
+        self.push(weight, albedo, normal, scatter)
+    }
+
+    fn add_filtered(&mut self, weight: Vec3, albedo: Vec3, normal: Vec3, scatter: Scatter) -> bool {
+        let Some(scatter) = self.caustics.filter(scatter) else { return false };
+        let albedo = match &scatter {
+            Scatter::Microfacet(model) if model.interface == Interface::Glass => {
+                let (reflected, transmitted) = model.albedo(normal.dot(self.wo));
+                reflected + transmitted
+            }
+            _ => albedo,
+        };
+        self.push(weight, albedo, normal, scatter)
+    }
+
+    fn push(&mut self, weight: Vec3, albedo: Vec3, normal: Vec3, scatter: Scatter) -> bool {
         let weight = weight.max(Vec3::ZERO);
         let mean = weight.element_sum() / 3.0;
         if !mean.is_finite() || mean < WEIGHT_CUTOFF || self.closures.len() == MAX_CLOSURES {
@@ -150,7 +217,8 @@ impl Surface {
         let (index, remapped) = self.choose(u[2], total)?;
         let closure = &self.closures[index];
         let probability = closure.sample_weight / total;
-        let choice = closure.sample(self.sides, self.wo, [u[0], u[1], remapped])?;
+        let mut choice = closure.sample(self.sides, self.wo, [u[0], u[1], remapped])?;
+        choice.value *= self.terminator.factor(closure.normal, choice.wi);
         let mut glossy = 0.0;
         let (value, pdf) = if choice.singular {
             let pdf = choice.pdf * probability;
@@ -163,7 +231,7 @@ impl Surface {
             }
             for (other, closure) in self.closures.iter().enumerate() {
                 if other != index {
-                    let (f, density) = closure.eval(self.sides.shading, self.wo, choice.wi);
+                    let (f, density) = self.eval_closure(closure, choice.wi);
                     let part = closure.weight * f;
                     if closure.is_glossy() {
                         glossy += part.element_sum();
@@ -187,6 +255,7 @@ impl Surface {
             pdf,
             lobe: choice.lobe,
             light_lobe,
+            diffuse: closure.is_diffuse(),
             singular: choice.singular,
             transparent: matches!(closure.scatter, Scatter::Transparent),
             lights_only: choice.reach == Reach::Lights,
@@ -200,7 +269,7 @@ impl Surface {
         let mut densities = [0.0; MAX_CLOSURES];
         let (mut value, mut glossy) = (Vec3::ZERO, 0.0);
         for (closure, density) in self.closures.iter().zip(&mut densities) {
-            let (f, pdf) = closure.eval(self.sides.shading, self.wo, wi);
+            let (f, pdf) = self.eval_closure(closure, wi);
             let part = closure.weight * f;
             if closure.is_glossy() {
                 glossy += part.element_sum();
@@ -230,6 +299,7 @@ impl Surface {
             pdf,
             lobe,
             light_lobe: light_lobe(lobe, glossy / value.element_sum(), u),
+            diffuse: closure.is_diffuse(),
             singular: false,
             transparent: false,
             lights_only: reach == Reach::Lights,
@@ -277,11 +347,18 @@ impl Surface {
             return sum;
         }
         for closure in &self.closures {
-            let (f, density) = closure.eval(self.sides.shading, self.wo, wi);
+            let (f, density) = self.eval_closure(closure, wi);
             sum.0 += closure.weight * f;
             sum.1 += density * (closure.sample_weight / total);
         }
         sum
+    }
+
+    /// [`Closure::eval`] of one of them.
+    #[inline]
+    fn eval_closure(&self, closure: &Closure, wi: Vec3) -> (Vec3, f32) {
+        let (value, pdf) = closure.eval(self.sides.shading, self.wo, wi);
+        (value * self.terminator.factor(closure.normal, wi), pdf)
     }
 
     /// Estimate of the surface's albedo, for the denoiser; what goes straight through is not part of it.
@@ -308,25 +385,6 @@ impl Surface {
             }
         }
         total > 0.0 && rough * 4.0 <= total
-    }
-
-    /// Leaves out what Cycles does not let diffuse rays see where its caustics options are off: `reflective` keeps
-    /// glossy reflection, `refractive` refraction.
-    pub fn filter_caustics(&mut self, reflective: bool, refractive: bool) {
-        let wo = self.wo;
-        self.closures.retain_mut(|closure| match &mut closure.scatter {
-            Scatter::AshikhminShirley(_) => reflective,
-            Scatter::Microfacet(facets) => match facets.interface {
-                Interface::Reflection => reflective,
-                Interface::Refraction => refractive,
-                Interface::Glass => {
-                    facets.keep_sides(reflective, refractive);
-                    closure.sample_weight = closure.albedo(wo).element_sum() / 3.0;
-                    closure.sample_weight >= WEIGHT_CUTOFF
-                }
-            },
-            _ => true,
-        });
     }
 
     /// Raises rarely sampled closures to an eighth of the choices each (Cycles' defensive sampling, for the first

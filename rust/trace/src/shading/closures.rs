@@ -177,7 +177,9 @@ pub fn add_microfacet(
         weight *= compensation.darkening;
     }
     let (reflected, transmitted) = model.albedo(cos);
-    if surface.add(weight, reflected + transmitted, normal, Scatter::Microfacet(model)) {
+    // Some facets still refract where all is reflected at the mean normal.
+    let albedo = if model.interface == Interface::Refraction { Vec3::ONE } else { reflected + transmitted };
+    if surface.add(weight, albedo, normal, Scatter::Microfacet(model)) {
         weight * reflected
     } else {
         Vec3::ZERO

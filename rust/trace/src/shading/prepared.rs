@@ -126,6 +126,7 @@ impl PreparedMaterials {
     pub fn evaluate(&self, scene: &Scene, point: &SurfacePoint, surface: &mut Surface) {
         surface.reset(point);
         let instance = &scene.instances[point.instance as usize];
+        surface.end_before_horizon(instance.shadow_terminator_shading);
         let mesh = &scene.meshes[point.mesh as usize];
         let Some(material) = instance.material_of(mesh, point.triangle as usize) else {
             // Blender's default surface.

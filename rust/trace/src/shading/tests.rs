@@ -8,7 +8,7 @@ use relume_scene::{
 
 use super::texture::byte_texture;
 use super::{Hit, PreparedMaterials};
-use crate::bsdf::Surface;
+use crate::bsdf::{Caustics, Surface};
 
 fn link(node: u32, output: Output) -> Input {
     Input::Link { node, output }
@@ -37,11 +37,16 @@ fn look_down(scene: &Scene) -> Surface {
 }
 
 fn look(scene: &Scene, origin: Vec3, direction: Vec3, distance: f32) -> Surface {
+    look_for(Caustics::ALL, scene, origin, direction, distance)
+}
+
+fn look_for(caustics: Caustics, scene: &Scene, origin: Vec3, direction: Vec3, distance: f32) -> Surface {
     let (prepared, warnings) = PreparedMaterials::new(scene);
     assert!(warnings.is_empty(), "{warnings:?}");
     let hit = Hit::on(scene, [0, 0], [0.25, 0.5], distance);
     let point = prepared.surface_point(scene, &hit, origin, direction, 1e-3);
     let mut surface = Surface::default();
+    surface.show(caustics);
     prepared.evaluate(scene, &point, &mut surface);
     surface
 }
@@ -422,4 +427,33 @@ fn a_world_without_a_map_is_white() {
     scene.world.texture = Some(0);
     let (prepared, _) = PreparedMaterials::new(&scene);
     assert_eq!(prepared.world_texel(&scene, Vec3::Z), Vec3::new(1.0, 0.0, 1.0));
+}
+
+#[test]
+fn a_layer_that_caustics_leave_out_darkens_none_below_it() {
+    let mut varnished = principled();
+    let Node::Principled { coat_weight, .. } = &mut varnished else { unreachable!() };
+    *coat_weight = Input::Float(1.0);
+    let scene = scene_of(vec![varnished]);
+    let seen = |reflective| {
+        let caustics = Caustics { reflective, refractive: true };
+        furnace(&look_for(caustics, &scene, Vec3::new(0.25, 0.5, 2.0), Vec3::NEG_Z, 2.0)).x
+    };
+    assert!((seen(false) - 0.8).abs() < 1e-3, "{}", seen(false));
+    assert!(seen(true) > 0.81, "{}", seen(true));
+}
+
+#[test]
+fn rough_refraction_goes_on_where_the_mean_normal_reflects_all() {
+    let node = Node::Refraction {
+        color: Input::Rgb([1.0; 3]),
+        roughness: Input::Float(0.7),
+        ior: Input::Float(0.5),
+        normal: None,
+        distribution: Distribution::Ggx,
+    };
+    let direction = Vec3::new(0.7, 0.0, -0.5).normalize();
+    let through =
+        furnace(&look(&scene_of(vec![node]), Vec3::new(0.25, 0.5, 0.0) - direction, direction, 1.0));
+    assert!(through.x > 0.1, "{through}");
 }

@@ -66,18 +66,39 @@ fn transparent_surfaces_keep_the_camera_ray_and_open_the_film() {
 #[test]
 fn transparent_bounces_end_at_their_own_limit() {
     let scene = stack(vec![transparent(1.0); 12]);
-    for limit in [0, 3, 8] {
+    for (limit, more) in [(0, 0), (0, 1), (3, 0), (3, 1), (8, 0)] {
         let mut settings = settings(2);
         settings.paths.bounces.transparent = limit;
+        settings.paths.bounces.more_transparent = more;
         let paths = image_paths(&scene, &settings);
-        // Past `limit + 1` surfaces the path ends on the next one.
-        assert!(
-            paths.iter().flatten().all(|path| path.segments.len() == limit as usize + 2),
-            "limit {limit}"
-        );
+        // Behind the last surface that it goes through, at least one, the path ends on the next one.
+        let longest = (limit + more).max(1) as usize + 1;
+        assert!(paths.iter().flatten().all(|path| path.segments.len() == longest), "limit {limit} + {more}");
     }
     let paths = image_paths(&scene, &TraceSettings { samples: 1, ..TraceSettings::default() });
     assert!(paths.iter().flatten().all(|path| path.aovs.alpha == 1.0));
+}
+
+#[test]
+fn lights_are_seen_through_fewer_transparent_surfaces_than_paths_may_go_through() {
+    // A floor below clear panes above the camera, so that only reflected rays meet them.
+    let mut scene = stack(vec![diffuse(0.8)]);
+    for pane in 0..4 {
+        add(
+            &mut scene,
+            square(0.0),
+            Affine3A::from_translation(Vec3::Z * (4.0 + 0.01 * pane as f32)),
+            transparent(1.0),
+        );
+    }
+    for more in [0, 1] {
+        let mut settings = settings(64);
+        settings.paths.bounces.transparent = 2;
+        settings.paths.bounces.more_transparent = more;
+        let paths = image_paths(&scene, &settings);
+        let longest = paths.iter().flatten().map(|path| path.segments.len()).max();
+        assert_eq!(longest, Some(4), "camera, floor to pane, and behind two panes; {more} more");
+    }
 }
 
 #[test]
@@ -124,6 +145,22 @@ fn caustics_can_be_switched_off() {
     add(&mut scene, square(0.0), Affine3A::from_translation(Vec3::Z * 4.0), mirror([1.0; 3]));
     let glossy = |caustics| {
         let mut settings = settings(256);
+        settings.paths.caustics_reflective = caustics;
+        let paths = image_paths(&scene, &settings);
+        paths.iter().flatten().flat_map(|path| &path.segments).filter(|s| s.lobe == Lobe::Glossy).count()
+    };
+    assert!(glossy(true) > 50);
+    assert_eq!(glossy(false), 0);
+}
+
+#[test]
+fn what_comes_through_a_translucent_surface_is_diffuse_for_caustics() {
+    // A curtain above a mirror that faces it.
+    let curtain = material(Node::Translucent { color: Input::Rgb([0.8; 3]), normal: None });
+    let mut scene = stack(vec![curtain]);
+    add(&mut scene, square(0.0), Affine3A::from_translation(Vec3::Z * -0.5), mirror([1.0; 3]));
+    let glossy = |caustics| {
+        let mut settings = settings(64);
         settings.paths.caustics_reflective = caustics;
         let paths = image_paths(&scene, &settings);
         paths.iter().flatten().flat_map(|path| &path.segments).filter(|s| s.lobe == Lobe::Glossy).count()
