@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import signal
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -16,9 +17,9 @@ from typing import Any
 import bpy
 
 from .core import command_line
-from .core.bake_folder import OTHER_WORLD, clear, clear_paths, is_bake
+from .core.bake_folder import OTHER_WORLD, camera_of, clear, clear_paths, is_bake, size_of
 from .core.progress import Pace, Reporter, clock
-from .engine import helper, mesh_worker, pictures, record, view_worker, world_render, worlds
+from .engine import baked_state, helper, mesh_worker, pictures, record, view_worker, world_render, worlds
 from .engine.native import native
 from .engine.scene import load_scene
 from .export import ExportError, ExportOptions, trace_settings, write_view_table
@@ -26,6 +27,8 @@ from .viewport import rehearsal
 
 STOPPED = 130
 """Exit code of a run that was asked to stop: 128 + SIGINT, as shells report it."""
+OF_SCENE = ("scene", "camera", "frame", "resolution", "resolution_percentage")
+"""Options that say how the open scene is looked at."""
 
 
 class Stopped(BaseException):  # noqa: N818 -- like KeyboardInterrupt, it is no error
@@ -35,6 +38,13 @@ class Stopped(BaseException):  # noqa: N818 -- like KeyboardInterrupt, it is no 
 def run(arguments: list[str]) -> int:
     """Runs a command with the open file and returns the exit code."""
     reporter = Reporter(quiet="--quiet" in arguments, as_json="--json" in arguments)
+    try:
+        return _run(arguments, reporter)
+    finally:
+        reporter.flush()
+
+
+def _run(arguments: list[str], reporter: Reporter) -> int:
     try:
         if arguments and arguments[0] in command_line.FORWARDED:
             return native().run_command_line(arguments)
@@ -50,8 +60,17 @@ def run(arguments: list[str]) -> int:
         reporter.error("stopped; start it again with --resume to go on")
         return STOPPED
     except Exception as error:
-        reporter.error(str(error) or repr(error))
+        reporter.error(_words(error))
         return 1
+
+
+def _words(error: Exception) -> str:
+    """What went wrong, in one line."""
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"cannot use {error.filename}: {error.strerror}"
+    if isinstance(error, (OSError, ValueError, RuntimeError)) or type(error).__module__.startswith(__package__):
+        return " ".join(str(error).split()) or repr(error)
+    return f"internal error, please report it: {error!r}"
 
 
 @contextmanager
@@ -69,9 +88,11 @@ def _stopped_by_sigterm() -> Iterator[None]:
 def bake(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
     """Traces the open scene into a folder, with its lights and its view transform beside the paths."""
     folder = Path(options.out)
-    scene = _open_scene(options)
+    scene = _open_scene(options, reporter)
     exported = load_scene(scene, _export_options(options))
     settings = _settings(scene, options, reporter)
+    if use := native().folder_in_use(folder):
+        raise ExportError(use)
     if options.replace and is_bake(folder):
         _make_room(folder, exported.difference(folder, json.dumps(settings)))
     report = native().bake(exported, folder, settings, resume=options.resume).wait(reporter.progress, reporter.warning)
@@ -88,11 +109,13 @@ def bake(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> i
 
 def export(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
     """Writes the open scene, with its render settings and its view, into a file that is traced without Blender."""
-    scene = _open_scene(options)
+    file = Path(options.out)
+    command_line.check_out(file, ".scene", "scenes are written as scene files")
+    scene = _open_scene(options, reporter)
     exported = load_scene(scene, _export_options(options))
     for warning in exported.warnings:
         reporter.warning(warning)
-    settings, file = trace_settings(scene, reporter.warning), Path(options.out)
+    settings = trace_settings(scene, reporter.warning)
     with tempfile.TemporaryDirectory(prefix="relume-") as folder:
         view = Path(folder) / "view.png"
         write_view_table(scene, view)
@@ -135,18 +158,55 @@ def _light_set(file: Path) -> list[dict[str, Any]]:
 
 def relight(options: argparse.Namespace, rest: list[str], reporter: Reporter) -> int:
     """Relights a bake by the open scene's present lights, or by a light set."""
-    machine = [f"--threads={options.threads}", f"--device={options.device}"]
-    arguments = ["relight", options.bake, "--out", options.out, *rest, *machine]
-    arguments += ["--quiet"] * options.quiet + ["--json"] * options.json
+    command_line.check_out(Path(options.out), ".exr", "pictures are written as a multi-layer EXR, with a PNG beside it")
+    if not Path(options.bake).is_dir():
+        raise ExportError(f"there is no bake folder {options.bake}; make it with the command bake")
     if options.lights:
-        return native().run_command_line([*arguments, "--lights", options.lights])
-    exported = load_scene(_open_scene(options), _export_options(options))
-    for warning in exported.warnings:
-        reporter.warning(warning)
+        if given := [f"--{name.replace('_', '-')}" for name in OF_SCENE if getattr(options, name) is not None]:
+            raise command_line.UsageError(
+                f"{', '.join(given)}: the lights of the open scene are meant by that; leave it out beside --lights"
+            )
+        return _relight(options, rest, options.lights, reporter)
+    exported = _scene_of_bake(options, rest, reporter)
     with tempfile.TemporaryDirectory(prefix="relume-") as folder:
         lights = Path(folder) / "scene.json"
         lights.write_text(exported.lights())
-        return native().run_command_line([*arguments, "--lights", str(lights)])
+        return _relight(options, rest, str(lights), reporter)
+
+
+def _relight(options: argparse.Namespace, rest: list[str], lights: str, reporter: Reporter) -> int:
+    machine = [f"--threads={options.threads}", f"--device={options.device}"]
+    job = native().start("relight", options.bake, "--out", options.out, *rest, *machine, "--lights", lights)
+    written = job.wait(reporter.progress, reporter.warning)
+    by_proxy = sum(light["maker"] == "proxy" for light in written["lights"])
+    text = f"{written['exr']} and {written['png']}: {len(written['lights'])} lights, {by_proxy} of them by proxy"
+    reporter.result(written, text)
+    return 0
+
+
+def _pixels(size: tuple[int, int]) -> str:
+    return f"{size[0]} x {size[1]} pixels"
+
+
+def _scene_of_bake(options: argparse.Namespace, rest: list[str], reporter: Reporter) -> Any:
+    """The open scene as it is, for its lights; says what else has changed since the bake."""
+    folder, scene = Path(options.bake), _open_scene(options, reporter)
+    if is_bake(folder) and options.camera not in {None, camera_of(folder)}:
+        raise ExportError(
+            f"{folder} is a bake of camera '{camera_of(folder)}'; leave --camera out, or bake camera '{options.camera}'"
+        )
+    exported = load_scene(scene, _export_options(options))
+    size = size_of(folder)
+    is_asked_for = options.resolution is not None or options.resolution_percentage is not None
+    if size is not None and is_asked_for and size != exported.resolution:
+        asked = _pixels(exported.resolution)
+        raise ExportError(f"{folder} is a bake of {_pixels(size)}, not {asked}; leave the size out, or bake again")
+    for warning in exported.warnings:
+        reporter.warning(warning)
+    has_own_world = any(word.startswith(("--world", "--environment")) for word in rest)
+    if words := baked_state.difference(scene, exported, folder, options.camera, has_own_world):
+        reporter.warning(words)
+    return exported
 
 
 def verify(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
@@ -189,13 +249,17 @@ def render_world(options: argparse.Namespace, _rest: list[str], reporter: Report
     return 0
 
 
-def _open_scene(options: argparse.Namespace) -> bpy.types.Scene:
+def _open_scene(options: argparse.Namespace, reporter: Reporter) -> bpy.types.Scene:
     _check_that_the_file_was_opened()
+    for library in bpy.data.libraries:
+        if not library.packed_file and not Path(bpy.path.abspath(library.filepath)).exists():
+            reporter.warning(f"library '{library.filepath}' is missing: nothing that is linked from it is there")
     if options.scene is not None:
         _show(options.scene)
     scene = bpy.context.scene
     if options.frame is not None:
         scene.frame_set(options.frame)
+    _check_camera(scene, options.camera)
     return scene
 
 
@@ -203,14 +267,24 @@ def _show(name: str) -> None:
     """Makes a scene that of the window: only that one is evaluated."""
     scene = bpy.data.scenes.get(name)
     if scene is None:
-        raise ExportError(f"the file has no scene '{name}'")
+        raise ExportError(f"the file has no scene '{name}'; it has {_all_of(bpy.data.scenes)}")
     bpy.context.window.scene = scene
 
 
+def _all_of(blocks: Iterable[bpy.types.ID]) -> str:
+    return ", ".join(f"'{block.name}'" for block in blocks) or "none"
+
+
+def _check_camera(scene: bpy.types.Scene, name: str | None) -> None:
+    cameras = [obj for obj in scene.objects if obj.type == "CAMERA"]
+    if name is not None and name not in {camera.name for camera in cameras}:
+        raise ExportError(f"scene '{scene.name}' has no camera '{name}'; it has {_all_of(cameras)}")
+
+
 def _check_that_the_file_was_opened() -> None:
-    """With `--command`, Blender goes on with its default scene where it could not open the file (seen in 5.2)."""
-    switch = next((i for i, argument in enumerate(sys.argv) if argument in {"-c", "--command"}), 0)
-    named = [argument for argument in sys.argv[1:switch] if argument.endswith(".blend")]
+    """Blender goes on with its default scene where it could not open the file (seen in 5.2, with `--command`)."""
+    end = next((i for i, word in enumerate(sys.argv) if word in {"-c", "--command", "--"}), 0)
+    named = [word for word in sys.argv[1:end] if re.search(r"\.blend\d*$", word, re.IGNORECASE)]
     if named and not bpy.data.filepath:
         raise ExportError(f"Blender could not open {named[0]}; check the path and the messages above")
 

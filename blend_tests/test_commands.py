@@ -153,7 +153,7 @@ def test_native_commands_are_forwarded(shot, tmp_path, capfd):
         (["bake", "--out", "x", "--camera", "Nope"], 1),
         (["bake", "--out", "x", "--resolution", "64"], 2),
         (["export"], 2),
-        (["export", "--out", "gone/x.scene"], 1),
+        (["export", "--out", "gone/x.scene"], 2),
         (["explode"], 2),
         ([], 2),
         (["--help"], 0),
@@ -284,3 +284,126 @@ def test_a_terminated_bake_resumes_to_the_same_result(saved, tmp_path):
     assert files == sorted(path.relative_to(broken) for path in broken.rglob("*.safetensors"))
     for file in files:
         assert (whole / file).read_bytes() == (broken / file).read_bytes()
+
+
+def warnings(capsys):
+    return [line["message"] for line in results(capsys) if line["event"] == "warning"]
+
+
+def move_camera(scene):
+    scene.camera.location.x += 0.5
+    return "The camera moved"
+
+
+def edit_material(scene):
+    diffuse = next(node for node in bpy.data.materials["White"].node_tree.nodes if node.type == "BSDF_DIFFUSE")
+    diffuse.inputs["Color"].default_value = (0.2, 0.1, 0.1, 1.0)
+    return "Material 'White' changed"
+
+
+def edit_geometry(scene):
+    scene.objects["Plane"].data.vertices[0].co.z += 0.1
+    return "Geometry 'Plane' changed"
+
+
+def enlarge_picture(scene):
+    scene.render.resolution_x = 40
+    return "The picture has 40 x 24 pixels now; the bake has 32 x 24"
+
+
+def brighten_world(scene):
+    background = next(node for node in scene.world.node_tree.nodes if node.type == "BACKGROUND")
+    background.inputs["Strength"].default_value = 2.0
+    return "The world became brighter"
+
+
+def change_nothing_but_the_light(scene):
+    bpy.data.lights["Key"].energy *= 2.0
+    return ""
+
+
+STATES = [
+    *(move_camera, edit_material, edit_geometry, enlarge_picture, brighten_world),
+    change_nothing_but_the_light,
+]
+
+
+def test_a_bake_of_another_state_of_the_scene_is_said(shot, tmp_path, capsys):
+    add_world(shot)
+    bake, blend = tmp_path / "bake", str(tmp_path / "shot.blend")
+    assert run(["bake", "--out", str(bake), "--samples", "1", "--quiet"]) == 0
+    bpy.ops.wm.save_as_mainfile(filepath=blend)
+    relit = ["relight", str(bake), "--out", str(tmp_path / "relit.exr"), "--json", "--no-denoise"]
+    for change in STATES:
+        bpy.ops.wm.open_mainfile(filepath=blend)
+        said = change(bpy.context.scene)
+        bpy.context.view_layer.update()
+        assert run(relit) == 0
+        found = [message for message in warnings(capsys) if "not as it was baked" in message]
+        assert (said in found[0] and len(found) == 1) if said else found == [], (change, found)
+    bpy.ops.wm.open_mainfile(filepath=blend)
+    brighten_world(bpy.context.scene)
+    assert run([*relit, "--world", "1,1,1"]) == 0 and not warnings(capsys), "the picture has another world anyway"
+    (bake / "shot.json").unlink()
+    move_camera(bpy.context.scene)
+    assert run(relit) == 0
+    assert any("something that is not told apart" in message for message in warnings(capsys))
+
+
+def test_another_picture_than_the_baked_one_is_refused_where_it_is_asked_for(shot, tmp_path, capsys):
+    other = bpy.data.objects.new("Other", bpy.data.cameras.new("Other"))
+    shot.collection.objects.link(other)
+    bake, lights = tmp_path / "bake", tmp_path / "bake" / "lights.json"
+    assert run(["bake", "--out", str(bake), "--samples", "1", "--quiet"]) == 0
+    relit = ["relight", str(bake), "--out", str(tmp_path / "relit.exr"), "--no-denoise"]
+    for options, code, said in [
+        (["--resolution", "16x12"], 1, "a bake of 32 x 24 pixels, not 16 x 12"),
+        (["--camera", "Other"], 1, "a bake of camera 'Camera'"),
+        (["--camera", "Nope"], 1, "has no camera 'Nope'; it has 'Camera', 'Other'"),
+        (["--scene", "Nope"], 1, "no scene 'Nope'; it has 'Scene'"),
+        (["--lights", str(lights), "--frame", "3"], 2, "--frame"),
+        (["--resolution", "32x24", "--camera", "Camera"], 0, ""),
+    ]:
+        assert run([*relit, *options]) == code, options
+        assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "command, name, said",
+    [
+        ("relight bake", "relit.jpg", "let the name end in .exr"),
+        ("relight bake", "relit.png", "let the name end in .exr"),
+        ("relight bake", "relit", "let the name end in .exr"),
+        ("relight bake", "folder", "is a folder; name a file in it"),
+        ("relight bake", "gone/relit.exr", "its folder does not exist"),
+        ("relight bake", "relit.EXR", "there is no bake folder bake"),
+        ("export", "shot.blend", "let the name end in .scene"),
+        ("export", "gone/shot.scene", "its folder does not exist"),
+    ],
+)
+def test_files_that_would_not_be_written_are_refused_first(shot, tmp_path, monkeypatch, capsys, command, name, said):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder").mkdir()
+    assert run([*command.split(), "--out", name]) != 0
+    assert said in capsys.readouterr().err and [path.name for path in tmp_path.iterdir()] == ["folder"]
+
+
+def test_what_is_said_of_many_lamps_is_said_once(shot, tmp_path, capsys):
+    for number in range(5):
+        add_light(shot, "POINT", name=f"Lamp {number}", shadow_soft_size=0.0)
+    assert run(["bake", "--out", str(tmp_path / "bake"), "--samples", "1", "--json"]) == 0
+    (said,) = [message for message in warnings(capsys) if "radius" in message]
+    assert all(name in said for name in ("'Lamp 0'", "'Lamp 1'", "and 1 more"))
+
+
+@pytest.mark.both_ends
+def test_files_that_are_no_blend_files_are_one_clear_error(saved, tmp_path):
+    good, damaged = saved.read_bytes(), tmp_path / "damaged.blend"
+    for content in (b"", good[: len(good) // 2], b"not a blend file" * 100):
+        damaged.write_bytes(content)
+        done = subprocess.run(
+            script(damaged, "bake", "--out", tmp_path / "x"), capture_output=True, text=True, timeout=60
+        )
+        errors = [line for line in done.stderr.splitlines() if line.startswith("Error: ")]
+        assert done.returncode == 1 and "Traceback" not in done.stderr, (content[:20], done.stderr)
+        assert "damaged.blend cannot be opened: " in errors[-1] and not (tmp_path / "x").exists()

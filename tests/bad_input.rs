@@ -144,7 +144,7 @@ fn damaged_dumps_are_found_and_refused() {
 }
 
 #[test]
-fn damaged_proxies_and_light_sets_are_refused() {
+fn damaged_proxies_are_named_and_damaged_light_sets_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
     small_bake(path);
@@ -154,11 +154,14 @@ fn damaged_proxies_and_light_sets_are_refused() {
     let light = data("evening.json");
     for bytes in [&good[..good.len() - 7], &good[..100], &[]] {
         std::fs::write(&proxy, bytes).unwrap();
+        // The paths are at hand, from which the light is summed.
         let arguments = format!("relight bake --no-denoise --lights {} --out a.exr", light.display());
-        let message = failure(path, &arguments);
-        assert!(message.contains("proxy_sphere"), "{message}");
+        let relit = run(path, &arguments);
+        let message = String::from_utf8_lossy(&relit.stderr).into_owned();
+        assert!(relit.status.success() && message.contains("proxy_sphere"), "{message}");
         assert!(failure(path, "validate bake/proxy_sphere.safetensors").contains("1 problem"));
     }
+    std::fs::remove_file(path.join("a.exr")).unwrap();
     // Training again is the way out.
     result(path, "train bake --million-samples 0.01 --neurons 16");
     std::fs::write(path.join("typo.json"), r#"[{"name": "Key", "shape": {"type": "cube"}}]"#).unwrap();
@@ -213,6 +216,48 @@ fn pictures_of_another_size_are_no_targets() {
     assert!(cannot(&format!(r#"{{"free": {{"Nobody": []}}, {keep}}}"#)).contains("'Nobody'"));
     assert!(failure(path, "optimise bake --out found.json").contains("--request"));
     assert!(!path.join("found.json").exists());
+}
+
+#[test]
+fn files_that_cannot_be_written_in_the_end_are_refused_first() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::create_dir(folder.path().join("lit")).unwrap();
+    for (arguments, word) in [
+        ("gather bake --out lit.jpg", "cannot write lit.jpg: pictures are written as a multi-layer EXR"),
+        ("relight bake --out lit.png", "let the name end in .exr"),
+        ("relight bake --out shot", "let the name end in .exr"),
+        ("relight bake --out lit", "lit is a folder; name a file in it, such as lit/shot.exr"),
+        ("relight bake --out gone/lit.exr", "its folder does not exist; make it first"),
+        ("relight bake --out LIT.EXR", "there is no folder bake"),
+        (
+            "optimise bake --target a.exr --out found.exr",
+            "lights are written as JSON; let the name end in .json",
+        ),
+    ] {
+        let message = failure(folder.path(), arguments);
+        assert!(message.contains(word), "{arguments}: {message}");
+    }
+}
+
+/// Of two that bake into a folder, the second is told of the first, and what to do.
+#[test]
+fn a_folder_is_baked_into_by_one_process_at_a_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let options = "--out bake --width 64 --height 64 --samples 100000 --threads 1";
+    let mut first = common::relume(folder.path(), &room(options)).spawn().expect("the program starts");
+    let manifest = folder.path().join("bake/manifest.json");
+    while !manifest.exists() {
+        assert!(first.try_wait().unwrap().is_none(), "it ended");
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+    let message = failure(folder.path(), &room(&format!("{options} --resume")));
+    first.kill().unwrap();
+    first.wait().unwrap();
+    let who = format!("another process ({}) is baking into bake; wait for its end, stop it, or", first.id());
+    assert!(message.contains(&who), "{message}");
+    // Its lock ends with it.
+    trace_room(folder.path(), "--out bake --width 64 --height 64 --samples 8 --resume");
+    assert!(!folder.path().join("bake/baking.lock").exists());
 }
 
 /// A file-size limit fails a write half-way, like a full disk.

@@ -15,7 +15,7 @@ taken for a bake."""
 CONTENTS = "contents.json"
 """What the native module notes there: which files the folder should hold."""
 OWN_FILES = (
-    *(*PATHS, "lights.json", "shot.json", "wanted.json", "view.png", "base.exr", CONTENTS),
+    *(*PATHS, "lights.json", "shot.json", "wanted.json", "view.png", "base.exr", CONTENTS, "baking.lock"),
     *("proxy_*.safetensors", "proxy_*.json"),
 )
 """Of a bake and its proxies."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import NoReturn
 
 PROGRAM = "relume"
@@ -18,6 +19,16 @@ FORWARDED = {
 
 class UsageError(Exception):
     """The arguments are wrong; the message says which, in one line."""
+
+
+def check_out(file: Path, suffix: str, what: str) -> None:
+    """Raises UsageError for a file that a command could not write in the end; `what` says what it writes."""
+    if file.is_dir():
+        raise UsageError(f"{file} is a folder; name a file in it, such as {file / 'shot'}{suffix}")
+    if file.suffix.lower() != suffix:
+        raise UsageError(f"cannot write {file}: {what}; let the name end in {suffix}")
+    if not file.absolute().parent.is_dir():
+        raise UsageError(f"cannot write {file}: its folder does not exist; make it first")
 
 
 class _Parser(argparse.ArgumentParser):
@@ -142,19 +153,19 @@ def _add_output(command: argparse.ArgumentParser) -> None:
 
 
 def _size(text: str) -> tuple[int, int]:
-    width, height = text.split("x")
-    return _positive(width), _positive(height)
+    width, x, height = text.lower().partition("x")
+    if not (x and width.isdecimal() and height.isdecimal() and int(width) and int(height)):
+        raise argparse.ArgumentTypeError(f"'{text}' is no size; give width and height like 1920x1080")
+    return int(width), int(height)
 
 
 def _positive(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError("must be at least 1")
-    return value
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"'{text}' must be a whole number from 1 on")
+    return int(text)
 
 
 def _count(text: str) -> int:
-    value = int(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError("must not be negative")
-    return value
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"'{text}' must be a whole number from 0 on")
+    return int(text)

@@ -7,20 +7,26 @@ import sys
 import time
 from typing import Any, TextIO
 
+from .words import grouped
+
 SECONDS_BETWEEN_LINES = 1.0
 
 
 class Reporter:
-    """Prints progress, at most one line a second for each stage; warnings and results always."""
+    """Prints progress, at most one line a second for each stage; warnings and results always. Warnings that come
+    together and are alike are printed as one."""
 
     def __init__(self, quiet: bool = False, as_json: bool = False, stream: TextIO | None = None):
         self.quiet = quiet
         self.as_json = as_json
         self.stream = stream or sys.stdout
         self.last: tuple[str, float] = ("", 0.0)
+        self.waiting: list[str] = []
+        """Warnings that are not printed yet."""
 
     def progress(self, report: dict[str, Any]) -> None:
         """Prints a report of the native module: stage, done, total, remaining_s, message."""
+        self.flush()
         if self.quiet:
             return
         now, finished = time.monotonic(), report["done"] >= report["total"]
@@ -31,11 +37,18 @@ class Reporter:
         self._print({"event": "progress", **report} if self.as_json else progress_line(report))
 
     def warning(self, message: str) -> None:
-        """Prints a warning."""
-        self._print({"event": "warning", "message": message} if self.as_json else f"Warning: {message}")
+        """Prints a warning, together with those that follow at once."""
+        self.waiting.append(message)
+
+    def flush(self) -> None:
+        """Prints the warnings that came so far."""
+        warnings, self.waiting = grouped(tuple(self.waiting)), []
+        for message in warnings:
+            self._print({"event": "warning", "message": message} if self.as_json else f"Warning: {message}")
 
     def result(self, result: dict[str, Any], text: str) -> None:
         """Prints the end of a command."""
+        self.flush()
         if self.as_json:
             self._print({"event": "result", **result})
         elif not self.quiet:
@@ -43,6 +56,7 @@ class Reporter:
 
     def error(self, message: str) -> None:
         """Prints why a command failed: on standard error for people, where all else is for machines."""
+        self.flush()
         if self.as_json:
             self._print({"event": "error", "message": message})
         else:

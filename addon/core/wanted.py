@@ -26,7 +26,7 @@ class Wanted:
     def write(self, folder: Path) -> None:
         """Writes it into a bake folder."""
         folder.mkdir(parents=True, exist_ok=True)
-        whole_file.write(folder / FILE, json.dumps({"format": FORMAT, "version": VERSION, **vars(self)}))
+        whole_file.write_json(folder / FILE, {"format": FORMAT, "version": VERSION, **vars(self)})
 
 
 def forget(folder: Path) -> None:

@@ -30,8 +30,7 @@ class Record:
 
     def write(self, folder: Path) -> None:
         """Writes it into a bake folder, whole or not at all."""
-        content = {"format": FORMAT, "version": VERSION, **vars(self)}
-        whole_file.write(folder / FILE, json.dumps(content))
+        whole_file.write_json(folder / FILE, {"format": FORMAT, "version": VERSION, **vars(self)})
 
 
 def forget(folder: Path) -> None:

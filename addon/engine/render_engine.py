@@ -142,7 +142,10 @@ class _FinalRender:
     def _open(self, folder: Path, exported: Any) -> Any:
         """A relighter under the world of the scene."""
         machine = {"device": self.options.device, "gpu_memory": self.options.gpu_memory}
-        return native().Relighter(folder, world_of=exported, **machine)
+        relighter = native().Relighter(folder, world_of=exported, **machine)
+        for words in relighter.damaged:
+            self.engine.report({"WARNING"}, f"Relume: {words}")
+        return relighter
 
     def _folder(self) -> Path:
         """The bake that the panel shows or would show."""

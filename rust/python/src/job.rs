@@ -3,6 +3,7 @@
 use crate::error::{NativeError, RelumeError, native_error};
 use pyo3::prelude::*;
 use relume_session::{Cancel, Listener, Monitor, Progress};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
@@ -111,6 +112,12 @@ impl PyJob {
 #[pyfunction]
 pub fn start_command(args: Vec<String>) -> PyResult<PyJob> {
     PyJob::start(move |monitor| relume_cli::run_captured(args.into_iter().map(Into::into), monitor))
+}
+
+/// Who bakes into a folder, if another process does, and what to do.
+#[pyfunction]
+pub fn folder_in_use(folder: PathBuf) -> Option<String> {
+    relume_session::folder_in_use(&folder)
 }
 
 /// Runs a command line, prints as it goes and returns the exit code.

@@ -16,6 +16,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("RelumeError", module.py().get_type::<error::RelumeError>())?;
     module.add_function(wrap_pyfunction!(job::run_command_line, module)?)?;
     module.add_function(wrap_pyfunction!(job::start_command, module)?)?;
+    module.add_function(wrap_pyfunction!(job::folder_in_use, module)?)?;
     module.add_function(wrap_pyfunction!(solve::solve, module)?)?;
     module.add_class::<job::PyJob>()?;
     module.add_class::<live::PyLive>()?;

@@ -46,6 +46,12 @@ impl PyRelighter {
         (self.relighter.camera().width, self.relighter.camera().height)
     }
 
+    /// Files of the folder that could not be used, and what follows, in words for the user.
+    #[getter]
+    fn damaged(&self) -> Vec<String> {
+        self.relighter.damaged().to_vec()
+    }
+
     #[getter]
     fn world_color(&self) -> Option<[f32; 3]> {
         self.relighter.world_color()

@@ -1,3 +1,4 @@
+use crate::folder_lock::{FolderLock, LOCK_FILE};
 use crate::progress::{Monitor, Stage};
 use crate::{CONTENTS_FILE, GUIDED_FILE, Guided, LightSet, SessionError, WORLD_FILE, contents};
 use relume_dump::{Dump, DumpError, DumpWriter, Manifest, Shard, ShardSink, TileSamples};
@@ -119,10 +120,12 @@ pub(crate) fn bake_observed(
     let warnings: Vec<String> = scene.warnings.iter().chain(tracer.warnings()).cloned().collect();
     warnings.iter().for_each(|warning| monitor.warn(warning));
 
+    let _lock = FolderLock::take(folder)?;
     let writer = match resume {
         true => DumpWriter::resume(folder, tracer.manifest())?,
         false => DumpWriter::create(folder, tracer.manifest())?,
     };
+    contents::note(&folder.join(Manifest::FILE))?;
     write_lights(&lights, folder)?;
     let guided = if resume { Guided::of_bake(folder).unwrap_or_default() } else { Guided::default() };
     let recorder = GuideRecorder {
@@ -325,7 +328,7 @@ pub(crate) fn clear(folder: &Path) -> Result<(), SessionError> {
     remove(
         folder,
         &["tile_", "proxy_", "training_"],
-        &["base.exr", WORLD_FILE, LIGHTS_FILE, GUIDED_FILE, VIEW_FILE, CONTENTS_FILE],
+        &["base.exr", WORLD_FILE, LIGHTS_FILE, GUIDED_FILE, VIEW_FILE, CONTENTS_FILE, LOCK_FILE],
     )
 }
 

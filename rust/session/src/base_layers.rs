@@ -1,6 +1,6 @@
 //! What a folder of proxies needs beside them, so that it relights without the dump: AOVs, static layers, camera.
 
-use crate::SessionError;
+use crate::{SessionError, contents};
 use relume_dump::Aovs;
 use relume_image::{Image, Layer, LayeredImage, Precision, read_exr, write_exr};
 use relume_scene::Camera;
@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-const FILE: &str = "base.exr";
+pub(crate) const BASE_FILE: &str = "base.exr";
 /// Attribute of the file, JSON of [`About`]; a single one, so that equal layers are equal files.
 const ABOUT: &str = "relume";
 
@@ -44,14 +44,20 @@ pub(crate) fn write(
     ];
     let attributes = BTreeMap::from([(ABOUT.to_string(), about)]);
     let image = LayeredImage { width: aovs.depth.width, height: aovs.depth.height, layers, attributes };
-    Ok(write_exr(&folder.join(FILE), &image, Precision::Float)?)
+    let path = folder.join(BASE_FILE);
+    write_exr(&path, &image, Precision::Float)?;
+    contents::note(&path)
 }
 
 /// Reads them back.
 pub(crate) fn read(folder: &Path) -> Result<BaseLayers, SessionError> {
-    let path = folder.join(FILE);
+    let path = folder.join(BASE_FILE);
     if !path.exists() {
-        let reason = format!("{} holds neither a bake nor proxies; bake or train first", folder.display());
+        let shown = folder.display();
+        let reason = match folder.is_dir() {
+            true => format!("{shown} holds neither a bake nor proxies; bake or train first"),
+            false => format!("there is no folder {shown}; bake into it first"),
+        };
         return Err(SessionError::Settings(reason));
     }
     let mut file = read_exr(&path)?;

@@ -1,9 +1,11 @@
+use crate::checksum::{self, crc32};
 use crate::proxies::{KINDS, measured_path, proxy_path};
 use crate::{GUIDED_FILE, LIGHTS_FILE, SessionError};
 use relume_dump::Manifest;
 use relume_image::write_atomically;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// File of a bake folder that says which files it should hold beside the paths, so that one that is gone is missed.
@@ -18,20 +20,45 @@ struct Contents {
     version: u32,
     /// Names.
     files: BTreeSet<String>,
+    /// CRC-32 of those files that hold none of their own, by name.
+    #[serde(default)]
+    sums: BTreeMap<String, String>,
+    /// Of this file ([`checksum::with_own`]).
+    #[serde(default)]
+    checksum: String,
 }
 
 impl Contents {
+    fn none() -> Self {
+        let (files, sums) = (BTreeSet::new(), BTreeMap::new());
+        Self { format: FORMAT.into(), version: VERSION, files, sums, checksum: String::new() }
+    }
+
     /// What a folder says; nothing where it does not say, or not in words of this version.
     fn of(folder: &Path) -> Self {
         let text = std::fs::read_to_string(folder.join(CONTENTS_FILE)).unwrap_or_default();
-        let known = |contents: &Self| contents.format == FORMAT && contents.version == VERSION;
-        let none = || Self { format: FORMAT.into(), version: VERSION, files: BTreeSet::new() };
-        serde_json::from_str(&text).ok().filter(known).unwrap_or_else(none)
+        Self::parse(&text).unwrap_or_else(|_| Self::none())
     }
 
-    fn write(&self, folder: &Path) -> Result<(), SessionError> {
+    fn parse(text: &str) -> Result<Self, String> {
+        let contents: Self = serde_json::from_str(text).map_err(|error| error.to_string())?;
+        if contents.format != FORMAT || contents.version != VERSION {
+            return Err(format!("it says {} version {}", contents.format, contents.version));
+        }
+        // Those of older bakes have neither.
+        if !(contents.sums.is_empty() && contents.checksum.is_empty()) {
+            checksum::check_own(text, &contents.checksum)?;
+        }
+        Ok(contents)
+    }
+
+    fn write(&mut self, folder: &Path) -> Result<(), SessionError> {
         let path = folder.join(CONTENTS_FILE);
-        Ok(write_atomically(&path, |writer| Ok(serde_json::to_writer_pretty(writer, self)?))?)
+        self.checksum.clear();
+        Ok(write_atomically(&path, |writer| {
+            let text = serde_json::to_string_pretty(self)?;
+            writer.write_all(checksum::with_own(&text).as_bytes())
+        })?)
     }
 
     fn lacks(&self, path: &Path) -> bool {
@@ -39,20 +66,46 @@ impl Contents {
     }
 }
 
-/// Notes that a folder should hold a file, which was written before: after a crash between the two it is not missed.
+/// Notes that a folder should hold a file, and what is in it, after it was written: after a crash between the two it is not
+/// missed. Files of tensors have checksums of their own.
 pub(crate) fn note(path: &Path) -> Result<(), SessionError> {
     let folder = path.parent().unwrap_or(Path::new(""));
+    let name = name_of(path);
     let mut contents = Contents::of(folder);
-    if contents.files.insert(name_of(path)) { contents.write(folder) } else { Ok(()) }
+    let mut is_new = contents.files.insert(name.clone());
+    if path.extension().is_none_or(|extension| extension != "safetensors") {
+        let sum = crc32(&std::fs::read(path).map_err(SessionError::io("read", path))?);
+        is_new |= contents.sums.insert(name, sum.clone()).as_ref() != Some(&sum);
+    }
+    if is_new { contents.write(folder) } else { Ok(()) }
 }
 
 /// Notes that a folder need not hold some files any more, which are to be removed after.
 pub(crate) fn forget(folder: &Path, paths: &[PathBuf]) -> Result<(), SessionError> {
     let mut contents = Contents::of(folder);
     let before = contents.files.len();
-    let gone: Vec<String> = paths.iter().map(|path| name_of(path)).collect();
-    contents.files.retain(|name| !gone.contains(name));
+    for name in paths.iter().map(|path| name_of(path)) {
+        contents.files.remove(&name);
+        contents.sums.remove(&name);
+    }
     if contents.files.len() < before { contents.write(folder) } else { Ok(()) }
+}
+
+/// What is wrong with a folder's own list of its files, if it has one.
+pub(crate) fn fault(folder: &Path) -> Option<String> {
+    let path = folder.join(CONTENTS_FILE);
+    if !path.exists() {
+        return None;
+    }
+    let text = std::fs::read_to_string(&path).map_err(|error| error.to_string());
+    text.and_then(|text| Contents::parse(&text)).err()
+}
+
+/// Whether a file is not as it was noted.
+pub(crate) fn is_altered(path: &Path) -> bool {
+    let contents = Contents::of(path.parent().unwrap_or(Path::new("")));
+    let noted = contents.sums.get(&name_of(path));
+    noted.is_some_and(|sum| std::fs::read(path).is_ok_and(|bytes| crc32(&bytes) != *sum))
 }
 
 /// Whether a file is gone that its folder should hold.
@@ -120,9 +173,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let folder = folder.path();
         let [proxy, measured] = [proxy_path(folder, LightKind::Quad), measured_path(folder, LightKind::Quad)];
-        note(&proxy).unwrap();
-        note(&measured).unwrap();
         write(&proxy);
+        note(&proxy).unwrap();
+        write(&measured);
+        note(&measured).unwrap();
+        std::fs::remove_file(&measured).unwrap();
         let lost = lost_files(folder);
         assert_eq!(lost.len(), 1, "{lost:?}");
         let place = folder.display();
@@ -140,8 +195,11 @@ mod tests {
     fn files_of_paths_are_missed_where_there_are_paths() {
         let folder = tempfile::tempdir().unwrap();
         let folder = folder.path();
-        note(&folder.join(GUIDED_FILE)).unwrap();
-        note(&folder.join("another.json")).unwrap();
+        for name in [GUIDED_FILE, "another.json"] {
+            write(&folder.join(name));
+            note(&folder.join(name)).unwrap();
+            std::fs::remove_file(folder.join(name)).unwrap();
+        }
         assert_eq!(lost_files(folder), [""; 0], "a folder of proxies has none");
         write(&folder.join(Manifest::FILE));
         let lost = lost_files(folder);

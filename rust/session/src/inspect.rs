@@ -1,6 +1,6 @@
-use crate::progress::{Monitor, Stage};
+use crate::damage::reason_of;
 use crate::proxies::{Measured, Proxies};
-use crate::{LightSet, SceneFile, SessionError, lost_files};
+use crate::{LIGHTS_FILE, LightSet, SceneFile, SessionError, damage, lost_files};
 use relume_dump::{Dump, Manifest};
 use relume_proxy::{Proxy, ProxyInfo};
 use relume_scene::Instance;
@@ -25,14 +25,14 @@ pub enum Info {
         lights: Vec<String>,
         /// Its proxies.
         proxies: Vec<ProxySummary>,
-        /// Files that are gone, in words ([`lost_files`]).
+        /// Files that are gone ([`lost_files`]) or cannot be read, in words.
         lost: Vec<String>,
     },
     /// A folder of proxies without their bake.
     Proxies {
         /// The proxies.
         proxies: Vec<ProxySummary>,
-        /// Files that are gone, in words ([`lost_files`]).
+        /// Files that are gone ([`lost_files`]) or cannot be read, in words.
         lost: Vec<String>,
     },
     /// A proxy.
@@ -113,52 +113,35 @@ fn bake_info(folder: &Path) -> Result<Info, SessionError> {
     let dump = Dump::open(folder)?;
     let manifest = dump.manifest();
     let all = manifest.tile_count() * manifest.passes.len();
-    let lights = LightSet::of_bake(folder)?;
+    let mut lost = lost_files(folder);
+    let lights = LightSet::of_bake(folder).unwrap_or_else(|error| {
+        lost.push(damage::words(&folder.join(LIGHTS_FILE), &reason_of(error)));
+        LightSet::default()
+    });
+    let (proxies, unusable) = Proxies::open_usable(folder, &manifest.scene_hash);
+    lost.extend(unusable);
     Ok(Info::Bake {
         shards: [all - dump.missing().len(), all],
         records: dump.record_count(),
         bytes: dump.shards().map(|shard| shard.as_bytes().len() as u64).sum(),
         lights: lights.lights.into_iter().map(|light| light.name).collect(),
-        proxies: summaries(&Proxies::open(folder, &manifest.scene_hash)?),
-        lost: lost_files(folder),
+        proxies: summaries(&proxies),
+        lost,
         manifest: Box::new(manifest.clone()),
     })
 }
 
 fn proxies_info(folder: &Path) -> Result<Info, SessionError> {
     let base = crate::base_layers::read(folder)?;
-    let proxies = summaries(&Proxies::open(folder, &base.scene_hash)?);
-    Ok(Info::Proxies { proxies, lost: lost_files(folder) })
+    let (proxies, unusable) = Proxies::open_usable(folder, &base.scene_hash);
+    let lost = lost_files(folder).into_iter().chain(unusable).collect();
+    Ok(Info::Proxies { proxies: summaries(&proxies), lost })
 }
 
 fn summaries(proxies: &Proxies) -> Vec<ProxySummary> {
     let summary =
         |p: &crate::TrainedProxy| ProxySummary { info: p.proxy.info().clone(), measured: p.measured };
     proxies.iter().map(summary).collect()
-}
-
-/// Everything that is wrong with a bake folder, proxy, light set or scene file, in words; reads all of it.
-///
-/// # Errors
-/// If it is none of these or cannot be read at all.
-pub fn validate(path: &Path, monitor: &Monitor) -> Result<Vec<String>, SessionError> {
-    let stage = monitor.stage(Stage::Validate, 0, 1);
-    let mut problems = Vec::new();
-    if path.is_dir() && path.join(Manifest::FILE).exists() {
-        problems = Dump::validate_dir(path)?;
-    }
-    if path.is_dir() {
-        problems.extend(lost_files(path));
-    }
-    // The rest of a folder, and single files, are checked whole by their readers.
-    if let Err(error) = info(path) {
-        let text = error.to_string();
-        if !problems.contains(&text) {
-            problems.push(text);
-        }
-    }
-    stage.advance(1, "");
-    Ok(problems)
 }
 
 fn extension(path: &Path) -> String {

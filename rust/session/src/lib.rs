@@ -6,7 +6,7 @@
 //! train(folder, folder, &train_settings, resume, &Compute::default(), &monitor)?;     // proxy_<kind>.safetensors and how it measured
 //! let relighter = Relighter::open(folder)?;                      // a bake, or proxies alone
 //! let relit = relighter.relight(&lights, &RelightOptions::default(), &monitor)?;
-//! relit.write_exr(path, Precision::Half)?;  relit.write_png(path, &relighter.view()?, BitDepth::Eight)?;
+//! relit.write_exr(path, Precision::Half)?;  relit.write_png(path, &relighter.view(&monitor), BitDepth::Eight)?;
 //! solve_lights(&[&relighter], &SolveRequest::parse(json)?, &Pictures::in_folder(folder), &monitor, &|_| ())?.lights
 //! ```
 //!
@@ -21,7 +21,9 @@
 mod bake;
 mod base_layers;
 pub mod bench;
+mod checksum;
 mod contents;
+mod damage;
 mod denoise;
 mod device;
 mod device_gather;
@@ -31,6 +33,7 @@ mod device_proxies;
 mod environment;
 mod error;
 mod features;
+mod folder_lock;
 mod guided;
 mod inspect;
 mod light_set;
@@ -43,6 +46,7 @@ mod proxies;
 mod relighter;
 mod relit;
 mod scene_file;
+mod shot_files;
 mod sizes;
 mod solve;
 mod sorting;
@@ -52,6 +56,7 @@ mod test_room;
 mod threads;
 mod train;
 mod unit_cache;
+mod validate;
 mod world_layer;
 
 pub use bake::{BakeReport, LIGHTS_FILE, VIEW_FILE, bake, difference};
@@ -62,8 +67,9 @@ pub use environment::environment_texture;
 pub use error::SessionError;
 pub(crate) use features::seen_points;
 pub use features::{pixel_features, pixel_ray};
+pub use folder_lock::{LOCK_FILE, folder_in_use};
 pub use guided::{GUIDED_FILE, Guided};
-pub use inspect::{Info, ProxySummary, info, validate};
+pub use inspect::{Info, ProxySummary, info};
 pub use light_set::{KnownLights, LightSet};
 pub use measure::{Evaluation, evaluate};
 pub use obj_scene::{ObjView, obj_scene};
@@ -82,6 +88,7 @@ pub use targets::{DumpTargets, GpuTargets};
 use threads::beside_window;
 pub use threads::{in_background, on_threads};
 pub use train::{Clock, CurvePoint, TrainReport, TrainSettings, train};
+pub use validate::validate;
 pub use world_layer::{WORLD_FILE, WorldAbout};
 
 pub use relume_gpu as gpu;

@@ -46,7 +46,11 @@ pub struct TrainedProxy {
 }
 
 impl TrainedProxy {
-    fn open(folder: &Path, kind: LightKind, scene_hash: &str) -> Result<Option<Self>, SessionError> {
+    pub(crate) fn open(
+        folder: &Path,
+        kind: LightKind,
+        scene_hash: &str,
+    ) -> Result<Option<Self>, SessionError> {
         let path = proxy_path(folder, kind);
         if !path.exists() {
             return Ok(None);
@@ -76,18 +80,8 @@ pub struct Proxies {
 }
 
 impl Proxies {
-    /// Opens all proxies of a folder that are of this scene.
-    ///
-    /// # Errors
-    /// If one is damaged or of another scene.
-    pub fn open(folder: &Path, scene_hash: &str) -> Result<Self, SessionError> {
-        let list =
-            KINDS.into_iter().filter_map(|kind| TrainedProxy::open(folder, kind, scene_hash).transpose());
-        Ok(Self { list: list.collect::<Result<_, _>>()? })
-    }
-
-    /// As [`Proxies::open`], without those that it refuses, and why.
-    pub(crate) fn open_usable(folder: &Path, scene_hash: &str) -> (Self, Vec<String>) {
+    /// Opens all proxies of a folder that are of this scene; why the others were not, in words for the user.
+    pub fn open_usable(folder: &Path, scene_hash: &str) -> (Self, Vec<String>) {
         let (mut list, mut unusable) = (Vec::new(), Vec::new());
         for kind in KINDS {
             match TrainedProxy::open(folder, kind, scene_hash) {

@@ -1,4 +1,5 @@
 use crate::bake::VIEW_FILE;
+use crate::damage::{reason_of, words};
 use crate::denoise::Denoise;
 use crate::device_gather::DeviceGather;
 use crate::device_proxies::DeviceProxies;
@@ -7,8 +8,8 @@ use crate::progress::{Monitor, Stage};
 use crate::proxies::Proxies;
 use crate::relit::{Relit, RelitLight};
 use crate::unit_cache::UnitCache;
-use crate::world_layer::{aovs_of, own_world};
-use crate::{Compute, Guided, LightSet, SessionError, WorldAbout, base_layers};
+use crate::world_layer::{WorldLayer, aovs_of, own_world};
+use crate::{Compute, GUIDED_FILE, Guided, LightSet, SessionError, WORLD_FILE, WorldAbout, base_layers};
 use relume_dump::{Aovs, Dump, Manifest};
 use relume_gather::{DenoiseQuality, Environment, Gather, Half};
 use relume_image::{Image, ViewTransform};
@@ -74,39 +75,50 @@ pub struct Relighter {
     clean_statics: OnceLock<[Image; 2]>,
     /// The world that is shown; none without a dump.
     world: Option<WorldAbout>,
+    /// Files of the folder that could not be used, and what follows, in words for the user.
+    damaged: Vec<String>,
 }
 
 impl Relighter {
     /// Opens a bake folder, or a folder with proxies and their base layers.
     ///
     /// # Errors
-    /// If the folder is neither, or a file in it is damaged.
+    /// If the folder is neither, or a file in it is damaged that pictures are made of; others are [`Self::damaged`].
     pub fn open(folder: &Path) -> Result<Self, SessionError> {
         if folder.join(Manifest::FILE).exists() {
             return Self::from_dump(Dump::open(folder)?, folder);
         }
         let base = base_layers::read(folder)?;
-        let proxies = Proxies::open(folder, &base.scene_hash)?;
+        let (proxies, damaged) = Proxies::open_usable(folder, &base.scene_hash);
         if proxies.is_empty() {
-            let reason =
-                format!("{} holds neither a bake nor a proxy; bake or train first", folder.display());
-            return Err(SessionError::Settings(reason));
+            let none = format!("{} holds neither a bake nor a proxy; bake or train first", folder.display());
+            return Err(SessionError::Settings(damaged.first().cloned().unwrap_or(none)));
         }
-        Ok(Self::new(folder, base.scene_hash, base.camera, base.aovs, None, proxies))
+        let new = Self::new(folder, base.scene_hash, base.camera, base.aovs, None, proxies);
+        Ok(Self { damaged, ..new })
     }
 
     /// Relights from a dump, also one that is still growing, and from the proxies of a folder.
     ///
     /// # Errors
-    /// If the dump has no camera or a proxy is damaged.
+    /// If the dump has no camera.
     pub fn from_dump(dump: Dump, folder: &Path) -> Result<Self, SessionError> {
         let manifest = dump.manifest();
         let (camera, scene_hash) = (camera(manifest)?, manifest.scene_hash.clone());
-        let proxies = Proxies::open(folder, &scene_hash)?;
-        let (aovs, world) = aovs_of(folder, &dump)?;
-        let sight = Sight::new(&Guided::of_bake(folder)?, manifest, &aovs, &camera);
+        let (proxies, mut damaged) = Proxies::open_usable(folder, &scene_hash);
+        let mut without = |name: &str, error| damaged.push(words(&folder.join(name), &reason_of(error)));
+        let world = WorldLayer::of_bake(folder, manifest).unwrap_or_else(|error| {
+            without(WORLD_FILE, error);
+            None
+        });
+        let guided = Guided::of_bake(folder).unwrap_or_else(|error| {
+            without(GUIDED_FILE, error);
+            Guided::default()
+        });
+        let (aovs, world) = aovs_of(&dump, world);
+        let sight = Sight::new(&guided, manifest, &aovs, &camera);
         let new = Self::new(folder, scene_hash, camera, aovs, Some(Gather::new(dump)), proxies);
-        Ok(Self { sight: Some(sight), world: Some(world), ..new })
+        Ok(Self { sight: Some(sight), world: Some(world), damaged, ..new })
     }
 
     fn new(
@@ -137,6 +149,7 @@ impl Relighter {
             cache,
             clean_statics: OnceLock::new(),
             world: None,
+            damaged: Vec::new(),
         }
     }
 
@@ -199,13 +212,21 @@ impl Relighter {
         LightSet::of_bake(&self.folder)
     }
 
-    /// The scene's view transform; the sRGB curve if the folder holds none.
-    ///
-    /// # Errors
-    /// If its file is damaged.
-    pub fn view(&self) -> Result<ViewTransform, SessionError> {
+    /// Files of the folder that could not be used, and what follows, in words for the user.
+    pub fn damaged(&self) -> &[String] {
+        &self.damaged
+    }
+
+    /// The scene's view transform; the sRGB curve if the folder holds none, or none that can be read, which the user is told.
+    pub fn view(&self, monitor: &Monitor) -> ViewTransform {
         let path = self.folder.join(VIEW_FILE);
-        if path.exists() { Ok(ViewTransform::read_lut(&path)?) } else { Ok(ViewTransform::Standard) }
+        if !path.exists() {
+            return ViewTransform::Standard;
+        }
+        ViewTransform::read_lut(&path).unwrap_or_else(|error| {
+            monitor.warn(&words(&path, &error.to_string()));
+            ViewTransform::Standard
+        })
     }
 
     /// Radiance of the world that is shown, or the factor on its texture, RGB; none without a dump. Opened is the one that was shown

@@ -306,7 +306,7 @@ fn resumed(state: &Path, settings: &TrainSettings, scene_hash: &str) -> Result<T
 }
 
 /// File with the state of an unfinished or finished training.
-fn state_path(out: &Path, kind: LightKind) -> PathBuf {
+pub(crate) fn state_path(out: &Path, kind: LightKind) -> PathBuf {
     out.join(format!("training_{kind}.safetensors"))
 }
 

@@ -2,6 +2,7 @@
 //! `world` that was traced along with them is of the one that the scene had then.
 
 use crate::SessionError;
+use crate::checksum::crc32;
 use relume_dump::{Aovs, Dump, Manifest};
 use relume_image::{Image, Layer, LayeredImage, Precision, read_exr, write_exr};
 use serde::{Deserialize, Serialize};
@@ -33,6 +34,9 @@ struct Stored {
     bake: String,
     /// Paths per pixel behind it.
     samples: u32,
+    /// [`crc32`] of the pixels; empty in older files.
+    #[serde(default)]
+    checksum: String,
 }
 
 /// The light of a world, gathered from paths of a bake.
@@ -58,7 +62,7 @@ impl WorldLayer {
         let mut file = read_exr(&path)?;
         let damaged = || SessionError::Settings(format!("{} is damaged; delete it", path.display()));
         let stored = file.attributes.get(ABOUT).and_then(|json| serde_json::from_str(json).ok());
-        let Stored { about, bake, samples } = stored.ok_or_else(damaged)?;
+        let Stored { about, bake, samples, checksum } = stored.ok_or_else(damaged)?;
         if bake != manifest.bake_id() {
             return Ok(None);
         }
@@ -69,7 +73,11 @@ impl WorldLayer {
             Some(image).filter(|image| (image.width, image.height, image.channels) == shape)
         };
         let image = take(LAYER).ok_or_else(damaged)?;
-        Ok(Some(Self { about, samples, image, error: take(ERROR).unwrap_or_default() }))
+        let error = take(ERROR).unwrap_or_default();
+        if !checksum.is_empty() && checksum != checksum_of(&image, &error) {
+            return Err(damaged());
+        }
+        Ok(Some(Self { about, samples, image, error }))
     }
 
     /// Writes it into the bake's folder, whole or not at all.
@@ -78,7 +86,8 @@ impl WorldLayer {
     /// If it cannot be written.
     pub fn write(&self, folder: &Path, manifest: &Manifest) -> Result<(), SessionError> {
         let (about, bake, samples) = (self.about.clone(), manifest.bake_id(), self.samples);
-        let stored = serde_json::to_string(&Stored { about, bake, samples })
+        let checksum = checksum_of(&self.image, &self.error);
+        let stored = serde_json::to_string(&Stored { about, bake, samples, checksum })
             .map_err(|error| SessionError::Settings(format!("the world cannot be stored: {error}")))?;
         let mut layers = vec![Layer::color(LAYER, self.image.clone())];
         if !self.error.data.is_empty() {
@@ -91,16 +100,17 @@ impl WorldLayer {
     }
 }
 
-/// Means over a bake's paths, under the world that the folder shows, and which one that is.
-///
-/// # Errors
-/// If the folder's file of another world is damaged.
-pub(crate) fn aovs_of(folder: &Path, dump: &Dump) -> Result<(Aovs, WorldAbout), SessionError> {
+fn checksum_of(image: &Image, error: &Image) -> String {
+    [image, error].map(|image| crc32(bytemuck::cast_slice(&image.data))).concat()
+}
+
+/// Means over a bake's paths, under their own world or another one, and which one that is.
+pub(crate) fn aovs_of(dump: &Dump, world: Option<WorldLayer>) -> (Aovs, WorldAbout) {
     let aovs = dump.aovs();
-    Ok(match WorldLayer::of_bake(folder, dump.manifest())? {
+    match world {
         Some(layer) => (Aovs { world: layer.image, ..aovs }, layer.about),
         None => (aovs, own_world(dump.manifest())),
-    })
+    }
 }
 
 /// The world that the paths of a bake were traced with.

@@ -108,8 +108,9 @@ pub fn validate(args: &PathArgs, context: &Context) -> anyhow::Result<()> {
             Ok(())
         }
         count => {
+            let s = if count == 1 { "" } else { "s" };
             problems.iter().for_each(|problem| context.monitor.warn(problem));
-            anyhow::bail!("{} has {count} problems, listed above", args.path.display())
+            anyhow::bail!("{} has {count} problem{s}, listed above", args.path.display())
         }
     }
 }

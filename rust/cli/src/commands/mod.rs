@@ -5,6 +5,7 @@ mod devices;
 mod evaluate;
 mod inspect;
 mod optimise;
+mod out_file;
 mod relight;
 mod trace;
 mod train;
@@ -38,10 +39,11 @@ impl Context<'_> {
         Ok(compute)
     }
 
-    /// A bake or proxies, to be shown by a device; files that are gone from there are said.
+    /// A bake or proxies, to be shown by a device; files that are gone from there, or damaged, are said.
     fn relighter(&self, folder: &Path, compute: &Compute) -> anyhow::Result<Relighter> {
         let relighter = Relighter::open(folder)?.on(compute);
-        lost_files(folder).iter().for_each(|lost| self.monitor.warn(lost));
+        let lost = lost_files(folder);
+        lost.iter().chain(relighter.damaged()).for_each(|words| self.monitor.warn(words));
         Ok(relighter)
     }
 

@@ -1,4 +1,5 @@
 use super::Context;
+use super::out_file::check_out;
 use crate::args::OptimiseArgs;
 use anyhow::Context as _;
 use relume_session::{Answer, LightSet, Pictures, Relighter, SolveRequest, Solved, solve_lights};
@@ -7,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 /// Finds lights for what the picture should do.
 pub fn optimise(args: &OptimiseArgs, context: &Context) -> anyhow::Result<()> {
+    check_out(&args.out, "json", "lights are written as JSON")?;
     let compute = context.compute()?;
     let open = |folder: &PathBuf| context.relighter(folder, &compute);
     let relighters = args.bakes.iter().map(open).collect::<anyhow::Result<Vec<_>>>()?;

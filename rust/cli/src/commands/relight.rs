@@ -1,4 +1,5 @@
 use super::Context;
+use super::out_file::check_out;
 use crate::args::{self, GatherArgs, PictureArgs, RelightArgs};
 use relume_session::image::{BitDepth, Precision, ViewTransform};
 use relume_session::scene::World;
@@ -35,18 +36,13 @@ pub fn relight(args: &RelightArgs, context: &Context) -> anyhow::Result<()> {
 }
 
 fn write_picture(bake: &Path, with: With, args: &PictureArgs, context: &Context) -> anyhow::Result<()> {
-    if args.out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")) {
-        anyhow::bail!(
-            "--out is the EXR's file, and the PNG goes beside it: end {} in .exr",
-            args.out.display()
-        );
-    }
+    check_out(&args.out, "exr", "pictures are written as a multi-layer EXR, with a PNG beside it")?;
     let mut relighter = context.relighter(bake, &context.compute()?)?;
     warn_if_unfinished(&relighter, context);
     change_world(&mut relighter, args, context)?;
     let view = match &args.view {
         Some(path) => ViewTransform::read_lut(path)?,
-        None => relighter.view()?,
+        None => relighter.view(context.monitor),
     };
     let set = light_set(args.lights.as_deref(), &relighter, context)?;
     let options = RelightOptions { with, denoise: !args.no_denoise };

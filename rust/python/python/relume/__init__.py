@@ -1,7 +1,18 @@
 """Relume: relights finished Blender shots with real materials and full global illumination."""
 
 from . import _libraries as _libraries
-from ._native import Frame, Live, Relighter, RelumeError, Scene, SceneBuilder, World, __version__, run_command_line
+from ._native import (
+    Frame,
+    Live,
+    Relighter,
+    RelumeError,
+    Scene,
+    SceneBuilder,
+    World,
+    __version__,
+    folder_in_use,
+    run_command_line,
+)
 from .jobs import Job, bake, info, solve, start, train, validate
 
 __all__ = [
@@ -15,6 +26,7 @@ __all__ = [
     "World",
     "__version__",
     "bake",
+    "folder_in_use",
     "info",
     "run_command_line",
     "solve",

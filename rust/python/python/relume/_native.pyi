@@ -190,6 +190,10 @@ class Relighter:
         """Width and height in pixels."""
 
     @property
+    def damaged(self) -> list[str]:
+        """Files of the folder that could not be used, and what follows, in words for the user."""
+
+    @property
     def world_color(self) -> list[float] | None:
         """Radiance of the world that is shown, or the factor on its texture, RGB; None of proxies alone."""
 
@@ -320,6 +324,9 @@ def solve(
 
 def start_command(args: list[str]) -> Job:
     """Starts a command of the command line, without printing."""
+
+def folder_in_use(folder: str | os.PathLike[str]) -> str | None:
+    """Who bakes into a folder, if another process does, and what to do."""
 
 def run_command_line(args: list[str]) -> int:
     """Runs the command line, prints as it goes and returns the exit code."""

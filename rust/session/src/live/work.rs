@@ -1,6 +1,7 @@
 use super::shared::{Gate, Learning, LiveState, ProxyStatus, Shared, kinds_of};
 use super::{LiveOptions, OtherWorld};
 use crate::bake::{Observer, bake_observed, clear, clear_paths, difference};
+use crate::damage::{reason_of, words};
 use crate::guided::Sight;
 use crate::relighter::camera;
 use crate::world_layer::WorldLayer;
@@ -216,6 +217,9 @@ impl Job {
             self.shared.warn(&error.to_string());
             None
         });
+        if let Err(error) = Guided::of_bake(&self.folder) {
+            self.shared.warn(&words(&self.folder.join(GUIDED_FILE), &reason_of(error)));
+        }
         self.shared.change(|state| {
             state.status.samples_total = dump.manifest().samples();
             // One that was asked for meanwhile is newer.

@@ -1,0 +1,54 @@
+"""Says at once what a scene has become since it was baked, where nobody watches it (`changes` does)."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ..core.bake_folder import MANIFEST, is_bake, size_of
+from ..core.differences import sentences, world_gain
+from . import prints, record
+
+MOST_SENTENCES = 8
+UNNAMED = "something that is not told apart (a simulation, combed hair, the version of Blender)"
+
+
+def difference(
+    scene: bpy.types.Scene, exported: Any, folder: Path, camera: str | None, has_own_world: bool
+) -> str | None:
+    """How the scene, seen by a camera of this name, differs from the one that a folder is a bake of, in words for the
+    user; None if it does not. Worlds do not count where the picture gets one of its own."""
+    if not is_bake(folder):
+        return None
+    found = _sentences(scene, exported, folder, camera, has_own_world)
+    if not found and exported.hash != _manifest(folder)["scene_hash"]:
+        found = [UNNAMED]
+    if not found:
+        return None
+    shown, more = "; ".join(found[:MOST_SENTENCES]), len(found) - MOST_SENTENCES
+    rest = f"; and {more} more" if more > 0 else ""
+    return f"the scene is not as it was baked in {folder}: {shown}{rest}. The picture shows what was baked; bake again"
+
+
+def _sentences(
+    scene: bpy.types.Scene, exported: Any, folder: Path, camera: str | None, has_own_world: bool
+) -> list[str]:
+    baked = record.read(folder)
+    if baked is None:
+        (width, height), size = exported.resolution, size_of(folder)
+        other = f"The picture has {width} x {height} pixels now; the bake has {size[0]} x {size[1]}" if size else ""
+        return [other] if size not in {None, (width, height)} else []
+    present = prints.take_all(scene, scene.objects.get(camera or "") or scene.camera, exported.resolution)
+    keys = {**baked.prints, **present}.keys() - ({"world"} if has_own_world else set())
+    found = sentences([key for key in keys if baked.prints.get(key) != present.get(key)], baked.prints, present)
+    gain = world_gain(baked.prints.get("world"), present.get("world"))
+    if "world" in keys and gain is not None and any(abs(factor - 1.0) > 1e-6 for factor in gain):
+        found.append("The world became brighter, darker or of another tint")
+    return found
+
+
+def _manifest(folder: Path) -> dict[str, Any]:
+    return json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
