@@ -18,8 +18,8 @@ import stage
 import trees
 from kinds import KINDS, Cards
 
-MORE_SAMPLES = 4
-"""Times as many in the picture that confirms a difference, which noise might have made."""
+MORE_SAMPLES = (1, 4, 16)
+"""Times as many in the pictures of a single round that confirm a difference, which noise might have made."""
 
 
 class Hunt:
@@ -114,15 +114,16 @@ class Hunt:
         return not isinstance(self.kind, Cards) or f"'{self.title(number)}'" in warning
 
     def confirm(self, number):
-        """The fault of a round that is played alone, then with more samples; None if there is none."""
-        return self.play([number]).get(number) and self.compare_again(number)
-
-    def compare_again(self, number):
-        """As `compare` of a single round with more samples, whatever it raises being the fault."""
-        try:
-            return self.compare([number], MORE_SAMPLES).get(number)
-        except Exception as error:
-            return {"fault": "raised", "said": last_line(error)}
+        """The fault of a round that is played alone, with more and more samples; None once there is none."""
+        fault = None
+        for more in MORE_SAMPLES:
+            try:
+                fault = self.compare([number], more).get(number)
+            except Exception as error:
+                fault = {"fault": "raised", "said": last_line(error)}
+            if not fault:
+                break
+        return fault
 
     def minimal(self, number, fault):
         """What is left of a failing round when all is gone without which it fails in the same way, in lines."""
@@ -135,7 +136,10 @@ class Hunt:
         for text in texts:
             if self.still_fails(number, fault, left_out=left_out | {text}):
                 left_out.add(text)
-        return [text for text in texts if text not in left_out]
+        self.build([number], left_out)
+        trees_of_lamps = [light.node_tree for light in bpy.data.lights if light.node_tree]
+        lines = [text for text in texts if text not in left_out]
+        return [*lines, *(line for tree in trees_of_lamps for line in describe.tree_lines(tree))]
 
     def minimal_tree(self, number, fault):
         """The material of a card without the nodes, links and mutes that do not matter."""
