@@ -14,6 +14,7 @@ from pathlib import Path
 import bpy
 import describe
 import measure
+import simpler
 import stage
 import trees
 from kinds import KINDS, Cards
@@ -156,28 +157,25 @@ class Hunt:
         return list(describe.tree_lines(bpy.data.materials[self.title(number)].node_tree))
 
     def possible_edits(self, number):
-        """Steps that make a round's tree simpler."""
+        """Steps that make a round's tree simpler: calls of functions of `simpler` with what follows the name."""
         self.build([number])
         tree = bpy.data.materials[self.title(number)].node_tree
-        nodes = [node.name for node in tree.nodes if node.bl_idname != "ShaderNodeOutputMaterial"]
-        links = [(link.to_node.name, link.to_socket.identifier) for link in tree.links]
-        return [("remove", n) for n in nodes] + [("unlink", *link) for link in links] + [("unmute", n) for n in nodes]
+        nodes = [node for node in tree.nodes if node.bl_idname != "ShaderNodeOutputMaterial"]
+        return [
+            *((simpler.remove, node.name) for node in nodes),
+            *((simpler.unlink, link.to_node.name, link.to_socket.identifier) for link in tree.links),
+            *((simpler.unmute, node.name) for node in nodes if node.mute),
+            *((simpler.reset, node.name, key) for node in nodes for key in describe.changes(tree, node)),
+        ]
 
     def edited(self, number, edits):
         """What makes the tree of a round that was built simpler."""
 
         def change():
             tree = bpy.data.materials[self.title(number)].node_tree
-            for what, name, *socket in edits:
-                node = tree.nodes.get(name)
-                if node and what == "remove":
-                    tree.nodes.remove(node)
-                elif node and what == "unmute":
-                    node.mute = False
-                elif node:
-                    for link in [link for link in tree.links if link.to_node == node]:
-                        if link.to_socket.identifier == socket[0]:
-                            tree.links.remove(link)
+            for edit, node, *more in edits:
+                if node in tree.nodes:
+                    edit(tree, tree.nodes[node], *more)
 
         return change
 
