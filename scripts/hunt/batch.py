@@ -14,12 +14,13 @@ from pathlib import Path
 import bpy
 import describe
 import measure
+import simpler
 import stage
 import trees
 from kinds import KINDS, Cards
 
-MORE_SAMPLES = 4
-"""Times as many in the picture that confirms a difference, which noise might have made."""
+MORE_SAMPLES = (1, 4, 16)
+"""Times as many in the pictures of a single round that confirm a difference, which noise might have made."""
 
 
 class Hunt:
@@ -114,15 +115,16 @@ class Hunt:
         return not isinstance(self.kind, Cards) or f"'{self.title(number)}'" in warning
 
     def confirm(self, number):
-        """The fault of a round that is played alone, then with more samples; None if there is none."""
-        return self.play([number]).get(number) and self.compare_again(number)
-
-    def compare_again(self, number):
-        """As `compare` of a single round with more samples, whatever it raises being the fault."""
-        try:
-            return self.compare([number], MORE_SAMPLES).get(number)
-        except Exception as error:
-            return {"fault": "raised", "said": last_line(error)}
+        """The fault of a round that is played alone, with more and more samples; None once there is none."""
+        fault = None
+        for more in MORE_SAMPLES:
+            try:
+                fault = self.compare([number], more).get(number)
+            except Exception as error:
+                fault = {"fault": "raised", "said": last_line(error)}
+            if not fault:
+                break
+        return fault
 
     def minimal(self, number, fault):
         """What is left of a failing round when all is gone without which it fails in the same way, in lines."""
@@ -135,7 +137,10 @@ class Hunt:
         for text in texts:
             if self.still_fails(number, fault, left_out=left_out | {text}):
                 left_out.add(text)
-        return [text for text in texts if text not in left_out]
+        self.build([number], left_out)
+        trees_of_lamps = [light.node_tree for light in bpy.data.lights if light.node_tree]
+        lines = [text for text in texts if text not in left_out]
+        return [*lines, *(line for tree in trees_of_lamps for line in describe.tree_lines(tree))]
 
     def minimal_tree(self, number, fault):
         """The material of a card without the nodes, links and mutes that do not matter."""
@@ -152,28 +157,25 @@ class Hunt:
         return list(describe.tree_lines(bpy.data.materials[self.title(number)].node_tree))
 
     def possible_edits(self, number):
-        """Steps that make a round's tree simpler."""
+        """Steps that make a round's tree simpler: calls of functions of `simpler` with what follows the name."""
         self.build([number])
         tree = bpy.data.materials[self.title(number)].node_tree
-        nodes = [node.name for node in tree.nodes if node.bl_idname != "ShaderNodeOutputMaterial"]
-        links = [(link.to_node.name, link.to_socket.identifier) for link in tree.links]
-        return [("remove", n) for n in nodes] + [("unlink", *link) for link in links] + [("unmute", n) for n in nodes]
+        nodes = [node for node in tree.nodes if node.bl_idname != "ShaderNodeOutputMaterial"]
+        return [
+            *((simpler.remove, node.name) for node in nodes),
+            *((simpler.unlink, link.to_node.name, link.to_socket.identifier) for link in tree.links),
+            *((simpler.unmute, node.name) for node in nodes if node.mute),
+            *((simpler.reset, node.name, key) for node in nodes for key in describe.changes(tree, node)),
+        ]
 
     def edited(self, number, edits):
         """What makes the tree of a round that was built simpler."""
 
         def change():
             tree = bpy.data.materials[self.title(number)].node_tree
-            for what, name, *socket in edits:
-                node = tree.nodes.get(name)
-                if node and what == "remove":
-                    tree.nodes.remove(node)
-                elif node and what == "unmute":
-                    node.mute = False
-                elif node:
-                    for link in [link for link in tree.links if link.to_node == node]:
-                        if link.to_socket.identifier == socket[0]:
-                            tree.links.remove(link)
+            for edit, node, *more in edits:
+                if node in tree.nodes:
+                    edit(tree, tree.nodes[node], *more)
 
         return change
 

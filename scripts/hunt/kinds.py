@@ -39,7 +39,7 @@ class Shots(NamedTuple):
 KINDS = {
     "graphs": Cards(graphs, columns=8, rows=6, cell=8, samples=64),
     "closures": Cards(closures, columns=6, rows=4, cell=16, samples=128),
-    "lamps": Shots(lamps, samples=256),
-    "transforms": Shots(transforms, samples=256),
-    "settings": Shots(settings, samples=256),
+    "lamps": Shots(lamps, samples=64),
+    "transforms": Shots(transforms, samples=64),
+    "settings": Shots(settings, samples=64),
 }

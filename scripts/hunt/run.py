@@ -73,7 +73,7 @@ def play_pictures(hunt, pictures):
     command += ["--seed", str(hunt.seed), "--pictures", json.dumps(pictures), "--folder", hunt.folder]
     command += [*(["--minimise"] if hunt.minimise else []), "--without", *hunt.without]
     log = hunt.folder / "log.txt"
-    with log.open("w") as out:
+    with log.open("w", buffering=1) as out:
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=out, text=True, cwd=ROOT)
         records = list(told(hunt, process, out))
         code = process.wait()

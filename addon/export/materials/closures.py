@@ -51,6 +51,8 @@ def _principled(t: Translation, node: bpy.types.Node, context: Context) -> int:
     _name_thin_film(t, node, context)
     if t.value(node, "Thin Wall", context, 0.0) != 0.0:
         t.name(f"node '{node.name}': thin walls are not supported yet; taken as solid")
+    if t.value(node, "Transmission Dispersion Scale", context, 0.0) != 0.0 and fields["transmission_weight"] != 0.0:
+        t.name(f"node '{node.name}': dispersion is not supported yet; all colours are refracted alike")
     return t.emit({"type": "principled", **fields, "distribution": distribution(t, node)})
 
 
@@ -116,6 +118,8 @@ def _nothing(_t: Translation, _node: bpy.types.Node, _context: Context) -> None:
 
 def _glass(t: Translation, node: bpy.types.Node, context: Context) -> int | None:
     _name_thin_film(t, node, context)
+    if t.value(node, "Anisotropy", context, 0.0) != 0.0:
+        t.name(f"node '{node.name}': anisotropic glass is not supported yet; taken as rough in every direction alike")
     return _simple("glass", COLOR, ROUGHNESS, IOR, NORMAL, microfacet=True)(t, node, context)
 
 
