@@ -34,8 +34,8 @@ LIGHT = {
 
 TABLE = {
     "RenderSettings": {
-        READ: "resolution_* pixel_aspect_* film_transparent use_border border_* use_single_layer",
-        NAMED: "use_freestyle use_motion_blur use_compositing use_sequencer use_simplify",
+        READ: "resolution_* pixel_aspect_* film_transparent border_* use_single_layer",
+        NAMED: "use_border use_freestyle use_motion_blur use_compositing use_sequencer use_simplify",
         REFUSED: "use_multiview",
         READ + " in F12, where Blender crops": "use_crop_to_border",
         OUTPUT: "image_settings ffmpeg dither_intensity filter_size use_placeholder use_overwrite use_file_extension "

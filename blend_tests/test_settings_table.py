@@ -83,6 +83,10 @@ def second_layer(scene):
     scene.view_layers.new("Foreground")
 
 
+def border(scene):
+    scene.render.use_border, scene.render.border_min_x = True, 0.5
+
+
 def set_render(name, value=True):
     return lambda scene: setattr(scene.render, name, value)
 
@@ -115,6 +119,7 @@ def holdout(scene):
     "deviate, words",
     [
         (set_render("use_freestyle"), "scene 'Scene': Freestyle's lines"),
+        (border, "scene 'Scene': the cut of the render region"),
         (set_render("use_motion_blur"), "scene 'Scene': motion blur"),
         (brighter, "scene 'Scene': the compositor"),
         (strips, "scene 'Scene': the video sequencer"),

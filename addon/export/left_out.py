@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 import bpy
 
 from ..core.words import listed
+from .camera import film_border, film_size
 
 Warn = Callable[[str], None]
 
@@ -29,6 +30,7 @@ def left_to_blender(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> list[
             f"scene '{scene.name}': of its view layers only '{layer.name}' is in the picture, not {listed(others)}"
         )
     for what, is_used in {
+        "the cut of the render region": film_border(scene.render) != (0, 0, *film_size(scene.render)),
         "Freestyle's lines": scene.render.use_freestyle and layer.use_freestyle,
         "the compositor": scene.render.use_compositing and any(map(_changes_picture, _compositors(scene))),
         "the video sequencer": scene.render.use_sequencer and _has_strips(scene),
