@@ -23,6 +23,7 @@ from ..export.images import frame_of, path_of, tile_path
 from ..export.instancers import node_inputs, objects_in
 from ..export.materials.graph import used_tree
 from ..export.plain import plain
+from ..export.scene import shadow_terminator_offset
 from ..export.working_space import working_space
 from ..export.world import export_world, world_of
 from ..export.world_graph import WorldGraph
@@ -224,6 +225,7 @@ def _object(obj: bpy.types.Object) -> Print:
     found = {
         "place": _matrix(obj.matrix_world),
         "visibility": hashed([getattr(obj, f"visible_{name}") for name in visible]),
+        "shading": hashed([*obj.color, obj.pass_index, shadow_terminator_offset(obj)]),
     }
     if obj.data is not None:
         found["data"] = obj.data.name_full
@@ -330,7 +332,12 @@ def _film(scene: bpy.types.Scene, size: tuple[int, int] | None = None) -> Print:
 
 
 def _settings(scene: bpy.types.Scene) -> Print:
-    return {"paths": hashed(trace_settings(scene, lambda _message: None).get("paths")), "space": working_space()}
+    override = render_layer(scene).material_override
+    return {
+        "paths": hashed(trace_settings(scene, lambda _message: None).get("paths")),
+        "override": override.name_full if override is not None else "",
+        "space": working_space(),
+    }
 
 
 def _collections(scene: bpy.types.Scene) -> Print:

@@ -175,7 +175,7 @@ class _SceneExporter:
             "receiver": self.linking.receiver_number(obj.original, owner),
             "color": tuple(value if isfinite(value) else 0.0 for value in obj.color),
             "pass_index": obj.pass_index,
-            "shadow_terminator_offset": _shadow_terminator_offset(obj),
+            "shadow_terminator_offset": shadow_terminator_offset(obj),
             "visibility": self._visibility(obj, owner),
         }
         return _Shared(obj.name, materials, settings)
@@ -250,7 +250,7 @@ def _owner(instance: bpy.types.DepsgraphObjectInstance) -> bpy.types.Object:
     return instance.parent if instance.is_instance and instance.parent else instance.object
 
 
-def _shadow_terminator_offset(obj: bpy.types.Object) -> float:
-    """Blender's own setting from 4.5 on; that of Cycles is what older files had."""
+def shadow_terminator_offset(obj: bpy.types.Object) -> float:
+    """Of shadows on smooth geometry: Blender's own setting from 4.5 on; that of Cycles is what older files had."""
     owner = obj if hasattr(obj, "shadow_terminator_geometry_offset") else getattr(obj, "cycles", None)
     return 0.1 if owner is None else owner.shadow_terminator_geometry_offset
