@@ -64,11 +64,6 @@ def sequencer(scene, _folder):
     strips.new_scene("Other", bpy.data.scenes.new("Other"), 1, 1)
 
 
-def stereo(scene, _folder):
-    """Two views."""
-    scene.render.use_multiview = True
-
-
 def stamp(scene, _folder):
     """Words burnt into the picture."""
     scene.render.use_stamp = True
@@ -97,8 +92,9 @@ def workbench(scene, _folder):
 
 
 def single_layer(scene, _folder):
-    """Only the layer of the window."""
-    scene.view_layers.new("Other")
+    """Only the layer of the window, which is not the first one."""
+    scene.view_layers[0].material_override = bpy.data.materials.new("Clay")
+    bpy.context.window.view_layer = scene.view_layers.new("Other")
     scene.render.use_single_layer = True
 
 
@@ -140,7 +136,6 @@ AROUND = (
     file_output,
     in_another_compositor,
     sequencer,
-    stereo,
     stamp,
     persistent_data,
     region,

@@ -31,8 +31,8 @@ def bake(folder, capsys):
     return code, [json.loads(line) for line in lines if line.startswith("{")]
 
 
-def spoil_vertex(scene):
-    scene.objects["Plane"].data.vertices[1].co.x = float("nan")
+def spoil_all(scene):
+    scene.objects["Plane"].location.x = float("nan")
 
 
 def remove_camera(scene):
@@ -58,7 +58,7 @@ def spoil_camera(scene):
 @pytest.mark.parametrize(
     "spoil, word",
     [
-        (spoil_vertex, "Plane"),
+        (spoil_all, "nothing to render"),
         (empty_region, "The render region of scene 'Scene' is empty; draw it anew"),
         (spoil_camera, "camera 'Camera': one of its values is not a finite number"),
         (remove_camera, "camera"),
@@ -93,6 +93,10 @@ def spoil_material(scene):
     scene.objects["Plane"].data.materials.append(material)
 
 
+def spoil_vertex(scene):
+    scene.objects["Plane"].data.vertices[1].co.x = float("nan")
+
+
 def flatten_object(scene):
     add_quad(scene, "Gone").scale = (0.0, 0.0, 0.0)
 
@@ -108,6 +112,7 @@ def collapse_triangle(scene):
     [
         (lose_texture, "wood.png"),
         (flatten_object, "Gone"),
+        (spoil_vertex, "object 'Plane': 1 of its vertices have no finite place"),
         (collapse_triangle, ""),
         (spoil_material, "material 'Spoilt': one of its values is not a finite number; taken as grey diffuse"),
     ],

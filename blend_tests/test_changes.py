@@ -248,6 +248,16 @@ def move_vertex_of_asset(_scene):
     return bend("Leaf")
 
 
+def other_pass_index(_scene):
+    bpy.data.objects["Sofa"].pass_index = 3
+    return "Colour, pass index or shadow terminator of 'Sofa' changed"
+
+
+def override_materials(_scene):
+    bpy.context.view_layer.material_override = bpy.data.materials["Red"]
+    return "The view layer has another material override"
+
+
 CHANGES = [
     shade_smooth,
     paint_vertices,
@@ -270,6 +280,8 @@ CHANGES = [
     add_object,
     other_world,
     fewer_bounces,
+    other_pass_index,
+    override_materials,
 ]
 
 

@@ -207,11 +207,71 @@ def test_unsupported_things_are_named(scene):
         assert text in warnings
 
 
-def test_nan_vertex_is_refused_by_name(scene):
-    mesh = add_quad(scene, "Broken").data
-    mesh.vertices[1].co.x = float("nan")
-    with pytest.raises(ValueError, match="mesh 'Broken': vertex 1 is not a finite number"):
-        exported(scene)
+NAN, HUGE = float("nan"), 1e30
+
+
+def spoil_vertex(obj, value=NAN):
+    obj.data.vertices[1].co.z = value
+
+
+def spoil_all_vertices(obj):
+    for vertex in obj.data.vertices:
+        vertex.co.z = HUGE
+
+
+def spoil_uv(obj):
+    obj.data.uv_layers[0].uv[0].vector.x = NAN
+
+
+def spoil_color(obj):
+    obj.data.color_attributes.new("Tint", "FLOAT_COLOR", "CORNER").data[0].color[0] = NAN
+
+
+def spoil_place(obj):
+    obj.location.x = NAN
+
+
+def enlarge(obj):
+    obj.scale = (HUGE, HUGE, HUGE)
+
+
+def flatten(obj):
+    obj.scale = (0.0, 0.0, 0.0)
+
+
+def spoil_index(obj):
+    obj.data.loops[2].vertex_index = 9
+
+
+@pytest.mark.parametrize(
+    "spoil, is_left, words",
+    [
+        (spoil_vertex, True, "1 of its vertices have no finite place or one too far away; faces there are left out"),
+        (spoil_all_vertices, False, "4 of its vertices have no finite place"),
+        (spoil_uv, True, "1 values of its UV map 'UVMap' are not finite numbers; taken as 0"),
+        (spoil_color, True, "1 values of its attribute 'Tint' are not finite numbers; taken as 0"),
+        (spoil_place, False, "its transform is not a finite number or too large; left out"),
+        (enlarge, False, "its transform is not a finite number or too large; left out"),
+        (flatten, False, "scaled to zero; left out"),
+        (spoil_index, False, "corner vertex 2 is 9, outside 0..4; run Mesh > Clean Up > Validate in Blender; left out"),
+    ],
+)
+def test_what_is_damaged_is_left_out_and_named(scene, spoil, is_left, words):
+    add_quad(scene, "Sound")
+    spoil(add_quad(scene, "Broken"))
+    found = exported(scene)
+    assert names(found) == ["Broken"] * is_left + ["Sound"]
+    assert [warning.startswith("object 'Broken': ") and words in warning for warning in found["warnings"]] == [True]
+
+
+def test_meshes_that_show_nothing_are_no_damage(scene):
+    add_quad(scene, "Sound").color = (NAN, 1.0, 1.0, 1.0)
+    for name, faces in (("Line", []), ("Needle", [(0, 1, 2)])):
+        mesh = bpy.data.meshes.new(name)
+        mesh.from_pydata([(0, 0, 0), (1, 0, 0), (2, 0, 0)], [], faces)
+        add(scene, name, mesh)
+    found = exported(scene)
+    assert names(found) == ["Sound"] and not found["warnings"]
 
 
 def test_empty_scene_is_refused(scene):

@@ -287,6 +287,29 @@ def test_pass_names_are_those_of_the_command_line():
     ]
 
 
+def test_no_pass_is_lost_by_a_long_name(shot, tmp_path):
+    shot.view_layers[0].name = "A view layer with a long name"
+    name = "A practical lamp with a name as long as Blender keeps, number "
+    for number in "12":
+        add_light(shot, "POINT", name=name + number, shadow_soft_size=0.5)
+    passes = render(shot, tmp_path)
+    lights = [found for found in passes if found.startswith("Combined_")]
+    assert len(lights) == 4, lights
+    total = sum(passes[found] for found in [*lights, "static", "world"])
+    np.testing.assert_allclose(total, passes["Combined"][..., :3], atol=1e-5)
+
+
+def test_each_view_layer_is_rendered_as_it_is(shot, tmp_path):
+    shot.view_layers.new("Nothing").use_sky = False
+    shot.view_layers["Nothing"].material_override, *_ = add_material("Black")
+    bpy.ops.render.render(write_still=True)
+    layers = {layer: 0.0 for layer in ("ViewLayer", "Nothing")}
+    for name, channel in read_exr(tmp_path / "f12.exr").items():
+        layer, found, _ = name.split(".")
+        layers[layer] += channel.sum() * (found == "Combined_Key")
+    assert layers["ViewLayer"] > 0.0 and layers["Nothing"] == 0.0
+
+
 def test_sockets_have_the_names_of_the_passes(shot, tmp_path):
     linked = instance_linked_light(shot, tmp_path)
     shot.objects["Key"].hide_render = True

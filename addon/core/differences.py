@@ -19,7 +19,7 @@ PARTS = {
     ("object", "details"): "Modifiers of '{name}' changed",
     ("object", "materials"): "'{name}' has other materials",
     ("object", "visibility"): "Visibility of '{name}' changed",
-    ("object", "terminator"): "Shadow Terminator of '{name}' changed",
+    ("object", "shading"): "Colour, pass index or shadow terminator of '{name}' changed",
     ("object", "pose"): "'{name}' has another pose",
     ("data", "shape"): "Geometry '{name}' changed",
     ("data", "details"): "Geometry '{name}' changed",
@@ -34,6 +34,7 @@ PARTS = {
     ("camera", "place"): "The camera moved",
     ("camera", "lens"): "Lens or focus of the camera changed",
     ("settings", "paths"): "Bounces or filters of the render settings changed",
+    ("settings", "override"): "The view layer has another material override",
     ("settings", "space"): "The file has another working space",
     ("collections", "hidden"): "Objects were hidden or shown by their collection",
     ("collections", "lacking"): "Objects were hidden or shown by their collection",
@@ -42,7 +43,7 @@ PARTS = {
     ("collections", "origins"): "The origin of an instanced collection moved",
 }
 """What is said of a part that differs; of a `helper`, which no render shows itself, as of an `object`."""
-LATER = {"details", "origins", "lacking", "terminator"}
+LATER = {"details", "origins", "lacking", "shading", "override"}
 """Parts that the first bakes do not know: of these nothing is said."""
 ORDER = (
     *("camera", "film", "settings", "collections", "world", "object", "helper", "collection", "instanced", "nodes"),

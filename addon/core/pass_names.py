@@ -11,15 +11,22 @@ COMBINED, STATIC, WORLD = "Combined", "static", "world"
 DEPTH, NORMAL, ALBEDO = "Depth", "Normal", "Diffuse Color"
 AOVS = {DEPTH: "depth", NORMAL: "normal", ALBEDO: "albedo"}
 """Passes that no light changes, and what the native module calls them."""
-LONGEST = 63 - len("Combined_")
-"""Blender cuts pass names after 63 bytes."""
+LONGEST = 63
+"""Bytes after which Blender cuts the name of a pass."""
+SHORTEST = len("Combined_") + 8
+"""What a name keeps under a layer whose own name leaves less: it may be cut, but tells lights apart until then."""
 
 
-def light_passes(lights: Iterable[str]) -> dict[str, str]:
+def longest_in_file(layer: str) -> int:
+    """Bytes of a pass name that Blender before 5.0 keeps in EXR files: it cuts `layer.pass.R` as a whole."""
+    return max(LONGEST - len(layer.encode()) - len("..R"), SHORTEST)
+
+
+def light_passes(lights: Iterable[str], longest: int = LONGEST) -> dict[str, str]:
     """`Combined_<light>` of each light by its name. As they stand in an EXR file (ASCII, no dots), with a number if
-    another light has the name: the rule of `relume relight`, in Blender's length."""
+    another light has the name: the rule of `relume relight`, in so many bytes."""
     taken: set[str] = set()
-    return {light: f"Combined_{_free_name(light, taken)}" for light in lights}
+    return {light: f"Combined_{_free_name(light, taken, longest - len('Combined_'))}" for light in lights}
 
 
 def only(content: dict[str, Any], name: str) -> dict[str, Any] | None:
@@ -35,11 +42,11 @@ def only(content: dict[str, Any], name: str) -> dict[str, Any] | None:
     return content | {"gains": gains} | others
 
 
-def _free_name(light: str, taken: set[str]) -> str:
-    plain = "".join(c if " " <= c <= "~" and c != "." else "_" for c in light)[:LONGEST] or "light"
+def _free_name(light: str, taken: set[str], longest: int) -> str:
+    plain = "".join(c if " " <= c <= "~" and c != "." else "_" for c in light)[:longest] or "light"
     name, number = plain, 2
     while name in taken:
         end = f"_{number}"
-        name, number = plain[: LONGEST - len(end)] + end, number + 1
+        name, number = plain[: longest - len(end)] + end, number + 1
     taken.add(name)
     return name

@@ -226,9 +226,8 @@ def _object(obj: bpy.types.Object) -> Print:
     found = {
         "place": _matrix(obj.matrix_world),
         "visibility": hashed([getattr(obj, f"visible_{name}") for name in visible]),
+        "shading": hashed([*obj.color, obj.pass_index, *shadow_terminator(obj)]),
     }
-    if obj.type in GEOMETRY:
-        found["terminator"] = hashed(shadow_terminator(obj))
     if obj.data is not None:
         found["data"] = obj.data.name_full
     elif obj.instance_collection is not None:
@@ -337,7 +336,12 @@ def _film(scene: bpy.types.Scene, size: tuple[int, int] | None = None) -> Print:
 
 
 def _settings(scene: bpy.types.Scene) -> Print:
-    return {"paths": hashed(trace_settings(scene, lambda _message: None).get("paths")), "space": working_space()}
+    override = render_layer(scene).material_override
+    return {
+        "paths": hashed(trace_settings(scene, lambda _message: None).get("paths")),
+        "override": override.name_full if override is not None else "",
+        "space": working_space(),
+    }
 
 
 def _collections(scene: bpy.types.Scene) -> Print:

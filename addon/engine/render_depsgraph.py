@@ -68,13 +68,13 @@ _waiting: list[RenderTask[Any]] = []
 
 
 def run_waiting(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> bool:
-    """Runs what waits for a depsgraph of this scene; whether there was such a thing."""
+    """Runs what waits for a depsgraph of this scene; whether there was such a thing. Blender calls for each view layer
+    that is rendered, without a window also for those that nobody asked for."""
     found = next((task for task in _waiting if task.scene_uid == depsgraph.scene.session_uid), None)
-    if found is None:
-        return False
-    _waiting.remove(found)
-    found.run(engine, depsgraph)
-    return True
+    if found is not None and depsgraph.view_layer.name == found.layer_name:
+        _waiting.remove(found)
+        found.run(engine, depsgraph)
+    return found is not None or depsgraph.scene.session_uid in _reading
 
 
 class RenderTask(Generic[Result]):
@@ -83,7 +83,7 @@ class RenderTask(Generic[Result]):
     def __init__(self, scene: bpy.types.Scene, work: Callable[[bpy.types.Depsgraph, Stop], Result]):
         if words := why_no_picture(scene):  # Blender would not say of which scene.
             raise RuntimeError(words)
-        self.scene_name, self.scene_uid = scene.name, scene.session_uid
+        self.scene_name, self.scene_uid, self.layer_name = scene.name, scene.session_uid, render_layer(scene).name
         self.work = work
         self.started = self.cancelled = False
         self._outcome: list[Result] = []
@@ -123,7 +123,7 @@ def with_render_depsgraph(scene: bpy.types.Scene, work: Callable[[bpy.types.Deps
     what says whether to stop. Blender's window stands still meanwhile."""
     task = RenderTask(scene, work)
     with _engine(task) as engine, _surroundings(scene), _render_settings(task, WITHOUT_EFFECTS | {"engine": engine}):
-        bpy.ops.render.render(layer=render_layer(scene).name, scene=scene.name)
+        bpy.ops.render.render(layer=task.layer_name, scene=scene.name)
     return task.result()
 
 
@@ -193,8 +193,10 @@ def _is_waiting() -> bool:
 
 
 def render_layer(scene: bpy.types.Scene) -> bpy.types.ViewLayer:
-    """The view layer that a scene is read with."""
-    return next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
+    """The view layer that a scene is read with: as Blender's own render, the window's where only that is wanted."""
+    windows = bpy.context.window_manager.windows if scene.render.use_single_layer else ()
+    shown = [window.view_layer for window in windows if window.scene == scene and window.view_layer.use]
+    return next(iter([*shown, *(layer for layer in scene.view_layers if layer.use)]), scene.view_layers[0])
 
 
 def _window() -> bpy.types.Window:

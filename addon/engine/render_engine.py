@@ -16,12 +16,12 @@ import numpy as np
 
 from ..core.bake_folder import is_bake
 from ..core.differences import gain_between
-from ..core.pass_names import ALBEDO, COMBINED, DEPTH, NORMAL, STATIC, WORLD, light_passes
+from ..core.pass_names import ALBEDO, COMBINED, DEPTH, LONGEST, NORMAL, STATIC, WORLD, light_passes
 from ..core.progress import progress_line
 from ..core.rows import NEUTRAL
 from ..core.words import grouped, listed
 from ..export import ExportOptions, trace_settings
-from ..export.camera import film_border, film_size
+from ..export.camera import film_border, film_size, why_no_picture
 from . import shot
 from .checks import folders_in_use
 from .native import native
@@ -45,6 +45,8 @@ BAKE_SHARE = 0.9
 class PassSettings:
     """Which passes there are besides Combined."""
 
+    longest: int = LONGEST
+    """Bytes of the name of a light's pass."""
     lights: bool = True
     """One for each light, and `static` and `world`."""
     depth: bool = False
@@ -55,7 +57,7 @@ class PassSettings:
         """Name, channels, their letters and Blender's type of each pass."""
         found = [(COMBINED, 4, "RGBA", "COLOR")]
         if self.lights:
-            names = [*light_passes(lights).values(), STATIC, WORLD]
+            names = [*light_passes(lights, self.longest).values(), STATIC, WORLD]
             found += [(name, 3, "RGB", "COLOR") for name in names]
         found += [(DEPTH, 1, "Z", "VALUE")] * self.depth
         found += [(NORMAL, 3, "XYZ", "VECTOR")] * self.normal
@@ -105,13 +107,17 @@ class _FinalRender:
         self.options: Options = options_of(self.scene)
         self.passes = passes_of(self.scene, depsgraph.view_layer)
         self.mix: dict[str, Any] = {}
+        self.said: set[str] = set()
+        """Warnings that were reported."""
 
     def run(self) -> None:
-        if self.scene.render.use_multiview:
-            raise RuntimeError("stereo views are not supported; switch off Stereoscopy in the output settings")
+        if words := why_no_picture(self.scene):
+            raise RuntimeError(words)
         self._say("Reading the scene", 0.0)
         size = film_size(self.scene.render)
         exported = scene_of_depsgraph(self.depsgraph, ExportOptions(resolution=size), self._is_stopped)
+        for text in grouped(tuple(exported.warnings)):
+            self._warn(text)
         lights = self._mixed(json.loads(exported.lights()))
         with self._baked(exported, lights) as relighter:
             picture = self._relit(relighter, lights, exported.world_color)
@@ -176,10 +182,14 @@ class _FinalRender:
         return (found is not None and found.is_working) or folder in folders_in_use(self.scene)
 
     def _bake(self, exported: Any, folder: Path) -> None:
-        def warn(text: str) -> None:
-            self.engine.report({"WARNING"}, f"Relume: {text}")
+        job = native().bake(exported, folder, self._settings(self._warn), resume=True)
+        self._wait(job, 0.0, BAKE_SHARE, self._warn)
 
-        self._wait(native().bake(exported, folder, self._settings(warn), resume=True), 0.0, BAKE_SHARE, warn)
+    def _warn(self, text: str) -> None:
+        """Tells the artist something, once."""
+        if text not in self.said:
+            self.said.add(text)
+            self.engine.report({"WARNING"}, f"Relume: {text}")
 
     def _settings(self, warn: Callable[[str], None]) -> dict[str, Any]:
         own = {"samples": self.options.samples, "threads": self.options.threads}
@@ -260,7 +270,7 @@ class _FinalRender:
         combined = picture["static"].copy()
         for image in (*picture["lights"].values(), picture["world"]):
             combined += image
-        lights = light_passes(picture["lights"])
+        lights = light_passes(picture["lights"], self.passes.longest)
         return {
             COMBINED: np.concatenate([combined, picture["alpha"]], axis=-1),
             **{lights[name]: image for name, image in picture["lights"].items()},

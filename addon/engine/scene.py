@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from typing import Any
 
 import bpy
 
 from ..export import ExportOptions, export_scene
+from ..export.left_out import left_to_blender
 from ..export.working_space import LINEAR_REC709, working_space
 from . import mesh_worker, worlds
 from .native import native
@@ -16,6 +17,7 @@ from .render_depsgraph import (
     ExportCancelled,
     RenderTask,
     Stop,
+    render_layer,
     start_with_render_depsgraph,
     with_render_depsgraph,
 )
@@ -24,7 +26,7 @@ from .render_depsgraph import (
 def load_scene(scene: bpy.types.Scene, options: ExportOptions | None = None) -> Any:
     """A `relume.Scene` of the present frame, as a final render would see it."""
     native()
-    return with_render_depsgraph(scene, _export(options))
+    return with_render_depsgraph(scene, _export(scene, options))
 
 
 def load_scene_async(
@@ -38,7 +40,7 @@ def load_scene_async(
     try:
         if not bpy.app.background:
             native()
-            return start_with_render_depsgraph(scene, _export(options), done)
+            return start_with_render_depsgraph(scene, _export(scene, options), done)
         result = load_scene(scene, options)
     except Exception as error:
         done(None, error)
@@ -47,9 +49,14 @@ def load_scene_async(
     return None
 
 
-def scene_of_depsgraph(depsgraph: bpy.types.Depsgraph, options: ExportOptions | None, stop: Stop) -> Any:
-    """A `relume.Scene` of what a render engine was given. Raises `ExportCancelled` soon after `stop` says so."""
+def scene_of_depsgraph(
+    depsgraph: bpy.types.Depsgraph, options: ExportOptions | None, stop: Stop, notes: Sequence[str] = ()
+) -> Any:
+    """A `relume.Scene` of what a render engine was given, with notes among its warnings. Raises `ExportCancelled` soon
+    after `stop` says so."""
     builder = native().SceneBuilder(working_space())
+    for note in notes:
+        builder.warn(note)
     if working_space() != LINEAR_REC709:
         builder.warn(f"working space {working_space()}: image textures and black bodies keep {LINEAR_REC709} primaries")
     with nullcontext() if bpy.app.background else mesh_worker.finishing(stop) as finish_mesh:
@@ -63,8 +70,11 @@ def scene_of_depsgraph(depsgraph: bpy.types.Depsgraph, options: ExportOptions | 
     return builder.build()
 
 
-def _export(options: ExportOptions | None) -> Callable[[bpy.types.Depsgraph, Stop], Any]:
-    return lambda depsgraph, stop: scene_of_depsgraph(depsgraph, options, stop)
+def _export(scene: bpy.types.Scene, options: ExportOptions | None) -> Callable[[bpy.types.Depsgraph, Stop], Any]:
+    """What reads a scene, and also names what of its picture only Blender's own renders have: that is switched off in
+    the scene meanwhile."""
+    notes = left_to_blender(scene, render_layer(scene))
+    return lambda depsgraph, stop: scene_of_depsgraph(depsgraph, options, stop, notes)
 
 
 class _Stoppable:

@@ -29,12 +29,14 @@ def film_border(render: bpy.types.RenderSettings) -> tuple[int, int, int, int]:
 
 
 def why_no_picture(scene: bpy.types.Scene) -> str:
-    """Why Blender would render nothing of a scene, and what to do; empty if there are pixels to render."""
+    """Why there is no picture of a scene, and what to do; empty if there can be one."""
     render = scene.render
     if min(render.resolution_x, render.resolution_y) * render.resolution_percentage < 100:
         return f"The picture of scene '{scene.name}' has no pixels; raise the resolution or its percentage"
     if min(film_border(render)[2:]) < 1:
         return f"The render region of scene '{scene.name}' is empty; draw it anew or switch it off"
+    if render.use_multiview:
+        return f"Stereo views of scene '{scene.name}' are not supported; switch off Stereoscopy in the output settings"
     if not any(layer.use for layer in scene.view_layers):
         return f"No view layer of scene '{scene.name}' is rendered; switch on Use for Rendering of one"
     return ""

@@ -43,8 +43,8 @@ class GeometryExporter:
                     self._begun(found)
 
     def mesh_number(self, instance: bpy.types.DepsgraphObjectInstance) -> int | None:
-        """Number of the mesh of an instance; None if it has no faces. Evaluated meshes are shared by all instances of
-        one evaluated object and by linked duplicates without modifiers."""
+        """Number of the mesh of an instance; None if it has no faces, or damaged ones. Evaluated meshes are shared by
+        all instances of one evaluated object and by linked duplicates without modifiers."""
         obj = instance.object
         # Curves and text have meshes too.
         if self.finish is not None and obj.original.type == "MESH" and not _is_part(instance):
@@ -53,13 +53,13 @@ class GeometryExporter:
                 return self.numbers[key]
             arrays = self._late_arrays(obj)
             if arrays is not None:
-                self.numbers[key] = self._add(obj.original.data.name, arrays)
+                self.numbers[key] = self._add(obj, obj.original.data.name, arrays)
                 return self.numbers[key]
         mesh = obj.data
         key = ("mesh", mesh.as_pointer())
         if key not in self.numbers:
             has_faces = len(mesh.polygons) > 0
-            self.numbers[key] = self._add(mesh.name, mesh_arrays(mesh, self.asked)) if has_faces else None
+            self.numbers[key] = self._add(obj, mesh.name, mesh_arrays(mesh, self.asked)) if has_faces else None
         return self.numbers[key]
 
     def _late_arrays(self, obj: bpy.types.Object) -> dict[str, Any] | None:
@@ -80,8 +80,13 @@ class GeometryExporter:
                     self.begun[uid] = self.finish(late, self.asked)
         return self.begun[uid]
 
-    def _add(self, name: str, arrays: dict[str, Any]) -> int:
-        number = self.builder.add_mesh(name, **arrays)
+    def _add(self, obj: bpy.types.Object, name: str, arrays: dict[str, Any]) -> int | None:
+        """Number of a mesh that an object shows; None, and a warning, of one that is damaged beyond repair."""
+        try:
+            number = self.builder.add_mesh(name, **arrays, shown_by=obj.name)
+        except ValueError as error:
+            self.builder.warn(f"object '{obj.name}': {error}; left out")
+            return None
         found = (*arrays["color_attributes"], *arrays["uv_maps"])
         self.attributes[number] = {name.removesuffix(FACTOR) for name in found}
         return number

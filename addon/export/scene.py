@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Callable
+from math import isfinite
 from typing import Any, NamedTuple
 
 import bpy
@@ -15,6 +16,7 @@ from .camera import camera_json, film_size
 from .geometry import GeometryExporter
 from .images import ImageExporter
 from .late_mesh import FinishMesh
+from .left_out import warn_about_mesh, warn_about_scene
 from .lights import LightExporter
 from .linking import LightLinking, receiver_names
 from .materials import MaterialExporter, asked_attributes
@@ -29,6 +31,8 @@ UNSUPPORTED_TYPES = {
     "GPENCIL": "grease pencil",
 }
 """Of objects, and of what nodes put beside an object's mesh, which appears as an object of that type."""
+FILTERS = {"VOLUME": "use_volumes", "GREASEPENCIL": "use_grease_pencil"}
+"""Switches of a view layer that leave such objects out of every picture."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,9 +72,13 @@ def export_scene(
     that would hold up the window, if there is one."""
     if depsgraph.mode != "RENDER":
         raise ExportError("the scene must be evaluated for rendering; start the export from a render engine")
+    if not depsgraph.view_layer.use_solid:
+        layer = depsgraph.view_layer.name
+        raise ExportError(f"view layer '{layer}' renders no meshes; switch on Surfaces in its filters")
     scene = depsgraph.scene_eval
     size = options.resolution or film_size(scene.render, options.resolution_percentage)
     builder.set_camera(camera_json(_camera_object(depsgraph, options), scene, size))
+    warn_about_scene(depsgraph, builder.warn)
     _SceneExporter(builder, depsgraph, render_world, finish_mesh).run()
 
 
@@ -118,12 +126,11 @@ class _SceneExporter:
         """By the uids of an object and of what instances it, and its mesh."""
 
     def run(self) -> None:
-        self._warn_about_settings()
         self.geometry.begin()
         for instance in self.depsgraph.object_instances:
             obj = instance.object
             uid = obj.original.session_uid
-            if instance.show_particles and self._is_new(uid, "HAIR"):
+            if instance.show_particles and self.view_layer.use_strand and self._is_new(uid, "HAIR"):
                 self._warn_about_hair(obj)
             if not instance.show_self:
                 continue
@@ -161,15 +168,16 @@ class _SceneExporter:
     def _shared(self, obj: bpy.types.Object, owner: bpy.types.Object, mesh: int) -> _Shared:
         for each in dict.fromkeys((obj.original, owner)):
             self._warn_about_rays(each)
+        warn_about_mesh(obj, self.depsgraph.scene, self.builder.warn)
         materials = self._materials(obj)
         if self.materials.emissive.intersection(materials):
             self._warn_about_emitter(obj)
         self._warn_about_attributes(obj, mesh, materials)
         settings = {
             "receiver": self.linking.receiver_number(obj.original, owner),
-            "color": tuple(obj.color),
+            "color": tuple(value if isfinite(value) else 0.0 for value in obj.color),
             "pass_index": obj.pass_index,
-            "shadow_terminator_offset": _shadow_terminator_offset(obj),
+            "shadow_terminator_offset": shadow_terminator_offset(obj),
             "visibility": self._visibility(obj, owner),
         }
         return _Shared(obj.name, materials, settings)
@@ -198,6 +206,8 @@ class _SceneExporter:
 
     def _warn_about_type(self, obj: bpy.types.Object) -> None:
         warn, name = self.builder.warn, obj.name
+        if not getattr(self.view_layer, FILTERS.get(obj.type, ""), True):
+            return
         if obj.type in UNSUPPORTED_TYPES:
             warn(f"object '{name}': {UNSUPPORTED_TYPES[obj.type]} are not supported yet; left out")
         elif obj.type == "CURVE" and obj.original.type != "CURVE":
@@ -236,17 +246,13 @@ class _SceneExporter:
                 what = f"its vertices, corners and faces have no attribute '{name}'; taken as 0"
                 self.builder.warn(f"object '{obj.name}', {where}: {what}")
 
-    def _warn_about_settings(self) -> None:
-        scene, warn = self.depsgraph.scene, self.builder.warn
-        if scene.render.use_motion_blur:
-            warn(f"scene '{scene.name}': motion blur is not supported yet; the frame is baked without it")
-
 
 def _owner(instance: bpy.types.DepsgraphObjectInstance) -> bpy.types.Object:
     """What instances it, or the object itself."""
     return instance.parent if instance.is_instance and instance.parent else instance.object
 
 
-def _shadow_terminator_offset(obj: bpy.types.Object) -> float:
-    cycles = getattr(obj, "cycles", None)
-    return cycles.shadow_terminator_geometry_offset if cycles else 0.1
+def shadow_terminator_offset(obj: bpy.types.Object) -> float:
+    """Of shadows on smooth geometry: Blender's own setting from 4.5 on; that of Cycles is what older files had."""
+    owner = obj if hasattr(obj, "shadow_terminator_geometry_offset") else getattr(obj, "cycles", None)
+    return 0.1 if owner is None else owner.shadow_terminator_geometry_offset

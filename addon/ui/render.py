@@ -8,6 +8,7 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty, PointerProperty
 
+from ..core.pass_names import LONGEST, longest_in_file
 from ..core.rows import LIGHT
 from ..engine import render_depsgraph, render_engine, shot
 from ..engine.render_engine import ENGINE, PassSettings
@@ -75,6 +76,7 @@ def _light_names(scene: bpy.types.Scene) -> list[str]:
 def pass_settings(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> PassSettings:
     """The passes that the artist has chosen for a view layer."""
     return PassSettings(
+        longest=longest_in_file(layer.name) if bpy.app.version < (5, 0, 0) else LONGEST,
         lights=scene.relume_render.light_passes,
         depth=layer.use_pass_z,
         normal=layer.use_pass_normal,

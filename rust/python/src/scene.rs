@@ -56,7 +56,7 @@ impl PySceneBuilder {
     }
 
     #[pyo3(signature = (name, positions, corner_verts, face_starts, *, vertex_normals=None, corner_normals=None,
-        sharp_faces=None, uv_maps=None, color_attributes=None, material_slots=None, texture_space=None))]
+        sharp_faces=None, uv_maps=None, color_attributes=None, material_slots=None, texture_space=None, shown_by=None))]
     fn add_mesh(
         &mut self,
         py: Python<'_>,
@@ -71,6 +71,7 @@ impl PySceneBuilder {
         color_attributes: Option<&Bound<'_, PyDict>>,
         material_slots: Option<&Bound<'_, PyAny>>,
         texture_space: Option<[[f32; 3]; 2]>,
+        shown_by: Option<&str>,
     ) -> PyResult<usize> {
         let positions = Array::<f32>::borrow("positions", positions)?;
         let corner_verts = Array::<i32>::borrow("corner_verts", corner_verts)?;
@@ -97,8 +98,15 @@ impl PySceneBuilder {
             color_attributes: regrouped::<[f32; 4]>(&colors)?,
             material_slots: material_slots.as_ref().map_or(Ok(&[][..]), Array::cast)?,
         };
-        let mut mesh = enter_native(py, || polygons.triangulate())?;
-        mesh.texture_space = texture_space.map(|space| space.map(Vec3::from));
+        let (mut mesh, damage) =
+            enter_native(py, || polygons.triangulate().map(|mesh| (mesh, polygons.damage())))?;
+        mesh.texture_space = texture_space
+            .map(|space| space.map(Vec3::from))
+            .filter(|space| space.iter().all(|v| v.is_finite()));
+        let damaged = shown_by.map_or(format!("mesh '{name}'"), |object| format!("object '{object}'"));
+        for what in damage {
+            self.builder.warn(format!("{damaged}: {what}"));
+        }
         enter_native(py, || self.builder.add_mesh(mesh))
     }
 

@@ -1,5 +1,6 @@
 //! Builds a [`Scene`] piece by piece and refuses what the tracer could trip over.
 
+use crate::damage::can_be_placed;
 use crate::validate::world_problem;
 use crate::{Camera, Instance, Light, Material, Mesh, Node, Scene, Texels, Texture, World};
 use serde::Deserialize;
@@ -136,21 +137,27 @@ impl SceneBuilder {
             "its material does not exist"
         } else if usize::from(instance.receiver) >= Instance::RECEIVER_LIMIT {
             "its receiver number is above 2047"
-        } else if !instance.world_from_object.is_finite() {
-            "its transform is not finite; clear its transform"
         } else {
-            // Without an inverse transform no ray can be taken into its space.
-            if instance.world_from_object.matrix3.determinant() == 0.0 {
-                let name = &instance.name;
-                self.warn(format!(
-                    "object '{name}': scaled to zero; left out (apply its scale if it is only flat)"
-                ));
-            } else {
-                self.scene.instances.push(instance);
-            }
+            self.place(instance);
             return Ok(());
         };
         Err(part("object", &instance.name, reason))
+    }
+
+    /// Keeps an instance that rays can meet: they are taken into its space by the inverse of its transform.
+    fn place(&mut self, instance: Instance) {
+        let reason = if !can_be_placed(&instance.world_from_object) {
+            "its transform is not a finite number or too large; left out (clear its transform)"
+        } else if instance.world_from_object.matrix3.determinant() == 0.0 {
+            "scaled to zero; left out (apply its scale if it is only flat)"
+        } else {
+            // Of a mesh without triangles nothing can be seen.
+            if !self.scene.meshes[instance.mesh].triangles.is_empty() {
+                self.scene.instances.push(instance);
+            }
+            return;
+        };
+        self.warn(format!("object '{}': {reason}", instance.name));
     }
 
     /// Adds a light of the file.

@@ -8,6 +8,7 @@ mod blender_light;
 mod blender_light_inverse;
 mod builder;
 mod camera;
+mod damage;
 mod hash;
 mod light;
 mod light_lanes;

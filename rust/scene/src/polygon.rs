@@ -1,5 +1,6 @@
 //! Blender's polygon meshes to triangles, with the result of Blender's own tessellation.
 
+use crate::damage::{can_be_met, sound_color, sound_uv};
 use crate::{ColorAttribute, Mesh, UvMap};
 use earcut::Earcut;
 use glam::{Vec2, Vec3};
@@ -71,25 +72,16 @@ pub enum PolygonError {
         /// First value not allowed.
         limit: usize,
     },
-    /// A number is NaN or infinite.
-    #[error("mesh '{mesh}': {array} {index} is not a finite number; repair or delete it in Blender")]
-    NotFinite {
-        /// Mesh name.
-        mesh: String,
-        /// Which array.
-        array: String,
-        /// Which element.
-        index: usize,
-    },
 }
 
 impl PolygonMesh<'_> {
-    /// The triangles of the mesh. Triangles without area are left out: nothing can be seen of them.
+    /// The triangles of the mesh. Triangles without area are left out: nothing can be seen of them. So are those with
+    /// a corner in no finite place; of other numbers that are not finite [`PolygonMesh::damage`] tells what becomes.
     pub fn triangulate(&self) -> Result<Mesh, PolygonError> {
         self.validate()?;
         let mut out = Mesh {
             name: self.name.into(),
-            positions: self.positions.to_vec(),
+            positions: self.positions.iter().map(|p| if can_be_met(*p) { *p } else { Vec3::ZERO }).collect(),
             uv_maps: self
                 .uv_maps
                 .iter()
@@ -116,11 +108,12 @@ impl PolygonMesh<'_> {
                     self.push_triangle(&mut out, face, a.map(|i| first + i));
                     self.push_triangle(&mut out, face, b.map(|i| first + i));
                 }
-                _ => {
+                _ if corners.clone().all(|c| can_be_met(self.corner_position(c))) => {
                     for triangle in polygon.triangulate(corners.map(|c| self.corner_position(c))) {
                         self.push_triangle(&mut out, face, triangle.map(|i| first + i));
                     }
                 }
+                _ => {}
             }
         }
         Ok(out)
@@ -129,6 +122,9 @@ impl PolygonMesh<'_> {
     fn push_triangle(&self, out: &mut Mesh, face: usize, corners: [u32; 3]) {
         let corners = corners.map(|c| c as usize);
         let [a, b, c] = corners.map(|c| self.corner_position(c));
+        if ![a, b, c].into_iter().all(can_be_met) {
+            return;
+        }
         let area_normal = (b - a).as_dvec3().cross((c - a).as_dvec3());
         let Some(flat_normal) = area_normal.try_normalize() else { return };
         let flat = self.sharp_faces.get(face).is_some_and(|sharp| *sharp);
@@ -138,16 +134,16 @@ impl PolygonMesh<'_> {
             _ => flat_normal.as_vec3(),
         };
         if !matches!(self.normals, PolygonNormals::Flat) {
-            // Blender leaves zero normals where neighbouring faces cancel out.
+            // Blender leaves zero normals where neighbouring faces cancel out, and others where one is damaged.
             let usable = |normal: Vec3| normal.try_normalize().unwrap_or(flat_normal.as_vec3());
             out.corner_normals.extend(corners.map(|corner| usable(normal_of(corner))));
         }
         out.triangles.push(corners.map(|c| self.corner_verts[c] as u32));
         for (map, (_, coords)) in out.uv_maps.iter_mut().zip(&self.uv_maps) {
-            map.coords.extend(corners.map(|c| coords[c]));
+            map.coords.extend(corners.map(|c| sound_uv(coords[c])));
         }
         for (attribute, (_, colors)) in out.color_attributes.iter_mut().zip(&self.color_attributes) {
-            attribute.colors.extend(corners.map(|c| colors[c]));
+            attribute.colors.extend(corners.map(|c| sound_color(colors[c])));
         }
         if let Some(slot) = self.material_slots.get(face) {
             out.material_slots.push((*slot).clamp(0, u16::MAX.into()) as u16);
@@ -178,21 +174,17 @@ impl PolygonMesh<'_> {
                 limit: corners,
             });
         }
-        self.check_finite("vertex", self.positions.iter().map(|p| p.is_finite()))?;
         match self.normals {
             PolygonNormals::Flat => {}
             PolygonNormals::Vertex(normals) => {
                 self.check_length("vertex normals", normals.len(), self.positions.len())?;
-                self.check_finite("vertex normal", normals.iter().map(|n| n.is_finite()))?;
             }
             PolygonNormals::Corner(normals) => {
                 self.check_length("corner normals", normals.len(), corners)?;
-                self.check_finite("corner normal", normals.iter().map(|n| n.is_finite()))?;
             }
         }
         for (name, coords) in &self.uv_maps {
             self.check_length(&format!("UV map '{name}'"), coords.len(), corners)?;
-            self.check_finite(&format!("UV map '{name}' corner"), coords.iter().map(|uv| uv.is_finite()))?;
         }
         for (name, colors) in &self.color_attributes {
             self.check_length(&format!("colour attribute '{name}'"), colors.len(), corners)?;
@@ -220,15 +212,6 @@ impl PolygonMesh<'_> {
             Some(index) => {
                 let value = values[index].into();
                 Err(PolygonError::Index { mesh: self.name.into(), array, index, value, limit })
-            }
-        }
-    }
-
-    fn check_finite(&self, array: &str, mut finite: impl Iterator<Item = bool>) -> Result<(), PolygonError> {
-        match finite.position(|finite| !finite) {
-            None => Ok(()),
-            Some(index) => {
-                Err(PolygonError::NotFinite { mesh: self.name.into(), array: array.into(), index })
             }
         }
     }
@@ -387,9 +370,40 @@ mod tests {
         assert!(message(&mesh(&p, &[0, -1, 2], &[0])).contains("corner vertex 1 is -1"));
         assert!(message(&mesh(&p, &[0, 1, 2], &[0, 9])).contains("face start 1 is 9"));
         assert!(message(&mesh(&p, &[0, 1, 2], &[2, 0])).contains("face start 1"));
-        let nan = [Vec3::ZERO, Vec3::new(0.0, f32::NAN, 0.0), Vec3::X];
-        assert!(message(&mesh(&nan, &[0, 1, 2], &[0])).contains("vertex 1 is not a finite"));
         let slots = PolygonMesh { material_slots: &[0, 1], ..mesh(&p, &[0, 1, 2], &[0]) };
         assert!(message(&slots).contains("material_index has 2 elements, expected 1"));
+    }
+
+    #[test]
+    fn triangles_in_no_finite_place_are_left_out_and_other_numbers_replaced() {
+        for bad in [f32::NAN, f32::INFINITY, 1e30] {
+            let mut p = points(&[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]);
+            p[1].z = bad;
+            let quad = mesh(&p, &[0, 1, 2, 3], &[0]);
+            assert!(quad.damage()[0].starts_with("1 of its vertices"), "{:?}", quad.damage());
+            let out = quad.triangulate().unwrap();
+            assert_eq!(out.triangles, [[0, 2, 3]]);
+            assert!(out.positions.iter().all(|p| p.is_finite()));
+            let ngon = points(&[[0.0, 0.0], [1.0, 0.0], [2.0, bad], [1.0, 1.0], [0.0, 1.0]]);
+            assert!(mesh(&ngon, &[0, 1, 2, 3, 4], &[0]).triangulate().unwrap().triangles.is_empty());
+        }
+        let p = points(&[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]);
+        let (normals, uv) =
+            ([Vec3::NAN, Vec3::X, Vec3::Z], [Vec2::new(f32::NAN, 0.5), Vec2::ONE, Vec2::ZERO]);
+        let damaged = PolygonMesh {
+            normals: PolygonNormals::Corner(&normals),
+            uv_maps: vec![("UVMap".into(), &uv)],
+            color_attributes: vec![("Tint".into(), &[[f32::INFINITY, 0.5, 0.5, 1.0]; 3])],
+            ..mesh(&p, &[0, 1, 2], &[0])
+        };
+        let words = damaged.damage().join("\n");
+        for part in ["1 of its normals", "1 values of its UV map 'UVMap'", "3 values of its attribute 'Tint'"]
+        {
+            assert!(words.contains(part), "{words}");
+        }
+        let out = damaged.triangulate().unwrap();
+        assert_eq!(out.corner_normals, [Vec3::Z, Vec3::X, Vec3::Z]);
+        assert_eq!(out.uv_maps[0].coords[0], Vec2::new(0.0, 0.5));
+        assert_eq!(out.color_attributes[0].colors[0], [0.0, 0.5, 0.5, 1.0]);
     }
 }

@@ -1,0 +1,106 @@
+"""Names what the settings of a scene, its view layers and its objects ask for and the picture does not have."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import bpy
+
+from ..core.words import listed
+from .camera import film_border, film_size
+
+Warn = Callable[[str], None]
+
+
+def warn_about_scene(depsgraph: bpy.types.Depsgraph, warn: Warn) -> None:
+    """What a scene and its view layer ask for in vain, whoever makes the picture."""
+    scene, layer = depsgraph.scene, depsgraph.view_layer
+    if scene.render.use_motion_blur and layer.use_motion_blur:
+        warn(f"scene '{scene.name}': motion blur is not supported yet; the frame is baked without it")
+    if scene.render.use_simplify and _limits_textures(scene):
+        warn(f"scene '{scene.name}': the texture limit of Simplify is not supported; textures keep their size")
+
+
+def left_to_blender(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> list[str]:
+    """Words for what Blender does in its own renders alone, before or after a layer's picture."""
+    said = []
+    others = [other.name for other in scene.view_layers if other.use and other != layer]
+    if others and not scene.render.use_single_layer:
+        said.append(
+            f"scene '{scene.name}': of its view layers only '{layer.name}' is in the picture, not {listed(others)}"
+        )
+    for what, is_used in {
+        "the cut of the render region": film_border(scene.render) != (0, 0, *film_size(scene.render)),
+        "Freestyle's lines": scene.render.use_freestyle and layer.use_freestyle,
+        "the compositor": scene.render.use_compositing and any(map(_changes_picture, _compositors(scene))),
+        "the video sequencer": scene.render.use_sequencer and _has_strips(scene),
+    }.items():
+        if is_used:
+            words = f"{what}: only in renders with Relume as render engine, not in this picture"
+            said.append(f"scene '{scene.name}': {words}")
+    return said
+
+
+def warn_about_mesh(obj: bpy.types.Object, scene: bpy.types.Scene, warn: Warn) -> None:
+    """What an object with a mesh asks of Cycles alone."""
+    cycles = getattr(obj, "cycles", None)
+    if cycles is None:
+        return
+    modifier = obj.modifiers[-1] if obj.modifiers else None
+    if modifier is not None and modifier.type == "SUBSURF" and _is_adaptive(modifier, cycles, scene):
+        levels = modifier.render_levels
+        warn(f"object '{obj.name}': adaptive subdivision is not supported yet; subdivided {levels} times")
+    for culling in ("camera", "distance"):
+        switch = f"use_{culling}_cull"
+        if scene.render.use_simplify and getattr(scene.cycles, switch) and getattr(cycles, switch):
+            warn(f"object '{obj.name}': {culling} culling of Simplify is not supported; it is always there")
+
+
+def _limits_textures(scene: bpy.types.Scene) -> bool:
+    cycles = getattr(scene, "cycles", None)
+    limit = getattr(cycles, "texture_limit_render", "OFF")
+    return limit != "OFF" or getattr(cycles, "texture_resolution_render", 1.0) < 1.0
+
+
+def _is_adaptive(modifier: bpy.types.SubsurfModifier, cycles: bpy.types.PropertyGroup, scene: bpy.types.Scene) -> bool:
+    if not modifier.show_render:
+        return False
+    if hasattr(modifier, "use_adaptive_subdivision"):  # From Blender 5.0 on.
+        return modifier.use_adaptive_subdivision
+    return scene.cycles.feature_set == "EXPERIMENTAL" and cycles.use_adaptive_subdivision
+
+
+def _has_strips(scene: bpy.types.Scene) -> bool:
+    """Whether the sequencer shows something of its own."""
+    editor = scene.sequence_editor
+    if editor is None:
+        return False
+    strips = editor.strips_all if hasattr(editor, "strips_all") else editor.sequences_all  # Before Blender 4.4.
+    return any(strip.type != "SOUND" and not strip.mute for strip in strips)
+
+
+def _compositors(scene: bpy.types.Scene) -> Iterator[bpy.types.NodeTree]:
+    """Trees that Blender sends a render through."""
+    if bpy.app.version < (5, 0, 0):
+        trees = [scene.node_tree if scene.use_nodes else None]
+    elif hasattr(scene, "compositor_effects"):  # From Blender 5.3 on.
+        trees = [effect.node_group for effect in scene.compositor_effects if effect.enable_for_render]
+    else:
+        trees = [scene.compositing_node_group]
+    yield from (tree for tree in trees if tree is not None)
+
+
+def _changes_picture(tree: bpy.types.NodeTree) -> bool:
+    """Whether a compositor gives anything but the picture that comes in."""
+    outputs = [node for node in tree.nodes if node.type in {"COMPOSITE", "GROUP_OUTPUT"} and not node.mute]
+    return any(output.inputs and _comes_from_elsewhere(output.inputs[0]) for output in outputs)
+
+
+def _comes_from_elsewhere(socket: bpy.types.NodeSocket) -> bool:
+    """Whether something else than a render's own picture is linked to a socket."""
+    while socket.is_linked:
+        link = socket.links[0]
+        if link.from_node.type != "REROUTE" and not link.from_node.mute:
+            return not (link.from_node.type in {"R_LAYERS", "GROUP_INPUT"} and link.from_socket.name == "Image")
+        socket = link.from_node.inputs[0]
+    return False

@@ -1,0 +1,209 @@
+"""What becomes of each property of Blender that could change a picture. A test walks the properties of the running
+Blender and asks for a decision on each.
+
+By structure: by what becomes of them, names of properties, which may end in `*`. READ: they are exported. NAMED: what
+they ask for is not in the picture, and a warning says so. REFUSED: an error says so. Any other key is a reason why they
+change no picture of Relume.
+"""
+
+READ, NAMED, REFUSED = "read", "named", "refused"
+VIEWS = "only for views and editors"
+NOISE = "changes noise and speed, not what the picture converges to"
+OUTPUT = "of the picture's file, or of passes that Relume does not write"
+EEVEE = "of EEEVEE, Workbench or viewports"
+BAKED = "of baking to textures"
+BY_DEPSGRAPH = "done by Blender before the scene is read"
+HAIR, VOLUMES, BLUR = "of hair", "of volumes", "of motion blur"
+"""Neither is supported: each object or scene that has it is named."""
+FAST_GI = "of Fast GI Approximation, which is named itself"
+CAUSTICS = "of shadow caustics, which each light that asks for them names"
+SAME = "another unit or name of a property that is read"
+STAMP = "words burnt into the picture's file"
+
+LIGHT = {
+    READ: "color node_tree use_nodes cycles use_temperature temperature exposure normalize energy type",
+    NAMED: "use_shadow",
+    EEVEE: "specular_factor diffuse_factor transmission_factor volume_factor use_custom_distance cutoff_distance "
+    "shadow_buffer* shadow_color use_contact_shadow contact_shadow* shadow_filter_radius shadow_maximum_resolution "
+    "use_shadow_jitter shadow_jitter_overblur use_absolute_resolution shadow_cascade*",
+    BY_DEPSGRAPH: "animation_data",
+    READ + " where the type of light has it": "shadow_soft_size use_soft_falloff spot_blend spot_size use_square shape "
+    "size size_y spread angle",
+    VIEWS: "show_cone",
+}
+
+TABLE = {
+    "RenderSettings": {
+        READ: "resolution_* pixel_aspect_* film_transparent border_* use_single_layer",
+        NAMED: "use_border use_freestyle use_motion_blur use_compositing use_sequencer use_simplify",
+        REFUSED: "use_multiview",
+        READ + " in F12, where Blender crops": "use_crop_to_border",
+        OUTPUT: "image_settings ffmpeg dither_intensity filter_size use_placeholder use_overwrite use_file_extension "
+        "filepath use_render_cache views stereo_views views_format save_output ppm_factor ppm_base",
+        BAKED: "bake bake_* use_bake_*",
+        STAMP: "use_stamp* stamp_* metadata_input",
+        BLUR: "motion_blur_*",
+        HAIR: "hair_type hair_subdiv",
+        BY_DEPSGRAPH: "fps fps_base frame_map_* simplify_subdivision* simplify_child_particles* simplify_gpencil*",
+        VOLUMES: "simplify_volumes",
+        VIEWS: "preview_pixel_size use_lock_interface sequencer_gl_preview use_sequencer_override_scene_strip "
+        "use_simplify_normals use_high_quality_normals",
+        NOISE: "threads threads_mode use_persistent_data",
+        "the scene is read whatever its engine": "engine",
+        "Freestyle's": "line_thickness*",
+        "the compositor's": "compositor_* use_compositor_frames_cache",
+        EEVEE: "anisotropic_filter",
+        "of Cycles' memory": "use_texture_cache use_auto_generate_texture_cache",
+    },
+    "CyclesRenderSettings": {
+        READ: "samples max_bounces *_bounces min_* transparent_max_bounces caustics_* blur_glossy film_exposure "
+        "filter_width seed diffuse_bounces glossy_bounces transmission_bounces",
+        NAMED: "pixel_filter_type sample_clamp_* use_fast_gi film_transparent_glass use_camera_cull use_distance_cull "
+        "texture_limit_render texture_resolution_render",
+        "of adaptive subdivision, which each object names": "feature_set dicing_* max_subdivisions offscreen_*",
+        "of nodes with scripts, which are named": "shading_system",
+        "of transparent glass, which is named": "film_transparent_roughness",
+        "of culling, which each object names": "camera_cull_margin distance_cull_margin",
+        NOISE: "device sampling_pattern *scrambling_distance use_layer_samples light_sampling_threshold "
+        "use_adaptive_sampling adaptive_* direct_light_sampling_type use_light_tree use_guiding* "
+        "use_deterministic_guiding guiding_* use_surface_guiding surface_guiding_* use_volume_guiding volume_guiding_* "
+        "use_animated_seed sample_offset time_limit use_auto_tile tile_size use_sample_subset sample_subset_length "
+        "use_pixel_jitter",
+        "Relume has its own denoiser": "use_denoising denoiser denoising_*",
+        VIEWS: "preview_* use_preview_* texture_limit texture_resolution ao_bounces",
+        FAST_GI: "fast_gi_method ao_bounces_render",
+        VOLUMES: "volume_*",
+        BLUR: "rolling_shutter_*",
+        BAKED: "bake_type",
+        "for who develops Cycles": "debug_*",
+    },
+    "ViewLayer": {
+        READ: "material_override world_override use_sky layer_collection objects use cycles",
+        REFUSED: "use_solid",
+        READ + ": without it nothing of its kind is named": "use_strand use_volumes use_motion_blur use_grease_pencil",
+        NOISE: "samples",
+        FAST_GI: "use_ao",
+        EEVEE: "eevee",
+        "Freestyle, which the scene names": "use_freestyle freestyle_settings",
+        OUTPUT: "name pass_alpha_threshold aovs active_aov* lightgroups active_lightgroup* use_pass_* "
+        "pass_cryptomatte_depth",
+        VIEWS: "active_layer_collection depsgraph",
+    },
+    "CyclesRenderLayerSettings": {
+        OUTPUT: "pass_* use_pass_* denoising_*",
+        "Relume has its own denoiser": "use_denoising",
+    },
+    "LayerCollection": {
+        READ: "collection children indirect_only",
+        NAMED: "holdout",
+        BY_DEPSGRAPH: "exclude",
+        VIEWS: "hide_viewport",
+    },
+    "Object": {
+        READ: "data matrix_world material_slots pass_index color visible_camera visible_diffuse visible_glossy "
+        "visible_transmission light_linking cycles",
+        NAMED: "visible_shadow is_holdout is_shadow_catcher modifiers particle_systems",
+        VOLUMES + " and lights, of which it is read": "visible_volume_scatter",
+        "exported, or named by who exports the shading offset": "shadow_terminator_*",
+        BY_DEPSGRAPH: "parent* use_camera_lock_parent track_axis up_axis location rotation_* scale dimensions delta_* "
+        "lock_* matrix_local matrix_basis matrix_parent_inverse grease_pencil_modifiers constraints vertex_groups "
+        "add_rest_position_attribute field collision soft_body rigid_body* use_simulation_cache hide_render "
+        "show_instancer_for_render instance_* use_instance_* pose show_only_shape_key active_shape_key* animation_data "
+        "use_parent_final_indices",
+        VIEWS: "active_material* shader_effects empty_* image_user show_empty_* use_empty_image_alpha hide_viewport "
+        "hide_select show_instancer_for_viewport display* show_* use_shape_key_edit_mode lineart use_mesh_mirror_* "
+        "animation_visualization motion_path selection_sets active_selection_set hide_surface_pick visible_raycast "
+        "use_grease_pencil_lights",
+        EEVEE: "hide_probe_*",
+        OUTPUT: "lightgroup",
+    },
+    "CyclesObjectSettings": {
+        NAMED: "use_camera_cull use_distance_cull use_adaptive_subdivision",
+        BLUR: "use_motion_blur use_deform_motion motion_steps",
+        "of adaptive subdivision, which the object names": "dicing_rate",
+        "exported, or named by who exports the shading offset": "shadow_terminator_*",
+        FAST_GI: "ao_distance",
+        CAUSTICS: "is_caustics_*",
+    },
+    "ObjectLightLinking": {READ + ", and named of meshes that shine": "receiver_collection blocker_collection"},
+    "PointLight": LIGHT,
+    "SpotLight": LIGHT,
+    "AreaLight": LIGHT,
+    "SunLight": LIGHT,
+    "CyclesLightSettings": {READ: "is_portal", NAMED: "max_bounces use_multiple_importance_sampling is_caustics_light"},
+    "World": {
+        READ: "color node_tree use_nodes cycles cycles_visibility",
+        EEVEE: "use_eevee_finite_volume probe_resolution sun_* use_sun_*",
+        FAST_GI: "light_settings",
+        OUTPUT: "mist_settings lightgroup",
+        BY_DEPSGRAPH: "animation_data",
+    },
+    "CyclesWorldSettings": {
+        NAMED: "max_bounces use_shadows",
+        CAUSTICS: "is_caustics_light",
+        NOISE: "sampling_method sample_map_resolution",
+        VOLUMES: "homogeneous_volume volume_*",
+    },
+    "CyclesVisibilitySettings": {READ: "camera diffuse glossy transmission", NOISE: "shadow", VOLUMES: "scatter"},
+    "WorldLighting": {FAST_GI: "ao_factor distance"},
+    "Material": {
+        READ: "node_tree use_nodes diffuse_color pass_index cycles",
+        NAMED: "displacement_method use_transparent_shadow",
+        EEVEE: "surface_render_method blend_method shadow_method alpha_threshold use_transparency_overlap "
+        "show_transparent_back use_backface_culling* use_raytrace_refraction use_screen_refraction "
+        "use_sss_translucency refraction_depth thickness_mode use_thickness_from_shadow volume_intersection_method "
+        "specular_color roughness specular_intensity metallic",
+        BY_DEPSGRAPH: "animation_data",
+        "of displacement, which is named": "max_vertex_displacement",
+        VIEWS: "preview_render_type use_preview_world texture_paint_* paint_* line_color line_priority lineart",
+        "of grease pencil, which is named": "grease_pencil",
+    },
+    "CyclesMaterialSettings": {
+        NOISE: "emission_sampling",
+        "decided where nodes are exported": "use_bump_map_correction",
+        VOLUMES: "homogeneous_volume volume_*",
+    },
+    "Camera": {
+        READ: "sensor_fit clip_* lens sensor_width sensor_height ortho_scale shift_* dof",
+        REFUSED: "type",
+        SAME: "angle angle_x angle_y lens_unit",
+        "of panoramic and other cameras, which are refused": "panorama_type fisheye_* latitude_* longitude_* "
+        "central_cylindrical_* custom_* cycles_custom stereo",
+        VIEWS: "passepartout_alpha display_size show_* background_images composition_guide_color",
+        BY_DEPSGRAPH: "animation_data",
+    },
+    "CameraDOFSettings": {
+        READ: "use_dof focus_* aperture_*",
+    },
+    "Image": {
+        READ: "filepath filepath_raw source packed_file packed_files generated_* use_generated_float pixels "
+        "colorspace_settings alpha_mode use_view_as_render",
+        NAMED: "tiles",
+        VIEWS: "display_aspect render_slots resolution seam_margin",
+        OUTPUT: "file_format views_format",
+        "of movies and stereo pictures": "use_deinterlace use_multiview stereo_3d_format",
+        "of Cycles' memory": "use_half_precision",
+    },
+    "ImageUser": {
+        READ: "frame_* use_cyclic tile",
+        VIEWS: "use_auto_refresh",
+    },
+    "MaterialSlot": {READ: "link material"},
+    "ParticleSettings": {READ: "type render_type count", BY_DEPSGRAPH: "*"},
+    "UnitSettings": {VIEWS: "*"},
+    "Scene": {
+        READ: "camera background_set world objects view_settings display_settings view_layers collection cycles render",
+        NAMED: "sequence_editor node_tree use_nodes compositing_node_group compositor_effects",
+        BY_DEPSGRAPH: "frame_* animation_data simulation_* use_custom_simulation_range rigidbody_world gravity "
+        "use_gravity",
+        HAIR: "cycles_curves",
+        EEVEE: "eevee display hydra",
+        "of grease pencil, which is named": "grease_pencil_settings",
+        VIEWS: "lock_frame_selection_to_range use_preview_range show_* sync_mode keying_sets* tool_settings "
+        "unit_settings safe_areas timeline_markers transform_orientation_slots cursor grease_pencil annotation "
+        "active_clip time_jump_* allow_preroll playback_loop_mode wrap_timeline_navigation",
+        "sound": "use_audio* audio_*",
+        STAMP: "use_stamp_note",
+        "the sequencer's": "sequencer_colorspace_settings",
+    },
+}
