@@ -116,3 +116,31 @@ def test_displacement_that_is_only_looked_at_bumps_the_surface(scene, tmp_path, 
     means, warnings = cards.means(tmp_path, samples=32)
     assert differences(means, tolerance=0.03) == {}
     assert warnings == []
+
+
+def short_normal(tree):
+    """A vector of another length than 1, which Blender does not know to be constant."""
+    checker, made = tree.nodes.new("ShaderNodeTexChecker"), tree.nodes.new("ShaderNodeCombineXYZ")
+    checker.inputs["Scale"].default_value = 0.0
+    tree.links.new(checker.outputs["Fac"], made.inputs["Y"])
+    made.inputs["X"].default_value, made.inputs["Z"].default_value = 0.1, 0.5
+    return made.outputs[0]
+
+
+def test_bump_and_facing_take_normals_of_any_length(scene, tmp_path):
+    cards = Cards(scene)
+    for name, kind, output in (
+        ("bump", "ShaderNodeBump", "Normal"),
+        ("facing", "ShaderNodeLayerWeight", "Facing"),
+        ("fresnel", "ShaderNodeFresnel", 0),
+    ):
+        tree, surface = cards.add(name)
+        node = tree.nodes.new(kind)
+        tree.links.new(short_normal(tree), node.inputs["Normal"])
+        if kind == "ShaderNodeBump":
+            coordinates, wave = tree.nodes.new("ShaderNodeTexCoord"), tree.nodes.new("ShaderNodeTexWave")
+            tree.links.new(coordinates.outputs["UV"], wave.inputs["Vector"])
+            wave.inputs["Scale"].default_value, node.inputs["Distance"].default_value = 0.4, 0.2
+            tree.links.new(wave.outputs[0], node.inputs["Height"])
+        cards.show(tree, surface, node.outputs[output])
+    assert differences(cards.means(tmp_path, samples=64)[0], tolerance=0.04) == {}

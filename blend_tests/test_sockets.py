@@ -260,6 +260,45 @@ def custom_group(tree):
     return made.outputs[0]
 
 
+def menu(tree):
+    made = tree.nodes.new("GeometryNodeMenuSwitch")
+    made.data_type = "RGBA"
+    made.enum_items.clear()
+    for name in ("One", "Two"):
+        made.enum_items.new(name)
+    made.inputs[1].default_value, made.inputs[2].default_value = BLUE, RED
+    return made
+
+
+def grouped_menu(tree):
+    inner = group(
+        tree, [("Menu", None, False)], [("Color", None)], lambda g, i, o: g.links.new(via_menu(g, i[0]), o[0])
+    )
+    bpy.context.view_layer.update()
+    inner.inputs[0].default_value = "Two"
+    return inner.outputs[0]
+
+
+def via_menu(inner, socket):
+    made = menu(inner)
+    inner.links.new(socket, made.inputs[0])
+    return made.outputs[0]
+
+
+def chosen_menu(tree):
+    made = menu(tree)
+    made.inputs[0].default_value = "Two"
+    return made.outputs[0]
+
+
+if bpy.app.version >= (5, 0, 0):
+    CASES["menu"] = lambda t: glow(t, chosen_menu(t))
+    CASES["menu of a group"] = lambda t: glow(t, grouped_menu(t))
+    CASES["bool"] = lambda t: glow(t, node(t, "FunctionNodeInputBool", boolean=True).outputs[0])
+    CASES["integer"] = lambda t: glow(t, node(t, "FunctionNodeInputInt", integer=3).outputs[0])
+    CASES["vector"] = lambda t: glow(t, node(t, "FunctionNodeInputVector", vector=(0.2, 0.5, 0.9)).outputs[0])
+
+
 @pytest.fixture
 def node_types():
     """Types of nodes of an add-on: a group, and one that is gone once the trees are built."""

@@ -19,7 +19,7 @@ def is_mapped(node: bpy.types.Node) -> bool:
     if mapping is None:
         return False
     is_moved = any(mapping.translation) or any(mapping.rotation) or any(scale != 1.0 for scale in mapping.scale)
-    return is_moved or mapping.use_min or mapping.use_max or _axes(mapping) != ("X", "Y", "Z")
+    return is_moved or _axes(mapping) != ("X", "Y", "Z")
 
 
 def texture_vector(t: Translation, source: Source, implied: dict[str, Any]) -> Any:
@@ -39,7 +39,7 @@ def _axes(mapping: bpy.types.TexMapping) -> tuple[str, str, str]:
 
 
 def _mapped(t: Translation, vector: Any, mapping: bpy.types.TexMapping) -> Any:
-    """In Cycles' order: axes are exchanged, then moved, then limited."""
+    """In Cycles' order: axes are exchanged, then moved. Cycles ignores the limits."""
     if _axes(mapping) != ("X", "Y", "Z"):
         parts = t.emit({"type": "separate_xyz", "vector": vector})
         found = [{"node": parts, "output": AXES[axis]} if axis in AXES else 0.0 for axis in _axes(mapping)]
@@ -50,11 +50,4 @@ def _mapped(t: Translation, vector: Any, mapping: bpy.types.TexMapping) -> Any:
         "rotation": list(mapping.rotation),
         "scale": list(mapping.scale),
     }
-    vector = {"node": t.emit({"type": "mapping", "vector": vector, **settings}), "output": "vector"}
-    limits = (("MAXIMUM", mapping.use_min, mapping.min), ("MINIMUM", mapping.use_max, mapping.max))
-    for operation, is_used, limit in limits:
-        if is_used:
-            inputs = {"a": vector, "b": list(limit), "c": [0.0] * 3, "scale": 1.0}
-            node = t.emit({"type": "vector_math", "operation": operation, **inputs})
-            vector = {"node": node, "output": "vector"}
-    return vector
+    return {"node": t.emit({"type": "mapping", "vector": vector, **settings}), "output": "vector"}

@@ -136,6 +136,10 @@ def trace(socket: bpy.types.NodeSocket, context: Context) -> Source | Constant:
             context, is_gap = (*context, node), False
             passed.append(socket.type)
             own_passed = len(passed)
+        elif node.bl_idname == "GeometryNodeMenuSwitch" and (chosen := _chosen(node, output, context)):
+            passed.append(output.type)
+            owner = socket = chosen
+            is_gap, own_passed = False, len(passed)
         elif node.bl_idname == "NodeGroupInput":
             found = _by_identifier(context[-1].inputs, output.identifier)
             if found is None:
@@ -146,6 +150,14 @@ def trace(socket: bpy.types.NodeSocket, context: Context) -> Source | Constant:
             own_passed = len(passed)
         else:
             return Source(node, output, context, tuple(reversed(passed)))
+
+
+def _chosen(switch: bpy.types.Node, output: bpy.types.NodeSocket, context: Context) -> bpy.types.NodeSocket | None:
+    """The input that a Menu Switch shows; None where its menu is not known, and of its other outputs."""
+    menu = trace(switch.inputs[0], context)
+    if output != switch.outputs[0] or not isinstance(menu, Constant) or menu.owner is None:
+        return None
+    return next((socket for socket in switch.inputs[1:] if socket.name == menu.owner.default_value), None)
 
 
 def _used_link(socket: bpy.types.NodeSocket) -> bpy.types.NodeLink | None:

@@ -245,7 +245,7 @@ impl<'a> Context<'a> {
         else {
             return self.point.shading_normal;
         };
-        let normal = known.normal(normal);
+        let normal = known.raw_normal(normal);
         let Aid::Height(needed) = &self.graph.aids[index] else { return normal };
         // Heights within heights would need values of their own; none of Blender's graphs bumps a height.
         if scratch.is_empty() || needed.is_empty() {

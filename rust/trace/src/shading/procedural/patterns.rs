@@ -153,7 +153,7 @@ impl Bricks {
             return 1.0;
         }
         let depth = 1.0 - from_edge / self.mortar_size;
-        if depth < self.mortar_smooth { smooth(depth / self.mortar_smooth) } else { 1.0 }
+        smooth((depth / self.mortar_smooth).clamp(0.0, 1.0))
     }
 }
 
@@ -164,4 +164,26 @@ fn brick_noise(number: u32) -> f32 {
     let cubic = n.wrapping_mul(n).wrapping_mul(60_493).wrapping_add(19_990_303);
     let scrambled = n.wrapping_mul(cubic).wrapping_add(1_376_312_589) & 0x7fff_ffff;
     0.5 * (scrambled as f32 / 1_073_741_824.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn mortar_of_a_negative_smoothness_is_none() {
+        let bricks = |mortar_smooth| Bricks {
+            width: 1.0,
+            row_height: 1.0,
+            offset: 0.0,
+            offset_frequency: 1,
+            squash: 1.0,
+            squash_frequency: 1,
+            mortar_size: 0.2,
+            mortar_smooth,
+            bias: 0.0,
+        };
+        let covered = |smooth| bricks(smooth).tint_and_mortar(Vec2::new(0.1, 0.5)).1;
+        assert_eq!([covered(-0.5), covered(0.0), covered(0.5), covered(1.0)], [0.0, 1.0, 1.0, 0.5]);
+    }
 }
