@@ -240,7 +240,9 @@ class SceneLights:
         obj = entry.light.evaluated_get(depsgraph)
         warnings: list[str] = []
         linking = LightLinking(self.receivers, warnings.append)
-        found = describe_light(obj, entry.owner, entry.matrix or obj.matrix_world, linking, warnings.append)
+        found = describe_light(
+            obj, entry.owner, entry.matrix or obj.matrix_world, depsgraph.scene_eval.camera, linking, warnings.append
+        )
         before, name = entry.description, name_of(entry.light)
         if found is not None:
             found["name"] = before["name"] if before is not None and name == entry.name else name

@@ -140,7 +140,7 @@ class Judge:
         found = []
         exporter = LightExporter(found.append, print_error, LightLinking([], print_error))
         for obj in self.lights():
-            exporter.export(obj, obj.matrix_world)
+            exporter.export(obj, obj, obj.matrix_world, self.scene.camera)
         return found
 
     def light_set(self):

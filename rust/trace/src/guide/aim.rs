@@ -74,6 +74,14 @@ impl Aim {
             LightShape::Spot { center, radius, axis, half_angle, .. } => {
                 (Place::Ball { center, radius }, Beam::Cone { axis, cos: half_angle.cos() })
             }
+            LightShape::StretchedSpot { center, radius, .. } => {
+                (Place::Ball { center, radius }, Beam::Everywhere)
+            }
+            // In its ball: where it seems to be differs from its edges (`relume_gather`).
+            LightShape::Sheared { center, edge_u, edge_v, facing, .. } => {
+                let radius = 0.5 * (edge_u.length() + edge_v.length());
+                (Place::Ball { center, radius }, Beam::Front { normal: facing })
+            }
             LightShape::Quad { center, edge_u, edge_v, .. } => {
                 let radius = 0.5 * (edge_u.length_squared() + edge_v.length_squared()).sqrt();
                 flat(center, radius, Plate::new(edge_u, edge_v, false))
