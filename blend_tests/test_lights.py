@@ -71,6 +71,41 @@ def test_spot_keeps_its_cone(scene):
     assert shape["axis"] == pytest.approx([0, 1, 0], abs=1e-6)
 
 
+def test_a_light_whose_parent_is_stretched(scene):
+    add_quad(scene)
+    rig = add(scene, "Rig", None)
+    rig.scale = (1.5, 0.5, 1.0)
+    for kind in ("AREA", "SPOT"):
+        light = add_light(scene, kind, kind.title())
+        light.rotation_euler, light.parent = (0.3, 0.8, 0.2), rig
+    out = exported(scene)
+    area, spot = (light["shape"] for light in out["lights"])
+    assert (area["type"], spot["type"], out["warnings"]) == ("sheared", "stretched_spot", [])
+    x, y, z = (np.array(axis) for axis in bpy.data.objects["Area"].matrix_world.to_3x3().col)
+    assert np.abs(area["facing"] @ z) == pytest.approx(np.linalg.norm(z))
+    assert np.linalg.norm(area["edge_u"]) == pytest.approx(np.linalg.norm(x) * bpy.data.lights["Area"].size)
+
+
+def test_a_flat_light_is_named(scene):
+    add_quad(scene)
+    light = add_light(scene, "SPOT", "Key")
+    light.rotation_euler, light.parent = (0.3, 0.8, 0.2), add(scene, "Rig", None)
+    light.parent.scale = (1.0, 0.0, 1.0)
+    out = exported(scene)
+    assert out["lights"] == [] and any("'Key'" in said and "flat; left out" in said for said in out["warnings"])
+
+
+def test_small_lights_keep_the_size_that_the_camera_sees(scene):
+    add_quad(scene)
+    add_light(scene, "POINT", "Pin", location=(0, 0, 2), shadow_soft_size=0.0)
+    add_light(scene, "AREA", "Dot", location=(0, 0, 2), shape="SQUARE", size=0.004)
+    scene.camera.location = (0, 0, 4)
+    out = exported(scene)
+    pin, dot = (light["shape"] for light in out["lights"])
+    assert 0.0005 < pin["radius"] <= 0.002 and np.linalg.norm(dot["edge_u"]) == pytest.approx(0.004)
+    assert out["warnings"] == []
+
+
 def test_area_light_emits_along_its_local_minus_z(scene):
     add_quad(scene)
     light = add_light(scene, "AREA", shape="RECTANGLE", size=2.0, size_y=1.0, spread=1.0)

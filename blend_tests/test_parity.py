@@ -10,7 +10,7 @@ import relume
 
 from addon.engine.scene import load_scene
 from addon.export import trace_settings
-from helpers import add_light, add_material, add_quad, background, render_cycles
+from helpers import add, add_light, add_material, add_quad, background, render_cycles
 from instances import instancing, unlinked
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "scripts" / "parity"))
@@ -72,6 +72,50 @@ def test_gather_equals_cycles(room, tmp_path, name):
     kind, settings = LIGHTS[name]
     light = add_light(room, kind, name="Key", location=(-0.6, -0.4, 1.8), **settings)
     light.rotation_euler = (0.5, 0.3, 0.0)
+    assert_equal(*pictures(room, tmp_path))
+
+
+STRETCHED = {
+    "rectangle": ("AREA", {"shape": "RECTANGLE", "size": 1.2, "size_y": 0.6}),
+    "disk": ("AREA", {"shape": "DISK", "size": 0.8}),
+    "spot": ("SPOT", {"shadow_soft_size": 0.2, "spot_size": 1.0, "spot_blend": 0.3}),
+}
+
+
+@pytest.mark.parametrize("name", STRETCHED)
+def test_a_light_whose_parent_is_stretched(room, tmp_path, name):
+    kind, settings = STRETCHED[name]
+    light = add_light(room, kind, name="Key", location=(-0.4, -0.4, 1.8), **settings)
+    light.rotation_euler = (0.5, 0.3, 0.6)
+    light.parent = add(room, "Rig", None)
+    light.parent.scale, light.parent.rotation_euler = (1.5, 0.7, 1.0), (0.0, 0.0, 0.4)
+    assert_equal(*pictures(room, tmp_path))
+
+
+def test_a_scene_in_tenths_of_millimetres(room, tmp_path):
+    lamp = add_light(room, "POINT", name="Key", location=(-0.6, -0.4, 1.8), shadow_soft_size=0.4)
+    set_up = add(room, "Set", None)
+    for obj in set(room.objects) - {set_up}:
+        obj.parent = set_up
+    set_up.scale = (1e-4,) * 3
+    lamp.data.shadow_soft_size, lamp.data.energy = 0.4e-4, lamp.data.energy * 1e-8
+    room.camera.data.clip_start = 1e-6
+    assert_equal(*pictures(room, tmp_path))
+
+
+def test_a_light_behind_more_transparent_films_than_the_limit(room, tmp_path):
+    material, tree, output = add_material("Film")
+    mix, clear, matt = (tree.nodes.new(f"ShaderNode{name}") for name in ("MixShader", "BsdfTransparent", "BsdfDiffuse"))
+    mix.inputs["Fac" if "Fac" in mix.inputs else "Factor"].default_value = 0.3
+    for node, socket in ((clear, 1), (matt, 2)):
+        tree.links.new(node.outputs[0], mix.inputs[socket])
+    tree.links.new(mix.outputs[0], output.inputs["Surface"])
+    for number in range(4):
+        film = add_quad(room, f"Film {number}", size=1.6, material=material)
+        film.location, film.rotation_euler = (-0.8, -0.2 + 0.2 * number, 0.8), (1.35, 0.0, 0.0)
+    add_light(room, "POINT", name="Key", location=(-1.6, -1.6, 1.8), shadow_soft_size=0.4)
+    add_light(room, "POINT", name="Back", location=(-0.8, 1.4, 1.0), shadow_soft_size=0.3)
+    room.cycles.transparent_max_bounces = 2
     assert_equal(*pictures(room, tmp_path))
 
 

@@ -241,8 +241,9 @@ class SceneLights:
         obj = entry.light.evaluated_get(depsgraph)
         warnings: list[str] = []
         linking = LightLinking(self.receivers, warnings.append)
-        place, computed = entry.matrix or obj.matrix_world, native().SceneBuilder.constant_emission
-        found = describe_light(obj, entry.owner, place, linking, warnings.append, computed)
+        place, camera = entry.matrix or obj.matrix_world, depsgraph.scene_eval.camera
+        computed = native().SceneBuilder.constant_emission
+        found = describe_light(obj, entry.owner, place, camera, linking, warnings.append, computed)
         before, name = entry.description, name_of(entry.light)
         if found is not None:
             found["name"] = before["name"] if before is not None and name == entry.name else name

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 import bpy
+from mathutils import Vector
 
 from .linking import LightLinking
 from .materials.constants import ConstantEmission, ConstantTranslation, VaryingNodeError
@@ -30,6 +31,8 @@ VARYING = {
     "ShaderNodeLightPath": "depends on the length or depth of rays",
 }
 """Why a light is not the same everywhere."""
+MIN_SIZE = 0.01
+"""`relume_scene::MIN_SIZE`, metres."""
 ALL_BOUNCES = 1024
 """Of a light in Cycles, unless somebody has set fewer: no scene has more."""
 
@@ -66,9 +69,13 @@ class LightExporter:
         self.constant_emission = constant_emission
         self.unique = UniqueNames()
 
-    def export(self, obj: bpy.types.Object, owner: bpy.types.Object, world_from_object: Any) -> None:
+    def export(
+        self, obj: bpy.types.Object, owner: bpy.types.Object, world_from_object: Any, camera: bpy.types.Object | None
+    ) -> None:
         """Adds one light, or one instance that its owner makes of it."""
-        description = describe_light(obj, owner, world_from_object, self.linking, self.warn, self.constant_emission)
+        description = describe_light(
+            obj, owner, world_from_object, camera, self.linking, self.warn, self.constant_emission
+        )
         if description is not None:
             self.add(description | {"name": self.unique(name_of(obj.original))})
 
@@ -77,12 +84,13 @@ def describe_light(
     obj: bpy.types.Object,
     owner: bpy.types.Object,
     world_from_object: Any,
+    camera: bpy.types.Object | None,
     linking: LightLinking,
     warn: Callable[[str], None],
     constant_emission: ConstantEmission,
 ) -> dict[str, Any] | None:
     """The JSON form of `BlenderLight`; None for a light that cannot be represented. `owner` is what instances it, or
-    the light itself."""
+    the light itself; the camera looks at it."""
     light = obj.data
     if is_portal(light):
         return None
@@ -106,10 +114,29 @@ def describe_light(
         "normalize": getattr(light, "normalize", True),
         "lobes": ray_visibility(obj, owner),
     }
+    if _may_be_small(light, world_from_object) and camera is not None:
+        description["least_size"] = _least_size(world_from_object, camera)
     receivers = linking.receivers(obj)
     if receivers is not None:
         description["receivers"] = {"receivers": receivers}
     return description
+
+
+def _may_be_small(light: bpy.types.Light, world_from_object: Any) -> bool:
+    """Whether its size may be below the least that lights are given where nothing is known of the scene."""
+    if light.type != "AREA":
+        return light.type != "SUN" and light.shadow_soft_size < MIN_SIZE
+    sizes = (light.size, light.size_y if light.shape in {"RECTANGLE", "ELLIPSE"} else light.size)
+    scales = (math.hypot(*(row[axis] for row in world_from_object[:3])) for axis in (0, 1))
+    return min(size * scale for size, scale in zip(sizes, scales, strict=True)) < MIN_SIZE
+
+
+def _least_size(world_from_object: Any, camera: bpy.types.Object) -> float:
+    """A size that cannot be told from a smaller one: a thousandth of the distance to the camera. A power of two, so
+    that it is seldom another when something moves."""
+    place = Vector(row[3] for row in world_from_object[:3])
+    distance = (place - camera.matrix_world.translation).length
+    return min(MIN_SIZE, 2.0 ** math.floor(math.log2(max(distance, 1e-9) / 1000.0)))
 
 
 def ray_visibility(obj: bpy.types.Object, owner: bpy.types.Object) -> dict[str, float]:
@@ -134,7 +161,16 @@ def _problem(light: bpy.types.Light, world_from_object: Any) -> str:
         return "one of its values is not a number"
     if light.type != "POINT" and not all(any(column) for column in columns):
         return "its scale is zero"
+    if _is_flat(light, columns):
+        return "its transform makes it flat"
     return ""
+
+
+def _is_flat(light: bpy.types.Light, columns: list[Any]) -> bool:
+    """Whether the axes that give a light its shape do not span it."""
+    x, y, z = (Vector(column).normalized() for column in columns)
+    across = x.cross(y)
+    return (light.type == "AREA" and across.length < 2e-3) or (light.type == "SPOT" and abs(across @ z) < 2e-6)
 
 
 def _warn_about(obj: bpy.types.Object, warn: Callable[[str], None]) -> None:

@@ -137,7 +137,7 @@ class _SceneExporter:
             if self._is_new(uid, obj.type):
                 self._warn_about_type(obj)
             if obj.type == "LIGHT":
-                self.lights.export(obj, _owner(instance), instance.matrix_world)
+                self.lights.export(obj, _owner(instance), instance.matrix_world, self.depsgraph.scene_eval.camera)
             elif obj.type == "MESH":  # Curves, text and metaballs appear as meshes of their own.
                 self._export_geometry(instance, uid)
         scene, view_layer = self.depsgraph.scene_eval, self.depsgraph.view_layer_eval
@@ -177,7 +177,8 @@ class _SceneExporter:
             "receiver": self.linking.receiver_number(obj.original, owner),
             "color": tuple(value if isfinite(value) else 0.0 for value in obj.color),
             "pass_index": obj.pass_index,
-            "shadow_terminator_offset": shadow_terminator_offset(obj),
+            "shadow_terminator_offset": shadow_terminator(obj)[0],
+            "shadow_terminator_shading": shadow_terminator(obj)[1],
             "visibility": self._visibility(obj, owner),
         }
         return _Shared(obj.name, materials, settings)
@@ -231,6 +232,9 @@ class _SceneExporter:
             warn(f"object '{name}': shadow catcher is not supported yet; rendered as an ordinary object")
         if not obj.visible_shadow:
             warn(f"object '{name}': an object without shadow is not supported; it blocks light")
+        elif hidden := [ray for ray in ("diffuse", "glossy", "transmission") if not getattr(obj, f"visible_{ray}")]:
+            what = f"hidden from {' and '.join(hidden)} rays, it casts no shadow on what sends them; Cycles shows one"
+            warn(f"object '{name}': {what}")
 
     def _warn_about_emitter(self, obj: bpy.types.Object) -> None:
         warn, name, linking = self.builder.warn, obj.name, obj.light_linking
@@ -252,7 +256,10 @@ def _owner(instance: bpy.types.DepsgraphObjectInstance) -> bpy.types.Object:
     return instance.parent if instance.is_instance and instance.parent else instance.object
 
 
-def shadow_terminator_offset(obj: bpy.types.Object) -> float:
-    """Of shadows on smooth geometry: Blender's own setting from 4.5 on; that of Cycles is what older files had."""
-    owner = obj if hasattr(obj, "shadow_terminator_geometry_offset") else getattr(obj, "cycles", None)
-    return 0.1 if owner is None else owner.shadow_terminator_geometry_offset
+def shadow_terminator(obj: bpy.types.Object) -> tuple[float, float]:
+    """Offsets of geometry and of shading against the shadows that coarse meshes cast on themselves: the object's since
+    Blender 4.5, Cycles' before."""
+    if hasattr(obj, "shadow_terminator_shading_offset"):
+        return obj.shadow_terminator_geometry_offset, obj.shadow_terminator_shading_offset
+    cycles = getattr(obj, "cycles", None)
+    return (cycles.shadow_terminator_geometry_offset, cycles.shadow_terminator_offset) if cycles else (0.1, 0.0)

@@ -53,7 +53,7 @@ fn may_touch(light: u32, bounds: Bounds, frame: Frame) -> bool {
 
 // Half of the size of a box around what a light reaches.
 fn half_extent(light: u32) -> vec3f {
-    if lights[light].kind <= SOFT_SPOT {
+    if lights[light].kind <= SOFT_SPOT || lights[light].kind > SUN {
         return vec3f(sqrt(lights[light].reach2));
     }
     let u = lights[light].inverse_u;

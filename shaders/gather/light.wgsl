@@ -10,6 +10,11 @@ const SOFT_SPOT = 3u;
 const QUAD = 4u;
 const ELLIPSE = 5u;
 const SUN = 6u;
+// Kinds from here on are found by a ball, as the first ones are.
+const STRETCHED_SPOT = 7u;
+const STRETCHED_SOFT_SPOT = 8u;
+const SHEARED_QUAD = 9u;
+const SHEARED_ELLIPSE = 10u;
 
 // Words of a receiver set: a bit for each of 2048.
 const RECEIVER_WORDS = 64u;
@@ -17,10 +22,10 @@ const RECEIVER_WORDS = 64u;
 struct Light {
     center: vec3f,
     kind: u32,
-    // Axis of a spot, normal of an area, towards a sun.
+    // Axis of a spot, normal of an area, where a sheared one faces, towards a sun.
     direction: vec3f,
     radius: f32,
-    // Edges of an area divided by their squared length.
+    // Edges of an area divided by their squared length; of a sheared one, the first two rows for the way to its centre.
     inverse_u: vec3f,
     // Squared: the radius with room for rounding, or the chord of a sun.
     reach2: f32,
@@ -35,6 +40,17 @@ struct Light {
     // Of the spread of an area; a normalisation of 0 is that of a Lambertian emitter.
     tan_half: f32,
     normalisation: f32,
+    // Of a stretched spot, rows that take a direction to its own space; of a sheared area, those for edges of segments
+    // (`rust/gather/src/sheared.rs`), with the lengths of its own edges.
+    row_x: vec3f,
+    length_u: f32,
+    row_y: vec3f,
+    length_v: f32,
+    row_z: vec3f,
+    determinant: f32,
+    // The third row for the way to its centre.
+    center_row_z: vec3f,
+    unused: f32,
 }
 
 @group(0) @binding(0) var<storage, read> lights: array<Light>;
@@ -59,7 +75,7 @@ fn segment(origin: vec3f, edge: vec3f, z_flags: u32) -> Segment {
 // Whether a segment may cross a light: no crossing one is left out, few others pass.
 fn is_near(light: u32, s: Segment) -> bool {
     let kind = lights[light].kind;
-    if kind <= SOFT_SPOT {
+    if kind <= SOFT_SPOT || kind > SUN {
         let to_center = lights[light].center - s.origin;
         let share = clamp(dot(to_center, s.edge) / s.length2, 0.0, 1.0);
         let nearest = to_center - s.edge * share;
@@ -97,8 +113,10 @@ fn profile(light: u32, s: Segment) -> f32 {
     switch lights[light].kind {
         case SPHERE: { return select(0.0, 1.0, sphere_is_crossed(light, s)); }
         case FACING_DISK: { return select(0.0, 1.0, facing_disk_is_crossed(light, s)); }
-        case SPOT, SOFT_SPOT: { return spot(light, s); }
+        case SPOT, SOFT_SPOT: { return spot(light, s, SOFT_SPOT); }
         case QUAD, ELLIPSE: { return area(light, s); }
+        case STRETCHED_SPOT, STRETCHED_SOFT_SPOT: { return spot(light, s, STRETCHED_SOFT_SPOT); }
+        case SHEARED_QUAD, SHEARED_ELLIPSE: { return sheared(light, s); }
         // `is_near` has decided.
         default: { return 1.0; }
     }
@@ -139,8 +157,9 @@ fn facing_disk_is_crossed(light: u32, s: Segment) -> bool {
     return dot(in_disk, in_disk) <= lights[light].radius * lights[light].radius;
 }
 
-fn spot(light: u32, s: Segment) -> f32 {
-    let is_soft = lights[light].kind == SOFT_SPOT;
+// `soft` is the kind of such a spot that is a facing disk.
+fn spot(light: u32, s: Segment, soft: u32) -> f32 {
+    let is_soft = lights[light].kind == soft;
     let to_center = lights[light].center - s.origin;
     var crossed = false;
     if is_soft {
@@ -153,9 +172,51 @@ fn spot(light: u32, s: Segment) -> f32 {
     if !crossed || (inside && !is_soft) {
         return select(0.0, 1.0, crossed);
     }
-    let cos = -dot(s.edge, lights[light].direction) / sqrt(s.length2);
+    let cos = cone_cosine(light, s);
     let x = clamp((cos - lights[light].cos_half_angle) * lights[light].inverse_blend, 0.0, 1.0);
     return x * x * (3.0 - 2.0 * x);
+}
+
+// Cosine between the axis of a spot and the way back, in the space where its cone is round.
+fn cone_cosine(light: u32, s: Segment) -> f32 {
+    if lights[light].kind <= SOFT_SPOT {
+        return -dot(s.edge, lights[light].direction) / sqrt(s.length2);
+    }
+    let z = dot(s.edge, lights[light].row_z);
+    return z / length(vec3f(dot(s.edge, lights[light].row_x), dot(s.edge, lights[light].row_y), z));
+}
+
+// The profile of an area whose object is sheared.
+fn sheared(light: u32, s: Segment) -> f32 {
+    let to_center = lights[light].center - s.origin;
+    if dot(to_center, lights[light].direction) >= 0.0 {
+        return 0.0;
+    }
+    let along = vec3f(dot(s.edge, lights[light].row_x), dot(s.edge, lights[light].row_y), dot(s.edge, lights[light].row_z));
+    let share = dot(to_center, lights[light].center_row_z) / along.z;
+    if !(share > 0.0 && share < 1.0) {
+        return 0.0;
+    }
+    let middle = vec2f(dot(to_center, lights[light].inverse_u), dot(to_center, lights[light].inverse_v));
+    let uv = along.xy * share - middle;
+    let is_ellipse = lights[light].kind == SHEARED_ELLIPSE;
+    if !select(all(abs(uv) <= vec2f(0.5)), dot(uv, uv) <= 0.25, is_ellipse) {
+        return 0.0;
+    }
+    let length_of_edge = sqrt(s.length2);
+    let cos = -dot(s.edge, lights[light].direction) / length_of_edge;
+    let straight = length(along * vec3f(lights[light].length_u, lights[light].length_v, 1.0));
+    let ratio = length_of_edge / straight;
+    let weight = select(
+        lights[light].determinant * ratio * ratio * ratio,
+        max(cos * length_of_edge / abs(along.z), 0.0),
+        is_ellipse,
+    );
+    if lights[light].normalisation == 0.0 {
+        return weight;
+    }
+    let tan = sqrt(max(1.0 - cos * cos, 0.0)) / cos;
+    return select(0.0, weight * max((lights[light].tan_half - tan) * lights[light].normalisation, 0.0), cos > 0.0);
 }
 
 // Cosine between the normal and the way back times the length of the edge; 0 if the segment does not cross the area from

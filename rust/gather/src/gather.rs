@@ -80,10 +80,11 @@ impl Gather {
         let least = match *shape {
             LightShape::Sphere { radius, .. }
             | LightShape::FacingDisk { radius, .. }
-            | LightShape::Spot { radius, .. } => radius,
-            LightShape::Quad { edge_u, edge_v, .. } | LightShape::Ellipse { edge_u, edge_v, .. } => {
-                0.5 * edge_u.length().min(edge_v.length())
-            }
+            | LightShape::Spot { radius, .. }
+            | LightShape::StretchedSpot { radius, .. } => radius,
+            LightShape::Quad { edge_u, edge_v, .. }
+            | LightShape::Ellipse { edge_u, edge_v, .. }
+            | LightShape::Sheared { edge_u, edge_v, .. } => 0.5 * edge_u.length().min(edge_v.length()),
             LightShape::Sun { .. } => return None,
         };
         (least < self.floor).then_some(self.floor)

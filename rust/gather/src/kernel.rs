@@ -216,6 +216,7 @@ fn cross<L: Lanes>(shard: &Shard, block: &mut Block, light: usize, visitor: &mut
         Reach::Ball(ball) => near_ball::<L>(groups, ball, ROUNDING * magnitude(shard, ball.center)),
         Reach::Plane(plane) => through_plane::<L>(groups, plane),
         Reach::Slab { plane, ends } => through_slab::<L>(groups, plane, *ends),
+        Reach::Everywhere => groups.for_each(|(_, candidates)| *candidates = u8::MAX),
         Reach::Cone { direction, chord2 } => along::<L>(groups, *direction, *chord2),
     }
     // The lanes beyond the last record.

@@ -23,6 +23,7 @@ mod positions;
 mod relight;
 #[cfg(target_arch = "x86_64")]
 mod scan;
+mod sheared;
 #[cfg(target_arch = "x86_64")]
 mod sieve;
 mod soft;

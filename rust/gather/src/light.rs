@@ -5,11 +5,12 @@
 //! Blender 4.2 to 5.2): a sphere that the segment starts in counts where the segment leaves it; spots, areas and facing disks are
 //! one-sided; a light behind the end of the segment is not hit.
 
-use glam::Vec3;
+use glam::{Mat3, Vec3};
 use relume_dump::{Lobe, RECEIVER_LIMIT};
 use relume_scene::{Light, LightShape, LobeFactors};
 
 use crate::GatherError;
+use crate::sheared::Sheared;
 
 /// Length of escaped segments in metres, up to a factor of 0.57: beyond every light, and harmless in `f32`.
 pub const FAR: f32 = 1e8;
@@ -35,6 +36,8 @@ pub(crate) enum Profile {
     FacingDisk(Ball),
     Spot { ball: Ball, axis: Vec3, cos_half_angle: f32, inverse_blend: f32, soft_falloff: bool },
     Area { plane: Plane, spread: Option<Spread> },
+    Sheared(Sheared),
+    StretchedSpot { ball: Ball, cone: LocalCone, soft_falloff: bool },
     Sun { direction: Vec3, chord2: f32 },
 }
 
@@ -48,6 +51,8 @@ pub(crate) enum Reach {
         plane: Plane,
         ends: f32,
     },
+    /// Every segment.
+    Everywhere,
     /// Escaped segments within a chord (squared) of a direction.
     Cone {
         direction: Vec3,
@@ -62,7 +67,7 @@ impl Reach {
         match self {
             Self::Ball(ball) => ball.center,
             Self::Plane(plane) | Self::Slab { plane, .. } => plane.center,
-            Self::Cone { .. } => Vec3::ZERO,
+            Self::Cone { .. } | Self::Everywhere => Vec3::ZERO,
         }
     }
 
@@ -77,7 +82,7 @@ impl Reach {
             Self::Ball(ball) => Some(*ball),
             Self::Plane(plane) => Some(around(plane, 0.0)),
             Self::Slab { plane, ends } => Some(around(plane, *ends)),
-            Self::Cone { .. } => None,
+            Self::Cone { .. } | Self::Everywhere => None,
         }
     }
 }
@@ -109,6 +114,22 @@ pub(crate) struct Plane {
     pub inverse_u: Vec3,
     pub inverse_v: Vec3,
     pub is_ellipse: bool,
+}
+
+/// The cone of a spot in the space of its object.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LocalCone {
+    pub local_from_world: Mat3,
+    pub cos_half_angle: f32,
+    pub inverse_blend: f32,
+}
+
+impl LocalCone {
+    /// What it gives along a segment: in Cycles, by the cosine to the object's own axis in its own space.
+    fn share(&self, edge: Vec3) -> f32 {
+        let local = self.local_from_world * edge;
+        smoothstep((local.z / local.length() - self.cos_half_angle) * self.inverse_blend)
+    }
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -171,13 +192,21 @@ fn profile(shape: &LightShape, floor: f32) -> Prepared {
         LightShape::Spot { center, radius, axis, half_angle, blend, soft_falloff } => {
             let (ball, scale) = ball(center, radius, floor)?;
             let axis = axis.try_normalize().ok_or("its axis is not a direction")?;
-            if !(half_angle.is_finite() && blend.is_finite()) {
-                return Err("its cone is not finite");
-            }
-            // Cycles, `scene/light.cpp`: spot_smooth.
-            let cos_half_angle = half_angle.cos();
-            let inverse_blend = 1.0 / ((1.0 - cos_half_angle) * blend).max(f32::EPSILON);
+            let (cos_half_angle, inverse_blend) = cone_edge(half_angle, blend)?;
             Ok((Profile::Spot { ball, axis, cos_half_angle, inverse_blend, soft_falloff }, scale))
+        }
+        LightShape::StretchedSpot { center, radius, local_from_world, half_angle, blend, soft_falloff } => {
+            let (ball, scale) = ball(center, radius, floor)?;
+            let (cos_half_angle, inverse_blend) = cone_edge(half_angle, blend)?;
+            if !local_from_world.is_finite() || local_from_world.determinant() == 0.0 {
+                return Err("its space is not finite or flat");
+            }
+            let cone = LocalCone { local_from_world, cos_half_angle, inverse_blend };
+            Ok((Profile::StretchedSpot { ball, cone, soft_falloff }, scale))
+        }
+        LightShape::Sheared { center, edge_u, edge_v, facing, spread, is_ellipse } => {
+            let (sheared, scale) = Sheared::new(center, [edge_u, edge_v], facing, spread, is_ellipse, floor)?;
+            Ok((Profile::Sheared(sheared), scale))
         }
         LightShape::Quad { center, edge_u, edge_v, spread } => {
             area(center, edge_u, edge_v, spread, false, floor)
@@ -187,6 +216,16 @@ fn profile(shape: &LightShape, floor: f32) -> Prepared {
         }
         LightShape::Sun { direction, half_angle } => sun(direction, half_angle),
     }
+}
+
+/// Cosine of a cone's half angle, and the inverse of how far its soft edge reaches in cosines (Cycles, `scene/light.cpp`:
+/// `spot_smooth`).
+fn cone_edge(half_angle: f32, blend: f32) -> Result<(f32, f32), &'static str> {
+    if !(half_angle.is_finite() && blend.is_finite()) {
+        return Err("its cone is not finite");
+    }
+    let cos_half_angle = half_angle.cos();
+    Ok((cos_half_angle, 1.0 / ((1.0 - cos_half_angle) * blend).max(f32::EPSILON)))
 }
 
 fn ball(center: Vec3, radius: f32, floor: f32) -> Result<(Ball, f32), &'static str> {
@@ -239,7 +278,7 @@ impl Spread {
     }
 
     /// The soft-box grid of Blender's D10594: the share of light that passes between slats at this angle.
-    fn attenuation(&self, cos: f32) -> f32 {
+    pub(crate) fn attenuation(&self, cos: f32) -> f32 {
         let tan = (1.0 - cos * cos).max(0.0).sqrt() / cos;
         ((self.tan_half - tan) * self.normalisation).max(0.0)
     }
@@ -248,8 +287,12 @@ impl Spread {
 impl Profile {
     fn reach(&self) -> Reach {
         match *self {
-            Self::Sphere(ball) | Self::FacingDisk(ball) | Self::Spot { ball, .. } => Reach::Ball(ball),
+            Self::Sphere(ball)
+            | Self::FacingDisk(ball)
+            | Self::Spot { ball, .. }
+            | Self::StretchedSpot { ball, .. } => Reach::Ball(ball),
             Self::Area { plane, .. } => Reach::Plane(plane),
+            Self::Sheared(sheared) => sheared.reach(),
             Self::Sun { direction, chord2 } => Reach::Cone { direction, chord2 },
         }
     }
@@ -261,19 +304,14 @@ impl Profile {
             Self::Sphere(ball) => hit(ball.sphere_is_crossed(origin, edge)),
             Self::FacingDisk(ball) => hit(ball.facing_disk_is_crossed(origin, edge)),
             Self::Spot { ball, axis, cos_half_angle, inverse_blend, soft_falloff } => {
-                let crossed = match soft_falloff {
-                    true => ball.facing_disk_is_crossed(origin, edge),
-                    // One-sided: not seen by segments that go away from the centre.
-                    false => edge.dot(ball.center - origin) > 0.0 && ball.sphere_is_crossed(origin, edge),
-                };
-                // Cycles leaves the cone out for points inside of a sphere, but not of a facing disk's radius.
-                let inside = origin.distance_squared(ball.center) <= ball.radius * ball.radius;
-                if !crossed || (inside && !soft_falloff) {
-                    return hit(crossed);
-                }
                 // Cycles evaluates the cone for the direction of the segment, not that of the light's centre.
-                smoothstep((-edge.dot(*axis) / edge.length() - cos_half_angle) * inverse_blend)
+                let cone = || smoothstep((-edge.dot(*axis) / edge.length() - cos_half_angle) * inverse_blend);
+                ball.in_cone(origin, edge, *soft_falloff, cone)
             }
+            Self::StretchedSpot { ball, cone, soft_falloff } => {
+                ball.in_cone(origin, edge, *soft_falloff, || cone.share(edge))
+            }
+            Self::Sheared(sheared) => sheared.evaluate(origin, edge),
             Self::Area { plane, spread } => match plane.crossing_cosine(origin, edge) {
                 Some(cos) => spread.map_or(1.0, |spread| spread.attenuation(cos / edge.length())),
                 None => 0.0,
@@ -304,6 +342,21 @@ impl Ball {
         let foot = along / length;
         let distance = if outside { foot - half_chord } else { foot + half_chord };
         distance > 0.0 && distance < length
+    }
+
+    /// What a segment collects from a spot, whose cone gives `share` along it.
+    fn in_cone(&self, origin: Vec3, edge: Vec3, is_disk: bool, share: impl FnOnce() -> f32) -> f32 {
+        let crossed = match is_disk {
+            true => self.facing_disk_is_crossed(origin, edge),
+            // One-sided: not seen by segments that go away from the centre.
+            false => edge.dot(self.center - origin) > 0.0 && self.sphere_is_crossed(origin, edge),
+        };
+        // Cycles leaves the cone out for points inside of a sphere, but not of a facing disk's radius.
+        let inside = origin.distance_squared(self.center) <= self.radius * self.radius;
+        if !crossed || (inside && !is_disk) {
+            return if crossed { 1.0 } else { 0.0 };
+        }
+        share()
     }
 
     /// The disk lies through the centre, perpendicular to the line from the origin: with the centre at distance d,

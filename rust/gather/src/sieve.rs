@@ -49,7 +49,7 @@ impl Default for SieveWork {
 }
 
 impl Sieve {
-    /// A box around what a light reaches, widened by `slack` metres; `None` for a sun, which is everywhere.
+    /// A box around what a light reaches, widened by `slack` metres; `None` for what is everywhere, as suns.
     pub fn new(shard: &Shard, reach: &Reach, slack: f32) -> Option<Self> {
         let around = |plane: &Plane| {
             let half_edge = |inverse: Vec3| 0.5 * inverse.abs() / inverse.length_squared();
@@ -59,7 +59,7 @@ impl Sieve {
             Reach::Ball(ball) => (ball.center, Vec3::splat(ball.radius)),
             Reach::Plane(plane) => (plane.center, around(plane)),
             Reach::Slab { plane, ends } => (plane.center, around(plane) + Vec3::splat(*ends)),
-            Reach::Cone { .. } => return None,
+            Reach::Cone { .. } | Reach::Everywhere => return None,
         };
         let half = half.as_dvec3() * 1.001 + f64::from(slack);
         let (center, grid) = (center.as_dvec3(), shard.grid());

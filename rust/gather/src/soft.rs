@@ -36,7 +36,7 @@ use std::ops::Range;
 use glam::Vec3;
 use rayon::prelude::*;
 use relume_dump::{End, Flags, Shard, decode_rgb9e5};
-use relume_scene::{LANES, Light};
+use relume_scene::{LANES, Light, LightShape};
 
 use self::light::{SoftLight, SoftProfile};
 use self::profile::Segments;
@@ -74,9 +74,12 @@ pub struct Linear {
 }
 
 impl Linear {
-    /// From value and slopes of each cell.
-    pub(crate) fn new(outputs: &[[[f32; 3]; OUTPUTS]]) -> Self {
-        let slopes = |outputs: &[[f32; 3]; OUTPUTS]| std::array::from_fn(|lane| outputs[1 + lane]);
+    /// From value and slopes of each cell, of a light of this shape.
+    pub(crate) fn new(shape: &LightShape, outputs: &[[[f32; 3]; OUTPUTS]]) -> Self {
+        let lanes: [bool; LANES] = std::array::from_fn(|lane| shape.has_lane(lane));
+        let slope =
+            |outputs: &[[f32; 3]; OUTPUTS], lane| if lanes[lane] { outputs[1 + lane] } else { [0.0; 3] };
+        let slopes = |outputs: &[[f32; 3]; OUTPUTS]| std::array::from_fn(|lane| slope(outputs, lane));
         Self {
             values: outputs.iter().map(|outputs| outputs[0]).collect(),
             slopes: outputs.iter().map(slopes).collect(),
@@ -108,12 +111,12 @@ impl<'a> SoftGather<'a> {
     /// # Errors
     /// If the light cannot be gathered, the softness is out of range or there is no such cell.
     pub fn linearise(&self, light: &Light, softness: f32, cells: &[u32]) -> Result<Linear, GatherError> {
-        let light = self.soften(light, softness, cells)?;
+        let softened = self.soften(light, softness, cells)?;
         let outputs: Vec<_> = cells
             .par_iter()
-            .map_init(Work::default, |work, &cell| self.cell(&light, cell as usize, work))
+            .map_init(Work::default, |work, &cell| self.cell(&softened, cell as usize, work))
             .collect();
-        Ok(Linear::new(&outputs))
+        Ok(Linear::new(&light.shape, &outputs))
     }
 
     /// The smoothed light, if that and the cells can be.

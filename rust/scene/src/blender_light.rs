@@ -40,6 +40,9 @@ pub struct BlenderLight {
     /// `Light.normalize` (Blender 4.5 and later): power does not depend on size.
     #[serde(default = "yes")]
     pub normalize: bool,
+    /// Smallest radius or edge that it is given, metres: paths meet a smaller one too rarely.
+    #[serde(default = "min_size", skip_serializing_if = "is_min_size")]
+    pub least_size: f32,
     /// Ray visibility, 0 or 1 each in Blender.
     #[serde(default)]
     pub lobes: LobeFactors,
@@ -118,6 +121,14 @@ fn yes() -> bool {
     true
 }
 
+fn min_size() -> f32 {
+    MIN_SIZE
+}
+
+fn is_min_size(size: &f32) -> bool {
+    *size == MIN_SIZE
+}
+
 fn lambertian() -> f32 {
     PI
 }
@@ -132,7 +143,7 @@ pub struct LightError {
     pub reason: String,
 }
 
-/// Smallest point or spot radius and smallest edge of an area light, metres: paths meet a smaller light too rarely.
+/// [`BlenderLight::least_size`] where nothing is known of the scene.
 pub const MIN_SIZE: f32 = 0.01;
 
 /// Smallest half angle of a sun, radians: about half of the real sun's.
@@ -150,13 +161,21 @@ impl BlenderLight {
             }
             BlenderLightKind::Spot { radius, soft_falloff, spot_size, spot_blend } => {
                 let sphere = self.sphere(radius, &mut notes);
-                let shape = LightShape::Spot {
-                    center: self.origin(),
-                    radius: sphere.radius,
-                    axis: self.emission_direction()?,
-                    half_angle: self.cone_half_angle(spot_size, &mut notes),
-                    blend: spot_blend.clamp(0.0, 1.0),
-                    soft_falloff,
+                let (center, radius, blend) = (self.origin(), sphere.radius, spot_blend.clamp(0.0, 1.0));
+                let shape = if self.has_round_cone(blend) {
+                    let (axis, half_angle) = (self.emission_direction()?, self.cone_half_angle(spot_size));
+                    LightShape::Spot { center, radius, axis, half_angle, blend, soft_falloff }
+                } else {
+                    let local_from_world = self.local_from_world()?;
+                    let half_angle = own_half_angle(spot_size);
+                    LightShape::StretchedSpot {
+                        center,
+                        radius,
+                        local_from_world,
+                        half_angle,
+                        blend,
+                        soft_falloff,
+                    }
                 };
                 (shape, sphere.radiance_per_power)
             }
@@ -187,9 +206,9 @@ impl BlenderLight {
     }
 
     fn sphere(&self, radius: f32, notes: &mut Vec<String>) -> SphereSize {
-        let used = radius.max(MIN_SIZE);
-        if used > radius {
-            notes.push(format!("light '{}': radius {radius} m is taken as {MIN_SIZE} m", self.name));
+        let used = radius.max(self.least_size);
+        if used > radius && self.has_guessed_size() {
+            notes.push(format!("light '{}': radius {radius} m is taken as {used} m", self.name));
         }
         // Cycles gives a point without radius the intensity of a disk of unit area.
         let area = if radius > 0.0 { PI * radius * radius } else { 1.0 };
@@ -224,9 +243,11 @@ impl BlenderLight {
         let axes = self.axes();
         let (true_u, true_v) = (axes.x_axis * size, axes.y_axis * size_y);
         let mut edge_of = |edge: Vec3, axis: Vec3| {
-            if edge.length() < MIN_SIZE {
-                notes.push(format!("light '{}': an edge is taken as {MIN_SIZE} m", self.name));
-                return axis.try_normalize().map(|axis| axis * MIN_SIZE);
+            if edge.length() < self.least_size {
+                if self.has_guessed_size() {
+                    notes.push(format!("light '{}': an edge is taken as {MIN_SIZE} m", self.name));
+                }
+                return axis.try_normalize().map(|axis| axis * self.least_size);
             }
             Some(edge)
         };
@@ -234,6 +255,10 @@ impl BlenderLight {
         else {
             return Err(self.error("its scale is zero; set a scale above zero"));
         };
+        let is_sheared = !self.is_square_in(axes.x_axis, axes.y_axis, axes.z_axis);
+        if is_sheared && edge_u.cross(edge_v).length() <= 1e-3 * edge_u.length() * edge_v.length() {
+            return Err(self.error("its transform makes it flat; clear its transform"));
+        }
         // Shapes emit along cross(u, v), Blender's along -z, also where the matrix mirrors.
         if edge_u.cross(edge_v).dot(self.emission_direction()?) < 0.0 {
             edge_v = -edge_v;
@@ -244,27 +269,62 @@ impl BlenderLight {
         let (area, true_area) = (area_of(edge_u, edge_v), area_of(true_u, true_v));
         let radiance_per_power = if self.normalize { 1.0 / (PI * area) } else { true_area / (PI * area) };
         let (center, spread) = (self.origin(), spread.clamp(1e-3, PI));
-        let shape = match round {
-            true => LightShape::Ellipse { center, edge_u, edge_v, spread },
-            false => LightShape::Quad { center, edge_u, edge_v, spread },
+        let shape = if is_sheared {
+            if spread < PI {
+                let what = "its object is sheared; where its spread ends differs from Cycles";
+                notes
+                    .push(format!("light '{}': {what}. Use a spread of 180 degrees, or no shear", self.name));
+            }
+            let facing = self.emission_direction()?;
+            LightShape::Sheared { center, edge_u, edge_v, facing, spread, is_ellipse: round }
+        } else if round {
+            LightShape::Ellipse { center, edge_u, edge_v, spread }
+        } else {
+            LightShape::Quad { center, edge_u, edge_v, spread }
         };
         Ok((shape, radiance_per_power))
     }
 
-    /// Half of the cone in world space: Cycles measures it in the spot's own, scaled space.
-    fn cone_half_angle(&self, spot_size: f32, notes: &mut Vec<String>) -> f32 {
+    /// Whether axes of the object are perpendicular in the world, so far as it shows.
+    fn is_square_in(&self, x: Vec3, y: Vec3, z: Vec3) -> bool {
+        let is_square = |a: Vec3, b: Vec3| a.dot(b).abs() <= 1e-4 * a.length() * b.length();
+        is_square(x, y) && is_square(y, z) && is_square(z, x)
+    }
+
+    /// Whether the cone of a spot is round in the world too, and its edge as soft there.
+    fn has_round_cone(&self, blend: f32) -> bool {
+        let Mat3 { x_axis, y_axis, z_axis } = self.axes();
+        let [x, y, z] = [x_axis.length(), y_axis.length(), z_axis.length()];
+        let keeps_edge = blend == 0.0 || (x - z).abs() <= 1e-2 * x.max(z);
+        (x - y).abs() <= 1e-3 * x.max(y) && keeps_edge && self.is_square_in(x_axis, y_axis, z_axis)
+    }
+
+    /// Directions in the object's own space.
+    fn local_from_world(&self) -> Result<Mat3, LightError> {
+        let Mat3 { x_axis, y_axis, z_axis } = self.axes();
+        let volume = x_axis.cross(y_axis).dot(z_axis).abs();
+        if volume <= 1e-6 * x_axis.length() * y_axis.length() * z_axis.length() {
+            return Err(self.error("its transform makes it flat; clear its transform"));
+        }
+        Ok(self.axes().inverse())
+    }
+
+    /// Half of a round cone in world space: Cycles measures it in the spot's own, scaled space.
+    fn cone_half_angle(&self, spot_size: f32) -> f32 {
         let axes = self.axes();
         let [x, y, z] = [axes.x_axis.length(), axes.y_axis.length(), axes.z_axis.length()];
-        if (x - y).abs() > 1e-3 * x.max(y) {
-            notes.push(format!("light '{}': the elliptical cone is taken as round", self.name));
-        }
-        let half = (0.5 * spot_size).clamp(0.0, 0.5 * PI);
+        let half = own_half_angle(spot_size);
         let widening = (x * y).sqrt() / z;
         if half >= 0.499 * PI || (widening - 1.0).abs() < 1e-4 {
             half
         } else {
             (half.tan() * widening).atan()
         }
+    }
+
+    /// Whether nobody has said which sizes cannot be told apart in the picture.
+    fn has_guessed_size(&self) -> bool {
+        is_min_size(&self.least_size)
     }
 
     pub(crate) fn axes(&self) -> Mat3 {
@@ -295,6 +355,9 @@ impl BlenderLight {
         if !(numbers.all(|n| n.is_finite()) && self.power().iter().all(|p| p.is_finite())) {
             return Err(self.error("a value is not a finite number; reset its transform and settings"));
         }
+        if !(self.least_size > 0.0 && self.least_size.is_finite()) {
+            return Err(self.error("its least size is not above 0"));
+        }
         if sizes.iter().any(|size| *size < 0.0) {
             return Err(self.error("a size is negative; make it positive"));
         }
@@ -304,6 +367,11 @@ impl BlenderLight {
     pub(crate) fn error(&self, reason: &str) -> LightError {
         LightError { light: self.name.clone(), reason: reason.into() }
     }
+}
+
+/// Half of the cone in the object's own space.
+fn own_half_angle(spot_size: f32) -> f32 {
+    (0.5 * spot_size).clamp(0.0, 0.5 * PI)
 }
 
 struct SphereSize {

@@ -38,6 +38,10 @@ impl BlenderLight {
     /// A light of Blender's that is this light, with default settings.
     pub fn from_light(light: &Light) -> Result<Self, LightError> {
         let kind = match light.shape {
+            LightShape::Sheared { .. } | LightShape::StretchedSpot { .. } => {
+                let reason = "a new light cannot be sheared; copy one that is".into();
+                return Err(LightError { light: light.name.clone(), reason });
+            }
             LightShape::Sphere { radius, .. } => BlenderLightKind::Point { radius, soft_falloff: false },
             LightShape::FacingDisk { radius, .. } => BlenderLightKind::Point { radius, soft_falloff: true },
             LightShape::Spot { radius, half_angle, blend, soft_falloff, .. } => BlenderLightKind::Spot {
@@ -62,6 +66,7 @@ impl BlenderLight {
             temperature_color: [1.0; 3],
             emission: [1.0; 3],
             normalize: true,
+            least_size: crate::MIN_SIZE,
             lobes: LobeFactors::default(),
             receivers: None,
         };
@@ -92,12 +97,21 @@ impl BlenderLight {
                 let radius = kept(0, radius, sizes.1[0]);
                 BlenderLightKind::Spot { radius, soft_falloff, spot_size: 2.0 * own, spot_blend: *blend }
             }
+            (
+                BlenderLightKind::Spot { radius, soft_falloff, .. },
+                LightShape::StretchedSpot { half_angle, blend, .. },
+            ) => BlenderLightKind::Spot {
+                radius: kept(0, radius, sizes.1[0]),
+                soft_falloff,
+                spot_size: 2.0 * half_angle,
+                spot_blend: *blend,
+            },
             (BlenderLightKind::Sun { angle }, LightShape::Sun { half_angle, .. }) => {
                 BlenderLightKind::Sun { angle: kept(0, angle, 2.0 * half_angle) }
             }
             (
                 BlenderLightKind::Area { shape: form, size, size_y, spread },
-                LightShape::Quad { .. } | LightShape::Ellipse { .. },
+                LightShape::Quad { .. } | LightShape::Ellipse { .. } | LightShape::Sheared { .. },
             ) => {
                 let old_y = if form.is_even() { size } else { size_y };
                 let (size, size_y) =
@@ -126,7 +140,11 @@ impl BlenderLight {
             })
         };
         match *shape {
-            LightShape::Sphere { .. } | LightShape::FacingDisk { .. } => Ok(axes),
+            // Neither of these turns.
+            LightShape::Sphere { .. }
+            | LightShape::FacingDisk { .. }
+            | LightShape::Sheared { .. }
+            | LightShape::StretchedSpot { .. } => Ok(axes),
             LightShape::Spot { axis, .. } => aimed(axis),
             LightShape::Sun { direction, .. } => aimed(-direction),
             LightShape::Quad { edge_u, edge_v, .. } | LightShape::Ellipse { edge_u, edge_v, .. } => {
@@ -207,6 +225,7 @@ mod tests {
             temperature_color: [1.0, 0.9, 0.8],
             emission: [1.0, 1.0, 0.5],
             normalize: scale[0] < 2.0,
+            least_size: crate::MIN_SIZE,
             lobes: LobeFactors::default(),
             receivers: None,
         })
@@ -266,6 +285,10 @@ mod tests {
             let (light, _) = blender.to_light().unwrap();
             let step: [f32; LANES] = [0.1; LANES];
             let light = Light { shape: light.shape.moved(&step), ..light };
+            if matches!(light.shape, LightShape::StretchedSpot { .. }) {
+                assert!(BlenderLight::from_light(&light).is_err());
+                continue;
+            }
             assert_same(&BlenderLight::from_light(&light).unwrap().to_light().unwrap().0, &light, &blender);
         }
     }

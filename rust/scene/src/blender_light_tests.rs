@@ -21,6 +21,7 @@ fn light(kind: BlenderLightKind) -> BlenderLight {
         temperature_color: white(),
         emission: white(),
         normalize: true,
+        least_size: MIN_SIZE,
         lobes: LobeFactors::default(),
         receivers: None,
     }
@@ -83,7 +84,9 @@ fn profile(shape: &LightShape, d: Vec3) -> f32 {
             };
             hit(inside && cos > 0.0) * focus
         }
-        LightShape::Spot { .. } => unreachable!("spots are probed by their radiance"),
+        LightShape::Spot { .. } | LightShape::StretchedSpot { .. } | LightShape::Sheared { .. } => {
+            unreachable!("these are probed by their radiance")
+        }
     }
 }
 
@@ -201,4 +204,65 @@ fn lights_too_bright_to_be_summed_are_refused_by_name() {
         assert_eq!(error.to_string(), "light 'Lamp': it is brighter than 1e30; lower its power");
         assert!(BlenderLight { energy: 1e25, ..light(kind) }.to_light().is_ok());
     }
+}
+
+/// The light under a parent that is scaled unevenly.
+fn sheared(light: BlenderLight) -> BlenderLight {
+    let columns = [[1.0, 0.2, 0.0], [0.3, 0.6, 0.1], [0.0, -0.4, 1.5]];
+    let mut rows = light.world_from_object;
+    (0..3).for_each(|row| (0..3).for_each(|column| rows[row][column] = columns[column][row]));
+    BlenderLight { world_from_object: rows, ..light }
+}
+
+#[test]
+fn sheared_lights_keep_their_edges_and_face_along_their_own_z_axis() {
+    let area = |shape| BlenderLightKind::Area { shape, size: 0.5, size_y: 0.2, spread: PI };
+    for (form, round) in [(AreaShape::Rectangle, false), (AreaShape::Ellipse, true)] {
+        let (light, notes) = sheared(light(area(form))).to_light().unwrap();
+        let LightShape::Sheared { edge_u, edge_v, facing, is_ellipse, .. } = light.shape else {
+            panic!("{:?}", light.shape)
+        };
+        assert_eq!((edge_u, is_ellipse, notes.len()), (Vec3::new(0.5, 0.1, 0.0), round, 0));
+        assert!((edge_v.length() - 0.2 * 0.46f32.sqrt()).abs() < 1e-6, "{edge_v}");
+        assert!((facing - Vec3::new(0.0, 0.4, -1.5).normalize()).length() < 1e-6, "{facing}");
+        // Cycles' area: the product of the lengths, whatever the angle.
+        let fill = if round { 0.25 * PI } else { 1.0 };
+        let area = edge_u.length() * edge_v.length() * fill;
+        assert_close(light.radiance[0], 100.0 / (PI * area));
+    }
+    let narrow = BlenderLightKind::Area { shape: AreaShape::Disk, size: 0.5, size_y: 0.2, spread: 1.0 };
+    assert!(sheared(light(narrow)).to_light().unwrap().1[0].contains("spread"));
+    let mut flat = light(area(AreaShape::Square));
+    (0..3).for_each(|row| flat.world_from_object[row][1] = flat.world_from_object[row][0]);
+    assert!(flat.to_light().unwrap_err().to_string().contains("flat"));
+}
+
+#[test]
+fn a_stretched_spot_has_its_cone_in_its_own_space() {
+    let spot =
+        |spot_blend| BlenderLightKind::Spot { radius: 0.1, soft_falloff: true, spot_size: 1.0, spot_blend };
+    let is_stretched = |light: &BlenderLight| matches!(light.to_light().unwrap().0.shape, LightShape::StretchedSpot { half_angle, .. } if half_angle == 0.5);
+    for (light, expected) in [
+        (scaled(light(spot(0.0)), [2.0, 2.0, 1.0]), false),
+        // A soft edge is not as soft in the world.
+        (scaled(light(spot(0.3)), [2.0, 2.0, 1.0]), true),
+        (scaled(light(spot(0.3)), [2.0, 2.0, 2.0]), false),
+        (scaled(light(spot(0.0)), [2.0, 0.7, 1.3]), true),
+        (sheared(light(spot(0.0))), true),
+    ] {
+        assert_eq!(is_stretched(&light), expected, "{light:?}");
+    }
+}
+
+#[test]
+fn small_lights_keep_the_size_that_their_scene_shows() {
+    let point = |radius| light(BlenderLightKind::Point { radius, soft_falloff: true });
+    let radius = |light: &BlenderLight| light.to_light().unwrap().0.shape.sizes()[0];
+    assert_eq!(radius(&point(1e-4)), MIN_SIZE);
+    assert_eq!(point(1e-4).to_light().unwrap().1.len(), 1);
+    let close = |radius| BlenderLight { least_size: 1e-3, ..point(radius) };
+    assert_eq!((radius(&close(0.0)), radius(&close(2e-3))), (1e-3, 2e-3));
+    assert!(close(0.0).to_light().unwrap().1.is_empty());
+    assert!(BlenderLight { least_size: 0.0, ..point(0.1) }.to_light().is_err());
+    assert!(!serde_json::to_string(&point(0.1)).unwrap().contains("least_size"));
 }

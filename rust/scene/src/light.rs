@@ -1,4 +1,4 @@
-use glam::Vec3;
+use glam::{Mat3, Vec3};
 
 /// One virtual light: rays cross it unchanged and collect its radiance (paper, section 3.1).
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -86,6 +86,37 @@ pub enum LightShape {
         edge_v: Vec3,
         /// Spread; pi is a Lambertian emitter.
         spread: f32,
+    },
+    /// Area light whose object is sheared, as Cycles samples it: the light comes from the parallelogram of its edges (from the
+    /// ellipse inscribed in it), but how its front faces is what the object's z axis says.
+    Sheared {
+        /// Centre.
+        center: Vec3,
+        /// Full edge; of an ellipse, the diameter along it.
+        edge_u: Vec3,
+        /// Full edge in another direction.
+        edge_v: Vec3,
+        /// Unit direction that it emits to.
+        facing: Vec3,
+        /// Spread; pi is a Lambertian emitter.
+        spread: f32,
+        /// Ellipse instead of parallelogram.
+        is_ellipse: bool,
+    },
+    /// Spot light whose object is stretched or sheared: its cone is one in the object's own space.
+    StretchedSpot {
+        /// Centre.
+        center: Vec3,
+        /// Radius, above 0.
+        radius: f32,
+        /// Directions in the object's space, where the cone is round about -z.
+        local_from_world: Mat3,
+        /// Half of the spot size, in the object's space.
+        half_angle: f32,
+        /// Blend, 0..1.
+        blend: f32,
+        /// Facing disk instead of sphere.
+        soft_falloff: bool,
     },
     /// Sun: a disk at infinity.
     Sun {

@@ -29,10 +29,12 @@ impl LightShape {
     pub fn has_lane(&self, number: usize) -> bool {
         let is_sun = matches!(self, Self::Sun { .. });
         let is_ball = matches!(self, Self::Sphere { .. } | Self::FacingDisk { .. });
-        let is_flat = matches!(self, Self::Quad { .. } | Self::Ellipse { .. });
+        let is_flat = matches!(self, Self::Quad { .. } | Self::Ellipse { .. } | Self::Sheared { .. });
+        // Turned, it would be sheared otherwise than its object can be.
+        let is_stiff = matches!(self, Self::Sheared { .. } | Self::StretchedSpot { .. });
         match number {
             0..3 => !is_sun,
-            3..6 => !is_ball,
+            3..6 => !(is_ball || is_stiff),
             6 => true,
             7 => is_flat,
             _ => number < LANES && matches!(self, Self::Spot { .. }),
@@ -69,6 +71,24 @@ impl LightShape {
                 edge_v: turn * edge_v * higher,
                 spread,
             },
+            Self::Sheared { center, edge_u, edge_v, facing, spread, is_ellipse } => Self::Sheared {
+                center: center + by,
+                edge_u: edge_u * wider,
+                edge_v: edge_v * higher,
+                facing,
+                spread,
+                is_ellipse,
+            },
+            Self::StretchedSpot { center, radius, local_from_world, half_angle, blend, soft_falloff } => {
+                Self::StretchedSpot {
+                    center: center + by,
+                    radius: radius * wider,
+                    local_from_world,
+                    half_angle,
+                    blend,
+                    soft_falloff,
+                }
+            }
             Self::Sun { direction, half_angle } => {
                 Self::Sun { direction: turn * direction, half_angle: half_angle * wider }
             }
@@ -81,8 +101,10 @@ impl LightShape {
             Self::Sphere { center, .. }
             | Self::FacingDisk { center, .. }
             | Self::Spot { center, .. }
+            | Self::StretchedSpot { center, .. }
             | Self::Quad { center, .. }
-            | Self::Ellipse { center, .. } => Some(center),
+            | Self::Ellipse { center, .. }
+            | Self::Sheared { center, .. } => Some(center),
             Self::Sun { .. } => None,
         }
     }
@@ -91,6 +113,10 @@ impl LightShape {
     pub fn axis(&self) -> Option<Vec3> {
         match *self {
             Self::Spot { axis, .. } => axis.try_normalize(),
+            Self::StretchedSpot { local_from_world, .. } => {
+                (-local_from_world.inverse().z_axis).try_normalize()
+            }
+            Self::Sheared { facing, .. } => facing.try_normalize(),
             Self::Quad { edge_u, edge_v, .. } | Self::Ellipse { edge_u, edge_v, .. } => {
                 edge_u.cross(edge_v).try_normalize()
             }
@@ -102,12 +128,13 @@ impl LightShape {
     /// The sizes of which [`lane::SIZE`] are the logarithms; the second is 1 where there is one only.
     pub fn sizes(&self) -> [f32; 2] {
         match *self {
-            Self::Sphere { radius, .. } | Self::FacingDisk { radius, .. } | Self::Spot { radius, .. } => {
-                [radius, 1.0]
-            }
-            Self::Quad { edge_u, edge_v, .. } | Self::Ellipse { edge_u, edge_v, .. } => {
-                [edge_u.length(), edge_v.length()]
-            }
+            Self::Sphere { radius, .. }
+            | Self::FacingDisk { radius, .. }
+            | Self::Spot { radius, .. }
+            | Self::StretchedSpot { radius, .. } => [radius, 1.0],
+            Self::Quad { edge_u, edge_v, .. }
+            | Self::Ellipse { edge_u, edge_v, .. }
+            | Self::Sheared { edge_u, edge_v, .. } => [edge_u.length(), edge_v.length()],
             Self::Sun { half_angle, .. } => [half_angle, 1.0],
         }
     }
@@ -117,9 +144,12 @@ impl LightShape {
     pub fn extent(&self) -> f32 {
         let [a, b] = self.sizes();
         match self {
-            Self::Sphere { .. } | Self::FacingDisk { .. } | Self::Spot { .. } => PI * a * a,
-            Self::Quad { .. } => a * b,
-            Self::Ellipse { .. } => 0.25 * PI * a * b,
+            Self::Sphere { .. }
+            | Self::FacingDisk { .. }
+            | Self::Spot { .. }
+            | Self::StretchedSpot { .. } => PI * a * a,
+            Self::Quad { .. } | Self::Sheared { is_ellipse: false, .. } => a * b,
+            Self::Ellipse { .. } | Self::Sheared { .. } => 0.25 * PI * a * b,
             Self::Sun { .. } => PI * a.sin().powi(2),
         }
     }
@@ -127,8 +157,11 @@ impl LightShape {
     /// Derivative of the logarithm of [`Self::extent`] by the two lanes of [`lane::SIZE`].
     pub fn extent_slopes(&self) -> [f32; 2] {
         match self {
-            Self::Sphere { .. } | Self::FacingDisk { .. } | Self::Spot { .. } => [2.0, 0.0],
-            Self::Quad { .. } | Self::Ellipse { .. } => [1.0, 1.0],
+            Self::Sphere { .. }
+            | Self::FacingDisk { .. }
+            | Self::Spot { .. }
+            | Self::StretchedSpot { .. } => [2.0, 0.0],
+            Self::Quad { .. } | Self::Ellipse { .. } | Self::Sheared { .. } => [1.0, 1.0],
             Self::Sun { half_angle, .. } => [2.0 * half_angle / half_angle.tan(), 0.0],
         }
     }
@@ -136,9 +169,11 @@ impl LightShape {
 
 #[cfg(test)]
 mod tests {
+    use glam::Mat3;
+
     use super::*;
 
-    const SHAPES: [LightShape; 6] = [
+    const SHAPES: [LightShape; 8] = [
         LightShape::Sphere { center: Vec3::X, radius: 0.3 },
         LightShape::FacingDisk { center: Vec3::X, radius: 0.3 },
         LightShape::Spot {
@@ -152,6 +187,22 @@ mod tests {
         LightShape::Quad { center: Vec3::X, edge_u: Vec3::X, edge_v: Vec3::new(0.0, 0.5, 0.0), spread: 1.0 },
         LightShape::Ellipse { center: Vec3::X, edge_u: Vec3::X, edge_v: Vec3::Z, spread: PI },
         LightShape::Sun { direction: Vec3::Z, half_angle: 0.2 },
+        LightShape::Sheared {
+            center: Vec3::X,
+            edge_u: Vec3::X,
+            edge_v: Vec3::new(0.4, 0.5, 0.0),
+            facing: Vec3::Z,
+            spread: 1.0,
+            is_ellipse: true,
+        },
+        LightShape::StretchedSpot {
+            center: Vec3::X,
+            radius: 0.3,
+            local_from_world: Mat3::from_diagonal(Vec3::new(1.0, 2.0, 1.0)),
+            half_angle: 0.6,
+            blend: 0.2,
+            soft_falloff: true,
+        },
     ];
 
     #[test]

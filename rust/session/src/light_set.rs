@@ -186,6 +186,18 @@ pub(crate) fn check(light: &Light) -> Result<(), String> {
             (center.is_finite(), "center must be finite"),
             (positive(*spread), "spread must be above 0"),
         ],
+        Shape::Sheared { center, edge_u, edge_v, facing, spread, .. } => &[
+            (positive(edge_u.cross(*edge_v).length()), "edge_u and edge_v must span an area"),
+            (center.is_finite(), "center must be finite"),
+            (unit(*facing), "facing must have length 1"),
+            (positive(*spread), "spread must be above 0"),
+        ],
+        Shape::StretchedSpot { center, radius, local_from_world, half_angle, .. } => &[
+            (positive(*radius), "radius must be above 0"),
+            (center.is_finite(), "center must be finite"),
+            (positive(local_from_world.determinant().abs()), "local_from_world must have an inverse"),
+            (positive(*half_angle), "half_angle must be above 0"),
+        ],
         Shape::Sun { direction, half_angle } => &[
             (unit(*direction), "direction must have length 1"),
             (positive(*half_angle), "half_angle must be above 0"),

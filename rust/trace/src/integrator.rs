@@ -274,7 +274,8 @@ impl Integrator<'_> {
     /// Defensive sampling and Filter Glossy (Cycles' `surface_shader_prepare_closures`).
     fn filter_closures(&self, path: &PathState, surface: &mut Surface) {
         let filter_glossy = self.settings.filter_glossy;
-        if path.is_on_first_surface() {
+        // Which closure a direction was drawn from decides what its ray sees where caustics are off.
+        if path.is_on_first_surface() && self.settings.caustics() == Caustics::ALL {
             surface.sample_defensively();
         }
         if filter_glossy > 0.0 {

@@ -143,7 +143,7 @@ class Judge:
             found.append, print_error, LightLinking([], print_error), relume.SceneBuilder.constant_emission
         )
         for obj in self.lights():
-            exporter.export(obj, obj.matrix_world)
+            exporter.export(obj, obj, obj.matrix_world, self.scene.camera)
         return found
 
     def light_set(self):

@@ -7,7 +7,7 @@ use relume_gpu::{Buffer, Gpu, GpuError};
 
 use crate::PreparedLight;
 use crate::kernel::ROUNDING;
-use crate::light::Profile;
+use crate::light::{FAR, Profile};
 
 const SPHERE: u32 = 0;
 const FACING_DISK: u32 = 1;
@@ -16,6 +16,10 @@ const SOFT_SPOT: u32 = 3;
 const QUAD: u32 = 4;
 const ELLIPSE: u32 = 5;
 const SUN: u32 = 6;
+const STRETCHED_SPOT: u32 = 7;
+const STRETCHED_SOFT_SPOT: u32 = 8;
+const SHEARED_QUAD: u32 = 9;
+const SHEARED_ELLIPSE: u32 = 10;
 
 /// Bits of a receiver set in the words of the device.
 pub type Receivers = [u32; RECEIVER_LIMIT as usize / 32];
@@ -38,6 +42,14 @@ pub struct GpuLight {
     pub inverse_blend: f32,
     pub tan_half: f32,
     pub normalisation: f32,
+    pub row_x: [f32; 3],
+    pub length_u: f32,
+    pub row_y: [f32; 3],
+    pub length_v: f32,
+    pub row_z: [f32; 3],
+    pub determinant: f32,
+    pub center_row_z: [f32; 3],
+    pub unused: f32,
 }
 
 impl GpuLight {
@@ -62,9 +74,57 @@ impl GpuLight {
                 normalisation: spread.map_or(0.0, |spread| spread.normalisation),
                 ..shared
             },
+            Profile::StretchedSpot { ball, cone, soft_falloff } => {
+                let kind = if soft_falloff { STRETCHED_SOFT_SPOT } else { STRETCHED_SPOT };
+                let rows = cone.local_from_world.transpose();
+                let spot = Self {
+                    cos_half_angle: cone.cos_half_angle,
+                    inverse_blend: cone.inverse_blend,
+                    row_x: rows.x_axis.into(),
+                    row_y: rows.y_axis.into(),
+                    row_z: rows.z_axis.into(),
+                    ..shared
+                };
+                spot.with_ball(kind, ball.center, ball.radius, magnitude)
+            }
+            Profile::Sheared(sheared) => {
+                let [row_x, row_y, row_z] = sheared.edge_rows.map(<[f32; 3]>::from);
+                let [inverse_u, inverse_v, center_row_z] = sheared.center_rows.map(<[f32; 3]>::from);
+                let [length_u, length_v] = sheared.lengths;
+                // Where it seems to be differs from place to place, so that nothing can be left out.
+                let radius = if sheared.stays_in_place() { 0.5 * (length_u + length_v) } else { 2.0 * FAR };
+                let kind = if sheared.is_ellipse { SHEARED_ELLIPSE } else { SHEARED_QUAD };
+                let light = Self {
+                    direction: sheared.facing.into(),
+                    inverse_u,
+                    inverse_v,
+                    tan_half: sheared.spread.map_or(0.0, |spread| spread.tan_half),
+                    normalisation: sheared.spread.map_or(0.0, |spread| spread.normalisation),
+                    row_x,
+                    length_u,
+                    row_y,
+                    length_v,
+                    row_z,
+                    determinant: sheared.determinant,
+                    center_row_z,
+                    ..shared
+                };
+                light.with_ball(kind, sheared.center, radius, magnitude)
+            }
             Profile::Sun { direction, chord2 } => {
                 Self { kind: SUN, direction: direction.into(), reach2: chord2, ..shared }
             }
+        }
+    }
+
+    /// Its kind as smoothed lights have it, which are neither stretched nor sheared.
+    pub(super) fn plain_kind(&self) -> u32 {
+        match self.kind {
+            STRETCHED_SPOT => SPOT,
+            STRETCHED_SOFT_SPOT => SOFT_SPOT,
+            SHEARED_QUAD => QUAD,
+            SHEARED_ELLIPSE => ELLIPSE,
+            kind => kind,
         }
     }
 
@@ -74,7 +134,7 @@ impl GpuLight {
 
     /// Half of the size of a box around what the light reaches.
     pub(super) fn half_extent(&self) -> Vec3 {
-        if self.kind <= SOFT_SPOT {
+        if self.kind <= SOFT_SPOT || self.kind > SUN {
             return Vec3::splat(self.reach2.sqrt());
         }
         let half_edge = |inverse: Vec3| 0.5 * inverse.abs() / inverse.length_squared();
@@ -129,15 +189,30 @@ mod tests {
     fn the_light_has_the_layout_of_its_wgsl_twin() {
         relume_gpu::assert_mirror!(GpuLight as "gather/light", "Light", {
             center, kind, direction, radius, inverse_u, reach2, inverse_v, receivers, factors, cos_half_angle,
-            inverse_blend, tan_half, normalisation,
+            inverse_blend, tan_half, normalisation, row_x, length_u, row_y, length_v, row_z, determinant, center_row_z,
+            unused,
         });
     }
 
     #[test]
     fn kinds_and_receiver_sets_are_those_of_the_wgsl() {
         let constant = |name| relume_gpu::layout::constant("gather/light", name).unwrap();
-        let kinds = ["SPHERE", "FACING_DISK", "SPOT", "SOFT_SPOT", "QUAD", "ELLIPSE", "SUN"];
-        assert_eq!(kinds.map(constant), [SPHERE, FACING_DISK, SPOT, SOFT_SPOT, QUAD, ELLIPSE, SUN]);
+        let kinds = [
+            ("SPHERE", SPHERE),
+            ("FACING_DISK", FACING_DISK),
+            ("SPOT", SPOT),
+            ("SOFT_SPOT", SOFT_SPOT),
+            ("QUAD", QUAD),
+            ("ELLIPSE", ELLIPSE),
+            ("SUN", SUN),
+            ("STRETCHED_SPOT", STRETCHED_SPOT),
+            ("STRETCHED_SOFT_SPOT", STRETCHED_SOFT_SPOT),
+            ("SHEARED_QUAD", SHEARED_QUAD),
+            ("SHEARED_ELLIPSE", SHEARED_ELLIPSE),
+        ];
+        for (name, kind) in kinds {
+            assert_eq!(constant(name), kind, "{name}");
+        }
         assert_eq!(constant("RECEIVER_WORDS") as usize, size_of::<Receivers>() / size_of::<u32>());
     }
 }

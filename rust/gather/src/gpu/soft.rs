@@ -132,10 +132,10 @@ impl GpuGather {
         softness: f32,
         cells: &[u32],
     ) -> Result<Linear, GatherError> {
-        let light = soft.soften(light, softness, cells)?;
+        let softened = soft.soften(light, softness, cells)?;
         let on_device = self.gpu.buffer_of("cells", cells)?;
-        let values = self.slopes(soft, &[light], (cells, on_device.whole()))?;
-        Ok(Linear::new(&self.gpu.read(&values, 0..cells.len())?))
+        let values = self.slopes(soft, &[softened], (cells, on_device.whole()))?;
+        Ok(Linear::new(&light.shape, &self.gpu.read(&values, 0..cells.len())?))
     }
 
     /// Values and derivatives of some lights at some cells, which are here and on the device: light by light, then cell by cell.
@@ -150,7 +150,7 @@ impl GpuGather {
         let exact: Vec<PreparedLight> = softened.iter().map(|light| light.exact.clone()).collect();
         let lights = self.lights(&exact)?;
         let smoothed = |light: &SoftLight| {
-            let kind = GpuLight::new(&light.exact, self.magnitude, 0).kind;
+            let kind = GpuLight::new(&light.exact, self.magnitude, 0).plain_kind();
             self.gpu.buffer_of("smoothed light", &[GpuSoftLight::new(light, kind, self.magnitude)])
         };
         let smoothed = softened.iter().map(smoothed).collect::<Result<Vec<_>, _>>()?;

@@ -163,8 +163,10 @@ fn sorted_segments_give_the_same_images() {
     for light in lights.iter_mut().step_by(2) {
         match &mut light.shape {
             LightShape::Sphere { radius, .. } | LightShape::FacingDisk { radius, .. } => *radius *= 0.3,
-            LightShape::Spot { radius, .. } => *radius *= 0.3,
-            LightShape::Quad { edge_u, .. } | LightShape::Ellipse { edge_u, .. } => *edge_u *= 0.1,
+            LightShape::Spot { radius, .. } | LightShape::StretchedSpot { radius, .. } => *radius *= 0.3,
+            LightShape::Quad { edge_u, .. }
+            | LightShape::Ellipse { edge_u, .. }
+            | LightShape::Sheared { edge_u, .. } => *edge_u *= 0.1,
             LightShape::Sun { half_angle, .. } => *half_angle *= 0.2,
         }
     }

@@ -2,10 +2,10 @@
 
 use std::f32::consts::FRAC_PI_2;
 
-use glam::Vec3;
+use glam::{Mat3, Vec3};
 use relume_scene::{Light, LightShape};
 
-use crate::light::{Ball, Plane, PreparedLight, Profile, Reach, Spread};
+use crate::light::{Ball, LocalCone, Plane, PreparedLight, Profile, Reach, Spread};
 use crate::{Gather, GatherError};
 
 /// Smoothing of angles at softness 1, radians.
@@ -82,7 +82,7 @@ pub struct ConeSlope {
 pub struct SoftPlane {
     pub center: Vec3,
     pub normal: Vec3,
-    /// Directions of the edges.
+    /// Directions of the edges; of those that are not perpendicular, the directions across the other one.
     pub along: [Vec3; 2],
     /// Half edges.
     pub half: [Enlarged; 2],
@@ -137,16 +137,16 @@ fn soft_profile(shape: &LightShape, exact: &Profile, softness: f32, width: f32, 
             let cone = SoftCone::new(axis, half_angle, blend, angle);
             SoftProfile::Spot { ball: soft_ball(ball), cone, soft_falloff }
         }
-        Profile::Area { plane, .. } => {
-            let spread = match *shape {
-                LightShape::Quad { spread, .. } | LightShape::Ellipse { spread, .. } => spread,
-                _ => std::f32::consts::PI,
-            };
-            SoftProfile::Area(SoftPlane {
-                spread: SoftSpread::new(spread, angle),
-                fade: softness * WIDEST_FADE,
-                ..SoftPlane::new(&plane, width, floor)
-            })
+        Profile::Area { plane, .. } => SoftProfile::Area(soft_plane(shape, &plane, softness, width, floor)),
+        // Where its edges span it: how Cycles moves and brightens it shows less than the smoothing.
+        Profile::Sheared(sheared) => {
+            SoftProfile::Area(soft_plane(shape, &sheared.plane(), softness, width, floor))
+        }
+        // As a round one of the same mean width.
+        Profile::StretchedSpot { ball, cone, soft_falloff } => {
+            let (axis, half_angle, blend) = round_cone(shape, &cone);
+            let cone = SoftCone::new(axis, half_angle, blend, angle);
+            SoftProfile::Spot { ball: soft_ball(ball), cone, soft_falloff }
         }
         Profile::Sun { direction, chord2 } => {
             let half_angle = match *shape {
@@ -161,6 +161,33 @@ fn soft_profile(shape: &LightShape, exact: &Profile, softness: f32, width: f32, 
             })
         }
     }
+}
+
+fn soft_plane(shape: &LightShape, plane: &Plane, softness: f32, width: f32, floor: f32) -> SoftPlane {
+    let spread = match *shape {
+        LightShape::Quad { spread, .. }
+        | LightShape::Ellipse { spread, .. }
+        | LightShape::Sheared { spread, .. } => spread,
+        _ => std::f32::consts::PI,
+    };
+    SoftPlane {
+        spread: SoftSpread::new(spread, softness * WIDEST_ANGLE),
+        fade: softness * WIDEST_FADE,
+        ..SoftPlane::new(plane, width, floor)
+    }
+}
+
+/// Axis, half angle and blend of a round cone that is about as wide as that of a stretched spot.
+fn round_cone(shape: &LightShape, cone: &LocalCone) -> (Vec3, f32, f32) {
+    let (half_angle, blend) = match *shape {
+        LightShape::StretchedSpot { half_angle, blend, .. } => (half_angle, blend),
+        _ => (FRAC_PI_2, 0.0),
+    };
+    let Mat3 { x_axis, y_axis, z_axis } = cone.local_from_world.inverse();
+    let axis = -z_axis.normalize();
+    let widening = (x_axis.cross(y_axis).dot(axis).abs().sqrt() / z_axis.length()).max(f32::MIN_POSITIVE);
+    let is_narrow = half_angle < 0.499 * std::f32::consts::PI;
+    (axis, if is_narrow { (half_angle.tan() * widening).atan() } else { half_angle }, blend)
 }
 
 impl Enlarged {
@@ -210,6 +237,10 @@ impl SoftSpread {
 }
 
 impl SoftPlane {
+    fn is_sheared(&self) -> bool {
+        self.along[0].dot(self.along[1]).abs() > 1e-5
+    }
+
     fn new(plane: &Plane, width: f32, floor: f32) -> Self {
         let inverse = [plane.inverse_u, plane.inverse_v];
         let half = inverse.map(|inverse| 0.5 / inverse.length());
@@ -232,6 +263,11 @@ impl SoftProfile {
             Self::Sphere(ball) | Self::FacingDisk(ball) | Self::Spot { ball, .. } => {
                 let rim = ball.enlarged.length * (1.0 + ball.enlarged.edge).sqrt();
                 Reach::Ball(Ball { center: ball.center, radius: rim.hypot(ball.width + ball.radius) })
+            }
+            Self::Area(plane) if plane.is_sheared() => {
+                let half = plane.half.iter().map(|half| half.length * (1.0 + half.edge)).sum::<f32>();
+                let sine = plane.along[0].cross(plane.along[1]).length();
+                Reach::Ball(Ball { center: plane.center, radius: half / sine + plane.width })
             }
             Self::Area(plane) => {
                 let inverse = |axis: usize| {

@@ -1,6 +1,6 @@
 use std::f32::consts::PI;
 
-use glam::Vec3;
+use glam::{Mat3, Vec3};
 use relume_scene::{Light, LightShape};
 
 use super::plate::Plate;
@@ -23,6 +23,8 @@ pub(super) enum Place {
     Ball { center: Vec3, radius: f32 },
     /// On one side of a plane, in a ball.
     Flat { center: Vec3, radius: f32, plate: Plate },
+    /// The same, seen at another place: `seems` takes the way to the centre to that to where it seems to be.
+    Sheared { center: Vec3, radius: f32, plate: Plate, seems: Mat3 },
     /// In directions around one.
     Sky { direction: Vec3, sine_squared: f32 },
 }
@@ -74,6 +76,16 @@ impl Aim {
             LightShape::Spot { center, radius, axis, half_angle, .. } => {
                 (Place::Ball { center, radius }, Beam::Cone { axis, cos: half_angle.cos() })
             }
+            LightShape::StretchedSpot { center, radius, .. } => {
+                (Place::Ball { center, radius }, Beam::Everywhere)
+            }
+            LightShape::Sheared { center, edge_u, edge_v, is_ellipse, .. } => {
+                let radius = 0.5 * (edge_u.length() + edge_v.length());
+                let plate = Plate::sheared(edge_u, edge_v, is_ellipse);
+                let seems = if is_ellipse { Mat3::IDENTITY } else { seems(edge_u, edge_v) };
+                // What it faces is told by its true place.
+                (Place::Sheared { center, radius, plate, seems }, Beam::Everywhere)
+            }
             LightShape::Quad { center, edge_u, edge_v, .. } => {
                 let radius = 0.5 * (edge_u.length_squared() + edge_v.length_squared()).sqrt();
                 flat(center, radius, Plate::new(edge_u, edge_v, false))
@@ -95,6 +107,9 @@ impl Aim {
             Place::Sky { direction, sine_squared } => return Seen::in_cone(direction, sine_squared),
             Place::Ball { center, radius } => (center - point, radius, None),
             Place::Flat { center, radius, plate } => (center - point, radius, Some(plate)),
+            Place::Sheared { center, radius, plate, seems } => {
+                (seems * (center - point), radius, Some(plate))
+            }
         };
         let inverse = to_center.length_recip();
         let ball = Seen::in_cone(to_center * inverse, (radius * inverse).powi(2));
@@ -136,4 +151,12 @@ pub(super) fn brightness(light: &Light) -> f32 {
 /// Height of the cone that holds a ball, by the squared sine of its half angle: 1 - sqrt(1 - s), to the second order.
 pub(super) fn height(sine_squared: f32) -> f32 {
     sine_squared * (0.5 + 0.125 * sine_squared)
+}
+
+/// From the way to the centre of a parallelogram to that to where Cycles' sampling puts it: `M M^T` with `M = (u, v, u x v)` for
+/// the unit directions of its edges, as `relume_gather` tells.
+fn seems(edge_u: Vec3, edge_v: Vec3) -> Mat3 {
+    let [u, v] = [edge_u, edge_v].map(Vec3::normalize_or_zero);
+    let matrix = Mat3::from_cols(u, v, u.cross(v));
+    matrix * matrix.transpose()
 }

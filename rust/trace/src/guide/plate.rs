@@ -8,9 +8,9 @@ const RIM: f32 = 1.01;
 /// A rectangle or an ellipse around a centre, larger by [`RIM`] than the light.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Plate {
-    /// Full edges, perpendicular.
+    /// Full edges.
     edges: [Vec3; 2],
-    /// Edges over their squared length: they give a place on the plate, -1/2 to 1/2.
+    /// Their products with a point of the plane give its place on the plate, -1/2 to 1/2.
     across: [Vec3; 2],
     /// Unit, to the side that shines.
     pub normal: Vec3,
@@ -19,6 +19,14 @@ pub(super) struct Plate {
 }
 
 impl Plate {
+    /// One whose edges are not perpendicular.
+    pub fn sheared(edge_u: Vec3, edge_v: Vec3, is_ellipse: bool) -> Self {
+        let plate = Self::new(edge_u, edge_v, is_ellipse);
+        let [u, v] = plate.edges;
+        let (to_u, to_v) = (v.cross(plate.normal), plate.normal.cross(u));
+        Self { across: [to_u / to_u.dot(u), to_v / to_v.dot(v)], ..plate }
+    }
+
     pub fn new(edge_u: Vec3, edge_v: Vec3, is_ellipse: bool) -> Self {
         let edges = [edge_u * RIM, edge_v * RIM];
         let cross = edges[0].cross(edges[1]);
@@ -32,10 +40,10 @@ impl Plate {
         }
     }
 
-    /// Solid angle from afar, over that of a hemisphere; 0 from behind.
+    /// Solid angle from afar, over that of a hemisphere.
     pub fn height(&self, to_center: Vec3) -> f32 {
         let cos = -self.normal.dot(to_center) / to_center.length();
-        self.area * cos.max(0.0) / (to_center.length_squared() * TAU)
+        self.area * cos.abs() / (to_center.length_squared() * TAU)
     }
 
     /// A point, from the centre.
@@ -54,12 +62,12 @@ impl Plate {
     pub fn density(&self, to_center: Vec3, direction: Vec3) -> f32 {
         let cos = -self.normal.dot(direction);
         let distance = -self.normal.dot(to_center) / cos;
-        if !(cos > 0.0 && distance > 0.0) {
+        if !(distance > 0.0 && distance.is_finite()) {
             return 0.0;
         }
         let from_center = direction * distance - to_center;
         let [x, y] = self.across.map(|across| across.dot(from_center));
         let is_inside = if self.is_ellipse { x * x + y * y <= 0.25 } else { x.abs().max(y.abs()) <= 0.5 };
-        if is_inside { distance * distance / (self.area * cos) } else { 0.0 }
+        if is_inside { distance * distance / (self.area * cos.abs()) } else { 0.0 }
     }
 }

@@ -69,8 +69,19 @@ fn densities_are_those_of_what_is_drawn() {
         edge_v: 0.4 * Vec3::Z + 0.1 * Vec3::Y,
         spread: PI,
     };
+    let sheared = |is_ellipse| LightShape::Sheared {
+        center: Vec3::new(1.0, 0.3, 0.2),
+        edge_u: 0.5 * u,
+        edge_v: Vec3::new(0.1, 0.4, 0.3),
+        facing: Vec3::new(-0.8, 0.0, 0.6),
+        spread: PI,
+        is_ellipse,
+    };
     let all = vec![sun, near, far, strip, oval];
-    for shapes in [vec![sun], vec![near], vec![far], vec![strip], vec![oval], vec![grazing], all] {
+    let [slanted, slanted_oval] = [false, true].map(|is_ellipse| vec![sheared(is_ellipse)]);
+    for shapes in
+        [vec![sun], vec![near], vec![far], vec![strip], vec![oval], vec![grazing], slanted, slanted_oval, all]
+    {
         let cones = guide(&shapes).seen();
         // The integral of 1 over a half-space and over the rest, where there is any density.
         let mut integrals = [0.0_f64; 2];
