@@ -175,10 +175,11 @@ def test_mistakes_are_one_line_for_people_and_for_machines(shot, arguments, caps
     assert line["event"] == "error" and line["message"] in told.err
 
 
-def test_file_that_was_not_opened_is_not_replaced_by_the_default_scene(shot, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["blender", "-b", "gone.blend", "--command", "relume", "bake", "--out", "x"])
+@pytest.mark.parametrize("way", ["gone.blend --command relume", "gone.BLEND1 -P relume_bake.py --"])
+def test_file_that_was_not_opened_is_not_replaced_by_the_default_scene(shot, tmp_path, monkeypatch, capsys, way):
+    monkeypatch.setattr(sys, "argv", ["blender", "-b", *way.split(), "bake", "--out", "x"])
     assert run(["bake", "--out", str(tmp_path / "bake")]) == 1
-    assert "gone.blend" in capsys.readouterr().err
+    assert way.split()[0] in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
