@@ -14,6 +14,7 @@ import pytest
 import relume
 
 from addon.commands import run
+from addon.core.progress import Reporter
 from addon.export import trace_settings, write_view_table
 from addon.export.view_transform import is_standard
 from helpers import add_light, add_material, add_quad, add_sky, add_world, render_cycles, sky_file
@@ -175,10 +176,11 @@ def test_mistakes_are_one_line_for_people_and_for_machines(shot, arguments, caps
     assert line["event"] == "error" and line["message"] in told.err
 
 
-def test_file_that_was_not_opened_is_not_replaced_by_the_default_scene(shot, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["blender", "-b", "gone.blend", "--command", "relume", "bake", "--out", "x"])
+@pytest.mark.parametrize("way", ["gone.blend --command relume", "gone.BLEND1 -P relume_bake.py --"])
+def test_file_that_was_not_opened_is_not_replaced_by_the_default_scene(shot, tmp_path, monkeypatch, capsys, way):
+    monkeypatch.setattr(sys, "argv", ["blender", "-b", *way.split(), "bake", "--out", "x"])
     assert run(["bake", "--out", str(tmp_path / "bake")]) == 1
-    assert "gone.blend" in capsys.readouterr().err
+    assert way.split()[0] in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
@@ -328,6 +330,14 @@ STATES = [
 ]
 
 
+def test_a_black_world_is_no_other_one(shot, tmp_path, capsys):
+    add_world(shot, strength=0.0)
+    bake = tmp_path / "bake"
+    assert run(["bake", "--out", str(bake), "--samples", "1", "--quiet"]) == 0
+    assert run(["relight", str(bake), "--out", str(tmp_path / "relit.exr"), "--json", "--no-denoise"]) == 0
+    assert not any("not as it was baked" in message for message in warnings(capsys))
+
+
 def test_a_bake_of_another_state_of_the_scene_is_said(shot, tmp_path, capsys):
     add_world(shot)
     bake, blend = tmp_path / "bake", str(tmp_path / "shot.blend")
@@ -394,6 +404,18 @@ def test_what_is_said_of_many_lamps_is_said_once(shot, tmp_path, capsys):
     assert run(["bake", "--out", str(tmp_path / "bake"), "--samples", "1", "--json"]) == 0
     (said,) = [message for message in warnings(capsys) if "radius" in message]
     assert all(name in said for name in ("'Lamp 0'", "'Lamp 1'", "and 1 more"))
+
+
+def test_what_is_said_in_one_stage_is_said_together(capsys):
+    reporter = Reporter(as_json=True)
+    for done, stage in enumerate(["gather", "gather", "gather", "write"]):
+        reporter.progress({"stage": stage, "done": done, "total": 3})
+        reporter.warning(f"light 'Lamp {done}': one path in {done + 10} pixels")
+    reporter.flush()
+    assert warnings(capsys) == [
+        "light 'Lamp 0', and likewise 'Lamp 1' and 'Lamp 2': one path in 10 to 12 pixels",
+        "light 'Lamp 3': one path in 13 pixels",
+    ]
 
 
 @pytest.mark.both_ends

@@ -13,20 +13,23 @@ SECONDS_BETWEEN_LINES = 1.0
 
 
 class Reporter:
-    """Prints progress, at most one line a second for each stage; warnings and results always. Warnings that come
-    together and are alike are printed as one."""
+    """Prints progress, at most one line a second for each stage; warnings and results always. Warnings of one
+    stage that are alike are printed as one, at its end."""
 
     def __init__(self, quiet: bool = False, as_json: bool = False, stream: TextIO | None = None):
         self.quiet = quiet
         self.as_json = as_json
         self.stream = stream or sys.stdout
         self.last: tuple[str, float] = ("", 0.0)
+        self.stage = ""
         self.waiting: list[str] = []
         """Warnings that are not printed yet."""
 
     def progress(self, report: dict[str, Any]) -> None:
         """Prints a report of the native module: stage, done, total, remaining_s, message."""
-        self.flush()
+        if report["stage"] != self.stage:  # Those of one stage come together.
+            self.flush()
+            self.stage = report["stage"]
         if self.quiet:
             return
         now, finished = time.monotonic(), report["done"] >= report["total"]

@@ -44,8 +44,9 @@ def _sentences(
     present = prints.take_all(scene, scene.objects.get(camera or "") or scene.camera, exported.resolution)
     keys = {**baked.prints, **present}.keys() - ({"world"} if has_own_world else set())
     found = sentences([key for key in keys if baked.prints.get(key) != present.get(key)], baked.prints, present)
-    gain = world_gain(baked.prints.get("world"), present.get("world"))
-    if "world" in keys and gain is not None and any(abs(factor - 1.0) > 1e-6 for factor in gain):
+    worlds = [taken.get("world", {}) for taken in (baked.prints, present)]
+    colors = {world.get("color") for world in worlds}
+    if "world" in keys and len(colors) > 1 and world_gain(*worlds) is not None:
         found.append("The world became brighter, darker or of another tint")
     return found
 

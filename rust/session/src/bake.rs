@@ -177,6 +177,7 @@ fn of_another_world(
     }
     let dump = DumpWriter::resume(folder, Manifest { world_map, world_color, ..manifest(scene, settings) })?
         .finish()?;
+    contents::note(&folder.join(Manifest::FILE))?;
     if dump.missing().is_empty() {
         return Ok(Some(dump));
     }

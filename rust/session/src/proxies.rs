@@ -1,4 +1,5 @@
 use crate::SessionError;
+use crate::damage::words;
 use relume_proxy::{LightKind, Proxy};
 use relume_scene::{Light, LobeFactors};
 use serde::{Deserialize, Serialize};
@@ -46,6 +47,7 @@ pub struct TrainedProxy {
 }
 
 impl TrainedProxy {
+    /// A proxy without its measurement; none if the folder has none of this kind.
     pub(crate) fn open(
         folder: &Path,
         kind: LightKind,
@@ -60,7 +62,7 @@ impl TrainedProxy {
             let reason = format!("{} is of another scene; train it again on this bake", path.display());
             return Err(SessionError::Settings(reason));
         }
-        Ok(Some(Self { proxy, measured: read_measured(&measured_path(folder, kind))? }))
+        Ok(Some(Self { proxy, measured: None }))
     }
 
     /// Whether its measured error is below that of gathering so many paths per pixel, whose error falls with the root of their
@@ -80,12 +82,20 @@ pub struct Proxies {
 }
 
 impl Proxies {
-    /// Opens all proxies of a folder that are of this scene; why the others were not, in words for the user.
+    /// Opens all proxies of a folder that are of this scene; says what is wrong with others, and with measurements.
     pub fn open_usable(folder: &Path, scene_hash: &str) -> (Self, Vec<String>) {
         let (mut list, mut unusable) = (Vec::new(), Vec::new());
         for kind in KINDS {
             match TrainedProxy::open(folder, kind, scene_hash) {
-                Ok(proxy) => list.extend(proxy),
+                Ok(None) => {}
+                Ok(Some(trained)) => {
+                    let path = measured_path(folder, kind);
+                    let measured = read_measured(&path).unwrap_or_else(|reason| {
+                        unusable.push(words(&path, &reason));
+                        None
+                    });
+                    list.push(TrainedProxy { measured, ..trained });
+                }
                 Err(error) => unusable.push(error.to_string()),
             }
         }
@@ -131,11 +141,11 @@ pub(crate) fn measured_path(folder: &Path, kind: LightKind) -> PathBuf {
     folder.join(format!("proxy_{kind}.json"))
 }
 
-fn read_measured(path: &Path) -> Result<Option<Measured>, SessionError> {
+/// The measurement of a file, if it is there; else why it cannot be read.
+pub(crate) fn read_measured(path: &Path) -> Result<Option<Measured>, String> {
     if !path.exists() {
         return Ok(None);
     }
-    let text = std::fs::read_to_string(path).map_err(SessionError::io("read", path))?;
-    let damaged = |error| SessionError::Settings(format!("{}: {error}; train again", path.display()));
-    serde_json::from_str(&text).map(Some).map_err(damaged)
+    let text = std::fs::read_to_string(path).map_err(|error| error.to_string())?;
+    serde_json::from_str(&text).map(Some).map_err(|error| error.to_string())
 }

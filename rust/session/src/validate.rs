@@ -3,7 +3,7 @@
 use crate::base_layers::BASE_FILE;
 use crate::damage::{reason_of, words};
 use crate::progress::{Monitor, Stage};
-use crate::proxies::{KINDS, TrainedProxy, measured_path, proxy_path};
+use crate::proxies::{KINDS, TrainedProxy, measured_path, proxy_path, read_measured};
 use crate::shot_files::{SHOT_FILE, WANTED_FILE, check_shot, check_wanted};
 use crate::train::state_path;
 use crate::world_layer::WorldLayer;
@@ -94,8 +94,8 @@ fn faults_of_proxy(folder: &Path, kind: LightKind, scene_hash: Option<&str>) -> 
     };
     let measured = measured_path(folder, kind);
     let of_proxy = TrainedProxy::open(folder, kind, &hash).err().map(|error| error.to_string());
-    let of_measured = || fault_of_file(&measured, &|_| Ok(()));
+    let of_measured = fault_of_file(&measured, &|path| read_measured(path).map(drop));
     let of_training = training.exists().then(|| read_info(&training).err()).flatten();
     let of_training = of_training.map(|error| error.to_string());
-    of_proxy.or_else(of_measured).into_iter().chain(of_training).collect()
+    of_proxy.into_iter().chain(of_measured).chain(of_training).collect()
 }

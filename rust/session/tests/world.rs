@@ -7,7 +7,7 @@ use glam::Mat3;
 use relume_session::image::Image;
 use relume_session::scene::{Alpha, ColorEncoding, Scene, Texels, Texture, World};
 use relume_session::trace::TraceSettings;
-use relume_session::{Monitor, Relighter, bake, difference};
+use relume_session::{Monitor, Relighter, bake, difference, validate};
 use std::path::Path;
 
 /// The room under a sky whose red is much brighter in one half, turned about the vertical axis.
@@ -149,6 +149,7 @@ fn paths_do_not_depend_on_the_world_and_none_is_traced_for_another() {
     assert_eq!(shards(&a), found);
     assert_eq!(bake(&turned, &settings(16), &a, true, &Monitor::default()).unwrap().samples, 16);
     assert_eq!(shards(&a), found);
+    assert_eq!(validate(&a, &Monitor::default()).unwrap(), [""; 0], "what was written anew was noted");
 }
 
 #[test]
