@@ -154,13 +154,18 @@ class Hunt:
                 break
         self.build([number])
         self.edited(number, edits)()
-        return list(describe.tree_lines(bpy.data.materials[self.title(number)].node_tree))
+        return list(describe.tree_lines(self.tree(number)))
+
+    def tree(self, number):
+        """The node tree of a card that was built."""
+        title = self.title(number)
+        return (bpy.data.materials.get(title) or bpy.data.worlds[title]).node_tree
 
     def possible_edits(self, number):
         """Steps that make a round's tree simpler: calls of functions of `simpler` with what follows the name."""
         self.build([number])
-        tree = bpy.data.materials[self.title(number)].node_tree
-        nodes = [node for node in tree.nodes if node.bl_idname != "ShaderNodeOutputMaterial"]
+        tree = self.tree(number)
+        nodes = [node for node in tree.nodes if not node.bl_idname.startswith("ShaderNodeOutput")]
         return [
             *((simpler.remove, node.name) for node in nodes),
             *((simpler.unlink, link.to_node.name, link.to_socket.identifier) for link in tree.links),
@@ -172,7 +177,7 @@ class Hunt:
         """What makes the tree of a round that was built simpler."""
 
         def change():
-            tree = bpy.data.materials[self.title(number)].node_tree
+            tree = self.tree(number)
             for edit, node, *more in edits:
                 if node in tree.nodes:
                     edit(tree, tree.nodes[node], *more)

@@ -7,6 +7,7 @@ import graphs
 import lamps
 import settings
 import transforms
+import worlds
 
 
 class Cards(NamedTuple):
@@ -39,6 +40,7 @@ class Shots(NamedTuple):
 KINDS = {
     "graphs": Cards(graphs, columns=8, rows=6, cell=8, samples=64),
     "closures": Cards(closures, columns=6, rows=4, cell=16, samples=128),
+    "worlds": Cards(worlds, columns=1, rows=1, cell=32, samples=64),
     "lamps": Shots(lamps, samples=64),
     "transforms": Shots(transforms, samples=64),
     "settings": Shots(settings, samples=64),

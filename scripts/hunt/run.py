@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[2]
-PICTURES = {"graphs": 48, "closures": 24, "lamps": 1, "transforms": 1, "settings": 1}
+PICTURES = {"graphs": 48, "closures": 24, "worlds": 1, "lamps": 1, "transforms": 1, "settings": 1}
 """Rounds that a picture of each kind shows."""
 
 SECONDS = 600
