@@ -152,6 +152,10 @@ class Translation:
         if self._feeds("Displacement", surface, context):
             if material.displacement_method == "BUMP":
                 self.normal = self._displaced_normal(surface.node.inputs["Displacement"], context)
+                if self.normal is not None:
+                    self.name(
+                        "displacement is taken as a bump map; where it is steep it is a little darker than in Cycles"
+                    )
             else:
                 self.name("displacement is not supported yet; left out")
         return self.shader(surface, context)
