@@ -6,6 +6,7 @@ import time
 
 import bpy
 import pytest
+import relume
 
 from addon.engine import shot
 from addon.engine.render_depsgraph import with_render_depsgraph
@@ -48,6 +49,8 @@ def test_moving_a_light_asks_at_once_and_again_when_it_rests(lit, live):
 
 class LightRecorder:
     """A scene builder that keeps the lights."""
+
+    constant_emission = staticmethod(relume.SceneBuilder.constant_emission)
 
     def __init__(self):
         self.lights = []

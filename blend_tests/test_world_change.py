@@ -88,6 +88,8 @@ def test_a_file_is_read_once_however_often_its_sky_is_turned(turnable, tmp_path,
     read = []
 
     class Builder:
+        constant_emission = staticmethod(relume.SceneBuilder.constant_emission)
+
         def __init__(self, *arguments):
             self._builder = relume.SceneBuilder(*arguments)
 

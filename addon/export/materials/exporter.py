@@ -41,11 +41,11 @@ BUMP_WIDTH = 0.1 if bpy.app.version >= (4, 3, 0) else 1.0
 """Pixels over which Cycles takes differences of a displacement."""
 DEEPEST = 10_000
 """Calls within calls while a graph is followed, about seven for each node."""
-PURE = {
-    *("mix", "math", "vector_math", "map_range", "clamp", "color_ramp", "rgb_curves", "hue_saturation"),
-    *("bright_contrast", "gamma", "invert", "separate_color", "combine_color", "separate_xyz", "combine_xyz"),
+COMPUTED = {
+    *("mix", "math", "vector_math", "map_range", "clamp", "color_ramp", "rgb_curves", "gamma"),
+    *("combine_color", "separate_xyz", "combine_xyz"),
 }
-"""Types of nodes that depend on their inputs alone."""
+"""Types of nodes that Blender computes where it inlines and their inputs are constants."""
 TRANSPARENCY = {"transparent": ("color", [0.0, 0.0, 0.0]), "principled": ("alpha", 1.0)}
 """Fields of closures by their type, and the values that do nothing."""
 
@@ -122,7 +122,7 @@ class Translation:
         self.owner = f"object '{object_name}', material '{material.name}'" if material else f"object '{object_name}'"
         self.nodes: list[dict[str, Any]] = []
         self.is_constant: list[bool] = []
-        """Whether a node gives the same everywhere."""
+        """Whether Blender knows that a node gives the same everywhere."""
         self.done: dict[Key, Any] = {}
         self.normal: dict[str, Any] | None = None
         """A link to the shading normal, where it is not the mesh's."""
@@ -152,6 +152,10 @@ class Translation:
         if self._feeds("Displacement", surface, context):
             if material.displacement_method == "BUMP":
                 self.normal = self._displaced_normal(surface.node.inputs["Displacement"], context)
+                if self.normal is not None:
+                    self.name(
+                        "displacement is taken as a bump map; where it is steep it is a little darker than in Cycles"
+                    )
             else:
                 self.name("displacement is not supported yet; left out")
         return self.shader(surface, context)
@@ -179,7 +183,7 @@ class Translation:
     def emit(self, node: dict[str, Any]) -> int:
         """Appends a node and returns its number."""
         self.nodes.append(node)
-        self.is_constant.append(node["type"] in PURE and all(map(self._is_constant, node.values())))
+        self.is_constant.append(node["type"] in COMPUTED and all(map(self._is_constant, node.values())))
         return len(self.nodes) - 1
 
     def _is_constant(self, value: Any) -> bool:

@@ -5,7 +5,8 @@
 | a reroute or muted node that nothing feeds | 0 | the socket counts as not linked |
 | a muted node without an input for that output, or a node that Cycles leaves out | counts as not linked | the same |
 | a group without output node | 0 | 0 |
-| sockets of other types on the way (groups, muted nodes) | convert what passes | convert constants alone |
+| sockets of other types on the way (groups, muted nodes) | convert what passes | convert what Blender computes |
+| a node that Cycles does not have, in a group | the group's own value | counts as not linked at all |
 | any of these or a group's own value, to a normal or texture vector | is left out | counts (`is_implied`) |
 | Material Output in a group, and a muted one | counts; does not | does not; counts |
 """
@@ -43,6 +44,15 @@ CONVERTING = {"VALUE", "INT", "BOOLEAN", "RGBA", "VECTOR"}
 if IS_INLINED:
     CONVERTING = {"BOOLEAN"} if bpy.app.version >= (5, 3, 0) else set()
 """Types of sockets on the way that convert what nodes compute."""
+UNFOLDED = {
+    "ShaderNodeBrightContrast",
+    "ShaderNodeHueSaturation",
+    "ShaderNodeInvert",
+    "ShaderNodeRGB",
+    "ShaderNodeRGBToBW",
+    "ShaderNodeSeparateColor",
+}
+"""Nodes that Blender does not compute where it inlines, however constant they are."""
 NUMBERS = {"VALUE", "INT", "BOOLEAN"}
 """Types of sockets with one number."""
 
@@ -78,12 +88,21 @@ def _surface_sockets(tree: bpy.types.NodeTree, context: Context) -> Iterator[tup
 
 def _has_cycle(tree: bpy.types.NodeTree) -> bool:
     """Whether nodes feed themselves: then Blender renders nothing of a tree that it inlines."""
-    shader = "SHADER"
-    return any(
-        not link.is_valid and (link.from_socket.type == shader) == (link.to_socket.type == shader)
+    links = [
+        link
         for link in tree.links
         if not (link.is_muted or link.from_socket.is_unavailable or link.to_socket.is_unavailable)
-    )
+    ]
+    if all(link.is_valid for link in links):
+        return False
+    left = {(link.from_node.name, link.to_node.name) for link in links}
+    while left:
+        fed = {to for _, to in left}
+        inner = {(source, to) for source, to in left if source in fed}
+        if len(inner) == len(left):
+            return True
+        left = inner
+    return False
 
 
 class Source(NamedTuple):
@@ -111,6 +130,7 @@ class Constant(NamedTuple):
 
 def trace(socket: bpy.types.NodeSocket, context: Context) -> Source | Constant:
     """What feeds an input socket of a node in some groups."""
+    asked = socket
     owner, own_passed = socket, 0  # What counts where links lead nowhere, and how much is passed from there.
     passed: list[str] = []
     is_gap = False  # Whether `socket` is of a reroute or a muted node.
@@ -118,6 +138,8 @@ def trace(socket: bpy.types.NodeSocket, context: Context) -> Source | Constant:
         link = _used_link(socket)
         inner = _inner(link.from_node, link.from_socket) if link is not None else None
         if link is None or (inner is None and _is_left_out(link.from_node, context)):
+            if link is not None and IS_INLINED and _is_unknown(link.from_node):
+                return Constant(_shown(asked), asked.type, asked)
             if is_gap and not IS_INLINED:
                 return _zero(socket.type, passed)
             return Constant(_shown(owner), owner.type, owner, tuple(reversed(passed[:own_passed])))
@@ -149,6 +171,8 @@ def trace(socket: bpy.types.NodeSocket, context: Context) -> Source | Constant:
             passed.append(socket.type)
             own_passed = len(passed)
         else:
+            if IS_INLINED and node.bl_idname in UNFOLDED:
+                passed = [kind for kind in passed if kind in CONVERTING]
             return Source(node, output, context, tuple(reversed(passed)))
 
 
@@ -177,7 +201,12 @@ def _inner(node: bpy.types.Node, output: bpy.types.NodeSocket) -> bpy.types.Node
 def _is_left_out(node: bpy.types.Node, context: Context) -> bool:
     if node.bl_idname == "NodeGroupInput":
         return not context
-    return node.mute or node.bl_idname in LEFT_OUT or (node.type == "CUSTOM" and not _is_group(node))
+    return node.mute or _is_unknown(node)
+
+
+def _is_unknown(node: bpy.types.Node) -> bool:
+    """Whether Cycles has no such node, so that a link from it is as none."""
+    return node.bl_idname in LEFT_OUT or (node.type == "CUSTOM" and not _is_group(node))
 
 
 def _is_group(node: bpy.types.Node) -> bool:

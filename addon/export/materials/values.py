@@ -358,7 +358,8 @@ def _rgb_to_bw(t: Translation, source: Source) -> Any:
 
 def _bevel(t: Translation, source: Source) -> Any:
     t.name(f"node '{source.node.name}': bevel is not supported yet; left out")
-    return t.value(source.node, "Normal", source.context, None)
+    normal = t.value(source.node, "Normal", source.context, None)
+    return normal or {"node": t.once(source, lambda: {"type": "geometry"}), "output": "normal"}
 
 
 def _first_input(what: str) -> Translate:
