@@ -242,6 +242,14 @@ def painted():
     return "Material 'Painted' changed"
 
 
+def other_terminator():
+    sofa = bpy.data.objects["Sofa"]
+    owner = sofa if hasattr(sofa, "shadow_terminator_shading_offset") else sofa.cycles
+    setattr(owner, "shadow_terminator_shading_offset" if owner is sofa else "shadow_terminator_offset", 0.5)
+    sofa.update_tag()  # Properties of add-ons are tagged by the window alone.
+    return "Shadow Terminator of 'Sofa' changed"
+
+
 def other_objects():
     bpy.data.collections["Props"].objects.link(bpy.data.objects["Middle"])
     return "Collection 'Props' has other objects"
@@ -265,7 +273,7 @@ def lead():
 MOVED = ["Cutter", "Middle", "Handle", "Cage", "Rail", "Ground", "Source", "Projector"]
 NAMED = [
     *(bend_lattice, key_point, key_handle, weight, falloff, other_projector, pose, texture, texture_ramp),
-    *(outer_group, inner_group, inner_link, node_input, painted, other_objects, lead),
+    *(outer_group, inner_group, inner_link, node_input, painted, other_terminator, other_objects, lead),
 ]
 CHANGES = {
     **{f"move {name}": move(name) for name in [*MOVED, "Rig", "Stamp", "Prop", "Guide", "Profile"]},

@@ -331,3 +331,22 @@ def test_particles_are_instances(scene):
     out = exported(scene)
     assert len(out["meshes"]) <= 2
     assert sum(instance["name"] == "Part" for instance in out["instances"]) >= 20
+
+
+def test_the_shadow_terminator_is_read_from_where_it_is_kept(scene):
+    plane = add_quad(scene, "Plane")
+    owner, shading = plane, "shadow_terminator_shading_offset"
+    if not hasattr(plane, shading):
+        owner, shading = plane.cycles, "shadow_terminator_offset"
+    setattr(owner, shading, 0.5)
+    owner.shadow_terminator_geometry_offset = 0.25
+    instance = exported(scene)["instances"][0]
+    assert (instance["shadow_terminator_offset"], instance["shadow_terminator_shading"]) == (0.25, 0.5)
+
+
+def test_shadows_that_hidden_objects_do_not_cast_are_named(scene):
+    plane = add_quad(scene, "Plane")
+    plane.visible_diffuse = False
+    assert any("'Plane': hidden from diffuse rays" in warning for warning in exported(scene)["warnings"])
+    plane.visible_diffuse, plane.visible_camera = True, False
+    assert exported(scene)["warnings"] == []

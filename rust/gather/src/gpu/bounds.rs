@@ -156,7 +156,7 @@ mod tests {
     use super::*;
     use crate::Gather;
     use crate::gpu::sort::{BLOCK, PixelGroup};
-    use crate::light::Reach;
+    use crate::light::Profile;
     use crate::tests::kernels::{random_dump_of, random_lights};
 
     #[test]
@@ -184,7 +184,7 @@ mod tests {
                     };
                     let crosses = words.iter().filter(|words| words[1] >> 18 & 7 != 7).any(crosses);
                     assert!(may || !crosses, "{light:?} {bounds:?}");
-                    if matches!(light.reach, Reach::Everywhere) {
+                    if matches!(light.profile, Profile::Sheared(_)) {
                         continue;
                     }
                     touched += usize::from(may);

@@ -91,7 +91,7 @@ impl GpuGather {
             step.pull(&mut commands, &smoothed.units(&values), part.clone(), step.gradients().1)?;
             commands.submit()?;
         }
-        Ok(compared(step.read()?))
+        Ok(compared(lights, step.read()?))
     }
 }
 
@@ -134,12 +134,13 @@ impl<'a> Smoothed<'a> {
     }
 }
 
-/// From values in the order of the device.
-fn compared(Compared { loss, layers, gradients }: Compared) -> SoftCompared {
-    let gradient = |values: &[f32; GRADIENT]| {
-        (std::array::from_fn(|lane| values[3 + lane]), std::array::from_fn(|c| values[c]))
+/// From values in the order of the device, of the lanes that the lights have.
+fn compared(lights: &[&Light], Compared { loss, layers, gradients }: Compared) -> SoftCompared {
+    let gradient = |(light, values): (&&Light, &[f32; GRADIENT])| {
+        let slope = |lane| if light.shape.has_lane(lane) { values[3 + lane] } else { 0.0 };
+        (std::array::from_fn(slope), std::array::from_fn(|c| values[c]))
     };
-    SoftCompared { loss, lights: gradients.as_chunks().0.iter().map(gradient).collect(), layers }
+    SoftCompared { loss, lights: lights.iter().zip(gradients.as_chunks().0).map(gradient).collect(), layers }
 }
 
 #[cfg(test)]

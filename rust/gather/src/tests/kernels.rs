@@ -35,7 +35,7 @@ pub fn random_dump_of(size: usize, samples: &[u32]) -> Dump {
     })
 }
 
-/// Some of each kind, some of them linked to a few receivers.
+/// Ten of each kind, some of them linked to a few receivers; sheared and stretched ones last.
 pub fn random_lights() -> Vec<Light> {
     let mut random = Random(4);
     let mut lights = Vec::new();
@@ -44,7 +44,8 @@ pub fn random_lights() -> Vec<Light> {
         let (edge_u, direction) = (random.point(3.0), random.point(1.0).normalize());
         let edge_v = edge_u.cross(direction);
         let spread = random.range(0.5, 4.0);
-        let shape = match kind % 8 {
+        let shape = match kind % 6 {
+            _ if kind >= 60 => odd_shape(&mut random, kind % 4, center, [edge_u, edge_v], spread),
             0 => LightShape::Sphere { center, radius },
             1 => LightShape::FacingDisk { center, radius },
             2 => LightShape::Spot {
@@ -57,30 +58,37 @@ pub fn random_lights() -> Vec<Light> {
             },
             3 => LightShape::Quad { center, edge_u, edge_v, spread },
             4 => LightShape::Ellipse { center, edge_u, edge_v, spread },
-            5 => LightShape::Sun { direction, half_angle: random.range(0.1, 1.5) },
-            6 => LightShape::Sheared {
-                center,
-                edge_u,
-                edge_v: edge_v + random.range(-0.5, 0.5) * edge_u,
-                facing: (edge_u.cross(edge_v).normalize() + random.point(0.3)).normalize(),
-                spread,
-                is_ellipse: kind % 16 == 6,
-            },
-            _ => LightShape::StretchedSpot {
-                center,
-                radius,
-                local_from_world: Mat3::from_rotation_x(random.range(0.0, 3.0))
-                    * Mat3::from_cols(Vec3::X, Vec3::new(random.range(-0.5, 0.5), 0.6, 0.2), Vec3::Z * 1.4),
-                half_angle: random.range(0.2, 1.5),
-                blend: random.next(),
-                soft_falloff: kind % 16 == 7,
-            },
+            _ => LightShape::Sun { direction, half_angle: random.range(0.1, 1.5) },
         };
         let lobes = LobeFactors { camera: random.next(), glossy: 0.5, ..LobeFactors::default() };
         let receivers = (kind % 5 == 0).then(|| ReceiverSet { receivers: vec![0, 3] });
         lights.push(Light { lobes, receivers, ..light(shape) });
     }
     lights
+}
+
+/// A sheared area light or a stretched spot, of four kinds.
+fn odd_shape(random: &mut Random, kind: usize, center: Vec3, edges: [Vec3; 2], spread: f32) -> LightShape {
+    let [edge_u, edge_v] = edges;
+    if kind < 2 {
+        return LightShape::Sheared {
+            center,
+            edge_u,
+            edge_v: edge_v + random.range(-0.5, 0.5) * edge_u,
+            facing: (edge_u.cross(edge_v).normalize() + random.point(0.3)).normalize(),
+            spread,
+            is_ellipse: kind == 0,
+        };
+    }
+    LightShape::StretchedSpot {
+        center,
+        radius: random.range(0.3, 1.5),
+        local_from_world: Mat3::from_rotation_x(random.range(0.0, 3.0))
+            * Mat3::from_cols(Vec3::X, Vec3::new(random.range(-0.5, 0.5), 0.6, 0.2), Vec3::Z * 1.4),
+        half_angle: random.range(0.2, 1.5),
+        blend: random.next(),
+        soft_falloff: kind == 2,
+    }
 }
 
 #[test]
