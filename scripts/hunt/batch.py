@@ -54,7 +54,7 @@ class Hunt:
         if change:
             change()
         exported, settings, said = stage.export(scene)
-        pictures, more_said = stage.relit(exported, settings, self.kind.samples * more, self.folder / "bake")
+        pictures, more_said = stage.relit(exported, settings, self.kind.samples * more)
         references = stage.rendered(scene, self.kind.samples * more, 2 * more)
         faults = {}
         for number in numbers:
