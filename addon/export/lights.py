@@ -13,6 +13,8 @@ from .linking import LightLinking
 from .materials.graph import Source, constant_value, resolve, used_tree
 
 WHITE = [1.0, 1.0, 1.0]
+NARROW_SPREAD = math.radians(15.0)
+"""Of an area light: at 512 paths a pixel its noise is about 10 % of the light here, and 6 % at 20 degrees."""
 ALL_BOUNCES = 1024
 """Of a light in Cycles, unless somebody has set fewer: no scene has more."""
 
@@ -115,6 +117,10 @@ def _problem(light: bpy.types.Light, world_from_object: Any) -> str:
 def _warn_about(obj: bpy.types.Object, warn: Callable[[str], None]) -> None:
     cycles = getattr(obj.data, "cycles", None)
     problems = (
+        (
+            obj.data.type == "AREA" and obj.data.spread < NARROW_SPREAD,
+            "few paths find a spread below 15 degrees; its light is grainy, and missing near 0 degrees",
+        ),
         (not obj.data.use_shadow, "a light without shadow is not representable; it casts shadows"),
         (
             obj.light_linking.blocker_collection is not None,
