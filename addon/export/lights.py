@@ -13,10 +13,10 @@ from .linking import LightLinking
 from .materials.graph import Source, constant_value, resolve, used_tree
 
 WHITE = [1.0, 1.0, 1.0]
-NARROW_SPREAD = math.radians(15.0)
-"""Of an area light: at 512 paths a pixel its noise is about 10 % of the light here, and 6 % at 20 degrees."""
 ALL_BOUNCES = 1024
 """Of a light in Cycles, unless somebody has set fewer: no scene has more."""
+NARROW_SPREAD = math.radians(15.0)
+"""Of an area light: at 512 paths a pixel its noise is 19 % of the light (p95) at 11 degrees, and 6 % at 20 degrees."""
 
 
 def name_of(block: bpy.types.ID) -> str:
