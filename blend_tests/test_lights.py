@@ -191,6 +191,14 @@ def test_what_a_light_cannot_do_is_named(scene):
     assert len(out["warnings"]) == len(said)
 
 
+@pytest.mark.parametrize(("degrees", "is_named"), [(0.0, True), (10.0, True), (20.0, False), (180.0, False)])
+def test_a_narrow_spread_is_named(scene, degrees, is_named):
+    add_quad(scene)
+    add_light(scene, "AREA", name="Beam", spread=math.radians(degrees))
+    said = ["'Beam': few paths find a spread below 15 degrees" in warning for warning in exported(scene)["warnings"]]
+    assert said == [True] * is_named
+
+
 @pytest.mark.parametrize("strength", [0.0, 2.0])
 def test_linking_of_emissive_meshes_is_named(scene, strength):
     material, tree, output = add_material("Neon")

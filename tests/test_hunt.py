@@ -49,17 +49,18 @@ def test_a_region_is_cut_from_whole_pictures_only():
     assert measure.region(part, render) is part
 
 
-def test_the_round_that_ends_blender_is_found_by_halves(monkeypatch):
+@pytest.mark.parametrize(("at", "counts"), [("Relume", True), ("Cycles", False)])
+def test_the_round_that_ends_blender_is_found_by_halves(monkeypatch, at, counts):
     played = []
 
     def play_pictures(hunt, pictures):
         for number, rounds in enumerate(pictures):
             if 61 in rounds:
-                return number, [], "signal 11"
+                return number, [], f"{at}: signal 11"
             played.extend(rounds)
         return len(pictures), [], ""
 
     monkeypatch.setattr(run, "play_pictures", play_pictures)
     faults = run.play(run.Hunt("4.2", "graphs", seed=1), range(40, 110))
-    assert faults == [{"round": 61, "fault": "crash", "said": "signal 11"}]
+    assert faults == [{"round": 61, "fault": "crash", "said": f"{at}: signal 11"}] * counts
     assert sorted(played) == [number for number in range(40, 110) if number != 61]

@@ -35,6 +35,8 @@ MIN_SIZE = 0.01
 """`relume_scene::MIN_SIZE`, metres."""
 ALL_BOUNCES = 1024
 """Of a light in Cycles, unless somebody has set fewer: no scene has more."""
+NARROW_SPREAD = math.radians(15.0)
+"""Of an area light: at 512 paths a pixel its noise is 19 % of the light (p95) at 11 degrees, and 6 % at 20 degrees."""
 
 
 def name_of(block: bpy.types.ID) -> str:
@@ -176,6 +178,10 @@ def _is_flat(light: bpy.types.Light, columns: list[Any]) -> bool:
 def _warn_about(obj: bpy.types.Object, warn: Callable[[str], None]) -> None:
     cycles = getattr(obj.data, "cycles", None)
     problems = (
+        (
+            obj.data.type == "AREA" and obj.data.spread < NARROW_SPREAD,
+            "few paths find a spread below 15 degrees; its light is grainy, and missing near 0 degrees",
+        ),
         (not obj.data.use_shadow, "a light without shadow is not representable; it casts shadows"),
         (
             obj.light_linking.blocker_collection is not None,

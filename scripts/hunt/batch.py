@@ -1,6 +1,7 @@
 """Plays rounds of one kind in this Blender: `run.py` starts it, so that a crash takes nobody else down.
 
-Prints JSON lines: `playing` before the rounds of a picture, a `fault` for each round that fails, `played` after them.
+Prints JSON lines: `at` where a picture comes from next, a `fault` for each round that fails, `played` after the
+rounds of a picture.
 """
 
 import argparse
@@ -53,8 +54,10 @@ class Hunt:
         scene = self.build(numbers, left_out)
         if change:
             change()
+        tell(at="Relume")
         exported, settings, said = stage.export(scene)
-        pictures, more_said = stage.relit(exported, settings, self.kind.samples * more, self.folder / "bake")
+        pictures, more_said = stage.relit(exported, settings, self.kind.samples * more)
+        tell(at="Cycles")
         references = stage.rendered(scene, self.kind.samples * more, 2 * more)
         faults = {}
         for number in numbers:
@@ -264,7 +267,6 @@ def main():
     args.folder.mkdir(parents=True, exist_ok=True)
     hunt = Hunt(args.kind, args.seed, args.folder)
     for numbers in args.pictures:
-        tell(playing=numbers)
         for number, first in hunt.play(numbers).items():
             fault = first if first["fault"] == "raised" else hunt.confirm(number)
             if fault:

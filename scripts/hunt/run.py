@@ -45,7 +45,8 @@ class Hunt(NamedTuple):
 
 
 def play(hunt, numbers):
-    """Faults of some rounds. What was in a picture when Blender ended is played in halves, down to a single round."""
+    """Faults of some rounds. What was in a picture when Blender ended is played in halves, down to a single round.
+    That Cycles ended it is shown, but is no fault."""
     groups = {}
     for number in numbers:
         groups.setdefault(number // PICTURES[hunt.kind], []).append(number)
@@ -58,8 +59,9 @@ def play(hunt, numbers):
             seen = {fault["round"] for fault in found}
             broken = [number for number in waiting.pop(0) if number not in seen]
             if len(broken) == 1:
-                faults.append({"round": broken[0], "fault": "crash", "said": ended})
-                show(hunt, faults[-1])
+                crash = {"round": broken[0], "fault": "crash", "said": ended}
+                show(hunt, crash)
+                faults += [] if ended.startswith("Cycles") else [crash]
             elif broken:
                 half = len(broken) // 2
                 waiting = [broken[:half], broken[half:], *waiting]
@@ -80,7 +82,8 @@ def play_pictures(hunt, pictures):
     if code > 0:
         sys.exit(f"hunt: {last_line(log)} ({log})")
     faults = [record["fault"] for record in records if "fault" in record]
-    ended = f"signal {-code}" + (f" after {SECONDS} s" if code == -signal.SIGKILL else "") if code else ""
+    at = next((record["at"] for record in reversed(records) if "at" in record), "Blender")
+    ended = f"{at}: signal {-code}" + (f" after {SECONDS} s" if code == -signal.SIGKILL else "") if code else ""
     return sum("played" in record for record in records), faults, ended
 
 

@@ -1,8 +1,8 @@
 """Scenes to put random things into, and the two pictures of each. Needs `bpy` and `relume`."""
 
 import math
-import shutil
 import sys
+import tempfile
 from pathlib import Path
 
 import bpy
@@ -163,14 +163,13 @@ def export(scene):
     return exported, settings, [*exported.warnings, *said]
 
 
-def relit(exported, settings, samples, folder):
+def relit(exported, settings, samples):
     """Two independent pictures of the scene's own lights, and what was said while baking."""
     pictures, said = [], []
     for seed in (0, 1):
-        shutil.rmtree(folder, ignore_errors=True)
-        relume.bake(exported, folder, settings | {"samples": samples, "seed": seed}).wait(on_warning=said.append)
-        pictures.append(relume.Relighter(folder).relight(denoise=False)["combined"])
-    shutil.rmtree(folder, ignore_errors=True)
+        with tempfile.TemporaryDirectory(prefix="relume-hunt-") as folder:
+            relume.bake(exported, folder, settings | {"samples": samples, "seed": seed}).wait(on_warning=said.append)
+            pictures.append(relume.Relighter(folder).relight(denoise=False)["combined"])
     return pictures, said
 
 
