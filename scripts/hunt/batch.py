@@ -45,7 +45,7 @@ class Hunt:
             return self.compare(numbers)
         except Exception as error:
             if len(numbers) == 1:
-                return {numbers[0]: {"fault": "raised", "said": last_line(error)}}
+                return {} if is_refusal(error) else {numbers[0]: {"fault": "raised", "said": last_line(error)}}
             half = len(numbers) // 2
             return self.play(numbers[:half]) | self.play(numbers[half:])
 
@@ -240,6 +240,11 @@ def showing(kind):
         shown = emission.outputs[0]
     tree.links.new(shown, output.inputs["Surface"])
     return material
+
+
+def is_refusal(error):
+    """Whether an error is the exporter's own word on why it refuses a scene."""
+    return type(error).__name__ == "ExportError"
 
 
 def last_line(error):

@@ -1,9 +1,10 @@
 """Random scenes against Cycles, from a seed: `make hunt`.
 
-A round is one random thing: a graph of values, a mixture of closures, a lamp, a transform, settings of a scene. It
-fails if Blender crashes, if Relume refuses it, gives values that are not finite, or another picture than Cycles without
-a warning that names what is in it. Each failing round is printed with the command that plays it alone, and what is left
-of it when all is gone that does not matter; its file and the records go to `out/hunt`.
+A round is one random thing: a graph of values, a mixture of closures, a world, a lamp, a transform, settings of a
+scene. It fails if Blender crashes, if Relume raises anything but its own refusal, gives values that are not finite, or
+another picture than Cycles without a warning that names what is in it. Each failing round is printed with the command
+that plays it alone, and what is left of it when all is gone that does not matter; its file and the records go to
+`out/hunt`. A world takes longer than the others: Relume renders each in a Blender of its own.
 """
 
 import argparse
