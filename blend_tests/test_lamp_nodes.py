@@ -72,6 +72,7 @@ CONSTANT = {
     "ramp": of("ShaderNodeValToRGB", {0: 0.3}),
     "curve": curve,
     "blackbody": of("ShaderNodeBlackbody", {0: 3200.0}),
+    "blackbody of maths": lambda t: of("ShaderNodeBlackbody", {0: maths(t, "ADD", 2500.0, 700.0)})(t),
     "hue": of("ShaderNodeHueSaturation", {"Color": RED, "Hue": 0.7}),
     "gamma": of("ShaderNodeGamma", {"Color": RED, "Gamma": 2.0}),
     "mix": of("ShaderNodeMix", {"A_Color": RED, "B_Color": GREEN}, 2, data_type="RGBA", blend_type="SCREEN"),

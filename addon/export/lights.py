@@ -29,6 +29,7 @@ VARYING = {
     "ShaderNodeTexEnvironment": "is an image",
     "ShaderNodeLightFalloff": "changes its falloff with distance",
     "ShaderNodeLightPath": "depends on the length or depth of rays",
+    "ShaderNodeWavelength": "is a colour by its wavelength",
 }
 """Why a light is not the same everywhere."""
 MIN_SIZE = 0.01
@@ -218,9 +219,9 @@ def _emission(
     if tree is None:
         return WHITE
     found = surface_socket(tree)
-    translation = ConstantTranslation(LIGHT_PATH.get, is_sun=obj.data.type == "SUN")
+    translation = ConstantTranslation(constant_emission, LIGHT_PATH.get, is_sun=obj.data.type == "SUN")
     try:
-        emission = translation.emission(*found, constant_emission) if found else None
+        emission = translation.emission(*found) if found else None
     except VaryingNodeError as error:
         node = error.node
         reason = VARYING.get(node.bl_idname, "makes it shine differently by place, direction or distance")

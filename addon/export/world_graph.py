@@ -86,9 +86,9 @@ class WorldReader:
     def _computed(self, compute: Any, socket: bpy.types.NodeSocket, context: Context) -> Any:
         if self._constant_emission is None:
             return None
-        translation = ConstantTranslation(lambda output: LIGHT_PATH.get(output, 0.0))
+        translation = ConstantTranslation(self._constant_emission, lambda output: LIGHT_PATH.get(output, 0.0))
         try:
-            value = compute(translation, socket, context, self._constant_emission)
+            value = compute(translation, socket, context)
         except VaryingNodeError:
             return None
         self.uses_light_path |= translation.uses_light_path

@@ -8,6 +8,7 @@ from typing import Any
 
 import bpy
 
+from ...core.blackbody import blackbody_color
 from .closures import CLOSURES
 from .exporter import Translation
 from .graph import NUMBERS, Context, Source, Value
@@ -45,10 +46,11 @@ class VaryingNodeError(Exception):
 class ConstantTranslation(Translation):
     """The graph of a lamp or world, in which nodes that vary stand for themselves."""
 
-    def __init__(self, light_path: Callable[[str], float | None], is_sun: bool = False):
+    def __init__(self, compute: ConstantEmission, light_path: Callable[[str], float | None], is_sun: bool = False):
         """`light_path`: what an output of the Light Path node is for all that the light meets, if it is the same."""
         images: Any = None  # Images vary.
         super().__init__(None, images, None, "")
+        self.compute = compute
         self.light_path = light_path
         self.is_sun = is_sun
         self.uses_light_path = False
@@ -57,21 +59,19 @@ class ConstantTranslation(Translation):
         self._present: list[bpy.types.Node] = []
         """The nodes in translation."""
 
-    def emission(
-        self, surface: bpy.types.NodeSocket, context: Context, compute: ConstantEmission
-    ) -> list[float] | None:
+    def emission(self, surface: bpy.types.NodeSocket, context: Context) -> list[float] | None:
         """What a shader socket emits; None if it has no shader. Raises VaryingNodeError."""
         number = self.shader(surface, context)
-        return None if number is None else self._computed(number, compute)
+        return None if number is None else self._computed(number)
 
-    def constant(self, socket: bpy.types.NodeSocket, context: Context, compute: ConstantEmission) -> Value:
+    def constant(self, socket: bpy.types.NodeSocket, context: Context) -> Value:
         """The value of a socket. Raises VaryingNodeError."""
         value = self.socket_value(socket, context)
-        color = self._computed(self.emit({"type": "emission", "color": value, "strength": 1.0}), compute)
+        color = self._computed(self.emit({"type": "emission", "color": value, "strength": 1.0}))
         return color[0] if socket.type in NUMBERS else color
 
-    def _computed(self, surface: int, compute: ConstantEmission) -> list[float]:
-        color, varying = compute(json.dumps({"name": "", "nodes": self.nodes, "surface": surface}))
+    def _computed(self, surface: int) -> list[float]:
+        color, varying = self.compute(json.dumps({"name": "", "nodes": self.nodes, "surface": surface}))
         if color is None:
             raise VaryingNodeError(self.varying[varying if varying is not None else -1])
         return color
@@ -93,6 +93,9 @@ class ConstantTranslation(Translation):
             return value
         if node.bl_idname == "ShaderNodeLightFalloff" and self._is_plain(source):
             return self.value(node, "Strength", source.context)
+        if node.bl_idname == "ShaderNodeBlackbody":
+            kelvin = self.constant(node.inputs["Temperature"], source.context)
+            return blackbody_color(kelvin if isinstance(kelvin, float) else kelvin[0])
         if node.bl_idname not in COMPUTED:
             return self._varies(node)
         self._present.append(node)

@@ -270,11 +270,7 @@ impl BlenderLight {
         let radiance_per_power = if self.normalize { 1.0 / (PI * area) } else { true_area / (PI * area) };
         let (center, spread) = (self.origin(), spread.clamp(1e-3, PI));
         let shape = if is_sheared {
-            if spread < PI {
-                let what = "its object is sheared; where its spread ends differs from Cycles";
-                notes
-                    .push(format!("light '{}': {what}. Use a spread of 180 degrees, or no shear", self.name));
-            }
+            self.note_on_shear(spread, notes);
             let facing = self.emission_direction()?;
             LightShape::Sheared { center, edge_u, edge_v, facing, spread, is_ellipse: round }
         } else if round {
@@ -283,6 +279,19 @@ impl BlenderLight {
             LightShape::Quad { center, edge_u, edge_v, spread }
         };
         Ok((shape, radiance_per_power))
+    }
+
+    /// Says what of a sheared area light is not as in Cycles, whose rays and light samples see it in different shapes.
+    fn note_on_shear(&self, spread: f32, notes: &mut Vec<String>) {
+        let name = &self.name;
+        if spread < PI {
+            let what = "its object is sheared; where its spread ends differs from Cycles";
+            notes.push(format!("light '{name}': {what}. Use a spread of 180 degrees, or no shear"));
+        }
+        if self.lobes.camera > 0.0 {
+            let what = "its object is sheared; the camera sees it in another shape than in Cycles";
+            notes.push(format!("light '{name}': {what}. Hide it from the camera, or use no shear"));
+        }
     }
 
     /// Whether axes of the object are perpendicular in the world, so far as it shows.

@@ -232,6 +232,9 @@ fn sheared_lights_keep_their_edges_and_face_along_their_own_z_axis() {
     }
     let narrow = BlenderLightKind::Area { shape: AreaShape::Disk, size: 0.5, size_y: 0.2, spread: 1.0 };
     assert!(sheared(light(narrow)).to_light().unwrap().1[0].contains("spread"));
+    let mut seen = sheared(light(area(AreaShape::Square)));
+    seen.lobes.camera = 1.0;
+    assert!(seen.to_light().unwrap().1[0].contains("the camera sees it"));
     let mut flat = light(area(AreaShape::Square));
     (0..3).for_each(|row| flat.world_from_object[row][1] = flat.world_from_object[row][0]);
     assert!(flat.to_light().unwrap_err().to_string().contains("flat"));
