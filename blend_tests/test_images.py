@@ -229,6 +229,26 @@ def test_a_packed_file_has_the_texels_that_blender_reads(save, monkeypatch, tmp_
     check_same(image, monkeypatch, "Linear Rec.709", "STRAIGHT")
 
 
+@pytest.mark.parametrize("space", ["Linear Rec.709", "Non-Color"])
+@pytest.mark.parametrize("is_seen_through", [False, True])
+def test_straight_alpha_of_floats_in_memory_is_taken_as_in_cycles(scene, tmp_path, space, is_seen_through):
+    image = bpy.data.images.new("Made", 4, 4, alpha=True, float_buffer=True)
+    image.colorspace_settings.name, image.alpha_mode = space, "STRAIGHT"
+    image.pixels.foreach_set([0.2, 0.5, 0.9, 0.4] * 16)
+    material, tree, output = add_material()
+    texture, emission = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("TexImage", "Emission"))
+    texture.image = image
+    tree.links.new(texture.outputs["Color"], emission.inputs["Color"])
+    if is_seen_through:
+        tree.links.new(texture.outputs["Alpha"], emission.inputs["Strength"])
+    tree.links.new(emission.outputs[0], output.inputs["Surface"])
+    add_quad(scene, size=40.0, material=material)
+    scene.render.resolution_x = scene.render.resolution_y = 8
+    relume.bake(load_scene(scene), tmp_path / "bake", {"samples": 1}).wait()
+    ours = relume.Relighter(tmp_path / "bake").relight("[]", denoise=False)["combined"]
+    assert ours[4, 4] == pytest.approx(render_cycles(scene, samples=1)[4, 4], abs=2e-3)
+
+
 def test_an_image_made_in_blender_keeps_what_its_packed_file_lacks(scene):
     image = bpy.data.images.new("Opaque", 8, 8)
     image.pixels.foreach_set(np.random.default_rng(1).random(8 * 8 * 4, np.float32))

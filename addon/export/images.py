@@ -62,6 +62,8 @@ class ImageExporter:
             return self.missing(image.name)
         if note:
             self.builder.warn(f"{user}: {note}")
+        if image.is_float and alpha == "straight" and is_in_memory(image):
+            alpha = _associate(image, texels)
         return self.builder.add_texture(image.name, texels, encoding=self._encoding(image, user), alpha=alpha)
 
     def _texels(self, image: bpy.types.Image) -> np.ndarray | None:
@@ -85,6 +87,21 @@ class ImageExporter:
         if space not in SRGB_SPACES:
             self.builder.warn(f"{user}: colour space '{space}' of image '{image.name}' is taken as sRGB")
         return "srgb"
+
+
+def is_in_memory(image: bpy.types.Image) -> bool:
+    """Whether Cycles asks Blender for the pixels, instead of a file on disk."""
+    return image.source == "GENERATED" or image.is_dirty or image.packed_file is not None
+
+
+def _associate(image: bpy.types.Image, texels: np.ndarray) -> str:
+    """Makes float pixels of straight alpha what Cycles takes them for, in place; what their alpha is then. Those of
+    data are as they are; others count as multiplied by alpha before Blender 5.0, and are multiplied since then."""
+    if image.colorspace_settings.is_data:
+        return "channel_packed"
+    if bpy.app.version >= (5, 0, 0):
+        texels[..., :3] *= texels[..., 3:]
+    return "straight"
 
 
 def colors_of_file(image: bpy.types.Image) -> str | None:

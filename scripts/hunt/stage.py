@@ -50,6 +50,7 @@ def _add_images():
     ramp.pack()
     data = bpy.data.images.new("data", 8, 8, alpha=True)
     data.pixels.foreach_set([(i * 5 % 13) / 12 for i in range(8 * 8 * 4)])
+    data.update()
     data.colorspace_settings.name = "Non-Color"
     data.pack()
 
