@@ -247,7 +247,7 @@ def other_terminator():
     owner = sofa if hasattr(sofa, "shadow_terminator_shading_offset") else sofa.cycles
     setattr(owner, "shadow_terminator_shading_offset" if owner is sofa else "shadow_terminator_offset", 0.5)
     sofa.update_tag()  # Properties of add-ons are tagged by the window alone.
-    return "Shadow Terminator of 'Sofa' changed"
+    return "Colour, pass index or shadow terminator of 'Sofa' changed"
 
 
 def other_objects():

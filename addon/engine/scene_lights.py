@@ -241,7 +241,7 @@ class SceneLights:
         obj = entry.light.evaluated_get(depsgraph)
         warnings: list[str] = []
         linking = LightLinking(self.receivers, warnings.append)
-        place, camera = entry.matrix or obj.matrix_world, depsgraph.scene_eval.camera
+        place, camera = entry.matrix or obj.matrix_world, (depsgraph.scene_eval or depsgraph.scene).camera
         computed = native().SceneBuilder.constant_emission
         found = describe_light(obj, entry.owner, place, camera, linking, warnings.append, computed)
         before, name = entry.description, name_of(entry.light)

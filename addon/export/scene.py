@@ -77,9 +77,10 @@ def export_scene(
         raise ExportError(f"view layer '{layer}' renders no meshes; switch on Surfaces in its filters")
     scene = depsgraph.scene_eval
     size = options.resolution or film_size(scene.render, options.resolution_percentage)
-    builder.set_camera(camera_json(_camera_object(depsgraph, options), scene, size))
+    camera = _camera_object(depsgraph, options)
+    builder.set_camera(camera_json(camera, scene, size))
     warn_about_scene(depsgraph, builder.warn)
-    _SceneExporter(builder, depsgraph, render_world, finish_mesh).run()
+    _SceneExporter(builder, depsgraph, camera, render_world, finish_mesh).run()
 
 
 def _camera_object(depsgraph: bpy.types.Depsgraph, options: ExportOptions) -> bpy.types.Object:
@@ -106,10 +107,12 @@ class _SceneExporter:
         self,
         builder: Any,
         depsgraph: bpy.types.Depsgraph,
+        camera: bpy.types.Object,
         render_world: RenderWorld,
         finish_mesh: FinishMesh | None,
     ):
         self.builder = builder
+        self.camera = camera
         self.render_world = render_world
         self.depsgraph = depsgraph
         self.view_layer = depsgraph.view_layer
@@ -137,7 +140,7 @@ class _SceneExporter:
             if self._is_new(uid, obj.type):
                 self._warn_about_type(obj)
             if obj.type == "LIGHT":
-                self.lights.export(obj, _owner(instance), instance.matrix_world, self.depsgraph.scene_eval.camera)
+                self.lights.export(obj, _owner(instance), instance.matrix_world, self.camera)
             elif obj.type == "MESH":  # Curves, text and metaballs appear as meshes of their own.
                 self._export_geometry(instance, uid)
         scene, view_layer = self.depsgraph.scene_eval, self.depsgraph.view_layer_eval
