@@ -128,7 +128,7 @@ cases: wheel
 # --rounds 1000 --version 5.3" for others. Prints each round that fails with the command that plays it alone.
 hunt: wheel
 	@scripts/install-wheel "$(WHEELS)" $(BLENDERS)
-	@$(PYTHON) scripts/hunt/run.py $(HUNT)
+	@$(PYTHON) scripts/hunt/hunt.py $(HUNT)
 
 clean:
 	rm -rf build out target

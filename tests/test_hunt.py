@@ -11,8 +11,8 @@ ROOT = Path(__file__).resolve().parent.parent
 
 sys.path.insert(0, str(ROOT / "scripts/hunt"))
 
+import hunt  # noqa: E402
 import measure  # noqa: E402
-import run  # noqa: E402
 
 
 def pair(value, noise=0.0, seed=0):
@@ -60,7 +60,7 @@ def test_the_round_that_ends_blender_is_found_by_halves(monkeypatch, at, counts)
             played.extend(rounds)
         return len(pictures), [], ""
 
-    monkeypatch.setattr(run, "play_pictures", play_pictures)
-    faults = run.play(run.Hunt("4.2", "graphs", seed=1), range(40, 110))
+    monkeypatch.setattr(hunt, "play_pictures", play_pictures)
+    faults = hunt.play(hunt.Hunt("4.2", "graphs", seed=1), range(40, 110))
     assert faults == [{"round": 61, "fault": "crash", "said": f"{at}: signal 11"}] * counts
     assert sorted(played) == [number for number in range(40, 110) if number != 61]
