@@ -311,6 +311,7 @@ def chosen_menu(tree):
 if bpy.app.version >= (5, 0, 0):
     CASES["menu"] = lambda t: glow(t, chosen_menu(t))
     CASES["menu of a group"] = lambda t: glow(t, grouped_menu(t))
+if bpy.app.version >= (5, 2, 0):
     CASES["bool"] = lambda t: glow(t, node(t, "FunctionNodeInputBool", boolean=True).outputs[0])
     CASES["integer"] = lambda t: glow(t, node(t, "FunctionNodeInputInt", integer=3).outputs[0])
     CASES["vector"] = lambda t: glow(t, node(t, "FunctionNodeInputVector", vector=(0.2, 0.5, 0.9)).outputs[0])

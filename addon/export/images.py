@@ -96,10 +96,10 @@ def is_in_memory(image: bpy.types.Image) -> bool:
 
 def _associate(image: bpy.types.Image, texels: np.ndarray) -> str:
     """Makes float pixels of straight alpha what Cycles takes them for, in place; what their alpha is then. Those of
-    data are as they are; others count as multiplied by alpha before Blender 5.0, and are multiplied since then."""
+    data are as they are; others count as multiplied by alpha before Blender 5.2, and are multiplied since then."""
     if image.colorspace_settings.is_data:
         return "channel_packed"
-    if bpy.app.version >= (5, 0, 0):
+    if bpy.app.version >= (5, 2, 0):
         texels[..., :3] *= texels[..., 3:]
     return "straight"
 
