@@ -65,7 +65,7 @@ def _run(arguments: list[str], reporter: Reporter) -> int:
 
 
 def _words(error: Exception) -> str:
-    """What went wrong, in one line."""
+    """One line that says why a command failed."""
     if isinstance(error, OSError) and error.filename is not None:
         return f"cannot use {error.filename}: {error.strerror}"
     if isinstance(error, (OSError, ValueError, RuntimeError)) or type(error).__module__.startswith(__package__):

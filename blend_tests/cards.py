@@ -83,3 +83,18 @@ def differences(means, tolerance=0.02):
         for name, (ours, cycles) in means.items()
         if not np.abs(ours - cycles).max() <= tolerance * (0.05 + np.abs(cycles).max())
     }
+
+
+def node(tree, kind, inputs=None, mute=False, **settings):
+    """A node; an input is a socket to be linked or a value."""
+    made = tree.nodes.new(kind)
+    for name, value in settings.items():
+        setattr(made, name, value)
+    for key, value in (inputs or {}).items():
+        socket = next((socket for socket in made.inputs if socket.identifier == key), None) or made.inputs[key]
+        if isinstance(value, bpy.types.NodeSocket):
+            tree.links.new(value, socket)
+        else:
+            socket.default_value = value
+    made.mute = mute
+    return made

@@ -3,24 +3,10 @@
 import bpy
 import pytest
 
-from cards import Cards, differences
+from cards import Cards, differences, node
 from helpers import add_light, add_quad, add_world, background, exported
 
 RED, GREEN = (0.8, 0.3, 0.1, 1.0), (0.1, 0.6, 0.2, 1.0)
-
-
-def node(tree, kind, inputs=None, **settings):
-    """A node; an input is a socket to be linked or a value."""
-    made = tree.nodes.new(kind)
-    for name, value in settings.items():
-        setattr(made, name, value)
-    for key, value in (inputs or {}).items():
-        socket = next((socket for socket in made.inputs if socket.identifier == key), None) or made.inputs[key]
-        if isinstance(value, bpy.types.NodeSocket):
-            tree.links.new(value, socket)
-        else:
-            socket.default_value = value
-    return made
 
 
 def emission(tree, color=RED, strength=0.7):

@@ -3,25 +3,10 @@
 import bpy
 import pytest
 
-from cards import Cards, differences
+from cards import Cards, differences, node
 
 RED, BLUE = (0.8, 0.3, 0.1, 1.0), (0.1, 0.2, 0.9, 1.0)
 TYPES = {"Color": RED, "Float": 0.4, "Vector": (0.2, 0.5, 0.9), "Int": 3, "Bool": True}
-
-
-def node(tree, kind, inputs=None, mute=False, **settings):
-    """A node; an input is a socket to be linked or a value."""
-    made = tree.nodes.new(kind)
-    for name, value in settings.items():
-        setattr(made, name, value)
-    for key, value in (inputs or {}).items():
-        socket = next((socket for socket in made.inputs if socket.identifier == key), None) or made.inputs[key]
-        if isinstance(value, bpy.types.NodeSocket):
-            tree.links.new(value, socket)
-        else:
-            socket.default_value = value
-    made.mute = mute
-    return made
 
 
 def red(tree):

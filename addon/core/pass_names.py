@@ -14,7 +14,7 @@ AOVS = {DEPTH: "depth", NORMAL: "normal", ALBEDO: "albedo"}
 LONGEST = 63
 """Bytes after which Blender cuts the name of a pass."""
 SHORTEST = len("Combined_") + 8
-"""What a name keeps under a layer whose own name leaves less: it may be cut, but tells lights apart until then."""
+"""Least length of a pass name, in bytes, under a layer whose own name leaves less. Blender may cut such names."""
 
 
 def longest_in_file(layer: str) -> int:

@@ -405,7 +405,7 @@ class _WorldRecorder:
         return graph.text
 
     def constant_emission(self, shader: str) -> Any:
-        """As the scene builder's."""
+        """Computes what a shader emits everywhere, as the scene builder does."""
         return native().SceneBuilder.constant_emission(shader)
 
     def warn(self, message: str) -> None:

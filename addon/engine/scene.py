@@ -71,8 +71,8 @@ def scene_of_depsgraph(
 
 
 def _export(scene: bpy.types.Scene, options: ExportOptions | None) -> Callable[[bpy.types.Depsgraph, Stop], Any]:
-    """What reads a scene, and also names what of its picture only Blender's own renders have: that is switched off in
-    the scene meanwhile."""
+    """Work that reads a scene and names what only Blender's own renders have. That is found before the reading, which
+    switches it off."""
     notes = left_to_blender(scene, render_layer(scene))
     return lambda depsgraph, stop: scene_of_depsgraph(depsgraph, options, stop, notes)
 

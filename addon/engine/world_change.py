@@ -113,7 +113,7 @@ class _Steps:
         self.calls.append(lambda builder: builder.set_world(*arguments, **more))
 
     def constant_emission(self, shader: str) -> Any:
-        """As the scene builder's."""
+        """Computes what a shader emits everywhere, as the scene builder does."""
         return native().SceneBuilder.constant_emission(shader)
 
     def warn(self, message: str) -> None:

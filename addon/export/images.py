@@ -90,7 +90,7 @@ class ImageExporter:
 
 
 def is_in_memory(image: bpy.types.Image) -> bool:
-    """Whether Cycles asks Blender for the pixels, instead of a file on disk."""
+    """True if Cycles asks Blender for the pixels, instead of a file on disk."""
     return image.source == "GENERATED" or image.is_dirty or image.packed_file is not None
 
 

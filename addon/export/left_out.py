@@ -13,7 +13,7 @@ Warn = Callable[[str], None]
 
 
 def warn_about_scene(depsgraph: bpy.types.Depsgraph, warn: Warn) -> None:
-    """What a scene and its view layer ask for in vain, whoever makes the picture."""
+    """Names settings of a scene and its view layer that no picture by Relume has."""
     scene, layer = depsgraph.scene, depsgraph.view_layer
     if scene.render.use_motion_blur and layer.use_motion_blur:
         warn(f"scene '{scene.name}': motion blur is not supported yet; the frame is baked without it")
@@ -42,7 +42,7 @@ def left_to_blender(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> list[
 
 
 def warn_about_mesh(obj: bpy.types.Object, scene: bpy.types.Scene, warn: Warn) -> None:
-    """What an object with a mesh asks of Cycles alone."""
+    """Names settings of a mesh object that only Cycles heeds."""
     cycles = getattr(obj, "cycles", None)
     if cycles is None:
         return
@@ -71,7 +71,7 @@ def _is_adaptive(modifier: bpy.types.SubsurfModifier, cycles: bpy.types.Property
 
 
 def _has_strips(scene: bpy.types.Scene) -> bool:
-    """Whether the sequencer shows something of its own."""
+    """True if the sequencer shows something of its own."""
     editor = scene.sequence_editor
     if editor is None:
         return False
@@ -91,13 +91,13 @@ def _compositors(scene: bpy.types.Scene) -> Iterator[bpy.types.NodeTree]:
 
 
 def _changes_picture(tree: bpy.types.NodeTree) -> bool:
-    """Whether a compositor gives anything but the picture that comes in."""
+    """True if a compositor gives anything but the picture that comes in."""
     outputs = [node for node in tree.nodes if node.type in {"COMPOSITE", "GROUP_OUTPUT"} and not node.mute]
     return any(output.inputs and _comes_from_elsewhere(output.inputs[0]) for output in outputs)
 
 
 def _comes_from_elsewhere(socket: bpy.types.NodeSocket) -> bool:
-    """Whether something else than a render's own picture is linked to a socket."""
+    """True if something else than a render's own picture is linked to a socket."""
     while socket.is_linked:
         link = socket.links[0]
         if link.from_node.type != "REROUTE" and not link.from_node.mute:

@@ -126,7 +126,7 @@ def describe_light(
 
 
 def _may_be_small(light: bpy.types.Light, world_from_object: Any) -> bool:
-    """Whether its size may be below the least that lights are given where nothing is known of the scene."""
+    """True if its size may be below the least that lights are given where nothing is known of the scene."""
     if light.type != "AREA":
         return light.type != "SUN" and light.shadow_soft_size < MIN_SIZE
     sizes = (light.size, light.size_y if light.shape in {"RECTANGLE", "ELLIPSE"} else light.size)
@@ -170,7 +170,7 @@ def _problem(light: bpy.types.Light, world_from_object: Any) -> str:
 
 
 def _is_flat(light: bpy.types.Light, columns: list[Any]) -> bool:
-    """Whether the axes that give a light its shape do not span it."""
+    """True if the axes that give a light its shape do not span it."""
     x, y, z = (Vector(column).normalized() for column in columns)
     across = x.cross(y)
     return (light.type == "AREA" and across.length < 2e-3) or (light.type == "SPOT" and abs(across @ z) < 2e-6)
@@ -214,7 +214,7 @@ def is_portal(light: bpy.types.Light) -> bool:
 def _emission(
     obj: bpy.types.Object, warn: Callable[[str], None], constant_emission: ConstantEmission
 ) -> list[float] | None:
-    """What the light's nodes emit; None if they emit nothing or not the same everywhere."""
+    """Emission of the light's nodes; None if they emit nothing or not the same everywhere."""
     tree = used_tree(obj.data)
     if tree is None:
         return WHITE

@@ -54,13 +54,13 @@ class ConstantTranslation(Translation):
         self.light_path = light_path
         self.is_sun = is_sun
         self.uses_light_path = False
-        """Whether anything depended on what sees it."""
+        """True if anything depended on what sees it."""
         self.varying: dict[int, bpy.types.Node] = {}
         self._present: list[bpy.types.Node] = []
         """The nodes in translation."""
 
     def emission(self, surface: bpy.types.NodeSocket, context: Context) -> list[float] | None:
-        """What a shader socket emits; None if it has no shader. Raises VaryingNodeError."""
+        """Emission of a shader socket; None if it has no shader. Raises VaryingNodeError."""
         number = self.shader(surface, context)
         return None if number is None else self._computed(number)
 
@@ -104,7 +104,7 @@ class ConstantTranslation(Translation):
         return value
 
     def _is_plain(self, falloff: Source) -> bool:
-        """Whether a Light Falloff node gives its strength, as that of a lamp without nodes."""
+        """True if a Light Falloff node gives its strength, as that of a lamp without nodes."""
         is_smooth = self.value(falloff.node, "Smooth", falloff.context) != 0.0
         return self.is_sun or (falloff.socket.identifier == "Quadratic" and not is_smooth)
 
@@ -114,5 +114,5 @@ class ConstantTranslation(Translation):
         return {"node": number, "output": "position"}
 
     def name(self, _what: str) -> None:
-        """What cannot be computed varies."""
+        """Refuses what cannot be computed: it varies."""
         raise VaryingNodeError(self._present[-1])

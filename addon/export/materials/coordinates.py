@@ -14,7 +14,7 @@ AXES = {"X": "x", "Y": "y", "Z": "z"}
 
 
 def is_mapped(node: bpy.types.Node) -> bool:
-    """Whether the mapping in a texture's properties does anything. White noise has no such mapping."""
+    """True if the mapping in a texture's properties does anything. White noise has no such mapping."""
     mapping = getattr(node, "texture_mapping", None)
     if mapping is None:
         return False

@@ -1,4 +1,4 @@
-"""What feeds a socket: follows links through groups, reroutes and muted nodes, as Cycles of this Blender does.
+"""Sources of sockets: follows links through groups, reroutes and muted nodes, as Cycles of this Blender does.
 
 | feeds a socket | before Blender 5.0 | since then |
 |---|---|---|
@@ -39,7 +39,7 @@ LEFT_OUT = {
 }
 """Nodes that Cycles does not know, as if they were not there."""
 IS_INLINED = bpy.app.version >= (5, 0, 0)
-"""Whether Blender itself resolves groups and muted nodes before Cycles sees them."""
+"""True if Blender itself resolves groups and muted nodes before Cycles sees them."""
 CONVERTING = {"VALUE", "INT", "BOOLEAN", "RGBA", "VECTOR"}
 if IS_INLINED:
     CONVERTING = {"BOOLEAN"} if bpy.app.version >= (5, 3, 0) else set()
@@ -75,7 +75,7 @@ def surface_socket(tree: bpy.types.NodeTree) -> tuple[bpy.types.NodeSocket, Cont
 
 
 def _surface_sockets(tree: bpy.types.NodeTree, context: Context) -> Iterator[tuple[bpy.types.NodeSocket, Context]]:
-    """Of outputs within groups first, where they count."""
+    """Surface inputs, those of outputs within groups first, where they count."""
     if not IS_INLINED:
         for group in filter(_is_group, tree.nodes):
             if group.node_tree is not None and not group.mute:
@@ -87,7 +87,7 @@ def _surface_sockets(tree: bpy.types.NodeTree, context: Context) -> Iterator[tup
 
 
 def _has_cycle(tree: bpy.types.NodeTree) -> bool:
-    """Whether nodes feed themselves: then Blender renders nothing of a tree that it inlines."""
+    """True if nodes feed themselves: then Blender renders nothing of a tree that it inlines."""
     links = [
         link
         for link in tree.links
@@ -129,7 +129,7 @@ class Constant(NamedTuple):
 
 
 def trace(socket: bpy.types.NodeSocket, context: Context) -> Source | Constant:
-    """What feeds an input socket of a node in some groups."""
+    """Source of an input socket of a node in some groups."""
     asked = socket
     owner, own_passed = socket, 0  # What counts where links lead nowhere, and how much is passed from there.
     passed: list[str] = []
@@ -205,7 +205,7 @@ def _is_left_out(node: bpy.types.Node, context: Context) -> bool:
 
 
 def _is_unknown(node: bpy.types.Node) -> bool:
-    """Whether Cycles has no such node, so that a link from it is as none."""
+    """True if Cycles has no such node, so that a link from it is as none."""
     return node.bl_idname in LEFT_OUT or (node.type == "CUSTOM" and not _is_group(node))
 
 
@@ -244,7 +244,7 @@ def resolve(socket: bpy.types.NodeSocket, context: Context) -> Source | None:
 
 
 def is_implied(found: Source | Constant, socket: bpy.types.NodeSocket) -> bool:
-    """Whether a socket for a normal, tangent or texture vector takes what it takes where nothing is linked."""
+    """True if a socket for a normal, tangent or texture vector takes what it takes where nothing is linked."""
     if isinstance(found, Source):
         return False
     if not IS_INLINED or found.owner == socket:
