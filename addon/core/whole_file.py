@@ -20,7 +20,7 @@ def write(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Writes JSON whole or not at all. Its `checksum` is the CRC-32 of the text with an empty one; `validate` compares."""
+    """Writes JSON whole or not at all. Its `checksum` is the CRC-32 of the text with an empty one."""
     text = json.dumps({**content, "checksum": ""})
     head, _, tail = text.rpartition('""')
     write(path, f'{head}"{zlib.crc32(text.encode()):08x}"{tail}')
