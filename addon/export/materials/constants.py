@@ -24,7 +24,7 @@ EMITTERS = {
     "ShaderNodeAddShader",
 }
 """Shaders that count in a lamp or world; others emit nothing."""
-COMPUTED = {
+PURE_NODES = {
     *("ShaderNodeMix", "ShaderNodeMixRGB", "ShaderNodeMath", "ShaderNodeVectorMath", "ShaderNodeMapRange"),
     *("ShaderNodeClamp", "ShaderNodeValToRGB", "ShaderNodeRGBCurve", "ShaderNodeFloatCurve"),
     *("ShaderNodeHueSaturation", "ShaderNodeBrightContrast", "ShaderNodeGamma", "ShaderNodeInvert"),
@@ -96,7 +96,7 @@ class ConstantTranslation(Translation):
         if node.bl_idname == "ShaderNodeBlackbody":
             kelvin = self.constant(node.inputs["Temperature"], source.context)
             return blackbody_color(kelvin if isinstance(kelvin, float) else kelvin[0])
-        if node.bl_idname not in COMPUTED:
+        if node.bl_idname not in PURE_NODES:
             return self._varies(node)
         self._present.append(node)
         value = super()._output(source)
