@@ -127,6 +127,14 @@ def plain(tree):
     return made
 
 
+def vector_of_two(tree):
+    return node(tree, "FunctionNodeInputVector", vector_dimensions=2, vector=(0.2, 0.5)).outputs[0]
+
+
+def first(tree, socket):
+    return node(tree, "ShaderNodeSeparateXYZ", {0: socket}).outputs[0]
+
+
 def inverted(tree):
     return node(tree, "ShaderNodeInvert", {"Color": RED}).outputs[0]
 
@@ -300,6 +308,11 @@ if bpy.app.version >= (5, 2, 0):
     CASES["bool"] = lambda t: glow(t, node(t, "FunctionNodeInputBool", boolean=True).outputs[0])
     CASES["integer"] = lambda t: glow(t, node(t, "FunctionNodeInputInt", integer=3).outputs[0])
     CASES["vector"] = lambda t: glow(t, node(t, "FunctionNodeInputVector", vector=(0.2, 0.5, 0.9)).outputs[0])
+    CASES["vector of 4"] = lambda t: glow(
+        t, node(t, "FunctionNodeInputVector", vector_dimensions=4, vector=(0.2, 0.5, 0.9, 0.4)).outputs[0]
+    )
+    # The third component of two is whatever lies in memory there.
+    CASES["vector of 2"] = lambda t: glow(t, first(t, vector_of_two(t)))
 
 
 @pytest.fixture(scope="module")

@@ -108,11 +108,14 @@ class _World:
             opened = bpy.data.images.load(str(self.place / image["file"]))
             opened.colorspace_settings.name = image["space"]
             opened.alpha_mode = image["alpha"]
+            if image.get("is_packed"):  # Cycles reads the alpha of packed images in another way than that of files.
+                opened.pack()
             return opened
         width, height = image["size"]
         made = bpy.data.images.new("made", width, height, alpha=True, float_buffer=image["is_float"])
         # Blender has made the numbers of floats linear already.
-        made.colorspace_settings.name = "Non-Color" if image["is_float"] else image["space"]
+        is_linear = image["is_float"] and not image["is_data"]
+        made.colorspace_settings.name = self.job["working_space"] if is_linear else image["space"]
         made.alpha_mode = image["alpha"]
         pixels = np.load(self.place / image["pixels"]).reshape(height, width, image["channels"])
         made.pixels.foreach_set(_rgba(pixels).reshape(-1))

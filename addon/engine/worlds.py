@@ -91,7 +91,8 @@ class _Contents:
 
 
 def _contents(image: bpy.types.Image) -> _Contents:
-    common = {"space": image.colorspace_settings.name, "alpha": image.alpha_mode}
+    settings = image.colorspace_settings
+    common = {"space": settings.name, "is_data": settings.is_data, "alpha": image.alpha_mode}
     if not is_as_in_file(image):
         if not len(image.pixels):
             raise WorldRenderError(f"image '{image.name}' has no pixels: is its file still there?")
@@ -102,7 +103,7 @@ def _contents(image: bpy.types.Image) -> _Contents:
         return _Contents(common | {"pixels": f"{name}.npy"} | shape, f"{name}.npy", pixels)
     if image.packed_file:
         name = _name(image.packed_file.data)
-        return _Contents(common | {"file": name}, name, image.packed_file.data)
+        return _Contents(common | {"file": name, "is_packed": True}, name, image.packed_file.data)
     path = bpy.path.abspath(image.filepath, library=image.library)
     try:
         found = Path(path).stat()

@@ -20,6 +20,8 @@ import stage
 import trees
 from kinds import KINDS, Cards
 
+from addon.engine.render_depsgraph import why_no_picture
+
 MORE_SAMPLES = (1, 4, 16)
 """Times as many in the pictures of a single round that confirm a difference, which noise might have made."""
 
@@ -243,8 +245,8 @@ def showing(kind):
 
 
 def is_refusal(error):
-    """Whether an error is the exporter's own word on why it refuses a scene."""
-    return type(error).__name__ == "ExportError"
+    """Whether an error is the add-on's own word on why it refuses a scene."""
+    return type(error).__name__ == "ExportError" or str(error) == why_no_picture(bpy.context.scene)
 
 
 def last_line(error):

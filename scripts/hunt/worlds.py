@@ -1,5 +1,7 @@
 """Random worlds, as a mirror and a matt ball show them."""
 
+import math
+
 import stage
 import trees
 
@@ -15,6 +17,9 @@ def prepare(rng, width, height):
 
 def add(scene, rng, palette, name, x, y):
     """A world, and two balls in its middle."""
+    tilt = 0.05  # At a pole Cycles mixes both, and so does the texture that a world becomes.
+    scene.camera.location.y -= scene.camera.location.z * math.tan(tilt)
+    scene.camera.rotation_euler.x = tilt
     scene.world = new_world(name)
     tree = scene.world.node_tree
     tree.nodes.clear()

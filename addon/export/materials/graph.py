@@ -24,8 +24,8 @@ from ...core.blackbody import blackbody_color
 Context = tuple[bpy.types.Node, ...]
 """The group nodes around a node, outermost first."""
 
-LUMINANCE = (0.2126, 0.7152, 0.0722)
-"""Weights of linear Rec.709, Cycles' conversion from colour to float."""
+LUMINANCE = (0.2126729, 0.7151522, 0.072175)
+"""Weights of linear Rec.709 as the tracer has them, Cycles' conversion from colour to float."""
 LEFT_OUT = {
     "NodeUndefined",
     "ShaderNodeEeveeSpecular",
@@ -283,7 +283,7 @@ def node_constant(source: Source) -> Value | None:
         case "FunctionNodeInputInt":
             return float(node.integer)
         case "FunctionNodeInputVector":
-            return list(node.vector)[:3]
+            return [*node.vector, 0.0][:3]  # It has two to four components.
     return None
 
 

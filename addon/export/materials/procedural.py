@@ -41,6 +41,8 @@ def _texture(name: str, sockets: str, settings: dict[str, str]) -> Translate:
                 values["direction"] = node.bands_direction if node.wave_type == "BANDS" else node.rings_direction
             for field in sockets.split():
                 values[field] = t.value(node, field.replace("_", " ").title(), source.context)
+            if name == "brick" and 0.0 in (values["brick_width"], values["row_height"]):
+                t.name(f"node '{node.name}': bricks of no width or height differ from Cycles; give them one")
             if name == "white_noise":  # It takes no coordinates by itself.
                 vector = t.value(node, "Vector", source.context, [0.0] * 3)
             else:

@@ -6,14 +6,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+import bpy
+
 from .coordinates import texture_vector
 from .graph import convert
 from .procedural import TEXTURES
 from .tables import color_ramp, float_curve, rgb_curves
 
 if TYPE_CHECKING:
-    import bpy
-
     from .exporter import Translation
     from .graph import Source
 
@@ -163,14 +163,39 @@ def _vector_math(t: Translation, source: Source) -> Any:
 
 
 def _map_range(t: Translation, source: Source) -> Any:
+    """The Map Range node; that of vectors is one for each component."""
     node = source.node
-    if node.data_type != "FLOAT":
-        t.name(f"node '{node.name}': a vector Map Range is not supported yet; its input is used")
-        return t.value(node, "Vector", source.context)
-    names = ("Value", "From Min", "From Max", "To Min", "To Max")
-    fields = tuple((name.lower().replace(" ", "_"), name, 0.0) for name in names)
-    settings = {"interpolation": ("interpolation_type", str), "clamp": ("clamp", bool)}
-    return _simple("map_range", "value", *fields, ("steps", "Steps", 4.0), properties=settings)(t, source)
+    names = ("value", "from_min", "from_max", "to_min", "to_max", "steps")
+    settings = {"type": "map_range", "interpolation": node.interpolation_type, "clamp": node.clamp}
+
+    def number() -> dict[str, Any]:
+        inputs = {name: t.value(node, index, source.context) for index, name in enumerate(names)}
+        return {**settings, "empty_gives_min": bpy.app.version >= (5, 0, 0), **inputs}
+
+    def vector() -> dict[str, Any]:
+        inputs = {name: t.value(node, 6 + index, source.context) for index, name in enumerate(names)}
+        parts = {name: _components(t, value) for name, value in inputs.items()}
+        mapped = (
+            t.emit({**settings, "empty_gives_min": True, **{name: part[axis] for name, part in parts.items()}})
+            for axis in range(3)
+        )
+        return {"type": "combine_xyz"} | {
+            axis: {"node": number, "output": "value"} for axis, number in zip("xyz", mapped, strict=True)
+        }
+
+    if node.data_type == "FLOAT":
+        return {"node": t.once(source, number), "output": "value"}
+    return {"node": t.once(source, vector), "output": "vector"}
+
+
+def _components(t: Translation, value: Any) -> list[Any]:
+    """X, y and z of an input."""
+    if isinstance(value, list):
+        return value
+    if not isinstance(value, dict):
+        return [value] * 3
+    separate = t.emit({"type": "separate_xyz", "vector": value})
+    return [{"node": separate, "output": axis} for axis in "xyz"]
 
 
 def _separate(mode: str | None, *names: str) -> Translate:

@@ -166,6 +166,7 @@ impl BlenderLight {
                     let (axis, half_angle) = (self.emission_direction()?, self.cone_half_angle(spot_size));
                     LightShape::Spot { center, radius, axis, half_angle, blend, soft_falloff }
                 } else {
+                    self.note_on_shear(&mut notes);
                     let local_from_world = self.local_from_world()?;
                     let half_angle = own_half_angle(spot_size);
                     LightShape::StretchedSpot {
@@ -255,7 +256,7 @@ impl BlenderLight {
         else {
             return Err(self.error("its scale is zero; set a scale above zero"));
         };
-        let is_sheared = !self.is_square_in(axes.x_axis, axes.y_axis, axes.z_axis);
+        let is_sheared = !is_square(axes, 1e-4);
         if is_sheared && edge_u.cross(edge_v).length() <= 1e-3 * edge_u.length() * edge_v.length() {
             return Err(self.error("its transform makes it flat; clear its transform"));
         }
@@ -270,7 +271,7 @@ impl BlenderLight {
         let radiance_per_power = if self.normalize { 1.0 / (PI * area) } else { true_area / (PI * area) };
         let (center, spread) = (self.origin(), spread.clamp(1e-3, PI));
         let shape = if is_sheared {
-            self.note_on_shear(spread, notes);
+            self.note_on_shear(notes);
             let facing = self.emission_direction()?;
             LightShape::Sheared { center, edge_u, edge_v, facing, spread, is_ellipse: round }
         } else if round {
@@ -281,23 +282,16 @@ impl BlenderLight {
         Ok((shape, radiance_per_power))
     }
 
-    /// Says what of a sheared area light is not as in Cycles, whose rays and light samples see it in different shapes.
-    fn note_on_shear(&self, spread: f32, notes: &mut Vec<String>) {
-        let name = &self.name;
-        if spread < PI {
-            let what = "its object is sheared; where its spread ends differs from Cycles";
-            notes.push(format!("light '{name}': {what}. Use a spread of 180 degrees, or no shear"));
+    /// Says that a light is sheared so far that it shows: rays, light samples and the light tree of Cycles see it in
+    /// different shapes, so that no one shape gives its picture.
+    fn note_on_shear(&self, notes: &mut Vec<String>) {
+        if !is_square(self.axes(), 0.02) {
+            let what = "its object is sheared; close to it and at the edge of its light the picture differs from Cycles";
+            notes.push(format!(
+                "light '{}': {what}. Clear the uneven scale of its parent to be exact",
+                self.name
+            ));
         }
-        if self.lobes.camera > 0.0 {
-            let what = "its object is sheared; the camera sees it in another shape than in Cycles";
-            notes.push(format!("light '{name}': {what}. Hide it from the camera, or use no shear"));
-        }
-    }
-
-    /// Whether axes of the object are perpendicular in the world, so far as it shows.
-    fn is_square_in(&self, x: Vec3, y: Vec3, z: Vec3) -> bool {
-        let is_square = |a: Vec3, b: Vec3| a.dot(b).abs() <= 1e-4 * a.length() * b.length();
-        is_square(x, y) && is_square(y, z) && is_square(z, x)
     }
 
     /// Whether the cone of a spot is round in the world too, and its edge as soft there.
@@ -305,7 +299,7 @@ impl BlenderLight {
         let Mat3 { x_axis, y_axis, z_axis } = self.axes();
         let [x, y, z] = [x_axis.length(), y_axis.length(), z_axis.length()];
         let keeps_edge = blend == 0.0 || (x - z).abs() <= 1e-2 * x.max(z);
-        (x - y).abs() <= 1e-3 * x.max(y) && keeps_edge && self.is_square_in(x_axis, y_axis, z_axis)
+        (x - y).abs() <= 1e-3 * x.max(y) && keeps_edge && is_square(self.axes(), 1e-4)
     }
 
     /// Directions in the object's own space.
@@ -376,6 +370,11 @@ impl BlenderLight {
     pub(crate) fn error(&self, reason: &str) -> LightError {
         LightError { light: self.name.clone(), reason: reason.into() }
     }
+}
+
+/// Whether axes are perpendicular but for a cosine of `tolerance`.
+fn is_square(Mat3 { x_axis: x, y_axis: y, z_axis: z }: Mat3, tolerance: f32) -> bool {
+    [(x, y), (y, z), (z, x)].iter().all(|(a, b)| a.dot(*b).abs() <= tolerance * a.length() * b.length())
 }
 
 /// Half of the cone in the object's own space.

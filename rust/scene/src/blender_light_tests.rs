@@ -222,7 +222,8 @@ fn sheared_lights_keep_their_edges_and_face_along_their_own_z_axis() {
         let LightShape::Sheared { edge_u, edge_v, facing, is_ellipse, .. } = light.shape else {
             panic!("{:?}", light.shape)
         };
-        assert_eq!((edge_u, is_ellipse, notes.len()), (Vec3::new(0.5, 0.1, 0.0), round, 0));
+        assert_eq!((edge_u, is_ellipse), (Vec3::new(0.5, 0.1, 0.0), round));
+        assert!(notes.len() == 1 && notes[0].contains("sheared"), "{notes:?}");
         assert!((edge_v.length() - 0.2 * 0.46f32.sqrt()).abs() < 1e-6, "{edge_v}");
         assert!((facing - Vec3::new(0.0, 0.4, -1.5).normalize()).length() < 1e-6, "{facing}");
         // Cycles' area: the product of the lengths, whatever the angle.
@@ -230,11 +231,6 @@ fn sheared_lights_keep_their_edges_and_face_along_their_own_z_axis() {
         let area = edge_u.length() * edge_v.length() * fill;
         assert_close(light.radiance[0], 100.0 / (PI * area));
     }
-    let narrow = BlenderLightKind::Area { shape: AreaShape::Disk, size: 0.5, size_y: 0.2, spread: 1.0 };
-    assert!(sheared(light(narrow)).to_light().unwrap().1[0].contains("spread"));
-    let mut seen = sheared(light(area(AreaShape::Square)));
-    seen.lobes.camera = 1.0;
-    assert!(seen.to_light().unwrap().1[0].contains("the camera sees it"));
     let mut flat = light(area(AreaShape::Square));
     (0..3).for_each(|row| flat.world_from_object[row][1] = flat.world_from_object[row][0]);
     assert!(flat.to_light().unwrap_err().to_string().contains("flat"));

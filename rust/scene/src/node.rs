@@ -171,6 +171,9 @@ pub enum Node {
     MapRange {
         interpolation: MapRangeKind,
         clamp: bool,
+        /// A range of no width gives `to_min`, as from Blender 5.0 on, not 0.
+        #[serde(default)]
+        empty_gives_min: bool,
         value: Input,
         from_min: Input,
         from_max: Input,

@@ -32,17 +32,22 @@ fn hue(rgb: Vec3, max: f32, delta: f32) -> f32 {
     if hue < 0.0 { hue + 1.0 } else { hue }
 }
 
-/// Inverse of [`hsv_from_rgb`]; any hue is wrapped.
+/// Inverse of [`hsv_from_rgb`]. As in Cycles a hue outside of 0..1 is not wrapped but lies in the last sixth.
 pub fn rgb_from_hsv(hsv: Vec3) -> Vec3 {
-    let pure = pure_hue(hsv.x);
+    if hsv.y == 0.0 {
+        return Vec3::splat(hsv.z);
+    }
+    let sixths = if hsv.x == 1.0 { 0.0 } else { hsv.x * 6.0 };
+    let f = sixths - sixths.floor();
+    let pure = match sixths.floor() {
+        0.0 => Vec3::new(1.0, f, 0.0),
+        1.0 => Vec3::new(1.0 - f, 1.0, 0.0),
+        2.0 => Vec3::new(0.0, 1.0, f),
+        3.0 => Vec3::new(0.0, 1.0 - f, 1.0),
+        4.0 => Vec3::new(f, 0.0, 1.0),
+        _ => Vec3::new(1.0, 0.0, 1.0 - f),
+    };
     ((pure - 1.0) * hsv.y + 1.0) * hsv.z
-}
-
-/// The most saturated colour of a hue.
-fn pure_hue(hue: f32) -> Vec3 {
-    let sixths = (hue - hue.floor()) * 6.0;
-    Vec3::new((sixths - 3.0).abs() - 1.0, 2.0 - (sixths - 2.0).abs(), 2.0 - (sixths - 4.0).abs())
-        .clamp(Vec3::ZERO, Vec3::ONE)
 }
 
 /// Hue, saturation and lightness.
@@ -57,10 +62,13 @@ pub fn hsl_from_rgb(rgb: Vec3) -> Vec3 {
     Vec3::new(hue(rgb, max, delta), saturation, lightness)
 }
 
-/// Inverse of [`hsl_from_rgb`].
+/// Inverse of [`hsl_from_rgb`]. As in Cycles a hue outside of 0..1 is red.
 pub fn rgb_from_hsl(hsl: Vec3) -> Vec3 {
     let chroma = (1.0 - (2.0 * hsl.z - 1.0).abs()) * hsl.y;
-    (pure_hue(hsl.x) - 0.5) * chroma + hsl.z
+    let sixths = hsl.x * 6.0;
+    let pure = Vec3::new((sixths - 3.0).abs() - 1.0, 2.0 - (sixths - 2.0).abs(), 2.0 - (sixths - 4.0).abs())
+        .clamp(Vec3::ZERO, Vec3::ONE);
+    (pure - 0.5) * chroma + hsl.z
 }
 
 /// The parts of a colour in a colour model.

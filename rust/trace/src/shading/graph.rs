@@ -250,7 +250,19 @@ fn fold_constants(nodes: &mut [Node]) {
         });
         if is_constant {
             constants[index] = evaluate_pure(&nodes[index], &NoLinks);
+        } else if is_mapped_to_zero(&nodes[index]) {
+            constants[index] = Some(Vec4::ZERO);
         }
+    }
+}
+
+/// True for a Mapping node of scale 0 with links, which Cycles takes for 0 whatever its location is
+/// (`ConstantFolder::fold_mapping`); where all inputs are constant it computes them.
+fn is_mapped_to_zero(node: &Node) -> bool {
+    match node {
+        Node::Mapping { scale: Input::Rgb(scale), .. } => *scale == [0.0; 3],
+        Node::Mapping { scale: Input::Float(scale), .. } => *scale == 0.0,
+        _ => false,
     }
 }
 
@@ -258,6 +270,7 @@ fn fold_constants(nodes: &mut [Node]) {
 /// that its conversion to a float is the mean and not the luminance.
 fn constant(value: Vec4, output: Output) -> Option<Input> {
     match output {
+        Output::Vector if value.truncate() == Vec3::ZERO => Some(Input::Float(0.0)),
         Output::Vector | Output::Normal => None,
         Output::Color => Some(Input::Rgb(value.truncate().to_array())),
         _ => component(value, output).map(Input::Float),

@@ -146,18 +146,8 @@ pub fn vector_math(operation: VectorMathOp, a: Vec3, b: Vec3, c: Vec3, scale: f3
     }
 }
 
-/// The Map Range node for floats.
-pub fn map_range(
-    kind: MapRangeKind,
-    clamp: bool,
-    value: f32,
-    from: [f32; 2],
-    to: [f32; 2],
-    steps: f32,
-) -> f32 {
-    if from[0] == from[1] {
-        return 0.0;
-    }
+/// The Map Range node for floats, not clamped; `from` is a range of some width.
+pub fn map_range(kind: MapRangeKind, value: f32, from: [f32; 2], to: [f32; 2], steps: f32) -> f32 {
     let linear = (value - from[0]) / (from[1] - from[0]);
     let x = linear.clamp(0.0, 1.0);
     let factor = match kind {
@@ -167,8 +157,7 @@ pub fn map_range(
         MapRangeKind::Smoothstep => x * x * (3.0 - 2.0 * x),
         MapRangeKind::Smootherstep => x * x * x * (x * (x * 6.0 - 15.0) + 10.0),
     };
-    let result = to[0] + factor * (to[1] - to[0]);
-    if clamp { result.clamp(to[0].min(to[1]), to[0].max(to[1])) } else { result }
+    to[0] + factor * (to[1] - to[0])
 }
 
 #[cfg(test)]
@@ -199,11 +188,10 @@ mod tests {
     }
 
     #[test]
-    fn map_range_clamps_reversed_ranges() {
-        let reversed = |kind| map_range(kind, true, 3.0, [0.0, 1.0], [5.0, 2.0], 4.0);
-        assert_eq!(reversed(MapRangeKind::Linear), 2.0);
+    fn map_range_follows_reversed_ranges_and_steps() {
+        let reversed = |kind| map_range(kind, 3.0, [0.0, 1.0], [5.0, 2.0], 4.0);
+        assert_eq!(reversed(MapRangeKind::Linear), -4.0);
         assert_eq!(reversed(MapRangeKind::Smoothstep), 2.0);
-        assert_eq!(map_range(MapRangeKind::Stepped, false, 0.5, [0.0, 1.0], [0.0, 1.0], 4.0), 0.5);
-        assert_eq!(map_range(MapRangeKind::Linear, false, 0.5, [1.0, 1.0], [3.0, 4.0], 0.0), 0.0);
+        assert_eq!(map_range(MapRangeKind::Stepped, 0.5, [0.0, 1.0], [0.0, 1.0], 4.0), 0.5);
     }
 }

@@ -4,7 +4,7 @@ use relume_scene::{Extension, Interpolation, Mesh, Scene};
 use super::closures::shade;
 use super::evaluate::Context;
 use super::graph::{Graph, Names};
-use super::tangents::corner_tangents;
+use super::tangents::{corner_tangents, spherical_coords};
 use super::texture::{PreparedTexture, equirectangular};
 use super::{Hit, SurfacePoint};
 use crate::bsdf::{Scatter, Surface};
@@ -223,8 +223,18 @@ fn find_attributes(mesh: &Mesh, names: &Names) -> Attributes {
         names.uv_maps.iter().map(|name| find(name, &mut mesh.uv_maps.iter().map(|map| &map.name))).collect();
     let tangents = (0..uv_maps.len())
         .map(|number| {
-            let map = uv_maps[number].filter(|_| names.tangents.contains(&number))?;
-            Some(corner_tangents(mesh, &mesh.uv_maps[map]))
+            if !names.tangents.contains(&number) {
+                return None;
+            }
+            let is_default = names.uv_maps[number].is_empty();
+            match uv_maps[number] {
+                Some(map) => Some(corner_tangents(mesh, &mesh.uv_maps[map].coords)),
+                None if is_default => {
+                    let (min, size) = bounds(mesh);
+                    Some(corner_tangents(mesh, &spherical_coords(mesh, min, size)))
+                }
+                None => None,
+            }
         })
         .collect();
     let colors = |name| find(name, &mut mesh.color_attributes.iter().map(|attribute| &attribute.name));

@@ -1,21 +1,46 @@
 //! Tangents of UV maps, after Mikkelsen, as Blender's normal maps are baked for.
 
-use bevy_mikktspace::{Geometry, TangentSpace, generate_tangents};
-use glam::{Vec3, Vec4};
-use relume_scene::{Mesh, UvMap};
+use std::f32::consts::{PI, TAU};
 
-/// Object-space tangent and handedness of each corner; 0 where the UV map is degenerate.
-pub fn corner_tangents(mesh: &Mesh, uv_map: &UvMap) -> Vec<Vec4> {
-    let mut corners = Corners { mesh, uv_map, tangents: vec![Vec4::ZERO; 3 * mesh.triangles.len()] };
+use bevy_mikktspace::{Geometry, TangentSpace, generate_tangents};
+use glam::{Vec2, Vec3, Vec4};
+use relume_scene::Mesh;
+
+/// What Cycles takes where texture coordinates do not tell.
+const NO_TANGENT: Vec4 = Vec4::new(1.0, 0.0, 0.0, -1.0);
+
+/// Object-space tangent and handedness of each corner, by its texture coordinates.
+pub fn corner_tangents(mesh: &Mesh, coords: &[Vec2]) -> Vec<Vec4> {
+    let mut corners = Corners { mesh, coords, tangents: vec![NO_TANGENT; 3 * mesh.triangles.len()] };
     match generate_tangents(&mut corners) {
         Ok(()) => corners.tangents,
-        Err(_) => vec![Vec4::ZERO; 3 * mesh.triangles.len()],
+        Err(_) => vec![NO_TANGENT; 3 * mesh.triangles.len()],
     }
+}
+
+/// Texture coordinates of corners by which Cycles finds the tangents of a mesh without a UV map: longitude and latitude as seen from
+/// the middle of its generated coordinates, whose box starts at `min`.
+pub fn spherical_coords(mesh: &Mesh, min: Vec3, size: Vec3) -> Vec<Vec2> {
+    let from_middle = |vertex: u32| {
+        let relative = (mesh.positions[vertex as usize] - min) / size - 0.5;
+        Vec3::select(size.cmpgt(Vec3::ZERO), relative, Vec3::ZERO)
+    };
+    let coords = |vertex: &u32| {
+        let at = from_middle(*vertex);
+        let length = at.length();
+        if length == 0.0 {
+            return Vec2::ZERO;
+        }
+        let is_pole = at.x == 0.0 && at.y == 0.0;
+        let longitude = if is_pole { 0.0 } else { 0.5 - at.x.atan2(at.y) / TAU };
+        Vec2::new(longitude, 1.0 - (at.z / length).clamp(-1.0, 1.0).acos() / PI)
+    };
+    mesh.triangles.as_flattened().iter().map(coords).collect()
 }
 
 struct Corners<'a> {
     mesh: &'a Mesh,
-    uv_map: &'a UvMap,
+    coords: &'a [Vec2],
     tangents: Vec<Vec4>,
 }
 
@@ -48,7 +73,7 @@ impl Geometry for Corners<'_> {
     }
 
     fn tex_coord(&self, face: usize, vert: usize) -> [f32; 2] {
-        self.uv_map.coords[3 * face + vert].to_array()
+        self.coords[3 * face + vert].to_array()
     }
 
     fn set_tangent(&mut self, space: Option<TangentSpace>, face: usize, vert: usize) {
@@ -61,14 +86,13 @@ impl Geometry for Corners<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::Vec2;
 
     #[test]
     fn tangents_follow_u_and_know_mirrored_maps() {
         let positions = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
         let mesh = Mesh { positions, triangles: vec![[0, 1, 2]], ..Mesh::default() };
-        let straight = UvMap { name: "a".into(), coords: vec![Vec2::ZERO, Vec2::X, Vec2::Y] };
-        let mirrored = UvMap { name: "b".into(), coords: vec![Vec2::ZERO, -Vec2::X, Vec2::Y] };
+        let straight = [Vec2::ZERO, Vec2::X, Vec2::Y];
+        let mirrored = [Vec2::ZERO, -Vec2::X, Vec2::Y];
         for tangent in corner_tangents(&mesh, &straight) {
             assert!((tangent - Vec4::new(1.0, 0.0, 0.0, 1.0)).length() < 1e-5, "{tangent}");
         }

@@ -97,10 +97,26 @@ pub fn evaluate_pure(node: &Node, inputs: &impl Inputs) -> Option<Vec4> {
             let value = math::vector_math(*operation, vector(a), vector(b), vector(c), float(scale));
             value.extend(value.x)
         }
-        Node::MapRange { interpolation, clamp, value, from_min, from_max, to_min, to_max, steps } => {
+        Node::MapRange {
+            interpolation,
+            clamp,
+            empty_gives_min,
+            value,
+            from_min,
+            from_max,
+            to_min,
+            to_max,
+            steps,
+        } => {
             let from = [float(from_min), float(from_max)];
             let to = [float(to_min), float(to_max)];
-            Vec4::splat(math::map_range(*interpolation, *clamp, float(value), from, to, float(steps)))
+            let value = float(value);
+            let mapped = if from[0] == from[1] {
+                if *empty_gives_min { to[0] } else { 0.0 }
+            } else {
+                math::map_range(*interpolation, value, from, to, float(steps))
+            };
+            Vec4::splat(if *clamp { mapped.clamp(to[0].min(to[1]), to[0].max(to[1])) } else { mapped })
         }
         Node::Clamp { range, value, min, max } => {
             let (min, max) = (float(min), float(max));

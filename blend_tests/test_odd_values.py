@@ -1,0 +1,90 @@
+"""Values and meshes that nobody means, but files hold: what nodes make of them is what Cycles makes of them."""
+
+import bpy
+
+from cards import Cards, differences, node
+
+RANGE = {"From Min": 0.5, "From Max": 0.5, "To Min": 0.7, "To Max": 0.4}
+VECTOR_RANGE = {
+    "Vector": (0.2, 0.5, 0.9),
+    "From_Min_FLOAT3": (0.2, 0.9, 0.5),
+    "From_Max_FLOAT3": (0.7, 0.1, 0.5),
+    "To_Min_FLOAT3": (0.7, 0.2, 0.3),
+    "To_Max_FLOAT3": (0.4, 1.2, 0.8),
+}
+
+
+def facing(tree):
+    """A value that Blender does not take for a constant."""
+    return node(tree, "ShaderNodeLayerWeight", {"Blend": 0.3}).outputs[1]
+
+
+def combined(mode, hue, saturation, value):
+    return lambda tree: node(tree, "ShaderNodeCombineColor", {0: hue, 1: saturation, 2: value}, mode=mode).outputs[0]
+
+
+def mapped(**settings):
+    return lambda tree: node(tree, "ShaderNodeMapRange", RANGE, **settings).outputs[0]
+
+
+def mapped_vector(kind):
+    settings = {"data_type": "FLOAT_VECTOR", "interpolation_type": kind}
+    return lambda tree: node(tree, "ShaderNodeMapRange", VECTOR_RANGE, **settings).outputs[1]
+
+
+def moved(location, scale, rotation=None):
+    """A Mapping node whose rotation is a constant or that of `facing`."""
+
+    def build(tree):
+        inputs = {"Location": location, "Scale": scale, "Rotation": facing(tree) if rotation is None else rotation}
+        return node(tree, "ShaderNodeMapping", inputs).outputs[0]
+
+    return build
+
+
+CASES = {
+    **{f"{mode} of hue {hue}": combined(mode, hue, 0.6, 0.8) for mode in ("HSV", "HSL") for hue in (-0.2, 1.0, 1.3, 2.0)},
+    "HSV below 0": combined("HSV", 0.4, 2.0, -0.5),
+    "range of no width": mapped(clamp=False),
+    "clamped range of no width": mapped(clamp=True),
+    **{f"vector range {kind}": mapped_vector(kind) for kind in ("LINEAR", "STEPPED", "SMOOTHSTEP")},
+    "mapping of no size": moved((0.4, 0.2, 0.1), (0.0, 0.0, 0.0)),
+    "constant mapping of no size": moved((0.4, 0.2, 0.1), (0.0, 0.0, 0.0), rotation=(0.1, 0.2, 0.3)),
+}
+
+
+def test_odd_values_give_what_they_give_in_cycles(scene, tmp_path):
+    cards = Cards(scene)
+    for name, build in CASES.items():
+        tree, output = cards.add(name)
+        cards.show(tree, output, build(tree))
+    means, warnings = cards.means(tmp_path)
+    assert differences(means) == {} and warnings == []
+
+
+def test_normal_maps_without_a_usable_uv_map_bend_as_in_cycles(scene, tmp_path):
+    cards = Cards(scene)
+    for name in ("whole", "flat", "none", "bent"):
+        for uv_map in ("", "UVMap", "missing"):
+            tree, output = cards.add(f"{name} {uv_map}")
+            cards.show(tree, output, node(tree, "ShaderNodeNormalMap", {"Color": (0.8, 0.3, 0.7, 1)}, uv_map=uv_map).outputs[0])
+            card = bpy.data.objects[f"{name} {uv_map}"]
+            card.rotation_euler = (0.3, 0.2, 0.1)
+            mesh = card.data
+            if name == "flat":
+                mesh.uv_layers[0].uv.foreach_set("vector", [0.0] * (2 * len(mesh.loops)))
+            if name in {"none", "bent"}:
+                mesh.uv_layers.remove(mesh.uv_layers[0])
+            if name == "bent":  # Of a flat one all corners are as far up as seen from the middle.
+                for vertex in mesh.vertices[::2]:
+                    vertex.co.z = 0.1
+    means, _ = cards.means(tmp_path, samples=64)
+    assert differences(means, 0.03) == {}
+
+
+def test_bricks_of_no_size_are_named(scene, tmp_path):
+    cards = Cards(scene)
+    tree, output = cards.add("Wall")
+    cards.show(tree, output, node(tree, "ShaderNodeTexBrick", {"Brick Width": 0.0}).outputs[0])
+    _, warnings = cards.means(tmp_path, samples=1)
+    assert len(warnings) == 1 and "bricks of no width" in warnings[0]
