@@ -15,6 +15,9 @@ Translate = Callable[["Translation", "bpy.types.Node", "Context"], "int | None"]
 
 WHITE = [1.0, 1.0, 1.0]
 
+ROUGH_REFRACTION = 0.6
+"""Roughness up to which refraction is as bright as in Cycles to some 2 %."""
+
 # JSON field, socket name, value where this Blender has no such socket.
 PRINCIPLED = (
     ("base_color", "Base Color", [0.8, 0.8, 0.8]),
@@ -49,11 +52,21 @@ def _principled(t: Translation, node: bpy.types.Node, context: Context) -> int:
     if fields["subsurface_weight"] != 0.0:
         t.name(f"node '{node.name}': subsurface scattering is not supported yet; taken as diffuse")
     _name_thin_film(t, node, context)
+    if fields["transmission_weight"] != 0.0:
+        _name_rough_refraction(t, node, context)
     if t.value(node, "Thin Wall", context, 0.0) != 0.0:
         t.name(f"node '{node.name}': thin walls are not supported yet; taken as solid")
     if t.value(node, "Transmission Dispersion Scale", context, 0.0) != 0.0 and fields["transmission_weight"] != 0.0:
         t.name(f"node '{node.name}': dispersion is not supported yet; all colours are refracted alike")
     return t.emit({"type": "principled", **fields, "distribution": distribution(t, node)})
+
+
+def _name_rough_refraction(t: Translation, node: bpy.types.Node, context: Context) -> None:
+    """Cycles' light samples find refraction where its own rays never go, the more the rougher it is; what comes of both
+    depends on the light."""
+    roughness = t.value(node, "Roughness", context)
+    if isinstance(roughness, float) and roughness > ROUGH_REFRACTION:
+        t.name(f"node '{node.name}': refraction this rough is up to a tenth brighter in Cycles, by lamps behind it")
 
 
 def _name_thin_film(t: Translation, node: bpy.types.Node, context: Context) -> None:
@@ -120,7 +133,13 @@ def _glass(t: Translation, node: bpy.types.Node, context: Context) -> int | None
     _name_thin_film(t, node, context)
     if t.value(node, "Anisotropy", context, 0.0) != 0.0:
         t.name(f"node '{node.name}': anisotropic glass is not supported yet; taken as rough in every direction alike")
+    _name_rough_refraction(t, node, context)
     return _simple("glass", COLOR, ROUGHNESS, IOR, NORMAL, microfacet=True)(t, node, context)
+
+
+def _refraction(t: Translation, node: bpy.types.Node, context: Context) -> int | None:
+    _name_rough_refraction(t, node, context)
+    return _simple("refraction", COLOR, ROUGHNESS, IOR, NORMAL, microfacet=True)(t, node, context)
 
 
 def _metallic(t: Translation, node: bpy.types.Node, context: Context) -> int | None:
@@ -150,7 +169,7 @@ CLOSURES: dict[str, Translate] = {
         microfacet=True,
     ),
     "ShaderNodeBsdfGlass": _glass,
-    "ShaderNodeBsdfRefraction": _simple("refraction", COLOR, ROUGHNESS, IOR, NORMAL, microfacet=True),
+    "ShaderNodeBsdfRefraction": _refraction,
     "ShaderNodeBsdfTranslucent": _simple("translucent", COLOR, NORMAL),
     "ShaderNodeBsdfTransparent": _simple("transparent", ("color", "Color", WHITE)),
     "ShaderNodeEmission": EMISSION,

@@ -92,7 +92,8 @@ class ConstantTranslation(Translation):
             self.uses_light_path = True
             return value
         if node.bl_idname == "ShaderNodeLightFalloff" and self._is_plain(source):
-            return self.value(node, "Strength", source.context)
+            is_dark = self.is_sun and output != "Quadratic" and bpy.app.version < (4, 5, 0)
+            return 0.0 if is_dark else self.value(node, "Strength", source.context)
         if node.bl_idname == "ShaderNodeBlackbody":
             kelvin = self.constant(node.inputs["Temperature"], source.context)
             return blackbody_color(kelvin if isinstance(kelvin, float) else kelvin[0])

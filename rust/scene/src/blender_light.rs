@@ -146,6 +146,9 @@ pub struct LightError {
 /// [`BlenderLight::least_size`] where nothing is known of the scene.
 pub const MIN_SIZE: f32 = 0.01;
 
+/// Radius of a spot, metres, from which surfaces are taken to lie within it.
+const WIDE_SPOT: f32 = 0.5;
+
 /// Smallest half angle of a sun, radians: about half of the real sun's.
 pub const MIN_SUN_HALF_ANGLE: f32 = 0.0025;
 
@@ -162,6 +165,10 @@ impl BlenderLight {
             BlenderLightKind::Spot { radius, soft_falloff, spot_size, spot_blend } => {
                 let sphere = self.sphere(radius, &mut notes);
                 let (center, radius, blend) = (self.origin(), sphere.radius, spot_blend.clamp(0.0, 1.0));
+                if !soft_falloff && radius > WIDE_SPOT {
+                    let what = "what lies within its radius is some 5 % brighter in Cycles";
+                    notes.push(format!("light '{}': {what}. Lower the radius, or use soft falloff", self.name));
+                }
                 let shape = if self.has_round_cone(blend) {
                     let (axis, half_angle) = (self.emission_direction()?, self.cone_half_angle(spot_size));
                     LightShape::Spot { center, radius, axis, half_angle, blend, soft_falloff }
