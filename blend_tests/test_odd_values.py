@@ -19,6 +19,11 @@ def facing(tree):
     return node(tree, "ShaderNodeLayerWeight", {"Blend": 0.3}).outputs[1]
 
 
+def one_place(tree):
+    """A vector that is a constant."""
+    return node(tree, "ShaderNodeCombineXYZ", {0: -0.5, 1: -0.5, 2: -0.5}).outputs[0]
+
+
 def combined(mode, hue, saturation, value):
     return lambda tree: node(tree, "ShaderNodeCombineColor", {0: hue, 1: saturation, 2: value}, mode=mode).outputs[0]
 
@@ -49,6 +54,13 @@ CASES = {
     "range of no width": mapped(clamp=False),
     "clamped range of no width": mapped(clamp=True),
     **{f"vector range {kind}": mapped_vector(kind) for kind in ("LINEAR", "STEPPED", "SMOOTHSTEP")},
+    "varying range of no width": lambda tree: node(
+        tree, "ShaderNodeMapRange", {"From Min": facing(tree), "From Max": facing(tree), "To Min": 0.7, "To Max": 0.4}
+    ).outputs[0],
+    "mortar below 0": lambda tree: node(tree, "ShaderNodeTexBrick", {"Mortar Smooth": -0.5, "Scale": 0.5}).outputs[1],
+    "mortar below 0 at one place": lambda tree: node(
+        tree, "ShaderNodeTexBrick", {"Mortar Smooth": -0.5, "Vector": one_place(tree)}
+    ).outputs[1],
     "mapping of no size": moved((0.4, 0.2, 0.1), (0.0, 0.0, 0.0)),
     "constant mapping of no size": moved((0.4, 0.2, 0.1), (0.0, 0.0, 0.0), rotation=(0.1, 0.2, 0.3)),
 }

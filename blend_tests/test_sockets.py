@@ -304,6 +304,11 @@ def chosen_menu(tree):
 if bpy.app.version >= (5, 0, 0):
     CASES["menu"] = lambda t: glow(t, chosen_menu(t))
     CASES["menu of a group"] = lambda t: glow(t, grouped_menu(t))
+for own in ("Color", "Float", "Vector"):
+    for to in ("Color", "Float", "Vector"):
+        CASES[f"own {own} as {to} to vector"] = lambda t, own=own, to=to: gradient(
+            t, group(t, [(own, TYPES[own], False)], [(to, None)], through).outputs[0]
+        )
 if bpy.app.version >= (5, 2, 0):
     CASES["bool"] = lambda t: glow(t, node(t, "FunctionNodeInputBool", boolean=True).outputs[0])
     CASES["integer"] = lambda t: glow(t, node(t, "FunctionNodeInputInt", integer=3).outputs[0])

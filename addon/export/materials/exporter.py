@@ -121,7 +121,7 @@ class Translation:
         self.title = material.name if material else "Default"
         self.owner = f"object '{object_name}', material '{material.name}'" if material else f"object '{object_name}'"
         self.nodes: list[dict[str, Any]] = []
-        self.is_constant: list[bool] = []
+        self._constants: list[bool] = []
         """Whether Blender knows that a node gives the same everywhere."""
         self.done: dict[Key, Any] = {}
         self.normal: dict[str, Any] | None = None
@@ -183,11 +183,12 @@ class Translation:
     def emit(self, node: dict[str, Any]) -> int:
         """Appends a node and returns its number."""
         self.nodes.append(node)
-        self.is_constant.append(node["type"] in COMPUTED and all(map(self._is_constant, node.values())))
+        self._constants.append(node["type"] in COMPUTED and all(map(self.is_constant, node.values())))
         return len(self.nodes) - 1
 
-    def _is_constant(self, value: Any) -> bool:
-        return not isinstance(value, dict) or "node" not in value or self.is_constant[value["node"]]
+    def is_constant(self, value: Any) -> bool:
+        """True if an input is the same everywhere."""
+        return not isinstance(value, dict) or "node" not in value or self._constants[value["node"]]
 
     def name(self, what: str) -> None:
         """Tells the user what of this material could not be represented."""
@@ -252,7 +253,7 @@ class Translation:
         if value is None or not isinstance(value, dict):
             return None if value is None else passed_on(value, kind, (*source.passed, target))
         for index, to in enumerate(source.passed):
-            if self._is_constant(value) or to in CONVERTING:
+            if self.is_constant(value) or to in CONVERTING:
                 is_narrowed = not NUMBERS.isdisjoint({*source.passed[index + 1 :], target})
                 value, kind = self._converted(value, kind, to, is_narrowed), to
         return value

@@ -7,7 +7,8 @@
 | a group without output node | 0 | 0 |
 | sockets of other types on the way (groups, muted nodes) | convert what passes | convert what Blender computes |
 | a node that Cycles does not have, in a group | the group's own value | counts as not linked at all |
-| any of these or a group's own value, to a normal or texture vector | is left out | counts (`is_implied`) |
+| any of these, to a normal or texture vector | is left out | counts (`is_implied`) |
+| a group's own value, to one of these | is left out if no type on the way is another | counts |
 | Material Output in a group, and a muted one | counts; does not | does not; counts |
 """
 
@@ -247,8 +248,10 @@ def is_implied(found: Source | Constant, socket: bpy.types.NodeSocket) -> bool:
     """True if a socket for a normal, tangent or texture vector takes what it takes where nothing is linked."""
     if isinstance(found, Source):
         return False
-    if not IS_INLINED or found.owner == socket:
+    if found.owner == socket:
         return True
+    if not IS_INLINED:
+        return found.owner is None or all(kind == found.kind for kind in found.passed)
     is_alike = found.owner is not None and found.owner.hide_value and found.kind == socket.type
     return is_alike and socket.identifier != "Vector"
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from .coordinates import texture_vector
+from .graph import IS_INLINED
 
 if TYPE_CHECKING:
     from .exporter import Translation
@@ -25,6 +26,16 @@ OUTPUTS = {
 """The tracer's names of output sockets, by identifier."""
 
 
+def _correct_bricks(t: Translation, node: bpy.types.Node, values: dict[str, Any]) -> None:
+    """Sees to numbers that make no bricks."""
+    smooth = values["mortar_smooth"]
+    is_constant = values["vector"] is not None and all(map(t.is_constant, values.values()))
+    if IS_INLINED and is_constant and smooth < 0.0:
+        values["mortar_smooth"] = 0.0  # Cycles has no mortar then, but Blender computes constants itself from 5.0 on.
+    if 0.0 in (values["brick_width"], values["row_height"]):
+        t.name(f"node '{node.name}': bricks of no width or height differ from Cycles; give them one")
+
+
 def _texture(name: str, sockets: str, settings: dict[str, str]) -> Translate:
     """A texture with the fields `sockets`, named like Blender's sockets, and `settings` as field -> attribute."""
 
@@ -41,13 +52,14 @@ def _texture(name: str, sockets: str, settings: dict[str, str]) -> Translate:
                 values["direction"] = node.bands_direction if node.wave_type == "BANDS" else node.rings_direction
             for field in sockets.split():
                 values[field] = t.value(node, field.replace("_", " ").title(), source.context)
-            if name == "brick" and 0.0 in (values["brick_width"], values["row_height"]):
-                t.name(f"node '{node.name}': bricks of no width or height differ from Cycles; give them one")
             if name == "white_noise":  # It takes no coordinates by itself.
                 vector = t.value(node, "Vector", source.context, [0.0] * 3)
             else:
                 vector = texture_vector(t, source, {"type": "texture_coordinate", "kind": "generated"})
-            return {"type": "procedural", "texture": name, **values, "vector": vector}
+            values["vector"] = vector
+            if name == "brick":
+                _correct_bricks(t, node, values)
+            return {"type": "procedural", "texture": name, **values}
 
         return {"node": t.once(source, description, part="position" if is_position else ""), "output": output}
 

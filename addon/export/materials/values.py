@@ -6,14 +6,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-import bpy
-
 from .coordinates import texture_vector
-from .graph import convert
+from .graph import IS_INLINED, convert
 from .procedural import TEXTURES
 from .tables import color_ramp, float_curve, rgb_curves
 
 if TYPE_CHECKING:
+    import bpy
+
     from .exporter import Translation
     from .graph import Source
 
@@ -170,7 +170,8 @@ def _map_range(t: Translation, source: Source) -> Any:
 
     def number() -> dict[str, Any]:
         inputs = {name: t.value(node, index, source.context) for index, name in enumerate(names)}
-        return {**settings, "empty_gives_min": bpy.app.version >= (5, 0, 0), **inputs}
+        # Blender, which computes constants itself from 5.0 on, has another result for a range of no width than Cycles.
+        return {**settings, "empty_gives_min": IS_INLINED and all(map(t.is_constant, inputs.values())), **inputs}
 
     def vector() -> dict[str, Any]:
         inputs = {name: t.value(node, 6 + index, source.context) for index, name in enumerate(names)}
