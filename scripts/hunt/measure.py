@@ -13,16 +13,18 @@ DARK, BLACK = 0.1, 1e-4
 """What is added to a block's value before it is compared: a share of the mean of its picture, and a radiance."""
 
 
-def block_means(image):
-    """Means over 8 x 8 pixels, channels kept: [height / 8, width / 8, 3]."""
+def block_means(image, fold=np.mean):
+    """Means, or what else `fold` gives, of 8 x 8 pixels, channels kept: [height / 8, width / 8, 3]."""
     height, width = (size // BLOCK * BLOCK for size in image.shape[:2])
-    return image[:height, :width].reshape(height // BLOCK, BLOCK, width // BLOCK, BLOCK, 3).mean(axis=(1, 3))
+    return fold(image[:height, :width].reshape(height // BLOCK, BLOCK, width // BLOCK, BLOCK, 3), axis=(1, 3))
 
 
 def standard_error(pair):
-    """Of the block means of the mean of two pictures, from their differences in single pixels."""
+    """Of the block means of the mean of two pictures, from their differences in single pixels; and at least what the
+    brightest pixel is of a block, since neither picture may hold the rare path that lights another one."""
     half = (np.asarray(pair[0], np.float64) - pair[1]) / 2
-    return np.sqrt(block_means(half * half)) / BLOCK
+    rare = block_means(np.abs(np.mean(np.asarray(pair, np.float64), axis=0)), np.max) / BLOCK**2
+    return np.maximum(np.sqrt(block_means(half * half)) / BLOCK, rare)
 
 
 def worst_block(ours, cycles):
