@@ -53,6 +53,8 @@ def muted(tree):
 
 
 CONSTANT = {
+    "color": lambda t: node(t, "ShaderNodeGamma", {"Color": RED}).outputs[0],
+    "number": lambda t: node(t, "ShaderNodeMath", {0: 0.4, 1: 0.2}).outputs[0],
     "maths": lambda t: emission(t, RED, maths(t)),
     "color as strength": lambda t: emission(t, RED, node(t, "ShaderNodeRGB").outputs[0]),
     "ramp": of("ShaderNodeValToRGB", {0: 0.3}),
@@ -126,7 +128,7 @@ def test_falloff_makes_no_difference_to_a_sun(scene, output):
         assert [channel / light["radiance"][0] for channel in light["radiance"]] == pytest.approx([1.0, 0.375, 0.125])
 
 
-@pytest.mark.parametrize("name", ["maths", "hue", "add shader", "background"])
+@pytest.mark.parametrize("name", ["color", "maths", "hue", "add shader", "background"])
 def test_worlds_that_come_to_a_constant_are_a_color(scene, tmp_path, name):
     """Seen by a card that mirrors it."""
     add_world(scene)

@@ -121,8 +121,8 @@ def _outputs(rng, node):
 def _feed(rng, tree, socket, nodes):
     """Links an input to an earlier node, or leaves it alone."""
     chance = 0.5 if socket.enabled and socket.name not in {"Normal", "Tangent"} else 0.06
-    if socket.node.bl_idname == "ShaderNodeTexWhiteNoise":
-        return  # The last bit of its inputs decides what it gives.
+    if socket.node.bl_idname == "ShaderNodeTexWhiteNoise" or socket.name == "Lacunarity":
+        return  # The last bit of what comes decides what they give, and 0 is divided by.
     if not nodes or socket.type not in VALUES or rng.random() > chance:
         return
     outputs = _outputs(rng, rng.choice(nodes))

@@ -50,6 +50,7 @@ class ConstantTranslation(Translation):
         """`light_path`: what an output of the Light Path node is for all that the light meets, if it is the same."""
         images: Any = None  # Images vary.
         super().__init__(None, images, None, "")
+        self.glow = 0.1 if bpy.app.version < (4, 5, 0) else 1.0
         self.compute = compute
         self.light_path = light_path
         self.is_sun = is_sun

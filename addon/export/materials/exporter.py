@@ -120,6 +120,8 @@ class Translation:
         self.material = material
         self.title = material.name if material else "Default"
         self.owner = f"object '{object_name}', material '{material.name}'" if material else f"object '{object_name}'"
+        self.glow = 1.0
+        """Strength of the emission that a colour or number becomes in place of a shader."""
         self.nodes: list[dict[str, Any]] = []
         self._constants: list[bool] = []
         """Whether Blender knows that a node gives the same everywhere."""
@@ -206,7 +208,7 @@ class Translation:
             if key not in self.done:
                 self.done[key] = self._closure(found)
             return self.done[key]
-        return None if color is None else self.emit({"type": "emission", "color": color, "strength": 1.0})
+        return None if color is None else self.emit({"type": "emission", "color": color, "strength": self.glow})
 
     def _closure(self, source: Source) -> int | None:
         kind = source.node.bl_idname
