@@ -93,8 +93,7 @@ class ConstantTranslation(Translation):
             self.uses_light_path = True
             return value
         if node.bl_idname == "ShaderNodeLightFalloff" and self._is_plain(source):
-            is_dark = self.is_sun and output != "Quadratic" and bpy.app.version < (4, 5, 0)
-            return 0.0 if is_dark else self.value(node, "Strength", source.context)
+            return self.value(node, "Strength", source.context)
         if node.bl_idname == "ShaderNodeBlackbody":
             kelvin = self.constant(node.inputs["Temperature"], source.context)
             return blackbody_color(kelvin if isinstance(kelvin, float) else kelvin[0])
@@ -106,9 +105,12 @@ class ConstantTranslation(Translation):
         return value
 
     def _is_plain(self, falloff: Source) -> bool:
-        """True if a Light Falloff node gives its strength, as that of a lamp without nodes."""
-        is_smooth = self.value(falloff.node, "Smooth", falloff.context) != 0.0
-        return self.is_sun or (falloff.socket.identifier == "Quadratic" and not is_smooth)
+        """True if a Light Falloff node gives its strength, as that of a lamp without nodes. Before Blender 4.5 it
+        multiplies that of a sun by its distance, which is none, so that the sun is black."""
+        is_quadratic = falloff.socket.identifier == "Quadratic"
+        if self.is_sun:
+            return is_quadratic or bpy.app.version >= (4, 5, 0)
+        return is_quadratic and self.value(falloff.node, "Smooth", falloff.context) == 0.0
 
     def _varies(self, node: bpy.types.Node) -> dict[str, Any]:
         number = self.emit({"type": "geometry"})
