@@ -24,6 +24,13 @@ def one_place(tree):
     return node(tree, "ShaderNodeCombineXYZ", {0: -0.5, 1: -0.5, 2: -0.5}).outputs[0]
 
 
+def checker_at_one_place(tree):
+    """A texture whose mapping panel moves it."""
+    made = node(tree, "ShaderNodeTexChecker", {"Vector": one_place(tree), "Color1": (0.8, 0.2, 0.1, 1.0)})
+    made.texture_mapping.translation = (0.15, 0.0, 0.0)
+    return made.outputs[0]
+
+
 def combined(mode, hue, saturation, value):
     return lambda tree: node(tree, "ShaderNodeCombineColor", {0: hue, 1: saturation, 2: value}, mode=mode).outputs[0]
 
@@ -61,6 +68,7 @@ CASES = {
     "mortar below 0 at one place": lambda tree: node(
         tree, "ShaderNodeTexBrick", {"Mortar Smooth": -0.5, "Vector": one_place(tree)}
     ).outputs[1],
+    "mapping panel at one place": checker_at_one_place,
     "mapping of no size": moved((0.4, 0.2, 0.1), (0.0, 0.0, 0.0)),
     "constant mapping of no size": moved((0.4, 0.2, 0.1), (0.0, 0.0, 0.0), rotation=(0.1, 0.2, 0.3)),
 }
