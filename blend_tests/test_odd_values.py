@@ -1,8 +1,11 @@
 """Values and meshes that nobody means, but files hold: what nodes make of them is what Cycles makes of them."""
 
 import bpy
+import pytest
 
 from cards import Cards, differences, node
+
+pytestmark = pytest.mark.every_version
 
 RANGE = {"From Min": 0.5, "From Max": 0.5, "To Min": 0.7, "To Max": 0.4}
 VECTOR_RANGE = {

@@ -5,6 +5,8 @@ import pytest
 
 from cards import Cards, differences, node
 
+pytestmark = pytest.mark.every_version
+
 RED, BLUE = (0.8, 0.3, 0.1, 1.0), (0.1, 0.2, 0.9, 1.0)
 TYPES = {"Color": RED, "Float": 0.4, "Vector": (0.2, 0.5, 0.9), "Int": 3, "Bool": True}
 
