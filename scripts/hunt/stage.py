@@ -175,5 +175,8 @@ def relit(exported, settings, samples):
 
 
 def rendered(scene, samples, first_seed):
-    """Two independent pictures by Cycles."""
+    """Two independent pictures by Cycles, not denoised."""
+    scene.cycles.use_denoising = False
+    for layer in scene.view_layers:
+        layer.samples = 0
     return [cycles_reference.render(scene, samples, first_seed + half) for half in (0, 1)]
