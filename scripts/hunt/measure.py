@@ -9,8 +9,9 @@ LIMIT = 0.08
 ERRORS = 3.0
 """How many standard errors a difference must exceed."""
 
-DARK, BLACK = 0.1, 1e-4
-"""What is added to a block's value before it is compared: a share of the mean of its picture, and a radiance."""
+DARK, BLACK = 0.5, 1e-4
+"""What is added to a block's value before it is compared: a share of the mean of its picture, and a radiance. What
+lights a block that is darker are rare paths, whose noise two pictures do not show."""
 
 
 def block_means(image, fold=np.mean):

@@ -4,8 +4,8 @@
 Each scenario of blend_tests/window/scenarios (those of every merge, if none is named; --all: all that test) runs in a
 Blender of its own in the tree that scripts/window/setup makes, on OpenGL; where none is named, those that say so also
 on Vulkan. The extension is installed from its zip in build/extension, for a user of its own. Files are copied into the
-tree and out of it; nothing is mounted from the checkout. Leaves photographs in out/window, logs beside them, and figures
-in out/window.json. Takes about 10 s more than the scenarios. What this machine lacks is skipped and said; where CI is
+tree and out of it; nothing is mounted from the checkout. Leaves photographs and logs in out/window, and figures in
+out/window.json. Takes about 10 s more than the scenarios. What this machine lacks is skipped and said; where CI is
 set, a scene that is missing is a failure, unless there is no folder of scenes at all and RELUME_WITHOUT_SCENES=1 says
 that this is meant.
 """
