@@ -3,8 +3,8 @@
 DEV := $(CURDIR)/.venv-4.2
 PYTHON := $(DEV)/bin/python
 # Blender versions that the tests run on; those whose Python is not here are skipped with a message, but not where CI is set.
-# Those of all tests come first: they take longest, and two run at a time.
-BLENDERS ?= 4.2 5.2 4.5 5.0 5.3
+# The oldest and the newest run all tests and come first: they take longest, and two run at a time.
+BLENDERS ?= 4.2 5.3 4.5 5.0 5.2
 WHEELS := $(CURDIR)/build/wheels
 SCENES := $(or $(RELUME_SCENES),$(CURDIR)/../shared/scenes)
 
@@ -12,19 +12,34 @@ SCENES := $(or $(RELUME_SCENES),$(CURDIR)/../shared/scenes)
 export OIDN_DIR := $(DEV)/lib/python3.11/site-packages/pyoidn/oidn
 # Mesa's layer that picks a GPU by the desktop complains where there is none.
 export NODEVICE_SELECT := 1
-CARGO := LD_LIBRARY_PATH=$(OIDN_DIR)/lib cargo
+TIMED := $(CURDIR)/scripts/timed
+CARGO := env LD_LIBRARY_PATH=$(OIDN_DIR)/lib cargo
 # CI sets these to --release and --native: tests and the wheel are then of the same build, which is half as much to compile.
 PROFILE ?=
 WHEEL ?=
 NEWEST_DRIVER := CARGO_TARGET_X86_64_UNKNOWN_LINUX_GNU_RUNNER=$(CURDIR)/scripts/on-newest-driver
 
-.PHONY: setup wheel extension extension-linux test test-rust test-python test-blender window guide fuzz demo shots parity quality bench bench-gpu solve cases hunt clean
+.PHONY: setup check wheel extension extension-linux test test-rust test-python test-blender window guide fuzz demo shots parity quality bench bench-gpu solve cases hunt clean
 
 setup:
-	@scripts/setup
+	@$(TIMED) set-up scripts/setup
+
+# What takes less than a minute once it is built: run it before each commit.
+check: setup check-rust check-python
+	$(CARGO) test --quiet -p relume-gpu $(PROFILE) --lib -- valid metal_and_directx
+	$(PYTHON) -m pytest --quiet tests/test_architecture.py
+
+check-rust: setup
+	$(CARGO) fmt --all --check
+	$(TIMED) clippy $(CARGO) clippy --workspace --all-targets $(PROFILE) -- -D warnings
+	$(TIMED) "clippy of the GPU's tests" $(CARGO) clippy --workspace --test gpu $(PROFILE) -- -D warnings
+
+check-python: setup
+	$(PYTHON) -m ruff check addon blend_tests examples tests rust/python scripts
+	$(PYTHON) -m mypy
 
 wheel: setup
-	@scripts/build-wheel "$(WHEELS)" $(WHEEL)
+	@$(TIMED) wheel scripts/build-wheel "$(WHEELS)" $(WHEEL)
 
 # The zip for Linux, which is what tests run.
 extension-linux: wheel
@@ -45,30 +60,25 @@ test: setup
 	@{ scripts/window/setup; scripts/setup $(BLENDERS); } >/dev/null 2>&1 &
 	@$(MAKE) --no-print-directory test-rust test-python test-blender window AT_ONCE=2
 
-test-rust: setup
-	$(CARGO) fmt --all --check
-	$(CARGO) clippy --workspace --all-targets $(PROFILE) -- -D warnings
-	$(CARGO) clippy --workspace --test gpu $(PROFILE) -- -D warnings
-	$(CARGO) test --workspace $(PROFILE)
+test-rust: check-rust
+	$(TIMED) "Rust tests" $(CARGO) test --workspace $(PROFILE)
 # On a driver with matrices, with the kernels of shipped builds, which check nothing: tests of the device and of matrices, and those of
 # the whole chain.
-	RELUME_GPU_UNCHECKED=1 $(NEWEST_DRIVER) $(CARGO) test --workspace $(PROFILE) --lib -- device driver matrices
-	RELUME_GPU_UNCHECKED=1 RELUME_VALIDATE=1 $(NEWEST_DRIVER) $(CARGO) test --workspace $(PROFILE) --test gpu
+	RELUME_GPU_UNCHECKED=1 $(NEWEST_DRIVER) $(TIMED) "newest driver" $(CARGO) test --workspace $(PROFILE) --lib -- device driver matrices
+	RELUME_GPU_UNCHECKED=1 RELUME_VALIDATE=1 $(NEWEST_DRIVER) $(TIMED) "GPU chain" $(CARGO) test --workspace $(PROFILE) --test gpu
 	@[ -z "$$CI" ] || rm -rf target/tmp
 
-test-python: wheel
+test-python: wheel check-python
 	@scripts/install-wheel "$(WHEELS)" 4.2
-	$(PYTHON) -m ruff check addon blend_tests examples tests rust/python scripts
-	$(PYTHON) -m mypy
-	$(PYTHON) -m pytest tests
+	$(TIMED) tests $(PYTHON) -m pytest tests
 
 test-blender: extension-linux
-	@printf '%s\n' $(BLENDERS) | xargs -P 2 -I VERSION scripts/test-blender "$(WHEELS)" VERSION
+	@printf '%s\n' $(BLENDERS) | xargs -P 2 -I VERSION $(TIMED) "Blender VERSION" scripts/test-blender "$(WHEELS)" VERSION
 
 # A real Blender with its window, on a virtual display; WINDOW="smoke" for less, AT_ONCE=2 for two side by side, which disturbs their
 # times. Needs root, for chroot.
 window: extension-linux
-	@RELUME_SCENES="$(SCENES)" $(PYTHON) scripts/window/run.py --at-once $(or $(AT_ONCE),1) $(WINDOW)
+	@RELUME_SCENES="$(SCENES)" $(TIMED) window $(PYTHON) scripts/window/run.py --at-once $(or $(AT_ONCE),1) $(WINDOW)
 
 # The pictures of docs/guide.md, taken anew.
 guide: extension-linux

@@ -17,7 +17,7 @@ from helpers import add_light, add_material, add_quad, add_world, background, ro
 VERSION = bpy.app.version
 
 
-pytestmark = pytest.mark.usefixtures("registered_for_all_files")
+pytestmark = [pytest.mark.every_version, pytest.mark.usefixtures("registered_for_all_files")]
 
 
 @pytest.fixture

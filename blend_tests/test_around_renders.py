@@ -11,6 +11,8 @@ from around_renders import AROUND
 from addon.engine.scene import load_scene
 from helpers import add_quad
 
+pytestmark = pytest.mark.every_version
+
 SCRIPT = Path(__file__).with_name("around_renders.py")
 
 

@@ -21,8 +21,6 @@ from addon.ui import handlers
 from addon.ui.start import start
 from helpers import add_light, add_material, add_quad
 
-pytestmark = pytest.mark.both_ends
-
 
 @pytest.fixture
 def room(scene, tmp_path):

@@ -12,6 +12,8 @@ import relume
 from addon.commands import run
 from helpers import add_light, add_material, add_quad
 
+pytestmark = pytest.mark.every_version
+
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 
@@ -132,7 +134,6 @@ def test_small_damage_is_named_and_the_rest_is_baked(shot, tmp_path, capsys, spo
         ("AgX", 16, 2, 60_000),  # at the view transform's table, behind them
     ],
 )
-@pytest.mark.both_ends
 def test_full_disk_keeps_whole_files_and_the_bake_goes_on(shot, tmp_path, view, size, samples, limit):
     resource = pytest.importorskip("resource", reason="Windows has no limit on the size of a process's files")
     shot.render.resolution_x = shot.render.resolution_y = size

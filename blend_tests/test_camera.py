@@ -9,6 +9,8 @@ from mathutils import Euler, Vector
 from addon.export.camera import UnsupportedCameraError
 from helpers import add, add_quad, affine, exported
 
+pytestmark = pytest.mark.every_version
+
 SETTINGS = {
     "plain": {},
     "portrait": {"resolution": (40, 90)},

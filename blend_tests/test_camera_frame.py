@@ -9,6 +9,8 @@ from mathutils import Euler, Vector
 from addon.viewport import camera_frame
 from addon.viewport.camera_frame import Rectangle
 
+pytestmark = pytest.mark.every_version
+
 POINTS = [Vector(p) for p in ((0, 0, 0), (0.7, 0.3, 0.5), (-0.6, 0.8, -0.4), (1.2, -0.5, 0.2))]
 
 CAMERAS = {

@@ -267,7 +267,6 @@ def test_script_reports_mistakes_by_its_exit_code(saved, tmp_path):
     assert done.returncode == 1 and "shot.blend -- bake --out x" in done.stderr
 
 
-@pytest.mark.both_ends
 def test_a_terminated_bake_resumes_to_the_same_result(saved, tmp_path):
     whole, broken = tmp_path / "whole", tmp_path / "broken"
     arguments = ["--samples", "4096", "--quiet", "--threads", "1", "--tile", "8"]
@@ -418,7 +417,6 @@ def test_what_is_said_in_one_stage_is_said_together(capsys):
     ]
 
 
-@pytest.mark.both_ends
 def test_files_that_are_no_blend_files_are_one_clear_error(saved, tmp_path):
     good, damaged = saved.read_bytes(), tmp_path / "damaged.blend"
     for content in (b"", good[: len(good) // 2], b"not a blend file" * 100):

@@ -6,6 +6,8 @@ import pytest
 from helpers import add, add_quad, exported
 from instances import unlinked
 
+pytestmark = pytest.mark.every_version
+
 COMPONENTS = {
     "curves": "GeometryNodeCurvePrimitiveCircle",
     "point clouds": "GeometryNodePoints",

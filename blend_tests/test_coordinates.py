@@ -6,6 +6,8 @@ import pytest
 
 from cards import Cards, differences
 
+pytestmark = pytest.mark.every_version
+
 KINDS = {
     "FLOAT": ("value", 1),
     "INT": ("value", 1),

@@ -11,8 +11,6 @@ import relume
 from addon.commands import run
 from helpers import add_light, add_material, add_quad
 
-pytestmark = pytest.mark.both_ends
-
 SCRIPT = Path(__file__).resolve().parents[1] / "examples" / "solve_from_png.py"
 
 

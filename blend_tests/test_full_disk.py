@@ -16,8 +16,6 @@ from addon.ui import handlers
 from addon.ui.start import start
 from helpers import SECONDS, settled, until, update
 
-pytestmark = pytest.mark.both_ends
-
 PROXY = "proxy_facing-disk.safetensors"
 """Of the light of these tests."""
 BLOCK = 4096

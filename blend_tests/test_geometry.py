@@ -13,6 +13,8 @@ from addon.export.geometry import mesh_arrays
 from helpers import add, add_material, add_quad, affine, exported
 from instances import instancing, unlinked
 
+pytestmark = pytest.mark.every_version
+
 
 def names(summary):
     return sorted(instance["name"] for instance in summary["instances"])

@@ -12,8 +12,6 @@ from addon.engine.view_worker import ViewWorker, file_of, tables_of
 from addon.export.color_table import COARSE, FINE
 from addon.export.view_transform import view_settings
 
-pytestmark = pytest.mark.both_ends
-
 SECONDS = 120.0
 
 

@@ -14,6 +14,8 @@ from addon.ui.start import start
 from helpers import add_quad, exported, render_cycles, said, settled, until, update
 from instances import bulb, instancing, newest, particles, scatter, unlinked
 
+pytestmark = pytest.mark.every_version
+
 
 def inside(parent, name="Inner", **hidden):
     """A collection in another one."""

@@ -13,6 +13,8 @@ from addon.export import images
 from addon.export.images import ImageExporter
 from helpers import add_material, add_quad, render_cycles
 
+pytestmark = pytest.mark.every_version
+
 SIZE = 64
 
 
@@ -283,7 +285,6 @@ LARGE = [("PNG", "8"), ("PNG", "16"), ("JPEG", "8"), ("OPEN_EXR", "16"), ("TIFF"
 
 @pytest.mark.parametrize(("kind", "depth"), LARGE)
 @pytest.mark.parametrize("is_packed", [False, True])
-@pytest.mark.both_ends
 def test_decoding_does_not_hold_pythons_lock(save, kind, depth, is_packed):
     image, waits, took = save(f"large.{kind.lower()}", kind, depth=depth, edge=2500), [], []
     if is_packed:

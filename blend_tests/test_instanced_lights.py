@@ -15,6 +15,8 @@ from addon.ui.start import start
 from helpers import add, add_quad, exported, render_cycles, row, said, settled, until, update
 from instances import bulb, instancing, newest, particles, scatter, unlinked
 
+pytestmark = pytest.mark.every_version
+
 TWO = {"Bulb", "Bulb#2"}
 
 

@@ -6,6 +6,8 @@ import pytest
 from cards import Cards, differences, node
 from helpers import add_light, add_quad, add_world, background, exported
 
+pytestmark = pytest.mark.every_version
+
 RED, GREEN = (0.8, 0.3, 0.1, 1.0), (0.1, 0.6, 0.2, 1.0)
 
 

@@ -17,9 +17,10 @@ from helpers import add, add_material
 
 FACES = late_mesh.SUBDIVIDED_FACES
 SECONDS = 60.0
-pytestmark = pytest.mark.skipif(
-    bpy.app.version < (4, 5, 0), reason="this Blender tells of no mesh before it is finished"
-)
+pytestmark = [
+    pytest.mark.every_version,
+    pytest.mark.skipif(bpy.app.version < (4, 5, 0), reason="this Blender tells of no mesh before it is finished"),
+]
 
 
 @pytest.fixture(autouse=True)

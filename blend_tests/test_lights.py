@@ -9,6 +9,8 @@ import pytest
 from addon.engine.scene import load_scene
 from helpers import add, add_light, add_material, add_quad, exported, render_cycles
 
+pytestmark = pytest.mark.every_version
+
 VERSION = bpy.app.version
 # Light settings, and whether they need Blender 4.5.
 CASES = {

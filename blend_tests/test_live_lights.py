@@ -16,6 +16,8 @@ from addon.ui.start import start
 from fake_live import FakeLive
 from helpers import add, add_light, row, update
 
+pytestmark = pytest.mark.every_version
+
 
 @pytest.fixture
 def live(lit):

@@ -10,8 +10,6 @@ from addon.ui import handlers
 from addon.ui.start import start
 from helpers import settled, until
 
-pytestmark = pytest.mark.both_ends
-
 WEIGHTS, MEASURED = "proxy_facing-disk.safetensors", "proxy_facing-disk.json"
 TRAINING, GUIDED = "training_facing-disk.safetensors", "guided.json"
 

@@ -7,6 +7,8 @@ import pytest
 from addon.export.materials import exporter
 from helpers import add_material, add_quad, exported
 
+pytestmark = pytest.mark.every_version
+
 LINK = "link"
 
 # Value nodes: properties to set, output socket, expected JSON type and output.

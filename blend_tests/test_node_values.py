@@ -13,6 +13,8 @@ from addon.engine.scene import load_scene
 from addon.export import trace_settings
 from helpers import add_material, add_quad, render_cycles
 
+pytestmark = pytest.mark.every_version
+
 SIZE = 16
 
 

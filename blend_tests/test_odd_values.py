@@ -1,8 +1,11 @@
 """Values and meshes that nobody means, but files hold: what nodes make of them is what Cycles makes of them."""
 
 import bpy
+import pytest
 
 from cards import Cards, differences, node
+
+pytestmark = pytest.mark.every_version
 
 RANGE = {"From Min": 0.5, "From Max": 0.5, "To Min": 0.7, "To Max": 0.4}
 VECTOR_RANGE = {
@@ -22,6 +25,13 @@ def facing(tree):
 def one_place(tree):
     """A vector that is a constant."""
     return node(tree, "ShaderNodeCombineXYZ", {0: -0.5, 1: -0.5, 2: -0.5}).outputs[0]
+
+
+def checker_at_one_place(tree):
+    """A texture whose mapping panel moves it."""
+    made = node(tree, "ShaderNodeTexChecker", {"Vector": one_place(tree), "Color1": (0.8, 0.2, 0.1, 1.0)})
+    made.texture_mapping.translation = (0.15, 0.0, 0.0)
+    return made.outputs[0]
 
 
 def combined(mode, hue, saturation, value):
@@ -61,6 +71,7 @@ CASES = {
     "mortar below 0 at one place": lambda tree: node(
         tree, "ShaderNodeTexBrick", {"Mortar Smooth": -0.5, "Vector": one_place(tree)}
     ).outputs[1],
+    "mapping panel at one place": checker_at_one_place,
     "mapping of no size": moved((0.4, 0.2, 0.1), (0.0, 0.0, 0.0)),
     "constant mapping of no size": moved((0.4, 0.2, 0.1), (0.0, 0.0, 0.0), rotation=(0.1, 0.2, 0.3)),
 }

@@ -24,6 +24,8 @@ from fake_live import FakeLive
 from fake_solve import FakeJob, light
 from helpers import add_light, add_quad, row, update
 
+pytestmark = pytest.mark.every_version
+
 PLAIN = (bool, int, float, str)
 OF_THIS_SESSION = {"uid", "session", "thumbnail"}
 """Names that differ from run to run."""

@@ -7,6 +7,8 @@ from addon.engine import background, painted, verify
 from addon.engine.process import NoCopyError, SavedCopy
 from helpers import add, add_material, add_quad, add_world
 
+pytestmark = pytest.mark.every_version
+
 
 @pytest.fixture
 def image():

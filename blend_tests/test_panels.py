@@ -9,6 +9,8 @@ import pytest
 from addon.ui import panel
 from helpers import row
 
+pytestmark = pytest.mark.every_version
+
 
 @pytest.fixture(autouse=True)
 def width(monkeypatch):

@@ -16,6 +16,8 @@ from instances import instancing, unlinked
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "scripts" / "parity"))
 from compare import summary  # noqa: E402
 
+pytestmark = pytest.mark.every_version
+
 LIGHTS = {
     "point": ("POINT", {"shadow_soft_size": 0.4, "use_soft_falloff": False}),
     "soft point": ("POINT", {"shadow_soft_size": 0.4, "use_soft_falloff": True}),

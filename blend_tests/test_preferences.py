@@ -20,6 +20,8 @@ from addon.ui.preferences import RELUME_OT_count_cache
 from addon.ui.start import start
 from fake_live import FakeLive
 
+pytestmark = pytest.mark.every_version
+
 
 @pytest.fixture
 def chosen(registered, tmp_path):

@@ -5,6 +5,8 @@ import pytest
 
 from helpers import add_material, add_quad, exported
 
+pytestmark = pytest.mark.every_version
+
 # Texture: settings of Blender's node and of ours.
 SETTINGS = {
     "noise": (

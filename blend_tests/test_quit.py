@@ -17,8 +17,6 @@ from addon.engine import options, shot
 from addon.ui import handlers
 from helpers import SECONDS, settled, until
 
-pytestmark = pytest.mark.both_ends
-
 HERE = Path(__file__).resolve().parent
 SCRIPT = """
 import sys, time

@@ -10,6 +10,8 @@ from addon.engine.scene import load_scene, load_scene_async, scene_of_depsgraph
 from addon.export import ExportError, ExportOptions
 from helpers import add_light, add_quad, render_cycles
 
+pytestmark = pytest.mark.every_version
+
 
 @pytest.fixture
 def shot(scene):

@@ -25,6 +25,8 @@ from addon.viewport.camera_frame import Rectangle
 from exr import read_exr
 from helpers import add, add_light, add_material, add_quad, add_sky, add_world, instance_linked_light, sky_file
 
+pytestmark = pytest.mark.every_version
+
 
 @pytest.fixture
 def shot(scene, tmp_path):

@@ -10,6 +10,8 @@ from addon.engine.scene import load_scene
 from addon.export import trace_settings
 from helpers import add_light, add_material, add_quad, compositor
 
+pytestmark = pytest.mark.every_version
+
 
 def structure(name):
     """Blender's description of a structure; those of Cycles are its add-on's classes."""

@@ -5,6 +5,8 @@ import pytest
 
 from cards import Cards, differences, node
 
+pytestmark = pytest.mark.every_version
+
 RED, BLUE = (0.8, 0.3, 0.1, 1.0), (0.1, 0.2, 0.9, 1.0)
 TYPES = {"Color": RED, "Float": 0.4, "Vector": (0.2, 0.5, 0.9), "Int": 3, "Bool": True}
 
@@ -150,7 +152,18 @@ def muted(tree, kind, inputs=None, output=0, **settings):
     return node(tree, kind, inputs, mute=True, **settings).outputs[output]
 
 
+def muted_maths(tree, socket):
+    """A number on the way of a vector."""
+    return node(tree, "ShaderNodeMath", {0: socket}, mute=True).outputs[0]
+
+
+def combined(tree, socket):
+    return node(tree, "ShaderNodeCombineXYZ", {0: socket, 2: 0.9}).outputs[0]
+
+
 CASES = {
+    "vector of a color as a number": lambda t: glow(t, muted_maths(t, combined(t, plain(t)))),
+    "vector of a constant as a number": lambda t: glow(t, muted_maths(t, combined(t, red(t)))),
     "reroute to color": lambda t: glow(t, reroute(t)),
     "reroute to number": lambda t: glow(t, reroute(t), "Strength"),
     "two reroutes": lambda t: glow(t, reroute(t, reroute(t))),

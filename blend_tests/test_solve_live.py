@@ -9,8 +9,6 @@ from addon.ui.start import start
 from addon.viewport import compare as pairs
 from helpers import row, settled, until
 
-pytestmark = pytest.mark.both_ends
-
 
 @pytest.fixture
 def shown(studio):

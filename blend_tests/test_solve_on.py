@@ -14,8 +14,6 @@ from addon.ui import solving
 from addon.ui.start import start
 from helpers import add_world, settled, until
 
-pytestmark = pytest.mark.both_ends
-
 
 @pytest.fixture
 def shown(studio):

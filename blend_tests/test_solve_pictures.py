@@ -9,8 +9,6 @@ import pytest
 from addon.engine.pictures import Reading
 from addon.export.target import read_mask, read_target, taken
 
-pytestmark = pytest.mark.both_ends
-
 SIZE = (64, 48)
 
 

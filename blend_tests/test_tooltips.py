@@ -8,6 +8,8 @@ import pytest
 
 import addon
 
+pytestmark = pytest.mark.every_version
+
 
 def registered_classes():
     """All classes that the add-on has registered with Blender."""

@@ -6,6 +6,8 @@ import pytest
 from addon.export.materials.closures import CLOSURES
 from helpers import add_material, add_quad, exported
 
+pytestmark = pytest.mark.every_version
+
 NOT_OF_CYCLES = {"Weight"}
 """Inputs that Blender keeps for itself."""
 

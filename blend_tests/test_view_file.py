@@ -11,6 +11,8 @@ from addon.viewport import handlers, view_files
 from fake_live import FakeLive
 from views import VIEWS
 
+pytestmark = pytest.mark.every_version
+
 
 @pytest.fixture
 def baked(lit, tmp_path, small_tables, monkeypatch):

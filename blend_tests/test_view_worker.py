@@ -19,8 +19,6 @@ from addon.viewport import rehearsal
 from helpers import update
 from views import VIEWS
 
-pytestmark = pytest.mark.both_ends
-
 SECONDS = 120.0
 DRIVER = "vendor_get", "renderer_get", "version_get", "backend_type_get"
 

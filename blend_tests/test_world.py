@@ -7,6 +7,8 @@ from mathutils import Euler
 
 from helpers import add, add_quad, add_world, exported
 
+pytestmark = pytest.mark.every_version
+
 
 def world_tree(scene):
     """A world with Background and Output only."""

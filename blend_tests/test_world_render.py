@@ -17,6 +17,8 @@ from addon.export.materials.graph import resolve
 from addon.export.world_graph import WorldGraph, WorldReader
 from helpers import add, add_material, add_quad, add_world, exported, render_cycles
 
+pytestmark = pytest.mark.every_version
+
 COLUMNS, ROWS = 32, 16
 WIDTH = 512
 """Of small textures."""

@@ -20,6 +20,9 @@ CHANCE = {
 }
 """How often what files hold is in a tree; `--without` of `run.py` sets some to 0 while they are known to fail."""
 
+DIVISORS = {"Lacunarity", "Brick Width", "Row Height", "Filter Width"}
+"""Inputs that the panels of Blender do not let be 0 or less."""
+
 VALUES = {"VALUE", "INT", "BOOLEAN", "VECTOR", "RGBA", "ROTATION"}
 """Types of sockets that convert to each other."""
 
@@ -121,8 +124,8 @@ def _outputs(rng, node):
 def _feed(rng, tree, socket, nodes):
     """Links an input to an earlier node, or leaves it alone."""
     chance = 0.5 if socket.enabled and socket.name not in {"Normal", "Tangent"} else 0.06
-    if socket.node.bl_idname == "ShaderNodeTexWhiteNoise" or socket.name == "Lacunarity":
-        return  # The last bit of what comes decides what they give, and 0 is divided by.
+    if socket.node.bl_idname == "ShaderNodeTexWhiteNoise" or socket.name in DIVISORS:
+        return  # The last bit of what comes decides what they give, or 0 is divided by.
     if not nodes or socket.type not in VALUES or rng.random() > chance:
         return
     outputs = _outputs(rng, rng.choice(nodes))
@@ -144,7 +147,7 @@ def _link(rng, tree, output, socket):
 def set_inputs(rng, node, share=0.5):
     """Random values of unlinked inputs, hidden ones too, as a file may hold them."""
     for socket in node.inputs:
-        if rng.random() < share and hasattr(socket, "default_value"):
+        if rng.random() < share and socket.name not in DIVISORS and hasattr(socket, "default_value"):
             _try_set(socket, "default_value", _value_like(rng, socket.default_value))
 
 

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 """Plays scenarios in a real Blender with its window, on a virtual display: scripts/window/run.py [SCENARIO...]
 
-Each scenario of blend_tests/window/scenarios (those that test, if none is named) runs in a Blender of its own in the
-tree that scripts/window/setup makes, on OpenGL; where none is named, those that say so also on Vulkan. The extension
-is installed from its zip in build/extension, for a user of its own. Files are copied into the tree and out of it;
-nothing is mounted from the checkout. Leaves photographs in out/window, logs beside them, and figures in
+Each scenario of blend_tests/window/scenarios (those of every merge, if none is named; --all: all that test) runs in a
+Blender of its own in the tree that scripts/window/setup makes, on OpenGL; where none is named, those that say so also
+on Vulkan. The extension is installed from its zip in build/extension, for a user of its own. Files are copied into the
+tree and out of it; nothing is mounted from the checkout. Leaves photographs in out/window, logs beside them, and figures in
 out/window.json. Takes about 10 s more than the scenarios. What this machine lacks is skipped and said; where CI is
 set, a scene that is missing is a failure, unless there is no folder of scenes at all and RELUME_WITHOUT_SCENES=1 says
 that this is meant.
@@ -65,9 +65,10 @@ class Part:
         return self.scenario.stem + (f"-{self.library}" if self.library != "opengl" else "")
 
     def constant(self, name, otherwise):
-        """What the scenario says in a constant: NEEDS, the scenes; BY_NAME, if it is played only when it is named;
-        FIRST, if it takes longest, so that others are played beside it; ON_VULKAN, if it is played there too; SCREEN,
-        its size; SIMULATES_EVENTS, without which Blender takes those of the X server."""
+        """What the scenario says in a constant: NEEDS, the scenes; EVERY_TIME, if it is played where none is named;
+        BY_NAME, if it measures and is played only when it is named; FIRST, if it takes longest, so that others are
+        played beside it; ON_VULKAN, if it is played there too; SCREEN, its size; SIMULATES_EVENTS, without which
+        Blender takes those of the X server."""
         for node in ast.parse(self.scenario.read_text()).body:
             if isinstance(node, ast.Assign) and node.targets[0].id == name:
                 return ast.literal_eval(node.value)
@@ -273,12 +274,13 @@ def play_at_once(rooms, parts, seconds):
     return sum((figures for figures, _ in played), []), all(well for _, well in played)
 
 
-def chosen_parts(scenarios, names, on_vulkan):
-    """What is to be played of the scenarios: those of these names, or else all that test, and, where one says so, on
-    Vulkan too."""
+def chosen_parts(scenarios, names, on_vulkan, takes_all=False):
+    """The scenarios to be played: those of these names, or else those of every merge or all that test, and, where one
+    says so, on Vulkan too."""
     if names:
         return [Part(scenarios[name], "vulkan" if on_vulkan else "opengl") for name in names]
     tests = [part for part in map(Part, scenarios.values()) if not part.constant("BY_NAME", False)]
+    tests = [part for part in tests if takes_all or part.constant("EVERY_TIME", False)]
     vulkan = [Part(part.scenario, "vulkan") for part in tests if on_vulkan or part.constant("ON_VULKAN", False)]
     return sorted(vulkan if on_vulkan else tests + vulkan, key=lambda part: not part.constant("FIRST", False))
 
@@ -311,6 +313,7 @@ def main():
     parser.add_argument(
         "--vulkan", action="store_true", help="play all of them on Vulkan, which Blender takes by itself from 5.3 on"
     )
+    parser.add_argument("--all", action="store_true", help="play all that test, as before a release")
     parser.add_argument("--seconds", type=float, default=1200, help="time limit of a scenario")
     parser.add_argument(
         "--at-once", type=int, choices=(1, 2, 3, 4), default=1, help="how many are played at a time; disturbs times"
@@ -340,7 +343,7 @@ def main():
         version = check_blender(rooms[0], OLDEST_BLENDER if options.debian == NEWEST else OLDEST_SUPPORTED)
         for room in rooms:
             install_extension(room)
-        chosen = chosen_parts(scenarios, options.scenarios, options.vulkan)
+        chosen = chosen_parts(scenarios, options.scenarios, options.vulkan, options.all)
         chosen = [part for part in chosen if part.library != "vulkan" or version >= OLDEST_ON_VULKAN]
         with enough_maps(chosen) as parts:
             if not parts:

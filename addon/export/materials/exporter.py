@@ -16,6 +16,7 @@ from .graph import (
     CONVERTING,
     IS_INLINED,
     NUMBERS,
+    UNFOLDED,
     Constant,
     Context,
     Source,
@@ -48,6 +49,14 @@ COMPUTED = {
 """Types of nodes that Blender computes where it inlines and their inputs are constants."""
 TRANSPARENCY = {"transparent": ("color", [0.0, 0.0, 0.0]), "principled": ("alpha", 1.0)}
 """Fields of closures by their type, and the values that do nothing."""
+
+
+class UnfoldedColor(list[float]):
+    """Colour of a node that Blender hands on to Cycles as it is."""
+
+
+class UnfoldedNumber(float):
+    """Number of such a node."""
 
 
 class MaterialExporter:
@@ -189,7 +198,9 @@ class Translation:
         return len(self.nodes) - 1
 
     def is_constant(self, value: Any) -> bool:
-        """True if an input is the same everywhere."""
+        """True if Blender knows that an input is the same everywhere."""
+        if isinstance(value, UnfoldedColor | UnfoldedNumber):
+            return not IS_INLINED
         return not isinstance(value, dict) or "node" not in value or self._constants[value["node"]]
 
     def name(self, what: str) -> None:
@@ -252,8 +263,13 @@ class Translation:
         value = self._constant(source)
         if value is None:
             value = self._output(source)
-        if value is None or not isinstance(value, dict):
-            return None if value is None else passed_on(value, kind, (*source.passed, target))
+        if value is None:
+            return None
+        if not isinstance(value, dict):
+            value = passed_on(value, kind, (*source.passed, target))
+            if source.node.bl_idname not in UNFOLDED:
+                return value
+            return UnfoldedColor(value) if isinstance(value, list) else UnfoldedNumber(value)
         for index, to in enumerate(source.passed):
             if self.is_constant(value) or to in CONVERTING:
                 is_narrowed = not NUMBERS.isdisjoint({*source.passed[index + 1 :], target})

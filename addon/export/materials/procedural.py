@@ -26,12 +26,26 @@ OUTPUTS = {
 """The tracer's names of output sockets, by identifier."""
 
 
+def _vector(t: Translation, source: Source, name: str, values: dict[str, Any]) -> Any:
+    """The coordinates of a texture; None for what it takes by itself."""
+    if name == "white_noise":  # It takes none by itself.
+        return t.value(source.node, "Vector", source.context, [0.0] * 3)
+    own = t.value(source.node, "Vector", source.context, None)
+    if _is_computed_by_blender(t, [own, *values.values()]):
+        return own  # Blender leaves the mapping panel out.
+    return texture_vector(t, source, {"type": "texture_coordinate", "kind": "generated"})
+
+
+def _is_computed_by_blender(t: Translation, inputs: list[Any]) -> bool:
+    """True for a texture at one place: Blender computes constants itself from 5.0 on, and not always as Cycles does."""
+    return IS_INLINED and None not in inputs and all(map(t.is_constant, inputs))
+
+
 def _correct_bricks(t: Translation, node: bpy.types.Node, values: dict[str, Any]) -> None:
     """Sees to numbers that make no bricks."""
     smooth = values["mortar_smooth"]
-    is_constant = values["vector"] is not None and all(map(t.is_constant, values.values()))
-    if IS_INLINED and is_constant and smooth < 0.0:
-        values["mortar_smooth"] = 0.0  # Cycles has no mortar then, but Blender computes constants itself from 5.0 on.
+    if isinstance(smooth, float) and smooth < 0.0 and _is_computed_by_blender(t, list(values.values())):
+        values["mortar_smooth"] = 0.0  # Cycles has no mortar then.
     if 0.0 in (values["brick_width"], values["row_height"]):
         t.name(f"node '{node.name}': bricks of no width or height differ from Cycles; give them one")
 
@@ -52,11 +66,7 @@ def _texture(name: str, sockets: str, settings: dict[str, str]) -> Translate:
                 values["direction"] = node.bands_direction if node.wave_type == "BANDS" else node.rings_direction
             for field in sockets.split():
                 values[field] = t.value(node, field.replace("_", " ").title(), source.context)
-            if name == "white_noise":  # It takes no coordinates by itself.
-                vector = t.value(node, "Vector", source.context, [0.0] * 3)
-            else:
-                vector = texture_vector(t, source, {"type": "texture_coordinate", "kind": "generated"})
-            values["vector"] = vector
+            values["vector"] = _vector(t, source, name, values)
             if name == "brick":
                 _correct_bricks(t, node, values)
             return {"type": "procedural", "texture": name, **values}

@@ -5,6 +5,7 @@ import bpy
 from artist import addon, settled
 
 NEEDS = ["demo.blend"]
+EVERY_TIME = True
 EFFECTS = ("use_freestyle", "use_compositing", "use_sequencer")
 
 

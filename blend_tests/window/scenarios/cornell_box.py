@@ -3,6 +3,7 @@
 from visit import visit
 
 NEEDS = ["cornell_box.blend"]
+EVERY_TIME = True
 ON_VULKAN = True
 
 

@@ -6,7 +6,6 @@ from artist import Artist, same
 from driver import ADDON
 
 NEEDS = ["cornell_box.blend"]
-ON_VULKAN = True
 
 
 def play(driver):

@@ -5,7 +5,6 @@ import numpy as np
 from artist import addon, settled
 
 NEEDS = ["demo.blend"]
-ON_VULKAN = True
 
 
 def row(name):

@@ -9,6 +9,7 @@ from artist import Artist, addon, same
 from driver import ADDON
 
 NEEDS = ["demo.blend"]
+EVERY_TIME = True
 SAMPLES = 4096
 """More than are traced in the time of a scenario."""
 

@@ -11,6 +11,7 @@ from display import in_image_editor, read_exr, write_exr
 from mathutils import Vector
 
 NEEDS = ["demo.blend"]
+EVERY_TIME = True
 ON_VULKAN = True
 SIZE = (960, 540)
 

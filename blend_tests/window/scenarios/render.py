@@ -12,7 +12,7 @@ from display import read_exr
 from driver import ADDON
 
 NEEDS = ["demo.blend"]
-ON_VULKAN = True
+EVERY_TIME = True
 
 
 def has_pass(found, name):

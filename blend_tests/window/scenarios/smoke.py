@@ -4,6 +4,7 @@ import bpy
 from driver import ADDON
 
 NEEDS = ["demo.blend"]
+EVERY_TIME = True
 
 
 def handlers():

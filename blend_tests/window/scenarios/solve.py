@@ -10,7 +10,7 @@ from painter import Painter
 from screen import write_png
 
 NEEDS = ["cornell_box.blend"]
-ON_VULKAN = True
+EVERY_TIME = True
 FIRST = True
 SIZE = (160, 160)
 
