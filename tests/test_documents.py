@@ -1,4 +1,4 @@
-"""Documents are short to read: sentences of some 25 words, a README of two screens, a changelog of ten lines a release."""
+"""Documents are quick to read (short sentences, a short README and changelog), and name files that exist."""
 
 import math
 import re
@@ -10,6 +10,9 @@ ROOT = Path(__file__).resolve().parent.parent
 NAMES = ["README.md", "CONTRIBUTING.md", "ARCHITECTURE.md", "TESTING.md", "CHANGELOG.md"]
 # Pages in docs/bench are generated.
 DOCUMENTS = [ROOT / name for name in NAMES] + sorted((ROOT / "docs").glob("*.md"))
+
+# Whose files documents name by their path in the repository.
+FOLDERS = ["addon", "blend_tests", "docs", "examples", "rust", "scripts", "shaders", "tests"]
 
 MOST_WORDS = 25
 MOST_README_LINES = 119
@@ -24,36 +27,29 @@ def plain(text):
     return re.sub(r"`[^`]*`", "code", text)
 
 
-def blocks(text):
-    """Paragraphs, list items and table cells of Markdown. Headings and the lines below table headers are left out."""
+def sentences(text):
+    """Sentences of Markdown without its headings. A table cell is one, however many full stops it has."""
     lines = []
-    for line in [*plain(text).splitlines(), ""]:
-        stripped = line.strip()
-        is_row = stripped.startswith("|")
-        is_item = re.match(r"([-*]|\d+\.) ", stripped) is not None
-        if lines and (not stripped or is_row or is_item or stripped.startswith("#")):
-            yield " ".join(lines)
+    for line in [*(line.strip() for line in plain(text).splitlines()), ""]:
+        is_row, is_heading = line.startswith("|"), line.startswith("#")
+        item = re.match(r"([-*]|\d+\.) ", line)
+        if not line or is_row or is_heading or item:
+            yield from re.split(r"(?<=[.!?])[)*_\"]*\s+", " ".join(lines))
             lines = []
         if is_row:
-            if not re.fullmatch(r"[|:\- ]+", stripped):
-                yield from (cell.strip() for cell in stripped.strip("|").split("|"))
-        elif stripped and not stripped.startswith("#"):
-            lines.append(re.sub(r"^([-*]|\d+\.) ", "", stripped))
+            yield from (cell.strip() for cell in line.split("|"))
+        elif not is_heading:
+            lines.append(line[item.end() :] if item else line)
 
 
-def sentences(text):
-    """Sentences of Markdown. A table cell is one, however many full stops it has."""
-    rows = "\n".join(line for line in text.splitlines() if line.lstrip().startswith("|"))
-    prose = "\n".join("" if line.lstrip().startswith("|") else line for line in text.splitlines())
-    yield from blocks(rows)
-    for block in blocks(prose):
-        yield from re.split(r"(?<=[.!?])[)*_\"]*\s+", block)
+def words(sentence):
+    """Number of words; signs alone, such as arrows, are none."""
+    return len(re.findall(r"\S*\w\S*", sentence))
 
 
 def lengths(text):
     """Words of each sentence, in ascending order."""
-    counts = (len(re.findall(r"\S*\w\S*", sentence)) for sentence in sentences(text))
-    return sorted(count for count in counts if count)
+    return sorted(filter(None, map(words, sentences(text))))
 
 
 def percentile_90(counts):
@@ -64,8 +60,18 @@ def percentile_90(counts):
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
 def test_nine_sentences_of_ten_are_short(path):
     text = path.read_text()
-    longest = max(sentences(text), key=lambda sentence: len(sentence.split()))
+    longest = max(sentences(text), key=words)
     assert percentile_90(lengths(text)) <= MOST_WORDS, f"the longest: {longest}"
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
+def test_files_that_are_named_exist(path):
+    text = path.read_text()
+    links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text)
+    named = re.findall(rf"`((?:{'|'.join(FOLDERS)})/[\w./-]+)`", text)
+    missing = [name for name in links if not (path.parent / name).exists()]
+    missing += [name for name in named if not (ROOT / name).exists()]
+    assert not missing
 
 
 def test_readme_is_two_screens():
@@ -81,5 +87,6 @@ def test_a_release_has_at_most_ten_bullets():
 
 
 def test_words_are_counted_as_they_are_read():
-    text = "# Not this\n\nOne `two words` three.\nFour five! Six\n\n```\ncode here\n```\n- a [b](c d e) f\n\n| x y | z. w |\n| - | - |\n"
-    assert lengths(text) == [1, 2, 2, 2, 3, 3]
+    prose = "# Not this\n\nOne `two words` three.\nFour five! Six\n\n```\ncode here\n```\n- a [b](c d e) f\n"
+    assert lengths(prose) == [1, 2, 3, 3]
+    assert lengths("| a b | c. d e |\n| --- | --- |\n| f | |\n") == [1, 2, 3]
