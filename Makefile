@@ -27,7 +27,7 @@ setup:
 # What takes less than a minute once it is built: run it before each commit.
 check: setup check-rust check-python
 	$(CARGO) test --quiet -p relume-gpu $(PROFILE) --lib -- valid metal_and_directx
-	$(PYTHON) -m pytest --quiet tests/test_architecture.py
+	$(PYTHON) -m pytest --quiet tests/test_architecture.py tests/test_documents.py
 
 check-rust: setup
 	$(CARGO) fmt --all --check
