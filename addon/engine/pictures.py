@@ -14,7 +14,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..core.apart import apart
+from ..core.background_call import run_in_thread
 from ..export.target import Picture, TargetError, read_mask, read_target, taken
 from ..export.view_transform import set_view, view_settings
 from .process import Worker, blender_command, private_folder, telling_little_room
@@ -76,14 +76,14 @@ class Reading:
     def _run(self, job: dict[str, Any], uid: int) -> Generator[None, None, None]:
         contents = yield from _contents(uid)
         with telling_little_room(self._place):
-            yield from apart(partial(_prepare, self._place, job, contents))
+            yield from run_in_thread(partial(_prepare, self._place, job, contents))
         worker = self._worker = Worker(blender_command(None, [COMMAND, str(self._place), "--json"]), self._place)
         while not worker.ended:
             yield
         events = {event.get("event"): event for event in worker.events()}
         if worker.code != 0:
             raise TargetError(worker.failure())
-        pixels = yield from apart(lambda: np.load(self._place / RESULT))
+        pixels = yield from run_in_thread(lambda: np.load(self._place / RESULT))
         self.found = Read(pixels, events["result"]["words"], events["result"]["is_doubtful"])
 
 
@@ -107,7 +107,7 @@ def _contents(uid: int) -> Generator[None, None, Picture | bytes | None]:
         return image.packed_file.data if image.packed_file else None
     count = image.size[0] * image.size[1] * image.channels
     # Written to once: to give a program memory takes the system longer than Blender needs to fill it.
-    room = yield from apart(lambda: np.ones(count, np.float32))
+    room = yield from run_in_thread(lambda: np.ones(count, np.float32))
     return taken(_image(uid), room)
 
 

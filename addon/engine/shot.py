@@ -12,7 +12,7 @@ from typing import Any
 
 import bpy
 
-from ..core.apart import apart
+from ..core.background_call import run_in_thread
 from ..core.bake_folder import camera_of, world_map_of
 from ..core.fresh_memory import FreshMemory
 from ..core.status import is_unfinished, lacks_samples
@@ -81,7 +81,7 @@ class Shot:
         self.is_recorded = kept is not None
         self._owed = Owed(options)
         self.is_exporting = self._has_ended = False
-        self._memory = apart(partial(FreshMemory, CONTEXT_BYTES))
+        self._memory = run_in_thread(partial(FreshMemory, CONTEXT_BYTES))
         self._task: RenderTask | None = None
         self._world = WorldFollower(self.changes)
         self._read_world = ""

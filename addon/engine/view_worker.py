@@ -13,7 +13,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..core.apart import apart
+from ..core.background_call import run_in_thread
 from ..core.fresh_memory import FreshMemory
 from ..export.color_table import COARSE, FINE, Table, color_table
 from ..export.view_file import write_view_table
@@ -86,7 +86,7 @@ class ViewWorker:
 
     def _take(self, told: helper.Told) -> None:
         if "table" in told:
-            self._loading = apart(partial(_load, Path(told["table"])))
+            self._loading = run_in_thread(partial(_load, Path(told["table"])))
         else:
             self.drop()
             self.is_finished = True

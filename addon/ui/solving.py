@@ -19,7 +19,7 @@ from bpy.app.handlers import persistent
 from ..apply.look_lights import light_state
 from ..core import coverage
 from ..core import solve as core
-from ..core.apart import apart
+from ..core.background_call import run_in_thread
 from ..core.looks import Look
 from ..core.progress import share_and_words
 from ..core.receivers import with_names
@@ -171,7 +171,7 @@ class Solving:
         return next((scene for scene in bpy.data.scenes if scene.session_uid == self.uid), None)
 
     def _run(self) -> Generator[None, None, None]:
-        strokes = yield from apart(lambda: _stroke_goals(self._strokes))
+        strokes = yield from run_in_thread(lambda: _stroke_goals(self._strokes))
         self._request = core.request(self._content, replace(self._wish, goals=[*strokes, *self._wish.goals]))
         yield from self._read_pictures()
         yield from self._look_for_masks()
@@ -258,7 +258,7 @@ class Solving:
             elif view is None:
                 small.append(thumbnails.encode(scene, picture.image))
             else:
-                small.append((yield from apart(partial(thumbnails.encode_in, view, picture.image))))
+                small.append((yield from run_in_thread(partial(thumbnails.encode_in, view, picture.image))))
         return small
 
     def _look_for_masks(self) -> Iterator[None]:
