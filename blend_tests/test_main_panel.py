@@ -8,8 +8,8 @@ import bpy
 import pytest
 
 from addon.core import status, wanted
-from addon.core.answers import Answers
 from addon.core.bake_folder import MANIFEST
+from addon.core.polled_cache import PolledCache
 from addon.engine import options, shot
 from addon.ui import handlers, main_panel
 from addon.ui.start import start
@@ -94,9 +94,9 @@ def test_a_bake_that_lost_its_manifest_and_one_that_was_moved_are_told_apart(stu
         bpy.ops.wm.open_mainfile(filepath=str(path))
         handlers.open_bakes()
         assert shot.of(bpy.context.scene) is None
-        monkeypatch.setattr(main_panel, "_disk", Answers(1e9))
+        monkeypatch.setattr(main_panel, "_disk", PolledCache(1e9))
         drawn(bpy.context.scene)
-        while main_panel._disk.are_awaited:
+        while main_panel._disk.is_pending:
             time.sleep(0.001)
         return drawn(bpy.context.scene)
 
