@@ -89,7 +89,7 @@ def headline(status: dict[str, Any]) -> str:
 
 def is_unfinished(status: dict[str, Any]) -> bool:
     """Whether there is more to bake or learn and nobody does: it was stopped, now or before the file was opened."""
-    return status["state"] in {"cancelled", "ready"} and (status["is_owed"] or lacks_samples(status))
+    return status["state"] in {"cancelled", "ready"} and (status["is_incomplete"] or lacks_samples(status))
 
 
 def lacks_samples(status: dict[str, Any]) -> bool:
@@ -98,7 +98,7 @@ def lacks_samples(status: dict[str, Any]) -> bool:
 
 
 def _stopped(status: dict[str, Any]) -> str:
-    if status["is_owed"] and not lacks_samples(status):
+    if status["is_incomplete"] and not lacks_samples(status):
         return f"Stopped while learning the lights; {status['samples']} samples are kept"
     if not status["samples"]:
         return "Stopped"
@@ -123,8 +123,8 @@ def progress(status: dict[str, Any]) -> tuple[float, str] | None:
 
 def to_come(status: dict[str, Any]) -> str:
     """How long all that is left will take, where something follows the present stage; empty as long as nobody knows."""
-    rest = status["rest"]
-    if rest is None or status["state"] not in {"baking", "training"}:
+    remaining = status["remaining"]
+    if remaining is None or status["state"] not in {"baking", "training"}:
         return ""
-    about = "About" if rest.is_whole else "At least"
-    return f"{about} {clock(rest.seconds)} until all is {'traced and ' if rest.traces else ''}learned"
+    about = "About" if remaining.is_complete else "At least"
+    return f"{about} {clock(remaining.seconds)} until all is {'traced and ' if remaining.traces else ''}learned"

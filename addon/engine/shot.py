@@ -23,8 +23,8 @@ from . import garbage, prints, record, worlds
 from .changes import Changes
 from .native import native
 from .options import Options, options_of, remember_bake, remembered_bake
-from .owed import Owed
 from .passes import Passes, Whole
+from .remaining_work import RemainingWork
 from .render_depsgraph import CONTEXT_BYTES, ExportCancelled, RenderTask
 from .scene import load_scene_async
 from .scene_lights import Description, SceneLights
@@ -47,8 +47,8 @@ EMPTY: dict[str, Any] = {
     "rarely_met": [],
     "error": None,
     "shown": None,
-    "rest": None,
-    "is_owed": False,
+    "remaining": None,
+    "is_incomplete": False,
     "is_under_another_world": False,
 }
 """What the native module tells, how long the rest takes, and whether the folder lacks something that was asked for."""
@@ -79,7 +79,7 @@ class Shot:
         self.changes = Changes(kept.prints if kept else None)
         self.changes.maps |= kept.maps if kept else {}
         self.is_recorded = kept is not None
-        self._owed = Owed(options)
+        self._remaining = RemainingWork(options)
         self.is_exporting = self._has_ended = False
         self._memory = run_in_thread(partial(FreshMemory, CONTEXT_BYTES))
         self._task: RenderTask | None = None
@@ -123,7 +123,7 @@ class Shot:
         folder = remembered_bake(scene) or options.folder
         shot = cls._replace(scene, dataclasses.replace(options, folder=folder), record.read(folder))
         shot.is_recorded = True
-        shot._owed.read()
+        shot._remaining.read()
         if shot.changes.recording:
             shot._camera_uid = None
             shot.warnings.append("This bake says nothing of its scene: what changed before it was opened is not seen")
@@ -198,7 +198,7 @@ class Shot:
         record.forget(self.folder)
         if scene := self._scene():
             remember_bake(scene, self.folder)
-        self._owed.note_bake()
+        self._remaining.note_bake()
         self._live.bake(exported, settings, train_seconds=self.options.train_seconds, anew=self._anew)
 
     def _note_world_of(self, exported: Any) -> None:
@@ -370,7 +370,7 @@ class Shot:
         self._news = time.monotonic()
         self._status_text = text
         self.status = json.loads(text) | (self._of_whole() if self._passes.turns.is_away else {})
-        self._owed.note(self.status)
+        self._remaining.note(self.status)
         self.status["is_under_another_world"] = self._is_under_another_world()
         self.changes.note_world(self.status["world_map"], self.status["world_color"])
         if frame:
@@ -395,13 +395,13 @@ class Shot:
             return False
         return world_map_of(self.folder) not in {None, self.status["world_map"]}
 
-    def rest(self, scene: bpy.types.Scene) -> Options:
+    def resume_options(self, scene: bpy.types.Scene) -> Options:
         """Options to go on with what was asked for of this bake, in its folder."""
         options = dataclasses.replace(
             options_of(scene), folder=self.folder, samples=self.status["samples_total"] or self.options.samples
         )
-        owed = self._owed.wanted
-        return dataclasses.replace(options, train_seconds=owed.train_seconds) if owed else options
+        goal = self._remaining.goal
+        return dataclasses.replace(options, train_seconds=goal.train_seconds) if goal else options
 
     def keep_record(self) -> None:
         """Writes what the bake is of, as soon as there is a bake and that is known."""
@@ -418,12 +418,12 @@ class Shot:
     def lacks_a_kind(self) -> bool:
         """Whether a kind of light came into use after all that was asked for of this bake was done, and could be
         learned as well. What a look or the solver shows is not in use."""
-        return bool(self._content) and not self._is_interactive and self._owed.lacks_a_kind(self.status)
+        return bool(self._content) and not self._is_interactive and self._remaining.lacks_a_kind(self.status)
 
     def learn_kinds(self) -> None:
         """Has the kinds of light learned that the bake lacks."""
         try:
-            self._live.learn(self._owed.note_kinds(self.status))
+            self._live.learn(self._remaining.note_kinds(self.status))
         except (OSError, RuntimeError) as error:
             self.warnings.append(f"The kind of light that was added is not learned: {error}")
 

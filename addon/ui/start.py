@@ -35,7 +35,7 @@ def go_on(scene: bpy.types.Scene) -> shot.Shot:
     found = shot.of(scene)
     if found is None:
         raise ProblemError("No bake is open; show it, or start again")
-    return start(scene, options=found.rest(scene))
+    return start(scene, options=found.resume_options(scene))
 
 
 def show_bake(scene: bpy.types.Scene) -> shot.Shot:
