@@ -3,7 +3,7 @@
 import bpy
 import pytest
 
-from addon.core.differences import LATER
+from addon.core.diff import LATER
 from addon.engine import prints, shot
 from addon.engine.changes import Changes
 from addon.ui.start import start

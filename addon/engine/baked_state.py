@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 
 from ..core.bake_folder import MANIFEST, is_bake, size_of
-from ..core.differences import sentences, world_gain
+from ..core.diff import sentences, world_gain
 from . import prints, record
 
 MOST_SENTENCES = 8

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import bpy
 
-from ..core.differences import EDITED, Print, color_text, sentences, world_gain
+from ..core.diff import EDITED, Print, color_text, sentences, world_gain
 from . import prints
 
 WHOLE_SCENE = 200

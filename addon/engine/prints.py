@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import bpy
 
-from ..core.differences import Print, color_text
+from ..core.diff import Print, color_text
 from ..export import trace_settings
 from ..export.camera import UnsupportedCameraError, camera_json, film_size
 from ..export.images import frame_of, path_of, tile_path

@@ -9,7 +9,7 @@ from pathlib import Path
 import bpy
 
 from ..core import whole_file
-from ..core.differences import ORDER, Print
+from ..core.diff import ORDER, Print
 from ..export.linking import receiver_names
 from . import prints
 

@@ -15,7 +15,7 @@ import bpy
 import numpy as np
 
 from ..core.bake_folder import is_bake
-from ..core.differences import gain_between
+from ..core.diff import gain_between
 from ..core.pass_names import ALBEDO, COMBINED, DEPTH, LONGEST, NORMAL, STATIC, WORLD, light_passes
 from ..core.progress import progress_line
 from ..core.rows import NEUTRAL

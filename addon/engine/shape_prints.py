@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..core.differences import Print
+from ..core.diff import Print
 from ..export.arrays import LAYOUTS, stored
 from .node_prints import drawn_curves, hashed, values
 
