@@ -13,7 +13,7 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from ..core.solve import SolveError
-from .prints import GEOMETRY
+from .fingerprints import GEOMETRY
 
 SIZE = 160
 """Rays along the longer side of the picture."""

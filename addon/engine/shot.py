@@ -19,8 +19,7 @@ from ..core.status import is_unfinished, lacks_samples
 from ..core.words import grouped
 from ..export import ExportOptions, trace_settings
 from ..export.linking import receiver_names
-from . import garbage, prints, record, worlds
-from .changes import Changes
+from . import fingerprints, garbage, record, worlds
 from .native import native
 from .options import Options, options_of, remember_bake, remembered_bake
 from .passes import Passes, Whole
@@ -28,6 +27,7 @@ from .remaining_work import RemainingWork
 from .render_depsgraph import CONTEXT_BYTES, ExportCancelled, RenderTask
 from .scene import load_scene_async
 from .scene_lights import Description, SceneLights
+from .staleness import StalenessTracker
 from .world_follower import WorldFollower
 
 EMPTY: dict[str, Any] = {
@@ -76,7 +76,7 @@ class Shot:
         """The last picture of the bake that this one replaces."""
         self.warnings: list[str] = []
         self.lights = SceneLights(_view_layer(scene), kept.receivers if kept else receiver_names(scene))
-        self.changes = Changes(kept.prints if kept else None)
+        self.changes = StalenessTracker(kept.fingerprints if kept else None)
         self.changes.maps |= kept.maps if kept else {}
         self.is_recorded = kept is not None
         self._remaining = RemainingWork(options)
@@ -85,7 +85,7 @@ class Shot:
         self._task: RenderTask | None = None
         self._world = WorldFollower(self.changes)
         self._read_world = ""
-        """Shape of the world's print when reading the scene began."""
+        """Shape of the world's fingerprint when reading the scene began."""
         self._content: dict[str, Any] = {}
         """What the newest request asks for; empty where that is not the present lights and rows."""
         self._is_interactive = self._anew = False
@@ -124,7 +124,7 @@ class Shot:
         shot = cls._replace(scene, dataclasses.replace(options, folder=folder), record.read(folder))
         shot.is_recorded = True
         shot._remaining.read()
-        if shot.changes.recording:
+        if shot.changes.is_recording:
             shot._camera_uid = None
             shot.warnings.append("This bake says nothing of its scene: what changed before it was opened is not seen")
         shot._find_camera(scene, camera_of(folder))
@@ -172,7 +172,7 @@ class Shot:
     def _load(self, scene: bpy.types.Scene) -> None:
         settings = trace_settings(scene, self.warnings.append)
         settings |= {"samples": self.options.samples, "threads": self.options.threads}
-        self._read_world = prints.world(scene)["shape"]
+        self._read_world = fingerprints.world(scene)["shape"]
         self._task = load_scene_async(
             scene, ExportOptions(), lambda exported, error: self._exported(exported, error, settings)
         )
@@ -202,9 +202,9 @@ class Shot:
         self._live.bake(exported, settings, train_seconds=self.options.train_seconds, anew=self._anew)
 
     def _note_world_of(self, exported: Any) -> None:
-        """What was read is the world of the print, if that did not change meanwhile."""
+        """What was read is the world of the fingerprint, if that did not change meanwhile."""
         scene = self._scene()
-        if scene is not None and prints.world(scene)["shape"] == self._read_world:
+        if scene is not None and fingerprints.world(scene)["shape"] == self._read_world:
             self.changes.maps[exported.world_map] = self._read_world
 
     def _end(self, status: dict[str, Any]) -> None:
@@ -228,7 +228,7 @@ class Shot:
         if camera.name != self.camera:
             self.camera = camera.name
             self.changes.rename_camera(camera.name_full)
-            self.is_recorded = self.is_recorded and self.changes.recording
+            self.is_recorded = self.is_recorded and self.changes.is_recording
         return True
 
     def _camera_exists(self) -> bool:
@@ -315,7 +315,7 @@ class Shot:
         if task is None:
             return None
         self.warnings += task.world.warnings
-        self.is_recorded = self.changes.recording
+        self.is_recorded = self.changes.is_recording
         self.keep_record()
         return task.world
 
@@ -405,11 +405,11 @@ class Shot:
 
     def keep_record(self) -> None:
         """Writes what the bake is of, as soon as there is a bake and that is known."""
-        if self.is_recorded or self.changes.recording or not self.status["samples"]:
+        if self.is_recorded or self.changes.is_recording or not self.status["samples"]:
             return
         self.is_recorded = True
         try:
-            found = self.changes.of_bake()
+            found = self.changes.baked_fingerprints()
             record.Record(self.camera, self.lights.receivers, found, self.changes.maps).write(self.folder)
         except OSError as error:
             self.warnings.append(f"What the bake is of could not be written down: {error}")

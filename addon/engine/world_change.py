@@ -29,7 +29,7 @@ class WorldTask:
     def __init__(self, scene: bpy.types.Scene, shape: str, before: WorldTask | None = None, by_blender: bool = False):
         """`before`: the world that is shown, whose file is not read again where this one has the same."""
         self.shape = shape
-        """Of its print."""
+        """Of its fingerprint."""
         self.world: Any = None
         """A `relume.World`, once it is done."""
         self.error: Exception | None = None

@@ -160,7 +160,7 @@ def tick() -> bool:
         serial = found.serial
         found.poll()
         if not _resting and not _is_playing():
-            found.changes.look(scenes[found.scene_uid], LOOK_SECONDS)
+            found.changes.update(scenes[found.scene_uid], LOOK_SECONDS)
         if (world := found.follow_world(scenes[found.scene_uid])) is not None:
             changed(scenes[found.scene_uid], world=world)
         if found.lacks_a_kind and found.folder not in folders_in_use(scenes[found.scene_uid]):

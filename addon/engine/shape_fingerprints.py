@@ -1,4 +1,4 @@
-"""Prints of meshes, curves and other shapes, in steps of a few milliseconds."""
+"""Fingerprints of meshes, curves and other shapes, in steps of a few milliseconds."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..core.diff import Print
+from ..core.diff import Fingerprint
 from ..export.arrays import LAYOUTS, stored
-from .node_prints import drawn_curves, hashed, values
+from .node_fingerprints import drawn_curves, hashed, values
 
 SLICE_BYTES = 2**22
 """Of an array, that are looked at in one step."""
@@ -27,8 +27,8 @@ DATA = (
 )
 
 
-def shape(data: bpy.types.ID, has_weights: bool) -> Generator[None, None, Print | None]:
-    """The print of a shape; `has_weights` where an object that shows it has vertex groups."""
+def shape(data: bpy.types.ID, has_weights: bool) -> Generator[None, None, Fingerprint | None]:
+    """The fingerprint of a shape; `has_weights` where an object that shows it has vertex groups."""
     if getattr(data, "is_editmode", False):  # Its arrays are empty then.
         return None
     shapes = [(block.value, block.mute) for block in _keys(data)]
