@@ -21,7 +21,7 @@ import bpy
 import gpu
 
 from ..core.disk import free_space, in_words
-from . import painted
+from . import unsaved_images
 
 SCRIPT = "relume_bake.py"
 OWNED = "RELUME_ENDS_WITH_STANDARD_INPUT"
@@ -190,7 +190,7 @@ class SavedCopy:
     would lack something that renders of the scene show."""
 
     def __init__(self, scene: bpy.types.Scene) -> None:
-        if words := painted.refusal(scene):
+        if words := unsaved_images.refusal(scene):
             raise NoCopyError(words)
         self._folder = private_folder()
         self.folder = Path(self._folder.name)

@@ -19,7 +19,8 @@ from ..core.status import is_unfinished, lacks_samples
 from ..core.words import grouped
 from ..export import ExportOptions, trace_settings
 from ..export.linking import receiver_names
-from . import fingerprints, garbage, record, worlds
+from . import fingerprints, record, worlds
+from .garbage import gc_freeze, gc_unfreeze
 from .native import native
 from .options import Options, options_of, remember_bake, remembered_bake
 from .passes import Passes, Whole
@@ -143,7 +144,7 @@ class Shot:
             shot.frame_before = before.picture if before.camera == shot.camera else None
             before.close()
         _shots[scene.session_uid] = shot
-        garbage.spare()
+        gc_freeze()
         return shot
 
     def _export(self, scene: bpy.types.Scene) -> None:
@@ -445,7 +446,7 @@ class Shot:
         if self.is_open:
             del _shots[self.scene_uid]
         if not _shots:
-            garbage.spare_nothing()
+            gc_unfreeze()
         if self._task is not None:
             self._task.cancel()
         self._world.close()
