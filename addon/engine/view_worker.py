@@ -1,5 +1,5 @@
 """Has Blender colour the tables of views (`export.color_table`, `export.view_file`) and compile what draws with them
-(`viewport.rehearsal`) in another one (`engine.helper`): the window would stand still while it reads the files of a
+(`viewport.driver_cache`) in another one (`engine.helper`): the window would stand still while it reads the files of a
 view, while it colours, and while the graphics driver compiles. Newer jobs replace the one before."""
 
 from __future__ import annotations
