@@ -309,7 +309,7 @@ COMMANDS = {
 
 
 def main(arguments: list[str]) -> int:
-    """As `run`, for callers that only see the standard streams: flushes them."""
+    """Calls `run`, then flushes the standard streams, for callers that only see those."""
     try:
         return run(arguments)
     finally:

@@ -50,7 +50,7 @@ class BackgroundBake:
 
     @property
     def is_running(self) -> bool:
-        """Whether it has not ended."""
+        """True until the bake has ended."""
         return not (self.done or self.error)
 
     @property

@@ -1,4 +1,4 @@
-"""What keeps a scene from being baked, in one line for the artist each."""
+"""Checks for problems that keep a scene from being baked, each in one line for the artist."""
 
 from __future__ import annotations
 

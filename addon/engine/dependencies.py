@@ -1,4 +1,4 @@
-"""What the geometry of a scene is computed from, besides what a render shows: cutters, targets, groups of nodes."""
+"""Data-blocks that the geometry of a scene depends on and no render shows: cutters, targets, groups of nodes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def dependencies_of(block: bpy.types.ID) -> Iterator[bpy.types.ID | None]:
 
 
 def may_instance(block: bpy.types.ID, collection: bpy.types.Collection) -> bool:
-    """Whether a block that computes with a collection may show what is in it, as nodes and particles do, others not."""
+    """True if a block that depends on a collection may show objects in it, as nodes and particles do."""
     if isinstance(block, bpy.types.Object):
         nodes = [modifier for modifier in block.modifiers if modifier.type == "NODES"]
         return any(value == collection for modifier in nodes for _, value in node_inputs(modifier))

@@ -20,10 +20,10 @@ class Whole:
 
     frame: Any
     content: dict[str, Any]
-    """What it was asked with."""
+    """Content of the request for it."""
     is_interactive: bool
     number: int
-    """Of the first request with this content."""
+    """Number of the first request with this content."""
     samples: int
     """Paths per pixel that are traced."""
     proxies: dict[str, Any]
@@ -37,7 +37,7 @@ class Whole:
 
     @property
     def is_finished(self) -> bool:
-        """Whether no better picture is on its way."""
+        """True if no better picture is on its way."""
         return self.is_interactive or json.loads(self.frame.summary).get("settled", True)
 
 

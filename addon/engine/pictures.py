@@ -28,7 +28,7 @@ class Read:
     """A picture that was read."""
 
     pixels: np.ndarray
-    """As `export.target.read_target` or `read_mask` gives it."""
+    """Pixels as returned by `export.target.read_target` or `read_mask`."""
     words: str = ""
     """How its colours were understood."""
     is_doubtful: bool = False
@@ -50,7 +50,7 @@ class Reading:
 
     @property
     def is_done(self) -> bool:
-        """Whether it has ended, well or not."""
+        """True if reading has ended, with success or not."""
         return self.found is not None or bool(self.error)
 
     def step(self) -> bool:
@@ -88,12 +88,12 @@ class Reading:
 
 
 def is_in_memory(image: bpy.types.Image) -> bool:
-    """Whether Blender holds pixels of it, which may be others than those of its file."""
+    """True if Blender holds pixels of the image in memory, which may differ from those of its file."""
     return image.has_data or image.source != "FILE"
 
 
 def _described(image: bpy.types.Image, place: Path) -> dict[str, Any]:
-    """What the other Blender has to know of an image besides its pixels."""
+    """Settings of an image that the other Blender needs besides its pixels."""
     if is_in_memory(image):
         return {}
     path = str(place / PACKED) if image.packed_file else bpy.path.abspath(image.filepath, library=image.library)
@@ -101,7 +101,7 @@ def _described(image: bpy.types.Image, place: Path) -> dict[str, Any]:
 
 
 def _contents(uid: int) -> Generator[None, None, Picture | bytes | None]:
-    """What has to be passed on of an image: pixels, a packed file, or nothing of what lies in a file."""
+    """Contents of an image to pass on: pixels, or a packed file; None if the other Blender can read its file."""
     image = _image(uid)
     if not is_in_memory(image):
         return image.packed_file.data if image.packed_file else None

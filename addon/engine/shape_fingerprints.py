@@ -14,7 +14,7 @@ from ..export.arrays import LAYOUTS, stored
 from .node_fingerprints import drawn_curves, hashed, values
 
 SLICE_BYTES = 2**22
-"""Of an array, that are looked at in one step."""
+"""Bytes of an array that are hashed in one step."""
 SLICE_VERTICES = 1000
 """Whose weights are looked at in one step: each is asked alone."""
 DATA = (
@@ -57,7 +57,7 @@ def _points(data: Any) -> Generator[None, None, list]:
 
 
 def _details(data: Any) -> Generator[None, None, list]:
-    """What else shapes curves, metaballs, lattices, hair and point clouds."""
+    """Data besides points that shape curves, metaballs, lattices, hair and point clouds."""
     if isinstance(data, bpy.types.Mesh):
         return []
     if isinstance(data, (bpy.types.Curves, bpy.types.PointCloud)):
@@ -127,7 +127,8 @@ def _attributes(data: Any) -> Generator[None, None, list]:
 
 
 def _attribute(data: Any, name: str) -> Generator[None, None, str]:
-    """Of all values of an attribute, a part at a time; empty if it is not there, or of a type that no picture shows."""
+    """Hash of all values of an attribute, a part at a time; empty if there is no such attribute, or no picture shows
+    its type."""
     found = start = 0
     while True:
         attribute = data.attributes.get(name)
@@ -142,7 +143,7 @@ def _attribute(data: Any, name: str) -> Generator[None, None, str]:
 
 
 def _array(owner: Any, name: str, width: int) -> Generator[None, None, str]:
-    """Of one value of all elements: a copy of them, then a part at a time."""
+    """Hash of one property of all elements: copies it, then hashes a part at a time."""
     copied = _floats(owner, name, width).view(np.uint8).data
     found = 0
     for start in range(0, len(copied), SLICE_BYTES):

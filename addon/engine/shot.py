@@ -52,7 +52,7 @@ EMPTY: dict[str, Any] = {
     "is_incomplete": False,
     "is_under_another_world": False,
 }
-"""What the native module tells, how long the rest takes, and whether the folder lacks something that was asked for."""
+"""Status as the native module reports it, with the last three keys added by `RemainingWork` and this module."""
 LIVELY_SECONDS = 2.0
 TRACING = {"preparing", "baking"}
 WORKING = TRACING | {"training"}
@@ -61,7 +61,7 @@ _shots: dict[int, Shot] = {}
 
 
 class Shot:
-    """What is baked of a scene, and what is being done about it."""
+    """Bake of one scene, and the work on it."""
 
     def __init__(self, scene: bpy.types.Scene, options: Options, kept: record.Record | None):
         self.scene_uid = scene.session_uid
@@ -88,16 +88,16 @@ class Shot:
         self._read_world = ""
         """Shape of the world's fingerprint when reading the scene began."""
         self._content: dict[str, Any] = {}
-        """What the newest request asks for; empty where that is not the present lights and rows."""
+        """Content of the newest request; empty if that is not the present lights and rows."""
         self._is_interactive = self._anew = False
         self.was_interrupted = False
-        """Whether reading the scene was stopped, and nobody has looked at that yet."""
+        """True if reading the scene was stopped, until that is noticed."""
         self.refusal = ""
         """Why the newest request has no picture."""
         self._request_number = self._whole_number = 0
-        """Of the newest request, and of the first one with the present content."""
+        """Numbers of the newest request, and of the first one with the present content."""
         self.serial = 0
-        """Of the newest frame, of the whole picture or of a pass."""
+        """Serial of the newest frame, of the whole picture or of a pass."""
         self._passes = Passes(self._ask_content)
         self._status_text = ""
         self._news = time.monotonic()
@@ -203,7 +203,7 @@ class Shot:
         self._live.bake(exported, settings, train_seconds=self.options.train_seconds, anew=self._anew)
 
     def _note_world_of(self, exported: Any) -> None:
-        """What was read is the world of the fingerprint, if that did not change meanwhile."""
+        """Notes the world that was read under the shape of its fingerprint, if that did not change meanwhile."""
         scene = self._scene()
         if scene is not None and fingerprints.world(scene)["shape"] == self._read_world:
             self.changes.maps[exported.world_map] = self._read_world
@@ -214,14 +214,15 @@ class Shot:
         self._has_ended = True
 
     def _find_camera(self, scene: bpy.types.Scene, baked: str) -> None:
-        """Of a bake that was opened: it may have been renamed since, in a file that was not saved."""
+        """Finds the camera of a bake that was opened: it may have been renamed since, in a file that was not saved."""
         known = self.camera if self.changes.baked else ""
         self.camera = next((name for name in (known, baked) if name in scene.objects), known or baked or self.camera)
         if self.camera != known and self.camera in scene.objects:
             self.changes.rename_camera(scene.objects[self.camera].name_full)
 
     def recognises(self, camera: bpy.types.Object) -> bool:
-        """Whether the bake is of a camera. It is found by its name once and then known, whatever it is called."""
+        """True if the bake is of this camera. It is found by its name once, and then known by its uid under any
+        name."""
         if camera.session_uid != self._camera_uid:
             if camera.name != self.camera or self._camera_exists():
                 return False
@@ -238,27 +239,27 @@ class Shot:
 
     @property
     def is_open(self) -> bool:
-        """Whether it was not closed."""
+        """True until the shot is closed."""
         return _shots.get(self.scene_uid) is self
 
     @property
     def is_stored(self) -> bool:
-        """Whether the folder holds something of this shot, or soon will."""
+        """True if the folder holds something of this shot, or soon will."""
         return not (self.is_exporting or self._has_ended)
 
     @property
     def is_working(self) -> bool:
-        """Whether something is being baked or trained."""
+        """True while something is being baked or trained."""
         return self.status["state"] in WORKING
 
     @property
     def is_tracing(self) -> bool:
-        """Whether paths are being traced, or the scene is read for that."""
+        """True while paths are being traced, or the scene is read for that."""
         return self.status["state"] in TRACING
 
     @property
     def picture(self) -> Any:
-        """What is to be shown: the newest picture; before there is one, that of the bake before."""
+        """Newest picture; before there is one, that of the bake before."""
         return self.frame or (self.frame_before if self.is_working else None)
 
     @property
@@ -267,7 +268,7 @@ class Shot:
         return [self.picture, *self._passes.turns.pictures.values()]
 
     def picture_of(self, name: str) -> Any:
-        """What is to be shown of a pass; as long as there is no picture of it, or no such light, the picture itself."""
+        """Newest picture of a pass; the whole picture as long as there is none, or no such light."""
         return self._passes.turns.pictures.get(name, self.picture)
 
     @property
@@ -280,18 +281,19 @@ class Shot:
 
     @property
     def is_changing_world(self) -> bool:
-        """Whether another world than the present one is shown still."""
+        """True while another world than the present one is still shown."""
         return self._world.is_behind
 
     @property
     def can_show(self) -> bool:
-        """Whether requests have pictures, now or as soon as there are paths: what was baked until a failure has."""
+        """True if requests have pictures, now or as soon as there are paths. After a failure, what was baked before it
+        is shown."""
         there = self.status["samples"] or self.status["proxies"] or self.status["shown"]
         return not self._has_ended and (self.status["state"] != "failed" or bool(there))
 
     @property
     def is_busy(self) -> bool:
-        """Whether a newer status or picture is to be expected."""
+        """True if a newer status or picture is to be expected."""
         if self.status["state"] == "empty" or not self.can_show:
             return False
         shown = self.status["shown"] or {}
@@ -300,12 +302,13 @@ class Shot:
 
     @property
     def is_lively(self) -> bool:
-        """Whether anything came lately."""
+        """True if a status or picture came within the last seconds."""
         return time.monotonic() - self._news < LIVELY_SECONDS
 
     @property
     def notes(self) -> list[str]:
-        """What this shot has and Relume cannot represent, and what else the artist should know; each once."""
+        """Notes for the artist, each once: features that Relume cannot represent, warnings, and the reason for a
+        missing picture."""
         refusal = [self.refusal] * bool(self.refusal)
         return list(grouped((*refusal, *self.lights.warnings, *self.warnings, *self.status["warnings"])))
 
@@ -387,11 +390,12 @@ class Shot:
             self._status_text = ""  # What it says of the picture was left out.
 
     def _of_whole(self) -> dict[str, Any]:
-        """What is known of the picture itself, while the status is that of a pass."""
+        """Status of the whole picture, kept while the native module reports that of a pass."""
         return {name: self.status[name] for name in ("shown", "rarely_met", "warnings")}
 
     def _is_under_another_world(self) -> bool:
-        """Whether paths are missing that cannot be added: those that are there are of another world than is shown."""
+        """True if paths are missing that cannot be added, because those in the folder are of another world than is
+        shown."""
         if not (is_unfinished(self.status) and lacks_samples(self.status)):
             return False
         return world_map_of(self.folder) not in {None, self.status["world_map"]}
@@ -417,8 +421,8 @@ class Shot:
 
     @property
     def lacks_a_kind(self) -> bool:
-        """Whether a kind of light came into use after all that was asked for of this bake was done, and could be
-        learned as well. What a look or the solver shows is not in use."""
+        """True if a kind of light came into use after the goal was met, and could be learned as well. Lights that a
+        look or the solver shows are not in use."""
         return bool(self._content) and not self._is_interactive and self._remaining.lacks_a_kind(self.status)
 
     def learn_kinds(self) -> None:

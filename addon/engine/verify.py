@@ -60,7 +60,7 @@ class Verification:
 
     @property
     def is_running(self) -> bool:
-        """Whether Cycles is at work."""
+        """True while Cycles is at work."""
         return self._worker is not None
 
     def poll(self) -> bool:

@@ -53,7 +53,7 @@ class ViewWorker:
         self._told: list[helper.Told] = []
         self._loading: Generator[None, None, tuple[Table, FreshMemory]] | None = None
         self.is_finished = False
-        """Whether all of the newest job was done and taken."""
+        """True if all of the newest job was done and taken."""
 
     def ask(self, job: dict[str, Any]) -> None:
         """Has a job done, unless it is at it; drops the one before. Raises OSError."""

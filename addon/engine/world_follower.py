@@ -10,7 +10,8 @@ from .world_change import WorldTask
 
 
 class WorldFollower:
-    """Of one shot. A world is made ready once it is none that was refused, and given up for one that is newer."""
+    """Present world of one shot, made ready to be shown. A world that was refused is skipped; one under way is given up
+    for a newer one."""
 
     def __init__(self, changes: StalenessTracker):
         self._changes = changes
@@ -21,12 +22,12 @@ class WorldFollower:
 
     @property
     def is_reading(self) -> bool:
-        """Whether a world is in the making."""
+        """True while a world is being read."""
         return self._task is not None
 
     @property
     def is_behind(self) -> bool:
-        """Whether another world than the present one is shown still."""
+        """True while another world than the present one is still shown."""
         return self.is_reading or self._changes.new_world_shape() is not None
 
     def follow(self, scene: bpy.types.Scene) -> WorldTask | None:

@@ -35,10 +35,10 @@ READ_SECONDS = math.inf if bpy.app.background else 0.01
 """How long one turn may read lights: without a window there are no turns."""
 
 _is_quiet = False
-"""Whether the next poll is a while away."""
+"""True if the next poll is a while away."""
 _was_given = False
-"""Whether the turn before was given to what takes so long that it has one to itself, or has undone something and
-reads lights. The next is not: during a drag rows may be compared again and again."""
+"""True if the previous tick ran exclusive work, or undo has just made lights be read. Two exclusive ticks never follow
+each other, so that dragging stays responsive."""
 _resting: dict[int, float] = {}
 """Scenes with a change in progress: when to ask for the full picture."""
 _unopened: dict[int, str] = {}
@@ -61,7 +61,7 @@ def changed(scene: bpy.types.Scene, interactive: bool = False, world: Any = None
 
 
 def content_of(scene: bpy.types.Scene, found: shot.Shot) -> dict[str, Any]:
-    """What the picture of a scene is made of: its "lights", "gains", "world" and "static"."""
+    """Content of a request for a scene's picture: its "lights", "gains", "world" and "static"."""
     lights = lights_of(scene, found)
     mix = rows.mix(scene, [light["name"] for light in lights])
     world = [gain * factor for gain, factor in zip(mix["world"], found.changes.world_gain(), strict=True)]
@@ -187,7 +187,7 @@ def _rest() -> None:
 
 
 def _is_playing() -> bool:
-    """Whether an animation is played: it needs the time itself."""
+    """True while an animation is played, which needs the time itself."""
     return any(window.screen.is_animation_playing for window in bpy.context.window_manager.windows)
 
 

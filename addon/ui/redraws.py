@@ -16,7 +16,7 @@ from ..engine.shot import Shot
 from .panel import characters, lines
 
 SHARE = 0.1
-"""Of the time, at most, goes into drawing nothing but progress."""
+"""Largest share of the time for redraws that show progress only."""
 PAUSE_SECONDS = 0.1
 """Between drawings of progress where they cost nothing."""
 

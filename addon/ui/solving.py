@@ -137,7 +137,7 @@ class Solving:
 
     @property
     def is_running(self) -> bool:
-        """Whether it has not ended, whatever scene is shown."""
+        """True until it has ended, whatever scene is shown."""
         return _running.get(self.uid) is self
 
     def step(self) -> bool:
@@ -249,7 +249,7 @@ class Solving:
             self._images[name] = reading.found.pixels
 
     def _thumbnails(self, frame: Any) -> Generator[None, None, list[str]]:
-        """Of how it was and how it could be; empty where there is no picture."""
+        """Thumbnails before and after solving; empty where there is no picture."""
         scene, small = self._scene(), []
         view = scene and view_table.of(scene)
         for picture in (self._before_frame, frame):
@@ -280,7 +280,7 @@ class Solving:
             self._images[name] = np.ascontiguousarray(mask, np.float32)
 
     def _not_shown(self, seen: region_masks.Seen) -> str:
-        """What of it cannot be found because the window hides it; empty if nothing."""
+        """Reason why the window hides something from a mask; empty if it does not."""
         scene = self._scene()
         names = region_masks.not_shown(scene, seen) if scene is not None else []
         return f"since {', '.join(map(repr, names))} is hidden in the view; show it and solve again" if names else ""
@@ -406,7 +406,7 @@ def solve_at_once(scene: bpy.types.Scene) -> None:
 
 
 def running(scene: bpy.types.Scene) -> Solving | None:
-    """What is being solved."""
+    """Job that solves a scene; None if there is none."""
     return _running.get(scene.session_uid)
 
 

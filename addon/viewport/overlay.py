@@ -1,7 +1,5 @@
-"""What a 3D view shows inside of the camera's rectangle, and the drawing of it.
-
-Nothing here computes or waits: it draws the newest frame that there is.
-"""
+"""Overlay that a 3D view shows inside of the camera's rectangle. Nothing here computes or waits: it draws the newest
+frame."""
 
 from __future__ import annotations
 
@@ -26,7 +24,7 @@ NEVER = 1e9
 
 @dataclass(frozen=True)
 class Show:
-    """What to draw where; rectangles and the split in pixels of the region."""
+    """Pictures to draw and where; rectangles and the split are in pixels of the region."""
 
     region: tuple[int, int]
     frame: Rectangle
@@ -38,7 +36,7 @@ class Show:
     opacity: float = 1.0
     gain: float = 1.0
     labels: tuple[str, str] = ("Relume", "View")
-    """What is left and right of the split."""
+    """Names of the sides left and right of the split."""
 
 
 def what_to_show(

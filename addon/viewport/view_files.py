@@ -24,7 +24,7 @@ _seen: WeakKeyDictionary[Shot, tuple[str, float]] = WeakKeyDictionary()
 
 
 def is_done(found: Shot, scene: bpy.types.Scene) -> bool:
-    """Whether there is nothing left to do for `work`."""
+    """True if nothing is left to do for `work`."""
     has_bake = found.is_stored and found.status["samples"] > 0
     return not has_bake or _done.get(found) == view_key(scene)
 
