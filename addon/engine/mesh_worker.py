@@ -22,7 +22,7 @@ POLL_SECONDS = 0.005
 @contextmanager
 def finishing(stop: Stop) -> Iterator[FinishMesh]:
     """Context of the function by which `export_scene` has meshes finished. Waiting for a mesh raises `ExportCancelled`
-    soon after `stop` returns True. At the end, meshes that nobody took are deleted."""
+    soon after `stop` returns True. At the end, meshes that nobody took are dropped."""
     begun: list[tuple[helper.Helper, int]] = []
 
     def begin(late: LateMesh, asked: Collection[str]) -> Callable[[], dict[str, Any]]:

@@ -29,7 +29,7 @@ class Whole:
     proxies: dict[str, Any]
 
     def version(self, name: str) -> str:
-        """Another one where the picture of a pass would be another. What surfaces are no light changes."""
+        """Version of a pass, which differs where its picture would. Lights change nothing of the surfaces' AOVs."""
         if name in pass_names.AOVS:
             return str(self.samples)
         shown = json.loads(self.frame.summary)

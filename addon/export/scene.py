@@ -30,7 +30,7 @@ UNSUPPORTED_TYPES = {
     "GREASEPENCIL": "grease pencil",
     "GPENCIL": "grease pencil",
 }
-"""Types of objects to export, and of what nodes add to an object's mesh, which appears as an object of that type."""
+"""Types of objects that are not exported, in words. Geometry that nodes add to a mesh may appear as objects of them."""
 FILTERS = {"VOLUME": "use_volumes", "GREASEPENCIL": "use_grease_pencil"}
 """Switches of a view layer that leave such objects out of every picture."""
 

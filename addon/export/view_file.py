@@ -20,7 +20,7 @@ START = 256
 
 
 def is_current(scene: bpy.types.Scene, path: Path) -> bool:
-    """True if the file is of the scene's view; always False for the plain sRGB curve, which has none."""
+    """True if the file is of the scene's view, or if there is none and the view is the plain sRGB curve."""
     try:
         with path.open("rb") as file:
             return not is_standard(scene) and stamp(scene) in file.read(START)

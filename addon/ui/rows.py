@@ -346,8 +346,8 @@ def sync_due() -> bool:
 
 
 def _differ(scene: bpy.types.Scene, lights: list[bpy.types.Object]) -> bool:
-    """True if the row of a light is outdated. It spares a walk over all rows during a drag, an edit of a light's
-    values, or a move of a row's slider."""
+    """True if the row of one of the lights is outdated. Spares a walk over the whole scene in a drag, an edit of a
+    light's values, or a move of a row's slider."""
     rows = {row.uid: row for row in scene.relume_mix.rows if row.kind == LIGHT} if lights else {}
 
     def is_same(light: bpy.types.Object) -> bool:
