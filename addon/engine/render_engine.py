@@ -22,7 +22,7 @@ from ..core.rows import NEUTRAL
 from ..core.words import grouped, listed
 from ..export import ExportOptions, trace_settings
 from ..export.camera import film_border, film_size, why_no_picture
-from . import shot
+from . import shot as shots
 from .checks import folders_in_use
 from .native import native
 from .options import Options, options_of, remembered_bake
@@ -55,14 +55,14 @@ class PassSettings:
 
     def declare(self, lights: list[str]) -> list[tuple[str, int, str, str]]:
         """Name, channels, their letters and Blender's type of each pass."""
-        found = [(COMBINED, 4, "RGBA", "COLOR")]
+        channels = [(COMBINED, 4, "RGBA", "COLOR")]
         if self.lights:
             names = [*light_passes(lights, self.longest).values(), STATIC, WORLD]
-            found += [(name, 3, "RGB", "COLOR") for name in names]
-        found += [(DEPTH, 1, "Z", "VALUE")] * self.depth
-        found += [(NORMAL, 3, "XYZ", "VECTOR")] * self.normal
-        found += [(ALBEDO_HERE, 3, "RGB", "COLOR")] * self.albedo
-        return found
+            channels += [(name, 3, "RGB", "COLOR") for name in names]
+        channels += [(DEPTH, 1, "Z", "VALUE")] * self.depth
+        channels += [(NORMAL, 3, "XYZ", "VECTOR")] * self.normal
+        channels += [(ALBEDO_HERE, 3, "RGB", "COLOR")] * self.albedo
+        return channels
 
 
 _stopping = False
@@ -155,9 +155,9 @@ class _FinalRender:
 
     def _folder(self) -> Path:
         """The bake that the panel shows or would show."""
-        found, remembered = shot.of(self.scene), remembered_bake(self.scene)
-        if found is not None:
-            return found.folder
+        shot, remembered = shots.of(self.scene), remembered_bake(self.scene)
+        if shot is not None:
+            return shot.folder
         return remembered if remembered and is_bake(remembered) else self.options.folder
 
     def _is_whole(self, info: dict[str, Any]) -> bool:
@@ -179,8 +179,8 @@ class _FinalRender:
 
     def _is_being_baked(self, folder: Path) -> bool:
         """True if a bake writes into the folder, from this Blender or another process."""
-        found = shot.of(self.scene)
-        return (found is not None and found.is_working) or folder in folders_in_use(self.scene)
+        shot = shots.of(self.scene)
+        return (shot is not None and shot.is_working) or folder in folders_in_use(self.scene)
 
     def _bake(self, exported: Any, folder: Path) -> None:
         job = native().bake(exported, folder, self._settings(self._warn), resume=True)

@@ -160,8 +160,8 @@ class Shot:
             return False
         try:
             next(self._memory)
-        except StopIteration as found:
-            found.value.give_back()
+        except StopIteration as end:
+            end.value.give_back()
         else:
             return False
         self._load(scene)
@@ -235,7 +235,7 @@ class Shot:
 
     def _camera_exists(self) -> bool:
         uid = self._camera_uid
-        return uid is not None and any(found.session_uid == uid for found in bpy.data.objects)
+        return uid is not None and any(obj.session_uid == uid for obj in bpy.data.objects)
 
     @property
     def is_open(self) -> bool:
@@ -414,8 +414,8 @@ class Shot:
             return
         self.is_recorded = True
         try:
-            found = self.changes.baked_fingerprints()
-            record.Record(self.camera, self.lights.receivers, found, self.changes.maps).write(self.folder)
+            baked = self.changes.baked_fingerprints()
+            record.Record(self.camera, self.lights.receivers, baked, self.changes.maps).write(self.folder)
         except OSError as error:
             self.warnings.append(f"What the bake is of could not be written down: {error}")
 

@@ -309,11 +309,11 @@ def on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) 
     """Lights may have come, gone or changed their names."""
     lights, kind, around = [], bpy.types.Object, (bpy.types.Collection, bpy.types.World)
     for update in depsgraph.updates:
-        found = update.id
-        if isinstance(found, kind):
-            if found.type == "LIGHT" and not update.is_updated_transform:
-                lights.append(found.original)
-        elif isinstance(found, around):
+        block = update.id
+        if isinstance(block, kind):
+            if block.type == "LIGHT" and not update.is_updated_transform:
+                lights.append(block.original)
+        elif isinstance(block, around):
             _sync_soon([scene])
             return
     if _differ(scene, lights):

@@ -14,7 +14,8 @@ import gpu
 from bpy.app.handlers import persistent
 from gpu_extras.batch import batch_for_shader
 
-from ..engine import helper, shot, view_worker
+from ..engine import helper, view_worker
+from ..engine import shot as shots
 from . import compare, driver_cache, light_marks, overlay, precompilation, texture, view_files, view_table
 from .overlay import Show
 from .view_files import NEXT_TURN_SECONDS
@@ -44,7 +45,7 @@ def draw_picture() -> None:
     """Called by Blender for every 3D view, after the scene and before the gizmos."""
     context = bpy.context
     scene, region = context.scene, context.region
-    texture.keep_only([*(picture for found in shot.all_open() for picture in found.pictures), *compare.frames()])
+    texture.keep_only([*(picture for shot in shots.all_open() for picture in shot.pictures), *compare.frames()])
     view, is_ready = view_table.of(scene), precompilation.is_ready()
     what = overlay.what_to_show(scene, context.space_data, region, context.region_data)
     is_uploaded_now = is_ready and isinstance(what, Show) and not texture.is_there(what.first)
@@ -128,22 +129,22 @@ def _precompile(scene: bpy.types.Scene) -> bool:
 
 def _has_table(scene: bpy.types.Scene) -> bool:
     """The fine table is wanted with the first picture, before it a coarse one will do."""
-    found = shot.of(scene)
-    has_picture = found is not None and found.frame is not None
+    shot = shots.of(scene)
+    has_picture = shot is not None and shot.frame is not None
     return view_table.is_complete(scene) or not (has_picture or view_table.of(scene) is None)
 
 
 def _has_file(scene: bpy.types.Scene) -> bool:
-    found = shot.of(scene)
-    return found is None or view_files.is_done(found, scene)
+    shot = shots.of(scene)
+    return shot is None or view_files.is_done(shot, scene)
 
 
 def _work_on_file(scene: bpy.types.Scene) -> float:
     """Seconds until the next turn."""
-    found = shot.of(scene)
-    if found is None or not view_table.is_complete(scene) or view_files.is_done(found, scene):
+    shot = shots.of(scene)
+    if shot is None or not view_table.is_complete(scene) or view_files.is_done(shot, scene):
         return NEXT_TURN_SECONDS
-    return view_files.work(found, scene)
+    return view_files.work(shot, scene)
 
 
 def register() -> None:
