@@ -23,7 +23,7 @@ from .engine import baked_state, helper, mesh_worker, pictures, record, view_wor
 from .engine.native import native
 from .engine.scene import load_scene
 from .export import ExportError, ExportOptions, trace_settings, write_view_table
-from .viewport import rehearsal
+from .viewport import driver_cache
 
 STOPPED = 130
 """Exit code of a run that was asked to stop: 128 + SIGINT, as shells report it."""
@@ -236,7 +236,7 @@ def help_window(options: argparse.Namespace, _rest: list[str], reporter: Reporte
     """Does short work for the window of another Blender as it is asked for."""
     works: dict[str, helper.Work] = {
         mesh_worker.KIND: mesh_worker.work,
-        view_worker.KIND: partial(view_worker.work, rehearsal.perform),
+        view_worker.KIND: partial(view_worker.work, driver_cache.precompile),
     }
     helper.serve(Path(options.folder), lambda told: reporter.result(told, ""), works)
     return 0
@@ -309,7 +309,7 @@ COMMANDS = {
 
 
 def main(arguments: list[str]) -> int:
-    """As `run`, for callers that only see the standard streams: flushes them."""
+    """Calls `run`, then flushes the standard streams, for callers that only see those."""
     try:
         return run(arguments)
     finally:

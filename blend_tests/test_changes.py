@@ -7,8 +7,8 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.engine import prints, record, shot, worlds
-from addon.engine.changes import Changes
+from addon.engine import fingerprints, record, shot, worlds
+from addon.engine.staleness import StalenessTracker
 from addon.ui import handlers
 from addon.ui.start import start
 from fake_live import FakeLive
@@ -46,8 +46,8 @@ def test_edits_of_many_are_noted_without_looking_for_each(lit, monkeypatch):
     for number in range(100):
         add_quad(lit, f"Quad {number}")
     lit.view_layers[0].update()
-    names, scanned = [], Changes(None)
-    monkeypatch.setattr(prints, "_by_full_name", lambda _place, name: names.append(name))
+    names, scanned = [], StalenessTracker(None)
+    monkeypatch.setattr(fingerprints, "_by_full_name", lambda _place, name: names.append(name))
 
     def marked(scene, depsgraph):
         scanned.mark(scene, list(depsgraph.updates))
@@ -78,7 +78,7 @@ def test_kinds_of_a_newer_relume_are_left_out(tmp_path):
     content = {"format": record.FORMAT, "version": record.VERSION, "camera": "C", "receivers": []}
     text = json.dumps(content | {"prints": {"volume Fog": {"grid": "1"}, "film": {"size": "4 x 4"}}})
     (tmp_path / record.FILE).write_text(text)
-    assert record.read(tmp_path).prints == {"film": {"size": "4 x 4"}}
+    assert record.read(tmp_path).fingerprints == {"film": {"size": "4 x 4"}}
 
 
 def test_a_deleted_scene_keeps_nothing_awake(baked):
@@ -90,7 +90,7 @@ def test_a_deleted_scene_keeps_nothing_awake(baked):
 
 
 def test_meshes_are_walked_last(baked):
-    kinds = [key.partition(" ")[0] for key, _ in prints.walk(baked) if key]
+    kinds = [key.partition(" ")[0] for key, _ in fingerprints.iter_fingerprints(baked) if key]
     assert kinds.index("data") > max(place for place, kind in enumerate(kinds) if kind != "data")
 
 
@@ -112,7 +112,7 @@ def test_a_walk_holds_nothing_that_an_edit_frees(scene):
         tree.nodes.new("ShaderNodeTexImage").image = image
     plane = add_quad(scene, material=material)
     plane.data.materials.append(add_material("Other")[0])
-    walk = prints.walk(scene)
+    walk = fingerprints.iter_fingerprints(scene)
     keys = [next(walk)[0]]
     while not keys[-1].startswith("image "):
         keys.append(next(walk)[0])
@@ -120,7 +120,7 @@ def test_a_walk_holds_nothing_that_an_edit_frees(scene):
     plane.data.materials.clear()
     keys += [key for key, _ in walk]
     assert {"image One", "image Two", "material Other"} <= set(keys)
-    walk = prints.walk(scene)
+    walk = fingerprints.iter_fingerprints(scene)
     next(key for key, _ in walk if key.startswith("object "))
     bpy.data.objects.remove(plane)
     with pytest.raises(ReferenceError):
@@ -318,7 +318,7 @@ def test_a_bake_that_was_begun_under_a_darker_world_is_relit_as_the_present_one(
     assert said(baked) == []
     handlers.changed(baked)
     assert live.requests[-1]["world"] == pytest.approx([2.0, 1.0, 1.0])
-    assert shot.of(baked).changes.of_bake()["world"]["color"] == "0.25 0.5 0.5"
+    assert shot.of(baked).changes.baked_fingerprints()["world"]["color"] == "0.25 0.5 0.5"
 
 
 @pytest.fixture
@@ -369,10 +369,10 @@ def test_a_turned_mapping_is_a_change(scene):
     material, tree, _ = add_material("Wood")
     mapping = tree.nodes.new("ShaderNodeMapping")
     add_quad(scene, material=material)
-    before = prints.take_all(scene, scene.camera)["material Wood"]
-    assert prints.take_all(scene, scene.camera)["material Wood"] == before
+    before = fingerprints.all_fingerprints(scene, scene.camera)["material Wood"]
+    assert fingerprints.all_fingerprints(scene, scene.camera)["material Wood"] == before
     mapping.inputs["Rotation"].default_value = (0.0, 0.0, 1.0)
-    assert prints.take_all(scene, scene.camera)["material Wood"] != before
+    assert fingerprints.all_fingerprints(scene, scene.camera)["material Wood"] != before
 
 
 def map_texture(material):
@@ -393,9 +393,9 @@ def test_edits_of_materials_beside_their_sockets_are_changes(scene, edit):
     tree.nodes.new("ShaderNodeTexChecker")
     tree.nodes.new("ShaderNodeOutputMaterial").is_active_output = False
     add_quad(scene, material=material)
-    before = prints.take_all(scene, scene.camera)["material Wood"]
+    before = fingerprints.all_fingerprints(scene, scene.camera)["material Wood"]
     edit(material)
-    assert prints.take_all(scene, scene.camera)["material Wood"] != before
+    assert fingerprints.all_fingerprints(scene, scene.camera)["material Wood"] != before
 
 
 def test_looking_comes_to_an_end_while_the_scene_is_edited(baked):
@@ -406,7 +406,7 @@ def test_looking_comes_to_an_end_while_the_scene_is_edited(baked):
         baked.frame_end = 300 + number
         baked.update_tag()
         bpy.context.view_layer.update()
-        found.look(baked, 0.0)  # One step a turn.
+        found.update(baked, 0.0)  # One step a turn.
     assert found.sentences == ["'Sofa' moved"]
 
 
@@ -435,8 +435,8 @@ def test_record_outlives_the_file(baked, tmp_path):
     handlers.tick()
     kept = record.read(tmp_path / "bake")
     assert kept.camera == "Camera" and "Sofa" in kept.receivers
-    assert kept.prints == record.of(baked, "map").prints
-    assert list(kept.maps.values()) == [kept.prints["world"]["shape"]]
+    assert kept.fingerprints == record.of(baked, "map").fingerprints
+    assert list(kept.maps.values()) == [kept.fingerprints["world"]["shape"]]
     bpy.data.objects["Sofa"].location.z = 1.0
     assert said(baked) == ["'Sofa' moved"]
     path = tmp_path / "shot.blend"

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import bpy
 
-from addon.engine import prints, shape_prints
-from addon.engine.changes import Changes
+from addon.engine import fingerprints, shape_fingerprints
+from addon.engine.staleness import StalenessTracker
 from helpers import add_quad
 
 MANY = 40
@@ -16,25 +16,25 @@ def looks(found, scene):
     """How many turns it takes to look at everything, one step in each."""
     turns = 0
     while found.is_pending:
-        found.look(scene, 0.0)
+        found.update(scene, 0.0)
         turns += 1
         assert turns < 10 * MANY
     return turns
 
 
 def test_a_large_mesh_is_looked_at_in_slices(lit, monkeypatch):
-    whole = prints.take_all(lit, lit.camera)["data Plane"]
-    monkeypatch.setattr(shape_prints, "SLICE_BYTES", 8)
+    whole = fingerprints.all_fingerprints(lit, lit.camera)["data Plane"]
+    monkeypatch.setattr(shape_fingerprints, "SLICE_BYTES", 8)
     sizes = [48, 16, 32, 1]  # Of positions, corners, UVs and flatness.
-    assert len(list(prints.take(lit, "data Plane"))) == sum(math.ceil(size / 8) for size in sizes)
-    found = Changes({"data Plane": whole})
+    assert len(list(fingerprints.fingerprint(lit, "data Plane"))) == sum(math.ceil(size / 8) for size in sizes)
+    found = StalenessTracker({"data Plane": whole})
     assert looks(found, lit) > 15 and found.present["data Plane"] == whole
 
 
 def test_a_walk_that_finds_nothing_new_goes_in_turns_too(lit):
     stones = [add_quad(lit, f"Stone {number}") for number in range(MANY)]
     bpy.context.view_layer.update()
-    found = Changes(None)
+    found = StalenessTracker(None)
     looks(found, lit)
     lit.collection.objects.unlink(stones[0])
     found.mark(lit, [SimpleNamespace(id=lit.collection)])

@@ -3,9 +3,9 @@
 import bpy
 import pytest
 
-from addon.core.differences import LATER
-from addon.engine import prints, shot
-from addon.engine.changes import Changes
+from addon.core.diff import LATER
+from addon.engine import fingerprints, shot
+from addon.engine.staleness import StalenessTracker
 from addon.ui.start import start
 from fake_live import FakeLive
 from helpers import add, add_material, add_quad, said, update
@@ -318,7 +318,7 @@ def test_particles_and_what_they_show_are_named(lit, change):
     update()
     start(lit)
     # Without a window the start of a bake evaluates particles anew, which Blender calls an edit.
-    shot.of(lit).changes = Changes(prints.take_all(lit, lit.camera))
+    shot.of(lit).changes = StalenessTracker(fingerprints.all_fingerprints(lit, lit.camera))
     assert said(lit) == []
     sentence = change()
     assert said(lit) == [sentence]
@@ -381,12 +381,12 @@ def test_a_large_group_is_looked_at_node_by_node(baked):
     tree = bpy.data.node_groups["Inner"]
     for _ in range(50):
         tree.nodes.new("GeometryNodeSetPosition")
-    steps = prints.take(baked, "nodes Inner")
+    steps = fingerprints.fingerprint(baked, "nodes Inner")
     for _ in range(20):
         next(steps)
     tree.nodes.clear()
     assert len(list(steps)) > 20
-    walk = prints.walk(baked)
+    walk = fingerprints.iter_fingerprints(baked)
     assert {"nodes Inner", "nodes Outer", "helper Stamp", "material Painted"} <= {key for key, _ in walk}
 
 
@@ -394,7 +394,7 @@ def test_a_walk_through_a_group_holds_nothing_that_an_edit_frees(baked):
     tree = bpy.data.node_groups["Outer"]
     for _ in range(50):
         tree.nodes.new("GeometryNodeSetPosition")
-    walk = prints.walk(baked)
+    walk = fingerprints.iter_fingerprints(baked)
     next(key for key, _ in walk if key == "nodes Outer")
     next(walk)
     tree.nodes.clear()
@@ -404,7 +404,7 @@ def test_a_walk_through_a_group_holds_nothing_that_an_edit_frees(baked):
 @pytest.mark.parametrize("steps_before", range(12))
 def test_a_shape_may_lose_its_parts_while_it_is_looked_at(baked, steps_before):
     sofa, cable = bpy.data.objects["Sofa"], bpy.data.objects["Cable"]
-    taken = [prints.take(baked, key) for key in ("data Sofa", "data Cable", "data Cage")]
+    taken = [fingerprints.fingerprint(baked, key) for key in ("data Sofa", "data Cable", "data Cage")]
     for _ in range(steps_before):
         for steps in taken:
             next(steps, None)
@@ -423,8 +423,8 @@ def test_the_file_of_every_tile_counts(scene, tmp_path, mark, names):
     image = bpy.data.images.load(str(tmp_path / f"a.{names[0]}.png"))
     image.source, image.filepath = "TILED", str(tmp_path / f"a.{mark}.png")
     image.tiles.new(1012)
-    found = prints._image(image)
+    found = fingerprints._image(image)
     for name in names:
         (tmp_path / f"a.{name}.png").write_bytes(b"after")
-        assert prints._image(image) != found
-        found = prints._image(image)
+        assert fingerprints._image(image) != found
+        found = fingerprints._image(image)

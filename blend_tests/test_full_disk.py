@@ -90,7 +90,7 @@ def test_what_was_learned_stays_and_learning_goes_on_with_room(learned, disk):
     filling.unlink()
     start(learned)
     found = until(learned, lambda found: found.status["state"] == "ready" and settled(found), "the rest")
-    assert (disk / "bake" / PROXY).read_bytes() != proxy and not found.status["is_owed"]
+    assert (disk / "bake" / PROXY).read_bytes() != proxy and not found.status["is_incomplete"]
 
 
 def test_a_bake_in_the_background_says_so_too(learned, disk):

@@ -4,19 +4,20 @@ import gc
 
 import pytest
 
-from addon.engine import garbage, shot
+from addon.engine import shot
+from addon.engine.garbage import gc_freeze, gc_unfreeze
 from addon.ui.start import start
 
 
 @pytest.fixture
-def nothing_spared():
-    """As in a Blender where nobody spares anything, which is so again afterwards."""
+def nothing_frozen():
+    """Garbage collection that nobody has frozen, before and after the test."""
     gc.unfreeze()
     yield
     gc.unfreeze()
 
 
-def test_what_was_there_before_a_shot_is_not_looked_through(lit, nothing_spared):
+def test_what_was_there_before_a_shot_is_not_looked_through(lit, nothing_frozen):
     gc.collect()  # What tests before this one have left.
     before = len(gc.get_objects())
     found = start(lit)
@@ -27,7 +28,7 @@ def test_what_was_there_before_a_shot_is_not_looked_through(lit, nothing_spared)
     assert gc.get_freeze_count() == 0 and len(gc.get_objects()) >= before
 
 
-def test_garbage_of_an_open_shot_is_collected(lit, nothing_spared):
+def test_garbage_of_an_open_shot_is_collected(lit, nothing_frozen):
     start(lit)
     circle = []
     circle.append(circle)
@@ -38,11 +39,11 @@ def test_garbage_of_an_open_shot_is_collected(lit, nothing_spared):
     assert not any(id(found) == place for found in gc.get_objects())
 
 
-def test_what_somebody_else_spares_stays_as_it_is(nothing_spared):
+def test_what_somebody_else_has_frozen_stays_as_it_is(nothing_frozen):
     gc.freeze()
     count = gc.get_freeze_count()
     later = [[]]
-    garbage.spare()
+    gc_freeze()
     assert any(found is later for found in gc.get_objects())
-    garbage.spare_nothing()
+    gc_unfreeze()
     assert gc.get_freeze_count() == count

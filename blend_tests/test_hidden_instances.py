@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from mathutils import Matrix
 
-from addon.engine import prints, shot
-from addon.engine.changes import Changes
+from addon.engine import fingerprints, shot
+from addon.engine.staleness import StalenessTracker
 from addon.export.instancers import Instancers
 from addon.ui import handlers
 from addon.ui.start import start
@@ -472,7 +472,7 @@ def test_what_nodes_and_particles_instance_is_noticed_when_hidden(scene, live, w
     way(scene, rig)
     live()
     # Without a window the start of a bake evaluates particles anew, which Blender calls an edit.
-    shot.of(scene).changes = Changes(prints.take_all(scene, scene.camera))
+    shot.of(scene).changes = StalenessTracker(fingerprints.all_fingerprints(scene, scene.camera))
     assert said(scene) == []
     lamps.hide_render = light.hide_render = True
     assert said(scene) == [], "lights are in no bake"

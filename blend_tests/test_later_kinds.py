@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from addon.core import status, wanted
+from addon.core import bake_goal, status
 from addon.engine import options, shot
 from addon.ui import handlers
 from addon.ui.start import start
@@ -36,9 +36,9 @@ def test_a_kind_that_is_added_later_is_learned_then(studio):
     add_light(studio, "AREA", name="Rim")
     update()
     until(studio, lambda found: found.status["state"] == "training", "the training of rectangles")
-    assert found.status["is_owed"] and wanted.read(found.folder) == wanted.Wanted(16, 1.0)
+    assert found.status["is_incomplete"] and bake_goal.read(found.folder) == bake_goal.BakeGoal(16, 1.0)
     until(studio, is_ready, "the proxy of rectangles")
-    assert set(found.status["proxies"]) == {"facing-disk", "quad"} and wanted.read(found.folder) is None
+    assert set(found.status["proxies"]) == {"facing-disk", "quad"} and bake_goal.read(found.folder) is None
     assert not any("no proxy has learned" in note for note in found.notes)
     add_light(studio, "SUN", name="Sun")
     update()
@@ -106,7 +106,7 @@ def test_a_folder_that_cannot_be_written_to_is_said(lit, ready, monkeypatch):
     def full(*_arguments):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(wanted.Wanted, "write", full)
+    monkeypatch.setattr(bake_goal.BakeGoal, "write", full)
     ready.tell(unlearned=["quad"])
     handlers.tick()
     assert not learned(ready) and any("is not learned" in note for note in shot.of(lit).notes)

@@ -238,7 +238,7 @@ def test_undo_while_training_puts_the_light_back_and_the_training_goes_on(studio
     until(scene, lambda found: found.status["state"] == "ready" and settled(found), "the proxy")
     left, right = np.split(found.frame.image[..., :3], 2, axis=1)
     assert left.mean() == pytest.approx(right.mean(), rel=0.1)
-    assert found.status["proxies"] and not found.status["is_owed"] and found.changes.sentences == []
+    assert found.status["proxies"] and not found.status["is_incomplete"] and found.changes.sentences == []
 
 
 def test_every_type_of_light_is_gathered_before_it_is_learned(studio):

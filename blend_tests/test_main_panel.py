@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import bpy
 import pytest
 
-from addon.core import status, wanted
-from addon.core.answers import Answers
+from addon.core import bake_goal, status
 from addon.core.bake_folder import MANIFEST
+from addon.core.polled_cache import PolledCache
 from addon.engine import options, shot
 from addon.ui import handlers, main_panel
 from addon.ui.start import start
@@ -94,9 +94,9 @@ def test_a_bake_that_lost_its_manifest_and_one_that_was_moved_are_told_apart(stu
         bpy.ops.wm.open_mainfile(filepath=str(path))
         handlers.open_bakes()
         assert shot.of(bpy.context.scene) is None
-        monkeypatch.setattr(main_panel, "_disk", Answers(1e9))
+        monkeypatch.setattr(main_panel, "_disk", PolledCache(1e9))
         drawn(bpy.context.scene)
-        while main_panel._disk.are_awaited:
+        while main_panel._disk.is_pending:
             time.sleep(0.001)
         return drawn(bpy.context.scene)
 
@@ -140,14 +140,14 @@ def test_a_bake_that_was_stopped_in_its_first_training_can_go_on(studio, tmp_pat
 
 def test_what_a_whole_bake_was_to_become_is_forgotten(lit, tmp_path, drawn):
     start(lit)
-    assert wanted.read(tmp_path / "bake") == wanted.Wanted(64, 60.0)
+    assert bake_goal.read(tmp_path / "bake") == bake_goal.BakeGoal(64, 60.0)
     FakeLive.made[-1].tell(state="cancelled", samples=64, samples_total=64)
     handlers.tick()
-    assert "Go On" in drawn(lit).buttons and wanted.read(tmp_path / "bake") is not None
+    assert "Go On" in drawn(lit).buttons and bake_goal.read(tmp_path / "bake") is not None
     assert bpy.ops.relume.go_on() == {"FINISHED"}
     FakeLive.made[-1].tell(state="ready", samples=64, samples_total=64)
     handlers.tick()
-    assert "Go On" not in drawn(lit).buttons and wanted.read(tmp_path / "bake") is None
+    assert "Go On" not in drawn(lit).buttons and bake_goal.read(tmp_path / "bake") is None
 
 
 def test_a_whole_bake_is_ready(lit, drawn):
@@ -230,17 +230,17 @@ def test_how_long_a_real_bake_will_take_is_said(studio, samples):
     told = []
 
     def is_done(found):
-        if (rest := found.status["rest"]) is not None:
-            told.append((found.status["stage"]["stage"], found.status["to_learn"], rest))
+        if (remaining := found.status["remaining"]) is not None:
+            told.append((found.status["stage"]["stage"], found.status["to_learn"], remaining))
         return found.status["state"] == "ready"
 
     found = until(studio, is_done, "the end")
     assert found.status["samples"] == samples and status.to_come(found.status) == ""
     assert {"trace", "train", "measure"} <= {name for name, _, _ in told}
     assert told[0][1] == ([64] if samples == 128 else [64, 512])
-    for name, to_learn, rest in told:
+    for name, to_learn, remaining in told:
         learned = len(to_learn) - (name in {"train", "measure"})
-        assert rest.seconds > learned, "each learning that is still to come takes its time"
-        assert rest.traces == (name == "trace" or to_learn[0] == 64)
+        assert remaining.seconds > learned, "each learning that is still to come takes its time"
+        assert remaining.traces == (name == "trace" or to_learn[0] == 64)
         # What more samples will take to learn from is not known.
-        assert not rest.is_whole or (name == "measure" and samples == 128)
+        assert not remaining.is_complete or (name == "measure" and samples == 128)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from addon.export.view_transform import displayed
-from addon.viewport import overlay, shader, texture, view_table, warm_up
+from addon.viewport import overlay, precompilation, shader, texture, view_table
 from addon.viewport.camera_frame import Rectangle
 from addon.viewport.overlay import Show
 from addon.viewport.view_table import View
@@ -83,7 +83,7 @@ def test_all_programs_are_compiled_once_before_a_picture_is_drawn(scene, monkeyp
     VIEWS[name](scene)
     region = 100, 80
     with gpu.types.GPUFrameBuffer(color_slots=gpu.types.GPUTexture(region, format="SRGB8_A8")).bind():
-        for draw_piece in warm_up.all_pieces((WIDTH, HEIGHT), region, view_table.complete(scene)):
+        for draw_piece in precompilation.all_pieces((WIDTH, HEIGHT), region, view_table.complete(scene)):
             draw_piece()
     assert len(compiled) == 4
     for more in ({}, {"size": (2 * WIDTH, HEIGHT)}, {"mode": overlay.SPLIT}, {"mode": overlay.DIFFERENCE}):

@@ -3,7 +3,7 @@
 import pytest
 
 from addon.core import status, words
-from addon.core.forecast import Forecast, Rest
+from addon.core.eta import Eta, EtaEstimator
 from addon.engine.shot import EMPTY
 from addon.ui.panel import lines
 
@@ -28,7 +28,7 @@ SAYINGS = [
     (state(state="ready", samples=64), "Ready, 64 samples"),
     (state(state="ready", samples=3, samples_total=8), "Stopped at 3 of 8 samples; they are kept"),
     (
-        state(state="ready", samples=64, samples_total=64, is_owed=True),
+        state(state="ready", samples=64, samples_total=64, is_incomplete=True),
         "Stopped while learning the lights; 64 samples are kept",
     ),
     (state(state="cancelled"), "Stopped"),
@@ -137,10 +137,10 @@ def test_progress_is_of_running_work_only():
 
 
 TO_COME = [
-    (state(state="baking", rest=Rest(185.0, False, True)), "At least 3:05 until all is traced and learned"),
-    (state(state="training", rest=Rest(185.0, True, True)), "About 3:05 until all is traced and learned"),
-    (state(state="training", rest=Rest(65.0, True, False)), "About 1:05 until all is learned"),
-    (state(state="cancelled", rest=Rest(65.0, True, False)), ""),
+    (state(state="baking", remaining=Eta(185.0, False, True)), "At least 3:05 until all is traced and learned"),
+    (state(state="training", remaining=Eta(185.0, True, True)), "About 3:05 until all is traced and learned"),
+    (state(state="training", remaining=Eta(65.0, True, False)), "About 1:05 until all is learned"),
+    (state(state="cancelled", remaining=Eta(65.0, True, False)), ""),
     (state(state="baking"), ""),
 ]
 
@@ -155,13 +155,13 @@ def working(name, samples, to_learn, **stage_values):
 
 
 def test_all_that_is_left_is_told_by_the_paces_so_far():
-    forecast, of_stage = Forecast(60.0), []
+    eta, of_stage = EtaEstimator(60.0), []
 
     def told(*values, **stage_values):
         told = working(*values, **stage_values)
-        forecast.note(told)
-        of_stage.append(forecast.of_stage(told))
-        return forecast.rest(told)
+        eta.note(told)
+        of_stage.append(eta.stage_remaining(told))
+        return eta.remaining(told)
 
     assert told("prepare", 0, [16, 64], remaining_s=None) is None
     assert told("trace", 0, [16, 64], done=0, remaining_s=None) is None
@@ -189,10 +189,10 @@ def test_all_that_is_left_is_told_by_the_paces_so_far():
 
 
 def test_what_was_not_seen_to_be_traced_has_no_pace():
-    forecast = Forecast(60.0)
+    eta = EtaEstimator(60.0)
     told = working("measure", 16, [16], remaining_s=3.0)
-    forecast.note(told)
-    assert forecast.rest(told) == (3.0, False, True), "in a bake that was opened again"
+    eta.note(told)
+    assert eta.remaining(told) == (3.0, False, True), "in a bake that was opened again"
 
 
 def test_long_messages_are_broken_between_words():

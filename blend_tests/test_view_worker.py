@@ -15,7 +15,7 @@ from addon.export import write_view_table
 from addon.export.color_table import COARSE, FINE, color_table
 from addon.export.view_file import stamp
 from addon.export.view_transform import view_settings
-from addon.viewport import rehearsal
+from addon.viewport import driver_cache
 from helpers import update
 from views import VIEWS
 
@@ -199,22 +199,22 @@ def until_still(look, seconds=2.0):
 def in_a_window(monkeypatch, tmp_path):
     """As if this Blender had a window, and a driver that says nothing new."""
     platform = SimpleNamespace(**dict.fromkeys(DRIVER, lambda: "software"))
-    monkeypatch.setattr(rehearsal, "bpy", SimpleNamespace(app=SimpleNamespace(background=False, build_hash=b"1")))
-    monkeypatch.setattr(rehearsal, "gpu", SimpleNamespace(init=None, platform=platform))
-    monkeypatch.setattr(rehearsal, "user_folder", lambda name: tmp_path / name)
-    rehearsal.reset()
-    rehearsal._name.cache_clear()
+    monkeypatch.setattr(driver_cache, "bpy", SimpleNamespace(app=SimpleNamespace(background=False, build_hash=b"1")))
+    monkeypatch.setattr(driver_cache, "gpu", SimpleNamespace(init=None, platform=platform))
+    monkeypatch.setattr(driver_cache, "user_folder", lambda name: tmp_path / name)
+    driver_cache.reset()
+    driver_cache._name.cache_clear()
     yield platform
-    rehearsal.reset()
-    rehearsal._name.cache_clear()
+    driver_cache.reset()
+    driver_cache._name.cache_clear()
     view_worker.shared().drop()
     helper.close()
 
 
-def rehearse(scene):
+def precompile(scene):
     until = time.monotonic() + SECONDS
-    while rehearsal.is_due(scene):
-        rehearsal.work(scene)
+    while driver_cache.is_due(scene):
+        driver_cache.step(scene)
         assert time.monotonic() < until
         time.sleep(0.01)
 
@@ -222,32 +222,32 @@ def rehearse(scene):
 def test_what_was_compiled_once_is_not_waited_for_again(scene, in_a_window):
     if not hasattr(gpu, "init"):
         pytest.skip("Blender draws without a window from 5.2 on")
-    rehearse(scene)
-    rehearsal.reset()
-    assert not rehearsal.is_due(scene), "the next session"
+    precompile(scene)
+    driver_cache.reset()
+    assert not driver_cache.is_due(scene), "the next session"
     scene.render.resolution_y = 64
-    assert rehearsal.is_due(scene), "edges that are powers of two"
+    assert driver_cache.is_due(scene), "edges that are powers of two"
     scene.render.resolution_y = 48
-    rehearsal._name.cache_clear()
+    driver_cache._name.cache_clear()
     in_a_window.version_get = lambda: "newer"
-    assert rehearsal.is_due(scene), "another driver"
+    assert driver_cache.is_due(scene), "another driver"
     in_a_window.vendor_get = lambda: "NVIDIA Corporation"
-    assert rehearsal.is_due(scene)
+    assert driver_cache.is_due(scene)
     in_a_window.backend_type_get = lambda: "OPENGL"
-    assert not rehearsal.is_due(scene), "it would not find what the other Blender has compiled"
+    assert not driver_cache.is_due(scene), "it would not find what the other Blender has compiled"
 
 
 def test_where_none_can_compile_the_window_does(scene, in_a_window, monkeypatch):
     """As in Blenders before 5.2, which have no graphics without a window."""
     monkeypatch.setattr(view_worker, "programs_of", lambda _film: {"programs": []})
-    rehearse(scene)
-    assert rehearsal._is_refused and not list(rehearsal.user_folder(rehearsal.FOLDER).glob("*"))
+    precompile(scene)
+    assert driver_cache._is_refused and not list(driver_cache.user_folder(driver_cache.FOLDER).glob("*"))
     scene.view_settings.view_transform = "AgX"
     tables = turns(view_worker.shared(), tables_of(view_settings(scene)))
     assert len(list(tables)) == 2, "tables are made as before"
 
 
 def test_one_that_takes_for_ever_is_not_waited_for(scene, in_a_window, monkeypatch):
-    monkeypatch.setattr(rehearsal, "SECONDS", 0.0)
-    rehearse(scene)
-    assert rehearsal._is_refused and not helper.shared().is_running
+    monkeypatch.setattr(driver_cache, "SECONDS", 0.0)
+    precompile(scene)
+    assert driver_cache._is_refused and not helper.shared().is_running

@@ -1,4 +1,4 @@
-"""What of a light may change without anything standing in the way of writing it back."""
+"""Parameters of a light that may change because nothing stands in the way of writing them back."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PATHS = {
 
 
 class FreeMoves:
-    """What may change of the lights of a scene."""
+    """Parameters that may change of the lights of a scene."""
 
     def __init__(self, scene: bpy.types.Scene, lights: Iterable[bpy.types.Object], instanced: Iterable[str]):
         """`instanced` are the names of those that are shown in other places than their own."""

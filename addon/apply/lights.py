@@ -17,7 +17,7 @@ NOT_HIDDEN = "is off, and geometry nodes or particles show it even where it is h
 
 @dataclass(frozen=True)
 class _LightWrite:
-    """What one light object's data become."""
+    """Values that one light object's data get."""
 
     owner: bpy.types.Object
     gain: list[float]

@@ -30,12 +30,12 @@ SETTINGS = (
     "spot_size",
     "spot_blend",
 )
-"""What a look keeps of a light, as far as its type and its Blender have it."""
+"""Properties of a light that a look keeps, as far as its type and its Blender have them."""
 PLACE = ("location", "rotation_euler", "rotation_quaternion", "rotation_axis_angle", "scale")
 STRUCTS = {"POINT": "PointLight", "SPOT": "SpotLight", "AREA": "AreaLight", "SUN": "SunLight"}
 """Blender's class for each type of light."""
 TOLERANCE = 1e-5
-"""Of a matrix entry: Blender stores location, rotation and scale in 32 bits."""
+"""Tolerance of a matrix entry: Blender stores location, rotation and scale in 32 bits."""
 
 
 def light_state(obj: bpy.types.Object) -> dict[str, Any]:
@@ -83,8 +83,8 @@ def why_not_placed(obj: bpy.types.Object) -> str | None:
 
 
 def _matched(objects: Iterable[bpy.types.Object], states: Iterable[dict[str, Any]]) -> list[_Restore]:
-    """What is to be written, parents before children: of lights with a state, and of others that hang on them, as
-    they are to stay where they are."""
+    """Restores of objects, parents before children: of lights with a state, and of others whose parent moves, which are
+    to stay where they are."""
     by_name = {state["name"]: state for state in states}
     places: dict[bpy.types.Object, Matrix] = {}
     restores = []
@@ -124,7 +124,7 @@ def _differ(matrix: Matrix, other: Matrix) -> bool:
 
 @dataclass
 class _Restore:
-    """What differs between a light and its state in a look."""
+    """Differences between a light and its state in a look."""
 
     obj: bpy.types.Object
     state: dict[str, Any]

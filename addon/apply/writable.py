@@ -1,4 +1,4 @@
-"""Whether a property may be written, and why not."""
+"""Reasons why a property may not be written."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ def write(path: Path, data: Any) -> None:
 
 
 def read(path: Path) -> Any:
-    """What was written. Raises OSError, and ValueError of another file."""
+    """Reads what was written. Raises OSError, and ValueError if it is another file."""
     with path.open("rb") as file:
 
         def arrays_in(found: dict[str, Any]) -> Any:

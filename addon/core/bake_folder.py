@@ -13,12 +13,12 @@ PATHS = (MANIFEST, "guided.json", "world.exr", "tile_*.safetensors", "training_*
 """Files of paths, and what is made of those paths alone. The manifest goes first: what is left after a crash is never
 taken for a bake."""
 CONTENTS = "contents.json"
-"""What the native module notes there: which files the folder should hold."""
+"""File in which the native module lists the files that the folder should hold."""
 OWN_FILES = (
     *(*PATHS, "lights.json", "shot.json", "wanted.json", "view.png", "base.exr", CONTENTS, "baking.lock"),
     *("proxy_*.safetensors", "proxy_*.json"),
 )
-"""Of a bake and its proxies."""
+"""Names of all files of a bake and its proxies."""
 OTHER_WORLD = "map of the world"
 """The native module's word for a bake that differs by nothing but the world's texture and how that is turned."""
 
@@ -36,7 +36,7 @@ def default_folder(blend_file: str, scene: str, camera: str, cache: Path, unsave
 
 
 def is_bake(folder: Path) -> bool:
-    """Whether a folder holds a manifest that Relume wrote."""
+    """True if a folder holds a manifest that Relume wrote."""
     try:
         manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
     except (OSError, ValueError):

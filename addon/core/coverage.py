@@ -78,7 +78,7 @@ def _cover(stroke: Stroke, size: tuple[int, int]) -> tuple[tuple[slice, slice], 
 
 
 def _add_capsule(cover: np.ndarray, corner: np.ndarray, start: np.ndarray, end: np.ndarray) -> None:
-    """What lies between two circles, each x, y and radius in pixels."""
+    """Adds the area between two circles, each given by x, y and radius in pixels."""
     reach = max(start[2], end[2]) * (1.0 + EDGE) + 1.0
     low = np.maximum(np.floor(np.minimum(start, end)[:2] - reach).astype(int) - corner, 0)
     high = np.minimum(np.ceil(np.maximum(start, end)[:2] + reach).astype(int) - corner, cover.shape[::-1])

@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 
 BYTES_PER_PATH = 55
-"""Of a dump with 16 bounces: 47 in cornell_box, 57 in kitchen and modern_hall."""
+"""Size of a path in a dump with 16 bounces: 47 in cornell_box, 57 in kitchen and modern_hall."""
 
 
 def expected_size(size: tuple[int, int], samples: int) -> int:

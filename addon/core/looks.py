@@ -27,7 +27,7 @@ class Look:
 
     name: str
     rows: tuple[Row, ...] = ()
-    """Of lights, groups, world and static light."""
+    """Rows of lights, groups, world and static light."""
     lights: tuple[dict[str, Any], ...] = ()
     """Each `{"name", "type", "matrix", "hidden", "settings"}`: `matrix` is world-from-object by rows, `settings`
     maps properties of the Blender light to values. One with `"added": true` is made where there is none of its name."""
@@ -38,7 +38,7 @@ class Match:
     """How a look meets the rows of a scene."""
 
     rows: list[Row] = field(default_factory=list)
-    """What the scene's rows become, in their order."""
+    """New values of the scene's rows, in their order."""
     missing: list[str] = field(default_factory=list)
     """Lights and groups of the look that the scene does not have."""
     unknown: list[str] = field(default_factory=list)
@@ -133,7 +133,7 @@ def _checked(data: dict[str, Any], key: str, is_good: Callable[[Any], bool], whe
 
 
 def _is_text(value: Any) -> bool:
-    """What Blender can store as a name."""
+    """True if Blender can store the value as a name."""
     return isinstance(value, str) and not any(char < " " or "\ud800" <= char <= "\udfff" for char in value)
 
 

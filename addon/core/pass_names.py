@@ -30,8 +30,7 @@ def light_passes(lights: Iterable[str], longest: int = LONGEST) -> dict[str, str
 
 
 def only(content: dict[str, Any], name: str) -> dict[str, Any] | None:
-    """What makes a single pass of the picture of some content (its "lights", "gains", "world" and "static"); None if
-    there is no such pass."""
+    """Content (its "lights", "gains", "world" and "static") reduced to a single pass; None if there is no such pass."""
     if name in AOVS:
         return content | {"aov": AOVS[name]}
     passes = light_passes(light["name"] for light in content["lights"])

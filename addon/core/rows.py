@@ -39,7 +39,7 @@ class Row:
     """Tint by the colour of a black body of this temperature, besides `color`."""
 
     def gain(self) -> list[float]:
-        """What the sliders of this row amount to, on, off and solo aside."""
+        """Gain of this row's sliders, without on, off and solo."""
         strength = 2.0**self.exposure * self.multiplier
         tint = blackbody_color(self.kelvin) if self.use_kelvin else (1.0, 1.0, 1.0)
         return [strength * color * kelvin for color, kelvin in zip(self.color, tint, strict=True)]
@@ -52,12 +52,12 @@ def bare_name(name: str) -> str:
 
 
 def is_neutral(row: Row) -> bool:
-    """Whether the row changes nothing."""
+    """True if the row changes nothing."""
     return row.on and not row.solo and row.gain() == NEUTRAL
 
 
 def any_solo(rows: Iterable[Row]) -> bool:
-    """Whether only what is soloed is heard."""
+    """True if any row is soloed, so that only soloed rows are seen."""
     return any(row.solo for row in rows)
 
 

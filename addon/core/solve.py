@@ -1,4 +1,4 @@
-"""What is asked of the solver, and what its answer means for Blender's lights; as plain data."""
+"""Requests to the solver, and the meaning of its results for Blender's lights; as plain data."""
 
 from __future__ import annotations
 
@@ -68,19 +68,19 @@ class Limits:
     sun: tuple[float, float] | None = None
     """Least and most angle of suns from the middle to the edge, radians."""
     cone: tuple[float, float] | None = None
-    """Of the cones of spots."""
+    """Bounds of the cone angle of spots."""
     stay: float | None = None
     """How much they are drawn to where and how they are."""
 
     def bounds(self) -> dict[str, Any]:
-        """As a request has them."""
+        """Limits in the form of a request."""
         low, high = self.box or ((), ())
         found = {"min": list(low), "max": list(high), "tint": self.tint, "degrees": self.degrees}
         found |= {name: list(getattr(self, name) or ()) for name in ("stops", "size", "sun", "cone")}
         return {name: value for name, value in found.items() if value not in ([], None)}
 
     def own(self) -> dict[str, Any]:
-        """As a request has them for one light."""
+        """Limits in the form of a request, for one light."""
         bounds = self.bounds()
         return ({"bounds": bounds} if bounds else {}) | ({} if self.stay is None else {"stay": self.stay})
 
@@ -95,7 +95,7 @@ class Wish:
     keep_rest: float = 0.01
     limits: Limits = Limits()
     own: dict[str, Limits] = field(default_factory=dict)
-    """What differs for single lights, by their names."""
+    """Limits of single lights that differ, by name."""
     add_count: int = 0
     add_type: str = "point"
     remove: bool = False
@@ -129,8 +129,8 @@ def request(shown: dict[str, Any], wish: Wish) -> dict[str, Any]:
 
 
 def _lacks_color(light: dict[str, Any]) -> bool:
-    """Whether a light's temperature gives nothing of a channel, as that of a candle nothing of blue: no colour of the
-    light could bring it back."""
+    """True if a light's temperature gives none of a channel, such as blue at a candle's: no colour could bring it
+    back."""
     return min(light.get("temperature_color", (1.0,))) <= 0.0
 
 
@@ -166,7 +166,7 @@ def moved_out_of_sight(answer: dict[str, Any], asked: Iterable[dict[str, Any]]) 
 
 
 def _is_where_it_was(now: dict[str, Any], before: dict[str, Any]) -> bool:
-    """Whether a light of an answer has the place and shape of a request's light."""
+    """True if a light of a result has the place and shape of a request's light."""
     if "kind" not in before:  # As programs may write lights.
         return False
     rows = [zip(*pair, strict=True) for pair in zip(now["world_from_object"], before["world_from_object"], strict=True)]
@@ -183,7 +183,7 @@ class Solved:
     """The lights of a look that the solver's answer makes."""
 
     states: list[dict[str, Any]] = field(default_factory=list)
-    """As in `looks.Look.lights`: those that changed, are new, or are to be hidden."""
+    """States as in `looks.Look.lights`, of lights that changed, are new, or are to be hidden."""
     gone: list[str] = field(default_factory=list)
     """Lights that are no longer in the scene."""
 
@@ -195,8 +195,8 @@ def solved(
     asked: Iterable[dict[str, Any]] = (),
     taken: Iterable[str] = (),
 ) -> Solved:
-    """What an answer makes of the lights of a scene, as they are now, by name; `shown` are those of the picture,
-    `asked` those of the request. New lights get names that are not `taken`."""
+    """Changes to the scene's lights that a result asks for, by name. `shown` are the lights of the picture, `asked`
+    those of the request. New lights get names that are not `taken`."""
     out, taken = Solved(), set(taken)
     tinted = {light["name"]: light for light, other in zip(shown, asked, strict=True) if light != other}
     changed = set(answer["changed"])

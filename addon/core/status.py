@@ -21,7 +21,7 @@ STAGES = {
 
 
 def shown(status: dict[str, Any]) -> str:
-    """What the picture in the view is made of."""
+    """Description of what the shown picture is made of."""
     picture = status["shown"]
     if picture is None:
         return ""
@@ -47,7 +47,7 @@ def _error(status: dict[str, Any]) -> str:
 
 
 def out_of_sight(status: dict[str, Any]) -> list[str]:
-    """What to say of lights that were moved away from where the paths look; nothing while more paths come."""
+    """Sentence about lights that were moved to where few paths go; none while more paths come."""
     if status["state"] in {"preparing", "baking"}:
         return []
     names = status["rarely_met"]
@@ -62,7 +62,7 @@ FULL_DISK = ("No space left on device", "os error 112", "Disk quota exceeded")
 
 
 def error(status: dict[str, Any]) -> str:
-    """What went wrong, in words for the artist; empty if nothing did."""
+    """Error in words for the artist; empty if there is none."""
     text = status["error"] or ""
     if any(words in text for words in FULL_DISK):
         return "The disk is full: free some space, or choose another bake folder, and start again"
@@ -70,7 +70,7 @@ def error(status: dict[str, Any]) -> str:
 
 
 def headline(status: dict[str, Any]) -> str:
-    """What is going on, in one line."""
+    """Summary of the present state in one line."""
     match status["state"]:
         case "empty":
             return "Nothing is baked yet"
@@ -88,17 +88,18 @@ def headline(status: dict[str, Any]) -> str:
 
 
 def is_unfinished(status: dict[str, Any]) -> bool:
-    """Whether there is more to bake or learn and nobody does: it was stopped, now or before the file was opened."""
-    return status["state"] in {"cancelled", "ready"} and (status["is_owed"] or lacks_samples(status))
+    """True if something is left to bake or learn and nobody does it: it was stopped, now or before the file was
+    opened."""
+    return status["state"] in {"cancelled", "ready"} and (status["is_incomplete"] or lacks_samples(status))
 
 
 def lacks_samples(status: dict[str, Any]) -> bool:
-    """Whether there are fewer samples than were asked for."""
+    """True if there are fewer samples than were asked for."""
     return status["samples"] < status["samples_total"]
 
 
 def _stopped(status: dict[str, Any]) -> str:
-    if status["is_owed"] and not lacks_samples(status):
+    if status["is_incomplete"] and not lacks_samples(status):
         return f"Stopped while learning the lights; {status['samples']} samples are kept"
     if not status["samples"]:
         return "Stopped"
@@ -123,8 +124,8 @@ def progress(status: dict[str, Any]) -> tuple[float, str] | None:
 
 def to_come(status: dict[str, Any]) -> str:
     """How long all that is left will take, where something follows the present stage; empty as long as nobody knows."""
-    rest = status["rest"]
-    if rest is None or status["state"] not in {"baking", "training"}:
+    remaining = status["remaining"]
+    if remaining is None or status["state"] not in {"baking", "training"}:
         return ""
-    about = "About" if rest.is_whole else "At least"
-    return f"{about} {clock(rest.seconds)} until all is {'traced and ' if rest.traces else ''}learned"
+    about = "About" if remaining.is_complete else "At least"
+    return f"{about} {clock(remaining.seconds)} until all is {'traced and ' if remaining.traces else ''}learned"

@@ -27,9 +27,9 @@ ERASE = "erase"
 BRIGHTNESS, TINT = {BRIGHTER, DARKER, SHADOW, KEEP}, {COLOR, WARMER, COOLER, KEEP}
 """Meanings of which a place can have one."""
 UNITS = {BRIGHTER: "stops", DARKER: "stops", SHADOW: "stops", WARMER: "mireds", COOLER: "mireds"}
-"""What the amount of a meaning counts, which is also its name in a request."""
+"""Unit of each meaning's amount, which is also the amount's name in a request."""
 SPACING = 0.2
-"""Of points along a stroke, in radii: a round brush hides what lies closer."""
+"""Spacing of points along a stroke, in radii: a round brush hides closer ones."""
 FARTHEST = 10.0
 """How many pictures beside the picture a place may be."""
 DIGITS = 5
@@ -45,7 +45,7 @@ class StrokeError(Exception):
 
 @dataclass(frozen=True)
 class Meaning:
-    """What is asked of a place in the picture."""
+    """Goal for a place in the picture."""
 
     goal: str
     """One of MEANINGS, or ERASE."""
@@ -55,7 +55,7 @@ class Meaning:
     """Scene-linear; of the goal COLOR."""
 
     def plain(self) -> dict[str, Any]:
-        """As a goal of a request, without its place."""
+        """Goal of a request, without its place."""
         out: dict[str, Any] = {"goal": self.goal}
         if self.goal in UNITS:
             out[UNITS[self.goal]] = self.amount
@@ -64,8 +64,8 @@ class Meaning:
         return out
 
     def replaces(self, other: Meaning) -> bool:
-        """Whether to paint this takes away what was painted before, as erasing does everything, and brighter darker;
-        but not warmer."""
+        """True if painting this removes strokes of the other meaning: erasing removes all, brighter removes darker but
+        not warmer."""
         if self.goal == ERASE:
             return True
         return self != other and any({self.goal, other.goal} <= group for group in (BRIGHTNESS, TINT))
@@ -89,7 +89,7 @@ class Stroke:
     """x, y and pressure (0 to 1, a factor on the radius)."""
 
     def region(self) -> dict[str, Any]:
-        """As a stroke of a request."""
+        """Stroke of a request."""
         points = [list(point) for point in self.points]
         return {"radius": self.radius, "strength": self.strength, "erase": False, "points": points}
 

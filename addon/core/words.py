@@ -8,7 +8,7 @@ from functools import lru_cache
 
 MOST_NAMES = 3
 OF_ONE = re.compile(r"(?P<kind>light|object) '(?P<name>.+?)'(?P<said>:? .*)", re.DOTALL)
-"""What is said of a single light or object."""
+"""Message about a single light or object."""
 QUOTED_OR_NUMBER = re.compile(r"'[^']*'|(?<= )\d+(?:\.\d+)?(?= |$)")
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import bpy
 
-from ..core import wanted
+from ..core import bake_goal
 from . import shot
 from .options import Options, options_of
 from .process import SavedCopy, Worker, blender_command
@@ -50,7 +50,7 @@ class BackgroundBake:
 
     @property
     def is_running(self) -> bool:
-        """Whether it has not ended."""
+        """True until the bake has ended."""
         return not (self.done or self.error)
 
     @property
@@ -92,11 +92,11 @@ class BackgroundBake:
         if self._copy is not None:  # It was the bake.
             self._remove_copy()
             self._steps += [self._train_arguments(kind) for kind in self._kinds()]
-            wanted.Wanted(self.options.samples, self.options.train_seconds).write(self.folder)
+            bake_goal.BakeGoal(self.options.samples, self.options.train_seconds).write(self.folder)
         if self._steps:
             self._start_next()
         else:
-            wanted.forget(self.folder)
+            bake_goal.forget(self.folder)
             self.done = True
 
     def _start_next(self) -> None:

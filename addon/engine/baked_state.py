@@ -9,8 +9,8 @@ from typing import Any
 import bpy
 
 from ..core.bake_folder import MANIFEST, is_bake, size_of
-from ..core.differences import sentences, world_gain
-from . import prints, record
+from ..core.diff import sentences, world_gain
+from . import fingerprints, record
 
 MOST_SENTENCES = 8
 UNNAMED = "something that is not told apart (a simulation, combed hair, the version of Blender)"
@@ -41,14 +41,15 @@ def _sentences(
         (width, height), size = exported.resolution, size_of(folder)
         other = f"The picture has {width} x {height} pixels now; the bake has {size[0]} x {size[1]}" if size else ""
         return [other] if size not in {None, (width, height)} else []
-    present = prints.take_all(scene, scene.objects.get(camera or "") or scene.camera, exported.resolution)
-    keys = {**baked.prints, **present}.keys() - ({"world"} if has_own_world else set())
-    found = sentences([key for key in keys if baked.prints.get(key) != present.get(key)], baked.prints, present)
-    worlds = [taken.get("world", {}) for taken in (baked.prints, present)]
+    present = fingerprints.all_fingerprints(scene, scene.objects.get(camera or "") or scene.camera, exported.resolution)
+    keys = {**baked.fingerprints, **present}.keys() - ({"world"} if has_own_world else set())
+    different = [key for key in keys if baked.fingerprints.get(key) != present.get(key)]
+    words = sentences(different, baked.fingerprints, present)
+    worlds = [taken.get("world", {}) for taken in (baked.fingerprints, present)]
     colors = {world.get("color") for world in worlds}
     if "world" in keys and len(colors) > 1 and world_gain(*worlds) is not None:
-        found.append("The world became brighter, darker or of another tint")
-    return found
+        words.append("The world became brighter, darker or of another tint")
+    return words
 
 
 def _manifest(folder: Path) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from ..core import bake_cache
-from ..core.apart import apart
+from ..core.background_call import run_in_thread
 
 _going: set[Path] = set()
 
@@ -24,7 +24,7 @@ def count(folder: Path) -> Generator[None, None, tuple[int, int]]:
         bakes = list(bake_cache.bakes_in(folder))
         return len(bakes), sum(bake_cache.size_of(bake) for bake in bakes)
 
-    return (yield from apart(look))
+    return (yield from run_in_thread(look))
 
 
 def clean(folder: Path, in_use: Callable[[], Collection[Path]]) -> Generator[None, None, tuple[int, list[str]]]:
@@ -32,11 +32,11 @@ def clean(folder: Path, in_use: Callable[[], Collection[Path]]) -> Generator[Non
     How many are gone, and problems in words."""
     gone = 0
     problems: list[str] = []
-    for bake in (yield from apart(lambda: list(bake_cache.bakes_in(folder)))):
+    for bake in (yield from run_in_thread(lambda: list(bake_cache.bakes_in(folder)))):
         used = in_use()
         _going.add(bake)
         try:
-            more, said = yield from apart(partial(bake_cache.remove, [bake], used))
+            more, said = yield from run_in_thread(partial(bake_cache.remove, [bake], used))
         finally:
             _going.discard(bake)
         gone, problems = gone + more, problems + said

@@ -1,4 +1,4 @@
-"""What keeps a scene from being baked, in one line for the artist each."""
+"""Checks for problems that keep a scene from being baked, each in one line for the artist."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import bpy
 
 from ..core.disk import expected_size, in_words
 from ..export.camera import film_size, why_no_picture
-from . import background, cache, shot
+from . import background, cache
+from . import shot as shots
 from .options import FolderError, bake_folder, options_of
 
 
@@ -45,7 +46,7 @@ def folders_in_use(scene: bpy.types.Scene | None = None) -> dict[Path, str]:
     """Bake folders that are deleted, written to, or shown other than by the open shot of `scene`, with what to do about
     it."""
     uid = scene.session_uid if scene is not None else None
-    shown = {found.folder for found in shot.all_open() if found.scene_uid != uid}
+    shown = {shot.folder for shot in shots.all_open() if shot.scene_uid != uid}
     written = {job.folder for job in background.all_jobs() if job.is_running}
     return {
         **{

@@ -21,7 +21,7 @@ def look() -> None:
 
 
 def is_looking() -> bool:
-    """Whether the answer is still to come; takes it when it is there. Raises RelumeError if there is none."""
+    """True until the list of devices is there; takes it then. Raises RelumeError if listing them failed."""
     global _job, _names
     if _job is None:
         return False
@@ -36,5 +36,5 @@ def is_looking() -> bool:
 
 
 def names() -> list[str]:
-    """What the device can be set to: always the same three, and the cards that were found."""
+    """Names that the device can be set to: always the same three, and the cards that were found."""
     return [*ALWAYS, *_names]

@@ -1,25 +1,27 @@
-"""What Python leaves out when it looks for garbage while shots are open. Otherwise it looks through everything now and
-then, on whichever thread has just asked for memory: tens of milliseconds, for
-Blender's own modules, which are none."""
+"""Freezing of Python's garbage collector while shots are open.
+
+The collector otherwise traverses all objects now and then, on whichever thread has just allocated memory. For Blender's
+own modules, which are no garbage, that takes tens of milliseconds."""
 
 from __future__ import annotations
 
 import gc
 
-_is_spared = False
+_is_frozen = False
+"""True while the collector is frozen by this module."""
 
 
-def spare() -> None:
-    """From now on what is there now is left out."""
-    global _is_spared
-    if _is_spared or not gc.get_freeze_count():  # Somebody else's is left as it is.
+def gc_freeze() -> None:
+    """Excludes all present objects from garbage collection, unless somebody else has frozen it."""
+    global _is_frozen
+    if _is_frozen or not gc.get_freeze_count():
         gc.freeze()
-        _is_spared = True
+        _is_frozen = True
 
 
-def spare_nothing() -> None:
-    """Puts everything back."""
-    global _is_spared
-    if _is_spared:
+def gc_unfreeze() -> None:
+    """Returns all objects to garbage collection, if `gc_freeze` excluded them."""
+    global _is_frozen
+    if _is_frozen:
         gc.unfreeze()
-        _is_spared = False
+        _is_frozen = False

@@ -19,7 +19,7 @@ from .process import Worker, blender_command, private_folder, telling_little_roo
 
 COMMAND = "help-window"
 JOB = ".job"
-"""What the names of jobs' files end with, after the number and the kind."""
+"""Suffix of jobs' files, after the number and the kind."""
 IDLE_SECONDS = 120.0
 """How long it waits for the next job."""
 POLL_SECONDS = 0.01
@@ -39,7 +39,7 @@ class Helper:
         self._worker: Worker | None = None
         self._number = 0
         self._told: dict[int, list[Told]] = {}
-        """What was told and not yet taken, by the numbers of jobs that are wanted."""
+        """Reports that nobody has taken yet, by the numbers of jobs whose results are still wanted."""
 
     def begin(self, kind: str, job: Any) -> int:
         """Has a job done: plain data and arrays (`core.array_file`). Its number. Raises OSError."""
@@ -60,8 +60,8 @@ class Helper:
         return number
 
     def take(self, number: int) -> list[Told]:
-        """What was told of a job since the last time, which ends with `{"finished": True}`. Raises OSError with why it
-        failed, and of a job that was dropped."""
+        """Takes the reports of a job since the last call; the last one is `{"finished": True}`. Raises OSError with the
+        reason if the job failed, and if it was dropped."""
         with self._lock:
             self._listen()
             if number not in self._told:
@@ -79,8 +79,8 @@ class Helper:
             _remove(self._place.glob(f"{number}[.-]*"))
 
     def interrupt(self, number: int) -> None:
-        """As `drop`, of a job that may take long: where it is not done the other Blender ends, and a new one goes on
-        with what else is wanted."""
+        """Drops a job that may take long. If it is under way, the other Blender ends and a new one does the remaining
+        jobs."""
         is_done = not any(self._place.glob(f"{number}.*{JOB}"))
         self.drop(number)
         if not is_done:
@@ -91,7 +91,7 @@ class Helper:
 
     @property
     def is_running(self) -> bool:
-        """Whether the other Blender is at work or waits."""
+        """True while the other Blender works or waits."""
         worker = self._worker
         return worker is not None and not worker.ended
 

@@ -21,8 +21,8 @@ POLL_SECONDS = 0.005
 
 @contextmanager
 def finishing(stop: Stop) -> Iterator[FinishMesh]:
-    """What `export_scene` has meshes finished by; waiting for one raises `ExportCancelled` soon after `stop` says so.
-    At the end nothing is left of those that nobody took."""
+    """Context of the function by which `export_scene` has meshes finished. Waiting for a mesh raises `ExportCancelled`
+    soon after `stop` returns True. At the end, meshes that nobody took are dropped."""
     begun: list[tuple[helper.Helper, int]] = []
 
     def begin(late: LateMesh, asked: Collection[str]) -> Callable[[], dict[str, Any]]:

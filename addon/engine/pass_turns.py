@@ -14,11 +14,11 @@ class PassTurns:
         self.pictures: dict[str, Any] = {}
         """The newest frames by name of the pass."""
         self.is_away = False
-        """Whether a pass was asked for, and no picture as a whole came since."""
+        """True if a pass was asked for, and no whole picture has come since."""
         self.is_waiting = False
-        """Whether the pass that was asked for last is on its way."""
+        """True while the pass that was asked for last is on its way."""
         self._versions: dict[str, str] = {}
-        """What was asked for of each pass, or is not there."""
+        """Version of each pass that was asked for last or found missing."""
         self._requests: dict[int, str] = {}
         """Passes by the numbers of requests that frames may still come of."""
 

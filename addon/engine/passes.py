@@ -20,16 +20,16 @@ class Whole:
 
     frame: Any
     content: dict[str, Any]
-    """What it was asked with."""
+    """Content of the request for it."""
     is_interactive: bool
     number: int
-    """Of the first request with this content."""
+    """Number of the first request with this content."""
     samples: int
     """Paths per pixel that are traced."""
     proxies: dict[str, Any]
 
     def version(self, name: str) -> str:
-        """Another one where the picture of a pass would be another. What surfaces are no light changes."""
+        """Version of a pass, which differs where its picture would. Lights change nothing of the surfaces' AOVs."""
         if name in pass_names.AOVS:
             return str(self.samples)
         shown = json.loads(self.frame.summary)
@@ -37,7 +37,7 @@ class Whole:
 
     @property
     def is_finished(self) -> bool:
-        """Whether no better picture is on its way."""
+        """True if no better picture is on its way."""
         return self.is_interactive or json.loads(self.frame.summary).get("settled", True)
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..core.apart import apart
+from ..core.background_call import run_in_thread
 from ..export.target import Picture, TargetError, read_mask, read_target, taken
 from ..export.view_transform import set_view, view_settings
 from .process import Worker, blender_command, private_folder, telling_little_room
@@ -28,7 +28,7 @@ class Read:
     """A picture that was read."""
 
     pixels: np.ndarray
-    """As `export.target.read_target` or `read_mask` gives it."""
+    """Pixels as returned by `export.target.read_target` or `read_mask`."""
     words: str = ""
     """How its colours were understood."""
     is_doubtful: bool = False
@@ -50,7 +50,7 @@ class Reading:
 
     @property
     def is_done(self) -> bool:
-        """Whether it has ended, well or not."""
+        """True if reading has ended, with success or not."""
         return self.found is not None or bool(self.error)
 
     def step(self) -> bool:
@@ -76,24 +76,24 @@ class Reading:
     def _run(self, job: dict[str, Any], uid: int) -> Generator[None, None, None]:
         contents = yield from _contents(uid)
         with telling_little_room(self._place):
-            yield from apart(partial(_prepare, self._place, job, contents))
+            yield from run_in_thread(partial(_prepare, self._place, job, contents))
         worker = self._worker = Worker(blender_command(None, [COMMAND, str(self._place), "--json"]), self._place)
         while not worker.ended:
             yield
         events = {event.get("event"): event for event in worker.events()}
         if worker.code != 0:
             raise TargetError(worker.failure())
-        pixels = yield from apart(lambda: np.load(self._place / RESULT))
+        pixels = yield from run_in_thread(lambda: np.load(self._place / RESULT))
         self.found = Read(pixels, events["result"]["words"], events["result"]["is_doubtful"])
 
 
 def is_in_memory(image: bpy.types.Image) -> bool:
-    """Whether Blender holds pixels of it, which may be others than those of its file."""
+    """True if Blender holds pixels of the image in memory, which may differ from those of its file."""
     return image.has_data or image.source != "FILE"
 
 
 def _described(image: bpy.types.Image, place: Path) -> dict[str, Any]:
-    """What the other Blender has to know of an image besides its pixels."""
+    """Settings of an image that the other Blender needs besides its pixels."""
     if is_in_memory(image):
         return {}
     path = str(place / PACKED) if image.packed_file else bpy.path.abspath(image.filepath, library=image.library)
@@ -101,13 +101,13 @@ def _described(image: bpy.types.Image, place: Path) -> dict[str, Any]:
 
 
 def _contents(uid: int) -> Generator[None, None, Picture | bytes | None]:
-    """What has to be passed on of an image: pixels, a packed file, or nothing of what lies in a file."""
+    """Contents of an image to pass on: pixels, or a packed file; None if the other Blender can read its file."""
     image = _image(uid)
     if not is_in_memory(image):
         return image.packed_file.data if image.packed_file else None
     count = image.size[0] * image.size[1] * image.channels
     # Written to once: to give a program memory takes the system longer than Blender needs to fill it.
-    room = yield from apart(lambda: np.ones(count, np.float32))
+    room = yield from run_in_thread(lambda: np.ones(count, np.float32))
     return taken(_image(uid), room)
 
 

@@ -21,15 +21,15 @@ import bpy
 import gpu
 
 from ..core.disk import free_space, in_words
-from . import painted
+from . import unsaved_images
 
 SCRIPT = "relume_bake.py"
 OWNED = "RELUME_ENDS_WITH_STANDARD_INPUT"
 """In the environment of a process that is to end with the one that started it. Not on Windows, where libraries that are
 loaded wait while the standard input is read."""
 GIVES_WAY = ["nice", "-n", "10"]
-"""What starts a process on Unix that leaves the processor to the artist's Blender where both want it; one that lowers
-its own priority would do so on Linux for one of its threads."""
+"""Command that starts a process on Unix with a lower priority than the artist's Blender. A process that lowers its own
+priority on Linux does so for one thread only."""
 LAST_WORDS = 20
 """Lines that are kept to say why a process failed."""
 OWNER_IS_GONE = 129
@@ -77,7 +77,7 @@ class Worker:
 
     @property
     def ended(self) -> bool:
-        """Whether the process is over and all it said has arrived."""
+        """True if the process is over and all its output has arrived."""
         return self._process.poll() is not None and not self._reader.is_alive()
 
     @property
@@ -119,7 +119,7 @@ class Worker:
         self._process.wait()
 
     def end(self, clean_up: Callable[[], None]) -> None:
-        """As `kill`, then cleans up; nobody waits for either, which can take a tenth of a second."""
+        """Kills the process, then cleans up. Does not wait for either, which can take a tenth of a second."""
 
         def bury() -> None:
             self.kill()
@@ -151,8 +151,8 @@ def end_with_owner() -> None:
 
 
 def little_room(folder: Path) -> str:
-    """What to add to the words of a failure where the disk is full, or nearly. Blender calls that "No such file
-    or directory", NumPy "3072 requested and 3040 written"."""
+    """Addition to the words of a failure where the disk is full, or nearly. Blender calls that "No such file or
+    directory", NumPy "3072 requested and 3040 written"."""
     free = free_space(folder)
     if free is None or free >= LITTLE_ROOM:
         return ""
@@ -169,7 +169,7 @@ def telling_little_room(folder: Path) -> Iterator[None]:
 
 
 def _crash(code: int) -> str:
-    """What an exit code says of a process that did not end by itself; empty of one that did."""
+    """Description of the exit code of a process that was killed or crashed; empty if it ended by itself."""
     if code >= WINDOWS_EXCEPTIONS:
         return f"the other Blender crashed (exception {code:#x})"
     if code >= 0:
@@ -190,7 +190,7 @@ class SavedCopy:
     would lack something that renders of the scene show."""
 
     def __init__(self, scene: bpy.types.Scene) -> None:
-        if words := painted.refusal(scene):
+        if words := unsaved_images.refusal(scene):
             raise NoCopyError(words)
         self._folder = private_folder()
         self.folder = Path(self._folder.name)

@@ -1,4 +1,4 @@
-"""What lies beside a bake so that it is found right again: prints of its scene, and the meaning of its receivers."""
+"""Record of the scene that a bake was made of: its fingerprints, and the meaning of its receivers."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from pathlib import Path
 import bpy
 
 from ..core import whole_file
-from ..core.differences import ORDER, Print
+from ..core.diff import ORDER, Fingerprint
 from ..export.linking import receiver_names
-from . import prints
+from . import fingerprints
 
 FILE = "shot.json"
 FORMAT, VERSION = "relume-shot", 1
@@ -19,18 +19,26 @@ FORMAT, VERSION = "relume-shot", 1
 
 @dataclasses.dataclass(frozen=True)
 class Record:
-    """The contents of `shot.json`."""
+    """Contents of `shot.json`."""
 
     camera: str
     receivers: list[str]
     """Full names of the scene's objects that light linking counts, in its order."""
-    prints: dict[str, Print]
+    fingerprints: dict[str, Fingerprint]
     maps: dict[str, str] = dataclasses.field(default_factory=dict)
-    """Shapes of prints of worlds that were shown, by what the native module calls them."""
+    """Shape in the fingerprint of each world that was shown, by the native module's name of its map."""
 
     def write(self, folder: Path) -> None:
-        """Writes it into a bake folder, whole or not at all."""
-        whole_file.write_json(folder / FILE, {"format": FORMAT, "version": VERSION, **vars(self)})
+        """Writes the record into a bake folder, whole or not at all."""
+        content = {
+            "format": FORMAT,
+            "version": VERSION,
+            "camera": self.camera,
+            "receivers": self.receivers,
+            "prints": self.fingerprints,
+            "maps": self.maps,
+        }
+        whole_file.write_json(folder / FILE, content)
 
 
 def forget(folder: Path) -> None:
@@ -39,20 +47,20 @@ def forget(folder: Path) -> None:
 
 
 def read(folder: Path) -> Record | None:
-    """The record of a bake; None if there is none, or none that can be read."""
+    """Record of a bake; None if there is none, or it cannot be read."""
     try:
         content = json.loads((folder / FILE).read_text(encoding="utf-8"))
         if content["format"] != FORMAT or content["version"] != VERSION:
             return None
         known = {key: value for key, value in content["prints"].items() if key.partition(" ")[0] in ORDER}
-        found = {key: _print(value) for key, value in known.items()}
-        maps = _print(content.get("maps", {}))
-        return Record(str(content["camera"]), [str(name) for name in content["receivers"]], found, maps)
+        baked = {key: _strings(value) for key, value in known.items()}
+        maps = _strings(content.get("maps", {}))
+        return Record(str(content["camera"]), [str(name) for name in content["receivers"]], baked, maps)
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
 
 
-def _print(value: dict) -> Print:
+def _strings(value: dict) -> dict[str, str]:
     return {str(part): str(text) for part, text in value.items()}
 
 
@@ -62,8 +70,8 @@ def of(
     camera: bpy.types.Object | None = None,
     size: tuple[int, int] | None = None,
 ) -> Record:
-    """A record of the present scene, taken at once, whose world the native module calls so; of another camera or size
-    than the scene's if named."""
+    """Record of the present scene, taken at once. `world_map` is the native module's name of its world's map; `camera`
+    and `size` are the scene's own by default."""
     camera = camera or scene.camera
-    found = prints.take_all(scene, camera, size)
-    return Record(camera.name, receiver_names(scene), found, {world_map: found["world"]["shape"]})
+    taken = fingerprints.all_fingerprints(scene, camera, size)
+    return Record(camera.name, receiver_names(scene), taken, {world_map: taken["world"]["shape"]})

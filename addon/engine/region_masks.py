@@ -13,7 +13,7 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from ..core.solve import SolveError
-from .prints import GEOMETRY
+from .fingerprints import GEOMETRY
 
 SIZE = 160
 """Rays along the longer side of the picture."""
@@ -27,7 +27,7 @@ OBJECT, MATERIAL, OBJECT_INDEX, MATERIAL_INDEX = KINDS = ("OBJECT", "MATERIAL", 
 
 @dataclass(frozen=True)
 class Seen:
-    """What is asked for."""
+    """Object, material or index whose mask is asked for."""
 
     kind: str
     """One of KINDS."""
@@ -88,8 +88,8 @@ def _has(obj: bpy.types.Object, seen: Seen) -> bool:
 
 
 class _Unseen:
-    """What the camera does not see in renders although the window may show it. Holds plain data: data-blocks may be
-    gone in the next slice."""
+    """Objects that the camera does not see in renders although the window may show them. Holds plain data: data-blocks
+    may be gone in the next slice."""
 
     def __init__(self, scene: bpy.types.Scene):
         layer = bpy.context.view_layer
@@ -112,11 +112,11 @@ class _Unseen:
                     self.instances.add(_key(instance.object, instance.matrix_world))
 
     def lets_through(self, obj: bpy.types.Object, world_from_object: Matrix) -> bool:
-        """Whether what a ray has met is not there in renders."""
+        """True if an object that a ray has hit is not there in renders."""
         return obj.original.session_uid in self.objects or _key(obj, world_from_object) in self.instances
 
     def is_only_in_renders(self, obj: bpy.types.Object) -> bool:
-        """Whether the camera sees an object in renders and the window hides it."""
+        """True if the camera sees an object in renders and the window hides it."""
         return obj.session_uid not in self.objects and not obj.visible_get()
 
 
@@ -155,7 +155,8 @@ class _Caster:
         self.near = camera.data.clip_start
 
     def __call__(self, x: float, y: float) -> dict[str, Any] | None:
-        """What is seen at fractions of the picture from its top left corner, by KINDS; None for nothing."""
+        """Objects, materials and indices, by KINDS, that are seen at fractions of the picture from its top left corner;
+        None if nothing is hit."""
         place = Vector(
             (self.low.x + x * (self.high.x - self.low.x), self.high.y - y * (self.high.y - self.low.y), self.low.z)
         )

@@ -21,7 +21,7 @@ from .engine_name import address_of_engine, set_engine_unseen
 
 Result = TypeVar("Result")
 Stop = Callable[[], bool]
-"""Whether the work should end."""
+"""Returns True if the work should end."""
 
 CONTEXT_BYTES = 64 << 20
 """Twice what the graphics context takes that Blender makes for a first render, whatever the engine (26 MB in Mesa's
@@ -64,7 +64,7 @@ files that are written meanwhile."""
 _reading: dict[int, dict[str, Any]] = {}
 """Such scenes, and the settings that they have until the engine is called."""
 _waiting: list[RenderTask[Any]] = []
-"""What the next render of its scene is to run."""
+"""Tasks that the next renders of their scenes are to run."""
 
 
 def run_waiting(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> bool:
@@ -106,7 +106,7 @@ class RenderTask(Generic[Result]):
         self.cancelled = True
 
     def result(self) -> Result:
-        """What the work returned; raises what it raised."""
+        """Result of the work; raises its exception."""
         if self._error is not None:
             raise self._error
         if self._outcome:
@@ -132,8 +132,8 @@ def start_with_render_depsgraph(
     work: Callable[[bpy.types.Depsgraph, Stop], Result],
     done: Callable[[Result | None, BaseException | None], None],
 ) -> RenderTask[Result]:
-    """As `with_render_depsgraph`, but returns at once: `work` runs on another thread, `done` is called from Blender's
-    event loop with its result or error."""
+    """Starts `with_render_depsgraph` and returns at once. `work` runs on another thread; `done` is called from
+    Blender's event loop with its result or error."""
     task = RenderTask(scene, work)
     around, settings = ExitStack(), ExitStack()
     try:
@@ -171,7 +171,7 @@ def _begin_render(scene: bpy.types.Scene) -> None:
 
 
 def _is_delayed(scene: bpy.types.Scene) -> bool:
-    """Whether the render has to be told its layer: Blender waits 0.2 s then until it begins."""
+    """True if the render needs the name of its layer: Blender waits 0.2 s then until it begins."""
     return scene.render.use_single_layer or sum(layer.use for layer in scene.view_layers) != 1
 
 
@@ -187,7 +187,7 @@ def _finish(task: RenderTask[Result], done: Callable[[Result | None, BaseExcepti
 
 
 def _is_waiting() -> bool:
-    """Whether a render was asked for: Blender starts its job a moment later."""
+    """True if a render was asked for: Blender starts its job a moment later."""
     windows = bpy.context.window_manager.windows
     return any(operator.bl_idname == "RENDER_OT_render" for window in windows for operator in window.modal_operators)
 

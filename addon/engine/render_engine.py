@@ -15,14 +15,14 @@ import bpy
 import numpy as np
 
 from ..core.bake_folder import is_bake
-from ..core.differences import gain_between
+from ..core.diff import gain_between
 from ..core.pass_names import ALBEDO, COMBINED, DEPTH, LONGEST, NORMAL, STATIC, WORLD, light_passes
 from ..core.progress import progress_line
 from ..core.rows import NEUTRAL
 from ..core.words import grouped, listed
 from ..export import ExportOptions, trace_settings
 from ..export.camera import film_border, film_size, why_no_picture
-from . import shot
+from . import shot as shots
 from .checks import folders_in_use
 from .native import native
 from .options import Options, options_of, remembered_bake
@@ -31,14 +31,14 @@ from .render_depsgraph import ExportCancelled
 from .scene import scene_of_depsgraph
 
 ENGINE = "RELUME"
-"""Of `bpy.types.RenderSettings.engine`."""
+"""Identifier for `bpy.types.RenderSettings.engine`."""
 POLL_SECONDS = 0.05
 NOTHING_HIT = 1e10
 """Cycles' depth where no surface is."""
 ALBEDO_HERE = "DiffCol" if bpy.app.version < (5, 0, 0) else ALBEDO
 """This Blender's name of that pass."""
 BAKE_SHARE = 0.9
-"""Of the progress bar, where a bake has to be made."""
+"""Share of the progress bar for the bake, where one has to be made."""
 
 
 @dataclass(frozen=True)
@@ -55,14 +55,14 @@ class PassSettings:
 
     def declare(self, lights: list[str]) -> list[tuple[str, int, str, str]]:
         """Name, channels, their letters and Blender's type of each pass."""
-        found = [(COMBINED, 4, "RGBA", "COLOR")]
+        channels = [(COMBINED, 4, "RGBA", "COLOR")]
         if self.lights:
             names = [*light_passes(lights, self.longest).values(), STATIC, WORLD]
-            found += [(name, 3, "RGB", "COLOR") for name in names]
-        found += [(DEPTH, 1, "Z", "VALUE")] * self.depth
-        found += [(NORMAL, 3, "XYZ", "VECTOR")] * self.normal
-        found += [(ALBEDO_HERE, 3, "RGB", "COLOR")] * self.albedo
-        return found
+            channels += [(name, 3, "RGB", "COLOR") for name in names]
+        channels += [(DEPTH, 1, "Z", "VALUE")] * self.depth
+        channels += [(NORMAL, 3, "XYZ", "VECTOR")] * self.normal
+        channels += [(ALBEDO_HERE, 3, "RGB", "COLOR")] * self.albedo
+        return channels
 
 
 _stopping = False
@@ -140,7 +140,7 @@ class _FinalRender:
             yield relighter
 
     def _is_of(self, info: dict[str, Any], exported: Any, folder: Path) -> bool:
-        """Whether the bake is of this scene with its settings; any seed will do, and any world where each pixel has a
+        """True if the bake is of this scene with its settings. Any seed will do, and any world if each pixel has a
         sample."""
         settings = self._settings(lambda _: None) | {"seed": info["manifest"]["seed"], "samples": 1}
         return exported.difference(folder, json.dumps(settings)) is None
@@ -155,13 +155,14 @@ class _FinalRender:
 
     def _folder(self) -> Path:
         """The bake that the panel shows or would show."""
-        found, remembered = shot.of(self.scene), remembered_bake(self.scene)
-        if found is not None:
-            return found.folder
+        shot, remembered = shots.of(self.scene), remembered_bake(self.scene)
+        if shot is not None:
+            return shot.folder
         return remembered if remembered and is_bake(remembered) else self.options.folder
 
     def _is_whole(self, info: dict[str, Any]) -> bool:
-        """Whether the bake has one sample of each pixel at least. An artist who waits for more sees what is there."""
+        """True if the bake has at least one sample of each pixel. An artist who waits for more sees those that are
+        there."""
         there, wanted = info["shards"]
         whole = there * len(info["manifest"]["passes"]) >= wanted
         if whole and there < wanted:
@@ -169,7 +170,7 @@ class _FinalRender:
         return whole
 
     def _misses(self, relighter: Any, lights: list[dict[str, Any]]) -> bool:
-        """Whether lights were moved to where the bake's paths do not look: their light would be missing."""
+        """True if lights were moved to where the bake's paths do not look: their light would be missing."""
         names = relighter.rarely_met(json.dumps(lights))
         if names:
             words = f"few paths of the bake meet {listed(names)} now: new ones are traced for this picture"
@@ -177,9 +178,9 @@ class _FinalRender:
         return bool(names)
 
     def _is_being_baked(self, folder: Path) -> bool:
-        """Whether something else works with the folder, in this Blender or beside it."""
-        found = shot.of(self.scene)
-        return (found is not None and found.is_working) or folder in folders_in_use(self.scene)
+        """True if a bake writes into the folder, from this Blender or another process."""
+        shot = shots.of(self.scene)
+        return (shot is not None and shot.is_working) or folder in folders_in_use(self.scene)
 
     def _bake(self, exported: Any, folder: Path) -> None:
         job = native().bake(exported, folder, self._settings(self._warn), resume=True)
@@ -296,5 +297,5 @@ class _FinalRender:
 
 
 def _is_free(folder: Path) -> bool:
-    """Whether a bake may be written there without touching anything."""
+    """True if a bake can be written into the folder without replacing anything."""
     return not folder.exists() or not any(folder.iterdir())

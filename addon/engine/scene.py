@@ -34,9 +34,9 @@ def load_scene_async(
     options: ExportOptions | None,
     done: Callable[[Any | None, BaseException | None], None],
 ) -> RenderTask | None:
-    """As `load_scene`, without holding up Blender's window: `done` gets the scene or the error, from the event loop.
-    The task can be cancelled; so can Esc, as any render (the error is `ExportCancelled`). Without a window all is done
-    on return."""
+    """Loads like `load_scene`, without blocking Blender's window. `done` gets the scene or the error, from the event
+    loop. The task can be cancelled, also with Esc as any render; the error is `ExportCancelled` then. Without a window
+    all is done on return."""
     try:
         if not bpy.app.background:
             native()

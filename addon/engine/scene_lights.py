@@ -22,7 +22,7 @@ from ..export.linking import LightLinking
 from .native import native
 
 LIGHT = bpy.types.Object.bl_rna.properties["type"].enum_items["LIGHT"].value
-"""What `foreach_get` says of the type of a light."""
+"""Value of `type` in `foreach_get` for a light."""
 Key = tuple[int, ...]
 """Session uids of a light and of what instances it, or of itself, and which of the instances it is."""
 
@@ -42,19 +42,19 @@ class _Entry:
 
     light: bpy.types.Object
     owner: bpy.types.Object
-    """What instances it, or the light itself."""
+    """Object that instances the light, or the light itself."""
     data_uid: int
     name: str
     settings: tuple
-    """Of both objects, see `_settings_of`."""
+    """Settings of both objects, see `_settings_of`."""
     matrix: Matrix | None
-    """Of an instance; a light itself is asked."""
+    """Matrix of an instance; None for a light itself, which is asked."""
     description: Description | None = None
-    """Of a light that can shine."""
+    """Description of a light that can shine."""
     warnings: list[str] = field(default_factory=list)
 
     def is_same(self, other: _Entry) -> bool:
-        """Whether the same things would be read. What is in collections of light linking is not known."""
+        """True if reading both entries gives the same. Members of light linking's collections are not compared."""
         is_linked = self.description is not None and "receivers" in self.description
         return not is_linked and self._sources() == other._sources()
 
@@ -72,14 +72,14 @@ class SceneLights:
         self.receivers = receivers
         """Full names of the scene's objects when it was baked: their order is the meaning of light linking."""
         self.descriptions: list[Description] = []
-        """As `export.lights.describe_light` makes them, each under a name of its own."""
+        """Descriptions of all lights from `export.lights.describe_light`, each under a name of its own."""
         self.warnings: list[str] = []
         self._entries: dict[Key, _Entry] = {}
         self._waiting: dict[Key, None] = {}
         self._differs = False
-        """Whether `descriptions` or `warnings` are no longer those of the entries."""
+        """True if `descriptions` or `warnings` are no longer those of the entries."""
         self._hidden: list[str] = []
-        """What is said of lights that are hidden."""
+        """Warnings about hidden lights."""
         self._instancers: set[int] = set()
         self._shown: set[int] = set()
         """Uids of all lights that were found."""
@@ -87,12 +87,12 @@ class SceneLights:
 
     @property
     def is_waiting(self) -> bool:
-        """Whether lights have still to be read: until then `descriptions` are those of before."""
+        """True if lights have still to be read: until then `descriptions` are the former ones."""
         return bool(self._waiting) or self._differs
 
     @property
     def is_forgotten(self) -> bool:
-        """Whether nothing was read since `forget`."""
+        """True if nothing was read since `forget`."""
         return self._visibility is None
 
     @property
@@ -101,12 +101,11 @@ class SceneLights:
         return {entry.name for entry in self._entries.values() if entry.matrix is not None}
 
     def shows(self, uid: int) -> bool | None:
-        """Whether a light gives light, where it is or as an instance, by its session uid; None as long as that is not
-        known."""
+        """True if a light gives light, in place or as an instance, by its session uid; None until that is known."""
         return None if self.is_forgotten else uid in self._shown
 
     def forget(self) -> None:
-        """What was read is no longer true, such as after undo: the next update reads everything."""
+        """Forgets all that was read, for example after undo: the next update reads everything."""
         self._entries, self._waiting, self._differs, self._visibility = {}, {}, False, None
 
     def update(self, depsgraph: bpy.types.Depsgraph, seconds: float = math.inf) -> bool:
@@ -152,7 +151,7 @@ class SceneLights:
         return edited, shaded, may_instance
 
     def _may_instance(self, update: bpy.types.DepsgraphUpdate, found: bpy.types.Object, instancers: Instancers) -> bool:
-        """Whether an updated object may instance other lights now than before."""
+        """True if an updated object may instance other lights than before."""
         if found.instance_type != "NONE" or (self._instancers and found.original.session_uid in self._instancers):
             return True
         has_others = update.is_updated_geometry and len(found.modifiers) > 0
@@ -273,16 +272,17 @@ class _Shown(NamedTuple):
     evaluated: bpy.types.Object
     light: bpy.types.Object
     owner: bpy.types.Object
-    """What shows it: the light itself, or what instances it."""
+    """Object that shows the light: the light itself, or its instancer."""
     is_shown: bool = True
     which: Key = ()
-    """Of its owner's instances."""
+    """Key among the owner's instances."""
     matrix: Matrix | None = None
-    """Of an instance."""
+    """Matrix of an instance; None for a light itself."""
 
 
 def _shown_themselves(depsgraph: bpy.types.Depsgraph) -> Iterator[_Shown]:
-    """Of a scene in which nothing instances lights: there may be hundreds of thousands of other instances."""
+    """Lights of a scene in which nothing instances lights. Other instances, of which there may be hundreds of
+    thousands, are not visited."""
     yield from (_Shown(light.evaluated_get(depsgraph), light, light) for light in _lights(depsgraph.view_layer.objects))
 
 
@@ -299,13 +299,13 @@ def _shown(depsgraph: bpy.types.Depsgraph) -> Iterator[_Shown]:
 
 
 def _settings_of(light: bpy.types.Object, owner: bpy.types.Object) -> tuple:
-    """What `describe_light` reads of the objects themselves."""
+    """Settings of the two objects that `describe_light` reads."""
     linking = light.light_linking
     return ray_visibility(light, owner), linking.receiver_collection is None, linking.blocker_collection is None
 
 
 def _is_replaced(light: bpy.types.Object) -> bool:
-    """Whether renders show a light only where it is instanced: views also show itself."""
+    """True if renders show a light only where it is instanced, while views also show the light itself."""
     return light.parent is not None and light.parent.instance_type in {"VERTS", "FACES"}
 
 
@@ -322,7 +322,7 @@ def _hidden_instances(
 
 
 def _views_hide() -> bool:
-    """Whether views hide anything, of what lights may be shown by in instances, that renders show."""
+    """True if views hide anything that renders show and that instances of lights may be shown by."""
     may_hide = [obj for obj in bpy.data.objects if obj.type in {"LIGHT", "EMPTY"}]
     return any(block.hide_viewport and not block.hide_render for block in [*may_hide, *bpy.data.collections])
 

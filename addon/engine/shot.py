@@ -12,22 +12,23 @@ from typing import Any
 
 import bpy
 
-from ..core.apart import apart
+from ..core.background_call import run_in_thread
 from ..core.bake_folder import camera_of, world_map_of
 from ..core.fresh_memory import FreshMemory
 from ..core.status import is_unfinished, lacks_samples
 from ..core.words import grouped
 from ..export import ExportOptions, trace_settings
 from ..export.linking import receiver_names
-from . import garbage, prints, record, worlds
-from .changes import Changes
+from . import fingerprints, record, worlds
+from .garbage import gc_freeze, gc_unfreeze
 from .native import native
 from .options import Options, options_of, remember_bake, remembered_bake
-from .owed import Owed
 from .passes import Passes, Whole
+from .remaining_work import RemainingWork
 from .render_depsgraph import CONTEXT_BYTES, ExportCancelled, RenderTask
 from .scene import load_scene_async
 from .scene_lights import Description, SceneLights
+from .staleness import StalenessTracker
 from .world_follower import WorldFollower
 
 EMPTY: dict[str, Any] = {
@@ -47,11 +48,11 @@ EMPTY: dict[str, Any] = {
     "rarely_met": [],
     "error": None,
     "shown": None,
-    "rest": None,
-    "is_owed": False,
+    "remaining": None,
+    "is_incomplete": False,
     "is_under_another_world": False,
 }
-"""What the native module tells, how long the rest takes, and whether the folder lacks something that was asked for."""
+"""Status as the native module reports it, with the last three keys added by `RemainingWork` and this module."""
 LIVELY_SECONDS = 2.0
 TRACING = {"preparing", "baking"}
 WORKING = TRACING | {"training"}
@@ -60,7 +61,7 @@ _shots: dict[int, Shot] = {}
 
 
 class Shot:
-    """What is baked of a scene, and what is being done about it."""
+    """Bake of one scene, and the work on it."""
 
     def __init__(self, scene: bpy.types.Scene, options: Options, kept: record.Record | None):
         self.scene_uid = scene.session_uid
@@ -76,27 +77,27 @@ class Shot:
         """The last picture of the bake that this one replaces."""
         self.warnings: list[str] = []
         self.lights = SceneLights(_view_layer(scene), kept.receivers if kept else receiver_names(scene))
-        self.changes = Changes(kept.prints if kept else None)
+        self.changes = StalenessTracker(kept.fingerprints if kept else None)
         self.changes.maps |= kept.maps if kept else {}
         self.is_recorded = kept is not None
-        self._owed = Owed(options)
+        self._remaining = RemainingWork(options)
         self.is_exporting = self._has_ended = False
-        self._memory = apart(partial(FreshMemory, CONTEXT_BYTES))
+        self._memory = run_in_thread(partial(FreshMemory, CONTEXT_BYTES))
         self._task: RenderTask | None = None
         self._world = WorldFollower(self.changes)
         self._read_world = ""
-        """Shape of the world's print when reading the scene began."""
+        """Shape of the world's fingerprint when reading the scene began."""
         self._content: dict[str, Any] = {}
-        """What the newest request asks for; empty where that is not the present lights and rows."""
+        """Content of the newest request; empty if that is not the present lights and rows."""
         self._is_interactive = self._anew = False
         self.was_interrupted = False
-        """Whether reading the scene was stopped, and nobody has looked at that yet."""
+        """True if reading the scene was stopped, until that is noticed."""
         self.refusal = ""
         """Why the newest request has no picture."""
         self._request_number = self._whole_number = 0
-        """Of the newest request, and of the first one with the present content."""
+        """Numbers of the newest request, and of the first one with the present content."""
         self.serial = 0
-        """Of the newest frame, of the whole picture or of a pass."""
+        """Serial of the newest frame, of the whole picture or of a pass."""
         self._passes = Passes(self._ask_content)
         self._status_text = ""
         self._news = time.monotonic()
@@ -123,8 +124,8 @@ class Shot:
         folder = remembered_bake(scene) or options.folder
         shot = cls._replace(scene, dataclasses.replace(options, folder=folder), record.read(folder))
         shot.is_recorded = True
-        shot._owed.read()
-        if shot.changes.recording:
+        shot._remaining.read()
+        if shot.changes.is_recording:
             shot._camera_uid = None
             shot.warnings.append("This bake says nothing of its scene: what changed before it was opened is not seen")
         shot._find_camera(scene, camera_of(folder))
@@ -143,7 +144,7 @@ class Shot:
             shot.frame_before = before.picture if before.camera == shot.camera else None
             before.close()
         _shots[scene.session_uid] = shot
-        garbage.spare()
+        gc_freeze()
         return shot
 
     def _export(self, scene: bpy.types.Scene) -> None:
@@ -159,8 +160,8 @@ class Shot:
             return False
         try:
             next(self._memory)
-        except StopIteration as found:
-            found.value.give_back()
+        except StopIteration as end:
+            end.value.give_back()
         else:
             return False
         self._load(scene)
@@ -172,7 +173,7 @@ class Shot:
     def _load(self, scene: bpy.types.Scene) -> None:
         settings = trace_settings(scene, self.warnings.append)
         settings |= {"samples": self.options.samples, "threads": self.options.threads}
-        self._read_world = prints.world(scene)["shape"]
+        self._read_world = fingerprints.world(scene)["shape"]
         self._task = load_scene_async(
             scene, ExportOptions(), lambda exported, error: self._exported(exported, error, settings)
         )
@@ -198,13 +199,13 @@ class Shot:
         record.forget(self.folder)
         if scene := self._scene():
             remember_bake(scene, self.folder)
-        self._owed.note_bake()
+        self._remaining.note_bake()
         self._live.bake(exported, settings, train_seconds=self.options.train_seconds, anew=self._anew)
 
     def _note_world_of(self, exported: Any) -> None:
-        """What was read is the world of the print, if that did not change meanwhile."""
+        """Notes the world that was read under the shape of its fingerprint, if that did not change meanwhile."""
         scene = self._scene()
-        if scene is not None and prints.world(scene)["shape"] == self._read_world:
+        if scene is not None and fingerprints.world(scene)["shape"] == self._read_world:
             self.changes.maps[exported.world_map] = self._read_world
 
     def _end(self, status: dict[str, Any]) -> None:
@@ -213,14 +214,15 @@ class Shot:
         self._has_ended = True
 
     def _find_camera(self, scene: bpy.types.Scene, baked: str) -> None:
-        """Of a bake that was opened: it may have been renamed since, in a file that was not saved."""
+        """Finds the camera of a bake that was opened: it may have been renamed since, in a file that was not saved."""
         known = self.camera if self.changes.baked else ""
         self.camera = next((name for name in (known, baked) if name in scene.objects), known or baked or self.camera)
         if self.camera != known and self.camera in scene.objects:
             self.changes.rename_camera(scene.objects[self.camera].name_full)
 
     def recognises(self, camera: bpy.types.Object) -> bool:
-        """Whether the bake is of a camera. It is found by its name once and then known, whatever it is called."""
+        """True if the bake is of this camera. It is found by its name once, and then known by its uid under any
+        name."""
         if camera.session_uid != self._camera_uid:
             if camera.name != self.camera or self._camera_exists():
                 return False
@@ -228,36 +230,36 @@ class Shot:
         if camera.name != self.camera:
             self.camera = camera.name
             self.changes.rename_camera(camera.name_full)
-            self.is_recorded = self.is_recorded and self.changes.recording
+            self.is_recorded = self.is_recorded and self.changes.is_recording
         return True
 
     def _camera_exists(self) -> bool:
         uid = self._camera_uid
-        return uid is not None and any(found.session_uid == uid for found in bpy.data.objects)
+        return uid is not None and any(obj.session_uid == uid for obj in bpy.data.objects)
 
     @property
     def is_open(self) -> bool:
-        """Whether it was not closed."""
+        """True until the shot is closed."""
         return _shots.get(self.scene_uid) is self
 
     @property
     def is_stored(self) -> bool:
-        """Whether the folder holds something of this shot, or soon will."""
+        """True if the folder holds something of this shot, or soon will."""
         return not (self.is_exporting or self._has_ended)
 
     @property
     def is_working(self) -> bool:
-        """Whether something is being baked or trained."""
+        """True while something is being baked or trained."""
         return self.status["state"] in WORKING
 
     @property
     def is_tracing(self) -> bool:
-        """Whether paths are being traced, or the scene is read for that."""
+        """True while paths are being traced, or the scene is read for that."""
         return self.status["state"] in TRACING
 
     @property
     def picture(self) -> Any:
-        """What is to be shown: the newest picture; before there is one, that of the bake before."""
+        """Newest picture; before there is one, that of the bake before."""
         return self.frame or (self.frame_before if self.is_working else None)
 
     @property
@@ -266,7 +268,7 @@ class Shot:
         return [self.picture, *self._passes.turns.pictures.values()]
 
     def picture_of(self, name: str) -> Any:
-        """What is to be shown of a pass; as long as there is no picture of it, or no such light, the picture itself."""
+        """Newest picture of a pass; the whole picture as long as there is none, or no such light."""
         return self._passes.turns.pictures.get(name, self.picture)
 
     @property
@@ -279,18 +281,19 @@ class Shot:
 
     @property
     def is_changing_world(self) -> bool:
-        """Whether another world than the present one is shown still."""
+        """True while another world than the present one is still shown."""
         return self._world.is_behind
 
     @property
     def can_show(self) -> bool:
-        """Whether requests have pictures, now or as soon as there are paths: what was baked until a failure has."""
+        """True if requests have pictures, now or as soon as there are paths. After a failure, what was baked before it
+        is shown."""
         there = self.status["samples"] or self.status["proxies"] or self.status["shown"]
         return not self._has_ended and (self.status["state"] != "failed" or bool(there))
 
     @property
     def is_busy(self) -> bool:
-        """Whether a newer status or picture is to be expected."""
+        """True if a newer status or picture is to be expected."""
         if self.status["state"] == "empty" or not self.can_show:
             return False
         shown = self.status["shown"] or {}
@@ -299,12 +302,13 @@ class Shot:
 
     @property
     def is_lively(self) -> bool:
-        """Whether anything came lately."""
+        """True if a status or picture came within the last seconds."""
         return time.monotonic() - self._news < LIVELY_SECONDS
 
     @property
     def notes(self) -> list[str]:
-        """What this shot has and Relume cannot represent, and what else the artist should know; each once."""
+        """Notes for the artist, each once: features that Relume cannot represent, warnings, and the reason for a
+        missing picture."""
         refusal = [self.refusal] * bool(self.refusal)
         return list(grouped((*refusal, *self.lights.warnings, *self.warnings, *self.status["warnings"])))
 
@@ -315,7 +319,7 @@ class Shot:
         if task is None:
             return None
         self.warnings += task.world.warnings
-        self.is_recorded = self.changes.recording
+        self.is_recorded = self.changes.is_recording
         self.keep_record()
         return task.world
 
@@ -370,7 +374,7 @@ class Shot:
         self._news = time.monotonic()
         self._status_text = text
         self.status = json.loads(text) | (self._of_whole() if self._passes.turns.is_away else {})
-        self._owed.note(self.status)
+        self._remaining.note(self.status)
         self.status["is_under_another_world"] = self._is_under_another_world()
         self.changes.note_world(self.status["world_map"], self.status["world_color"])
         if frame:
@@ -386,44 +390,45 @@ class Shot:
             self._status_text = ""  # What it says of the picture was left out.
 
     def _of_whole(self) -> dict[str, Any]:
-        """What is known of the picture itself, while the status is that of a pass."""
+        """Status of the whole picture, kept while the native module reports that of a pass."""
         return {name: self.status[name] for name in ("shown", "rarely_met", "warnings")}
 
     def _is_under_another_world(self) -> bool:
-        """Whether paths are missing that cannot be added: those that are there are of another world than is shown."""
+        """True if paths are missing that cannot be added, because those in the folder are of another world than is
+        shown."""
         if not (is_unfinished(self.status) and lacks_samples(self.status)):
             return False
         return world_map_of(self.folder) not in {None, self.status["world_map"]}
 
-    def rest(self, scene: bpy.types.Scene) -> Options:
+    def resume_options(self, scene: bpy.types.Scene) -> Options:
         """Options to go on with what was asked for of this bake, in its folder."""
         options = dataclasses.replace(
             options_of(scene), folder=self.folder, samples=self.status["samples_total"] or self.options.samples
         )
-        owed = self._owed.wanted
-        return dataclasses.replace(options, train_seconds=owed.train_seconds) if owed else options
+        goal = self._remaining.goal
+        return dataclasses.replace(options, train_seconds=goal.train_seconds) if goal else options
 
     def keep_record(self) -> None:
         """Writes what the bake is of, as soon as there is a bake and that is known."""
-        if self.is_recorded or self.changes.recording or not self.status["samples"]:
+        if self.is_recorded or self.changes.is_recording or not self.status["samples"]:
             return
         self.is_recorded = True
         try:
-            found = self.changes.of_bake()
-            record.Record(self.camera, self.lights.receivers, found, self.changes.maps).write(self.folder)
+            baked = self.changes.baked_fingerprints()
+            record.Record(self.camera, self.lights.receivers, baked, self.changes.maps).write(self.folder)
         except OSError as error:
             self.warnings.append(f"What the bake is of could not be written down: {error}")
 
     @property
     def lacks_a_kind(self) -> bool:
-        """Whether a kind of light came into use after all that was asked for of this bake was done, and could be
-        learned as well. What a look or the solver shows is not in use."""
-        return bool(self._content) and not self._is_interactive and self._owed.lacks_a_kind(self.status)
+        """True if a kind of light came into use after the goal was met, and could be learned as well. Lights that a
+        look or the solver shows are not in use."""
+        return bool(self._content) and not self._is_interactive and self._remaining.lacks_a_kind(self.status)
 
     def learn_kinds(self) -> None:
         """Has the kinds of light learned that the bake lacks."""
         try:
-            self._live.learn(self._owed.note_kinds(self.status))
+            self._live.learn(self._remaining.note_kinds(self.status))
         except (OSError, RuntimeError) as error:
             self.warnings.append(f"The kind of light that was added is not learned: {error}")
 
@@ -445,7 +450,7 @@ class Shot:
         if self.is_open:
             del _shots[self.scene_uid]
         if not _shots:
-            garbage.spare_nothing()
+            gc_unfreeze()
         if self._task is not None:
             self._task.cancel()
         self._world.close()

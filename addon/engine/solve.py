@@ -33,5 +33,5 @@ def answer(job: Any) -> dict[str, Any]:
 
 
 def one_line(error: BaseException) -> str:
-    """What an error says, without line breaks."""
+    """Message of an error, without line breaks."""
     return " ".join(str(error).split()) or repr(error)

@@ -60,7 +60,7 @@ class Verification:
 
     @property
     def is_running(self) -> bool:
-        """Whether Cycles is at work."""
+        """True while Cycles is at work."""
         return self._worker is not None
 
     def poll(self) -> bool:
@@ -116,8 +116,8 @@ _verifications: dict[int, Verification] = {}
 def start(scene: bpy.types.Scene, frame: Any, camera: str, samples: int, mix: dict[str, Any]) -> Verification:
     """Starts a comparison of the newest frame; one that runs for this scene is ended."""
     close(scene.session_uid)
-    found = _verifications[scene.session_uid] = Verification(scene, frame, camera, samples, mix)
-    return found
+    verification = _verifications[scene.session_uid] = Verification(scene, frame, camera, samples, mix)
+    return verification
 
 
 def of(scene: bpy.types.Scene) -> Verification | None:
@@ -127,14 +127,14 @@ def of(scene: bpy.types.Scene) -> Verification | None:
 
 def all_running() -> list[Verification]:
     """All comparisons that run."""
-    return [found for found in _verifications.values() if found.is_running]
+    return [verification for verification in _verifications.values() if verification.is_running]
 
 
 def close(scene_uid: int) -> None:
     """Ends and forgets the comparison of a scene."""
-    found = _verifications.pop(scene_uid, None)
-    if found is not None:
-        found.cancel()
+    verification = _verifications.pop(scene_uid, None)
+    if verification is not None:
+        verification.cancel()
 
 
 def close_gone() -> None:

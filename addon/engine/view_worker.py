@@ -1,5 +1,5 @@
 """Has Blender colour the tables of views (`export.color_table`, `export.view_file`) and compile what draws with them
-(`viewport.rehearsal`) in another one (`engine.helper`): the window would stand still while it reads the files of a
+(`viewport.driver_cache`) in another one (`engine.helper`): the window would stand still while it reads the files of a
 view, while it colours, and while the graphics driver compiles. Newer jobs replace the one before."""
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..core.apart import apart
+from ..core.background_call import run_in_thread
 from ..core.fresh_memory import FreshMemory
 from ..export.color_table import COARSE, FINE, Table, color_table
 from ..export.view_file import write_view_table
@@ -53,7 +53,7 @@ class ViewWorker:
         self._told: list[helper.Told] = []
         self._loading: Generator[None, None, tuple[Table, FreshMemory]] | None = None
         self.is_finished = False
-        """Whether all of the newest job was done and taken."""
+        """True if all of the newest job was done and taken."""
 
     def ask(self, job: dict[str, Any]) -> None:
         """Has a job done, unless it is at it; drops the one before. Raises OSError."""
@@ -86,7 +86,7 @@ class ViewWorker:
 
     def _take(self, told: helper.Told) -> None:
         if "table" in told:
-            self._loading = apart(partial(_load, Path(told["table"])))
+            self._loading = run_in_thread(partial(_load, Path(told["table"])))
         else:
             self.drop()
             self.is_finished = True

@@ -29,7 +29,7 @@ class WorldTask:
     def __init__(self, scene: bpy.types.Scene, shape: str, before: WorldTask | None = None, by_blender: bool = False):
         """`before`: the world that is shown, whose file is not read again where this one has the same."""
         self.shape = shape
-        """Of its print."""
+        """Shape of its fingerprint."""
         self.world: Any = None
         """A `relume.World`, once it is done."""
         self.error: Exception | None = None
@@ -37,7 +37,7 @@ class WorldTask:
         steps = _Steps(by_blender, before.source if before else None, lambda: self._stopped)
         export_world(steps, ImageExporter(steps, scene.frame_current), steps.texture_of, scene, render_layer(scene))
         self.source: Hashable = steps.source
-        """What its texture is read from; None where nothing tells whether another is the same."""
+        """Source of its texture; None if nothing tells whether another one is the same."""
         self._texture_of = before.world if before and steps.is_same else None
         self._builder = native().SceneBuilder(working_space())
         self._thread = threading.Thread(target=self._run, args=(steps.calls,), daemon=True)
@@ -53,17 +53,17 @@ class WorldTask:
 
     @property
     def done(self) -> bool:
-        """Whether there is a world, or an error."""
+        """True if there is a world, or an error."""
         return not self._thread.is_alive()
 
     @property
     def was_cancelled(self) -> bool:
-        """Whether it was cancelled before it was done."""
+        """True if it was cancelled before it was done."""
         return isinstance(self.error, ExportCancelled)
 
     @property
     def needs_blender(self) -> bool:
-        """Whether it has to be tried again with pixels that Blender reads."""
+        """True if it has to be tried again with pixels that Blender reads."""
         return isinstance(self.error, _UnreadableFileError)
 
     def cancel(self) -> None:
@@ -78,16 +78,16 @@ class _Steps:
         self.calls: list[Callable[[Any], None]] = []
         self.source: Hashable = None
         self.is_same = False
-        """Whether the texture is that of `known`, and need not be read."""
+        """True if the texture is that of `known`, and need not be read."""
         self._by_blender, self._known, self._stop = by_blender, known, stop
         self._textures = 0
 
     def add_texture(self, *arguments: Any, **more: Any) -> int:
-        """As the scene builder's."""
+        """Adds a texture; called like the scene builder's method."""
         return self._texture(lambda builder: builder.add_texture(*arguments, **more))
 
     def add_texture_file(self, name: str, *arguments: Any, **more: Any) -> int | None:
-        """As the scene builder's; what cannot be read is known later."""
+        """Adds a texture's file; called like the scene builder's method. Whether it can be read is known later."""
 
         def add(builder: Any) -> None:
             if builder.add_texture_file(name, *arguments, **more) is None:
@@ -107,7 +107,7 @@ class _Steps:
         )
 
     def set_world(self, *arguments: Any, **more: Any) -> None:
-        """As the scene builder's."""
+        """Sets the world; called like the scene builder's method."""
         if self.is_same:
             more["texture"] = None
         self.calls.append(lambda builder: builder.set_world(*arguments, **more))
@@ -117,7 +117,7 @@ class _Steps:
         return native().SceneBuilder.constant_emission(shader)
 
     def warn(self, message: str) -> None:
-        """As the scene builder's."""
+        """Adds a warning; called like the scene builder's method."""
         self.calls.append(lambda builder: builder.warn(message))
 
     def _texture(self, add: Callable[[Any], Any]) -> int:
@@ -127,7 +127,7 @@ class _Steps:
 
 
 def _source(file: str | bytes, **settings: str) -> Hashable:
-    """What the pixels of an image file depend on; None if there is no such file."""
+    """Key of all that the pixels of an image file depend on; None if there is no such file."""
     if isinstance(file, bytes):
         return file, *settings.items()
     try:

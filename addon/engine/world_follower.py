@@ -5,14 +5,15 @@ from __future__ import annotations
 import bpy
 
 from . import world_change
-from .changes import Changes
+from .staleness import StalenessTracker
 from .world_change import WorldTask
 
 
 class WorldFollower:
-    """Of one shot. A world is made ready once it is none that was refused, and given up for one that is newer."""
+    """Present world of one shot, made ready to be shown. A world that was refused is skipped; one under way is given up
+    for a newer one."""
 
-    def __init__(self, changes: Changes):
+    def __init__(self, changes: StalenessTracker):
         self._changes = changes
         self._task: WorldTask | None = None
         """Another world than the one that is shown, in the making."""
@@ -21,19 +22,19 @@ class WorldFollower:
 
     @property
     def is_reading(self) -> bool:
-        """Whether a world is in the making."""
+        """True while a world is being read."""
         return self._task is not None
 
     @property
     def is_behind(self) -> bool:
-        """Whether another world than the present one is shown still."""
-        return self.is_reading or self._changes.other_world() is not None
+        """True while another world than the present one is still shown."""
+        return self.is_reading or self._changes.new_world_shape() is not None
 
     def follow(self, scene: bpy.types.Scene) -> WorldTask | None:
         """Makes the present world ready to be shown where another one is, a turn at a time; the task that has it once
         it is, whose world counts as shown from then on."""
         task, self._task = self._task, None
-        shape = self._changes.other_world()
+        shape = self._changes.new_world_shape()
         if task is None:
             self._task = self._read(scene, shape) if shape is not None else None
         elif not task.done:

@@ -19,9 +19,9 @@ from .cycles_render import read_picture, set_up
 from .worlds import JOB, RESULT
 
 SAMPLES, REFINED_SAMPLES = 4, 1024
-"""Of a pixel, and of one that a good part of all light may come from, such as the edge of the sun."""
+"""Samples of a pixel, and of one that much of all light may come from, such as the edge of the sun."""
 REFINED_SHARE = 1e-4
-"""Of all light, that a pixel and its neighbours must differ by to be refined."""
+"""Share of all light by which a pixel and its neighbours must differ to be refined."""
 TILE = 64
 MOST_TILES = 8
 FACING = (math.pi / 2.0, 0.0, -math.pi / 2.0)

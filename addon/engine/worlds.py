@@ -43,7 +43,8 @@ def rendered(world: WorldGraph, stop: Stop) -> np.ndarray:
 
 
 def rendering(world: WorldGraph) -> Callable[[Stop], np.ndarray]:
-    """What does as `rendered` later, on any thread: what it needs of Blender is read now. Raises WorldRenderError."""
+    """Function that renders the world later, on any thread, like `rendered`. Reads now what that needs of Blender.
+    Raises WorldRenderError."""
     contents = {name: _contents(image) for name, image in sorted(world.images.items())}
     widest = max([WIDTH, *(image.size[0] for image in world.images.values())])
     width = min(widest, LARGEST_WIDTH)

@@ -21,7 +21,7 @@ LAYOUTS: dict[str, tuple[Any, int]] = {
     "FLOAT_COLOR": (np.float32, 4),
     "QUATERNION": (np.float32, 4),
 }
-"""What `stored` is to be told of the values of an attribute, by its type."""
+"""Layout for `stored` of an attribute's values, by its type."""
 
 
 def stored(collection: Any, dtype: Any, width: int = 1, is_new: bool = False) -> np.ndarray:

@@ -26,16 +26,16 @@ FORMED_BY = {
 }
 REC2020_GAMMA, ROOT = 2.4, 2.5
 WEIGHTS = ((0.2589235, 0.6104985, 0.1305779), (0.2658180, 0.5984699, 0.1357121))
-"""Of red, green and blue, in the configurations of Blender 5 and 4."""
+"""Luminance weights of red, green and blue, in the configurations of Blender 5 and 4."""
 LEVELS = 4096
 ROWS, COLUMNS = 9, 1024
-"""Of colours to learn the list from: greys, and in the last row trials."""
+"""Size of the image of colours from which the list is learned: greys, and trials in the last row."""
 GOOD = 0.5 / 255.0
 """Mean error of trials up to which the list is used: other configurations may form the view in another way."""
 
 
 def applies(scene: bpy.types.Scene) -> bool:
-    """Whether a scene shows that view alone."""
+    """True if a scene's view is False Colour alone."""
     view = scene.view_settings
     return view.view_transform == NAME and view.look == "None" and not view.use_curve_mapping
 

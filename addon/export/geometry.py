@@ -29,11 +29,11 @@ class GeometryExporter:
         """Names of attributes that materials read."""
         self.finish = finish
         self.begun: dict[int, Callable[[], dict[str, Any]] | None] = {}
-        """Of an object's number in the session: what waits for its mesh to be finished; None where it is not late."""
+        """Function that waits for a late mesh, by its object's session uid; None if the mesh is not late."""
         self.numbers: dict[tuple[str, int], int | None] = {}
-        """Of evaluated meshes by their places, and of late ones by their objects."""
+        """Numbers of evaluated meshes by their addresses, and of late ones by their objects."""
         self.attributes: dict[int, set[str]] = {}
-        """Of a mesh's number: names of what materials can read."""
+        """Names of attributes that materials can read, by mesh number."""
 
     def begin(self) -> None:
         """Has late meshes begun with, all of those that are likely to be seen."""
@@ -63,7 +63,7 @@ class GeometryExporter:
         return self.numbers[key]
 
     def _late_arrays(self, obj: bpy.types.Object) -> dict[str, Any] | None:
-        """Of a late mesh; None of others, and where the other Blender failed: then this one finishes it."""
+        """Arrays of a late mesh; None if it is not late, or the other Blender failed and this one finishes it."""
         wait = self._begun(obj)
         with suppress(OSError):
             return wait() if wait is not None else None
@@ -93,7 +93,7 @@ class GeometryExporter:
 
 
 def _is_part(instance: bpy.types.DepsgraphObjectInstance) -> bool:
-    """Whether an instance shows geometry that its object's own nodes instance, and not the object's mesh."""
+    """True if an instance shows geometry that its object's own nodes instance, and not the object's mesh."""
     return instance.is_instance and instance.parent.original == instance.object.original
 
 
@@ -142,7 +142,8 @@ def _color_attributes(mesh: bpy.types.Mesh, corner_verts: np.ndarray) -> dict[st
 
 
 def _as_colors(attribute: bpy.types.Attribute, corner_verts: np.ndarray, face_starts: np.ndarray) -> np.ndarray:
-    """What Cycles makes of any attribute, [C, 4]: numbers are grey, what vectors lack is 0, and alpha 1."""
+    """Colours that Cycles makes of any attribute, [C, 4]: numbers are grey, missing components of vectors are 0, alpha
+    is 1."""
     values = _values(attribute)
     width = 1 if values.ndim == 1 else values.shape[1]
     colors = np.zeros((len(values), 4), np.float32)

@@ -18,7 +18,7 @@ ALPHA = {"STRAIGHT": "straight", "PREMUL": "premultiplied", "CHANNEL_PACKED": "c
 LINEAR_SPACES = {"Non-Color", "Raw", "Linear Rec.709", "Linear", "scene_linear", "Generic Data"}
 SRGB_SPACES = {"sRGB", "Utility - sRGB - Texture"}
 LAST_NUMBER = re.compile(r"\d+(?=[^\d/\\]*\.[^./\\]*$)")
-"""Of a file's name without its extension: the frame, where it is one of a sequence."""
+"""Frame number in a file's name, without its extension, where it is one of a sequence."""
 MAGENTA = np.array([[[255, 0, 255, 255]]], np.uint8)
 
 
@@ -28,7 +28,7 @@ class ImageExporter:
     def __init__(self, builder: Any, frame: int):
         self.builder = builder
         self.frame = frame
-        """Of the scene, where an image is one of a sequence."""
+        """Frame of the scene, for images of a sequence."""
         self.numbers: dict[tuple[str, str], int] = {}
 
     def number(self, image: bpy.types.Image, user: str, settings: bpy.types.ImageUser) -> int:
@@ -105,8 +105,8 @@ def _associate(image: bpy.types.Image, texels: np.ndarray) -> str:
 
 
 def colors_of_file(image: bpy.types.Image) -> str | None:
-    """What the values in an image's file stand for, in the native module's words; None where Blender may have others
-    than those of one file, or where the native module does not know the colour space."""
+    """Meaning of the values in an image's file, by the native module's name; None if Blender may have other values than
+    the file, or if the native module does not know the colour space."""
     is_one_of_several = image.source in {"TILED", "SEQUENCE"} and not image.is_dirty and not image.packed_files
     if not is_one_of_several and not is_as_in_file(image):
         return None
@@ -117,7 +117,7 @@ def colors_of_file(image: bpy.types.Image) -> str | None:
 
 
 def path_of(image: bpy.types.Image, settings: bpy.types.ImageUser, frame: int) -> str:
-    """Of the file that a node shows in a frame of the scene; of the first tile's, where there are several."""
+    """Path of the file that a node shows in a frame of the scene; that of the first tile if there are several."""
     path = bpy.path.abspath(image.filepath, library=image.library)
     if image.source == "TILED":
         return tile_path(path, image.tiles[0].number)
@@ -128,7 +128,7 @@ def path_of(image: bpy.types.Image, settings: bpy.types.ImageUser, frame: int) -
 
 
 def tile_path(path: str, number: int) -> str:
-    """Of the file of a tile: 1001 is the first of the first ten."""
+    """Path of a tile's file: 1001 is the first of the first ten."""
     v, u = divmod(number - 1001, 10)
     return path.replace("<UDIM>", str(number)).replace("<UVTILE>", f"u{u + 1}_v{v + 1}")
 
@@ -142,14 +142,14 @@ def frame_of(settings: bpy.types.ImageUser, frame: int) -> int:
 
 
 def note_on(image: bpy.types.Image) -> str:
-    """What is left out of an image with several pictures; empty of others."""
+    """Note on pictures of an image that are left out; empty if it has only one."""
     if image.source in {"MOVIE", "SEQUENCE"}:
         return f"image '{image.name}' is a {image.source.lower()}; the frame that Blender has of it is used"
     return f"image '{image.name}' is tiled; its first tile is used" if image.source == "TILED" else ""
 
 
 def is_as_in_file(image: bpy.types.Image) -> bool:
-    """Whether the pixels of an image are those of its one file, which may be packed."""
+    """True if the pixels of an image are those of its one file, which may be packed."""
     if image.source != "FILE" or image.is_dirty:
         return False
     return not image.has_data or bool(image.filepath)  # Made in Blender: what is packed may lack the alpha that it has.

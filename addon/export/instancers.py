@@ -1,6 +1,5 @@
-"""What objects instance: collections, and what geometry nodes and particles name, which need not be in the scene
-itself. Of nodes and particle settings it is read what they name: what becomes of that only the evaluated scene knows.
-"""
+"""Instances that objects make: of collections, and of what geometry nodes and particles name, which need not be in the
+scene. Only the names are read here: what nodes and particles do with them, only the evaluated scene knows."""
 
 from __future__ import annotations
 
@@ -11,9 +10,9 @@ import bpy
 
 Block: TypeAlias = bpy.types.Object | bpy.types.Collection
 Way: TypeAlias = tuple[int, ...]
-"""What is left of a persistent id, from the outermost to the innermost."""
+"""Remaining part of a persistent id, from the outermost to the innermost."""
 Shown: TypeAlias = Callable[[bpy.types.Object], bool]
-"""Whether renders show an object in some place, neither hidden itself nor by collections."""
+"""Returns True if renders show an object in some place, hidden neither itself nor by collections."""
 INSTANCE_BY = ("OBJECT", "NODETREE", "PARTICLE")
 """Types of what can name what is instanced."""
 NO_NUMBER = 2**31 - 1
@@ -21,11 +20,11 @@ NO_NUMBER = 2**31 - 1
 
 
 class _Named(NamedTuple):
-    """What nodes name, and how."""
+    """Data-blocks that nodes name, and how."""
 
     blocks: list[Block]
     separates: set[bool]
-    """Whether they make instances of each thing in a collection, or one of all of it; both where nobody can tell."""
+    """True if they instance each object of a collection, False if the whole collection; both if that is unknown."""
 
 
 class Instancers:
@@ -40,15 +39,15 @@ class Instancers:
         self._reached: dict[bpy.types.Object, dict[bpy.types.Object, bool]] = {}
         self._inside: dict[bpy.types.Collection, list[tuple[bpy.types.Object, bool]]] = {}
         self._seen_inside: dict[Any, list[tuple[bpy.types.Object, bool]]] = {}
-        """Of a collection and what instances it."""
+        """Objects inside of a collection, by the collection and its instancer."""
 
     def named_by(self, obj: bpy.types.Object) -> list[Block]:
         """Objects and collections in an object's modifiers, in those too that are off."""
         return _blocks([block for modifier in obj.modifiers for block in self._in_modifier(modifier).blocks])
 
     def _nodes_of(self, obj: bpy.types.Object) -> _Named:
-        """What an object's nodes name, in renders, and what those of named objects do: they may take in its geometry,
-        also where it is hidden."""
+        """Data-blocks that an object's nodes name, in renders, together with those of named objects: they may take in
+        its geometry, also where it is hidden."""
         if obj not in self._by_nodes:
             found = self._by_nodes[obj] = _Named([], set())  # Objects may name each other.
             named = [self._in_modifier(modifier) for modifier in _rendered_modifiers(obj, "NODES")]
@@ -108,11 +107,11 @@ class Instancers:
         return found.union(_objects_of(_blocks([_instanced_by(obj)])), *map(self.placed_by_modifier, obj.modifiers))
 
     def placed_by_modifier(self, modifier: bpy.types.Modifier) -> set[bpy.types.Object]:
-        """The same of a modifier, also of one that is off."""
+        """Objects that a modifier may instance, also one that is off."""
         return _objects_of(self._in_modifier(modifier).blocks)
 
     def _shown_by(self, obj: bpy.types.Object) -> Iterator[tuple[bpy.types.Object, bool]]:
-        """What an object itself may instance in renders, and whether that is shown even where it is hidden."""
+        """Objects that an object itself may instance in renders, each with True if it is shown even where hidden."""
         if (instanced := _instanced_by(obj)) is not None:
             yield from self._shown_in(instanced)
         for block in [*self._nodes_of(obj).blocks, *self._particles_of(obj)]:
@@ -128,14 +127,15 @@ class Instancers:
         yield from ((obj, False) for obj, is_shown in self._objects_of(collection) if is_shown)
 
     def may_show_lights(self, obj: bpy.types.Object) -> bool:
-        """Whether there are lights among what an object may instance."""
+        """True if there are lights among the objects that an object may instance."""
         return any(found.type == "LIGHT" for found in self.reached_from(obj))
 
     def renders(self, owner: bpy.types.Object, way: Sequence[int], light: bpy.types.Object, is_rendered: Shown) -> bool:
-        """Whether renders too show an instance of a light that a view shows. `way` is its persistent id, which says,
-        from the innermost to the outermost, by which objects it is shown. Of particles it does not, nor of nodes that
-        take a collection apart: it is enough there that they show the light at all. So it is where nodes do what is not
-        known here. `is_rendered` tells of the scene's own objects."""
+        """True if renders too show an instance of a light that a view shows.
+
+        `way` is its persistent id: from the innermost to the outermost, the objects by which it is shown. For
+        particles, nodes that take a collection apart, and nodes that are not known here, it does not say so: there it
+        is enough that they show the light at all. `is_rendered` is called with the scene's own objects."""
         numbers = tuple(number for number in reversed(way) if number != NO_NUMBER)
         # Which of their instances it is says nothing of points and faces, of which there may be thousands.
         key = owner, light, numbers if _instanced_by(owner) else numbers[1:]
@@ -145,8 +145,8 @@ class Instancers:
         return self._rendered[key]
 
     def _instances(self, by: bpy.types.Object, way: Way, light: bpy.types.Object, is_here: Shown) -> Iterator[bool]:
-        """Whether renders show the light, of each thing that an object instances and the way may lead by to it.
-        `is_here`: what renders show of the scene, or the collection, that the object itself is shown in."""
+        """Yields, for each thing that an object instances and the way may lead through, True if renders show the light.
+        `is_here` tells what renders show of the scene or collection that the object itself is shown in."""
         if not way:
             return
         if (instanced := _instanced_by(by)) is not None:
@@ -164,7 +164,7 @@ class Instancers:
     def _in_block(
         self, block: Block, way: Way, light: bpy.types.Object, by: bpy.types.Object, is_here: Shown
     ) -> Iterator[bool]:
-        """The same of what nodes name."""
+        """Yields the same as `_instances`, for data-blocks that nodes name."""
         if isinstance(block, bpy.types.Object):
             yield from self._along(block, way, light, is_here)
             return
@@ -178,15 +178,15 @@ class Instancers:
     def _in_whole(
         self, collection: bpy.types.Collection, way: Way, light: bpy.types.Object, by: bpy.types.Object
     ) -> Iterator[bool]:
-        """The same of a collection that nodes instance as one. Each object that views show there has two numbers: of
-        itself, and of what it instances."""
+        """Yields the same as `_instances`, for a collection that nodes instance as one. Each object that views show
+        there has two numbers: its own, and that of what it instances."""
         if way and (way[0] % 2 == 0) == (len(way) == 1):
             yield from self._in_place(self._seen_in(collection, by), way[0] // 2, way[1:], light)
 
     def _in_place(
         self, objects: list[tuple[bpy.types.Object, bool]], place: int, way: Way, light: bpy.types.Object
     ) -> Iterator[bool]:
-        """The same of the object in a place, and whether renders show that."""
+        """Yields the same as `_instances`, for the object in a place."""
 
         def is_here(obj: bpy.types.Object) -> bool:
             return (obj, True) in objects
@@ -195,7 +195,8 @@ class Instancers:
             yield from (is_shown and is_rendered for is_shown in self._along(obj, way, light, is_here))
 
     def _along(self, obj: bpy.types.Object, way: Way, light: bpy.types.Object, is_here: Shown) -> Iterator[bool]:
-        """The same of an instance of an object, which may be the light itself. What is hidden instances nothing."""
+        """Yields the same as `_instances`, for an instance of an object, which may be the light itself. A hidden one
+        instances nothing."""
         if way:
             yield from (is_shown and not obj.hide_render for is_shown in self._instances(obj, way, light, is_here))
         elif obj == light:
@@ -222,8 +223,8 @@ class Instancers:
 
 
 def may_be_instanced(lights: Collection[bpy.types.Object]) -> bool:
-    """Whether something may instance one of a file's lights: what could do so uses it, or a collection around it. That
-    may be a rig; but to know it of a hundred thousand objects and instances, no look at each of them is needed."""
+    """True if something may instance one of a file's lights, because it uses the light or a collection around it. The
+    user may be a mere rig, but no look at each of a hundred thousand objects and instances is needed."""
     if any(light.instance_type != "NONE" or _is_on_points(light) for light in lights):
         return True
     users = bpy.data.user_map(subset={*lights, *bpy.data.collections}, value_types={"COLLECTION", *INSTANCE_BY})
@@ -239,7 +240,7 @@ def may_be_instanced(lights: Collection[bpy.types.Object]) -> bool:
 
 
 def _is_on_points(obj: bpy.types.Object) -> bool:
-    """Whether what an object hangs from instances it on its points or faces."""
+    """True if an object's parent instances it on its points or faces."""
     parent = obj.parent
     while parent is not None and parent.instance_type not in {"VERTS", "FACES"}:
         parent = parent.parent
@@ -278,7 +279,7 @@ def _separates(node: bpy.types.Node) -> set[bool]:
 
 
 def node_inputs(modifier: bpy.types.Modifier) -> list[tuple[str, Any]]:
-    """What a modifier of geometry nodes hands to its group, by name."""
+    """Inputs that a modifier of geometry nodes passes to its group, by name."""
     if not hasattr(modifier, "properties"):  # As before Blender 5.2.
         return list(modifier.items())
     found = []

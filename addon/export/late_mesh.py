@@ -33,9 +33,9 @@ class LateMesh:
     """An unfinished mesh."""
 
     plain: dict[str, Any]
-    """What `finished` takes: plain data, and arrays that lie in Blender's memory."""
+    """Argument of `finished`: plain data, and arrays that lie in Blender's memory."""
     geometry: Any
-    """What that memory goes with."""
+    """Owner of that memory."""
 
 
 FinishMesh = Callable[[LateMesh, Collection[str]], Callable[[], dict[str, Any]]]

@@ -26,7 +26,7 @@ class Line:
     groups: tuple[str, ...] = ()
     """Names (`name_of`) of all collections that a light is in, also through others and through instances."""
     is_named: bool = False
-    """Whether geometry nodes or particles may instance the light itself, which show it even where it is hidden."""
+    """True if geometry nodes or particles may instance the light itself, which show it even where it is hidden."""
 
 
 def light_tree(scene: bpy.types.Scene) -> list[Line]:
@@ -110,5 +110,5 @@ class _Walk:
 
 
 def is_light(obj: bpy.types.Object) -> bool:
-    """Whether an object emits as a light."""
+    """True if an object emits as a light."""
     return obj.type == "LIGHT" and not is_portal(obj.data)

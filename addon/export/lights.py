@@ -35,13 +35,14 @@ VARYING = {
 MIN_SIZE = 0.01
 """`relume_scene::MIN_SIZE`, metres."""
 ALL_BOUNCES = 1024
-"""Of a light in Cycles, unless somebody has set fewer: no scene has more."""
+"""Bounces of a light in Cycles, unless somebody has set fewer: no scene has more."""
 NARROW_SPREAD = math.radians(15.0)
-"""Of an area light: at 512 paths a pixel its noise is 19 % of the light (p95) at 11 degrees, and 6 % at 20 degrees."""
+"""Spread of an area light below which it is noisy: at 512 paths a pixel, noise is 19 % of its light (p95) at 11
+degrees, and 6 % at 20 degrees."""
 
 
 def name_of(block: bpy.types.ID) -> str:
-    """What a light or collection is called in pictures, rows and looks: libraries may have their own of a name."""
+    """Name of a light or collection in pictures, rows and looks: libraries may have their own of a name."""
     return block.name_full if block.library else block.name
 
 
@@ -207,7 +208,7 @@ def _warn_about(obj: bpy.types.Object, warn: Callable[[str], None]) -> None:
 
 
 def is_portal(light: bpy.types.Light) -> bool:
-    """Whether a light only guides Cycles' sampling and emits nothing itself."""
+    """True if a light only guides Cycles' sampling and emits nothing itself."""
     return light.type == "AREA" and bool(getattr(light, "cycles", None) and light.cycles.is_portal)
 
 

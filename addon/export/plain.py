@@ -1,4 +1,4 @@
-"""Settings of any part of a file as plain values, for prints and for handing them to another Blender."""
+"""Settings of any part of a file as plain values, for fingerprints and for handing them to another Blender."""
 
 from __future__ import annotations
 

@@ -30,14 +30,14 @@ UNSUPPORTED_TYPES = {
     "GREASEPENCIL": "grease pencil",
     "GPENCIL": "grease pencil",
 }
-"""Of objects, and of what nodes put beside an object's mesh, which appears as an object of that type."""
+"""Types of objects that are not exported, in words. Geometry that nodes add to a mesh may appear as objects of them."""
 FILTERS = {"VOLUME": "use_volumes", "GREASEPENCIL": "use_grease_pencil"}
 """Switches of a view layer that leave such objects out of every picture."""
 
 
 @dataclasses.dataclass(frozen=True)
 class ExportOptions:
-    """What to export."""
+    """Options of an export."""
 
     camera: str | None = None
     """Name of the camera object; the scene's own if None."""
@@ -95,7 +95,7 @@ def _camera_object(depsgraph: bpy.types.Depsgraph, options: ExportOptions) -> bp
 
 
 class _Shared(NamedTuple):
-    """What all instances of an object by another one have in common: there may be hundreds of thousands."""
+    """Properties that all instances of an object by another one share: there may be hundreds of thousands."""
 
     name: str
     materials: list[int]
@@ -203,7 +203,7 @@ class _SceneExporter:
         return (camera and not owner.indirect_only_get(view_layer=self.view_layer), *others)
 
     def _is_new(self, uid: int, kind: str) -> bool:
-        """Whether an object is met in a type for the first time."""
+        """True if an object is met in a type for the first time."""
         found = (uid, kind) not in self.known
         self.known.add((uid, kind))
         return found
@@ -255,7 +255,7 @@ class _SceneExporter:
 
 
 def _owner(instance: bpy.types.DepsgraphObjectInstance) -> bpy.types.Object:
-    """What instances it, or the object itself."""
+    """Object that makes the instance, or the object itself."""
     return instance.parent if instance.is_instance and instance.parent else instance.object
 
 

@@ -35,7 +35,7 @@ class Picture:
     is_data: bool
     """Not colours: Blender has left the numbers as they are in the file."""
     is_display: bool
-    """As a display shows it, whatever its bits."""
+    """True if the picture holds display colours, whatever its bit depth."""
 
 
 def taken(image: bpy.types.Image, room: np.ndarray | None = None) -> Picture:

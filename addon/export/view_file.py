@@ -20,7 +20,7 @@ START = 256
 
 
 def is_current(scene: bpy.types.Scene, path: Path) -> bool:
-    """Whether the file is of the scene's view; of the plain sRGB curve there is none."""
+    """True if the file is of the scene's view, or if there is none and the view is the plain sRGB curve."""
     try:
         with path.open("rb") as file:
             return not is_standard(scene) and stamp(scene) in file.read(START)
@@ -29,7 +29,7 @@ def is_current(scene: bpy.types.Scene, path: Path) -> bool:
 
 
 def stamp(scene: bpy.types.Scene) -> bytes:
-    """What tells the file of a scene's view from that of another one."""
+    """Identifier of the scene's view in its file."""
     return b"Relume view\0%08x" % zlib.crc32(view_key(scene).encode())
 
 

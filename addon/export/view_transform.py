@@ -22,13 +22,14 @@ from .working_space import LINEAR_REC709, working_space
 SHAPER_MIN, SHAPER_MAX, SHAPER_OFFSET = -12.0, 7.0, 2.0**-12
 PNG_END = b"IEND\xae\x42\x60\x82"
 HIDDEN_NAME = ".relume view"
-"""Of images that exist for a moment: lists leave out what begins with a dot."""
+"""Name of images that exist for a moment: lists leave out names that begin with a dot."""
 FIRST = ("display_device", "use_curve_mapping", "view_transform", "look")
 """Settings that others depend on, in the order in which they are set."""
 
 
 def is_srgb_view(scene: bpy.types.Scene) -> bool:
-    """Whether the view is the sRGB curve of Linear Rec.709, after exposure and before gamma: a formula is exact."""
+    """True if the view is the sRGB curve of Linear Rec.709, after exposure and before gamma, so that a formula is
+    exact."""
     view = scene.view_settings
     plain = view.view_transform == "Standard" and view.look == "None" and not view.use_curve_mapping
     balanced = not getattr(view, "use_white_balance", False)
@@ -36,12 +37,12 @@ def is_srgb_view(scene: bpy.types.Scene) -> bool:
 
 
 def is_srgb_curve(scene: bpy.types.Scene) -> bool:
-    """Whether the view is the sRGB curve of the file's scene-linear values themselves."""
+    """True if the view is the sRGB curve of the file's scene-linear values themselves."""
     return is_srgb_view(scene) and working_space() == LINEAR_REC709
 
 
 def is_standard(scene: bpy.types.Scene) -> bool:
-    """Whether the view is the plain sRGB curve, so that no table is needed."""
+    """True if the view is the plain sRGB curve, so that no table is needed."""
     view = scene.view_settings
     return is_srgb_curve(scene) and view.exposure == 0.0 and view.gamma == 1.0
 
@@ -67,7 +68,7 @@ def view_settings(scene: bpy.types.Scene, with_exposure: bool = True) -> dict[st
 
 
 def view_key(scene: bpy.types.Scene, with_exposure: bool = True) -> str:
-    """The same as a text that tells one view from another."""
+    """Text of the view settings that differs between any two views."""
     return json.dumps(view_settings(scene, with_exposure), sort_keys=True)
 
 

@@ -158,7 +158,7 @@ class _WorldExporter:
         return self._mapping(found) if node.bl_idname == "ShaderNodeMapping" else None
 
     def _mapping(self, source: Source) -> Matrix | None:
-        """Of a Mapping node, with what is before it."""
+        """Matrix of a Mapping node, combined with those before it."""
         node, before = source.node, self._direction(source, "Vector")
         values = {
             name: self.reader.constant(node.inputs[name], source.context) if name in node.inputs else default

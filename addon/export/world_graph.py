@@ -1,7 +1,7 @@
-"""What a world computes, as plain data from which another Blender builds the same world: a flat list of nodes, without
-groups, reroutes and muted nodes, with the values of the evaluated file.
+"""Nodes of a world as plain data, from which another Blender builds the same world.
 
-A baked world is the one that lights: light paths are those of a diffuse ray after its first hit."""
+It is a flat list, without groups, reroutes and muted nodes, with the values of the evaluated file. A baked world is the
+one that lights: light paths are those of a diffuse ray after its first hit."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Sides(NamedTuple):
     first: bpy.types.NodeSocket
     second: bpy.types.NodeSocket
     is_second_alone: bool
-    """Whether factor 1 gives the second input alone."""
+    """True if factor 1 gives the second input alone."""
 
 
 class WorldReader:
@@ -55,11 +55,11 @@ class WorldReader:
     def __init__(self, constant_emission: ConstantEmission | None = None):
         """`constant_emission` computes what nodes come to; without, only nodes that are constants themselves count."""
         self.uses_light_path = False
-        """Whether anything depended on what sees the world."""
+        """True if anything depended on the kind of ray that sees the world."""
         self._constant_emission = constant_emission
 
     def follow(self, socket: bpy.types.NodeSocket, context: Context) -> Source | Constant:
-        """As `trace`, through Mix nodes with a factor of 0 or 1 too."""
+        """Traces like `trace`, also through Mix nodes with a factor of 0 or 1."""
         while True:
             found = trace(socket, context)
             sides = _sides(found.node) if isinstance(found, Source) else None
@@ -75,7 +75,7 @@ class WorldReader:
             context = found.context
 
     def emission(self, surface: bpy.types.NodeSocket, context: Context) -> list[float] | None:
-        """What a shader socket emits everywhere; None if it varies."""
+        """Emission of a shader socket in all directions; None if it varies."""
         return self._computed(ConstantTranslation.emission, surface, context)
 
     def constant(self, socket: bpy.types.NodeSocket, context: Context) -> Value | None:
@@ -117,7 +117,7 @@ class WorldGraph:
 
     @property
     def text(self) -> str:
-        """The same text for the same world."""
+        """Text that is equal for equal worlds."""
         return json.dumps(self.content, sort_keys=True)
 
     def _link(self, source: Source) -> dict[str, Any]:
@@ -167,7 +167,7 @@ class WorldGraph:
         return [*values, *own[len(values) :]]
 
     def _parts(self, node: bpy.types.Node) -> dict[str, Any]:
-        """What belongs to a node besides its own settings."""
+        """Parts of a node besides its own settings."""
         parts: dict[str, Any] = {}
         for prop in node.bl_rna.properties:
             name = prop.identifier
@@ -202,7 +202,7 @@ def place_of(obj: bpy.types.Object) -> list[list[float]]:
 
 
 def _sides(node: bpy.types.Node) -> Sides | None:
-    """Of a node that mixes; None of others."""
+    """Sides of a node that mixes; None for others."""
     if node.bl_idname == "ShaderNodeMixShader":
         return Sides(node.inputs[0], node.inputs[1], node.inputs[2], True)
     if node.bl_idname == "ShaderNodeMixRGB" and not node.use_clamp:

@@ -56,7 +56,7 @@ def _open(job: background.BackgroundBake) -> None:
 
 
 def _is_free(found: shot.Shot | None, job: background.BackgroundBake) -> bool:
-    """Whether a finished bake may take the place of what is shown of its scene."""
+    """True if a finished bake may replace the one that is shown of its scene."""
     return found is None or (found.folder == job.folder and not found.is_working)
 
 

@@ -47,7 +47,7 @@ class Comparison:
         handlers.wake()
 
     def step(self) -> bool:
-        """Whether it goes on. To be called until it does not."""
+        """Advances by one step; returns True if it is to be called again."""
         scene = next((scene for scene in bpy.data.scenes if scene.session_uid == self.shot.scene_uid), None)
         if scene is None or not self.shot.is_open or not self.shot.can_show:
             return False
@@ -87,8 +87,8 @@ def stop(scene: bpy.types.Scene) -> None:
 
 
 def request_of(scene: bpy.types.Scene, found: shot.Shot, look: RelumeLook) -> str:
-    """What makes the picture of a look: as it was asked for when the look was made; without that, such as for an
-    imported one, its rows with the present lights."""
+    """Request for the picture of a look, as it was when the look was made; without one, as for an imported look, its
+    rows with the present lights."""
     if look.request:
         kept = json.dumps(json.loads(look.request) | {"interactive": False})
         return with_numbers(kept, found.lights.receivers)
@@ -101,7 +101,7 @@ def request_of(scene: bpy.types.Scene, found: shot.Shot, look: RelumeLook) -> st
 
 
 def is_final(frame: Any) -> bool:
-    """Whether nothing better of the same request is to come."""
+    """True if no better frame of the same request is to come."""
     summary = json.loads(frame.summary)
     return frame.scale == 1 and summary.get("settled", True)
 

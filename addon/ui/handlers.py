@@ -11,7 +11,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..core.bake_folder import is_bake
-from ..engine import shot
+from ..engine import shot as shots
 from ..engine.checks import folders_in_use
 from ..engine.native import NativeModuleError
 from ..engine.options import FolderError, bake_folder, preferences, remember_bake, remembered_bake
@@ -35,10 +35,10 @@ READ_SECONDS = math.inf if bpy.app.background else 0.01
 """How long one turn may read lights: without a window there are no turns."""
 
 _is_quiet = False
-"""Whether the next poll is a while away."""
+"""True if the next poll is a while away."""
 _was_given = False
-"""Whether the turn before was given to what takes so long that it has one to itself, or has undone something and
-reads lights. The next is not: during a drag rows may be compared again and again."""
+"""True if the previous tick ran exclusive work, or undo has just made lights be read. Two exclusive ticks never follow
+each other, so that dragging stays responsive."""
 _resting: dict[int, float] = {}
 """Scenes with a change in progress: when to ask for the full picture."""
 _unopened: dict[int, str] = {}
@@ -48,11 +48,11 @@ _unopened: dict[int, str] = {}
 def changed(scene: bpy.types.Scene, interactive: bool = False, world: Any = None) -> None:
     """Asks for a picture of the present lights and rows of a scene. To be called by everything that changes them;
     `interactive` while something is being dragged, `world` as `Shot.relight` takes it."""
-    found = shot.of(scene)
-    if found is None:
+    shot = shots.of(scene)
+    if shot is None:
         return
-    content = content_of(scene, found)
-    asked = found.relight(content.pop("lights"), content, interactive, world)
+    content = content_of(scene, shot)
+    asked = shot.relight(content.pop("lights"), content, interactive, world)
     if not interactive:
         _resting.pop(scene.session_uid, None)
     elif asked:
@@ -60,38 +60,38 @@ def changed(scene: bpy.types.Scene, interactive: bool = False, world: Any = None
     wake()
 
 
-def content_of(scene: bpy.types.Scene, found: shot.Shot) -> dict[str, Any]:
-    """What the picture of a scene is made of: its "lights", "gains", "world" and "static"."""
-    lights = lights_of(scene, found)
+def content_of(scene: bpy.types.Scene, shot: shots.Shot) -> dict[str, Any]:
+    """Content of a request for a scene's picture: its "lights", "gains", "world" and "static"."""
+    lights = lights_of(scene, shot)
     mix = rows.mix(scene, [light["name"] for light in lights])
-    world = [gain * factor for gain, factor in zip(mix["world"], found.changes.world_gain(), strict=True)]
+    world = [gain * factor for gain, factor in zip(mix["world"], shot.changes.world_gain(), strict=True)]
     return {"lights": lights, **mix, "world": world}
 
 
-def lights_of(scene: bpy.types.Scene, found: shot.Shot) -> list[Description]:
+def lights_of(scene: bpy.types.Scene, shot: shots.Shot) -> list[Description]:
     """The present lights of a scene, as `SceneLights` describes them; reads at once what waits for that."""
-    if _read_waiting(scene, found, math.inf):
+    if _read_waiting(scene, shot, math.inf):
         changed(scene, interactive=True)
-    return found.lights.descriptions
+    return shot.lights.descriptions
 
 
 def read_lights(scene: bpy.types.Scene) -> None:
     """Reads all lights of a scene anew and asks for their picture; where they are many, in turns."""
-    found, depsgraph = shot.of(scene), _depsgraph(scene)
-    if found is None or depsgraph is None:
+    shot, depsgraph = shots.of(scene), _depsgraph(scene)
+    if shot is None or depsgraph is None:
         return
-    if found.lights.read(depsgraph, READ_SECONDS):
+    if shot.lights.read(depsgraph, READ_SECONDS):
         changed(scene)
     wake()
 
 
-def _read_waiting(scene: bpy.types.Scene, found: shot.Shot, seconds: float) -> bool:
+def _read_waiting(scene: bpy.types.Scene, shot: shots.Shot, seconds: float) -> bool:
     """Goes on reading lights for about so long. Whether all are read now, and some may have changed."""
-    if not found.lights.is_waiting:
+    if not shot.lights.is_waiting:
         return False
     # As it is: what has to be evaluated again will be named again.
-    layer = scene.view_layers.get(found.lights.view_layer)
-    return layer is not None and layer.depsgraph is not None and found.lights.go_on(layer.depsgraph, seconds)
+    layer = scene.view_layers.get(shot.lights.view_layer)
+    return layer is not None and layer.depsgraph is not None and shot.lights.go_on(layer.depsgraph, seconds)
 
 
 def _depsgraph(scene: bpy.types.Scene) -> bpy.types.Depsgraph | None:
@@ -122,19 +122,19 @@ def _timer() -> float | None:
     _is_quiet = False
     if not tick():
         return None
-    _is_quiet = not _resting and not any(_is_at_work(found) for found in shot.all_open())
+    _is_quiet = not _resting and not any(_is_at_work(shot) for shot in shots.all_open())
     return QUIET_SECONDS if _is_quiet else TICK_SECONDS
 
 
-def _is_at_work(found: shot.Shot) -> bool:
-    return found.is_lively or found.changes.is_pending or found.lights.is_waiting
+def _is_at_work(shot: shots.Shot) -> bool:
+    return shot.is_lively or shot.changes.is_pending or shot.lights.is_waiting
 
 
 def look_at_files() -> float | None:
     """Looks whether image files have changed since the bake; seconds until the next look."""
-    if any([found.changes.mark_files() for found in shot.all_open()]):
+    if any([shot.changes.mark_files() for shot in shots.all_open()]):
         wake()
-    return FILES_SECONDS if shot.all_open() else None
+    return FILES_SECONDS if shots.all_open() else None
 
 
 def tick() -> bool:
@@ -146,34 +146,34 @@ def tick() -> bool:
         return True
     _rest()
     goes_on = False
-    for found in shot.all_open():
-        if found.scene_uid not in scenes:
-            found.close()
+    for shot in shots.all_open():
+        if shot.scene_uid not in scenes:
+            shot.close()
             continue
-        if found.was_interrupted:  # Such as by undo. The bake before is whole still.
-            found.was_interrupted = False
-            _open_stored(scenes[found.scene_uid])
+        if shot.was_interrupted:  # Such as by undo. The bake before is whole still.
+            shot.was_interrupted = False
+            _open_stored(scenes[shot.scene_uid])
             goes_on = True
             continue
-        if _read_waiting(scenes[found.scene_uid], found, READ_SECONDS):
-            changed(scenes[found.scene_uid], interactive=True)
-        serial = found.serial
-        found.poll()
+        if _read_waiting(scenes[shot.scene_uid], shot, READ_SECONDS):
+            changed(scenes[shot.scene_uid], interactive=True)
+        serial = shot.serial
+        shot.poll()
         if not _resting and not _is_playing():
-            found.changes.look(scenes[found.scene_uid], LOOK_SECONDS)
-        if (world := found.follow_world(scenes[found.scene_uid])) is not None:
-            changed(scenes[found.scene_uid], world=world)
-        if found.lacks_a_kind and found.folder not in folders_in_use(scenes[found.scene_uid]):
-            found.learn_kinds()
-        found.show_passes(render_pass.wanted(scenes[found.scene_uid]))
-        goes_on |= redraws.follow(found, new_picture=found.serial != serial)
-        goes_on |= found.is_busy or found.changes.is_pending or found.lights.is_waiting
+            shot.changes.update(scenes[shot.scene_uid], LOOK_SECONDS)
+        if (world := shot.follow_world(scenes[shot.scene_uid])) is not None:
+            changed(scenes[shot.scene_uid], world=world)
+        if shot.lacks_a_kind and shot.folder not in folders_in_use(scenes[shot.scene_uid]):
+            shot.learn_kinds()
+        shot.show_passes(render_pass.wanted(scenes[shot.scene_uid]))
+        goes_on |= redraws.follow(shot, new_picture=shot.serial != serial)
+        goes_on |= shot.is_busy or shot.changes.is_pending or shot.lights.is_waiting
     return goes_on or bool(_resting) or rows.are_due()
 
 
 def _begin_reading(scenes: dict[int, bpy.types.Scene]) -> bool:
     """Begins to read one of the scenes that are to be baked; whether there was one."""
-    return any(found.begin_reading(scenes[found.scene_uid]) for found in shot.all_open() if found.scene_uid in scenes)
+    return any(shot.begin_reading(scenes[shot.scene_uid]) for shot in shots.all_open() if shot.scene_uid in scenes)
 
 
 def _rest() -> None:
@@ -187,20 +187,20 @@ def _rest() -> None:
 
 
 def _is_playing() -> bool:
-    """Whether an animation is played: it needs the time itself."""
+    """True while an animation is played, which needs the time itself."""
     return any(window.screen.is_animation_playing for window in bpy.context.window_manager.windows)
 
 
 @persistent
 def on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Something was edited: perhaps lights."""
-    found = shot.of(scene)
-    if found is None or depsgraph.mode != "VIEWPORT":
+    shot = shots.of(scene)
+    if shot is None or depsgraph.mode != "VIEWPORT":
         return
     if scene.camera is not None:
-        found.recognises(scene.camera)
-    lights = found.lights.update(depsgraph, READ_SECONDS)
-    world = found.changes.mark(scene, list(depsgraph.updates))
+        shot.recognises(scene.camera)
+    lights = shot.lights.update(depsgraph, READ_SECONDS)
+    world = shot.changes.mark(scene, list(depsgraph.updates))
     if lights or world:
         changed(scene, interactive=True)
     wake()
@@ -209,9 +209,9 @@ def on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) 
 @persistent
 def on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Another frame of the animation is shown. Renders call this from a thread of their own."""
-    found = shot.of(scene)
-    if found is not None and not bpy.app.is_job_running("RENDER"):
-        found.changes.mark_frame()
+    shot = shots.of(scene)
+    if shot is not None and not bpy.app.is_job_running("RENDER"):
+        shot.changes.mark_frame()
         on_depsgraph_update(scene, depsgraph)
 
 
@@ -222,9 +222,9 @@ def on_undo(*_arguments) -> None:
     _was_given = True
     settle_settings()
     _remember_bakes()
-    for found in shot.all_open():
-        found.changes.mark_all()
-        found.lights.forget()
+    for shot in shots.all_open():
+        shot.changes.mark_all()
+        shot.lights.forget()
     if bpy.app.background:
         read_forgotten()
     elif not bpy.app.timers.is_registered(read_forgotten):  # As a rule an update comes before.
@@ -236,10 +236,10 @@ def read_forgotten() -> None:
     the rows."""
     # What no window shows is not evaluated again before it is shown; its old state may hold what undo has freed.
     for scene in {window.scene for window in bpy.context.window_manager.windows}:
-        found = shot.of(scene)
-        if found is not None and found.lights.is_forgotten:
+        shot = shots.of(scene)
+        if shot is not None and shot.lights.is_forgotten:
             read_lights(scene)
-        elif found is not None and not found.lights.is_waiting:
+        elif shot is not None and not shot.lights.is_waiting:
             changed(scene)
 
 
@@ -249,17 +249,17 @@ def on_save_pre(*_arguments) -> None:
     show_settings()
     _remember_bakes()
     for scene in bpy.data.scenes:
-        found = shot.of(scene)
-        if found is not None and scene.camera is not None and found.recognises(scene.camera):
-            found.keep_record()
+        shot = shots.of(scene)
+        if shot is not None and scene.camera is not None and shot.recognises(scene.camera):
+            shot.keep_record()
 
 
 def _remember_bakes() -> None:
     """Where the bakes are does not go back with undo."""
     for scene in bpy.data.scenes:
-        found = shot.of(scene)
-        if found is not None and found.is_stored and remembered_bake(scene) != found.folder:
-            remember_bake(scene, found.folder)
+        shot = shots.of(scene)
+        if shot is not None and shot.is_stored and remembered_bake(scene) != shot.folder:
+            remember_bake(scene, shot.folder)
 
 
 @persistent
@@ -287,7 +287,7 @@ def on_load_post(*_arguments) -> None:
 def open_bakes() -> None:
     """Opens every bake that the file remembers, or that was made in the background after it was closed."""
     for scene in bpy.data.scenes:
-        if shot.of(scene) is None:
+        if shots.of(scene) is None:
             _open_stored(scene)
 
 
@@ -307,17 +307,17 @@ def why_not_open(scene: bpy.types.Scene) -> str:
     return _unopened.get(scene.session_uid, "")
 
 
-def open_bake(scene: bpy.types.Scene) -> shot.Shot:
+def open_bake(scene: bpy.types.Scene) -> shots.Shot:
     """Shows the bake of a scene under its present lights."""
-    found = shot.Shot.open(scene)
+    shot = shots.Shot.open(scene)
     read_lights(scene)
     wake()
-    return found
+    return shot
 
 
 def close_all(wait_seconds: float = 0.0) -> None:
     """Ends all work."""
-    shot.close_all(wait_seconds)
+    shots.close_all(wait_seconds)
     _resting.clear()
     _unopened.clear()
     redraws.forget()

@@ -41,7 +41,7 @@ class RelumeLook(bpy.types.PropertyGroup):
     thumbnail: StringProperty(name="Thumbnail", description="Its picture, small", options={"HIDDEN"})
 
     def look(self) -> Look:
-        """As plain data."""
+        """Look as plain data."""
         return replace(from_json(self.text), name=self.name)
 
 
@@ -55,7 +55,7 @@ class RelumeLooks(bpy.types.PropertyGroup):
 
 @dataclass(frozen=True)
 class Outcome:
-    """What of a look met nothing in the scene."""
+    """Parts of a look that had no counterpart in the scene."""
 
     missing: list[str]
     """Lights and groups of the look that the scene does not have."""

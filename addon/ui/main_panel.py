@@ -8,9 +8,9 @@ from functools import partial
 import bpy
 
 from ..core import status
-from ..core.answers import About, Answer, Answers
 from ..core.bake_folder import why_no_bake
 from ..core.disk import free_space
+from ..core.polled_cache import Key, PolledCache, Value
 from ..engine import shot
 from ..engine.checks import disk_space
 from ..engine.options import places_of_bake
@@ -85,19 +85,19 @@ class RELUME_PT_bake(RelumePanel, bpy.types.Panel):  # noqa: N801
             layout.label(text=f"On {found.status['device']}")
 
 
-_disk = Answers(DISK_SECONDS)
+_disk = PolledCache(DISK_SECONDS)
 
 
-def _on_disk(ask: Callable[[About], Answer], about: About) -> Answer | None:
-    """What the disk said of something; None where it has not yet, which is drawn later."""
-    answer = _disk.of(ask, about)
-    if _disk.are_awaited and not bpy.app.background and not bpy.app.timers.is_registered(_draw_answers):
-        bpy.app.timers.register(_draw_answers, first_interval=POLL_SECONDS)
-    return answer
+def _on_disk(read: Callable[[Key], Value], key: Key) -> Value | None:
+    """Value read from a disk; None until it is there, which redraws the panel."""
+    value = _disk.get(read, key)
+    if _disk.is_pending and not bpy.app.background and not bpy.app.timers.is_registered(_draw_disk_values):
+        bpy.app.timers.register(_draw_disk_values, first_interval=POLL_SECONDS)
+    return value
 
 
-def _draw_answers() -> float | None:
-    if _disk.are_awaited:
+def _draw_disk_values() -> float | None:
+    if _disk.is_pending:
         return POLL_SECONDS
     redraw("UI")
     return None
@@ -193,7 +193,7 @@ def register():
 
 def unregister():
     """Takes them away."""
-    if bpy.app.timers.is_registered(_draw_answers):  # A disk may never answer.
-        bpy.app.timers.unregister(_draw_answers)
+    if bpy.app.timers.is_registered(_draw_disk_values):  # A disk may never answer.
+        bpy.app.timers.unregister(_draw_disk_values)
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

@@ -11,7 +11,7 @@ from ..apply.lights import apply_mix, show
 from ..apply.writable import RefusedError
 from ..core.rows import GROUP, LIGHT, STATIC, Row
 from ..engine import shot
-from ..engine.hiding import still_hides
+from ..engine.visibility import hidden_by
 from ..export.light_tree import light_tree
 from ..export.lights import name_of
 from . import handlers, locks, rows
@@ -75,8 +75,8 @@ def show_light(context: bpy.types.Context, name: str) -> str | None:
     if line is None:
         return f"'{name}' is not in this scene any more"
     show(line.block, context.view_layer)
-    hiding = still_hides(context, line.block)
-    return None if hiding is None else f"'{name}' is still hidden, {hiding}"
+    reason = hidden_by(context, line.block)
+    return None if reason is None else f"'{name}' is still hidden, {reason}"
 
 
 class RELUME_OT_apply(bpy.types.Operator):  # noqa: N801 -- Blender's naming

@@ -16,7 +16,7 @@ from ..engine.shot import Shot
 from .panel import characters, lines
 
 SHARE = 0.1
-"""Of the time, at most, goes into drawing nothing but progress."""
+"""Largest share of the time for redraws that show progress only."""
 PAUSE_SECONDS = 0.1
 """Between drawings of progress where they cost nothing."""
 
@@ -38,10 +38,10 @@ def note_turn(interval: float) -> None:
         _asked, _due = None, time.perf_counter() + max(took / SHARE, PAUSE_SECONDS)
 
 
-def follow(found: Shot, new_picture: bool) -> bool:
+def follow(shot: Shot, new_picture: bool) -> bool:
     """Has drawn again what a shot has made old. Whether that is not done yet."""
     global _asked
-    uid, says = found.scene_uid, _words(found)
+    uid, says = shot.scene_uid, _words(shot)
     urgent, before = says[0], _said.get(uid, ((), ()))
     if new_picture:
         _tag({"WINDOW", "UI"})
@@ -65,10 +65,10 @@ def forget() -> None:
     _settling.clear()
 
 
-def _words(found: Shot) -> tuple[tuple, tuple]:
-    state, progress, to_come = found.status, status.progress(found.status), status.to_come(found.status)
-    urgent = (state["state"], state["paused"], state["error"], progress is None, to_come == "", len(found.notes))
-    urgent += ((state["shown"] or {}).get("scale"), *found.changes.sentences)
+def _words(shot: Shot) -> tuple[tuple, tuple]:
+    state, progress, to_come = shot.status, status.progress(shot.status), status.to_come(shot.status)
+    urgent = (state["state"], state["paused"], state["error"], progress is None, to_come == "", len(shot.notes))
+    urgent += ((state["shown"] or {}).get("scale"), *shot.changes.sentences)
     words = status.headline(state), to_come, status.shown(state)
     urgent += tuple(len(lines(text, characters(bar))) for bar in _regions({"UI"}) for text in words)
     return urgent, (*words, progress)

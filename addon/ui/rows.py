@@ -33,7 +33,7 @@ from ..export.lights import name_of
 from .solve_settings import RelumeLocks
 
 VALUES = ("on", "solo", "exposure", "multiplier", "color", "use_kelvin", "kelvin")
-"""What an artist sets in a row; the names are those of `core.rows.Row`."""
+"""Properties of a row that the artist sets; the names are those of `core.rows.Row`."""
 SESSION = uuid.uuid4().hex
 """Session uids mean something only within one run of Blender."""
 LIGHT_ICONS = {"POINT": "LIGHT_POINT", "SUN": "LIGHT_SUN", "SPOT": "LIGHT_SPOT", "AREA": "LIGHT_AREA"}
@@ -192,8 +192,8 @@ def active_row(scene: bpy.types.Scene) -> RelumeRow | None:
 
 
 def mix(scene: bpy.types.Scene, lights: Iterable[str]) -> dict[str, Any]:
-    """What the rows amount to for lights by their names in the native scene, for `Shot.relight`. Found again as long as
-    no row changes: while one of many lights is dragged."""
+    """Gains from the rows for lights by their names in the native scene, for `Shot.relight`. Kept as long as no row
+    changes, for example while one of many lights is dragged."""
     key = _contents(scene), tuple(lights)
     kept = _mixes.get(scene.session_uid)
     if kept is None or kept[0] != key:
@@ -270,7 +270,7 @@ def _line_values(line: Line) -> dict[str, Any]:
 
 
 def _light_values(light: bpy.types.Object) -> dict[str, Any]:
-    """What an edit of a light alone can change of its row."""
+    """Values of a light's row that can change when only the light is edited."""
     return {
         "name": name_of(light),
         "icon": LIGHT_ICONS[light.data.type],
@@ -309,11 +309,11 @@ def on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) 
     """Lights may have come, gone or changed their names."""
     lights, kind, around = [], bpy.types.Object, (bpy.types.Collection, bpy.types.World)
     for update in depsgraph.updates:
-        found = update.id
-        if isinstance(found, kind):
-            if found.type == "LIGHT" and not update.is_updated_transform:
-                lights.append(found.original)
-        elif isinstance(found, around):
+        block = update.id
+        if isinstance(block, kind):
+            if block.type == "LIGHT" and not update.is_updated_transform:
+                lights.append(block.original)
+        elif isinstance(block, around):
             _sync_soon([scene])
             return
     if _differ(scene, lights):
@@ -332,7 +332,7 @@ def _sync_soon(scenes: Iterable[bpy.types.Scene]) -> None:
 
 
 def are_due() -> bool:
-    """Whether any rows are to be compared."""
+    """True if rows are waiting to be compared with their scene."""
     return bool(_due)
 
 
@@ -346,8 +346,8 @@ def sync_due() -> bool:
 
 
 def _differ(scene: bpy.types.Scene, lights: list[bpy.types.Object]) -> bool:
-    """Whether the row of a light is no longer as it should be: neither a drag, nor an edit of a light's values, nor a
-    slider of a row has to walk over all of them."""
+    """True if the row of one of the lights is outdated. Spares a walk over the whole scene in a drag, an edit of a
+    light's values, or a move of a row's slider."""
     rows = {row.uid: row for row in scene.relume_mix.rows if row.kind == LIGHT} if lights else {}
 
     def is_same(light: bpy.types.Object) -> bool:

@@ -19,7 +19,7 @@ from bpy.app.handlers import persistent
 from ..apply.look_lights import light_state
 from ..core import coverage
 from ..core import solve as core
-from ..core.apart import apart
+from ..core.background_call import run_in_thread
 from ..core.looks import Look
 from ..core.progress import share_and_words
 from ..core.receivers import with_names
@@ -137,7 +137,7 @@ class Solving:
 
     @property
     def is_running(self) -> bool:
-        """Whether it has not ended, whatever scene is shown."""
+        """True until it has ended, whatever scene is shown."""
         return _running.get(self.uid) is self
 
     def step(self) -> bool:
@@ -171,7 +171,7 @@ class Solving:
         return next((scene for scene in bpy.data.scenes if scene.session_uid == self.uid), None)
 
     def _run(self) -> Generator[None, None, None]:
-        strokes = yield from apart(lambda: _stroke_goals(self._strokes))
+        strokes = yield from run_in_thread(lambda: _stroke_goals(self._strokes))
         self._request = core.request(self._content, replace(self._wish, goals=[*strokes, *self._wish.goals]))
         yield from self._read_pictures()
         yield from self._look_for_masks()
@@ -249,7 +249,7 @@ class Solving:
             self._images[name] = reading.found.pixels
 
     def _thumbnails(self, frame: Any) -> Generator[None, None, list[str]]:
-        """Of how it was and how it could be; empty where there is no picture."""
+        """Thumbnails before and after solving; empty where there is no picture."""
         scene, small = self._scene(), []
         view = scene and view_table.of(scene)
         for picture in (self._before_frame, frame):
@@ -258,7 +258,7 @@ class Solving:
             elif view is None:
                 small.append(thumbnails.encode(scene, picture.image))
             else:
-                small.append((yield from apart(partial(thumbnails.encode_in, view, picture.image))))
+                small.append((yield from run_in_thread(partial(thumbnails.encode_in, view, picture.image))))
         return small
 
     def _look_for_masks(self) -> Iterator[None]:
@@ -280,7 +280,7 @@ class Solving:
             self._images[name] = np.ascontiguousarray(mask, np.float32)
 
     def _not_shown(self, seen: region_masks.Seen) -> str:
-        """What of it cannot be found because the window hides it; empty if nothing."""
+        """Reason why the window hides something from a mask; empty if it does not."""
         scene = self._scene()
         names = region_masks.not_shown(scene, seen) if scene is not None else []
         return f"since {', '.join(map(repr, names))} is hidden in the view; show it and solve again" if names else ""
@@ -406,7 +406,7 @@ def solve_at_once(scene: bpy.types.Scene) -> None:
 
 
 def running(scene: bpy.types.Scene) -> Solving | None:
-    """What is being solved."""
+    """Job that solves a scene; None if there is none."""
     return _running.get(scene.session_uid)
 
 

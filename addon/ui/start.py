@@ -14,7 +14,7 @@ from ..engine.options import Options, bake_folder, remember_bake, remembered_bak
 from . import handlers
 
 FAILURES = (ProblemError, NativeModuleError, RuntimeError, ValueError, OSError)
-"""What is told to the artist instead of shown as a fault of the program."""
+"""Exceptions that are told to the artist instead of shown as a fault of the program."""
 
 
 def start(scene: bpy.types.Scene, anew: bool = False, options: Options | None = None) -> shot.Shot:
@@ -35,7 +35,7 @@ def go_on(scene: bpy.types.Scene) -> shot.Shot:
     found = shot.of(scene)
     if found is None:
         raise ProblemError("No bake is open; show it, or start again")
-    return start(scene, options=found.rest(scene))
+    return start(scene, options=found.resume_options(scene))
 
 
 def show_bake(scene: bpy.types.Scene) -> shot.Shot:

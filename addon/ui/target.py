@@ -18,7 +18,7 @@ from bpy.app.handlers import persistent
 from bpy.props import StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ..core.apart import apart
+from ..core.background_call import run_in_thread
 from ..core.bake_folder import size_of
 from ..core.solve import SolveError
 from ..engine import shot
@@ -145,7 +145,7 @@ def paste(context: bpy.types.Context) -> Generator[None, None, None]:
     uid = context.scene.session_uid
     image = None if bpy.app.background else _pasted_by_blender(context)
     if image is None:
-        contents = yield from apart(_png_by_xclip)
+        contents = yield from run_in_thread(_png_by_xclip)
         image = _packed(contents) if contents else None
     if image is None:
         raise SolveError(NO_CLIPBOARD)

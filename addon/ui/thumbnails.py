@@ -28,7 +28,7 @@ def encode(scene: bpy.types.Scene, image: np.ndarray) -> str:
 
 
 def encode_in(view: View, image: np.ndarray) -> str:
-    """As `encode`, in a view that is known already; needs no Blender, so it may run on any thread."""
+    """Encodes like `encode`, in a view that is known already; needs no Blender, so it may run on any thread."""
     return _text(view.apply(_small(image)))
 
 

@@ -10,7 +10,7 @@ import bpy
 
 POLL_SECONDS = 0.05
 SCRIPT_POLL_SECONDS = 0.01
-"""The same where a script waits."""
+"""Poll interval where a script waits."""
 
 _timers: list[bpy.types.Timer] = []
 
@@ -34,7 +34,7 @@ class WaitingOperator:
     a script's call waits for the end."""
 
     failures: tuple[type[Exception], ...] = ()
-    """What is told to the artist."""
+    """Exceptions that are told to the artist."""
 
     def work(self, context: bpy.types.Context) -> Generator[None, None, str | None]:
         """The function that the operator stands for; what it returns is told."""

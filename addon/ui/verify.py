@@ -35,8 +35,7 @@ _refused: dict[int, str] = {}
 
 
 def ask(scene: bpy.types.Scene) -> None:
-    """As `start`, but where the picture of the present lights and rows is on its way, or not in full size yet, as soon
-    as it is there."""
+    """Starts verifying now, or as soon as the full-size picture of the present lights and rows is there."""
     cancel(scene.session_uid)
     if _is_on_its_way(scene):
         _waiting.add(scene.session_uid)
@@ -46,7 +45,7 @@ def ask(scene: bpy.types.Scene) -> None:
 
 
 def is_waiting(scene: bpy.types.Scene) -> bool:
-    """Whether a scene is verified as soon as its picture is there."""
+    """True if a scene is verified as soon as its picture is there."""
     return scene.session_uid in _waiting
 
 
@@ -73,7 +72,7 @@ def _poll() -> None:
 
 
 def _is_on_its_way(scene: bpy.types.Scene) -> bool:
-    """Whether there is going to be a picture of the present lights and rows in full size."""
+    """True if a full-size picture of the present lights and rows is on its way."""
     found = shot.of(scene)
     if found is None or found.frame is None or found.refusal or solving.running(scene) or comparing.running(scene):
         return False
@@ -109,7 +108,7 @@ def show(scene: bpy.types.Scene, view: str) -> None:
 
 
 def words(found: verify.Verification) -> str:
-    """What came of a comparison, in one sentence."""
+    """Result of a comparison in one sentence."""
     if found.error:
         return f"Not verified: {found.error}"
     if found.result is None:

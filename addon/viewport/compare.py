@@ -41,7 +41,7 @@ def clear(scene: bpy.types.Scene) -> None:
 
 
 def pair_of(scene: bpy.types.Scene) -> Pair | None:
-    """What is compared."""
+    """Pair of pictures that is compared; None if there is none."""
     return _pairs.get(scene.session_uid)
 
 

@@ -14,8 +14,9 @@ import gpu
 from bpy.app.handlers import persistent
 from gpu_extras.batch import batch_for_shader
 
-from ..engine import helper, shot, view_worker
-from . import compare, light_marks, overlay, rehearsal, texture, view_files, view_table, warm_up
+from ..engine import helper, view_worker
+from ..engine import shot as shots
+from . import compare, driver_cache, light_marks, overlay, precompilation, texture, view_files, view_table
 from .overlay import Show
 from .view_files import NEXT_TURN_SECONDS
 from .views import redraw
@@ -33,25 +34,25 @@ _trouble: dict[int, str] = {}
 
 def prepare(scene: bpy.types.Scene) -> None:
     """Has ready what the first picture of a scene will need, a little at a time; costs nothing where it is."""
-    if view_table.of(scene) is None or rehearsal.is_due(scene):
+    if view_table.of(scene) is None or driver_cache.is_due(scene):
         _waiting.add(scene.session_uid)
         wake()
     elif not bpy.app.background:
-        warm_up.want()
+        precompilation.request()
 
 
 def draw_picture() -> None:
     """Called by Blender for every 3D view, after the scene and before the gizmos."""
     context = bpy.context
     scene, region = context.scene, context.region
-    texture.keep_only([*(picture for found in shot.all_open() for picture in found.pictures), *compare.frames()])
-    view, is_ready = view_table.of(scene), warm_up.is_ready()
+    texture.keep_only([*(picture for shot in shots.all_open() for picture in shot.pictures), *compare.frames()])
+    view, is_ready = view_table.of(scene), precompilation.is_ready()
     what = overlay.what_to_show(scene, context.space_data, region, context.region_data)
     is_uploaded_now = is_ready and isinstance(what, Show) and not texture.is_there(what.first)
     if view is not None and is_uploaded_now:
-        warm_up.want()  # Compiling would come in the same turn.
+        precompilation.request()  # Compiling would come in the same turn.
     elif view is not None:
-        warm_up.draw_picture_piece((region.width, region.height), view)
+        precompilation.draw_picture_piece((region.width, region.height), view)
     if not isinstance(what, Show):
         if what is not None:
             prepare(scene)
@@ -69,12 +70,12 @@ def draw_words() -> None:
     """Called by Blender for every 3D view, after everything else."""
     context = bpy.context
     scene, region = context.scene, context.region
-    warm_up.draw_words_piece()
+    precompilation.draw_words_piece()
     what = overlay.what_to_show(scene, context.space_data, region, context.region_data)
     hint = _trouble.get(scene.session_uid)
     if not isinstance(what, Show):
         hint = what if context.space_data.overlay.show_overlays else None
-    elif not warm_up.are_words_ready():  # Compiling would hold up the picture.
+    elif not precompilation.are_words_ready():  # Compiling would hold up the picture.
         prepare(scene)
     else:
         light_marks.draw(context, what, _scale())
@@ -98,16 +99,16 @@ def bake_views() -> float | None:
         if scene.session_uid not in _waiting:
             continue
         try:
-            better |= _rehearse(scene)
-            if view_table.of(scene) is None or not rehearsal.is_due(scene):
+            better |= _precompile(scene)
+            if view_table.of(scene) is None or not driver_cache.is_due(scene):
                 better |= view_table.work(scene)
                 pause = _work_on_file(scene)
             _trouble.pop(scene.session_uid, None)
         except (OSError, RuntimeError) as error:
             _trouble[scene.session_uid], pause = str(error), RETRY_SECONDS
-        if better and not (bpy.app.background or rehearsal.is_due(scene)):
-            warm_up.want()  # The side bar, which asks for it, may not be drawn again for long.
-        if _has_table(scene) and _has_file(scene) and not rehearsal.is_due(scene):
+        if better and not (bpy.app.background or driver_cache.is_due(scene)):
+            precompilation.request()  # The side bar, which asks for it, may not be drawn again for long.
+        if _has_table(scene) and _has_file(scene) and not driver_cache.is_due(scene):
             _waiting.discard(scene.session_uid)
         elif pause != RETRY_SECONDS:
             break  # Views are coloured one after another.
@@ -117,33 +118,33 @@ def bake_views() -> float | None:
     return pause if _waiting else None
 
 
-def _rehearse(scene: bpy.types.Scene) -> bool:
+def _precompile(scene: bpy.types.Scene) -> bool:
     """A turn of having compiled what draws a scene whose view is known; whether that has come to its end. The fine
     table is asked for then, and is made before *Start*."""
-    if view_table.of(scene) is None or not rehearsal.is_due(scene):
+    if view_table.of(scene) is None or not driver_cache.is_due(scene):
         return False
-    rehearsal.work(scene)
-    return not rehearsal.is_due(scene)
+    driver_cache.step(scene)
+    return not driver_cache.is_due(scene)
 
 
 def _has_table(scene: bpy.types.Scene) -> bool:
     """The fine table is wanted with the first picture, before it a coarse one will do."""
-    found = shot.of(scene)
-    has_picture = found is not None and found.frame is not None
+    shot = shots.of(scene)
+    has_picture = shot is not None and shot.frame is not None
     return view_table.is_complete(scene) or not (has_picture or view_table.of(scene) is None)
 
 
 def _has_file(scene: bpy.types.Scene) -> bool:
-    found = shot.of(scene)
-    return found is None or view_files.is_done(found, scene)
+    shot = shots.of(scene)
+    return shot is None or view_files.is_done(shot, scene)
 
 
 def _work_on_file(scene: bpy.types.Scene) -> float:
     """Seconds until the next turn."""
-    found = shot.of(scene)
-    if found is None or not view_table.is_complete(scene) or view_files.is_done(found, scene):
+    shot = shots.of(scene)
+    if shot is None or not view_table.is_complete(scene) or view_files.is_done(shot, scene):
         return NEXT_TURN_SECONDS
-    return view_files.work(found, scene)
+    return view_files.work(shot, scene)
 
 
 def register() -> None:
@@ -166,8 +167,8 @@ def unregister() -> None:
     view_worker.shared().drop()
     helper.close()
     view_table.clear()
-    rehearsal.reset()
-    warm_up.reset()
+    driver_cache.reset()
+    precompilation.reset()
     texture.free()
     if not bpy.app.background:
         redraw()
@@ -177,7 +178,7 @@ def unregister() -> None:
 def _forget(*_arguments) -> None:
     """Another file is about to be opened."""
     compare.free()
-    rehearsal.interrupt()
+    driver_cache.interrupt()
     _waiting.clear()
     _trouble.clear()
 

@@ -15,7 +15,7 @@ RADIUS_POINTS = 6.0
 CORNERS = 16
 SHADE = (0.0, 0.0, 0.0, 0.6)
 PLAIN = (1.0, 1.0, 1.0, 0.8)
-"""Of lights that are not selected: Blender's own black would be lost on a dark picture."""
+"""Colour of lights that are not selected: Blender's own black would be lost on a dark picture."""
 
 
 def lights_of(context: bpy.types.Context) -> list[bpy.types.Object]:

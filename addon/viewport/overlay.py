@@ -1,7 +1,5 @@
-"""What a 3D view shows inside of the camera's rectangle, and the drawing of it.
-
-Nothing here computes or waits: it draws the newest frame that there is.
-"""
+"""Overlay that a 3D view shows inside of the camera's rectangle. Nothing here computes or waits: it draws the newest
+frame."""
 
 from __future__ import annotations
 
@@ -13,7 +11,7 @@ from typing import Any
 import bpy
 import gpu
 
-from ..engine import shot
+from ..engine import shot as shots
 from . import camera_frame, compare, shader, texture
 from .camera_frame import Rectangle
 from .view_table import View
@@ -26,7 +24,7 @@ NEVER = 1e9
 
 @dataclass(frozen=True)
 class Show:
-    """What to draw where; rectangles and the split in pixels of the region."""
+    """Pictures to draw and where; rectangles and the split are in pixels of the region."""
 
     region: tuple[int, int]
     frame: Rectangle
@@ -38,7 +36,7 @@ class Show:
     opacity: float = 1.0
     gain: float = 1.0
     labels: tuple[str, str] = ("Relume", "View")
-    """What is left and right of the split."""
+    """Names of the sides left and right of the split."""
 
 
 def what_to_show(
@@ -48,19 +46,19 @@ def what_to_show(
     region_data: bpy.types.RegionView3D,
 ) -> Show | str | None:
     """Pictures, or a hint in words why there are none, or nothing where Relume is not at work."""
-    settings, found = scene.relume_view, shot.of(scene)
-    if found is None or not settings.shown or region_data.view_perspective == "ORTHO":
+    settings, shot = scene.relume_view, shots.of(scene)
+    if shot is None or not settings.shown or region_data.view_perspective == "ORTHO":
         return None
     camera = camera_frame.camera_of(scene, space)
     frame = camera_frame.frame_of(scene, camera, region, region_data)
     if frame is None:
-        return f"The relit picture is in the view of camera '{found.camera}'"
-    if not found.recognises(camera):
-        return f"No bake for camera '{camera.name}', only for '{found.camera}'"
-    live, pair = found.picture, compare.pair_of(scene)
+        return f"The relit picture is in the view of camera '{shot.camera}'"
+    if not shot.recognises(camera):
+        return f"No bake for camera '{camera.name}', only for '{shot.camera}'"
+    live, pair = shot.picture, compare.pair_of(scene)
     first, second = (pair.a, pair.b or live) if pair else (live, live)
     if first is None or second is None:
-        return "The first picture is on its way" if found.is_working else "No picture yet"
+        return "The first picture is on its way" if shot.is_working else "No picture yet"
     mode = settings.compare if pair else "B"
     drawn = frame.part(*camera_frame.border_of(scene))
     what = {"opacity": settings.opacity, "gain": settings.difference_gain}

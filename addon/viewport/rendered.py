@@ -9,7 +9,7 @@ import gpu
 from gpu_extras.batch import batch_for_shader
 
 from ..core.pass_names import COMBINED
-from ..engine import shot
+from ..engine import shot as shots
 from . import camera_frame, texture
 from .camera_frame import Rectangle
 
@@ -21,15 +21,15 @@ def draw(engine: bpy.types.RenderEngine, context: bpy.types.Context, name: str =
     """Body of `RenderEngine.view_draw`: draws a pass by its name. False if the picture stands in for it, as there is
     none of the pass yet."""
     scene, region = context.scene, context.region
-    found = shot.of(scene)
+    shot = shots.of(scene)
     camera = camera_frame.camera_of(scene, context.space_data)
     frame = camera_frame.frame_of(scene, camera, region, context.region_data)
-    words = why_not(found, camera, frame)
+    words = why_not(shot, camera, frame)
     if words:
         _write(words, region, region.height / 2)
         return True
-    assert found is not None and frame is not None
-    picture = texture.of_frame(found.picture_of(name))
+    assert shot is not None and frame is not None
+    picture = texture.of_frame(shot.picture_of(name))
     place = frame.snapped((picture.width, picture.height)) or frame
     low, high = camera_frame.border_of(scene)
     blend = gpu.state.blend_get()
@@ -40,8 +40,8 @@ def draw(engine: bpy.types.RenderEngine, context: bpy.types.Context, name: str =
     finally:
         engine.unbind_display_space_shader()
         gpu.state.blend_set(blend)
-    is_there = name == COMBINED or found.picture_of(name) is not found.picture
-    if not is_there and found.is_tracing:
+    is_there = name == COMBINED or shot.picture_of(name) is not shot.picture
+    if not is_there and shot.is_tracing:
         _write(TOO_EARLY, region, TEXT_MARGIN)
     return is_there
 
@@ -58,16 +58,16 @@ def _draw_part(picture: gpu.types.GPUTexture, place: Rectangle, part: Rectangle)
         batch.draw(shader)
 
 
-def why_not(found: shot.Shot | None, camera: bpy.types.Object | None, frame: Rectangle | None) -> str:
+def why_not(shot: shots.Shot | None, camera: bpy.types.Object | None, frame: Rectangle | None) -> str:
     """Why there is nothing to draw; empty if there is."""
-    if found is None:
+    if shot is None:
         return 'Press Start in the sidebar\'s tab "Relume" to see the relit picture here'
     if frame is None or camera is None:
-        return f"The relit picture is in the view of camera '{found.camera}'"
-    if not found.recognises(camera):
-        return f"No bake for camera '{camera.name}', only for '{found.camera}'"
-    if found.picture is None:
-        return "The first picture is on its way" if found.is_working else "No picture yet"
+        return f"The relit picture is in the view of camera '{shot.camera}'"
+    if not shot.recognises(camera):
+        return f"No bake for camera '{camera.name}', only for '{shot.camera}'"
+    if shot.picture is None:
+        return "The first picture is on its way" if shot.is_working else "No picture yet"
     return ""
 
 

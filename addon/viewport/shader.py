@@ -229,12 +229,10 @@ def first() -> Program:
 
 
 def overlay_encoding() -> np.ndarray:
-    """What the overlay texture of the 3D view has to be given for a display colour to come out, [entries] for
-    display colours from 0 to 1.
+    """Texture values by which the 3D view's overlay shows a display colour, [entries] for display colours from 0 to 1.
 
-    Blender stores eight bits along the sRGB curve and shows the power 1 / 2.2 of what it reads. That makes the levels
-    coarse in the dark, so that of the two around a colour the one shown nearest to it is chosen.
-    """
+    Blender stores eight bits along the sRGB curve and shows the power 1 / 2.2 of what it reads. The levels are coarse
+    in the dark, so of the two around a colour the one that is shown nearest to it is chosen."""
     level = np.arange(256) / 255.0
     linear = np.where(level <= 0.04045, level / 12.92, ((level + 0.055) / 1.055) ** 2.4)
     shown = linear ** (1.0 / 2.2)

@@ -18,7 +18,7 @@ from . import camera_frame, light_marks
 from .camera_frame import Rectangle
 
 HEIGHT = 270
-"""Of the picture of the strokes, in pixels."""
+"""Height of the picture of the strokes, in pixels."""
 BRUSH_CORNERS = 64
 WIDEST = 4.0
 """Aspect from which on that picture does not get any wider."""
@@ -39,7 +39,7 @@ def set_live(scene: bpy.types.Scene, stroke: Stroke | None) -> None:
 
 
 def is_painting(scene: bpy.types.Scene) -> bool:
-    """Whether a movement is being made."""
+    """True while a stroke is being drawn."""
     return _live is not None and _live[0] == scene.session_uid
 
 

@@ -16,13 +16,13 @@ TABLES_KEPT = 3
 _frames: dict[int, tuple[Any, Any]] = {}
 """Frame and texture, by identity of the frame, which is kept alive."""
 _tables: dict[int, tuple[np.ndarray, Any]] = {}
-"""The same of view tables, newest last."""
+"""Textures of view tables, newest last."""
 _levels: dict[int, tuple[Any, Any]] = {}
-"""The same of their lists of colours, or none."""
+"""Textures of the tables' lists of colours, or none."""
 
 
 def is_there(frame: Any) -> bool:
-    """Whether the pixels of a frame were uploaded."""
+    """True if the pixels of a frame were uploaded."""
     return id(frame) in _frames
 
 

@@ -23,30 +23,30 @@ _seen: WeakKeyDictionary[Shot, tuple[str, float]] = WeakKeyDictionary()
 """The view that was seen last, and since when."""
 
 
-def is_done(found: Shot, scene: bpy.types.Scene) -> bool:
-    """Whether there is nothing left to do for `work`."""
-    has_bake = found.is_stored and found.status["samples"] > 0
-    return not has_bake or _done.get(found) == view_key(scene)
+def is_done(shot: Shot, scene: bpy.types.Scene) -> bool:
+    """True if nothing is left to do for `work`."""
+    has_bake = shot.is_stored and shot.status["samples"] > 0
+    return not has_bake or _done.get(shot) == view_key(scene)
 
 
-def work(found: Shot, scene: bpy.types.Scene) -> float:
+def work(shot: Shot, scene: bpy.types.Scene) -> float:
     """A turn of having the file written; seconds until the next one."""
     key, now = view_key(scene), time.monotonic()
-    before, since = _seen.get(found, ("", now))
+    before, since = _seen.get(shot, ("", now))
     if key != before:
-        _seen[found] = key, now
+        _seen[shot] = key, now
         return SETTLE_SECONDS
     if now - since < SETTLE_SECONDS:
         return SETTLE_SECONDS
-    path = found.folder / FILE
+    path = shot.folder / FILE
     try:
         if is_current(scene, path):
-            _done[found] = key
+            _done[shot] = key
         else:
             worker = view_worker.shared()
             worker.ask(view_worker.file_of(view_settings(scene), path, stamp(scene)))
             worker.turn()
     except OSError as error:
-        found.warnings.append(f"PNGs that the command line makes of this bake will not have the scene's view: {error}")
-        _done[found] = key
+        shot.warnings.append(f"PNGs that the command line makes of this bake will not have the scene's view: {error}")
+        _done[shot] = key
     return NEXT_TURN_SECONDS

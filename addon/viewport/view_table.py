@@ -41,7 +41,7 @@ class View:
     to_rec709: np.ndarray = field(default_factory=lambda: np.eye(3, dtype=np.float32))
     """Matrix [3, 3] from scene-linear; used where there is no table."""
     memory: FreshMemory | None = None
-    """What the table takes on software graphics, until it is there."""
+    """Memory that the table takes on software graphics, until it is there."""
 
     def apply(self, colors: np.ndarray) -> np.ndarray:
         """Display colours, 0..1, of opaque scene-linear ones, [..., 3]."""
@@ -78,7 +78,7 @@ def of(scene: bpy.types.Scene) -> View | None:
 
 
 def is_complete(scene: bpy.types.Scene) -> bool:
-    """Whether there is nothing left to do for `work`."""
+    """True if nothing is left to do for `work`."""
     return is_srgb_view(scene) or _key(scene, FINE) in _tables
 
 

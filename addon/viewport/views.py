@@ -20,7 +20,7 @@ def redraw(kind: str = "WINDOW") -> None:
 
 
 def settle() -> None:
-    """As `redraw` of the side bars, twice: Blender puts panels below longer ones in their places one drawing later."""
+    """Redraws the side bars twice: Blender puts panels below longer ones in their places one drawing later."""
     redraw("UI")
     if not bpy.app.background:
         bpy.app.timers.register(partial(redraw, "UI"), first_interval=SETTLE_SECONDS)

@@ -54,7 +54,7 @@ class Artist:
     def _note_drawing(self):
         frame = self.shot and self.shot.frame
         has_view = addon("viewport.view_table").of(self.scene) is not None
-        drawn = frame and has_view and addon("viewport.warm_up").is_ready()
+        drawn = frame and has_view and addon("viewport.precompilation").is_ready()
         self.serial_drawn = frame.serial if drawn else 0
 
     @property

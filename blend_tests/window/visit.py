@@ -30,7 +30,7 @@ def visit(driver, blend, size, lights, pixels=100, patient=True):
         driver.photo("settled")
         driver.check(artist.state == ("ready" if patient else "cancelled"), f"the end of the bake: {artist.words()}")
         driver.check(bool(artist.proxies()) == patient, f"proxies that have learned: {artist.proxies()}")
-        rehearsal = addon("viewport.rehearsal")
+        rehearsal = addon("viewport.driver_cache")
         is_over = not (rehearsal.is_due(artist.scene) or rehearsal._is_refused)
         driver.check(is_over, "another Blender has compiled what draws pictures, or none can")
     with driver.step("look like the render"):

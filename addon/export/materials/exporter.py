@@ -37,7 +37,7 @@ Key = tuple[int | str, ...]
 DEFAULT_SURFACE = {"type": "diffuse", "color": [0.8, 0.8, 0.8], "roughness": 0.0, "normal": None}
 EMISSION = {"emission": ("strength", 0.0), "principled": ("emission_strength", 0.0)}
 NOT_UNDERSTOOD = (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError)
-"""What a graph raises that holds something unforeseen."""
+"""Exceptions of a graph that holds something unforeseen."""
 BUMP_WIDTH = 0.1 if bpy.app.version >= (4, 3, 0) else 1.0
 """Pixels over which Cycles takes differences of a displacement."""
 DEEPEST = 10_000
@@ -69,7 +69,8 @@ class MaterialExporter:
         self.emissive: set[int] = set()
         """Numbers of those that may emit light."""
         self.attributes: dict[int, dict[str, str]] = {}
-        """Of a material's number: names that it asks meshes for, with the material and node for messages."""
+        """Names of attributes that a material reads from meshes, with the material and node for messages, by the
+        material's number."""
 
     def number(self, material: bpy.types.Material | None, object_name: str) -> int:
         """Number of a material; None is Cycles' grey default. `object_name` is for messages."""
@@ -133,7 +134,7 @@ class Translation:
         """Strength of the emission that a colour or number becomes in place of a shader."""
         self.nodes: list[dict[str, Any]] = []
         self._constants: list[bool] = []
-        """Whether Blender knows that a node gives the same everywhere."""
+        """True for each node that Blender knows to be constant."""
         self.done: dict[Key, Any] = {}
         self.normal: dict[str, Any] | None = None
         """A link to the shading normal, where it is not the mesh's."""
@@ -172,7 +173,7 @@ class Translation:
         return self.shader(surface, context)
 
     def _feeds(self, name: str, surface: bpy.types.NodeSocket, context: Context) -> bool:
-        """Whether a node feeds another input of the output node."""
+        """True if a node feeds another input of the output node."""
         inputs = surface.node.inputs
         return name in inputs and resolve(inputs[name], context) is not None
 
@@ -258,7 +259,7 @@ class Translation:
         return value
 
     def _link_value(self, source: Source, target: str) -> Any:
-        """What a node computes, as a socket of a type sees it."""
+        """Value of a node, as a socket of a type sees it."""
         kind = source.socket.type
         value = self._constant(source)
         if value is None:
@@ -337,7 +338,7 @@ def _is_finite(description: dict[str, Any]) -> bool:
 
 
 def _any(description: dict[str, Any], fields: dict[str, tuple[str, Any]]) -> bool:
-    """Whether a closure of a material has one of the fields at another value than that which does nothing."""
+    """True if a closure of a material has one of the fields at another value than the one without effect."""
     closures = (node for node in description["nodes"] if node["type"] in fields)
     return any(node[field] != nothing for node in closures for field, nothing in (fields[node["type"]],))
 

@@ -126,7 +126,7 @@ class Constant(NamedTuple):
     owner: bpy.types.NodeSocket | None
     """The input that has it: the asked socket itself or one of a group around; None of 0 in place of a link."""
     passed: tuple[str, ...] = ()
-    """As of `Source`."""
+    """Passed nodes, as in `Source`."""
 
 
 def trace(socket: bpy.types.NodeSocket, context: Context) -> Source | Constant:

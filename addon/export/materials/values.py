@@ -45,7 +45,7 @@ def _simple(kind: str, output: str, *fields: Field, properties: dict[str, tuple[
 
 
 def _outputs(translate: Translate, names: dict[str, str]) -> Translate:
-    """The same node with an output of its own for each socket identifier."""
+    """Translation of the same node with an output of its own for each socket identifier."""
 
     def with_output(t: Translation, source: Source) -> Any:
         return {**translate(t, source), "output": names[source.socket.identifier]}
@@ -321,8 +321,8 @@ def asked_of(node: Any) -> list[str]:
 
 
 def attribute_name(node: Any) -> str | None:
-    """What a node asks meshes for; the empty name of Color Attribute is the colour that renders, and that of UV Map the
-    UV map that renders. None for others."""
+    """Name of the attribute that a node reads from meshes; None for other nodes. An empty name is the rendered colour
+    for Color Attribute, and the rendered UV map for UV Map."""
     names = {
         "ShaderNodeVertexColor": "layer_name",
         "ShaderNodeAttribute": "attribute_name",

@@ -56,7 +56,7 @@ def play(driver):
     with driver.step("panel"):
         # What draws pictures is compiled while the artist looks at the panel.
         yield from driver.show_tab("Relume")
-        yield from driver.until(lambda: not addon("viewport.warm_up").is_wanted(), "the end of compiling", 60)
+        yield from driver.until(lambda: not addon("viewport.precompilation").is_pending(), "the end of compiling", 60)
 
     with driver.step("start keeps the last render"):
         bpy.ops.relume.start()

@@ -1,4 +1,4 @@
-"""What the geometry of a scene is computed from, besides what a render shows: cutters, targets, groups of nodes."""
+"""Data-blocks that the geometry of a scene depends on and no render shows: cutters, targets, groups of nodes."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from ..export.plain import effective_properties
 NODES_A_STEP = 10
 
 
-def read_by(block: bpy.types.ID) -> Iterator[bpy.types.ID | None]:
+def dependencies_of(block: bpy.types.ID) -> Iterator[bpy.types.ID | None]:
     """The data-blocks that one computes with; None where there is time for something else, as node groups are large."""
     if isinstance(block, bpy.types.Object):
-        yield from _by_object(block)
+        yield from _of_object(block)
     elif isinstance(block, (bpy.types.Material, bpy.types.World)):
         yield from (node.image for node in image_nodes(used_tree(block)))
     elif isinstance(block, bpy.types.GeometryNodeTree):
-        yield from _by_group(block)
+        yield from _of_group(block)
     elif isinstance(block, bpy.types.Collection):
         yield from [*block.objects, *block.children]
     elif isinstance(block, (bpy.types.Curve, bpy.types.Curves, bpy.types.ParticleSettings, bpy.types.Texture)):
@@ -30,7 +30,7 @@ def read_by(block: bpy.types.ID) -> Iterator[bpy.types.ID | None]:
 
 
 def may_instance(block: bpy.types.ID, collection: bpy.types.Collection) -> bool:
-    """Whether a block that computes with a collection may show what is in it, as nodes and particles do, others not."""
+    """True if a block that depends on a collection may show objects in it, as nodes and particles do."""
     if isinstance(block, bpy.types.Object):
         nodes = [modifier for modifier in block.modifiers if modifier.type == "NODES"]
         return any(value == collection for modifier in nodes for _, value in node_inputs(modifier))
@@ -39,7 +39,7 @@ def may_instance(block: bpy.types.ID, collection: bpy.types.Collection) -> bool:
     return isinstance(block, bpy.types.GeometryNodeTree)
 
 
-def _by_object(obj: bpy.types.Object) -> Iterator[bpy.types.ID]:
+def _of_object(obj: bpy.types.Object) -> Iterator[bpy.types.ID]:
     if obj.data is not None:
         yield obj.data
     yield from [slot.material for slot in obj.material_slots if slot.material is not None]
@@ -47,10 +47,10 @@ def _by_object(obj: bpy.types.Object) -> Iterator[bpy.types.ID]:
         yield obj.parent
     for modifier in obj.modifiers:
         if modifier.show_render:
-            yield from _by_modifier(modifier)
+            yield from _of_modifier(modifier)
 
 
-def _by_modifier(modifier: bpy.types.Modifier) -> Iterator[bpy.types.ID]:
+def _of_modifier(modifier: bpy.types.Modifier) -> Iterator[bpy.types.ID]:
     yield from _pointers(modifier)
     if modifier.type == "NODES":
         yield from [value for _, value in node_inputs(modifier) if isinstance(value, bpy.types.ID)]
@@ -60,7 +60,7 @@ def _by_modifier(modifier: bpy.types.Modifier) -> Iterator[bpy.types.ID]:
         yield from [projector.object for projector in modifier.projectors if projector.object is not None]
 
 
-def _by_group(tree: bpy.types.NodeTree) -> Iterator[bpy.types.ID | None]:
+def _of_group(tree: bpy.types.NodeTree) -> Iterator[bpy.types.ID | None]:
     for number, name in enumerate([node.name for node in tree.nodes]):
         if number % NODES_A_STEP == 0:
             yield None

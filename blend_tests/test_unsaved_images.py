@@ -3,7 +3,7 @@
 import bpy
 import pytest
 
-from addon.engine import background, painted, verify
+from addon.engine import background, unsaved_images, verify
 from addon.engine.process import NoCopyError, SavedCopy
 from helpers import add, add_material, add_quad, add_world
 
@@ -79,7 +79,7 @@ def to_work_by(scene, image):
 @pytest.mark.parametrize("use", [on_nothing, hidden, in_another_scene, to_work_by])
 def test_what_no_render_shows_may_be_painted(scene, image, use):
     use(scene, image)
-    assert painted.painted_images(scene) == []
+    assert unsaved_images.names(scene) == []
 
 
 def test_it_is_said_where_work_begins(lit, image):
@@ -97,4 +97,4 @@ def test_several_are_named(scene, image):
     other = bpy.data.images.new("Floor", 8, 8)
     other.pixels[0] = 1.0
     add_quad(scene, material=material_of(other))
-    assert painted.refusal(scene).startswith("images 'Floor', 'Poster' were painted")
+    assert unsaved_images.refusal(scene).startswith("images 'Floor', 'Poster' were painted")

@@ -1,5 +1,6 @@
-"""What would hold up the first picture is done before it is asked for: everything that draws it is compiled by drawing
-nothing with it, one piece at a redraw, because graphics drivers compile what is drawn for the first time.
+"""Precompilation of all shaders before the first picture: drivers compile a shader when it is first drawn with.
+
+Each piece draws something invisible, one piece at a redraw, so that no redraw takes long.
 """
 
 from __future__ import annotations
@@ -18,59 +19,59 @@ from .view_table import View
 from .views import redraw
 
 PicturePiece = Callable[[tuple[int, int], tuple[int, int], View], object]
-"""Called with the width and height of pictures, and of the region that is drawn into."""
+"""Draws one piece; called with the width and height of pictures, those of the region, and the view."""
 PAUSE_SECONDS = 0.02
-"""Between redraws: what the artist does comes in between."""
+"""Pause between redraws, in which the artist's input is handled."""
 NOTHING, POWER_OF_TWO = 3, 4
 """Edges of an invisible picture, in pixels. Drivers compile anew for edges that are powers of two."""
 
-_is_wanted = False
+_is_requested = False
 _picture_pieces: list[PicturePiece] = []
 _word_pieces: list[Callable[[], object]] = []
-"""What is left of all of them."""
+"""Pieces that are not compiled yet: `_picture_pieces` draw pictures, `_word_pieces` draw over them."""
 
 
-def want() -> None:
-    """Has everything compiled that is not, in the redraws to come."""
-    global _is_wanted
-    _is_wanted = bool(_picture_pieces or _word_pieces)
-    if _is_wanted and not bpy.app.timers.is_registered(redraw):
+def request() -> None:
+    """Requests that all remaining pieces are compiled in the next redraws."""
+    global _is_requested
+    _is_requested = bool(_picture_pieces or _word_pieces)
+    if _is_requested and not bpy.app.timers.is_registered(redraw):
         bpy.app.timers.register(redraw, first_interval=PAUSE_SECONDS)
 
 
-def is_wanted() -> bool:
-    """Whether there is something left to compile."""
-    return _is_wanted or bool(_picture_pieces)
+def is_pending() -> bool:
+    """True if pieces are left to compile."""
+    return _is_requested or bool(_picture_pieces)
 
 
 def is_ready() -> bool:
-    """Whether a picture is drawn without compiling anything."""
+    """True if drawing a picture compiles nothing."""
     return len(_picture_pieces) <= len(COMPARE_PIECES)
 
 
 def are_words_ready() -> bool:
-    """The same of what goes over pictures."""
+    """True if drawing over pictures compiles nothing."""
     return not (_picture_pieces or _word_pieces)
 
 
 def draw_picture_piece(region: tuple[int, int], view: View) -> None:
-    """The next piece of what draws pictures, if any is wanted; where these are drawn, into a region of that size."""
-    if _is_wanted and _picture_pieces:
+    """Compiles the next piece that draws pictures, if one is requested; called while a region of that size is drawn."""
+    if _is_requested and _picture_pieces:
         _picture_pieces.pop(0)(film_size(bpy.context.scene.render), region, view)
-        want()
+        request()
 
 
 def draw_words_piece() -> None:
-    """What draws over pictures, when there is nothing left of what draws them."""
-    if _is_wanted and _word_pieces and not _picture_pieces:
+    """Compiles the next piece that draws over pictures, once all that draw pictures are compiled."""
+    if _is_requested and _word_pieces and not _picture_pieces:
         _word_pieces.pop(0)()
-        want()
+        request()
 
 
 def reset() -> None:
-    """What was compiled is gone, or never was."""
-    global _is_wanted
-    _is_wanted = False
+    """Marks all pieces as not compiled."""
+    global _is_requested
+    _is_requested = False
     _picture_pieces[:], _word_pieces[:] = PICTURE_PIECES + COMPARE_PIECES, WORD_PIECES
     if bpy.app.timers.is_registered(redraw):
         bpy.app.timers.unregister(redraw)
@@ -82,7 +83,7 @@ def all_pieces(film: tuple[int, int], region: tuple[int, int], view: View) -> li
 
 
 def film_like(film: tuple[int, int]) -> tuple[int, int]:
-    """A size that is the same to drivers."""
+    """Smallest picture size that drivers treat like this one."""
     width, height = (NOTHING if edge & (edge - 1) else POWER_OF_TWO for edge in film)
     return width, height
 
@@ -97,7 +98,7 @@ def _show(_film: tuple[int, int], _region: tuple[int, int], view: View, one_to_o
 
 
 def _draw_nothing(film: tuple[int, int], region: tuple[int, int], view: View, one_to_one: bool, mode: int) -> None:
-    """An invisible picture, as a driver sees it like those of a size, over as many pixels as it has, or more."""
+    """Draws an invisible picture that drivers treat like one of this size, over as many pixels as it has, or more."""
     width, height = film_like(film)
     larger = 1 if one_to_one else 2
     place = Rectangle(0.0, 0.0, larger * width, larger * height)

@@ -1,4 +1,4 @@
-"""Prints of meshes, curves and other shapes, in steps of a few milliseconds."""
+"""Fingerprints of meshes, curves and other shapes, in steps of a few milliseconds."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..core.differences import Print
+from ..core.diff import Fingerprint
 from ..export.arrays import LAYOUTS, stored
-from .node_prints import drawn_curves, hashed, values
+from .node_fingerprints import drawn_curves, hashed, values
 
 SLICE_BYTES = 2**22
-"""Of an array, that are looked at in one step."""
+"""Bytes of an array that are hashed in one step."""
 SLICE_VERTICES = 1000
 """Whose weights are looked at in one step: each is asked alone."""
 DATA = (
@@ -27,8 +27,8 @@ DATA = (
 )
 
 
-def shape(data: bpy.types.ID, has_weights: bool) -> Generator[None, None, Print | None]:
-    """The print of a shape; `has_weights` where an object that shows it has vertex groups."""
+def shape(data: bpy.types.ID, has_weights: bool) -> Generator[None, None, Fingerprint | None]:
+    """The fingerprint of a shape; `has_weights` where an object that shows it has vertex groups."""
     if getattr(data, "is_editmode", False):  # Its arrays are empty then.
         return None
     shapes = [(block.value, block.mute) for block in _keys(data)]
@@ -57,7 +57,7 @@ def _points(data: Any) -> Generator[None, None, list]:
 
 
 def _details(data: Any) -> Generator[None, None, list]:
-    """What else shapes curves, metaballs, lattices, hair and point clouds."""
+    """Data besides points that shape curves, metaballs, lattices, hair and point clouds."""
     if isinstance(data, bpy.types.Mesh):
         return []
     if isinstance(data, (bpy.types.Curves, bpy.types.PointCloud)):
@@ -127,7 +127,8 @@ def _attributes(data: Any) -> Generator[None, None, list]:
 
 
 def _attribute(data: Any, name: str) -> Generator[None, None, str]:
-    """Of all values of an attribute, a part at a time; empty if it is not there, or of a type that no picture shows."""
+    """Hash of all values of an attribute, a part at a time; empty if there is no such attribute, or no picture shows
+    its type."""
     found = start = 0
     while True:
         attribute = data.attributes.get(name)
@@ -142,7 +143,7 @@ def _attribute(data: Any, name: str) -> Generator[None, None, str]:
 
 
 def _array(owner: Any, name: str, width: int) -> Generator[None, None, str]:
-    """Of one value of all elements: a copy of them, then a part at a time."""
+    """Hash of one property of all elements: copies it, then hashes a part at a time."""
     copied = _floats(owner, name, width).view(np.uint8).data
     found = 0
     for start in range(0, len(copied), SLICE_BYTES):

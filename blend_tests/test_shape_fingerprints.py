@@ -1,4 +1,4 @@
-"""Prints of shapes are of all that they are made of."""
+"""Fingerprints of shapes are of all that they are made of."""
 
 import zlib
 
@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.engine import shape_prints
+from addon.engine import shape_fingerprints
 from addon.export.arrays import LAYOUTS
 from helpers import add_quad
 
@@ -15,7 +15,7 @@ KINDS = bpy.types.Attribute.bl_rna.properties["data_type"].enum_items.keys()
 
 @pytest.mark.parametrize("kind", [kind for kind in LAYOUTS if kind in KINDS])
 def test_prints_of_attributes_are_of_all_values(lit, monkeypatch, kind):
-    monkeypatch.setattr(shape_prints, "SLICE_BYTES", 3)
+    monkeypatch.setattr(shape_fingerprints, "SLICE_BYTES", 3)
     mesh = add_quad(lit, "Quad").data
     mesh.attributes.new("It", kind, "CORNER")
     of, width = LAYOUTS[kind]
@@ -26,7 +26,7 @@ def test_prints_of_attributes_are_of_all_values(lit, monkeypatch, kind):
     else:
         field = next(name for name in ("value", "vector", "color") if hasattr(mesh.attributes["It"].data[0], name))
         mesh.attributes["It"].data.foreach_set(field, values)
-    steps = shape_prints._attribute(mesh, "It")
+    steps = shape_fingerprints._attribute(mesh, "It")
     with pytest.raises(StopIteration) as end:
         while True:
             next(steps)

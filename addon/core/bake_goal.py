@@ -1,5 +1,7 @@
-"""What a bake that is under way shall become, beside it in its folder until it is there: so it can go on after a stop,
-or after Blender has died. The manifest cannot tell, because the first training comes before most samples."""
+"""Goal of a bake that is not whole: the samples and training that were asked for.
+
+The file lies in the bake's folder until the goal is met, so the bake can go on after a stop or after Blender has died.
+The manifest cannot tell: the first training comes before most samples."""
 
 from __future__ import annotations
 
@@ -15,32 +17,32 @@ FORMAT, VERSION = "relume-wanted", 1
 
 
 @dataclasses.dataclass(frozen=True)
-class Wanted:
-    """The contents of `wanted.json`."""
+class BakeGoal:
+    """Contents of the goal's file."""
 
     samples: int
     """Paths per pixel."""
     train_seconds: float
-    """For each kind of light; 0 for no training."""
+    """Seconds of training for each kind of light; 0 for none."""
 
     def write(self, folder: Path) -> None:
-        """Writes it into a bake folder."""
+        """Writes the goal into a bake folder."""
         folder.mkdir(parents=True, exist_ok=True)
         whole_file.write_json(folder / FILE, {"format": FORMAT, "version": VERSION, **vars(self)})
 
 
 def forget(folder: Path) -> None:
-    """The bake is what was wanted. If the file cannot go, no more comes of it than an offer to go on."""
+    """Removes the goal of a bake that has met it. If the file cannot go, Relume only offers to go on once more."""
     with contextlib.suppress(OSError):
         (folder / FILE).unlink()
 
 
-def read(folder: Path) -> Wanted | None:
-    """What is still wanted of a bake; None if it is whole, or if that cannot be read."""
+def read(folder: Path) -> BakeGoal | None:
+    """Goal that a bake has not met; None if it is whole, or if the file cannot be read."""
     try:
         content = json.loads((folder / FILE).read_text(encoding="utf-8"))
         if content["format"] != FORMAT or content["version"] != VERSION:
             return None
-        return Wanted(int(content["samples"]), float(content["train_seconds"]))
+        return BakeGoal(int(content["samples"]), float(content["train_seconds"]))
     except (OSError, ValueError, KeyError, TypeError):
         return None

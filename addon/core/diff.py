@@ -1,16 +1,16 @@
-"""What a scene has become since it was baked, in words.
+"""Differences between a scene and its bake, in words.
 
-A print is a small value that changes with what it is taken of: `{"object Sofa": {"place": "1f2e"}, "world": ...}`.
-Prints of a bake lie beside it."""
+A fingerprint is a small value that changes with a part of the scene. Those of a bake lie beside it:
+`{"object Sofa": {"place": "1f2e"}, "world": ...}`."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
-Print = dict[str, str]
+Fingerprint = dict[str, str]
 
-EDITED: Print = {"edited": ""}
-"""Stands for a part of the scene that was edited before its print was taken."""
+EDITED: Fingerprint = {"edited": ""}
+"""Fingerprint of a part of the scene that was edited before its own was taken."""
 
 PARTS = {
     ("object", "place"): "'{name}' moved",
@@ -42,24 +42,24 @@ PARTS = {
     ("collections", "rays"): "Holdout or Indirect Only of a collection changed",
     ("collections", "origins"): "The origin of an instanced collection moved",
 }
-"""What is said of a part that differs; of a `helper`, which no render shows itself, as of an `object`."""
+"""Sentence for each part that differs. A `helper`, which no render shows itself, uses those of an `object`."""
 LATER = {"details", "origins", "lacking", "shading", "override"}
-"""Parts that the first bakes do not know: of these nothing is said."""
+"""Parts that the first bakes do not have: there they make no sentence."""
 ORDER = (
     *("camera", "film", "settings", "collections", "world", "object", "helper", "collection", "instanced", "nodes"),
     *("texture", "particles", "data", "material", "image", "sequences"),
 )
 
 
-def sentences(keys: Iterable[str], baked: dict[str, Print], present: dict[str, Print]) -> list[str]:
-    """The differences of some keys, the most general first. What only one side knows is a difference of objects only:
-    materials and data come and go with them."""
+def sentences(keys: Iterable[str], baked: dict[str, Fingerprint], present: dict[str, Fingerprint]) -> list[str]:
+    """Sentences for the keys that differ, the most general first. A key that only one side has is a difference for
+    objects only: materials and data come and go with them."""
     ordered = sorted(keys, key=lambda key: ORDER.index(key.partition(" ")[0]))
-    found = [sentence for key in ordered for sentence in _of_one(key, baked.get(key), present.get(key))]
-    return list(dict.fromkeys(found))
+    differences = [sentence for key in ordered for sentence in _of_one(key, baked.get(key), present.get(key))]
+    return list(dict.fromkeys(differences))
 
 
-def _of_one(key: str, baked: Print | None, present: Print | None) -> list[str]:
+def _of_one(key: str, baked: Fingerprint | None, present: Fingerprint | None) -> list[str]:
     kind, _, name = key.partition(" ")
     if baked is None or present is None:
         return [f"'{name}' was {'added' if baked is None else 'deleted or hidden'}"] if kind == "object" else []
@@ -80,20 +80,20 @@ def _of_one(key: str, baked: Print | None, present: Print | None) -> list[str]:
     return [PARTS[said_as, part].format(name=name) for part in parts if (said_as, part) in PARTS]
 
 
-def world_gain(baked: Print | None, present: Print | None) -> list[float] | None:
-    """What the baked light of the world is to be multiplied by, where only its colour changed; else None."""
+def world_gain(baked: Fingerprint | None, present: Fingerprint | None) -> list[float] | None:
+    """Factor on the baked light of the world, where only its colour changed; else None."""
     if not baked or not present or baked.get("shape") != present.get("shape"):
         return None
     return gain_between(*([float(channel) for channel in side["color"].split()] for side in (baked, present)))
 
 
 def color_text(color: Iterable[float]) -> str:
-    """A colour as it is in a print."""
+    """Text of a colour, as in a fingerprint."""
     return " ".join(f"{channel:.9g}" for channel in color)
 
 
 def gain_between(before: list[float], now: list[float]) -> list[float] | None:
-    """What turns one colour into the other; None where a channel comes out of nothing."""
+    """Factor from one colour to the other; None where a channel was zero and no longer is."""
     if any(old <= 0.0 < new for old, new in zip(before, now, strict=True)):
         return None
     return [new / old if old > 0.0 else 0.0 for old, new in zip(before, now, strict=True)]

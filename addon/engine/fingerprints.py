@@ -1,4 +1,4 @@
-"""Prints of what a bake depends on, cheap enough to be taken while the artist works.
+"""Fingerprints of what a bake depends on, cheap enough to be taken while the artist works.
 
 They see transforms, data and its attributes, modifiers with all that they read (objects that no render shows, groups of
 geometry nodes, textures), particle settings, poses, material and world nodes, visibility of objects and collections,
@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import bpy
 
-from ..core.differences import Print, color_text
+from ..core.diff import Fingerprint, color_text
 from ..export import trace_settings
 from ..export.camera import UnsupportedCameraError, camera_json, film_size
 from ..export.images import frame_of, path_of, tile_path
@@ -27,30 +27,30 @@ from ..export.scene import shadow_terminator
 from ..export.working_space import working_space
 from ..export.world import export_world, world_of
 from ..export.world_graph import WorldGraph
-from .inputs import image_nodes, may_instance, read_by
+from .dependencies import dependencies_of, image_nodes, may_instance
 from .native import native
-from .node_prints import drawn_curves, group, hashed, ramp, tree, values
+from .node_fingerprints import drawn_curves, group, hashed, ramp, tree, values
 from .render_depsgraph import render_layer
-from .shape_prints import DATA, shape
+from .shape_fingerprints import DATA, shape
 
-Steps = Generator[None, None, Print | None]
-"""Takes a print, in steps of a few milliseconds; those of large meshes are many."""
-Take = Callable[[], Steps]
+Steps = Generator[None, None, Fingerprint | None]
+"""Takes a fingerprint in steps of a few milliseconds, many for a large mesh; returns None if there is none."""
+Fingerprinter = Callable[[], Steps]
 
 GEOMETRY = {"MESH", "CURVE", "SURFACE", "FONT", "META", "CURVES", "POINTCLOUD", "VOLUME"}
 
 
-def keys_of(blocks: list[bpy.types.ID], scene: bpy.types.Scene) -> dict[str, None]:
-    """The prints that edited data-blocks may be part of."""
+def keys_of_blocks(blocks: list[bpy.types.ID], scene: bpy.types.Scene) -> dict[str, None]:
+    """Keys of all fingerprints that edited data-blocks may be part of."""
     objects = [block for block in blocks if isinstance(block, bpy.types.Object)]
     here = {obj.session_uid for obj in scene.objects} if objects else set()
     around = {each for obj in objects if obj.session_uid not in here for each in obj.users_collection}
-    own = [key for block in blocks for key in own_keys_of(block, scene)]
+    own = [key for block in blocks for key in keys_of_block(block, scene)]
     return dict.fromkeys([*own, *(f"instanced {each.name_full}" for each in around)])
 
 
-def own_keys_of(found: bpy.types.ID, scene: bpy.types.Scene) -> list[str]:
-    """Those of one data-block, but for what an object is instanced by."""
+def keys_of_block(found: bpy.types.ID, scene: bpy.types.Scene) -> list[str]:
+    """Keys of the fingerprints that one data-block may be part of, without those of collections that instance it."""
     if isinstance(found, bpy.types.Object):
         helper = f"helper {found.name_full}"
         if found == scene.camera:
@@ -63,7 +63,7 @@ def own_keys_of(found: bpy.types.ID, scene: bpy.types.Scene) -> list[str]:
     if isinstance(found, bpy.types.Scene):
         return list(ONE_OF_A_KIND)
     if isinstance(found, bpy.types.Key):
-        return own_keys_of(found.user, scene)
+        return keys_of_block(found.user, scene)
     kind = _kind(found)
     own = [f"{kind} {found.name_full}"] if kind else []
     if isinstance(found, bpy.types.Image):
@@ -75,22 +75,23 @@ def own_keys_of(found: bpy.types.ID, scene: bpy.types.Scene) -> list[str]:
 
 
 def _counts(obj: bpy.types.Object) -> bool:
-    """Whether the object can be seen in a render, or moves what can."""
+    """True if the object can be seen in a render, or moves an object that can."""
     return not obj.hide_render and _may_count(obj)
 
 
 def _may_count(obj: bpy.types.Object) -> bool:
-    """The same if it is not hidden."""
+    """True if the object would count when it is not hidden."""
     return obj.type in GEOMETRY or obj.type == "ARMATURE" or obj.instance_type != "NONE"
 
 
-def walk(scene: bpy.types.Scene) -> Iterator[tuple[str, Take]]:
-    """Every key with what takes its print, shapes last as they take longest, in steps of microseconds: steps without a
-    key are there to be interrupted.
-    Between steps it holds data-blocks, and nothing inside of them that an edit could free. Where one was deleted a step
-    raises ReferenceError; after undo it is to be thrown away."""
+def iter_fingerprints(scene: bpy.types.Scene) -> Iterator[tuple[str, Fingerprinter]]:
+    """Yields every key with a function that takes its fingerprint; shapes come last, as they take longest.
+
+    Each step takes microseconds. Steps with an empty key only give the caller a chance to stop. Between steps the
+    iterator holds data-blocks, and nothing inside of them that an edit could free. A step raises ReferenceError if a
+    data-block was deleted; after undo the iterator must be thrown away."""
     for kind, take in ONE_OF_A_KIND.items():
-        yield kind, partial(_at_once, take, scene)
+        yield kind, partial(_in_one_step, take, scene)
     rendered = _rendered(scene)
     objects = {obj.session_uid for obj in rendered}
     world = world_of(scene, render_layer(scene))
@@ -105,14 +106,14 @@ def walk(scene: bpy.types.Scene) -> Iterator[tuple[str, Take]]:
         reached.add(block.session_uid)
         if isinstance(block, bpy.types.Object):
             kind = "object" if block.session_uid in objects else "helper"
-            yield f"{kind} {block.name_full}", partial(_at_once, _object, block)
+            yield f"{kind} {block.name_full}", partial(_in_one_step, _object, block)
             if kind == "helper" and block.instance_collection is not None:
                 todo.append(block.instance_collection)
         elif isinstance(block, DATA):
             shapes.append(block)
         elif kind := _kind(block):
             yield f"{kind} {block.name_full}", partial(BLOCKS[kind].take, block)
-        for found in read_by(block):
+        for found in dependencies_of(block):
             if found is None:
                 yield "", _nothing
             else:
@@ -132,7 +133,7 @@ def _rendered(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 
 
 def _weighted() -> set[int]:
-    """What is shown by an object with vertex groups."""
+    """Session uids of the data of all objects with vertex groups."""
     return {obj.data.session_uid for obj in bpy.data.objects if obj.vertex_groups}
 
 
@@ -160,23 +161,23 @@ def _with_instanced(todo: list[bpy.types.Collection | None]) -> list[bpy.types.C
 
 
 def _nothing() -> Steps:
-    return _at_once(lambda: None)
+    return _in_one_step(lambda: None)
 
 
-def _at_once(of: Callable[..., Print | None], *arguments: Any) -> Steps:
-    """A print that takes no time."""
+def _in_one_step(of: Callable[..., Fingerprint | None], *arguments: Any) -> Steps:
+    """Wraps a function whose fingerprint takes no time."""
     return of(*arguments)
     yield
 
 
-def take(scene: bpy.types.Scene, key: str) -> Steps:
-    """Takes the print of a key; None of what is not there, or cannot be seen any more."""
+def fingerprint(scene: bpy.types.Scene, key: str) -> Steps:
+    """Takes the fingerprint of a key; None if its part of the scene is gone, or cannot be seen any more."""
     kind, _, name = key.partition(" ")
     if kind in ONE_OF_A_KIND:
-        return _at_once(ONE_OF_A_KIND[kind], scene)
+        return _in_one_step(ONE_OF_A_KIND[kind], scene)
     if kind in {"object", "helper"}:
         obj = _object_of(scene, kind, name)
-        return _at_once(_object, obj) if obj is not None else _nothing()
+        return _in_one_step(_object, obj) if obj is not None else _nothing()
     places = [getattr(bpy.data, place) for place in (SHAPES if kind == "data" else [BLOCKS[kind].place])]
     block = next((block for place in places if (block := _by_full_name(place, name)) is not None), None)
     if block is None:
@@ -185,7 +186,7 @@ def take(scene: bpy.types.Scene, key: str) -> Steps:
 
 
 def _object_of(scene: bpy.types.Scene, kind: str, name: str) -> bpy.types.Object | None:
-    """The object of a key: each has one of a rendered object or one of a helper."""
+    """Object of a key. Each object has either an `object` key, if it is rendered, or a `helper` key."""
     found = _by_full_name(scene.objects, name)
     if found is None:
         found = next((obj for obj in _instanced(scene) if obj.name_full == name), None)
@@ -202,13 +203,15 @@ def _by_full_name(place: Any, name: str) -> Any:
     return next((block for block in place if block.name_full == name), None) if "[" in name else None
 
 
-def take_all(scene: bpy.types.Scene, camera: bpy.types.Object, size: tuple[int, int] | None = None) -> dict[str, Print]:
-    """All prints at once, of a camera and a picture size; takes long for a large scene."""
-    found = {key: taken for key, take in walk(scene) if (taken := _all_of(take())) is not None}
-    return found | {"camera": _camera_print(scene, camera), "film": _film(scene, size)}
+def all_fingerprints(
+    scene: bpy.types.Scene, camera: bpy.types.Object, size: tuple[int, int] | None = None
+) -> dict[str, Fingerprint]:
+    """Takes all fingerprints at once, for a camera and a picture size; takes long for a large scene."""
+    found = {key: taken for key, take in iter_fingerprints(scene) if (taken := _all_of(take())) is not None}
+    return found | {"camera": _camera_fingerprint(scene, camera), "film": _film(scene, size)}
 
 
-def _all_of(steps: Steps) -> Print | None:
+def _all_of(steps: Steps) -> Fingerprint | None:
     while True:
         try:
             next(steps)
@@ -221,7 +224,7 @@ def _matrix(matrix: Any) -> str:
     return hashed([f"{value:.6g}" for row in matrix for value in row])
 
 
-def _object(obj: bpy.types.Object) -> Print:
+def _object(obj: bpy.types.Object) -> Fingerprint:
     visible = ("camera", "diffuse", "glossy", "transmission", "shadow")
     found = {
         "place": _matrix(obj.matrix_world),
@@ -253,7 +256,7 @@ def _modifier_details(modifier: bpy.types.Modifier) -> list:
     return [drawn_curves(modifier), projectors, system]
 
 
-def _material(material: bpy.types.Material) -> Print:
+def _material(material: bpy.types.Material) -> Fingerprint:
     used = used_tree(material)
     if used is None:
         return {"nodes": hashed(values(material))}
@@ -265,28 +268,29 @@ def _group(geometry: bpy.types.NodeTree) -> Steps:
     return {"nodes": hashed((yield from group(geometry)))}
 
 
-def _texture(texture: bpy.types.Texture) -> Print:
+def _texture(texture: bpy.types.Texture) -> Fingerprint:
     return {"settings": hashed([values(texture), ramp(texture)])}
 
 
-def _particles(settings: bpy.types.ParticleSettings) -> Print:
+def _particles(settings: bpy.types.ParticleSettings) -> Fingerprint:
     return {"settings": hashed(values(settings))}
 
 
-def _collection(collection: bpy.types.Collection) -> Print:
+def _collection(collection: bpy.types.Collection) -> Fingerprint:
     return {"objects": hashed(sorted(block.name_full for block in [*collection.objects, *collection.children]))}
 
 
-def _instanced_print(collection: bpy.types.Collection) -> Print | None:
-    """What a collection that nodes or particles instance hides; None where that is no part of a bake."""
+def _instanced_fingerprint(collection: bpy.types.Collection) -> Fingerprint | None:
+    """Fingerprint of the objects that a collection hides where nodes or particles instance it; None if it is no part of
+    a bake."""
     if not any(map(_may_count, collection.all_objects)):
         return None
     hidden = sorted(obj.name_full for obj in collection.objects if obj.hide_render and _may_count(obj))
     return {"lacking": hashed([collection.hide_render, hidden])}
 
 
-def _image(image: bpy.types.Image) -> Print | None:
-    """Of the files behind an image: of tiles all."""
+def _image(image: bpy.types.Image) -> Fingerprint | None:
+    """Fingerprint of the files behind an image, including all tiles."""
     if image.source not in {"FILE", "SEQUENCE", "TILED"} or image.packed_file:
         return None
     path = bpy.path.abspath(image.filepath, library=image.library)
@@ -294,9 +298,8 @@ def _image(image: bpy.types.Image) -> Print | None:
     return {"file": hashed([_stamp(found) for found in paths])}
 
 
-def _sequences(scene: bpy.types.Scene) -> Print:
-    """What images of several files or frames show in the scene's frame, by their names. Costs next to nothing where
-    there are none."""
+def _sequences(scene: bpy.types.Scene) -> Fingerprint:
+    """Fingerprints of image sequences and movies in the scene's frame, by name. Costs next to nothing without any."""
     images = {image for image in bpy.data.images if image.source in {"SEQUENCE", "MOVIE"}}
     shown: dict[str, list] = {}
     for material in bpy.data.materials if images else ():
@@ -309,7 +312,7 @@ def _sequences(scene: bpy.types.Scene) -> Print:
 
 
 def _stamp(path: str) -> tuple[int, int] | None:
-    """Differs when a file was written anew."""
+    """Size and modification time of a file; None if it cannot be read."""
     try:
         found = os.stat(path)
     except OSError:
@@ -317,11 +320,11 @@ def _stamp(path: str) -> tuple[int, int] | None:
     return found.st_size, found.st_mtime_ns
 
 
-def _camera(scene: bpy.types.Scene) -> Print | None:
-    return _camera_print(scene, scene.camera) if scene.camera else None
+def _camera(scene: bpy.types.Scene) -> Fingerprint | None:
+    return _camera_fingerprint(scene, scene.camera) if scene.camera else None
 
 
-def _camera_print(scene: bpy.types.Scene, camera: bpy.types.Object) -> Print:
+def _camera_fingerprint(scene: bpy.types.Scene, camera: bpy.types.Object) -> Fingerprint:
     try:
         lens = json.loads(camera_json(camera, scene, (1, 1)))
     except UnsupportedCameraError as error:
@@ -330,12 +333,12 @@ def _camera_print(scene: bpy.types.Scene, camera: bpy.types.Object) -> Print:
     return {"name": camera.name_full, "place": _matrix(lens.pop("world_from_object")), "lens": hashed(lens)}
 
 
-def _film(scene: bpy.types.Scene, size: tuple[int, int] | None = None) -> Print:
+def _film(scene: bpy.types.Scene, size: tuple[int, int] | None = None) -> Fingerprint:
     width, height = size or film_size(scene.render)
     return {"size": f"{width} x {height}"}
 
 
-def _settings(scene: bpy.types.Scene) -> Print:
+def _settings(scene: bpy.types.Scene) -> Fingerprint:
     override = render_layer(scene).material_override
     return {
         "paths": hashed(trace_settings(scene, lambda _message: None).get("paths")),
@@ -344,10 +347,10 @@ def _settings(scene: bpy.types.Scene) -> Print:
     }
 
 
-def _collections(scene: bpy.types.Scene) -> Print:
-    """Objects that collections of the view layer hide from renders, those that instanced collections hide, those whose
-    collections alter what rays see, and the origins of instanced collections. Costs next to nothing where no collection
-    does either."""
+def _collections(scene: bpy.types.Scene) -> Fingerprint:
+    """Fingerprint of what collections do to their objects: which they hide from renders, in the view layer or as
+    instances, which they alter for rays, and the origins of instanced collections. Costs next to nothing where they do
+    none of it."""
     layers = list(_layers(render_layer(scene).layer_collection, False))
     hidden = {obj for layer, is_hidden in layers if is_hidden for obj in layer.collection.objects if _counts(obj)}
     if hidden:
@@ -384,7 +387,7 @@ def _layers(layer: bpy.types.LayerCollection, is_hidden: bool) -> Iterator[tuple
 
 
 class _WorldRecorder:
-    """Takes what `export_world` says about a world."""
+    """Scene builder and exporter that only records what `export_world` passes to them."""
 
     def __init__(self, frame: int) -> None:
         self.frame = frame
@@ -392,16 +395,16 @@ class _WorldRecorder:
         self.shape: list[Any] = []
 
     def set_world(self, color: list[float], texture: Any = None, **shape: Any) -> None:
-        """As the scene builder's."""
+        """Records the world; called like the scene builder's method."""
         self.color, self.shape = color, [texture, sorted(shape.items())]
 
     def number(self, image: bpy.types.Image, _owner: str, settings: bpy.types.ImageUser) -> str:
-        """As the image exporter's."""
+        """Identifies an image with its settings; called like the image exporter's method."""
         path = path_of(image, settings, self.frame) if image.source == "SEQUENCE" else image.filepath
         return repr([image.name_full, path, image.colorspace_settings.name, image.alpha_mode])
 
     def texture_of(self, graph: WorldGraph, _name: str) -> str:
-        """In place of rendering the world."""
+        """Identifies a world's node graph by its text, in place of rendering it."""
         return graph.text
 
     def constant_emission(self, shader: str) -> Any:
@@ -409,18 +412,18 @@ class _WorldRecorder:
         return native().SceneBuilder.constant_emission(shader)
 
     def warn(self, message: str) -> None:
-        """What cannot be represented is a part of the world too."""
+        """Records a feature that cannot be represented: it is a part of the world too."""
         self.shape.append(message)
 
 
-def world(scene: bpy.types.Scene) -> Print:
-    """The print of the scene's world."""
+def world(scene: bpy.types.Scene) -> Fingerprint:
+    """Fingerprint of the scene's world."""
     recorder: Any = _WorldRecorder(scene.frame_current)
     export_world(recorder, recorder, recorder.texture_of, scene, render_layer(scene))
     return {"shape": hashed(recorder.shape), "color": color_text(recorder.color)}
 
 
-ONE_OF_A_KIND: dict[str, Callable[[bpy.types.Scene], Print | None]] = {
+ONE_OF_A_KIND: dict[str, Callable[[bpy.types.Scene], Fingerprint | None]] = {
     "camera": _camera,
     "film": _film,
     "settings": _settings,
@@ -431,29 +434,29 @@ ONE_OF_A_KIND: dict[str, Callable[[bpy.types.Scene], Print | None]] = {
 
 
 class _Block(NamedTuple):
-    """How prints of one kind of data-block are taken."""
+    """Fingerprinting of one kind of data-block."""
 
     type: type
     place: str
-    """Where `bpy.data` has them."""
+    """Name of their collection in `bpy.data`."""
     take: Callable[[Any], Steps]
 
 
 BLOCKS = {
-    "material": _Block(bpy.types.Material, "materials", partial(_at_once, _material)),
-    "image": _Block(bpy.types.Image, "images", partial(_at_once, _image)),
-    "collection": _Block(bpy.types.Collection, "collections", partial(_at_once, _collection)),
-    "instanced": _Block(bpy.types.Collection, "collections", partial(_at_once, _instanced_print)),
+    "material": _Block(bpy.types.Material, "materials", partial(_in_one_step, _material)),
+    "image": _Block(bpy.types.Image, "images", partial(_in_one_step, _image)),
+    "collection": _Block(bpy.types.Collection, "collections", partial(_in_one_step, _collection)),
+    "instanced": _Block(bpy.types.Collection, "collections", partial(_in_one_step, _instanced_fingerprint)),
     "nodes": _Block(bpy.types.GeometryNodeTree, "node_groups", _group),
-    "texture": _Block(bpy.types.Texture, "textures", partial(_at_once, _texture)),
-    "particles": _Block(bpy.types.ParticleSettings, "particles", partial(_at_once, _particles)),
+    "texture": _Block(bpy.types.Texture, "textures", partial(_in_one_step, _texture)),
+    "particles": _Block(bpy.types.ParticleSettings, "particles", partial(_in_one_step, _particles)),
 }
 SHAPES = ("meshes", "curves", "metaballs", "lattices", "hair_curves", "pointclouds")
-"""Where `bpy.data` has what has a print of its shape."""
+"""Collections in `bpy.data` whose data-blocks have a fingerprint of their shape."""
 
 
 def _kind(block: bpy.types.ID) -> str:
-    """Of the prints of a data-block, of collections that of any; empty if it has none."""
+    """Kind of a data-block's fingerprint, the first one for collections; empty if it has none."""
     if isinstance(block, DATA):
         return "data"
     return next((kind for kind, of in BLOCKS.items() if isinstance(block, of.type)), "")

@@ -1,5 +1,7 @@
-"""Another Blender compiles first what draws pictures: graphics drivers keep on disk what they have compiled, so that
-this one's window finds it there and does not stand still. From Blender 5.2 on, the first that draws without a window.
+"""Shader precompilation in another Blender, which fills the disk cache of the graphics driver.
+
+This Blender's window finds the shaders there and does not stand still. Needs Blender 5.2, the first version that draws
+without a window.
 """
 
 from __future__ import annotations
@@ -18,37 +20,37 @@ from ..engine import view_worker
 from ..engine.options import user_folder
 from ..export.camera import film_size
 from ..export.false_color import LEVELS
-from . import shader, warm_up
+from . import precompilation, shader
 from .view_table import View
 
 SECONDS = 20.0
-"""After which the window compiles for itself."""
+"""Time after which the window compiles for itself."""
 COLOR_FORMAT, DEPTH_FORMAT = "SRGB8_A8", "DEPTH32F_STENCIL8"
-"""What a 3D view is drawn into: drivers compile anew for other formats."""
+"""Formats of a 3D view's textures: drivers compile again for other ones."""
 EDGE = 64
 FOLDER = "compiled"
-"""Of the user: an empty file for each thing that was compiled once, so that later sessions need not wait for it."""
+"""User folder with an empty file for each compiled set of shaders, so that later sessions need not wait for it."""
 
 _done: set[str] = set()
-"""Their names, as far as they were looked for."""
+"""Names of those files that are known to exist."""
 _begun: float | None = None
 _is_refused = False
 
 
 def is_due(scene: bpy.types.Scene) -> bool:
-    """Whether the window should wait for it before it compiles what draws a scene."""
+    """True if the window should wait for the other Blender before it compiles the shaders of a scene."""
     if _is_refused or bpy.app.background or not hasattr(gpu, "init") or _is_for_later_sessions():
         return False
-    name = _name(*warm_up.film_like(film_size(scene.render)))
+    name = _name(*precompilation.film_like(film_size(scene.render)))
     if name not in _done and (user_folder(FOLDER) / name).exists():
         _done.add(name)
     return name not in _done
 
 
-def work(scene: bpy.types.Scene) -> None:
-    """A turn of having it done; where no other Blender can do it, none is asked again."""
+def step(scene: bpy.types.Scene) -> None:
+    """Polls the other Blender, starting it if needed. Where none can compile, none is asked again."""
     global _begun, _is_refused
-    film = warm_up.film_like(film_size(scene.render))
+    film = precompilation.film_like(film_size(scene.render))
     _begun = _begun or time.monotonic()
     try:
         worker = view_worker.shared()
@@ -66,21 +68,21 @@ def work(scene: bpy.types.Scene) -> None:
 
 
 def interrupt() -> None:
-    """Another file is about to be opened: what has passed since it was begun does not count."""
+    """Resets the time limit when another file is about to be opened."""
     global _begun
     _begun = None
 
 
 def reset() -> None:
-    """Forgets what was done in this session."""
+    """Forgets all that was compiled in this session."""
     global _is_refused
     interrupt()
     _done.clear()
     _is_refused = False
 
 
-def perform(film: tuple[int, int]) -> Iterator[None]:
-    """In the other Blender: compiles all that draws pictures of a size, a piece at a time."""
+def precompile(film: tuple[int, int]) -> Iterator[None]:
+    """Compiles all shaders for pictures of a size, a piece at a time. Runs in the other Blender."""
     gpu.init()
     region = EDGE, EDGE
     color, depth = (gpu.types.GPUTexture(region, format=name) for name in (COLOR_FORMAT, DEPTH_FORMAT))
@@ -89,20 +91,20 @@ def perform(film: tuple[int, int]) -> Iterator[None]:
     table, levels = np.zeros((3, 3, 3, 4), np.float32), np.zeros((LEVELS, 3), np.float32)
     for view in (View(None, 1.0, 1.0), View(table, 1.0, 1.0), View(table.copy(), 1.0, 1.0, levels)):
         shader.free()  # What Mesa looks for on disk changes once it has compiled something of a program.
-        for draw_piece in warm_up.all_pieces(film, region, view):
+        for draw_piece in precompilation.all_pieces(film, region, view):
             with drawn_into.bind():
                 draw_piece()
             yield
 
 
 def _is_for_later_sessions() -> bool:
-    """NVIDIA's OpenGL does not look again on disk for what others have compiled since a program began."""
+    """True for NVIDIA's OpenGL: a running program does not see what others have added to its disk cache."""
     return (gpu.platform.vendor_get(), gpu.platform.backend_type_get()) == ("NVIDIA Corporation", "OPENGL")
 
 
 @cache
 def _name(*film: int) -> str:
-    """Of what draws pictures of a size by the present driver, Blender and Relume."""
+    """Name of the shaders for pictures of a size, under the present driver, Blender and Relume."""
     driver = gpu.platform
     by = driver.vendor_get(), driver.renderer_get(), driver.version_get(), driver.backend_type_get(), bpy.app.build_hash
     return hashlib.sha1(repr((by, shader.VERTEX, shader.FRAGMENT, film)).encode()).hexdigest()
