@@ -1,4 +1,4 @@
-"""Where a bake belongs."""
+"""Locations and files of bake folders."""
 
 from __future__ import annotations
 

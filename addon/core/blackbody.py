@@ -9,7 +9,7 @@ from __future__ import annotations
 from bisect import bisect_right
 
 BOUNDS_K = (965.0, 1167.0, 1449.0, 1902.0, 3315.0, 6365.0)
-"""Where one piece ends and the next begins."""
+"""Limits between the pieces."""
 
 COLDEST_K, HOTTEST_K = 800.0, 12000.0
 COLDEST, HOTTEST = [5.413294490189271, 0.0, 0.0], [0.8262954810464208, 0.9945080501520986, 1.566307710274283]

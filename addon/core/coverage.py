@@ -1,4 +1,4 @@
-"""Where strokes are, in pixels: for drawing them, and for knowing whether anything of them is left."""
+"""Coverage of strokes in pixels: for drawing them, and for knowing whether anything of them is left."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ STROKES_KEPT = 256
 
 
 def layers(strokes: Iterable[Stroke], size: tuple[int, int]) -> dict[Meaning, np.ndarray]:
-    """How much each meaning covers of a picture of width and height `size`: [height, width] from 0 to 1, top row
-    first."""
+    """Share of each pixel that each meaning covers, in a picture of width and height `size`: [height, width] from 0 to
+    1, top row first."""
     width, height = size
     found: dict[Meaning, np.ndarray] = {}
     for stroke in strokes:

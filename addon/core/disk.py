@@ -10,7 +10,7 @@ BYTES_PER_PATH = 55
 
 
 def expected_size(size: tuple[int, int], samples: int) -> int:
-    """About how many bytes a bake will take: width and height in pixels, paths per pixel."""
+    """Approximate size of a bake in bytes, from width and height in pixels and paths per pixel."""
     return size[0] * size[1] * samples * BYTES_PER_PATH
 
 
@@ -24,7 +24,7 @@ def free_space(folder: Path) -> int | None:
 
 
 def in_words(size: int) -> str:
-    """For example `3.4 GB`."""
+    """Text of a size, for example `3.4 GB`."""
     for unit, step in (("GB", 1e9), ("MB", 1e6)):
         if size >= step:
             return f"{size / step:.1f} {unit}"

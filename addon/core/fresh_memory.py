@@ -10,8 +10,8 @@ import numpy as np
 
 
 class FreshMemory:
-    """So many bytes, which are found and held; to be made on another thread. Where there are not so many it has none:
-    what needs them will say so."""
+    """Block of memory that is found and held, made on another thread. If there is not enough, it holds none: the code
+    that needs it will fail and say so."""
 
     def __init__(self, size: int):
         self._memory: mmap.mmap | None = None
@@ -20,7 +20,7 @@ class FreshMemory:
             np.ndarray(size // mmap.PAGESIZE, np.uint8, self._memory, strides=mmap.PAGESIZE).fill(1)
 
     def give_back(self) -> None:
-        """To be called by the thread that needs them next, right before: Linux gives a processor first what that one
-        has given back last."""
+        """Frees the block. Called by the thread that needs it next, right before: Linux gives a processor first the
+        memory that it has freed last."""
         if self._memory is not None:
             self._memory.close()

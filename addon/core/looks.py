@@ -35,7 +35,7 @@ class Look:
 
 @dataclass(frozen=True)
 class Match:
-    """How a look meets the rows of a scene."""
+    """Outcome of matching a look with the rows of a scene."""
 
     rows: list[Row] = field(default_factory=list)
     """New values of the scene's rows, in their order."""

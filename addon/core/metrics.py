@@ -1,4 +1,4 @@
-"""How far two scene-linear pictures, [height, width, 3], are from each other; defined as in `relume_image::metrics`."""
+"""Differences of two scene-linear pictures, [height, width, 3]; defined as in `relume_image::metrics`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ FULL_SCALE = 0.25
 RAMP = np.array(
     [[0.0, 0.0, 0.0], [0.05, 0.05, 0.6], [0.0, 0.5, 0.7], [0.1, 0.7, 0.1], [0.9, 0.8, 0.0], [0.9, 0.1, 0.0], [1, 1, 1]]
 )
-"""From no difference to FULL_SCALE: black, blue, cyan, green, yellow, red, white."""
+"""Colours from no difference to FULL_SCALE: black, blue, cyan, green, yellow, red, white."""
 
 
 def exposure(reference: np.ndarray) -> float:

@@ -13,7 +13,7 @@ Key = TypeVar("Key", bound=Hashable)
 Value = TypeVar("Value")
 
 WAIT_SECONDS = 0.005
-"""How long the first read of a value is waited for: a local disk answers sooner."""
+"""Seconds to wait for the first read of a value: a local disk answers sooner."""
 
 
 class PolledCache:

@@ -70,7 +70,7 @@ class Reporter:
 
 
 def progress_line(report: dict[str, Any]) -> str:
-    """For example `trace  42 %, 1:05 left, 12 of 30 tiles`."""
+    """Line of progress, for example `trace 42 %, 1:05 left, 12 of 30 tiles`."""
     percent = 100 * report["done"] // max(report["total"], 1)
     parts = [f"{report['stage']} {percent:3d} %"]
     if report.get("remaining_s") is not None:
@@ -88,7 +88,7 @@ def share_and_words(report: dict[str, Any]) -> tuple[float, str]:
 
 
 class Pace:
-    """How long steps of one length will take, from how long those took that are done."""
+    """Estimate of the remaining time of steps of one length, from the durations of those that are done."""
 
     def __init__(self) -> None:
         self.began = time.monotonic()

@@ -30,7 +30,7 @@ class Row:
     on: bool = True
     solo: bool = False
     exposure: float = 0.0
-    """In stops: one more doubles."""
+    """Exposure in stops: one more doubles the light."""
     multiplier: float = 1.0
     color: tuple[float, float, float] = (1.0, 1.0, 1.0)
     """Scene-linear tint."""

@@ -35,7 +35,7 @@ NOTHING = 1e-3
 
 
 ROUNDING = 1e-4
-"""By how much, and by which share, a number of a light may differ between a request and its answer and be the same."""
+"""Difference, absolute or relative, up to which a number of a light counts as unchanged in a result."""
 LEAST_TOWARDS = 64
 SHARE_TOWARDS = 4
 """One in so many of a bake's paths is traced once more to look for lights where a solver has put them."""
@@ -53,16 +53,16 @@ def samples_towards(baked: int) -> int:
 
 @dataclass(frozen=True)
 class Limits:
-    """How far lights may go from where and how they are; None for as far as they like."""
+    """Limits on how far lights may go from their present state; None for no limit."""
 
     box: tuple[Sequence[float], Sequence[float]] | None = None
     """Lower and upper corner, metres, of where they may be; None for what the camera sees."""
     stops: tuple[float, float] | None = None
     """Least and most strength, above what it is."""
     tint: float | None = None
-    """By how many stops the ratio of two channels of their colour may differ from what it is."""
+    """Stops by which the ratio of two channels of their colour may change."""
     degrees: float | None = None
-    """By how much they may turn."""
+    """Degrees by which they may turn."""
     size: tuple[float, float] | None = None
     """Least and most radius or edge, metres."""
     sun: tuple[float, float] | None = None
@@ -70,7 +70,7 @@ class Limits:
     cone: tuple[float, float] | None = None
     """Bounds of the cone angle of spots."""
     stay: float | None = None
-    """How much they are drawn to where and how they are."""
+    """Weight that keeps them at their present state."""
 
     def bounds(self) -> dict[str, Any]:
         """Limits in the form of a request."""
@@ -87,10 +87,10 @@ class Limits:
 
 @dataclass(frozen=True)
 class Wish:
-    """How to solve."""
+    """Settings of a solve."""
 
     free: dict[str, list[str]]
-    """By the name of a light, or WORLD: what may change of it."""
+    """Parameters that may change, by the name of a light, or WORLD."""
     goals: list[dict[str, Any]]
     keep_rest: float = 0.01
     limits: Limits = Limits()

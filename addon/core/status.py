@@ -58,7 +58,7 @@ def out_of_sight(status: dict[str, Any]) -> list[str]:
 
 
 FULL_DISK = ("No space left on device", "os error 112", "Disk quota exceeded")
-"""In messages of operating systems."""
+"""Words in messages of operating systems about a full disk."""
 
 
 def error(status: dict[str, Any]) -> str:
@@ -123,7 +123,7 @@ def progress(status: dict[str, Any]) -> tuple[float, str] | None:
 
 
 def to_come(status: dict[str, Any]) -> str:
-    """How long all that is left will take, where something follows the present stage; empty as long as nobody knows."""
+    """Remaining time of the whole bake in words, where more stages follow the present one; empty if unknown."""
     remaining = status["remaining"]
     if remaining is None or status["state"] not in {"baking", "training"}:
         return ""

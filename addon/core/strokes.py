@@ -31,7 +31,7 @@ UNITS = {BRIGHTER: "stops", DARKER: "stops", SHADOW: "stops", WARMER: "mireds", 
 SPACING = 0.2
 """Spacing of points along a stroke, in radii: a round brush hides closer ones."""
 FARTHEST = 10.0
-"""How many pictures beside the picture a place may be."""
+"""Largest distance of a place from the picture, in sizes of the picture."""
 DIGITS = 5
 """A hundred thousandth of the picture."""
 
@@ -50,7 +50,7 @@ class Meaning:
     goal: str
     """One of MEANINGS, or ERASE."""
     amount: float = 0.0
-    """In the unit of the goal, of those that have one."""
+    """Amount in the unit of the goal; 0 if the goal has none."""
     color: tuple[float, float, float] = (1.0, 1.0, 1.0)
     """Scene-linear; of the goal COLOR."""
 
@@ -84,7 +84,7 @@ class Stroke:
     meaning: Meaning
     radius: float
     strength: float
-    """How much it counts, 0 to 1."""
+    """Weight of the stroke, 0 to 1."""
     points: tuple[Point, ...]
     """x, y and pressure (0 to 1, a factor on the radius)."""
 

@@ -13,7 +13,7 @@ QUOTED_OR_NUMBER = re.compile(r"'[^']*'|(?<= )\d+(?:\.\d+)?(?= |$)")
 
 
 def listed(names: Sequence[str]) -> str:
-    """For example `'Key', 'Rim' and 'Fill'`; of many names the first ones and how many more there are."""
+    """List of names, for example `'Key', 'Rim' and 'Fill'`; a long one is cut and says how many more there are."""
     said = [f"'{name}'" for name in names[:MOST_NAMES]]
     rest = len(names) - len(said)
     *first, last = [*said, *[f"{rest} more"] * (rest > 0)]

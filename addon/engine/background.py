@@ -22,7 +22,7 @@ STOPPED = "stopped; start it again to go on"
 
 
 class BackgroundError(Exception):
-    """It cannot be started; the message says why."""
+    """The background bake cannot be started; the message says why."""
 
 
 class BackgroundBake:
@@ -59,7 +59,7 @@ class BackgroundBake:
         return self.options.folder
 
     def poll(self) -> bool:
-        """Takes what the other Blender has said; whether there was anything new."""
+        """Takes the output of the other Blender; returns True if there was any."""
         if not self.is_running:
             return False
         ended, events = self._worker.ended, self._worker.events()

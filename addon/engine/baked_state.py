@@ -1,4 +1,4 @@
-"""Says at once what a scene has become since it was baked, where nobody watches it (`changes` does)."""
+"""Differences between a scene and a bake, found at once, for scenes that no `StalenessTracker` watches."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ UNNAMED = "something that is not told apart (a simulation, combed hair, the vers
 def difference(
     scene: bpy.types.Scene, exported: Any, folder: Path, camera: str | None, has_own_world: bool
 ) -> str | None:
-    """How the scene, seen by a camera of this name, differs from the one that a folder is a bake of, in words for the
-    user; None if it does not. Worlds do not count where the picture gets one of its own."""
+    """Differences between the scene, seen by a camera of this name, and the one that was baked into a folder, in words
+    for the user; None if there are none. Worlds do not count where the picture gets one of its own."""
     if not is_bake(folder):
         return None
     found = _sentences(scene, exported, folder, camera, has_own_world)

@@ -17,7 +17,7 @@ from .options import FolderError, bake_folder, options_of
 
 
 class ProblemError(Exception):
-    """Something that the artist has to mend first; the message says what and how."""
+    """Problem that the artist has to solve first; the message says what and how."""
 
 
 def check_start(scene: bpy.types.Scene, folder: Path | None = None) -> None:
@@ -58,7 +58,8 @@ def folders_in_use(scene: bpy.types.Scene | None = None) -> dict[Path, str]:
 
 
 def disk_space(scene: bpy.types.Scene, free_on: Callable[[Path], int | None]) -> tuple[str, bool]:
-    """How much a bake of the scene will take, in words, and whether there is so much; `free_on` as `free_space`."""
+    """Size of a bake of the scene in words, and True if the disk has room for it; `free_on` is called like
+    `free_space`."""
     try:
         options = options_of(scene)
     except FolderError as error:

@@ -10,8 +10,8 @@ import numpy as np
 
 
 def set_up(scene: bpy.types.Scene, size: tuple[int, int], render: dict[str, Any], cycles: dict[str, Any]) -> None:
-    """Has a scene rendered by Cycles in so many pixels, each by all samples, into an EXR file of 32 bits; with further
-    settings of `scene.render` and `scene.cycles`. Those that this Blender does not have are left out."""
+    """Sets up a scene for a render by Cycles of this size, with all samples in each pixel, into an EXR file of 32 bits.
+    `render` and `cycles` are further settings; those that this Blender does not have are left out."""
     owner = scene.render
     size_settings = {"resolution_x": size[0], "resolution_y": size[1], "resolution_percentage": 100}
     _set(owner, {"engine": "CYCLES", **size_settings, **render})

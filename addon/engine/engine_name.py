@@ -14,8 +14,8 @@ LARGEST = 16384
 
 
 def address_of_engine(scene: bpy.types.Scene) -> int | None:
-    """Where the name is; None where it is not found in one place of the scene's render settings. Those are a part of
-    the scene, and its units are a later one."""
+    """Address of the name; None unless it is found in exactly one place of the scene's render settings. Those are a
+    part of the scene, and its units are a later one."""
     first, end = scene.render.as_pointer(), scene.unit_settings.as_pointer()
     name = scene.render.engine.encode() + b"\0"
     if len(name) == 1 or not 0 < end - first < LARGEST:

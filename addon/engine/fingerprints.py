@@ -149,7 +149,7 @@ def _instanced_collections(scene: bpy.types.Scene) -> list[bpy.types.Collection]
 
 
 def _with_instanced(todo: list[bpy.types.Collection | None]) -> list[bpy.types.Collection]:
-    """Some collections, and those that are instanced in them, each once."""
+    """Collections of a list and those that are instanced in them, each once."""
     found: dict[int, bpy.types.Collection] = {}
     while todo:
         collection = todo.pop()
@@ -379,7 +379,7 @@ def _collections(scene: bpy.types.Scene) -> Fingerprint:
 
 
 def _layers(layer: bpy.types.LayerCollection, is_hidden: bool) -> Iterator[tuple[bpy.types.LayerCollection, bool]]:
-    """A collection of a view layer and all in it, with whether renders leave it out."""
+    """Collections of a view layer below one, each with True if renders leave it out."""
     is_hidden = is_hidden or layer.collection.hide_render
     yield layer, is_hidden or layer.exclude
     for child in layer.children:

@@ -21,7 +21,7 @@ COMMAND = "help-window"
 JOB = ".job"
 """Suffix of jobs' files, after the number and the kind."""
 IDLE_SECONDS = 120.0
-"""How long it waits for the next job."""
+"""Seconds that an idle helper waits for the next job."""
 POLL_SECONDS = 0.01
 Told = dict[str, Any]
 Work = Callable[[str, Any], Iterator[Told]]
@@ -42,7 +42,7 @@ class Helper:
         """Reports that nobody has taken yet, by the numbers of jobs whose results are still wanted."""
 
     def begin(self, kind: str, job: Any) -> int:
-        """Has a job done: plain data and arrays (`core.array_file`). Its number. Raises OSError."""
+        """Begins a job of plain data and arrays (`core.array_file`); returns its number. Raises OSError."""
         with self._lock:
             self._number += 1
             number = self._number
@@ -73,7 +73,7 @@ class Helper:
         return told
 
     def drop(self, number: int) -> None:
-        """Nobody wants a job any more, or all that came of it was taken; its files go."""
+        """Drops a job whose result nobody wants any more, or was taken; removes its files."""
         with self._lock:
             self._told.pop(number, None)
             _remove(self._place.glob(f"{number}[.-]*"))

@@ -1,4 +1,4 @@
-"""Has another Blender (`engine.helper`) finish meshes (`export.late_mesh`) while a scene is read."""
+"""Finishing of meshes (`export.late_mesh`) in another Blender (`engine.helper`) while a scene is read."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def _take(other: helper.Helper, number: int, stop: Stop) -> dict[str, Any]:
 
 
 def work(prefix: str, job: dict[str, Any]) -> Iterator[helper.Told]:
-    """In the other Blender: finishes a mesh and reads it (`helper.Work`)."""
+    """Finishes a mesh and reads it (`helper.Work`). Runs in the other Blender."""
     path = f"{prefix}{KIND}"
     with finished(job["late"]) as mesh:
         array_file.write(Path(path), mesh_arrays(mesh, job["asked"]))

@@ -20,7 +20,7 @@ from .shot import Shot
 from .solve import answer
 
 CLEAN_SECONDS = 0.25
-"""Between looks whether cancelled jobs have ended."""
+"""Seconds between checks whether cancelled jobs have ended."""
 
 _ending: list[tuple[Any, Path]] = []
 """Cancelled jobs that may still write or read, and the folder that goes when they are done."""

@@ -33,7 +33,7 @@ SESSION = uuid.uuid4().hex[:8]
 
 @dataclasses.dataclass(frozen=True)
 class Options:
-    """How and where a shot is baked."""
+    """Options of a shot's bake."""
 
     folder: Path
     samples: int = 64
@@ -88,7 +88,7 @@ def remember_bake(scene: bpy.types.Scene, folder: Path) -> None:
 
 
 def places_of_bake(scene: bpy.types.Scene) -> tuple[Path, ...]:
-    """Where the bake of a scene may be by what its file says, the likelier first; none if it says nothing."""
+    """Possible locations of a scene's bake by what its file says, the likelier first; none if it says nothing."""
     settings = getattr(scene, "relume", None)
     if settings is None or not settings.baked_folder:
         return ()
@@ -96,7 +96,7 @@ def places_of_bake(scene: bpy.types.Scene) -> tuple[Path, ...]:
 
 
 def remembered_bake(scene: bpy.types.Scene) -> Path | None:
-    """Where the file says that its bake is, whether it is there or not; None if it says nothing."""
+    """Location of the bake by what the file says, whether it is there or not; None if it says nothing."""
     places = places_of_bake(scene)
     return next((place for place in places if is_bake(place)), places[0] if places else None)
 

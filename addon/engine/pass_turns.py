@@ -8,7 +8,7 @@ from typing import Any
 
 
 class PassTurns:
-    """Which passes there are pictures of, and which request is whose."""
+    """Pictures of single passes, and the requests that they are to come from."""
 
     def __init__(self) -> None:
         self.pictures: dict[str, Any] = {}
@@ -43,7 +43,7 @@ class PassTurns:
         self.pictures.pop(name, None)
 
     def take(self, frame: Any) -> bool:
-        """Keeps a frame if it is of a pass; whether it is."""
+        """Keeps a frame if it is of a pass; returns True if so."""
         name = self._requests.get(frame.request)
         # No frame of an older request comes any more.
         self._requests = {number: of for number, of in self._requests.items() if number >= frame.request}

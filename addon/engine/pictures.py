@@ -30,7 +30,7 @@ class Read:
     pixels: np.ndarray
     """Pixels as returned by `export.target.read_target` or `read_mask`."""
     words: str = ""
-    """How its colours were understood."""
+    """Description of how its colours were understood."""
     is_doubtful: bool = False
 
 
@@ -54,7 +54,7 @@ class Reading:
         return self.found is not None or bool(self.error)
 
     def step(self) -> bool:
-        """Goes on for a moment; whether there is more to do."""
+        """Continues for a moment; returns True if more is to be done."""
         try:
             next(self._work)
             return True
@@ -130,8 +130,8 @@ def _prepare(place: Path, job: dict[str, Any], contents: Picture | bytes | None)
 
 
 def read(place: Path) -> tuple[str, bool]:
-    """The body of `relume read-picture`, in the other Blender: does the job of a folder, and says how the colours were
-    understood and whether that is to be doubted. Raises TargetError."""
+    """Body of `relume read-picture`, which runs in the other Blender: does the job of a folder. Returns how the colours
+    were understood, and True if that is doubtful. Raises TargetError."""
     job = json.loads((place / JOB).read_text(encoding="utf-8"))
     scene = bpy.context.scene
     set_view(scene, job["view"])

@@ -25,8 +25,8 @@ from . import unsaved_images
 
 SCRIPT = "relume_bake.py"
 OWNED = "RELUME_ENDS_WITH_STANDARD_INPUT"
-"""In the environment of a process that is to end with the one that started it. Not on Windows, where libraries that are
-loaded wait while the standard input is read."""
+"""Environment variable of a process that is to end with the one that started it. Not on Windows, where libraries that
+are loaded wait while the standard input is read."""
 GIVES_WAY = ["nice", "-n", "10"]
 """Command that starts a process on Unix with a lower priority than the artist's Blender. A process that lowers its own
 priority on Linux does so for one thread only."""
@@ -37,7 +37,7 @@ OWNER_IS_GONE = 129
 LITTLE_ROOM = 2**26
 """Bytes: with less a disk counts as full, since what could not be written whole may have been removed."""
 WINDOWS_EXCEPTIONS = 0xC0000000
-"""From here on exit codes on Windows are exceptions that nothing has caught."""
+"""Lowest exit code on Windows that is an uncaught exception."""
 
 
 class NoCopyError(Exception):
@@ -138,7 +138,7 @@ class Worker:
 
 
 def end_with_owner() -> None:
-    """In a Worker's process: ends it at once when the other end of the standard input is gone, which also goes where
+    """Ends this process, a Worker's, as soon as the other end of the standard input is gone. That is also so where
     Blender crashed or was killed. Files are whole at every moment."""
 
     def wait() -> None:

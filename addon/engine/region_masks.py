@@ -1,5 +1,5 @@
-"""Where objects and materials are seen in the picture: rays of the camera, cast a few at a time so that Blender's
-window goes on. Rays meet what the window shows; what the camera does not see in renders lets them through."""
+"""Masks of objects and materials in the picture, by rays of the camera, cast a few at a time so that Blender's window
+goes on. Rays hit what the window shows; they pass through what the camera does not see in renders."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SLICE_SECONDS = 0.01
 MOST_HITS = 64
 """Surfaces that are not in renders, one behind another, that a ray passes."""
 STEP = 1e-5
-"""How far behind a surface a ray goes on, as a share of its way so far."""
+"""Distance behind a surface from which a ray goes on, as a share of its way so far."""
 OBJECT, MATERIAL, OBJECT_INDEX, MATERIAL_INDEX = KINDS = ("OBJECT", "MATERIAL", "OBJECT_INDEX", "MATERIAL_INDEX")
 
 

@@ -28,12 +28,12 @@ CONTEXT_BYTES = 64 << 20
 OpenGL on the processor): other programs take of it too."""
 POLL_SECONDS = 0.01
 COPY_SECONDS = 0.01
-"""How long to wait until a render that begins at once has copied its scene's engine; it takes it up to 5 ms."""
+"""Seconds to wait until a render that begins at once has copied its scene's engine, which takes up to 5 ms."""
 SLOT = "Relume"
 """The render slot that takes the empty picture."""
 SWITCH_SECONDS = 0.0002
-"""How long Blender's window waits for Python while the work runs on another thread; Python's own 5 ms add up to a
-standstill, because every panel waits anew."""
+"""Longest time that Blender's window waits for Python while the work runs on another thread. Python's own 5 ms add up
+to a standstill, because every panel waits anew."""
 
 
 class ExportCancelled(Exception):  # noqa: N818 -- what the user wanted is no error
@@ -62,14 +62,14 @@ MARK = "relume_render_settings"
 """Custom property of a scene that is being read, with the render settings that it had before: it is in undo steps and
 files that are written meanwhile."""
 _reading: dict[int, dict[str, Any]] = {}
-"""Such scenes, and the settings that they have until the engine is called."""
+"""Scenes that are being read, and the settings that they have until the engine is called."""
 _waiting: list[RenderTask[Any]] = []
 """Tasks that the next renders of their scenes are to run."""
 
 
 def run_waiting(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> bool:
-    """Runs what waits for a depsgraph of this scene; whether there was such a thing. Blender calls for each view layer
-    that is rendered, without a window also for those that nobody asked for."""
+    """Runs the task that waits for a depsgraph of this scene; returns True if there was one. Blender calls for each
+    view layer that is rendered, without a window also for those that nobody asked for."""
     found = next((task for task in _waiting if task.scene_uid == depsgraph.scene.session_uid), None)
     if found is not None and depsgraph.view_layer.name == found.layer_name:
         _waiting.remove(found)
@@ -119,8 +119,8 @@ class RenderTask(Generic[Result]):
 
 
 def with_render_depsgraph(scene: bpy.types.Scene, work: Callable[[bpy.types.Depsgraph, Stop], Result]) -> Result:
-    """The result of `work`, called with the depsgraph of the scene's present frame and first render layer, and with
-    what says whether to stop. Blender's window stands still meanwhile."""
+    """Calls `work` with the depsgraph of the scene's present frame and first render layer, and with a function that
+    returns True if it should stop. Returns its result. Blender's window stands still meanwhile."""
     task = RenderTask(scene, work)
     with _engine(task) as engine, _surroundings(scene), _render_settings(task, WITHOUT_EFFECTS | {"engine": engine}):
         bpy.ops.render.render(layer=task.layer_name, scene=scene.name)
@@ -205,7 +205,7 @@ def _window() -> bpy.types.Window:
 
 @contextmanager
 def _engine(task: RenderTask[Any]) -> Iterator[str]:
-    """Has the next render of a scene run a task, if it is by the engine of this name."""
+    """Context in which the next render of a scene runs a task, if it is by the engine of this name."""
     _waiting.append(task)
     try:
         if standing is not None:
@@ -311,8 +311,8 @@ def _surroundings(scene: bpy.types.Scene) -> Iterator[None]:
 
 @contextmanager
 def _synchronised_layers(scene: bpy.types.Scene) -> Iterator[None]:
-    """Has a scene's view layers take up what handlers have changed before a render. Blender 5 crashes where an object
-    was hidden by one and settings were switched off just before."""
+    """Context in which a scene's view layers take up what handlers have changed before a render. Blender 5 crashes
+    where an object was hidden by one and settings were switched off just before."""
 
     def synchronise(*_arguments) -> None:
         for layer in scene.view_layers:

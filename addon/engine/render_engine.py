@@ -43,7 +43,7 @@ BAKE_SHARE = 0.9
 
 @dataclass(frozen=True)
 class PassSettings:
-    """Which passes there are besides Combined."""
+    """Passes that a render has besides Combined."""
 
     longest: int = LONGEST
     """Bytes of the name of a light's pass."""

@@ -1,4 +1,4 @@
-"""From the open Blender file to a native scene."""
+"""Export of the open Blender file to a native scene."""
 
 from __future__ import annotations
 

@@ -109,8 +109,8 @@ class SceneLights:
         self._entries, self._waiting, self._differs, self._visibility = {}, {}, False, None
 
     def update(self, depsgraph: bpy.types.Depsgraph, seconds: float = math.inf) -> bool:
-        """Reads for about so long what an update of the scene has changed. Whether all is read, and any light may have
-        changed."""
+        """Reads for about that many seconds what an update of the scene has changed. Returns True if all is read, and
+        any light may have changed."""
         if depsgraph.mode != "VIEWPORT" or not self._is_ours(depsgraph):
             return False
         if self._visibility is None:
@@ -126,8 +126,8 @@ class SceneLights:
         return self.read(depsgraph, seconds) if self.is_forgotten else may_differ
 
     def _named(self, depsgraph: bpy.types.Depsgraph) -> tuple[set[int], set[int], bool]:
-        """Uids of the lights that an update names as edited, those of which it says nothing but that they are shaded
-        anew, which Blender says of all objects when one comes or goes, and whether instances may be others now."""
+        """Uids of the lights that an update names as edited, those that it only names as shaded anew, and True if
+        instances may have changed. Blender names all objects as shaded anew when one comes or goes."""
         edited: set[int] = set()
         shaded: set[int] = set()
         data: set[int] = set()
@@ -164,15 +164,14 @@ class SceneLights:
         return depsgraph.view_layer.name == self.view_layer
 
     def read(self, depsgraph: bpy.types.Depsgraph, seconds: float = math.inf) -> bool:
-        """Begins to read every light anew, for about so long. Whether that is done."""
+        """Begins to read every light again, for about that many seconds. Returns True if all are read."""
         begun = time.perf_counter()
         self.forget()
         self._walk(depsgraph, set())
         return self.go_on(depsgraph, seconds - (time.perf_counter() - begun))
 
     def go_on(self, depsgraph: bpy.types.Depsgraph, seconds: float = math.inf) -> bool:
-        """Reads for about so long what waits, where there is any time. Whether all is read and any light may have
-        changed."""
+        """Continues reading for about that many seconds. Returns True if all is read and any light may have changed."""
         if seconds < 0.0:
             return False
         deadline = time.perf_counter() + seconds
@@ -355,7 +354,7 @@ def _visibility(view_layer: bpy.types.ViewLayer, instancers: set[int]) -> tuple:
 
 
 class _RenderedObjects:
-    """Which objects of a view layer no collection hides from renders."""
+    """Objects of a view layer that no collection hides from renders."""
 
     def __init__(self, view_layer: bpy.types.ViewLayer):
         self.shown: list[bpy.types.Collection] = []

@@ -154,8 +154,8 @@ class Shot:
             self._load(scene)
 
     def begin_reading(self, scene: bpy.types.Scene) -> bool:
-        """Begins to read the scene in a window, where that was asked for; whether it did. Blender's operator that
-        begins a render takes its time: it should have a turn of the window to itself."""
+        """Begins to read the scene in a window, if that was asked for; returns True if it did. Blender's operator that
+        begins a render takes its time, and should have a tick to itself."""
         if not self.is_exporting or self._task is not None:
             return False
         try:
@@ -209,7 +209,7 @@ class Shot:
             self.changes.maps[exported.world_map] = self._read_world
 
     def _end(self, status: dict[str, Any]) -> None:
-        """There was no bake, and the native module has nothing to say."""
+        """Ends the shot where there was no bake, and the native module has nothing to say."""
         self.status |= status
         self._has_ended = True
 
@@ -350,8 +350,8 @@ class Shot:
         return self._request_number
 
     def show_passes(self, names: Collection[str]) -> None:
-        """Has the pictures of single passes follow the picture itself, one a turn, and no others. Not before all paths
-        are traced: these look for the lights of the newest request."""
+        """Shows the pictures of these passes only, one a tick, after the whole picture. Waits until all paths are
+        traced, as these look for the lights of the newest request."""
         frame, status, whole = self.present_frame, self.status, None
         if frame is not None and self.can_show and not self.is_tracing:
             asked = self._content, self._is_interactive, self._whole_number
@@ -363,7 +363,7 @@ class Shot:
         return self._request_number
 
     def poll(self) -> bool:
-        """Takes the newest picture and status; whether there was anything new."""
+        """Takes the newest picture and status; returns True if there was anything new."""
         if self.is_exporting or self._has_ended:
             return False
         text = self._live.status()
@@ -426,7 +426,7 @@ class Shot:
         return bool(self._content) and not self._is_interactive and self._remaining.lacks_a_kind(self.status)
 
     def learn_kinds(self) -> None:
-        """Has the kinds of light learned that the bake lacks."""
+        """Learns the kinds of light that the bake lacks."""
         try:
             self._live.learn(self._remaining.note_kinds(self.status))
         except (OSError, RuntimeError) as error:

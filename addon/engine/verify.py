@@ -16,7 +16,7 @@ SUMMARY = json.dumps({"samples": 0, "makers": {}, "denoised": False})
 
 
 class VerifyError(Exception):
-    """It cannot be started or has failed; the message says why."""
+    """Verifying cannot be started or has failed; the message says why."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class Verification:
         return self._worker is not None
 
     def poll(self) -> bool:
-        """Takes what the other Blender has said; whether there was anything new."""
+        """Takes the output of the other Blender; returns True if there was any."""
         worker = self._worker
         if worker is None:
             return False

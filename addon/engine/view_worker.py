@@ -1,6 +1,8 @@
-"""Has Blender colour the tables of views (`export.color_table`, `export.view_file`) and compile what draws with them
-(`viewport.driver_cache`) in another one (`engine.helper`): the window would stand still while it reads the files of a
-view, while it colours, and while the graphics driver compiles. Newer jobs replace the one before."""
+"""View tables (`export.color_table`, `export.view_file`) and shaders (`viewport.driver_cache`), made in another Blender
+(`engine.helper`).
+
+In this one the window would stand still while it reads the files of a view, while it colours, and while the graphics
+driver compiles. A newer job replaces the one before."""
 
 from __future__ import annotations
 
@@ -23,7 +25,7 @@ from . import helper
 KIND = "view"
 POLL_SECONDS = 0.02
 SETTLE_SECONDS = 0.2
-"""Between the coarse table and the fine one: while a view is dragged coarse ones follow it."""
+"""Seconds between the coarse table and the fine one: while a view is dragged coarse ones follow it."""
 Compile = Callable[[tuple[int, int]], Iterator[None]]
 """Compiles what draws pictures of a size, a piece at a time."""
 
@@ -56,7 +58,7 @@ class ViewWorker:
         """True if all of the newest job was done and taken."""
 
     def ask(self, job: dict[str, Any]) -> None:
-        """Has a job done, unless it is at it; drops the one before. Raises OSError."""
+        """Begins a job, unless it is already under way; drops the one before. Raises OSError."""
         if job == self._job:
             return
         self.drop()
@@ -92,7 +94,7 @@ class ViewWorker:
             self.is_finished = True
 
     def drop(self, at_once: bool = False) -> None:
-        """Nobody wants the job any more; `at_once` where it would take too long to be left alone (`helper`)."""
+        """Drops the job; `at_once` if it would take too long to be left alone (`helper`)."""
         if self._helper is not None:
             (self._helper.interrupt if at_once else self._helper.drop)(self._number)
         self._helper, self._job = None, {}
@@ -115,7 +117,7 @@ def _load(path: Path) -> tuple[Table, FreshMemory]:
 
 
 def work(compile_programs: Compile, prefix: str, job: dict[str, Any]) -> Iterator[helper.Told]:
-    """In the other Blender: does a job (`helper.Work`)."""
+    """Does a job (`helper.Work`). Runs in the other Blender."""
     if "programs" in job:
         for _ in compile_programs(tuple(job["programs"])):
             yield {}

@@ -1,5 +1,5 @@
-"""Another world than the one that is shown: another HDRI, or one that was turned. Read from the artist's data at once,
-made ready on a thread of its own; its light is then gathered from the paths that are there."""
+"""Reading of a world that is to replace the one that is shown: another HDRI, or one that was turned. The artist's data
+are read at once; the rest is done on a thread. Its light is then gathered from the paths that are there."""
 
 from __future__ import annotations
 
@@ -87,7 +87,8 @@ class _Steps:
         return self._texture(lambda builder: builder.add_texture(*arguments, **more))
 
     def add_texture_file(self, name: str, *arguments: Any, **more: Any) -> int | None:
-        """Adds a texture's file; called like the scene builder's method. Whether it can be read is known later."""
+        """Adds a texture's file; called like the scene builder's method. A file that cannot be read is noticed
+        later."""
 
         def add(builder: Any) -> None:
             if builder.add_texture_file(name, *arguments, **more) is None:
@@ -100,7 +101,7 @@ class _Steps:
         return 0 if self.is_same else self._texture(add)
 
     def texture_of(self, graph: WorldGraph, name: str) -> int:
-        """Has Cycles render the world."""
+        """Renders the world by Cycles."""
         render = worlds.rendering(graph)
         return self._texture(
             lambda builder: builder.add_texture(name, render(self._stop), encoding="linear", alpha="none")

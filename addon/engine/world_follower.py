@@ -16,7 +16,7 @@ class WorldFollower:
     def __init__(self, changes: StalenessTracker):
         self._changes = changes
         self._task: WorldTask | None = None
-        """Another world than the one that is shown, in the making."""
+        """World that is being read, to replace the one that is shown."""
         self._before: WorldTask | None = None
         """The world that was read last."""
 

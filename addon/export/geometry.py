@@ -36,7 +36,7 @@ class GeometryExporter:
         """Names of attributes that materials can read, by mesh number."""
 
     def begin(self) -> None:
-        """Has late meshes begun with, all of those that are likely to be seen."""
+        """Begins to finish all late meshes that are likely to be seen."""
         if self.finish is not None:
             for found in self.depsgraph.ids:
                 if isinstance(found, bpy.types.Object) and found.type == "MESH" and not found.hide_render:

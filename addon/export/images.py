@@ -134,7 +134,8 @@ def tile_path(path: str, number: int) -> str:
 
 
 def frame_of(settings: bpy.types.ImageUser, frame: int) -> int:
-    """Which of an image's pictures is shown in a frame of the scene, as Blender's `BKE_image_user_frame_get`."""
+    """Number of the image's picture that is shown in a frame of the scene, as in Blender's
+    `BKE_image_user_frame_get`."""
     length = settings.frame_duration
     place = frame - settings.frame_start + 1
     place = (place - 1) % max(length, 1) + 1 if settings.use_cyclic else min(max(place, 0), length)

@@ -88,8 +88,8 @@ class Instancers:
         return self._by_group[group]
 
     def reached_from(self, obj: bpy.types.Object) -> dict[bpy.types.Object, bool]:
-        """Objects that an object may instance in renders, also by way of others, and whether nodes or particles name
-        them themselves: those are shown even where they are hidden, unlike what is in collections, but not what they
+        """Objects that an object may instance in renders, also through others, each with True if nodes or particles
+        name it. Named objects are shown even where they are hidden, unlike those in collections, but not what they
         instance."""
         if obj not in self._reached:
             found = self._reached[obj] = {}
@@ -214,7 +214,7 @@ class Instancers:
         return self._inside[collection]
 
     def _seen_in(self, collection: bpy.types.Collection, by: bpy.types.Object) -> list[tuple[bpy.types.Object, bool]]:
-        """Those of them that views show where an object instances them, which does not show itself."""
+        """Objects of a collection that views show where an object instances it, without that object itself."""
         if (collection, by) not in self._seen_inside:
             seen = set(_not_hidden(collection, "hide_viewport")) - {by}
             inside = self._objects_of(collection)
@@ -248,7 +248,7 @@ def _is_on_points(obj: bpy.types.Object) -> bool:
 
 
 def objects_in(collection: bpy.types.Collection) -> list[tuple[bpy.types.Object, bool]]:
-    """All objects of a collection that is instanced, in Blender's order, and whether renders show them there."""
+    """All objects of a collection that is instanced, in Blender's order, each with True if renders show it there."""
     shown = set(_not_hidden(collection, "hide_render"))
     return [(obj, obj in shown) for obj in collection.all_objects]
 
@@ -302,5 +302,5 @@ def _objects_of(blocks: list[Block]) -> set[bpy.types.Object]:
 
 
 def _blocks(values: list[Any]) -> list[Block]:
-    """Those of some values that are objects or collections, each once."""
+    """Values that are objects or collections, each once."""
     return list(dict.fromkeys(value for value in values if isinstance(value, (bpy.types.Object, bpy.types.Collection))))

@@ -17,12 +17,13 @@ from .arrays import LAYOUTS, stored
 from .plain import settings_of
 
 SUBDIVIDED_FACES = 25_000
-"""From so many faces on a subdivision is left to another Blender. Fewer hold the lock for some 25 ms on two cores: the
-window can spare that."""
+"""Number of faces from which a subdivision is left to another Blender. Fewer hold the lock for some 25 ms on two cores:
+the window can spare that."""
 IRREGULAR_FACES = 90
-"""So many of them take as long as what a limit surface adds for an irregular point and one step of quality."""
+"""Faces that take as long as a limit surface adds for an irregular point and one step of quality."""
 SHADED_FACES = 250_000
-"""Likewise for the normals of a mesh that modifiers or shape keys change. Others share those of the viewport."""
+"""Number of faces from which the normals of a mesh that modifiers or shape keys change are left to another Blender.
+Other meshes share those of the viewport."""
 CREASES = ("crease_edge", "crease_vert")
 TOPOLOGY = (".edge_verts", ".corner_vert", ".corner_edge")
 """Attributes that are Blender's own and part of a shape; the others of a dot are what is selected."""
@@ -99,8 +100,8 @@ def _is_heavy(mesh: bpy.types.Mesh, modifier: bpy.types.Modifier | None, levels:
 
 
 def _irregular_points(mesh: bpy.types.Mesh) -> float:
-    """How many points of a mesh OpenSubdiv isolates from the regular patches of its limit surface, creases among them.
-    Those of many edges or corners count as several: the patches around one grow in number and in size."""
+    """Number of points of a mesh that OpenSubdiv isolates from the regular patches of its limit surface, creases among
+    them. A point of many edges or corners counts as several: the patches around one grow in number and in size."""
     valences = np.bincount(stored(mesh.attributes[".edge_verts"].data, *LAYOUTS["INT32_2D"]).ravel())
     corners = np.diff(stored(mesh.polygons, np.int32), append=len(mesh.loops))
     creases = [stored(mesh.attributes[name].data, *LAYOUTS["FLOAT"]) for name in CREASES if name in mesh.attributes]

@@ -1,4 +1,4 @@
-"""Which lights a picture of a scene can have, and the collections that they are in."""
+"""Lights that a picture of a scene can have, and the collections that they are in."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Line:
     block: bpy.types.ID
     kind: str
     depth: int
-    """How many collections are around it."""
+    """Number of collections around it."""
     groups: tuple[str, ...] = ()
     """Names (`name_of`) of all collections that a light is in, also through others and through instances."""
     is_named: bool = False

@@ -28,7 +28,7 @@ class LightLinking:
 
     @cached_property
     def numbers(self) -> dict[str, int]:
-        """By full name."""
+        """Numbers of objects by full name."""
         return {name: number for number, name in enumerate(self.objects)}
 
     def receiver_number(self, obj: bpy.types.Object, owner: bpy.types.Object) -> int:

@@ -28,7 +28,7 @@ def effective_properties(struct: Any) -> Iterator[bpy.types.Property]:
 
 
 def settings_of(struct: Any) -> dict[str, Any]:
-    """Its simple settings by name."""
+    """Simple settings of any part of a file, by name."""
     simple = (prop.identifier for prop in effective_properties(struct) if prop.type in SIMPLE)
     return {name: plain(getattr(struct, name)) for name in simple}
 

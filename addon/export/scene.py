@@ -126,7 +126,7 @@ class _SceneExporter:
         self.known: set[tuple[int, str]] = set()
         """Uids of objects that were met, and in which type: nodes may add others to an object's own."""
         self.shared: dict[tuple[int, int, int], _Shared] = {}
-        """By the uids of an object and of what instances it, and its mesh."""
+        """Shared properties of instances, by the uids of an object and of its instancer, and its mesh."""
 
     def run(self) -> None:
         self.geometry.begin()
@@ -195,7 +195,7 @@ class _SceneExporter:
         return [self.materials.number(material, obj.name) for material in slots or [None]]
 
     def _visibility(self, obj: bpy.types.Object, owner: bpy.types.Object) -> tuple[bool, bool, bool, bool]:
-        """To rays of the camera, diffuse, glossy and transmitted ones: those see it that see its owner too."""
+        """Visibility to camera, diffuse, glossy and transmitted rays: those see it that see its owner too."""
         camera, *others = (
             getattr(obj, f"visible_{ray}") and getattr(owner, f"visible_{ray}")
             for ray in ("camera", "diffuse", "glossy", "transmission")

@@ -33,7 +33,7 @@ class Picture:
     """[height, width, channels], bottom row first, as Blender holds them."""
     is_float: bool
     is_data: bool
-    """Not colours: Blender has left the numbers as they are in the file."""
+    """True if the picture holds no colours: Blender has left the numbers as they are in the file."""
     is_display: bool
     """True if the picture holds display colours, whatever its bit depth."""
 
@@ -53,8 +53,9 @@ def taken(image: bpy.types.Image, room: np.ndarray | None = None) -> Picture:
 def read_target(
     scene: bpy.types.Scene, picture: Picture, colors: str, size: tuple[int, int]
 ) -> tuple[np.ndarray, str, bool]:
-    """A target as scene-linear colours [height, width, 3] of width and height `size`, top row first, how its colours
-    were understood, and whether that is to be doubted. `colors` as `RelumeSolve.target_colors`. Raises TargetError."""
+    """Reads a target as scene-linear colours [height, width, 3] of width and height `size`, top row first. Also returns
+    how its colours were understood, and True if that is doubtful. `colors` is that of `RelumeSolve.target_colors`.
+    Raises TargetError."""
     pixels = _fitted(picture, size)[..., :3]
     if not np.isfinite(pixels).all():
         raise TargetError(f"target '{picture.name}' has pixels that are not numbers")
@@ -83,7 +84,7 @@ def read_mask(picture: Picture, size: tuple[int, int]) -> np.ndarray:
 
 def undone(scene: bpy.types.Scene, shown: np.ndarray) -> tuple[np.ndarray, str, bool]:
     """Scene-linear colours that the scene's view shows as `shown`, [height, width, 3] from 0 to 1, as far as the view
-    can be undone; how, and whether that is to be doubted."""
+    can be undone. Also returns how, and True if that is doubtful."""
     view = scene.view_settings
     exposure, name = 2.0**view.exposure, view.view_transform
     shown = np.clip(shown, 0.0, 1.0)

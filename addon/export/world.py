@@ -24,7 +24,7 @@ BACKWARD = {
     *(("ShaderNodeTexCoord", output) for output in ("Normal", "Reflection")),
     *(("ShaderNodeNewGeometry", output) for output in ("Normal", "True Normal", "Incoming")),
 }
-"""Those that are the opposite direction."""
+"""Outputs that are the opposite direction."""
 
 
 class WorldRenderError(Exception):

@@ -101,7 +101,7 @@ class WorldGraph:
     def __init__(self, surface: Source, reader: WorldReader):
         self.nodes: list[dict[str, Any]] = []
         self.images: dict[str, bpy.types.Image] = {}
-        """By their full names."""
+        """Images by their full names."""
         self._reader = reader
         self._numbers: dict[tuple[int, ...], int] = {}
         self.surface = self._link(surface)

@@ -22,17 +22,17 @@ from . import redraws, render_pass, rows
 
 TICK_SECONDS = 1 / 60
 QUIET_SECONDS = 0.25
-"""Between polls while nothing new comes, such as while work is paused."""
+"""Seconds between polls while nothing new comes, such as while work is paused."""
 REST_SECONDS = 0.15
-"""How long nothing must change until the full picture is asked for."""
+"""Seconds without a change until the full picture is asked for."""
 EXIT_SECONDS = 5.0
-"""How long Blender's exit waits for work to end."""
+"""Seconds that Blender's exit waits for work to end."""
 FILES_SECONDS = 2.0
-"""Between looks at image files."""
+"""Seconds between checks of image files."""
 LOOK_SECONDS = 0.005
-"""How long one turn may look for what has changed since the bake."""
+"""Seconds in one tick for finding what has changed since the bake."""
 READ_SECONDS = math.inf if bpy.app.background else 0.01
-"""How long one turn may read lights: without a window there are no turns."""
+"""Seconds in one tick for reading lights: without a window there are no ticks."""
 
 _is_quiet = False
 """True if the next poll is a while away."""
@@ -86,7 +86,8 @@ def read_lights(scene: bpy.types.Scene) -> None:
 
 
 def _read_waiting(scene: bpy.types.Scene, shot: shots.Shot, seconds: float) -> bool:
-    """Goes on reading lights for about so long. Whether all are read now, and some may have changed."""
+    """Continues reading lights for about that many seconds. Returns True if all are read now, and some may have
+    changed."""
     if not shot.lights.is_waiting:
         return False
     # As it is: what has to be evaluated again will be named again.
@@ -131,14 +132,14 @@ def _is_at_work(shot: shots.Shot) -> bool:
 
 
 def look_at_files() -> float | None:
-    """Looks whether image files have changed since the bake; seconds until the next look."""
+    """Checks if image files have changed since the bake; returns the seconds until the next check."""
     if any([shot.changes.mark_files() for shot in shots.all_open()]):
         wake()
     return FILES_SECONDS if shots.all_open() else None
 
 
 def tick() -> bool:
-    """One turn of polling. Whether there is to be another one."""
+    """Polls once; returns True if it is to be called again."""
     global _was_given
     scenes = {scene.session_uid: scene for scene in bpy.data.scenes}
     _was_given = not _was_given and (rows.sync_due() or _begin_reading(scenes))
@@ -172,7 +173,7 @@ def tick() -> bool:
 
 
 def _begin_reading(scenes: dict[int, bpy.types.Scene]) -> bool:
-    """Begins to read one of the scenes that are to be baked; whether there was one."""
+    """Begins to read one of the scenes that are to be baked; returns True if there was one."""
     return any(shot.begin_reading(scenes[shot.scene_uid]) for shot in shots.all_open() if shot.scene_uid in scenes)
 
 
@@ -193,7 +194,7 @@ def _is_playing() -> bool:
 
 @persistent
 def on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """Something was edited: perhaps lights."""
+    """Notices edits of the scene, and of its lights."""
     shot = shots.of(scene)
     if shot is None or depsgraph.mode != "VIEWPORT":
         return
@@ -208,7 +209,7 @@ def on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) 
 
 @persistent
 def on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """Another frame of the animation is shown. Renders call this from a thread of their own."""
+    """Notices that another frame is shown. Renders call this from a thread of their own."""
     shot = shots.of(scene)
     if shot is not None and not bpy.app.is_job_running("RENDER"):
         shot.changes.mark_frame()
@@ -255,7 +256,7 @@ def on_save_pre(*_arguments) -> None:
 
 
 def _remember_bakes() -> None:
-    """Where the bakes are does not go back with undo."""
+    """Restores the locations of bakes, which must not go back with undo."""
     for scene in bpy.data.scenes:
         shot = shots.of(scene)
         if shot is not None and shot.is_stored and remembered_bake(scene) != shot.folder:
@@ -270,7 +271,7 @@ def on_save_post(*_arguments) -> None:
 
 @persistent
 def on_load_pre(*_arguments) -> None:
-    """Another file is about to be opened."""
+    """Closes all shots before another file is opened."""
     close_all()
 
 

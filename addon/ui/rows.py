@@ -42,7 +42,7 @@ _quiet = 0
 _due: set[int] = set()
 """Scenes whose rows are to be compared."""
 _mixes: dict[int, tuple[tuple, dict[str, Any]]] = {}
-"""By scene: the newest mix, and all that it follows from."""
+"""Newest mix of each scene, with all that it follows from."""
 
 
 @contextmanager
@@ -280,7 +280,8 @@ def _light_values(light: bpy.types.Object) -> dict[str, Any]:
 
 
 def _places(state: RelumeMix, wanted: list[dict[str, Any]]) -> list[int]:
-    """Which row each line has; rows are added for new ones. Adding moves rows in memory, so places are kept here."""
+    """Places of the rows of all lines; rows are added for new ones. Adding moves rows in memory, so places are kept
+    here."""
     by_uid = state.session == SESSION
     known: dict[tuple, int] = {}
     for place, row in enumerate(state.rows):
@@ -337,7 +338,7 @@ def are_due() -> bool:
 
 
 def sync_due() -> bool:
-    """Compares the rows that may be other ones now; whether there were any."""
+    """Compares the rows that may be outdated with their scenes; returns True if there were any."""
     due = [scene for scene in bpy.data.scenes if scene.session_uid in _due]
     _due.clear()
     for scene in due:
@@ -365,7 +366,7 @@ def on_undo(*_arguments) -> None:
 
 @persistent
 def on_load(*_arguments) -> None:
-    """Another file is open: its rows are found by name."""
+    """Finds the rows of a file that was opened, by name."""
     for scene in bpy.data.scenes:
         if scene.is_editable:
             scene.relume_mix.session = ""

@@ -1,8 +1,7 @@
-"""Where the camera's picture lies in a 3D view: exact rectangles in pixels of the region.
+"""Rectangle of the camera's picture in a 3D view, exact, in pixels of the region.
 
 The region's projection already holds zoom, pan, lens, lens shift and sensor fit, and the camera's own frame holds
-resolution and pixel aspect; so the frame, projected, is the answer for every setting.
-"""
+resolution and pixel aspect. So the frame, projected, is right for every setting."""
 
 from __future__ import annotations
 
@@ -24,12 +23,12 @@ class Rectangle:
 
     @property
     def width(self) -> float:
-        """In pixels."""
+        """Width in pixels."""
         return self.right - self.left
 
     @property
     def height(self) -> float:
-        """In pixels."""
+        """Height in pixels."""
         return self.top - self.bottom
 
     def part(self, low: tuple[float, float], high: tuple[float, float]) -> Rectangle:

@@ -33,7 +33,7 @@ _trouble: dict[int, str] = {}
 
 
 def prepare(scene: bpy.types.Scene) -> None:
-    """Has ready what the first picture of a scene will need, a little at a time; costs nothing where it is."""
+    """Prepares what the first picture of a scene will need, a little at a time; costs nothing if that is done."""
     if view_table.of(scene) is None or driver_cache.is_due(scene):
         _waiting.add(scene.session_uid)
         wake()
@@ -119,8 +119,8 @@ def bake_views() -> float | None:
 
 
 def _precompile(scene: bpy.types.Scene) -> bool:
-    """A turn of having compiled what draws a scene whose view is known; whether that has come to its end. The fine
-    table is asked for then, and is made before *Start*."""
+    """Polls the compiling of a scene's shaders in another Blender, if the scene's view is known; returns True when it
+    ends. The fine table is asked for then, and is made before *Start*."""
     if view_table.of(scene) is None or not driver_cache.is_due(scene):
         return False
     driver_cache.step(scene)
@@ -176,7 +176,7 @@ def unregister() -> None:
 
 @persistent
 def _forget(*_arguments) -> None:
-    """Another file is about to be opened."""
+    """Forgets all of the present file when another one is about to be opened."""
     compare.free()
     driver_cache.interrupt()
     _waiting.clear()

@@ -73,7 +73,7 @@ def what_to_show(
 
 
 def split_of(scene: bpy.types.Scene, frame: Rectangle) -> float:
-    """Where the wipe's line is, in pixels of the region."""
+    """Position of the wipe's line, in pixels of the region."""
     return frame.left + scene.relume_view.wipe_position * frame.width
 
 

@@ -28,7 +28,7 @@ void main()
 """
 
 KEEP_LOOPS = "#pragma optionNV(unroll none)\n"
-"""To NVIDIA's compiler, which is done sooner so; others do not know it."""
+"""Directive for NVIDIA's compiler, which is faster with it; others do not know it."""
 
 # Fetches by hand: Python cannot choose a texture's filter before Blender 5.2, and the weights stay exact.
 FRAGMENT = (
@@ -188,15 +188,14 @@ class Program:
 
 @cache
 def show(one_to_one: bool, compares: bool, has_table: bool) -> Program:
-    """With `one_to_one` each pixel is one texel, without any filter. Without `compares` there is one picture, left of
-    the split. Programs of their own, because a driver compiles all that a program could do.
+    """Program that draws pictures. There are several, because a driver compiles all that a program could do.
 
-    Samplers `first` and `levels` (`texture.of_levels`). Constants `frame` and `drawn`, rectangles in pixels of the
-    region; `region`: its width and height, where the split is, opacity; `numbers`: scale and exponent of the view, gain
-    of a difference. Where the view has a table, the sampler `table` and `has_places`: 1 if it holds places in `levels`;
-    otherwise `ROWS`. Where it compares, the sampler `second` and `mode`: SPLIT or DIFFERENCE. All in 128 bytes: drivers
-    need not have more.
-    """
+    With `one_to_one` each pixel is one texel, without any filter. Without `compares` there is one picture, left of the
+    split. Samplers are `first` and `levels` (`texture.of_levels`). Constants are `frame` and `drawn`, rectangles in
+    pixels of the region; `region`: its width and height, the place of the split, opacity; `numbers`: scale and exponent
+    of the view, gain of a difference. With a table there are the sampler `table` and `has_places`: 1 if it holds places
+    in `levels`; otherwise `ROWS`. With `compares` there are the sampler `second` and `mode`: SPLIT or DIFFERENCE. All
+    in 128 bytes: drivers need not have more."""
     info = gpu.types.GPUShaderCreateInfo()
     info.sampler(0, "FLOAT_2D", "first")
     info.sampler(1, "FLOAT_1D", "levels")

@@ -24,12 +24,12 @@ WIDEST = 4.0
 """Aspect from which on that picture does not get any wider."""
 
 OUTSIDE = Rectangle(-9.0, -9.0, -8.0, -8.0)
-"""Where nothing is seen."""
+"""Rectangle where nothing is seen."""
 
 _live: tuple[int, Stroke] | None = None
 """The movement that is being made, and its scene."""
 _texture: tuple[Any, Any] | None = None
-"""Its key and what is on the graphics card."""
+"""Key and texture of the strokes on the graphics card."""
 
 
 def set_live(scene: bpy.types.Scene, stroke: Stroke | None) -> None:

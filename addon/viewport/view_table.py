@@ -1,8 +1,7 @@
-"""How scene-linear pixels become what the scene's view shows, as a table for shaders (`export.color_table`).
+"""Tables for shaders from scene-linear pixels to what the scene's view shows (`export.color_table`).
 
 A Blender in the background colours the entries (`engine.view_worker`), so that the window never stands still: first a
-coarse table, then a fine one. The plain sRGB curve needs no table.
-"""
+coarse table, then a fine one. The plain sRGB curve needs no table."""
 
 from __future__ import annotations
 
@@ -25,7 +24,7 @@ KEPT = 4
 _Kept = tuple[Table, FreshMemory | None]
 _tables: dict[tuple[int, str], _Kept] = {}
 _shown: dict[int, _Kept] = {}
-"""By scene: the newest table, good enough until the next one is there."""
+"""Newest table of each scene, good enough until the next one is there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +82,7 @@ def is_complete(scene: bpy.types.Scene) -> bool:
 
 
 def work(scene: bpy.types.Scene) -> bool:
-    """A turn of having the table made; whether a better one came of it. Raises OSError."""
+    """Polls the making of the table; returns True if a better one came. Raises OSError."""
     if is_complete(scene):
         return False
     try:

@@ -70,7 +70,7 @@ def _name_rough_refraction(t: Translation, node: bpy.types.Node, context: Contex
 
 
 def _name_thin_film(t: Translation, node: bpy.types.Node, context: Context) -> None:
-    """From Blender 5.0 on glass and metal have it too."""
+    """Names a thin film as left out; glass and metal have it too from Blender 5.0 on."""
     if t.value(node, "Thin Film Thickness", context, 0.0) != 0.0:
         t.name(f"node '{node.name}': thin film is not supported yet; left out")
 

@@ -1,4 +1,4 @@
-"""Where textures are taken: what feeds their Vector input, and the mapping in their properties."""
+"""Coordinates of textures: links of their Vector input, and the mapping in their properties."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def _axes(mapping: bpy.types.TexMapping) -> tuple[str, str, str]:
 
 
 def _mapped(t: Translation, vector: Any, mapping: bpy.types.TexMapping) -> Any:
-    """In Cycles' order: axes are exchanged, then moved. Cycles ignores the limits."""
+    """Applies a mapping in Cycles' order: axes are exchanged, then moved. Cycles ignores the limits."""
     if _axes(mapping) != ("X", "Y", "Z"):
         parts = t.emit({"type": "separate_xyz", "vector": vector})
         found = [{"node": parts, "output": AXES[axis]} if axis in AXES else 0.0 for axis in _axes(mapping)]

@@ -120,7 +120,7 @@ class Constant(NamedTuple):
     """The value that a socket has without any node."""
 
     value: Value | None
-    """None of a shader, and of what has no value that can be shown."""
+    """Value; None for a shader, and where no value can be shown."""
     kind: str
     """The type of the socket that has it."""
     owner: bpy.types.NodeSocket | None
