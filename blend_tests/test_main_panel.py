@@ -68,14 +68,14 @@ def test_a_stopped_bake_that_is_opened_again_can_go_on(studio, tmp_path, drawn):
     start(studio)
     until(studio, lambda found: found.status["samples"] > 0 and found.is_recorded, "samples").cancel()
     found = until(studio, lambda found: found.status["state"] == "cancelled", "the end")
-    assert 0 < found.status["samples"] < 4096 and "Go On" in drawn(studio).buttons
+    assert 0 < found.status["samples"] < 4096 and "Resume" in drawn(studio).buttons
     bpy.ops.wm.save_mainfile()
     bpy.ops.wm.open_mainfile(filepath=str(path))
     handlers.open_bakes()
     scene = bpy.context.scene
     found = until(scene, lambda found: found.status["state"] == "ready" and found.frame is not None, "the bake")
     layout, kept = drawn(scene), found.status["samples"]
-    assert "Go On" in layout.buttons and layout.words[0] == f"Stopped at {kept} of 4096 samples; they are kept"
+    assert "Resume" in layout.buttons and layout.words[0] == f"Stopped at {kept} of 4096 samples; they are kept"
     scene.relume.samples = 1
     assert bpy.ops.relume.go_on() == {"FINISHED"}
     found = until(scene, lambda found: found.status["samples"] > kept, "more samples")
@@ -127,14 +127,14 @@ def test_a_bake_that_was_stopped_in_its_first_training_can_go_on(studio, tmp_pat
     scene = bpy.context.scene
     until(scene, lambda found: found.status["state"] == "ready" and found.frame is not None, "the bake")
     layout = drawn(scene)
-    assert "Go On" in layout.buttons and layout.words[0] == "Stopped at 64 of 96 samples; they are kept"
+    assert "Resume" in layout.buttons and layout.words[0] == "Stopped at 64 of 96 samples; they are kept"
     assert bpy.ops.relume.go_on() == {"FINISHED"}
     found = until(scene, lambda found: found.status["state"] == "training", "the training of all samples")
     assert found.status["samples"] == 96
     found.cancel()
     until(scene, lambda found: found.status["state"] == "cancelled", "the end")
     layout = drawn(scene)
-    assert "Go On" in layout.buttons
+    assert "Resume" in layout.buttons
     assert layout.words[0] == "Stopped while learning the lights; 96 samples are kept"
 
 
@@ -143,11 +143,11 @@ def test_what_a_whole_bake_was_to_become_is_forgotten(lit, tmp_path, drawn):
     assert bake_goal.read(tmp_path / "bake") == bake_goal.BakeGoal(64, 60.0)
     FakeLive.made[-1].tell(state="cancelled", samples=64, samples_total=64)
     handlers.tick()
-    assert "Go On" in drawn(lit).buttons and bake_goal.read(tmp_path / "bake") is not None
+    assert "Resume" in drawn(lit).buttons and bake_goal.read(tmp_path / "bake") is not None
     assert bpy.ops.relume.go_on() == {"FINISHED"}
     FakeLive.made[-1].tell(state="ready", samples=64, samples_total=64)
     handlers.tick()
-    assert "Go On" not in drawn(lit).buttons and bake_goal.read(tmp_path / "bake") is None
+    assert "Resume" not in drawn(lit).buttons and bake_goal.read(tmp_path / "bake") is None
 
 
 def test_a_whole_bake_is_ready(lit, drawn):
@@ -156,7 +156,7 @@ def test_a_whole_bake_is_ready(lit, drawn):
     FakeLive.made[-1].show()
     handlers.tick()
     layout = drawn(lit)
-    assert "Go On" not in layout.buttons and layout.words[0] == "Ready, 64 samples"
+    assert "Resume" not in layout.buttons and layout.words[0] == "Ready, 64 samples"
     assert not status.is_unfinished(shot.of(lit).status)
 
 
@@ -178,25 +178,29 @@ def test_a_bake_that_cannot_be_opened_with_its_file_is_said(lit, tmp_path, drawn
     assert says not in drawn(lit).words
 
 
-def test_hundreds_of_notes_are_not_all_listed(lit, drawn):
+def test_hundreds_of_warnings_are_a_line_that_unfolds(lit, drawn):
     start(lit)
     shot.of(lit).warnings += [f"light 'Lamp {number}': out of reach of 'Sofa {number}'" for number in range(300)]
     lit.relume.show_warnings = True
     words = drawn(lit).words
-    assert words[-1] == f"and {300 - main_panel.MOST_NOTES} more" and len(words) < 40
+    assert words[-1] == "300 lights: out of reach of" and "Lamp 0, Sofa 0" not in words
+    assert bpy.ops.relume.unfold_warnings(kind=words[-1]) == {"FINISHED"}
+    words = drawn(lit).words
+    assert "Lamp 0, Sofa 0" in words and words[-1] == f"and {300 - main_panel.MOST_WARNINGS} more" and len(words) < 40
 
 
-def test_notes_that_say_the_same_of_several_lights_are_one(lit, drawn):
+def test_warnings_are_grouped_by_what_they_say(lit, drawn):
     start(lit)
     lit.relume.show_warnings = True
     few = "its direct light is found by one path in {} pixels and will be noise; make it larger, or bake more samples"
     notes = [f"light 'Lamp {number}': {few.format(number)}" for number in (40, 7, 190, 7, 12)]
-    FakeLive.made[-1].tell(state="ready", samples=4, samples_total=4, warnings=notes)
+    FakeLive.made[-1].tell(state="ready", samples=4, samples_total=4, warnings=[*notes, "the file is old"])
     handlers.tick()
-    assert shot.of(lit).notes == [
+    assert shot.of(lit).notes[0] == (
         f"light 'Lamp 40', and likewise 'Lamp 7', 'Lamp 190' and 'Lamp 12': {few.format('7 to 190')}"
-    ]
-    assert shot.of(lit).notes[0] in drawn(lit).words
+    )
+    words = drawn(lit).words
+    assert f"4 lights: {few.format(40)}" in words and words[-1] == "the file is old"
 
 
 def tracing(samples, total, seconds_each):

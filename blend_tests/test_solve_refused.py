@@ -53,12 +53,12 @@ def square_target(scene):
 
 def empty_mask(scene):
     bpy.ops.relume.add_region(kind="MASK")
-    return "A place has no mask"
+    return "A region has no mask"
 
 
 def no_object(scene):
     bpy.ops.relume.add_region(kind="OBJECT")
-    return "A place has no object"
+    return "A region has no object"
 
 
 def unseen(scene):

@@ -35,7 +35,7 @@ SAYINGS = [
     (state(state="cancelled", samples=3, samples_total=8), "Stopped at 3 of 8 samples; they are kept"),
     (
         state(state="ready", samples=3, samples_total=8, is_under_another_world=True),
-        "Stopped at 3 of 8 samples; they are kept, but Go On traces them anew, as the world has changed since. "
+        "Stopped at 3 of 8 samples; they are kept, but Resume traces them anew, as the world has changed since. "
         "What was learned stays",
     ),
     (state(state="failed", error="The disk is full"), "The disk is full"),
@@ -200,3 +200,28 @@ def test_long_messages_are_broken_between_words():
     assert lines("long/path/of/a/file", 10) == ["long/path/", "of/a/file"]
     assert lines("", 5) == [""]
     assert lines("changed by 0.8 %, reached", 14) == ["changed by", "0.8 %, reached"]
+
+
+KINDS = [
+    (["the file is old"], [("the file is old", ())]),
+    (
+        ["image 'a.png' is missing", "image 'b.png' is missing", "image 'a.png' is missing"],
+        [("2 images: is missing", ("a.png", "b.png"))],
+    ),
+    (
+        [
+            "object 'Fur', material 'Hair': node 'Hair BSDF' is not supported yet",
+            "light 'Key': hidden",
+            "object 'Cat', material 'Hair.001': node 'Hair' is not supported yet",
+        ],
+        [
+            ("2 objects: node is not supported yet", ("Fur, Hair, Hair BSDF", "Cat, Hair.001, Hair")),
+            ("light 'Key': hidden", ()),
+        ],
+    ),
+]
+
+
+@pytest.mark.parametrize("warnings, kinds", KINDS)
+def test_warnings_of_a_kind_have_one_title(warnings, kinds):
+    assert [tuple(kind) for kind in words.by_kind(tuple(warnings))] == kinds

@@ -126,7 +126,7 @@ def test_a_stopped_bake_says_that_going_on_under_another_world_traces_anew(studi
     assert status.headline(found.status).endswith("they are kept")
     turn(mapping, 2.0)
     picture(studio, "the turned sky")
-    assert "Go On traces them anew" in status.headline(found.status)
+    assert "Resume traces them anew" in status.headline(found.status)
     turn(mapping, 0.0)
     picture(studio, "the old sky")
     assert status.headline(found.status).endswith("they are kept")

@@ -106,7 +106,7 @@ class Wish:
 def request(shown: dict[str, Any], wish: Wish) -> dict[str, Any]:
     """The solver's request; `shown` is the picture: "lights", "gains", "world", "static". Raises SolveError."""
     if not wish.goals:
-        raise SolveError("Say what the picture should do first: paint a stroke, add a place, or choose a target")
+        raise SolveError("Say what the picture should do first: paint a stroke, add a region, or choose a target")
     keeps = set() if COLORFUL & {goal["goal"] for goal in wish.goals} else {"color"}
     free = {name: [move for move in moves if move not in keeps] for name, moves in wish.free.items()}
     colored = {name for name, moves in free.items() if "color" in moves}

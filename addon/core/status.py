@@ -105,7 +105,7 @@ def _stopped(status: dict[str, Any]) -> str:
         return "Stopped"
     kept = f"Stopped at {status['samples']} of {status['samples_total']} samples; they are kept"
     if status["is_under_another_world"]:  # Paths of two worlds do not go into one bake.
-        return f"{kept}, but Go On traces them anew, as the world has changed since. What was learned stays"
+        return f"{kept}, but Resume traces them anew, as the world has changed since. What was learned stays"
     return kept
 
 

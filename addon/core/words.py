@@ -5,10 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import NamedTuple
 
 MOST_NAMES = 3
 OF_ONE = re.compile(r"(?P<kind>light|object) '(?P<name>.+?)'(?P<said>:? .*)", re.DOTALL)
 """Message about a single light or object."""
+OWNER = re.compile(r"(?P<kind>[a-z][a-z ]*?) '.+?'(?:, [a-z]+ '.+?')?(?=: |, | [a-z])(?::)?(?P<said>.*)", re.DOTALL)
+"""Message about something that has a name."""
+QUOTED = re.compile(r" ?'([^']*)'")
 QUOTED_OR_NUMBER = re.compile(r"'[^']*'|(?<= )\d+(?:\.\d+)?(?= |$)")
 
 
@@ -63,3 +67,37 @@ def _with_ranges(said: list[str]) -> str:
         return least if least == most else f"{least} to {most}"
 
     return QUOTED_OR_NUMBER.sub(range_of, said[0])
+
+
+class Kind(NamedTuple):
+    """Warnings that say the same of several things."""
+
+    title: str
+    """What they say, with how many there are; the sentence itself of a single one."""
+    names: tuple[str, ...]
+    """Names in each of them; none of a single one."""
+
+
+@lru_cache(maxsize=8)
+def by_kind(warnings: tuple[str, ...]) -> tuple[Kind, ...]:
+    """Warnings by what they say besides names and numbers, each kind in the place of its first."""
+    kinds: dict[str, list[str]] = {}
+    for warning in dict.fromkeys(warnings):
+        kinds.setdefault(_numberless(QUOTED.sub("", warning)), []).append(warning)
+    return tuple(_kind(alike) for alike in kinds.values())
+
+
+def _kind(warnings: list[str]) -> Kind:
+    owner = OWNER.fullmatch(warnings[0])
+    if len(warnings) == 1 or owner is None:
+        return Kind(warnings[0], tuple(map(_names, warnings[1:])))
+    said = QUOTED.sub("", owner["said"]).strip()
+    return Kind(f"{len(warnings)} {_plural(owner['kind'])}: {said}", tuple(map(_names, warnings)))
+
+
+def _names(warning: str) -> str:
+    return ", ".join(QUOTED.findall(warning)) or warning
+
+
+def _plural(kind: str) -> str:
+    return f"{kind[:-1]}ies" if kind.endswith("y") else f"{kind}s"

@@ -16,7 +16,7 @@ from ..core.background_call import run_in_thread
 from ..core.bake_folder import camera_of, world_map_of
 from ..core.fresh_memory import FreshMemory
 from ..core.status import is_unfinished, lacks_samples
-from ..core.words import grouped
+from ..core.words import Kind, by_kind, grouped
 from ..export import ExportOptions, trace_settings
 from ..export.linking import receiver_names
 from . import fingerprints, record, worlds
@@ -309,8 +309,16 @@ class Shot:
     def notes(self) -> list[str]:
         """Notes for the artist, each once: features that Relume cannot represent, warnings, and the reason for a
         missing picture."""
+        return list(grouped(self._all_warnings()))
+
+    @property
+    def warnings_by_kind(self) -> tuple[Kind, ...]:
+        """The notes for a list that can be unfolded."""
+        return by_kind(self._all_warnings())
+
+    def _all_warnings(self) -> tuple[str, ...]:
         refusal = [self.refusal] * bool(self.refusal)
-        return list(grouped((*refusal, *self.lights.warnings, *self.warnings, *self.status["warnings"])))
+        return (*refusal, *self.lights.warnings, *self.warnings, *self.status["warnings"])
 
     def follow_world(self, scene: bpy.types.Scene) -> Any:
         """Makes the present world ready to be shown where another one is, a turn at a time; gives it to `relight` once

@@ -6,11 +6,13 @@ from collections.abc import Callable
 from functools import partial
 
 import bpy
+from bpy.props import StringProperty
 
 from ..core import status
 from ..core.bake_folder import why_no_bake
 from ..core.disk import free_space
 from ..core.polled_cache import Key, PolledCache, Value
+from ..core.words import Kind
 from ..engine import shot
 from ..engine.checks import disk_space
 from ..engine.options import places_of_bake
@@ -25,8 +27,9 @@ POLL_SECONDS = 0.1
 """Between looks whether it has answered."""
 MOST_CHANGES = 6
 """Changes that are listed one by one."""
-MOST_NOTES = 20
-"""The same of notes: hundreds of lights can each have one, and what is listed is laid out whenever it is drawn."""
+MOST_WARNINGS = 20
+"""The same of warnings, and of names of one kind: hundreds of lights can each have one, and what is listed is laid out
+whenever it is drawn."""
 
 
 class RELUME_PT_main(RelumePanel, bpy.types.Panel):  # noqa: N801 -- Blender's naming
@@ -153,8 +156,8 @@ def _draw_shot(layout, scene, found: shot.Shot) -> None:
     sentences = [*found.changes.sentences, *status.out_of_sight(state)]
     if sentences:
         _draw_changes(layout, sentences)
-    if found.notes:
-        _draw_notes(layout, scene, found.notes)
+    if found.warnings_by_kind:
+        _draw_warnings(layout, scene, found.warnings_by_kind)
 
 
 def _draw_changes(layout, sentences: list[str]) -> None:
@@ -164,15 +167,50 @@ def _draw_changes(layout, sentences: list[str]) -> None:
     box.operator("relume.rebake", icon="FILE_REFRESH")
 
 
-def _draw_notes(layout, scene, notes: list[str]) -> None:
+def _draw_warnings(layout, scene, kinds: tuple[Kind, ...]) -> None:
     settings = scene.relume
+    count = sum(max(len(kind.names), 1) for kind in kinds)
     icon = "DOWNARROW_HLT" if settings.show_warnings else "RIGHTARROW"
-    text = "1 note" if len(notes) == 1 else f"{len(notes)} notes"
     row = layout.row()
     row.alignment = "LEFT"
+    text = "1 warning" if count == 1 else f"{count} warnings"
     row.prop(settings, "show_warnings", text=text, icon=icon, emboss=False)
-    if settings.show_warnings:
-        _draw_some(layout, notes, MOST_NOTES, "INFO")
+    if not settings.show_warnings:
+        return
+    opened = settings.open_warnings.split("\n")
+    for kind in kinds[:MOST_WARNINGS]:
+        _draw_kind(layout, kind, kind.title in opened)
+    if len(kinds) > MOST_WARNINGS:
+        layout.label(text=f"and {len(kinds) - MOST_WARNINGS} more")
+
+
+def _draw_kind(layout, kind: Kind, is_open: bool) -> None:
+    if not kind.names:
+        message(layout, kind.title, "INFO")
+        return
+    row = layout.row(align=True)
+    icon = "DISCLOSURE_TRI_DOWN" if is_open else "DISCLOSURE_TRI_RIGHT"
+    row.operator("relume.unfold_warnings", text="", icon=icon).kind = kind.title
+    message(row, kind.title)
+    if is_open:
+        _draw_some(layout, list(kind.names), MOST_WARNINGS, "BLANK1")
+
+
+class RELUME_OT_unfold_warnings(bpy.types.Operator):  # noqa: N801
+    """Show or hide the names that this is about"""
+
+    bl_idname = "relume.unfold_warnings"
+    bl_label = "Unfold Warnings"
+    bl_options = {"INTERNAL"}
+    kind: StringProperty(name="Kind", description="What the warnings say", options={"SKIP_SAVE"})
+
+    def execute(self, context):
+        """Called by Blender."""
+        settings = context.scene.relume
+        opened = list(filter(None, settings.open_warnings.split("\n")))
+        opened.remove(self.kind) if self.kind in opened else opened.append(self.kind)
+        settings.open_warnings = "\n".join(opened)
+        return {"FINISHED"}
 
 
 def _draw_some(layout, sentences: list[str], most: int, icon: str = "NONE") -> None:
@@ -182,7 +220,7 @@ def _draw_some(layout, sentences: list[str], most: int, icon: str = "NONE") -> N
         layout.label(text=f"and {len(sentences) - most} more")
 
 
-CLASSES = (RELUME_PT_main, RELUME_PT_bake)
+CLASSES = (RELUME_OT_unfold_warnings, RELUME_PT_main, RELUME_PT_bake)
 
 
 def register():

@@ -9,7 +9,7 @@ from bpy.props import StringProperty
 
 from ..apply.lights import apply_mix, show
 from ..apply.writable import RefusedError
-from ..core.rows import GROUP, LIGHT, STATIC, Row
+from ..core.rows import GROUP, LIGHT, STATIC, Row, is_neutral
 from ..engine import shot
 from ..engine.visibility import hidden_by
 from ..export.light_tree import light_tree
@@ -17,8 +17,10 @@ from ..export.lights import name_of
 from . import handlers, locks, rows
 from .panel import RelumePanel
 
-WIDE = 420
-"""Width of the sidebar, in pixels of an unscaled screen, from which on rows have all controls."""
+WIDE = 340
+"""Width of the sidebar, in pixels of an unscaled screen, from which on rows show the type of their light."""
+INDENT = 0.6
+"""Of a row for each collection around it, in the spaces of Blender's layouts."""
 
 
 def apply_to_lights(scene: bpy.types.Scene) -> None:
@@ -103,7 +105,7 @@ class RELUME_OT_read(bpy.types.Operator):  # noqa: N801
     """Make all rows neutral, so that the picture shows the lights as they are in the scene"""
 
     bl_idname = "relume.read_from_lights"
-    bl_label = "Read from Lights"
+    bl_label = "Reset to Lights"
     bl_options = {"REGISTER", "UNDO"}
 
     def execute(self, context):
@@ -170,11 +172,11 @@ class RELUME_OT_show_light(_OnLight, bpy.types.Operator):  # noqa: N801
 class RELUME_UL_rows(bpy.types.UIList):  # noqa: N801
     """Rows in the order of the collections; those of closed groups are left out."""
 
-    def draw_item(self, context, layout, _data, row, _icon, _active_data, _active_property):
+    def draw_item(self, context, layout, data, row, _icon, _active_data, _active_property):
         """Called by Blender for the rows in sight only."""
         line = layout.row(align=True)
-        if row.depth:
-            line.separator(factor=row.depth)
+        if row.depth and data.grouped:
+            line.separator(factor=INDENT * row.depth)
         if row.kind == GROUP:
             icon = "DISCLOSURE_TRI_DOWN" if row.open else "DISCLOSURE_TRI_RIGHT"
             line.prop(row, "open", text="", icon=icon, emboss=False)
@@ -182,37 +184,36 @@ class RELUME_UL_rows(bpy.types.UIList):  # noqa: N801
             line.operator("relume.show_light", text="", icon="HIDE_ON", emboss=False).light = row.name
         else:
             line.prop(row, "on", text="")
-        _cell(line, 1.0).prop(row, "solo", text="S", toggle=True)
-        line.label(text=row.name, icon=row.icon)
-        _cell(line, 2.4).prop(row, "exposure", text="")
+        _cell(line, 0.8).prop(row, "solo", text="S", toggle=True)
         wide = context.region.width > WIDE * context.preferences.system.ui_scale
-        # Without it, a doubled light would look like an untouched one.
-        if wide or row.multiplier != 1.0:
-            _cell(line, 2.4).prop(row, "multiplier", text="")
-        _cell(line, 0.9).prop(row, "color", text="")
-        if wide:
-            line.prop(row, "use_kelvin", text="", icon="LIGHT_SUN")
-            if row.use_kelvin:
-                _cell(line, 3.0).prop(row, "kelvin", text="")
+        line.label(text=row.name, icon=row.icon if wide else "NONE")
+        # What is set in the details alone would otherwise not be seen.
+        if row.multiplier != 1.0 or row.use_kelvin:
+            line.label(text="", icon="DOT")
+        _cell(line, 1.7).prop(row, "exposure", text="")
+        _cell(line, 0.6).prop(row, "color", text="")
         locks.draw_lock(line, context.scene, row)
 
     def filter_items(self, _context, data, _property):
         """Called by Blender: which rows are shown, and in which order."""
         items = data.rows
         order = _column(items, "order")
-        shown = shown_rows(items, order, self.filter_name)
+        shown = shown_rows(items, order, data.search or self.filter_name, data.grouped)
         return [self.bitflag_filter_item if show else 0 for show in shown], order
 
 
-def shown_rows(items, order: list[int], search: str = "") -> list[bool]:
-    """Which rows the list shows: those of open groups; while searching, those with the words in their name."""
+def shown_rows(items, order: list[int], search: str = "", grouped: bool = True) -> list[bool]:
+    """The rows that the list shows: those of open groups; while searching, those with the words in their name. Groups
+    of a single light, and all of them where `grouped` is not set, are left out as long as they change nothing."""
     present, depth, is_open = _column(items, "present"), _column(items, "depth"), _column(items, "open")
     if search:
         words = search.casefold()
         return [there and words in row.name.casefold() for there, row in zip(present, items, strict=True)]
     shown, closed_at = [False] * len(order), None
     for place in sorted(range(len(order)), key=order.__getitem__):
-        if not present[place] or (closed_at is not None and depth[place] > closed_at):
+        row = items[place]
+        is_left_out = row.kind == GROUP and (row.single or not grouped) and is_neutral(row.values())
+        if not present[place] or is_left_out or (grouped and closed_at is not None and depth[place] > closed_at):
             continue
         shown[place] = True
         # Only groups have a fold, and only they can have something deeper below.
@@ -242,6 +243,9 @@ class RELUME_PT_mixer(RelumePanel, bpy.types.Panel):  # noqa: N801
     def draw(self, context):
         """Called by Blender."""
         layout, mix = self.layout, context.scene.relume_mix
+        line = layout.row(align=True)
+        line.prop(mix, "search", text="", icon="VIEWZOOM")
+        line.prop(mix, "grouped", text="", icon="OUTLINER_COLLECTION")
         lines = max(3, min(len(mix.rows), 10))
         layout.template_list("RELUME_UL_rows", "", mix, "rows", mix, "active", rows=lines)
         row = rows.active_row(context.scene)

@@ -22,7 +22,7 @@ LEAST = 0.005
 
 
 def add_region(scene: bpy.types.Scene, kind: str) -> RelumeRegion:
-    """A new place that is asked for what the brush means at present."""
+    """A new region that is asked for what the brush means at present."""
     settings = scene.relume_solve
     region = settings.regions.add()
     region.kind, region.goal = kind, settings.meaning
@@ -32,9 +32,9 @@ def add_region(scene: bpy.types.Scene, kind: str) -> RelumeRegion:
 
 
 def where(
-    region: Place, name: str, who: str = "A place", instead: str = "remove the place"
+    region: Place, name: str, who: str = "A region", instead: str = "remove the region"
 ) -> tuple[dict[str, Any], bpy.types.Image | Seen | None]:
-    """The place as a request has it; with the image of the mask that it refers to by `name`, or what has to be looked
+    """The region as a request has it; with the image of the mask that it refers to by `name`, or what has to be looked
     for to make it. Raises SolveError, which says `who` lacks something and what to do `instead` of giving it."""
     if region.kind == "RECTANGLE":
         left, top, right, bottom = region.rectangle
@@ -56,7 +56,7 @@ def where(
 
 
 def remove_region(scene: bpy.types.Scene) -> None:
-    """Takes away the active place."""
+    """Takes away the active region."""
     settings = scene.relume_solve
     settings.regions.remove(settings.region)
     settings.region = max(0, min(settings.region, len(settings.regions) - 1))
@@ -75,13 +75,13 @@ def draw_rectangle(
 
 
 class RELUME_OT_add_region(bpy.types.Operator):  # noqa: N801 -- Blender's naming
-    """Add a place with a goal of its own"""
+    """Add a region with a goal of its own"""
 
     bl_idname = "relume.add_region"
     bl_label = "Add Place"
     bl_options = {"REGISTER", "UNDO"}
 
-    kind: EnumProperty(name="Place", description="How the place is given", items=KIND_ITEMS)
+    kind: EnumProperty(name="Region", description="How the region is given", items=KIND_ITEMS)
 
     @classmethod
     def description(cls, _context, properties):
@@ -95,7 +95,7 @@ class RELUME_OT_add_region(bpy.types.Operator):  # noqa: N801 -- Blender's namin
 
 
 class RELUME_OT_remove_region(bpy.types.Operator):  # noqa: N801
-    """Take away this place"""
+    """Take away this region"""
 
     bl_idname = "relume.remove_region"
     bl_label = "Remove Place"
@@ -103,7 +103,7 @@ class RELUME_OT_remove_region(bpy.types.Operator):  # noqa: N801
 
     @classmethod
     def poll(cls, context):
-        """Only with places."""
+        """Only with regions."""
         return len(context.scene.relume_solve.regions) > 0
 
     def execute(self, context):
@@ -125,7 +125,7 @@ class RELUME_OT_draw_rectangle(bpy.types.Operator):  # noqa: N801
     goal: EnumProperty(name="Goal", description="What the picture is to do there", items=MEANING_ITEMS)
     of_target: BoolProperty(
         name="Of the Target",
-        description="It is where the target counts, not a place with a goal of its own",
+        description="It is where the target counts, not a region with a goal of its own",
         options={"HIDDEN", "SKIP_SAVE"},
     )
 
@@ -200,7 +200,7 @@ def draw(layout, scene: bpy.types.Scene) -> None:
     settings = scene.relume_solve
     line = layout.row(align=True)
     line.operator("relume.draw_rectangle", text="Rectangle", icon="SELECT_SET")
-    line.operator_menu_enum("relume.add_region", "kind", text="Place", icon="ADD")
+    line.operator_menu_enum("relume.add_region", "kind", text="Region", icon="ADD")
     if not settings.regions:
         return
     line = layout.row()
@@ -220,7 +220,7 @@ def draw(layout, scene: bpy.types.Scene) -> None:
 
 
 def draw_place(column, place: Place) -> None:
-    """How a place is given."""
+    """How a region is given."""
     column.prop(place, "kind")
     name = {"MASK": "image", "OBJECT": "object", "MATERIAL": "material"}.get(place.kind)
     if name:

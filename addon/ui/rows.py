@@ -89,6 +89,7 @@ class RelumeRow(bpy.types.PropertyGroup):
         name="Named", description="Whether geometry nodes or particles may show this light itself", options={"HIDDEN"}
     )
     depth: IntProperty(name="Depth", description="Collections around this row", options={"HIDDEN"})
+    single: BoolProperty(name="Single", description="Whether a collection has one light alone", options={"HIDDEN"})
     order: IntProperty(name="Order", description="Place in the list", options={"HIDDEN"})
     icon: StringProperty(name="Icon", description="Icon of the row", options={"HIDDEN"})
     open: BoolProperty(name="Open", description="Show the rows of this collection", default=True)
@@ -176,6 +177,10 @@ class RelumeMix(bpy.types.PropertyGroup):
 
     rows: CollectionProperty(type=RelumeRow, name="Rows", description="Lights, collections, world, emissive materials")
     active: IntProperty(name="Row", description="The row whose details are shown below")
+    search: StringProperty(
+        name="Search", description="Show the rows with these words in their name", options={"TEXTEDIT_UPDATE"}
+    )
+    grouped: BoolProperty(name="Collections", description="Show lights below their collections", default=True)
     session: StringProperty(name="Session", description="Run of Blender that wrote the uids", options={"HIDDEN"})
 
 
@@ -239,7 +244,8 @@ def sync(scene: bpy.types.Scene) -> None:
         return
     state = scene.relume_mix
     wanted = [_line_values(line) for line in light_tree(scene)]
-    rest = {"uid": 0, "depth": 0, "groups": "", "hidden": False, "named": False}
+    _lift_out_of_singles(wanted)
+    rest = {"uid": 0, "depth": 0, "groups": "", "hidden": False, "named": False, "single": False}
     wanted.append({"kind": WORLD, "name": "World", "icon": "WORLD", "present": scene.world is not None, **rest})
     wanted.append({"kind": STATIC, "name": "Emissive Materials", "icon": "MATERIAL", "present": True, **rest})
     with quiet():
@@ -265,8 +271,20 @@ def _line_values(line: Line) -> dict[str, Any]:
         "depth": line.depth,
         "groups": "\n".join(line.groups),
         "named": line.is_named,
+        "single": False,
         **(_light_values(block) if line.kind == LIGHT else group),
     }
+
+
+def _lift_out_of_singles(lines: list[dict[str, Any]]) -> None:
+    """Marks collections with a single light, which need no line of their own, and takes their depth from its."""
+    depths = [line["depth"] for line in lines]
+    for number, (line, depth) in enumerate(zip(lines, depths, strict=True)):
+        end = next((other for other in range(number + 1, len(lines)) if depths[other] <= depth), len(lines))
+        inside = lines[number + 1 : end]
+        line["single"] = line["kind"] == GROUP and sum(other["kind"] == LIGHT for other in inside) == 1
+        for other in inside if line["single"] else ():
+            other["depth"] -= 1
 
 
 def _light_values(light: bpy.types.Object) -> dict[str, Any]:

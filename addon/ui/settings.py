@@ -33,7 +33,10 @@ class RelumeSettings(bpy.types.PropertyGroup):
     )
     samples: IntProperty(name="Samples", description="Paths per pixel", default=64, min=1, soft_max=1024, max=65536)
     show_warnings: BoolProperty(
-        name="Notes", description="List what this shot has and Relume cannot represent", default=False
+        name="Warnings", description="List what this shot has and Relume cannot represent", default=False
+    )
+    open_warnings: StringProperty(
+        name="Open Warnings", description="Kinds of warnings that show their names, by line", options={"HIDDEN"}
     )
 
 

@@ -118,7 +118,7 @@ class RELUME_OT_cancel_solve(bpy.types.Operator):  # noqa: N801
 
 class RELUME_OT_apply_solved(bpy.types.Operator):  # noqa: N801
     """Write what was solved into the real lights, and make the new ones in the collection "Relume". What was solved \
-of the world stays in its row. Strokes and places are done with and go; the target stays. One undo step"""
+of the world stays in its row. Strokes and regions are done with and go; the target stays. One undo step"""
 
     bl_idname = "relume.apply_solved"
     bl_label = "Apply Solved Lights"

@@ -66,7 +66,7 @@ class RELUME_PT_solve_locks(RelumePanel, bpy.types.Panel):  # noqa: N801
     """What solving may change, besides the locks of the rows, and how hard it tries"""
 
     bl_idname = "RELUME_PT_solve_locks"
-    bl_label = "What May Change"
+    bl_label = "Constraints"
     bl_parent_id = "RELUME_PT_solve"
     bl_options = {"DEFAULT_CLOSED"}
 
@@ -89,7 +89,7 @@ class RELUME_PT_solve_own_limits(RelumePanel, bpy.types.Panel):  # noqa: N801
     """How far the light whose row is chosen may go, where that is not as for all"""
 
     bl_idname = "RELUME_PT_solve_own_limits"
-    bl_label = "Own Limits"
+    bl_label = "Per-Light Constraints"
     bl_parent_id = "RELUME_PT_solve_locks"
     bl_options = {"DEFAULT_CLOSED"}
 

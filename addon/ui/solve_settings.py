@@ -1,4 +1,4 @@
-"""What a scene remembers about solving: the brush and its strokes, places with goals of their own, the target picture,
+"""What a scene remembers about solving: the brush and its strokes, regions with goals of their own, the target picture,
 what may move and how hard to try. `scene.relume_solve`, and `locks` of each row."""
 
 from __future__ import annotations
@@ -240,7 +240,7 @@ class RelumeLocks(Limits, bpy.types.PropertyGroup):
     own_stay: BoolProperty(
         name="Own", description="Draw this light to where and as strong as it is more or less than all"
     )
-    stay: FloatProperty(name="Stay Near", **STAY)
+    stay: FloatProperty(name="Stay Close", **STAY)
 
 
 class HowMuch:
@@ -280,13 +280,13 @@ class Place:
 
 
 class RelumeRegion(HowMuch, Place, bpy.types.PropertyGroup):
-    """A place in the picture with a goal, other than strokes; kept in the .blend file."""
+    """A region of the picture with a goal, other than strokes; kept in the .blend file."""
 
-    kind: EnumProperty(name="Place", description="How the place is given", items=PLACE_ITEMS, update=_redraw)
+    kind: EnumProperty(name="Region", description="How the region is given", items=PLACE_ITEMS, update=_redraw)
     goal: EnumProperty(name="Goal", description="What the picture is to do there", items=MEANING_ITEMS, update=_redraw)
 
     def meaning(self) -> core.Meaning:
-        """What is asked of the place."""
+        """What is asked of the region."""
         return self.meaning_of(self.goal)
 
 
@@ -332,7 +332,7 @@ class RelumeSolve(HowMuch, Limits, bpy.types.PropertyGroup):
         update=_redraw,
     )
     regions: CollectionProperty(type=RelumeRegion, name="Places", description="Places with goals, besides strokes")
-    region: IntProperty(name="Place", description="The place whose settings are shown below")
+    region: IntProperty(name="Region", description="The region whose settings are shown below")
     target: PointerProperty(
         name="Target",
         description="A picture that the shot is to come close to: a paint-over, or a photograph of the same framing",
@@ -400,9 +400,9 @@ class RelumeSolve(HowMuch, Limits, bpy.types.PropertyGroup):
     remove: BoolProperty(
         name="May Switch Off", description="Lights with something free that turn out to do nothing may be hidden"
     )
-    stay: FloatProperty(name="Stay Near", **STAY)
+    stay: FloatProperty(name="Stay Close", **STAY)
     keep_rest: FloatProperty(
-        name="Keep the Rest",
+        name="Preserve Elsewhere",
         description="How much everything that no goal names is to stay as it is, beside the goals. 0: it may change as "
         "it likes",
         subtype="FACTOR",

@@ -104,7 +104,7 @@ class RELUME_OT_go_on(ShotOperator, bpy.types.Operator):  # noqa: N801
     """Trace and learn what the stopped bake still lacks, with the quality that it was started with"""
 
     bl_idname = "relume.go_on"
-    bl_label = "Go On"
+    bl_label = "Resume"
 
     def execute(self, context):
         """Called by Blender."""

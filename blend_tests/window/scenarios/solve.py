@@ -16,7 +16,7 @@ SIZE = (160, 160)
 
 
 LIMITS_BELOW_SOLVE = 63
-"""Pixels from the button *Solve* down to the closed panel *What May Change*."""
+"""Pixels from the button *Solve* down to the closed panel *Constraints*."""
 LOCK_ACROSS = 0.79
 """Where the locks of rows are in the width of the side bar."""
 FAR = 0.4
