@@ -14,7 +14,7 @@ KINDS = bpy.types.Attribute.bl_rna.properties["data_type"].enum_items.keys()
 
 
 @pytest.mark.parametrize("kind", [kind for kind in LAYOUTS if kind in KINDS])
-def test_prints_of_attributes_are_of_all_values(lit, monkeypatch, kind):
+def test_fingerprints_of_attributes_are_of_all_values(lit, monkeypatch, kind):
     monkeypatch.setattr(shape_fingerprints, "SLICE_BYTES", 3)
     mesh = add_quad(lit, "Quad").data
     mesh.attributes.new("It", kind, "CORNER")
