@@ -167,7 +167,10 @@ impl BlenderLight {
                 let (center, radius, blend) = (self.origin(), sphere.radius, spot_blend.clamp(0.0, 1.0));
                 if !soft_falloff && radius > WIDE_SPOT {
                     let what = "what lies within its radius is some 5 % brighter in Cycles";
-                    notes.push(format!("light '{}': {what}. Lower the radius, or use soft falloff", self.name));
+                    notes.push(format!(
+                        "light '{}': {what}. Lower the radius, or use soft falloff",
+                        self.name
+                    ));
                 }
                 let shape = if self.has_round_cone(blend) {
                     let (axis, half_angle) = (self.emission_direction()?, self.cone_half_angle(spot_size));

@@ -181,7 +181,7 @@ impl Relighter {
     }
 
     /// Whether hardly any path of the bake meets a light, so that its gathered picture is noise, while new paths would meet it that
-    /// look for it ([`relume_trace::TraceSettings::towards`]).
+    /// look for it ([`relume_trace::TraceSettings::guide_targets`]).
     pub fn misses(&self, light: &Light) -> bool {
         let rare = self.sight.as_ref().and_then(|sight| sight.rare(light));
         rare.is_some_and(|rare| rare.would_be_met)

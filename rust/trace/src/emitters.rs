@@ -7,7 +7,7 @@ use relume_scene::{Input, Instance, Material, Node, Scene};
 
 use crate::{
     bsdf::Surface,
-    distribution::Distribution,
+    discrete::Discrete1D,
     shading::{Hit, PreparedMaterials},
 };
 
@@ -18,7 +18,7 @@ const POINTS_WHERE_IT_VARIES: usize = 16;
 #[derive(Debug)]
 pub(crate) struct Emitters {
     triangles: Vec<Emitter>,
-    choice: Distribution,
+    choice: Discrete1D,
     /// Index of an emitter by instance and triangle.
     by_triangle: HashMap<(u32, u32), u32>,
 }
@@ -91,7 +91,7 @@ impl Emitters {
                 }
             }
         }
-        let choice = Distribution::new(&powers)?;
+        let choice = Discrete1D::new(&powers)?;
         let key = |emitter: &Emitter| (emitter.instance, emitter.triangle);
         let by_triangle =
             triangles.iter().enumerate().map(|(index, emitter)| (key(emitter), index as u32)).collect();

@@ -20,7 +20,7 @@ pub(crate) struct PathState {
     /// light linking works through them (Cycles' `mis_ray_object`).
     pub receiver: u16,
     /// Set where the current segment is between the true and the shading surface ([`crate::bsdf::Reach::Lights`]).
-    pub horizon: Option<Horizon>,
+    pub lights_only: Option<LightsOnly>,
     /// Smallest density of the path's directions so far (Filter Glossy).
     pub min_pdf: f32,
     bounces: u32,
@@ -38,7 +38,7 @@ pub(crate) struct PathState {
 
 /// Where a path ends that dips below the true surface: only lights along its last segment count.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Horizon {
+pub(crate) struct LightsOnly {
     /// The vertex that the path left, from which lights are seen; what blocks them is seen from above it.
     pub vertex: Vec3,
     /// Instance and triangle of that vertex.
@@ -54,7 +54,7 @@ impl PathState {
             is_diffuse: false,
             light_lobe: Lobe::Camera,
             receiver: 0,
-            horizon: None,
+            lights_only: None,
             min_pdf: f32::INFINITY,
             bounces: 0,
             diffuse: 0,

@@ -123,7 +123,7 @@ impl<'a> Tracer<'a> {
             lights,
             settings: paths,
         };
-        let guide = Guide::new(&lights_looked_for(scene, settings), settings.guiding);
+        let guide = Guide::new(&guide_targets(scene, settings), settings.guiding);
         Ok(Self { integrator, guide, settings: settings.clone(), warnings })
     }
 
@@ -187,8 +187,8 @@ impl<'a> Tracer<'a> {
 }
 
 /// The lights that paths of these settings look for: the scene's and those that the settings name.
-pub fn lights_looked_for(scene: &Scene, settings: &TraceSettings) -> Vec<Light> {
-    scene.lights.iter().chain(&settings.towards).cloned().collect()
+pub fn guide_targets(scene: &Scene, settings: &TraceSettings) -> Vec<Light> {
+    scene.lights.iter().chain(&settings.guide_targets).cloned().collect()
 }
 
 /// The manifest of a dump of `scene`.

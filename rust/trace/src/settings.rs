@@ -27,7 +27,8 @@ pub struct TraceSettings {
     /// the noise, never what is expected: less for lights near there, at each bounce up to `1 / (1 - guiding)` of the variance elsewhere.
     pub guiding: f32,
     /// Lights that are looked for besides those of the file.
-    pub towards: Vec<Light>,
+    #[serde(rename = "towards")]
+    pub guide_targets: Vec<Light>,
     /// The world's colour in place of the scene's, for what is to fit a bake that was begun under another one.
     pub world_color: Option<[f32; 3]>,
     /// What the paths are; everything that changes the dump but for the samples.
@@ -43,7 +44,7 @@ impl Default for TraceSettings {
             passes: PassSchedule::default(),
             threads: 0,
             guiding: 0.25,
-            towards: Vec::new(),
+            guide_targets: Vec::new(),
             world_color: None,
             paths: PathSettings::default(),
         }

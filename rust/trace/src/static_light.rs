@@ -10,10 +10,10 @@ use relume_scene::Scene;
 use crate::{
     bsdf::Surface,
     bvh::{Ray, SceneBvh},
-    departure::start_at,
     emitters::{Emitters, may_be_transparent},
     environment::Environment,
     guide::Cones,
+    ray_offset::offset_origin,
     shading::{Hit, PreparedMaterials, SurfacePoint},
 };
 
@@ -93,9 +93,9 @@ impl StaticLights {
 
     /// One light sample for `surface` at `point`, before the path's throughput. That times film exposure, `on_film`, decides
     /// whether it is worth a shadow ray.
-    pub fn sample(
+    pub fn sample_direct(
         &self,
-        tracer: &Lookup<'_>,
+        tracer: &ShadowTracer<'_>,
         point: &SurfacePoint,
         surface: &Surface,
         scratch: &mut Surface,
@@ -128,7 +128,7 @@ impl StaticLights {
     /// in between. Leaves the emitter's surface in `scratch`.
     fn transmittance(
         &self,
-        tracer: &Lookup<'_>,
+        tracer: &ShadowTracer<'_>,
         point: &SurfacePoint,
         direction: Vec3,
         goal: Option<(u32, u32)>,
@@ -136,7 +136,7 @@ impl StaticLights {
     ) -> Option<Vec3> {
         let mut through = Vec3::ONE;
         let mut ray = Ray { lobe: Lobe::Diffuse, ..Ray::new(point.position, direction) };
-        start_at(&mut ray, point);
+        offset_origin(&mut ray, point);
         if goal.is_none() && !self.any_transparent {
             return (!tracer.bvh.is_blocked(&ray)).then_some(through);
         }
@@ -156,14 +156,14 @@ impl StaticLights {
             if through.max_element() <= 0.0 {
                 return None;
             }
-            start_at(&mut ray, &surface_point);
+            offset_origin(&mut ray, &surface_point);
         }
         None
     }
 }
 
 /// What a shadow ray looks things up in.
-pub(crate) struct Lookup<'a> {
+pub(crate) struct ShadowTracer<'a> {
     pub scene: &'a Scene,
     pub bvh: &'a SceneBvh,
     pub materials: &'a PreparedMaterials,
@@ -174,7 +174,7 @@ pub(crate) struct Lookup<'a> {
     pub transparent_left: u32,
 }
 
-impl Lookup<'_> {
+impl ShadowTracer<'_> {
     fn shade(&self, ray: &Ray, hit: &Hit, surface: &mut Surface) -> SurfacePoint {
         let point = self.materials.surface_point(self.scene, hit, ray.origin, ray.direction, 0.0);
         self.materials.evaluate(self.scene, &point, surface);

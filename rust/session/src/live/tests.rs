@@ -191,7 +191,7 @@ fn frames_grow_settle_and_answer_the_newest_request() {
 fn cancelled_bake_is_shown_and_goes_on_to_the_same_files() {
     let folder = tempfile::tempdir().unwrap();
     let (whole, cut) = (folder.path().join("whole"), folder.path().join("cut"));
-    let towards = TraceSettings { towards: vec![lamp(0.0)], ..settings(64) };
+    let towards = TraceSettings { guide_targets: vec![lamp(0.0)], ..settings(64) };
     bake(&room(48, 32), &towards, &whole, false, &Monitor::default()).unwrap();
 
     let live = live(&cut);

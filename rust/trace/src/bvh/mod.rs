@@ -115,7 +115,7 @@ impl SceneBvh {
 
     fn walk_with<const ANY: bool>(&self, ray: &Ray, stack: &mut [MaybeUninit<u64>]) -> Option<Found> {
         let lobe = 1 << ray.lobe as u8;
-        let (from_placed, from_id) = self.departure(ray);
+        let (from_placed, from_id) = self.source_primitive(ray);
         let sees = |instance: u32| !self.any_hidden || self.visibility[instance as usize] & lobe != 0;
         let placed_instance = |placement: u32| self.tree.placements[placement as usize].instance;
         let accept = |placement: u32, id: u32| {
@@ -136,7 +136,7 @@ impl SceneBvh {
     }
 
     /// Instance of the primitive that the ray leaves if it is a placed one, and the primitive's number.
-    fn departure(&self, ray: &Ray) -> (u32, u32) {
+    fn source_primitive(&self, ray: &Ray) -> (u32, u32) {
         let Some((instance, triangle)) = ray.from else { return (u32::MAX, u32::MAX) };
         if self.placed[instance as usize] {
             (instance, triangle)
