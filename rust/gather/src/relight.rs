@@ -40,7 +40,7 @@ pub struct Noise {
 }
 
 impl Noise {
-    /// Estimates it from unit images of [`crate::Half::First`] and [`crate::Half::Second`]: half of their difference has the
+    /// Estimates it from unit images of [`crate::SampleSplit::First`] and [`crate::SampleSplit::Second`]: half of their difference has the
     /// variance of their average.
     pub fn between(first: &Image, second: &Image) -> Self {
         let pairs = || first.data.iter().zip(&second.data).map(|(&a, &b)| (f64::from(a), f64::from(b)));

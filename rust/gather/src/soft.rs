@@ -45,7 +45,7 @@ use crate::gather::{SumSink, add};
 use crate::kernel::{self, Block, Visitor, Work};
 use crate::lanes::{Lanes, Portable, WIDTH};
 use crate::light::{PreparedLight, Reach};
-use crate::{Gather, GatherError, Half};
+use crate::{Gather, GatherError, SampleSplit};
 
 /// Share of the extent up to which a light's reach is so small that a first test on packed records saves time.
 const SELECTIVE: f32 = 0.06;
@@ -179,7 +179,7 @@ impl<'a> SoftGather<'a> {
         for (tile, run) in self.runs(cell) {
             sums.scale = 1.0 / (dump.tile_samples(tile).max(1) as usize * pixels) as f32;
             for shard in dump.tile(tile) {
-                let records = Half::All.run_records(shard, run.clone());
+                let records = SampleSplit::All.run_records(shard, run.clone());
                 records.for_each(|records| {
                     kernel::visit_candidates(self.gather.isa, shard, records, work, &mut sums);
                 });
@@ -196,7 +196,7 @@ impl<'a> SoftGather<'a> {
     pub fn exact(
         &self,
         lights: &[Light],
-        half: Half,
+        half: SampleSplit,
         cells: &[u32],
     ) -> Result<Vec<Vec<[f32; 3]>>, GatherError> {
         self.check_cells(cells)?;
@@ -210,7 +210,7 @@ impl<'a> SoftGather<'a> {
 
     fn exact_cell(
         &self,
-        (gather, half): (&Gather, Half),
+        (gather, half): (&Gather, SampleSplit),
         lights: &[PreparedLight],
         cell: usize,
         work: &mut Work,

@@ -19,7 +19,7 @@ use relume_gpu::{Buffer, Commands, Gpu};
 
 use super::chunk::{ChunkRecords, ChunkTable, GpuPart, GpuPixel, GpuShard, MOST_PENDING, RECORD_BYTES};
 use super::{GpuGather, STREAM_PLACES, STREAM_SHARE};
-use crate::{GatherError, Half};
+use crate::{GatherError, SampleSplit};
 
 /// Free memory with which single pixels are gathered from a dump that does not fit: enough for hundreds of pixels at a time,
 /// with their lights and values.
@@ -47,7 +47,7 @@ struct Run<'a> {
 }
 
 impl<'a> Chosen<'a> {
-    fn new(dump: &'a Dump, place: u32, half: Half) -> Self {
+    fn new(dump: &'a Dump, place: u32, half: SampleSplit) -> Self {
         let width = dump.manifest().width;
         let (tile, pixel) = dump.locate(place as usize % width, place as usize / width);
         let run = |(shard, number): (&'a Arc<Shard>, u32)| {
@@ -97,7 +97,7 @@ fn table(
     gpu: &Gpu,
     dump: &Dump,
     pixels: &[Chosen<'_>],
-    half: Half,
+    half: SampleSplit,
     part_length: usize,
 ) -> Result<ChunkTable, GatherError> {
     let (mut rows, mut parts, mut shards) = (Vec::new(), Vec::new(), Vec::new());
@@ -171,7 +171,7 @@ impl GpuGather {
     pub(super) fn each_chunk_of<'a>(
         &'a self,
         places: impl FnOnce() -> Vec<u32>,
-        half: Half,
+        half: SampleSplit,
         add: impl Fn(&ChunkRecords, &ChunkTable, &Buffer<u32>) -> Result<Commands<'a>, GatherError>,
     ) -> Result<(), GatherError> {
         let Some(chunks) = &self.resident else { return self.copy_pixels(places(), half, add) };
@@ -187,7 +187,7 @@ impl GpuGather {
     fn copy_pixels<'a>(
         &'a self,
         mut places: Vec<u32>,
-        half: Half,
+        half: SampleSplit,
         add: impl Fn(&ChunkRecords, &ChunkTable, &Buffer<u32>) -> Result<Commands<'a>, GatherError>,
     ) -> Result<(), GatherError> {
         let mut last = self.last_copied.lock().unwrap_or_else(PoisonError::into_inner);

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use relume_dump::{Dump, Flags, Shard, decode_direction};
 
 use super::bounds::{Aabb, Bounds, Ends, Frame};
-use crate::Half;
+use crate::SampleSplit;
 
 /// Segments of a block (`shaders/gather/blocks.wgsl`).
 pub const BLOCK: usize = 64;
@@ -106,7 +106,7 @@ impl PixelGroup {
         for (number, shard) in dump.tile(self.tile).enumerate() {
             for pixel in 0..self.pixel_count() {
                 let tile_pixel = self.tile_pixel(dump, pixel);
-                let second = Half::Second.records(shard, tile_pixel);
+                let second = SampleSplit::Second.records(shard, tile_pixel);
                 for record in shard.pixel(tile_pixel) {
                     let half = u32::from(second.contains(&record));
                     let place = (pixel as u32) << 16 | (number as u32) << 24 | half << 31;

@@ -12,7 +12,7 @@ use super::chunk::GpuShard;
 use super::light::{GpuLight, GpuLights};
 use super::sort::{BLOCK, Blocks, MOST_SHARDS, PixelGroup};
 use super::{GpuGather, if_it_fits};
-use crate::{GatherError, Half, PreparedLight};
+use crate::{GatherError, PreparedLight, SampleSplit};
 
 /// Blocks that are sorted at a time, 256 MiB: until they are on the device they are in the CPU's memory.
 const BLOCKS_AT_ONCE: usize = 1 << 18;
@@ -88,7 +88,7 @@ impl SortedChunk {
                 first_shard = (group.tile, shards.len() as u32);
                 shards.extend(dump.tile(group.tile).map(|shard| GpuShard::new(shard)));
             }
-            let scale = |half: Half| 1.0 / half.tile_samples(dump, group.tile).max(1) as f32;
+            let scale = |half: SampleSplit| 1.0 / half.tile_samples(dump, group.tile).max(1) as f32;
             table.push(GpuGroup {
                 first_pixel: group.place(dump) as u32,
                 width: group.width as u32,
@@ -96,7 +96,7 @@ impl SortedChunk {
                 first_block: blocks as u32,
                 end_block: (blocks + block_count) as u32,
                 first_shard: first_shard.1,
-                scales: [Half::All, Half::First, Half::Second].map(scale),
+                scales: [SampleSplit::All, SampleSplit::First, SampleSplit::Second].map(scale),
             });
             blocks += block_count;
         }
@@ -225,7 +225,7 @@ impl Sorted {
         kernel: &Kernel,
         lights: &GpuLights,
         (first_light, count): (usize, usize),
-        half: Half,
+        half: SampleSplit,
         images: &Buffer<f32>,
     ) -> Result<(), GpuError> {
         let arguments = Arguments {
@@ -308,7 +308,7 @@ impl GpuGather {
                 }
                 self.wait()?;
                 let start = Instant::now();
-                self.gather_as(&light, Half::All, small, large)?;
+                self.gather_as(&light, SampleSplit::All, small, large)?;
                 self.wait()?;
                 *least = least.min(start.elapsed().as_secs_f64());
             }

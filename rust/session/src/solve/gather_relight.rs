@@ -1,7 +1,7 @@
 //! The smoothed gather as the optimiser sees it.
 
 use relume_dump::Aovs;
-use relume_gather::{DenoiseQuality, Gather, Half, SoftGather, relight};
+use relume_gather::{DenoiseQuality, Gather, SampleSplit, SoftGather, relight};
 use relume_image::Image;
 use relume_optimise::{Compare, Compared, Goal, Linear, Picture, Relight, RelightError, Wanted};
 use relume_scene::{LANES, Light};
@@ -92,7 +92,7 @@ impl Prepared {
             if monitor.cancelled() {
                 return Err(SessionError::Cancelled);
             }
-            let gathered = relighter.gather_images(some, Half::All, monitor)?;
+            let gathered = relighter.gather_images(some, SampleSplit::All, monitor)?;
             units.extend(gathered.iter().map(|unit| unit.shrunk(self.shrink)));
             stage.advance(some.len() as u64, "");
         }
@@ -148,7 +148,7 @@ pub(super) struct GatherRelight<'a> {
     few: Vec<(f32, Soft<'a>)>,
     prepared: &'a Prepared,
     /// All paths twice where there are too few of them to make two pictures.
-    halves: [Half; 2],
+    halves: [SampleSplit; 2],
     units: Mutex<Vec<(Light, HalfUnits)>>,
 }
 
@@ -170,9 +170,9 @@ impl<'a> GatherRelight<'a> {
         let (gather, cell) = (relighter.device_gather()?, prepared.cell * prepared.shrink);
         let few = prepared.few.iter().map(|(softness, few)| (*softness, Soft::new(few, cell))).collect();
         let (soft, units) = (Soft::new(gather, cell), Mutex::default());
-        let halves = [Half::First, Half::Second];
+        let halves = [SampleSplit::First, SampleSplit::Second];
         let has_both = halves.iter().all(|half| half.tile_samples(gather.gather().dump(), 0) > 0);
-        let halves = if has_both { halves } else { [Half::All; 2] };
+        let halves = if has_both { halves } else { [SampleSplit::All; 2] };
         Some(Self { relighter, monitor, soft, few, prepared, halves, units })
     }
 

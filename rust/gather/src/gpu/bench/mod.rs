@@ -14,7 +14,7 @@ use super::chunk::{MOST_PENDING, RECORD_BYTES};
 use super::light::GpuLights;
 use super::world::GpuWorld;
 use crate::bench::{Room, light, room, sphere};
-use crate::{Environment, Gather, GatherError, GpuGather, Half, PreparedLight, SoftGather};
+use crate::{Environment, Gather, GatherError, GpuGather, PreparedLight, SampleSplit, SoftGather};
 use paper::{PaperDump, SEGMENT_BYTES};
 
 /// Rounds, of which the best counts.
@@ -260,7 +260,7 @@ impl<'a> Bench<'a> {
     /// Segments a second, times the lights.
     fn gather(&self, shapes: &[LightShape]) -> Result<f64, GatherError> {
         let lights = self.prepare(shapes)?;
-        let seconds = seconds(self.gpu, || self.on_gpu.gpu_images(&lights, Half::All).map(drop))?;
+        let seconds = seconds(self.gpu, || self.on_gpu.gpu_images(&lights, SampleSplit::All).map(drop))?;
         Ok(self.cpu.dump().record_count() as f64 * lights.len() as f64 / seconds)
     }
 
@@ -293,8 +293,9 @@ impl<'a> Bench<'a> {
         let repeated: Vec<_> = shapes.iter().copied().cycle().take(pixels.len() * LIGHTS).collect();
         let lights = on_gpu.lights(&self.prepare(&repeated)?)?;
         let out = self.gpu.zeros("targets", pixels.len() * LIGHTS * 3)?;
-        let seconds =
-            seconds(self.gpu, || on_gpu.pixel_targets(&pixels, &lights, LIGHTS as u32, Half::All, &out))?;
+        let seconds = seconds(self.gpu, || {
+            on_gpu.pixel_targets(&pixels, &lights, LIGHTS as u32, SampleSplit::All, &out)
+        })?;
         Ok((pixels.len() * LIGHTS) as f64 / seconds)
     }
 
@@ -310,7 +311,7 @@ impl<'a> Bench<'a> {
         on_gpu.write(self.gpu, &environment, 0..SIZE.1);
         let manifest = self.cpu.dump().manifest();
         let image = self.gpu.zeros("image", manifest.width * manifest.height * 3)?;
-        let seconds = seconds(self.gpu, || self.on_gpu.add_world(&on_gpu, Half::All, &image))?;
+        let seconds = seconds(self.gpu, || self.on_gpu.add_world(&on_gpu, SampleSplit::All, &image))?;
         let records = self.cpu.dump().record_count() as f64;
         let escaped =
             |words: &[u32]| words.iter().filter(|word| Flags((*word >> 16) as u16).escaped()).count();

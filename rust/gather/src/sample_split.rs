@@ -8,7 +8,7 @@ use relume_dump::{Dump, Flags, Pass, Shard};
 /// Each pass is cut into its earlier and later paths, not into even and odd ones: in a Sobol sequence all even samples
 /// lie in the same half of the first dimension, while aligned runs are well spread.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Half {
+pub enum SampleSplit {
     /// All paths.
     #[default]
     All,
@@ -18,7 +18,7 @@ pub enum Half {
     Second,
 }
 
-impl Half {
+impl SampleSplit {
     /// Numbers of the paths of a pass that count. Where the number is odd, the one over falls to the second half for even
     /// `first_sample`, else to the first.
     fn paths(self, pass: Pass) -> Range<u32> {
