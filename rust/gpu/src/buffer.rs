@@ -100,8 +100,8 @@ impl Gpu {
         match pollster::block_on(scope.pop()) {
             None => self.check().map(|()| raw),
             Some(_) => {
-                let wanted = bytes.div_ceil(1 << 20);
-                Err(GpuError::OutOfMemory { what: label.to_owned(), wanted, free })
+                let needed = bytes.div_ceil(1 << 20);
+                Err(GpuError::OutOfMemory { what: label.to_owned(), needed, free })
             }
         }
     }

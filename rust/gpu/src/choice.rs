@@ -83,7 +83,7 @@ pub(crate) fn choose(choice: &GpuChoice) -> Result<Vec<wgpu::Adapter>, GpuError>
     match (meant.is_empty(), choice) {
         (false, _) => Ok(meant),
         (true, GpuChoice::Named(wanted)) => {
-            Err(GpuError::NotFound { wanted: wanted.clone(), found: titles.join(", ") })
+            Err(GpuError::NotFound { name: wanted.clone(), found: titles.join(", ") })
         }
         (true, _) => Err(nothing_found(hardware)),
     }

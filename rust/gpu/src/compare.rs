@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! let layers = Layers::new(&gpu, &[&base, &lamp_that_stays])?;               // once
-//! let step = layers.begin(&mut commands, &[lamp_radiance], &look, values)?;  // each step
+//! let step = layers.begin(&mut commands, &[lamp_radiance], &targets, values)?;  // each step
 //! step.add(&mut commands, &units, part)?;                                    // lights that move, made by others
 //! step.compare(&mut commands)?;
 //! step.pull(&mut commands, &units, part, first)?;                                // or others, from `d_picture`
@@ -40,7 +40,7 @@ pub enum Residual {
 /// A goal at its cells: `Term` of `shaders/common/compare.wgsl`, where the fields are described.
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::NoUninit)]
 #[repr(C)]
-#[expect(missing_docs, reason = "described in the WGSL twin")]
+#[expect(missing_docs, reason = "described in the WGSL struct")]
 pub struct Term {
     pub mean_reference: [f32; 3],
     pub residual: Residual,
@@ -54,29 +54,29 @@ pub struct Term {
 
 /// The cells that a step looks at, term by term.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Look {
+pub struct StepTargets {
     /// Their places in the picture.
     pub cells: Vec<u32>,
     /// Of each what it is compared to, and its share in the loss.
-    pub wanted: Vec<[f32; 4]>,
+    pub references: Vec<[f32; 4]>,
     /// The goals.
     pub terms: Vec<Term>,
 }
 
-impl Look {
+impl StepTargets {
     /// One target, exposed and under Reinhard's curve already, of which each cell has a share in the loss.
-    pub fn target(cells: Vec<u32>, wanted: Vec<[f32; 4]>, exposure: f32) -> Self {
+    pub fn target(cells: Vec<u32>, references: Vec<[f32; 4]>, exposure: f32) -> Self {
         let term = Term {
             mean_reference: [0.0; 3],
             residual: Residual::Tone,
             amount: 0.0,
             exposure,
-            weight: wanted.iter().map(|wanted| wanted[3]).sum(),
+            weight: references.iter().map(|reference| reference[3]).sum(),
             luminance: 0.0,
             first: 0,
             count: cells.len() as u32,
         };
-        Self { cells, wanted, terms: vec![term] }
+        Self { cells, references, terms: vec![term] }
     }
 }
 
@@ -128,7 +128,7 @@ struct CompareArguments {
 pub struct Step<'a> {
     layers: &'a Layers,
     cells: Buffer<u32>,
-    wanted: Buffer<[f32; 4]>,
+    references: Buffer<[f32; 4]>,
     terms: Buffer<Term>,
     radiances: Buffer<[f32; 4]>,
     picture: Buffer<[f32; 3]>,
@@ -193,20 +193,20 @@ impl Layers {
         &self,
         commands: &mut Commands<'_>,
         radiances: &[[f32; 3]],
-        look: &Look,
+        targets: &StepTargets,
         gradients: usize,
     ) -> Result<Step<'_>, GpuError> {
-        let (gpu, count) = (&self.gpu, look.cells.len());
+        let (gpu, count) = (&self.gpu, targets.cells.len());
         let is_inside = |cell: &u32| (*cell as usize) < self.cells;
-        assert!(count > 0 && look.cells.iter().all(is_inside), "some of {} cells", self.cells);
-        assert_eq!((count, self.count()), (look.wanted.len(), radiances.len() + 1), "one of each");
+        assert!(count > 0 && targets.cells.iter().all(is_inside), "some of {} cells", self.cells);
+        assert_eq!((count, self.count()), (targets.references.len(), radiances.len() + 1), "one of each");
         let quads = [[1.0; 3]].iter().chain(radiances).map(|[r, g, b]| [*r, *g, *b, 0.0]);
-        let results = look.terms.len() + 3 * self.count() + gradients;
+        let results = targets.terms.len() + 3 * self.count() + gradients;
         let step = Step {
             layers: self,
-            cells: gpu.buffer_of("cells", &look.cells)?,
-            wanted: gpu.buffer_of("what is wanted of cells", &look.wanted)?,
-            terms: gpu.buffer_of("goals", &look.terms)?,
+            cells: gpu.buffer_of("cells", &targets.cells)?,
+            references: gpu.buffer_of("references of cells", &targets.references)?,
+            terms: gpu.buffer_of("goals", &targets.terms)?,
             radiances: gpu.buffer_of("radiances", &quads.collect::<Vec<_>>())?,
             picture: gpu.zeros("picture at cells", count)?,
             d_picture: gpu.zeros("gradient by cells", count)?,
@@ -283,7 +283,7 @@ impl Step<'_> {
         let kernel = self.layers.gpu.kernel("common/compare", "compare", &[])?;
         let buffers = [
             self.terms.whole(),
-            self.wanted.whole(),
+            self.references.whole(),
             self.picture.whole(),
             self.d_picture.whole(),
             self.results.whole(),

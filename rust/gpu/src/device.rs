@@ -26,7 +26,7 @@ pub struct Gpu {
     features: wgpu::Features,
     memory: Arc<Memory>,
     bytes_read: AtomicU64,
-    trouble: Arc<Mutex<Trouble>>,
+    errors: Arc<Mutex<DeviceErrors>>,
     checks: Checks,
     compiled: Compiled,
     matrix_subgroup: OnceLock<Option<u32>>,
@@ -57,7 +57,7 @@ pub struct Limits {
 
 /// What went wrong since the last check.
 #[derive(Debug, Default)]
-struct Trouble {
+struct DeviceErrors {
     lost: Option<String>,
     failed: Option<GpuError>,
 }
@@ -101,7 +101,7 @@ impl Gpu {
     ///
     /// # Errors
     /// As [`Gpu::open`].
-    pub fn twin(&self, checks: Checks) -> Result<Arc<Self>, GpuError> {
+    pub fn open_second(&self, checks: Checks) -> Result<Arc<Self>, GpuError> {
         let adapter = self.adapter.clone();
         Self::on_a_thread(move || Self::open_adapter(&adapter, checks))
     }
@@ -148,8 +148,8 @@ impl Gpu {
         };
         let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
             .map_err(|error| unsuitable(error.to_string()))?;
-        let trouble = Arc::new(Mutex::new(Trouble::default()));
-        watch(&device, &trouble);
+        let errors = Arc::new(Mutex::new(DeviceErrors::default()));
+        watch(&device, &errors);
         let memory = Arc::new(Memory::new(adapter));
         let limits = limits(adapter, features);
         let (compiled, bytes_read, matrix_subgroup) = Default::default();
@@ -164,7 +164,7 @@ impl Gpu {
             features,
             memory,
             bytes_read,
-            trouble,
+            errors,
             checks,
             compiled,
             matrix_subgroup,
@@ -219,11 +219,11 @@ impl Gpu {
     /// [`GpuError::Lost`] from the loss of the device on; once for commands that were refused [`GpuError::Refused`], or
     /// [`GpuError::DriverOutOfMemory`].
     pub fn check(&self) -> Result<(), GpuError> {
-        let mut trouble = self.trouble.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(reason) = &trouble.lost {
+        let mut errors = self.errors.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(reason) = &errors.lost {
             return Err(GpuError::Lost(reason.clone()));
         }
-        trouble.failed.take().map_or(Ok(()), Err)
+        errors.failed.take().map_or(Ok(()), Err)
     }
 
     /// Waits until all that was submitted is done.
@@ -237,13 +237,13 @@ impl Gpu {
     }
 
     fn is_lost(&self) -> bool {
-        self.trouble.lock().unwrap_or_else(PoisonError::into_inner).lost.is_some()
+        self.errors.lock().unwrap_or_else(PoisonError::into_inner).lost.is_some()
     }
 
     /// Notes a loss that the driver has not told of.
     pub(crate) fn found_lost(&self, reason: &dyn std::fmt::Display) -> GpuError {
-        let mut trouble = self.trouble.lock().unwrap_or_else(PoisonError::into_inner);
-        GpuError::Lost(trouble.lost.get_or_insert_with(|| reason.to_string()).clone())
+        let mut errors = self.errors.lock().unwrap_or_else(PoisonError::into_inner);
+        GpuError::Lost(errors.lost.get_or_insert_with(|| reason.to_string()).clone())
     }
 
     /// Takes the device away, as a driver reset would: for tests of what happens then.
@@ -314,16 +314,16 @@ fn limits(adapter: &wgpu::Adapter, features: wgpu::Features) -> Limits {
 }
 
 /// Notes what the driver says between calls.
-fn watch(device: &wgpu::Device, trouble: &Arc<Mutex<Trouble>>) {
-    let noted = Arc::clone(trouble);
+fn watch(device: &wgpu::Device, errors: &Arc<Mutex<DeviceErrors>>) {
+    let noted = Arc::clone(errors);
     device.set_device_lost_callback(move |reason, message| {
-        let mut trouble = noted.lock().unwrap_or_else(PoisonError::into_inner);
-        trouble.lost.get_or_insert_with(|| format!("{reason:?}: {message}"));
+        let mut errors = noted.lock().unwrap_or_else(PoisonError::into_inner);
+        errors.lost.get_or_insert_with(|| format!("{reason:?}: {message}"));
     });
-    let noted = Arc::clone(trouble);
+    let noted = Arc::clone(errors);
     device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
-        let mut trouble = noted.lock().unwrap_or_else(PoisonError::into_inner);
-        trouble.failed.get_or_insert_with(|| uncaptured(&error));
+        let mut errors = noted.lock().unwrap_or_else(PoisonError::into_inner);
+        errors.failed.get_or_insert_with(|| uncaptured(&error));
     }));
 }
 

@@ -16,12 +16,12 @@ pub enum GpuError {
     NoDriver,
     /// No adapter of this name.
     #[error(
-        "no GPU is called '{wanted}'; there are: {found}; or use the CPU (--device cpu, or the device in \
+        "no GPU is called '{name}'; there are: {found}; or use the CPU (--device cpu, or the device in \
          Blender's preferences)"
     )]
     NotFound {
         /// What was asked for.
-        wanted: String,
+        name: String,
         /// Names of those that there are, and where they are plugged in.
         found: String,
     },
@@ -38,7 +38,7 @@ pub enum GpuError {
     },
     /// A buffer does not fit into the memory budget, or into what the driver has left.
     #[error(
-        "not enough GPU memory for {what}: {wanted} MiB are needed, {free} MiB are free of the budget; raise \
+        "not enough GPU memory for {what}: {needed} MiB are needed, {free} MiB are free of the budget; raise \
          --gpu-memory, close other programs, or use the CPU (--device cpu, or the device in Blender's \
          preferences)"
     )]
@@ -46,7 +46,7 @@ pub enum GpuError {
         /// Label of the buffer.
         what: String,
         /// Mebibytes, rounded up.
-        wanted: u64,
+        needed: u64,
         /// Mebibytes, rounded down.
         free: u64,
     },

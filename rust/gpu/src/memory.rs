@@ -60,7 +60,7 @@ impl Memory {
         self.used.fetch_update(Ordering::Relaxed, Ordering::Relaxed, fits).map(|_| ()).map_err(|used| {
             GpuError::OutOfMemory {
                 what: what.to_owned(),
-                wanted: bytes.div_ceil(1 << 20),
+                needed: bytes.div_ceil(1 << 20),
                 free: budget.saturating_sub(used) >> 20,
             }
         })

@@ -8,7 +8,7 @@ use std::f32::consts::LN_2;
 
 /// What is asked for.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Aim {
+pub enum Criterion {
     /// To look like a picture of the view's size, scene-linear RGB.
     Target {
         /// The picture.
@@ -35,11 +35,11 @@ pub enum Aim {
     Keep,
 }
 
-/// An aim for a part of a picture.
+/// An criterion for a part of a picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Goal {
     /// What is asked for.
-    pub aim: Aim,
+    pub criterion: Criterion,
     /// Weight of each pixel, 0..1; all 1 if absent.
     pub pixels: Option<Vec<f32>>,
     /// Weight of the goal beside others.
@@ -52,20 +52,20 @@ impl Goal {
     pub fn shrunk(&self, size: (usize, usize), factor: usize) -> Self {
         let cells = Cells::new(size, factor);
         let pixels = self.pixels.as_ref().map(|weights| self.cell_weights(cells, weights));
-        let aim = match &self.aim {
-            Aim::Target { image, exposure_invariant } => {
-                Aim::Target { image: image.shrunk(factor), exposure_invariant: *exposure_invariant }
+        let criterion = match &self.criterion {
+            Criterion::Target { image, exposure_invariant } => {
+                Criterion::Target { image: image.shrunk(factor), exposure_invariant: *exposure_invariant }
             }
-            aim => aim.clone(),
+            criterion => criterion.clone(),
         };
-        Self { aim, pixels, weight: self.weight }
+        Self { criterion, pixels, weight: self.weight }
     }
 
     /// Weights of cells from those of pixels. Outside of its place a target may hold anything, which the mean of a cell that it only
     /// touches would mix in; such cells count only if there are no others.
     pub(crate) fn cell_weights(&self, cells: Cells, weights: &[f32]) -> Vec<f32> {
-        let inside = match self.aim {
-            Aim::Target { .. } => cells.least_weights(weights),
+        let inside = match self.criterion {
+            Criterion::Target { .. } => cells.least_weights(weights),
             _ => Vec::new(),
         };
         if inside.iter().any(|weight| *weight > 0.0) { inside } else { cells.mean_weights(weights) }
@@ -110,8 +110,8 @@ const EVENLY_KEPT: f32 = 0.2;
 /// c2 = 14388 um K, 0.46 um and 0.61 um.
 pub(crate) const RATIO_PER_MIRED: f32 = 0.00769;
 
-impl Aim {
-    /// What [`Aim::residual`] compares an exposed cell to, from the cell before, or in the target, exposed as well.
+impl Criterion {
+    /// What [`Criterion::residual`] compares an exposed cell to, from the cell before, or in the target, exposed as well.
     pub(crate) fn reference(&self, exposed: [f32; 3]) -> [f32; 3] {
         match self {
             Self::Target { .. } => exposed.map(|x| reinhard(x).0),
@@ -135,7 +135,7 @@ impl Aim {
         }
     }
 
-    /// What [`Aim::residual_of_mean`] compares the mean of exposed cells to, from what it was before; a target asks for each cell by
+    /// What [`Criterion::residual_of_mean`] compares the mean of exposed cells to, from what it was before; a target asks for each cell by
     /// itself. Amounts should be what was asked for, no more and no less, but for `MARGIN` and what their `deviation` by noise demands.
     pub(crate) fn reference_of_mean(&self, before: [f32; 3], deviation: f32) -> Option<[f32; 3]> {
         let [amount, second, third] = self.reference(before);
@@ -153,7 +153,7 @@ impl Aim {
         }
     }
 
-    /// By a residual of [`Aim::residual_of_mean`]: whether an amount is less than its reference by more than goes for met, or more by as
+    /// By a residual of [`Criterion::residual_of_mean`]: whether an amount is less than its reference by more than goes for met, or more by as
     /// much and a quarter of what was asked for, or half as much changed of what is kept as may.
     pub(crate) fn is_off(&self, residual: [f32; 3]) -> bool {
         let (asked, met, short, excess) = match self {
@@ -292,31 +292,31 @@ fn ratio(x: [f32; 3], above: usize, below: usize) -> (f32, [f32; 3]) {
 mod tests {
     use super::*;
 
-    fn aims() -> Vec<Aim> {
+    fn criteria() -> Vec<Criterion> {
         vec![
-            Aim::Target { image: Image::default(), exposure_invariant: false },
-            Aim::Brightness { stops: 1.0 },
-            Aim::Brightness { stops: -0.5 },
-            Aim::Color { color: [0.9, 0.5, 0.2] },
-            Aim::Temperature { mireds: 80.0 },
-            Aim::Temperature { mireds: -80.0 },
-            Aim::Keep,
+            Criterion::Target { image: Image::default(), exposure_invariant: false },
+            Criterion::Brightness { stops: 1.0 },
+            Criterion::Brightness { stops: -0.5 },
+            Criterion::Color { color: [0.9, 0.5, 0.2] },
+            Criterion::Temperature { mireds: 80.0 },
+            Criterion::Temperature { mireds: -80.0 },
+            Criterion::Keep,
         ]
     }
 
     #[test]
     fn derivatives_are_differences() {
         let before = [0.4, 0.6, 0.2];
-        for aim in aims() {
+        for criterion in criteria() {
             for x in [[0.3, 0.5, 0.4], [2.0, 1.0, 0.1], [0.02, 0.01, 0.05]] {
-                let reference = aim.reference(before);
-                let (_, slopes) = aim.residual(x, reference);
+                let reference = criterion.reference(before);
+                let (_, slopes) = criterion.residual(x, reference);
                 for k in 0..3 {
                     let step = 1e-2 * x[k];
                     let at = |delta: f32| {
                         let mut x = x;
                         x[k] += delta;
-                        aim.residual(x, reference).0
+                        criterion.residual(x, reference).0
                     };
                     let (low, high) = (at(-step), at(step));
                     for j in 0..3 {
@@ -324,7 +324,7 @@ mod tests {
                         let error = (slope - slopes[j][k]).abs();
                         assert!(
                             error < 1e-2 * slope.abs() + 1e-3,
-                            "{aim:?} {j} {k}: {slope} {}",
+                            "{criterion:?} {j} {k}: {slope} {}",
                             slopes[j][k]
                         );
                     }
@@ -345,9 +345,9 @@ mod tests {
             [0.4, 0.6, 0.21 * (80.0 * RATIO_PER_MIRED).exp() - FLOOR],
             before,
         ];
-        for (aim, x) in aims().into_iter().zip(done) {
-            let (residual, _) = aim.residual(x, aim.reference(before));
-            assert!(residual.iter().all(|r| r.abs() < 2e-3), "{aim:?}: {residual:?}");
+        for (criterion, x) in criteria().into_iter().zip(done) {
+            let (residual, _) = criterion.residual(x, criterion.reference(before));
+            assert!(residual.iter().all(|r| r.abs() < 2e-3), "{criterion:?}: {residual:?}");
         }
     }
 
@@ -356,19 +356,23 @@ mod tests {
         let weights = [vec![1.0; 6], vec![0.0, 1.0, 1.0, 1.0, 1.0, 1.0]].concat();
         let data = (0..36).map(|i| i as f32).collect();
         let image = Image { width: 6, height: 2, channels: 3, data };
-        let target = Aim::Target { image: image.clone(), exposure_invariant: true };
-        let goal = |aim: &Aim| Goal { aim: aim.clone(), pixels: Some(weights.clone()), weight: 2.0 };
+        let target = Criterion::Target { image: image.clone(), exposure_invariant: true };
+        let goal = |criterion: &Criterion| Goal {
+            criterion: criterion.clone(),
+            pixels: Some(weights.clone()),
+            weight: 2.0,
+        };
         let small = goal(&target).shrunk((6, 2), 2);
-        assert_eq!(small.aim, Aim::Target { image: image.shrunk(2), exposure_invariant: true });
+        assert_eq!(small.criterion, Criterion::Target { image: image.shrunk(2), exposure_invariant: true });
         assert_eq!((small.pixels, small.weight), (Some(vec![0.0, 1.0, 1.0]), 2.0));
-        assert_eq!(goal(&Aim::Keep).shrunk((6, 2), 2).pixels, Some(vec![0.75, 1.0, 1.0]));
+        assert_eq!(goal(&Criterion::Keep).shrunk((6, 2), 2).pixels, Some(vec![0.75, 1.0, 1.0]));
     }
 
     #[test]
     fn too_little_counts_more_than_too_much() {
-        let aim = Aim::Brightness { stops: 1.0 };
-        let reference = aim.reference([0.5; 3]);
-        let miss = |x: f32| aim.residual([x; 3], reference).0[0].abs();
+        let criterion = Criterion::Brightness { stops: 1.0 };
+        let reference = criterion.reference([0.5; 3]);
+        let miss = |x: f32| criterion.residual([x; 3], reference).0[0].abs();
         assert!(miss(0.5) > 2.0 * miss(2.0));
     }
 }

@@ -102,7 +102,7 @@ struct Polish<'a> {
 impl<'a> Polish<'a> {
     fn new(number: usize, lights: &[Light], mut fit: Fit<'a>) -> Result<Self, OptimiseError> {
         let mut start = fit.state(lights)?;
-        fit.doubt(&mut start);
+        fit.update_uncertainties(&mut start);
         let (start_loss, best) = (fit.loss(&start, &Trust::default()), start.clone());
         let (stages, left) = (0, [0.0; 2]);
         Ok(Self { number, fit, start, start_loss, best, stages, left, goes_on: true, is_stopped: false })
@@ -122,13 +122,13 @@ impl<'a> Polish<'a> {
             self.best = self.fit.with_best_sizes(self.best.clone())?;
         }
         let (before, width) = (self.loss(), STAGES[self.stages]);
-        let (last, doubts) = (self.best.clone(), self.fit.doubts.clone());
+        let (last, uncertainties) = (self.best.clone(), self.fit.uncertainties.clone());
         let flow = self.fit.descend(&mut self.best, width, iteration, steps, on_step)?;
         let after = self.loss();
-        self.fit.doubt(&mut self.best);
+        self.fit.update_uncertainties(&mut self.best);
         if self.loss() > before.max(after) {
             // What it gained is doubtful altogether.
-            (self.best, self.fit.doubts) = (last, doubts);
+            (self.best, self.fit.uncertainties) = (last, uncertainties);
         }
         self.stages += 1;
         self.left = [self.left[1], self.loss() / before.max(f64::MIN_POSITIVE)];

@@ -1,5 +1,5 @@
 use crate::cells::{Cells, spread};
-use crate::goal::{Aim, Goal};
+use crate::goal::{Criterion, Goal};
 use crate::variable::{Variable, luminance};
 use crate::{OptimiseError, Relight};
 use relume_image::Image;
@@ -97,13 +97,13 @@ impl View<'_> {
             return Err(OptimiseError::Lights { found: self.still.len(), expected: variables.len() });
         }
         for (number, goal) in self.goals.iter().enumerate() {
-            if let Aim::Target { image, .. } = &goal.aim {
+            if let Criterion::Target { image, .. } = &goal.criterion {
                 check("target", image)?;
                 if image.data.iter().all(|value| *value <= 0.0) {
                     return Err(OptimiseError::BlackTarget);
                 }
             }
-            if matches!(goal.aim, Aim::Color { color } if luminance(color) <= 0.0) {
+            if matches!(goal.criterion, Criterion::Color { color } if luminance(color) <= 0.0) {
                 return Err(OptimiseError::BlackColor(number + 1));
             }
             let pixels = self.base.pixel_count();
@@ -120,8 +120,8 @@ impl View<'_> {
     fn lacks(&self) -> f32 {
         let mean = |image: &Image| mean_luminance(image.data.as_chunks::<3>().0);
         let base = mean(self.base);
-        let targets = self.goals.iter().filter_map(|goal| match &goal.aim {
-            Aim::Target { image, exposure_invariant: false } => Some(mean(image)),
+        let targets = self.goals.iter().filter_map(|goal| match &goal.criterion {
+            Criterion::Target { image, exposure_invariant: false } => Some(mean(image)),
             _ => None,
         });
         targets.map(|target| (target - base).max(0.01 * target)).reduce(f32::max).unwrap_or(0.5 * base)

@@ -1,4 +1,4 @@
-use crate::Wanted;
+use crate::TermTarget;
 use relume_scene::{LANES, Light};
 
 /// Whatever a relighter reports.
@@ -125,7 +125,7 @@ pub struct Picture {
 
 /// Compares a base with lights over it to what goals want.
 pub trait Compare: Sync {
-    /// The loss of all goals together ([`Wanted::compare`]) and its derivatives by these lights, and by the radiances of those that stay.
+    /// The loss of all goals together ([`TermTarget::compare`]) and its derivatives by these lights, and by the radiances of those that stay.
     /// Nothing if the device cannot do it: then it is for whoever asks.
     ///
     /// # Errors
@@ -135,7 +135,7 @@ pub trait Compare: Sync {
         lights: &[&Light],
         still: &[[f32; 3]],
         softness: f32,
-        wanted: &[Wanted],
+        targets: &[TermTarget],
     ) -> Result<Option<Compared>, RelightError>;
 }
 

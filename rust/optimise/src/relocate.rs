@@ -1,5 +1,5 @@
 use crate::OptimiseError;
-use crate::goal::Aim;
+use crate::goal::Criterion;
 use crate::objective::{Draw, Halves, Objective, ViewObjective};
 use crate::problem::Problem;
 use crate::random::Random;
@@ -39,7 +39,7 @@ pub fn relocations(
         !variable.locks.hold_shape(&variable.light.shape)
     };
     let movable: Vec<usize> = (0..lights.len()).filter(moves).collect();
-    if movable.is_empty() || goals.any(|goal| matches!(goal.aim, Aim::Target { .. })) {
+    if movable.is_empty() || goals.any(|goal| matches!(goal.criterion, Criterion::Target { .. })) {
         return Ok(Vec::new());
     }
     let objective = Objective::new(problem, 0.0)?;
@@ -162,7 +162,7 @@ fn half_units(
 mod tests {
     use super::*;
     use crate::tests::{FLOOR, SIZE, flat, lamps, target, variable};
-    use crate::{Aim, Goal, Locks, View};
+    use crate::{Criterion, Goal, Locks, View};
     use relume_scene::lane;
 
     const MOST: usize = 4;
@@ -180,11 +180,8 @@ mod tests {
         let within = |is_in: bool| {
             Some((0..SIZE.0 * SIZE.1).map(|i| f32::from((i % SIZE.0 >= SIZE.0 - 2) == is_in)).collect())
         };
-        [(Aim::Brightness { stops: 3.0 }, true), (Aim::Keep, false)].map(|(aim, is_in)| Goal {
-            aim,
-            pixels: within(is_in),
-            weight: 1.0,
-        })
+        [(Criterion::Brightness { stops: 3.0 }, true), (Criterion::Keep, false)]
+            .map(|(criterion, is_in)| Goal { criterion, pixels: within(is_in), weight: 1.0 })
     }
 
     #[test]

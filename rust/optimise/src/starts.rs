@@ -1,4 +1,4 @@
-use crate::goal::Aim;
+use crate::goal::Criterion;
 use crate::objective::{Draw, Objective, Unit};
 use crate::problem::Problem;
 use crate::random::Random;
@@ -38,8 +38,11 @@ const OWN_STRENGTH: [f32; 1] = [1.0];
 pub fn random_starts(problem: &Problem, options: &RandomStarts) -> Result<Vec<Vec<Light>>, OptimiseError> {
     problem.validate()?;
     let objective = Objective::new(problem, options.softness)?;
-    let has_target =
-        problem.views.iter().flat_map(|view| view.goals).any(|goal| matches!(goal.aim, Aim::Target { .. }));
+    let has_target = problem
+        .views
+        .iter()
+        .flat_map(|view| view.goals)
+        .any(|goal| matches!(goal.criterion, Criterion::Target { .. }));
     let draw = objective.spread(COMPARED);
     let search = Search { problem, draw, objective, options, from_darkness: has_target };
     (0..options.count as u64).into_par_iter().map(|number| search.start(number)).collect()
@@ -164,7 +167,7 @@ pub(crate) fn random_shape(variable: &Variable, share: f32, random: &mut Random)
         lane::SIZE.for_each(|i| step[i] = step[locks.lead(i)]);
     }
     let shape = shape.moved(&step.map(|step| share * step));
-    bounds.direction.filter(|_| !locks.direction).map_or(shape, |cap| cap.squeezed(&shape))
+    bounds.direction.filter(|_| !locks.direction).map_or(shape, |cone| cone.warped(&shape))
 }
 
 /// A uniform rotation as its vector (Shoemake 1992, "Uniform random rotations").
@@ -217,7 +220,7 @@ mod tests {
     fn for_a_change_of_the_picture_other_lights_shine_as_they_do() {
         let base = flat(0.02);
         let left = Some((0..96).map(|i| f32::from(i % 12 < 6)).collect::<Vec<f32>>());
-        let goals = [Goal { aim: Aim::Brightness { stops: 1.0 }, pixels: left, weight: 1.0 }];
+        let goals = [Goal { criterion: Criterion::Brightness { stops: 1.0 }, pixels: left, weight: 1.0 }];
         let [stays, moves] = [0, 1].map(|number| variable(&lamps()[number]));
         let stays = Variable { locks: Locks { strength: false, ..Locks::ALL }, ..stays };
         let still = picture(&FLOOR, &flat(0.0), &[Light { radiance: [1.0; 3], ..stays.light.clone() }]);

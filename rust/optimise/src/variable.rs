@@ -1,4 +1,4 @@
-use crate::wall::{Cap, Tint};
+use crate::active_bound::{ChromaticityBound, DirectionCone};
 use glam::Vec3;
 use relume_scene::{LANES, Light, LightShape, lane};
 use serde::{Deserialize, Serialize};
@@ -87,9 +87,9 @@ pub struct Bounds {
     /// two at once, not near them.
     pub strength: Option<[f32; 2]>,
     /// Colours that it may have; none for any. Met as those of strength are.
-    pub color: Option<Tint>,
+    pub color: Option<ChromaticityBound>,
     /// Where it may point ([`LightShape::axis`]); none for anywhere.
-    pub direction: Option<Cap>,
+    pub direction: Option<DirectionCone>,
 }
 
 impl Bounds {

@@ -5,7 +5,7 @@ use std::hint::black_box;
 use std::sync::Arc;
 
 use cpu_time::ThreadTime;
-use relume_gpu::compare::{Layers, Look};
+use relume_gpu::compare::{Layers, StepTargets};
 use relume_gpu::{Figure, Gpu, Limit, Peaks, best_of_rounds};
 
 use crate::params::{Role, Tensor};
@@ -182,9 +182,9 @@ fn test_light() -> LightParams {
 fn seconds_of_a_step(on_device: &GpuProxy, rounds: usize) -> Result<f64, ProxyError> {
     let count = on_device.proxy().features().pixel_count();
     let layers = Layers::new(on_device.gpu(), &[&vec![[0.5; 3]; count]])?;
-    let look = one_target(count / STEP_SHARE, count);
+    let targets = one_target(count / STEP_SHARE, count);
     let light = [(test_light(), [1.0; 3])];
-    best_of_rounds(rounds, || compare(&[on_device], &layers, &[], &light, &look).map(drop))
+    best_of_rounds(rounds, || compare(&[on_device], &layers, &[], &light, &targets).map(drop))
 }
 
 /// Name of the widest of the networks that are measured, and seconds in which the plain kernel makes an image of it.
@@ -206,9 +206,9 @@ pub fn seconds_of_the_widest(gpu: &Arc<Gpu>, extent: Extent) -> Result<(String, 
 }
 
 /// A grey target at some of all pixels, every so manieth in an order without pattern.
-fn one_target(count: usize, all: usize) -> Look {
+fn one_target(count: usize, all: usize) -> StepTargets {
     let cells = (0..count).map(|i| (i as u32).wrapping_mul(0x9e37_79b1) % all as u32).collect();
-    Look::target(cells, vec![[0.3, 0.3, 0.3, 1.0 / count as f32]; count], 1.0)
+    StepTargets::target(cells, vec![[0.3, 0.3, 0.3, 1.0 / count as f32]; count], 1.0)
 }
 
 fn device_trainer(network: NetworkConfig, [width, height]: [usize; 2]) -> Result<Trainer, ProxyError> {

@@ -5,7 +5,7 @@ use relume_gather::{
     Environment, Gather, GatherError, Goals, GpuGather, Linear, PreparedLight, SampleSplit, SoftCompared,
     SoftGather,
 };
-use relume_gpu::compare::Look;
+use relume_gpu::compare::StepTargets;
 use relume_gpu::{Gpu, GpuError};
 use relume_image::Image;
 use relume_scene::Light;
@@ -134,12 +134,12 @@ impl DeviceGather {
         &self,
         soft: &SoftGather,
         (lights, softness): (&[&Light], f32),
-        (layers, radiances, look): (&DeviceLayers, &[[f32; 3]], &Look),
+        (layers, radiances, look): (&DeviceLayers, &[[f32; 3]], &StepTargets),
         compute: &Compute,
         monitor: &Monitor,
     ) -> Result<Option<SoftCompared>, SessionError> {
         let work = |on_gpu: &GpuGather| {
-            let goals = Goals { layers: &*layers.on(on_gpu.gpu())?, radiances, look };
+            let goals = Goals { layers: &*layers.on(on_gpu.gpu())?, radiances, targets: look };
             on_gpu.compare(soft, lights, softness, &goals)
         };
         self.if_it_gathers_pixels(compute, monitor, work)

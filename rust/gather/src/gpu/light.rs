@@ -27,7 +27,7 @@ pub type Receivers = [u32; RECEIVER_LIMIT as usize / 32];
 /// A light as the kernels take it: `Light` of `shaders/gather/light.wgsl`, where the fields are described.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
-#[expect(missing_docs, reason = "described in the WGSL twin")]
+#[expect(missing_docs, reason = "described in the WGSL struct")]
 pub struct GpuLight {
     pub center: [f32; 3],
     pub kind: u32,

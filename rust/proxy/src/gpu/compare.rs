@@ -1,7 +1,7 @@
 use std::sync::MutexGuard;
 
 use relume_gpu::Commands;
-use relume_gpu::compare::{Layers, Look, Step, Units};
+use relume_gpu::compare::{Layers, Step, StepTargets, Units};
 
 use super::gradient::LightGradient;
 use super::proxy::{GpuProxy, Shared, grow};
@@ -32,13 +32,13 @@ pub fn compare(
     layers: &Layers,
     radiances: &[[f32; 3]],
     lights: &[(LightParams, [f32; 3])],
-    look: &Look,
+    targets: &StepTargets,
 ) -> Result<ProxyCompared, ProxyError> {
-    proxies.iter().try_for_each(|proxy| proxy.proxy().check_pixels(&look.cells))?;
+    proxies.iter().try_for_each(|proxy| proxy.proxy().check_pixels(&targets.cells))?;
     let mut groups = groups(proxies, lights)?;
     let gradients = groups.iter().map(Group::gradients).sum();
     let mut commands = layers.gpu().commands("light step");
-    let step = layers.begin(&mut commands, radiances, look, gradients)?;
+    let step = layers.begin(&mut commands, radiances, targets, gradients)?;
     for group in &mut groups {
         group.add(&mut commands, &step)?;
     }

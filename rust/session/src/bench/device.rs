@@ -106,9 +106,9 @@ pub fn networks(gpu: &Arc<Gpu>, extent: NetworkExtent) -> Result<Vec<Record>, Se
 /// A gather and the widest network with kernels that check their indices and loops, beside the same without.
 pub fn checks(gpu: &Gpu, megabytes: usize, extent: NetworkExtent) -> Result<Vec<Record>, SessionError> {
     let measure = |checks: Checks| {
-        let twin = gpu.twin(checks)?;
-        let gather = relume_gather::bench::seconds_of_a_light(&twin, megabytes)?;
-        let (network, inference) = relume_proxy::bench::seconds_of_the_widest(&twin, extent)?;
+        let second = gpu.open_second(checks)?;
+        let gather = relume_gather::bench::seconds_of_a_light(&second, megabytes)?;
+        let (network, inference) = relume_proxy::bench::seconds_of_the_widest(&second, extent)?;
         let figure = |name: String, seconds: f64| {
             Figure::new(format!("{name}, with checks of indices and loops"), 1e3 * seconds, "ms")
         };

@@ -3,7 +3,7 @@
 use relume_dump::Aovs;
 use relume_gather::{DenoiseQuality, Gather, SampleSplit, SoftGather, relight};
 use relume_image::Image;
-use relume_optimise::{Compare, Compared, Goal, Linear, Picture, Relight, RelightError, Wanted};
+use relume_optimise::{Compare, Compared, Goal, Linear, Picture, Relight, RelightError, TermTarget};
 use relume_scene::{LANES, Light};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -344,7 +344,7 @@ impl Compare for GatherCompare<'_> {
         lights: &[&Light],
         still: &[[f32; 3]],
         softness: f32,
-        wanted: &[Wanted],
+        wanted: &[TermTarget],
     ) -> Result<Option<Compared>, RelightError> {
         // Exact pictures are denoised.
         if softness == 0.0 {
@@ -362,11 +362,12 @@ impl Compare for GatherCompare<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use relume_optimise::Aim;
+    use relume_optimise::Criterion;
 
     #[test]
     fn small_places_have_small_cells() {
-        let place = |pixels: usize| Goal { aim: Aim::Keep, pixels: Some(vec![1.0; pixels]), weight: 1.0 };
+        let place =
+            |pixels: usize| Goal { criterion: Criterion::Keep, pixels: Some(vec![1.0; pixels]), weight: 1.0 };
         let (small, large) = (160 * 90, 1920 * 1080);
         assert_eq!([small, large].map(|pixels| edge_of_cells(pixels, &[])), [5, 8]);
         assert_eq!([10_000, 400, 5].map(|pixels| edge_of_cells(large, &[place(pixels)])), [8, 2, 1]);

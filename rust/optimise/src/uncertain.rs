@@ -12,13 +12,13 @@ const JUDGED: usize = 4096;
 ///
 /// # Errors
 /// As [`crate::solve`].
-pub fn is_doubtful(problem: &Problem, lights: &[Light]) -> Result<bool, OptimiseError> {
+pub fn is_uncertain(problem: &Problem, lights: &[Light]) -> Result<bool, OptimiseError> {
     problem.validate()?;
     let objective = Objective::new(problem, 0.0)?;
     for (view, draw) in objective.views.iter().zip(&objective.spread(JUDGED)) {
         let picture = view.whole_picture(lights)?;
-        let doubts = view.doubts(&picture, draw);
-        if view.compare_picture(&picture, &doubts, draw).iter().any(Comparison::is_off) {
+        let uncertainties = view.uncertainties(&picture, draw);
+        if view.compare_picture(&picture, &uncertainties, draw).iter().any(Comparison::is_off) {
             return Ok(true);
         }
     }
@@ -29,28 +29,28 @@ pub fn is_doubtful(problem: &Problem, lights: &[Light]) -> Result<bool, Optimise
 mod tests {
     use super::*;
     use crate::tests::{FLOOR, flat, lamps, variable};
-    use crate::{Aim, Goal, View};
+    use crate::{Criterion, Goal, View};
 
     #[test]
     fn what_is_short_or_far_too_much_is_doubtful() {
         let (base, lights) = (flat(0.0), &lamps()[..1]);
-        let doubtful = |aim: Aim, strength: f32| {
-            let goals = [Goal { aim, pixels: None, weight: 3.0 }];
+        let doubtful = |criterion: Criterion, strength: f32| {
+            let goals = [Goal { criterion, pixels: None, weight: 3.0 }];
             let view = View { relight: &FLOOR, base: &base, still: vec![None], goals: &goals };
             let problem = Problem { views: vec![view], variables: lights.iter().map(variable).collect() };
             let mut lights = lights.to_vec();
             lights[0].radiance = lights[0].radiance.map(|radiance| strength * radiance);
-            is_doubtful(&problem, &lights).unwrap()
+            is_uncertain(&problem, &lights).unwrap()
         };
-        assert!(doubtful(Aim::Brightness { stops: 1.0 }, 1.9));
-        assert!(!doubtful(Aim::Brightness { stops: 1.0 }, 2.0));
-        assert!(!doubtful(Aim::Brightness { stops: 1.0 }, 2.4));
-        assert!(doubtful(Aim::Brightness { stops: 1.0 }, 2.6));
-        assert!(doubtful(Aim::Brightness { stops: -1.0 }, 0.55));
-        assert!(!doubtful(Aim::Brightness { stops: -1.0 }, 0.5));
-        assert!(doubtful(Aim::Brightness { stops: -1.0 }, 0.2));
-        assert!(doubtful(Aim::Temperature { mireds: 50.0 }, 1.0));
-        assert!(doubtful(Aim::Keep, 1.012));
-        assert!(!doubtful(Aim::Keep, 1.008));
+        assert!(doubtful(Criterion::Brightness { stops: 1.0 }, 1.9));
+        assert!(!doubtful(Criterion::Brightness { stops: 1.0 }, 2.0));
+        assert!(!doubtful(Criterion::Brightness { stops: 1.0 }, 2.4));
+        assert!(doubtful(Criterion::Brightness { stops: 1.0 }, 2.6));
+        assert!(doubtful(Criterion::Brightness { stops: -1.0 }, 0.55));
+        assert!(!doubtful(Criterion::Brightness { stops: -1.0 }, 0.5));
+        assert!(doubtful(Criterion::Brightness { stops: -1.0 }, 0.2));
+        assert!(doubtful(Criterion::Temperature { mireds: 50.0 }, 1.0));
+        assert!(doubtful(Criterion::Keep, 1.012));
+        assert!(!doubtful(Criterion::Keep, 1.008));
     }
 }
