@@ -23,7 +23,7 @@ pub mod aov_channel {
     pub const HITS: usize = 14;
 }
 
-/// What one camera path adds to the AOVs.
+/// Contribution of one camera path to the AOVs.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AovSample {
     /// Albedo of the first non-specular hit, RGB.

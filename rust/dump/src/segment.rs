@@ -37,7 +37,7 @@ pub struct Segment {
     pub end: End,
     /// `T_k`: RGB weight of what is emitted towards the path along this segment, Russian roulette included.
     pub throughput: Vec3,
-    /// What made it.
+    /// Scattering event that made the segment.
     pub lobe: Lobe,
     /// Receiver number of the object that made it (the `receiver` of its instance), also where it goes on through
     /// transparent surfaces; below [`crate::RECEIVER_LIMIT`], 0 for camera rays.

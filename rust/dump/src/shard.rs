@@ -23,7 +23,7 @@ const TENSORS: [(&str, Dtype); 5] = [
     ("throughput", Dtype::U32),
 ];
 
-/// What a shard says about itself.
+/// Header of a shard.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ShardHeader {
     /// [`crate::FORMAT_VERSION`].
@@ -161,7 +161,7 @@ impl Shard {
         Self::parse(name.to_owned(), Bytes::copy(bytes))
     }
 
-    /// What a file of this shard holds.
+    /// Bytes of a file of this shard.
     pub fn as_bytes(&self) -> &[u8] {
         self.bytes.as_slice()
     }
@@ -175,7 +175,7 @@ impl Shard {
         Ok(shard)
     }
 
-    /// What the gather and [`Shard::pixel`] rely on not to read out of bounds.
+    /// Checks the offsets that the gather and [`Shard::pixel`] rely on not to read out of bounds.
     fn check_structure(&self) -> Result<(), String> {
         let (header, pixels, records) = (&self.header, self.header.rect.pixel_count(), self.record_count());
         if header.format_version != crate::FORMAT_VERSION {
@@ -206,7 +206,7 @@ impl Shard {
         &self.path
     }
 
-    /// What the shard says about itself.
+    /// Header of the shard.
     pub fn header(&self) -> &ShardHeader {
         &self.header
     }

@@ -10,10 +10,10 @@ use crate::{Dump, DumpError, Manifest, Shard, TileSamples};
 
 /// Where a tracer puts its tiles. Many threads may write at the same time, each its own tile and pass.
 pub trait ShardSink: Sync {
-    /// What is being baked.
+    /// Manifest of the bake.
     fn manifest(&self) -> &Manifest;
 
-    /// Whether a tile of a pass is already there, so that it need not be traced again.
+    /// True if a tile of a pass is already there, so that it need not be traced again.
     fn is_complete(&self, tile: usize, pass: usize) -> bool;
 
     /// Stores a tile of a pass.
@@ -103,7 +103,7 @@ impl DumpWriter {
     /// Opens what was written.
     ///
     /// # Errors
-    /// As [`Dump::open`].
+    /// See [`Dump::open`].
     pub fn finish(self) -> Result<Dump, DumpError> {
         Dump::open(&self.dir)
     }

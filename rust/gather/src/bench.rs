@@ -67,7 +67,7 @@ fn all_threads(gather: &Gather) -> Figure {
     Figure::new(name, value, "G segments/s").within(&[limit])
 }
 
-/// What a training asks for: a few lights at single pixels.
+/// Targets as a training asks for them: a few lights at single pixels.
 fn pixel_targets(gather: &Gather) -> Figure {
     const LIGHTS: usize = 4;
     let lights: Vec<_> = (0..LIGHTS).map(|index| light(sphere(index))).collect();
@@ -84,7 +84,7 @@ fn pixel_targets(gather: &Gather) -> Figure {
     Figure::new(name, (TILE * TILE * lights.len()) as f64 / seconds, "targets/s")
 }
 
-/// What solving lights asks for: cells of one light with all derivatives, from barely to widely smoothed.
+/// Cells as a solver asks for them: one light with all derivatives, from barely to widely smoothed.
 fn smoothed(gather: &Gather) -> Vec<Figure> {
     let soft = SoftGather::new(gather, TILE / 2);
     let cells = soft.cells().0 * soft.cells().1;

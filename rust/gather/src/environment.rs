@@ -119,7 +119,7 @@ fn linear_from_srgb(value: f32) -> f32 {
 }
 
 impl Gather {
-    /// What the world gives to the image, RGB, from the escaped segments.
+    /// Contribution of the world to the image, RGB, from the escaped segments.
     pub fn world_image(&self, environment: &Environment, half: SampleSplit) -> Image {
         let tiles: Vec<_> = (0..self.dump.manifest().tile_count())
             .into_par_iter()

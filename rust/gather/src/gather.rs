@@ -45,8 +45,8 @@ impl Gather {
         Self { isa, ..self }
     }
 
-    /// What to gather for one half: whole passes where they split evenly, so that no pixel is searched for the place of the
-    /// cut, else the half itself.
+    /// Gather for one half of the samples: whole passes where they split evenly, so that no pixel is searched for the
+    /// place of the cut, else the half itself.
     pub fn split(&self, half: SampleSplit) -> (Self, SampleSplit) {
         let passes = &self.dump.manifest().passes;
         let sums = passes.iter().scan(0, |sum, pass| {
@@ -93,7 +93,7 @@ impl Gather {
     /// Makes a light ready; once per change of its shape, factors or receivers.
     ///
     /// # Errors
-    /// As [`PreparedLight::new`].
+    /// See [`PreparedLight::new`].
     pub fn prepare(&self, light: &Light) -> Result<PreparedLight, GatherError> {
         PreparedLight::new(light, self.floor)
     }

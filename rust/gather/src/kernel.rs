@@ -40,13 +40,13 @@ pub trait Sink {
     fn add(&mut self, record: usize, contribution: Vec3);
 }
 
-/// What is done with the segments that may cross lights.
+/// Consumer of the segments that may cross lights.
 pub trait Visitor {
     /// Number of lights.
     fn lights(&self) -> usize;
     /// The region that crossings of a light touch.
     fn reach(&self, light: usize) -> &Reach;
-    /// Whether few segments come near any of the lights.
+    /// True if few segments come near any of the lights.
     #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code, reason = "first tests are AVX's"))]
     fn is_selective(&self) -> bool;
     /// Segments of the records from `first_record` on follow, for one light after the other.

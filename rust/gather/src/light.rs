@@ -46,7 +46,7 @@ pub(crate) enum Profile {
 pub(crate) enum Reach {
     Ball(Ball),
     Plane(Plane),
-    /// As a plane, but segments count as this many metres longer at both ends.
+    /// Plane whose segments count as this many metres longer at both ends.
     Slab {
         plane: Plane,
         ends: f32,
@@ -125,7 +125,7 @@ pub(crate) struct LocalCone {
 }
 
 impl LocalCone {
-    /// What it gives along a segment: in Cycles, by the cosine to the object's own axis in its own space.
+    /// Share that the cone gives along a segment: in Cycles, by the cosine to the object's own axis in its own space.
     fn share(&self, edge: Vec3) -> f32 {
         let local = self.local_from_world * edge;
         smoothstep((local.z / local.length() - self.cos_half_angle) * self.inverse_blend)
@@ -166,7 +166,7 @@ impl PreparedLight {
         Ok(Self { reach: profile.reach(), profile, factors, receivers })
     }
 
-    /// What a segment of this lobe and receiver is weighted with; 0 if the light leaves it out.
+    /// Weight of a segment of this lobe and receiver; 0 if the light leaves it out.
     pub(crate) fn factor(&self, flags: relume_dump::Flags) -> f32 {
         let lit = self.receivers.as_ref().is_none_or(|bits| {
             // Camera rays leave no object; light linking does not concern them.
@@ -344,7 +344,7 @@ impl Ball {
         distance > 0.0 && distance < length
     }
 
-    /// What a segment collects from a spot, whose cone gives `share` along it.
+    /// Share of a segment that is lit by a spot, whose cone gives `share` along it.
     fn in_cone(&self, origin: Vec3, edge: Vec3, is_disk: bool, share: impl FnOnce() -> f32) -> f32 {
         let crossed = match is_disk {
             true => self.facing_disk_is_crossed(origin, edge),

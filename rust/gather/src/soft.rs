@@ -188,7 +188,7 @@ impl<'a> SoftGather<'a> {
         sums.finish()
     }
 
-    /// The same cells without smoothing: means of the unit values (radiance 1) of some lights, RGB, light by light, then cell by
+    /// Cells without smoothing: means of the unit values (radiance 1) of some lights, RGB, light by light, then cell by
     /// cell.
     ///
     /// # Errors
@@ -266,11 +266,11 @@ fn visible_extent(gather: &Gather) -> f32 {
 struct Sums<'a> {
     light: &'a SoftLight,
     is_selective: bool,
-    /// What each contribution is weighted with.
+    /// Weight of each contribution.
     scale: f32,
     origin: [[f32; WIDTH]; 3],
     edge: [[f32; WIDTH]; 3],
-    /// As in the shards.
+    /// Throughputs as the shards hold them.
     throughput: [u32; WIDTH],
     factor: [f32; WIDTH],
     waiting: usize,

@@ -57,7 +57,7 @@ pub struct Term {
 pub struct StepTargets {
     /// Their places in the picture.
     pub cells: Vec<u32>,
-    /// Of each what it is compared to, and its share in the loss.
+    /// Reference of each cell, and its share in the loss.
     pub references: Vec<[f32; 4]>,
     /// The goals.
     pub terms: Vec<Term>,
@@ -137,14 +137,14 @@ pub struct Step<'a> {
     results: Buffer<f32>,
 }
 
-/// What comes back of a step.
+/// Result of a step.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Compared {
     /// The sum over all terms.
     pub loss: f64,
     /// By the colours of the layers but the first.
     pub layers: Vec<[f32; 3]>,
-    /// What others have left.
+    /// Gradients that other passes have left in the results.
     pub gradients: Vec<f32>,
 }
 
@@ -152,7 +152,7 @@ impl Layers {
     /// Brings them to a device. There is at least one.
     ///
     /// # Errors
-    /// As [`Gpu::zeros`].
+    /// See [`Gpu::zeros`].
     ///
     /// # Panics
     /// If they are not of one size.
@@ -185,7 +185,7 @@ impl Layers {
     /// of gradients.
     ///
     /// # Errors
-    /// As [`Gpu::zeros`].
+    /// See [`Gpu::zeros`].
     ///
     /// # Panics
     /// If there are no cells, one is outside of the pictures, or there is not one of each for every cell and layer.
@@ -278,7 +278,7 @@ impl Step<'_> {
     /// Appends the comparison, when all lights are there, and the gradients of the layers.
     ///
     /// # Errors
-    /// As [`Step::add`].
+    /// See [`Step::add`].
     pub fn compare(&self, commands: &mut Commands<'_>) -> Result<(), GpuError> {
         let kernel = self.layers.gpu.kernel("common/compare", "compare", &[])?;
         let buffers = [
@@ -301,7 +301,7 @@ impl Step<'_> {
     /// on: three by the radiance of a light, then one for each derivative.
     ///
     /// # Errors
-    /// As [`Step::add`].
+    /// See [`Step::add`].
     pub fn pull(
         &self,
         commands: &mut Commands<'_>,
@@ -321,7 +321,7 @@ impl Step<'_> {
     /// Waits for what was submitted and copies its numbers: no picture among them.
     ///
     /// # Errors
-    /// As [`Gpu::read`].
+    /// See [`Gpu::read`].
     pub fn read(self) -> Result<Compared, GpuError> {
         let values = self.layers.gpu.read(&self.results, 0..self.results.len())?;
         let (losses, gradients) = values.split_at(self.terms.len());

@@ -32,7 +32,7 @@ pub struct Gpu {
     matrix_subgroup: OnceLock<Option<u32>>,
 }
 
-/// What kernels and buffers of a GPU may be.
+/// Limits of a GPU's kernels and buffers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
     /// Bytes of a buffer, all of which can be bound.
@@ -55,7 +55,7 @@ pub struct Limits {
     pub timestamps: bool,
 }
 
-/// What went wrong since the last check.
+/// Errors since the last check.
 #[derive(Debug, Default)]
 struct DeviceErrors {
     lost: Option<String>,
@@ -67,7 +67,7 @@ impl Gpu {
     /// the same GPU share its device.
     ///
     /// # Errors
-    /// As [`Gpu::open`].
+    /// See [`Gpu::open`].
     pub fn shared(choice: &GpuChoice) -> Result<Arc<Self>, GpuError> {
         static OPEN: Mutex<Vec<(GpuChoice, Arc<Gpu>)>> = Mutex::new(Vec::new());
         let mut open = OPEN.lock().unwrap_or_else(PoisonError::into_inner);
@@ -100,7 +100,7 @@ impl Gpu {
     /// budget of its own.
     ///
     /// # Errors
-    /// As [`Gpu::open`].
+    /// See [`Gpu::open`].
     pub fn open_second(&self, checks: Checks) -> Result<Arc<Self>, GpuError> {
         let adapter = self.adapter.clone();
         Self::on_a_thread(move || Self::open_adapter(&adapter, checks))
@@ -171,12 +171,12 @@ impl Gpu {
         }))
     }
 
-    /// What the user is told about it.
+    /// Description of the GPU for the user.
     pub fn summary(&self) -> &AdapterSummary {
         &self.summary
     }
 
-    /// What its kernels and buffers may be.
+    /// Limits of its kernels and buffers.
     pub fn limits(&self) -> &Limits {
         &self.limits
     }
@@ -213,7 +213,7 @@ impl Gpu {
         self.bytes_read.fetch_add(bytes, Ordering::Relaxed);
     }
 
-    /// Whether the device still works and has taken all commands so far.
+    /// Checks that the device still works and has taken all commands so far.
     ///
     /// # Errors
     /// [`GpuError::Lost`] from the loss of the device on; once for commands that were refused [`GpuError::Refused`], or
@@ -229,7 +229,7 @@ impl Gpu {
     /// Waits until all that was submitted is done.
     ///
     /// # Errors
-    /// As [`Gpu::check`].
+    /// See [`Gpu::check`].
     pub fn wait(&self) -> Result<(), GpuError> {
         let polled = self.device.poll(wgpu::PollType::wait_indefinitely());
         self.check()?;
@@ -266,7 +266,7 @@ impl Gpu {
     }
 }
 
-/// What kernels need and this driver does not have, in words.
+/// Features or limits that kernels need and this driver does not have, in words.
 pub(crate) fn missing(features: wgpu::Features, limits: &wgpu::Limits) -> Option<String> {
     let needed = [
         ("push constants", IMMEDIATES, limits.max_immediate_size),
@@ -327,7 +327,7 @@ fn watch(device: &wgpu::Device, errors: &Arc<Mutex<DeviceErrors>>) {
     }));
 }
 
-/// What the driver said when nobody had asked.
+/// Error that the driver reported outside of any scope.
 pub(crate) fn uncaptured(error: &wgpu::Error) -> GpuError {
     match error {
         wgpu::Error::OutOfMemory { source } => GpuError::DriverOutOfMemory(source.to_string()),

@@ -1,4 +1,4 @@
-/// What can go wrong on a GPU. Each message names the next step.
+/// Errors of a GPU. Each message names the next step.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum GpuError {
     /// No driver, or only drivers of back ends that are not used.
@@ -20,7 +20,7 @@ pub enum GpuError {
          Blender's preferences)"
     )]
     NotFound {
-        /// What was asked for.
+        /// Requested name.
         name: String,
         /// Names of those that there are, and where they are plugged in.
         found: String,
@@ -33,7 +33,7 @@ pub enum GpuError {
     Unsuitable {
         /// Name of the adapter.
         adapter: String,
-        /// What it lacks.
+        /// Missing feature, in words.
         missing: String,
     },
     /// A buffer does not fit into the memory budget, or into what the driver has left.
@@ -73,7 +73,7 @@ pub enum GpuError {
          device in Blender's preferences)"
     )]
     TooWide {
-        /// What it is.
+        /// Name of the buffer.
         what: String,
     },
     /// The driver reset the device, or it was removed. Everything on it is gone.
@@ -90,7 +90,7 @@ pub enum GpuError {
     Shader {
         /// Name of the module.
         module: String,
-        /// What the compiler said.
+        /// Message of the compiler.
         reason: String,
     },
     /// A mistake of ours that the validation found.

@@ -13,7 +13,8 @@ pub struct Kernel {
     label: String,
 }
 
-/// Whether kernels check their indices, divisors and loops, which costs a counter in every loop and a comparison at every access.
+/// Checks of indices, divisors and loops in kernels, which cost a counter in every loop and a comparison at every
+/// access.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Checks {
     /// They do.
@@ -22,7 +23,7 @@ pub enum Checks {
     Off,
 }
 
-/// What a device has compiled so far.
+/// Kernels that a device has compiled so far.
 #[derive(Debug, Default)]
 pub(crate) struct Compiled {
     /// By name and constants.
@@ -116,7 +117,7 @@ impl Gpu {
         Ok(module)
     }
 
-    /// What the driver had against a module since the scopes were opened.
+    /// Objection of the driver to a module since the scopes were opened.
     fn refusal<const N: usize>(
         &self,
         module: &str,

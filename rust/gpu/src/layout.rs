@@ -18,11 +18,11 @@ pub struct FieldLayout {
     pub name: String,
     /// Where it starts, bytes.
     pub offset: u32,
-    /// What it is made of, and where that lies in the struct, bytes.
+    /// Components, and where they lie in the struct, bytes.
     pub parts: Vec<(u32, Part)>,
 }
 
-/// What fields are made of.
+/// Type of a component.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
     /// `f32`
@@ -38,8 +38,8 @@ pub enum Part {
 }
 
 impl StructLayout {
-    /// What is wrong with a Rust mirror of this: its size, or its first field that differs. A field of the mirror may be longer by
-    /// what fills up the room to the next one, as `[f32; 4]` for a `vec3f`.
+    /// Fault of a Rust mirror of this: its size, or its first field that differs. A field of the mirror may be longer
+    /// by what fills up the room to the next one, as `[f32; 4]` for a `vec3f`.
     pub fn difference(&self, mirror: &Self) -> Option<String> {
         let pairs = self.fields.iter().zip(&mirror.fields);
         let differs = |(wgsl, rust): &(&FieldLayout, &FieldLayout)| {
@@ -189,7 +189,7 @@ macro_rules! assert_mirror {
 mod tests {
     use super::*;
 
-    /// Of `Light` in `gather/light.wgsl`, whose first fields are `center: vec3f`, `kind: u32`.
+    /// Layout of `Light` in `gather/light.wgsl`, whose first fields are `center: vec3f`, `kind: u32`.
     #[test]
     fn a_mirror_whose_fields_have_other_types_is_told_from_its_twin() {
         let whole = of("gather/light", "Light").unwrap();

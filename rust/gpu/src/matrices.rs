@@ -29,7 +29,7 @@ impl Gpu {
         Some(Matrices { side, subgroup: subgroup? })
     }
 
-    /// What a kernel with matrices finds.
+    /// Subgroup size that a kernel with matrices finds.
     fn size_of_subgroup(&self, side: u32) -> Result<u32, GpuError> {
         let constants = [("SMALL_MATRICES", u32::from(side == 8))];
         let kernel = self.kernel("subgroup", "size_of_subgroup", &constants)?;

@@ -28,11 +28,11 @@ pub struct Memory {
     budget: AtomicU64,
 }
 
-/// What a driver says of the memory that is the device's own, bytes.
+/// Memory of the device itself according to its driver, bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct DeviceMemory {
     all: u64,
-    /// What neither other programs nor we have taken; nothing where the driver does not say.
+    /// Memory that neither other programs nor we have taken; nothing where the driver does not say.
     free: Option<u64>,
 }
 
@@ -100,7 +100,7 @@ fn device_memory(adapter: &wgpu::Adapter) -> Option<DeviceMemory> {
     vulkan_memory(adapter)
 }
 
-/// Of a DX12 adapter.
+/// Memory of a DX12 adapter.
 #[cfg(windows)]
 fn granted_by_windows(adapter: &wgpu::Adapter) -> Option<DeviceMemory> {
     use windows::Win32::Graphics::Dxgi::DXGI_MEMORY_SEGMENT_GROUP_LOCAL;

@@ -1,7 +1,7 @@
 use std::io;
 use std::path::PathBuf;
 
-/// What can go wrong with image files. Each message names the file and what to do.
+/// Errors of image files. Each message names the file and what to do.
 #[derive(Debug, thiserror::Error)]
 pub enum ImageError {
     /// The file could not be created or written; nothing is left at its place.
@@ -25,7 +25,7 @@ pub enum ImageError {
     Format {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// Fault of the file, in words.
         reason: String,
     },
 }

@@ -45,7 +45,7 @@ impl ViewTransform {
         Self::of_table(path, &crate::picture::read_png_raw(path)?)
     }
 
-    /// As [`ViewTransform::read_lut`], of the bytes of such a file; `name` stands in messages.
+    /// Decodes the bytes of a file like [`ViewTransform::read_lut`]; `name` stands in messages.
     pub fn decode_lut(name: &Path, file: &[u8]) -> Result<Self, ImageError> {
         Self::of_table(name, &crate::picture::decode_png_raw(name, file)?)
     }

@@ -8,7 +8,7 @@ use relume_scene::{LANES, Light, LightShape, lane};
 use serde::{Deserialize, Serialize};
 use std::f32::consts::{LN_2, PI};
 
-/// As near to a wall as this, in its units, a light stands at it.
+/// Distance, in the units of a bound, below which a light stands at it.
 const NEAR: f32 = 1e-5;
 
 /// Channels of a colour are taken as this share of its strongest where they are less, so that their ratios are finite.
@@ -28,7 +28,7 @@ impl DirectionCone {
         self.axis.is_normalized() && (0.0..=PI).contains(&self.angle)
     }
 
-    /// Of a uniformly random orientation one whose axis is uniformly random in the cone.
+    /// Warps a uniformly random orientation into one whose axis is uniformly random in the cone.
     pub(crate) fn warped(&self, shape: &LightShape) -> LightShape {
         shape.axis().map_or(*shape, |axis| {
             let sine = (0.5 * self.angle_to(axis)).sin() * (0.5 * self.angle).sin();

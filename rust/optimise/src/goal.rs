@@ -1,4 +1,4 @@
-//! What the picture should do, as residuals of cells: 0 where it does.
+//! Goals for a picture, as residuals of cells: 0 where a goal is met.
 
 use crate::cells::Cells;
 use crate::report::{KEEP_MET, MIREDS_MET, STOPS_MET};
@@ -6,14 +6,14 @@ use crate::variable::{LUMINANCE, luminance};
 use relume_image::Image;
 use std::f32::consts::LN_2;
 
-/// What is asked for.
+/// Criterion that a picture is to meet.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Criterion {
     /// To look like a picture of the view's size, scene-linear RGB.
     Target {
         /// The picture.
         image: Image,
-        /// Whether only its proportions count, whatever its exposure.
+        /// True if only its proportions count, whatever its exposure.
         exposure_invariant: bool,
     },
     /// To be brighter (above 0) or darker than before by at least so many stops.
@@ -38,7 +38,7 @@ pub enum Criterion {
 /// An criterion for a part of a picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Goal {
-    /// What is asked for.
+    /// Criterion that the part is to meet.
     pub criterion: Criterion,
     /// Weight of each pixel, 0..1; all 1 if absent.
     pub pixels: Option<Vec<f32>>,
@@ -47,7 +47,7 @@ pub struct Goal {
 }
 
 impl Goal {
-    /// The same for pictures that are so many times smaller along each edge than those of this size ([`Image::shrunk`]).
+    /// Goal for pictures that are so many times smaller along each edge than those of this size ([`Image::shrunk`]).
     #[must_use]
     pub fn shrunk(&self, size: (usize, usize), factor: usize) -> Self {
         let cells = Cells::new(size, factor);
@@ -81,11 +81,11 @@ impl Goal {
     }
 }
 
-/// What a stop is worth beside a difference of tonemapped values: the slope of Reinhard's curve by stops at its middle.
+/// Weight of a stop beside a difference of tonemapped values: the slope of Reinhard's curve by stops at its middle.
 const STOP: f32 = 0.173;
-/// What an excess of a single cell counts where at least so much was asked for.
+/// Weight of a single cell's excess where at least so much was asked for.
 const EXCESS: f32 = 0.3;
-/// What a mean of cells counts that has less of what was asked for: at least that should be done.
+/// Weight of a mean of cells that falls short: the amount asked for is the least to be reached.
 const SHORT: f32 = 2.0;
 /// Stops by which more is done than asked for, and as much of a ratio of channels: a dump and a render differ by a percent or two.
 const MARGIN: f32 = 0.02;
@@ -95,23 +95,25 @@ const SURE: f32 = 2.0;
 const MOST_MORE: f32 = 0.25;
 /// Added to exposed values under a logarithm or a quotient: a fiftieth of the mean.
 const FLOOR: f32 = 0.01;
-/// What a difference of colour ratios counts beside one of tonemapped values.
+/// Weight of a difference of colour ratios beside one of tonemapped values.
 const CHROMA: f32 = 0.3;
-/// What counts a change that was not asked for: of colour by a goal about brightness, of brightness by one about warmth.
+/// Weight of a change that was not asked for: of colour by a goal about brightness, of brightness by one about warmth.
 const SIDE: f32 = 0.3;
-/// The same of the mean colour of cells, beside the mean brightness that was asked for: light from elsewhere has another colour.
+/// Weight of an unasked change of the mean colour of cells, beside the mean brightness that was asked for: light from
+/// elsewhere has another colour.
 const SIDE_OF_MEAN: f32 = 0.2;
-/// What single cells count beside their mean where that is what was asked for: so much should it be reached everywhere alike. Light
-/// that falls from elsewhere never does, and what was asked for goes first.
+/// Weight of single cells beside their mean where a mean was asked for: how evenly it is to be reached. Light that
+/// falls from elsewhere never does, and what was asked for goes first.
 const EVEN: f32 = 0.01;
-/// The same of what is kept, which no cell of should change.
+/// Weight of single cells beside their mean in a part that is to be kept, where no cell should change.
 const EVENLY_KEPT: f32 = 0.2;
 /// Change of ln(R / B) by one mired: `c2 (1/lambda_B - 1/lambda_R) 1e-6` of Planck's law (Wien's approximation), with
 /// c2 = 14388 um K, 0.46 um and 0.61 um.
 pub(crate) const RATIO_PER_MIRED: f32 = 0.00769;
 
 impl Criterion {
-    /// What [`Criterion::residual`] compares an exposed cell to, from the cell before, or in the target, exposed as well.
+    /// Reference of [`Criterion::residual`] for an exposed cell, from the cell before, or in the target, exposed as
+    /// well.
     pub(crate) fn reference(&self, exposed: [f32; 3]) -> [f32; 3] {
         match self {
             Self::Target { .. } => exposed.map(|x| reinhard(x).0),
@@ -126,7 +128,7 @@ impl Criterion {
         }
     }
 
-    /// What single cells count beside their mean; a target asks for them alone.
+    /// Weight of single cells beside their mean; a target asks for them alone.
     pub(crate) fn weight_of_cells(&self) -> f32 {
         match self {
             Self::Target { .. } => 1.0,
@@ -135,8 +137,9 @@ impl Criterion {
         }
     }
 
-    /// What [`Criterion::residual_of_mean`] compares the mean of exposed cells to, from what it was before; a target asks for each cell by
-    /// itself. Amounts should be what was asked for, no more and no less, but for `MARGIN` and what their `deviation` by noise demands.
+    /// Reference of [`Criterion::residual_of_mean`] for the mean of exposed cells, from what it was before; a target
+    /// asks for each cell by itself. Amounts should be what was asked for, no more and no less, but for `MARGIN` and
+    /// what their `deviation` by noise demands.
     pub(crate) fn reference_of_mean(&self, before: [f32; 3], deviation: f32) -> Option<[f32; 3]> {
         let [amount, second, third] = self.reference(before);
         let more = |asked: f32, margin: f32| {
@@ -171,8 +174,8 @@ impl Criterion {
         -residual > short * met || residual > excess * (met + MOST_MORE * asked.abs())
     }
 
-    /// Whether a residual of a mean says less good of a picture than another: less of what is asked for by amount, or further from the
-    /// rest.
+    /// True if a residual of a mean says less good of a picture than another: less of what is asked for by amount, or
+    /// further from the rest.
     pub(crate) fn is_worse(&self, residual: [f32; 3], other: [f32; 3]) -> bool {
         let square = |r: [f32; 3]| r.iter().map(|r| r * r).sum::<f32>();
         match self {
@@ -195,7 +198,7 @@ impl Criterion {
         }
     }
 
-    /// As [`Self::residual`] for the mean of cells.
+    /// Residual of the mean of cells; see [`Self::residual`] for a single one.
     pub(crate) fn residual_of_mean(&self, mean: [f32; 3], reference: [f32; 3]) -> ([f32; 3], [[f32; 3]; 3]) {
         match self {
             Self::Brightness { stops } => {

@@ -10,10 +10,11 @@
 //! let polished = polish(&through_the_gather, &[&solution.lights[..]], 24, &mut |step| ControlFlow::Continue(()))?;
 //! ```
 //!
-//! What is free of a light is mapped to unconstrained values (`variable`), of which some end at walls (`wall`); what is asked for
-//! becomes residuals of cells (`goal`, `term`); their squares and what moves cost (`preference`) are the loss (`objective`). [`solve`]
-//! steps by Adam on random subsets, from several starts of which the worse are given up; [`polish`] by Levenberg-Marquardt on exact pictures.
-//! [`regroupings`] and [`relocations`] lead out of local minima, [`idle_lights`] finds lights that are not needed, [`report()`] says what became of each goal.
+//! Free parameters of a light are mapped to unconstrained values (`variable`), of which some have active bounds
+//! (`active_bound`); goals become residuals of cells (`goal`, `term`); their squares and what moves cost (`preference`)
+//! are the loss (`objective`). [`solve`] steps by Adam on random subsets, from several starts of which the worse are
+//! given up; [`polish`] by Levenberg-Marquardt on exact pictures. [`regroupings`] and [`relocations`] lead out of local
+//! minima, [`idle_lights`] finds lights that are not needed, [`report()`] says what became of each goal.
 
 mod active_bound;
 mod adam;

@@ -80,7 +80,7 @@ impl<'a> Objective<'a> {
         self.views.iter().zip(draw).map(unit).collect()
     }
 
-    /// As [`Self::loss`] without what moves cost, from pictures that are there already.
+    /// Loss without the cost of moves, from pictures that are there already.
     pub(crate) fn loss_of_goals(&self, lights: &[Light], units: &[Vec<Unit>], draw: &Draw) -> f64 {
         let of_view = |((view, units), draw): ((&ViewObjective, &Vec<Unit>), &Vec<Vec<u32>>)| {
             view.loss_of_units(lights, units, draw)
@@ -88,7 +88,7 @@ impl<'a> Objective<'a> {
         self.views.iter().zip(units).zip(draw).map(of_view).sum()
     }
 
-    /// As [`Self::loss_of_goals`] from two exact estimates of each picture, which tell how noisy they are.
+    /// Loss without the cost of moves, from two exact estimates of each picture, which tell how noisy they are.
     pub(crate) fn loss_of_halves(&self, lights: &[Light], units: &[Vec<Halves>], draw: &Draw) -> f64 {
         let views = self.views.iter().zip(units).zip(draw);
         views.map(|((view, units), draw)| view.loss_of_halves(lights, units, draw)).sum()
@@ -120,7 +120,7 @@ impl<'a> Objective<'a> {
         Ok((loss, gradient))
     }
 
-    /// What a light's moves cost.
+    /// Cost of a light's moves.
     pub(crate) fn preferences(
         &self,
         number: usize,
@@ -136,7 +136,8 @@ impl<'a> Objective<'a> {
     }
 }
 
-/// What brings a picture of some mean luminance to moderate brightness. A black one goes by a target beside it.
+/// Exposure that brings a picture of some mean luminance to moderate brightness. A black one goes by a target beside
+/// it.
 fn exposure_of_baseline(view: &View<'_>, luminance: f32) -> Result<f32, OptimiseError> {
     let target = view.goals.iter().find_map(|goal| match &goal.criterion {
         Criterion::Target { image, .. } => Some(metrics::exposure(image)),
@@ -241,7 +242,7 @@ impl<'a> ViewObjective<'a> {
         }
     }
 
-    /// As [`Self::units`], with derivatives from a relighter that has them at hand.
+    /// Unit pictures with derivatives from a relighter that has them at hand; else see [`Self::units`].
     fn linear_units(
         &self,
         lights: &[Light],
@@ -282,7 +283,7 @@ impl<'a> ViewObjective<'a> {
         self.terms.iter().zip(uncertainties).zip(draw).map(compare).collect()
     }
 
-    /// What is to be doubted of the means of each term in a clean whole picture.
+    /// Uncertainty of the mean of each term in a clean whole picture.
     pub(crate) fn uncertainties(&self, picture: &Picture, draw: &[Vec<u32>]) -> Vec<Uncertainty> {
         let clean = mean(&picture.clean);
         let uncertainty = |(term, draw): (&Term<'a>, &Vec<u32>)| {
@@ -362,7 +363,7 @@ impl<'a> ViewObjective<'a> {
         self.terms.iter().zip(draw).zip(halves).map(loss).sum()
     }
 
-    /// What the relighter says, if it compares its pictures itself.
+    /// Loss and gradient by the relighter, if it compares its pictures itself.
     fn compare_itself(
         &self,
         lights: &[Light],

@@ -50,14 +50,14 @@ const LEAST_STAGE_GAIN: f64 = 0.05;
 /// pictures alone. What a proxy or smoothing gets wrong is gone afterwards; the basin is still
 /// the one that it found. At most `steps` steps are made.
 ///
-/// Of several candidates each gets the first stage, which tells best which is best, and that one the others.
+/// Each of several candidates gets the first stage, which tells best which is best, and that one the others.
 ///
 /// The loss is the sum of products of residuals by two halves of the paths, and its derivative that of slopes by one half and
 /// residuals by the other: noise that both share would pull the lights to where there is least of it. So pictures of
 /// derivatives need not be denoised, only those that are compared with the goals.
 ///
 /// # Errors
-/// As [`crate::solve`]; no candidate.
+/// Those of [`crate::solve`]; no candidate.
 pub fn polish(
     problem: &Problem,
     candidates: &[&[Light]],
@@ -93,7 +93,7 @@ struct Polish<'a> {
     best: State,
     /// Stages that are done.
     stages: usize,
-    /// What the last two of them have left of the loss.
+    /// Losses after the last two stages.
     left: [f64; 2],
     goes_on: bool,
     is_stopped: bool,

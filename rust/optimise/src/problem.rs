@@ -8,17 +8,17 @@ use relume_scene::Light;
 /// A camera from which the lights are seen.
 #[derive(Clone)]
 pub struct View<'a> {
-    /// What makes pictures of the lights whose shapes may change.
+    /// Relighter for the lights whose shapes may change.
     pub relight: &'a dyn Relight,
-    /// What is there without the solved lights: static layer, world, other lights. Scene-linear RGB.
+    /// Picture without the solved lights: static layer, world, other lights. Scene-linear RGB.
     pub base: &'a Image,
     /// For each variable whose shape stays its picture for radiance 1.
     pub still: Vec<Option<&'a Image>>,
-    /// What the picture should do.
+    /// Goals for the picture.
     pub goals: &'a [Goal],
 }
 
-/// What is to be solved: lights that serve the goals of all views.
+/// Problem to solve: lights that serve the goals of all views.
 #[derive(Clone)]
 pub struct Problem<'a> {
     /// Where it is seen from.

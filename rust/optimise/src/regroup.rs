@@ -21,7 +21,7 @@ const APART: [f32; 2] = [0.03, 0.08];
 /// whose place or strength is locked stay as they are. `softness` is that of the comparison.
 ///
 /// # Errors
-/// As [`crate::solve`].
+/// See [`crate::solve`].
 pub fn regroupings(
     problem: &Problem,
     lights: &[Light],

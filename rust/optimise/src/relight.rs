@@ -78,7 +78,7 @@ pub trait Relight: Sync {
         lights.iter().map(twice).collect()
     }
 
-    /// What some lights, each with its radiance, add to each cell of the picture.
+    /// Sum of what some lights, each with its radiance, add to each cell of the picture.
     ///
     /// # Errors
     /// Whatever the relighter reports.
@@ -119,7 +119,7 @@ pub trait Relight: Sync {
 pub struct Picture {
     /// Two exact estimates with independent noise, or twice the same if there is none.
     pub exact: [Vec<[f32; 3]>; 2],
-    /// The same with as little noise as they can be made, which need not be exact any more.
+    /// Cells with as little noise as they can be made, which need not be exact any more.
     pub clean: [Vec<[f32; 3]>; 2],
 }
 

@@ -13,19 +13,20 @@ use relume_scene::Light;
 const COMPARED: usize = 1024;
 /// Places tried, of all lights together.
 const PLACES: usize = 512;
-/// Of each light in turn, in units of its power, so often over; a locked strength stays.
+/// Rounds in which each light is scaled in turn, in units of its power; a locked strength stays.
 const ROUNDS: usize = 2;
 const STRENGTHS: [f32; 5] = [0.25, 0.5, 1.0, 2.0, 4.0];
 /// Places whose pictures are made at a time: a relighter that is cancelled says so before the next ones.
 const AT_ONCE: usize = 16;
 
-/// The same lights with one of them somewhere else altogether, the best first and at most `most`: what is free of its shape goes a
-/// random share of the way from where the artist has it to a random place in its bounds. The others are where they were found, or where
-/// the artist has them: they may have gone astray for want of this one. All strengths follow. Exact pictures are compared: smoothed lights
-/// cast no shadow on a small stroke. None for a target, of which every cell says where light is missing.
+/// Lights of which one is somewhere else altogether, the best first and at most `most`: the free part of its shape goes
+/// a random share of the way from where the artist has it to a random place in its bounds. The others are where they
+/// were found, or where the artist has them: they may have gone astray for want of this one. All strengths follow.
+/// Exact pictures are compared: smoothed lights cast no shadow on a small stroke. None for a target, of which every
+/// cell says where light is missing.
 ///
 /// # Errors
-/// As [`crate::solve`].
+/// See [`crate::solve`].
 pub fn relocations(
     problem: &Problem,
     lights: &[Light],

@@ -1,26 +1,26 @@
-//! What became of the goals, measured on pictures before and after.
+//! Outcome of the goals, measured on pictures before and after.
 
 use crate::goal::{Criterion, Goal, RATIO_PER_MIRED};
 use crate::variable::luminance;
 use relume_image::{Image, metrics};
 use serde::Serialize;
 
-/// What became of a goal.
+/// Outcome of a goal.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
     /// Its name: target, brightness, color, temperature, keep.
     pub goal: &'static str,
-    /// What was asked for, in `unit`; none for a target.
+    /// Requested value, in `unit`; none for a target.
     pub asked: Option<f64>,
-    /// The same of the picture before.
+    /// Value in the picture before.
     pub before: f64,
-    /// The same of the picture after.
+    /// Value in the picture after.
     pub reached: f64,
     /// `dB` (Reinhard PSNR), `stops`, `chroma` (distance of colour ratios), `mireds` or `fraction`.
     pub unit: &'static str,
-    /// Whether it is what was asked for.
+    /// True if the goal is met.
     pub met: bool,
-    /// Of a target where most remains to be done, of what is to be kept where it changed most.
+    /// Place where most of a target remains to be done, or where a part to be kept changed most.
     pub worst: Option<Worst>,
 }
 
@@ -212,8 +212,8 @@ fn oppose(a: &Goal, b: &Goal, before: &Image) -> bool {
     }
 }
 
-/// Whether less than half of a goal would be done where the picture is a target. A target of any exposure says nothing of
-/// brightness.
+/// True if less than half of a goal would be done where the picture is a target. A target of any exposure says nothing
+/// of brightness.
 fn is_denied(goal: &Goal, target: &Image, any_exposure: bool, before: &Image) -> bool {
     let there = report(goal, before, target);
     let asked = there.asked.unwrap_or_default();
@@ -227,7 +227,7 @@ fn is_denied(goal: &Goal, target: &Image, any_exposure: bool, before: &Image) ->
     }
 }
 
-/// Whether they share a third of the smaller one.
+/// True if the goals share a third of the smaller one.
 fn overlap(a: &Goal, b: &Goal) -> bool {
     let (Some(a), Some(b)) = (&a.pixels, &b.pixels) else { return true };
     let shared: f32 = a.iter().zip(b).map(|(a, b)| a.min(*b)).sum();

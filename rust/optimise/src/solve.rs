@@ -70,7 +70,7 @@ pub struct Solution {
     pub losses: Vec<f64>,
     /// The start that came second, which may be the better one where losses are exact.
     pub runner_up: Option<RunnerUp>,
-    /// Whether the caller stopped it early; the lights are the best until then.
+    /// True if the caller stopped it early; the lights are the best until then.
     pub cancelled: bool,
 }
 
@@ -133,7 +133,7 @@ struct Race<'a> {
     cancelled: AtomicBool,
 }
 
-/// What the starts of one part have in common.
+/// State that the starts of one part have in common.
 struct Part<'a> {
     objective: &'a Objective<'a>,
     check: &'a Check<'a>,
@@ -142,7 +142,7 @@ struct Part<'a> {
     may_end: bool,
 }
 
-/// What starts are compared by: the loss at the final softness over evenly spread cells.
+/// Comparison of starts: the loss at the final softness over evenly spread cells.
 struct Check<'a> {
     objective: Objective<'a>,
     draw: Draw,

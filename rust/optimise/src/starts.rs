@@ -34,7 +34,7 @@ const OWN_STRENGTH: [f32; 1] = [1.0];
 /// is: there shine all lights as they do, and of one after the other what is free of its shape is drawn.
 ///
 /// # Errors
-/// As [`crate::solve`].
+/// See [`crate::solve`].
 pub fn random_starts(problem: &Problem, options: &RandomStarts) -> Result<Vec<Vec<Light>>, OptimiseError> {
     problem.validate()?;
     let objective = Objective::new(problem, options.softness)?;
@@ -90,7 +90,7 @@ impl Search<'_> {
         Ok(placed.lights)
     }
 
-    /// Whether a light is in the picture before it is placed.
+    /// True if a light is in the picture before it is placed.
     fn shines(&self, variable: &Variable) -> bool {
         !self.from_darkness && luminance(power(&variable.light)) > 0.0
     }
@@ -147,7 +147,7 @@ pub(crate) fn strengths(variable: &Variable, all: &'static [f32]) -> impl Iterat
     if variable.locks.strength { &OWN_STRENGTH } else { all }.iter().copied()
 }
 
-/// What is free of the shape a share of the way to what is drawn anew.
+/// Shape whose free part goes a share of the way to one drawn anew.
 pub(crate) fn random_shape(variable: &Variable, share: f32, random: &mut Random) -> LightShape {
     let (locks, bounds, shape) = (&variable.locks, &variable.bounds, &variable.light.shape);
     let mut step = [0.0; LANES];

@@ -8,16 +8,16 @@ use relume_image::metrics;
 pub(crate) struct Term<'a> {
     criterion: &'a Criterion,
     pub(crate) weight: f32,
-    /// What pictures are multiplied with: the paper's curve I / (1 + I) presumes moderate brightness, ours may be in any unit.
+    /// Factor of pictures: the paper's curve I / (1 + I) presumes moderate brightness, ours may be in any unit.
     pub(crate) exposure: f32,
     /// Numbers of the cells with a weight above 0.
     pub(crate) cells: Vec<u32>,
     weights: Vec<f32>,
-    /// What each is compared to.
+    /// Reference of each cell.
     references: Vec<[f32; 3]>,
-    /// What each was before, exposed.
+    /// Each cell before, exposed.
     baseline: Vec<[f32; 3]>,
-    /// The same by either half of the paths, where they are told apart.
+    /// Each cell before, by either half of the paths, where they are told apart.
     baseline_halves: Option<Halves>,
 }
 
@@ -28,12 +28,12 @@ pub(crate) struct Baseline {
     pub halves: Option<Halves>,
 }
 
-/// What noise may do to the mean of a term's cells, and what its removal does.
+/// Uncertainty of the mean of a term's cells by noise, and the bias of denoising.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Uncertainty {
     /// Standard deviation of what is asked for by amount.
     deviation: f32,
-    /// What brings the mean of clean cells to that of exact ones, beside what did so before.
+    /// Factor that brings the mean of clean cells to that of exact ones, beside what did so before.
     factor: [f32; 3],
 }
 
@@ -78,19 +78,19 @@ impl<'a> Term<'a> {
         self.cells.len()
     }
 
-    /// What is wanted of some cells, given by their numbers in the term's own list.
+    /// Target for some cells, given by their numbers in the term's own list.
     pub(crate) fn target(&self, draw: &[u32]) -> TermTarget<'a> {
         self.target_with(&Uncertainty::NONE, draw)
     }
 
-    /// What is to be doubted of the mean of the drawn cells of a picture by two estimates of them.
+    /// Uncertainty of the mean of the drawn cells of a picture, from two independent estimates of them.
     pub(crate) fn uncertainty(&self, exact: &Halves, draw: &[u32]) -> Uncertainty {
         Uncertainty { deviation: self.deviation(exact, draw), ..Uncertainty::NONE }
     }
 
-    /// The same of a clean picture of these cells: its mean is brought to that of the exact ones where that says less good of the
-    /// picture. Denoising moves light to beside where it is bright, which single cells hardly show but means do; the mean of exact cells
-    /// may be that of a few that happen to be very bright.
+    /// Uncertainty of a clean picture of these cells: its mean is brought to that of the exact ones where that says
+    /// less good of the picture. Denoising moves light to beside where it is bright, which single cells hardly show but
+    /// means do; the mean of exact cells may be that of a few that happen to be very bright.
     pub(crate) fn uncertainty_of_clean(
         &self,
         clean: &[[f32; 3]],
@@ -108,7 +108,8 @@ impl<'a> Term<'a> {
         }
     }
 
-    /// What brings the mean of clean cells to that of exact ones, beside what did so before. Of a colour noise says too little.
+    /// Factor that brings the mean of clean cells to that of exact ones, beside what did so before. Noise says too
+    /// little of a colour.
     fn factor_to_exact(&self, clean: &[[f32; 3]], exact: &Halves, draw: &[u32]) -> [f32; 3] {
         let (Some(before), false) =
             (&self.baseline_halves, matches!(self.criterion, Criterion::Color { .. }))
@@ -140,14 +141,14 @@ impl<'a> Term<'a> {
         0.5 * noise.map(|noise| noise * noise).sum::<f32>().sqrt()
     }
 
-    /// What each drawn cell is of all of them.
+    /// Share of each drawn cell in all of them.
     fn shares(&self, draw: &[u32]) -> Vec<f32> {
         let weight = |number: &u32| self.weights[*number as usize];
         let total: f32 = draw.iter().map(weight).sum();
         draw.iter().map(|number| weight(number) / total).collect()
     }
 
-    /// As [`Self::wanted`], more where there is doubt.
+    /// Target that asks for more where the mean is uncertain.
     pub(crate) fn target_with(&self, uncertainty: &Uncertainty, draw: &[u32]) -> TermTarget<'a> {
         let shares: Vec<f32> = self.shares(draw).iter().map(|share| self.weight * share).collect();
         let references: Vec<[f32; 3]> = draw.iter().map(|number| self.references[*number as usize]).collect();
@@ -166,12 +167,12 @@ impl<'a> Term<'a> {
         }
     }
 
-    /// Whether the mean of the cells is compared beside each of them.
+    /// True if the mean of the cells is compared beside each of them.
     pub(crate) fn has_mean(&self) -> bool {
         !matches!(self.criterion, Criterion::Target { .. })
     }
 
-    /// Whether the picture's exposure does not count.
+    /// True if the picture's exposure does not count.
     fn is_exposure_invariant(&self) -> bool {
         matches!(self.criterion, Criterion::Target { exposure_invariant: true, .. })
     }
@@ -205,27 +206,27 @@ fn quotient(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
     std::array::from_fn(|c| a[c] / b[c])
 }
 
-/// What a goal wants of some cells: all that a comparison needs beside the picture.
+/// Target of a goal at some cells: all that a comparison needs beside the picture.
 #[derive(Clone, Debug)]
 pub struct TermTarget<'a> {
-    /// What is asked for.
+    /// Criterion of the goal.
     pub criterion: &'a Criterion,
     /// Weight of the goal beside others.
     pub weight: f32,
-    /// What pictures are multiplied with before they are compared.
+    /// Factor of pictures before they are compared.
     pub exposure: f32,
-    /// What the luminance of the exposed cells, each times its share, is brought to before they are compared, where their own exposure
-    /// does not matter.
+    /// Luminance that the exposed cells, each times its share, are brought to before they are compared, where their own
+    /// exposure does not matter.
     pub luminance: Option<f32>,
-    /// What the mean of the exposed cells is multiplied with before it is compared.
+    /// Factor of the mean of the exposed cells before it is compared.
     pub factor_of_mean: [f32; 3],
-    /// What it is compared to, by a goal that asks for a mean.
+    /// Reference of the mean, for a goal that asks for one.
     pub reference_of_mean: Option<[f32; 3]>,
     /// Numbers of the cells.
     pub cells: Vec<u32>,
-    /// What each exposed cell is compared to.
+    /// Reference of each exposed cell.
     pub references: Vec<[f32; 3]>,
-    /// What each counts in the loss; their sum is the weight.
+    /// Weight of each cell in the loss; their sum is the weight of the goal.
     pub shares: Vec<f32>,
 }
 
@@ -274,7 +275,7 @@ impl<'a> Comparison<'a> {
         Self { target, exposed, gain, gain_slope, residuals, slopes, whole }
     }
 
-    /// Whether the mean has too little or far too much of what was asked for.
+    /// True if the mean has too little or far too much of what was asked for.
     pub(crate) fn is_off(&self) -> bool {
         self.whole.is_some_and(|(residual, _)| self.target.criterion.is_off(residual))
     }
@@ -356,7 +357,7 @@ mod tests {
         (0..SIZE.0 * SIZE.1).map(|_| [value + noise * uniform * (random.next_f32() - 0.5); 3]).collect()
     }
 
-    /// What a mean should be, by a picture before and one after of two estimates each.
+    /// Reference of a mean, by a picture before and one after of two estimates each.
     fn first_of_reference(criterion: &Criterion, before: Halves, after: &Halves) -> f32 {
         let goal = Goal { criterion: criterion.clone(), pixels: None, weight: 1.0 };
         let before = Baseline { cells: mean(&before), halves: Some(before) };

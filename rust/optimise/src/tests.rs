@@ -16,7 +16,7 @@ pub(crate) const SIZE: (usize, usize) = (12, 8);
 /// Irradiance of lights taken as small, each pixel a point of a floor or a wall.
 pub(crate) struct Lambert {
     cell: usize,
-    /// What `linearise` gives; else only `pull_back`.
+    /// True if `linearise` gives derivatives; else only `pull_back` does.
     is_linear: bool,
 }
 

@@ -7,11 +7,11 @@ use relume_scene::Light;
 /// Cells of each goal by which lights are judged.
 const JUDGED: usize = 4096;
 
-/// Whether some lights may do less than was asked for by amount, by exact or clean pictures and for all that noise may hide as while
-/// polishing, or whether they do far more, or change much of what may change of what is kept.
+/// True if some lights may do less than was asked for by amount, by exact or clean pictures and within the noise
+/// assumed while polishing, or if they do far more, or change much of what is to be kept.
 ///
 /// # Errors
-/// As [`crate::solve`].
+/// See [`crate::solve`].
 pub fn is_uncertain(problem: &Problem, lights: &[Light]) -> Result<bool, OptimiseError> {
     problem.validate()?;
     let objective = Objective::new(problem, 0.0)?;

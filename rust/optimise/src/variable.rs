@@ -42,12 +42,12 @@ impl Locks {
         proportion: true,
     };
 
-    /// Whether the shape stays, so that one picture of the light serves throughout.
+    /// True if the shape stays, so that one picture of the light serves throughout.
     pub fn hold_shape(&self, shape: &LightShape) -> bool {
         (0..LANES).all(|number| self.holds(number) || !shape.has_lane(number))
     }
 
-    /// Whether nothing may move.
+    /// True if nothing may move.
     pub fn hold_all(&self, shape: &LightShape) -> bool {
         self.hold_shape(shape) && self.color && self.strength
     }
@@ -118,7 +118,7 @@ impl Bounds {
         self
     }
 
-    /// What is wrong with them.
+    /// Fault of the bounds, in words.
     pub(crate) fn fault(&self) -> Option<&'static str> {
         let rises = |[low, high]: [f32; 2]| 0.0 < low && low < high && high.is_finite();
         let is_range = |[low, high]: [f32; 2]| 0.0 <= low && low <= high && high.is_finite();
@@ -143,7 +143,7 @@ impl Bounds {
 pub struct Variable {
     /// Where it starts, and what it is drawn to by `stay`.
     pub light: Light,
-    /// What stays as it is.
+    /// Parameters that stay as they are.
     pub locks: Locks,
     /// Where it may go.
     pub bounds: Bounds,
@@ -222,7 +222,7 @@ impl Mapping {
         })
     }
 
-    /// Whether an unconstrained value changes anything.
+    /// True if an unconstrained value changes anything.
     pub(crate) fn is_free(&self, shape: &LightShape, number: usize) -> bool {
         match (number, self.locks.color, self.locks.strength) {
             (0..LANES, ..) => {

@@ -36,7 +36,7 @@ impl Extent {
     pub const CARD: Self = Self { rounds: ROUNDS, size: PAPER_SIZE, samples: 16_384, widest: 256 };
     /// On a software driver: a tenth of it in both directions.
     pub const SOFTWARE: Self = Self { rounds: ROUNDS, size: [88, 50], samples: 1024, widest: 256 };
-    /// As little as there can be, to see that it works.
+    /// Smallest extent, to see that it works.
     pub const TRIAL: Self = Self { rounds: 1, size: [20, 12], samples: 1024, widest: 64 };
 }
 
@@ -94,7 +94,7 @@ pub fn device(gpu: &Arc<Gpu>, extent: Extent) -> Result<Vec<Figure>, ProxyError>
     Ok(figures)
 }
 
-/// What a device can do at best.
+/// Limits of a device.
 struct Limits {
     peaks: Peaks,
     /// Bytes a second to the CPU.
@@ -220,8 +220,8 @@ fn device_trainer(network: NetworkConfig, [width, height]: [usize; 2]) -> Result
     Trainer::new(Arc::new(SyntheticRoom::new(width, height).features()), LightKind::Sphere, config, 1)
 }
 
-/// The same with outputs that are lifted above zero, where those of a network that has learned nothing are cut off: errors are
-/// shares of the largest value, which must not be what is left of larger ones.
+/// Trainer with outputs that are lifted above zero, where those of a network that has learned nothing are cut off:
+/// errors are shares of the largest value, which must not be what is left of larger ones.
 pub(crate) fn lit(mut trainer: Trainer) -> Trainer {
     let is_of_outputs = |tensor: &&Tensor| tensor.role == Role::Bias && tensor.cols == 3;
     let ranges: Vec<_> = trainer

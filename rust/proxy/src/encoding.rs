@@ -118,8 +118,8 @@ pub(crate) fn dual_params(light: &LightParams) -> [Dual; MAX_PARAMS] {
     params
 }
 
-/// What the network's output is multiplied with: a constant, and the light's area in units of that of a middling light,
-/// so that small lights do not vanish under the loss.
+/// Factor of the network's output: a constant, and the light's area in units of that of a middling light, so that small
+/// lights do not vanish under the loss.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct OutputScale {
     /// Radiance of a network output of 1 at the middling light.

@@ -18,7 +18,7 @@ pub(crate) const NEWTON_SCHULZ: [f32; 3] = [3.4445, -4.7750, 2.0315];
 /// Its rounds.
 pub(crate) const ROUNDS: usize = 5;
 
-/// What Adam's moments are multiplied with at a step, counted from 1, since they start at zero.
+/// Factors of Adam's moments at a step, counted from 1, since they start at zero.
 pub(crate) fn corrections(step: u64) -> [f32; 2] {
     let power = step.min(100_000) as i32;
     [1.0 / (1.0 - BETA1.powi(power)), 1.0 / (1.0 - BETA2.powi(power))]

@@ -2,7 +2,7 @@ use glam::Vec3;
 
 use crate::ProxyError;
 
-/// What the networks know of each pixel, from the AOVs and the camera. All arrays run row-major from the top left
+/// Features of each pixel for the networks, from the AOVs and the camera. All arrays run row-major from the top left
 /// pixel and hold `width * height` entries.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PixelFeatures {

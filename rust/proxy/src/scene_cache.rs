@@ -32,7 +32,7 @@ impl Normalisation {
 
 /// Inputs of a network that come straight from the pixel: albedo (3), normal (3), depth, then position (3) and wo (3).
 pub(crate) const AUX: usize = 13;
-/// Of these, the paper's: albedo, normal, depth.
+/// Number of these features that the paper has: albedo, normal, depth.
 pub(crate) const AUX_PAPER: usize = 7;
 /// Rows of a tile of surfaces: position, normal, mirror direction, factor on the fast network's output.
 pub(crate) const SURFACE: usize = 12;
@@ -57,7 +57,7 @@ impl SceneCache {
         Self { normalisation, rows: (0..features.pixel_count()).map(row).collect() }
     }
 
-    /// What is known of some pixels, for the device.
+    /// Features of some pixels, for the device.
     pub fn rows(&self, pixels: &[u32]) -> Vec<[f32; PIXEL_ROW]> {
         pixels.iter().map(|&pixel| self.rows[pixel as usize]).collect()
     }

@@ -19,7 +19,7 @@ pub struct Light {
 }
 
 impl Light {
-    /// What unit images are of: radiance 1, Blender's default ray visibility, all receivers. Without a name.
+    /// Light of unit images: radiance 1, Blender's default ray visibility, all receivers. Without a name.
     pub fn unit(shape: LightShape) -> Self {
         Self {
             name: String::new(),

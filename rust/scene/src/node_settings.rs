@@ -50,7 +50,7 @@ pub enum TexCoord {
     Reflection,
 }
 
-/// What a Mapping node does with its vector.
+/// Operation of a Mapping node on its vector.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum MappingKind {

@@ -30,7 +30,7 @@ pub enum ObjError {
     File {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// Fault of the file, in words.
         reason: String,
     },
     /// An object or material cannot be used.

@@ -217,9 +217,9 @@ impl PolygonMesh<'_> {
     }
 }
 
-/// Whether Blender splits a quad from its second to its fourth corner instead of from its first to its third:
-/// only where the usual diagonal would run outside of a concave quad (`is_quad_flip_v3_first_third_fast` of
-/// Blender's `math_geom`).
+/// True if Blender splits a quad from its second to its fourth corner instead of from its first to its third: only
+/// where the usual diagonal would run outside of a concave quad (`is_quad_flip_v3_first_third_fast` of Blender's
+/// `math_geom`).
 fn flips_diagonal(mut corners: impl Iterator<Item = Vec3>) -> bool {
     let mut next = || corners.next().unwrap_or_default();
     let [a, b, c, d] = [next(), next(), next(), next()];

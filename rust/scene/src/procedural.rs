@@ -42,7 +42,7 @@ pub enum GradientKind {
     Radial,
 }
 
-/// What a Voronoi texture measures (names of Blender's `feature`).
+/// Measure of a Voronoi texture (names of Blender's `feature`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "SCREAMING_SNAKE_CASE")]
 #[expect(missing_docs, reason = "the names of Blender's enum")]
@@ -135,7 +135,7 @@ pub struct VoronoiTexture {
     pub metric: Metric,
     pub hash: VoronoiHash,
     pub normalize: bool,
-    /// Whether the outputs are vector (Blender's Position) and w, not color and distance.
+    /// True if the outputs are vector (Blender's Position) and w, not color and distance.
     pub position: bool,
     pub vector: Option<Input>,
     pub w: Input,

@@ -196,7 +196,7 @@ fn points_to_measure(material: &Material) -> usize {
     }
 }
 
-/// Whether light can go straight through a material, judged by its nodes.
+/// True if light can go straight through a material, judged by its nodes.
 pub(crate) fn may_be_transparent(material: &Material) -> bool {
     material.nodes.iter().any(|node| match node {
         Node::Transparent { .. } => true,

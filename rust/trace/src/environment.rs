@@ -59,7 +59,7 @@ impl Environment {
         (self.color * materials.world_texel(scene, direction)).min(Vec3::splat(MOST_RADIANCE))
     }
 
-    /// Whether sampling directions directly is worth it: a world of one colour is as well met by BSDF sampling.
+    /// True if sampling directions directly is worth it: a world of one colour is as well met by BSDF sampling.
     pub fn can_sample(&self) -> bool {
         self.grid.is_some()
     }

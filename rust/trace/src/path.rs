@@ -1,4 +1,4 @@
-//! What a path remembers from bounce to bounce, with the rules of Cycles' `kernel/integrator/path_state.h`.
+//! State of a path from bounce to bounce, with the rules of Cycles' `kernel/integrator/path_state.h`.
 
 use glam::Vec3;
 use relume_dump::{End, Lobe, Segment};
@@ -10,9 +10,9 @@ use crate::{bsdf::BsdfSample, settings::BounceLimits};
 pub(crate) struct PathState {
     /// `T_k` of the current segment.
     pub throughput: Vec3,
-    /// What made the current segment; transparent surfaces do not change it.
+    /// Scattering event that made the current segment; transparent surfaces do not change it.
     pub lobe: Lobe,
-    /// Whether that was diffuse, on either side of the surface.
+    /// True if that event was diffuse, on either side of the surface.
     pub is_diffuse: bool,
     /// Class that lights along the present segment are collected under ([`BsdfSample::light_lobe`]).
     pub light_lobe: Lobe,
@@ -28,7 +28,7 @@ pub(crate) struct PathState {
     glossy: u32,
     transmission: u32,
     transparent: u32,
-    /// Whether the current segment left a transparent surface.
+    /// True if the current segment left a transparent surface.
     through_transparent: bool,
     /// The next surface only emits and lets through.
     last_surface: bool,
@@ -72,12 +72,12 @@ impl PathState {
         Segment { end, throughput: self.throughput, lobe: self.light_lobe, receiver: self.receiver }
     }
 
-    /// Whether the path is on the first surface after the camera.
+    /// True if the path is on the first surface after the camera.
     pub fn is_on_first_surface(&self) -> bool {
         self.bounces + self.transparent == 0
     }
 
-    /// Whether a bounce limit was reached: the surface that the path is on can emit and be transparent, no more.
+    /// True if a bounce limit was reached: the surface that the path is on can emit and be transparent, no more.
     pub fn is_last_surface(&self) -> bool {
         self.last_surface
     }
@@ -110,8 +110,8 @@ impl PathState {
         limits.transparent.saturating_sub(self.transparent)
     }
 
-    /// Whether lights along the current segment count: where they are looked for from surfaces, no more transparent ones may
-    /// lie before them than the limit says. `is_found` where a path meets them by itself alone, as in mirrors.
+    /// True if lights along the current segment count: where they are sampled from surfaces, no more transparent ones
+    /// may lie before them than the limit says. `is_found` where only the path itself can hit them, as in mirrors.
     pub fn sees_lights(&self, limits: &BounceLimits, is_found: bool) -> bool {
         is_found || self.transparent <= limits.transparent
     }

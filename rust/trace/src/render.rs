@@ -37,7 +37,7 @@ pub enum TraceError {
     Threads {
         /// How many were asked for.
         threads: usize,
-        /// What the system said.
+        /// Error of the system.
         source: rayon::ThreadPoolBuildError,
     },
 }
@@ -51,7 +51,7 @@ pub enum Outcome {
     Cancelled,
 }
 
-/// What has been done so far.
+/// Progress so far.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Progress {
     /// Paths traced or found in the dump.
@@ -127,7 +127,7 @@ impl<'a> Tracer<'a> {
         Ok(Self { integrator, guide, settings: settings.clone(), warnings })
     }
 
-    /// What of the materials could not be represented, in words for the user.
+    /// Warnings for the user about parts of materials that could not be represented.
     pub fn warnings(&self) -> &[String] {
         &self.warnings
     }
@@ -257,7 +257,7 @@ impl<'a> Run<'a> {
         self.manifest.tile_count() * self.manifest.passes.len()
     }
 
-    /// What each thread does until nothing is left.
+    /// Loop of each thread until nothing is left.
     fn work(&self) {
         let mut scratch = Scratch::default();
         let mut samples = TileSamples::new(TileRect { x: 0, y: 0, width: 0, height: 0 });

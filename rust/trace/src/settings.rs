@@ -6,7 +6,7 @@ use relume_scene::Light;
 use crate::bsdf::Caustics;
 use crate::filter::PixelFilter;
 
-/// Of [`TraceSettings::guiding`]: above, lights that were moved would be too noisy.
+/// Largest [`TraceSettings::guiding`]: above, lights that were moved would be too noisy.
 pub const MOST_GUIDING: f32 = 0.9;
 
 /// All settings of a bake.
@@ -31,7 +31,7 @@ pub struct TraceSettings {
     pub guide_targets: Vec<Light>,
     /// The world's colour in place of the scene's, for what is to fit a bake that was begun under another one.
     pub world_color: Option<[f32; 3]>,
-    /// What the paths are; everything that changes the dump but for the samples.
+    /// Settings of the paths; everything that changes the dump but for the samples.
     pub paths: PathSettings,
 }
 
@@ -59,21 +59,21 @@ pub struct PathSettings {
     pub bounces: BounceLimits,
     /// Blender's Filter Glossy; 0 for none.
     pub filter_glossy: f32,
-    /// Whether glossy reflection is seen by diffuse rays, reflected or transmitted.
+    /// True if glossy reflection is seen by diffuse rays, reflected or transmitted.
     pub caustics_reflective: bool,
-    /// Whether refraction is seen by diffuse rays, reflected or transmitted.
+    /// True if refraction is seen by diffuse rays, reflected or transmitted.
     pub caustics_refractive: bool,
     /// Pixel filter.
     pub filter: PixelFilter,
     /// Factor of all light that reaches the film (Cycles' Film > Exposure), at least 0.
     pub film_exposure: f32,
-    /// Whether the scene's own emitters and the world are also sampled directly. Changes only the noise of the static
+    /// True if the scene's own emitters and the world are also sampled directly. Changes only the noise of the static
     /// layers, never a path.
     pub sample_static_lights: bool,
 }
 
 impl PathSettings {
-    /// What diffuse rays see of the surfaces that they meet.
+    /// Closures that diffuse rays see of the surfaces they hit.
     pub(crate) fn caustics(&self) -> Caustics {
         Caustics { reflective: self.caustics_reflective, refractive: self.caustics_refractive }
     }

@@ -30,7 +30,7 @@ pub(crate) struct StaticLights {
     any_transparent: bool,
 }
 
-/// What a light sample adds to the static layers, before the path's throughput.
+/// Contribution of a light sample to the static layers, before the path's throughput.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum StaticSample {
     Emission(Vec3),
@@ -162,13 +162,13 @@ impl StaticLights {
     }
 }
 
-/// What a shadow ray looks things up in.
+/// Scene access of a shadow ray.
 pub(crate) struct ShadowTracer<'a> {
     pub scene: &'a Scene,
     pub bvh: &'a SceneBvh,
     pub materials: &'a PreparedMaterials,
     pub environment: &'a Environment,
-    /// What the path's own directions are drawn from beside the surface.
+    /// Cones that the path's own directions are drawn from beside the surface.
     pub cones: Option<&'a Cones>,
     /// How many transparent surfaces may lie before a light.
     pub transparent_left: u32,

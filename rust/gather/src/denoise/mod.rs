@@ -58,7 +58,7 @@ pub enum DenoiseQuality {
     High,
 }
 
-/// Whether to stop in the middle.
+/// Callback that returns true to stop in the middle.
 pub type Stop<'a> = dyn Fn() -> bool + Sync + 'a;
 
 /// Albedo and normals of a view. Denoised once, every picture of the view can trust them ("clean auxiliary images" of
@@ -70,12 +70,12 @@ pub struct DenoiseFeatures {
     albedo: Vec<f32>,
     normal: Vec<f32>,
     is_clean: bool,
-    /// The same in no others.
+    /// Identity of these features, which no others share.
     identity: Arc<()>,
 }
 
 impl DenoiseFeatures {
-    /// As they are, for pictures that must not wait.
+    /// Features as they are, for pictures that must not wait.
     pub fn noisy(aovs: &Aovs) -> Self {
         let (width, height) = (aovs.albedo.width, aovs.albedo.height);
         let albedo = aovs.albedo.data.iter().map(|value| value.clamp(0.0, 1.0)).collect();

@@ -91,7 +91,7 @@ impl Frame {
 }
 
 impl Bounds {
-    /// Of segments of which all escape or none does.
+    /// Bounds of segments of which all escape or none does.
     pub fn new([starts, ends]: [Aabb; 2], escape: bool, frame: &Frame) -> Self {
         let encode = |bounds: Aabb, minimum: Vec3, step: Vec3| {
             let low = ((bounds.low - minimum) / step).floor() - MARGIN;
@@ -108,7 +108,7 @@ impl Bounds {
         Self { start: [x, y, z, u32::from(escape)], end: [u, v, w, 0] }
     }
 
-    /// Whether a light may touch one of the segments.
+    /// True if a light may touch one of the segments.
     pub fn may_be_touched(&self, light: &GpuLight, frame: &Frame) -> bool {
         let (escape, center) = (self.start[3] != 0, Vec3::from(light.center));
         if light.is_sun() && !escape {

@@ -39,7 +39,7 @@ impl Piece {
         offsets[self.pixels.start] as usize..offsets[self.pixels.end] as usize
     }
 
-    /// The same in runs of at most so many.
+    /// Iterates over its records in runs of at most so many.
     fn runs(&self, most: usize) -> impl Iterator<Item = Range<usize>> {
         let records = self.records();
         records.clone().step_by(most).map(move |start| start..records.end.min(start.saturating_add(most)))

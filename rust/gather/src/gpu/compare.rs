@@ -15,10 +15,10 @@ const GRADIENT: usize = 3 + LANES;
 /// Bytes of values and derivatives that are there at a time.
 const MOST_VALUES: usize = 64 << 20;
 
-/// What smoothed lights and those that stay are compared to.
+/// Targets that smoothed lights and those that stay are compared to.
 #[derive(Clone, Copy, Debug)]
 pub struct Goals<'a> {
-    /// What is there without the lights that move.
+    /// Picture without the lights that move.
     pub layers: &'a Layers,
     /// Radiances of the layers but the first.
     pub radiances: &'a [[f32; 3]],
@@ -26,7 +26,7 @@ pub struct Goals<'a> {
     pub targets: &'a StepTargets,
 }
 
-/// What comes back of a comparison.
+/// Result of a comparison.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SoftCompared {
     /// The loss.
@@ -42,10 +42,10 @@ impl GpuGather {
     /// each of them. Neither pictures nor derivatives of cells come back.
     ///
     /// # Errors
-    /// As [`GpuGather::linearise`].
+    /// See [`GpuGather::linearise`].
     ///
     /// # Panics
-    /// As [`Layers::begin`].
+    /// See [`Layers::begin`].
     pub fn compare(
         &self,
         soft: &SoftGather<'_>,

@@ -58,11 +58,11 @@ pub struct GpuGather {
     chunk_limit: usize,
     /// The dump on the device; nothing if it does not fit.
     resident: Option<Vec<Chunk>>,
-    /// The same with sorted segments, if asked for.
+    /// Sorted segments on the device, if asked for.
     sorted: OnceLock<Sorted>,
     /// Mean records of a pixel in a shard.
     part_length: usize,
-    /// What used the last copied records of single pixels.
+    /// Submission that last used the copied records of single pixels.
     last_copied: Mutex<Option<Submission>>,
     /// Bytes of such records so far.
     copied: AtomicU64,
@@ -72,10 +72,10 @@ pub struct GpuGather {
 struct Images {
     /// Place of the first light on the device.
     first_light: usize,
-    /// What the caller knows the lights by.
+    /// Numbers by which the caller knows the lights.
     lights: Vec<usize>,
     sums: Buffer<f32>,
-    /// Whether they are gathered from the sorted segments.
+    /// True if they are gathered from the sorted segments.
     sorted: bool,
 }
 
@@ -102,7 +102,7 @@ impl GpuGather {
         Ok(gather)
     }
 
-    /// The same of which nothing stays on the device.
+    /// Gather of which nothing stays on the device.
     fn streaming(gpu: Arc<Gpu>, gather: &Gather, chunk_limit: usize) -> Self {
         let dump = gather.dump().clone();
         let largest = |shard: &Arc<relume_dump::Shard>| magnitude(shard, glam::Vec3::ZERO);
@@ -127,12 +127,12 @@ impl GpuGather {
         &self.gpu
     }
 
-    /// Whether the dump stays on the device.
+    /// True if the dump stays on the device.
     pub fn is_resident(&self) -> bool {
         self.resident.is_some()
     }
 
-    /// Whether so many bytes leave room for images.
+    /// True if so many bytes leave room for images.
     fn has_room(&self, bytes: u64) -> bool {
         let images = 2 * LIGHTS[LIGHTS.len() - 1] * self.image_values() * size_of::<f32>();
         bytes + images as u64 <= self.gpu.free_memory()

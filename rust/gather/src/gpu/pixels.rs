@@ -2,13 +2,14 @@
 //!
 //! # What is copied
 //!
-//! Of the paper's picture, 885 x 500 pixels at 512 samples of 3 segments (12 B each), a pixel has 18 KB and the dump 8.2 GB. A
-//! training draws 4,096 samples as 128 pixels under 32 lights each and uses them four times: 2.4 MB for 16,384 samples, its
-//! largest step, or 0.12 ms at the 20 GB/s of PCIe 4; the device meanwhile works on the step before. All of its 32 M samples
-//! copy 4.8 GB (`targets_of_a_streamed_dump_copy_the_drawn_pixels_alone` counts). Whole passes on the device, others every now
-//! and then, would take 8.2 GB to show each path once, and targets of the passes that are there are noisier than those of all.
-//! A step of solving looks at 5 % of the picture: 0.4 GB, 20 ms. Before, the CPU brings the records together; `relume bench`
-//! measures targets of a streamed dump, with all of that, beside those of one that stays.
+//! Size of the paper's picture, 885 x 500 pixels at 512 samples of 3 segments (12 B each): 18 KB a pixel, 8.2 GB the
+//! dump. A training draws 4,096 samples as 128 pixels under 32 lights each and uses them four times: 2.4 MB for 16,384
+//! samples, its largest step, or 0.12 ms at the 20 GB/s of PCIe 4; the device meanwhile works on the step before. All
+//! of its 32 M samples copy 4.8 GB (`targets_of_a_streamed_dump_copy_the_drawn_pixels_alone` counts). Whole passes on
+//! the device, others every now and then, would take 8.2 GB to show each path once, and targets of the passes that are
+//! there are noisier than those of all. A step of solving looks at 5 % of the picture: 0.4 GB, 20 ms. Before, the CPU
+//! brings the records together; `relume bench` measures targets of a streamed dump, with all of that, beside those of
+//! one that stays.
 
 use std::ops::Range;
 use std::sync::atomic::Ordering;
@@ -41,7 +42,7 @@ struct Chosen<'a> {
 #[derive(Debug)]
 struct Run<'a> {
     shard: &'a Shard,
-    /// Of those of the tile.
+    /// Number of the pixel within its tile.
     number: u32,
     records: Range<usize>,
 }
@@ -150,8 +151,8 @@ fn on_threads<T: Sync, R: Send>(items: &[T], work: impl Fn(&[T]) -> R + Sync) ->
 }
 
 impl GpuGather {
-    /// Whether single pixels are gathered here, and smoothed lights: the dump stays on the device, or there is room to copy what
-    /// is asked for.
+    /// True if single pixels are gathered here, and smoothed lights: the dump stays on the device, or there is room to
+    /// copy what is asked for.
     pub fn gathers_pixels(&self) -> bool {
         let numbers = self.pixel_count() * size_of::<u32>();
         self.is_resident() || self.gpu.free_memory() >= LEAST_ROOM + numbers as u64

@@ -124,7 +124,8 @@ impl GpuGather {
     /// pixels of these cells are copied.
     ///
     /// # Errors
-    /// As there; if there is no room for records ([`GpuGather::gathers_pixels`]) or values, or the device was lost.
+    /// Those of [`SoftGather::linearise`]; if there is no room for records ([`GpuGather::gathers_pixels`]) or values,
+    /// or the device was lost.
     pub fn linearise(
         &self,
         soft: &SoftGather<'_>,

@@ -127,7 +127,7 @@ impl PixelGroup {
     }
 }
 
-/// Of a word of a shard.
+/// Flags in a word of a shard.
 fn flags_of(z_flags: u32) -> Flags {
     Flags((z_flags >> 16) as u16)
 }

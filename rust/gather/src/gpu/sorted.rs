@@ -25,7 +25,8 @@ const PATH_ORDER_BYTES: f64 = 8.0;
 /// the blocks that to read them takes time.
 const SMALL: [f32; 4] = [0.05, 0.1, 0.2, 0.4];
 const ENOUGH: f64 = 0.02;
-/// Of which the quickest says how long a gather takes: the first compiles kernels, and others use the device meanwhile.
+/// Repetitions of which the quickest says how long a gather takes: the first compiles kernels, and others use the
+/// device meanwhile.
 const TRIES: usize = 4;
 /// Blocks that stand for all where the share of those that a light touches is estimated.
 const SAMPLE: usize = 4096;
@@ -190,7 +191,7 @@ impl Sorted {
         touched as f64 / self.sample.len().max(1) as f64
     }
 
-    /// Whether a light is gathered sooner than in the order of paths: until that was measured, whether less is read for it.
+    /// True if a light is gathered sooner than in the order of paths: until that was measured, if less is read for it.
     pub fn pays(&self, light: &GpuLight) -> bool {
         self.bytes_per_segment(light) * self.byte_cost().unwrap_or(1.0) < PATH_ORDER_BYTES
     }
@@ -269,7 +270,7 @@ impl GpuGather {
     /// has become true.
     ///
     /// # Errors
-    /// As [`GpuGather::sort`].
+    /// See [`GpuGather::sort`].
     pub fn sort_within(
         &self,
         share: f64,

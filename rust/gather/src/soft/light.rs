@@ -105,7 +105,7 @@ pub struct SoftSpread {
 #[derive(Clone, Copy, Debug)]
 pub struct SoftSun {
     pub direction: Vec3,
-    /// Of the chord.
+    /// Enlarged chord.
     pub enlarged: Enlarged,
     /// Derivative of the logarithm of the chord's square by that of the half angle.
     pub chord2_by_angle: f32,

@@ -54,7 +54,7 @@ fn ahead<L: Lanes>(distance: Wide<L>, width: f32) -> (Wide<L>, Wide<L>) {
     (value, slope * (0.5 / width))
 }
 
-/// Whether a point at a distance along the segments lies on them, and the derivative by the distance.
+/// Smooth indicator that a point at a distance along the segments lies on them, and its derivative by the distance.
 #[inline(always)]
 fn between<L: Lanes>(distance: Wide<L>, length: Wide<L>, width: f32) -> (Wide<L>, Wide<L>) {
     let (start, end) = (ahead(distance, width), ahead(distance - length, width));
@@ -214,7 +214,7 @@ pub fn sphere_slopes<L: Lanes>(ball: &SoftBall, segments: &Segments<L>) -> [Wide
     ball_slopes(&sphere(ball, segments, 1.0), segments)
 }
 
-/// As [`sphere_slopes`].
+/// Derivatives for a facing disk; see [`sphere_slopes`].
 #[inline(always)]
 pub fn facing_disk_slopes<L: Lanes>(ball: &SoftBall, segments: &Segments<L>) -> [Wide<L>; 5] {
     ball_slopes(&facing_disk(ball, segments), segments)
@@ -326,7 +326,7 @@ pub fn area_slopes<L: Lanes>(plane: &SoftPlane, segments: &Segments<L>) -> [Wide
     ]
 }
 
-/// As [`size_slope`] for an edge, whose length scales the value once.
+/// Derivative by the length of an edge, which scales the value once; see [`size_slope`].
 #[inline(always)]
 fn edge_slope<L: Lanes>(half: &Enlarged, value: Wide<L>, shrinking: Wide<L>) -> Wide<L> {
     match half.is_free {

@@ -14,7 +14,7 @@ fn random_dump() -> Dump {
     random_dump_of(6, &[1, 3, 4])
 }
 
-/// The same for a square image and passes of other sizes.
+/// Random dump of a square image with passes of these sizes.
 pub fn random_dump_of(size: usize, samples: &[u32]) -> Dump {
     let mut random = Random(3);
     dump(manifest(size, samples), |_, _, samples: &mut TileSamples| {

@@ -14,8 +14,8 @@ fn moved(light: &Light, lane: usize, by: f32) -> Light {
     Light { shape: light.shape.moved(&step), ..light.clone() }
 }
 
-/// Whether the slopes of a lane are central differences of the values, root mean square over all cells: to 1 % for their
-/// curvature, and to what a difference of two sums in `f32` can tell.
+/// Asserts that the slopes of a lane are central differences of the values, root mean square over all cells: to 1 % for
+/// their curvature, and to what a difference of two sums in `f32` can tell.
 fn slopes_are_differences(
     soft: &SoftGather<'_>,
     light: &Light,

@@ -142,7 +142,7 @@ fn layers_that_need_several_buffers_give_the_same() {
     }
 }
 
-/// The same lights as layers, and as units with two derivatives that are worked on in parts.
+/// Lights as layers, and as units with two derivatives that are worked on in parts, give the same.
 #[test]
 fn lights_in_parts_are_those_of_layers() {
     let (gpu, targets) = (gpu(), step_targets());

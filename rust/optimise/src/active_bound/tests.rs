@@ -33,7 +33,8 @@ fn stops_of_color(light: &Light, home: &Light) -> f32 {
     away.into_iter().fold(f32::MIN, f32::max) - away.into_iter().fold(f32::MAX, f32::min)
 }
 
-/// What is found of one light, which starts as the variable has it, by steps and then by a polish, with what is left of the loss.
+/// Solution for one light, which starts as the variable has it, by steps and then by a polish, with what is left of the
+/// loss.
 fn found(wanted: &Light, variable: &Variable, iterations: usize) -> (Light, f64) {
     let base = flat(0.02);
     let goals = [target(picture(&FLOOR, &base, std::slice::from_ref(wanted)))];

@@ -27,9 +27,9 @@ const LONGEST: f64 = 0.7;
 #[derive(Clone)]
 pub(super) struct State {
     pub lights: Vec<Light>,
-    /// Of all views.
+    /// Pictures of all views.
     pub pictures: Vec<Picture>,
-    /// Of the clean pictures, weighted.
+    /// Weighted residuals of the clean pictures.
     pub residuals: [Vec<f32>; 2],
 }
 
@@ -60,9 +60,9 @@ pub(super) struct Fit<'a> {
     pub objective: &'a Objective<'a>,
     pub draw: &'a Draw,
     pub mappings: Vec<Mapping>,
-    /// What residuals are of.
+    /// Goals and cells that residuals belong to.
     pub rows: Rows,
-    /// Of the means of each view's terms, as they were last told.
+    /// Uncertainty of the means of each view's terms, as last updated.
     pub uncertainties: Vec<Vec<Uncertainty>>,
 }
 

@@ -7,7 +7,8 @@ const AROUND: usize = 4;
 /// By so many of its standard deviations a gain must be above 0 to be believed.
 const SURE: f64 = 2.0;
 
-/// What residuals are of, three by three: the cells of one goal after the other, each followed by their mean where that was asked for.
+/// Meaning of residuals, three by three: the cells of one goal after the other, each followed by their mean where that
+/// was asked for.
 pub(super) struct Rows(Vec<RowsOfGoal>);
 
 struct RowsOfGoal {
@@ -16,7 +17,7 @@ struct RowsOfGoal {
 }
 
 impl Rows {
-    /// Of the goals' numbers of cells, and whether their means follow.
+    /// Rows for goals with these numbers of cells, and whether their means follow.
     pub fn new(goals: impl Iterator<Item = (usize, bool)>) -> Self {
         let mut end = 0;
         let of_goal = |(count, has_mean): (usize, bool)| {
@@ -79,7 +80,7 @@ fn trust_of_cells(noise: &[f32]) -> impl Iterator<Item = f32> + use<> {
 pub(super) struct Gain {
     pub mean: f64,
     pub deviation: f64,
-    /// What there is to be gained: the loss before, or a standard deviation more.
+    /// Largest possible gain: the loss before, or a standard deviation more.
     pub most: f64,
 }
 
@@ -99,14 +100,14 @@ impl Gain {
         Self { mean: self.mean + gain, most: self.most + gain, ..self }
     }
 
-    /// What is left of it for sure: above 0 if there is little doubt. Of many tries with noisy pictures some seem to gain more than
-    /// there is: that much of it is noise.
+    /// Gain less its uncertainty: above 0 if it is hardly noise. Of many tries with noisy pictures some seem to gain
+    /// more than there is: that much of it is noise.
     pub fn least(&self) -> f64 {
         self.mean.min(self.most) - SURE * self.deviation
     }
 }
 
-/// Of each cell.
+/// Products of both pictures' residuals, summed over each cell.
 fn products([a, b]: &[Vec<f32>; 2]) -> impl Iterator<Item = f64> {
     let of_cell = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).map(|c| f64::from(a[c] * b[c])).sum();
     a.as_chunks().0.iter().zip(b.as_chunks().0).map(of_cell)

@@ -17,7 +17,7 @@ const MOST_DISLIKED: f64 = 2.0;
 /// A size within this share of its range is where the artist had it.
 const UNCHANGED: f32 = 1e-3;
 
-/// What only exact pictures tell: denoising takes more from small lights than from large ones, and dims them.
+/// Tests of sizes that need exact pictures: denoising takes more from small lights than from large ones, and dims them.
 impl Fit<'_> {
     /// With the sizes that suit best of some over their whole range.
     pub fn with_best_sizes(&self, state: State) -> Result<State, OptimiseError> {
@@ -67,7 +67,7 @@ impl Fit<'_> {
         Ok(None)
     }
 
-    /// Whether clean pictures like a light not much less than the one that is `now` in place of one of the state's.
+    /// True if clean pictures like a light not much less than the one that is `now` in place of one of the state's.
     fn is_hardly_disliked(
         &self,
         other: &Light,
@@ -86,7 +86,8 @@ impl Fit<'_> {
         Ok(self.loss(&self.state(&lights)?, &Trust::default()))
     }
 
-    /// What exact pictures gain, and preferences with them, with others of a light that is `now` in place of one of the state's.
+    /// Gain of exact pictures, and of preferences with them, by others of a light that is `now` in place of one of the
+    /// state's.
     fn gains_instead(
         &self,
         state: &State,
@@ -103,7 +104,7 @@ impl Fit<'_> {
         Ok(others.iter().zip(&residuals[2..]).map(gain).collect())
     }
 
-    /// Whether a size is at an end of its range to which the solver has moved it.
+    /// True if a size is at an end of its range to which the solver has moved it.
     fn has_run_to_end(&self, number: usize, light: &Light, size: usize) -> bool {
         let [share, was] = [light, &self.objective.problem.variables[number].light]
             .map(|light| self.mappings[number].size_share(light, size));
@@ -136,7 +137,7 @@ impl Fit<'_> {
         self.residuals(&state.pictures, Base::Exact)
     }
 
-    /// What the move of a light costs.
+    /// Cost of the move of a light.
     fn strain(&self, number: usize, light: &Light) -> f64 {
         let preferences = self.objective.preferences(number, &self.mappings[number], light);
         preferences.iter().map(|(value, _)| f64::from(value * value)).sum()

@@ -58,7 +58,8 @@ fn lamp(radius: f32) -> Light {
     Light { shape, radiance, ..lamps()[0].clone() }
 }
 
-/// What becomes of a light of radius 1 where one of `radius` is asked for, and by how much cleaned pictures are for or against that.
+/// Result for a light of radius 1 where one of `radius` is asked for, and by how much cleaned pictures are for or
+/// against that.
 fn sizes(relight: Noisy, radius: f32, rounds: usize) -> (f32, f64) {
     let base = flat(0.0);
     let goals = [target(picture(&FLOOR, &base, &[lamp(radius)]))];

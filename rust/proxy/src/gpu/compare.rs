@@ -12,7 +12,7 @@ use crate::{LightParams, ProxyError};
 pub struct ProxyCompared {
     /// The loss.
     pub loss: f64,
-    /// Of each light.
+    /// Gradient of each light.
     pub lights: Vec<LightGradient>,
     /// By the radiances of the layers but the first.
     pub layers: Vec<[f32; 3]>,
@@ -26,7 +26,7 @@ pub struct ProxyCompared {
 /// [`ProxyError::WrongKind`] if there is no proxy for a light, [`ProxyError::PixelOutside`] or [`ProxyError::Gpu`].
 ///
 /// # Panics
-/// As [`Layers::begin`].
+/// See [`Layers::begin`].
 pub fn compare(
     proxies: &[&GpuProxy],
     layers: &Layers,

@@ -9,7 +9,7 @@ const KEPT: usize = 16;
 /// Values that come after those of the layers: by nine parameters and the radiance.
 const LAST: usize = 12;
 
-/// What gradients need besides what inference needs.
+/// Kernels that gradients need besides those of inference.
 #[derive(Debug)]
 pub(super) struct GradientKernels {
     gradient: Kernel,

@@ -61,12 +61,12 @@ fn trainer_of_size(network: NetworkConfig, kind: LightKind, [width, height]: [us
     Trainer::new(Arc::new(features), kind, config, 7).unwrap()
 }
 
-/// The same on the device.
+/// Untrained proxy on the device.
 pub(super) fn on_device(network: NetworkConfig, kind: LightKind, size: [usize; 2]) -> GpuProxy {
     GpuProxy::new(gpu(), &proxy_of_size(network, kind, size)).unwrap()
 }
 
-/// The same with outputs above zero.
+/// Untrained proxy with outputs above zero, on the device.
 pub(super) fn lit_on_device(network: NetworkConfig, kind: LightKind, size: [usize; 2]) -> GpuProxy {
     let trainer = crate::bench::lit(trainer_of_size(network, kind, size));
     GpuProxy::new(gpu(), &trainer.proxy().unwrap()).unwrap()

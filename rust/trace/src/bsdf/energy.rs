@@ -34,11 +34,11 @@ static DIELECTRIC_RISE: LazyLock<Table<3>> = LazyLock::new(|| {
         mean_rise(rough, mu, |cos| ((fresnel::dielectric(cos, ior).0 - f0) / (1.0 - f0)).clamp(0.0, 1.0))
     })
 });
-/// The same for Schlick's curve: roughness x cosine.
+/// Compensation table for Schlick's curve: roughness x cosine.
 static SCHLICK_RISE: LazyLock<Table<2>> =
     LazyLock::new(|| Table::new([16, 16], |[rough, mu]| mean_rise(rough, mu, |cos| (1.0 - cos).powi(5))));
 
-/// What makes up for the energy that single scattering loses.
+/// Compensation for the energy that single scattering loses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Compensation {
     /// Factor on the single-scattering closure that makes its albedo 1 if nothing is absorbed.
@@ -77,7 +77,7 @@ pub fn dielectric_rise(roughness: f32, mu: f32, ior: f32) -> f32 {
     DIELECTRIC_RISE.at([roughness, mu, ior_coordinate(ior)])
 }
 
-/// As [`dielectric_rise`], for Schlick's curve.
+/// Compensation for Schlick's curve; see [`dielectric_rise`] for dielectrics.
 pub fn schlick_rise(roughness: f32, mu: f32) -> f32 {
     SCHLICK_RISE.at([roughness, mu])
 }

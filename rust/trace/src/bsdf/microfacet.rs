@@ -82,12 +82,12 @@ impl Microfacet {
         (self.distribution.alpha_x * self.distribution.alpha_y).sqrt().sqrt()
     }
 
-    /// Whether only single directions scatter, so that [`Self::eval`] is zero everywhere.
+    /// True if only single directions scatter, so that [`Self::eval`] is zero everywhere.
     pub fn is_singular(&self) -> bool {
         self.distribution.is_singular()
     }
 
-    /// Whether the two sides have the same index, so that refraction is a straight line however rough the surface.
+    /// True if the two sides have the same index, so that refraction is a straight line however rough the surface.
     pub fn is_unbending(&self) -> bool {
         fresnel::is_unbending(self.ior)
     }

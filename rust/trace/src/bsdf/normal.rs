@@ -1,4 +1,4 @@
-//! What shading normals need so that they do not show as artefacts.
+//! Corrections of shading normals so that they do not show as artefacts.
 
 use glam::Vec3;
 

@@ -15,7 +15,7 @@ const NODE_COST: f32 = 1.0;
 /// Cost of testing a block's eight triangles, relative to [`NODE_COST`].
 const BLOCK_COST: f32 = 1.3;
 
-/// What the primitives of the binary tree are.
+/// Source of the primitives of the binary tree.
 pub(super) trait Primitives {
     /// The corners and the number of a triangle, or nothing if the primitive is a placement.
     fn triangle(&self, primitive: u32) -> Option<([Vec3; 3], u32)>;
@@ -29,7 +29,7 @@ struct Cut {
     cost: [f32; WIDTH],
     /// Trees for the left child when the subtree becomes `k` trees; 0 means: as for `k - 1`.
     left: [u8; WIDTH],
-    /// Whether the whole subtree becomes one block.
+    /// True if the whole subtree becomes one block.
     is_leaf: bool,
     /// Triangles below, at most [`WIDTH`] + 1; 0 if there is a placement.
     triangles: u8,

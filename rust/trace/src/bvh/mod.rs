@@ -48,7 +48,7 @@ pub struct Ray {
     pub t_min: f32,
     /// Hits are nearer than this.
     pub t_max: f32,
-    /// What made it; objects can be invisible to a kind of ray.
+    /// Scattering event that made the ray; objects can be invisible to a kind of ray.
     pub lobe: Lobe,
     /// Instance and triangle that it leaves, which it cannot meet again at once (as in Cycles).
     pub from: Option<(u32, u32)>,
@@ -67,7 +67,7 @@ pub struct SceneBvh {
     tree: Arc<Tree>,
     /// Bit per [`Lobe`] for each instance.
     visibility: Vec<u8>,
-    /// Whether any instance is invisible to any lobe.
+    /// True if any instance is invisible to any lobe.
     any_hidden: bool,
     /// Instances whose transform swaps left and right, so that their triangles turn around in the world.
     mirrored: Vec<bool>,
@@ -99,7 +99,7 @@ impl SceneBvh {
         self.walk::<false>(ray).map(|found| self.hit(&found))
     }
 
-    /// Whether anything is hit.
+    /// True if anything is hit.
     pub fn is_blocked(&self, ray: &Ray) -> bool {
         self.walk::<true>(ray).is_some()
     }

@@ -14,7 +14,7 @@ pub(super) const WIDTH: usize = 8;
 #[repr(C, align(32))]
 pub(super) struct Lanes(pub [f32; WIDTH]);
 
-/// What a slot of a node or an entry of the traversal stack refers to: two bits of kind, thirty of index.
+/// Reference in a slot of a node or an entry of the traversal stack: two bits of kind, thirty of index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(transparent)]
 pub(super) struct Child(pub u32);

@@ -109,7 +109,7 @@ impl Guide {
 pub(crate) struct Horizon(pub Option<[Vec3; 2]>);
 
 impl Horizon {
-    /// Whether a cone of less than a half-space is all below.
+    /// True if a cone of less than a half-space is all below.
     fn hides(self, axis: Vec3, sine_squared: f32) -> bool {
         self.0.is_some_and(|normals| {
             let is_below = |normal: Vec3| {

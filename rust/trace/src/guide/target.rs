@@ -8,7 +8,7 @@ use super::plate::Plate;
 /// Narrowest cone, as the squared sine of its half angle: below, single precision would miss it.
 const NARROWEST: f32 = 1e-6;
 
-/// What a light is taken for.
+/// Light as the guide sees it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct GuideTarget {
     pub place: Place,
@@ -23,7 +23,7 @@ pub(super) enum Place {
     Ball { center: Vec3, radius: f32 },
     /// On one side of a plane, in a ball.
     Flat { center: Vec3, radius: f32, plate: Plate },
-    /// The same, seen at another place: `apparent` takes the way to the centre to the way to where it appears.
+    /// Plate that is seen at another place: `apparent` takes the way to the centre to the way to where it appears.
     Sheared { center: Vec3, radius: f32, plate: Plate, apparent: Mat3 },
     /// In directions around one.
     Sky { direction: Vec3, sine_squared: f32 },
@@ -44,7 +44,7 @@ pub(super) enum Beam {
     },
 }
 
-/// What directions to a light are drawn from.
+/// Region that directions to a light are drawn from.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Narrow {
     /// A cone of this height around the axis.
@@ -57,7 +57,7 @@ pub(super) enum Narrow {
 pub(super) struct SeenLight {
     /// Direction to its middle.
     pub axis: Vec3,
-    /// Of the half angle of the cone around it; 1 or more from inside of the ball that holds the light.
+    /// Squared sine of the half angle of the cone around it; 1 or more from inside of the ball that holds the light.
     pub sine_squared: f32,
     /// Solid angle over that of a hemisphere.
     pub height: f32,
@@ -133,7 +133,7 @@ impl SeenLight {
 }
 
 impl Beam {
-    /// Whether a light shines in a direction away from it.
+    /// True if a light shines in a direction away from it.
     pub fn reaches(&self, direction: Vec3) -> bool {
         match self {
             Self::Everywhere => true,
@@ -143,7 +143,7 @@ impl Beam {
     }
 }
 
-/// Of a light's radiance, mean of RGB; of lights that take light away (their power may be negative) as much.
+/// Mean of RGB of a light's radiance; absolute for lights that take light away (their power may be negative).
 pub(super) fn brightness(light: &Light) -> f32 {
     Vec3::from(light.radiance).abs().element_sum() / 3.0
 }

@@ -1,4 +1,4 @@
-//! The same seed gives the same paths, however the work is divided.
+//! Determinism: a seed gives the same paths, however the work is divided.
 
 use relume_dump::{Dump, MemoryWriter};
 use relume_scene::{

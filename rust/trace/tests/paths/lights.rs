@@ -23,7 +23,7 @@ fn open_box() -> Scene {
     scene
 }
 
-/// Whether the sphere light is crossed on the way from `origin` along the unit `direction` up to `length`.
+/// True if the sphere light is crossed on the way from `origin` along the unit `direction` up to `length`.
 fn crosses(origin: Vec3, direction: Vec3, length: f32) -> bool {
     let to_center = LIGHT_CENTER - origin;
     let along = to_center.dot(direction);

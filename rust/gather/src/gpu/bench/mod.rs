@@ -153,7 +153,7 @@ pub fn seconds_of_a_light(gpu: &Arc<Gpu>, megabytes: usize) -> Result<f64, Gathe
     Ok(bench.cpu.dump().record_count() as f64 / bench.gather(&[sphere(0)])?)
 }
 
-/// What a device can do at best.
+/// Limits of a device.
 struct Peaks {
     /// Bytes a second that it moves, read by a kernel of ours or copied by its driver: which of them is faster differs between
     /// devices.
@@ -322,7 +322,7 @@ impl<'a> Bench<'a> {
         Ok(rate.within(&[Limit::bytes(read * records / bytes * 1e-9)]))
     }
 
-    /// What solving lights asks for: all cells of one light with all derivatives, from barely to widely smoothed.
+    /// Cells as a solver asks for them: all cells of one light with all derivatives, from barely to widely smoothed.
     fn smoothed(&self, read: f64) -> Result<Vec<Figure>, GatherError> {
         let soft = SoftGather::new(&self.cpu, 8);
         let cells: Vec<u32> = (0..(soft.cells().0 * soft.cells().1) as u32).collect();

@@ -7,7 +7,7 @@ use relume_scene::NoiseKind;
 use super::arrays::{add, lerp, scale};
 use super::hash::{hash, random};
 
-/// What brings noise of one to four dimensions to about -1..1.
+/// Factors that bring noise of one to four dimensions to about -1..1.
 const AMPLITUDES: [f32; 4] = [0.25, 0.6616, 0.982, 0.8344];
 
 /// Noise repeats after this many cells, so that floats keep enough digits within one.

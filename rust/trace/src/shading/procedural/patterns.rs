@@ -13,7 +13,7 @@ fn off_borders(at: Vec3) -> Vec3 {
     (at + 1e-6) * 0.999_999
 }
 
-/// Whether a Checker Texture shows its first colour.
+/// True if a Checker Texture shows its first colour.
 pub fn checker(at: Vec3) -> bool {
     let cell = off_borders(at).floor();
     let is_odd = |x: f32| x as i32 & 1 == 1;
