@@ -166,7 +166,7 @@ pub fn constant(module: &str, name: &str) -> Result<u32, GpuError> {
     })
 }
 
-/// Panics unless a Rust struct has the size and the fields, of the same types at the same places, of its WGSL twin.
+/// Panics unless a Rust struct has the size and the fields, of the same types at the same places, of its WGSL struct.
 ///
 /// ```text
 /// relume_gpu::assert_mirror!(Light as "gather/gather", "Light", { center, radius });
@@ -191,7 +191,7 @@ mod tests {
 
     /// Layout of `Light` in `gather/light.wgsl`, whose first fields are `center: vec3f`, `kind: u32`.
     #[test]
-    fn a_mirror_whose_fields_have_other_types_is_told_from_its_twin() {
+    fn a_mirror_whose_fields_have_other_types_is_told_from_its_wgsl_struct() {
         let whole = of("gather/light", "Light").unwrap();
         let differs = |field: usize, parts: &[(u32, Part)]| {
             let mut other = whole.clone();

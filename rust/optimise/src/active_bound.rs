@@ -1,5 +1,5 @@
-//! Bounds on strength, colour and direction. Those of places and sizes are approached and never met (`variable`); these are walls, at
-//! which a step that leads through ends: a light may start at one, and where none is met all is as without.
+//! Bounds on strength, colour and direction. Those of places and sizes are approached and never met (`variable`); these are hard, and a step
+//! that leads through one ends there: a light may start at one, and inactive ones change nothing.
 
 use crate::problem::Problem;
 use crate::variable::{Bounds, LUMINANCE, Locks, Mapping, PARAMS, Variable, luminance, power};
@@ -164,12 +164,12 @@ impl Problem<'_> {
 
 /// A bound by a light's unconstrained values, to first order.
 pub(crate) struct ActiveBound {
-    /// The product of a step with this is how much nearer it comes, radians or natural logarithm of a strength or of a ratio of
+    /// The product of a step with this is how much nearer the light comes, radians or natural logarithm of a strength or of a ratio of
     /// channels.
     pub(crate) normal: [f32; PARAMS],
-    /// The step by which what is beyond the wall is brought back, for each of those units.
+    /// Step by which what is beyond the bound is brought back, for each of those units.
     outward: [f32; PARAMS],
-    /// How far away the wall is.
+    /// Distance of the bound.
     pub(crate) distance: f32,
 }
 
@@ -181,7 +181,7 @@ impl ActiveBound {
         if length > 0.0 { (nearer - f64::from(self.distance)) / length } else { f64::NEG_INFINITY }
     }
 
-    /// Takes from a gradient, against which the light goes, what leads through the wall if it stands there.
+    /// Takes from a gradient, against which the light goes, what leads through the bound if it stands there.
     pub(crate) fn project(&self, gradient: &mut [f32; PARAMS]) {
         let pull: f32 = gradient.iter().zip(&self.outward).map(|(g, outward)| g * outward).sum();
         if pull < 0.0 && self.distance < NEAR {
@@ -196,7 +196,7 @@ impl Mapping {
         self.bounds.within(&self.locks, self.free_step(light, delta))
     }
 
-    /// The walls around a light.
+    /// Bounds around a light.
     pub(crate) fn active_bounds(&self, light: &Light) -> impl Iterator<Item = ActiveBound> + use<> {
         self.direction_bound(light)
             .into_iter()

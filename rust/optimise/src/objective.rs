@@ -94,7 +94,7 @@ impl<'a> Objective<'a> {
         views.map(|((view, units), draw)| view.loss_of_halves(lights, units, draw)).sum()
     }
 
-    /// Loss and its gradient by the unconstrained values of each light, without what leads through a wall.
+    /// Loss and its gradient by the unconstrained values of each light, without what leads through an active bound.
     pub(crate) fn gradient(
         &self,
         mappings: &[Mapping],

@@ -127,7 +127,7 @@ impl<'a> Polish<'a> {
         let after = self.loss();
         self.fit.update_uncertainties(&mut self.best);
         if self.loss() > before.max(after) {
-            // What it gained is doubtful altogether.
+            // Its whole gain is uncertain.
             (self.best, self.fit.uncertainties) = (last, uncertainties);
         }
         self.stages += 1;

@@ -32,9 +32,9 @@ mod tests {
     use crate::{Criterion, Goal, View};
 
     #[test]
-    fn what_is_short_or_far_too_much_is_doubtful() {
+    fn what_is_short_or_far_too_much_is_uncertain() {
         let (base, lights) = (flat(0.0), &lamps()[..1]);
-        let doubtful = |criterion: Criterion, strength: f32| {
+        let uncertain = |criterion: Criterion, strength: f32| {
             let goals = [Goal { criterion, pixels: None, weight: 3.0 }];
             let view = View { relight: &FLOOR, base: &base, still: vec![None], goals: &goals };
             let problem = Problem { views: vec![view], variables: lights.iter().map(variable).collect() };
@@ -42,15 +42,15 @@ mod tests {
             lights[0].radiance = lights[0].radiance.map(|radiance| strength * radiance);
             is_uncertain(&problem, &lights).unwrap()
         };
-        assert!(doubtful(Criterion::Brightness { stops: 1.0 }, 1.9));
-        assert!(!doubtful(Criterion::Brightness { stops: 1.0 }, 2.0));
-        assert!(!doubtful(Criterion::Brightness { stops: 1.0 }, 2.4));
-        assert!(doubtful(Criterion::Brightness { stops: 1.0 }, 2.6));
-        assert!(doubtful(Criterion::Brightness { stops: -1.0 }, 0.55));
-        assert!(!doubtful(Criterion::Brightness { stops: -1.0 }, 0.5));
-        assert!(doubtful(Criterion::Brightness { stops: -1.0 }, 0.2));
-        assert!(doubtful(Criterion::Temperature { mireds: 50.0 }, 1.0));
-        assert!(doubtful(Criterion::Keep, 1.012));
-        assert!(!doubtful(Criterion::Keep, 1.008));
+        assert!(uncertain(Criterion::Brightness { stops: 1.0 }, 1.9));
+        assert!(!uncertain(Criterion::Brightness { stops: 1.0 }, 2.0));
+        assert!(!uncertain(Criterion::Brightness { stops: 1.0 }, 2.4));
+        assert!(uncertain(Criterion::Brightness { stops: 1.0 }, 2.6));
+        assert!(uncertain(Criterion::Brightness { stops: -1.0 }, 0.55));
+        assert!(!uncertain(Criterion::Brightness { stops: -1.0 }, 0.5));
+        assert!(uncertain(Criterion::Brightness { stops: -1.0 }, 0.2));
+        assert!(uncertain(Criterion::Temperature { mireds: 50.0 }, 1.0));
+        assert!(uncertain(Criterion::Keep, 1.012));
+        assert!(!uncertain(Criterion::Keep, 1.008));
     }
 }

@@ -168,7 +168,7 @@ pub(crate) struct Mapping {
 }
 
 impl Mapping {
-    /// The light after a step of the unconstrained values from where it is, through whatever walls are there.
+    /// The light after a step of the unconstrained values from where it is, through whatever active bounds are there.
     pub(crate) fn free_step(&self, light: &Light, delta: &[f32; PARAMS]) -> Light {
         let power = self.stepped_power(light, delta);
         let lane_step = |lead: usize| self.lane_step(&light.shape, lead, delta[lead]);

@@ -143,7 +143,7 @@ impl Integrator<'_> {
         sink.end_path(features.sample);
     }
 
-    /// Records the path's current segment, as the film sees it, if lights along it count. `last` is there if lights are looked for from its place.
+    /// Records the path's current segment, as the film sees it, if lights along it count. `last` is there if lights are also sampled from its place.
     fn record(&self, path: &PathState, last: Option<LastBounce>, end: End, sink: &mut impl PathSink) {
         if path.sees_lights(&self.settings.bounces, last.is_none()) {
             let segment = path.segment(end);

@@ -73,7 +73,7 @@ pub struct Control<'a> {
     pub cancel: Arc<AtomicBool>,
     /// Called after every shard, one call at a time.
     pub on_progress: Option<Box<dyn Fn(Progress) + Sync + Send + 'a>>,
-    /// Called with its number before the first path of every pass that is traced: the lights that it looks for, instead of
+    /// Called with its number before the first path of every pass that is traced: the lights that it is guided to, instead of
     /// those of the scene and the settings.
     pub lights: Option<Box<dyn Fn(usize) -> Vec<Light> + Sync + Send + 'a>>,
 }
@@ -186,7 +186,7 @@ impl<'a> Tracer<'a> {
     }
 }
 
-/// The lights that paths of these settings look for: the scene's and those that the settings name.
+/// Lights that paths of these settings are guided to: the scene's and those that the settings name.
 pub fn guide_targets(scene: &Scene, settings: &TraceSettings) -> Vec<Light> {
     scene.lights.iter().chain(&settings.guide_targets).cloned().collect()
 }
@@ -224,7 +224,7 @@ struct Run<'a> {
     manifest: &'a Manifest,
     sink: &'a dyn ShardSink,
     control: &'a Control<'a>,
-    /// Where the paths of each pass look, once that is known.
+    /// Guide of the paths of each pass, once that is known.
     guides: Vec<OnceLock<Option<Guide>>>,
     next: AtomicUsize,
     segments: AtomicU64,

@@ -23,10 +23,10 @@ pub struct TraceSettings {
     pub passes: PassSchedule,
     /// Worker threads; 0 for those of the pool that traces, outside of any one a core. Does not change the result.
     pub threads: usize,
-    /// Share of the directions that look for where the file's lights stand, 0 for none, at most [`MOST_GUIDING`]. Changes only
+    /// Share of the directions that are guided to where the file's lights stand, 0 for none, at most [`MOST_GUIDING`]. Changes only
     /// the noise, never what is expected: less for lights near there, at each bounce up to `1 / (1 - guiding)` of the variance elsewhere.
     pub guiding: f32,
-    /// Lights that are looked for besides those of the file.
+    /// Lights that paths are guided to besides those of the file.
     #[serde(rename = "towards")]
     pub guide_targets: Vec<Light>,
     /// The world's colour in place of the scene's, for what is to fit a bake that was begun under another one.

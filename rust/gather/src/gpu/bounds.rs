@@ -1,4 +1,4 @@
-//! Boxes around the ends of the segments of a block, and whether a light may touch them: the twin of
+//! Boxes around the ends of the segments of a block, and whether a light may touch them: the mirror of
 //! `shaders/gather/bounds.wgsl`, where the test is described.
 
 use bytemuck::{Pod, Zeroable};
@@ -13,7 +13,7 @@ use crate::light::FAR;
 const MARGIN: f32 = 1.0;
 const STEPS: f32 = 65535.0;
 
-/// `Frame` of the WGSL twin.
+/// `Frame` of the WGSL module.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct Frame {
@@ -23,7 +23,7 @@ pub struct Frame {
     unused: u32,
 }
 
-/// `Bounds` of the WGSL twin.
+/// `Bounds` of the WGSL module.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct Bounds {

@@ -74,7 +74,7 @@ fn strength_ends_at_its_bound_and_the_rest_is_as_good_as_it_can_be_there() {
 }
 
 #[test]
-fn polishing_alone_goes_along_walls() {
+fn polishing_alone_goes_along_bounds() {
     for (lamp, is_turn) in lamps().into_iter().flat_map(|lamp| [(lamp.clone(), true), (lamp, false)]) {
         let locks = Locks { size: true, cone: true, ..Locks::default() };
         let home = Light { shape: disturbed(&lamp).shape, ..lamp.clone() };

@@ -74,7 +74,7 @@ impl<'a> Fit<'a> {
         Self { objective, draw, mappings, rows, uncertainties: objective.views.iter().map(none).collect() }
     }
 
-    /// Tells anew what is to be doubted of means, at these lights. It is taken for the same at those nearby: noise itself would lead
+    /// Updates the uncertainty of means at these lights. It is taken for the same at those nearby: noise itself would lead
     /// small steps astray.
     pub fn update_uncertainties(&mut self, state: &mut State) {
         let views = self.objective.views.iter().zip(self.draw).zip(&state.pictures);
@@ -169,7 +169,7 @@ impl<'a> Fit<'a> {
         lights.iter().zip(&self.mappings).zip(delta.as_chunks::<PARAMS>().0).map(of_light).collect()
     }
 
-    /// The step that solves a state's equations, to walls and along them where it would lead through. Of each light's walls that are
+    /// The step that solves a state's equations, to bounds and along them where it would lead through. Of each light's bounds that are
     /// passed only the one that is passed furthest is taken at a time: along it the others may not be met.
     pub fn step_of(
         &self,

@@ -34,7 +34,7 @@ impl Fit<'_> {
 
     /// The light that is `now` in place of one of the state's, with better sizes; none if there are none. A size shows in little but
     /// how soft shadows are: its derivatives are small, and denoising counts as much. So exact pictures are compared, and
-    /// others are only taken if they leave little doubt; one that was moved to the end of its range is also left if they
+    /// others are only taken if they leave little uncertainty; one that was moved to the end of its range is also left if they
     /// like the middle better, and clean ones not much less.
     fn better_sized(
         &self,
@@ -111,7 +111,7 @@ impl Fit<'_> {
         !(END..=1.0 - END).contains(&share) && (share - was).abs() > UNCHANGED
     }
 
-    /// With the radiances that exact pictures ask for, if they leave little doubt.
+    /// With the radiances that exact pictures ask for, if they leave little uncertainty.
     pub fn with_exact_radiances(&self, state: State) -> Result<State, OptimiseError> {
         let residuals = self.exact_residuals(&state);
         let (trust, exact) = (Trust::new(&residuals, &self.rows), State { residuals, ..state.clone() });

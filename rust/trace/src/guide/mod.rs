@@ -1,4 +1,4 @@
-//! Where the file's lights stand, for paths to look there more often.
+//! Light-guided sampling: paths are drawn more often towards where the file's lights stand.
 //!
 //! A share of the directions is drawn towards the lights (points of area lights, cones around others) instead of from the BSDF,
 //! and every direction is weighted by the density of both ways together (one-sample model with the balance heuristic; Veach
@@ -18,14 +18,14 @@ use self::target::{GuideTarget, Narrow, brightness, height};
 use crate::bsdf::{Frame, Surface};
 use crate::settings::MOST_GUIDING;
 
-/// Most lights that are looked for: each costs some arithmetic at every vertex.
+/// Most guide targets: each costs some arithmetic at every vertex.
 const MOST_LIGHTS: usize = 32;
 /// Height of the cone from which on a light is left to chance: a solid angle of 0.6.
 const LARGE: f32 = 0.1;
 /// Least of a light's second cone, which is four times as wide as the light, for lights that are moved a little; 5 degrees.
 const WIDE: f32 = 1.0 / 144.0;
 
-/// The lights that are looked for.
+/// Lights that directions are guided to.
 #[derive(Clone, Debug)]
 pub struct Guide {
     /// Most of the directions that are drawn from cones.
@@ -68,7 +68,7 @@ struct GuideLobe {
 }
 
 impl Guide {
-    /// Looks for the strongest of these lights with a share of the directions, at most [`MOST_GUIDING`]; suns go first, since
+    /// Guides a share of the directions to the strongest of these lights, at most [`MOST_GUIDING`]; suns go first, since
     /// their power is told in another unit. Nothing if there are no lights or nothing is to be drawn from them.
     pub fn new(lights: &[Light], share: f32) -> Option<Self> {
         let is_sun = |light: &Light| matches!(light.shape, LightShape::Sun { .. });

@@ -42,7 +42,7 @@ fn per_space(samples: u32, slots: u32, space: Space) -> u32 {
     }
 }
 
-/// A dense layer: the twin of `Layer` in `train/layers.wgsl`, which tells what the fields are.
+/// A dense layer: the mirror of `Layer` in `train/layers.wgsl`, which tells what the fields are.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, NoUninit, Zeroable)]
 pub(super) struct Layer {
