@@ -13,7 +13,7 @@ pub struct Dump {
     manifest: Arc<Manifest>,
     /// [`Manifest::bake_id`], which every shard is compared with.
     bake_id: Arc<str>,
-    /// By tile, then by pass.
+    /// Shards by tile, then by pass.
     shards: Vec<Vec<Option<Arc<Shard>>>>,
 }
 
@@ -21,9 +21,9 @@ pub struct Dump {
 #[derive(Clone, Debug, Default)]
 pub struct AovSums {
     passes: usize,
-    /// By tile.
+    /// Samples by tile.
     samples: Vec<u32>,
-    /// By place in the image, row by row.
+    /// Sums by place in the image, row by row.
     sums: Vec<[f32; AOV_CHANNELS]>,
 }
 

@@ -27,8 +27,8 @@ pub struct Manifest {
     pub seed: u64,
     /// The camera, as the session serialises it.
     pub camera: serde_json::Value,
-    /// Where every path of a pinhole camera starts, world space, metres; absent if paths carry their own camera
-    /// vertex (depth of field, orthographic, clip start).
+    /// Start of every path of a pinhole camera, world space, metres; absent if paths carry their own camera vertex
+    /// (depth of field, orthographic, clip start).
     pub camera_position: Option<[f32; 3]>,
     /// Object names by receiver number (light linking); may be empty.
     pub receivers: Vec<String>,

@@ -58,7 +58,7 @@ impl AovSample {
 pub(crate) struct Record {
     pub end: End,
     pub throughput: Vec3,
-    /// None for an origin record.
+    /// Lobe of the segment; none for an origin record.
     pub lobe: Option<Lobe>,
     pub receiver: u16,
     pub path_start: bool,

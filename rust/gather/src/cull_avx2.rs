@@ -11,7 +11,7 @@ use crate::light::{Plane, Reach};
 
 /// Records that are tested at a time.
 pub const CHUNK: usize = 8192;
-/// How many records ahead are fetched.
+/// Number of records between the one tested and the one prefetched.
 const AHEAD: usize = 1024;
 /// Bytes in front of the codes, of which the last is that of the record before the chunk.
 const LEAD: usize = 32;

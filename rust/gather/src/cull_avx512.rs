@@ -12,7 +12,7 @@ use crate::light::{Ball, FAR, Reach};
 
 /// Records at a time.
 const WIDTH: usize = 16;
-/// How many records ahead are fetched.
+/// Number of records between the one tested and the one prefetched.
 const AHEAD: usize = 256;
 /// Bound of the rounding of squared distances and their differences, relative to the largest one.
 const ROUNDING: f32 = 1.5e-6;
@@ -145,9 +145,9 @@ impl Constants {
 
     /// Bits of the segments that may come within the ball; `before` holds the end of the record before in its last lane.
     ///
-    /// With the squared distances `a` and `b` of both ends from the centre and their dot product `c`, seen from there, the line
-    /// through them passes the centre at the squared distance `(a b - c^2) / (a + b - 2 c)`, between them where `c` is below
-    /// both `a` and `b`.
+    /// Given the squared distances `a` and `b` of both ends from the centre and their dot product `c`, seen from there,
+    /// the line through them passes the centre at the squared distance `(a b - c^2) / (a + b - 2 c)`, between them
+    /// where `c` is below both `a` and `b`.
     #[inline]
     #[target_feature(enable = "avx512f")]
     fn near(&self, before: &Ends, ends: &Ends) -> u32 {

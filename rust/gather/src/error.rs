@@ -27,7 +27,7 @@ pub enum GatherError {
     Cell {
         /// Requested cell.
         cell: u32,
-        /// How many there are.
+        /// Number of cells.
         cells: usize,
     },
     /// A dump that cannot be packed.

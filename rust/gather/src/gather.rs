@@ -101,7 +101,7 @@ impl Gather {
     /// [`Gather::prepare`] for many.
     ///
     /// # Errors
-    /// For the first light that cannot be gathered.
+    /// Error of the first light that cannot be gathered.
     pub fn prepare_all(&self, lights: &[Light]) -> Result<Vec<PreparedLight>, GatherError> {
         lights.iter().map(|light| self.prepare(light)).collect()
     }

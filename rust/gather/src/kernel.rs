@@ -30,7 +30,7 @@ use crate::lanes::{Lanes, Portable, Vec3x, WIDTH};
 use crate::light::Ball;
 use crate::light::{PreparedLight, Reach};
 
-/// Where contributions go.
+/// Receiver of contributions.
 pub trait Sink {
     /// Contributions of the records from `first_record` on follow, for one light after the other.
     fn begin_block(&mut self, first_record: usize);

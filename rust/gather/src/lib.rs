@@ -4,10 +4,11 @@
 //! ([`Gather::pixel_into`]); [`relight`] weighs unit images and sums them; [`Noise`] says how noisy they are;
 //! [`Denoiser`] cleans them.
 //!
-//! How a light is gathered: packed records are decoded a block at a time into the first-level cache, where every light tests
-//! eight segments at once against a region that holds all its crossings (`kernel`). For one or two lights a first test on
-//! the packed records leaves out most of them: those far from a ball around the light (`cull_avx512`), or those beyond a
-//! side of its box (`cull_avx2`). What remains is evaluated exactly (`light`). Throughputs are read for hits only.
+//! Gather of a light: packed records are decoded a block at a time into the first-level cache, where every light tests
+//! eight segments at once against a region that holds all its crossings (`kernel`). For one or two lights a first test
+//! on the packed records leaves out most of them: those far from a ball around the light (`cull_avx512`), or those
+//! beyond a side of its box (`cull_avx2`). What remains is evaluated exactly (`light`). Throughputs are read for hits
+//! only.
 
 pub mod bench;
 #[cfg(target_arch = "x86_64")]

@@ -23,7 +23,7 @@ const MIN_ANGLE: f32 = 4e-4;
 pub struct PreparedLight {
     pub(crate) profile: Profile,
     pub(crate) reach: Reach,
-    /// By lobe code of the flags, the scale of the radius floor included; 0 for what is not a segment.
+    /// Factors by lobe code of the flags, the scale of the radius floor included; 0 for what is not a segment.
     pub(crate) factors: [f32; 8],
     /// Bit set of receivers that are lit; all if absent.
     pub(crate) receivers: Option<Box<[u64; RECEIVER_LIMIT as usize / 64]>>,
@@ -265,7 +265,7 @@ pub(crate) fn chord2(half_angle: f32) -> f32 {
 }
 
 impl Spread {
-    /// None for a Lambertian emitter.
+    /// Spread of a light; none for a Lambertian emitter.
     pub(crate) fn new(spread: f32) -> Option<Self> {
         if spread >= std::f32::consts::PI - 1e-4 {
             return None;

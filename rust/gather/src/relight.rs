@@ -30,7 +30,7 @@ pub fn relight(size: (usize, usize), lights: &[(&Image, [f32; 3])]) -> Image {
     sum
 }
 
-/// How noisy the average of two independent halves is.
+/// Noise of the average of two independent halves.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Noise {
     /// Root of the mean square error over pixels and channels, in the units of the images.

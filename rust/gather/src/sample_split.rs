@@ -2,8 +2,8 @@ use std::ops::Range;
 
 use relume_dump::{Dump, Flags, Pass, Shard};
 
-/// Which paths of every pixel count. The halves are independent estimates of the same image: one can train on the first and
-/// measure on the second, and their difference is a measure of the noise.
+/// Selection of the paths of every pixel that count. The halves are independent estimates of the same image: one can
+/// train on the first and measure on the second, and their difference is a measure of the noise.
 ///
 /// Each pass is cut into its earlier and later paths, not into even and odd ones: in a Sobol sequence all even samples
 /// lie in the same half of the first dimension, while aligned runs are well spread.

@@ -69,12 +69,12 @@ pub struct SoftGather<'a> {
 pub struct Linear {
     /// One per cell that was asked for.
     pub values: Vec<[f32; 3]>,
-    /// By [`relume_scene::lane`], one per cell that was asked for.
+    /// Derivatives by [`relume_scene::lane`], one per cell that was asked for.
     pub slopes: Vec<[[f32; 3]; LANES]>,
 }
 
 impl Linear {
-    /// From value and slopes of each cell, of a light of this shape.
+    /// Linear model from value and slopes of each cell, of a light of this shape.
     pub(crate) fn new(shape: &LightShape, outputs: &[[[f32; 3]; OUTPUTS]]) -> Self {
         let lanes: [bool; LANES] = std::array::from_fn(|lane| shape.has_lane(lane));
         let slope =

@@ -2,7 +2,7 @@ use std::sync::OnceLock;
 
 use crate::GpuError;
 
-/// Which GPU to take.
+/// Choice of a GPU.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub enum GpuChoice {
     /// The best: discrete before integrated before virtual. Software drivers only if there is nothing else.
@@ -24,7 +24,7 @@ pub struct AdapterSummary {
     pub backend: String,
     /// Driver and version.
     pub driver: String,
-    /// Where it is plugged in, `domain:bus:device.function`, hexadecimal; empty if its back end does not say.
+    /// Slot that it is plugged in, `domain:bus:device.function`, hexadecimal; empty if its back end does not say.
     pub pci_bus_id: String,
     /// True for a CPU under a graphics API.
     pub software: bool,
@@ -47,7 +47,7 @@ impl AdapterSummary {
             || [&self.pci_bus_id, &self.title()].iter().any(|whole| whole.eq_ignore_ascii_case(wanted))
     }
 
-    /// Its name, and where it is plugged in if that is known: cards of one name differ in it.
+    /// Name, with the slot if that is known: cards of one name differ in it.
     pub fn title(&self) -> String {
         if self.pci_bus_id.is_empty() {
             self.name.clone()

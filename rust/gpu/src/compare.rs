@@ -21,7 +21,7 @@ const GROUP: usize = 64;
 /// Parts of a step are of so many cells, or a multiple: what is known of those before fills whole alignments of a buffer.
 const PART: usize = 64;
 
-/// How a cell is compared with what is wanted: `shaders/common/residual.wgsl`.
+/// Comparison of a cell with its reference: `shaders/common/residual.wgsl`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::NoUninit)]
 #[repr(u32)]
 pub enum Residual {
@@ -93,9 +93,9 @@ pub struct Layers {
 /// Pictures of lights for radiance 1 at some cells of a step: `shaders/common/units.wgsl`.
 #[derive(Clone, Copy, Debug)]
 pub struct Units<'a> {
-    /// How many lights.
+    /// Number of lights.
     pub lights: usize,
-    /// So many quads of each light, of which the last is its radiance.
+    /// Radiances, and the number of quads of each light, of which the last is its radiance.
     pub radiances: (Binding<'a>, usize),
     /// The first of the lights in `radiances`.
     pub first: usize,
@@ -142,7 +142,7 @@ pub struct Step<'a> {
 pub struct Compared {
     /// The sum over all terms.
     pub loss: f64,
-    /// By the colours of the layers but the first.
+    /// Derivatives by the colours of the layers but the first.
     pub layers: Vec<[f32; 3]>,
     /// Gradients that other passes have left in the results.
     pub gradients: Vec<f32>,
@@ -176,7 +176,7 @@ impl Layers {
         Ok(Self { gpu: Arc::clone(gpu), cells, pictures })
     }
 
-    /// Where they are.
+    /// Device of the layers.
     pub fn gpu(&self) -> &Arc<Gpu> {
         &self.gpu
     }
@@ -241,7 +241,7 @@ impl Step<'_> {
         self.d_picture.part(part)
     }
 
-    /// Where others add their gradients, which are 0 before: in these values from this one on.
+    /// Buffer to which others add their gradients, which are 0 before, and the first value of theirs.
     pub fn gradients(&self) -> (&Buffer<f32>, usize) {
         (&self.results, self.terms.len() + 3 * self.layers.count())
     }

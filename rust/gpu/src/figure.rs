@@ -9,7 +9,7 @@ pub struct Figure {
     pub name: String,
     /// The figure.
     pub value: f64,
-    /// Its unit; `s` and `ms` are times, of which less is better.
+    /// Unit; `s` and `ms` are times, of which less is better.
     pub unit: &'static str,
     /// Best value that the machine could reach, if known.
     pub limit: Option<Limit>,
@@ -27,11 +27,11 @@ pub struct Limit {
 /// Resource that limits a machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LimitedBy {
-    /// It reads memory of its own.
+    /// Reads of its own memory.
     Bytes,
-    /// It calculates.
+    /// Arithmetic.
     Operations,
-    /// It copies from the CPU or to it.
+    /// Copies from the CPU or to it.
     Copies,
 }
 

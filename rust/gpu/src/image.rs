@@ -60,7 +60,7 @@ impl GpuImage {
         Ok(image)
     }
 
-    /// Where it is.
+    /// Device of the image.
     pub fn gpu(&self) -> &Arc<Gpu> {
         &self.gpu
     }

@@ -26,9 +26,9 @@ pub enum Checks {
 /// Kernels that a device has compiled so far.
 #[derive(Debug, Default)]
 pub(crate) struct Compiled {
-    /// By name and constants.
+    /// Modules by name and constants.
     modules: Mutex<HashMap<String, wgpu::ShaderModule>>,
-    /// By module, constants and entry point.
+    /// Kernels by module, constants and entry point.
     kernels: Mutex<HashMap<String, Kernel>>,
 }
 
@@ -134,8 +134,8 @@ impl Gpu {
 }
 
 impl Checks {
-    /// On in dev builds, but where the environment sets `RELUME_GPU_UNCHECKED`, with which tests run the kernels that release builds
-    /// have.
+    /// Checks of dev builds, but where the environment sets `RELUME_GPU_UNCHECKED`, with which tests run the kernels
+    /// that release builds have.
     pub(crate) fn of_this_build() -> Self {
         static CHECKS: LazyLock<Checks> = LazyLock::new(|| {
             let are_on = cfg!(debug_assertions) && std::env::var_os("RELUME_GPU_UNCHECKED").is_none();

@@ -1,4 +1,4 @@
-//! Where WGSL puts the fields of a struct, to be compared with its Rust mirror.
+//! Layout that WGSL gives to the fields of a struct, to be compared with its Rust mirror.
 
 use crate::{GpuError, modules};
 
@@ -14,9 +14,9 @@ pub struct StructLayout {
 /// A field of a struct.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FieldLayout {
-    /// Its name.
+    /// Name of the field.
     pub name: String,
-    /// Where it starts, bytes.
+    /// Start of the field, bytes.
     pub offset: u32,
     /// Components, and where they lie in the struct, bytes.
     pub parts: Vec<(u32, Part)>,

@@ -22,7 +22,8 @@ impl Matrices {
 }
 
 impl Gpu {
-    /// Nothing where the device has none that kernels are written for, or its driver refuses them all the same.
+    /// Matrices of the device; nothing where it has none that kernels are written for, or its driver refuses them all
+    /// the same.
     pub fn matrices(&self) -> Option<Matrices> {
         let side = self.limits().matrices?;
         let subgroup = *self.matrix_subgroup().get_or_init(|| self.size_of_subgroup(side).ok());

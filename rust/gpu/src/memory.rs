@@ -1,4 +1,4 @@
-//! How many bytes our buffers may take, and how many they do.
+//! Memory budget of our buffers, and its use.
 //!
 //! If the user sets no limit, it is a share of what the driver says:
 //!
@@ -37,7 +37,7 @@ struct DeviceMemory {
 }
 
 impl Memory {
-    /// With the limit that [`Memory::limit`] sets if it is given none.
+    /// Memory with the limit that [`Memory::limit`] sets if it is given none.
     pub fn new(adapter: &wgpu::Adapter) -> Self {
         Self { used: 0.into(), budget: budget(device_memory(adapter), 0).into() }
     }
@@ -71,7 +71,7 @@ impl Memory {
     }
 }
 
-/// How much may be ours, if the user does not say; `used` bytes are already.
+/// Share that may be ours, if the user does not say; `used` bytes are already.
 fn budget(said: Option<DeviceMemory>, used: u64) -> u64 {
     let Some(memory) = said.filter(|memory| memory.all > 0) else { return UNKNOWN_MEMORY };
     let share = |bytes: u64, share: f64| (bytes as f64 * share) as u64;

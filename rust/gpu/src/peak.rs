@@ -136,7 +136,7 @@ impl Gpu {
         })
     }
 
-    /// Nothing where the device has no such matrices, or its driver refuses them all the same.
+    /// Rate of matrices; nothing where the device has no such ones, or its driver refuses them all the same.
     fn peak_of_matrices(&self, entry: &str) -> Option<f64> {
         self.matrices().and_then(|matrices| self.rate_of_matrices(matrices, entry).ok())
     }

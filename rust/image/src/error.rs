@@ -7,7 +7,7 @@ pub enum ImageError {
     /// The file could not be created or written; nothing is left at its place.
     #[error("cannot write the file: {source}; check the folder's permissions and free space: {}", path.display())]
     Write {
-        /// Where the file was to go.
+        /// Path of the file to write.
         path: PathBuf,
         /// The system's reason.
         source: io::Error,

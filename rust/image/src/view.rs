@@ -2,7 +2,7 @@ use crate::{Image, ImageError};
 use rayon::prelude::*;
 use std::path::Path;
 
-/// How scene-linear colour becomes display colour.
+/// Conversion of scene-linear colour to display colour.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum ViewTransform {
     /// Blender's "Standard" on an sRGB display: the sRGB curve, clipped to 0..1.

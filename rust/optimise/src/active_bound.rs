@@ -63,7 +63,7 @@ impl DirectionCone {
 pub struct ChromaticityBound {
     /// Their middle: RGB of any brightness, each above 0.
     pub color: [f32; 3],
-    /// By how many stops the ratio of two channels may at most differ from what it is there.
+    /// Stops by which the ratio of two channels may at most differ from what it is there.
     pub stops: f32,
 }
 
@@ -174,7 +174,7 @@ pub(crate) struct ActiveBound {
 }
 
 impl ActiveBound {
-    /// How far a step leads beyond it, in the length of steps; below 0 where it does not.
+    /// Distance that a step leads beyond the bound, in the length of steps; below 0 where it does not.
     pub(crate) fn overshoot(&self, step: &[f64]) -> f64 {
         let nearer: f64 = self.normal.iter().zip(step).map(|(n, s)| f64::from(*n) * s).sum();
         let length = self.normal.iter().map(|n| f64::from(*n).powi(2)).sum::<f64>().sqrt();

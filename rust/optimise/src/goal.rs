@@ -89,9 +89,11 @@ const EXCESS: f32 = 0.3;
 const SHORT: f32 = 2.0;
 /// Stops by which more is done than asked for, and as much of a ratio of channels: a dump and a render differ by a percent or two.
 const MARGIN: f32 = 0.02;
-/// So many standard deviations more are asked for of a mean that is noisy: of many tries the best is seldom as good as it looks.
+/// Number of standard deviations that are asked for beyond the reference of a noisy mean: of many tries the best is
+/// seldom as good as it looks.
 const SURE: f32 = 2.0;
-/// But at most this share of what was asked for: what is very noisy may as well be far more already.
+/// Largest share of the requested amount that is added for noise: a mean that is very noisy may as well be far more
+/// already.
 const MOST_MORE: f32 = 0.25;
 /// Added to exposed values under a logarithm or a quotient: a fiftieth of the mean.
 const FLOOR: f32 = 0.01;
@@ -156,8 +158,9 @@ impl Criterion {
         }
     }
 
-    /// By a residual of [`Criterion::residual_of_mean`]: whether an amount is less than its reference by more than goes for met, or more by as
-    /// much and a quarter of what was asked for, or half as much changed of what is kept as may.
+    /// True if, by a residual of [`Criterion::residual_of_mean`], an amount is less than its reference by more than
+    /// goes for met, or more by as much and a quarter of what was asked for, or half as much changed of what is kept as
+    /// may.
     pub(crate) fn is_off(&self, residual: [f32; 3]) -> bool {
         let (asked, met, short, excess) = match self {
             Self::Brightness { stops } => (*stops, STOPS_MET as f32, SHORT * STOP, STOP),
@@ -209,7 +212,8 @@ impl Criterion {
         }
     }
 
-    /// How far an exposed cell is from its reference, and the derivatives of these values (rows) by its channels (columns).
+    /// Residual of an exposed cell from its reference, and the derivatives of these values (rows) by its channels
+    /// (columns).
     pub(crate) fn residual(&self, x: [f32; 3], reference: [f32; 3]) -> ([f32; 3], [[f32; 3]; 3]) {
         match self {
             // The paper's equation 6.

@@ -24,7 +24,7 @@ pub(crate) struct ViewObjective<'a> {
     /// Pictures of the lights whose shapes stay.
     still: Vec<Option<Vec<[f32; 3]>>>,
     pub(crate) terms: Vec<Term<'a>>,
-    /// Where the relighter compares its pictures itself.
+    /// Comparison by the relighter, where it compares its pictures itself.
     comparison: Option<Box<dyn Compare + 'a>>,
 }
 
@@ -37,7 +37,7 @@ impl<'a> Objective<'a> {
         Ok(Self { problem, views: views.collect::<Result<_, _>>()?, softness })
     }
 
-    /// At most so many cells of each term, evenly spread.
+    /// Draw of at most so many cells of each term, evenly spread.
     pub(crate) fn spread(&self, count: usize) -> Draw {
         let terms = |view: &ViewObjective| {
             view.terms.iter().map(|term| crate::cells::spread(term.len(), count)).collect()

@@ -11,10 +11,10 @@ use noise::Trust;
 use relume_scene::Light;
 use std::ops::ControlFlow;
 
-/// Where a polish stands; handed to the caller after every picture of derivatives and every step.
+/// State of a polish; handed to the caller after every picture of derivatives and every step.
 #[derive(Clone, Copy, Debug)]
 pub struct PolishStep<'a> {
-    /// Which step.
+    /// Number of the step.
     pub iteration: usize,
     /// Loss of all cells.
     pub loss: f64,
@@ -31,7 +31,7 @@ pub struct Polished {
     pub candidate: usize,
     /// Loss of all cells of clean pictures.
     pub loss: f64,
-    /// That of the candidate.
+    /// Loss of the candidate.
     pub start_loss: f64,
 }
 

@@ -2,7 +2,8 @@ use crate::variable::{Mapping, PARAMS, Variable, coordinate, luminance, power};
 use glam::{Mat3, Quat, Vec3};
 use relume_scene::{LANES, Light, LightShape, lane};
 
-/// How far a light is from where it started, as residuals, each with its derivatives by the light's unconstrained values.
+/// Distance of a light from where it started, as residuals, each with its derivatives by the light's unconstrained
+/// values.
 pub(crate) fn residuals(variable: &Variable, mapping: &Mapping, light: &Light) -> Vec<(f32, [f32; PARAMS])> {
     if variable.stay <= 0.0 {
         return Vec::new();

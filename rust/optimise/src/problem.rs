@@ -21,7 +21,7 @@ pub struct View<'a> {
 /// Problem to solve: lights that serve the goals of all views.
 #[derive(Clone)]
 pub struct Problem<'a> {
-    /// Where it is seen from.
+    /// Views of the scene.
     pub views: Vec<View<'a>>,
     /// The lights.
     pub variables: Vec<Variable>,

@@ -9,7 +9,7 @@ pub type RelightError = Box<dyn std::error::Error + Send + Sync>;
 pub struct Linear {
     /// Linear RGB, one for each cell.
     pub values: Vec<[f32; 3]>,
-    /// By [`relume_scene::lane`], one for each cell.
+    /// Derivatives by [`relume_scene::lane`], one for each cell.
     pub slopes: Vec<[[f32; 3]; LANES]>,
 }
 
@@ -21,8 +21,8 @@ impl AsRef<[[f32; 3]]> for Linear {
 
 /// Something that makes pictures of lights for radiance 1 and their gradients, such as a proxy or a smoothed gather.
 ///
-/// It answers for cells: squares of [`Relight::cell`] pixels along each edge (smaller at the right and the bottom),
-/// numbered row by row from the top left. The value of a cell is the mean of its pixels.
+/// Values are given for cells: squares of [`Relight::cell`] pixels along each edge (smaller at the right and the
+/// bottom), numbered row by row from the top left. The value of a cell is the mean of its pixels.
 pub trait Relight: Sync {
     /// Width and height of its pictures, pixels.
     fn size(&self) -> (usize, usize);
@@ -144,8 +144,8 @@ pub trait Compare: Sync {
 pub struct Compared {
     /// The loss.
     pub loss: f64,
-    /// By the lanes of each light's shape and by its radiance.
+    /// Derivatives by the lanes of each light's shape and by its radiance.
     pub lights: Vec<([f32; LANES], [f32; 3])>,
-    /// By the radiances of lights that stay.
+    /// Derivatives by the radiances of lights that stay.
     pub still: Vec<[f32; 3]>,
 }

@@ -63,7 +63,7 @@ pub fn relocations(
 
 struct Relocate<'a> {
     problem: &'a Problem<'a>,
-    /// Where the other lights may be.
+    /// Places of the other lights.
     others: Vec<Others>,
     objective: Objective<'a>,
     draw: Draw,
@@ -74,7 +74,7 @@ struct Relocate<'a> {
 struct Others {
     lights: Vec<Light>,
     mappings: Vec<Mapping>,
-    /// By view and light.
+    /// Unit pictures by view and light.
     units: Vec<Vec<Halves>>,
 }
 

@@ -8,7 +8,7 @@ use serde::Serialize;
 /// Outcome of a goal.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
-    /// Its name: target, brightness, color, temperature, keep.
+    /// Name: target, brightness, color, temperature, keep.
     pub goal: &'static str,
     /// Requested value, in `unit`; none for a target.
     pub asked: Option<f64>,
@@ -100,8 +100,9 @@ pub fn report(goal: &Goal, before: &Image, after: &Image) -> Report {
 }
 
 impl Report {
-    /// With another report on the same goal by noisy pictures, if those show less of what was asked for by amount or more change of what
-    /// is to be kept. Noise hides how near colours and targets are, and where most changed.
+    /// Combines with another report on the same goal by noisy pictures, if those show less of what was asked for by
+    /// amount or more change of what is to be kept. Noise hides how near colours and targets are, and where most
+    /// changed.
     #[must_use]
     pub fn or_worse(self, noisy: Self) -> Self {
         let is_worse = match (self.unit, self.asked) {

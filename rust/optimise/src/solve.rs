@@ -9,7 +9,7 @@ use relume_scene::Light;
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// How the solver steps.
+/// Settings of the solver.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default)]
 pub struct Settings {
@@ -40,14 +40,14 @@ impl Default for Settings {
     }
 }
 
-/// Where the solver stands; handed to the caller after every step.
+/// State of the solver; handed to the caller after every step.
 #[derive(Clone, Copy, Debug)]
 pub struct Step<'a> {
-    /// Which start.
+    /// Number of the start.
     pub start: usize,
-    /// How many starts are still followed.
+    /// Number of starts that are still followed.
     pub starts: usize,
-    /// Which step of it.
+    /// Number of the step within the start.
     pub iteration: usize,
     /// Loss on this step's cells.
     pub loss: f64,

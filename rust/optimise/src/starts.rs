@@ -9,10 +9,10 @@ use rayon::prelude::*;
 use relume_scene::{LANES, Light, LightShape, lane};
 use std::f32::consts::TAU;
 
-/// Where a search begins.
+/// Settings of the random starts of a search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RandomStarts {
-    /// How many starts.
+    /// Number of starts.
     pub count: usize,
     /// Random places tried for each light of a start, of which the best is taken; 1 is the paper's.
     pub candidates: usize,
@@ -59,7 +59,7 @@ struct Search<'a> {
 /// Lights that were placed so far, those to come being black or as they are.
 struct Placed {
     lights: Vec<Light>,
-    /// By view and light.
+    /// Unit pictures by view and light.
     units: Vec<Vec<Unit>>,
 }
 

@@ -24,7 +24,7 @@ pub(crate) struct Term<'a> {
 /// Cells of the picture before.
 pub(crate) struct Baseline {
     pub cells: Vec<[f32; 3]>,
-    /// By either half of the paths, exact; where they are told apart.
+    /// Cells by either half of the paths, exact; where they are told apart.
     pub halves: Option<Halves>,
 }
 
@@ -178,7 +178,7 @@ impl<'a> Term<'a> {
     }
 }
 
-/// By how much the amounts that are asked for of two estimates' mean would differ if only one of their exposed cells did, for each cell.
+/// Change of the requested amount of two estimates' mean if only one of their exposed cells differed, for each cell.
 fn noise_of_amount(criterion: &Criterion, halves: Halves, shares: &[f32]) -> Option<Vec<f32>> {
     let slopes = criterion.slopes_of_amount(sum(mean(&halves).into_iter(), shares))?;
     let [first, second] = &halves;
@@ -249,7 +249,7 @@ pub(crate) struct Comparison<'a> {
     gain_slope: f32,
     residuals: Vec<[f32; 3]>,
     slopes: Vec<[[f32; 3]; 3]>,
-    /// How far the mean of the cells is from what was asked for, and its derivatives. A target asks for each cell by itself.
+    /// Residual of the mean of the cells, and its derivatives. A target asks for each cell by itself.
     whole: Option<([f32; 3], [[f32; 3]; 3])>,
 }
 

@@ -10,13 +10,13 @@ pub(crate) const PARAMS: usize = LANES + 3;
 /// Rec.709 weights of luminance.
 pub(crate) const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];
 
-/// Which parameters of a light stay as they are.
+/// Parameters of a light that stay as they are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Locks {
     /// The centre.
     pub position: bool,
-    /// Where it points.
+    /// Direction that it points to.
     pub direction: bool,
     /// Radius, width and height, or a sun's angle. The power stays whatever the size.
     pub size: bool,
@@ -26,7 +26,7 @@ pub struct Locks {
     pub color: bool,
     /// The luminance of its power.
     pub strength: bool,
-    /// How many times as wide as high an area light is, whatever its size: Blender's squares and disks have one size.
+    /// Ratio of width to height of an area light, whatever its size: Blender's squares and disks have one size.
     pub proportion: bool,
 }
 
@@ -70,7 +70,7 @@ impl Locks {
 /// Half angles of suns and spots end here: just above those of a half space, which Blender's lights may have.
 const WIDEST: f32 = FRAC_PI_2 + 1e-3;
 
-/// Where lights may go.
+/// Bounds of the parameters of lights.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Bounds {
     /// Lower corner of the box of centres, metres.
@@ -88,7 +88,7 @@ pub struct Bounds {
     pub strength: Option<[f32; 2]>,
     /// Colours that it may have; none for any. Met as those of strength are.
     pub color: Option<ChromaticityBound>,
-    /// Where it may point ([`LightShape::axis`]); none for anywhere.
+    /// Directions that it may point to ([`LightShape::axis`]); none for anywhere.
     pub direction: Option<DirectionCone>,
 }
 
@@ -141,14 +141,14 @@ impl Bounds {
 /// A light to be solved.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Variable {
-    /// Where it starts, and what it is drawn to by `stay`.
+    /// Light at the start, to which it is drawn by `stay`.
     pub light: Light,
     /// Parameters that stay as they are.
     pub locks: Locks,
-    /// Where it may go.
+    /// Bounds of its parameters.
     pub bounds: Bounds,
-    /// How much it is drawn back to where it starts: the loss of having moved by the size of the box, by a radian or by a factor
-    /// e in size or power. 0 for not at all.
+    /// Weight by which it is drawn back to where it starts: the loss of having moved by the size of the box, by a
+    /// radian or by a factor e in size or power. 0 for not at all.
     pub stay: f32,
 }
 
@@ -190,7 +190,7 @@ impl Mapping {
         Light { shape, radiance, ..light.clone() }
     }
 
-    /// Where one of the light's sizes is in its range, 0..1.
+    /// Place of one of the light's sizes in its range, 0..1.
     pub(crate) fn size_share(&self, light: &Light, number: usize) -> f32 {
         let share =
             |range: Range<f32>| (coordinate(&light.shape, number) - range.start) / (range.end - range.start);

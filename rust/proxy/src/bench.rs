@@ -16,7 +16,7 @@ use crate::{
     TrainConfig, Trainer, compare,
 };
 
-/// How much is measured.
+/// Extent of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Extent {
     /// Rounds, of which the best counts. On the CPU the peak is measured again in each, so that both see the same clock.
@@ -30,11 +30,11 @@ pub struct Extent {
 }
 
 impl Extent {
-    /// On the CPU.
+    /// Extent on the CPU.
     pub const CPU: Self = Self { rounds: ROUNDS, size: [160, 96], samples: 16_384, widest: 256 };
-    /// On a graphics card: an image of the paper's size.
+    /// Extent on a graphics card: an image of the paper's size.
     pub const CARD: Self = Self { rounds: ROUNDS, size: PAPER_SIZE, samples: 16_384, widest: 256 };
-    /// On a software driver: a tenth of it in both directions.
+    /// Extent on a software driver: a tenth of it in both directions.
     pub const SOFTWARE: Self = Self { rounds: ROUNDS, size: [88, 50], samples: 1024, widest: 256 };
     /// Smallest extent, to see that it works.
     pub const TRIAL: Self = Self { rounds: 1, size: [20, 12], samples: 1024, widest: 64 };

@@ -50,7 +50,7 @@ impl LightEncoding {
         self.inputs_of(&dual_params(light)).map(|input| input.value)
     }
 
-    /// From the gradient by the inputs, the gradient by the parameters.
+    /// Gradient by the parameters, from that by the inputs.
     pub fn backward(&self, light: &LightParams, d_inputs: &[f32]) -> [f32; MAX_PARAMS] {
         let mut gradient = [0.0; MAX_PARAMS];
         for (input, d_input) in self.inputs_of(&dual_params(light)).iter().zip(d_inputs) {

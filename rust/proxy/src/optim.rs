@@ -15,7 +15,7 @@ const MOMENTUM: f32 = 0.95;
 const BLOCK: usize = 16_384;
 /// Jordan's coefficients of the quintic Newton-Schulz iteration: of `x`, of `x xT x`, of `(x xT)^2 x`.
 pub(crate) const NEWTON_SCHULZ: [f32; 3] = [3.4445, -4.7750, 2.0315];
-/// Its rounds.
+/// Number of rounds.
 pub(crate) const ROUNDS: usize = 5;
 
 /// Factors of Adam's moments at a step, counted from 1, since they start at zero.
@@ -46,7 +46,7 @@ pub(crate) struct Optimiser {
 }
 
 impl Optimiser {
-    /// With no memory.
+    /// Optimiser with no memory.
     pub fn new(layout: &ParamLayout, muon: bool) -> Self {
         Self { first: vec![0.0; layout.len], second: vec![0.0; layout.len], muon }
     }

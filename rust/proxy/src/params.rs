@@ -30,7 +30,7 @@ pub(crate) struct Tensor {
 }
 
 impl Tensor {
-    /// Where it lies in the parameter vector.
+    /// Range of the tensor in the parameter vector.
     pub fn range(&self) -> Range<usize> {
         self.start..self.start + self.rows * self.stride
     }

@@ -22,7 +22,7 @@ pub struct PixelFeatures {
     pub wo: Vec<[f32; 3]>,
 }
 
-/// How far from the middle of what is seen something still counts, as a share of the middle's diagonal.
+/// Distance from the middle of what is seen within which something still counts, as a share of the middle's diagonal.
 const BEYOND: f32 = 0.5;
 
 impl PixelFeatures {

@@ -26,9 +26,9 @@ pub struct ProxyInfo {
     pub size: SizeRange,
     /// Least and greatest value of each light parameter seen in training; empty before the first step.
     pub trained_ranges: Vec<[f32; 2]>,
-    /// How inputs are normalised.
+    /// Normalisation of inputs.
     pub normalisation: Normalisation,
-    /// How outputs are scaled.
+    /// Scale of outputs.
     pub output_scale: OutputScale,
     /// Steps and samples trained.
     pub steps: u64,
@@ -83,7 +83,7 @@ macro_rules! with_evaluator {
 }
 
 impl Proxy {
-    /// From weights in the order of the network's layout.
+    /// Proxy from weights in the order of the network's layout.
     pub(crate) fn new(info: ProxyInfo, features: Arc<PixelFeatures>, params: Vec<f32>) -> Self {
         let scene = SceneCache::new(&features, info.normalisation);
         let light = LightEncoding::new(info.kind, info.normalisation, info.size);
@@ -111,7 +111,7 @@ impl Proxy {
         &self.features
     }
 
-    /// Its network as a device runs it.
+    /// Network as a device runs it.
     pub(crate) fn device_network(&self) -> DeviceNetwork {
         self.parts().pack()
     }

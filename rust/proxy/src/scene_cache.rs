@@ -5,7 +5,7 @@ use crate::PixelFeatures;
 use crate::analytic::{Lanes, Surface};
 use crate::simd::LANES;
 
-/// How pixel features and light parameters are brought into the range of a network.
+/// Normalisation of pixel features and light parameters to the range of a network.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Normalisation {
     /// Centre of the visible positions, metres.
@@ -17,7 +17,7 @@ pub struct Normalisation {
 }
 
 impl Normalisation {
-    /// From the visible positions and depths.
+    /// Normalisation from the visible positions and depths.
     pub fn of(features: &PixelFeatures) -> Self {
         let (low, high) = features.visible_bounds();
         let hits = features.depth.iter().filter(|d| **d > 0.0);

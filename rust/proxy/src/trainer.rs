@@ -38,7 +38,7 @@ pub struct Trainer {
     isa: Isa,
     pub(crate) core: Core,
     pub(crate) samples_of: Samples,
-    /// Where steps are done, if not here. Weights and moments of the state are then empty.
+    /// Device on which steps are done, if not here. Weights and moments of the state are then empty.
     pub(crate) device: Option<Box<DeviceCore>>,
     /// Lights that training never sees, with their pictures.
     held_out: Vec<(LightParams, Image)>,
@@ -58,7 +58,7 @@ pub(crate) struct TrainState {
     pub scores: Option<Scores>,
 }
 
-/// Where batches come from.
+/// Source of batches.
 pub(crate) enum Samples {
     Gathered(Replay),
     Pool(Pool),
@@ -411,7 +411,7 @@ impl Trainer {
 }
 
 impl Samples {
-    /// Nothing yet, for a training that has done `samples` samples.
+    /// Empty samples, for a training that has done `samples` samples.
     fn new(config: &TrainConfig, pixel_count: usize, samples: u64) -> Self {
         match config.targets {
             TargetMode::Raw => Self::Gathered(Replay::new(config.sample_reuse, samples)),

@@ -27,7 +27,7 @@ pub enum BuildError {
     Part {
         /// Kind of the part.
         part: &'static str,
-        /// Its name.
+        /// Name of the part.
         name: String,
         /// Fault of the part, in words.
         reason: String,

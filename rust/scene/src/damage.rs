@@ -61,7 +61,7 @@ fn zeroed(kind: &str, name: &str, values: usize) -> Option<String> {
     (values > 0).then(|| format!("{values} values of its {kind} '{name}' are not finite numbers; taken as 0"))
 }
 
-/// How many values are not sound.
+/// Number of values that are not sound.
 fn count<T>(values: &[T], is_sound: impl Fn(&T) -> bool) -> usize {
     values.iter().filter(|value| !is_sound(value)).count()
 }

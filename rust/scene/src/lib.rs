@@ -58,7 +58,7 @@ pub struct Scene {
     pub camera: Camera,
     /// Each evaluated mesh once.
     pub meshes: Vec<Mesh>,
-    /// Where meshes stand.
+    /// Instances of meshes.
     pub instances: Vec<Instance>,
     /// Shader graphs, referred to by [`Instance::materials`].
     pub materials: Vec<Material>,

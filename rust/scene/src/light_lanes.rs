@@ -110,7 +110,8 @@ impl LightShape {
         }
     }
 
-    /// Where it points, of unit length: along the axis of a spot, off the lit side of an area light, towards a sun.
+    /// Direction that it points to, of unit length: along the axis of a spot, off the lit side of an area light,
+    /// towards a sun.
     pub fn axis(&self) -> Option<Vec3> {
         match *self {
             Self::Spot { axis, .. } => axis.try_normalize(),

@@ -15,7 +15,7 @@ pub enum Distribution {
     AshikhminShirley,
 }
 
-/// How an image's alpha is read.
+/// Reading of an image's alpha.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Alpha {

@@ -38,7 +38,7 @@ pub enum ObjError {
     Content {
         /// The file.
         path: PathBuf,
-        /// Which part, and why.
+        /// Part, and reason.
         source: BuildError,
     },
 }

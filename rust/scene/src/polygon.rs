@@ -49,9 +49,9 @@ pub enum PolygonError {
     Length {
         /// Mesh name.
         mesh: String,
-        /// Which array.
+        /// Name of the array.
         array: String,
-        /// Its length.
+        /// Length of the array.
         found: usize,
         /// The length it should have.
         expected: usize,
@@ -63,11 +63,11 @@ pub enum PolygonError {
     Index {
         /// Mesh name.
         mesh: String,
-        /// Which array.
+        /// Name of the array.
         array: &'static str,
-        /// Which element.
+        /// Index of the element.
         index: usize,
-        /// Its value.
+        /// Value of the element.
         value: i64,
         /// First value not allowed.
         limit: usize,

@@ -9,9 +9,9 @@ pub struct Texture {
     pub height: usize,
     /// RGBA texels.
     pub texels: Texels,
-    /// How texels become scene-linear.
+    /// Encoding of texels, which become scene-linear.
     pub encoding: ColorEncoding,
-    /// How alpha is read.
+    /// Reading of alpha.
     pub alpha: crate::Alpha,
 }
 

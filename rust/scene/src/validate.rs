@@ -10,7 +10,7 @@ pub const MOST_RADIANCE: f32 = 1e30;
 pub struct Problem {
     /// Kind of the part: `"mesh"`, `"object"`, `"material"`, `"image"`, `"camera"`, `"world"` or `"scene"`.
     pub part: &'static str,
-    /// Its name.
+    /// Name of the part.
     pub name: String,
     /// Fault, with the next step.
     pub reason: String,

@@ -31,7 +31,7 @@ pub struct Measurement {
     pub name: String,
     /// The figure.
     pub value: f64,
-    /// Its unit.
+    /// Unit of the figure.
     pub unit: &'static str,
     /// Name of the program that it is compared with.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -11,7 +11,7 @@ pub(crate) struct Discrete1D {
 }
 
 impl Discrete1D {
-    /// Nothing if no weight is above 0. Negative and non-finite weights count as 0.
+    /// Distribution of these weights; nothing if none is above 0. Negative and non-finite weights count as 0.
     pub fn new(weights: &[f32]) -> Option<Self> {
         let usable = |weight: f32| if weight.is_finite() { f64::from(weight.max(0.0)) } else { 0.0 };
         let total: f64 = weights.iter().map(|weight| usable(*weight)).sum();

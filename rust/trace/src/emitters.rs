@@ -171,7 +171,8 @@ fn is_seen_by_all(instance: &Instance) -> bool {
         && instance.visible_transmission
 }
 
-/// At how many points of a triangle a material's emission is to be measured, judged by its nodes: none if it cannot emit.
+/// Number of points of a triangle at which a material's emission is to be measured, judged by its nodes: none if it
+/// cannot emit.
 fn points_to_measure(material: &Material) -> usize {
     let is_zero = |input: &Input| match input {
         Input::Float(value) => *value == 0.0,

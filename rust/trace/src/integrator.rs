@@ -288,8 +288,8 @@ impl Integrator<'_> {
     }
 }
 
-/// Where a path goes on, weighted by the density of surface and cones together, which comes second; that of the sample stays the
-/// surface's own, by which Filter Glossy goes.
+/// Direction in which a path goes on, weighted by the density of surface and cones together, which comes second; that
+/// of the sample stays the surface's own, by which Filter Glossy goes.
 fn direction(
     surface: &Surface,
     cones: Option<&Cones>,

@@ -36,7 +36,7 @@ pub(crate) struct PathState {
     ends_on_surface: bool,
 }
 
-/// Where a path ends that dips below the true surface: only lights along its last segment count.
+/// End of a path that dips below the true surface: only lights along its last segment count.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LightsOnly {
     /// The vertex that the path left, from which lights are seen; what blocks them is seen from above it.
@@ -105,7 +105,7 @@ impl PathState {
             self.transparent >= limits.transparent.saturating_add(limits.more_transparent);
     }
 
-    /// How many transparent surfaces light may pass on its way straight to the surface that the path is on.
+    /// Number of transparent surfaces that light may pass on its way straight to the surface that the path is on.
     pub fn transparent_left(&self, limits: &BounceLimits) -> u32 {
         limits.transparent.saturating_sub(self.transparent)
     }

@@ -1,4 +1,4 @@
-//! Where a ray starts that leaves a surface.
+//! Origins of rays that leave a surface.
 
 use glam::Vec3;
 use relume_scene::Scene;
@@ -42,9 +42,9 @@ fn rounding(point: &SurfacePoint) -> f32 {
     point.position.abs().max_element().max(point.ray_length) * (8.0 * f32::EPSILON)
 }
 
-/// From the point with barycentric coordinates `weights` of a triangle to the curved surface that its vertex normals
-/// describe, on the side of `side`: half the height of the parabolic patch, or the lower envelope of the vertices'
-/// tangent planes if that is higher. Both are zero where the normals are the triangle's own.
+/// Offset from the point with barycentric coordinates `weights` of a triangle to the curved surface that its vertex
+/// normals describe, on the side of `side`: half the height of the parabolic patch, or the lower envelope of the
+/// vertices' tangent planes if that is higher. Both are zero where the normals are the triangle's own.
 fn terminator_offset(corners: [Vec3; 3], normals: [Vec3; 3], weights: [f32; 3], side: Vec3) -> Vec3 {
     let blend = |of: [Vec3; 3]| of[0] * weights[0] + of[1] * weights[1] + of[2] * weights[2];
     let normals = if blend(normals).dot(side) > 0.0 { normals } else { normals.map(|normal| -normal) };

@@ -1,4 +1,4 @@
-//! From a scene to a path dump: all passes, all tiles, all cores.
+//! Tracing of a scene to a path dump: all passes, all tiles, all cores.
 
 use std::sync::{
     Arc, Mutex, OnceLock, PoisonError,
@@ -35,14 +35,14 @@ pub enum TraceError {
     /// Worker threads could not be started.
     #[error("cannot start {threads} worker threads; ask for fewer")]
     Threads {
-        /// How many were asked for.
+        /// Number of threads that were asked for.
         threads: usize,
         /// Error of the system.
         source: rayon::ThreadPoolBuildError,
     },
 }
 
-/// How a trace ended.
+/// Outcome of a trace.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
     /// All shards are there.

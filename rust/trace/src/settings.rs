@@ -1,4 +1,4 @@
-//! How paths are traced. Defaults are those of a new Blender file.
+//! Settings of path tracing. Defaults are those of a new Blender file.
 
 use relume_dump::Pass;
 use relume_scene::Light;
@@ -19,7 +19,7 @@ pub struct TraceSettings {
     pub seed: u64,
     /// Edge of the square tiles, pixels.
     pub tile_size: usize,
-    /// How the samples are divided into passes over the image.
+    /// Division of the samples into passes over the image.
     pub passes: PassSchedule,
     /// Worker threads; 0 for those of the pool that traces, outside of any one a core. Does not change the result.
     pub threads: usize,
@@ -107,7 +107,8 @@ pub struct BounceLimits {
     pub transmission: u32,
     /// Transparent surfaces that a path goes straight through and still sees lights behind.
     pub transparent: u32,
-    /// How many more of them a path goes through to what the scene itself emits, and to what mirrors and the camera see.
+    /// Number of further transparent surfaces that a path goes through to what the scene itself emits, and to what
+    /// mirrors and the camera see.
     pub more_transparent: u32,
     /// Bounces before Russian roulette may end a path.
     pub min_total: u32,

@@ -37,7 +37,7 @@ pub(crate) enum StaticSample {
     World(Vec3),
 }
 
-/// Where the last non-transparent bounce was, and how likely its direction: what the weight of a hit needs.
+/// Position of the last non-transparent bounce, and the density of its direction: the weight of a hit needs them.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LastBounce {
     pub position: Vec3,
@@ -45,7 +45,7 @@ pub(crate) struct LastBounce {
 }
 
 impl StaticLights {
-    /// Nothing if there is nothing to sample.
+    /// Sampler of static lights; nothing if there is nothing to sample.
     pub fn new(scene: &Scene, materials: &PreparedMaterials, environment: &Environment) -> Option<Self> {
         let emitters = Emitters::new(scene, materials);
         let samples_environment = environment.can_sample();
@@ -170,7 +170,7 @@ pub(crate) struct ShadowTracer<'a> {
     pub environment: &'a Environment,
     /// Cones that the path's own directions are drawn from beside the surface.
     pub cones: Option<&'a Cones>,
-    /// How many transparent surfaces may lie before a light.
+    /// Number of transparent surfaces that may lie before a light.
     pub transparent_left: u32,
 }
 

@@ -49,12 +49,12 @@ pub enum DenoiseError {
 /// Trade of time for quality; on the CPU about 2.4, 4.7 and 11 microseconds a pixel and thread.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum DenoiseQuality {
-    /// For previews and training targets.
+    /// Quality for previews and training targets.
     Fast,
-    /// For the viewport.
+    /// Quality for the viewport.
     #[default]
     Balanced,
-    /// For final images.
+    /// Quality for final images.
     High,
 }
 
@@ -84,7 +84,7 @@ impl DenoiseFeatures {
     }
 }
 
-/// Where to denoise.
+/// Device that denoises.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum DenoiseDevice {
     /// The CPU, on this many threads; on all cores if not given. Threads are not pinned to cores: the process is often

@@ -79,7 +79,7 @@ impl Frame {
         self.step.into()
     }
 
-    /// Its middle.
+    /// Middle of the box.
     pub fn middle(&self) -> Vec3 {
         Vec3::from(self.minimum) + 0.5 * STEPS * self.step()
     }

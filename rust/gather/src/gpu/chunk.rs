@@ -33,7 +33,7 @@ struct Piece {
 }
 
 impl Piece {
-    /// Its records in the shard.
+    /// Range of its records in the shard.
     fn records(&self) -> Range<usize> {
         let offsets = self.shard.pixel_offsets();
         offsets[self.pixels.start] as usize..offsets[self.pixels.end] as usize
@@ -203,7 +203,7 @@ fn places(dump: &Dump, tile: usize, pixels: Range<usize>) -> impl Iterator<Item 
     pixels.map(move |pixel| place(pixel) as u32)
 }
 
-/// Which records of a chunk belong to which pixel.
+/// Table of the records of a chunk by pixel.
 #[derive(Debug)]
 pub struct ChunkTable {
     shards: Buffer<GpuShard>,
@@ -294,9 +294,9 @@ const TABLES: usize = 3;
 pub struct Chunk {
     plan: ChunkPlan,
     pub records: ChunkRecords,
-    /// By half, made when first asked for.
+    /// Tables by half, made when first asked for.
     tables: [OnceLock<Arc<ChunkTable>>; TABLES],
-    /// By place in the image, made when first asked for.
+    /// Numbers by place in the image, made when first asked for.
     numbers: OnceLock<Arc<Buffer<u32>>>,
 }
 

@@ -134,7 +134,7 @@ impl<'a> Smoothed<'a> {
     }
 }
 
-/// From values in the order of the device, of the lanes that the lights have.
+/// Result from values in the order of the device, of the lanes that the lights have.
 fn compared(lights: &[&Light], Compared { loss, layers, gradients }: Compared) -> SoftCompared {
     let gradient = |(light, values): (&&Light, &[f32; GRADIENT])| {
         let slope = |lane| if light.shape.has_lane(lane) { values[3 + lane] } else { 0.0 };

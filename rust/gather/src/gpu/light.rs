@@ -117,7 +117,7 @@ impl GpuLight {
         }
     }
 
-    /// Its kind as smoothed lights have it, which are neither stretched nor sheared.
+    /// Kind of the light as smoothed lights have it, which are neither stretched nor sheared.
     pub(super) fn plain_kind(&self) -> u32 {
         match self.kind {
             STRETCHED_SPOT => SPOT,

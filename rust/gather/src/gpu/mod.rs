@@ -122,7 +122,7 @@ impl GpuGather {
         }
     }
 
-    /// Where it is.
+    /// Device of the gather.
     pub fn gpu(&self) -> &Arc<Gpu> {
         &self.gpu
     }
@@ -432,7 +432,7 @@ impl GpuGather {
     }
 }
 
-/// Nothing where the device has less memory than its driver says, or others were faster to take it.
+/// Turns a lack of memory into nothing: the device has less than its driver says, or others were faster to take it.
 fn if_it_fits<T>(made: Result<T, GpuError>) -> Result<Option<T>, GatherError> {
     match made {
         Err(GpuError::OutOfMemory { .. }) => Ok(None),

@@ -32,7 +32,7 @@ const LOAD: usize = 4;
 /// A pixel that was asked for.
 #[derive(Debug)]
 struct Chosen<'a> {
-    /// In the image, row by row.
+    /// Place in the image, row by row.
     place: u32,
     tile: usize,
     runs: Vec<Run<'a>>,
@@ -93,7 +93,7 @@ fn cut<'p, 'a>(pixels: &'p [Chosen<'a>], dump: &Dump, most: u64) -> Vec<&'p [Cho
     cuts.windows(2).map(|ends| &pixels[ends[0]..ends[1]]).filter(|pixels| !pixels.is_empty()).collect()
 }
 
-/// Which records belong to which pixel, when those of all lie one behind the other.
+/// Table of the records of each pixel, when those of all lie one behind the other.
 fn table(
     gpu: &Gpu,
     dump: &Dump,

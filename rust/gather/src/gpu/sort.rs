@@ -87,7 +87,7 @@ impl PixelGroup {
         shards.map(records).sum::<usize>() + Self::PADDING
     }
 
-    /// How many blocks its segments make up.
+    /// Number of blocks that its segments make up.
     pub fn block_count(&self, dump: &Dump) -> usize {
         let mut segments = [0; CLASSES];
         for shard in dump.tile(self.tile) {

@@ -196,7 +196,7 @@ impl Sorted {
         self.bytes_per_segment(light) * self.byte_cost().unwrap_or(1.0) < PATH_ORDER_BYTES
     }
 
-    /// How much longer than a byte in the order of paths one of these takes, once that was measured.
+    /// Cost of a byte of these relative to one in the order of paths, once that was measured.
     pub fn byte_cost(&self) -> Option<f64> {
         self.byte_cost.get().copied()
     }

@@ -28,7 +28,7 @@ struct GpuEnvironment {
 }
 
 impl GpuEnvironment {
-    /// With some rows of the map.
+    /// Arguments with some rows of the map.
     fn new(environment: &Environment, rows: &Range<usize>) -> Self {
         let column = |column| environment.texture_from_world.col(column).extend(0.0).to_array();
         let (width, height) = environment.map.as_deref().map_or((0, 0), |map| (map.width, map.height));

@@ -27,7 +27,7 @@ fn tinted(home: &Light, locks: Locks, stops: f32) -> Variable {
     Variable { locks, bounds: variable.bounds.tinted(home, Some(stops)), ..variable }
 }
 
-/// By how many stops the ratio of two channels differs most from what it is at home.
+/// Stops by which the ratio of two channels differs most from what it is at home.
 fn stops_of_color(light: &Light, home: &Light) -> f32 {
     let away = [0, 1, 2].map(|c| (power(light)[c] / power(home)[c]).log2());
     away.into_iter().fold(f32::MIN, f32::max) - away.into_iter().fold(f32::MAX, f32::min)

@@ -17,7 +17,7 @@ const TURN: f32 = 0.25;
 const BRIGHTEN: f32 = 0.05;
 /// A further step that improves the loss by less than this share is the last of its stage.
 const LEAST_GAIN: f64 = 1e-3;
-/// So is the last of so many that improve nothing.
+/// Number of steps in a row without improvement after which a stage ends.
 const PATIENCE: usize = 5;
 /// Longest step of an unconstrained value; also what is expected of one, against which its derivatives are weighed: what they say
 /// less about than the residuals' scatter stays.
@@ -51,7 +51,7 @@ impl State {
 pub(super) enum Base {
     /// The clean one, for both halves.
     Clean,
-    /// Its exact halves.
+    /// Exact halves of the pictures.
     Exact,
 }
 
@@ -149,7 +149,7 @@ impl<'a> Fit<'a> {
         residuals
     }
 
-    /// With the drawn cells of their terms, and the uncertainties.
+    /// Views with the drawn cells of their terms, and the uncertainties.
     fn views(&self) -> impl Iterator<Item = ((&ViewObjective<'a>, &Vec<Vec<u32>>), &Vec<Uncertainty>)> {
         self.objective.views.iter().zip(self.draw).zip(&self.uncertainties)
     }

@@ -11,15 +11,15 @@ const SIZES: [f32; 7] = [0.07, 0.21, 0.36, 0.5, 0.64, 0.79, 0.93];
 const ROUNDS: usize = 4;
 /// A size this near to an end of its range is where smoothing has left it to the noise: it says nothing.
 const END: f32 = 0.1;
-/// It is left for the middle only if that at most so multiplies the loss of clean pictures. A compromise: denoising dims small
-/// lights, so that clean pictures dislike them a little even where they are right.
+/// Largest factor of the loss of clean pictures by which an end of the range is left for the middle. A compromise:
+/// denoising dims small lights, so that clean pictures dislike them a little even where they are right.
 const MOST_DISLIKED: f64 = 2.0;
 /// A size within this share of its range is where the artist had it.
 const UNCHANGED: f32 = 1e-3;
 
 /// Tests of sizes that need exact pictures: denoising takes more from small lights than from large ones, and dims them.
 impl Fit<'_> {
-    /// With the sizes that suit best of some over their whole range.
+    /// State with the sizes that suit best of some over their whole range.
     pub fn with_best_sizes(&self, state: State) -> Result<State, OptimiseError> {
         let trust = Trust::new(&self.exact_residuals(&state), &self.rows);
         let mut lights = state.lights.clone();
@@ -111,7 +111,7 @@ impl Fit<'_> {
         !(END..=1.0 - END).contains(&share) && (share - was).abs() > UNCHANGED
     }
 
-    /// With the radiances that exact pictures ask for, if they leave little uncertainty.
+    /// State with the radiances that exact pictures ask for, if they leave little uncertainty.
     pub fn with_exact_radiances(&self, state: State) -> Result<State, OptimiseError> {
         let residuals = self.exact_residuals(&state);
         let (trust, exact) = (Trust::new(&residuals, &self.rows), State { residuals, ..state.clone() });
@@ -126,7 +126,7 @@ impl Fit<'_> {
         Ok(if self.exact_gain(&state, &next).least() > 0.0 { next } else { state })
     }
 
-    /// By how much exact pictures prefer one state to another.
+    /// Gain of one state over another by exact pictures.
     pub fn exact_gain(&self, before: &State, after: &State) -> Gain {
         let strain = |state: &State| self.objective.preference_loss(&self.mappings, &state.lights);
         let gain = Gain::new(&self.exact_residuals(before), &self.exact_residuals(after));

@@ -14,7 +14,7 @@ pub struct ProxyCompared {
     pub loss: f64,
     /// Gradient of each light.
     pub lights: Vec<LightGradient>,
-    /// By the radiances of the layers but the first.
+    /// Derivatives by the radiances of the layers but the first.
     pub layers: Vec<[f32; 3]>,
 }
 

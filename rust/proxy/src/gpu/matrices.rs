@@ -24,8 +24,8 @@ pub(super) struct ByMatrices {
 }
 
 impl ByMatrices {
-    /// Nothing where the device has no such matrices, the network does not fit them, or they do not give what the plain kernel
-    /// gives.
+    /// Matrix kernels that were tested; nothing where the device has no such matrices, the network does not fit them,
+    /// or they do not give what the plain kernel gives.
     ///
     /// # Errors
     /// If the plain kernel fails.

@@ -20,8 +20,8 @@ pub(crate) struct DeviceNetwork {
     pub hidden: usize,
     /// Rows of an encoded pixel.
     pub pixel_rows: usize,
-    /// For the way forward: matrices as `[input][row]`, then output weights and bias in quads of three values. For the way
-    /// back: those between layers as `[row][input]`, then of the output, then of the features.
+    /// Weights for the way forward: matrices as `[input][row]`, then output weights and bias in quads of three values.
+    /// For the way back: those between layers as `[row][input]`, then of the output, then of the features.
     pub weights: Vec<f32>,
 }
 

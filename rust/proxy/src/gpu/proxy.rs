@@ -330,7 +330,7 @@ impl GpuProxy {
         values
     }
 
-    /// Where it is.
+    /// Device of the proxy.
     pub fn gpu(&self) -> &Arc<Gpu> {
         &self.gpu
     }

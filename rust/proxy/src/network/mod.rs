@@ -43,7 +43,7 @@ pub(crate) struct Chunk<'a> {
     pub weight: f32,
 }
 
-/// Where a chunk leaves its results.
+/// Receiver of a chunk's gradients.
 pub(crate) struct ChunkGradients<'a> {
     /// Gradient by all parameters but the grid, added to.
     pub params: &'a mut [f32],
@@ -64,7 +64,7 @@ pub(crate) trait Network: Sync {
 
     fn layout(&self) -> &ParamLayout;
     fn grid(&self) -> &HashGrid;
-    /// How lights are turned into inputs.
+    /// Encoding of lights as inputs.
     fn light_encoding(&self) -> &LightEncoding;
     /// Multiply-adds of one sample in training (without what is shared) and in inference.
     fn multiply_adds(&self, slots: usize) -> (usize, usize);

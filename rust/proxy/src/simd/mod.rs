@@ -103,7 +103,7 @@ pub(crate) enum Start<'a> {
 /// Operation on a result on its way to memory.
 #[derive(Clone, Copy)]
 pub(crate) enum Finish<'a> {
-    /// Nothing.
+    /// Linear output: nothing happens to the result.
     Linear,
     /// `max(x, 0)`.
     Relu,

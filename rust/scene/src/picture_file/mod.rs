@@ -103,7 +103,7 @@ impl PictureFile {
         Texture { name, width: self.width, height: self.height, texels: self.texels, encoding, alpha }
     }
 
-    /// From rows of pixels of N values, top row first.
+    /// Texels from rows of pixels of N values, top row first.
     fn from_rows<T: Copy, const N: usize>(
         [width, height]: [usize; 2],
         values: &[T],

@@ -51,18 +51,18 @@ pub struct ClosureSample {
     pub singular: bool,
     /// Class of the direction.
     pub lobe: Lobe,
-    /// How far it counts.
+    /// Reach of the direction.
     pub reach: Reach,
 }
 
 /// Density of a closure's directions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Sharpness {
-    /// All have.
+    /// Every direction has one.
     Dull,
-    /// None has.
+    /// No direction has one.
     Singular,
-    /// Reflected ones have, transmitted ones go straight on.
+    /// Reflected directions have one, transmitted ones go straight on.
     Both,
 }
 

@@ -22,7 +22,7 @@ pub enum Shape {
 /// A distribution of microfacet normals.
 #[derive(Clone, Copy, Debug)]
 pub struct Distribution {
-    /// Its shape.
+    /// Shape of the distribution.
     pub shape: Shape,
     /// Width along x, 0..1.
     pub alpha_x: f32,

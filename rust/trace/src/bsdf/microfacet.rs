@@ -14,18 +14,18 @@ use super::frame::Frame;
 use super::fresnel::{self, F82};
 use super::normal::{Reach, Sides};
 
-/// Which side light can leave to.
+/// Side that light can leave to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Interface {
     /// Reflection only.
     Reflection,
     /// Refraction only.
     Refraction,
-    /// Both.
+    /// Both sides.
     Glass,
 }
 
-/// How much a facet reflects.
+/// Reflectance of a facet.
 #[derive(Clone, Copy, Debug)]
 pub enum Fresnel {
     /// All; an interface that refracts lets through all that is not totally reflected.
@@ -50,11 +50,11 @@ pub enum Fresnel {
 pub struct Microfacet {
     /// Statistics of the facets.
     pub distribution: Distribution,
-    /// Where light goes.
+    /// Side that light leaves to.
     pub interface: Interface,
     /// Index of refraction beyond the surface over that on the side of `wo`.
     pub ior: f32,
-    /// How much goes where.
+    /// Share of light that is reflected.
     pub fresnel: Fresnel,
     /// Tangents and normal.
     pub frame: Frame,

@@ -325,7 +325,8 @@ impl Surface {
         !self.is_specular() && self.dull_share() > 0.0
     }
 
-    /// Where no light comes in from: a surface that does not transmit gets none from below both of its normals.
+    /// Horizon below which no light comes in: a surface that does not transmit gets none from below both of its
+    /// normals.
     pub(crate) fn horizon(&self) -> Horizon {
         let transmits = self.closures.iter().any(Closure::transmits);
         Horizon((!transmits).then_some([self.sides.geometric, self.sides.shading]))

@@ -1,4 +1,4 @@
-//! Where a ray meets the scene.
+//! Intersection of rays with the scene.
 //!
 //! [`SceneBvh`] holds one tree of the whole scene: triangles of meshes that are used once (or are small) stand in it
 //! in world space, meshes that are used more often have a tree of their own that the world's tree refers to. obvhs

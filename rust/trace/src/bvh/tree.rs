@@ -93,9 +93,9 @@ impl Node {
 pub(super) struct Block {
     /// First corner: x, y, z.
     pub corner: [Lanes; 3],
-    /// From the first to the second corner.
+    /// Edge from the first to the second corner.
     pub edge_1: [Lanes; 3],
-    /// From the first to the third corner.
+    /// Edge from the first to the third corner.
     pub edge_2: [Lanes; 3],
     /// Length of the longer of the two edges.
     pub reach: Lanes,

@@ -104,7 +104,8 @@ impl Guide {
     }
 }
 
-/// Where a surface gets no light from: nothing comes in from below both of its normals. By default, everything counts.
+/// Normals below which a surface gets no light: nothing comes in from below both of them. By default, everything
+/// counts.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Horizon(pub Option<[Vec3; 2]>);
 

@@ -19,21 +19,21 @@ pub(super) struct GuideTarget {
 
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Place {
-    /// In a ball.
+    /// Light in a ball.
     Ball { center: Vec3, radius: f32 },
-    /// On one side of a plane, in a ball.
+    /// Light on one side of a plane, in a ball.
     Flat { center: Vec3, radius: f32, plate: Plate },
     /// Plate that is seen at another place: `apparent` takes the way to the centre to the way to where it appears.
     Sheared { center: Vec3, radius: f32, plate: Plate, apparent: Mat3 },
-    /// In directions around one.
+    /// Light in directions around one.
     Sky { direction: Vec3, sine_squared: f32 },
 }
 
-/// Where a light shines to.
+/// Directions that a light shines to.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Beam {
     Everywhere,
-    /// From the cosine to the axis on that it has at the rim of the cone.
+    /// Directions from the cosine to the axis on that it has at the rim of the cone.
     Cone {
         axis: Vec3,
         cos: f32,
@@ -153,8 +153,8 @@ pub(super) fn height(sine_squared: f32) -> f32 {
     sine_squared * (0.5 + 0.125 * sine_squared)
 }
 
-/// From the way to the centre of a parallelogram to that to where Cycles' sampling puts it: `M M^T` with `M = (u, v, u x v)` for
-/// the unit directions of its edges, as `relume_gather` tells.
+/// Matrix from the way to the centre of a parallelogram to the way to where Cycles' sampling puts it: `M M^T` with `M =
+/// (u, v, u x v)` for the unit directions of its edges, as `relume_gather` tells.
 fn apparent(edge_u: Vec3, edge_v: Vec3) -> Mat3 {
     let [u, v] = [edge_u, edge_v].map(Vec3::normalize_or_zero);
     let matrix = Mat3::from_cols(u, v, u.cross(v));

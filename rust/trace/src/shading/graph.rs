@@ -28,7 +28,7 @@ pub struct Graph {
 /// Precomputed part of a node.
 #[derive(Clone, Debug, Default)]
 pub enum Aid {
-    /// Nothing.
+    /// No aid.
     #[default]
     None,
     /// Rotation of a Mapping node with a constant one.

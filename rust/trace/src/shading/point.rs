@@ -31,7 +31,7 @@ impl Hit {
 /// A point on a surface, in world space, as the shader graphs see it.
 #[derive(Clone, Copy, Debug)]
 pub struct SurfacePoint {
-    /// Where.
+    /// Position of the hit.
     pub position: Vec3,
     /// Unit normal of the triangle, on the side of `wo`.
     pub geometric_normal: Vec3,

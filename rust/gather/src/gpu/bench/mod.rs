@@ -33,7 +33,7 @@ const PAPER_SEGMENTS: usize = 3;
 const PAPER_LIGHTS: [usize; 3] = [1, 8, 32];
 /// Bytes of a record of a sorted dump, which lies beside that in the order of paths.
 const SORTED_BYTES: u64 = 21;
-/// How much more of the CPU's memory a dump takes while it is made than when it is there.
+/// Ratio of the CPU's memory that a dump takes while it is made to that when it is there.
 const CPU_FACTOR: u64 = 2;
 
 /// Measures gathers on the device, from a made-up room. `megabytes` is the size of the positions; 1024 is well beyond
@@ -97,7 +97,7 @@ pub fn measure_paper(
     Ok(figures)
 }
 
-/// How segments lie, for names, and bytes of each that are read.
+/// Layout of segments: a name, and bytes of each that are read.
 type Layout = (&'static str, f64);
 const LAYOUT: Layout = ("", POSITION_BYTES);
 const LAYOUT_OF_THE_PAPER: Layout = (" in the paper's layout", SEGMENT_BYTES);
@@ -201,7 +201,7 @@ fn paper_name(what: &str, (width, height, samples): (usize, usize, usize)) -> St
     format!("{what}, {width} x {height} at {samples} samples")
 }
 
-/// At most so many samples, halved until the dump fits, sorted and not.
+/// Largest number of samples, halved until the dump fits, sorted and not.
 fn fitting_samples(gpu: &Gpu, (width, height, most): (usize, usize, usize)) -> usize {
     let halves = std::iter::successors(Some(most), |samples| Some(samples / 2));
     let fits = |samples: &usize| {

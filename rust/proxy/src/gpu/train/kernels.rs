@@ -27,7 +27,7 @@ pub(super) struct Products {
 }
 
 impl Kernels {
-    /// With products in 32 bits.
+    /// Kernels with products in 32 bits.
     pub fn new(
         gpu: &Gpu,
         buffers: &Buffers,

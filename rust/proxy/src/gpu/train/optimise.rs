@@ -66,8 +66,8 @@ struct MuonKernels {
 }
 
 impl Optimise {
-    /// From the gradient in `pieces` of `dense` values each, and the loss in `losses`; with Muon for hidden matrices or
-    /// Adam for all.
+    /// Optimiser of the gradient in `pieces` of `dense` values each, and the loss in `losses`; with Muon for hidden
+    /// matrices or Adam for all.
     pub fn new(
         gpu: &Gpu,
         layout: &ParamLayout,

@@ -135,7 +135,7 @@ pub(super) struct Shape<'a> {
 }
 
 impl Plan {
-    /// For batches of up to `capacity` samples at a time, with `slots` lights a pixel.
+    /// Plan for batches of up to `capacity` samples at a time, with `slots` lights a pixel.
     pub fn new(config: &NetworkConfig, shape: &Shape<'_>, capacity: u32, slots: u32) -> Self {
         let rooms = Rooms { batch: Batch { samples: capacity, capacity, slots }, used: 0 };
         match *config {

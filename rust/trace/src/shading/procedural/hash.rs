@@ -44,7 +44,7 @@ pub fn hash<const N: usize>(words: [u32; N]) -> u32 {
     hash_words(N, padded(words))
 }
 
-/// In 0..=1.
+/// Number in 0..=1.
 #[inline(always)]
 fn unit(hash: u32) -> f32 {
     hash as f32 * (1.0 / u32::MAX as f32)

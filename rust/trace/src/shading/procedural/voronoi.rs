@@ -214,7 +214,7 @@ impl Voronoi {
         distance
     }
 
-    /// In one dimension, the distance to a middle between the cell's own point and one of its two neighbours.
+    /// Distance, in one dimension, to a middle between the cell's own point and one of its two neighbours.
     fn distance_to_middle<const N: usize>(&self, cell: [f32; N], inside: [f32; N]) -> f32 {
         let mut points = [0.0; 3];
         let mut count = 0;
