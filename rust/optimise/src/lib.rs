@@ -4,7 +4,7 @@
 //! ```text
 //! let goals = [Goal { criterion: Criterion::Target { image, exposure_invariant: false }, pixels: None, weight: 1.0 }];
 //! let view = View { relight: &proxy, base: &static_and_world, still: vec![None], goals: &goals };
-//! let problem = Problem { views: vec![view], variables: vec![Variable { light, locks, bounds, stay: 0.0 }] };
+//! let problem = Problem { views: vec![view], variables: vec![Variable { light, locks, bounds, prior_weight: 0.0 }] };
 //! let starts = random_starts(&problem, &options)?;        // or the lights of the scene
 //! let solution = solve(&problem, &starts, &Settings::default(), &|step| ControlFlow::Continue(()))?;
 //! let polished = polish(&through_the_gather, &[&solution.lights[..]], 24, &mut |step| ControlFlow::Continue(()))?;

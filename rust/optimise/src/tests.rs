@@ -121,7 +121,7 @@ fn bounds() -> Bounds {
 }
 
 pub(crate) fn variable(light: &Light) -> Variable {
-    Variable { light: light.clone(), locks: Locks::default(), bounds: bounds(), stay: 0.0 }
+    Variable { light: light.clone(), locks: Locks::default(), bounds: bounds(), prior_weight: 0.0 }
 }
 
 pub(crate) fn flat(value: f32) -> Image {
@@ -172,8 +172,10 @@ fn gradients_equal_differences_for_every_value_of_every_light_and_every_goal() {
     ];
     for light in lamps() {
         let other = disturbed(&lamps()[1]);
-        let variables =
-            vec![Variable { stay: 0.05, ..variable(&light) }, Variable { stay: 0.05, ..variable(&other) }];
+        let variables = vec![
+            Variable { prior_weight: 0.05, ..variable(&light) },
+            Variable { prior_weight: 0.05, ..variable(&other) },
+        ];
         let view =
             |relight: &'static Lambert| View { relight, base: &base, still: vec![None, None], goals: &goals };
         let problem = Problem { views: vec![view(&FLOOR), view(&IN_CELLS)], variables };

@@ -141,7 +141,7 @@ impl Bounds {
 /// A light to be solved.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Variable {
-    /// Light at the start, to which it is drawn by `stay`.
+    /// Light at the start, to which it is drawn by `prior_weight`.
     pub light: Light,
     /// Parameters that stay as they are.
     pub locks: Locks,
@@ -149,7 +149,7 @@ pub struct Variable {
     pub bounds: Bounds,
     /// Weight by which it is drawn back to where it starts: the loss of having moved by the size of the box, by a
     /// radian or by a factor e in size or power. 0 for not at all.
-    pub stay: f32,
+    pub prior_weight: f32,
 }
 
 /// The map between steps of an unconstrained vector and a light: logistic within bounds for centre, logarithm of size, cone and

@@ -31,7 +31,7 @@ pub(crate) fn seconds_of_a_light(
     let view = View { relight: &relight, base: &base, still: vec![None], goals: &goals };
     let light = Light::unit(at(-0.5).shape());
     let bounds = Bounds::new(glam::Vec3::splat(-1.5), glam::Vec3::splat(1.5), [0.1, 0.5]);
-    let variable = Variable { light: light.clone(), locks: Locks::default(), bounds, stay: 0.0 };
+    let variable = Variable { light: light.clone(), locks: Locks::default(), bounds, prior_weight: 0.0 };
     let problem = Problem { views: vec![view], variables: vec![variable] };
     let settings = Settings { iterations: steps, pixel_fraction: PIXELS, ..Settings::default() };
     let mut best = f64::INFINITY;

@@ -204,7 +204,7 @@ fn check(checked: &Checked, lights: &[Light], softness: [f32; 2]) {
         light: Light { radiance: [1.0, 0.8, 0.5], ..light.clone() },
         locks: Locks::default(),
         bounds,
-        stay: 0.0,
+        prior_weight: 0.0,
     };
     let mut variables: Vec<Variable> = lights.iter().map(variable).collect();
     let locks = Locks { color: false, strength: false, ..Locks::ALL };
