@@ -71,6 +71,7 @@ CASES = {
     "mortar below 0 at one place": lambda tree: node(
         tree, "ShaderNodeTexBrick", {"Mortar Smooth": -0.5, "Vector": one_place(tree)}
     ).outputs[1],
+    "bump of a constant normal": lambda tree: node(tree, "ShaderNodeBump", {"Normal": one_place(tree)}).outputs[0],
     "mapping panel at one place": checker_at_one_place,
     "mapping of no size": moved((0.4, 0.2, 0.1), (0.0, 0.0, 0.0)),
     "constant mapping of no size": moved((0.4, 0.2, 0.1), (0.0, 0.0, 0.0), rotation=(0.1, 0.2, 0.3)),

@@ -163,6 +163,9 @@ def combined(tree, socket):
 
 CASES = {
     "vector of a color as a number": lambda t: glow(t, muted_maths(t, combined(t, plain(t)))),
+    "color of numbers as a number": lambda t: glow(
+        t, muted_maths(t, node(t, "ShaderNodeCombineColor", {0: half(t), 1: 0.1, 2: 0.9}).outputs[0])
+    ),
     "vector of a constant as a number": lambda t: glow(t, muted_maths(t, combined(t, red(t)))),
     "reroute to color": lambda t: glow(t, reroute(t)),
     "reroute to number": lambda t: glow(t, reroute(t), "Strength"),

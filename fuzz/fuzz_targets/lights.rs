@@ -3,7 +3,7 @@
 
 use libfuzzer_sys::fuzz_target;
 use relume_dump::{Dump, Manifest, Shard};
-use relume_gather::{Gather, Half};
+use relume_gather::{Gather, SampleSplit};
 use relume_session::LightSet;
 use std::path::Path;
 use std::sync::{Arc, LazyLock};
@@ -20,7 +20,7 @@ static GATHER: LazyLock<Gather> = LazyLock::new(|| {
 fuzz_target!(|text: &str| {
     let Ok(set) = LightSet::parse(text) else { return };
     let Ok(lights) = GATHER.prepare_all(&set.lights) else { return };
-    for (light, image) in set.lights.iter().zip(GATHER.unit_images(&lights, Half::All)) {
+    for (light, image) in set.lights.iter().zip(GATHER.unit_images(&lights, SampleSplit::All)) {
         assert!(image.data.iter().all(|value| value.is_finite()), "{light:?}");
     }
 });

@@ -3,7 +3,7 @@
 
 use libfuzzer_sys::fuzz_target;
 use relume_dump::{Dump, Manifest, Shard};
-use relume_gather::{Gather, Half, Isa, PreparedLight};
+use relume_gather::{Gather, Isa, PreparedLight, SampleSplit};
 use relume_session::LightSet;
 use std::path::Path;
 use std::sync::{Arc, LazyLock};
@@ -31,7 +31,7 @@ fuzz_target!(|bytes: &[u8]| {
     for isa in [Isa::detect(), Isa::Portable] {
         let gather = Gather::new(dump.clone()).with_isa(isa);
         let lights: Vec<PreparedLight> = gather.prepare_all(&set.lights).expect("valid lights");
-        for half in [Half::All, Half::First, Half::Second] {
+        for half in [SampleSplit::All, SampleSplit::First, SampleSplit::Second] {
             // One and two lights take another way than many.
             gather.unit_images(&lights[..1], half);
             gather.unit_images(&lights, half);

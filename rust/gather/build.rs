@@ -22,7 +22,7 @@ fn main() {
     }
 }
 
-/// What the linker of the target looks for.
+/// File name that the linker of the target looks for.
 fn library_name() -> &'static str {
     match env::var("CARGO_CFG_TARGET_OS").as_deref() {
         Ok("windows") => "OpenImageDenoise.lib",

@@ -6,7 +6,7 @@ BLOCK = 8
 LIMIT = 0.08
 """Of a block's difference, relative to its brighter value."""
 
-ERRORS = 3.0
+ERRORS = 4.0
 """How many standard errors a difference must exceed."""
 
 DARK, BLACK = 0.5, 1e-4

@@ -118,7 +118,8 @@ def _new_socket(rng, group, name, in_out):
 def _outputs(rng, node):
     """Outputs that a link may start at: as a rule those that are shown and give a value."""
     some = [socket for socket in node.outputs if socket.enabled and socket.type in VALUES]
-    return list(node.outputs) if rng.random() < CHANCE["odd_link"] else some
+    odd = [socket for socket in node.outputs if socket.bl_idname != "NodeSocketVirtual"]
+    return odd if rng.random() < CHANCE["odd_link"] else some
 
 
 def _feed(rng, tree, socket, nodes):

@@ -1,4 +1,4 @@
-// Whether a light may touch a block of segments: the twin of `rust/gather/src/gpu/bounds.rs`.
+// Whether a light may touch a block of segments: the mirror of `rust/gather/src/gpu/bounds.rs`.
 // use: gather/light
 
 // Where the ends of the segments of a block lie: a box that they start in, and one that they go to. Each word of the first

@@ -44,7 +44,7 @@ DEEPEST = 10_000
 """Calls within calls while a graph is followed, about seven for each node."""
 COMPUTED = {
     *("mix", "math", "vector_math", "map_range", "clamp", "color_ramp", "rgb_curves", "gamma"),
-    *("combine_color", "separate_xyz", "combine_xyz"),
+    *("separate_xyz", "combine_xyz"),
 }
 """Types of nodes that Blender computes where it inlines and their inputs are constants."""
 TRANSPARENCY = {"transparent": ("color", [0.0, 0.0, 0.0]), "principled": ("alpha", 1.0)}

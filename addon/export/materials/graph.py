@@ -47,6 +47,7 @@ if IS_INLINED:
 """Types of sockets on the way that convert what nodes compute."""
 UNFOLDED = {
     "ShaderNodeBrightContrast",
+    "ShaderNodeCombineColor",
     "ShaderNodeHueSaturation",
     "ShaderNodeInvert",
     "ShaderNodeRGB",

@@ -364,6 +364,8 @@ def _bump(t: Translation, source: Source) -> Any:
             ("normal", "Normal", None),
         )
         values = {field: t.value(node, socket, source.context, default) for field, socket, default in fields}
+        if all(not isinstance(values[field], dict) or t.is_constant(values[field]) for field in ("height", "normal")):
+            values["normal"] = t.normal  # Without height Cycles passes on what is linked to the normal, if that varies.
         if "Filter Width" in node.inputs:
             values["filter_width"] = t.value(node, "Filter Width", source.context)
         return {"type": "bump", "invert": node.invert, **values}

@@ -13,7 +13,7 @@ pub struct Dump {
     manifest: Arc<Manifest>,
     /// [`Manifest::bake_id`], which every shard is compared with.
     bake_id: Arc<str>,
-    /// By tile, then by pass.
+    /// Shards by tile, then by pass.
     shards: Vec<Vec<Option<Arc<Shard>>>>,
 }
 
@@ -21,9 +21,9 @@ pub struct Dump {
 #[derive(Clone, Debug, Default)]
 pub struct AovSums {
     passes: usize,
-    /// By tile.
+    /// Samples by tile.
     samples: Vec<u32>,
-    /// By place in the image, row by row.
+    /// Sums by place in the image, row by row.
     sums: Vec<[f32; AOV_CHANNELS]>,
 }
 
@@ -98,7 +98,7 @@ impl Dump {
         self.shards.iter().map(of_tile).min().unwrap_or(0)
     }
 
-    /// What the dump is of.
+    /// Manifest of the dump.
     pub fn manifest(&self) -> &Manifest {
         &self.manifest
     }
@@ -130,7 +130,7 @@ impl Dump {
         self.shards.iter().any(is_later).then_some((tile, pass))
     }
 
-    /// Whether a tile of a pass is there.
+    /// True if a tile of a pass is there.
     pub fn has(&self, tile: usize, pass: usize) -> bool {
         self.shards.get(tile).and_then(|passes| passes.get(pass)).is_some_and(Option::is_some)
     }
@@ -181,7 +181,7 @@ impl Dump {
         problems
     }
 
-    /// As [`Dump::validate`] for a folder, but goes on past shards that cannot be opened.
+    /// Validates a folder like [`Dump::validate`], but goes on past shards that cannot be opened.
     pub fn validate_dir(dir: &Path) -> Result<Vec<String>, DumpError> {
         let mut dump = Self::in_memory(Manifest::read(dir)?)?;
         let mut problems = Vec::new();
@@ -261,7 +261,7 @@ fn places(rect: TileRect, width: usize) -> impl Iterator<Item = usize> {
         .map(move |pixel| (rect.y + pixel / rect.width) * width + rect.x + pixel % rect.width)
 }
 
-/// Whether a shard is of this bake, tile and pass.
+/// Checks that a shard is of this bake, tile and pass.
 pub(crate) fn check_membership(
     manifest: &Manifest,
     tile: usize,

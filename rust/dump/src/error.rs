@@ -7,7 +7,7 @@ pub enum DumpError {
     /// A file or folder could not be read or written.
     #[error("cannot {action}: {source} ({path})")]
     Io {
-        /// What was tried, in words.
+        /// Action that was tried, in words.
         action: &'static str,
         /// File or folder.
         path: PathBuf,
@@ -19,7 +19,7 @@ pub enum DumpError {
     Damaged {
         /// File.
         path: PathBuf,
-        /// What is wrong.
+        /// Fault of the file, in words.
         reason: String,
     },
     /// The folder holds a dump of something else.
@@ -45,7 +45,7 @@ pub enum DumpError {
         tile: usize,
         /// Pass number.
         pass: usize,
-        /// What is wrong.
+        /// Fault of the shard, in words.
         reason: String,
     },
     /// A manifest whose values contradict each other.

@@ -8,7 +8,7 @@ use crate::DumpError;
 /// Version of the manifest and of the shards; a reader refuses any other.
 pub const FORMAT_VERSION: u32 = 3;
 
-/// What a dump is of: written once as `manifest.json`, the same for all machines that bake tiles of it.
+/// Description of a dump: written once as `manifest.json`, the same for all machines that bake tiles of it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
     /// [`FORMAT_VERSION`].
@@ -27,8 +27,8 @@ pub struct Manifest {
     pub seed: u64,
     /// The camera, as the session serialises it.
     pub camera: serde_json::Value,
-    /// Where every path of a pinhole camera starts, world space, metres; absent if paths carry their own camera
-    /// vertex (depth of field, orthographic, clip start).
+    /// Start of every path of a pinhole camera, world space, metres; absent if paths carry their own camera vertex
+    /// (depth of field, orthographic, clip start).
     pub camera_position: Option<[f32; 3]>,
     /// Object names by receiver number (light linking); may be empty.
     pub receivers: Vec<String>,
@@ -75,7 +75,7 @@ impl Manifest {
     /// File name of the manifest in the dump's folder.
     pub const FILE: &'static str = "manifest.json";
 
-    /// What [`Manifest::difference`] calls another [`Manifest::world_map`], where nothing else differs.
+    /// Name that [`Manifest::difference`] gives to another [`Manifest::world_map`], where nothing else differs.
     pub const WORLD_MAP: &'static str = "map of the world";
 
     /// Columns of tiles.
@@ -204,7 +204,7 @@ impl Manifest {
         Ok(manifest)
     }
 
-    /// Whether a folder holds a manifest of another format version than ours.
+    /// True if a folder holds a manifest of another format version than ours.
     pub fn is_of_another_version(dir: &Path) -> bool {
         let value: Option<serde_json::Value> =
             std::fs::read(dir.join(Self::FILE)).ok().and_then(|json| serde_json::from_slice(&json).ok());

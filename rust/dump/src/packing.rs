@@ -30,17 +30,17 @@ impl Flags {
         Self(u16::from(path_start) | Self::ORIGIN << 2)
     }
 
-    /// Whether this is the first record of a path.
+    /// True if this is the first record of a path.
     pub fn path_start(self) -> bool {
         self.0 & 1 != 0
     }
 
-    /// Whether the segment leaves the scene; `position_xy` then holds an octahedral direction.
+    /// True if the segment leaves the scene; `position_xy` then holds an octahedral direction.
     pub fn escaped(self) -> bool {
         self.0 & 2 != 0
     }
 
-    /// Whether this is an origin record.
+    /// True if this is an origin record.
     pub fn is_origin(self) -> bool {
         self.lobe_code() == Self::ORIGIN
     }

@@ -23,7 +23,7 @@ pub mod aov_channel {
     pub const HITS: usize = 14;
 }
 
-/// What one camera path adds to the AOVs.
+/// Contribution of one camera path to the AOVs.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AovSample {
     /// Albedo of the first non-specular hit, RGB.
@@ -58,7 +58,7 @@ impl AovSample {
 pub(crate) struct Record {
     pub end: End,
     pub throughput: Vec3,
-    /// None for an origin record.
+    /// Lobe of the segment; none for an origin record.
     pub lobe: Option<Lobe>,
     pub receiver: u16,
     pub path_start: bool,

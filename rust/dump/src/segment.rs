@@ -21,10 +21,10 @@ impl Lobe {
     pub const ALL: [Self; 5] = [Self::Camera, Self::Diffuse, Self::Glossy, Self::Transmission, Self::Volume];
 }
 
-/// Where a segment ends.
+/// End of a segment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum End {
-    /// At the next path vertex, world space.
+    /// Position of the next path vertex, world space.
     Vertex(Vec3),
     /// Nowhere: the ray leaves the scene in this unit direction.
     Escape(Vec3),
@@ -33,11 +33,11 @@ pub enum End {
 /// One segment of a path: from the end of the previous one (or the camera) to `end`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Segment {
-    /// Where it goes.
+    /// End of the segment.
     pub end: End,
     /// `T_k`: RGB weight of what is emitted towards the path along this segment, Russian roulette included.
     pub throughput: Vec3,
-    /// What made it.
+    /// Scattering event that made the segment.
     pub lobe: Lobe,
     /// Receiver number of the object that made it (the `receiver` of its instance), also where it goes on through
     /// transparent surfaces; below [`crate::RECEIVER_LIMIT`], 0 for camera rays.

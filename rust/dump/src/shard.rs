@@ -23,7 +23,7 @@ const TENSORS: [(&str, Dtype); 5] = [
     ("throughput", Dtype::U32),
 ];
 
-/// What a shard says about itself.
+/// Header of a shard.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ShardHeader {
     /// [`crate::FORMAT_VERSION`].
@@ -38,7 +38,7 @@ pub struct ShardHeader {
     pub bounds_min: [f32; 3],
     /// Upper corner of the position grid, metres.
     pub bounds_max: [f32; 3],
-    /// Where paths without an origin record start.
+    /// Start of paths without an origin record.
     pub camera_position: Option<[f32; 3]>,
     /// BLAKE3 of this header (with an empty checksum) and of all tensors, hex.
     pub checksum: String,
@@ -51,7 +51,7 @@ pub struct Shard {
     header: ShardHeader,
     grid: Grid,
     bytes: Bytes,
-    /// Where each of [`TENSORS`] lies in `bytes`.
+    /// Position of each of [`TENSORS`] in `bytes`.
     ranges: [Range<usize>; TENSORS.len()],
 }
 
@@ -80,9 +80,9 @@ impl Bytes {
 /// One record, decoded.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DecodedSegment {
-    /// Where the segment starts, world space, metres.
+    /// Start of the segment, world space, metres.
     pub origin: Vec3,
-    /// Where it goes.
+    /// End of the segment.
     pub end: End,
     /// RGB weight of what is emitted towards the origin along it.
     pub throughput: Vec3,
@@ -161,7 +161,7 @@ impl Shard {
         Self::parse(name.to_owned(), Bytes::copy(bytes))
     }
 
-    /// What a file of this shard holds.
+    /// Bytes of a file of this shard.
     pub fn as_bytes(&self) -> &[u8] {
         self.bytes.as_slice()
     }
@@ -175,7 +175,7 @@ impl Shard {
         Ok(shard)
     }
 
-    /// What the gather and [`Shard::pixel`] rely on not to read out of bounds.
+    /// Checks the offsets that the gather and [`Shard::pixel`] rely on not to read out of bounds.
     fn check_structure(&self) -> Result<(), String> {
         let (header, pixels, records) = (&self.header, self.header.rect.pixel_count(), self.record_count());
         if header.format_version != crate::FORMAT_VERSION {
@@ -206,7 +206,7 @@ impl Shard {
         &self.path
     }
 
-    /// What the shard says about itself.
+    /// Header of the shard.
     pub fn header(&self) -> &ShardHeader {
         &self.header
     }
@@ -226,7 +226,7 @@ impl Shard {
         self.grid
     }
 
-    /// Where paths without an origin record start; the world origin if there is none.
+    /// Start of paths without an origin record; the world origin if there is none.
     pub fn camera_position(&self) -> Vec3 {
         self.header.camera_position.map_or(Vec3::ZERO, Vec3::from)
     }

@@ -8,12 +8,12 @@ use rayon::prelude::*;
 use crate::dump::check_membership;
 use crate::{Dump, DumpError, Manifest, Shard, TileSamples};
 
-/// Where a tracer puts its tiles. Many threads may write at the same time, each its own tile and pass.
+/// Receiver of a tracer's tiles. Many threads may write at the same time, each its own tile and pass.
 pub trait ShardSink: Sync {
-    /// What is being baked.
+    /// Manifest of the bake.
     fn manifest(&self) -> &Manifest;
 
-    /// Whether a tile of a pass is already there, so that it need not be traced again.
+    /// True if a tile of a pass is already there, so that it need not be traced again.
     fn is_complete(&self, tile: usize, pass: usize) -> bool;
 
     /// Stores a tile of a pass.
@@ -28,7 +28,7 @@ pub trait ShardSink: Sync {
 pub struct DumpWriter {
     dir: PathBuf,
     manifest: Manifest,
-    /// By tile, then pass: found when resuming.
+    /// Shards found when resuming, by tile, then pass.
     found: Vec<Vec<bool>>,
 }
 
@@ -66,7 +66,7 @@ impl DumpWriter {
         Ok(writer)
     }
 
-    /// Which shards are there and sound, by tile and pass. Reads all of them.
+    /// Finds the shards that are there and sound, by tile and pass. Reads all of them.
     fn find(&self) -> Result<Vec<Vec<bool>>, DumpError> {
         let passes = 0..self.manifest.passes.len();
         let of_tile = |tile| passes.clone().map(|pass| self.keep_or_remove(tile, pass)).collect();
@@ -103,7 +103,7 @@ impl DumpWriter {
     /// Opens what was written.
     ///
     /// # Errors
-    /// As [`Dump::open`].
+    /// See [`Dump::open`].
     pub fn finish(self) -> Result<Dump, DumpError> {
         Dump::open(&self.dir)
     }

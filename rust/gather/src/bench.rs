@@ -13,7 +13,7 @@ use relume_gpu::{Figure, Limit};
 use relume_scene::{Light, LightShape, LobeFactors};
 
 pub use crate::gpu::bench::{PAPER, measure as measure_gpu, measure_paper, paper_names, seconds_of_a_light};
-use crate::{Gather, Half, Isa, Scratch, SoftGather};
+use crate::{Gather, Isa, SampleSplit, Scratch, SoftGather};
 
 /// Bytes of a segment that are read where no light is hit.
 const POSITION_BYTES: f64 = 8.0;
@@ -38,7 +38,8 @@ pub fn measure(megabytes: usize) -> Result<Vec<Figure>, DumpError> {
         for count in [1, 16] {
             let lights: Vec<_> = (0..count).map(|index| light(shape(index))).collect();
             let Ok(lights) = gather.prepare_all(&lights) else { continue };
-            let seconds = best_seconds(tiles, |tile| drop(black_box(gather.tile(tile, &lights, Half::All))));
+            let seconds =
+                best_seconds(tiles, |tile| drop(black_box(gather.tile(tile, &lights, SampleSplit::All))));
             let name = format!("gather of {count} {kind} lights, 1 thread");
             // Many lights share one pass over the bytes.
             let limit = Limit::bytes(read * count as f64 * 1e-9);
@@ -61,12 +62,12 @@ fn all_threads(gather: &Gather) -> Figure {
         records / seconds * 1e-9
     };
     let name = format!("gather of 1 sphere light, {} threads", rayon::current_num_threads());
-    let value = rate(&|tile| drop(black_box(gather.tile(tile, &lights, Half::All))));
+    let value = rate(&|tile| drop(black_box(gather.tile(tile, &lights, SampleSplit::All))));
     let limit = Limit::bytes(rate(&|tile| read_positions(gather.dump(), tile)));
     Figure::new(name, value, "G segments/s").within(&[limit])
 }
 
-/// What a training asks for: a few lights at single pixels.
+/// Targets as a training asks for them: a few lights at single pixels.
 fn pixel_targets(gather: &Gather) -> Figure {
     const LIGHTS: usize = 4;
     let lights: Vec<_> = (0..LIGHTS).map(|index| light(sphere(index))).collect();
@@ -74,7 +75,7 @@ fn pixel_targets(gather: &Gather) -> Figure {
     let (mut scratch, mut values) = (Scratch::default(), vec![[0.0; 3]; lights.len()]);
     let seconds = best_seconds(TILE, |y| {
         for x in 0..TILE {
-            gather.pixel_into(x, y, &lights, Half::All, &mut scratch, &mut values);
+            gather.pixel_into(x, y, &lights, SampleSplit::All, &mut scratch, &mut values);
             black_box(&values);
         }
     });
@@ -83,7 +84,7 @@ fn pixel_targets(gather: &Gather) -> Figure {
     Figure::new(name, (TILE * TILE * lights.len()) as f64 / seconds, "targets/s")
 }
 
-/// What solving lights asks for: cells of one light with all derivatives, from barely to widely smoothed.
+/// Cells as a solver asks for them: one light with all derivatives, from barely to widely smoothed.
 fn smoothed(gather: &Gather) -> Vec<Figure> {
     let soft = SoftGather::new(gather, TILE / 2);
     let cells = soft.cells().0 * soft.cells().1;

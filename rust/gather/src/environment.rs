@@ -6,7 +6,7 @@ use relume_scene::{ColorEncoding, Texels, Texture, World};
 
 use std::sync::Arc;
 
-use crate::{Gather, GatherError, Half};
+use crate::{Gather, GatherError, SampleSplit};
 
 /// A world to relight with: what escaped segments see.
 #[derive(Clone, Debug)]
@@ -119,8 +119,8 @@ fn linear_from_srgb(value: f32) -> f32 {
 }
 
 impl Gather {
-    /// What the world gives to the image, RGB, from the escaped segments.
-    pub fn world_image(&self, environment: &Environment, half: Half) -> Image {
+    /// Contribution of the world to the image, RGB, from the escaped segments.
+    pub fn world_image(&self, environment: &Environment, half: SampleSplit) -> Image {
         let tiles: Vec<_> = (0..self.dump.manifest().tile_count())
             .into_par_iter()
             .map(|tile| self.world_tile(tile, environment, half))
@@ -128,7 +128,7 @@ impl Gather {
         self.assemble(&tiles, 0)
     }
 
-    fn world_tile(&self, tile: usize, environment: &Environment, half: Half) -> Vec<[f32; 3]> {
+    fn world_tile(&self, tile: usize, environment: &Environment, half: SampleSplit) -> Vec<[f32; 3]> {
         let mut sums = vec![Vec3::ZERO; self.dump.manifest().tile_rect(tile).pixel_count()];
         for shard in self.dump.tile(tile) {
             let (xy, z_flags, throughput) =

@@ -6,7 +6,7 @@ pub enum GatherError {
     Light {
         /// Object name.
         name: String,
-        /// What is wrong.
+        /// Fault of the light, in words.
         reason: &'static str,
     },
     /// An environment texture whose size and texels disagree.
@@ -25,9 +25,9 @@ pub enum GatherError {
     /// A cell that is not there.
     #[error("there is no cell {cell} among {cells}; count them from 0, row by row")]
     Cell {
-        /// What was asked for.
+        /// Requested cell.
         cell: u32,
-        /// How many there are.
+        /// Number of cells.
         cells: usize,
     },
     /// A dump that cannot be packed.

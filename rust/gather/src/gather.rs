@@ -6,7 +6,7 @@ use relume_scene::{Light, LightShape};
 
 use crate::kernel::{self, Isa, Sink, Work};
 use crate::light::PreparedLight;
-use crate::{GatherError, Half};
+use crate::{GatherError, SampleSplit};
 
 /// Sums lights over a dump (paper, sections 3.1 and 4.2): for every segment that crosses a light, throughput times
 /// radiance. Exact, and noisy where few segments cross the light.
@@ -45,9 +45,9 @@ impl Gather {
         Self { isa, ..self }
     }
 
-    /// What to gather for one half: whole passes where they split evenly, so that no pixel is searched for the place of the
-    /// cut, else the half itself.
-    pub fn split(&self, half: Half) -> (Self, Half) {
+    /// Gather for one half of the samples: whole passes where they split evenly, so that no pixel is searched for the
+    /// place of the cut, else the half itself.
+    pub fn split(&self, half: SampleSplit) -> (Self, SampleSplit) {
         let passes = &self.dump.manifest().passes;
         let sums = passes.iter().scan(0, |sum, pass| {
             *sum += pass.samples;
@@ -57,11 +57,11 @@ impl Gather {
         let is_complete = self.dump.complete_passes() == passes.len();
         let cut = sums.take_while(|sum| 2 * sum <= total).enumerate().find(|(_, sum)| 2 * sum == total);
         let passes = match (half, cut) {
-            (Half::First, Some((last, _))) if is_complete => 0..last + 1,
-            (Half::Second, Some((last, _))) if is_complete => last + 1..passes.len(),
+            (SampleSplit::First, Some((last, _))) if is_complete => 0..last + 1,
+            (SampleSplit::Second, Some((last, _))) if is_complete => last + 1..passes.len(),
             _ => return (self.clone(), half),
         };
-        (Self { dump: self.dump.passes(passes), ..self.clone() }, Half::All)
+        (Self { dump: self.dump.passes(passes), ..self.clone() }, SampleSplit::All)
     }
 
     /// The dump.
@@ -93,7 +93,7 @@ impl Gather {
     /// Makes a light ready; once per change of its shape, factors or receivers.
     ///
     /// # Errors
-    /// As [`PreparedLight::new`].
+    /// See [`PreparedLight::new`].
     pub fn prepare(&self, light: &Light) -> Result<PreparedLight, GatherError> {
         PreparedLight::new(light, self.floor)
     }
@@ -101,14 +101,14 @@ impl Gather {
     /// [`Gather::prepare`] for many.
     ///
     /// # Errors
-    /// For the first light that cannot be gathered.
+    /// Error of the first light that cannot be gathered.
     pub fn prepare_all(&self, lights: &[Light]) -> Result<Vec<PreparedLight>, GatherError> {
         lights.iter().map(|light| self.prepare(light)).collect()
     }
 
     /// One unit image per light, RGB, in one pass over the dump on all threads of the current pool. Tiles without
     /// samples are black.
-    pub fn unit_images(&self, lights: &[PreparedLight], half: Half) -> Vec<Image> {
+    pub fn unit_images(&self, lights: &[PreparedLight], half: SampleSplit) -> Vec<Image> {
         let manifest = self.dump.manifest();
         let tiles: Vec<_> =
             (0..manifest.tile_count()).into_par_iter().map(|tile| self.tile(tile, lights, half)).collect();
@@ -131,7 +131,7 @@ impl Gather {
     }
 
     /// Unit values of a tile, light by light, then pixel by pixel.
-    pub(crate) fn tile(&self, tile: usize, lights: &[PreparedLight], half: Half) -> Vec<[f32; 3]> {
+    pub(crate) fn tile(&self, tile: usize, lights: &[PreparedLight], half: SampleSplit) -> Vec<[f32; 3]> {
         let pixels = self.dump.manifest().tile_rect(tile).pixel_count();
         let mut sums = vec![[0.0; 3]; lights.len() * pixels];
         let mut work = Work::default();
@@ -148,7 +148,7 @@ impl Gather {
     }
 
     /// Unit values of one pixel, one per light.
-    pub fn pixel(&self, x: usize, y: usize, lights: &[PreparedLight], half: Half) -> Vec<[f32; 3]> {
+    pub fn pixel(&self, x: usize, y: usize, lights: &[PreparedLight], half: SampleSplit) -> Vec<[f32; 3]> {
         let mut values = vec![[0.0; 3]; lights.len()];
         self.pixel_into(x, y, lights, half, &mut Scratch::default(), &mut values);
         values
@@ -160,7 +160,7 @@ impl Gather {
         x: usize,
         y: usize,
         lights: &[PreparedLight],
-        half: Half,
+        half: SampleSplit,
         scratch: &mut Scratch,
         values: &mut [[f32; 3]],
     ) {

@@ -20,17 +20,17 @@ use crossing::{along, collect, near_ball, through_plane, through_slab};
 pub use isa::Isa;
 
 #[cfg(target_arch = "x86_64")]
+use crate::cull_avx2::{BoxCull, CHUNK, CullWork};
+#[cfg(target_arch = "x86_64")]
+use crate::cull_avx512::BallCull;
+#[cfg(target_arch = "x86_64")]
 use crate::lanes::Avx2;
 use crate::lanes::{Lanes, Portable, Vec3x, WIDTH};
 #[cfg(target_arch = "x86_64")]
 use crate::light::Ball;
 use crate::light::{PreparedLight, Reach};
-#[cfg(target_arch = "x86_64")]
-use crate::scan::Scan;
-#[cfg(target_arch = "x86_64")]
-use crate::sieve::{CHUNK, Sieve, SieveWork};
 
-/// Where contributions go.
+/// Receiver of contributions.
 pub trait Sink {
     /// Contributions of the records from `first_record` on follow, for one light after the other.
     fn begin_block(&mut self, first_record: usize);
@@ -40,13 +40,13 @@ pub trait Sink {
     fn add(&mut self, record: usize, contribution: Vec3);
 }
 
-/// What is done with the segments that may cross lights.
+/// Consumer of the segments that may cross lights.
 pub trait Visitor {
     /// Number of lights.
     fn lights(&self) -> usize;
     /// The region that crossings of a light touch.
     fn reach(&self, light: usize) -> &Reach;
-    /// Whether few segments come near any of the lights.
+    /// True if few segments come near any of the lights.
     #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code, reason = "first tests are AVX's"))]
     fn is_selective(&self) -> bool;
     /// Segments of the records from `first_record` on follow, for one light after the other.
@@ -60,7 +60,7 @@ pub trait Visitor {
 pub struct Work {
     block: Block,
     #[cfg(target_arch = "x86_64")]
-    sieve: SieveWork,
+    cull: CullWork,
 }
 
 /// Adds what each light gives to the records of a range, which starts with a path.
@@ -104,12 +104,12 @@ const SMALL: f32 = 0.25;
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx2,fma,popcnt,bmi1")]
 fn visit_avx512(shard: &Shard, records: Range<usize>, work: &mut Work, visitor: &mut impl Visitor) {
-    let Some(scans) = first_tests(shard, visitor, Scan::new) else {
+    let Some(balls) = first_tests(shard, visitor, BallCull::new) else {
         return visit_avx2(shard, records, work, visitor);
     };
-    for (lights, scan) in scans {
+    for (lights, ball) in balls {
         let find =
-            |chunk: Range<usize>, work: &mut SieveWork| scan.run(shard, chunk, work.found.as_mut_slice());
+            |chunk: Range<usize>, work: &mut CullWork| ball.run(shard, chunk, work.found.as_mut_slice());
         visit_found(shard, records.clone(), work, lights, find, visitor);
     }
 }
@@ -119,14 +119,14 @@ fn visit_avx512(shard: &Shard, records: Range<usize>, work: &mut Work, visitor: 
 #[inline(never)]
 #[target_feature(enable = "avx2,fma,popcnt,bmi1")]
 fn visit_avx2(shard: &Shard, records: Range<usize>, work: &mut Work, visitor: &mut impl Visitor) {
-    let Some(sieves) = first_tests(shard, visitor, Sieve::new) else {
+    let Some(boxes) = first_tests(shard, visitor, BoxCull::new) else {
         return visit_lanes::<Avx2>(shard, records, &mut work.block, visitor);
     };
-    for (lights, sieve) in sieves {
-        let find = |chunk: Range<usize>, work: &mut SieveWork| {
+    for (lights, cull) in boxes {
+        let find = |chunk: Range<usize>, work: &mut CullWork| {
             let (xy, z_flags) =
                 (&shard.position_xy()[chunk.clone()], &shard.position_z_flags()[chunk.clone()]);
-            sieve.run(xy, z_flags, chunk.start as u32, chunk.start > records.start, work)
+            cull.run(xy, z_flags, chunk.start as u32, chunk.start > records.start, work)
         };
         visit_found(shard, records.clone(), work, lights, find, visitor);
     }
@@ -156,7 +156,7 @@ fn first_tests<T>(
     Some(vec![(0..count, test(&Reach::Ball(common))?)])
 }
 
-/// Decodes and tests only the records that `find` leaves of each chunk: their numbers are in [`SieveWork::found`], as many as
+/// Decodes and tests only the records that `find` leaves of each chunk: their numbers are in [`CullWork::found`], as many as
 /// it returns.
 #[cfg(target_arch = "x86_64")]
 #[inline(never)]
@@ -166,12 +166,12 @@ fn visit_found(
     records: Range<usize>,
     work: &mut Work,
     lights: Range<usize>,
-    find: impl Fn(Range<usize>, &mut SieveWork) -> usize,
+    find: impl Fn(Range<usize>, &mut CullWork) -> usize,
     visitor: &mut impl Visitor,
 ) {
     for first in records.clone().step_by(CHUNK) {
-        let count = find(first..records.end.min(first + CHUNK), &mut work.sieve);
-        for numbers in work.sieve.found[..count].chunks(BLOCK) {
+        let count = find(first..records.end.min(first + CHUNK), &mut work.cull);
+        for numbers in work.cull.found[..count].chunks(BLOCK) {
             decode_listed::<Avx2>(shard, numbers, &mut work.block);
             visitor.begin_block(numbers[0] as usize);
             for light in lights.clone() {

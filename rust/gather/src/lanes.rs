@@ -8,7 +8,7 @@ pub const WIDTH: usize = 8;
 pub trait Lanes: Copy {
     /// All lanes the same.
     fn splat(value: f32) -> Self;
-    /// From memory.
+    /// Loads lanes from memory.
     fn load(values: &[f32; WIDTH]) -> Self;
     /// To memory.
     fn store(self, values: &mut [f32; WIDTH]);
@@ -310,7 +310,7 @@ pub struct Vec3x<L> {
 }
 
 impl<L: Lanes> Vec3x<L> {
-    /// From memory.
+    /// Loads vectors from memory.
     #[inline(always)]
     pub fn load([x, y, z]: &[[f32; WIDTH]; 3]) -> Self {
         Self { x: L::load(x), y: L::load(y), z: L::load(z) }

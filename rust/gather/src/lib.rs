@@ -4,28 +4,29 @@
 //! ([`Gather::pixel_into`]); [`relight`] weighs unit images and sums them; [`Noise`] says how noisy they are;
 //! [`Denoiser`] cleans them.
 //!
-//! How a light is gathered: packed records are decoded a block at a time into the first-level cache, where every light tests
-//! eight segments at once against a region that holds all its crossings (`kernel`). For one or two lights a first test on
-//! the packed records leaves out most of them: those far from a ball around the light (`scan`, AVX-512), or those beyond a
-//! side of its box (`sieve`, AVX2). What remains is evaluated exactly (`light`). Throughputs are read for hits only.
+//! Gather of a light: packed records are decoded a block at a time into the first-level cache, where every light tests
+//! eight segments at once against a region that holds all its crossings (`kernel`). For one or two lights a first test
+//! on the packed records leaves out most of them: those far from a ball around the light (`cull_avx512`), or those
+//! beyond a side of its box (`cull_avx2`). What remains is evaluated exactly (`light`). Throughputs are read for hits
+//! only.
 
 pub mod bench;
+#[cfg(target_arch = "x86_64")]
+mod cull_avx2;
+#[cfg(target_arch = "x86_64")]
+mod cull_avx512;
 mod denoise;
 mod environment;
 mod error;
 mod gather;
 mod gpu;
-mod half;
 mod kernel;
 mod lanes;
 mod light;
 mod positions;
 mod relight;
-#[cfg(target_arch = "x86_64")]
-mod scan;
+mod sample_split;
 mod sheared;
-#[cfg(target_arch = "x86_64")]
-mod sieve;
 mod soft;
 
 pub use denoise::{DenoiseDevice, DenoiseError, DenoiseFeatures, DenoiseQuality, Denoiser, Stop};
@@ -33,10 +34,10 @@ pub use environment::Environment;
 pub use error::GatherError;
 pub use gather::{Gather, Scratch};
 pub use gpu::{Goals, GpuGather, GpuLight, GpuLights, Receivers, SoftCompared};
-pub use half::Half;
 pub use kernel::Isa;
 pub use light::PreparedLight;
 pub use relight::{Noise, relight};
+pub use sample_split::SampleSplit;
 pub use soft::{Linear, SoftGather};
 
 #[cfg(test)]

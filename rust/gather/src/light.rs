@@ -23,7 +23,7 @@ const MIN_ANGLE: f32 = 4e-4;
 pub struct PreparedLight {
     pub(crate) profile: Profile,
     pub(crate) reach: Reach,
-    /// By lobe code of the flags, the scale of the radius floor included; 0 for what is not a segment.
+    /// Factors by lobe code of the flags, the scale of the radius floor included; 0 for what is not a segment.
     pub(crate) factors: [f32; 8],
     /// Bit set of receivers that are lit; all if absent.
     pub(crate) receivers: Option<Box<[u64; RECEIVER_LIMIT as usize / 64]>>,
@@ -46,7 +46,7 @@ pub(crate) enum Profile {
 pub(crate) enum Reach {
     Ball(Ball),
     Plane(Plane),
-    /// As a plane, but segments count as this many metres longer at both ends.
+    /// Plane whose segments count as this many metres longer at both ends.
     Slab {
         plane: Plane,
         ends: f32,
@@ -125,7 +125,7 @@ pub(crate) struct LocalCone {
 }
 
 impl LocalCone {
-    /// What it gives along a segment: in Cycles, by the cosine to the object's own axis in its own space.
+    /// Share that the cone gives along a segment: in Cycles, by the cosine to the object's own axis in its own space.
     fn share(&self, edge: Vec3) -> f32 {
         let local = self.local_from_world * edge;
         smoothstep((local.z / local.length() - self.cos_half_angle) * self.inverse_blend)
@@ -166,7 +166,7 @@ impl PreparedLight {
         Ok(Self { reach: profile.reach(), profile, factors, receivers })
     }
 
-    /// What a segment of this lobe and receiver is weighted with; 0 if the light leaves it out.
+    /// Weight of a segment of this lobe and receiver; 0 if the light leaves it out.
     pub(crate) fn factor(&self, flags: relume_dump::Flags) -> f32 {
         let lit = self.receivers.as_ref().is_none_or(|bits| {
             // Camera rays leave no object; light linking does not concern them.
@@ -265,7 +265,7 @@ pub(crate) fn chord2(half_angle: f32) -> f32 {
 }
 
 impl Spread {
-    /// None for a Lambertian emitter.
+    /// Spread of a light; none for a Lambertian emitter.
     pub(crate) fn new(spread: f32) -> Option<Self> {
         if spread >= std::f32::consts::PI - 1e-4 {
             return None;
@@ -344,7 +344,7 @@ impl Ball {
         distance > 0.0 && distance < length
     }
 
-    /// What a segment collects from a spot, whose cone gives `share` along it.
+    /// Share of a segment that is lit by a spot, whose cone gives `share` along it.
     fn in_cone(&self, origin: Vec3, edge: Vec3, is_disk: bool, share: impl FnOnce() -> f32) -> f32 {
         let crossed = match is_disk {
             true => self.facing_disk_is_crossed(origin, edge),

@@ -1,4 +1,4 @@
-//! Where lights are worth training (paper, section 4.4).
+//! Region in which lights are worth training (paper, section 4.4).
 
 use std::sync::Arc;
 

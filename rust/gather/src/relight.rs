@@ -30,7 +30,7 @@ pub fn relight(size: (usize, usize), lights: &[(&Image, [f32; 3])]) -> Image {
     sum
 }
 
-/// How noisy the average of two independent halves is.
+/// Noise of the average of two independent halves.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Noise {
     /// Root of the mean square error over pixels and channels, in the units of the images.
@@ -40,7 +40,7 @@ pub struct Noise {
 }
 
 impl Noise {
-    /// Estimates it from unit images of [`crate::Half::First`] and [`crate::Half::Second`]: half of their difference has the
+    /// Estimates it from unit images of [`crate::SampleSplit::First`] and [`crate::SampleSplit::Second`]: half of their difference has the
     /// variance of their average.
     pub fn between(first: &Image, second: &Image) -> Self {
         let pairs = || first.data.iter().zip(&second.data).map(|(&a, &b)| (f64::from(a), f64::from(b)));

@@ -24,11 +24,11 @@ pub(crate) struct Sheared {
     pub facing: Vec3,
     /// Rows that take the edge of a segment to where the light is perpendicular and -1/2 to 1/2.
     pub edge_rows: [Vec3; 3],
-    /// The same for the way from its origin to the centre.
+    /// Rows that take the way from its origin to the centre to the same coordinates.
     pub center_rows: [Vec3; 3],
     /// Lengths of the edges.
     pub lengths: [f32; 2],
-    /// Of the matrix that is `edge_rows` without the lengths.
+    /// Determinant of the matrix that is `edge_rows` without the lengths.
     pub determinant: f32,
     pub is_ellipse: bool,
     pub spread: Option<Spread>,
@@ -112,7 +112,7 @@ impl Sheared {
         Plane { center: self.center, normal, inverse_u, inverse_v, is_ellipse: self.is_ellipse }
     }
 
-    /// Whether it seems to be where it is from everywhere.
+    /// True if the light seems to be where it is from everywhere.
     pub fn stays_in_place(&self) -> bool {
         self.is_ellipse || self.determinant < 1.000_001
     }

@@ -45,7 +45,7 @@ use crate::gather::{SumSink, add};
 use crate::kernel::{self, Block, Visitor, Work};
 use crate::lanes::{Lanes, Portable, WIDTH};
 use crate::light::{PreparedLight, Reach};
-use crate::{Gather, GatherError, Half};
+use crate::{Gather, GatherError, SampleSplit};
 
 /// Share of the extent up to which a light's reach is so small that a first test on packed records saves time.
 const SELECTIVE: f32 = 0.06;
@@ -69,12 +69,12 @@ pub struct SoftGather<'a> {
 pub struct Linear {
     /// One per cell that was asked for.
     pub values: Vec<[f32; 3]>,
-    /// By [`relume_scene::lane`], one per cell that was asked for.
+    /// Derivatives by [`relume_scene::lane`], one per cell that was asked for.
     pub slopes: Vec<[[f32; 3]; LANES]>,
 }
 
 impl Linear {
-    /// From value and slopes of each cell, of a light of this shape.
+    /// Linear model from value and slopes of each cell, of a light of this shape.
     pub(crate) fn new(shape: &LightShape, outputs: &[[[f32; 3]; OUTPUTS]]) -> Self {
         let lanes: [bool; LANES] = std::array::from_fn(|lane| shape.has_lane(lane));
         let slope =
@@ -179,7 +179,7 @@ impl<'a> SoftGather<'a> {
         for (tile, run) in self.runs(cell) {
             sums.scale = 1.0 / (dump.tile_samples(tile).max(1) as usize * pixels) as f32;
             for shard in dump.tile(tile) {
-                let records = Half::All.run_records(shard, run.clone());
+                let records = SampleSplit::All.run_records(shard, run.clone());
                 records.for_each(|records| {
                     kernel::visit_candidates(self.gather.isa, shard, records, work, &mut sums);
                 });
@@ -188,7 +188,7 @@ impl<'a> SoftGather<'a> {
         sums.finish()
     }
 
-    /// The same cells without smoothing: means of the unit values (radiance 1) of some lights, RGB, light by light, then cell by
+    /// Cells without smoothing: means of the unit values (radiance 1) of some lights, RGB, light by light, then cell by
     /// cell.
     ///
     /// # Errors
@@ -196,7 +196,7 @@ impl<'a> SoftGather<'a> {
     pub fn exact(
         &self,
         lights: &[Light],
-        half: Half,
+        half: SampleSplit,
         cells: &[u32],
     ) -> Result<Vec<Vec<[f32; 3]>>, GatherError> {
         self.check_cells(cells)?;
@@ -210,7 +210,7 @@ impl<'a> SoftGather<'a> {
 
     fn exact_cell(
         &self,
-        (gather, half): (&Gather, Half),
+        (gather, half): (&Gather, SampleSplit),
         lights: &[PreparedLight],
         cell: usize,
         work: &mut Work,
@@ -266,11 +266,11 @@ fn visible_extent(gather: &Gather) -> f32 {
 struct Sums<'a> {
     light: &'a SoftLight,
     is_selective: bool,
-    /// What each contribution is weighted with.
+    /// Weight of each contribution.
     scale: f32,
     origin: [[f32; WIDTH]; 3],
     edge: [[f32; WIDTH]; 3],
-    /// As in the shards.
+    /// Throughputs as the shards hold them.
     throughput: [u32; WIDTH],
     factor: [f32; WIDTH],
     waiting: usize,

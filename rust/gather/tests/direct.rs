@@ -4,7 +4,7 @@
 
 use glam::{Affine3A, Quat, Vec2, Vec3};
 use relume_dump::{Dump, MemoryWriter};
-use relume_gather::{Gather, Half, SoftGather};
+use relume_gather::{Gather, SampleSplit, SoftGather};
 use relume_image::Image;
 use relume_scene::{
     Camera, Input, Instance, LANES, Light, LightShape, LobeFactors, Material, Mesh, Node, Scene,
@@ -102,7 +102,7 @@ fn gathered(dump: Dump, shapes: &[LightShape]) -> Image {
     let lobes = LobeFactors { camera: 1.0, ..LobeFactors::default() };
     let lights = shapes.iter().map(|&shape| lamp(shape, lobes)).collect::<Vec<_>>();
     let lights = gather.prepare_all(&lights).unwrap();
-    let images = gather.unit_images(&lights, Half::All);
+    let images = gather.unit_images(&lights, SampleSplit::All);
     relume_gather::relight((16, 16), &images.iter().map(|image| (image, [1.0; 3])).collect::<Vec<_>>())
 }
 
@@ -166,7 +166,7 @@ fn smoothed_slopes_tell_how_the_traced_picture_changes() {
             let mut step = [0.0; LANES];
             step[lane] = by;
             let moved = lamp(shape.moved(&step), LobeFactors::default());
-            quarters(&gather.unit_images(&[gather.prepare(&moved).unwrap()], Half::All)[0])
+            quarters(&gather.unit_images(&[gather.prepare(&moved).unwrap()], SampleSplit::All)[0])
         };
         let (above, below) = (exact(STEP), exact(-STEP));
         let lamp = lamp(*shape, LobeFactors::default());

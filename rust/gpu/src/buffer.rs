@@ -31,7 +31,7 @@ impl<T> Buffer<T> {
         self.len
     }
 
-    /// Whether it holds nothing.
+    /// True if the buffer holds nothing.
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }
@@ -100,8 +100,8 @@ impl Gpu {
         match pollster::block_on(scope.pop()) {
             None => self.check().map(|()| raw),
             Some(_) => {
-                let wanted = bytes.div_ceil(1 << 20);
-                Err(GpuError::OutOfMemory { what: label.to_owned(), wanted, free })
+                let needed = bytes.div_ceil(1 << 20);
+                Err(GpuError::OutOfMemory { what: label.to_owned(), needed, free })
             }
         }
     }
@@ -109,7 +109,7 @@ impl Gpu {
     /// A buffer with these values.
     ///
     /// # Errors
-    /// As [`Gpu::zeros`].
+    /// See [`Gpu::zeros`].
     pub fn buffer_of<T: NoUninit>(&self, label: &str, values: &[T]) -> Result<Buffer<T>, GpuError> {
         let buffer = self.zeros(label, values.len())?;
         self.write(&buffer, 0, values);
@@ -132,7 +132,7 @@ impl Gpu {
     /// whoever writes a lot should call this now and then.
     ///
     /// # Errors
-    /// As [`Gpu::check`].
+    /// See [`Gpu::check`].
     pub fn submit_writes(&self) -> Result<Submission, GpuError> {
         self.commands("writes").submit_tracked()
     }

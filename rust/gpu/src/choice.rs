@@ -2,7 +2,7 @@ use std::sync::OnceLock;
 
 use crate::GpuError;
 
-/// Which GPU to take.
+/// Choice of a GPU.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub enum GpuChoice {
     /// The best: discrete before integrated before virtual. Software drivers only if there is nothing else.
@@ -15,18 +15,18 @@ pub enum GpuChoice {
     Named(String),
 }
 
-/// What the user is told about a GPU.
+/// Description of a GPU for the user.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AdapterSummary {
-    /// As its driver calls it.
+    /// Name that its driver gives.
     pub name: String,
     /// `Vulkan`, `Metal` or `DX12`.
     pub backend: String,
     /// Driver and version.
     pub driver: String,
-    /// Where it is plugged in, `domain:bus:device.function`, hexadecimal; empty if its back end does not say.
+    /// Slot that it is plugged in, `domain:bus:device.function`, hexadecimal; empty if its back end does not say.
     pub pci_bus_id: String,
-    /// Whether it is the CPU under a graphics API.
+    /// True for a CPU under a graphics API.
     pub software: bool,
 }
 
@@ -41,13 +41,13 @@ impl AdapterSummary {
         }
     }
 
-    /// Whether [`GpuChoice::Named`] means it.
+    /// True if [`GpuChoice::Named`] with this name means the GPU.
     pub(crate) fn is_called(&self, wanted: &str) -> bool {
         self.name.to_lowercase().contains(&wanted.to_lowercase())
             || [&self.pci_bus_id, &self.title()].iter().any(|whole| whole.eq_ignore_ascii_case(wanted))
     }
 
-    /// Its name, and where it is plugged in if that is known: cards of one name differ in it.
+    /// Name, with the slot if that is known: cards of one name differ in it.
     pub fn title(&self) -> String {
         if self.pci_bus_id.is_empty() {
             self.name.clone()
@@ -83,7 +83,7 @@ pub(crate) fn choose(choice: &GpuChoice) -> Result<Vec<wgpu::Adapter>, GpuError>
     match (meant.is_empty(), choice) {
         (false, _) => Ok(meant),
         (true, GpuChoice::Named(wanted)) => {
-            Err(GpuError::NotFound { wanted: wanted.clone(), found: titles.join(", ") })
+            Err(GpuError::NotFound { name: wanted.clone(), found: titles.join(", ") })
         }
         (true, _) => Err(nothing_found(hardware)),
     }
@@ -94,8 +94,8 @@ pub(crate) fn nothing_found(hardware: Option<bool>) -> GpuError {
     if hardware == Some(true) { GpuError::NoDriver } else { GpuError::NoAdapter }
 }
 
-/// Whether the system shows any graphics card, where it can be asked. Asked before the drivers are: loading them takes a tenth of a
-/// second, and Mesa's complain on standard error where there is no desktop.
+/// True if the system shows any graphics card; nothing where it cannot be asked. Asked before the drivers are: loading
+/// them takes a tenth of a second, and Mesa's complain on standard error where there is no desktop.
 fn has_hardware() -> Option<bool> {
     if !cfg!(target_os = "linux") {
         return None;

@@ -42,7 +42,7 @@ impl Gpu {
     /// Waits until these commands, and those before them, are done.
     ///
     /// # Errors
-    /// As [`Gpu::check`].
+    /// See [`Gpu::check`].
     pub fn wait_for(&self, submission: Submission) -> Result<(), GpuError> {
         let wait = wgpu::PollType::Wait { submission_index: Some(submission.0), timeout: None };
         let polled = self.device.poll(wait);
@@ -110,7 +110,7 @@ impl Commands<'_> {
     /// Hands the commands to the device, which starts on them; does not wait.
     ///
     /// # Errors
-    /// As [`Gpu::check`].
+    /// See [`Gpu::check`].
     pub fn submit(self) -> Result<(), GpuError> {
         self.submit_tracked().map(|_| ())
     }
@@ -118,7 +118,7 @@ impl Commands<'_> {
     /// [`Commands::submit`], for [`Gpu::wait_for`].
     ///
     /// # Errors
-    /// As [`Gpu::check`].
+    /// See [`Gpu::check`].
     pub fn submit_tracked(mut self) -> Result<Submission, GpuError> {
         self.pass = None;
         let submission = self.gpu.queue.submit([self.encoder.finish()]);

@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! let layers = Layers::new(&gpu, &[&base, &lamp_that_stays])?;               // once
-//! let step = layers.begin(&mut commands, &[lamp_radiance], &look, values)?;  // each step
+//! let step = layers.begin(&mut commands, &[lamp_radiance], &targets, values)?;  // each step
 //! step.add(&mut commands, &units, part)?;                                    // lights that move, made by others
 //! step.compare(&mut commands)?;
 //! step.pull(&mut commands, &units, part, first)?;                                // or others, from `d_picture`
@@ -21,7 +21,7 @@ const GROUP: usize = 64;
 /// Parts of a step are of so many cells, or a multiple: what is known of those before fills whole alignments of a buffer.
 const PART: usize = 64;
 
-/// How a cell is compared with what is wanted: `shaders/common/residual.wgsl`.
+/// Comparison of a cell with its reference: `shaders/common/residual.wgsl`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::NoUninit)]
 #[repr(u32)]
 pub enum Residual {
@@ -40,7 +40,7 @@ pub enum Residual {
 /// A goal at its cells: `Term` of `shaders/common/compare.wgsl`, where the fields are described.
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::NoUninit)]
 #[repr(C)]
-#[expect(missing_docs, reason = "described in the WGSL twin")]
+#[expect(missing_docs, reason = "described in the WGSL struct")]
 pub struct Term {
     pub mean_reference: [f32; 3],
     pub residual: Residual,
@@ -54,29 +54,29 @@ pub struct Term {
 
 /// The cells that a step looks at, term by term.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Look {
+pub struct StepTargets {
     /// Their places in the picture.
     pub cells: Vec<u32>,
-    /// Of each what it is compared to, and its share in the loss.
-    pub wanted: Vec<[f32; 4]>,
+    /// Reference of each cell, and its share in the loss.
+    pub references: Vec<[f32; 4]>,
     /// The goals.
     pub terms: Vec<Term>,
 }
 
-impl Look {
+impl StepTargets {
     /// One target, exposed and under Reinhard's curve already, of which each cell has a share in the loss.
-    pub fn target(cells: Vec<u32>, wanted: Vec<[f32; 4]>, exposure: f32) -> Self {
+    pub fn target(cells: Vec<u32>, references: Vec<[f32; 4]>, exposure: f32) -> Self {
         let term = Term {
             mean_reference: [0.0; 3],
             residual: Residual::Tone,
             amount: 0.0,
             exposure,
-            weight: wanted.iter().map(|wanted| wanted[3]).sum(),
+            weight: references.iter().map(|reference| reference[3]).sum(),
             luminance: 0.0,
             first: 0,
             count: cells.len() as u32,
         };
-        Self { cells, wanted, terms: vec![term] }
+        Self { cells, references, terms: vec![term] }
     }
 }
 
@@ -93,9 +93,9 @@ pub struct Layers {
 /// Pictures of lights for radiance 1 at some cells of a step: `shaders/common/units.wgsl`.
 #[derive(Clone, Copy, Debug)]
 pub struct Units<'a> {
-    /// How many lights.
+    /// Number of lights.
     pub lights: usize,
-    /// So many quads of each light, of which the last is its radiance.
+    /// Radiances, and the number of quads of each light, of which the last is its radiance.
     pub radiances: (Binding<'a>, usize),
     /// The first of the lights in `radiances`.
     pub first: usize,
@@ -128,7 +128,7 @@ struct CompareArguments {
 pub struct Step<'a> {
     layers: &'a Layers,
     cells: Buffer<u32>,
-    wanted: Buffer<[f32; 4]>,
+    references: Buffer<[f32; 4]>,
     terms: Buffer<Term>,
     radiances: Buffer<[f32; 4]>,
     picture: Buffer<[f32; 3]>,
@@ -137,14 +137,14 @@ pub struct Step<'a> {
     results: Buffer<f32>,
 }
 
-/// What comes back of a step.
+/// Result of a step.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Compared {
     /// The sum over all terms.
     pub loss: f64,
-    /// By the colours of the layers but the first.
+    /// Derivatives by the colours of the layers but the first.
     pub layers: Vec<[f32; 3]>,
-    /// What others have left.
+    /// Gradients that other passes have left in the results.
     pub gradients: Vec<f32>,
 }
 
@@ -152,7 +152,7 @@ impl Layers {
     /// Brings them to a device. There is at least one.
     ///
     /// # Errors
-    /// As [`Gpu::zeros`].
+    /// See [`Gpu::zeros`].
     ///
     /// # Panics
     /// If they are not of one size.
@@ -176,7 +176,7 @@ impl Layers {
         Ok(Self { gpu: Arc::clone(gpu), cells, pictures })
     }
 
-    /// Where they are.
+    /// Device of the layers.
     pub fn gpu(&self) -> &Arc<Gpu> {
         &self.gpu
     }
@@ -185,7 +185,7 @@ impl Layers {
     /// of gradients.
     ///
     /// # Errors
-    /// As [`Gpu::zeros`].
+    /// See [`Gpu::zeros`].
     ///
     /// # Panics
     /// If there are no cells, one is outside of the pictures, or there is not one of each for every cell and layer.
@@ -193,20 +193,20 @@ impl Layers {
         &self,
         commands: &mut Commands<'_>,
         radiances: &[[f32; 3]],
-        look: &Look,
+        targets: &StepTargets,
         gradients: usize,
     ) -> Result<Step<'_>, GpuError> {
-        let (gpu, count) = (&self.gpu, look.cells.len());
+        let (gpu, count) = (&self.gpu, targets.cells.len());
         let is_inside = |cell: &u32| (*cell as usize) < self.cells;
-        assert!(count > 0 && look.cells.iter().all(is_inside), "some of {} cells", self.cells);
-        assert_eq!((count, self.count()), (look.wanted.len(), radiances.len() + 1), "one of each");
+        assert!(count > 0 && targets.cells.iter().all(is_inside), "some of {} cells", self.cells);
+        assert_eq!((count, self.count()), (targets.references.len(), radiances.len() + 1), "one of each");
         let quads = [[1.0; 3]].iter().chain(radiances).map(|[r, g, b]| [*r, *g, *b, 0.0]);
-        let results = look.terms.len() + 3 * self.count() + gradients;
+        let results = targets.terms.len() + 3 * self.count() + gradients;
         let step = Step {
             layers: self,
-            cells: gpu.buffer_of("cells", &look.cells)?,
-            wanted: gpu.buffer_of("what is wanted of cells", &look.wanted)?,
-            terms: gpu.buffer_of("goals", &look.terms)?,
+            cells: gpu.buffer_of("cells", &targets.cells)?,
+            references: gpu.buffer_of("references of cells", &targets.references)?,
+            terms: gpu.buffer_of("goals", &targets.terms)?,
             radiances: gpu.buffer_of("radiances", &quads.collect::<Vec<_>>())?,
             picture: gpu.zeros("picture at cells", count)?,
             d_picture: gpu.zeros("gradient by cells", count)?,
@@ -241,7 +241,7 @@ impl Step<'_> {
         self.d_picture.part(part)
     }
 
-    /// Where others add their gradients, which are 0 before: in these values from this one on.
+    /// Buffer to which others add their gradients, which are 0 before, and the first value of theirs.
     pub fn gradients(&self) -> (&Buffer<f32>, usize) {
         (&self.results, self.terms.len() + 3 * self.layers.count())
     }
@@ -278,12 +278,12 @@ impl Step<'_> {
     /// Appends the comparison, when all lights are there, and the gradients of the layers.
     ///
     /// # Errors
-    /// As [`Step::add`].
+    /// See [`Step::add`].
     pub fn compare(&self, commands: &mut Commands<'_>) -> Result<(), GpuError> {
         let kernel = self.layers.gpu.kernel("common/compare", "compare", &[])?;
         let buffers = [
             self.terms.whole(),
-            self.wanted.whole(),
+            self.references.whole(),
             self.picture.whole(),
             self.d_picture.whole(),
             self.results.whole(),
@@ -301,7 +301,7 @@ impl Step<'_> {
     /// on: three by the radiance of a light, then one for each derivative.
     ///
     /// # Errors
-    /// As [`Step::add`].
+    /// See [`Step::add`].
     pub fn pull(
         &self,
         commands: &mut Commands<'_>,
@@ -321,7 +321,7 @@ impl Step<'_> {
     /// Waits for what was submitted and copies its numbers: no picture among them.
     ///
     /// # Errors
-    /// As [`Gpu::read`].
+    /// See [`Gpu::read`].
     pub fn read(self) -> Result<Compared, GpuError> {
         let values = self.layers.gpu.read(&self.results, 0..self.results.len())?;
         let (losses, gradients) = values.split_at(self.terms.len());

@@ -26,13 +26,13 @@ pub struct Gpu {
     features: wgpu::Features,
     memory: Arc<Memory>,
     bytes_read: AtomicU64,
-    trouble: Arc<Mutex<Trouble>>,
+    errors: Arc<Mutex<DeviceErrors>>,
     checks: Checks,
     compiled: Compiled,
     matrix_subgroup: OnceLock<Option<u32>>,
 }
 
-/// What kernels and buffers of a GPU may be.
+/// Limits of a GPU's kernels and buffers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
     /// Bytes of a buffer, all of which can be bound.
@@ -55,9 +55,9 @@ pub struct Limits {
     pub timestamps: bool,
 }
 
-/// What went wrong since the last check.
+/// Errors since the last check.
 #[derive(Debug, Default)]
-struct Trouble {
+struct DeviceErrors {
     lost: Option<String>,
     failed: Option<GpuError>,
 }
@@ -67,7 +67,7 @@ impl Gpu {
     /// the same GPU share its device.
     ///
     /// # Errors
-    /// As [`Gpu::open`].
+    /// See [`Gpu::open`].
     pub fn shared(choice: &GpuChoice) -> Result<Arc<Self>, GpuError> {
         static OPEN: Mutex<Vec<(GpuChoice, Arc<Gpu>)>> = Mutex::new(Vec::new());
         let mut open = OPEN.lock().unwrap_or_else(PoisonError::into_inner);
@@ -100,8 +100,8 @@ impl Gpu {
     /// budget of its own.
     ///
     /// # Errors
-    /// As [`Gpu::open`].
-    pub fn twin(&self, checks: Checks) -> Result<Arc<Self>, GpuError> {
+    /// See [`Gpu::open`].
+    pub fn open_second(&self, checks: Checks) -> Result<Arc<Self>, GpuError> {
         let adapter = self.adapter.clone();
         Self::on_a_thread(move || Self::open_adapter(&adapter, checks))
     }
@@ -148,8 +148,8 @@ impl Gpu {
         };
         let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
             .map_err(|error| unsuitable(error.to_string()))?;
-        let trouble = Arc::new(Mutex::new(Trouble::default()));
-        watch(&device, &trouble);
+        let errors = Arc::new(Mutex::new(DeviceErrors::default()));
+        watch(&device, &errors);
         let memory = Arc::new(Memory::new(adapter));
         let limits = limits(adapter, features);
         let (compiled, bytes_read, matrix_subgroup) = Default::default();
@@ -164,19 +164,19 @@ impl Gpu {
             features,
             memory,
             bytes_read,
-            trouble,
+            errors,
             checks,
             compiled,
             matrix_subgroup,
         }))
     }
 
-    /// What the user is told about it.
+    /// Description of the GPU for the user.
     pub fn summary(&self) -> &AdapterSummary {
         &self.summary
     }
 
-    /// What its kernels and buffers may be.
+    /// Limits of its kernels and buffers.
     pub fn limits(&self) -> &Limits {
         &self.limits
     }
@@ -213,23 +213,23 @@ impl Gpu {
         self.bytes_read.fetch_add(bytes, Ordering::Relaxed);
     }
 
-    /// Whether the device still works and has taken all commands so far.
+    /// Checks that the device still works and has taken all commands so far.
     ///
     /// # Errors
     /// [`GpuError::Lost`] from the loss of the device on; once for commands that were refused [`GpuError::Refused`], or
     /// [`GpuError::DriverOutOfMemory`].
     pub fn check(&self) -> Result<(), GpuError> {
-        let mut trouble = self.trouble.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(reason) = &trouble.lost {
+        let mut errors = self.errors.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(reason) = &errors.lost {
             return Err(GpuError::Lost(reason.clone()));
         }
-        trouble.failed.take().map_or(Ok(()), Err)
+        errors.failed.take().map_or(Ok(()), Err)
     }
 
     /// Waits until all that was submitted is done.
     ///
     /// # Errors
-    /// As [`Gpu::check`].
+    /// See [`Gpu::check`].
     pub fn wait(&self) -> Result<(), GpuError> {
         let polled = self.device.poll(wgpu::PollType::wait_indefinitely());
         self.check()?;
@@ -237,13 +237,13 @@ impl Gpu {
     }
 
     fn is_lost(&self) -> bool {
-        self.trouble.lock().unwrap_or_else(PoisonError::into_inner).lost.is_some()
+        self.errors.lock().unwrap_or_else(PoisonError::into_inner).lost.is_some()
     }
 
     /// Notes a loss that the driver has not told of.
     pub(crate) fn found_lost(&self, reason: &dyn std::fmt::Display) -> GpuError {
-        let mut trouble = self.trouble.lock().unwrap_or_else(PoisonError::into_inner);
-        GpuError::Lost(trouble.lost.get_or_insert_with(|| reason.to_string()).clone())
+        let mut errors = self.errors.lock().unwrap_or_else(PoisonError::into_inner);
+        GpuError::Lost(errors.lost.get_or_insert_with(|| reason.to_string()).clone())
     }
 
     /// Takes the device away, as a driver reset would: for tests of what happens then.
@@ -266,7 +266,7 @@ impl Gpu {
     }
 }
 
-/// What kernels need and this driver does not have, in words.
+/// Features or limits that kernels need and this driver does not have, in words.
 pub(crate) fn missing(features: wgpu::Features, limits: &wgpu::Limits) -> Option<String> {
     let needed = [
         ("push constants", IMMEDIATES, limits.max_immediate_size),
@@ -314,20 +314,20 @@ fn limits(adapter: &wgpu::Adapter, features: wgpu::Features) -> Limits {
 }
 
 /// Notes what the driver says between calls.
-fn watch(device: &wgpu::Device, trouble: &Arc<Mutex<Trouble>>) {
-    let noted = Arc::clone(trouble);
+fn watch(device: &wgpu::Device, errors: &Arc<Mutex<DeviceErrors>>) {
+    let noted = Arc::clone(errors);
     device.set_device_lost_callback(move |reason, message| {
-        let mut trouble = noted.lock().unwrap_or_else(PoisonError::into_inner);
-        trouble.lost.get_or_insert_with(|| format!("{reason:?}: {message}"));
+        let mut errors = noted.lock().unwrap_or_else(PoisonError::into_inner);
+        errors.lost.get_or_insert_with(|| format!("{reason:?}: {message}"));
     });
-    let noted = Arc::clone(trouble);
+    let noted = Arc::clone(errors);
     device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
-        let mut trouble = noted.lock().unwrap_or_else(PoisonError::into_inner);
-        trouble.failed.get_or_insert_with(|| uncaptured(&error));
+        let mut errors = noted.lock().unwrap_or_else(PoisonError::into_inner);
+        errors.failed.get_or_insert_with(|| uncaptured(&error));
     }));
 }
 
-/// What the driver said when nobody had asked.
+/// Error that the driver reported outside of any scope.
 pub(crate) fn uncaptured(error: &wgpu::Error) -> GpuError {
     match error {
         wgpu::Error::OutOfMemory { source } => GpuError::DriverOutOfMemory(source.to_string()),

@@ -1,4 +1,4 @@
-/// What can go wrong on a GPU. Each message names the next step.
+/// Errors of a GPU. Each message names the next step.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum GpuError {
     /// No driver, or only drivers of back ends that are not used.
@@ -16,12 +16,12 @@ pub enum GpuError {
     NoDriver,
     /// No adapter of this name.
     #[error(
-        "no GPU is called '{wanted}'; there are: {found}; or use the CPU (--device cpu, or the device in \
+        "no GPU is called '{name}'; there are: {found}; or use the CPU (--device cpu, or the device in \
          Blender's preferences)"
     )]
     NotFound {
-        /// What was asked for.
-        wanted: String,
+        /// Requested name.
+        name: String,
         /// Names of those that there are, and where they are plugged in.
         found: String,
     },
@@ -33,12 +33,12 @@ pub enum GpuError {
     Unsuitable {
         /// Name of the adapter.
         adapter: String,
-        /// What it lacks.
+        /// Missing feature, in words.
         missing: String,
     },
     /// A buffer does not fit into the memory budget, or into what the driver has left.
     #[error(
-        "not enough GPU memory for {what}: {wanted} MiB are needed, {free} MiB are free of the budget; raise \
+        "not enough GPU memory for {what}: {needed} MiB are needed, {free} MiB are free of the budget; raise \
          --gpu-memory, close other programs, or use the CPU (--device cpu, or the device in Blender's \
          preferences)"
     )]
@@ -46,7 +46,7 @@ pub enum GpuError {
         /// Label of the buffer.
         what: String,
         /// Mebibytes, rounded up.
-        wanted: u64,
+        needed: u64,
         /// Mebibytes, rounded down.
         free: u64,
     },
@@ -73,7 +73,7 @@ pub enum GpuError {
          device in Blender's preferences)"
     )]
     TooWide {
-        /// What it is.
+        /// Name of the buffer.
         what: String,
     },
     /// The driver reset the device, or it was removed. Everything on it is gone.
@@ -90,7 +90,7 @@ pub enum GpuError {
     Shader {
         /// Name of the module.
         module: String,
-        /// What the compiler said.
+        /// Message of the compiler.
         reason: String,
     },
     /// A mistake of ours that the validation found.

@@ -5,33 +5,33 @@ use std::fmt;
 /// One measured figure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Figure {
-    /// What was measured.
+    /// Name of the measurement.
     pub name: String,
     /// The figure.
     pub value: f64,
-    /// Its unit; `s` and `ms` are times, of which less is better.
+    /// Unit; `s` and `ms` are times, of which less is better.
     pub unit: &'static str,
-    /// What the machine could do at best, if known.
+    /// Best value that the machine could reach, if known.
     pub limit: Option<Limit>,
 }
 
-/// What a figure could be at best, in its unit.
+/// Best value of a figure, in its unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limit {
     /// The figure.
     pub value: f64,
-    /// What takes all of the time then.
+    /// Resource that takes all of the time then.
     pub by: LimitedBy,
 }
 
-/// What a machine does at a limit.
+/// Resource that limits a machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LimitedBy {
-    /// It reads memory of its own.
+    /// Reads of its own memory.
     Bytes,
-    /// It calculates.
+    /// Arithmetic.
     Operations,
-    /// It copies from the CPU or to it.
+    /// Copies from the CPU or to it.
     Copies,
 }
 
@@ -46,17 +46,17 @@ impl fmt::Display for LimitedBy {
 }
 
 impl Limit {
-    /// Of what a device reads of its memory.
+    /// Limit by the bytes that a device reads of its memory.
     pub fn bytes(value: f64) -> Self {
         Self { value, by: LimitedBy::Bytes }
     }
 
-    /// Of what it calculates.
+    /// Limit by its arithmetic.
     pub fn operations(value: f64) -> Self {
         Self { value, by: LimitedBy::Operations }
     }
 
-    /// Of what is copied from the CPU or to it.
+    /// Limit by what is copied from the CPU or to it.
     pub fn copies(value: f64) -> Self {
         Self { value, by: LimitedBy::Copies }
     }
@@ -68,7 +68,7 @@ impl Figure {
         Self { name: name.into(), value, unit, limit: None }
     }
 
-    /// The same with the tightest of some limits.
+    /// Sets the limit to the tightest of some.
     pub fn within(mut self, limits: &[Limit]) -> Self {
         self.limit = limits.iter().copied().max_by(|a, b| self.share(a).total_cmp(&self.share(b)));
         self

@@ -138,9 +138,9 @@ const BEHIND_THE_END: &str = "
 #[test]
 fn twins_of_a_gpu_compile_kernels_with_checks_and_without() {
     let gpu = gpu();
-    let [checked, unchecked] = [Checks::On, Checks::Off].map(|checks| gpu.twin(checks).unwrap());
-    assert_eq!([&checked, &unchecked].map(|twin| twin.summary()), [gpu.summary(); 2]);
-    assert_eq!([&checked, &unchecked].map(|twin| twin.checks()), [Checks::On, Checks::Off]);
+    let [checked, unchecked] = [Checks::On, Checks::Off].map(|checks| gpu.open_second(checks).unwrap());
+    assert_eq!([&checked, &unchecked].map(|second| second.summary()), [gpu.summary(); 2]);
+    assert_eq!([&checked, &unchecked].map(|second| second.checks()), [Checks::On, Checks::Off]);
     for gpu in [&checked, &unchecked] {
         let (values, total) =
             (gpu.buffer_of("values", &[1u32, 2, 3]).unwrap(), gpu.zeros::<u32>("total", 1).unwrap());
@@ -187,7 +187,7 @@ fn buffers_count_against_the_budget_until_they_are_dropped() {
     gpu.set_memory_budget(Some(1 << 20));
     let first = gpu.zeros::<f32>("first", 200_000).unwrap();
     let error = gpu.zeros::<f32>("second", 100_000).unwrap_err();
-    assert_eq!(error, GpuError::OutOfMemory { what: "second".into(), wanted: 1, free: 0 });
+    assert_eq!(error, GpuError::OutOfMemory { what: "second".into(), needed: 1, free: 0 });
     drop(first);
     assert_eq!(gpu.free_memory(), 1 << 20);
     gpu.zeros::<f32>("second", 100_000).unwrap();

@@ -41,7 +41,7 @@ impl GpuImage {
     /// A black one.
     ///
     /// # Errors
-    /// As [`Gpu::zeros`].
+    /// See [`Gpu::zeros`].
     pub fn black(gpu: &Arc<Gpu>, width: usize, height: usize) -> Result<Self, GpuError> {
         let values = gpu.zeros("image", 3 * width * height)?;
         Ok(Self { gpu: Arc::clone(gpu), width, height, values })
@@ -50,7 +50,7 @@ impl GpuImage {
     /// One of these values, `3 * width * height`.
     ///
     /// # Errors
-    /// As [`Gpu::zeros`].
+    /// See [`Gpu::zeros`].
     ///
     /// # Panics
     /// If there are more.
@@ -60,7 +60,7 @@ impl GpuImage {
         Ok(image)
     }
 
-    /// Where it is.
+    /// Device of the image.
     pub fn gpu(&self) -> &Arc<Gpu> {
         &self.gpu
     }
@@ -75,7 +75,7 @@ impl GpuImage {
         self.height
     }
 
-    /// What kernels read and write.
+    /// Values that kernels read and write.
     pub fn values(&self) -> &Buffer<f32> {
         &self.values
     }
@@ -83,7 +83,7 @@ impl GpuImage {
     /// Copies it to the CPU.
     ///
     /// # Errors
-    /// As [`Gpu::read`].
+    /// See [`Gpu::read`].
     pub fn read(&self) -> Result<Vec<f32>, GpuError> {
         self.gpu.read(&self.values, 0..self.values.len())
     }
@@ -111,7 +111,7 @@ impl GpuImage {
     /// if that is 2, by means of two by two pixels without an odd last column or row.
     ///
     /// # Errors
-    /// As [`Gpu::zeros`] and [`Gpu::read`].
+    /// See [`Gpu::zeros`] and [`Gpu::read`].
     ///
     /// # Panics
     /// If there are none, or their sizes differ.

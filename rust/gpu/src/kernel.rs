@@ -13,7 +13,8 @@ pub struct Kernel {
     label: String,
 }
 
-/// Whether kernels check their indices, divisors and loops, which costs a counter in every loop and a comparison at every access.
+/// Checks of indices, divisors and loops in kernels, which cost a counter in every loop and a comparison at every
+/// access.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Checks {
     /// They do.
@@ -22,12 +23,12 @@ pub enum Checks {
     Off,
 }
 
-/// What a device has compiled so far.
+/// Kernels that a device has compiled so far.
 #[derive(Debug, Default)]
 pub(crate) struct Compiled {
-    /// By name and constants.
+    /// Modules by name and constants.
     modules: Mutex<HashMap<String, wgpu::ShaderModule>>,
-    /// By module, constants and entry point.
+    /// Kernels by module, constants and entry point.
     kernels: Mutex<HashMap<String, Kernel>>,
 }
 
@@ -116,7 +117,7 @@ impl Gpu {
         Ok(module)
     }
 
-    /// What the driver had against a module since the scopes were opened.
+    /// Objection of the driver to a module since the scopes were opened.
     fn refusal<const N: usize>(
         &self,
         module: &str,
@@ -133,8 +134,8 @@ impl Gpu {
 }
 
 impl Checks {
-    /// On in dev builds, but where the environment sets `RELUME_GPU_UNCHECKED`, with which tests run the kernels that release builds
-    /// have.
+    /// Checks of dev builds, but where the environment sets `RELUME_GPU_UNCHECKED`, with which tests run the kernels
+    /// that release builds have.
     pub(crate) fn of_this_build() -> Self {
         static CHECKS: LazyLock<Checks> = LazyLock::new(|| {
             let are_on = cfg!(debug_assertions) && std::env::var_os("RELUME_GPU_UNCHECKED").is_none();

@@ -1,4 +1,4 @@
-//! Where WGSL puts the fields of a struct, to be compared with its Rust mirror.
+//! Layout that WGSL gives to the fields of a struct, to be compared with its Rust mirror.
 
 use crate::{GpuError, modules};
 
@@ -14,15 +14,15 @@ pub struct StructLayout {
 /// A field of a struct.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FieldLayout {
-    /// Its name.
+    /// Name of the field.
     pub name: String,
-    /// Where it starts, bytes.
+    /// Start of the field, bytes.
     pub offset: u32,
-    /// What it is made of, and where that lies in the struct, bytes.
+    /// Components, and where they lie in the struct, bytes.
     pub parts: Vec<(u32, Part)>,
 }
 
-/// What fields are made of.
+/// Type of a component.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
     /// `f32`
@@ -38,8 +38,8 @@ pub enum Part {
 }
 
 impl StructLayout {
-    /// What is wrong with a Rust mirror of this: its size, or its first field that differs. A field of the mirror may be longer by
-    /// what fills up the room to the next one, as `[f32; 4]` for a `vec3f`.
+    /// Fault of a Rust mirror of this: its size, or its first field that differs. A field of the mirror may be longer
+    /// by what fills up the room to the next one, as `[f32; 4]` for a `vec3f`.
     pub fn difference(&self, mirror: &Self) -> Option<String> {
         let pairs = self.fields.iter().zip(&mirror.fields);
         let differs = |(wgsl, rust): &(&FieldLayout, &FieldLayout)| {
@@ -166,7 +166,7 @@ pub fn constant(module: &str, name: &str) -> Result<u32, GpuError> {
     })
 }
 
-/// Panics unless a Rust struct has the size and the fields, of the same types at the same places, of its WGSL twin.
+/// Panics unless a Rust struct has the size and the fields, of the same types at the same places, of its WGSL struct.
 ///
 /// ```text
 /// relume_gpu::assert_mirror!(Light as "gather/gather", "Light", { center, radius });
@@ -189,9 +189,9 @@ macro_rules! assert_mirror {
 mod tests {
     use super::*;
 
-    /// Of `Light` in `gather/light.wgsl`, whose first fields are `center: vec3f`, `kind: u32`.
+    /// Layout of `Light` in `gather/light.wgsl`, whose first fields are `center: vec3f`, `kind: u32`.
     #[test]
-    fn a_mirror_whose_fields_have_other_types_is_told_from_its_twin() {
+    fn a_mirror_whose_fields_have_other_types_is_told_from_its_wgsl_struct() {
         let whole = of("gather/light", "Light").unwrap();
         let differs = |field: usize, parts: &[(u32, Part)]| {
             let mut other = whole.clone();

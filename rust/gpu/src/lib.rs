@@ -18,7 +18,7 @@
 //! # }
 //! ```
 //!
-//! Only Vulkan, Metal and DX12 are ever looked for: an OpenGL context made in Blender's process ends it.
+//! Only Vulkan, Metal and DX12 are ever asked for: an OpenGL context made in Blender's process ends it.
 
 mod buffer;
 mod choice;

@@ -22,14 +22,15 @@ impl Matrices {
 }
 
 impl Gpu {
-    /// Nothing where the device has none that kernels are written for, or its driver refuses them all the same.
+    /// Matrices of the device; nothing where it has none that kernels are written for, or its driver refuses them all
+    /// the same.
     pub fn matrices(&self) -> Option<Matrices> {
         let side = self.limits().matrices?;
         let subgroup = *self.matrix_subgroup().get_or_init(|| self.size_of_subgroup(side).ok());
         Some(Matrices { side, subgroup: subgroup? })
     }
 
-    /// What a kernel with matrices finds.
+    /// Subgroup size that a kernel with matrices finds.
     fn size_of_subgroup(&self, side: u32) -> Result<u32, GpuError> {
         let constants = [("SMALL_MATRICES", u32::from(side == 8))];
         let kernel = self.kernel("subgroup", "size_of_subgroup", &constants)?;

@@ -1,4 +1,4 @@
-//! How many bytes our buffers may take, and how many they do.
+//! Memory budget of our buffers, and its use.
 //!
 //! If the user sets no limit, it is a share of what the driver says:
 //!
@@ -28,16 +28,16 @@ pub struct Memory {
     budget: AtomicU64,
 }
 
-/// What a driver says of the memory that is the device's own, bytes.
+/// Memory of the device itself according to its driver, bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct DeviceMemory {
     all: u64,
-    /// What neither other programs nor we have taken; nothing where the driver does not say.
+    /// Memory that neither other programs nor we have taken; nothing where the driver does not say.
     free: Option<u64>,
 }
 
 impl Memory {
-    /// With the limit that [`Memory::limit`] sets if it is given none.
+    /// Memory with the limit that [`Memory::limit`] sets if it is given none.
     pub fn new(adapter: &wgpu::Adapter) -> Self {
         Self { used: 0.into(), budget: budget(device_memory(adapter), 0).into() }
     }
@@ -60,7 +60,7 @@ impl Memory {
         self.used.fetch_update(Ordering::Relaxed, Ordering::Relaxed, fits).map(|_| ()).map_err(|used| {
             GpuError::OutOfMemory {
                 what: what.to_owned(),
-                wanted: bytes.div_ceil(1 << 20),
+                needed: bytes.div_ceil(1 << 20),
                 free: budget.saturating_sub(used) >> 20,
             }
         })
@@ -71,7 +71,7 @@ impl Memory {
     }
 }
 
-/// How much may be ours, if the user does not say; `used` bytes are already.
+/// Share that may be ours, if the user does not say; `used` bytes are already.
 fn budget(said: Option<DeviceMemory>, used: u64) -> u64 {
     let Some(memory) = said.filter(|memory| memory.all > 0) else { return UNKNOWN_MEMORY };
     let share = |bytes: u64, share: f64| (bytes as f64 * share) as u64;
@@ -100,7 +100,7 @@ fn device_memory(adapter: &wgpu::Adapter) -> Option<DeviceMemory> {
     vulkan_memory(adapter)
 }
 
-/// Of a DX12 adapter.
+/// Memory of a DX12 adapter.
 #[cfg(windows)]
 fn granted_by_windows(adapter: &wgpu::Adapter) -> Option<DeviceMemory> {
     use windows::Win32::Graphics::Dxgi::DXGI_MEMORY_SEGMENT_GROUP_LOCAL;

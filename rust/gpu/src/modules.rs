@@ -149,7 +149,7 @@ fn collect(
     Ok(())
 }
 
-/// What follows `// <word>:` on the lines of a file.
+/// Texts that follow `// <word>:` on the lines of a file.
 fn directives<'a>(text: &'a str, word: &str) -> impl Iterator<Item = &'a str> {
     let start = format!("// {word}: ");
     text.lines().filter_map(move |line| line.strip_prefix(&start)).map(str::trim)
@@ -158,7 +158,7 @@ fn directives<'a>(text: &'a str, word: &str) -> impl Iterator<Item = &'a str> {
 /// Parses and validates a module without a GPU, with all features that kernels may use.
 ///
 /// # Errors
-/// What the compiler says.
+/// Errors of the compiler.
 pub fn validate(name: &str, constants: &[(&str, u32)]) -> Result<naga::Module, GpuError> {
     let fail = |reason: String| GpuError::Shader { module: name.to_owned(), reason };
     let text = compose(name, constants)?;

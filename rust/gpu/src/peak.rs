@@ -32,29 +32,29 @@ struct PeakArguments {
     factor: [f32; 2],
 }
 
-/// What a device can do at best, measured: limits of what kernels do.
+/// Best rates of a device, measured: limits of its kernels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Peaks {
     /// Multiply-adds of 32-bit floats per second.
     pub multiply_adds: f64,
-    /// The same of 16-bit floats; none if kernels cannot have them.
+    /// Operations of 16-bit floats a second; none if kernels cannot have them.
     pub half: Option<f64>,
-    /// The same in products of matrices of 16-bit floats; none if it has none ([`Gpu::matrices`]).
+    /// Operations a second in products of matrices of 16-bit floats; none if it has none ([`Gpu::matrices`]).
     pub matrices: Option<f64>,
-    /// The same with sums of 32 bits.
+    /// Operations a second in products of such matrices with sums of 32 bits.
     pub wide_matrices: Option<f64>,
     /// Bytes read per second from several large buffers.
     pub read: f64,
 }
 
-/// What it costs to have a device do anything, seconds.
+/// Fixed costs of work on a device, seconds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Costs {
-    /// Of one more dispatch that waits for the one before, in one submission.
+    /// Cost of one more dispatch that waits for the one before, in one submission.
     pub dispatch: f64,
-    /// Of one more submission.
+    /// Cost of one more submission.
     pub submit: f64,
-    /// Of a submission that is waited for.
+    /// Cost of a submission that is waited for.
     pub wait: f64,
 }
 
@@ -63,7 +63,7 @@ impl Gpu {
     /// waiting.
     ///
     /// # Errors
-    /// What `work` says, or if the device was lost.
+    /// Errors of `work`, or if the device was lost.
     pub fn seconds<E: From<GpuError>>(
         &self,
         mut work: impl FnMut(&mut Commands<'_>) -> Result<(), E>,
@@ -115,7 +115,7 @@ impl Gpu {
         self.peak_of("peak")
     }
 
-    /// Of a module whose entry point has its name, and which does what `peak.wgsl` does.
+    /// Rate of a module whose entry point has its name, and which does what `peak.wgsl` does.
     fn peak_of(&self, module: &str) -> Result<f64, GpuError> {
         let results = self.zeros::<f32>("results", GROUP as usize)?;
         let bound = self.kernel(module, module, &[])?.bind(&[results.whole()])?;
@@ -136,7 +136,7 @@ impl Gpu {
         })
     }
 
-    /// Nothing where the device has no such matrices, or its driver refuses them all the same.
+    /// Rate of matrices; nothing where the device has no such ones, or its driver refuses them all the same.
     fn peak_of_matrices(&self, entry: &str) -> Option<f64> {
         self.matrices().and_then(|matrices| self.rate_of_matrices(matrices, entry).ok())
     }
@@ -189,7 +189,7 @@ impl Gpu {
     /// Bytes read and bytes written per second by a copy of the driver's own.
     ///
     /// # Errors
-    /// As [`Gpu::peak_read`].
+    /// See [`Gpu::peak_read`].
     pub fn peak_copy(&self) -> Result<f64, GpuError> {
         let free = (self.free_memory() as f64 * READ_SHARE) as u64 / 2;
         let most = if self.summary().software { 16 * SOFTWARE_BYTES } else { READ_BYTES };
@@ -206,7 +206,7 @@ impl Gpu {
     /// Bytes per second from the CPU to the device, and back.
     ///
     /// # Errors
-    /// As [`Gpu::peak_read`].
+    /// See [`Gpu::peak_read`].
     pub fn transfers(&self) -> Result<[f64; 2], GpuError> {
         let values = vec![1u32; TRANSFER_BYTES / 4];
         let buffer: Buffer<u32> = self.zeros("words", values.len())?;
@@ -219,7 +219,7 @@ impl Gpu {
         Ok([upload, read].map(|seconds| TRANSFER_BYTES as f64 / seconds))
     }
 
-    /// What dispatches and submissions cost that do next to nothing.
+    /// Measures dispatches and submissions that do next to nothing.
     ///
     /// # Errors
     /// If the device was lost.

@@ -1,9 +1,9 @@
 use crate::Gpu;
 
-/// What a driver says of itself, as a number.
+/// Number that a driver states of itself.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Property {
-    /// What it says.
+    /// Name of the property.
     pub name: String,
     /// The number; 1 and 0 are yes and no.
     pub value: f64,

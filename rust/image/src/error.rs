@@ -1,13 +1,13 @@
 use std::io;
 use std::path::PathBuf;
 
-/// What can go wrong with image files. Each message names the file and what to do.
+/// Errors of image files. Each message names the file and what to do.
 #[derive(Debug, thiserror::Error)]
 pub enum ImageError {
     /// The file could not be created or written; nothing is left at its place.
     #[error("cannot write the file: {source}; check the folder's permissions and free space: {}", path.display())]
     Write {
-        /// Where the file was to go.
+        /// Path of the file to write.
         path: PathBuf,
         /// The system's reason.
         source: io::Error,
@@ -25,7 +25,7 @@ pub enum ImageError {
     Format {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// Fault of the file, in words.
         reason: String,
     },
 }

@@ -236,7 +236,7 @@ fn passes(
     Ok(LayeredImage { width: size.0, height: size.1, layers, attributes })
 }
 
-/// What lies of the values of the window `from` in the window `to`, which is 0 elsewhere.
+/// Part of the values of the window `from` that lies in the window `to`, which is 0 elsewhere.
 fn in_window(values: Vec<f32>, from: &exr::IntegerBounds, to: &exr::IntegerBounds) -> Vec<f32> {
     if from == to {
         return values;

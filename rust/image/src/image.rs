@@ -28,7 +28,7 @@ impl Image {
         &self.data[start..start + self.channels]
     }
 
-    /// Whether both have the same width, height and channels.
+    /// True if both have the same width, height and channels.
     pub fn same_shape(&self, other: &Image) -> bool {
         (self.width, self.height, self.channels) == (other.width, other.height, other.channels)
     }

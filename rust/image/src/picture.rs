@@ -100,7 +100,7 @@ pub(crate) fn read_png_raw(path: &Path) -> Result<Image, ImageError> {
     decode_png_raw(path, &std::fs::read(path).map_err(read_error)?)
 }
 
-/// As [`read_png_raw`], of bytes that nobody vouches for; `name` stands in messages.
+/// Decodes bytes that nobody vouches for like [`read_png_raw`]; `name` stands in messages.
 pub(crate) fn decode_png_raw(name: &Path, file: &[u8]) -> Result<Image, ImageError> {
     let format = |error: png::DecodingError| ImageError::Format {
         path: name.to_path_buf(),

@@ -2,7 +2,7 @@ use crate::{Image, ImageError};
 use rayon::prelude::*;
 use std::path::Path;
 
-/// How scene-linear colour becomes display colour.
+/// Conversion of scene-linear colour to display colour.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum ViewTransform {
     /// Blender's "Standard" on an sRGB display: the sRGB curve, clipped to 0..1.
@@ -45,7 +45,7 @@ impl ViewTransform {
         Self::of_table(path, &crate::picture::read_png_raw(path)?)
     }
 
-    /// As [`ViewTransform::read_lut`], of the bytes of such a file; `name` stands in messages.
+    /// Decodes the bytes of a file like [`ViewTransform::read_lut`]; `name` stands in messages.
     pub fn decode_lut(name: &Path, file: &[u8]) -> Result<Self, ImageError> {
         Self::of_table(name, &crate::picture::decode_png_raw(name, file)?)
     }

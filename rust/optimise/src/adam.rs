@@ -15,7 +15,7 @@ impl Adam {
         Self { learning_rate, step: 0, mean: vec![0.0; count], square: vec![0.0; count] }
     }
 
-    /// What to add to the values for this gradient.
+    /// Step of the values for this gradient.
     pub(crate) fn step(&mut self, gradient: &[f32]) -> Vec<f32> {
         self.step += 1;
         let mean_scale = 1.0 / (1.0 - BETA_MEAN.powi(self.step));

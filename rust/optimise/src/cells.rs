@@ -48,7 +48,7 @@ impl Cells {
     }
 }
 
-/// At most `count` of so many things, evenly spread.
+/// Numbers of at most `count` of so many things, evenly spread.
 pub(crate) fn spread(total: usize, count: usize) -> Vec<u32> {
     let count = count.min(total);
     (0..count).map(|i| (i * total / count) as u32).collect()

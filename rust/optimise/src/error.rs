@@ -9,9 +9,9 @@ pub enum OptimiseError {
         found.0, found.1, expected.0, expected.1
     )]
     Size {
-        /// Which picture.
+        /// Picture that does not fit.
         what: &'static str,
-        /// Its width and height.
+        /// Width and height of the picture.
         found: (usize, usize),
         /// The relighter's width and height.
         expected: (usize, usize),
@@ -33,7 +33,7 @@ pub enum OptimiseError {
     /// A goal without a pixel.
     #[error("goal {0} concerns no pixel of the picture; paint inside the camera frame")]
     EmptyGoal(usize),
-    /// Nothing is asked for.
+    /// Lack of goals: nothing is asked for.
     #[error("nothing is asked for; paint a stroke or choose a target picture")]
     NoGoal,
     /// All is locked.
@@ -44,7 +44,7 @@ pub enum OptimiseError {
     Bounds {
         /// The light.
         light: String,
-        /// Which bounds.
+        /// Bounds that are wrong.
         what: &'static str,
     },
     /// A light whose shape stays comes without its picture, or one whose shape moves with one.
@@ -53,9 +53,9 @@ pub enum OptimiseError {
     /// A list is not as long as that of the lights.
     #[error("{found} lights are given where {expected} are to be solved")]
     Lights {
-        /// How many there are.
+        /// Number found.
         found: usize,
-        /// How many there should be.
+        /// Expected number.
         expected: usize,
     },
     /// The settings cannot be used.

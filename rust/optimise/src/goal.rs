@@ -1,4 +1,4 @@
-//! What the picture should do, as residuals of cells: 0 where it does.
+//! Goals for a picture, as residuals of cells: 0 where a goal is met.
 
 use crate::cells::Cells;
 use crate::report::{KEEP_MET, MIREDS_MET, STOPS_MET};
@@ -6,14 +6,14 @@ use crate::variable::{LUMINANCE, luminance};
 use relume_image::Image;
 use std::f32::consts::LN_2;
 
-/// What is asked for.
+/// Criterion that a picture is to meet.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Aim {
+pub enum Criterion {
     /// To look like a picture of the view's size, scene-linear RGB.
     Target {
         /// The picture.
         image: Image,
-        /// Whether only its proportions count, whatever its exposure.
+        /// True if only its proportions count, whatever its exposure.
         exposure_invariant: bool,
     },
     /// To be brighter (above 0) or darker than before by at least so many stops.
@@ -35,11 +35,11 @@ pub enum Aim {
     Keep,
 }
 
-/// An aim for a part of a picture.
+/// An criterion for a part of a picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Goal {
-    /// What is asked for.
-    pub aim: Aim,
+    /// Criterion that the part is to meet.
+    pub criterion: Criterion,
     /// Weight of each pixel, 0..1; all 1 if absent.
     pub pixels: Option<Vec<f32>>,
     /// Weight of the goal beside others.
@@ -47,25 +47,25 @@ pub struct Goal {
 }
 
 impl Goal {
-    /// The same for pictures that are so many times smaller along each edge than those of this size ([`Image::shrunk`]).
+    /// Goal for pictures that are so many times smaller along each edge than those of this size ([`Image::shrunk`]).
     #[must_use]
     pub fn shrunk(&self, size: (usize, usize), factor: usize) -> Self {
         let cells = Cells::new(size, factor);
         let pixels = self.pixels.as_ref().map(|weights| self.cell_weights(cells, weights));
-        let aim = match &self.aim {
-            Aim::Target { image, exposure_invariant } => {
-                Aim::Target { image: image.shrunk(factor), exposure_invariant: *exposure_invariant }
+        let criterion = match &self.criterion {
+            Criterion::Target { image, exposure_invariant } => {
+                Criterion::Target { image: image.shrunk(factor), exposure_invariant: *exposure_invariant }
             }
-            aim => aim.clone(),
+            criterion => criterion.clone(),
         };
-        Self { aim, pixels, weight: self.weight }
+        Self { criterion, pixels, weight: self.weight }
     }
 
     /// Weights of cells from those of pixels. Outside of its place a target may hold anything, which the mean of a cell that it only
     /// touches would mix in; such cells count only if there are no others.
     pub(crate) fn cell_weights(&self, cells: Cells, weights: &[f32]) -> Vec<f32> {
-        let inside = match self.aim {
-            Aim::Target { .. } => cells.least_weights(weights),
+        let inside = match self.criterion {
+            Criterion::Target { .. } => cells.least_weights(weights),
             _ => Vec::new(),
         };
         if inside.iter().any(|weight| *weight > 0.0) { inside } else { cells.mean_weights(weights) }
@@ -81,37 +81,41 @@ impl Goal {
     }
 }
 
-/// What a stop is worth beside a difference of tonemapped values: the slope of Reinhard's curve by stops at its middle.
+/// Weight of a stop beside a difference of tonemapped values: the slope of Reinhard's curve by stops at its middle.
 const STOP: f32 = 0.173;
-/// What an excess of a single cell counts where at least so much was asked for.
+/// Weight of a single cell's excess where at least so much was asked for.
 const EXCESS: f32 = 0.3;
-/// What a mean of cells counts that has less of what was asked for: at least that should be done.
+/// Weight of a mean of cells that falls short: the amount asked for is the least to be reached.
 const SHORT: f32 = 2.0;
 /// Stops by which more is done than asked for, and as much of a ratio of channels: a dump and a render differ by a percent or two.
 const MARGIN: f32 = 0.02;
-/// So many standard deviations more are asked for of a mean that is noisy: of many tries the best is seldom as good as it looks.
+/// Number of standard deviations that are asked for beyond the reference of a noisy mean: of many tries the best is
+/// seldom as good as it looks.
 const SURE: f32 = 2.0;
-/// But at most this share of what was asked for: what is very noisy may as well be far more already.
+/// Largest share of the requested amount that is added for noise: a mean that is very noisy may as well be far more
+/// already.
 const MOST_MORE: f32 = 0.25;
 /// Added to exposed values under a logarithm or a quotient: a fiftieth of the mean.
 const FLOOR: f32 = 0.01;
-/// What a difference of colour ratios counts beside one of tonemapped values.
+/// Weight of a difference of colour ratios beside one of tonemapped values.
 const CHROMA: f32 = 0.3;
-/// What counts a change that was not asked for: of colour by a goal about brightness, of brightness by one about warmth.
+/// Weight of a change that was not asked for: of colour by a goal about brightness, of brightness by one about warmth.
 const SIDE: f32 = 0.3;
-/// The same of the mean colour of cells, beside the mean brightness that was asked for: light from elsewhere has another colour.
+/// Weight of an unasked change of the mean colour of cells, beside the mean brightness that was asked for: light from
+/// elsewhere has another colour.
 const SIDE_OF_MEAN: f32 = 0.2;
-/// What single cells count beside their mean where that is what was asked for: so much should it be reached everywhere alike. Light
-/// that falls from elsewhere never does, and what was asked for goes first.
+/// Weight of single cells beside their mean where a mean was asked for: how evenly it is to be reached. Light that
+/// falls from elsewhere never does, and what was asked for goes first.
 const EVEN: f32 = 0.01;
-/// The same of what is kept, which no cell of should change.
+/// Weight of single cells beside their mean in a part that is to be kept, where no cell should change.
 const EVENLY_KEPT: f32 = 0.2;
 /// Change of ln(R / B) by one mired: `c2 (1/lambda_B - 1/lambda_R) 1e-6` of Planck's law (Wien's approximation), with
 /// c2 = 14388 um K, 0.46 um and 0.61 um.
 pub(crate) const RATIO_PER_MIRED: f32 = 0.00769;
 
-impl Aim {
-    /// What [`Aim::residual`] compares an exposed cell to, from the cell before, or in the target, exposed as well.
+impl Criterion {
+    /// Reference of [`Criterion::residual`] for an exposed cell, from the cell before, or in the target, exposed as
+    /// well.
     pub(crate) fn reference(&self, exposed: [f32; 3]) -> [f32; 3] {
         match self {
             Self::Target { .. } => exposed.map(|x| reinhard(x).0),
@@ -126,7 +130,7 @@ impl Aim {
         }
     }
 
-    /// What single cells count beside their mean; a target asks for them alone.
+    /// Weight of single cells beside their mean; a target asks for them alone.
     pub(crate) fn weight_of_cells(&self) -> f32 {
         match self {
             Self::Target { .. } => 1.0,
@@ -135,8 +139,9 @@ impl Aim {
         }
     }
 
-    /// What [`Aim::residual_of_mean`] compares the mean of exposed cells to, from what it was before; a target asks for each cell by
-    /// itself. Amounts should be what was asked for, no more and no less, but for `MARGIN` and what their `deviation` by noise demands.
+    /// Reference of [`Criterion::residual_of_mean`] for the mean of exposed cells, from what it was before; a target
+    /// asks for each cell by itself. Amounts should be what was asked for, no more and no less, but for `MARGIN` and
+    /// what their `deviation` by noise demands.
     pub(crate) fn reference_of_mean(&self, before: [f32; 3], deviation: f32) -> Option<[f32; 3]> {
         let [amount, second, third] = self.reference(before);
         let more = |asked: f32, margin: f32| {
@@ -153,8 +158,9 @@ impl Aim {
         }
     }
 
-    /// By a residual of [`Aim::residual_of_mean`]: whether an amount is less than its reference by more than goes for met, or more by as
-    /// much and a quarter of what was asked for, or half as much changed of what is kept as may.
+    /// True if, by a residual of [`Criterion::residual_of_mean`], an amount is less than its reference by more than
+    /// goes for met, or more by as much and a quarter of what was asked for, or half as much changed of what is kept as
+    /// may.
     pub(crate) fn is_off(&self, residual: [f32; 3]) -> bool {
         let (asked, met, short, excess) = match self {
             Self::Brightness { stops } => (*stops, STOPS_MET as f32, SHORT * STOP, STOP),
@@ -171,8 +177,8 @@ impl Aim {
         -residual > short * met || residual > excess * (met + MOST_MORE * asked.abs())
     }
 
-    /// Whether a residual of a mean says less good of a picture than another: less of what is asked for by amount, or further from the
-    /// rest.
+    /// True if a residual of a mean says less good of a picture than another: less of what is asked for by amount, or
+    /// further from the rest.
     pub(crate) fn is_worse(&self, residual: [f32; 3], other: [f32; 3]) -> bool {
         let square = |r: [f32; 3]| r.iter().map(|r| r * r).sum::<f32>();
         match self {
@@ -195,7 +201,7 @@ impl Aim {
         }
     }
 
-    /// As [`Self::residual`] for the mean of cells.
+    /// Residual of the mean of cells; see [`Self::residual`] for a single one.
     pub(crate) fn residual_of_mean(&self, mean: [f32; 3], reference: [f32; 3]) -> ([f32; 3], [[f32; 3]; 3]) {
         match self {
             Self::Brightness { stops } => {
@@ -206,7 +212,8 @@ impl Aim {
         }
     }
 
-    /// How far an exposed cell is from its reference, and the derivatives of these values (rows) by its channels (columns).
+    /// Residual of an exposed cell from its reference, and the derivatives of these values (rows) by its channels
+    /// (columns).
     pub(crate) fn residual(&self, x: [f32; 3], reference: [f32; 3]) -> ([f32; 3], [[f32; 3]; 3]) {
         match self {
             // The paper's equation 6.
@@ -292,31 +299,31 @@ fn ratio(x: [f32; 3], above: usize, below: usize) -> (f32, [f32; 3]) {
 mod tests {
     use super::*;
 
-    fn aims() -> Vec<Aim> {
+    fn criteria() -> Vec<Criterion> {
         vec![
-            Aim::Target { image: Image::default(), exposure_invariant: false },
-            Aim::Brightness { stops: 1.0 },
-            Aim::Brightness { stops: -0.5 },
-            Aim::Color { color: [0.9, 0.5, 0.2] },
-            Aim::Temperature { mireds: 80.0 },
-            Aim::Temperature { mireds: -80.0 },
-            Aim::Keep,
+            Criterion::Target { image: Image::default(), exposure_invariant: false },
+            Criterion::Brightness { stops: 1.0 },
+            Criterion::Brightness { stops: -0.5 },
+            Criterion::Color { color: [0.9, 0.5, 0.2] },
+            Criterion::Temperature { mireds: 80.0 },
+            Criterion::Temperature { mireds: -80.0 },
+            Criterion::Keep,
         ]
     }
 
     #[test]
     fn derivatives_are_differences() {
         let before = [0.4, 0.6, 0.2];
-        for aim in aims() {
+        for criterion in criteria() {
             for x in [[0.3, 0.5, 0.4], [2.0, 1.0, 0.1], [0.02, 0.01, 0.05]] {
-                let reference = aim.reference(before);
-                let (_, slopes) = aim.residual(x, reference);
+                let reference = criterion.reference(before);
+                let (_, slopes) = criterion.residual(x, reference);
                 for k in 0..3 {
                     let step = 1e-2 * x[k];
                     let at = |delta: f32| {
                         let mut x = x;
                         x[k] += delta;
-                        aim.residual(x, reference).0
+                        criterion.residual(x, reference).0
                     };
                     let (low, high) = (at(-step), at(step));
                     for j in 0..3 {
@@ -324,7 +331,7 @@ mod tests {
                         let error = (slope - slopes[j][k]).abs();
                         assert!(
                             error < 1e-2 * slope.abs() + 1e-3,
-                            "{aim:?} {j} {k}: {slope} {}",
+                            "{criterion:?} {j} {k}: {slope} {}",
                             slopes[j][k]
                         );
                     }
@@ -345,9 +352,9 @@ mod tests {
             [0.4, 0.6, 0.21 * (80.0 * RATIO_PER_MIRED).exp() - FLOOR],
             before,
         ];
-        for (aim, x) in aims().into_iter().zip(done) {
-            let (residual, _) = aim.residual(x, aim.reference(before));
-            assert!(residual.iter().all(|r| r.abs() < 2e-3), "{aim:?}: {residual:?}");
+        for (criterion, x) in criteria().into_iter().zip(done) {
+            let (residual, _) = criterion.residual(x, criterion.reference(before));
+            assert!(residual.iter().all(|r| r.abs() < 2e-3), "{criterion:?}: {residual:?}");
         }
     }
 
@@ -356,19 +363,23 @@ mod tests {
         let weights = [vec![1.0; 6], vec![0.0, 1.0, 1.0, 1.0, 1.0, 1.0]].concat();
         let data = (0..36).map(|i| i as f32).collect();
         let image = Image { width: 6, height: 2, channels: 3, data };
-        let target = Aim::Target { image: image.clone(), exposure_invariant: true };
-        let goal = |aim: &Aim| Goal { aim: aim.clone(), pixels: Some(weights.clone()), weight: 2.0 };
+        let target = Criterion::Target { image: image.clone(), exposure_invariant: true };
+        let goal = |criterion: &Criterion| Goal {
+            criterion: criterion.clone(),
+            pixels: Some(weights.clone()),
+            weight: 2.0,
+        };
         let small = goal(&target).shrunk((6, 2), 2);
-        assert_eq!(small.aim, Aim::Target { image: image.shrunk(2), exposure_invariant: true });
+        assert_eq!(small.criterion, Criterion::Target { image: image.shrunk(2), exposure_invariant: true });
         assert_eq!((small.pixels, small.weight), (Some(vec![0.0, 1.0, 1.0]), 2.0));
-        assert_eq!(goal(&Aim::Keep).shrunk((6, 2), 2).pixels, Some(vec![0.75, 1.0, 1.0]));
+        assert_eq!(goal(&Criterion::Keep).shrunk((6, 2), 2).pixels, Some(vec![0.75, 1.0, 1.0]));
     }
 
     #[test]
     fn too_little_counts_more_than_too_much() {
-        let aim = Aim::Brightness { stops: 1.0 };
-        let reference = aim.reference([0.5; 3]);
-        let miss = |x: f32| aim.residual([x; 3], reference).0[0].abs();
+        let criterion = Criterion::Brightness { stops: 1.0 };
+        let reference = criterion.reference([0.5; 3]);
+        let miss = |x: f32| criterion.residual([x; 3], reference).0[0].abs();
         assert!(miss(0.5) > 2.0 * miss(2.0));
     }
 }

@@ -2,22 +2,23 @@
 //! once, and goals from target pictures to strokes.
 //!
 //! ```text
-//! let goals = [Goal { aim: Aim::Target { image, exposure_invariant: false }, pixels: None, weight: 1.0 }];
+//! let goals = [Goal { criterion: Criterion::Target { image, exposure_invariant: false }, pixels: None, weight: 1.0 }];
 //! let view = View { relight: &proxy, base: &static_and_world, still: vec![None], goals: &goals };
-//! let problem = Problem { views: vec![view], variables: vec![Variable { light, locks, bounds, stay: 0.0 }] };
+//! let problem = Problem { views: vec![view], variables: vec![Variable { light, locks, bounds, prior_weight: 0.0 }] };
 //! let starts = random_starts(&problem, &options)?;        // or the lights of the scene
 //! let solution = solve(&problem, &starts, &Settings::default(), &|step| ControlFlow::Continue(()))?;
 //! let polished = polish(&through_the_gather, &[&solution.lights[..]], 24, &mut |step| ControlFlow::Continue(()))?;
 //! ```
 //!
-//! What is free of a light is mapped to unconstrained values (`variable`), of which some end at walls (`wall`); what is asked for
-//! becomes residuals of cells (`goal`, `term`); their squares and what moves cost (`preference`) are the loss (`objective`). [`solve`]
-//! steps by Adam on random subsets, from several starts of which the worse are given up; [`polish`] by Levenberg-Marquardt on exact pictures.
-//! [`regroupings`] and [`relocations`] lead out of local minima, [`idle_lights`] finds lights that are not needed, [`report()`] says what became of each goal.
+//! Free parameters of a light are mapped to unconstrained values (`variable`), of which some have active bounds
+//! (`active_bound`); goals become residuals of cells (`goal`, `term`); their squares and what moves cost (`preference`)
+//! are the loss (`objective`). [`solve`] steps by Adam on random subsets, from several starts of which the worse are
+//! given up; [`polish`] by Levenberg-Marquardt on exact pictures. [`regroupings`] and [`relocations`] lead out of local
+//! minima, [`idle_lights`] finds lights that are not needed, [`report()`] says what became of each goal.
 
+mod active_bound;
 mod adam;
 mod cells;
-mod doubtful;
 mod error;
 mod goal;
 mod least_squares;
@@ -35,12 +36,12 @@ mod report;
 mod solve;
 mod starts;
 mod term;
+mod uncertain;
 mod variable;
-mod wall;
 
-pub use doubtful::is_doubtful;
+pub use active_bound::{ChromaticityBound, DirectionCone};
 pub use error::OptimiseError;
-pub use goal::{Aim, Goal};
+pub use goal::{Criterion, Goal};
 pub use polish::{PolishStep, Polished, polish};
 pub use problem::{Problem, View};
 pub use prune::idle_lights;
@@ -51,9 +52,9 @@ pub use relocate::relocations;
 pub use report::{Report, Worst, conflicts, report};
 pub use solve::{RunnerUp, Settings, Solution, Step, solve};
 pub use starts::{RandomStarts, random_starts};
-pub use term::Wanted;
+pub use term::TermTarget;
+pub use uncertain::is_uncertain;
 pub use variable::{Bounds, Locks, Variable};
-pub use wall::{Cap, Tint};
 
 #[cfg(test)]
 mod tests;

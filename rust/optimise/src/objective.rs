@@ -1,9 +1,9 @@
 use crate::cells::Cells;
-use crate::goal::{Aim, Goal};
+use crate::goal::{Criterion, Goal};
 use crate::preference;
 use crate::problem::{Problem, View, mean_luminance};
 use crate::relight::{Compare, Compared, Linear, Picture};
-use crate::term::{Before, Comparison, Doubt, Term, Wanted};
+use crate::term::{Baseline, Comparison, Term, TermTarget, Uncertainty};
 use crate::variable::{Mapping, PARAMS};
 use crate::{OptimiseError, RelightError};
 use rayon::prelude::*;
@@ -24,7 +24,7 @@ pub(crate) struct ViewObjective<'a> {
     /// Pictures of the lights whose shapes stay.
     still: Vec<Option<Vec<[f32; 3]>>>,
     pub(crate) terms: Vec<Term<'a>>,
-    /// Where the relighter compares its pictures itself.
+    /// Comparison by the relighter, where it compares its pictures itself.
     comparison: Option<Box<dyn Compare + 'a>>,
 }
 
@@ -37,7 +37,7 @@ impl<'a> Objective<'a> {
         Ok(Self { problem, views: views.collect::<Result<_, _>>()?, softness })
     }
 
-    /// At most so many cells of each term, evenly spread.
+    /// Draw of at most so many cells of each term, evenly spread.
     pub(crate) fn spread(&self, count: usize) -> Draw {
         let terms = |view: &ViewObjective| {
             view.terms.iter().map(|term| crate::cells::spread(term.len(), count)).collect()
@@ -80,7 +80,7 @@ impl<'a> Objective<'a> {
         self.views.iter().zip(draw).map(unit).collect()
     }
 
-    /// As [`Self::loss`] without what moves cost, from pictures that are there already.
+    /// Loss without the cost of moves, from pictures that are there already.
     pub(crate) fn loss_of_goals(&self, lights: &[Light], units: &[Vec<Unit>], draw: &Draw) -> f64 {
         let of_view = |((view, units), draw): ((&ViewObjective, &Vec<Unit>), &Vec<Vec<u32>>)| {
             view.loss_of_units(lights, units, draw)
@@ -88,13 +88,13 @@ impl<'a> Objective<'a> {
         self.views.iter().zip(units).zip(draw).map(of_view).sum()
     }
 
-    /// As [`Self::loss_of_goals`] from two exact estimates of each picture, which tell how noisy they are.
+    /// Loss without the cost of moves, from two exact estimates of each picture, which tell how noisy they are.
     pub(crate) fn loss_of_halves(&self, lights: &[Light], units: &[Vec<Halves>], draw: &Draw) -> f64 {
         let views = self.views.iter().zip(units).zip(draw);
         views.map(|((view, units), draw)| view.loss_of_halves(lights, units, draw)).sum()
     }
 
-    /// Loss and its gradient by the unconstrained values of each light, without what leads through a wall.
+    /// Loss and its gradient by the unconstrained values of each light, without what leads through an active bound.
     pub(crate) fn gradient(
         &self,
         mappings: &[Mapping],
@@ -115,12 +115,12 @@ impl<'a> Objective<'a> {
             for (value, row) in self.preferences(i, &mappings[i], &lights[i]) {
                 (0..PARAMS).for_each(|lane| gradient[lane] += 2.0 * value * row[lane]);
             }
-            mappings[i].walls(&lights[i]).for_each(|wall| wall.stop(gradient));
+            mappings[i].active_bounds(&lights[i]).for_each(|bound| bound.project(gradient));
         }
         Ok((loss, gradient))
     }
 
-    /// What a light's moves cost.
+    /// Cost of a light's moves.
     pub(crate) fn preferences(
         &self,
         number: usize,
@@ -136,10 +136,11 @@ impl<'a> Objective<'a> {
     }
 }
 
-/// What brings a picture of some mean luminance to moderate brightness. A black one goes by a target beside it.
-fn exposure_before(view: &View<'_>, luminance: f32) -> Result<f32, OptimiseError> {
-    let target = view.goals.iter().find_map(|goal| match &goal.aim {
-        Aim::Target { image, .. } => Some(metrics::exposure(image)),
+/// Exposure that brings a picture of some mean luminance to moderate brightness. A black one goes by a target beside
+/// it.
+fn exposure_of_baseline(view: &View<'_>, luminance: f32) -> Result<f32, OptimiseError> {
+    let target = view.goals.iter().find_map(|goal| match &goal.criterion {
+        Criterion::Target { image, .. } => Some(metrics::exposure(image)),
         _ => None,
     });
     if luminance > 0.0 { Ok(0.5 / luminance) } else { target.ok_or(OptimiseError::BlackBefore) }
@@ -160,14 +161,15 @@ impl<'a> ViewObjective<'a> {
         let still = view.still.iter().map(|image| image.map(|image| cells.means(image))).collect();
         let mut new = Self { view, base: cells.means(view.base), still, terms: Vec::new(), comparison: None };
         let lights = || problem.variables.iter().map(|v| v.light.clone()).collect::<Vec<_>>();
-        let is_target = |goal: &Goal| matches!(goal.aim, Aim::Target { .. });
-        let before = if view.goals.iter().all(is_target) {
-            Before { cells: new.base.clone(), halves: None }
+        let is_target = |goal: &Goal| matches!(goal.criterion, Criterion::Target { .. });
+        let baseline = if view.goals.iter().all(is_target) {
+            Baseline { cells: new.base.clone(), halves: None }
         } else {
-            new.before(&lights(), softness)?
+            new.baseline(&lights(), softness)?
         };
-        let of_before = exposure_before(view, mean_luminance(&before.cells))?;
-        new.terms = view.goals.iter().map(|goal| Term::new(goal, cells, &before, of_before)).collect();
+        let baseline_exposure = exposure_of_baseline(view, mean_luminance(&baseline.cells))?;
+        new.terms =
+            view.goals.iter().map(|goal| Term::new(goal, cells, &baseline, baseline_exposure)).collect();
         let still: Vec<&[[f32; 3]]> = new.still.iter().flatten().map(Vec::as_slice).collect();
         // Where nothing moves, all pictures are here.
         let moves = still.len() < new.still.len() && !new.terms.is_empty();
@@ -208,15 +210,15 @@ impl<'a> ViewObjective<'a> {
     }
 
     /// The picture of the lights as they were, clean at softness 0.
-    fn before(&self, lights: &[Light], softness: f32) -> Result<Before, RelightError> {
+    fn baseline(&self, lights: &[Light], softness: f32) -> Result<Baseline, RelightError> {
         if softness == 0.0 {
             let Picture { exact, clean } = self.whole_picture(lights)?;
-            return Ok(Before { cells: mean(&clean), halves: Some(exact) });
+            return Ok(Baseline { cells: mean(&clean), halves: Some(exact) });
         }
         let cells: Vec<u32> = (0..self.base.len() as u32).collect();
         let units = self.units(lights, softness, &cells)?;
         let cells = (0..cells.len()).map(|k| self.sum(lights, &units, k, k)).collect();
-        Ok(Before { cells, halves: None })
+        Ok(Baseline { cells, halves: None })
     }
 
     /// Numbers of the drawn cells of all terms, one after the other.
@@ -240,7 +242,7 @@ impl<'a> ViewObjective<'a> {
         }
     }
 
-    /// As [`Self::units`], with derivatives from a relighter that has them at hand.
+    /// Unit pictures with derivatives from a relighter that has them at hand; else see [`Self::units`].
     fn linear_units(
         &self,
         lights: &[Light],
@@ -271,24 +273,24 @@ impl<'a> ViewObjective<'a> {
     pub(crate) fn compare_picture(
         &self,
         picture: &Picture,
-        doubts: &[Doubt],
+        uncertainties: &[Uncertainty],
         draw: &[Vec<u32>],
     ) -> Vec<Comparison<'_>> {
         let clean = mean(&picture.clean);
-        let compare = |((term, doubt), draw): ((&Term<'a>, &Doubt), &Vec<u32>)| {
-            Comparison::new(term.wanted_despite(doubt, draw), term.drawn(&clean, draw))
+        let compare = |((term, uncertainty), draw): ((&Term<'a>, &Uncertainty), &Vec<u32>)| {
+            Comparison::new(term.target_with(uncertainty, draw), term.drawn(&clean, draw))
         };
-        self.terms.iter().zip(doubts).zip(draw).map(compare).collect()
+        self.terms.iter().zip(uncertainties).zip(draw).map(compare).collect()
     }
 
-    /// What is to be doubted of the means of each term in a clean whole picture.
-    pub(crate) fn doubts(&self, picture: &Picture, draw: &[Vec<u32>]) -> Vec<Doubt> {
+    /// Uncertainty of the mean of each term in a clean whole picture.
+    pub(crate) fn uncertainties(&self, picture: &Picture, draw: &[Vec<u32>]) -> Vec<Uncertainty> {
         let clean = mean(&picture.clean);
-        let doubt = |(term, draw): (&Term<'a>, &Vec<u32>)| {
+        let uncertainty = |(term, draw): (&Term<'a>, &Vec<u32>)| {
             let exact = picture.exact.each_ref().map(|half| term.drawn(half, draw));
-            term.doubt_of_clean(&term.drawn(&clean, draw), &exact, draw)
+            term.uncertainty_of_clean(&term.drawn(&clean, draw), &exact, draw)
         };
-        self.terms.iter().zip(draw).map(doubt).collect()
+        self.terms.iter().zip(draw).map(uncertainty).collect()
     }
 
     /// Weighted residuals of a picture that differs from the one compared by noise and little else.
@@ -313,7 +315,7 @@ impl<'a> ViewObjective<'a> {
     ) -> Vec<Comparison<'_>> {
         let pictures = self.drawn_sums(lights, units, draw);
         let compare = |((term, draw), picture): ((&Term<'a>, &Vec<u32>), Vec<[f32; 3]>)| {
-            Comparison::new(term.wanted(draw), picture)
+            Comparison::new(term.target(draw), picture)
         };
         self.terms.iter().zip(draw).zip(pictures).map(compare).collect()
     }
@@ -356,12 +358,12 @@ impl<'a> ViewObjective<'a> {
         });
         let halves = first.into_iter().zip(second).map(|(a, b)| [a, b]);
         let loss = |((term, draw), halves): ((&Term<'a>, &Vec<u32>), Halves)| {
-            Comparison::new(term.wanted_despite(&term.doubt(&halves, draw), draw), mean(&halves)).loss()
+            Comparison::new(term.target_with(&term.uncertainty(&halves, draw), draw), mean(&halves)).loss()
         };
         self.terms.iter().zip(draw).zip(halves).map(loss).sum()
     }
 
-    /// What the relighter says, if it compares its pictures itself.
+    /// Loss and gradient by the relighter, if it compares its pictures itself.
     fn compare_itself(
         &self,
         lights: &[Light],
@@ -374,8 +376,9 @@ impl<'a> ViewObjective<'a> {
             lights().filter_map(|(light, still)| still.is_none().then_some(light)).collect();
         let still: Vec<[f32; 3]> =
             lights().filter_map(|(light, still)| still.as_ref().map(|_| light.radiance)).collect();
-        let wanted: Vec<Wanted> = self.terms.iter().zip(draw).map(|(term, draw)| term.wanted(draw)).collect();
-        comparison.gradient(&moving, &still, softness, &wanted)
+        let targets: Vec<TermTarget> =
+            self.terms.iter().zip(draw).map(|(term, draw)| term.target(draw)).collect();
+        comparison.gradient(&moving, &still, softness, &targets)
     }
 
     /// The gradients of all lights in their order.

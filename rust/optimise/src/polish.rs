@@ -11,10 +11,10 @@ use noise::Trust;
 use relume_scene::Light;
 use std::ops::ControlFlow;
 
-/// Where a polish stands; handed to the caller after every picture of derivatives and every step.
+/// State of a polish; handed to the caller after every picture of derivatives and every step.
 #[derive(Clone, Copy, Debug)]
 pub struct PolishStep<'a> {
-    /// Which step.
+    /// Number of the step.
     pub iteration: usize,
     /// Loss of all cells.
     pub loss: f64,
@@ -31,7 +31,7 @@ pub struct Polished {
     pub candidate: usize,
     /// Loss of all cells of clean pictures.
     pub loss: f64,
-    /// That of the candidate.
+    /// Loss of the candidate.
     pub start_loss: f64,
 }
 
@@ -50,14 +50,14 @@ const LEAST_STAGE_GAIN: f64 = 0.05;
 /// pictures alone. What a proxy or smoothing gets wrong is gone afterwards; the basin is still
 /// the one that it found. At most `steps` steps are made.
 ///
-/// Of several candidates each gets the first stage, which tells best which is best, and that one the others.
+/// Each of several candidates gets the first stage, which tells best which is best, and that one the others.
 ///
 /// The loss is the sum of products of residuals by two halves of the paths, and its derivative that of slopes by one half and
 /// residuals by the other: noise that both share would pull the lights to where there is least of it. So pictures of
 /// derivatives need not be denoised, only those that are compared with the goals.
 ///
 /// # Errors
-/// As [`crate::solve`]; no candidate.
+/// Those of [`crate::solve`]; no candidate.
 pub fn polish(
     problem: &Problem,
     candidates: &[&[Light]],
@@ -93,7 +93,7 @@ struct Polish<'a> {
     best: State,
     /// Stages that are done.
     stages: usize,
-    /// What the last two of them have left of the loss.
+    /// Losses after the last two stages.
     left: [f64; 2],
     goes_on: bool,
     is_stopped: bool,
@@ -102,7 +102,7 @@ struct Polish<'a> {
 impl<'a> Polish<'a> {
     fn new(number: usize, lights: &[Light], mut fit: Fit<'a>) -> Result<Self, OptimiseError> {
         let mut start = fit.state(lights)?;
-        fit.doubt(&mut start);
+        fit.update_uncertainties(&mut start);
         let (start_loss, best) = (fit.loss(&start, &Trust::default()), start.clone());
         let (stages, left) = (0, [0.0; 2]);
         Ok(Self { number, fit, start, start_loss, best, stages, left, goes_on: true, is_stopped: false })
@@ -122,13 +122,13 @@ impl<'a> Polish<'a> {
             self.best = self.fit.with_best_sizes(self.best.clone())?;
         }
         let (before, width) = (self.loss(), STAGES[self.stages]);
-        let (last, doubts) = (self.best.clone(), self.fit.doubts.clone());
+        let (last, uncertainties) = (self.best.clone(), self.fit.uncertainties.clone());
         let flow = self.fit.descend(&mut self.best, width, iteration, steps, on_step)?;
         let after = self.loss();
-        self.fit.doubt(&mut self.best);
+        self.fit.update_uncertainties(&mut self.best);
         if self.loss() > before.max(after) {
-            // What it gained is doubtful altogether.
-            (self.best, self.fit.doubts) = (last, doubts);
+            // Its whole gain is uncertain.
+            (self.best, self.fit.uncertainties) = (last, uncertainties);
         }
         self.stages += 1;
         self.left = [self.left[1], self.loss() / before.max(f64::MIN_POSITIVE)];

@@ -2,12 +2,13 @@ use crate::variable::{Mapping, PARAMS, Variable, coordinate, luminance, power};
 use glam::{Mat3, Quat, Vec3};
 use relume_scene::{LANES, Light, LightShape, lane};
 
-/// How far a light is from where it started, as residuals, each with its derivatives by the light's unconstrained values.
+/// Distance of a light from where it started, as residuals, each with its derivatives by the light's unconstrained
+/// values.
 pub(crate) fn residuals(variable: &Variable, mapping: &Mapping, light: &Light) -> Vec<(f32, [f32; PARAMS])> {
-    if variable.stay <= 0.0 {
+    if variable.prior_weight <= 0.0 {
         return Vec::new();
     }
-    let weight = variable.stay.sqrt();
+    let weight = variable.prior_weight.sqrt();
     let (home, now) = (&variable.light, light);
     let reach = (variable.bounds.center_max - variable.bounds.center_min).length();
     let by = |number: usize, scale: f32| {
@@ -92,7 +93,7 @@ mod tests {
     #[test]
     fn whatever_changes_of_a_light_costs() {
         for lamp in lamps() {
-            let variable = Variable { stay: 1.0, ..variable(&lamp) };
+            let variable = Variable { prior_weight: 1.0, ..variable(&lamp) };
             let mapping = Mapping { bounds: variable.bounds, locks: variable.locks, power_unit: 1.0 };
             let cost = |light: &Light| {
                 residuals(&variable, &mapping, light).iter().map(|(value, _)| value * value).sum::<f32>()

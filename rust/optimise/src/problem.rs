@@ -1,5 +1,5 @@
 use crate::cells::{Cells, spread};
-use crate::goal::{Aim, Goal};
+use crate::goal::{Criterion, Goal};
 use crate::variable::{Variable, luminance};
 use crate::{OptimiseError, Relight};
 use relume_image::Image;
@@ -8,20 +8,20 @@ use relume_scene::Light;
 /// A camera from which the lights are seen.
 #[derive(Clone)]
 pub struct View<'a> {
-    /// What makes pictures of the lights whose shapes may change.
+    /// Relighter for the lights whose shapes may change.
     pub relight: &'a dyn Relight,
-    /// What is there without the solved lights: static layer, world, other lights. Scene-linear RGB.
+    /// Picture without the solved lights: static layer, world, other lights. Scene-linear RGB.
     pub base: &'a Image,
     /// For each variable whose shape stays its picture for radiance 1.
     pub still: Vec<Option<&'a Image>>,
-    /// What the picture should do.
+    /// Goals for the picture.
     pub goals: &'a [Goal],
 }
 
-/// What is to be solved: lights that serve the goals of all views.
+/// Problem to solve: lights that serve the goals of all views.
 #[derive(Clone)]
 pub struct Problem<'a> {
-    /// Where it is seen from.
+    /// Views of the scene.
     pub views: Vec<View<'a>>,
     /// The lights.
     pub variables: Vec<Variable>,
@@ -97,13 +97,13 @@ impl View<'_> {
             return Err(OptimiseError::Lights { found: self.still.len(), expected: variables.len() });
         }
         for (number, goal) in self.goals.iter().enumerate() {
-            if let Aim::Target { image, .. } = &goal.aim {
+            if let Criterion::Target { image, .. } = &goal.criterion {
                 check("target", image)?;
                 if image.data.iter().all(|value| *value <= 0.0) {
                     return Err(OptimiseError::BlackTarget);
                 }
             }
-            if matches!(goal.aim, Aim::Color { color } if luminance(color) <= 0.0) {
+            if matches!(goal.criterion, Criterion::Color { color } if luminance(color) <= 0.0) {
                 return Err(OptimiseError::BlackColor(number + 1));
             }
             let pixels = self.base.pixel_count();
@@ -120,8 +120,8 @@ impl View<'_> {
     fn lacks(&self) -> f32 {
         let mean = |image: &Image| mean_luminance(image.data.as_chunks::<3>().0);
         let base = mean(self.base);
-        let targets = self.goals.iter().filter_map(|goal| match &goal.aim {
-            Aim::Target { image, exposure_invariant: false } => Some(mean(image)),
+        let targets = self.goals.iter().filter_map(|goal| match &goal.criterion {
+            Criterion::Target { image, exposure_invariant: false } => Some(mean(image)),
             _ => None,
         });
         targets.map(|target| (target - base).max(0.01 * target)).reduce(f32::max).unwrap_or(0.5 * base)

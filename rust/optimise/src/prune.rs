@@ -14,7 +14,7 @@ const INVISIBLE: f64 = 1.0 / (510.0 * 510.0);
 /// comparison.
 ///
 /// # Errors
-/// As [`crate::solve`].
+/// See [`crate::solve`].
 pub fn idle_lights(
     problem: &Problem,
     lights: &[Light],

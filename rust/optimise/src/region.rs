@@ -16,7 +16,7 @@ pub struct Region {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Stroke {
-    /// Of the brush at full pressure, as a fraction of the picture's height.
+    /// Radius of the brush at full pressure, as a fraction of the picture's height.
     pub radius: f32,
     /// Weight at full pressure, 0..1.
     #[serde(default = "one")]
@@ -54,7 +54,7 @@ impl Region {
         weights
     }
 
-    /// What is wrong with it, in words.
+    /// Fault of the region, in words.
     pub fn fault(&self) -> Option<&'static str> {
         let is_place = |value: &f32| value.is_finite() && value.abs() <= 10.0;
         let mut numbers = self.strokes.iter().flat_map(|stroke| stroke.points.as_flattened());

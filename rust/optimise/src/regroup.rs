@@ -12,7 +12,7 @@ const COMPARED: usize = 1024;
 const MERGERS: usize = 2;
 /// Lights that take on the most when they are split, of many.
 const SPLITS: usize = 6;
-/// How far a split light's halves are from where it was, by the diagonal of the bounds.
+/// Distance of a split light's halves from where it was, by the diagonal of the bounds.
 const APART: [f32; 2] = [0.03, 0.08];
 
 /// Other arrangements of the same lights, the most promising first: one light's work is taken over by another that can do it best
@@ -21,7 +21,7 @@ const APART: [f32; 2] = [0.03, 0.08];
 /// whose place or strength is locked stay as they are. `softness` is that of the comparison.
 ///
 /// # Errors
-/// As [`crate::solve`].
+/// See [`crate::solve`].
 pub fn regroupings(
     problem: &Problem,
     lights: &[Light],
@@ -46,7 +46,7 @@ struct Regroup<'a> {
     lights: &'a [Light],
     objective: Objective<'a>,
     draw: Draw,
-    /// By view and light.
+    /// Unit pictures by view and light.
     units: Vec<Vec<Unit>>,
 }
 

@@ -1,4 +1,4 @@
-use crate::Wanted;
+use crate::TermTarget;
 use relume_scene::{LANES, Light};
 
 /// Whatever a relighter reports.
@@ -9,7 +9,7 @@ pub type RelightError = Box<dyn std::error::Error + Send + Sync>;
 pub struct Linear {
     /// Linear RGB, one for each cell.
     pub values: Vec<[f32; 3]>,
-    /// By [`relume_scene::lane`], one for each cell.
+    /// Derivatives by [`relume_scene::lane`], one for each cell.
     pub slopes: Vec<[[f32; 3]; LANES]>,
 }
 
@@ -21,8 +21,8 @@ impl AsRef<[[f32; 3]]> for Linear {
 
 /// Something that makes pictures of lights for radiance 1 and their gradients, such as a proxy or a smoothed gather.
 ///
-/// It answers for cells: squares of [`Relight::cell`] pixels along each edge (smaller at the right and the bottom),
-/// numbered row by row from the top left. The value of a cell is the mean of its pixels.
+/// Values are given for cells: squares of [`Relight::cell`] pixels along each edge (smaller at the right and the
+/// bottom), numbered row by row from the top left. The value of a cell is the mean of its pixels.
 pub trait Relight: Sync {
     /// Width and height of its pictures, pixels.
     fn size(&self) -> (usize, usize);
@@ -78,7 +78,7 @@ pub trait Relight: Sync {
         lights.iter().map(twice).collect()
     }
 
-    /// What some lights, each with its radiance, add to each cell of the picture.
+    /// Sum of what some lights, each with its radiance, add to each cell of the picture.
     ///
     /// # Errors
     /// Whatever the relighter reports.
@@ -119,13 +119,13 @@ pub trait Relight: Sync {
 pub struct Picture {
     /// Two exact estimates with independent noise, or twice the same if there is none.
     pub exact: [Vec<[f32; 3]>; 2],
-    /// The same with as little noise as they can be made, which need not be exact any more.
+    /// Cells with as little noise as they can be made, which need not be exact any more.
     pub clean: [Vec<[f32; 3]>; 2],
 }
 
 /// Compares a base with lights over it to what goals want.
 pub trait Compare: Sync {
-    /// The loss of all goals together ([`Wanted::compare`]) and its derivatives by these lights, and by the radiances of those that stay.
+    /// The loss of all goals together ([`TermTarget::compare`]) and its derivatives by these lights, and by the radiances of those that stay.
     /// Nothing if the device cannot do it: then it is for whoever asks.
     ///
     /// # Errors
@@ -135,7 +135,7 @@ pub trait Compare: Sync {
         lights: &[&Light],
         still: &[[f32; 3]],
         softness: f32,
-        wanted: &[Wanted],
+        targets: &[TermTarget],
     ) -> Result<Option<Compared>, RelightError>;
 }
 
@@ -144,8 +144,8 @@ pub trait Compare: Sync {
 pub struct Compared {
     /// The loss.
     pub loss: f64,
-    /// By the lanes of each light's shape and by its radiance.
+    /// Derivatives by the lanes of each light's shape and by its radiance.
     pub lights: Vec<([f32; LANES], [f32; 3])>,
-    /// By the radiances of lights that stay.
+    /// Derivatives by the radiances of lights that stay.
     pub still: Vec<[f32; 3]>,
 }

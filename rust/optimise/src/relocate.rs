@@ -1,5 +1,5 @@
 use crate::OptimiseError;
-use crate::goal::Aim;
+use crate::goal::Criterion;
 use crate::objective::{Draw, Halves, Objective, ViewObjective};
 use crate::problem::Problem;
 use crate::random::Random;
@@ -13,19 +13,20 @@ use relume_scene::Light;
 const COMPARED: usize = 1024;
 /// Places tried, of all lights together.
 const PLACES: usize = 512;
-/// Of each light in turn, in units of its power, so often over; a locked strength stays.
+/// Rounds in which each light is scaled in turn, in units of its power; a locked strength stays.
 const ROUNDS: usize = 2;
 const STRENGTHS: [f32; 5] = [0.25, 0.5, 1.0, 2.0, 4.0];
 /// Places whose pictures are made at a time: a relighter that is cancelled says so before the next ones.
 const AT_ONCE: usize = 16;
 
-/// The same lights with one of them somewhere else altogether, the best first and at most `most`: what is free of its shape goes a
-/// random share of the way from where the artist has it to a random place in its bounds. The others are where they were found, or where
-/// the artist has them: they may have gone astray for want of this one. All strengths follow. Exact pictures are compared: smoothed lights
-/// cast no shadow on a small stroke. None for a target, of which every cell says where light is missing.
+/// Lights of which one is somewhere else altogether, the best first and at most `most`: the free part of its shape goes
+/// a random share of the way from where the artist has it to a random place in its bounds. The others are where they
+/// were found, or where the artist has them: they may have gone astray for want of this one. All strengths follow.
+/// Exact pictures are compared: smoothed lights cast no shadow on a small stroke. None for a target, of which every
+/// cell says where light is missing.
 ///
 /// # Errors
-/// As [`crate::solve`].
+/// See [`crate::solve`].
 pub fn relocations(
     problem: &Problem,
     lights: &[Light],
@@ -39,7 +40,7 @@ pub fn relocations(
         !variable.locks.hold_shape(&variable.light.shape)
     };
     let movable: Vec<usize> = (0..lights.len()).filter(moves).collect();
-    if movable.is_empty() || goals.any(|goal| matches!(goal.aim, Aim::Target { .. })) {
+    if movable.is_empty() || goals.any(|goal| matches!(goal.criterion, Criterion::Target { .. })) {
         return Ok(Vec::new());
     }
     let objective = Objective::new(problem, 0.0)?;
@@ -62,7 +63,7 @@ pub fn relocations(
 
 struct Relocate<'a> {
     problem: &'a Problem<'a>,
-    /// Where the other lights may be.
+    /// Places of the other lights.
     others: Vec<Others>,
     objective: Objective<'a>,
     draw: Draw,
@@ -73,7 +74,7 @@ struct Relocate<'a> {
 struct Others {
     lights: Vec<Light>,
     mappings: Vec<Mapping>,
-    /// By view and light.
+    /// Unit pictures by view and light.
     units: Vec<Vec<Halves>>,
 }
 
@@ -162,7 +163,7 @@ fn half_units(
 mod tests {
     use super::*;
     use crate::tests::{FLOOR, SIZE, flat, lamps, target, variable};
-    use crate::{Aim, Goal, Locks, View};
+    use crate::{Criterion, Goal, Locks, View};
     use relume_scene::lane;
 
     const MOST: usize = 4;
@@ -180,11 +181,8 @@ mod tests {
         let within = |is_in: bool| {
             Some((0..SIZE.0 * SIZE.1).map(|i| f32::from((i % SIZE.0 >= SIZE.0 - 2) == is_in)).collect())
         };
-        [(Aim::Brightness { stops: 3.0 }, true), (Aim::Keep, false)].map(|(aim, is_in)| Goal {
-            aim,
-            pixels: within(is_in),
-            weight: 1.0,
-        })
+        [(Criterion::Brightness { stops: 3.0 }, true), (Criterion::Keep, false)]
+            .map(|(criterion, is_in)| Goal { criterion, pixels: within(is_in), weight: 1.0 })
     }
 
     #[test]

@@ -1,26 +1,26 @@
-//! What became of the goals, measured on pictures before and after.
+//! Outcome of the goals, measured on pictures before and after.
 
-use crate::goal::{Aim, Goal, RATIO_PER_MIRED};
+use crate::goal::{Criterion, Goal, RATIO_PER_MIRED};
 use crate::variable::luminance;
 use relume_image::{Image, metrics};
 use serde::Serialize;
 
-/// What became of a goal.
+/// Outcome of a goal.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
-    /// Its name: target, brightness, color, temperature, keep.
+    /// Name: target, brightness, color, temperature, keep.
     pub goal: &'static str,
-    /// What was asked for, in `unit`; none for a target.
+    /// Requested value, in `unit`; none for a target.
     pub asked: Option<f64>,
-    /// The same of the picture before.
+    /// Value in the picture before.
     pub before: f64,
-    /// The same of the picture after.
+    /// Value in the picture after.
     pub reached: f64,
     /// `dB` (Reinhard PSNR), `stops`, `chroma` (distance of colour ratios), `mireds` or `fraction`.
     pub unit: &'static str,
-    /// Whether it is what was asked for.
+    /// True if the goal is met.
     pub met: bool,
-    /// Of a target where most remains to be done, of what is to be kept where it changed most.
+    /// Place where most of a target remains to be done, or where a part to be kept changed most.
     pub worst: Option<Worst>,
 }
 
@@ -54,40 +54,40 @@ pub fn report(goal: &Goal, before: &Image, after: &Image) -> Report {
     let mean = |image: &Image| weighted_mean(image, goal.pixels.as_deref());
     let (was, is) = (mean(before), mean(after));
     let light = |value: [f64; 3]| f64::from(luminance(value.map(|v| v as f32))).max(1e-12);
-    match &goal.aim {
-        Aim::Target { image, exposure_invariant } => {
+    match &goal.criterion {
+        Criterion::Target { image, exposure_invariant } => {
             target_report(goal, image, *exposure_invariant, before, after)
         }
-        Aim::Brightness { stops } => {
+        Criterion::Brightness { stops } => {
             let asked = f64::from(*stops);
             let reached = (light(is) / light(was)).log2();
             let met = (asked - reached) * asked.signum() <= STOPS_MET;
             Report { asked: Some(asked), reached, met, ..Report::new("brightness", "stops") }
         }
-        Aim::Color { color } => {
+        Criterion::Color { color } => {
             let ratio = |value: [f64; 3]| value.map(|v| v / light(value));
             let wanted = ratio(color.map(f64::from));
-            let away = |value: [f64; 3]| {
+            let distance = |value: [f64; 3]| {
                 let ratio = ratio(value);
                 (0..3).map(|c| (ratio[c] - wanted[c]).powi(2)).sum::<f64>().sqrt()
             };
-            let met = away(is) <= CHROMA_MET;
+            let met = distance(is) <= CHROMA_MET;
             Report {
                 asked: Some(0.0),
-                before: away(was),
-                reached: away(is),
+                before: distance(was),
+                reached: distance(is),
                 met,
                 ..Report::new("color", "chroma")
             }
         }
-        Aim::Temperature { mireds } => {
+        Criterion::Temperature { mireds } => {
             let asked = f64::from(*mireds);
             let warmth = |value: [f64; 3]| (value[0].max(1e-12) / value[2].max(1e-12)).ln();
             let reached = (warmth(is) - warmth(was)) / f64::from(RATIO_PER_MIRED);
             let met = (asked - reached) * asked.signum() <= MIREDS_MET;
             Report { asked: Some(asked), reached, met, ..Report::new("temperature", "mireds") }
         }
-        Aim::Keep => {
+        Criterion::Keep => {
             let change = (0..3).map(|c| (is[c] - was[c]).abs()).sum::<f64>();
             let reached = change / was.iter().sum::<f64>().max(1e-12);
             // Where one half became brighter and the other darker the mean says nothing.
@@ -100,8 +100,9 @@ pub fn report(goal: &Goal, before: &Image, after: &Image) -> Report {
 }
 
 impl Report {
-    /// With another report on the same goal by noisy pictures, if those show less of what was asked for by amount or more change of what
-    /// is to be kept. Noise hides how near colours and targets are, and where most changed.
+    /// Combines with another report on the same goal by noisy pictures, if those show less of what was asked for by
+    /// amount or more change of what is to be kept. Noise hides how near colours and targets are, and where most
+    /// changed.
     #[must_use]
     pub fn or_worse(self, noisy: Self) -> Self {
         let is_worse = match (self.unit, self.asked) {
@@ -194,40 +195,40 @@ pub fn conflicts(goals: &[Goal], before: &Image) -> Vec<(usize, usize)> {
 }
 
 fn oppose(a: &Goal, b: &Goal, before: &Image) -> bool {
-    match (&a.aim, &b.aim) {
-        (Aim::Brightness { stops: a }, Aim::Brightness { stops: b }) => a * b < 0.0,
-        (Aim::Temperature { mireds: a }, Aim::Temperature { mireds: b }) => a * b < 0.0,
-        (Aim::Color { color: a }, Aim::Color { color: b }) => {
+    match (&a.criterion, &b.criterion) {
+        (Criterion::Brightness { stops: a }, Criterion::Brightness { stops: b }) => a * b < 0.0,
+        (Criterion::Temperature { mireds: a }, Criterion::Temperature { mireds: b }) => a * b < 0.0,
+        (Criterion::Color { color: a }, Criterion::Color { color: b }) => {
             let [a, b] = [a, b].map(|color| color.map(|c| c / luminance(*color).max(1e-9)));
             (0..3).any(|c| (a[c] - b[c]).abs() > 0.3)
         }
-        (Aim::Target { .. }, Aim::Target { .. }) | (Aim::Keep, Aim::Keep) => false,
-        (Aim::Target { image, exposure_invariant }, _) => {
+        (Criterion::Target { .. }, Criterion::Target { .. }) | (Criterion::Keep, Criterion::Keep) => false,
+        (Criterion::Target { image, exposure_invariant }, _) => {
             let there = Goal { pixels: shared(a, b), ..b.clone() };
             is_denied(&there, image, *exposure_invariant, before)
         }
-        (_, Aim::Target { .. }) => oppose(b, a, before),
-        (Aim::Keep, _) | (_, Aim::Keep) => true,
+        (_, Criterion::Target { .. }) => oppose(b, a, before),
+        (Criterion::Keep, _) | (_, Criterion::Keep) => true,
         _ => false,
     }
 }
 
-/// Whether less than half of a goal would be done where the picture is a target. A target of any exposure says nothing of
-/// brightness.
+/// True if less than half of a goal would be done where the picture is a target. A target of any exposure says nothing
+/// of brightness.
 fn is_denied(goal: &Goal, target: &Image, any_exposure: bool, before: &Image) -> bool {
     let there = report(goal, before, target);
     let asked = there.asked.unwrap_or_default();
     let is_left = there.reached * asked.signum() < 0.5 * asked.abs();
-    match goal.aim {
-        Aim::Brightness { .. } => is_left && !any_exposure,
-        Aim::Temperature { .. } => is_left,
-        Aim::Color { .. } => !there.met && there.reached > 0.5 * there.before,
-        Aim::Keep => !there.met && !any_exposure,
-        Aim::Target { .. } => false,
+    match goal.criterion {
+        Criterion::Brightness { .. } => is_left && !any_exposure,
+        Criterion::Temperature { .. } => is_left,
+        Criterion::Color { .. } => !there.met && there.reached > 0.5 * there.before,
+        Criterion::Keep => !there.met && !any_exposure,
+        Criterion::Target { .. } => false,
     }
 }
 
-/// Whether they share a third of the smaller one.
+/// True if the goals share a third of the smaller one.
 fn overlap(a: &Goal, b: &Goal) -> bool {
     let (Some(a), Some(b)) = (&a.pixels, &b.pixels) else { return true };
     let shared: f32 = a.iter().zip(b).map(|(a, b)| a.min(*b)).sum();
@@ -250,8 +251,8 @@ mod tests {
         Image { width: 4, height: 2, channels: 3, data: value.repeat(8) }
     }
 
-    fn goal(aim: Aim, pixels: Option<Vec<f32>>) -> Goal {
-        Goal { aim, pixels, weight: 1.0 }
+    fn goal(criterion: Criterion, pixels: Option<Vec<f32>>) -> Goal {
+        Goal { criterion, pixels, weight: 1.0 }
     }
 
     #[test]
@@ -260,33 +261,42 @@ mod tests {
         let mut after = before.clone();
         after.data[..3].copy_from_slice(&[0.8, 0.4, 0.2]);
         let first = Some(vec![1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
-        let brighter = report(&goal(Aim::Brightness { stops: 1.0 }, first.clone()), &before, &after);
+        let brighter = report(&goal(Criterion::Brightness { stops: 1.0 }, first.clone()), &before, &after);
         let expected = (luminance([4.0, 2.0, 1.0]) as f64).log2();
         assert!((brighter.reached - expected).abs() < 1e-5 && brighter.met, "{brighter:?}");
-        assert!(!report(&goal(Aim::Brightness { stops: 3.0 }, first.clone()), &before, &after).met);
-        let warmer = report(&goal(Aim::Temperature { mireds: 100.0 }, first.clone()), &before, &after);
+        assert!(!report(&goal(Criterion::Brightness { stops: 3.0 }, first.clone()), &before, &after).met);
+        let warmer = report(&goal(Criterion::Temperature { mireds: 100.0 }, first.clone()), &before, &after);
         assert!((warmer.reached - 4f64.ln() / 0.00769).abs() < 0.1 && warmer.met, "{warmer:?}");
-        assert!(!report(&goal(Aim::Keep, first), &before, &after).met);
+        assert!(!report(&goal(Criterion::Keep, first), &before, &after).met);
         let rest = Some(vec![0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0]);
-        assert!(report(&goal(Aim::Keep, rest), &before, &after).met);
+        assert!(report(&goal(Criterion::Keep, rest), &before, &after).met);
     }
 
     #[test]
     fn of_two_reports_that_with_less_done_or_more_changed_counts() {
         let before = flat([0.5; 3]);
-        let of = |aim: &Aim, value: f32| report(&goal(aim.clone(), None), &before, &flat([value; 3]));
-        let told = |aim: Aim, clean: f32, noisy: f32| of(&aim, clean).or_worse(of(&aim, noisy)).reached;
-        let by = |stops: f64, aim: &Aim, clean: f32, noisy: f32| {
-            assert!((told(aim.clone(), clean, noisy) - stops).abs() < 1e-5, "{aim:?} {clean} {noisy}");
+        let of = |criterion: &Criterion, value: f32| {
+            report(&goal(criterion.clone(), None), &before, &flat([value; 3]))
         };
-        let (up, down) = (Aim::Brightness { stops: 1.0 }, Aim::Brightness { stops: -1.0 });
+        let told = |criterion: Criterion, clean: f32, noisy: f32| {
+            of(&criterion, clean).or_worse(of(&criterion, noisy)).reached
+        };
+        let by = |stops: f64, criterion: &Criterion, clean: f32, noisy: f32| {
+            assert!(
+                (told(criterion.clone(), clean, noisy) - stops).abs() < 1e-5,
+                "{criterion:?} {clean} {noisy}"
+            );
+        };
+        let (up, down) = (Criterion::Brightness { stops: 1.0 }, Criterion::Brightness { stops: -1.0 });
         by(1.0, &up, 1.0, 2.0);
         by(1.0, &up, 2.0, 1.0);
         by(-1.0, &down, 0.25, 0.25);
         by(-1.0, &down, 0.125, 0.25);
         by(-1.0, &down, 0.25, 0.125);
-        assert!((told(Aim::Keep, 0.5, 0.55) - 0.1).abs() < 1e-5 && told(Aim::Keep, 0.45, 0.5) > 0.09);
-        let target = Aim::Target { image: before.clone(), exposure_invariant: false };
+        assert!(
+            (told(Criterion::Keep, 0.5, 0.55) - 0.1).abs() < 1e-5 && told(Criterion::Keep, 0.45, 0.5) > 0.09
+        );
+        let target = Criterion::Target { image: before.clone(), exposure_invariant: false };
         assert_eq!(told(target, 0.5, 0.25), 99.0, "noise is no fault of the lights");
     }
 
@@ -297,12 +307,12 @@ mod tests {
         // One pixel darker, the one below as much brighter.
         after.data[..3].fill(0.25);
         after.data[12..15].fill(0.75);
-        let kept = report(&goal(Aim::Keep, None), &before, &after);
+        let kept = report(&goal(Criterion::Keep, None), &before, &after);
         let worst = kept.worst.unwrap();
         assert!(kept.met && kept.reached < 1e-6, "{kept:?}");
         assert!((worst.x, worst.y) == (0.125, 0.25) && worst.off > 0.9, "{worst:?}");
         let rest = Some(vec![0.0, 1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0]);
-        let untouched = report(&goal(Aim::Keep, rest), &before, &after);
+        let untouched = report(&goal(Criterion::Keep, rest), &before, &after);
         assert!(untouched.worst.unwrap().off.abs() < 1e-6, "{untouched:?}");
     }
 
@@ -311,15 +321,15 @@ mod tests {
         let target = flat([0.5; 3]);
         let mut after = target.clone();
         after.data[3 * 7..].fill(0.05);
-        let aim = Aim::Target { image: target.clone(), exposure_invariant: false };
-        let missed = report(&goal(aim.clone(), None), &flat([0.1; 3]), &after);
+        let criterion = Criterion::Target { image: target.clone(), exposure_invariant: false };
+        let missed = report(&goal(criterion.clone(), None), &flat([0.1; 3]), &after);
         let worst = missed.worst.unwrap();
         assert!(!missed.met && missed.reached > missed.before, "{missed:?}");
         assert_eq!((worst.x, worst.y), (0.875, 0.75));
         assert!(worst.off > 2.0);
         let doubled = Image { data: target.data.iter().map(|v| 2.0 * v).collect(), ..target.clone() };
-        assert!(!report(&goal(aim, None), &target, &doubled).met);
-        let invariant = Aim::Target { image: target.clone(), exposure_invariant: true };
+        assert!(!report(&goal(criterion, None), &target, &doubled).met);
+        let invariant = Criterion::Target { image: target.clone(), exposure_invariant: true };
         assert!(report(&goal(invariant, None), &target, &doubled).met);
     }
 
@@ -330,8 +340,8 @@ mod tests {
         let worst = |pixel: [f32; 3]| {
             let mut after = target.clone();
             after.data[3 * 7..].copy_from_slice(&pixel);
-            let aim = Aim::Target { image: target.clone(), exposure_invariant: false };
-            let worst = report(&goal(aim, None), &target, &after).worst.unwrap();
+            let criterion = Criterion::Target { image: target.clone(), exposure_invariant: false };
+            let worst = report(&goal(criterion, None), &target, &after).worst.unwrap();
             assert_eq!((worst.x, worst.y), (0.875, 0.75), "{worst:?}");
             assert!(worst.off.abs() < 0.01, "{worst:?}");
             worst
@@ -350,9 +360,9 @@ mod tests {
         target.data[..3].fill(1e4);
         let after = flat([0.25; 3]);
         let half = Some([0.0, 0.0, 1.0, 1.0].repeat(2));
-        let aim = |image: &Image| Aim::Target { image: image.clone(), exposure_invariant: false };
-        let in_place = report(&goal(aim(&target), half), &after, &after);
-        let whole = report(&goal(aim(&flat([0.5; 3])), None), &after, &after);
+        let criterion = |image: &Image| Criterion::Target { image: image.clone(), exposure_invariant: false };
+        let in_place = report(&goal(criterion(&target), half), &after, &after);
+        let whole = report(&goal(criterion(&flat([0.5; 3])), None), &after, &after);
         assert!((in_place.reached - whole.reached).abs() < 1e-4 && !in_place.met, "{in_place:?} {whole:?}");
         assert!(in_place.worst.unwrap().x > 0.5 && in_place.worst.unwrap().off > 0.9, "{in_place:?}");
     }
@@ -363,11 +373,11 @@ mod tests {
         let left = Some([1.0, 1.0, 0.0, 0.0].repeat(2));
         let right = Some([0.0, 0.0, 1.0, 1.0].repeat(2));
         let goals = [
-            goal(Aim::Brightness { stops: 1.0 }, left.clone()),
-            goal(Aim::Brightness { stops: -1.0 }, right),
-            goal(Aim::Brightness { stops: -1.0 }, left.clone()),
-            goal(Aim::Temperature { mireds: 30.0 }, all),
-            goal(Aim::Keep, left),
+            goal(Criterion::Brightness { stops: 1.0 }, left.clone()),
+            goal(Criterion::Brightness { stops: -1.0 }, right),
+            goal(Criterion::Brightness { stops: -1.0 }, left.clone()),
+            goal(Criterion::Temperature { mireds: 30.0 }, all),
+            goal(Criterion::Keep, left),
         ];
         assert_eq!(conflicts(&goals, &flat([0.5; 3])), [(0, 2), (0, 4), (2, 4), (3, 4)]);
     }
@@ -383,24 +393,24 @@ mod tests {
             Image { data: row.repeat(2), ..before.clone() }
         };
         let is_conflict = |target: Image, exposure_invariant: bool, other: Goal| {
-            let goals = [goal(Aim::Target { image: target, exposure_invariant }, None), other];
+            let goals = [goal(Criterion::Target { image: target, exposure_invariant }, None), other];
             let [found, turned] =
                 [&goals, &[goals[1].clone(), goals[0].clone()]].map(|goals| conflicts(goals, &before));
             assert_eq!(found, turned);
             found == [(0, 1)]
         };
-        let brighter = || goal(Aim::Brightness { stops: 2.0 }, left());
+        let brighter = || goal(Criterion::Brightness { stops: 2.0 }, left());
         assert!(is_conflict(before.clone(), false, brighter()));
         assert!(is_conflict(with_left([0.3; 3]), false, brighter()), "0.6 of 2 stops");
         assert!(!is_conflict(with_left([0.6; 3]), false, brighter()), "1.6 of 2 stops");
         assert!(!is_conflict(before.clone(), true, brighter()), "an exposure can be any");
-        let warmer = |place| goal(Aim::Temperature { mireds: 60.0 }, place);
+        let warmer = |place| goal(Criterion::Temperature { mireds: 60.0 }, place);
         let warm = with_left([0.25, 0.2, 0.15]);
         assert!(!is_conflict(warm.clone(), false, warmer(left())));
         assert!(is_conflict(warm.clone(), true, warmer(right)));
-        assert!(!is_conflict(warm.clone(), false, goal(Aim::Color { color: [5.0, 4.0, 3.0] }, left())));
-        assert!(is_conflict(warm.clone(), false, goal(Aim::Color { color: [1.0, 4.0, 9.0] }, left())));
-        assert!(!is_conflict(before.clone(), false, goal(Aim::Keep, left())));
-        assert!(is_conflict(warm, false, goal(Aim::Keep, left())));
+        assert!(!is_conflict(warm.clone(), false, goal(Criterion::Color { color: [5.0, 4.0, 3.0] }, left())));
+        assert!(is_conflict(warm.clone(), false, goal(Criterion::Color { color: [1.0, 4.0, 9.0] }, left())));
+        assert!(!is_conflict(before.clone(), false, goal(Criterion::Keep, left())));
+        assert!(is_conflict(warm, false, goal(Criterion::Keep, left())));
     }
 }

@@ -9,7 +9,7 @@ use relume_scene::Light;
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// How the solver steps.
+/// Settings of the solver.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default)]
 pub struct Settings {
@@ -40,14 +40,14 @@ impl Default for Settings {
     }
 }
 
-/// Where the solver stands; handed to the caller after every step.
+/// State of the solver; handed to the caller after every step.
 #[derive(Clone, Copy, Debug)]
 pub struct Step<'a> {
-    /// Which start.
+    /// Number of the start.
     pub start: usize,
-    /// How many starts are still followed.
+    /// Number of starts that are still followed.
     pub starts: usize,
-    /// Which step of it.
+    /// Number of the step within the start.
     pub iteration: usize,
     /// Loss on this step's cells.
     pub loss: f64,
@@ -70,7 +70,7 @@ pub struct Solution {
     pub losses: Vec<f64>,
     /// The start that came second, which may be the better one where losses are exact.
     pub runner_up: Option<RunnerUp>,
-    /// Whether the caller stopped it early; the lights are the best until then.
+    /// True if the caller stopped it early; the lights are the best until then.
     pub cancelled: bool,
 }
 
@@ -133,7 +133,7 @@ struct Race<'a> {
     cancelled: AtomicBool,
 }
 
-/// What the starts of one part have in common.
+/// State that the starts of one part have in common.
 struct Part<'a> {
     objective: &'a Objective<'a>,
     check: &'a Check<'a>,
@@ -142,7 +142,7 @@ struct Part<'a> {
     may_end: bool,
 }
 
-/// What starts are compared by: the loss at the final softness over evenly spread cells.
+/// Comparison of starts: the loss at the final softness over evenly spread cells.
 struct Check<'a> {
     objective: Objective<'a>,
     draw: Draw,

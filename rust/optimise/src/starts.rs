@@ -1,4 +1,4 @@
-use crate::goal::Aim;
+use crate::goal::Criterion;
 use crate::objective::{Draw, Objective, Unit};
 use crate::problem::Problem;
 use crate::random::Random;
@@ -9,10 +9,10 @@ use rayon::prelude::*;
 use relume_scene::{LANES, Light, LightShape, lane};
 use std::f32::consts::TAU;
 
-/// Where a search begins.
+/// Settings of the random starts of a search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RandomStarts {
-    /// How many starts.
+    /// Number of starts.
     pub count: usize,
     /// Random places tried for each light of a start, of which the best is taken; 1 is the paper's.
     pub candidates: usize,
@@ -34,12 +34,15 @@ const OWN_STRENGTH: [f32; 1] = [1.0];
 /// is: there shine all lights as they do, and of one after the other what is free of its shape is drawn.
 ///
 /// # Errors
-/// As [`crate::solve`].
+/// See [`crate::solve`].
 pub fn random_starts(problem: &Problem, options: &RandomStarts) -> Result<Vec<Vec<Light>>, OptimiseError> {
     problem.validate()?;
     let objective = Objective::new(problem, options.softness)?;
-    let has_target =
-        problem.views.iter().flat_map(|view| view.goals).any(|goal| matches!(goal.aim, Aim::Target { .. }));
+    let has_target = problem
+        .views
+        .iter()
+        .flat_map(|view| view.goals)
+        .any(|goal| matches!(goal.criterion, Criterion::Target { .. }));
     let draw = objective.spread(COMPARED);
     let search = Search { problem, draw, objective, options, from_darkness: has_target };
     (0..options.count as u64).into_par_iter().map(|number| search.start(number)).collect()
@@ -56,7 +59,7 @@ struct Search<'a> {
 /// Lights that were placed so far, those to come being black or as they are.
 struct Placed {
     lights: Vec<Light>,
-    /// By view and light.
+    /// Unit pictures by view and light.
     units: Vec<Vec<Unit>>,
 }
 
@@ -87,7 +90,7 @@ impl Search<'_> {
         Ok(placed.lights)
     }
 
-    /// Whether a light is in the picture before it is placed.
+    /// True if a light is in the picture before it is placed.
     fn shines(&self, variable: &Variable) -> bool {
         !self.from_darkness && luminance(power(&variable.light)) > 0.0
     }
@@ -144,7 +147,7 @@ pub(crate) fn strengths(variable: &Variable, all: &'static [f32]) -> impl Iterat
     if variable.locks.strength { &OWN_STRENGTH } else { all }.iter().copied()
 }
 
-/// What is free of the shape a share of the way to what is drawn anew.
+/// Shape whose free part goes a share of the way to one drawn anew.
 pub(crate) fn random_shape(variable: &Variable, share: f32, random: &mut Random) -> LightShape {
     let (locks, bounds, shape) = (&variable.locks, &variable.bounds, &variable.light.shape);
     let mut step = [0.0; LANES];
@@ -164,7 +167,7 @@ pub(crate) fn random_shape(variable: &Variable, share: f32, random: &mut Random)
         lane::SIZE.for_each(|i| step[i] = step[locks.lead(i)]);
     }
     let shape = shape.moved(&step.map(|step| share * step));
-    bounds.direction.filter(|_| !locks.direction).map_or(shape, |cap| cap.squeezed(&shape))
+    bounds.direction.filter(|_| !locks.direction).map_or(shape, |cone| cone.warped(&shape))
 }
 
 /// A uniform rotation as its vector (Shoemake 1992, "Uniform random rotations").
@@ -217,7 +220,7 @@ mod tests {
     fn for_a_change_of_the_picture_other_lights_shine_as_they_do() {
         let base = flat(0.02);
         let left = Some((0..96).map(|i| f32::from(i % 12 < 6)).collect::<Vec<f32>>());
-        let goals = [Goal { aim: Aim::Brightness { stops: 1.0 }, pixels: left, weight: 1.0 }];
+        let goals = [Goal { criterion: Criterion::Brightness { stops: 1.0 }, pixels: left, weight: 1.0 }];
         let [stays, moves] = [0, 1].map(|number| variable(&lamps()[number]));
         let stays = Variable { locks: Locks { strength: false, ..Locks::ALL }, ..stays };
         let still = picture(&FLOOR, &flat(0.0), &[Light { radiance: [1.0; 3], ..stays.light.clone() }]);

@@ -16,7 +16,7 @@ pub(crate) const SIZE: (usize, usize) = (12, 8);
 /// Irradiance of lights taken as small, each pixel a point of a floor or a wall.
 pub(crate) struct Lambert {
     cell: usize,
-    /// What `linearise` gives; else only `pull_back`.
+    /// True if `linearise` gives derivatives; else only `pull_back` does.
     is_linear: bool,
 }
 
@@ -121,7 +121,7 @@ fn bounds() -> Bounds {
 }
 
 pub(crate) fn variable(light: &Light) -> Variable {
-    Variable { light: light.clone(), locks: Locks::default(), bounds: bounds(), stay: 0.0 }
+    Variable { light: light.clone(), locks: Locks::default(), bounds: bounds(), prior_weight: 0.0 }
 }
 
 pub(crate) fn flat(value: f32) -> Image {
@@ -140,7 +140,7 @@ pub(crate) fn picture(relight: &Lambert, base: &Image, lights: &[Light]) -> Imag
 }
 
 pub(crate) fn target(image: Image) -> Goal {
-    Goal { aim: Aim::Target { image, exposure_invariant: false }, pixels: None, weight: 1.0 }
+    Goal { criterion: Criterion::Target { image, exposure_invariant: false }, pixels: None, weight: 1.0 }
 }
 
 /// Lights of all types that light the floor about equally.
@@ -161,19 +161,21 @@ pub(crate) fn disturbed(light: &Light) -> Light {
 fn gradients_equal_differences_for_every_value_of_every_light_and_every_goal() {
     let (base, goal_picture) = (flat(0.02), picture(&FLOOR, &flat(0.1), &lamps()[1..3]));
     let left = Some((0..96).map(|i| if i % 12 < 6 { 1.0 } else { 0.1 }).collect::<Vec<f32>>());
-    let goal = |aim| Goal { aim, pixels: left.clone(), weight: 0.7 };
+    let goal = |criterion| Goal { criterion, pixels: left.clone(), weight: 0.7 };
     let goals = [
         target(goal_picture.clone()),
-        goal(Aim::Target { image: goal_picture, exposure_invariant: true }),
-        goal(Aim::Brightness { stops: 1.0 }),
-        goal(Aim::Color { color: [0.2, 0.5, 0.9] }),
-        goal(Aim::Temperature { mireds: -60.0 }),
-        goal(Aim::Keep),
+        goal(Criterion::Target { image: goal_picture, exposure_invariant: true }),
+        goal(Criterion::Brightness { stops: 1.0 }),
+        goal(Criterion::Color { color: [0.2, 0.5, 0.9] }),
+        goal(Criterion::Temperature { mireds: -60.0 }),
+        goal(Criterion::Keep),
     ];
     for light in lamps() {
         let other = disturbed(&lamps()[1]);
-        let variables =
-            vec![Variable { stay: 0.05, ..variable(&light) }, Variable { stay: 0.05, ..variable(&other) }];
+        let variables = vec![
+            Variable { prior_weight: 0.05, ..variable(&light) },
+            Variable { prior_weight: 0.05, ..variable(&other) },
+        ];
         let view =
             |relight: &'static Lambert| View { relight, base: &base, still: vec![None, None], goals: &goals };
         let problem = Problem { views: vec![view(&FLOOR), view(&IN_CELLS)], variables };
@@ -347,7 +349,7 @@ fn bad_input_is_named() {
     assert!(attempt(&[target(flat(1.0))], all_locked).contains("unlock"));
     let inverted = Variable { bounds: Bounds { size: [1.0, 0.5], ..bounds() }, ..good.clone() };
     assert!(attempt(&[target(flat(1.0))], inverted).contains("'Lamp': bounds of the size"));
-    let cap = |angle: f32| Some(Cap { axis: Vec3::Z, angle });
+    let cap = |angle: f32| Some(DirectionCone { axis: Vec3::Z, angle });
     for (bounds, what) in [
         (Bounds { strength: Some([2.0, 1.0]), ..bounds() }, "the strength"),
         (Bounds { strength: Some([f32::NAN, 1.0]), ..bounds() }, "the strength"),
@@ -362,7 +364,7 @@ fn bad_input_is_named() {
 #[test]
 fn a_black_picture_gives_strokes_nothing_to_go_by_but_a_target_does() {
     let (base, dark) = (flat(0.0), Light { radiance: [0.0; 3], ..lamps()[0].clone() });
-    let of = |aim: Aim| Goal { aim, pixels: None, weight: 1.0 };
+    let of = |criterion: Criterion| Goal { criterion, pixels: None, weight: 1.0 };
     let attempt = |goals: &[Goal]| {
         let view = View { relight: &FLOOR, base: &base, still: vec![None], goals };
         let problem = Problem { views: vec![view], variables: vec![variable(&dark)] };
@@ -370,18 +372,18 @@ fn a_black_picture_gives_strokes_nothing_to_go_by_but_a_target_does() {
             solve(&problem, &[lamps()[..1].to_vec()], &Settings::default(), &|_| ControlFlow::Continue(()));
         found.map(|found| found.lights[0].radiance)
     };
-    for aim in [Aim::Brightness { stops: 1.0 }, Aim::Color { color: [1.0, 0.5, 0.2] }] {
-        assert!(matches!(attempt(&[of(aim)]), Err(OptimiseError::BlackBefore)));
+    for criterion in [Criterion::Brightness { stops: 1.0 }, Criterion::Color { color: [1.0, 0.5, 0.2] }] {
+        assert!(matches!(attempt(&[of(criterion)]), Err(OptimiseError::BlackBefore)));
     }
     let wanted = picture(&FLOOR, &base, &lamps()[..1]);
-    let found = attempt(&[target(wanted), Goal { weight: 0.1, ..of(Aim::Keep) }]).unwrap();
+    let found = attempt(&[target(wanted), Goal { weight: 0.1, ..of(Criterion::Keep) }]).unwrap();
     assert!(found.iter().all(|channel| channel.is_finite() && *channel > 0.0), "{found:?}");
 }
 
 #[test]
 fn a_colour_is_found_for_light_that_is_all_there_is() {
     let (base, lamp) = (flat(0.0), lamps()[0].clone());
-    let goals = [Goal { aim: Aim::Color { color: [1.0, 0.5, 0.25] }, pixels: None, weight: 1.0 }];
+    let goals = [Goal { criterion: Criterion::Color { color: [1.0, 0.5, 0.25] }, pixels: None, weight: 1.0 }];
     let view = View { relight: &FLOOR, base: &base, still: vec![None], goals: &goals };
     let problem = Problem { views: vec![view], variables: vec![variable(&lamp)] };
     let settings = Settings { iterations: 300, pixel_fraction: 1.0, ..Settings::default() };
@@ -420,8 +422,8 @@ fn brighter_does_not_tint_and_warmer_does_not_dim() {
     let (base, light) = (flat(0.0), lamps()[0].clone());
     let still = picture(&FLOOR, &flat(0.0), &[Light { radiance: [1.0; 3], ..light.clone() }]);
     let locks = Locks { color: false, strength: false, ..Locks::ALL };
-    let found = |aim: Aim| {
-        let goals = [Goal { aim, pixels: None, weight: 1.0 }];
+    let found = |criterion: Criterion| {
+        let goals = [Goal { criterion, pixels: None, weight: 1.0 }];
         let view = View { relight: &FLOOR, base: &base, still: vec![Some(&still)], goals: &goals };
         let problem = Problem { views: vec![view], variables: vec![Variable { locks, ..variable(&light) }] };
         let settings = Settings { iterations: 300, pixel_fraction: 1.0, ..Settings::default() };
@@ -430,13 +432,13 @@ fn brighter_does_not_tint_and_warmer_does_not_dim() {
     };
     let luminance = |c: [f32; 3]| crate::variable::luminance(c) / crate::variable::luminance(light.radiance);
     let ratio = |c: [f32; 3], i: usize| c[i] / c[1] / (light.radiance[i] / light.radiance[1]);
-    let brighter = found(Aim::Brightness { stops: 1.0 });
+    let brighter = found(Criterion::Brightness { stops: 1.0 });
     assert!(luminance(brighter) > 1.8, "{brighter:?}");
     assert!(
         (ratio(brighter, 0) - 1.0).abs() < 0.05 && (ratio(brighter, 2) - 1.0).abs() < 0.05,
         "{brighter:?}"
     );
-    let warmer = found(Aim::Temperature { mireds: 60.0 });
+    let warmer = found(Criterion::Temperature { mireds: 60.0 });
     assert!(ratio(warmer, 0) / ratio(warmer, 2) > 1.4, "{warmer:?}");
     assert!((luminance(warmer) - 1.0).abs() < 0.05, "{warmer:?}");
 }
@@ -446,7 +448,8 @@ fn a_region_gets_as_many_stops_as_asked_for_on_average() {
     let (base, light) = (flat(0.02), lamps()[0].clone());
     // Its near side gains more than its far side as the light moves.
     let region: Vec<f32> = (0..SIZE.0 * SIZE.1).map(|i| if i % SIZE.0 < 7 { 1.0 } else { 0.0 }).collect();
-    let goals = [Goal { aim: Aim::Brightness { stops: 1.0 }, pixels: Some(region.clone()), weight: 1.0 }];
+    let goals =
+        [Goal { criterion: Criterion::Brightness { stops: 1.0 }, pixels: Some(region.clone()), weight: 1.0 }];
     let view = View { relight: &FLOOR, base: &base, still: vec![None], goals: &goals };
     let locks = Locks { position: false, strength: false, ..Locks::ALL };
     let problem = Problem { views: vec![view], variables: vec![Variable { locks, ..variable(&light) }] };

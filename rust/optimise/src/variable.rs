@@ -1,4 +1,4 @@
-use crate::wall::{Cap, Tint};
+use crate::active_bound::{ChromaticityBound, DirectionCone};
 use glam::Vec3;
 use relume_scene::{LANES, Light, LightShape, lane};
 use serde::{Deserialize, Serialize};
@@ -10,13 +10,13 @@ pub(crate) const PARAMS: usize = LANES + 3;
 /// Rec.709 weights of luminance.
 pub(crate) const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];
 
-/// Which parameters of a light stay as they are.
+/// Parameters of a light that stay as they are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Locks {
     /// The centre.
     pub position: bool,
-    /// Where it points.
+    /// Direction that it points to.
     pub direction: bool,
     /// Radius, width and height, or a sun's angle. The power stays whatever the size.
     pub size: bool,
@@ -26,7 +26,7 @@ pub struct Locks {
     pub color: bool,
     /// The luminance of its power.
     pub strength: bool,
-    /// How many times as wide as high an area light is, whatever its size: Blender's squares and disks have one size.
+    /// Ratio of width to height of an area light, whatever its size: Blender's squares and disks have one size.
     pub proportion: bool,
 }
 
@@ -42,12 +42,12 @@ impl Locks {
         proportion: true,
     };
 
-    /// Whether the shape stays, so that one picture of the light serves throughout.
+    /// True if the shape stays, so that one picture of the light serves throughout.
     pub fn hold_shape(&self, shape: &LightShape) -> bool {
         (0..LANES).all(|number| self.holds(number) || !shape.has_lane(number))
     }
 
-    /// Whether nothing may move.
+    /// True if nothing may move.
     pub fn hold_all(&self, shape: &LightShape) -> bool {
         self.hold_shape(shape) && self.color && self.strength
     }
@@ -70,7 +70,7 @@ impl Locks {
 /// Half angles of suns and spots end here: just above those of a half space, which Blender's lights may have.
 const WIDEST: f32 = FRAC_PI_2 + 1e-3;
 
-/// Where lights may go.
+/// Bounds of the parameters of lights.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Bounds {
     /// Lower corner of the box of centres, metres.
@@ -87,9 +87,9 @@ pub struct Bounds {
     /// two at once, not near them.
     pub strength: Option<[f32; 2]>,
     /// Colours that it may have; none for any. Met as those of strength are.
-    pub color: Option<Tint>,
-    /// Where it may point ([`LightShape::axis`]); none for anywhere.
-    pub direction: Option<Cap>,
+    pub color: Option<ChromaticityBound>,
+    /// Directions that it may point to ([`LightShape::axis`]); none for anywhere.
+    pub direction: Option<DirectionCone>,
 }
 
 impl Bounds {
@@ -118,7 +118,7 @@ impl Bounds {
         self
     }
 
-    /// What is wrong with them.
+    /// Fault of the bounds, in words.
     pub(crate) fn fault(&self) -> Option<&'static str> {
         let rises = |[low, high]: [f32; 2]| 0.0 < low && low < high && high.is_finite();
         let is_range = |[low, high]: [f32; 2]| 0.0 <= low && low <= high && high.is_finite();
@@ -141,15 +141,15 @@ impl Bounds {
 /// A light to be solved.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Variable {
-    /// Where it starts, and what it is drawn to by `stay`.
+    /// Light at the start, to which it is drawn by `prior_weight`.
     pub light: Light,
-    /// What stays as it is.
+    /// Parameters that stay as they are.
     pub locks: Locks,
-    /// Where it may go.
+    /// Bounds of its parameters.
     pub bounds: Bounds,
-    /// How much it is drawn back to where it starts: the loss of having moved by the size of the box, by a radian or by a factor
-    /// e in size or power. 0 for not at all.
-    pub stay: f32,
+    /// Weight by which it is drawn back to where it starts: the loss of having moved by the size of the box, by a
+    /// radian or by a factor e in size or power. 0 for not at all.
+    pub prior_weight: f32,
 }
 
 /// The map between steps of an unconstrained vector and a light: logistic within bounds for centre, logarithm of size, cone and
@@ -168,7 +168,7 @@ pub(crate) struct Mapping {
 }
 
 impl Mapping {
-    /// The light after a step of the unconstrained values from where it is, through whatever walls are there.
+    /// The light after a step of the unconstrained values from where it is, through whatever active bounds are there.
     pub(crate) fn free_step(&self, light: &Light, delta: &[f32; PARAMS]) -> Light {
         let power = self.stepped_power(light, delta);
         let lane_step = |lead: usize| self.lane_step(&light.shape, lead, delta[lead]);
@@ -190,7 +190,7 @@ impl Mapping {
         Light { shape, radiance, ..light.clone() }
     }
 
-    /// Where one of the light's sizes is in its range, 0..1.
+    /// Place of one of the light's sizes in its range, 0..1.
     pub(crate) fn size_share(&self, light: &Light, number: usize) -> f32 {
         let share =
             |range: Range<f32>| (coordinate(&light.shape, number) - range.start) / (range.end - range.start);
@@ -222,7 +222,7 @@ impl Mapping {
         })
     }
 
-    /// Whether an unconstrained value changes anything.
+    /// True if an unconstrained value changes anything.
     pub(crate) fn is_free(&self, shape: &LightShape, number: usize) -> bool {
         match (number, self.locks.color, self.locks.strength) {
             (0..LANES, ..) => {

@@ -9,7 +9,7 @@ use crate::{LightKind, LightParams, MAX_PARAMS};
 pub(crate) trait Real:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self>
 {
-    /// The same value everywhere.
+    /// Constant, the same value everywhere.
     fn constant(x: f32) -> Self;
     /// Square root.
     fn sqrt(self) -> Self;
@@ -182,7 +182,7 @@ fn difference<T: Real>(a: Vector<T>, b: Vector<T>) -> Vector<T> {
     std::array::from_fn(|i| a[i] - b[i])
 }
 
-/// What the features need of a pixel.
+/// Properties of a pixel that the features need.
 #[derive(Clone, Copy)]
 pub(crate) struct Surface<T> {
     /// First hit, in units of the scene's scale.

@@ -5,7 +5,7 @@ use std::hint::black_box;
 use std::sync::Arc;
 
 use cpu_time::ThreadTime;
-use relume_gpu::compare::{Layers, Look};
+use relume_gpu::compare::{Layers, StepTargets};
 use relume_gpu::{Figure, Gpu, Limit, Peaks, best_of_rounds};
 
 use crate::params::{Role, Tensor};
@@ -16,7 +16,7 @@ use crate::{
     TrainConfig, Trainer, compare,
 };
 
-/// How much is measured.
+/// Extent of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Extent {
     /// Rounds, of which the best counts. On the CPU the peak is measured again in each, so that both see the same clock.
@@ -30,13 +30,13 @@ pub struct Extent {
 }
 
 impl Extent {
-    /// On the CPU.
+    /// Extent on the CPU.
     pub const CPU: Self = Self { rounds: ROUNDS, size: [160, 96], samples: 16_384, widest: 256 };
-    /// On a graphics card: an image of the paper's size.
+    /// Extent on a graphics card: an image of the paper's size.
     pub const CARD: Self = Self { rounds: ROUNDS, size: PAPER_SIZE, samples: 16_384, widest: 256 };
-    /// On a software driver: a tenth of it in both directions.
+    /// Extent on a software driver: a tenth of it in both directions.
     pub const SOFTWARE: Self = Self { rounds: ROUNDS, size: [88, 50], samples: 1024, widest: 256 };
-    /// As little as there can be, to see that it works.
+    /// Smallest extent, to see that it works.
     pub const TRIAL: Self = Self { rounds: 1, size: [20, 12], samples: 1024, widest: 64 };
 }
 
@@ -94,7 +94,7 @@ pub fn device(gpu: &Arc<Gpu>, extent: Extent) -> Result<Vec<Figure>, ProxyError>
     Ok(figures)
 }
 
-/// What a device can do at best.
+/// Limits of a device.
 struct Limits {
     peaks: Peaks,
     /// Bytes a second to the CPU.
@@ -182,9 +182,9 @@ fn test_light() -> LightParams {
 fn seconds_of_a_step(on_device: &GpuProxy, rounds: usize) -> Result<f64, ProxyError> {
     let count = on_device.proxy().features().pixel_count();
     let layers = Layers::new(on_device.gpu(), &[&vec![[0.5; 3]; count]])?;
-    let look = one_target(count / STEP_SHARE, count);
+    let targets = one_target(count / STEP_SHARE, count);
     let light = [(test_light(), [1.0; 3])];
-    best_of_rounds(rounds, || compare(&[on_device], &layers, &[], &light, &look).map(drop))
+    best_of_rounds(rounds, || compare(&[on_device], &layers, &[], &light, &targets).map(drop))
 }
 
 /// Name of the widest of the networks that are measured, and seconds in which the plain kernel makes an image of it.
@@ -206,9 +206,9 @@ pub fn seconds_of_the_widest(gpu: &Arc<Gpu>, extent: Extent) -> Result<(String, 
 }
 
 /// A grey target at some of all pixels, every so manieth in an order without pattern.
-fn one_target(count: usize, all: usize) -> Look {
+fn one_target(count: usize, all: usize) -> StepTargets {
     let cells = (0..count).map(|i| (i as u32).wrapping_mul(0x9e37_79b1) % all as u32).collect();
-    Look::target(cells, vec![[0.3, 0.3, 0.3, 1.0 / count as f32]; count], 1.0)
+    StepTargets::target(cells, vec![[0.3, 0.3, 0.3, 1.0 / count as f32]; count], 1.0)
 }
 
 fn device_trainer(network: NetworkConfig, [width, height]: [usize; 2]) -> Result<Trainer, ProxyError> {
@@ -220,8 +220,8 @@ fn device_trainer(network: NetworkConfig, [width, height]: [usize; 2]) -> Result
     Trainer::new(Arc::new(SyntheticRoom::new(width, height).features()), LightKind::Sphere, config, 1)
 }
 
-/// The same with outputs that are lifted above zero, where those of a network that has learned nothing are cut off: errors are
-/// shares of the largest value, which must not be what is left of larger ones.
+/// Trainer with outputs that are lifted above zero, where those of a network that has learned nothing are cut off:
+/// errors are shares of the largest value, which must not be what is left of larger ones.
 pub(crate) fn lit(mut trainer: Trainer) -> Trainer {
     let is_of_outputs = |tensor: &&Tensor| tensor.role == Role::Bias && tensor.cols == 3;
     let ranges: Vec<_> = trainer

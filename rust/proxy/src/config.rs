@@ -7,11 +7,11 @@ use crate::{LightKind, ProxyError, SizeRange};
 pub struct TrainConfig {
     /// The network.
     pub network: NetworkConfig,
-    /// Where training lights are put.
+    /// Placement of training lights.
     pub placement: LightPlacement,
     /// Sizes of training lights.
     pub size: SizeRange,
-    /// Where target values come from.
+    /// Source of target values.
     pub targets: TargetMode,
     /// Samples (pixel and light) of the whole training; the learning rate and the batch follow the share done.
     pub samples: u64,
@@ -102,7 +102,7 @@ impl Default for GridConfig {
     }
 }
 
-/// Where training lights are put (paper, section 4.4).
+/// Placement of training lights (paper, section 4.4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case")]
 pub enum LightPlacement {
@@ -112,7 +112,7 @@ pub enum LightPlacement {
     Bounds,
 }
 
-/// Where target values come from.
+/// Source of target values.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case")]
 pub enum TargetMode {

@@ -50,7 +50,7 @@ impl LightEncoding {
         self.inputs_of(&dual_params(light)).map(|input| input.value)
     }
 
-    /// From the gradient by the inputs, the gradient by the parameters.
+    /// Gradient by the parameters, from that by the inputs.
     pub fn backward(&self, light: &LightParams, d_inputs: &[f32]) -> [f32; MAX_PARAMS] {
         let mut gradient = [0.0; MAX_PARAMS];
         for (input, d_input) in self.inputs_of(&dual_params(light)).iter().zip(d_inputs) {
@@ -118,8 +118,8 @@ pub(crate) fn dual_params(light: &LightParams) -> [Dual; MAX_PARAMS] {
     params
 }
 
-/// What the network's output is multiplied with: a constant, and the light's area in units of that of a middling light,
-/// so that small lights do not vanish under the loss.
+/// Factor of the network's output: a constant, and the light's area in units of that of a middling light, so that small
+/// lights do not vanish under the loss.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct OutputScale {
     /// Radiance of a network output of 1 at the middling light.

@@ -1,6 +1,6 @@
 use crate::LightKind;
 
-/// What can go wrong while training, using, saving or opening a proxy. Each message names the next step.
+/// Errors of training, using, saving or opening a proxy. Each message names the next step.
 #[derive(Debug, thiserror::Error)]
 pub enum ProxyError {
     /// Pixel features whose arrays do not match the image size, or that hold NaN or infinity.
@@ -12,9 +12,9 @@ pub enum ProxyError {
     /// A light that this proxy has not been trained for.
     #[error("this proxy was trained for {trained} lights, not for {asked}; relight this light by gathering")]
     WrongKind {
-        /// What the proxy knows.
+        /// Kind of lights that the proxy knows.
         trained: LightKind,
-        /// What was asked.
+        /// Kind of light that was asked for.
         asked: LightKind,
     },
     /// A slice of the wrong length was handed in.
@@ -22,9 +22,9 @@ pub enum ProxyError {
     Length {
         /// Name of the argument.
         what: &'static str,
-        /// What it should hold.
+        /// Expected number.
         expected: usize,
-        /// What it holds.
+        /// Number found.
         found: usize,
     },
     /// A pixel number outside the image.
@@ -58,7 +58,7 @@ pub enum ProxyError {
     Io {
         /// The file.
         path: String,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// A file that is not a proxy, is damaged, or comes from another version.
@@ -66,7 +66,7 @@ pub enum ProxyError {
     Format {
         /// The file.
         path: String,
-        /// What is wrong and what to do.
+        /// Fault and next step, in words.
         reason: String,
     },
 }

@@ -50,7 +50,7 @@ impl<N: Network> Evaluator<N> {
         &self.encoded
     }
 
-    /// What depends on a light alone.
+    /// Part of the evaluation that depends on a light alone.
     pub fn light(&self, light: &LightParams) -> N::Lit {
         self.network.light(self.context(), &self.packed, light)
     }

@@ -69,7 +69,7 @@ impl HashGrid {
         [self.width, self.height]
     }
 
-    /// Its levels as kernels take them.
+    /// Levels as kernels take them.
     pub fn device_levels(&self, layout: &ParamLayout) -> Vec<DeviceLevel> {
         let device_level = |level: &Level| DeviceLevel {
             table: layout.tensors[level.tensor].start as u32,

@@ -155,7 +155,7 @@ impl Head {
         }
     }
 
-    /// From [`HeadScratch::output_gradient`], adds the gradients by the weights (if `grads` is given), by the
+    /// Adds, from [`HeadScratch::output_gradient`], the gradients by the weights (if `grads` is given), by the
     /// modulations, and by the trunk (if `d_trunk` is given). With one tile and no `grads`, leaves the gradient by the
     /// features in [`HeadScratch::feature_gradient`].
     pub fn backward(

@@ -88,7 +88,7 @@ impl LightParams {
         Self { kind: LightKind::Quad, values }
     }
 
-    /// From as many values as the kind has parameters.
+    /// Parameters from as many values as the kind has.
     pub fn from_slice(kind: LightKind, params: &[f32]) -> Option<Self> {
         let mut values = [0.0; MAX_PARAMS];
         if params.len() != kind.param_count() {

@@ -113,7 +113,7 @@ impl Mlp {
         }
     }
 
-    /// From the gradient by the output in [`MlpScratch::output_gradient`], adds the gradient by all parameters to
+    /// Adds, from the gradient by the output in [`MlpScratch::output_gradient`], the gradient by all parameters to
     /// `grads` (if given) and leaves the gradient by the input in [`MlpScratch::input_gradient`] (if asked).
     pub fn backward(
         &self,

@@ -15,10 +15,10 @@ const MOMENTUM: f32 = 0.95;
 const BLOCK: usize = 16_384;
 /// Jordan's coefficients of the quintic Newton-Schulz iteration: of `x`, of `x xT x`, of `(x xT)^2 x`.
 pub(crate) const NEWTON_SCHULZ: [f32; 3] = [3.4445, -4.7750, 2.0315];
-/// Its rounds.
+/// Number of rounds.
 pub(crate) const ROUNDS: usize = 5;
 
-/// What Adam's moments are multiplied with at a step, counted from 1, since they start at zero.
+/// Factors of Adam's moments at a step, counted from 1, since they start at zero.
 pub(crate) fn corrections(step: u64) -> [f32; 2] {
     let power = step.min(100_000) as i32;
     [1.0 / (1.0 - BETA1.powi(power)), 1.0 / (1.0 - BETA2.powi(power))]
@@ -46,7 +46,7 @@ pub(crate) struct Optimiser {
 }
 
 impl Optimiser {
-    /// With no memory.
+    /// Optimiser with no memory.
     pub fn new(layout: &ParamLayout, muon: bool) -> Self {
         Self { first: vec![0.0; layout.len], second: vec![0.0; layout.len], muon }
     }

@@ -3,7 +3,7 @@ use std::ops::Range;
 use crate::Rng;
 use crate::simd::{PAD, padded};
 
-/// What a tensor does, which decides its optimiser and its start.
+/// Role of a tensor, which decides its optimiser and its start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Role {
     /// Matrix between two hidden layers: Muon.
@@ -30,7 +30,7 @@ pub(crate) struct Tensor {
 }
 
 impl Tensor {
-    /// Where it lies in the parameter vector.
+    /// Range of the tensor in the parameter vector.
     pub fn range(&self) -> Range<usize> {
         self.start..self.start + self.rows * self.stride
     }

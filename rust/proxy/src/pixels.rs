@@ -2,7 +2,7 @@ use glam::Vec3;
 
 use crate::ProxyError;
 
-/// What the networks know of each pixel, from the AOVs and the camera. All arrays run row-major from the top left
+/// Features of each pixel for the networks, from the AOVs and the camera. All arrays run row-major from the top left
 /// pixel and hold `width * height` entries.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PixelFeatures {
@@ -22,7 +22,7 @@ pub struct PixelFeatures {
     pub wo: Vec<[f32; 3]>,
 }
 
-/// How far from the middle of what is seen something still counts, as a share of the middle's diagonal.
+/// Distance from the middle of what is seen within which something still counts, as a share of the middle's diagonal.
 const BEYOND: f32 = 0.5;
 
 impl PixelFeatures {

@@ -13,7 +13,7 @@ use crate::scene_cache::{Normalisation, SceneCache};
 use crate::simd::Isa;
 use crate::{LightKind, LightParams, MAX_PARAMS, NetworkConfig, PixelFeatures, ProxyError, SizeRange};
 
-/// What is known of a proxy besides its weights and pixels.
+/// Facts about a proxy besides its weights and pixels.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ProxyInfo {
     /// The lights that it learned.
@@ -26,9 +26,9 @@ pub struct ProxyInfo {
     pub size: SizeRange,
     /// Least and greatest value of each light parameter seen in training; empty before the first step.
     pub trained_ranges: Vec<[f32; 2]>,
-    /// How inputs are normalised.
+    /// Normalisation of inputs.
     pub normalisation: Normalisation,
-    /// How outputs are scaled.
+    /// Scale of outputs.
     pub output_scale: OutputScale,
     /// Steps and samples trained.
     pub steps: u64,
@@ -83,7 +83,7 @@ macro_rules! with_evaluator {
 }
 
 impl Proxy {
-    /// From weights in the order of the network's layout.
+    /// Proxy from weights in the order of the network's layout.
     pub(crate) fn new(info: ProxyInfo, features: Arc<PixelFeatures>, params: Vec<f32>) -> Self {
         let scene = SceneCache::new(&features, info.normalisation);
         let light = LightEncoding::new(info.kind, info.normalisation, info.size);
@@ -101,7 +101,7 @@ impl Proxy {
         Self { info: Arc::new(info), features, engine: Arc::new(engine) }
     }
 
-    /// What is known of it.
+    /// Facts about the proxy.
     pub fn info(&self) -> &ProxyInfo {
         &self.info
     }
@@ -111,7 +111,7 @@ impl Proxy {
         &self.features
     }
 
-    /// Its network as a device runs it.
+    /// Network as a device runs it.
     pub(crate) fn device_network(&self) -> DeviceNetwork {
         self.parts().pack()
     }
@@ -153,7 +153,7 @@ impl Proxy {
         with_evaluator!(self, e => e.network().layout())
     }
 
-    /// Whether this proxy answers for such a light: its kind, and sizes within the trained range (with a tenth of
+    /// True if this proxy answers for such a light: its kind, and sizes within the trained range (with a tenth of
     /// slack). [`Proxy::has_learned_place`] is about positions.
     pub fn covers(&self, shape: &LightShape) -> bool {
         let sizes = match *shape {
@@ -166,8 +166,8 @@ impl Proxy {
             && sizes.iter().all(|size| (0.9 * min..=1.1 * max).contains(size))
     }
 
-    /// Whether the centre of a light of this kind is in the box of the training lights (with a tenth of slack on each side).
-    /// True before the first step, when nothing was learned anywhere.
+    /// True if the centre of a light of this kind is in the box of the training lights (with a tenth of slack on each
+    /// side). True before the first step, when nothing was learned anywhere.
     pub fn has_learned_place(&self, shape: &LightShape) -> bool {
         let Some(light) = LightParams::from_shape(shape) else { return false };
         // The first three parameters of every kind.

@@ -5,7 +5,7 @@ use crate::PixelFeatures;
 use crate::analytic::{Lanes, Surface};
 use crate::simd::LANES;
 
-/// How pixel features and light parameters are brought into the range of a network.
+/// Normalisation of pixel features and light parameters to the range of a network.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Normalisation {
     /// Centre of the visible positions, metres.
@@ -17,7 +17,7 @@ pub struct Normalisation {
 }
 
 impl Normalisation {
-    /// From the visible positions and depths.
+    /// Normalisation from the visible positions and depths.
     pub fn of(features: &PixelFeatures) -> Self {
         let (low, high) = features.visible_bounds();
         let hits = features.depth.iter().filter(|d| **d > 0.0);
@@ -32,7 +32,7 @@ impl Normalisation {
 
 /// Inputs of a network that come straight from the pixel: albedo (3), normal (3), depth, then position (3) and wo (3).
 pub(crate) const AUX: usize = 13;
-/// Of these, the paper's: albedo, normal, depth.
+/// Number of these features that the paper has: albedo, normal, depth.
 pub(crate) const AUX_PAPER: usize = 7;
 /// Rows of a tile of surfaces: position, normal, mirror direction, factor on the fast network's output.
 pub(crate) const SURFACE: usize = 12;
@@ -57,7 +57,7 @@ impl SceneCache {
         Self { normalisation, rows: (0..features.pixel_count()).map(row).collect() }
     }
 
-    /// What is known of some pixels, for the device.
+    /// Features of some pixels, for the device.
     pub fn rows(&self, pixels: &[u32]) -> Vec<[f32; PIXEL_ROW]> {
         pixels.iter().map(|&pixel| self.rows[pixel as usize]).collect()
     }

@@ -5,8 +5,8 @@ use relume_scene::LightShape;
 
 use crate::{ProxyError, Rng};
 
-/// What a trainer asks the world: where lights may be, and what they do. The session answers from a path dump, tests
-/// from closed formulas.
+/// Source of training targets: where lights may be, and what they do. The session answers from a path dump, tests from
+/// closed formulas.
 ///
 /// All answers must depend on the arguments alone: a resumed training asks again for what it has lost, and expects
 /// the same.

@@ -25,8 +25,8 @@ const HELD_OUT_STREAM: u64 = (1 << 63) + 2;
 
 /// Trains one proxy, step by step. Between steps the caller may cancel, save, measure or take a [`Proxy`].
 ///
-/// The same seed and the same answers of the source give the same weights, whatever the number of threads, and whether
-/// or not the training was saved and resumed on the way (on machines with the same instruction set).
+/// Equal seeds and equal answers of the source give equal weights, whatever the number of threads, and whether or not
+/// the training was saved and resumed on the way (on machines with the same instruction set).
 pub struct Trainer {
     pub(crate) config: TrainConfig,
     pub(crate) kind: LightKind,
@@ -38,7 +38,7 @@ pub struct Trainer {
     isa: Isa,
     pub(crate) core: Core,
     pub(crate) samples_of: Samples,
-    /// Where steps are done, if not here. Weights and moments of the state are then empty.
+    /// Device on which steps are done, if not here. Weights and moments of the state are then empty.
     pub(crate) device: Option<Box<DeviceCore>>,
     /// Lights that training never sees, with their pictures.
     held_out: Vec<(LightParams, Image)>,
@@ -58,7 +58,7 @@ pub(crate) struct TrainState {
     pub scores: Option<Scores>,
 }
 
-/// Where batches come from.
+/// Source of batches.
 pub(crate) enum Samples {
     Gathered(Replay),
     Pool(Pool),
@@ -75,7 +75,7 @@ pub(crate) struct CoreOf<N: Network> {
     buffers: GradientBuffers<N>,
 }
 
-/// What a step did.
+/// Report of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StepReport {
     /// Steps done.
@@ -171,7 +171,7 @@ impl Trainer {
         self.state.samples
     }
 
-    /// Whether the configured number of samples is done. Further steps are possible, at the final rates.
+    /// True if the configured number of samples is done. Further steps are possible, at the final rates.
     pub fn done(&self) -> bool {
         self.state.samples >= self.config.samples
     }
@@ -411,7 +411,7 @@ impl Trainer {
 }
 
 impl Samples {
-    /// Nothing yet, for a training that has done `samples` samples.
+    /// Empty samples, for a training that has done `samples` samples.
     fn new(config: &TrainConfig, pixel_count: usize, samples: u64) -> Self {
         match config.targets {
             TargetMode::Raw => Self::Gathered(Replay::new(config.sample_reuse, samples)),

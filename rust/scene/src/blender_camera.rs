@@ -68,7 +68,7 @@ pub struct BlenderDepthOfField {
 pub struct CameraError {
     /// Object name.
     pub camera: String,
-    /// What is wrong and what to do.
+    /// Fault and next step, in words.
     pub reason: &'static str,
 }
 

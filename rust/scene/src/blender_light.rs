@@ -51,7 +51,7 @@ pub struct BlenderLight {
     pub receivers: Option<ReceiverSet>,
 }
 
-/// What differs between Blender's light types. Lengths in metres, angles in radians.
+/// Settings that differ between Blender's light types. Lengths in metres, angles in radians.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(tag = "type", rename_all = "SCREAMING_SNAKE_CASE", deny_unknown_fields)]
 pub enum BlenderLightKind {
@@ -107,7 +107,7 @@ pub enum AreaShape {
 }
 
 impl AreaShape {
-    /// Whether it has one size for both sides.
+    /// True if it has one size for both sides.
     pub fn is_even(self) -> bool {
         matches!(self, Self::Square | Self::Disk)
     }
@@ -139,7 +139,7 @@ fn lambertian() -> f32 {
 pub struct LightError {
     /// Object name.
     pub light: String,
-    /// What is wrong and what to do.
+    /// Fault and next step, in words.
     pub reason: String,
 }
 
@@ -304,7 +304,7 @@ impl BlenderLight {
         }
     }
 
-    /// Whether the cone of a spot is round in the world too, and its edge as soft there.
+    /// True if the cone of a spot is round in the world too, and its edge as soft there.
     fn has_round_cone(&self, blend: f32) -> bool {
         let Mat3 { x_axis, y_axis, z_axis } = self.axes();
         let [x, y, z] = [x_axis.length(), y_axis.length(), z_axis.length()];
@@ -335,7 +335,7 @@ impl BlenderLight {
         }
     }
 
-    /// Whether nobody has said which sizes cannot be told apart in the picture.
+    /// True if nobody has said which sizes cannot be told apart in the picture.
     fn has_guessed_size(&self) -> bool {
         is_min_size(&self.least_size)
     }
@@ -382,7 +382,7 @@ impl BlenderLight {
     }
 }
 
-/// Whether axes are perpendicular but for a cosine of `tolerance`.
+/// True if axes are perpendicular but for a cosine of `tolerance`.
 fn is_square(Mat3 { x_axis: x, y_axis: y, z_axis: z }: Mat3, tolerance: f32) -> bool {
     [(x, y), (y, z), (z, x)].iter().all(|(a, b)| a.dot(*b).abs() <= tolerance * a.length() * b.length())
 }

@@ -195,7 +195,7 @@ fn json_needs_only_what_differs_from_the_defaults() {
     assert!(serde_json::from_str::<BlenderLight>(&misspelt).unwrap_err().to_string().contains("enregy"));
 }
 
-/// Of a light without radius, radiance is more than the largest number.
+/// Lights without radius, whose radiance is more than the largest number.
 #[test]
 fn lights_too_bright_to_be_summed_are_refused_by_name() {
     for radius in [0.0, 0.5] {

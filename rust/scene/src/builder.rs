@@ -25,11 +25,11 @@ pub enum BuildError {
     /// A part is damaged.
     #[error("{part} '{name}': {reason}")]
     Part {
-        /// What kind of part.
+        /// Kind of the part.
         part: &'static str,
-        /// Its name.
+        /// Name of the part.
         name: String,
-        /// What is wrong.
+        /// Fault of the part, in words.
         reason: String,
     },
 }

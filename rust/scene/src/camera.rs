@@ -7,7 +7,7 @@ pub struct Camera {
     pub name: String,
     /// Rigid transform (scale removed) of the camera object.
     pub world_from_camera: Affine3A,
-    /// How the film maps to rays.
+    /// Projection of the film to rays.
     pub projection: Projection,
     /// Film size in pixels, after resolution percentage.
     pub width: usize,

@@ -1,4 +1,4 @@
-//! What of a mesh no ray can meet or shade: numbers that are not finite, or too large.
+//! Damage of a mesh that no ray can meet or shade: numbers that are not finite, or too large.
 
 use crate::{PolygonMesh, PolygonNormals};
 use glam::{Affine3A, Vec2, Vec3};
@@ -6,12 +6,12 @@ use glam::{Affine3A, Vec2, Vec3};
 /// Coordinates from which on Embree, and so Cycles, leaves a triangle or an object out, in metres (`FLT_LARGE`).
 const TOO_LARGE: f32 = 1.844e18;
 
-/// Whether a ray can meet what has a corner there.
+/// True if a ray can meet a triangle that has a corner there.
 pub(crate) fn can_be_met(position: Vec3) -> bool {
     position.is_finite() && position.abs().max_element() < TOO_LARGE
 }
 
-/// Whether rays can be taken into the space of an object, as far as its transform's size goes.
+/// True if rays can be taken into the space of an object, as far as its transform's size goes.
 pub(crate) fn can_be_placed(world_from_object: &Affine3A) -> bool {
     let columns = world_from_object.to_cols_array_2d();
     columns.into_iter().all(|column| can_be_met(column.into()))
@@ -29,7 +29,7 @@ pub(crate) fn sound_color(color: [f32; 4]) -> [f32; 4] {
 }
 
 impl PolygonMesh<'_> {
-    /// What [`PolygonMesh::triangulate`] leaves out or replaces, in words; empty of a sound mesh.
+    /// Damage that [`PolygonMesh::triangulate`] leaves out or replaces, in words; empty for a sound mesh.
     pub fn damage(&self) -> Vec<String> {
         let vertices = count(self.positions, |position| can_be_met(*position));
         let normals = match self.normals {
@@ -61,7 +61,7 @@ fn zeroed(kind: &str, name: &str, values: usize) -> Option<String> {
     (values > 0).then(|| format!("{values} values of its {kind} '{name}' are not finite numbers; taken as 0"))
 }
 
-/// How many values are not sound.
+/// Number of values that are not sound.
 fn count<T>(values: &[T], is_sound: impl Fn(&T) -> bool) -> usize {
     values.iter().filter(|value| !is_sound(value)).count()
 }

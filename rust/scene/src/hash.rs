@@ -26,7 +26,7 @@ impl Scene {
         hasher.finalize().to_hex().to_string()
     }
 
-    /// As [`World::map`], of the scene's world.
+    /// Hash of the scene's world map; see [`World::map`].
     pub fn world_map(&self) -> String {
         self.world.map(self.world_texture().map(Texture::digest).as_deref())
     }

@@ -1,4 +1,4 @@
-//! What is rendered: camera, meshes, instances, materials, textures, world and lights, in physical units.
+//! Scene to render: camera, meshes, instances, materials, textures, world and lights, in physical units.
 //!
 //! World space is Blender's: right-handed, z up, metres. Colours are scene-linear in the working space of the
 //! file that the scene came from ([`Scene::working_space`]). Nothing here traces a ray or reads a light's effect.
@@ -58,13 +58,13 @@ pub struct Scene {
     pub camera: Camera,
     /// Each evaluated mesh once.
     pub meshes: Vec<Mesh>,
-    /// Where meshes stand.
+    /// Instances of meshes.
     pub instances: Vec<Instance>,
     /// Shader graphs, referred to by [`Instance::materials`].
     pub materials: Vec<Material>,
     /// Images, referred to by [`Node::ImageTexture`] and [`World`].
     pub textures: Vec<Texture>,
-    /// What rays that leave the scene see.
+    /// World that rays see which leave the scene.
     pub world: World,
     /// The lights of the file. They are no part of what is traced; the tracer only looks more often to where they stand.
     pub lights: Vec<Light>,

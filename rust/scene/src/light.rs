@@ -5,7 +5,7 @@ use glam::{Mat3, Vec3};
 pub struct Light {
     /// Object name.
     pub name: String,
-    /// Where it is and how its radiance varies over position and direction.
+    /// Shape: place, and variation of the radiance over position and direction.
     pub shape: LightShape,
     /// Radiance where the shape's profile is 1, RGB, scene-linear, W / (sr m2) in Cycles' units. The image of the
     /// light is this times its unit image.
@@ -19,7 +19,7 @@ pub struct Light {
 }
 
 impl Light {
-    /// What unit images are of: radiance 1, Blender's default ray visibility, all receivers. Without a name.
+    /// Light of unit images: radiance 1, Blender's default ray visibility, all receivers. Without a name.
     pub fn unit(shape: LightShape) -> Self {
         Self {
             name: String::new(),

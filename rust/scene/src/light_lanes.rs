@@ -1,5 +1,6 @@
-//! What a light's shape can move along: one list of lanes for all shapes, so that derivatives by them need not know the
-//! shape. Turns are rotation vectors (Sola, Deray, Atchuthan 2018, "A micro Lie theory"), sizes change by their logarithm.
+//! Lanes that a light's shape can move along: one list for all shapes, so that derivatives by them need not know the
+//! shape. Turns are rotation vectors (Sola, Deray, Atchuthan 2018, "A micro Lie theory"), sizes change by their
+//! logarithm.
 
 use crate::LightShape;
 use glam::{Quat, Vec3};
@@ -25,7 +26,7 @@ pub mod lane {
 }
 
 impl LightShape {
-    /// Whether the shape has a lane.
+    /// True if the shape has a lane.
     pub fn has_lane(&self, number: usize) -> bool {
         let is_sun = matches!(self, Self::Sun { .. });
         let is_ball = matches!(self, Self::Sphere { .. } | Self::FacingDisk { .. });
@@ -109,7 +110,8 @@ impl LightShape {
         }
     }
 
-    /// Where it points, of unit length: along the axis of a spot, off the lit side of an area light, towards a sun.
+    /// Direction that it points to, of unit length: along the axis of a spot, off the lit side of an area light,
+    /// towards a sun.
     pub fn axis(&self) -> Option<Vec3> {
         match *self {
             Self::Spot { axis, .. } => axis.try_normalize(),
@@ -139,8 +141,8 @@ impl LightShape {
         }
     }
 
-    /// What a light of this shape casts for radiance 1, up to a constant of its kind: the area that is seen of it, a sun's
-    /// projected solid angle. Radiance times this is Blender's power and strength, up to that constant.
+    /// Extent of a light of this shape, up to a constant of its kind: the area that is seen of it, a sun's projected
+    /// solid angle. Radiance times this is Blender's power and strength, up to that constant.
     pub fn extent(&self) -> f32 {
         let [a, b] = self.sizes();
         match self {

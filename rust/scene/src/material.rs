@@ -30,9 +30,9 @@ pub enum Input {
     Rgb([f32; 3]),
     /// Another node's output.
     Link {
-        /// Which node.
+        /// Number of the node.
         node: NodeId,
-        /// Which of its outputs.
+        /// Output of the node.
         output: Output,
     },
 }

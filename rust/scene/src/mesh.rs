@@ -62,7 +62,8 @@ pub struct Instance {
     /// Cosine below which rays that graze a smooth-shaded triangle start above it (Cycles' Shadow Terminator Geometry
     /// Offset); 0 for never.
     pub shadow_terminator_offset: f32,
-    /// How far reflection ends before the horizon, 0 for there, 1 for halfway (Cycles' Shadow Terminator Shading Offset).
+    /// Offset of the end of reflection before the horizon, 0 for there, 1 for halfway (Cycles' Shadow Terminator
+    /// Shading Offset).
     #[serde(default, skip_serializing_if = "is_zero")]
     pub shadow_terminator_shading: f32,
     /// Seen by camera rays.

@@ -98,7 +98,7 @@ pub enum Node {
         interpolation: Interpolation,
         extension: Extension,
     },
-    /// In JSON `{"type": "procedural", "texture": "noise", ...}`.
+    /// Procedural texture; in JSON `{"type": "procedural", "texture": "noise", ...}`.
     Procedural(Procedural),
     TextureCoordinate {
         kind: TexCoord,

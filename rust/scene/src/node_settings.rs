@@ -15,7 +15,7 @@ pub enum Distribution {
     AshikhminShirley,
 }
 
-/// How an image's alpha is read.
+/// Reading of an image's alpha.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Alpha {
@@ -50,7 +50,7 @@ pub enum TexCoord {
     Reflection,
 }
 
-/// What a Mapping node does with its vector.
+/// Operation of a Mapping node on its vector.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum MappingKind {

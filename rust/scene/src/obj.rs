@@ -30,7 +30,7 @@ pub enum ObjError {
     File {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// Fault of the file, in words.
         reason: String,
     },
     /// An object or material cannot be used.
@@ -38,7 +38,7 @@ pub enum ObjError {
     Content {
         /// The file.
         path: PathBuf,
-        /// Which part, and why.
+        /// Part, and reason.
         source: BuildError,
     },
 }

@@ -49,9 +49,9 @@ pub enum PolygonError {
     Length {
         /// Mesh name.
         mesh: String,
-        /// Which array.
+        /// Name of the array.
         array: String,
-        /// Its length.
+        /// Length of the array.
         found: usize,
         /// The length it should have.
         expected: usize,
@@ -63,11 +63,11 @@ pub enum PolygonError {
     Index {
         /// Mesh name.
         mesh: String,
-        /// Which array.
+        /// Name of the array.
         array: &'static str,
-        /// Which element.
+        /// Index of the element.
         index: usize,
-        /// Its value.
+        /// Value of the element.
         value: i64,
         /// First value not allowed.
         limit: usize,
@@ -217,9 +217,9 @@ impl PolygonMesh<'_> {
     }
 }
 
-/// Whether Blender splits a quad from its second to its fourth corner instead of from its first to its third:
-/// only where the usual diagonal would run outside of a concave quad (`is_quad_flip_v3_first_third_fast` of
-/// Blender's `math_geom`).
+/// True if Blender splits a quad from its second to its fourth corner instead of from its first to its third: only
+/// where the usual diagonal would run outside of a concave quad (`is_quad_flip_v3_first_third_fast` of Blender's
+/// `math_geom`).
 fn flips_diagonal(mut corners: impl Iterator<Item = Vec3>) -> bool {
     let mut next = || corners.next().unwrap_or_default();
     let [a, b, c, d] = [next(), next(), next(), next()];

@@ -2,7 +2,7 @@
 
 use crate::Input;
 
-/// How many coordinates a texture varies with (names of Blender's enum). 1D takes `w`, 4D the vector and `w`.
+/// Number of coordinates that a texture varies with (names of Blender's enum). 1D takes `w`, 4D the vector and `w`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[expect(missing_docs, reason = "the names of Blender's enum")]
 pub enum Dimensions {
@@ -16,7 +16,7 @@ pub enum Dimensions {
     Four,
 }
 
-/// How a noise texture joins its octaves (names of Blender's `noise_type`).
+/// Combination of the octaves of a noise texture (names of Blender's `noise_type`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "SCREAMING_SNAKE_CASE")]
 #[expect(missing_docs, reason = "the names of Blender's enum")]
@@ -42,7 +42,7 @@ pub enum GradientKind {
     Radial,
 }
 
-/// What a Voronoi texture measures (names of Blender's `feature`).
+/// Measure of a Voronoi texture (names of Blender's `feature`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "SCREAMING_SNAKE_CASE")]
 #[expect(missing_docs, reason = "the names of Blender's enum")]
@@ -66,7 +66,7 @@ pub enum Metric {
     Minkowski,
 }
 
-/// Where the random points of a Voronoi texture of two and more dimensions come from.
+/// Source of the random points of a Voronoi texture of two and more dimensions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum VoronoiHash {
@@ -85,7 +85,7 @@ pub enum WaveKind {
     Rings,
 }
 
-/// Where a wave texture runs: bands along it, rings about it (names of Blender's enums). `Diagonal` counts for bands
+/// Direction of a wave texture: bands along it, rings about it (names of Blender's enums). `Diagonal` counts for bands
 /// and `Spherical` for rings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "SCREAMING_SNAKE_CASE")]
@@ -135,7 +135,7 @@ pub struct VoronoiTexture {
     pub metric: Metric,
     pub hash: VoronoiHash,
     pub normalize: bool,
-    /// Whether the outputs are vector (Blender's Position) and w, not color and distance.
+    /// True if the outputs are vector (Blender's Position) and w, not color and distance.
     pub position: bool,
     pub vector: Option<Input>,
     pub w: Input,
@@ -222,7 +222,7 @@ pub enum Procedural {
 }
 
 impl Procedural {
-    /// Where the texture is taken; `None` is the generated coordinate.
+    /// Coordinate of the texture; `None` is the generated one.
     pub fn vector(&self) -> &Option<Input> {
         match self {
             Self::Noise(NoiseTexture { vector, .. })

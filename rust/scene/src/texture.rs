@@ -9,9 +9,9 @@ pub struct Texture {
     pub height: usize,
     /// RGBA texels.
     pub texels: Texels,
-    /// How texels become scene-linear.
+    /// Encoding of texels, which become scene-linear.
     pub encoding: ColorEncoding,
-    /// How alpha is read.
+    /// Reading of alpha.
     pub alpha: crate::Alpha,
 }
 
@@ -60,7 +60,7 @@ pub enum Interpolation {
     Cubic,
 }
 
-/// What lies outside 0..1.
+/// Extension of a texture outside 0..1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Extension {

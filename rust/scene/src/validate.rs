@@ -10,9 +10,9 @@ pub const MOST_RADIANCE: f32 = 1e30;
 pub struct Problem {
     /// Kind of the part: `"mesh"`, `"object"`, `"material"`, `"image"`, `"camera"`, `"world"` or `"scene"`.
     pub part: &'static str,
-    /// Its name.
+    /// Name of the part.
     pub name: String,
-    /// What is wrong, with the next step.
+    /// Fault, with the next step.
     pub reason: String,
 }
 
@@ -23,8 +23,8 @@ impl fmt::Display for Problem {
 }
 
 impl Scene {
-    /// Whether the tracer can take the scene: all indices in range, all numbers finite, something to see and a camera
-    /// to see it with. Triangles without area are no problem, the tracer leaves them out.
+    /// Checks that the tracer can take the scene: all indices in range, all numbers finite, something to see and a
+    /// camera to see it with. Triangles without area are no problem, the tracer leaves them out.
     ///
     /// # Errors
     /// All problems found, at most one for each part.
@@ -147,7 +147,7 @@ fn glow(node: &Node) -> f32 {
     }
 }
 
-/// What is wrong with a world.
+/// Fault of a world, in words.
 pub(crate) fn world_problem(world: &World, textures: &[Texture]) -> Option<String> {
     if world.texture.is_some_and(|texture| texture >= textures.len()) {
         return Some("its image does not exist".to_owned());

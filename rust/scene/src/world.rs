@@ -9,7 +9,7 @@ pub struct World {
     pub texture: Option<usize>,
     /// Texture-space direction from world-space direction (the Mapping node).
     pub texture_from_world: Mat3,
-    /// Whether camera rays see it; otherwise black (and film transparent).
+    /// True if camera rays see it; otherwise black (and film transparent).
     pub visible_camera: bool,
 }
 

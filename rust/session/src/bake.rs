@@ -3,7 +3,7 @@ use crate::progress::{Monitor, Stage};
 use crate::{CONTENTS_FILE, GUIDED_FILE, Guided, LightSet, SessionError, WORLD_FILE, contents};
 use relume_dump::{Dump, DumpError, DumpWriter, Manifest, Shard, ShardSink, TileSamples};
 use relume_scene::{Light, Scene};
-use relume_trace::{Control, Outcome, TraceSettings, Tracer, lights_looked_for, manifest};
+use relume_trace::{Control, Outcome, TraceSettings, Tracer, guide_targets, manifest};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -52,7 +52,7 @@ pub fn bake(
     resume: bool,
     monitor: &Monitor,
 ) -> Result<BakeReport, SessionError> {
-    let lights = || lights_looked_for(scene, settings);
+    let lights = || guide_targets(scene, settings);
     let observer = Observer { samples: settings.samples, lights: &lights, passes: &|_| {} };
     bake_observed(scene, settings, folder, resume, monitor, &observer)
 }

@@ -45,10 +45,12 @@ impl Device {
             Self::Auto => GpuChoice::BestHardware,
             Self::Gpu(choice) => choice.clone(),
         };
-        let again = Again { choice, memory };
+        let reopen = ReopenParams { choice, memory };
         let may_fall_back = *self == Self::Auto;
-        match again.open() {
-            Ok(gpu) => Ok(Compute { gpu: Some(gpu), may_fall_back, again: Some(again), passed_over: None }),
+        match reopen.open() {
+            Ok(gpu) => {
+                Ok(Compute { gpu: Some(gpu), may_fall_back, reopen: Some(reopen), fallback_reason: None })
+            }
             Err(error) if may_fall_back => Ok(Compute::without_gpu(&error)),
             Err(error) => Err(error.into()),
         }
@@ -57,12 +59,12 @@ impl Device {
 
 /// How a GPU was opened.
 #[derive(Clone, Debug)]
-struct Again {
+struct ReopenParams {
     choice: GpuChoice,
     memory: Option<u64>,
 }
 
-impl Again {
+impl ReopenParams {
     /// The one that is open, or a new one if that was lost.
     fn open(&self) -> Result<Arc<Gpu>, GpuError> {
         let gpu = Gpu::shared(&self.choice)?;
@@ -79,9 +81,9 @@ pub struct Compute {
     /// Whether the CPU may go on where the GPU fails.
     pub may_fall_back: bool,
     /// Why the CPU does it all although there is a GPU.
-    passed_over: Option<String>,
+    fallback_reason: Option<String>,
     /// None if it cannot be opened again.
-    again: Option<Again>,
+    reopen: Option<ReopenParams>,
 }
 
 impl Compute {
@@ -92,13 +94,13 @@ impl Compute {
 
     /// The CPU, since the best GPU could not be opened: that there is none is no news.
     fn without_gpu(error: &GpuError) -> Self {
-        let passed_over = (*error != GpuError::NoAdapter).then(|| error.to_string());
-        Self { passed_over, ..Self::default() }
+        let fallback_reason = (*error != GpuError::NoAdapter).then(|| error.to_string());
+        Self { fallback_reason, ..Self::default() }
     }
 
     /// Tells the user why the CPU does it all although there is a GPU, if that is so.
     pub fn warn(&self, monitor: &Monitor) {
-        self.passed_over.iter().for_each(|reason| monitor.warn(&format!("{reason}. The CPU does it")));
+        self.fallback_reason.iter().for_each(|reason| monitor.warn(&format!("{reason}. The CPU does it")));
     }
 
     /// Does some work here. If the GPU was lost, it is opened anew and the work is done again, once; if it fails all the same, and
@@ -116,7 +118,7 @@ impl Compute {
         let mut result = work(self);
         if let Err(error) = &result
             && let Some(reason) = error.lost_gpu()
-            && let Some(Ok(gpu)) = self.again.as_ref().map(Again::open)
+            && let Some(Ok(gpu)) = self.reopen.as_ref().map(ReopenParams::open)
         {
             monitor.warn(&format!("the GPU was lost ({reason}); it was opened again and goes on{}", from()));
             result = work(&Self { gpu: Some(gpu), ..self.clone() });
@@ -190,8 +192,8 @@ mod tests {
     fn a_device_is_opened_again_once_and_the_cpu_comes_last() {
         let lost = Gpu::open(&GpuChoice::Best).unwrap();
         lost.lose();
-        let again = Some(Again { choice: GpuChoice::Best, memory: None });
-        let opened = Compute { again, ..Compute::with(Arc::clone(&lost), false) };
+        let reopen = Some(ReopenParams { choice: GpuChoice::Best, memory: None });
+        let opened = Compute { reopen, ..Compute::with(Arc::clone(&lost), false) };
         let fails = |reason: &str| SessionError::from(GpuError::Lost(reason.into()));
         for may_fall_back in [false, true] {
             let compute = Compute { may_fall_back, ..opened.clone() };

@@ -2,9 +2,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Once};
 
 use relume_gather::{
-    Environment, Gather, GatherError, Goals, GpuGather, Half, Linear, PreparedLight, SoftCompared, SoftGather,
+    Environment, Gather, GatherError, Goals, GpuGather, Linear, PreparedLight, SampleSplit, SoftCompared,
+    SoftGather,
 };
-use relume_gpu::compare::Look;
+use relume_gpu::compare::StepTargets;
 use relume_gpu::{Gpu, GpuError};
 use relume_image::Image;
 use relume_scene::Light;
@@ -49,7 +50,7 @@ impl DeviceGather {
     pub fn unit_images(
         &self,
         lights: &[Light],
-        half: Half,
+        half: SampleSplit,
         compute: &Compute,
         monitor: &Monitor,
     ) -> Result<Vec<Image>, SessionError> {
@@ -61,7 +62,7 @@ impl DeviceGather {
     pub fn device_images(
         &self,
         lights: &[Light],
-        half: Half,
+        half: SampleSplit,
         compute: &Compute,
         monitor: &Monitor,
     ) -> Result<Vec<DeviceImage>, SessionError> {
@@ -82,7 +83,7 @@ impl DeviceGather {
     fn images<R>(
         &self,
         lights: &[Light],
-        half: Half,
+        half: SampleSplit,
         compute: &Compute,
         monitor: &Monitor,
         on_gpu: impl Fn(&GpuGather, &[PreparedLight]) -> Result<Vec<R>, GatherError>,
@@ -108,9 +109,9 @@ impl DeviceGather {
         compute: &Compute,
         monitor: &Monitor,
     ) -> Result<Image, SessionError> {
-        let work = |on_gpu: &GpuGather| on_gpu.world_image(environment, Half::All);
+        let work = |on_gpu: &GpuGather| on_gpu.world_image(environment, SampleSplit::All);
         let image = self.on_gpu.attempt(compute, monitor, |gpu| self.put_on(gpu), work)?;
-        Ok(image.unwrap_or_else(|| self.gather.world_image(environment, Half::All)))
+        Ok(image.unwrap_or_else(|| self.gather.world_image(environment, SampleSplit::All)))
     }
 
     /// A smoothed light's values at some cells with their derivatives; `soft` is of the same dump. On the CPU where the GPU's memory
@@ -133,12 +134,12 @@ impl DeviceGather {
         &self,
         soft: &SoftGather,
         (lights, softness): (&[&Light], f32),
-        (layers, radiances, look): (&DeviceLayers, &[[f32; 3]], &Look),
+        (layers, radiances, look): (&DeviceLayers, &[[f32; 3]], &StepTargets),
         compute: &Compute,
         monitor: &Monitor,
     ) -> Result<Option<SoftCompared>, SessionError> {
         let work = |on_gpu: &GpuGather| {
-            let goals = Goals { layers: &*layers.on(on_gpu.gpu())?, radiances, look };
+            let goals = Goals { layers: &*layers.on(on_gpu.gpu())?, radiances, targets: look };
             on_gpu.compare(soft, lights, softness, &goals)
         };
         self.if_it_gathers_pixels(compute, monitor, work)

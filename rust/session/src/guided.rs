@@ -4,7 +4,7 @@ use crate::{LightSet, SessionError, contents, seen_points};
 use glam::Vec3;
 use relume_dump::{Aovs, Manifest};
 use relume_scene::{Camera, Light, LightShape};
-use relume_trace::{Guide, TraceSettings, chance_to_meet};
+use relume_trace::{Guide, TraceSettings, hit_probability};
 use serde::Serialize;
 use serde_json::Value;
 use std::io::Write;
@@ -130,7 +130,7 @@ impl Sight {
     /// nothing of that.
     fn hits(&self, light: &Light) -> Option<f32> {
         self.median(light, |point| {
-            let chance = |guide: &Option<Guide>| chance_to_meet(guide.as_ref(), point, light);
+            let chance = |guide: &Option<Guide>| hit_probability(guide.as_ref(), point, light);
             self.guides.iter().map(|(samples, guide)| Some(*samples as f32 * chance(guide)?)).sum()
         })
     }
@@ -139,7 +139,7 @@ impl Sight {
     fn hits_with(&self, lights: &[Light], light: &Light, guiding: f32) -> Option<f32> {
         let guide = Guide::new(lights, guiding);
         let samples = self.samples() as f32;
-        self.median(light, |point| Some(samples * chance_to_meet(guide.as_ref(), point, light)?))
+        self.median(light, |point| Some(samples * hit_probability(guide.as_ref(), point, light)?))
     }
 
     fn median(&self, light: &Light, hits: impl Fn(Vec3) -> Option<f32>) -> Option<f32> {

@@ -5,7 +5,7 @@ use crate::targets::{DumpTargets, GpuTargets};
 use crate::{Compute, Relighter, SessionError, pixel_features};
 use glam::Vec3;
 use rayon::prelude::*;
-use relume_gather::{DenoiseQuality, Gather, Half};
+use relume_gather::{DenoiseQuality, Gather, SampleSplit};
 use relume_image::metrics::{self, Quality, quality};
 use relume_image::{BitDepth, Image, ViewTransform, write_png};
 use relume_proxy::{LightParams, Proxy, Rng, TargetSource, random_light};
@@ -44,7 +44,7 @@ pub struct Evaluation {
 pub(crate) fn measure(
     proxy: &Proxy,
     gather: &Gather,
-    halves: (Half, Half),
+    halves: (SampleSplit, SampleSplit),
     held_out: &DumpTargets,
     count: usize,
     seed: u64,
@@ -139,7 +139,7 @@ impl<'a> Measurable<'a> {
     }
 
     fn targets(&self, bounds: (Vec3, Vec3)) -> DumpTargets<'_> {
-        DumpTargets::new(self.gather, Half::All, bounds, &self.denoise).on(self.on_gpu.as_ref())
+        DumpTargets::new(self.gather, SampleSplit::All, bounds, &self.denoise).on(self.on_gpu.as_ref())
     }
 }
 

@@ -11,7 +11,7 @@ use crate::unit_cache::UnitCache;
 use crate::world_layer::{WorldLayer, aovs_of, own_world};
 use crate::{Compute, GUIDED_FILE, Guided, LightSet, SessionError, WORLD_FILE, WorldAbout, base_layers};
 use relume_dump::{Aovs, Dump, Manifest};
-use relume_gather::{DenoiseQuality, Environment, Gather, Half};
+use relume_gather::{DenoiseQuality, Environment, Gather, SampleSplit};
 use relume_image::{Image, ViewTransform};
 use relume_proxy::{GpuProxy, LightKind};
 use relume_scene::{Camera, Light, LobeFactors, Scene, Texture, World};
@@ -181,7 +181,7 @@ impl Relighter {
     }
 
     /// Whether hardly any path of the bake meets a light, so that its gathered picture is noise, while new paths would meet it that
-    /// look for it ([`relume_trace::TraceSettings::towards`]).
+    /// look for it ([`relume_trace::TraceSettings::guide_targets`]).
     pub fn misses(&self, light: &Light) -> bool {
         let rare = self.sight.as_ref().and_then(|sight| sight.rare(light));
         rare.is_some_and(|rare| rare.would_be_met)
@@ -369,7 +369,7 @@ impl Relighter {
             }
             let group_lights: Vec<Light> = group.iter().map(|i| lights[*i].clone()).collect();
             self.warn_of(&group_lights, monitor);
-            let mut images = self.gather_images(&group_lights, Half::All, monitor)?;
+            let mut images = self.gather_images(&group_lights, SampleSplit::All, monitor)?;
             if options.denoise {
                 self.denoise.images(&mut images, DenoiseQuality::High)?;
             }
@@ -441,7 +441,7 @@ impl Relighter {
             return Ok(vec![None; lights.len()]);
         }
         let mut views = self
-            .gather_images(&seen.into_iter().map(camera_only).collect::<Vec<_>>(), Half::All, monitor)?
+            .gather_images(&seen.into_iter().map(camera_only).collect::<Vec<_>>(), SampleSplit::All, monitor)?
             .into_iter();
         let view = |light: &Light| if light.lobes.camera != 0.0 { views.next() } else { None };
         Ok(lights.into_iter().map(view).collect())
@@ -451,7 +451,7 @@ impl Relighter {
     pub(crate) fn gather_images(
         &self,
         lights: &[Light],
-        half: Half,
+        half: SampleSplit,
         monitor: &Monitor,
     ) -> Result<Vec<Image>, SessionError> {
         match &self.gather {

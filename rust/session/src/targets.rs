@@ -1,6 +1,6 @@
 use glam::Vec3;
 use rayon::prelude::*;
-use relume_gather::{DenoiseQuality, Gather, GatherError, GpuGather, Half, PreparedLight, Scratch};
+use relume_gather::{DenoiseQuality, Gather, GatherError, GpuGather, PreparedLight, SampleSplit, Scratch};
 use relume_gpu::{Buffer, Gpu, GpuError};
 use relume_image::Image;
 use relume_proxy::{DeviceTargets, GroupQueries, PixelQueries, ProxyError, Rng, TargetSource};
@@ -13,7 +13,7 @@ use crate::denoise::Denoise;
 /// Targets of a training, gathered from a dump (paper, section 4.4).
 pub struct DumpTargets<'a> {
     gather: &'a Gather,
-    half: Half,
+    half: SampleSplit,
     bounds: (Vec3, Vec3),
     denoise: &'a Denoise,
     gpu: Option<&'a GpuTargets>,
@@ -59,7 +59,7 @@ impl GpuTargets {
         pixels: &[u32],
         lights: &[PreparedLight],
         lights_per_pixel: usize,
-        half: Half,
+        half: SampleSplit,
         out: &Buffer<f32>,
     ) -> Result<(), GatherError> {
         let lights = self.gather.lights(lights)?;
@@ -69,7 +69,7 @@ impl GpuTargets {
 
 impl<'a> DumpTargets<'a> {
     /// Targets from some of the paths of each pixel. `bounds` is the box of visible positions.
-    pub fn new(gather: &'a Gather, half: Half, bounds: (Vec3, Vec3), denoise: &'a Denoise) -> Self {
+    pub fn new(gather: &'a Gather, half: SampleSplit, bounds: (Vec3, Vec3), denoise: &'a Denoise) -> Self {
         Self { gather, half, bounds, denoise, gpu: None }
     }
 
@@ -81,7 +81,7 @@ impl<'a> DumpTargets<'a> {
 
     /// The same from other paths of each pixel.
     #[must_use]
-    pub fn of_half(&self, half: Half) -> Self {
+    pub fn of_half(&self, half: SampleSplit) -> Self {
         Self { half, ..*self }
     }
 

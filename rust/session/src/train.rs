@@ -7,7 +7,7 @@ use crate::targets::{DumpTargets, GpuTargets};
 use crate::{Compute, SessionError, base_layers, contents, pixel_features};
 use cpu_time::ProcessTime;
 use relume_dump::Dump;
-use relume_gather::{Gather, Half};
+use relume_gather::{Gather, SampleSplit};
 use relume_image::write_atomically;
 use relume_proxy::{LightKind, ProxyInfo, Snapshot, TargetMode, TrainConfig, Trainer, read_info};
 use serde::Serialize;
@@ -191,8 +191,11 @@ fn train_on(
     let on_gpu = compute.gpu.as_ref().map(|gpu| GpuTargets::new(gpu, &gather)).transpose()?;
     let gathers_pixels = on_gpu.as_ref().is_none_or(GpuTargets::gathers_pixels);
     warn_of_little_memory(settings.config.targets, gathers_pixels, trainer.pool_stays_on_cpu(), monitor);
-    let halves =
-        if settings.half_for_measuring { (Half::First, Half::Second) } else { (Half::All, Half::All) };
+    let halves = if settings.half_for_measuring {
+        (SampleSplit::First, SampleSplit::Second)
+    } else {
+        (SampleSplit::All, SampleSplit::All)
+    };
     let targets = |half| DumpTargets::new(&gather, half, bounds, &denoise).on(on_gpu.as_ref());
     let (training, held_out) = (targets(halves.0), targets(halves.1));
     let samples_before = trainer.samples();

@@ -27,13 +27,13 @@ use crate::{
 /// One figure.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Measurement {
-    /// What was measured.
+    /// Name of the measurement.
     pub name: String,
     /// The figure.
     pub value: f64,
-    /// Its unit.
+    /// Unit of the figure.
     pub unit: &'static str,
-    /// What it is compared with.
+    /// Name of the program that it is compared with.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub peer: Option<&'static str>,
     /// The peer's figure, in the same unit.
@@ -134,7 +134,7 @@ impl ShardSink for Discard {
     }
 }
 
-/// The same triangles in obvhs's own trees.
+/// Peer trees: the triangles in obvhs's own trees.
 struct Peers {
     triangles: Vec<Triangle>,
     binary: obvhs::bvh2::Bvh2,

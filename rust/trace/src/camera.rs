@@ -38,7 +38,7 @@ impl CameraSampler {
         Self { camera: camera.clone(), filter: FilterTable::new(filter) }
     }
 
-    /// Whether all rays start at the camera's position (apart from the near clipping plane).
+    /// True if all rays start at the camera's position (apart from the near clipping plane).
     pub fn is_pinhole(&self) -> bool {
         self.camera.projection == Projection::Perspective && self.lens().is_none()
     }

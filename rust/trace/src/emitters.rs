@@ -7,7 +7,7 @@ use relume_scene::{Input, Instance, Material, Node, Scene};
 
 use crate::{
     bsdf::Surface,
-    distribution::Distribution,
+    discrete::Discrete1D,
     shading::{Hit, PreparedMaterials},
 };
 
@@ -18,7 +18,7 @@ const POINTS_WHERE_IT_VARIES: usize = 16;
 #[derive(Debug)]
 pub(crate) struct Emitters {
     triangles: Vec<Emitter>,
-    choice: Distribution,
+    choice: Discrete1D,
     /// Index of an emitter by instance and triangle.
     by_triangle: HashMap<(u32, u32), u32>,
 }
@@ -91,7 +91,7 @@ impl Emitters {
                 }
             }
         }
-        let choice = Distribution::new(&powers)?;
+        let choice = Discrete1D::new(&powers)?;
         let key = |emitter: &Emitter| (emitter.instance, emitter.triangle);
         let by_triangle =
             triangles.iter().enumerate().map(|(index, emitter)| (key(emitter), index as u32)).collect();
@@ -171,7 +171,8 @@ fn is_seen_by_all(instance: &Instance) -> bool {
         && instance.visible_transmission
 }
 
-/// At how many points of a triangle a material's emission is to be measured, judged by its nodes: none if it cannot emit.
+/// Number of points of a triangle at which a material's emission is to be measured, judged by its nodes: none if it
+/// cannot emit.
 fn points_to_measure(material: &Material) -> usize {
     let is_zero = |input: &Input| match input {
         Input::Float(value) => *value == 0.0,
@@ -196,7 +197,7 @@ fn points_to_measure(material: &Material) -> usize {
     }
 }
 
-/// Whether light can go straight through a material, judged by its nodes.
+/// True if light can go straight through a material, judged by its nodes.
 pub(crate) fn may_be_transparent(material: &Material) -> bool {
     material.nodes.iter().any(|node| match node {
         Node::Transparent { .. } => true,

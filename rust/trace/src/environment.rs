@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use relume_scene::{MOST_RADIANCE, Scene};
 
 use crate::{
-    distribution::Distribution,
+    discrete::Discrete1D,
     shading::{PreparedMaterials, equirectangular},
 };
 
@@ -27,7 +27,7 @@ pub(crate) struct Environment {
 /// Piecewise constant density over the texture's plane.
 #[derive(Debug)]
 struct Grid {
-    cells: Distribution,
+    cells: Discrete1D,
     columns: usize,
     rows: usize,
 }
@@ -59,7 +59,7 @@ impl Environment {
         (self.color * materials.world_texel(scene, direction)).min(Vec3::splat(MOST_RADIANCE))
     }
 
-    /// Whether sampling directions directly is worth it: a world of one colour is as well met by BSDF sampling.
+    /// True if sampling directions directly is worth it: a world of one colour is as well met by BSDF sampling.
     pub fn can_sample(&self) -> bool {
         self.grid.is_some()
     }
@@ -117,7 +117,7 @@ impl Grid {
             let y = (cell / columns).saturating_add_signed(step).min(rows - 1);
             y * columns + cell % columns
         });
-        Some(Self { cells: Distribution::new(&weights)?, columns, rows })
+        Some(Self { cells: Discrete1D::new(&weights)?, columns, rows })
     }
 
     /// Density over solid angle: the cell's probability over its share of the plane and the plane's stretch.

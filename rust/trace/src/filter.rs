@@ -2,7 +2,7 @@
 
 use std::f32::consts::TAU;
 
-/// How far a path may start from the centre of its pixel, and how often.
+/// Distribution of the starts of paths around the centre of their pixel.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case")]
 pub enum PixelFilter {
@@ -52,8 +52,8 @@ impl FilterTable {
     }
 }
 
-/// Where in 0..1 the integral of the window reaches `quantile` of its total, by bisection. The coefficients are those
-/// of the four-term Blackman-Harris window (Harris 1978), as in Cycles' `scene/film.cpp`.
+/// Place in 0..1 at which the integral of the window reaches `quantile` of its total, by bisection. The coefficients
+/// are those of the four-term Blackman-Harris window (Harris 1978), as in Cycles' `scene/film.cpp`.
 fn invert_blackman_harris(quantile: f64) -> f64 {
     const COEFFICIENTS: [f64; 4] = [0.35875, -0.48829, 0.14128, -0.01168];
     let integral = |x: f64| {

@@ -8,14 +8,14 @@ use crate::{
     bsdf::{BsdfSample, Caustics, Surface},
     bvh::{Ray, SceneBvh},
     camera::CameraSampler,
-    departure::{start_at, start_lifted},
     environment::Environment,
     guide::{Cones, Guide},
-    path::{Horizon, PathState},
+    path::{LightsOnly, PathState},
+    ray_offset::{offset_for_terminator, offset_origin},
     sampler::PixelSampler,
     settings::PathSettings,
     shading::{PreparedMaterials, SurfacePoint},
-    static_light::{LastBounce, Lookup, StaticLights, StaticSample},
+    static_light::{LastBounce, ShadowTracer, StaticLights, StaticSample},
 };
 
 /// Receives paths as they are traced: a shard in the making, or training that streams fresh paths.
@@ -99,9 +99,9 @@ impl Integrator<'_> {
                 self.escape(&path, ray.direction, last, &mut features, sink);
                 break;
             };
-            if let Some(horizon) = path.horizon {
-                if (hit.instance, hit.triangle) != horizon.triangle {
-                    let end = End::Vertex(horizon.vertex + ray.direction * hit.distance);
+            if let Some(lights_only) = path.lights_only {
+                if (hit.instance, hit.triangle) != lights_only.triangle {
+                    let end = End::Vertex(lights_only.vertex + ray.direction * hit.distance);
                     self.record(&path, last, end, sink);
                 }
                 break;
@@ -120,11 +120,11 @@ impl Integrator<'_> {
             let u = sampler.draw(sample, group);
             let survival = path.survival(&self.settings.bounces);
             if u[3] >= survival {
-                features.meet(&scratch.surface);
+                features.record_surface(&scratch.surface);
                 break;
             }
             path.throughput /= survival;
-            if !self.leave(
+            if !self.scatter(
                 &mut path,
                 &point,
                 [u[0], u[1], u[2]],
@@ -143,7 +143,7 @@ impl Integrator<'_> {
         sink.end_path(features.sample);
     }
 
-    /// Records the path's current segment, as the film sees it, if lights along it count. `last` is there if lights are looked for from its place.
+    /// Records the path's current segment, as the film sees it, if lights along it count. `last` is there if lights are also sampled from its place.
     fn record(&self, path: &PathState, last: Option<LastBounce>, end: End, sink: &mut impl PathSink) {
         if path.sees_lights(&self.settings.bounces, last.is_none()) {
             let segment = path.segment(end);
@@ -165,7 +165,7 @@ impl Integrator<'_> {
         if is_camera {
             features.sample.alpha = 1.0 - path.throughput.element_sum() / 3.0;
         }
-        if path.horizon.is_some() {
+        if path.lights_only.is_some() {
             return;
         }
         let radiance = self.environment.radiance(self.scene, &self.materials, direction, is_camera);
@@ -195,7 +195,7 @@ impl Integrator<'_> {
 
     /// Sends the path on from a surface, or says that it ends there.
     #[expect(clippy::too_many_arguments, reason = "the parts of one path's state")]
-    fn leave(
+    fn scatter(
         &self,
         path: &mut PathState,
         point: &SurfacePoint,
@@ -211,22 +211,22 @@ impl Integrator<'_> {
         let surface = &mut scratch.surface;
         if path.is_last_surface() {
             let through = surface.transparency();
-            features.meet(surface);
+            features.record_surface(surface);
             path.pass_through(through, limits);
-            start_at(ray, point);
+            offset_origin(ray, point);
             ray.t_max = f32::INFINITY;
             return through.max_element() > 0.0;
         }
         self.filter_closures(path, surface);
         let cones = match guide {
             Some(guide) if surface.is_guided() => {
-                guide.look_from(point.position, surface.horizon(), &mut scratch.cones);
+                guide.fill_cones(point.position, surface.horizon(), &mut scratch.cones);
                 Some(&scratch.cones).filter(|cones| cones.share > 0.0)
             }
             _ => None,
         };
         if let Some(lights) = &self.lights {
-            let lookup = Lookup {
+            let shadow_tracer = ShadowTracer {
                 scene: self.scene,
                 bvh: &self.bvh,
                 materials: &self.materials,
@@ -235,24 +235,25 @@ impl Integrator<'_> {
                 transparent_left: path.transparent_left(limits),
             };
             let on_film = path.throughput * self.settings.film_exposure;
-            match lights.sample(&lookup, point, surface, &mut scratch.shadow, on_film, draw(1)) {
+            match lights.sample_direct(&shadow_tracer, point, surface, &mut scratch.shadow, on_film, draw(1))
+            {
                 Some(StaticSample::Emission(light)) => features.sample.emission += path.throughput * light,
                 Some(StaticSample::World(light)) => features.sample.world += path.throughput * light,
                 None => {}
             }
         }
         let Some((sample, pdf)) = direction(surface, cones, u, || draw(GUIDE_GROUP)) else {
-            features.meet(surface);
+            features.record_surface(surface);
             return false;
         };
         if sample.transparent {
-            features.pass(sample.weight);
+            features.attenuate(sample.weight);
             path.pass_through(sample.weight, limits);
         } else {
             if surface.is_specular() {
-                features.pass(sample.weight);
+                features.attenuate(sample.weight);
             } else {
-                features.meet(surface);
+                features.record_surface(surface);
             }
             path.scatter(&sample, limits);
             path.receiver = self.scene.instances[point.instance as usize].receiver;
@@ -260,11 +261,11 @@ impl Integrator<'_> {
         }
         ray.direction = sample.wi;
         if sample.lights_only {
-            start_lifted(ray, &self.materials, self.scene, point);
+            offset_for_terminator(ray, &self.materials, self.scene, point);
             let triangle = (point.instance, point.triangle);
-            path.horizon = Some(Horizon { vertex: point.position, triangle });
+            path.lights_only = Some(LightsOnly { vertex: point.position, triangle });
         } else {
-            start_at(ray, point);
+            offset_origin(ray, point);
         }
         ray.lobe = path.lobe;
         ray.t_max = f32::INFINITY;
@@ -287,8 +288,8 @@ impl Integrator<'_> {
     }
 }
 
-/// Where a path goes on, weighted by the density of surface and cones together, which comes second; that of the sample stays the
-/// surface's own, by which Filter Glossy goes.
+/// Direction in which a path goes on, weighted by the density of surface and cones together, which comes second; that
+/// of the sample stays the surface's own, by which Filter Glossy goes.
 fn direction(
     surface: &Surface,
     cones: Option<&Cones>,
@@ -311,14 +312,14 @@ fn direction(
 
 impl Features {
     /// The path goes on behind a mirror, glass or a transparent surface.
-    fn pass(&mut self, weight: Vec3) {
+    fn attenuate(&mut self, weight: Vec3) {
         if let Some(tint) = &mut self.tint {
             *tint *= weight;
         }
     }
 
     /// Takes albedo and normal from the first surface that is not specular.
-    fn meet(&mut self, surface: &Surface) {
+    fn record_surface(&mut self, surface: &Surface) {
         if let Some(tint) = self.tint.take() {
             self.sample.albedo = (tint * surface.albedo()).clamp(Vec3::ZERO, Vec3::ONE);
             self.sample.normal = surface.normal();

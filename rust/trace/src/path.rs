@@ -1,4 +1,4 @@
-//! What a path remembers from bounce to bounce, with the rules of Cycles' `kernel/integrator/path_state.h`.
+//! State of a path from bounce to bounce, with the rules of Cycles' `kernel/integrator/path_state.h`.
 
 use glam::Vec3;
 use relume_dump::{End, Lobe, Segment};
@@ -10,9 +10,9 @@ use crate::{bsdf::BsdfSample, settings::BounceLimits};
 pub(crate) struct PathState {
     /// `T_k` of the current segment.
     pub throughput: Vec3,
-    /// What made the current segment; transparent surfaces do not change it.
+    /// Scattering event that made the current segment; transparent surfaces do not change it.
     pub lobe: Lobe,
-    /// Whether that was diffuse, on either side of the surface.
+    /// True if that event was diffuse, on either side of the surface.
     pub is_diffuse: bool,
     /// Class that lights along the present segment are collected under ([`BsdfSample::light_lobe`]).
     pub light_lobe: Lobe,
@@ -20,7 +20,7 @@ pub(crate) struct PathState {
     /// light linking works through them (Cycles' `mis_ray_object`).
     pub receiver: u16,
     /// Set where the current segment is between the true and the shading surface ([`crate::bsdf::Reach::Lights`]).
-    pub horizon: Option<Horizon>,
+    pub lights_only: Option<LightsOnly>,
     /// Smallest density of the path's directions so far (Filter Glossy).
     pub min_pdf: f32,
     bounces: u32,
@@ -28,7 +28,7 @@ pub(crate) struct PathState {
     glossy: u32,
     transmission: u32,
     transparent: u32,
-    /// Whether the current segment left a transparent surface.
+    /// True if the current segment left a transparent surface.
     through_transparent: bool,
     /// The next surface only emits and lets through.
     last_surface: bool,
@@ -36,9 +36,9 @@ pub(crate) struct PathState {
     ends_on_surface: bool,
 }
 
-/// Where a path ends that dips below the true surface: only lights along its last segment count.
+/// End of a path that dips below the true surface: only lights along its last segment count.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Horizon {
+pub(crate) struct LightsOnly {
     /// The vertex that the path left, from which lights are seen; what blocks them is seen from above it.
     pub vertex: Vec3,
     /// Instance and triangle of that vertex.
@@ -54,7 +54,7 @@ impl PathState {
             is_diffuse: false,
             light_lobe: Lobe::Camera,
             receiver: 0,
-            horizon: None,
+            lights_only: None,
             min_pdf: f32::INFINITY,
             bounces: 0,
             diffuse: 0,
@@ -72,12 +72,12 @@ impl PathState {
         Segment { end, throughput: self.throughput, lobe: self.light_lobe, receiver: self.receiver }
     }
 
-    /// Whether the path is on the first surface after the camera.
+    /// True if the path is on the first surface after the camera.
     pub fn is_on_first_surface(&self) -> bool {
         self.bounces + self.transparent == 0
     }
 
-    /// Whether a bounce limit was reached: the surface that the path is on can emit and be transparent, no more.
+    /// True if a bounce limit was reached: the surface that the path is on can emit and be transparent, no more.
     pub fn is_last_surface(&self) -> bool {
         self.last_surface
     }
@@ -105,13 +105,13 @@ impl PathState {
             self.transparent >= limits.transparent.saturating_add(limits.more_transparent);
     }
 
-    /// How many transparent surfaces light may pass on its way straight to the surface that the path is on.
+    /// Number of transparent surfaces that light may pass on its way straight to the surface that the path is on.
     pub fn transparent_left(&self, limits: &BounceLimits) -> u32 {
         limits.transparent.saturating_sub(self.transparent)
     }
 
-    /// Whether lights along the current segment count: where they are looked for from surfaces, no more transparent ones may
-    /// lie before them than the limit says. `is_found` where a path meets them by itself alone, as in mirrors.
+    /// True if lights along the current segment count: where they are sampled from surfaces, no more transparent ones
+    /// may lie before them than the limit says. `is_found` where only the path itself can hit them, as in mirrors.
     pub fn sees_lights(&self, limits: &BounceLimits, is_found: bool) -> bool {
         is_found || self.transparent <= limits.transparent
     }

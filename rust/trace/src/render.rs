@@ -1,4 +1,4 @@
-//! From a scene to a path dump: all passes, all tiles, all cores.
+//! Tracing of a scene to a path dump: all passes, all tiles, all cores.
 
 use std::sync::{
     Arc, Mutex, OnceLock, PoisonError,
@@ -35,14 +35,14 @@ pub enum TraceError {
     /// Worker threads could not be started.
     #[error("cannot start {threads} worker threads; ask for fewer")]
     Threads {
-        /// How many were asked for.
+        /// Number of threads that were asked for.
         threads: usize,
-        /// What the system said.
+        /// Error of the system.
         source: rayon::ThreadPoolBuildError,
     },
 }
 
-/// How a trace ended.
+/// Outcome of a trace.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
     /// All shards are there.
@@ -51,7 +51,7 @@ pub enum Outcome {
     Cancelled,
 }
 
-/// What has been done so far.
+/// Progress so far.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Progress {
     /// Paths traced or found in the dump.
@@ -73,7 +73,7 @@ pub struct Control<'a> {
     pub cancel: Arc<AtomicBool>,
     /// Called after every shard, one call at a time.
     pub on_progress: Option<Box<dyn Fn(Progress) + Sync + Send + 'a>>,
-    /// Called with its number before the first path of every pass that is traced: the lights that it looks for, instead of
+    /// Called with its number before the first path of every pass that is traced: the lights that it is guided to, instead of
     /// those of the scene and the settings.
     pub lights: Option<Box<dyn Fn(usize) -> Vec<Light> + Sync + Send + 'a>>,
 }
@@ -123,11 +123,11 @@ impl<'a> Tracer<'a> {
             lights,
             settings: paths,
         };
-        let guide = Guide::new(&lights_looked_for(scene, settings), settings.guiding);
+        let guide = Guide::new(&guide_targets(scene, settings), settings.guiding);
         Ok(Self { integrator, guide, settings: settings.clone(), warnings })
     }
 
-    /// What of the materials could not be represented, in words for the user.
+    /// Warnings for the user about parts of materials that could not be represented.
     pub fn warnings(&self) -> &[String] {
         &self.warnings
     }
@@ -186,9 +186,9 @@ impl<'a> Tracer<'a> {
     }
 }
 
-/// The lights that paths of these settings look for: the scene's and those that the settings name.
-pub fn lights_looked_for(scene: &Scene, settings: &TraceSettings) -> Vec<Light> {
-    scene.lights.iter().chain(&settings.towards).cloned().collect()
+/// Lights that paths of these settings are guided to: the scene's and those that the settings name.
+pub fn guide_targets(scene: &Scene, settings: &TraceSettings) -> Vec<Light> {
+    scene.lights.iter().chain(&settings.guide_targets).cloned().collect()
 }
 
 /// The manifest of a dump of `scene`.
@@ -224,7 +224,7 @@ struct Run<'a> {
     manifest: &'a Manifest,
     sink: &'a dyn ShardSink,
     control: &'a Control<'a>,
-    /// Where the paths of each pass look, once that is known.
+    /// Guide of the paths of each pass, once that is known.
     guides: Vec<OnceLock<Option<Guide>>>,
     next: AtomicUsize,
     segments: AtomicU64,
@@ -257,7 +257,7 @@ impl<'a> Run<'a> {
         self.manifest.tile_count() * self.manifest.passes.len()
     }
 
-    /// What each thread does until nothing is left.
+    /// Loop of each thread until nothing is left.
     fn work(&self) {
         let mut scratch = Scratch::default();
         let mut samples = TileSamples::new(TileRect { x: 0, y: 0, width: 0, height: 0 });

@@ -139,7 +139,7 @@ mod tests {
         (first..first + count).map(|sample| sampler.draw(sample, group)).collect()
     }
 
-    /// Whether each cell of a grid of `columns` by `rows` holds exactly one of the points.
+    /// True if each cell of a grid of `columns` by `rows` holds exactly one of the points.
     fn is_stratified(points: &[[f32; 4]], dimensions: [usize; 2], columns: usize) -> bool {
         let rows = points.len() / columns;
         let mut seen = vec![false; points.len()];

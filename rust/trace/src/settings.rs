@@ -1,4 +1,4 @@
-//! How paths are traced. Defaults are those of a new Blender file.
+//! Settings of path tracing. Defaults are those of a new Blender file.
 
 use relume_dump::Pass;
 use relume_scene::Light;
@@ -6,7 +6,7 @@ use relume_scene::Light;
 use crate::bsdf::Caustics;
 use crate::filter::PixelFilter;
 
-/// Of [`TraceSettings::guiding`]: above, lights that were moved would be too noisy.
+/// Largest [`TraceSettings::guiding`]: above, lights that were moved would be too noisy.
 pub const MOST_GUIDING: f32 = 0.9;
 
 /// All settings of a bake.
@@ -19,18 +19,19 @@ pub struct TraceSettings {
     pub seed: u64,
     /// Edge of the square tiles, pixels.
     pub tile_size: usize,
-    /// How the samples are divided into passes over the image.
+    /// Division of the samples into passes over the image.
     pub passes: PassSchedule,
     /// Worker threads; 0 for those of the pool that traces, outside of any one a core. Does not change the result.
     pub threads: usize,
-    /// Share of the directions that look for where the file's lights stand, 0 for none, at most [`MOST_GUIDING`]. Changes only
+    /// Share of the directions that are guided to where the file's lights stand, 0 for none, at most [`MOST_GUIDING`]. Changes only
     /// the noise, never what is expected: less for lights near there, at each bounce up to `1 / (1 - guiding)` of the variance elsewhere.
     pub guiding: f32,
-    /// Lights that are looked for besides those of the file.
-    pub towards: Vec<Light>,
+    /// Lights that paths are guided to besides those of the file.
+    #[serde(rename = "towards")]
+    pub guide_targets: Vec<Light>,
     /// The world's colour in place of the scene's, for what is to fit a bake that was begun under another one.
     pub world_color: Option<[f32; 3]>,
-    /// What the paths are; everything that changes the dump but for the samples.
+    /// Settings of the paths; everything that changes the dump but for the samples.
     pub paths: PathSettings,
 }
 
@@ -43,7 +44,7 @@ impl Default for TraceSettings {
             passes: PassSchedule::default(),
             threads: 0,
             guiding: 0.25,
-            towards: Vec::new(),
+            guide_targets: Vec::new(),
             world_color: None,
             paths: PathSettings::default(),
         }
@@ -58,21 +59,21 @@ pub struct PathSettings {
     pub bounces: BounceLimits,
     /// Blender's Filter Glossy; 0 for none.
     pub filter_glossy: f32,
-    /// Whether glossy reflection is seen by diffuse rays, reflected or transmitted.
+    /// True if glossy reflection is seen by diffuse rays, reflected or transmitted.
     pub caustics_reflective: bool,
-    /// Whether refraction is seen by diffuse rays, reflected or transmitted.
+    /// True if refraction is seen by diffuse rays, reflected or transmitted.
     pub caustics_refractive: bool,
     /// Pixel filter.
     pub filter: PixelFilter,
     /// Factor of all light that reaches the film (Cycles' Film > Exposure), at least 0.
     pub film_exposure: f32,
-    /// Whether the scene's own emitters and the world are also sampled directly. Changes only the noise of the static
+    /// True if the scene's own emitters and the world are also sampled directly. Changes only the noise of the static
     /// layers, never a path.
     pub sample_static_lights: bool,
 }
 
 impl PathSettings {
-    /// What diffuse rays see of the surfaces that they meet.
+    /// Closures that diffuse rays see of the surfaces they hit.
     pub(crate) fn caustics(&self) -> Caustics {
         Caustics { reflective: self.caustics_reflective, refractive: self.caustics_refractive }
     }
@@ -106,7 +107,8 @@ pub struct BounceLimits {
     pub transmission: u32,
     /// Transparent surfaces that a path goes straight through and still sees lights behind.
     pub transparent: u32,
-    /// How many more of them a path goes through to what the scene itself emits, and to what mirrors and the camera see.
+    /// Number of further transparent surfaces that a path goes through to what the scene itself emits, and to what
+    /// mirrors and the camera see.
     pub more_transparent: u32,
     /// Bounces before Russian roulette may end a path.
     pub min_total: u32,

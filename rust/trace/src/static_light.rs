@@ -10,10 +10,10 @@ use relume_scene::Scene;
 use crate::{
     bsdf::Surface,
     bvh::{Ray, SceneBvh},
-    departure::start_at,
     emitters::{Emitters, may_be_transparent},
     environment::Environment,
     guide::Cones,
+    ray_offset::offset_origin,
     shading::{Hit, PreparedMaterials, SurfacePoint},
 };
 
@@ -30,14 +30,14 @@ pub(crate) struct StaticLights {
     any_transparent: bool,
 }
 
-/// What a light sample adds to the static layers, before the path's throughput.
+/// Contribution of a light sample to the static layers, before the path's throughput.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum StaticSample {
     Emission(Vec3),
     World(Vec3),
 }
 
-/// Where the last non-transparent bounce was, and how likely its direction: what the weight of a hit needs.
+/// Position of the last non-transparent bounce, and the density of its direction: the weight of a hit needs them.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LastBounce {
     pub position: Vec3,
@@ -45,7 +45,7 @@ pub(crate) struct LastBounce {
 }
 
 impl StaticLights {
-    /// Nothing if there is nothing to sample.
+    /// Sampler of static lights; nothing if there is nothing to sample.
     pub fn new(scene: &Scene, materials: &PreparedMaterials, environment: &Environment) -> Option<Self> {
         let emitters = Emitters::new(scene, materials);
         let samples_environment = environment.can_sample();
@@ -93,9 +93,9 @@ impl StaticLights {
 
     /// One light sample for `surface` at `point`, before the path's throughput. That times film exposure, `on_film`, decides
     /// whether it is worth a shadow ray.
-    pub fn sample(
+    pub fn sample_direct(
         &self,
-        tracer: &Lookup<'_>,
+        tracer: &ShadowTracer<'_>,
         point: &SurfacePoint,
         surface: &Surface,
         scratch: &mut Surface,
@@ -128,7 +128,7 @@ impl StaticLights {
     /// in between. Leaves the emitter's surface in `scratch`.
     fn transmittance(
         &self,
-        tracer: &Lookup<'_>,
+        tracer: &ShadowTracer<'_>,
         point: &SurfacePoint,
         direction: Vec3,
         goal: Option<(u32, u32)>,
@@ -136,7 +136,7 @@ impl StaticLights {
     ) -> Option<Vec3> {
         let mut through = Vec3::ONE;
         let mut ray = Ray { lobe: Lobe::Diffuse, ..Ray::new(point.position, direction) };
-        start_at(&mut ray, point);
+        offset_origin(&mut ray, point);
         if goal.is_none() && !self.any_transparent {
             return (!tracer.bvh.is_blocked(&ray)).then_some(through);
         }
@@ -156,25 +156,25 @@ impl StaticLights {
             if through.max_element() <= 0.0 {
                 return None;
             }
-            start_at(&mut ray, &surface_point);
+            offset_origin(&mut ray, &surface_point);
         }
         None
     }
 }
 
-/// What a shadow ray looks things up in.
-pub(crate) struct Lookup<'a> {
+/// Scene access of a shadow ray.
+pub(crate) struct ShadowTracer<'a> {
     pub scene: &'a Scene,
     pub bvh: &'a SceneBvh,
     pub materials: &'a PreparedMaterials,
     pub environment: &'a Environment,
-    /// What the path's own directions are drawn from beside the surface.
+    /// Cones that the path's own directions are drawn from beside the surface.
     pub cones: Option<&'a Cones>,
-    /// How many transparent surfaces may lie before a light.
+    /// Number of transparent surfaces that may lie before a light.
     pub transparent_left: u32,
 }
 
-impl Lookup<'_> {
+impl ShadowTracer<'_> {
     fn shade(&self, ray: &Ray, hit: &Hit, surface: &mut Surface) -> SurfacePoint {
         let point = self.materials.surface_point(self.scene, hit, ray.origin, ray.direction, 0.0);
         self.materials.evaluate(self.scene, &point, surface);

@@ -123,9 +123,9 @@ fn tolerance(name: &str) -> f32 {
     if name == "principled rough sheen" { 0.04 } else { 0.015 }
 }
 
-/// Where Cycles samples lights for rough refraction by GGX, it also counts directions that no facet joins, since it
-/// does not check the half vector's side (it says so in its `bsdf_microfacet_eval`); white glass then returns more than
-/// it gets. BSDF samples, ours and its own, never go there.
+/// Flags known errors of Cycles: where it samples lights for rough refraction by GGX, it also counts directions that no
+/// facet joins, since it does not check the half vector's side (it says so in its `bsdf_microfacet_eval`); white glass
+/// then returns more than it gets. BSDF samples, ours and its own, never go there.
 fn is_overestimated_by_cycles(case: &Value) -> bool {
     let name = case["name"].as_str().expect("a name");
     ["glass ggx 0.5", "glass multi_ggx 0.5", "refraction", "principled glass", "principled frosted"]

@@ -74,7 +74,7 @@ fn overridden(own: &TraceSettings, args: &TraceArgs, context: &Context) -> anyho
         ..own.clone()
     };
     if let Some(path) = &args.towards {
-        settings.towards = LightSet::read(path)?.lights;
+        settings.guide_targets = LightSet::read(path)?.lights;
     }
     if let Some(limit) = args.bounces {
         let bounces = &mut settings.paths.bounces;

@@ -10,7 +10,7 @@ pub(super) struct Filter {
     raw: sys::OIDNFilter,
     width: usize,
     height: usize,
-    /// What the library reads and writes: RGB.
+    /// Pixels that the library reads and writes: RGB.
     pixels: DeviceImage,
     inputs: Vec<DeviceImage>,
 }

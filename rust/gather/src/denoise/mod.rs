@@ -49,16 +49,16 @@ pub enum DenoiseError {
 /// Trade of time for quality; on the CPU about 2.4, 4.7 and 11 microseconds a pixel and thread.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum DenoiseQuality {
-    /// For previews and training targets.
+    /// Quality for previews and training targets.
     Fast,
-    /// For the viewport.
+    /// Quality for the viewport.
     #[default]
     Balanced,
-    /// For final images.
+    /// Quality for final images.
     High,
 }
 
-/// Whether to stop in the middle.
+/// Callback that returns true to stop in the middle.
 pub type Stop<'a> = dyn Fn() -> bool + Sync + 'a;
 
 /// Albedo and normals of a view. Denoised once, every picture of the view can trust them ("clean auxiliary images" of
@@ -70,12 +70,12 @@ pub struct DenoiseFeatures {
     albedo: Vec<f32>,
     normal: Vec<f32>,
     is_clean: bool,
-    /// The same in no others.
+    /// Identity of these features, which no others share.
     identity: Arc<()>,
 }
 
 impl DenoiseFeatures {
-    /// As they are, for pictures that must not wait.
+    /// Features as they are, for pictures that must not wait.
     pub fn noisy(aovs: &Aovs) -> Self {
         let (width, height) = (aovs.albedo.width, aovs.albedo.height);
         let albedo = aovs.albedo.data.iter().map(|value| value.clamp(0.0, 1.0)).collect();
@@ -84,7 +84,7 @@ impl DenoiseFeatures {
     }
 }
 
-/// Where to denoise.
+/// Device that denoises.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum DenoiseDevice {
     /// The CPU, on this many threads; on all cores if not given. Threads are not pinned to cores: the process is often

@@ -1,4 +1,4 @@
-//! Boxes around the ends of the segments of a block, and whether a light may touch them: the twin of
+//! Boxes around the ends of the segments of a block, and whether a light may touch them: the mirror of
 //! `shaders/gather/bounds.wgsl`, where the test is described.
 
 use bytemuck::{Pod, Zeroable};
@@ -13,7 +13,7 @@ use crate::light::FAR;
 const MARGIN: f32 = 1.0;
 const STEPS: f32 = 65535.0;
 
-/// `Frame` of the WGSL twin.
+/// `Frame` of the WGSL module.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct Frame {
@@ -23,7 +23,7 @@ pub struct Frame {
     unused: u32,
 }
 
-/// `Bounds` of the WGSL twin.
+/// `Bounds` of the WGSL module.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct Bounds {
@@ -79,7 +79,7 @@ impl Frame {
         self.step.into()
     }
 
-    /// Its middle.
+    /// Middle of the box.
     pub fn middle(&self) -> Vec3 {
         Vec3::from(self.minimum) + 0.5 * STEPS * self.step()
     }
@@ -91,7 +91,7 @@ impl Frame {
 }
 
 impl Bounds {
-    /// Of segments of which all escape or none does.
+    /// Bounds of segments of which all escape or none does.
     pub fn new([starts, ends]: [Aabb; 2], escape: bool, frame: &Frame) -> Self {
         let encode = |bounds: Aabb, minimum: Vec3, step: Vec3| {
             let low = ((bounds.low - minimum) / step).floor() - MARGIN;
@@ -108,7 +108,7 @@ impl Bounds {
         Self { start: [x, y, z, u32::from(escape)], end: [u, v, w, 0] }
     }
 
-    /// Whether a light may touch one of the segments.
+    /// True if a light may touch one of the segments.
     pub fn may_be_touched(&self, light: &GpuLight, frame: &Frame) -> bool {
         let (escape, center) = (self.start[3] != 0, Vec3::from(light.center));
         if light.is_sun() && !escape {

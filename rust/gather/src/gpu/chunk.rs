@@ -7,7 +7,7 @@ use relume_gpu::{Binding, Buffer, Gpu, GpuError};
 
 use super::arguments::NumbersArguments;
 use super::kernels::{self, GROUP_SIZE};
-use crate::Half;
+use crate::SampleSplit;
 
 /// Bytes of a record on the device.
 pub const RECORD_BYTES: u64 = 12;
@@ -33,13 +33,13 @@ struct Piece {
 }
 
 impl Piece {
-    /// Its records in the shard.
+    /// Range of its records in the shard.
     fn records(&self) -> Range<usize> {
         let offsets = self.shard.pixel_offsets();
         offsets[self.pixels.start] as usize..offsets[self.pixels.end] as usize
     }
 
-    /// The same in runs of at most so many.
+    /// Iterates over its records in runs of at most so many.
     fn runs(&self, most: usize) -> impl Iterator<Item = Range<usize>> {
         let records = self.records();
         records.clone().step_by(most).map(move |start| start..records.end.min(start.saturating_add(most)))
@@ -188,7 +188,7 @@ pub(super) struct GpuPart {
 
 impl Piece {
     /// The records of a pixel of the tile; none if it has none here. `shard` is the number of the piece.
-    fn part(&self, pixel: usize, half: Half, shard: u32) -> Option<GpuPart> {
+    fn part(&self, pixel: usize, half: SampleSplit, shard: u32) -> Option<GpuPart> {
         let records = self.pixels.contains(&pixel).then(|| half.records(&self.shard, pixel))?;
         let place = |record: usize| (self.first + record - self.records().start) as u32;
         let (start, end) = (place(records.start), place(records.end));
@@ -203,7 +203,7 @@ fn places(dump: &Dump, tile: usize, pixels: Range<usize>) -> impl Iterator<Item 
     pixels.map(move |pixel| place(pixel) as u32)
 }
 
-/// Which records of a chunk belong to which pixel.
+/// Table of the records of a chunk by pixel.
 #[derive(Debug)]
 pub struct ChunkTable {
     shards: Buffer<GpuShard>,
@@ -215,7 +215,7 @@ pub struct ChunkTable {
 }
 
 impl ChunkTable {
-    pub fn new(gpu: &Gpu, dump: &Dump, plan: &ChunkPlan, half: Half) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Gpu, dump: &Dump, plan: &ChunkPlan, half: SampleSplit) -> Result<Self, GpuError> {
         let (mut pixels, mut parts) = (Vec::new(), Vec::new());
         for (first_shard, pieces, tile_pixels) in plan.tiles() {
             let tile = pieces[0].tile;
@@ -294,9 +294,9 @@ const TABLES: usize = 3;
 pub struct Chunk {
     plan: ChunkPlan,
     pub records: ChunkRecords,
-    /// By half, made when first asked for.
+    /// Tables by half, made when first asked for.
     tables: [OnceLock<Arc<ChunkTable>>; TABLES],
-    /// By place in the image, made when first asked for.
+    /// Numbers by place in the image, made when first asked for.
     numbers: OnceLock<Arc<Buffer<u32>>>,
 }
 
@@ -313,7 +313,7 @@ impl Chunk {
         TABLES as u64 * ChunkTable::bytes(plan) + numbers as u64
     }
 
-    pub fn table(&self, gpu: &Gpu, dump: &Dump, half: Half) -> Result<Arc<ChunkTable>, GpuError> {
+    pub fn table(&self, gpu: &Gpu, dump: &Dump, half: SampleSplit) -> Result<Arc<ChunkTable>, GpuError> {
         let known = &self.tables[half as usize];
         if let Some(table) = known.get() {
             return Ok(Arc::clone(table));

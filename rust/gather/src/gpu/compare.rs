@@ -1,7 +1,7 @@
 use std::ops::Range;
 
 use relume_gpu::Buffer;
-use relume_gpu::compare::{Compared, Layers, Look, Step, Units};
+use relume_gpu::compare::{Compared, Layers, Step, StepTargets, Units};
 use relume_scene::{LANES, Light};
 
 use super::GpuGather;
@@ -15,18 +15,18 @@ const GRADIENT: usize = 3 + LANES;
 /// Bytes of values and derivatives that are there at a time.
 const MOST_VALUES: usize = 64 << 20;
 
-/// What smoothed lights and those that stay are compared to.
+/// Targets that smoothed lights and those that stay are compared to.
 #[derive(Clone, Copy, Debug)]
 pub struct Goals<'a> {
-    /// What is there without the lights that move.
+    /// Picture without the lights that move.
     pub layers: &'a Layers,
     /// Radiances of the layers but the first.
     pub radiances: &'a [[f32; 3]],
     /// The cells that are looked at, and what is wanted of them.
-    pub look: &'a Look,
+    pub targets: &'a StepTargets,
 }
 
-/// What comes back of a comparison.
+/// Result of a comparison.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SoftCompared {
     /// The loss.
@@ -42,10 +42,10 @@ impl GpuGather {
     /// each of them. Neither pictures nor derivatives of cells come back.
     ///
     /// # Errors
-    /// As [`GpuGather::linearise`].
+    /// See [`GpuGather::linearise`].
     ///
     /// # Panics
-    /// As [`Layers::begin`].
+    /// See [`Layers::begin`].
     pub fn compare(
         &self,
         soft: &SoftGather<'_>,
@@ -63,12 +63,12 @@ impl GpuGather {
         &self,
         soft: &SoftGather<'_>,
         (lights, softness): (&[&Light], f32),
-        Goals { layers, radiances, look }: &Goals<'_>,
+        Goals { layers, radiances, targets }: &Goals<'_>,
         most: usize,
     ) -> Result<SoftCompared, GatherError> {
-        let smoothed = Smoothed::new(self, soft, (lights, softness), &look.cells)?;
+        let smoothed = Smoothed::new(self, soft, (lights, softness), &targets.cells)?;
         let mut commands = self.gpu.commands("picture of smoothed lights");
-        let step = layers.begin(&mut commands, radiances, look, lights.len() * GRADIENT)?;
+        let step = layers.begin(&mut commands, radiances, targets, lights.len() * GRADIENT)?;
         commands.submit()?;
         let parts = step.parts(most);
         let mut last = None;
@@ -134,7 +134,7 @@ impl<'a> Smoothed<'a> {
     }
 }
 
-/// From values in the order of the device, of the lanes that the lights have.
+/// Result from values in the order of the device, of the lanes that the lights have.
 fn compared(lights: &[&Light], Compared { loss, layers, gradients }: Compared) -> SoftCompared {
     let gradient = |(light, values): (&&Light, &[f32; GRADIENT])| {
         let slope = |lane| if light.shape.has_lane(lane) { values[3 + lane] } else { 0.0 };
@@ -166,12 +166,12 @@ mod tests {
     }
 
     /// A target at some cells.
-    fn look(cells: &[u32]) -> Look {
+    fn targets_at(cells: &[u32]) -> StepTargets {
         let wanted = |(i, cell): (usize, &u32)| {
             let [r, g, b] = [0.6, 0.1 * (cell % 3) as f32, 0.4].map(|x| reinhard(EXPOSURE * x));
             [r, g, b, 0.02 * (i % 5) as f32]
         };
-        Look::target(cells.to_vec(), cells.iter().enumerate().map(wanted).collect(), EXPOSURE)
+        StepTargets::target(cells.to_vec(), cells.iter().enumerate().map(wanted).collect(), EXPOSURE)
     }
 
     /// Equation 6 and its gradient from the values and slopes of the CPU.
@@ -179,11 +179,11 @@ mod tests {
         lights: &[&Light],
         linear: &[Linear],
         [base, still]: [&[[f32; 3]]; 2],
-        look: &Look,
+        targets: &StepTargets,
     ) -> SoftCompared {
         let lights_of = vec![([0.0; LANES], [0.0; 3]); lights.len()];
         let mut sums = SoftCompared { loss: 0.0, lights: lights_of, layers: vec![[0.0; 3]] };
-        for (at, (cell, wanted)) in look.cells.iter().zip(&look.wanted).enumerate() {
+        for (at, (cell, wanted)) in targets.cells.iter().zip(&targets.references).enumerate() {
             let (share, [base, still]) = (wanted[3], [base, still].map(|picture| picture[*cell as usize]));
             for c in 0..3 {
                 let of = |(light, linear): (&&Light, &Linear)| light.radiance[c] * linear.values[at][c];
@@ -222,7 +222,7 @@ mod tests {
         let gather = Gather::new(random_dump_of(10, &[1, 3, 20]));
         let soft = SoftGather::new(&gather, 3);
         let cells: Vec<u32> = (0..16).rev().chain([3, 3]).collect();
-        let (base, still, look) = (picture(16, 0.2), picture(16, 0.7), look(&cells));
+        let (base, still, targets) = (picture(16, 0.2), picture(16, 0.7), targets_at(&cells));
         let all = random_lights();
         let little = Gpu::open(&GpuChoice::Best).unwrap();
         little.set_memory_budget(Some(80_000));
@@ -234,12 +234,12 @@ mod tests {
             streamed,
         ] {
             let layers = Layers::new(on_gpu.gpu(), &[&base, &still]).unwrap();
-            let goals = Goals { layers: &layers, radiances: &[STILL], look: &look };
+            let goals = Goals { layers: &layers, radiances: &[STILL], targets: &targets };
             for lights in all.chunks(5) {
                 let lights: Vec<&Light> = lights.iter().collect();
                 let linear: Vec<Linear> =
                     lights.iter().map(|light| soft.linearise(light, 0.1, &cells).unwrap()).collect();
-                let expected = expected(&lights, &linear, [&base, &still], &look);
+                let expected = expected(&lights, &linear, [&base, &still], &targets);
                 let found = on_gpu.compare(&soft, &lights, 0.1, &goals).unwrap();
                 let loss = expected.loss;
                 assert!((found.loss - loss).abs() < 1e-5 * loss, "{} for {loss}", found.loss);
@@ -261,9 +261,9 @@ mod tests {
         let gather = Gather::new(random_dump_of(10, &[20]));
         let (soft, on_gpu) = (SoftGather::new(&gather, 3), GpuGather::new(gpu, &gather).unwrap());
         let cells: Vec<u32> = (0..16).collect();
-        let look = look(&cells);
+        let targets = targets_at(&cells);
         let layers = Layers::new(on_gpu.gpu(), &[&picture(16, 0.2)]).unwrap();
-        let goals = Goals { layers: &layers, radiances: &[], look: &look };
+        let goals = Goals { layers: &layers, radiances: &[], targets: &targets };
         for light in random_lights().iter().step_by(3) {
             let compared = |light: &Light| on_gpu.compare(&soft, &[light], 0.3, &goals).unwrap();
             let found = compared(light);
@@ -291,9 +291,9 @@ mod tests {
         let lights: Vec<Light> = random_lights().into_iter().take(2).collect();
         let lights: Vec<&Light> = lights.iter().collect();
         let cells: Vec<u32> = (0..200).map(|i| i % 16).collect();
-        let (base, look) = (picture(16, 0.2), look(&cells));
+        let (base, targets) = (picture(16, 0.2), targets_at(&cells));
         let layers = Layers::new(on_gpu.gpu(), &[&base]).unwrap();
-        let goals = Goals { layers: &layers, radiances: &[], look: &look };
+        let goals = Goals { layers: &layers, radiances: &[], targets: &targets };
         let whole = on_gpu.compare(&soft, &lights, 0.1, &goals).unwrap();
         for most in [1, 128] {
             let found = on_gpu.compare_in_parts(&soft, (&lights, 0.1), &goals, most).unwrap();

@@ -6,7 +6,7 @@ use crate::soft::OUTPUTS;
 
 /// Lights that one pass over the records can take, by the kernels that there are.
 pub const LIGHTS: [usize; 3] = [1, 4, 16];
-/// The same for sorted segments.
+/// Numbers of lights that one pass over sorted segments can take, by the kernels that there are.
 pub const SORTED_LIGHTS: [usize; 2] = [1, 4];
 /// Threads of a workgroup (`shaders/gather/records.wgsl`).
 pub const GROUP_SIZE: u32 = 64;

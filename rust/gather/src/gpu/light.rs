@@ -27,7 +27,7 @@ pub type Receivers = [u32; RECEIVER_LIMIT as usize / 32];
 /// A light as the kernels take it: `Light` of `shaders/gather/light.wgsl`, where the fields are described.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
-#[expect(missing_docs, reason = "described in the WGSL twin")]
+#[expect(missing_docs, reason = "described in the WGSL struct")]
 pub struct GpuLight {
     pub center: [f32; 3],
     pub kind: u32,
@@ -117,7 +117,7 @@ impl GpuLight {
         }
     }
 
-    /// Its kind as smoothed lights have it, which are neither stretched nor sheared.
+    /// Kind of the light as smoothed lights have it, which are neither stretched nor sheared.
     pub(super) fn plain_kind(&self) -> u32 {
         match self.kind {
             STRETCHED_SPOT => SPOT,

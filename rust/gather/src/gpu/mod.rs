@@ -32,7 +32,7 @@ use relume_gpu::{Buffer, Commands, Gpu, GpuError, GpuImage, Submission};
 use relume_image::Image;
 
 use crate::kernel::magnitude;
-use crate::{Gather, GatherError, Half, PreparedLight};
+use crate::{Gather, GatherError, PreparedLight, SampleSplit};
 use arguments::{ImagesArguments, TargetsArguments};
 use chunk::{Chunk, ChunkPlan, ChunkRecords, ChunkTable, MOST_PENDING, RECORD_BYTES};
 pub use compare::{Goals, SoftCompared};
@@ -58,11 +58,11 @@ pub struct GpuGather {
     chunk_limit: usize,
     /// The dump on the device; nothing if it does not fit.
     resident: Option<Vec<Chunk>>,
-    /// The same with sorted segments, if asked for.
+    /// Sorted segments on the device, if asked for.
     sorted: OnceLock<Sorted>,
     /// Mean records of a pixel in a shard.
     part_length: usize,
-    /// What used the last copied records of single pixels.
+    /// Submission that last used the copied records of single pixels.
     last_copied: Mutex<Option<Submission>>,
     /// Bytes of such records so far.
     copied: AtomicU64,
@@ -72,10 +72,10 @@ pub struct GpuGather {
 struct Images {
     /// Place of the first light on the device.
     first_light: usize,
-    /// What the caller knows the lights by.
+    /// Numbers by which the caller knows the lights.
     lights: Vec<usize>,
     sums: Buffer<f32>,
-    /// Whether they are gathered from the sorted segments.
+    /// True if they are gathered from the sorted segments.
     sorted: bool,
 }
 
@@ -102,7 +102,7 @@ impl GpuGather {
         Ok(gather)
     }
 
-    /// The same of which nothing stays on the device.
+    /// Gather of which nothing stays on the device.
     fn streaming(gpu: Arc<Gpu>, gather: &Gather, chunk_limit: usize) -> Self {
         let dump = gather.dump().clone();
         let largest = |shard: &Arc<relume_dump::Shard>| magnitude(shard, glam::Vec3::ZERO);
@@ -122,17 +122,17 @@ impl GpuGather {
         }
     }
 
-    /// Where it is.
+    /// Device of the gather.
     pub fn gpu(&self) -> &Arc<Gpu> {
         &self.gpu
     }
 
-    /// Whether the dump stays on the device.
+    /// True if the dump stays on the device.
     pub fn is_resident(&self) -> bool {
         self.resident.is_some()
     }
 
-    /// Whether so many bytes leave room for images.
+    /// True if so many bytes leave room for images.
     fn has_room(&self, bytes: u64) -> bool {
         let images = 2 * LIGHTS[LIGHTS.len() - 1] * self.image_values() * size_of::<f32>();
         bytes + images as u64 <= self.gpu.free_memory()
@@ -150,7 +150,11 @@ impl GpuGather {
     ///
     /// # Errors
     /// If there is no room for the images, or the device was lost.
-    pub fn unit_images(&self, lights: &[PreparedLight], half: Half) -> Result<Vec<Image>, GatherError> {
+    pub fn unit_images(
+        &self,
+        lights: &[PreparedLight],
+        half: SampleSplit,
+    ) -> Result<Vec<Image>, GatherError> {
         let values = self.image_values();
         let manifest = self.dump.manifest();
         let mut images = vec![Image::new(manifest.width, manifest.height, 3); lights.len()];
@@ -166,7 +170,11 @@ impl GpuGather {
     ///
     /// # Errors
     /// If there is no room for the images, or the device was lost.
-    pub fn gpu_images(&self, lights: &[PreparedLight], half: Half) -> Result<Vec<GpuImage>, GatherError> {
+    pub fn gpu_images(
+        &self,
+        lights: &[PreparedLight],
+        half: SampleSplit,
+    ) -> Result<Vec<GpuImage>, GatherError> {
         let manifest = self.dump.manifest();
         let black = || GpuImage::black(&self.gpu, manifest.width, manifest.height);
         let images = lights.iter().map(|_| black()).collect::<Result<Vec<_>, _>>()?;
@@ -205,7 +213,7 @@ impl GpuGather {
         pixels: &[u32],
         lights: &GpuLights,
         lights_per_pixel: u32,
-        half: Half,
+        half: SampleSplit,
         out: &Buffer<f32>,
     ) -> Result<(), GatherError> {
         let values = pixels.len() * lights_per_pixel as usize;
@@ -253,7 +261,7 @@ impl GpuGather {
         3 * self.pixel_count()
     }
 
-    fn gather(&self, lights: &[PreparedLight], half: Half) -> Result<Vec<Images>, GatherError> {
+    fn gather(&self, lights: &[PreparedLight], half: SampleSplit) -> Result<Vec<Images>, GatherError> {
         let sorted = self.sorted.get();
         let pays = |light: &PreparedLight| {
             sorted.is_some_and(|sorted| sorted.pays(&GpuLight::new(light, self.magnitude, 0)))
@@ -267,7 +275,7 @@ impl GpuGather {
     fn gather_as(
         &self,
         lights: &[PreparedLight],
-        half: Half,
+        half: SampleSplit,
         small: &[usize],
         large: &[usize],
     ) -> Result<Vec<Images>, GatherError> {
@@ -288,7 +296,7 @@ impl GpuGather {
     /// Submits the commands that `add` makes of each chunk.
     fn each_chunk<'a>(
         &'a self,
-        half: Half,
+        half: SampleSplit,
         add: impl Fn(&ChunkRecords, &ChunkTable) -> Result<Commands<'a>, GatherError>,
     ) -> Result<(), GatherError> {
         let Some(chunks) = &self.resident else { return self.stream(half, add) };
@@ -324,7 +332,7 @@ impl GpuGather {
     fn add_sorted(
         &self,
         sorted: &Sorted,
-        half: Half,
+        half: SampleSplit,
         lights: &GpuLights,
         images: &[Images],
     ) -> Result<(), GatherError> {
@@ -340,7 +348,7 @@ impl GpuGather {
     /// [`GpuGather::each_chunk`] from the shards.
     fn stream<'a>(
         &'a self,
-        half: Half,
+        half: SampleSplit,
         add: impl Fn(&ChunkRecords, &ChunkTable) -> Result<Commands<'a>, GatherError>,
     ) -> Result<(), GatherError> {
         let plans = self.streamed_plans();
@@ -424,7 +432,7 @@ impl GpuGather {
     }
 }
 
-/// Nothing where the device has less memory than its driver says, or others were faster to take it.
+/// Turns a lack of memory into nothing: the device has less than its driver says, or others were faster to take it.
 fn if_it_fits<T>(made: Result<T, GpuError>) -> Result<Option<T>, GatherError> {
     match made {
         Err(GpuError::OutOfMemory { .. }) => Ok(None),

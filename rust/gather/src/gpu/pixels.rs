@@ -2,13 +2,14 @@
 //!
 //! # What is copied
 //!
-//! Of the paper's picture, 885 x 500 pixels at 512 samples of 3 segments (12 B each), a pixel has 18 KB and the dump 8.2 GB. A
-//! training draws 4,096 samples as 128 pixels under 32 lights each and uses them four times: 2.4 MB for 16,384 samples, its
-//! largest step, or 0.12 ms at the 20 GB/s of PCIe 4; the device meanwhile works on the step before. All of its 32 M samples
-//! copy 4.8 GB (`targets_of_a_streamed_dump_copy_the_drawn_pixels_alone` counts). Whole passes on the device, others every now
-//! and then, would take 8.2 GB to show each path once, and targets of the passes that are there are noisier than those of all.
-//! A step of solving looks at 5 % of the picture: 0.4 GB, 20 ms. Before, the CPU brings the records together; `relume bench`
-//! measures targets of a streamed dump, with all of that, beside those of one that stays.
+//! Size of the paper's picture, 885 x 500 pixels at 512 samples of 3 segments (12 B each): 18 KB a pixel, 8.2 GB the
+//! dump. A training draws 4,096 samples as 128 pixels under 32 lights each and uses them four times: 2.4 MB for 16,384
+//! samples, its largest step, or 0.12 ms at the 20 GB/s of PCIe 4; the device meanwhile works on the step before. All
+//! of its 32 M samples copy 4.8 GB (`targets_of_a_streamed_dump_copy_the_drawn_pixels_alone` counts). Whole passes on
+//! the device, others every now and then, would take 8.2 GB to show each path once, and targets of the passes that are
+//! there are noisier than those of all. A step of solving looks at 5 % of the picture: 0.4 GB, 20 ms. Before, the CPU
+//! brings the records together; `relume bench` measures targets of a streamed dump, with all of that, beside those of
+//! one that stays.
 
 use std::ops::Range;
 use std::sync::atomic::Ordering;
@@ -19,7 +20,7 @@ use relume_gpu::{Buffer, Commands, Gpu};
 
 use super::chunk::{ChunkRecords, ChunkTable, GpuPart, GpuPixel, GpuShard, MOST_PENDING, RECORD_BYTES};
 use super::{GpuGather, STREAM_PLACES, STREAM_SHARE};
-use crate::{GatherError, Half};
+use crate::{GatherError, SampleSplit};
 
 /// Free memory with which single pixels are gathered from a dump that does not fit: enough for hundreds of pixels at a time,
 /// with their lights and values.
@@ -31,7 +32,7 @@ const LOAD: usize = 4;
 /// A pixel that was asked for.
 #[derive(Debug)]
 struct Chosen<'a> {
-    /// In the image, row by row.
+    /// Place in the image, row by row.
     place: u32,
     tile: usize,
     runs: Vec<Run<'a>>,
@@ -41,13 +42,13 @@ struct Chosen<'a> {
 #[derive(Debug)]
 struct Run<'a> {
     shard: &'a Shard,
-    /// Of those of the tile.
+    /// Number of the pixel within its tile.
     number: u32,
     records: Range<usize>,
 }
 
 impl<'a> Chosen<'a> {
-    fn new(dump: &'a Dump, place: u32, half: Half) -> Self {
+    fn new(dump: &'a Dump, place: u32, half: SampleSplit) -> Self {
         let width = dump.manifest().width;
         let (tile, pixel) = dump.locate(place as usize % width, place as usize / width);
         let run = |(shard, number): (&'a Arc<Shard>, u32)| {
@@ -92,12 +93,12 @@ fn cut<'p, 'a>(pixels: &'p [Chosen<'a>], dump: &Dump, most: u64) -> Vec<&'p [Cho
     cuts.windows(2).map(|ends| &pixels[ends[0]..ends[1]]).filter(|pixels| !pixels.is_empty()).collect()
 }
 
-/// Which records belong to which pixel, when those of all lie one behind the other.
+/// Table of the records of each pixel, when those of all lie one behind the other.
 fn table(
     gpu: &Gpu,
     dump: &Dump,
     pixels: &[Chosen<'_>],
-    half: Half,
+    half: SampleSplit,
     part_length: usize,
 ) -> Result<ChunkTable, GatherError> {
     let (mut rows, mut parts, mut shards) = (Vec::new(), Vec::new(), Vec::new());
@@ -150,8 +151,8 @@ fn on_threads<T: Sync, R: Send>(items: &[T], work: impl Fn(&[T]) -> R + Sync) ->
 }
 
 impl GpuGather {
-    /// Whether single pixels are gathered here, and smoothed lights: the dump stays on the device, or there is room to copy what
-    /// is asked for.
+    /// True if single pixels are gathered here, and smoothed lights: the dump stays on the device, or there is room to
+    /// copy what is asked for.
     pub fn gathers_pixels(&self) -> bool {
         let numbers = self.pixel_count() * size_of::<u32>();
         self.is_resident() || self.gpu.free_memory() >= LEAST_ROOM + numbers as u64
@@ -171,7 +172,7 @@ impl GpuGather {
     pub(super) fn each_chunk_of<'a>(
         &'a self,
         places: impl FnOnce() -> Vec<u32>,
-        half: Half,
+        half: SampleSplit,
         add: impl Fn(&ChunkRecords, &ChunkTable, &Buffer<u32>) -> Result<Commands<'a>, GatherError>,
     ) -> Result<(), GatherError> {
         let Some(chunks) = &self.resident else { return self.copy_pixels(places(), half, add) };
@@ -187,7 +188,7 @@ impl GpuGather {
     fn copy_pixels<'a>(
         &'a self,
         mut places: Vec<u32>,
-        half: Half,
+        half: SampleSplit,
         add: impl Fn(&ChunkRecords, &ChunkTable, &Buffer<u32>) -> Result<Commands<'a>, GatherError>,
     ) -> Result<(), GatherError> {
         let mut last = self.last_copied.lock().unwrap_or_else(PoisonError::into_inner);

@@ -8,7 +8,7 @@ use super::kernels::{self, GROUP_SIZE, lanes};
 use super::{GpuGather, GpuLight};
 use crate::soft::OUTPUTS;
 use crate::soft::light::{ConeSlope, Enlarged, SoftBall, SoftCone, SoftLight, SoftProfile};
-use crate::{GatherError, Half, Linear, PreparedLight, SoftGather};
+use crate::{GatherError, Linear, PreparedLight, SampleSplit, SoftGather};
 
 /// Room for rounding of what a light reaches, as a share of its size and of the largest coordinate.
 const REACH_ROUNDING: f32 = 1e-5;
@@ -124,7 +124,8 @@ impl GpuGather {
     /// pixels of these cells are copied.
     ///
     /// # Errors
-    /// As there; if there is no room for records ([`GpuGather::gathers_pixels`]) or values, or the device was lost.
+    /// Those of [`SoftGather::linearise`]; if there is no room for records ([`GpuGather::gathers_pixels`]) or values,
+    /// or the device was lost.
     pub fn linearise(
         &self,
         soft: &SoftGather<'_>,
@@ -156,7 +157,7 @@ impl GpuGather {
         let smoothed = softened.iter().map(smoothed).collect::<Result<Vec<_>, _>>()?;
         let manifest = self.dump.manifest();
         let places = || cells.iter().flat_map(|&cell| soft.places(cell as usize)).collect();
-        self.each_chunk_of(places, Half::All, |records, table, numbers| {
+        self.each_chunk_of(places, SampleSplit::All, |records, table, numbers| {
             let mut commands = self.gpu.commands("smoothed gather");
             // A record a thread, where parts are long enough: those of the exact gather take eight.
             let pixel_lanes = lanes(8 * table.part_length).min(GROUP_SIZE);

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use relume_dump::{Dump, Flags, Shard, decode_direction};
 
 use super::bounds::{Aabb, Bounds, Ends, Frame};
-use crate::Half;
+use crate::SampleSplit;
 
 /// Segments of a block (`shaders/gather/blocks.wgsl`).
 pub const BLOCK: usize = 64;
@@ -87,7 +87,7 @@ impl PixelGroup {
         shards.map(records).sum::<usize>() + Self::PADDING
     }
 
-    /// How many blocks its segments make up.
+    /// Number of blocks that its segments make up.
     pub fn block_count(&self, dump: &Dump) -> usize {
         let mut segments = [0; CLASSES];
         for shard in dump.tile(self.tile) {
@@ -106,7 +106,7 @@ impl PixelGroup {
         for (number, shard) in dump.tile(self.tile).enumerate() {
             for pixel in 0..self.pixel_count() {
                 let tile_pixel = self.tile_pixel(dump, pixel);
-                let second = Half::Second.records(shard, tile_pixel);
+                let second = SampleSplit::Second.records(shard, tile_pixel);
                 for record in shard.pixel(tile_pixel) {
                     let half = u32::from(second.contains(&record));
                     let place = (pixel as u32) << 16 | (number as u32) << 24 | half << 31;
@@ -127,7 +127,7 @@ impl PixelGroup {
     }
 }
 
-/// Of a word of a shard.
+/// Flags in a word of a shard.
 fn flags_of(z_flags: u32) -> Flags {
     Flags((z_flags >> 16) as u16)
 }

@@ -12,7 +12,7 @@ use super::chunk::GpuShard;
 use super::light::{GpuLight, GpuLights};
 use super::sort::{BLOCK, Blocks, MOST_SHARDS, PixelGroup};
 use super::{GpuGather, if_it_fits};
-use crate::{GatherError, Half, PreparedLight};
+use crate::{GatherError, PreparedLight, SampleSplit};
 
 /// Blocks that are sorted at a time, 256 MiB: until they are on the device they are in the CPU's memory.
 const BLOCKS_AT_ONCE: usize = 1 << 18;
@@ -25,7 +25,8 @@ const PATH_ORDER_BYTES: f64 = 8.0;
 /// the blocks that to read them takes time.
 const SMALL: [f32; 4] = [0.05, 0.1, 0.2, 0.4];
 const ENOUGH: f64 = 0.02;
-/// Of which the quickest says how long a gather takes: the first compiles kernels, and others use the device meanwhile.
+/// Repetitions of which the quickest says how long a gather takes: the first compiles kernels, and others use the
+/// device meanwhile.
 const TRIES: usize = 4;
 /// Blocks that stand for all where the share of those that a light touches is estimated.
 const SAMPLE: usize = 4096;
@@ -88,7 +89,7 @@ impl SortedChunk {
                 first_shard = (group.tile, shards.len() as u32);
                 shards.extend(dump.tile(group.tile).map(|shard| GpuShard::new(shard)));
             }
-            let scale = |half: Half| 1.0 / half.tile_samples(dump, group.tile).max(1) as f32;
+            let scale = |half: SampleSplit| 1.0 / half.tile_samples(dump, group.tile).max(1) as f32;
             table.push(GpuGroup {
                 first_pixel: group.place(dump) as u32,
                 width: group.width as u32,
@@ -96,7 +97,7 @@ impl SortedChunk {
                 first_block: blocks as u32,
                 end_block: (blocks + block_count) as u32,
                 first_shard: first_shard.1,
-                scales: [Half::All, Half::First, Half::Second].map(scale),
+                scales: [SampleSplit::All, SampleSplit::First, SampleSplit::Second].map(scale),
             });
             blocks += block_count;
         }
@@ -190,12 +191,12 @@ impl Sorted {
         touched as f64 / self.sample.len().max(1) as f64
     }
 
-    /// Whether a light is gathered sooner than in the order of paths: until that was measured, whether less is read for it.
+    /// True if a light is gathered sooner than in the order of paths: until that was measured, if less is read for it.
     pub fn pays(&self, light: &GpuLight) -> bool {
         self.bytes_per_segment(light) * self.byte_cost().unwrap_or(1.0) < PATH_ORDER_BYTES
     }
 
-    /// How much longer than a byte in the order of paths one of these takes, once that was measured.
+    /// Cost of a byte of these relative to one in the order of paths, once that was measured.
     pub fn byte_cost(&self) -> Option<f64> {
         self.byte_cost.get().copied()
     }
@@ -225,7 +226,7 @@ impl Sorted {
         kernel: &Kernel,
         lights: &GpuLights,
         (first_light, count): (usize, usize),
-        half: Half,
+        half: SampleSplit,
         images: &Buffer<f32>,
     ) -> Result<(), GpuError> {
         let arguments = Arguments {
@@ -269,7 +270,7 @@ impl GpuGather {
     /// has become true.
     ///
     /// # Errors
-    /// As [`GpuGather::sort`].
+    /// See [`GpuGather::sort`].
     pub fn sort_within(
         &self,
         share: f64,
@@ -308,7 +309,7 @@ impl GpuGather {
                 }
                 self.wait()?;
                 let start = Instant::now();
-                self.gather_as(&light, Half::All, small, large)?;
+                self.gather_as(&light, SampleSplit::All, small, large)?;
                 self.wait()?;
                 *least = least.min(start.elapsed().as_secs_f64());
             }

@@ -9,7 +9,7 @@ use super::*;
 use crate::tests::kernels::{random_dump_of, random_lights};
 use crate::tests::{Random, dump, light, manifest, segment};
 
-const HALVES: [Half; 3] = [Half::All, Half::First, Half::Second];
+const HALVES: [SampleSplit; 3] = [SampleSplit::All, SampleSplit::First, SampleSplit::Second];
 
 fn gpu() -> Arc<Gpu> {
     Gpu::open(&GpuChoice::Best)
@@ -63,12 +63,12 @@ fn results_do_not_depend_on_the_run_or_on_the_lights_beside() {
     let gather = Gather::new(random_dump_of(6, &[8]));
     let lights = gather.prepare_all(&random_lights()[..6]).unwrap();
     let on_gpu = GpuGather::new(gpu(), &gather).unwrap();
-    let many = on_gpu.unit_images(&lights, Half::All).unwrap();
-    assert_eq!(many, on_gpu.unit_images(&lights, Half::All).unwrap());
+    let many = on_gpu.unit_images(&lights, SampleSplit::All).unwrap();
+    assert_eq!(many, on_gpu.unit_images(&lights, SampleSplit::All).unwrap());
     for (light, image) in lights.iter().zip(&many) {
-        assert_eq!(&on_gpu.unit_images(std::slice::from_ref(light), Half::All).unwrap()[0], image);
+        assert_eq!(&on_gpu.unit_images(std::slice::from_ref(light), SampleSplit::All).unwrap()[0], image);
     }
-    assert!(on_gpu.unit_images(&[], Half::All).unwrap().is_empty());
+    assert!(on_gpu.unit_images(&[], SampleSplit::All).unwrap().is_empty());
 }
 
 /// A dump of 17 shards of up to 700 records, of which 60 KB hold about a fifth.
@@ -112,7 +112,7 @@ fn a_dump_on_the_device_leaves_room_for_every_table_and_the_images() {
         for half in HALVES {
             chunk.table(&gpu, &on_gpu.dump, half).unwrap();
         }
-        let table = chunk.table(&gpu, &on_gpu.dump, Half::All).unwrap();
+        let table = chunk.table(&gpu, &on_gpu.dump, SampleSplit::All).unwrap();
         chunk.numbers(&gpu, &table, on_gpu.pixel_count()).unwrap();
     }
 }
@@ -121,14 +121,14 @@ fn a_dump_on_the_device_leaves_room_for_every_table_and_the_images() {
 fn a_shard_larger_than_the_memory_is_cut() {
     let (gather, gpu) = (Gather::new(random_dump_of(4, &[100])), gpu());
     let light = gather.prepare_all(&random_lights()[..1]).unwrap();
-    let expected = gather.unit_images(&light, Half::All);
+    let expected = gather.unit_images(&light, SampleSplit::All);
     let largest = gather.dump().shards().map(|shard| shard.record_count() as u64).max().unwrap();
     // The image and the light take less than a kilobyte.
     let budget = largest * RECORD_BYTES / 3;
     gpu.set_memory_budget(Some(budget));
     let on_gpu = GpuGather::new(Arc::clone(&gpu), &gather).unwrap();
     assert!(!on_gpu.is_resident());
-    let found = on_gpu.unit_images(&light, Half::All).unwrap();
+    let found = on_gpu.unit_images(&light, SampleSplit::All).unwrap();
     assert_eq!(differing(&found[0], &expected[0]), 0);
     assert_eq!(gpu.free_memory(), budget);
 }
@@ -148,7 +148,7 @@ fn a_shard_larger_than_a_buffer_is_cut() {
     let [found, expected] = [&cut, &whole].map(|gather| {
         let out = gpu.zeros::<f32>("targets", 3 * 36).unwrap();
         let lights = gather.lights(&vec![lights[0].clone(); 36]).unwrap();
-        gather.pixel_targets(&pixels, &lights, 1, Half::All, &out).unwrap();
+        gather.pixel_targets(&pixels, &lights, 1, SampleSplit::All, &out).unwrap();
         Image { width: 6, height: 6, channels: 3, data: gpu.read(&out, 0..out.len()).unwrap() }
     });
     assert_eq!(differing(&found, &expected), 0);
@@ -172,7 +172,7 @@ fn sorted_segments_give_the_same_images() {
     }
     let lights = gather.prepare_all(&lights).unwrap();
     let on_gpu = GpuGather::new(gpu(), &gather).unwrap();
-    let in_path_order = on_gpu.unit_images(&lights, Half::All).unwrap();
+    let in_path_order = on_gpu.unit_images(&lights, SampleSplit::All).unwrap();
     assert!(!on_gpu.sort_within(1.0, &|| true).unwrap() && on_gpu.sorted.get().is_none());
     assert!(!on_gpu.sort_within(0.0, &|| false).unwrap() && on_gpu.sorted.get().is_none());
     assert!(on_gpu.sort().unwrap());
@@ -180,19 +180,19 @@ fn sorted_segments_give_the_same_images() {
     let paying =
         lights.iter().filter(|light| sorted.pays(&GpuLight::new(light, on_gpu.magnitude, 0))).count();
     assert!((5..lights.len()).contains(&paying), "{paying} of {} are small", lights.len());
-    let sorted = on_gpu.unit_images(&lights, Half::All).unwrap();
-    assert_eq!(sorted, on_gpu.unit_images(&lights, Half::All).unwrap());
+    let sorted = on_gpu.unit_images(&lights, SampleSplit::All).unwrap();
+    assert_eq!(sorted, on_gpu.unit_images(&lights, SampleSplit::All).unwrap());
     let in_pieces = GpuGather::new(gpu(), &gather).unwrap();
     let pieces = Sorted::in_chunks(in_pieces.gpu(), gather.dump(), [150, 50], &|| false).unwrap().unwrap();
     in_pieces.sorted.set(pieces).unwrap();
-    assert_eq!(sorted, in_pieces.unit_images(&lights, Half::All).unwrap());
+    assert_eq!(sorted, in_pieces.unit_images(&lights, SampleSplit::All).unwrap());
     for (sorted, in_path_order) in sorted.iter().zip(&in_path_order) {
         // Sums of about 30 values in another order, and 2^-32 of the largest weight lost of each, which a narrow spread makes
         // some hundred times the others.
         let differs = |(a, b): &(&f32, &f32)| (*a - *b).abs() > 3e-6 * *b + 1e-7;
         assert_eq!(sorted.data.iter().zip(&in_path_order.data).find(differs), None);
     }
-    for half in [Half::First, Half::Second] {
+    for half in [SampleSplit::First, SampleSplit::Second] {
         let (found, expected) =
             (on_gpu.unit_images(&lights, half).unwrap(), gather.unit_images(&lights, half));
         for (found, expected) in found.iter().zip(&expected) {
@@ -239,13 +239,13 @@ fn lights_at_whose_edges_blocks_pass_are_not_missed() {
     let lights = gather.prepare_all(&grazed(&place)).unwrap();
     let on_gpu = GpuGather::new(gpu(), &gather).unwrap();
     assert!(on_gpu.sort().unwrap());
-    let expected = gather.unit_images(&lights, Half::All);
+    let expected = gather.unit_images(&lights, SampleSplit::All);
     for (index, image) in expected.iter().enumerate() {
         let (x, y) = (index / 4 % 4, index / 16);
         assert!(image.pixel(x, y)[0] >= 0.99, "light {index} does not reach its pixel");
         assert!(on_gpu.sorted.get().unwrap().pays(&GpuLight::new(&lights[index], on_gpu.magnitude, 0)));
     }
-    for (found, expected) in on_gpu.unit_images(&lights, Half::All).unwrap().iter().zip(&expected) {
+    for (found, expected) in on_gpu.unit_images(&lights, SampleSplit::All).unwrap().iter().zip(&expected) {
         assert_eq!(differing(found, expected), 0);
     }
 }
@@ -257,7 +257,7 @@ fn lights_are_gathered_in_the_way_that_was_measured_to_be_quicker() {
     let gather = Gather::new(bundles(&place));
     let small = gather.prepare(&grazed(&place)[0]).unwrap();
     let on_gpu = GpuGather::new(gpu(), &gather).unwrap();
-    let in_path_order = on_gpu.unit_images(std::slice::from_ref(&small), Half::All).unwrap();
+    let in_path_order = on_gpu.unit_images(std::slice::from_ref(&small), SampleSplit::All).unwrap();
     let pays_after = |seconds: Option<[f64; 2]>| {
         let sorted = Sorted::new(on_gpu.gpu(), gather.dump(), &|| false).unwrap().unwrap();
         let light = GpuLight::new(&small, on_gpu.magnitude, 0);
@@ -276,7 +276,7 @@ fn lights_are_gathered_in_the_way_that_was_measured_to_be_quicker() {
     assert_eq!(sorted.byte_cost(), None);
     on_gpu.weigh_sorted(&|| false).unwrap();
     assert!(sorted.byte_cost().is_some_and(|cost| cost.is_finite() && cost > 0.0));
-    let found = on_gpu.unit_images(std::slice::from_ref(&small), Half::All).unwrap();
+    let found = on_gpu.unit_images(std::slice::from_ref(&small), SampleSplit::All).unwrap();
     assert_eq!(differing(&found[0], &in_path_order[0]), 0);
 }
 
@@ -296,8 +296,10 @@ fn far_from_the_origin_lights_that_escaping_paths_pass_are_not_missed() {
     let on_gpu = GpuGather::new(gpu(), &gather).unwrap();
     assert!(on_gpu.sort().unwrap());
     assert!(on_gpu.sorted.get().unwrap().pays(&GpuLight::new(&lights[0], on_gpu.magnitude, 0)));
-    let [expected, found] =
-        [gather.unit_images(&lights, Half::All), on_gpu.unit_images(&lights, Half::All).unwrap()];
+    let [expected, found] = [
+        gather.unit_images(&lights, SampleSplit::All),
+        on_gpu.unit_images(&lights, SampleSplit::All).unwrap(),
+    ];
     assert!(expected[0].pixel(0, 0)[0] > 0.99);
     assert_eq!(differing(&found[0], &expected[0]), 0);
 }
@@ -317,9 +319,9 @@ fn images_without_room_are_an_error() {
     let gpu = gpu();
     let (gather, on_gpu) = streamed(&gpu);
     let lights = gather.prepare_all(&random_lights()).unwrap();
-    let error = on_gpu.unit_images(&lights, Half::All).unwrap_err();
+    let error = on_gpu.unit_images(&lights, SampleSplit::All).unwrap_err();
     assert!(matches!(error, GatherError::Gpu(GpuError::OutOfMemory { .. })), "{error}");
-    on_gpu.unit_images(&lights[..1], Half::All).unwrap();
+    on_gpu.unit_images(&lights[..1], SampleSplit::All).unwrap();
 }
 
 #[test]
@@ -328,8 +330,8 @@ fn images_on_the_device_are_those_that_are_read_back() {
     let gather = Gather::new(random_dump_of(6, &[4]));
     let lights = gather.prepare_all(&random_lights()[..18]).unwrap();
     let on_gpu = GpuGather::new(Arc::clone(&gpu), &gather).unwrap();
-    let images = on_gpu.unit_images(&lights, Half::First).unwrap();
-    let gpu_images = on_gpu.gpu_images(&lights, Half::First).unwrap();
+    let images = on_gpu.unit_images(&lights, SampleSplit::First).unwrap();
+    let gpu_images = on_gpu.gpu_images(&lights, SampleSplit::First).unwrap();
     assert_eq!(images.len(), gpu_images.len());
     for (image, on_gpu) in images.iter().zip(&gpu_images) {
         assert_eq!(image.data, on_gpu.read().unwrap());
@@ -344,10 +346,10 @@ fn a_device_lost_in_mid_work_is_an_error_that_says_so() {
     let lights = gather.prepare_all(&random_lights()[..3]).unwrap();
     let resident = GpuGather::new(Arc::clone(&gpu), &gather).unwrap();
     let (_, streamed) = streamed(&gpu);
-    resident.unit_images(&lights, Half::All).unwrap();
+    resident.unit_images(&lights, SampleSplit::All).unwrap();
     gpu.lose();
     for gather in [&resident, &streamed] {
-        let error = gather.unit_images(&lights, Half::All).unwrap_err();
+        let error = gather.unit_images(&lights, SampleSplit::All).unwrap_err();
         assert!(matches!(error, GatherError::Gpu(GpuError::Lost(_))), "{error}");
     }
     gpu.set_memory_budget(Some(1 << 30));
@@ -363,7 +365,7 @@ fn targets(
     on_gpu: &GpuGather,
     (pixels, sharing): (&[u32], usize),
     per_pixel: usize,
-    half: Half,
+    half: SampleSplit,
 ) -> [Image; 2] {
     let all = gather.prepare_all(&random_lights()).unwrap();
     let lights: Vec<_> =
@@ -388,7 +390,9 @@ fn pixels_with_lights_of_their_own_equal_those_of_the_cpu() {
     let gather = Gather::new(random_dump_of(10, &[1, 3, 20]));
     let on_gpu = GpuGather::new(gpu(), &gather).unwrap();
     let pixels: Vec<u32> = (0..150).map(|index| index * 37 % 100).collect();
-    for (sharing, per_pixel, half) in [(1, 1, Half::All), (1, 4, Half::First), (5, 19, Half::Second)] {
+    for (sharing, per_pixel, half) in
+        [(1, 1, SampleSplit::All), (1, 4, SampleSplit::First), (5, 19, SampleSplit::Second)]
+    {
         let [found, expected] = targets(&gather, &on_gpu, (&pixels, sharing), per_pixel, half);
         assert!(expected.data.iter().filter(|&&value| value > 0.0).count() > 100);
         assert_eq!(differing(&found, &expected), 0);
@@ -402,14 +406,17 @@ fn pixels_of_a_streamed_dump_equal_those_of_the_cpu() {
     let (gather, on_gpu) = streamed(&gpu);
     let pixels: Vec<u32> = (0..150).map(|index| index * 37 % 100).collect();
     let mut first = None;
-    for (sharing, per_pixel, half) in
-        [(1, 1, Half::All), (5, 4, Half::First), (25, 19, Half::Second), (1, 1, Half::All)]
-    {
+    for (sharing, per_pixel, half) in [
+        (1, 1, SampleSplit::All),
+        (5, 4, SampleSplit::First),
+        (25, 19, SampleSplit::Second),
+        (1, 1, SampleSplit::All),
+    ] {
         let [found, expected] = targets(&gather, &on_gpu, (&pixels, sharing), per_pixel, half);
         assert!(expected.data.iter().filter(|&&value| value > 0.0).count() > 100);
         assert_eq!(differing(&found, &expected), 0);
         // Whatever the cuts.
-        if (per_pixel, half) == (1, Half::All) {
+        if (per_pixel, half) == (1, SampleSplit::All) {
             let found = found.data;
             assert_eq!(first.get_or_insert_with(|| found.clone()), &found);
             gpu.set_memory_budget(Some(90_000));
@@ -424,16 +431,16 @@ fn targets_of_a_streamed_dump_copy_the_drawn_pixels_alone() {
     let gpu = gpu();
     let (gather, on_gpu) = streamed(&gpu);
     let dump = gather.dump();
-    let records = |pixels: &[u32], half: Half| -> usize {
+    let records = |pixels: &[u32], half: SampleSplit| -> usize {
         let of = |(shard, pixel): (&Arc<relume_dump::Shard>, usize)| half.records(shard, pixel).len();
         let of_pixel = |pixel: &u32| dump.pixel(*pixel as usize % 10, *pixel as usize / 10).map(of).sum();
         pixels.iter().map(|pixel| usize::next_multiple_of(of_pixel(pixel), 4)).sum()
     };
     let mut copied = 0;
     for (pixels, once, half) in [
-        (&[3, 57, 3][..], &[3, 57][..], Half::All),
-        (&[8], &[8], Half::First),
-        (&[99, 0], &[0, 99], Half::Second),
+        (&[3, 57, 3][..], &[3, 57][..], SampleSplit::All),
+        (&[8], &[8], SampleSplit::First),
+        (&[99, 0], &[0, 99], SampleSplit::Second),
     ] {
         let read = gpu.bytes_read();
         targets(&gather, &on_gpu, (pixels, 1), 2, half);
@@ -457,6 +464,6 @@ fn targets_of_a_streamed_dump_copy_the_drawn_pixels_alone() {
 fn a_dump_without_samples_is_black() {
     let gather = Gather::new(Dump::in_memory(crate::tests::manifest(5, &[2])).unwrap());
     let lights = gather.prepare_all(&random_lights()[..2]).unwrap();
-    let images = GpuGather::new(gpu(), &gather).unwrap().unit_images(&lights, Half::All).unwrap();
+    let images = GpuGather::new(gpu(), &gather).unwrap().unit_images(&lights, SampleSplit::All).unwrap();
     assert_eq!(images, [Image::new(5, 5, 3), Image::new(5, 5, 3)]);
 }

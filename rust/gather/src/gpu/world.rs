@@ -9,7 +9,7 @@ use super::GpuGather;
 use super::arguments::WorldArguments;
 use super::kernels::{self, GROUP_SIZE, lanes};
 use crate::environment::Map;
-use crate::{Environment, GatherError, Half};
+use crate::{Environment, GatherError, SampleSplit};
 
 /// Share of the free memory that a map may take at a time: a streamed dump needs the rest.
 const MAP_SHARE: u64 = 2;
@@ -28,7 +28,7 @@ struct GpuEnvironment {
 }
 
 impl GpuEnvironment {
-    /// With some rows of the map.
+    /// Arguments with some rows of the map.
     fn new(environment: &Environment, rows: &Range<usize>) -> Self {
         let column = |column| environment.texture_from_world.col(column).extend(0.0).to_array();
         let (width, height) = environment.map.as_deref().map_or((0, 0), |map| (map.width, map.height));
@@ -79,7 +79,7 @@ impl GpuGather {
     ///
     /// # Errors
     /// If there is no room for the image and a row of the map, or the device was lost.
-    pub fn world_image(&self, environment: &Environment, half: Half) -> Result<Image, GatherError> {
+    pub fn world_image(&self, environment: &Environment, half: SampleSplit) -> Result<Image, GatherError> {
         self.world_in_strips(environment, half, self.gpu.limits().buffer)
     }
 
@@ -87,7 +87,7 @@ impl GpuGather {
     fn world_in_strips(
         &self,
         environment: &Environment,
-        half: Half,
+        half: SampleSplit,
         strip_bytes: u64,
     ) -> Result<Image, GatherError> {
         let manifest = self.dump.manifest();
@@ -107,7 +107,7 @@ impl GpuGather {
     pub(super) fn add_world(
         &self,
         world: &GpuWorld,
-        half: Half,
+        half: SampleSplit,
         image: &Buffer<f32>,
     ) -> Result<(), GatherError> {
         self.each_chunk(half, |records, table| {
@@ -139,7 +139,7 @@ mod tests {
     use crate::tests::kernels::random_dump_of;
     use crate::tests::{Random, dump, manifest, segment};
 
-    const HALVES: [Half; 3] = [Half::All, Half::First, Half::Second];
+    const HALVES: [SampleSplit; 3] = [SampleSplit::All, SampleSplit::First, SampleSplit::Second];
 
     fn gpu() -> Arc<Gpu> {
         Gpu::open(&GpuChoice::Best).expect("tests need a GPU or a software driver")
@@ -185,8 +185,8 @@ mod tests {
         assert!(on_gpu.is_resident());
         let plain = |world: &World| Environment::new(world, &[sky(40, 20)]).unwrap();
         let hidden = World { visible_camera: false, ..colored() };
-        let shown = gather.world_image(&plain(&colored()), Half::All);
-        assert_ne!(shown, gather.world_image(&plain(&hidden), Half::All), "no camera ray escapes");
+        let shown = gather.world_image(&plain(&colored()), SampleSplit::All);
+        assert_ne!(shown, gather.world_image(&plain(&hidden), SampleSplit::All), "no camera ray escapes");
         for environment in [plain(&colored()), plain(&hidden), mapped(40, 20), mapped(1, 1)] {
             for half in HALVES {
                 let expected = gather.world_image(&environment, half);
@@ -227,8 +227,8 @@ mod tests {
         let world = World { texture: Some(0), ..colored() };
         for (width, height) in [(40, 20), (2000, 1000)] {
             let environment = Environment::new(&world, &[with_plain_poles(sky(width, height))]).unwrap();
-            let expected = gather.world_image(&environment, Half::All);
-            let found = on_gpu.world_image(&environment, Half::All).unwrap();
+            let expected = gather.world_image(&environment, SampleSplit::All);
+            let found = on_gpu.world_image(&environment, SampleSplit::All).unwrap();
             let tolerance = ROUNDING * width as f32 / 40.0;
             assert!(difference(&found, &expected) < tolerance);
         }
@@ -256,12 +256,12 @@ mod tests {
         let gather = Gather::new(random_dump_of(10, &[9]));
         let on_gpu = GpuGather::new(gpu(), &gather).unwrap();
         let environment = mapped(40, 20);
-        let whole = on_gpu.world_image(&environment, Half::All).unwrap();
+        let whole = on_gpu.world_image(&environment, SampleSplit::All).unwrap();
         // Seven rows; two; a single one although it has more.
         for (bytes, expected) in [(7 * 480 + 479, 3), (960, 10), (1, 20)] {
             let found = strips(environment.map.as_deref(), bytes);
             assert!(found.len() == expected && found.iter().cloned().flatten().eq(0..20), "{found:?}");
-            let found = on_gpu.world_in_strips(&environment, Half::All, bytes).unwrap();
+            let found = on_gpu.world_in_strips(&environment, SampleSplit::All, bytes).unwrap();
             assert!(difference(&found, &whole) < 1e-5);
         }
         assert_eq!(strips(None, 1), [Range::default()]);
@@ -272,11 +272,11 @@ mod tests {
         let (gather, gpu) = (Gather::new(random_dump_of(10, &[9])), gpu());
         let on_gpu = GpuGather::new(Arc::clone(&gpu), &gather).unwrap();
         gpu.set_memory_budget(Some(1000));
-        let error = on_gpu.world_image(&mapped(40, 20), Half::All).unwrap_err();
+        let error = on_gpu.world_image(&mapped(40, 20), SampleSplit::All).unwrap_err();
         assert!(matches!(error, GatherError::Gpu(GpuError::OutOfMemory { .. })), "{error}");
         gpu.set_memory_budget(Some(1 << 30));
         gpu.lose();
-        let error = on_gpu.world_image(&mapped(40, 20), Half::All).unwrap_err();
+        let error = on_gpu.world_image(&mapped(40, 20), SampleSplit::All).unwrap_err();
         assert!(matches!(error, GatherError::Gpu(GpuError::Lost(_))), "{error}");
     }
 

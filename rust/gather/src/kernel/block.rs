@@ -10,7 +10,8 @@ use crate::light::FAR;
 /// Records decoded at a time: 14 KiB.
 pub const BLOCK: usize = GROUPS * WIDTH;
 const GROUPS: usize = 64;
-/// How many records ahead are fetched: a block, which is what is computed while they come.
+/// Number of records between the one computed and the one prefetched: a block, which is what is computed while they
+/// come.
 const AHEAD: usize = BLOCK;
 
 /// Decoded segments.
@@ -25,7 +26,7 @@ pub struct Block {
     records: Records,
 }
 
-/// Which records a block holds.
+/// Records that a block holds.
 #[derive(Debug)]
 enum Records {
     /// Consecutive ones from this on.
@@ -153,7 +154,7 @@ impl<L: Lanes> Decoder<L> {
         }
     }
 
-    /// Where records end that do not escape.
+    /// Ends of the records that do not escape.
     #[inline(always)]
     fn end(&self, xy: &[u32; WIDTH], z_flags: &[u32; WIDTH]) -> Vec3x<L> {
         let ((x, y), (z, _)) = (L::unpack(xy), L::unpack(z_flags));

@@ -1,6 +1,6 @@
-//! Which instructions this processor has.
+//! Instruction sets of this processor.
 
-/// Which instructions the kernels use.
+/// Instruction set of the kernels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Isa {
     /// AVX-512F on top of what [`Isa::Avx2`] has.

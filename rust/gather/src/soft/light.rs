@@ -33,7 +33,7 @@ pub enum SoftProfile {
     Sun(SoftSun),
 }
 
-/// How a length enlarges to `hypot(length, width)`, so that nothing is sharper than the width.
+/// Enlargement of a length to `hypot(length, width)`, so that nothing is sharper than the width.
 #[derive(Clone, Copy, Debug)]
 pub struct Enlarged {
     pub length: f32,
@@ -97,7 +97,7 @@ pub struct SoftPlane {
 #[derive(Clone, Copy, Debug)]
 pub struct SoftSpread {
     pub exact: Spread,
-    /// From minus this to this, a parabola stands for the knee at 0.
+    /// Half width of the parabola that stands for the knee at 0.
     pub knee: f32,
 }
 
@@ -105,7 +105,7 @@ pub struct SoftSpread {
 #[derive(Clone, Copy, Debug)]
 pub struct SoftSun {
     pub direction: Vec3,
-    /// Of the chord.
+    /// Enlarged chord.
     pub enlarged: Enlarged,
     /// Derivative of the logarithm of the chord's square by that of the half angle.
     pub chord2_by_angle: f32,

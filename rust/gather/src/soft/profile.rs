@@ -17,7 +17,7 @@ pub struct Segments<L> {
 }
 
 impl<L: Lanes> Segments<L> {
-    /// From origins and edges that are longer than 0.
+    /// Segments with these origins and edges that are longer than 0.
     #[inline(always)]
     pub fn new(origin: Wide3<L>, edge: Wide3<L>) -> Self {
         let length = edge.dot(edge).sqrt();
@@ -47,21 +47,21 @@ fn rim<L: Lanes>(x: Wide<L>, edge: f32) -> Rim<L> {
     Rim { value, by_x: slope * (-0.5 / edge), by_edge: slope * inside * (-1.0 / edge) }
 }
 
-/// How much of a shifted point lies in front of another: a step about `distance = 0`, and its derivative.
+/// Share of a shifted point that lies in front of another: a step about `distance = 0`, and its derivative.
 #[inline(always)]
 fn ahead<L: Lanes>(distance: Wide<L>, width: f32) -> (Wide<L>, Wide<L>) {
     let (value, slope) = step(distance * (0.5 / width) + 0.5);
     (value, slope * (0.5 / width))
 }
 
-/// Whether a point at a distance along the segments lies on them, and the derivative by the distance.
+/// Smooth indicator that a point at a distance along the segments lies on them, and its derivative by the distance.
 #[inline(always)]
 fn between<L: Lanes>(distance: Wide<L>, length: Wide<L>, width: f32) -> (Wide<L>, Wide<L>) {
     let (start, end) = (ahead(distance, width), ahead(distance - length, width));
     (start.0 - end.0, start.1 - end.1)
 }
 
-/// Which surface of a ball counts.
+/// Surface of a ball that counts.
 struct Chord<L> {
     value: Wide<L>,
     by_along: Wide<L>,
@@ -105,12 +105,12 @@ fn half_chord<L: Lanes>(x: Wide<L>, edge: f32) -> Rim<L> {
 
 /// A ball's value by the place of its centre relative to the segments.
 struct Round<L> {
-    /// From the origins to the centre.
+    /// Way from the origins to the centre.
     to_center: Wide3<L>,
     /// The part of it across the direction.
     across: Wide3<L>,
     value: Wide<L>,
-    /// By the square of the length of `across`.
+    /// Derivative by the square of the length of `across`.
     by_across2: Wide<L>,
     by_along: Wide<L>,
     by_size: Wide<L>,
@@ -214,7 +214,7 @@ pub fn sphere_slopes<L: Lanes>(ball: &SoftBall, segments: &Segments<L>) -> [Wide
     ball_slopes(&sphere(ball, segments, 1.0), segments)
 }
 
-/// As [`sphere_slopes`].
+/// Derivatives for a facing disk; see [`sphere_slopes`].
 #[inline(always)]
 pub fn facing_disk_slopes<L: Lanes>(ball: &SoftBall, segments: &Segments<L>) -> [Wide<L>; 5] {
     ball_slopes(&facing_disk(ball, segments), segments)
@@ -326,7 +326,7 @@ pub fn area_slopes<L: Lanes>(plane: &SoftPlane, segments: &Segments<L>) -> [Wide
     ]
 }
 
-/// As [`size_slope`] for an edge, whose length scales the value once.
+/// Derivative by the length of an edge, which scales the value once; see [`size_slope`].
 #[inline(always)]
 fn edge_slope<L: Lanes>(half: &Enlarged, value: Wide<L>, shrinking: Wide<L>) -> Wide<L> {
     match half.is_free {
@@ -354,7 +354,7 @@ fn emission<L: Lanes>(plane: &SoftPlane, cos: Wide<L>, inverse_cos: Wide<L>) -> 
     (normalisation * (front * spread), normalisation * (slope * spread + front * spread_slope))
 }
 
-/// How much of a face is there at a point of its plane.
+/// Share of a face that is there at a point of its plane.
 struct Face<L> {
     value: Wide<L>,
     /// Derivatives by the point, 1 / m.

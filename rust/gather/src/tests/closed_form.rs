@@ -8,7 +8,7 @@ use relume_dump::{Dump, End, Lobe, TileSamples};
 use relume_scene::LightShape;
 
 use super::{Random, dump, light, manifest, segment};
-use crate::{Gather, Half};
+use crate::{Gather, SampleSplit};
 
 const HEIGHT: f32 = 2.0;
 const ABOVE: Vec3 = Vec3::new(0.0, 0.0, HEIGHT);
@@ -41,7 +41,7 @@ fn lambert_plane(ceiling: Option<f32>) -> Dump {
 fn value(dump: &Dump, shape: LightShape) -> f32 {
     let gather = Gather::new(dump.clone());
     let prepared = gather.prepare(&light(shape)).unwrap();
-    gather.pixel(0, 0, &[prepared], Half::All)[0][0]
+    gather.pixel(0, 0, &[prepared], SampleSplit::All)[0][0]
 }
 
 /// Compares unit values. With n strata inside the light's outline, about 3.5 sqrt(n) strata are cut by it, each with a
@@ -197,7 +197,7 @@ fn a_light_below_the_radius_floor_keeps_its_power() {
         ),
     ] {
         let prepared = gather.prepare(&light(shape)).unwrap();
-        let found = gather.pixel(0, 0, &[prepared], Half::All)[0][0];
+        let found = gather.pixel(0, 0, &[prepared], SampleSplit::All)[0][0];
         assert_close(found / share_of_floor, value_at_floor);
         assert_eq!(gather.enlarged(&shape), Some(0.1));
     }

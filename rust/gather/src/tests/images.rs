@@ -8,7 +8,7 @@ use relume_image::Image;
 use relume_scene::{Alpha, ColorEncoding, LightShape, Texels, Texture, World};
 
 use super::{Random, dump, light, manifest, segment};
-use crate::{Environment, Gather, Half, Noise, relight};
+use crate::{Environment, Gather, Noise, SampleSplit, relight};
 
 fn world(color: [f32; 3], texture: Option<usize>) -> World {
     World { color, texture, texture_from_world: Mat3::IDENTITY, visible_camera: true }
@@ -73,7 +73,7 @@ fn a_constant_world_gives_the_share_of_escaping_paths() {
     let gather = Gather::new(dump);
     let image = |visible_camera| {
         let world = World { visible_camera, ..world([1.0, 2.0, 0.0], None) };
-        gather.world_image(&Environment::new(&world, &[]).unwrap(), Half::All)
+        gather.world_image(&Environment::new(&world, &[]).unwrap(), SampleSplit::All)
     };
     let (shown, hidden) = (image(true), image(false));
     for x in 0..5 {
@@ -136,7 +136,7 @@ fn noise_between_halves_predicts_the_error_of_the_whole() {
     });
     let gather = Gather::new(dump);
     let lamp = gather.prepare(&light(LightShape::Sphere { center: Vec3::ZERO, radius: 1.0 })).unwrap();
-    let [first, second] = [Half::First, Half::Second]
+    let [first, second] = [SampleSplit::First, SampleSplit::Second]
         .map(|half| gather.unit_images(std::slice::from_ref(&lamp), half).remove(0));
     let noise = Noise::between(&first, &second);
     let expected = (3.0 / 16.0 / samples as f32).sqrt();

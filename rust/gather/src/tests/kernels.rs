@@ -7,14 +7,14 @@ use relume_scene::{Light, LightShape, LobeFactors, ReceiverSet};
 use super::{Random, dump, light, manifest, segment};
 use crate::kernel::Isa;
 use crate::light::{FAR, Profile};
-use crate::{Gather, Half};
+use crate::{Gather, SampleSplit};
 
 /// 6 x 6 pixels, passes of 1, 3 and 4 samples, up to 5 random segments a path.
 fn random_dump() -> Dump {
     random_dump_of(6, &[1, 3, 4])
 }
 
-/// The same for a square image and passes of other sizes.
+/// Random dump of a square image with passes of these sizes.
 pub fn random_dump_of(size: usize, samples: &[u32]) -> Dump {
     let mut random = Random(3);
     dump(manifest(size, samples), |_, _, samples: &mut TileSamples| {
@@ -96,7 +96,7 @@ fn all_instruction_sets_and_one_by_one_are_equal_bit_by_bit() {
     let dump = random_dump();
     let portable = Gather::new(dump.clone()).with_isa(Isa::Portable);
     let lights = portable.prepare_all(&random_lights()).unwrap();
-    let halves = [Half::All, Half::First, Half::Second];
+    let halves = [SampleSplit::All, SampleSplit::First, SampleSplit::Second];
     for (isa, half) in Isa::available().into_iter().flat_map(|isa| halves.map(|half| (isa, half))) {
         let gather = Gather::new(dump.clone()).with_isa(isa);
         let many = gather.unit_images(&lights, half);
@@ -130,12 +130,12 @@ fn lights_near_each_other_are_gathered_as_one_by_one() {
         let lights = portable.prepare_all(&lights).unwrap();
         let expected: Vec<_> = lights
             .iter()
-            .flat_map(|one| portable.unit_images(std::slice::from_ref(one), Half::All))
+            .flat_map(|one| portable.unit_images(std::slice::from_ref(one), SampleSplit::All))
             .collect();
         assert!(expected.iter().any(|image| image.data.iter().any(|value| *value > 0.0)), "{radius}");
         for isa in Isa::available() {
             let gather = Gather::new(dump.clone()).with_isa(isa);
-            assert_eq!(gather.unit_images(&lights, Half::All), expected, "{isa:?}, {radius}");
+            assert_eq!(gather.unit_images(&lights, SampleSplit::All), expected, "{isa:?}, {radius}");
         }
     }
 }
@@ -145,7 +145,7 @@ fn the_kernel_equals_a_plain_loop_over_decoded_segments() {
     let dump = random_dump();
     let gather = Gather::new(dump.clone());
     let lights = gather.prepare_all(&random_lights()).unwrap();
-    let images = gather.unit_images(&lights, Half::All);
+    let images = gather.unit_images(&lights, SampleSplit::All);
     let mut lit = 0;
     for (light, image) in lights.iter().zip(&images) {
         // The third power of how a sheared light's directions are stretched triples their rounding.
@@ -180,7 +180,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
     let lights = gather.prepare_all(&random_lights()).unwrap();
     let images = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| gather.unit_images(&lights, Half::All))
+        pool.install(|| gather.unit_images(&lights, SampleSplit::All))
     };
     assert_eq!(images(1), images(3));
 }
@@ -189,11 +189,11 @@ fn results_do_not_depend_on_the_number_of_threads() {
 fn the_halves_share_no_path_and_make_up_the_whole() {
     let gather = Gather::new(random_dump());
     let lights = gather.prepare_all(&random_lights()).unwrap();
-    let [all, first, second] =
-        [Half::All, Half::First, Half::Second].map(|half| gather.unit_images(&lights, half));
-    let samples = |half: Half| half.tile_samples(gather.dump(), 0) as f32;
+    let [all, first, second] = [SampleSplit::All, SampleSplit::First, SampleSplit::Second]
+        .map(|half| gather.unit_images(&lights, half));
+    let samples = |half: SampleSplit| half.tile_samples(gather.dump(), 0) as f32;
     // Passes of 1, 3 and 4: 0 + 2 + 2 and 1 + 1 + 2.
-    assert_eq!([Half::First, Half::Second, Half::All].map(samples), [4.0, 4.0, 8.0]);
+    assert_eq!([SampleSplit::First, SampleSplit::Second, SampleSplit::All].map(samples), [4.0, 4.0, 8.0]);
     for ((all, first), second) in all.iter().zip(&first).zip(&second) {
         for ((all, first), second) in all.data.iter().zip(&first.data).zip(&second.data) {
             assert!((all - 0.5 * (first + second)).abs() <= 1e-5 * all.abs());
@@ -220,7 +220,7 @@ fn crossing_value(edit: impl FnOnce(&mut Light)) -> f32 {
     lamp.lobes.camera = 1.0;
     edit(&mut lamp);
     let gather = Gather::new(crossing_dump());
-    gather.pixel(0, 0, &[gather.prepare(&lamp).unwrap()], Half::All)[0][0]
+    gather.pixel(0, 0, &[gather.prepare(&lamp).unwrap()], SampleSplit::All)[0][0]
 }
 
 #[test]
@@ -262,7 +262,7 @@ fn origin_records_start_segments_and_are_none() {
     let gather = Gather::new(dump);
     let value = |center| {
         let lamp = light(LightShape::Sphere { center, radius: 0.5 });
-        gather.pixel(0, 0, &[gather.prepare(&lamp).unwrap()], Half::All)[0][0]
+        gather.pixel(0, 0, &[gather.prepare(&lamp).unwrap()], SampleSplit::All)[0][0]
     };
     assert_eq!(value(Vec3::ZERO), 0.5);
     assert_eq!(value(Vec3::new(10.0, 0.0, 0.0)), 0.5);
@@ -306,16 +306,19 @@ fn halves_of_whole_passes_make_up_the_whole() {
         let (part, rest) = gather.split(half);
         assert_eq!(
             (rest, part.dump().manifest().passes.len()),
-            (Half::All, if half == Half::First { 3 } else { 1 })
+            (SampleSplit::All, if half == SampleSplit::First { 3 } else { 1 })
         );
         part.unit_images(&lamp, rest).remove(0)
     };
-    let (all, first, second) =
-        (gather.unit_images(&lamp, Half::All).remove(0), of(Half::First), of(Half::Second));
+    let (all, first, second) = (
+        gather.unit_images(&lamp, SampleSplit::All).remove(0),
+        of(SampleSplit::First),
+        of(SampleSplit::Second),
+    );
     assert!(first != second);
     for ((all, first), second) in all.data.iter().zip(&first.data).zip(&second.data) {
         assert!((0.5 * (first + second) - all).abs() < 1e-6);
     }
     let uneven = Gather::new(dump(&[4, 2]));
-    assert_eq!(uneven.split(Half::First).1, Half::First);
+    assert_eq!(uneven.split(SampleSplit::First).1, SampleSplit::First);
 }

@@ -5,7 +5,7 @@ use relume_scene::{LANES, Light, LightShape};
 
 use super::kernels::{random_dump_of, random_lights};
 use super::light;
-use crate::{Gather, GatherError, Half, SoftGather};
+use crate::{Gather, GatherError, SampleSplit, SoftGather};
 
 /// A light moved along one of its lanes.
 fn moved(light: &Light, lane: usize, by: f32) -> Light {
@@ -14,8 +14,8 @@ fn moved(light: &Light, lane: usize, by: f32) -> Light {
     Light { shape: light.shape.moved(&step), ..light.clone() }
 }
 
-/// Whether the slopes of a lane are central differences of the values, root mean square over all cells: to 1 % for their
-/// curvature, and to what a difference of two sums in `f32` can tell.
+/// Asserts that the slopes of a lane are central differences of the values, root mean square over all cells: to 1 % for
+/// their curvature, and to what a difference of two sums in `f32` can tell.
 fn slopes_are_differences(
     soft: &SoftGather<'_>,
     light: &Light,
@@ -63,7 +63,7 @@ fn the_value_tends_to_the_exact_gather() {
         |light: &Light| !matches!(light.shape, LightShape::Sheared { .. } | LightShape::StretchedSpot { .. });
     for light in random_lights().into_iter().filter(is_plain) {
         let prepared = gather.prepare(&light).unwrap();
-        let exact = &gather.unit_images(std::slice::from_ref(&prepared), Half::All)[0];
+        let exact = &gather.unit_images(std::slice::from_ref(&prepared), SampleSplit::All)[0];
         let norm = exact.data.iter().map(|b| b * b).sum::<f32>().sqrt();
         let errors = [0.3, 0.1, 0.01, 1e-5].map(|softness| {
             let values = soft.linearise(&light, softness, &cells).unwrap().values;
@@ -141,7 +141,7 @@ fn exact_cells_are_means_of_the_gathered_pictures_by_any_half() {
     let soft = SoftGather::new(&gather, 3);
     let (lights, cells) = (random_lights(), [8, 0, 4, 2]);
     let prepared = gather.prepare_all(&lights).unwrap();
-    for half in [Half::All, Half::First, Half::Second] {
+    for half in [SampleSplit::All, SampleSplit::First, SampleSplit::Second] {
         let found = soft.exact(&lights, half, &cells).unwrap();
         let images = gather.unit_images(&prepared, half);
         for ((found, image), light) in found.iter().zip(&images).zip(&lights) {
@@ -154,5 +154,8 @@ fn exact_cells_are_means_of_the_gathered_pictures_by_any_half() {
         }
         assert!(found.iter().flatten().flatten().any(|value| *value > 0.0));
     }
-    assert!(matches!(soft.exact(&lights, Half::All, &[9]), Err(GatherError::Cell { cell: 9, cells: 9 })));
+    assert!(matches!(
+        soft.exact(&lights, SampleSplit::All, &[9]),
+        Err(GatherError::Cell { cell: 9, cells: 9 })
+    ));
 }

@@ -38,21 +38,21 @@ fn layers_in(gpu: &Arc<Gpu>, most: u64) -> Layers {
 }
 
 /// A term of every kind, one after the other, and a target whose exposure does not matter.
-fn look() -> Look {
-    let mut look = Look::default();
-    let targets = [(Residual::Tone, 0.0)];
-    for (number, (residual, amount)) in RESIDUALS.into_iter().chain(targets).enumerate() {
-        let (first, count) = (look.cells.len(), DRAWN - 17 * number);
+fn step_targets() -> StepTargets {
+    let mut targets = StepTargets::default();
+    let any_exposure = [(Residual::Tone, 0.0)];
+    for (number, (residual, amount)) in RESIDUALS.into_iter().chain(any_exposure).enumerate() {
+        let (first, count) = (targets.cells.len(), DRAWN - 17 * number);
         let weight = 0.5 + 0.1 * number as f32;
         let share = |i: usize| (i % 5) as f32;
         let total: f32 = (0..count).map(share).sum();
-        look.cells.extend((0..count).map(|i| (i * (number + 2) % CELLS) as u32));
+        targets.cells.extend((0..count).map(|i| (i * (number + 2) % CELLS) as u32));
         let reference = |i: usize| [0, 1, 2].map(|c| noise(3 * i + c, 10 + number) - 0.3);
-        look.wanted.extend((0..count).map(|i| {
+        targets.references.extend((0..count).map(|i| {
             let [r, g, b] = reference(i);
             [r, g, b, weight * share(i) / total]
         }));
-        look.terms.push(Term {
+        targets.terms.push(Term {
             mean_reference: [0.3, -0.2, 0.1],
             residual,
             amount,
@@ -63,20 +63,20 @@ fn look() -> Look {
             count: count as u32,
         });
     }
-    look
+    targets
 }
 
-/// A look with one of its terms alone.
-fn alone(look: &Look, number: usize) -> Look {
-    let term = look.terms[number];
+/// Targets with one of its terms alone.
+fn alone(targets: &StepTargets, number: usize) -> StepTargets {
+    let term = targets.terms[number];
     let range = term.first as usize..(term.first + term.count) as usize;
-    let (cells, wanted) = (look.cells[range.clone()].to_vec(), look.wanted[range].to_vec());
-    Look { cells, wanted, terms: vec![Term { first: 0, ..term }] }
+    let (cells, wanted) = (targets.cells[range.clone()].to_vec(), targets.references[range].to_vec());
+    StepTargets { cells, references: wanted, terms: vec![Term { first: 0, ..term }] }
 }
 
-fn compared(layers: &Layers, radiances: &[[f32; 3]], look: &Look) -> Compared {
+fn compared(layers: &Layers, radiances: &[[f32; 3]], targets: &StepTargets) -> Compared {
     let mut commands = layers.gpu().commands("test");
-    let step = layers.begin(&mut commands, radiances, look, 0).unwrap();
+    let step = layers.begin(&mut commands, radiances, targets, 0).unwrap();
     step.compare(&mut commands).unwrap();
     commands.submit().unwrap();
     step.read().unwrap()
@@ -84,17 +84,17 @@ fn compared(layers: &Layers, radiances: &[[f32; 3]], look: &Look) -> Compared {
 
 #[test]
 fn gradients_of_every_residual_are_differences_of_the_loss() {
-    let (layers, look) = (layers_in(&gpu(), u64::MAX), look());
+    let (layers, targets) = (layers_in(&gpu(), u64::MAX), step_targets());
     let radiances = [[0.9, 0.6, 0.4], [0.3, 0.5, 1.1]];
-    for number in 0..look.terms.len() {
-        let look = alone(&look, number);
-        let found = compared(&layers, &radiances, &look);
+    for number in 0..targets.terms.len() {
+        let targets = alone(&targets, number);
+        let found = compared(&layers, &radiances, &targets);
         let largest = found.layers.as_flattened().iter().fold(0.0_f32, |most, d| most.max(d.abs()));
         for (light, c) in (0..2).flat_map(|light| (0..3).map(move |c| (light, c))) {
             let at = |delta: f32| {
                 let mut radiances = radiances;
                 radiances[light][c] += delta;
-                compared(&layers, &radiances, &look).loss
+                compared(&layers, &radiances, &targets).loss
             };
             let slope = ((at(4e-3) - at(-4e-3)) / 8e-3) as f32;
             // A loss in single precision is good to 1e-6 of it.
@@ -112,11 +112,12 @@ fn gradients_of_every_residual_are_differences_of_the_loss() {
 
 #[test]
 fn terms_add_up() {
-    let (layers, look) = (layers_in(&gpu(), u64::MAX), look());
+    let (layers, targets) = (layers_in(&gpu(), u64::MAX), step_targets());
     let radiances = [[0.9, 0.6, 0.4], [0.3, 0.5, 1.1]];
-    let whole = compared(&layers, &radiances, &look);
-    let each: Vec<Compared> =
-        (0..look.terms.len()).map(|number| compared(&layers, &radiances, &alone(&look, number))).collect();
+    let whole = compared(&layers, &radiances, &targets);
+    let each: Vec<Compared> = (0..targets.terms.len())
+        .map(|number| compared(&layers, &radiances, &alone(&targets, number)))
+        .collect();
     let loss: f64 = each.iter().map(|one| one.loss).sum();
     assert!((whole.loss - loss).abs() < 1e-6 * loss, "{} for {loss}", whole.loss);
     let gradient: f32 = each.iter().map(|one| one.layers[1][2]).sum();
@@ -125,15 +126,15 @@ fn terms_add_up() {
 
 #[test]
 fn layers_that_need_several_buffers_give_the_same() {
-    let (gpu, look) = (gpu(), look());
+    let (gpu, targets) = (gpu(), step_targets());
     let radiances = [[0.9, 0.6, 0.4], [0.3, 0.5, 1.1]];
-    let expected = compared(&layers_in(&gpu, u64::MAX), &radiances, &look);
+    let expected = compared(&layers_in(&gpu, u64::MAX), &radiances, &targets);
     // Another kernel, whose products and sums a card's driver may put together in another way.
     let rounding = if gpu.summary().software { 0.0 } else { 1e-6 };
     for (most, buffers) in [(1, 3), (2 * 12 * CELLS as u64, 2)] {
         let layers = layers_in(&gpu, most);
         assert_eq!(layers.pictures.len(), buffers);
-        let found = compared(&layers, &radiances, &look);
+        let found = compared(&layers, &radiances, &targets);
         assert_eq!(found.loss, expected.loss);
         for (&a, &b) in found.layers.as_flattened().iter().zip(expected.layers.as_flattened()) {
             assert!((a - b).abs() <= rounding * b.abs(), "{found:?} for {expected:?}");
@@ -141,17 +142,17 @@ fn layers_that_need_several_buffers_give_the_same() {
     }
 }
 
-/// The same lights as layers, and as units with two derivatives that are worked on in parts.
+/// Lights as layers, and as units with two derivatives that are worked on in parts, give the same.
 #[test]
 fn lights_in_parts_are_those_of_layers() {
-    let (gpu, look) = (gpu(), look());
+    let (gpu, targets) = (gpu(), step_targets());
     let [base, a, b] = pictures();
     let layers = Layers::new(&gpu, &[&base]).unwrap();
     let radiances = [[0.9, 0.6, 0.4], [0.3, 0.5, 1.1]];
-    let expected = compared(&layers_in(&gpu, u64::MAX), &radiances, &look);
+    let expected = compared(&layers_in(&gpu, u64::MAX), &radiances, &targets);
 
     let mut commands = gpu.commands("test");
-    let step = layers.begin(&mut commands, &[], &look, 2 * 5).unwrap();
+    let step = layers.begin(&mut commands, &[], &targets, 2 * 5).unwrap();
     let parts = step.parts(150);
     assert_eq!((parts.len() > 5, parts[1].start), (true, 128));
     // Two quads of each light, after one that is not meant.
@@ -161,7 +162,7 @@ fn lights_in_parts_are_those_of_layers() {
     // The derivatives are half of the other light and twice the own.
     let outputs = |part: Range<usize>| {
         let of = |own: &[[f32; 3]], other: &[[f32; 3]]| {
-            look.cells[part.clone()]
+            targets.cells[part.clone()]
                 .iter()
                 .flat_map(|cell| {
                     let (own, other) = (own[*cell as usize], other[*cell as usize]);
@@ -204,10 +205,10 @@ fn lights_in_parts_are_those_of_layers() {
 #[test]
 fn a_step_reads_its_loss_and_gradients_alone() {
     let gpu = gpu();
-    let (layers, look) = (layers_in(&gpu, u64::MAX), look());
+    let (layers, targets) = (layers_in(&gpu, u64::MAX), step_targets());
     let before = gpu.bytes_read();
-    compared(&layers, &[[1.0; 3]; 2], &look);
-    assert_eq!(gpu.bytes_read() - before, 4 * (look.terms.len() + 3 * 3) as u64);
+    compared(&layers, &[[1.0; 3]; 2], &targets);
+    assert_eq!(gpu.bytes_read() - before, 4 * (targets.terms.len() + 3 * 3) as u64);
 }
 
 #[test]
@@ -215,7 +216,7 @@ fn a_black_picture_has_no_exposure_to_be_brought_to() {
     let gpu = gpu();
     let black = vec![[0.0; 3]; CELLS];
     let layers = Layers::new(&gpu, &[&black, &picture(2)]).unwrap();
-    let found = compared(&layers, &[[0.0; 3]], &look());
+    let found = compared(&layers, &[[0.0; 3]], &step_targets());
     assert!(found.loss.is_finite() && found.layers[0].iter().all(|d| d.is_finite()), "{found:?}");
 }
 

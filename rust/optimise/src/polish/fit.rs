@@ -1,12 +1,12 @@
 use super::PolishStep;
 use super::noise::{Rows, Trust};
 use crate::OptimiseError;
+use crate::active_bound::ActiveBound;
 use crate::least_squares::{Jacobian, NormalEquations};
 use crate::objective::{Draw, Objective, ViewObjective, mean};
 use crate::relight::Picture;
-use crate::term::Doubt;
+use crate::term::Uncertainty;
 use crate::variable::{Mapping, PARAMS};
-use crate::wall::Wall;
 use rayon::prelude::*;
 use relume_scene::{LANES, Light, lane};
 use std::ops::ControlFlow;
@@ -17,7 +17,7 @@ const TURN: f32 = 0.25;
 const BRIGHTEN: f32 = 0.05;
 /// A further step that improves the loss by less than this share is the last of its stage.
 const LEAST_GAIN: f64 = 1e-3;
-/// So is the last of so many that improve nothing.
+/// Number of steps in a row without improvement after which a stage ends.
 const PATIENCE: usize = 5;
 /// Longest step of an unconstrained value; also what is expected of one, against which its derivatives are weighed: what they say
 /// less about than the residuals' scatter stays.
@@ -27,9 +27,9 @@ const LONGEST: f64 = 0.7;
 #[derive(Clone)]
 pub(super) struct State {
     pub lights: Vec<Light>,
-    /// Of all views.
+    /// Pictures of all views.
     pub pictures: Vec<Picture>,
-    /// Of the clean pictures, weighted.
+    /// Weighted residuals of the clean pictures.
     pub residuals: [Vec<f32>; 2],
 }
 
@@ -51,7 +51,7 @@ impl State {
 pub(super) enum Base {
     /// The clean one, for both halves.
     Clean,
-    /// Its exact halves.
+    /// Exact halves of the pictures.
     Exact,
 }
 
@@ -60,25 +60,25 @@ pub(super) struct Fit<'a> {
     pub objective: &'a Objective<'a>,
     pub draw: &'a Draw,
     pub mappings: Vec<Mapping>,
-    /// What residuals are of.
+    /// Goals and cells that residuals belong to.
     pub rows: Rows,
-    /// Of the means of each view's terms, as they were last told.
-    pub doubts: Vec<Vec<Doubt>>,
+    /// Uncertainty of the means of each view's terms, as last updated.
+    pub uncertainties: Vec<Vec<Uncertainty>>,
 }
 
 impl<'a> Fit<'a> {
     pub fn new(objective: &'a Objective<'a>, draw: &'a Draw, mappings: Vec<Mapping>) -> Self {
         let goals = objective.views.iter().zip(draw).flat_map(|(view, draw)| view.terms.iter().zip(draw));
         let rows = Rows::new(goals.map(|(term, draw)| (draw.len(), term.has_mean())));
-        let none = |view: &ViewObjective| vec![Doubt::NONE; view.terms.len()];
-        Self { objective, draw, mappings, rows, doubts: objective.views.iter().map(none).collect() }
+        let none = |view: &ViewObjective| vec![Uncertainty::NONE; view.terms.len()];
+        Self { objective, draw, mappings, rows, uncertainties: objective.views.iter().map(none).collect() }
     }
 
-    /// Tells anew what is to be doubted of means, at these lights. It is taken for the same at those nearby: noise itself would lead
+    /// Updates the uncertainty of means at these lights. It is taken for the same at those nearby: noise itself would lead
     /// small steps astray.
-    pub fn doubt(&mut self, state: &mut State) {
+    pub fn update_uncertainties(&mut self, state: &mut State) {
         let views = self.objective.views.iter().zip(self.draw).zip(&state.pictures);
-        self.doubts = views.map(|((view, draw), picture)| view.doubts(picture, draw)).collect();
+        self.uncertainties = views.map(|((view, draw), picture)| view.uncertainties(picture, draw)).collect();
         state.residuals = self.residuals(&state.pictures, Base::Clean);
     }
 
@@ -135,8 +135,8 @@ impl<'a> Fit<'a> {
     /// Weighted residuals of either half of the pictures of all views, clean or exact.
     pub fn residuals(&self, pictures: &[Picture], of: Base) -> [Vec<f32>; 2] {
         let mut residuals = [Vec::new(), Vec::new()];
-        for (((view, draw), doubts), picture) in self.views().zip(pictures) {
-            let comparisons = view.compare_picture(picture, doubts, draw);
+        for (((view, draw), uncertainties), picture) in self.views().zip(pictures) {
+            let comparisons = view.compare_picture(picture, uncertainties, draw);
             let halves = match of {
                 Base::Clean => &picture.clean,
                 Base::Exact => &picture.exact,
@@ -149,9 +149,9 @@ impl<'a> Fit<'a> {
         residuals
     }
 
-    /// With the drawn cells of their terms, and the doubts.
-    fn views(&self) -> impl Iterator<Item = ((&ViewObjective<'a>, &Vec<Vec<u32>>), &Vec<Doubt>)> {
-        self.objective.views.iter().zip(self.draw).zip(&self.doubts)
+    /// Views with the drawn cells of their terms, and the uncertainties.
+    fn views(&self) -> impl Iterator<Item = ((&ViewObjective<'a>, &Vec<Vec<u32>>), &Vec<Uncertainty>)> {
+        self.objective.views.iter().zip(self.draw).zip(&self.uncertainties)
     }
 
     /// Sum of the products of two estimates: that of squares without what noise adds.
@@ -169,7 +169,7 @@ impl<'a> Fit<'a> {
         lights.iter().zip(&self.mappings).zip(delta.as_chunks::<PARAMS>().0).map(of_light).collect()
     }
 
-    /// The step that solves a state's equations, to walls and along them where it would lead through. Of each light's walls that are
+    /// The step that solves a state's equations, to bounds and along them where it would lead through. Of each light's bounds that are
     /// passed only the one that is passed furthest is taken at a time: along it the others may not be met.
     pub fn step_of(
         &self,
@@ -179,18 +179,19 @@ impl<'a> Fit<'a> {
         trust: &Trust,
     ) -> Option<Vec<f64>> {
         let lights = state.lights.iter().zip(&self.mappings);
-        let mut walls: Vec<Vec<_>> = lights.map(|(light, mapping)| mapping.walls(light).collect()).collect();
+        let mut bounds: Vec<Vec<_>> =
+            lights.map(|(light, mapping)| mapping.active_bounds(light).collect()).collect();
         loop {
             let step = system.solve(damping, state.expected_square(trust))?;
             let mut is_within = true;
-            for (i, walls) in walls.iter_mut().enumerate() {
+            for (i, bounds) in bounds.iter_mut().enumerate() {
                 let first = i * PARAMS;
-                let beyond = |wall: &Wall| wall.passed_by(&step[first..first + PARAMS]);
+                let beyond = |bound: &ActiveBound| bound.overshoot(&step[first..first + PARAMS]);
                 let by_depth = |(_, a): &(usize, f64), (_, b): &(usize, f64)| a.total_cmp(b);
-                let deepest = walls.iter().map(beyond).enumerate().max_by(by_depth);
+                let deepest = bounds.iter().map(beyond).enumerate().max_by(by_depth);
                 if let Some((number, _)) = deepest.filter(|(_, beyond)| *beyond > 0.0) {
-                    let wall = walls.swap_remove(number);
-                    system.hold(first, &wall.normal, wall.distance);
+                    let bound = bounds.swap_remove(number);
+                    system.hold(first, &bound.normal, bound.distance);
                     is_within = false;
                 }
             }
@@ -258,7 +259,7 @@ impl<'a> Fit<'a> {
         base: Base,
     ) -> Result<Vec<[Vec<f32>; 2]>, OptimiseError> {
         let mut residuals: Vec<[Vec<f32>; 2]> = vec![Default::default(); lights.len()];
-        for (((view, draw), doubts), picture) in self.views().zip(&state.pictures) {
+        for (((view, draw), uncertainties), picture) in self.views().zip(&state.pictures) {
             let is_other = |light: &&Light| light.shape != lights[0].shape;
             let shapes: Vec<&Light> = lights[..1].iter().chain(lights.iter().filter(is_other)).collect();
             let cells = all_of(view.cells_of(draw));
@@ -266,7 +267,7 @@ impl<'a> Fit<'a> {
             let unit =
                 |light: &Light| shapes.iter().position(|other| other.shape == light.shape).unwrap_or(0);
             let clean = mean(&picture.clean);
-            let comparisons = view.compare_picture(picture, doubts, draw);
+            let comparisons = view.compare_picture(picture, uncertainties, draw);
             let by_light = lights.par_iter().map(|light| {
                 [0, 1].map(|half| {
                     let mut picture = match base {

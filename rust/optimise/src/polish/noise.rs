@@ -4,10 +4,11 @@ use std::ops::Range;
 const HALF_TRUST: f32 = 2.0;
 /// Cells to either side by which noise is told.
 const AROUND: usize = 4;
-/// By so many of its standard deviations a gain must be above 0 to be believed.
+/// Number of standard deviations that a gain must be above 0 to be believed.
 const SURE: f64 = 2.0;
 
-/// What residuals are of, three by three: the cells of one goal after the other, each followed by their mean where that was asked for.
+/// Meaning of residuals, three by three: the cells of one goal after the other, each followed by their mean where that
+/// was asked for.
 pub(super) struct Rows(Vec<RowsOfGoal>);
 
 struct RowsOfGoal {
@@ -16,7 +17,7 @@ struct RowsOfGoal {
 }
 
 impl Rows {
-    /// Of the goals' numbers of cells, and whether their means follow.
+    /// Rows for goals with these numbers of cells, and whether their means follow.
     pub fn new(goals: impl Iterator<Item = (usize, bool)>) -> Self {
         let mut end = 0;
         let of_goal = |(count, has_mean): (usize, bool)| {
@@ -44,9 +45,9 @@ impl Rows {
 pub(super) struct Trust(Vec<f32>);
 
 impl Trust {
-    /// From how much the two estimates differ at the cells around each, not at itself: products of its two residuals would else
-    /// count less where their noise happens to be of opposite sign, and their sum be least for the lights with the least noise.
-    /// Only cells of one goal are compared: noise of another is in another unit.
+    /// Trust from how much the two estimates differ at the cells around each, not at itself: products of its two
+    /// residuals would else count less where their noise happens to be of opposite sign, and their sum be least for the
+    /// lights with the least noise. Only cells of one goal are compared: noise of another is in another unit.
     pub fn new([a, b]: &[Vec<f32>; 2], rows: &Rows) -> Self {
         let square = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).map(|c| (a[c] - b[c]).powi(2)).sum::<f32>();
         let noise: Vec<f32> = a.as_chunks().0.iter().zip(b.as_chunks().0).map(square).collect();
@@ -56,7 +57,7 @@ impl Trust {
         Self(rows.0.iter().flat_map(of_goal).flat_map(|trust| [trust; 3]).collect())
     }
 
-    /// That of a residual by its number.
+    /// Trust of a residual by its number.
     pub fn of(&self, number: usize) -> f32 {
         self.0.get(number).copied().unwrap_or(1.0)
     }
@@ -75,11 +76,11 @@ fn trust_of_cells(noise: &[f32]) -> impl Iterator<Item = f32> + use<> {
     noise.into_iter().map(trust)
 }
 
-/// By how much a loss is less than before, and the standard deviation of that, estimated from the cells.
+/// Decrease of a loss, and the standard deviation of that, estimated from the cells.
 pub(super) struct Gain {
     pub mean: f64,
     pub deviation: f64,
-    /// What there is to be gained: the loss before, or a standard deviation more.
+    /// Largest possible gain: the loss before, or a standard deviation more.
     pub most: f64,
 }
 
@@ -94,19 +95,19 @@ impl Gain {
         Self { mean, deviation: seen.max(scatter_of_products(after)), most }
     }
 
-    /// With a gain that is known exactly.
+    /// Sum with a gain that is known exactly.
     pub fn plus(self, gain: f64) -> Self {
         Self { mean: self.mean + gain, most: self.most + gain, ..self }
     }
 
-    /// What is left of it for sure: above 0 if there is little doubt. Of many tries with noisy pictures some seem to gain more than
-    /// there is: that much of it is noise.
+    /// Gain less its uncertainty: above 0 if it is hardly noise. Of many tries with noisy pictures some seem to gain
+    /// more than there is: that much of it is noise.
     pub fn least(&self) -> f64 {
         self.mean.min(self.most) - SURE * self.deviation
     }
 }
 
-/// Of each cell.
+/// Products of both pictures' residuals, summed over each cell.
 fn products([a, b]: &[Vec<f32>; 2]) -> impl Iterator<Item = f64> {
     let of_cell = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).map(|c| f64::from(a[c] * b[c])).sum();
     a.as_chunks().0.iter().zip(b.as_chunks().0).map(of_cell)

@@ -11,15 +11,15 @@ const SIZES: [f32; 7] = [0.07, 0.21, 0.36, 0.5, 0.64, 0.79, 0.93];
 const ROUNDS: usize = 4;
 /// A size this near to an end of its range is where smoothing has left it to the noise: it says nothing.
 const END: f32 = 0.1;
-/// It is left for the middle only if that at most so multiplies the loss of clean pictures. A compromise: denoising dims small
-/// lights, so that clean pictures dislike them a little even where they are right.
+/// Largest factor of the loss of clean pictures by which an end of the range is left for the middle. A compromise:
+/// denoising dims small lights, so that clean pictures dislike them a little even where they are right.
 const MOST_DISLIKED: f64 = 2.0;
 /// A size within this share of its range is where the artist had it.
 const UNCHANGED: f32 = 1e-3;
 
-/// What only exact pictures tell: denoising takes more from small lights than from large ones, and dims them.
+/// Tests of sizes that need exact pictures: denoising takes more from small lights than from large ones, and dims them.
 impl Fit<'_> {
-    /// With the sizes that suit best of some over their whole range.
+    /// State with the sizes that suit best of some over their whole range.
     pub fn with_best_sizes(&self, state: State) -> Result<State, OptimiseError> {
         let trust = Trust::new(&self.exact_residuals(&state), &self.rows);
         let mut lights = state.lights.clone();
@@ -34,7 +34,7 @@ impl Fit<'_> {
 
     /// The light that is `now` in place of one of the state's, with better sizes; none if there are none. A size shows in little but
     /// how soft shadows are: its derivatives are small, and denoising counts as much. So exact pictures are compared, and
-    /// others are only taken if they leave little doubt; one that was moved to the end of its range is also left if they
+    /// others are only taken if they leave little uncertainty; one that was moved to the end of its range is also left if they
     /// like the middle better, and clean ones not much less.
     fn better_sized(
         &self,
@@ -67,7 +67,7 @@ impl Fit<'_> {
         Ok(None)
     }
 
-    /// Whether clean pictures like a light not much less than the one that is `now` in place of one of the state's.
+    /// True if clean pictures like a light not much less than the one that is `now` in place of one of the state's.
     fn is_hardly_disliked(
         &self,
         other: &Light,
@@ -86,7 +86,8 @@ impl Fit<'_> {
         Ok(self.loss(&self.state(&lights)?, &Trust::default()))
     }
 
-    /// What exact pictures gain, and preferences with them, with others of a light that is `now` in place of one of the state's.
+    /// Gain of exact pictures, and of preferences with them, by others of a light that is `now` in place of one of the
+    /// state's.
     fn gains_instead(
         &self,
         state: &State,
@@ -103,14 +104,14 @@ impl Fit<'_> {
         Ok(others.iter().zip(&residuals[2..]).map(gain).collect())
     }
 
-    /// Whether a size is at an end of its range to which the solver has moved it.
+    /// True if a size is at an end of its range to which the solver has moved it.
     fn has_run_to_end(&self, number: usize, light: &Light, size: usize) -> bool {
         let [share, was] = [light, &self.objective.problem.variables[number].light]
             .map(|light| self.mappings[number].size_share(light, size));
         !(END..=1.0 - END).contains(&share) && (share - was).abs() > UNCHANGED
     }
 
-    /// With the radiances that exact pictures ask for, if they leave little doubt.
+    /// State with the radiances that exact pictures ask for, if they leave little uncertainty.
     pub fn with_exact_radiances(&self, state: State) -> Result<State, OptimiseError> {
         let residuals = self.exact_residuals(&state);
         let (trust, exact) = (Trust::new(&residuals, &self.rows), State { residuals, ..state.clone() });
@@ -125,7 +126,7 @@ impl Fit<'_> {
         Ok(if self.exact_gain(&state, &next).least() > 0.0 { next } else { state })
     }
 
-    /// By how much exact pictures prefer one state to another.
+    /// Gain of one state over another by exact pictures.
     pub fn exact_gain(&self, before: &State, after: &State) -> Gain {
         let strain = |state: &State| self.objective.preference_loss(&self.mappings, &state.lights);
         let gain = Gain::new(&self.exact_residuals(before), &self.exact_residuals(after));
@@ -136,7 +137,7 @@ impl Fit<'_> {
         self.residuals(&state.pictures, Base::Exact)
     }
 
-    /// What the move of a light costs.
+    /// Cost of the move of a light.
     fn strain(&self, number: usize, light: &Light) -> f64 {
         let preferences = self.objective.preferences(number, &self.mappings[number], light);
         preferences.iter().map(|(value, _)| f64::from(value * value)).sum()

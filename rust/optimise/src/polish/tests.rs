@@ -4,7 +4,7 @@ use crate::random::Random;
 use crate::relight::Picture;
 use crate::tests::{FLOOR, SIZE, flat, lamps, picture, target, variable};
 use crate::variable::luminance;
-use crate::{Aim, Goal, Locks, Relight, RelightError, View};
+use crate::{Criterion, Goal, Locks, Relight, RelightError, View};
 use glam::Vec3;
 use relume_scene::{LANES, LightShape};
 
@@ -58,7 +58,8 @@ fn lamp(radius: f32) -> Light {
     Light { shape, radiance, ..lamps()[0].clone() }
 }
 
-/// What becomes of a light of radius 1 where one of `radius` is asked for, and by how much cleaned pictures are for or against that.
+/// Result for a light of radius 1 where one of `radius` is asked for, and by how much cleaned pictures are for or
+/// against that.
 fn sizes(relight: Noisy, radius: f32, rounds: usize) -> (f32, f64) {
     let base = flat(0.0);
     let goals = [target(picture(&FLOOR, &base, &[lamp(radius)]))];
@@ -90,7 +91,8 @@ fn what_was_asked_for_is_there_where_cleaned_pictures_only_seem_to_have_it() {
     let relight = Noisy { seed: 0, noise: 0.003, dimming: -1.5 };
     let (base, before) = (flat(0.02), lamp(0.8));
     let place: Vec<f32> = (0..SIZE.0 * SIZE.1).map(|i| f32::from(i % SIZE.0 < 3)).collect();
-    let goals = [Goal { aim: Aim::Brightness { stops: 0.5 }, pixels: Some(place.clone()), weight: 1.0 }];
+    let goals =
+        [Goal { criterion: Criterion::Brightness { stops: 0.5 }, pixels: Some(place.clone()), weight: 1.0 }];
     let view = View { relight: &relight, base: &base, still: vec![None], goals: &goals };
     let mut moves = variable(&before);
     moves.locks = Locks { position: false, ..Locks::ALL };
@@ -122,15 +124,15 @@ fn noise_alone_seldom_changes_a_size() {
 fn residuals_beside_a_picture_are_its_own_to_first_order() {
     let (base, noisy) = (flat(0.02), Noisy { seed: 1, noise: 0.002, dimming: 0.0 });
     let light = lamp(0.4);
-    let aims = [
-        Aim::Target { image: picture(&FLOOR, &base, &[lamp(0.6)]), exposure_invariant: false },
-        Aim::Target { image: picture(&FLOOR, &flat(0.3), &[lamp(0.6)]), exposure_invariant: true },
-        Aim::Brightness { stops: 1.0 },
-        Aim::Temperature { mireds: 40.0 },
-        Aim::Keep,
+    let criteria = [
+        Criterion::Target { image: picture(&FLOOR, &base, &[lamp(0.6)]), exposure_invariant: false },
+        Criterion::Target { image: picture(&FLOOR, &flat(0.3), &[lamp(0.6)]), exposure_invariant: true },
+        Criterion::Brightness { stops: 1.0 },
+        Criterion::Temperature { mireds: 40.0 },
+        Criterion::Keep,
     ];
-    for aim in aims {
-        let goals = [Goal { aim, pixels: None, weight: 2.0 }];
+    for criterion in criteria {
+        let goals = [Goal { criterion, pixels: None, weight: 2.0 }];
         let view = View { relight: &FLOOR, base: &base, still: vec![None], goals: &goals };
         let problem = Problem { views: vec![view], variables: vec![variable(&light)] };
         let objective = Objective::new(&problem, 0.0).unwrap();
@@ -146,13 +148,13 @@ fn residuals_beside_a_picture_are_its_own_to_first_order() {
         let of = |at: &[[f32; 3]], picture: &[[f32; 3]]| {
             let twice = || [at.to_vec(), at.to_vec()];
             let at = Picture { exact: twice(), clean: twice() };
-            let doubts = view.doubts(&at, draw);
-            view.residuals_beside(&view.compare_picture(&at, &doubts, draw), picture, draw)
+            let uncertainties = view.uncertainties(&at, draw);
+            view.residuals_beside(&view.compare_picture(&at, &uncertainties, draw), picture, draw)
         };
         let distance =
             |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f32>().sqrt();
         let (before, own, beside) = (of(&clean, &clean), of(&other, &other), of(&clean, &other));
         let (all, missed) = (distance(&own, &before), distance(&own, &beside));
-        assert!(all > 0.0 && missed < 0.03 * all, "{:?}: {missed} of {all}", goals[0].aim);
+        assert!(all > 0.0 && missed < 0.03 * all, "{:?}: {missed} of {all}", goals[0].criterion);
     }
 }

@@ -46,7 +46,7 @@ impl Compare for OnFloor<'_> {
         lights: &[&Light],
         still: &[[f32; 3]],
         softness: f32,
-        wanted: &[Wanted],
+        wanted: &[TermTarget],
     ) -> Result<Option<Compared>, RelightError> {
         self.count.fetch_add(1, Ordering::Relaxed);
         let mut compared = Compared {
@@ -95,16 +95,16 @@ fn goals_are_compared_where_the_pictures_are_made() {
     let left: Vec<f32> = (0..96).map(|i| if i % 12 < 6 { 1.0 } else { 0.1 * (i % 3) as f32 }).collect();
     let goals = [
         Goal {
-            aim: Aim::Target { image: image.clone(), exposure_invariant: false },
+            criterion: Criterion::Target { image: image.clone(), exposure_invariant: false },
             pixels: None,
             weight: 0.7,
         },
         Goal {
-            aim: Aim::Target { image, exposure_invariant: true },
+            criterion: Criterion::Target { image, exposure_invariant: true },
             pixels: Some(left.clone()),
             weight: 0.7,
         },
-        Goal { aim: Aim::Brightness { stops: 1.0 }, pixels: Some(left), weight: 0.4 },
+        Goal { criterion: Criterion::Brightness { stops: 1.0 }, pixels: Some(left), weight: 0.4 },
     ];
     let held = picture(&FLOOR, &flat(0.0), &[Light { radiance: [1.0; 3], ..lights[1].clone() }]);
     let locked = Locks { color: false, strength: false, ..Locks::ALL };

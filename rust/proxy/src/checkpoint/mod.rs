@@ -43,7 +43,7 @@ struct TrainingHeader {
     calibrated: bool,
 }
 
-/// What a file holds.
+/// Contents of a file.
 struct Contents {
     info: ProxyInfo,
     features: PixelFeatures,

@@ -1,7 +1,7 @@
 use std::sync::MutexGuard;
 
 use relume_gpu::Commands;
-use relume_gpu::compare::{Layers, Look, Step, Units};
+use relume_gpu::compare::{Layers, Step, StepTargets, Units};
 
 use super::gradient::LightGradient;
 use super::proxy::{GpuProxy, Shared, grow};
@@ -12,9 +12,9 @@ use crate::{LightParams, ProxyError};
 pub struct ProxyCompared {
     /// The loss.
     pub loss: f64,
-    /// Of each light.
+    /// Gradient of each light.
     pub lights: Vec<LightGradient>,
-    /// By the radiances of the layers but the first.
+    /// Derivatives by the radiances of the layers but the first.
     pub layers: Vec<[f32; 3]>,
 }
 
@@ -26,19 +26,19 @@ pub struct ProxyCompared {
 /// [`ProxyError::WrongKind`] if there is no proxy for a light, [`ProxyError::PixelOutside`] or [`ProxyError::Gpu`].
 ///
 /// # Panics
-/// As [`Layers::begin`].
+/// See [`Layers::begin`].
 pub fn compare(
     proxies: &[&GpuProxy],
     layers: &Layers,
     radiances: &[[f32; 3]],
     lights: &[(LightParams, [f32; 3])],
-    look: &Look,
+    targets: &StepTargets,
 ) -> Result<ProxyCompared, ProxyError> {
-    proxies.iter().try_for_each(|proxy| proxy.proxy().check_pixels(&look.cells))?;
+    proxies.iter().try_for_each(|proxy| proxy.proxy().check_pixels(&targets.cells))?;
     let mut groups = groups(proxies, lights)?;
     let gradients = groups.iter().map(Group::gradients).sum();
     let mut commands = layers.gpu().commands("light step");
-    let step = layers.begin(&mut commands, radiances, look, gradients)?;
+    let step = layers.begin(&mut commands, radiances, targets, gradients)?;
     for group in &mut groups {
         group.add(&mut commands, &step)?;
     }

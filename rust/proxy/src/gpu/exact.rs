@@ -79,7 +79,8 @@ fn surface_of(rows: &[f64]) -> Surface<f64> {
 }
 
 impl Parts<'_> {
-    /// From an encoded pixel, the features that it sees, and scale and shift of each layer: before factor and scale of outputs.
+    /// Outputs from an encoded pixel, the features that it sees, and scale and shift of each layer: before factor and
+    /// scale of outputs.
     fn outputs(&self, row: &[f64], features: &[f64; FEATURES], modulation: &[f64]) -> [f64; 3] {
         let width = self.first.rows;
         let mut layers = modulation.chunks_exact(2 * width).map(|layer| layer.split_at(width));
@@ -104,7 +105,7 @@ impl Parts<'_> {
 }
 
 impl Matrix<'_> {
-    /// With a vector that has no more values than there are columns.
+    /// Product with a vector that has no more values than there are columns.
     fn times(&self, x: &[f64]) -> Vec<f64> {
         let row = |row: usize| x.iter().enumerate().map(|(col, x)| f64::from(self.at(row, col)) * x).sum();
         (0..self.rows).map(row).collect()

@@ -9,7 +9,7 @@ const KEPT: usize = 16;
 /// Values that come after those of the layers: by nine parameters and the radiance.
 const LAST: usize = 12;
 
-/// What gradients need besides what inference needs.
+/// Kernels that gradients need besides those of inference.
 #[derive(Debug)]
 pub(super) struct GradientKernels {
     gradient: Kernel,
@@ -21,9 +21,9 @@ pub(super) struct GradientKernels {
 /// Gradient of a loss by one light.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LightGradient {
-    /// By the parameters, in the order of [`LightParams::as_slice`].
+    /// Derivatives by the parameters, in the order of [`LightParams::as_slice`].
     pub params: Vec<f32>,
-    /// By the radiance.
+    /// Derivatives by the radiance.
     pub radiance: [f32; 3],
 }
 
@@ -111,7 +111,8 @@ impl GpuProxy {
         Ok(())
     }
 
-    /// From the values of a light in `results`; its shape's gradient through modulation, features and output scale.
+    /// Gradient from the values of a light in `results`; its shape's gradient goes through modulation, features and
+    /// output scale.
     pub(super) fn light_gradient(
         &self,
         (light, radiance): &(LightParams, [f32; 3]),

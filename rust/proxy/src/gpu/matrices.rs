@@ -24,8 +24,8 @@ pub(super) struct ByMatrices {
 }
 
 impl ByMatrices {
-    /// Nothing where the device has no such matrices, the network does not fit them, or they do not give what the plain kernel
-    /// gives.
+    /// Matrix kernels that were tested; nothing where the device has no such matrices, the network does not fit them,
+    /// or they do not give what the plain kernel gives.
     ///
     /// # Errors
     /// If the plain kernel fails.
@@ -109,8 +109,8 @@ mod tests {
     use crate::NetworkConfig;
     use crate::gpu::tests::{grid, lit_on_device, on_device};
 
-    /// What each invocation holds of the matrices: of weights and sums the row of its number, of inputs where they are. The
-    /// compiler must not know that there are 16 of everything, or it takes half a minute to unroll all loops.
+    /// Emulation of matrices: each invocation holds of weights and sums the row of its number, of inputs where they
+    /// are. The compiler must not know that there are 16 of everything, or it takes half a minute to unroll all loops.
     const EMULATED: &str = "
         var<private> lane: u32;
         var<private> side: u32;
@@ -197,9 +197,9 @@ mod tests {
         }
     }
 
-    /// Of the widths of the paper's table 1, for a tile and some pixels more. Not as deep: Mesa's software driver ends all loops of
-    /// a kernel after 65,535 turns in all, which these come close to. On a card with matrices `unit_images_equal_sums_of_64_bits`
-    /// and `relume bench` take the whole networks.
+    /// Networks with the widths of the paper's table 1, for a tile and some pixels more. Not as deep: Mesa's software
+    /// driver ends all loops of a kernel after 65,535 turns in all, which these come close to. On a card with matrices
+    /// `unit_images_equal_sums_of_64_bits` and `relume bench` take the whole networks.
     #[test]
     fn images_by_matrices_equal_sums_of_64_bits_and_are_written_whole() {
         for (width, layers) in [(64, 4), (128, 4), (256, 2)] {

@@ -10,7 +10,7 @@ const FEATURE_ROWS: usize = 12;
 /// The part of a network that runs for each pixel and light, packed for `network.wgsl`.
 #[derive(Debug)]
 pub(crate) struct DeviceNetwork {
-    /// Whether its first layer modulates a trunk and sees the analytic features.
+    /// True if its first layer modulates a trunk and sees the analytic features.
     pub fast: bool,
     /// Values of a layer, those that fill up the last block included.
     pub width: usize,
@@ -20,8 +20,8 @@ pub(crate) struct DeviceNetwork {
     pub hidden: usize,
     /// Rows of an encoded pixel.
     pub pixel_rows: usize,
-    /// For the way forward: matrices as `[input][row]`, then output weights and bias in quads of three values. For the way
-    /// back: those between layers as `[row][input]`, then of the output, then of the features.
+    /// Weights for the way forward: matrices as `[input][row]`, then output weights and bias in quads of three values.
+    /// For the way back: those between layers as `[row][input]`, then of the output, then of the features.
     pub weights: Vec<f32>,
 }
 
@@ -103,8 +103,8 @@ pub(crate) trait OnDevice: Network {
     fn parts<'a>(&'a self, params: &'a [f32]) -> Parts<'a>;
     /// For each layer its scale, then its shift.
     fn modulation(&self, params: &[f32], lit: &Self::Lit) -> Vec<f32>;
-    /// What [`Network::light_backward`] sums up, from the gradient by [`OnDevice::modulation`] and by the scaled parameters
-    /// that the features see.
+    /// Sum that [`Network::light_backward`] makes, from the gradient by [`OnDevice::modulation`] and by the scaled
+    /// parameters that the features see.
     fn gradient_sum(&self, params: &[f32], d_modulation: &[f32], d_features: &[f32]) -> Vec<f32>;
 }
 

@@ -165,7 +165,7 @@ impl GpuProxy {
     /// [`GpuProxy::unit_image`] that stays on the device. Does not wait for it.
     ///
     /// # Errors
-    /// As [`GpuProxy::unit_image`].
+    /// See [`GpuProxy::unit_image`].
     pub fn gpu_image(&self, light: &LightParams) -> Result<GpuImage, ProxyError> {
         let [width, height] = self.proxy.info().image;
         let image = GpuImage::black(&self.gpu, width, height)?;
@@ -224,7 +224,7 @@ impl GpuProxy {
         Ok(())
     }
 
-    /// Whether unit images are made with matrices of 16-bit floats, which the device multiplies at once.
+    /// True if unit images are made with matrices of 16-bit floats, which the device multiplies at once.
     pub fn by_matrices(&self) -> bool {
         self.matrices.is_some()
     }
@@ -330,7 +330,7 @@ impl GpuProxy {
         values
     }
 
-    /// Where it is.
+    /// Device of the proxy.
     pub fn gpu(&self) -> &Arc<Gpu> {
         &self.gpu
     }

@@ -1,7 +1,7 @@
 use std::sync::Arc;
 
 use glam::Vec3;
-use relume_gpu::compare::{Layers, Look};
+use relume_gpu::compare::{Layers, StepTargets};
 use relume_gpu::{Gpu, GpuChoice};
 
 use super::proxy::MAX_COLLECTED;
@@ -61,12 +61,12 @@ fn trainer_of_size(network: NetworkConfig, kind: LightKind, [width, height]: [us
     Trainer::new(Arc::new(features), kind, config, 7).unwrap()
 }
 
-/// The same on the device.
+/// Untrained proxy on the device.
 pub(super) fn on_device(network: NetworkConfig, kind: LightKind, size: [usize; 2]) -> GpuProxy {
     GpuProxy::new(gpu(), &proxy_of_size(network, kind, size)).unwrap()
 }
 
-/// The same with outputs above zero.
+/// Untrained proxy with outputs above zero, on the device.
 pub(super) fn lit_on_device(network: NetworkConfig, kind: LightKind, size: [usize; 2]) -> GpuProxy {
     let trainer = crate::bench::lit(trainer_of_size(network, kind, size));
     GpuProxy::new(gpu(), &trainer.proxy().unwrap()).unwrap()
@@ -268,13 +268,13 @@ fn check_light_gradient(device: &GpuProxy, kind: LightKind, what: &str) {
 }
 
 /// A target at some pixels of a picture.
-fn look_at(pixels: Vec<u32>, target: &[[f32; 3]], exposure: f32) -> Look {
+fn targets_at(pixels: Vec<u32>, target: &[[f32; 3]], exposure: f32) -> StepTargets {
     let wanted = |(i, pixel): (usize, &u32)| {
         let [r, g, b] = target[*pixel as usize].map(|x| curve(exposure * x));
         [r, g, b, 1e-3 * (i % 7) as f32]
     };
     let wanted = pixels.iter().enumerate().map(wanted).collect();
-    Look::target(pixels, wanted, exposure)
+    StepTargets::target(pixels, wanted, exposure)
 }
 
 fn curve(x: f32) -> f32 {
@@ -302,14 +302,14 @@ fn a_comparison_equals_one_by_pictures() {
         .map(|(kind, r)| (light(kind, &mut rng), [r, 0.6, 1.5 * r]));
     let proxy_of = |light: &LightParams| &proxies[usize::from(light.kind() == LightKind::Quad)];
     let pixels: Vec<u32> = (0..333).map(|_| rng.below(37 * 23)).collect();
-    let look = look_at(pixels.clone(), &target, exposure);
+    let targets = targets_at(pixels.clone(), &target, exposure);
     let units = lights.each_ref().map(|(light, _)| {
         let mut unit = vec![[0.0; 3]; pixels.len()];
         proxy_of(light).forward_pixels(&pixels, light, &mut unit).unwrap();
         unit
     });
     let (mut loss, mut d_picture) = (0.0, vec![[0.0; 3]; pixels.len()]);
-    for (i, (pixel, wanted)) in pixels.iter().zip(&look.wanted).enumerate() {
+    for (i, (pixel, wanted)) in pixels.iter().zip(&targets.references).enumerate() {
         for c in 0..3 {
             let lit: f32 =
                 lights.iter().zip(&units).map(|((_, radiance), unit)| radiance[c] * unit[i][c]).sum();
@@ -329,7 +329,7 @@ fn a_comparison_equals_one_by_pictures() {
         devices.iter_mut().for_each(|device| device.max_collected = max_collected);
         let before = gpu.bytes_read();
         let all = devices.each_ref();
-        let found = compare(&all, &layers, &[radiance_of_still], &lights, &look).unwrap();
+        let found = compare(&all, &layers, &[radiance_of_still], &lights, &targets).unwrap();
         let values = 1 + 3 * 2 + 2 * all[0].gradient_len() + all[1].gradient_len();
         assert_eq!(gpu.bytes_read() - before, 4 * values as u64, "loss and gradients alone");
         let error = found.loss / loss - 1.0;
@@ -344,6 +344,6 @@ fn a_comparison_equals_one_by_pictures() {
             assert!(difference(&found.radiance, &by_radiance(unit)) < 10.0 * TOLERANCE, "{found:?}");
         }
     }
-    let error = compare(&[&devices[0]], &layers, &[radiance_of_still], &lights, &look).unwrap_err();
+    let error = compare(&[&devices[0]], &layers, &[radiance_of_still], &lights, &targets).unwrap_err();
     assert!(matches!(error, ProxyError::WrongKind { asked: LightKind::Quad, .. }), "{error}");
 }

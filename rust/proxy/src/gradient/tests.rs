@@ -174,7 +174,7 @@ pub(crate) fn moved(light: &LightParams, lane: usize, by: f32) -> LightParams {
     LightParams::from_slice(light.kind(), &values).expect("same length")
 }
 
-/// By central differences of two steps, extrapolated: small lights bend the logarithm of their size.
+/// Derivative by central differences of two steps, extrapolated: small lights bend the logarithm of their size.
 pub(crate) fn difference_quotient(mut value: impl FnMut(f32) -> f64, step: f32) -> f64 {
     let mut quotient = |step: f32| (value(step) - value(-step)) / f64::from(2.0 * step);
     (4.0 * quotient(step) - quotient(2.0 * step)) / 3.0

@@ -114,7 +114,7 @@ impl FastNetwork {
         transpose(isa, scratch.encoder.output(&self.encoder, 0), stride, &mut scratch.modulations);
     }
 
-    /// From the gradients by the modulations to the encoder's weights.
+    /// Propagates the gradients by the modulations to the encoder's weights.
     fn encoder_backward(&self, isa: Isa, packed: &PackedFast, scratch: &mut FastScratch, grads: &mut [f32]) {
         let stride = padded(self.head.modulation_len());
         let d = scratch.encoder.output_gradient(&self.encoder, 0);

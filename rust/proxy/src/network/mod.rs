@@ -19,7 +19,7 @@ pub(crate) const CHUNK_TILES: usize = 32;
 /// Samples of a chunk.
 pub(crate) const CHUNK: usize = CHUNK_TILES * LANES;
 
-/// What every call needs of the world.
+/// Context that every call needs.
 #[derive(Clone, Copy)]
 pub(crate) struct Context<'a> {
     pub isa: Isa,
@@ -43,7 +43,7 @@ pub(crate) struct Chunk<'a> {
     pub weight: f32,
 }
 
-/// Where a chunk leaves its results.
+/// Receiver of a chunk's gradients.
 pub(crate) struct ChunkGradients<'a> {
     /// Gradient by all parameters but the grid, added to.
     pub params: &'a mut [f32],
@@ -64,7 +64,7 @@ pub(crate) trait Network: Sync {
 
     fn layout(&self) -> &ParamLayout;
     fn grid(&self) -> &HashGrid;
-    /// How lights are turned into inputs.
+    /// Encoding of lights as inputs.
     fn light_encoding(&self) -> &LightEncoding;
     /// Multiply-adds of one sample in training (without what is shared) and in inference.
     fn multiply_adds(&self, slots: usize) -> (usize, usize);
@@ -83,7 +83,7 @@ pub(crate) trait Network: Sync {
 
     /// Rows of [`Network::encode_pixels`].
     fn pixel_rows(&self) -> usize;
-    /// What can be computed of 32 pixels without knowing the light, into a tile of [`Network::pixel_rows`] rows.
+    /// Encodes 32 pixels without knowing the light, into a tile of [`Network::pixel_rows`] rows.
     fn encode_pixels(&self, context: Context<'_>, packed: &Self::Packed, pixels: &[u32], out: &mut [f32]);
 
     fn light_scratch(&self) -> Self::LightScratch;

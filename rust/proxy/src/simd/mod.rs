@@ -89,21 +89,21 @@ macro_rules! dispatch {
     };
 }
 
-/// What a matrix product starts from.
+/// Initial value of a matrix product.
 #[derive(Clone, Copy)]
 pub(crate) enum Start<'a> {
     /// Zero.
     Zero,
     /// One value per output.
     Bias(&'a [f32]),
-    /// What the output tile holds.
+    /// Value of the output tile.
     Output,
 }
 
-/// What happens to a result on its way to memory.
+/// Operation on a result on its way to memory.
 #[derive(Clone, Copy)]
 pub(crate) enum Finish<'a> {
-    /// Nothing.
+    /// Linear output: nothing happens to the result.
     Linear,
     /// `max(x, 0)`.
     Relu,

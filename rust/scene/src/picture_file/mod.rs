@@ -26,7 +26,7 @@ pub struct PictureFile {
     pub texels: Texels,
 }
 
-/// What the values of a picture file stand for, which only its user knows.
+/// Meaning of the values of a picture file, which only its user knows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FileColors {
@@ -52,7 +52,7 @@ const KINDS: [(&[u8], Decode); 8] = [
     (b"#?", radiance::decode),
 ];
 const LONGEST_START: u64 = 8;
-/// Of 16 bits a channel, as a factor, as Blender has it: divided they differ by a rounding.
+/// Step of 16 bits a channel, as a factor, as Blender has it: divided they differ by a rounding.
 const STEP: f32 = 1.0 / 65535.0;
 const UNKNOWN: &str = "it is no PNG, JPEG, OpenEXR, TIFF or Radiance file";
 
@@ -103,7 +103,7 @@ impl PictureFile {
         Texture { name, width: self.width, height: self.height, texels: self.texels, encoding, alpha }
     }
 
-    /// From rows of pixels of N values, top row first.
+    /// Texels from rows of pixels of N values, top row first.
     fn from_rows<T: Copy, const N: usize>(
         [width, height]: [usize; 2],
         values: &[T],
@@ -139,7 +139,7 @@ fn checked_size(
     holds.then_some([width, height]).ok_or("its header promises more pixels than the file can hold".into())
 }
 
-/// As Blender's `IMB_unpremultiply_rect` and `IMB_rectfill_alpha`.
+/// Divides colours by alpha, like Blender's `IMB_unpremultiply_rect` and `IMB_rectfill_alpha`.
 fn straighten(texels: &mut [u8], alpha: Alpha) {
     let (pixels, _) = texels.as_chunks_mut::<4>();
     match alpha {

@@ -7,7 +7,7 @@ use tiff::{ColorType, TiffError};
 
 /// LZW makes at most 4096 bytes of a code of 9 bits or more; deflate and runs make less.
 const MOST_BYTES: usize = 4096;
-/// What is read of some tags; those that have a default may be left out.
+/// Values of tags that are read; those that have a default may be left out.
 const READ: [(Tag, &[u16]); 5] = [
     (Tag::Orientation, &[1]),
     (Tag::ExtraSamples, &[1, 2]), // Alpha, not something unnamed.

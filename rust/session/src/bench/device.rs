@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use glam::Vec3;
 use relume_dump::MemoryWriter;
-use relume_gather::{Gather, GpuGather, Half};
+use relume_gather::{Gather, GpuGather, SampleSplit};
 use relume_gpu::{Checks, Figure, Gpu, Limit};
 use relume_proxy::bench::Extent as NetworkExtent;
 use relume_proxy::synthetic::SyntheticRoom;
@@ -61,7 +61,7 @@ pub fn first_picture(gpu: &Arc<Gpu>, size: (usize, usize)) -> Result<Vec<Record>
     let gather = Gather::new(writer.snapshot());
     let on_gpu = GpuGather::new(Arc::clone(gpu), &gather)?;
     let lights = [gather.prepare(&Light::unit(shape))?];
-    let images = on_gpu.unit_images(&lights, Half::All)?;
+    let images = on_gpu.unit_images(&lights, SampleSplit::All)?;
     let seconds = start.elapsed().as_secs_f64();
     // Three words a record, and a picture.
     let words = [3 * gather.dump().record_count(), images[0].data.len()];
@@ -106,9 +106,9 @@ pub fn networks(gpu: &Arc<Gpu>, extent: NetworkExtent) -> Result<Vec<Record>, Se
 /// A gather and the widest network with kernels that check their indices and loops, beside the same without.
 pub fn checks(gpu: &Gpu, megabytes: usize, extent: NetworkExtent) -> Result<Vec<Record>, SessionError> {
     let measure = |checks: Checks| {
-        let twin = gpu.twin(checks)?;
-        let gather = relume_gather::bench::seconds_of_a_light(&twin, megabytes)?;
-        let (network, inference) = relume_proxy::bench::seconds_of_the_widest(&twin, extent)?;
+        let second = gpu.open_second(checks)?;
+        let gather = relume_gather::bench::seconds_of_a_light(&second, megabytes)?;
+        let (network, inference) = relume_proxy::bench::seconds_of_the_widest(&second, extent)?;
         let figure = |name: String, seconds: f64| {
             Figure::new(format!("{name}, with checks of indices and loops"), 1e3 * seconds, "ms")
         };

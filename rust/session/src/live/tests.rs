@@ -8,7 +8,7 @@ use crate::test_room;
 use crate::{Compute, LightSet, Maker, Monitor, ObjView, RelightOptions, Relighter, With, bake, obj_scene};
 use glam::Vec3;
 use relume_dump::Dump;
-use relume_gather::{Gather, Half};
+use relume_gather::{Gather, SampleSplit};
 use relume_image::{Image, metrics};
 use relume_scene::{Light, LightShape};
 
@@ -81,7 +81,7 @@ fn a_light_gathered_pass_by_pass_is_the_light_gathered_at_once() {
     let dump = Dump::open(folder.path()).unwrap();
     let lights = [lamp(0.3), lamp(-0.4)];
     let gather = Gather::new(dump.clone());
-    let whole = gather.unit_images(&gather.prepare_all(&lights).unwrap(), Half::All);
+    let whole = gather.unit_images(&gather.prepare_all(&lights).unwrap(), SampleSplit::All);
 
     let shared = Shared::default();
     shared.change(|state| state.dump = Some(dump));
@@ -145,7 +145,7 @@ fn noise_of_settled_frames_is_that_of_their_samples() {
     let lights = [lamp(0.3), lamp(-0.4)];
     let [seen, reference] = [&few, &many].map(|folder| {
         let gather = Gather::new(Dump::open(folder).unwrap());
-        let images = gather.unit_images(&gather.prepare_all(&lights).unwrap(), Half::All);
+        let images = gather.unit_images(&gather.prepare_all(&lights).unwrap(), SampleSplit::All);
         let layers: Vec<_> = images.iter().zip(lights.each_ref().map(|light| light.radiance)).collect();
         relume_gather::relight((32, 24), &layers)
     });
@@ -191,7 +191,7 @@ fn frames_grow_settle_and_answer_the_newest_request() {
 fn cancelled_bake_is_shown_and_goes_on_to_the_same_files() {
     let folder = tempfile::tempdir().unwrap();
     let (whole, cut) = (folder.path().join("whole"), folder.path().join("cut"));
-    let towards = TraceSettings { towards: vec![lamp(0.0)], ..settings(64) };
+    let towards = TraceSettings { guide_targets: vec![lamp(0.0)], ..settings(64) };
     bake(&room(48, 32), &towards, &whole, false, &Monitor::default()).unwrap();
 
     let live = live(&cut);

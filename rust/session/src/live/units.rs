@@ -3,7 +3,7 @@ use super::view::{SharedImage, View, pass_samples};
 use crate::device_image::DeviceImage;
 use crate::unit_cache::key;
 use crate::{Compute, Monitor, SessionError};
-use relume_gather::Half;
+use relume_gather::SampleSplit;
 use relume_gpu::{Gpu, GpuError};
 use relume_scene::Light;
 use std::sync::Arc;
@@ -78,7 +78,7 @@ impl Units {
         let group: Vec<Light> =
             lights.iter().filter(|light| done(light) == least).take(GROUP).map(key).collect();
         let pass = &view.passes[least];
-        let images = pass.device_images(&group, Half::All, compute, monitor)?;
+        let images = pass.device_images(&group, SampleSplit::All, compute, monitor)?;
         for (light, image) in group.iter().zip(images) {
             if let Err(error) = self.of(light).gathered.add(image, pass_samples(pass)) {
                 // It may have been taken in, or not.

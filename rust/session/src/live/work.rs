@@ -12,7 +12,7 @@ use crate::{
 use relume_dump::{Dump, DumpError, Manifest};
 use relume_proxy::{LightKind, TrainConfig};
 use relume_scene::{Light, Scene};
-use relume_trace::{TraceSettings, lights_looked_for};
+use relume_trace::{TraceSettings, guide_targets};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -179,7 +179,7 @@ impl Job {
 
     /// The scene's, and those that are shown now where they are other than the scene's: they may have moved since it was read.
     fn lights_to_look_for(&self, scene: &Scene, settings: &TraceSettings) -> Vec<Light> {
-        let mut lights = lights_looked_for(scene, settings);
+        let mut lights = guide_targets(scene, settings);
         if let Some(request) = &self.shared.lock().request {
             let is_elsewhere = |light: &&Light| lights.iter().all(|known| known.shape != light.shape);
             let shown: Vec<Light> = request.lights.iter().filter(is_elsewhere).cloned().collect();

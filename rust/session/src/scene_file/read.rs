@@ -66,7 +66,7 @@ fn read_scene(arrays: &Arrays) -> Result<(Scene, TraceSettings), String> {
     builder.set_world(parts.world).map_err(refused)?;
     builder.set_camera(parts.camera);
     check_lights(&parts.lights)?;
-    check_lights(&parts.settings.towards)?;
+    check_lights(&parts.settings.guide_targets)?;
     parts.lights.into_iter().for_each(|light| builder.add_light(light));
     parts.warnings.into_iter().for_each(|warning| builder.warn(warning));
     let scene = builder.build().map_err(refused)?;

@@ -95,7 +95,7 @@ fn camera() -> Camera {
 }
 
 fn settings() -> TraceSettings {
-    TraceSettings { samples: 6, seed: 5, towards: scene().lights, ..TraceSettings::default() }
+    TraceSettings { samples: 6, seed: 5, guide_targets: scene().lights, ..TraceSettings::default() }
 }
 
 /// A view table of two entries an axis.

@@ -1,5 +1,5 @@
 use relume_image::Image;
-use relume_optimise::{Aim, Bounds, Goal, Locks, Problem, Settings, Variable, View, solve};
+use relume_optimise::{Bounds, Criterion, Goal, Locks, Problem, Settings, Variable, View, solve};
 use relume_proxy::{GpuProxy, LightKind, LightParams};
 use relume_scene::Light;
 use std::ops::ControlFlow;
@@ -26,12 +26,12 @@ pub(crate) fn seconds_of_a_light(
     let base = Image::new(width, height, 3);
     let at = |x: f32| LightParams::round(LightKind::Sphere, glam::Vec3::new(x, -0.5, 1.0), 0.2);
     let image = proxy.unit_image(&at(0.5))?;
-    let aim = Aim::Target { image, exposure_invariant: false };
-    let goals = [Goal { aim, pixels: None, weight: 1.0 }];
+    let criterion = Criterion::Target { image, exposure_invariant: false };
+    let goals = [Goal { criterion, pixels: None, weight: 1.0 }];
     let view = View { relight: &relight, base: &base, still: vec![None], goals: &goals };
     let light = Light::unit(at(-0.5).shape());
     let bounds = Bounds::new(glam::Vec3::splat(-1.5), glam::Vec3::splat(1.5), [0.1, 0.5]);
-    let variable = Variable { light: light.clone(), locks: Locks::default(), bounds, stay: 0.0 };
+    let variable = Variable { light: light.clone(), locks: Locks::default(), bounds, prior_weight: 0.0 };
     let problem = Problem { views: vec![view], variables: vec![variable] };
     let settings = Settings { iterations: steps, pixel_fraction: PIXELS, ..Settings::default() };
     let mut best = f64::INFINITY;

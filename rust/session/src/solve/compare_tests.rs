@@ -4,8 +4,8 @@ use glam::Vec3;
 use relume_gpu::{Gpu, GpuChoice};
 use relume_image::Image;
 use relume_optimise::{
-    Aim, Bounds, Compare, Compared, Goal, Locks, Problem, Relight, RelightError, Settings, Step, Variable,
-    View, Wanted, solve,
+    Bounds, Compare, Compared, Criterion, Goal, Locks, Problem, Relight, RelightError, Settings, Step,
+    TermTarget, Variable, View, solve,
 };
 use relume_proxy::{GpuProxy, LightKind, LightParams, Proxy};
 use relume_scene::{LANES, Light};
@@ -81,7 +81,7 @@ impl Compare for CheckedCompare<'_> {
         lights: &[&Light],
         still: &[[f32; 3]],
         softness: f32,
-        wanted: &[Wanted],
+        wanted: &[TermTarget],
     ) -> Result<Option<Compared>, RelightError> {
         let before = self.checked.gpu.bytes_read();
         let found = self.device.gradient(lights, still, softness, wanted)?.ok_or("the GPU gave up")?;
@@ -92,7 +92,7 @@ impl Compare for CheckedCompare<'_> {
         let (tolerance, loss) = (self.checked.tolerance, expected.loss);
         let weight: f64 = wanted.iter().map(|wanted| f64::from(wanted.weight)).sum();
         let most = LOSS * loss + 2.0 * (weight * loss).sqrt() * RESIDUAL;
-        assert!((found.loss - loss).abs() < most, "{} for {loss}: {:?}", found.loss, wanted[0].aim);
+        assert!((found.loss - loss).abs() < most, "{} for {loss}: {:?}", found.loss, wanted[0].criterion);
         for (found, expected) in found.lights.iter().zip(&expected.lights) {
             assert_near(&found.0, &expected.0, tolerance);
             assert_near(&found.1, &expected.1, tolerance);
@@ -119,7 +119,7 @@ impl CheckedCompare<'_> {
         lights: &[&Light],
         still: &[[f32; 3]],
         softness: f32,
-        wanted: &[Wanted],
+        wanted: &[TermTarget],
     ) -> Result<Compared, RelightError> {
         let mut sums = Compared {
             loss: 0.0,
@@ -166,22 +166,22 @@ fn goals(target: &Image) -> Vec<Vec<Goal>> {
     let pixels = target.pixel_count();
     let part = |first: usize| Some((0..pixels).map(|i| f32::from((i + first) % 7 < 4) * 0.8).collect());
     let image = || target.clone();
-    let aims = [
-        Aim::Target { image: image(), exposure_invariant: false },
-        Aim::Target { image: image(), exposure_invariant: true },
-        Aim::Brightness { stops: 1.0 },
-        Aim::Brightness { stops: -0.5 },
-        Aim::Color { color: [0.9, 0.5, 0.2] },
-        Aim::Temperature { mireds: 60.0 },
-        Aim::Temperature { mireds: -60.0 },
-        Aim::Keep,
+    let criteria = [
+        Criterion::Target { image: image(), exposure_invariant: false },
+        Criterion::Target { image: image(), exposure_invariant: true },
+        Criterion::Brightness { stops: 1.0 },
+        Criterion::Brightness { stops: -0.5 },
+        Criterion::Color { color: [0.9, 0.5, 0.2] },
+        Criterion::Temperature { mireds: 60.0 },
+        Criterion::Temperature { mireds: -60.0 },
+        Criterion::Keep,
     ];
-    let goal = |(number, aim): (usize, &Aim)| Goal {
-        aim: aim.clone(),
+    let goal = |(number, criterion): (usize, &Criterion)| Goal {
+        criterion: criterion.clone(),
         pixels: if number % 2 == 0 { None } else { part(number) },
         weight: 0.5 + 0.1 * number as f32,
     };
-    let all: Vec<Goal> = aims.iter().enumerate().map(goal).collect();
+    let all: Vec<Goal> = criteria.iter().enumerate().map(goal).collect();
     let alone = all.iter().map(|goal| vec![goal.clone()]);
     alone.chain([all.clone()]).collect()
 }
@@ -204,7 +204,7 @@ fn check(checked: &Checked, lights: &[Light], softness: [f32; 2]) {
         light: Light { radiance: [1.0, 0.8, 0.5], ..light.clone() },
         locks: Locks::default(),
         bounds,
-        stay: 0.0,
+        prior_weight: 0.0,
     };
     let mut variables: Vec<Variable> = lights.iter().map(variable).collect();
     let locks = Locks { color: false, strength: false, ..Locks::ALL };
@@ -222,7 +222,7 @@ fn check(checked: &Checked, lights: &[Light], softness: [f32; 2]) {
         let steps = |_: Step| ControlFlow::Continue(());
         solve(&problem, std::slice::from_ref(&start), &settings, &steps).unwrap();
         // The start, and each step and its end.
-        assert_eq!(checked.checks.load(Ordering::Relaxed), before + 5, "{:?}", goals[0].aim);
+        assert_eq!(checked.checks.load(Ordering::Relaxed), before + 5, "{:?}", goals[0].criterion);
     }
 }
 

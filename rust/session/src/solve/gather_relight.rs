@@ -1,9 +1,9 @@
 //! The smoothed gather as the optimiser sees it.
 
 use relume_dump::Aovs;
-use relume_gather::{DenoiseQuality, Gather, Half, SoftGather, relight};
+use relume_gather::{DenoiseQuality, Gather, SampleSplit, SoftGather, relight};
 use relume_image::Image;
-use relume_optimise::{Compare, Compared, Goal, Linear, Picture, Relight, RelightError, Wanted};
+use relume_optimise::{Compare, Compared, Goal, Linear, Picture, Relight, RelightError, TermTarget};
 use relume_scene::{LANES, Light};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -92,7 +92,7 @@ impl Prepared {
             if monitor.cancelled() {
                 return Err(SessionError::Cancelled);
             }
-            let gathered = relighter.gather_images(some, Half::All, monitor)?;
+            let gathered = relighter.gather_images(some, SampleSplit::All, monitor)?;
             units.extend(gathered.iter().map(|unit| unit.shrunk(self.shrink)));
             stage.advance(some.len() as u64, "");
         }
@@ -148,7 +148,7 @@ pub(super) struct GatherRelight<'a> {
     few: Vec<(f32, Soft<'a>)>,
     prepared: &'a Prepared,
     /// All paths twice where there are too few of them to make two pictures.
-    halves: [Half; 2],
+    halves: [SampleSplit; 2],
     units: Mutex<Vec<(Light, HalfUnits)>>,
 }
 
@@ -170,9 +170,9 @@ impl<'a> GatherRelight<'a> {
         let (gather, cell) = (relighter.device_gather()?, prepared.cell * prepared.shrink);
         let few = prepared.few.iter().map(|(softness, few)| (*softness, Soft::new(few, cell))).collect();
         let (soft, units) = (Soft::new(gather, cell), Mutex::default());
-        let halves = [Half::First, Half::Second];
+        let halves = [SampleSplit::First, SampleSplit::Second];
         let has_both = halves.iter().all(|half| half.tile_samples(gather.gather().dump(), 0) > 0);
-        let halves = if has_both { halves } else { [Half::All; 2] };
+        let halves = if has_both { halves } else { [SampleSplit::All; 2] };
         Some(Self { relighter, monitor, soft, few, prepared, halves, units })
     }
 
@@ -344,7 +344,7 @@ impl Compare for GatherCompare<'_> {
         lights: &[&Light],
         still: &[[f32; 3]],
         softness: f32,
-        wanted: &[Wanted],
+        wanted: &[TermTarget],
     ) -> Result<Option<Compared>, RelightError> {
         // Exact pictures are denoised.
         if softness == 0.0 {
@@ -362,11 +362,12 @@ impl Compare for GatherCompare<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use relume_optimise::Aim;
+    use relume_optimise::Criterion;
 
     #[test]
     fn small_places_have_small_cells() {
-        let place = |pixels: usize| Goal { aim: Aim::Keep, pixels: Some(vec![1.0; pixels]), weight: 1.0 };
+        let place =
+            |pixels: usize| Goal { criterion: Criterion::Keep, pixels: Some(vec![1.0; pixels]), weight: 1.0 };
         let (small, large) = (160 * 90, 1920 * 1080);
         assert_eq!([small, large].map(|pixels| edge_of_cells(pixels, &[])), [5, 8]);
         assert_eq!([10_000, 400, 5].map(|pixels| edge_of_cells(large, &[place(pixels)])), [8, 2, 1]);

@@ -1,5 +1,5 @@
 use relume_image::{Image, read_picture};
-use relume_optimise::{Aim, Goal};
+use relume_optimise::{Criterion, Goal};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
@@ -57,9 +57,9 @@ pub(super) fn goals(
         let fail = |error: SessionError| SessionError::Settings(format!("goal {}: {error}", i + 1));
         let pixels =
             wish.region.as_ref().map(|region| weights(region, size, pictures)).transpose().map_err(fail)?;
-        let aim = aim(wish, size, pictures).map_err(fail)?;
+        let criterion = criterion(wish, size, pictures).map_err(fail)?;
         let weight = if wish.goal == GoalKind::Keep { KEPT * wish.weight } else { wish.weight };
-        goals.push(Goal { aim, pixels, weight });
+        goals.push(Goal { criterion, pixels, weight });
     }
     if keep_rest > 0.0 {
         goals.extend(rest(&goals, size, keep_rest));
@@ -67,20 +67,20 @@ pub(super) fn goals(
     Ok(goals)
 }
 
-fn aim(wish: &GoalWish, size: (usize, usize), pictures: &Pictures) -> Result<Aim, SessionError> {
+fn criterion(wish: &GoalWish, size: (usize, usize), pictures: &Pictures) -> Result<Criterion, SessionError> {
     let stops = wish.stops.unwrap_or(if wish.goal == GoalKind::Shadow { SHADOW } else { STOPS });
     let mireds = wish.mireds.unwrap_or(MIREDS);
     Ok(match wish.goal {
-        GoalKind::Target => Aim::Target {
+        GoalKind::Target => Criterion::Target {
             image: fitted("the target", pictures.get(wish.image.as_deref().unwrap_or_default())?, size)?,
             exposure_invariant: wish.exposure_invariant,
         },
-        GoalKind::Brighter => Aim::Brightness { stops },
-        GoalKind::Darker | GoalKind::Shadow => Aim::Brightness { stops: -stops },
-        GoalKind::Color => Aim::Color { color: wish.color.unwrap_or([1.0; 3]) },
-        GoalKind::Warmer => Aim::Temperature { mireds },
-        GoalKind::Cooler => Aim::Temperature { mireds: -mireds },
-        GoalKind::Keep => Aim::Keep,
+        GoalKind::Brighter => Criterion::Brightness { stops },
+        GoalKind::Darker | GoalKind::Shadow => Criterion::Brightness { stops: -stops },
+        GoalKind::Color => Criterion::Color { color: wish.color.unwrap_or([1.0; 3]) },
+        GoalKind::Warmer => Criterion::Temperature { mireds },
+        GoalKind::Cooler => Criterion::Temperature { mireds: -mireds },
+        GoalKind::Keep => Criterion::Keep,
     })
 }
 
@@ -145,5 +145,5 @@ fn rest(goals: &[Goal], (width, height): (usize, usize), weight: f32) -> Option<
         free.iter_mut().zip(pixels).for_each(|(free, taken)| *free = f32::min(*free, 1.0 - taken));
     }
     let any = free.iter().any(|weight| *weight > 0.0);
-    any.then_some(Goal { aim: Aim::Keep, pixels: Some(free), weight })
+    any.then_some(Goal { criterion: Criterion::Keep, pixels: Some(free), weight })
 }

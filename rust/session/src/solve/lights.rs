@@ -56,7 +56,10 @@ impl Unknowns {
             if !locks.hold_all(&light.shape) {
                 let bounds = bounds(&wish.bounds_of(&light.name), light, visible)?;
                 let stay = stay_of(&light.name);
-                new.push(Source::Scene(i), Variable { light: light.clone(), locks, bounds, stay });
+                new.push(
+                    Source::Scene(i),
+                    Variable { light: light.clone(), locks, bounds, prior_weight: stay },
+                );
             }
         }
         let world = wish.free.get("world").map_or(Locks::ALL, |free| locks(free));
@@ -67,14 +70,14 @@ impl Unknowns {
             let shape = LightShape::Sphere { center: Vec3::ZERO, radius: 1.0 };
             let light = Light { radiance: request.now.world, ..plain("world", shape) };
             let (bounds, stay) = (bounds(&wish.bounds_of("world"), &light, visible)?, stay_of("world"));
-            new.push(Source::World, Variable { light, locks, bounds, stay });
+            new.push(Source::World, Variable { light, locks, bounds, prior_weight: stay });
         }
         for _ in 0..wish.add.map_or(0, |add| add.count) {
             let shape = new_shape(wish.add.map_or(NewKind::Point, |add| add.kind), visible, views);
             let light = Light { radiance: [0.0; 3], ..plain("new light", shape) };
             let wanted = BoundsWish { stops: None, degrees: None, ..wish.bounds };
             let bounds = bounds(&wanted, &light, visible)?;
-            new.push(Source::New, Variable { light, locks: Locks::default(), bounds, stay: 0.0 });
+            new.push(Source::New, Variable { light, locks: Locks::default(), bounds, prior_weight: 0.0 });
         }
         Ok(new)
     }

@@ -1,37 +1,37 @@
 //! Goals as a GPU takes them, which compares pictures where it makes them.
 
-use relume_gpu::compare::{Look, Residual, Term};
-use relume_optimise::{Aim, Wanted};
+use relume_gpu::compare::{Residual, StepTargets, Term};
+use relume_optimise::{Criterion, TermTarget};
 
 /// What is wanted of some cells.
-pub(super) fn look(wanted: &[Wanted]) -> Look {
-    let mut look = Look::default();
-    for wanted in wanted {
-        look.terms.push(term(wanted, look.cells.len()));
-        look.cells.extend(&wanted.cells);
-        let cells = wanted.references.iter().zip(&wanted.shares);
-        look.wanted.extend(cells.map(|([r, g, b], share)| [*r, *g, *b, *share]));
+pub(super) fn look(targets: &[TermTarget]) -> StepTargets {
+    let mut step = StepTargets::default();
+    for target in targets {
+        step.terms.push(term(target, step.cells.len()));
+        step.cells.extend(&target.cells);
+        let cells = target.references.iter().zip(&target.shares);
+        step.references.extend(cells.map(|([r, g, b], share)| [*r, *g, *b, *share]));
     }
-    look
+    step
 }
 
 /// A goal whose cells start at this one.
-fn term(wanted: &Wanted, first: usize) -> Term {
-    let (residual, amount) = match *wanted.aim {
-        Aim::Target { .. } => (Residual::Tone, 0.0),
-        Aim::Brightness { stops } => (Residual::Brightness, stops),
-        Aim::Color { .. } => (Residual::Color, 0.0),
-        Aim::Temperature { mireds } => (Residual::Warmth, mireds),
-        Aim::Keep => (Residual::Stops, 0.0),
+fn term(target: &TermTarget, first: usize) -> Term {
+    let (residual, amount) = match *target.criterion {
+        Criterion::Target { .. } => (Residual::Tone, 0.0),
+        Criterion::Brightness { stops } => (Residual::Brightness, stops),
+        Criterion::Color { .. } => (Residual::Color, 0.0),
+        Criterion::Temperature { mireds } => (Residual::Warmth, mireds),
+        Criterion::Keep => (Residual::Stops, 0.0),
     };
     Term {
-        mean_reference: wanted.reference_of_mean.unwrap_or_default(),
+        mean_reference: target.reference_of_mean.unwrap_or_default(),
         residual,
         amount,
-        exposure: wanted.exposure,
-        weight: wanted.weight,
-        luminance: wanted.luminance.unwrap_or_default(),
+        exposure: target.exposure,
+        weight: target.weight,
+        luminance: target.luminance.unwrap_or_default(),
         first: first as u32,
-        count: wanted.cells.len() as u32,
+        count: target.cells.len() as u32,
     }
 }

@@ -3,7 +3,7 @@
 use glam::Vec3;
 use relume_gpu::GpuError;
 use relume_gpu::compare::Layers;
-use relume_optimise::{Compare, Compared, Relight, RelightError, Wanted};
+use relume_optimise::{Compare, Compared, Relight, RelightError, TermTarget};
 use relume_proxy::{GpuProxy, LightKind, LightParams, Proxy, compare};
 use relume_scene::{LANES, Light, lane};
 use std::sync::Arc;
@@ -97,7 +97,7 @@ impl Compare for ProxyCompare<'_> {
         lights: &[&Light],
         still: &[[f32; 3]],
         _: f32,
-        wanted: &[Wanted],
+        wanted: &[TermTarget],
     ) -> Result<Option<Compared>, RelightError> {
         let params = |light: &&Light| Ok((ProxyRelight::params(light)?, light.radiance));
         let lights = lights.iter().map(params).collect::<Result<Vec<_>, RelightError>>()?;

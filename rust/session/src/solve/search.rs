@@ -1,5 +1,5 @@
 use relume_optimise::{
-    Polished, Problem, RandomStarts, Relight, RunnerUp, Settings, Solution, Step, idle_lights, is_doubtful,
+    Polished, Problem, RandomStarts, Relight, RunnerUp, Settings, Solution, Step, idle_lights, is_uncertain,
     polish, random_starts, regroupings, relocations, solve,
 };
 use relume_proxy::{GpuProxy, LightKind};
@@ -239,7 +239,7 @@ impl Search<'_> {
             }
             if self.seems_to_do_what_is_asked(found)? {
                 // Noise may hide that it does not, or it does far too much: one other place is worth the time.
-                if is_doubtful(problem, &found.lights)? {
+                if is_uncertain(problem, &found.lights)? {
                     self.relocate(problem, found)?;
                 }
                 break;

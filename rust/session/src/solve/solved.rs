@@ -36,7 +36,7 @@ pub struct Solved {
     /// What the user should know.
     pub warnings: Vec<String>,
     /// Names of lights that were solved and that hardly any path of a bake meets where they are now, so that all that is said of
-    /// them is noise. Bake towards the answer ([`relume_trace::TraceSettings::towards`]) and solve on from it ([`super::Wish::from`]).
+    /// them is noise. Bake towards the answer ([`relume_trace::TraceSettings::guide_targets`]) and solve on from it ([`super::Wish::from`]).
     pub rarely_met: Vec<String>,
     /// What is left of the loss.
     pub loss: f64,

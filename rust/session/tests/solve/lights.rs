@@ -190,7 +190,8 @@ fn paths_that_look_for_a_disk_tell_its_size() {
     let folders = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
     let [own, other] = [0, 1].map(|seed| {
         let towards = vec![lit(hidden, POWER)];
-        let settings = TraceSettings { samples: 384, seed, towards, ..TraceSettings::default() };
+        let settings =
+            TraceSettings { samples: 384, seed, guide_targets: towards, ..TraceSettings::default() };
         traced(folders[seed as usize].path(), 0.0, &settings);
         Relighter::open(folders[seed as usize].path()).unwrap()
     });

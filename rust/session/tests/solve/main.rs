@@ -184,7 +184,7 @@ fn a_light_that_paths_hardly_meet_is_named_and_solved_on_with_paths_that_look_fo
     let towards = |name: &str, lights: &[Light], seed: u64| {
         let folder = folder.path().join(name);
         let settings =
-            TraceSettings { samples: 128, towards: lights.to_vec(), seed, ..TraceSettings::default() };
+            TraceSettings { samples: 128, guide_targets: lights.to_vec(), seed, ..TraceSettings::default() };
         traced(&folder, 0.0, &settings);
         Relighter::open(&folder).unwrap()
     };

@@ -31,7 +31,7 @@ impl AshikhminShirley {
         self.alpha_y = self.alpha_y.max(alpha);
     }
 
-    /// Whether the lobe is a mirror.
+    /// True if the lobe is a mirror.
     pub fn is_singular(&self) -> bool {
         self.alpha_x.max(self.alpha_y) <= 1e-4
     }

@@ -47,22 +47,22 @@ pub struct ClosureSample {
     pub value: Vec3,
     /// See above.
     pub pdf: f32,
-    /// Whether the direction has no density.
+    /// True if the direction has no density.
     pub singular: bool,
     /// Class of the direction.
     pub lobe: Lobe,
-    /// How far it counts.
+    /// Reach of the direction.
     pub reach: Reach,
 }
 
-/// Whether the directions of a closure have a density.
+/// Density of a closure's directions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Sharpness {
-    /// All have.
+    /// Every direction has one.
     Dull,
-    /// None has.
+    /// No direction has one.
     Singular,
-    /// Reflected ones have, transmitted ones go straight on.
+    /// Reflected directions have one, transmitted ones go straight on.
     Both,
 }
 
@@ -137,12 +137,12 @@ impl Closure {
         }
     }
 
-    /// Whether what it reflects is glossy, not diffuse.
+    /// True if what it reflects is glossy, not diffuse.
     pub fn is_glossy(&self) -> bool {
         matches!(self.scatter, Scatter::Microfacet(_) | Scatter::AshikhminShirley(_))
     }
 
-    /// Whether it is diffuse, on either side of the surface.
+    /// True if it is diffuse, on either side of the surface.
     pub fn is_diffuse(&self) -> bool {
         matches!(
             self.scatter,
@@ -164,7 +164,7 @@ impl Closure {
         }
     }
 
-    /// Whether some directions that have a density lead to the other side.
+    /// True if some directions that have a density lead to the other side.
     pub(crate) fn transmits(&self) -> bool {
         match &self.scatter {
             Scatter::Translucent => true,

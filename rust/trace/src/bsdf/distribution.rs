@@ -22,7 +22,7 @@ pub enum Shape {
 /// A distribution of microfacet normals.
 #[derive(Clone, Copy, Debug)]
 pub struct Distribution {
-    /// Its shape.
+    /// Shape of the distribution.
     pub shape: Shape,
     /// Width along x, 0..1.
     pub alpha_x: f32,
@@ -34,7 +34,7 @@ impl Distribution {
     /// Products of widths up to this are taken for a perfect mirror (Cycles' `BSDF_ROUGHNESS_SQ_THRESH`).
     const SINGULAR_ALPHA_SQUARED: f32 = 5e-7;
 
-    /// Whether the surface is so smooth that it is a mirror.
+    /// True if the surface is so smooth that it is a mirror.
     pub fn is_singular(&self) -> bool {
         self.alpha_x * self.alpha_y <= Self::SINGULAR_ALPHA_SQUARED
     }

@@ -26,7 +26,7 @@ static GLASS_INSIDE: LazyLock<Table<3>> = LazyLock::new(|| glass_table(|ior| 1.0
 static GLASS_MEAN: LazyLock<Table<2>> = LazyLock::new(|| glass_mean_table(|ior| ior));
 /// [`GLASS_INSIDE`] averaged over all directions: roughness x index.
 static GLASS_INSIDE_MEAN: LazyLock<Table<2>> = LazyLock::new(|| glass_mean_table(|ior| 1.0 / ior));
-/// Where between its values at 0 and 90 degrees the reflectance of a rough dielectric is: roughness x cosine x index.
+/// Place of the reflectance of a rough dielectric between its values at 0 and 90 degrees: roughness x cosine x index.
 static DIELECTRIC_RISE: LazyLock<Table<3>> = LazyLock::new(|| {
     Table::new([16, 16, 16], |[rough, mu, z]| {
         let ior = ior_at(z);
@@ -34,11 +34,11 @@ static DIELECTRIC_RISE: LazyLock<Table<3>> = LazyLock::new(|| {
         mean_rise(rough, mu, |cos| ((fresnel::dielectric(cos, ior).0 - f0) / (1.0 - f0)).clamp(0.0, 1.0))
     })
 });
-/// The same for Schlick's curve: roughness x cosine.
+/// Compensation table for Schlick's curve: roughness x cosine.
 static SCHLICK_RISE: LazyLock<Table<2>> =
     LazyLock::new(|| Table::new([16, 16], |[rough, mu]| mean_rise(rough, mu, |cos| (1.0 - cos).powi(5))));
 
-/// What makes up for the energy that single scattering loses.
+/// Compensation for the energy that single scattering loses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Compensation {
     /// Factor on the single-scattering closure that makes its albedo 1 if nothing is absorbed.
@@ -48,12 +48,12 @@ pub struct Compensation {
 }
 
 impl Compensation {
-    /// For reflection of mean reflectance `f_mean`, seen at cosine `mu`.
+    /// Compensation for reflection of mean reflectance `f_mean`, seen at cosine `mu`.
     pub fn reflection(roughness: f32, mu: f32, f_mean: Vec3) -> Self {
         Self::new(REFLECTION.at([roughness, mu]), REFLECTION_MEAN.at([roughness]), f_mean)
     }
 
-    /// For glass of relative index `ior` and transmissive tint `f_mean`.
+    /// Compensation for glass of relative index `ior` and transmissive tint `f_mean`.
     pub fn glass(roughness: f32, mu: f32, ior: f32, f_mean: Vec3) -> Self {
         let z = ior_coordinate(ior);
         let (table, mean) =
@@ -77,7 +77,7 @@ pub fn dielectric_rise(roughness: f32, mu: f32, ior: f32) -> f32 {
     DIELECTRIC_RISE.at([roughness, mu, ior_coordinate(ior)])
 }
 
-/// As [`dielectric_rise`], for Schlick's curve.
+/// Compensation for Schlick's curve; see [`dielectric_rise`] for dielectrics.
 pub fn schlick_rise(roughness: f32, mu: f32) -> f32 {
     SCHLICK_RISE.at([roughness, mu])
 }

@@ -18,7 +18,7 @@ pub fn dielectric(cos_i: f32, eta: f32) -> (f32, f32) {
     (0.5 * (perpendicular * perpendicular + parallel * parallel), cos_t)
 }
 
-/// Whether the two sides have the same index, so that refraction is a straight line however rough the surface.
+/// True if the two sides have the same index, so that refraction is a straight line however rough the surface.
 pub fn is_unbending(eta: f32) -> bool {
     (eta - 1.0).abs() < 1e-4
 }

@@ -14,18 +14,18 @@ use super::frame::Frame;
 use super::fresnel::{self, F82};
 use super::normal::{Reach, Sides};
 
-/// Which side light can leave to.
+/// Side that light can leave to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Interface {
     /// Reflection only.
     Reflection,
     /// Refraction only.
     Refraction,
-    /// Both.
+    /// Both sides.
     Glass,
 }
 
-/// How much a facet reflects.
+/// Reflectance of a facet.
 #[derive(Clone, Copy, Debug)]
 pub enum Fresnel {
     /// All; an interface that refracts lets through all that is not totally reflected.
@@ -50,11 +50,11 @@ pub enum Fresnel {
 pub struct Microfacet {
     /// Statistics of the facets.
     pub distribution: Distribution,
-    /// Where light goes.
+    /// Side that light leaves to.
     pub interface: Interface,
     /// Index of refraction beyond the surface over that on the side of `wo`.
     pub ior: f32,
-    /// How much goes where.
+    /// Share of light that is reflected.
     pub fresnel: Fresnel,
     /// Tangents and normal.
     pub frame: Frame,
@@ -82,12 +82,12 @@ impl Microfacet {
         (self.distribution.alpha_x * self.distribution.alpha_y).sqrt().sqrt()
     }
 
-    /// Whether only single directions scatter, so that [`Self::eval`] is zero everywhere.
+    /// True if only single directions scatter, so that [`Self::eval`] is zero everywhere.
     pub fn is_singular(&self) -> bool {
         self.distribution.is_singular()
     }
 
-    /// Whether the two sides have the same index, so that refraction is a straight line however rough the surface.
+    /// True if the two sides have the same index, so that refraction is a straight line however rough the surface.
     pub fn is_unbending(&self) -> bool {
         fresnel::is_unbending(self.ior)
     }

@@ -1,4 +1,4 @@
-//! What shading normals need so that they do not show as artefacts.
+//! Corrections of shading normals so that they do not show as artefacts.
 
 use glam::Vec3;
 
@@ -11,7 +11,7 @@ pub struct Sides {
     pub shading: Vec3,
 }
 
-/// How far what comes along a sampled direction counts.
+/// Contribution of what comes along a sampled direction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reach {
     /// The path goes on.
@@ -22,7 +22,7 @@ pub enum Reach {
 }
 
 impl Sides {
-    /// How far a direction counts that was chosen as reflection or as `transmission`; nothing if it is on the wrong side.
+    /// Reach of a direction that was chosen as reflection or as `transmission`; nothing if it is on the wrong side.
     pub fn reach(&self, wi: Vec3, transmission: bool) -> Option<Reach> {
         if (self.geometric.dot(wi) < 0.0) == transmission {
             Some(Reach::Path)
@@ -73,7 +73,7 @@ pub fn bump_shadowing(smooth: Vec3, normal: Vec3, wi: Vec3) -> f32 {
     }
 }
 
-/// Where reflection ends: at the horizon, or before it, which hides the shadows that a coarse mesh casts on its smooth
+/// End of reflection: at the horizon, or before it, which hides the shadows that a coarse mesh casts on its smooth
 /// shading (Cycles' Shadow Terminator Shading Offset).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Terminator {
@@ -88,7 +88,7 @@ impl Default for Terminator {
 }
 
 impl Terminator {
-    /// That of an offset, 0 for the horizon. Cycles takes none where the angle would be turned over.
+    /// Terminator of an offset, 0 for the horizon. Cycles takes none where the angle would be turned over.
     pub fn new(offset: f32) -> Self {
         let frequency = 1.0 / (1.0 - 0.5 * offset);
         if frequency > 1.0 && frequency.is_finite() { Self { frequency } } else { Self::default() }

@@ -28,23 +28,23 @@ pub struct BsdfSample {
     /// Class that lights are collected under along `wi`: chosen by what each class contributes there, so that the light
     /// of a class is that of its own closures, as when Cycles samples lights, however directions were chosen.
     pub light_lobe: Lobe,
-    /// Whether the closure is diffuse, on either side of the surface: what Cycles' caustics options go by.
+    /// True if the closure is diffuse, on either side of the surface: the criterion of Cycles' caustics options.
     pub diffuse: bool,
-    /// Whether the closure is a mirror or perfectly smooth refraction.
+    /// True if the closure is a mirror or perfectly smooth refraction.
     pub singular: bool,
-    /// Whether the ray goes straight through (Transparent BSDF and alpha); counts as a transparent bounce.
+    /// True if the ray goes straight through (Transparent BSDF and alpha); counts as a transparent bounce.
     pub transparent: bool,
-    /// Whether `wi` is between the true and the shading surface: what it meets only lights the surface, see
+    /// True if `wi` is between the true and the shading surface: the ray then only lights the surface, see
     /// [`Reach::Lights`].
     pub lights_only: bool,
 }
 
 impl BsdfSample {
-    /// What Cycles gives as density of directions that are not chosen from a density.
+    /// Density that Cycles gives to directions that are not chosen from a density.
     pub const SINGULAR_PDF: f32 = 1e6;
 }
 
-/// What of the surfaces that diffuse rays meet they see (Cycles' caustics options).
+/// Closures that diffuse rays see of the surfaces they hit (Cycles' caustics options).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Caustics {
     /// Glossy reflection.
@@ -57,7 +57,7 @@ impl Caustics {
     /// Everything is seen.
     pub const ALL: Self = Self { reflective: true, refractive: true };
 
-    /// What is left of a closure; nothing if all of it is left out. A layer that is left out darkens none below it.
+    /// Remaining part of a closure; nothing if all of it is left out. A layer that is left out darkens none below it.
     fn filter(self, mut scatter: Scatter) -> Option<Scatter> {
         let is_seen = match &mut scatter {
             Scatter::AshikhminShirley(_) => self.reflective,
@@ -262,8 +262,8 @@ impl Surface {
         })
     }
 
-    /// What [`Surface::sample`] says where it happens to choose `wi`: a number in 0..1 picks the closure, each as often as there.
-    /// Nothing if the path ends then.
+    /// Sample that [`Surface::sample`] gives where it happens to choose `wi`: a number in 0..1 picks the closure, each
+    /// as often as there. Nothing if the path ends then.
     pub(crate) fn sample_towards(&self, wi: Vec3, u: f32) -> Option<BsdfSample> {
         let total = self.total_weight();
         let mut densities = [0.0; MAX_CLOSURES];
@@ -320,18 +320,19 @@ impl Surface {
         if total > 0.0 { dull / total } else { 0.0 }
     }
 
-    /// Whether some of its directions are drawn from a guide: not where mirrors and glass find the light by themselves.
+    /// True if some of its directions are drawn from a guide: not where mirrors and glass find the light by themselves.
     pub(crate) fn is_guided(&self) -> bool {
         !self.is_specular() && self.dull_share() > 0.0
     }
 
-    /// Where no light comes in from: a surface that does not transmit gets none from below both of its normals.
+    /// Horizon below which no light comes in: a surface that does not transmit gets none from below both of its
+    /// normals.
     pub(crate) fn horizon(&self) -> Horizon {
         let transmits = self.closures.iter().any(Closure::transmits);
         Horizon((!transmits).then_some([self.sides.geometric, self.sides.shading]))
     }
 
-    /// Whether the closure that the third of [`Surface::sample`]'s numbers chooses has no density.
+    /// True if the closure that the third of [`Surface::sample`]'s numbers chooses has no density.
     pub(crate) fn chooses_singular(&self, u: f32) -> bool {
         let total = self.total_weight();
         let chosen = self.choose(u, total);
@@ -373,7 +374,7 @@ impl Surface {
         sum.normalize_or(self.sides.shading)
     }
 
-    /// Whether what is seen is mostly a mirror or clear glass, so that the denoiser should look behind it: three
+    /// True if the surface is mostly a mirror or clear glass, so that the denoiser should look behind it: three
     /// quarters or more of the weight scatter with an alpha below 0.075, as Cycles decides for its denoising passes.
     pub fn is_specular(&self) -> bool {
         let mut total = 0.0;

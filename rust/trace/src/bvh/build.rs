@@ -74,7 +74,7 @@ pub(super) fn build(scene: &Scene) -> Result<Tree, BvhError> {
     })
 }
 
-/// What one binary tree is built of: triangles first, then placements.
+/// Primitives of one binary tree: triangles first, then placements.
 #[derive(Default)]
 struct PrimitiveList {
     triangles: Vec<Triangle>,

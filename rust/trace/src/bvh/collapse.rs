@@ -1,9 +1,9 @@
-//! From obvhs's binary tree to ours of eight children a node.
+//! Collapse of obvhs's binary tree to ours of eight children a node.
 //!
-//! Which inner nodes disappear is chosen by dynamic programming over the surface area cost, as for the wide trees
-//! of Ylitie, Karras and Laine (2017), "Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs",
-//! section 3: `cost(n, k)` is the least cost of the subtree `n` as a forest of at most `k` trees. Testing a block
-//! costs the same for one triangle as for eight, so leaves become as full as the areas allow.
+//! Dynamic programming over the surface area cost chooses the inner nodes that disappear, as for the wide trees of
+//! Ylitie, Karras and Laine (2017), "Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs", section
+//! 3: `cost(n, k)` is the least cost of the subtree `n` as a forest of at most `k` trees. Testing a block costs the
+//! same for one triangle as for eight, so leaves become as full as the areas allow.
 
 use glam::Vec3;
 use obvhs::bvh2::{Bvh2, node::Bvh2Node};
@@ -15,7 +15,7 @@ const NODE_COST: f32 = 1.0;
 /// Cost of testing a block's eight triangles, relative to [`NODE_COST`].
 const BLOCK_COST: f32 = 1.3;
 
-/// What the primitives of the binary tree are.
+/// Source of the primitives of the binary tree.
 pub(super) trait Primitives {
     /// The corners and the number of a triangle, or nothing if the primitive is a placement.
     fn triangle(&self, primitive: u32) -> Option<([Vec3; 3], u32)>;
@@ -23,13 +23,13 @@ pub(super) trait Primitives {
     fn placement(&self, primitive: u32) -> Child;
 }
 
-/// How a subtree is cut: `cost[k - 1]` for at most `k` trees, and how many of them the left child gets.
+/// Cut of a subtree: `cost[k - 1]` for at most `k` trees, and how many of them the left child gets.
 #[derive(Clone, Copy, Default)]
 struct Cut {
     cost: [f32; WIDTH],
     /// Trees for the left child when the subtree becomes `k` trees; 0 means: as for `k - 1`.
     left: [u8; WIDTH],
-    /// Whether the whole subtree becomes one block.
+    /// True if the whole subtree becomes one block.
     is_leaf: bool,
     /// Triangles below, at most [`WIDTH`] + 1; 0 if there is a placement.
     triangles: u8,

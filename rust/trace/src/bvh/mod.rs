@@ -1,4 +1,4 @@
-//! Where a ray meets the scene.
+//! Intersection of rays with the scene.
 //!
 //! [`SceneBvh`] holds one tree of the whole scene: triangles of meshes that are used once (or are small) stand in it
 //! in world space, meshes that are used more often have a tree of their own that the world's tree refers to. obvhs
@@ -48,7 +48,7 @@ pub struct Ray {
     pub t_min: f32,
     /// Hits are nearer than this.
     pub t_max: f32,
-    /// What made it; objects can be invisible to a kind of ray.
+    /// Scattering event that made the ray; objects can be invisible to a kind of ray.
     pub lobe: Lobe,
     /// Instance and triangle that it leaves, which it cannot meet again at once (as in Cycles).
     pub from: Option<(u32, u32)>,
@@ -67,7 +67,7 @@ pub struct SceneBvh {
     tree: Arc<Tree>,
     /// Bit per [`Lobe`] for each instance.
     visibility: Vec<u8>,
-    /// Whether any instance is invisible to any lobe.
+    /// True if any instance is invisible to any lobe.
     any_hidden: bool,
     /// Instances whose transform swaps left and right, so that their triangles turn around in the world.
     mirrored: Vec<bool>,
@@ -99,7 +99,7 @@ impl SceneBvh {
         self.walk::<false>(ray).map(|found| self.hit(&found))
     }
 
-    /// Whether anything is hit.
+    /// True if anything is hit.
     pub fn is_blocked(&self, ray: &Ray) -> bool {
         self.walk::<true>(ray).is_some()
     }
@@ -115,7 +115,7 @@ impl SceneBvh {
 
     fn walk_with<const ANY: bool>(&self, ray: &Ray, stack: &mut [MaybeUninit<u64>]) -> Option<Found> {
         let lobe = 1 << ray.lobe as u8;
-        let (from_placed, from_id) = self.departure(ray);
+        let (from_placed, from_id) = self.source_primitive(ray);
         let sees = |instance: u32| !self.any_hidden || self.visibility[instance as usize] & lobe != 0;
         let placed_instance = |placement: u32| self.tree.placements[placement as usize].instance;
         let accept = |placement: u32, id: u32| {
@@ -136,7 +136,7 @@ impl SceneBvh {
     }
 
     /// Instance of the primitive that the ray leaves if it is a placed one, and the primitive's number.
-    fn departure(&self, ray: &Ray) -> (u32, u32) {
+    fn source_primitive(&self, ray: &Ray) -> (u32, u32) {
         let Some((instance, triangle)) = ray.from else { return (u32::MAX, u32::MAX) };
         if self.placed[instance as usize] {
             (instance, triangle)

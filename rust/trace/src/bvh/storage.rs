@@ -12,9 +12,9 @@ const HUGE_FROM_BYTES: usize = 4 << 20;
 /// A read-only array.
 #[derive(Debug)]
 pub(super) enum Storage<T> {
-    /// On the heap.
+    /// Memory on the heap.
     Heap(Vec<T>),
-    /// In memory of its own for which huge pages were asked.
+    /// Memory of its own for which huge pages were asked.
     Mapped(MmapMut),
 }
 

@@ -36,7 +36,7 @@ impl LocalRay {
     }
 }
 
-/// What lanes of a block were hit.
+/// Lanes of a block that were hit.
 pub(super) struct BlockHits {
     /// Bit per lane.
     pub mask: u32,

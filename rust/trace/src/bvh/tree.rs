@@ -14,7 +14,7 @@ pub(super) const WIDTH: usize = 8;
 #[repr(C, align(32))]
 pub(super) struct Lanes(pub [f32; WIDTH]);
 
-/// What a slot of a node or an entry of the traversal stack refers to: two bits of kind, thirty of index.
+/// Reference in a slot of a node or an entry of the traversal stack: two bits of kind, thirty of index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(transparent)]
 pub(super) struct Child(pub u32);
@@ -93,9 +93,9 @@ impl Node {
 pub(super) struct Block {
     /// First corner: x, y, z.
     pub corner: [Lanes; 3],
-    /// From the first to the second corner.
+    /// Edge from the first to the second corner.
     pub edge_1: [Lanes; 3],
-    /// From the first to the third corner.
+    /// Edge from the first to the third corner.
     pub edge_2: [Lanes; 3],
     /// Length of the longer of the two edges.
     pub reach: Lanes,

@@ -1,6 +1,6 @@
 use relume_scene::LobeFactors;
 
-use super::aim::Place;
+use super::target::Place;
 use super::*;
 
 fn light(shape: &LightShape) -> Light {
@@ -21,7 +21,7 @@ fn guide(shapes: &[LightShape]) -> Guide {
 impl Guide {
     fn seen_from(&self, point: Vec3) -> Cones {
         let mut cones = Cones::default();
-        self.look_from(point, Horizon::default(), &mut cones);
+        self.fill_cones(point, Horizon::default(), &mut cones);
         cones
     }
 
@@ -140,18 +140,18 @@ fn lights_are_left_to_chance_where_it_meets_them_or_they_do_not_shine() {
     };
     assert!(guide(&[spot(Vec3::X)]).seen().share == 0.0);
     let to_us = guide(&[spot(-Vec3::X)]).seen();
-    assert_eq!((to_us.list.len(), to_us.share > 0.49), (1, true));
+    assert_eq!((to_us.lobes.len(), to_us.share > 0.49), (1, true));
     let quad = LightShape::Quad { center: all, edge_u: 0.1 * Vec3::Y, edge_v: 0.1 * Vec3::Z, spread: PI };
     assert!(guide(&[quad]).seen().share == 0.0);
     assert!(guide(&[quad]).seen_from(Vec3::new(6.0, 0.0, 0.0)).share > 0.0);
 }
 
 #[test]
-fn lights_below_both_normals_are_not_looked_for() {
+fn lights_below_both_normals_are_not_guided_to() {
     let guide = guide(&[LightShape::Sun { direction: Vec3::Z, half_angle: 0.005 }]);
     let share = |normals| {
         let mut cones = Cones::default();
-        guide.look_from(Vec3::ZERO, Horizon(normals), &mut cones);
+        guide.fill_cones(Vec3::ZERO, Horizon(normals), &mut cones);
         cones.share
     };
     let (down, level) = (Vec3::new(0.6, 0.0, -0.8), Vec3::new(1.0, 0.0, -0.001));
@@ -163,13 +163,13 @@ fn lights_below_both_normals_are_not_looked_for() {
 fn chance_to_meet_a_strip_is_that_of_its_solid_angle() {
     let center = Vec3::new(0.0, 0.0, 3.0);
     let strip = LightShape::Quad { center, edge_u: 1.2 * Vec3::X, edge_v: -0.03 * Vec3::Y, spread: PI };
-    let chance = chance_to_meet(None, Vec3::ZERO, &light(&strip)).unwrap();
+    let chance = hit_probability(None, Vec3::ZERO, &light(&strip)).unwrap();
     assert!((chance / (1.2 * 0.03 / (9.0 * PI)) - 1.0).abs() < 0.03, "{chance}");
     let far = Vec3::new(0.0, 0.0, -3000.0);
-    let chance_from_far = chance_to_meet(None, far, &light(&strip)).unwrap();
+    let chance_from_far = hit_probability(None, far, &light(&strip)).unwrap();
     assert!((chance_from_far / chance * 1001.0_f32.powi(2) - 1.0).abs() < 1e-3, "{chance_from_far}");
     let guide = guide(&[strip]);
-    let guided = chance_to_meet(Some(&guide), Vec3::ZERO, &light(&strip)).unwrap();
+    let guided = hit_probability(Some(&guide), Vec3::ZERO, &light(&strip)).unwrap();
     let meets = |direction: Vec3| {
         let place = direction * (3.0 / direction.z);
         direction.z > 0.0 && place.x.abs() <= 0.6 && place.y.abs() <= 0.015
@@ -185,32 +185,32 @@ fn there_is_none_without_lights_or_share() {
 }
 
 #[test]
-fn of_too_many_lights_the_strongest_are_looked_for() {
+fn of_too_many_lights_the_strongest_are_guided_to() {
     let at = |i: usize| light(&ball(Vec3::new(3.0, 0.3 * i as f32, 0.0), 0.01));
     let mut lights: Vec<Light> = (0..MOST_LIGHTS + 1).map(at).collect();
     lights[MOST_LIGHTS].radiance = [2.0; 3];
     let guide = Guide::new(&lights, 0.5).unwrap();
-    assert_eq!(guide.lights.len(), MOST_LIGHTS);
-    assert!((guide.lights[0].brightness - 2.0).abs() < 1e-6);
+    assert_eq!(guide.targets.len(), MOST_LIGHTS);
+    assert!((guide.targets[0].brightness - 2.0).abs() < 1e-6);
 }
 
 #[test]
-fn suns_are_looked_for_before_any_lamp() {
+fn suns_are_guided_to_before_any_lamp() {
     let lamp = light(&ball(Vec3::X, 1.0));
     let sun = light(&LightShape::Sun { direction: Vec3::Z, half_angle: 0.005 });
     let lights: Vec<Light> = [vec![lamp; MOST_LIGHTS], vec![sun]].concat();
     let guide = Guide::new(&lights, 0.5).unwrap();
-    assert!(matches!(guide.lights[0].place, Place::Sky { .. }));
+    assert!(matches!(guide.targets[0].place, Place::Sky { .. }));
 }
 
 #[test]
-fn lights_that_take_light_away_are_looked_for_like_others() {
+fn lights_that_take_light_away_are_guided_to_like_others() {
     let shape = ball(Vec3::new(2.0, 1.0, 0.0), 0.05);
     let bright = light(&shape);
     let dark = Light { radiance: [-1.0; 3], ..bright.clone() };
     let chances = [&bright, &dark].map(|one| {
         let guide = Guide::new(&[one.clone(), light(&ball(Vec3::X, 0.01))], 0.5);
-        chance_to_meet(guide.as_ref(), Vec3::ZERO, one).unwrap()
+        hit_probability(guide.as_ref(), Vec3::ZERO, one).unwrap()
     });
     assert!(chances[0] > 0.1 && chances[0] == chances[1], "{chances:?}");
 }
@@ -221,8 +221,8 @@ fn chance_to_meet_a_light_is_that_of_what_is_drawn() {
     let moved = ball(Vec3::new(2.0, 1.5, 1.0), 0.05);
     let guide = guide(&[lamp]);
     let cones = guide.seen();
-    let at = |shape: &LightShape| chance_to_meet(Some(&guide), Vec3::ZERO, &light(shape)).unwrap();
-    let by_chance = chance_to_meet(None, Vec3::ZERO, &light(&lamp)).unwrap();
+    let at = |shape: &LightShape| hit_probability(Some(&guide), Vec3::ZERO, &light(shape)).unwrap();
+    let by_chance = hit_probability(None, Vec3::ZERO, &light(&lamp)).unwrap();
     assert!((by_chance / (0.05 * 0.05 / 6.0) - 1.0).abs() < 0.01, "{by_chance}");
     let hit = |direction: &Vec3| Vec3::new(2.0, -1.0, 1.0).cross(*direction).length() <= 0.05;
     let drawn = samples(&cones).filter(hit).count() as f32 / 200_000.0;
@@ -237,5 +237,5 @@ fn chance_to_meet_a_light_is_that_of_what_is_drawn() {
         blend: 0.0,
         soft_falloff: true,
     };
-    assert!(chance_to_meet(None, Vec3::ZERO, &light(&away)).is_none());
+    assert!(hit_probability(None, Vec3::ZERO, &light(&away)).is_none());
 }

@@ -1,4 +1,4 @@
-//! From closure nodes to closures, with Cycles' mixing and layering.
+//! Conversion of closure nodes to closures, with Cycles' mixing and layering.
 
 use std::f32::consts::TAU;
 

@@ -1,4 +1,4 @@
-//! What shaders emit that are the same everywhere, as those of most lamps are.
+//! Emission of shaders that are the same everywhere, as those of most lamps are.
 
 use glam::{Vec3, Vec4};
 use relume_scene::{BlendMode, Input, Material, MixData, Node, NodeId, Output};
@@ -8,8 +8,8 @@ use super::values::{Inputs, evaluate_pure};
 /// The result of a node, or the number of a node behind it that varies.
 type Constant<T> = Result<T, NodeId>;
 
-/// What a shader emits as the only light of a lamp: nodes that scatter emit nothing. If it varies, the number of a node
-/// that does.
+/// Emission of a shader as the only light of a lamp: nodes that scatter emit nothing. If it varies, the number of a
+/// node that does.
 pub fn constant_emission(material: &Material) -> Constant<Vec3> {
     let mut values = Constants(Vec::with_capacity(material.nodes.len()));
     let mut emissions: Vec<Constant<Vec3>> = Vec::with_capacity(material.nodes.len());

@@ -10,7 +10,7 @@ use super::values::{Inputs, evaluate_pure};
 use super::{PreparedMaterials, SurfacePoint, procedural};
 use crate::bsdf;
 
-/// Where a graph is evaluated.
+/// Point at which a graph is evaluated.
 #[derive(Clone, Copy)]
 pub struct Context<'a> {
     pub prepared: &'a PreparedMaterials,

@@ -21,14 +21,14 @@ pub struct Graph {
     pub surface: Option<NodeId>,
     /// For each closure node, the value nodes to evaluate before it, in order.
     pub needs: Vec<Vec<NodeId>>,
-    /// What of a node can be computed beforehand.
+    /// Parts of a node that can be computed beforehand.
     pub aids: Vec<Aid>,
 }
 
 /// Precomputed part of a node.
 #[derive(Clone, Debug, Default)]
 pub enum Aid {
-    /// Nothing.
+    /// No aid.
     #[default]
     None,
     /// Rotation of a Mapping node with a constant one.
@@ -39,9 +39,9 @@ pub enum Aid {
     Height(Vec<NodeId>),
     /// Parameters of a Principled node with constant ones.
     Parameters(Box<Parameters>),
-    /// Whether an Image Texture node's alpha is in use, so that its colour must not be multiplied by it.
+    /// True if an Image Texture node's alpha is in use, so that its colour must not be multiplied by it.
     StraightColor,
-    /// Whether a procedural texture's colour is in use.
+    /// True if a procedural texture's colour is in use.
     Colored,
 }
 
@@ -186,7 +186,7 @@ pub fn rotation(angles: Vec3) -> Mat3 {
     Mat3::from_rotation_z(angles.z) * Mat3::from_rotation_y(angles.y) * Mat3::from_rotation_x(angles.x)
 }
 
-/// Whether no input but for the directions is linked.
+/// True if no input but for the directions is linked.
 fn has_constant_parameters(node: &Node) -> bool {
     let mut node = node.clone();
     if let Node::Principled { normal, coat_normal, tangent, .. } = &mut node {

@@ -1,4 +1,4 @@
-//! From "a ray hit this triangle of this instance" to the closures of the surface there.
+//! Shading, from "a ray hit this triangle of this instance" to the closures of the surface there.
 //!
 //! [`PreparedMaterials`] makes every shader graph of a scene ready once; [`PreparedMaterials::evaluate`] runs one for
 //! a [`SurfacePoint`] and fills a caller-owned [`Surface`](crate::bsdf::Surface), without allocation.

@@ -1,7 +1,7 @@
 use glam::Vec3;
 use relume_scene::Scene;
 
-/// What a ray met.
+/// Intersection of a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
     /// Index into [`relume_scene::Scene::instances`].
@@ -31,7 +31,7 @@ impl Hit {
 /// A point on a surface, in world space, as the shader graphs see it.
 #[derive(Clone, Copy, Debug)]
 pub struct SurfacePoint {
-    /// Where.
+    /// Position of the hit.
     pub position: Vec3,
     /// Unit normal of the triangle, on the side of `wo`.
     pub geometric_normal: Vec3,
@@ -39,7 +39,7 @@ pub struct SurfacePoint {
     pub shading_normal: Vec3,
     /// Unit direction back along the ray.
     pub wo: Vec3,
-    /// Whether the ray hit the back of the triangle, so that both normals were flipped.
+    /// True if the ray hit the back of the triangle, so that both normals were flipped.
     pub backfacing: bool,
     /// See [`Hit::instance`].
     pub instance: u32,

@@ -30,7 +30,7 @@ struct Transforms {
     object_from_world_normal: Mat3A,
 }
 
-/// Which of a mesh's arrays the graphs mean by their names.
+/// Numbers of a mesh's arrays that the graphs mean by their names.
 #[derive(Clone, Debug)]
 struct Attributes {
     uv_maps: Vec<Option<usize>>,
@@ -39,7 +39,7 @@ struct Attributes {
     named: Vec<Option<NamedAttribute>>,
 }
 
-/// Where a mesh has an attribute of some name.
+/// Place of an attribute of some name in a mesh.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum NamedAttribute {
     /// Index of a colour attribute.

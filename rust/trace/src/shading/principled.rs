@@ -42,7 +42,7 @@ pub struct Parameters {
 struct Directions {
     normal: Vec3,
     coat_normal: Vec3,
-    /// Of the anisotropy, rotation included; 0 if there is none.
+    /// Tangent of the anisotropy, rotation included; 0 if there is none.
     tangent: Vec3,
 }
 
@@ -142,7 +142,7 @@ impl Parameters {
     }
 }
 
-/// What is left for the layers below one that reflects `albedo` out of `weight`.
+/// Weight for the layers below one that reflects `albedo` out of `weight`.
 fn below(albedo: Vec3, weight: Vec3) -> Vec3 {
     let share = Vec3::select(weight.cmpgt(Vec3::ZERO), albedo / weight, Vec3::ZERO);
     weight * (1.0 - share.max_element()).clamp(0.0, 1.0)

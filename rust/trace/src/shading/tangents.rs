@@ -6,7 +6,7 @@ use bevy_mikktspace::{Geometry, TangentSpace, generate_tangents};
 use glam::{Vec2, Vec3, Vec4};
 use relume_scene::Mesh;
 
-/// What Cycles takes where texture coordinates do not tell.
+/// Tangent that Cycles takes where texture coordinates do not tell.
 const NO_TANGENT: Vec4 = Vec4::new(1.0, 0.0, 0.0, -1.0);
 
 /// Object-space tangent and handedness of each corner, by its texture coordinates.

@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 use glam::{Vec3, Vec4};
 use relume_scene::{Alpha, ColorEncoding, Extension, Interpolation, Texels, Texture};
 
-/// What of an image does not depend on where it is sampled.
+/// Part of an image that does not depend on where it is sampled.
 #[derive(Debug)]
 pub struct PreparedTexture {
     /// Byte texels multiplied by their alpha, if that differs from the scene's.
@@ -28,7 +28,7 @@ impl PreparedTexture {
         Self { associated }
     }
 
-    /// Whether colours are stored multiplied by alpha.
+    /// True if colours are stored multiplied by alpha.
     fn is_associated(&self, texture: &Texture) -> bool {
         match texture.texels {
             Texels::Byte(_) => self.associated.is_some(),

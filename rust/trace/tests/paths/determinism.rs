@@ -1,4 +1,4 @@
-//! The same seed gives the same paths, however the work is divided.
+//! Determinism: a seed gives the same paths, however the work is divided.
 
 use relume_dump::{Dump, MemoryWriter};
 use relume_scene::{
@@ -123,7 +123,8 @@ fn every_pass_looks_for_the_lights_of_its_time() {
     };
     for time in 0..passes {
         let towards = vec![lamp(time as f32)];
-        let still = traced(&TraceSettings { towards, ..settings.clone() }, &Control::default());
+        let still =
+            traced(&TraceSettings { guide_targets: towards, ..settings.clone() }, &Control::default());
         for pass in 0..passes {
             assert_eq!(of(&found, pass) == of(&still, pass), pass == time, "pass {pass}, lamp {time}");
         }

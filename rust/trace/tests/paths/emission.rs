@@ -39,8 +39,8 @@ fn noise(paths: &[Vec<Path>], value: impl Fn(&Path) -> f32) -> f32 {
     paths.iter().map(variance).sum::<f32>() / paths.len() as f32
 }
 
-/// Both ways to find the emitters give the same mean, to within four standard errors, and sampling them directly at
-/// least `gain` times less variance.
+/// Asserts that both ways to find the emitters give the same mean, to within four standard errors, and sampling them
+/// directly at least `gain` times less variance.
 fn check_gain(by_bsdf: &[Vec<Path>], sampled: &[Vec<Path>], value: impl Fn(&Path) -> f32, gain: f32) {
     let count: usize = sampled.iter().map(Vec::len).sum();
     let [noise_a, noise_b] = [by_bsdf, sampled].map(|paths| noise(paths, &value));

@@ -1,4 +1,4 @@
-//! What goes wrong outside the tracer ends in one clear error.
+//! Failures outside the tracer end in one clear error.
 
 use std::{io, path::PathBuf, sync::Mutex, sync::atomic::Ordering};
 

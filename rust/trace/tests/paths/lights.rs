@@ -23,7 +23,7 @@ fn open_box() -> Scene {
     scene
 }
 
-/// Whether the sphere light is crossed on the way from `origin` along the unit `direction` up to `length`.
+/// True if the sphere light is crossed on the way from `origin` along the unit `direction` up to `length`.
 fn crosses(origin: Vec3, direction: Vec3, length: f32) -> bool {
     let to_center = LIGHT_CENTER - origin;
     let along = to_center.dot(direction);
@@ -195,8 +195,8 @@ fn a_sun_behind_a_surface_changes_none_of_its_paths() {
     let direction = Vec3::new(0.6, 0.0, -0.8);
     let sun = LightShape::Sun { direction, half_angle: 0.005 };
     scene.lights = vec![Light { shape: sun, ..sphere_light(Vec3::ZERO, 1.0) }];
-    assert!(image_paths(&scene, &settings) == unguided, "paths look for what cannot light them");
-    // From below it is looked for.
+    assert!(image_paths(&scene, &settings) == unguided, "paths are guided to what cannot light them");
+    // From below they are guided to it.
     scene.camera = look_at_origin(Vec3::new(0.5, -2.0, -1.0), 4, 0.5);
     let towards = |path: &Path| matches!(path.segments.last(), Some(Segment { end: End::Escape(wi), .. }) if wi.dot(direction) > 0.999);
     let share = mean(&image_paths(&scene, &settings), |path| Vec3::splat(f32::from(towards(path)))).x;

@@ -14,7 +14,7 @@ use super::chunk::{MOST_PENDING, RECORD_BYTES};
 use super::light::GpuLights;
 use super::world::GpuWorld;
 use crate::bench::{Room, light, room, sphere};
-use crate::{Environment, Gather, GatherError, GpuGather, Half, PreparedLight, SoftGather};
+use crate::{Environment, Gather, GatherError, GpuGather, PreparedLight, SampleSplit, SoftGather};
 use paper::{PaperDump, SEGMENT_BYTES};
 
 /// Rounds, of which the best counts.
@@ -33,7 +33,7 @@ const PAPER_SEGMENTS: usize = 3;
 const PAPER_LIGHTS: [usize; 3] = [1, 8, 32];
 /// Bytes of a record of a sorted dump, which lies beside that in the order of paths.
 const SORTED_BYTES: u64 = 21;
-/// How much more of the CPU's memory a dump takes while it is made than when it is there.
+/// Ratio of the CPU's memory that a dump takes while it is made to that when it is there.
 const CPU_FACTOR: u64 = 2;
 
 /// Measures gathers on the device, from a made-up room. `megabytes` is the size of the positions; 1024 is well beyond
@@ -97,7 +97,7 @@ pub fn measure_paper(
     Ok(figures)
 }
 
-/// How segments lie, for names, and bytes of each that are read.
+/// Layout of segments: a name, and bytes of each that are read.
 type Layout = (&'static str, f64);
 const LAYOUT: Layout = ("", POSITION_BYTES);
 const LAYOUT_OF_THE_PAPER: Layout = (" in the paper's layout", SEGMENT_BYTES);
@@ -153,7 +153,7 @@ pub fn seconds_of_a_light(gpu: &Arc<Gpu>, megabytes: usize) -> Result<f64, Gathe
     Ok(bench.cpu.dump().record_count() as f64 / bench.gather(&[sphere(0)])?)
 }
 
-/// What a device can do at best.
+/// Limits of a device.
 struct Peaks {
     /// Bytes a second that it moves, read by a kernel of ours or copied by its driver: which of them is faster differs between
     /// devices.
@@ -201,7 +201,7 @@ fn paper_name(what: &str, (width, height, samples): (usize, usize, usize)) -> St
     format!("{what}, {width} x {height} at {samples} samples")
 }
 
-/// At most so many samples, halved until the dump fits, sorted and not.
+/// Largest number of samples, halved until the dump fits, sorted and not.
 fn fitting_samples(gpu: &Gpu, (width, height, most): (usize, usize, usize)) -> usize {
     let halves = std::iter::successors(Some(most), |samples| Some(samples / 2));
     let fits = |samples: &usize| {
@@ -260,7 +260,7 @@ impl<'a> Bench<'a> {
     /// Segments a second, times the lights.
     fn gather(&self, shapes: &[LightShape]) -> Result<f64, GatherError> {
         let lights = self.prepare(shapes)?;
-        let seconds = seconds(self.gpu, || self.on_gpu.gpu_images(&lights, Half::All).map(drop))?;
+        let seconds = seconds(self.gpu, || self.on_gpu.gpu_images(&lights, SampleSplit::All).map(drop))?;
         Ok(self.cpu.dump().record_count() as f64 * lights.len() as f64 / seconds)
     }
 
@@ -293,8 +293,9 @@ impl<'a> Bench<'a> {
         let repeated: Vec<_> = shapes.iter().copied().cycle().take(pixels.len() * LIGHTS).collect();
         let lights = on_gpu.lights(&self.prepare(&repeated)?)?;
         let out = self.gpu.zeros("targets", pixels.len() * LIGHTS * 3)?;
-        let seconds =
-            seconds(self.gpu, || on_gpu.pixel_targets(&pixels, &lights, LIGHTS as u32, Half::All, &out))?;
+        let seconds = seconds(self.gpu, || {
+            on_gpu.pixel_targets(&pixels, &lights, LIGHTS as u32, SampleSplit::All, &out)
+        })?;
         Ok((pixels.len() * LIGHTS) as f64 / seconds)
     }
 
@@ -310,7 +311,7 @@ impl<'a> Bench<'a> {
         on_gpu.write(self.gpu, &environment, 0..SIZE.1);
         let manifest = self.cpu.dump().manifest();
         let image = self.gpu.zeros("image", manifest.width * manifest.height * 3)?;
-        let seconds = seconds(self.gpu, || self.on_gpu.add_world(&on_gpu, Half::All, &image))?;
+        let seconds = seconds(self.gpu, || self.on_gpu.add_world(&on_gpu, SampleSplit::All, &image))?;
         let records = self.cpu.dump().record_count() as f64;
         let escaped =
             |words: &[u32]| words.iter().filter(|word| Flags((*word >> 16) as u16).escaped()).count();
@@ -321,7 +322,7 @@ impl<'a> Bench<'a> {
         Ok(rate.within(&[Limit::bytes(read * records / bytes * 1e-9)]))
     }
 
-    /// What solving lights asks for: all cells of one light with all derivatives, from barely to widely smoothed.
+    /// Cells as a solver asks for them: all cells of one light with all derivatives, from barely to widely smoothed.
     fn smoothed(&self, read: f64) -> Result<Vec<Figure>, GatherError> {
         let soft = SoftGather::new(&self.cpu, 8);
         let cells: Vec<u32> = (0..(soft.cells().0 * soft.cells().1) as u32).collect();

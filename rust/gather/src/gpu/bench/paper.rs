@@ -40,7 +40,7 @@ struct Chunk {
 }
 
 impl PaperDump {
-    /// As many segments as this at least, in paths of six, of so many pixels at most.
+    /// Makes a dump of at least so many segments, in paths of six, of so many pixels at most.
     pub fn new(gpu: &Gpu, segments: usize, pixels: usize) -> Result<Self, GpuError> {
         Self::in_buffers(gpu, segments, pixels, gpu.limits().buffer.min(BUFFER_BYTES))
     }

@@ -37,7 +37,7 @@ arguments! {
     }
 }
 
-/// What the device tells of its steps.
+/// Progress of the steps on the device.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 pub(super) struct Progress {

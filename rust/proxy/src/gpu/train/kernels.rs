@@ -4,7 +4,7 @@ use super::optimise::Optimise;
 use super::store::Store;
 use super::{Buffers, GpuTraining};
 
-/// What a gradient needs, with its buffers.
+/// Kernels that a gradient needs, with their buffers.
 #[derive(Debug)]
 pub(super) struct Kernels {
     pub inputs: Bound,
@@ -17,7 +17,7 @@ pub(super) struct Kernels {
 /// Those of them that multiply matrices.
 #[derive(Debug)]
 pub(super) struct Products {
-    /// Whether both factors are rounded to 16 bits (`train/product_matrices.wgsl`).
+    /// True if both factors are rounded to 16 bits (`train/product_matrices.wgsl`).
     pub by_matrices: bool,
     pub forward: Bound,
     pub samples: Bound,
@@ -27,7 +27,7 @@ pub(super) struct Products {
 }
 
 impl Kernels {
-    /// With products in 32 bits.
+    /// Kernels with products in 32 bits.
     pub fn new(
         gpu: &Gpu,
         buffers: &Buffers,
@@ -56,7 +56,7 @@ impl Kernels {
 }
 
 impl Products {
-    /// Of kernels that `compile` makes of a module and an entry point.
+    /// Makes kernels that `compile` makes of a module and an entry point.
     pub fn new(
         (buffers, store, optimise): (&Buffers, &Store, &Optimise),
         by_matrices: bool,

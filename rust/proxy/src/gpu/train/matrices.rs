@@ -22,7 +22,7 @@ const TILE_SIDE: u32 = 64;
 /// 100 %.
 pub(super) const TOLERANCE: f64 = 0.1;
 
-/// Whether a network's products take long enough for matrices to matter.
+/// True if a network's products take long enough for matrices to matter.
 pub(super) fn are_worth_it(network: &NetworkConfig) -> bool {
     let (NetworkConfig::Fast { width, .. } | NetworkConfig::Reference { width, .. }) = network;
     *width >= NARROWEST
@@ -35,7 +35,7 @@ pub(super) fn gradient_scale(samples: u32) -> f32 {
     (3 * samples / 16).next_power_of_two() as f32
 }
 
-/// Whether each subgroup has whole pairs of a tile's matrices, and workgroup memory suffices.
+/// True if each subgroup has whole pairs of a tile's matrices, and workgroup memory suffices.
 fn fits(matrices: Matrices, gpu: &Gpu) -> bool {
     let pairs = TILE_SIDE * TILE_SIDE / (2 * matrices.side * matrices.side);
     pairs.is_multiple_of(INVOCATIONS / matrices.subgroup) && MEMORY <= gpu.limits().workgroup_memory
@@ -82,7 +82,7 @@ impl GpuTraining {
         Ok(())
     }
 
-    /// Whether products are made of 16-bit floats.
+    /// True if products are made of 16-bit floats.
     pub fn by_matrices(&self) -> bool {
         self.kernels.products.by_matrices
     }

@@ -63,7 +63,7 @@ const MOST_PIECES: u64 = 64 << 20;
 /// Fewest columns of such a piece.
 const LEAST_PIECE: u32 = 256;
 
-/// What a training needs of its device.
+/// Requirements of a training on its device.
 pub(crate) struct Demand<'a> {
     pub config: &'a TrainConfig,
     pub scene: &'a Arc<SceneCache>,
@@ -71,7 +71,7 @@ pub(crate) struct Demand<'a> {
     pub chunks: usize,
     /// Most chunks that the steps of one [`GpuTraining::run`] draw together.
     pub draws: usize,
-    /// Whether the device may multiply matrices of 16-bit floats, if it can.
+    /// True if the device may multiply matrices of 16-bit floats, if it can.
     pub matrices: bool,
 }
 
@@ -103,7 +103,7 @@ pub(crate) struct GpuTraining {
     optimise: Optimise,
 }
 
-/// What kernels work on, besides the samples and what the optimiser has.
+/// Buffers that kernels work on, besides the samples and those of the optimiser.
 #[derive(Debug)]
 struct Buffers {
     /// Chunks of the recorded steps, one step after the other.
@@ -342,7 +342,7 @@ impl GpuTraining {
         self.optimise.download(&self.gpu)
     }
 
-    /// What the steps since the last [`GpuTraining::forget_progress`] have come to. Waits for them.
+    /// Progress of the steps since the last [`GpuTraining::forget_progress`]. Waits for them.
     fn progress(&self) -> Result<Progress, GpuError> {
         self.optimise.progress(&self.gpu)
     }

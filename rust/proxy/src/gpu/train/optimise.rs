@@ -66,8 +66,8 @@ struct MuonKernels {
 }
 
 impl Optimise {
-    /// From the gradient in `pieces` of `dense` values each, and the loss in `losses`; with Muon for hidden matrices or
-    /// Adam for all.
+    /// Optimiser of the gradient in `pieces` of `dense` values each, and the loss in `losses`; with Muon for hidden
+    /// matrices or Adam for all.
     pub fn new(
         gpu: &Gpu,
         layout: &ParamLayout,
@@ -162,7 +162,7 @@ impl Optimise {
         Ok([params?, mean?, first?, second?])
     }
 
-    /// What the steps have come to since the last [`Optimise::forget_progress`].
+    /// Progress of the steps since the last [`Optimise::forget_progress`].
     pub fn progress(&self, gpu: &Gpu) -> Result<Progress, GpuError> {
         Ok(gpu.read(&self.progress, 0..1)?[0])
     }
@@ -173,7 +173,7 @@ impl Optimise {
     }
 }
 
-/// What each block of parameters is.
+/// Kind of each block of parameters.
 fn block_words(layout: &ParamLayout, muon: bool) -> Vec<u32> {
     let mut blocks = vec![NONE; layout.len / PAD];
     for tensor in &layout.tensors {

@@ -19,7 +19,7 @@ const WIDEST_CHAIN: usize = 2 * TILE as usize;
 /// Factors on the outputs of a pixel.
 const FACTORS: usize = SURFACE - FACTOR;
 
-/// What the columns of activations stand for; numbers as in `train/batch.wgsl`.
+/// Meaning of the columns of activations; numbers as in `train/batch.wgsl`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Space {
     Samples = 0,
@@ -42,7 +42,7 @@ fn per_space(samples: u32, slots: u32, space: Space) -> u32 {
     }
 }
 
-/// A dense layer: the twin of `Layer` in `train/layers.wgsl`, which tells what the fields are.
+/// A dense layer: the mirror of `Layer` in `train/layers.wgsl`, which tells what the fields are.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, NoUninit, Zeroable)]
 pub(super) struct Layer {
@@ -68,7 +68,7 @@ pub(super) struct Layer {
 }
 
 impl Layer {
-    /// What its columns are.
+    /// Meaning of its columns.
     pub fn space(&self) -> Space {
         match self.space {
             0 => Space::Samples,
@@ -89,12 +89,12 @@ const TRUNK: u32 = 3;
 #[derive(Debug)]
 pub(super) struct Plan {
     pub layers: Vec<Layer>,
-    /// What runs by pixel and by light, forwards and backwards.
+    /// Chains that run by pixel and by light, forwards and backwards.
     pub forward: Vec<Chains>,
     pub backward: Vec<Chains>,
-    /// What runs by sample, up to the last layer, which is part of the loss.
+    /// Chains that run by sample, up to the last layer, which is part of the loss.
     pub samples: Chains,
-    /// Whether that is one chain, else single layers.
+    /// True for one chain, false for single layers.
     pub chained: bool,
     pub inputs: Inputs,
     pub loss: Loss,
@@ -125,7 +125,7 @@ impl Rooms {
     }
 }
 
-/// What is needed of a network besides its configuration.
+/// Shape of a network beyond its configuration.
 pub(super) struct Shape<'a> {
     pub layout: &'a ParamLayout,
     pub grid_levels: usize,
@@ -135,7 +135,7 @@ pub(super) struct Shape<'a> {
 }
 
 impl Plan {
-    /// For batches of up to `capacity` samples at a time, with `slots` lights a pixel.
+    /// Plan for batches of up to `capacity` samples at a time, with `slots` lights a pixel.
     pub fn new(config: &NetworkConfig, shape: &Shape<'_>, capacity: u32, slots: u32) -> Self {
         let rooms = Rooms { batch: Batch { samples: capacity, capacity, slots }, used: 0 };
         match *config {

@@ -43,7 +43,7 @@ pub(crate) struct DeviceCore {
     next_chunk: usize,
     /// The steps that were handed over last.
     submitted: Option<Submission>,
-    /// Whether its targets are gathered on the CPU, because one of those from the device was not finite.
+    /// True if its targets are gathered on the CPU, because one of those from the device was not finite.
     distrusted: bool,
 }
 
@@ -110,7 +110,7 @@ impl Trainer {
         Ok(self)
     }
 
-    /// Whether it runs on a device that has no room for its pool of images, from which samples are then drawn here.
+    /// True if it runs on a device that has no room for its pool of images, from which samples are then drawn here.
     pub fn pool_stays_on_cpu(&self) -> bool {
         matches!(self.samples_of, Samples::Pool(_))
             && self.device.as_ref().is_some_and(|device| device.pool.is_none())
@@ -219,7 +219,7 @@ impl Trainer {
         Ok(())
     }
 
-    /// Whether images of a pool are to be made before the next step.
+    /// True if images of a pool are to be made before the next step.
     fn lacks_images(&self) -> bool {
         matches!(&self.samples_of, Samples::Pool(pool) if pool.missing(self.state.samples) > 0)
     }

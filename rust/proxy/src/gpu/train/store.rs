@@ -20,7 +20,7 @@ pub(super) const LIGHT_INPUTS: usize = 11;
 #[derive(Debug)]
 pub(super) struct Store {
     pub pixels: Buffer<u32>,
-    /// What the networks know of these pixels.
+    /// Features of these pixels for the networks.
     pub scene: Buffer<f32>,
     pub lights: Buffer<f32>,
     pub targets: Buffer<f32>,

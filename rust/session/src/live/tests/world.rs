@@ -102,7 +102,7 @@ fn noise_under_another_world_is_told_truly() {
     bake(&turned, &other_paths, many.path(), false, &Monitor::default()).unwrap();
     let environment = relume_gather::Environment::new(&turned.world, &turned.textures).unwrap();
     let [seen, reference] = [folder.path(), many.path()]
-        .map(|folder| Gather::new(Dump::open(folder).unwrap()).world_image(&environment, Half::All));
+        .map(|folder| Gather::new(Dump::open(folder).unwrap()).world_image(&environment, SampleSplit::All));
     let live = opened(folder.path(), Device::Cpu);
     let estimate = shown_under(&live, &turned).shown.noise.expect("an estimate");
     let noise = metrics::smape(&seen, &reference) as f32;

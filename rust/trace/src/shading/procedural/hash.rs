@@ -44,7 +44,7 @@ pub fn hash<const N: usize>(words: [u32; N]) -> u32 {
     hash_words(N, padded(words))
 }
 
-/// In 0..=1.
+/// Number in 0..=1.
 #[inline(always)]
 fn unit(hash: u32) -> f32 {
     hash as f32 * (1.0 / u32::MAX as f32)
@@ -64,7 +64,7 @@ fn random_with<const N: usize>(key: [f32; N], last: f32) -> f32 {
     unit(hash_words(N + 1, words))
 }
 
-/// As many numbers in 0..=1 as there are floats.
+/// Random numbers in 0..=1, as many as there are floats.
 #[inline(always)]
 pub fn random_point<const N: usize>(key: [f32; N]) -> [f32; N] {
     std::array::from_fn(|i| match (N, i) {
@@ -84,8 +84,8 @@ pub fn random_color<const N: usize>(key: [f32; N]) -> Vec3 {
     }
 }
 
-/// As many numbers in 0..=1 as a cell has coordinates, two to four: pcg2d, pcg3d and pcg4d of Mark Jarzynski and Marc
-/// Olano, "Hash Functions for GPU Rendering" (2020), of signed words as in Cycles.
+/// Random numbers in 0..=1, as many as a cell has coordinates, two to four: pcg2d, pcg3d and pcg4d of Mark Jarzynski
+/// and Marc Olano, "Hash Functions for GPU Rendering" (2020), of signed words as in Cycles.
 #[inline(always)]
 pub fn pcg_point<const N: usize>(cell: [f32; N]) -> [f32; N] {
     const FACTOR: i32 = 1_664_525;

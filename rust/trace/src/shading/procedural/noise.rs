@@ -7,13 +7,13 @@ use relume_scene::NoiseKind;
 use super::arrays::{add, lerp, scale};
 use super::hash::{hash, random};
 
-/// What brings noise of one to four dimensions to about -1..1.
+/// Factors that bring noise of one to four dimensions to about -1..1.
 const AMPLITUDES: [f32; 4] = [0.25, 0.6616, 0.982, 0.8344];
 
 /// Noise repeats after this many cells, so that floats keep enough digits within one.
 const PERIOD: f32 = 100_000.0;
 
-/// How octaves are joined.
+/// Combination of octaves.
 #[derive(Clone, Copy, Debug)]
 pub struct Octaves {
     pub kind: NoiseKind,
@@ -48,7 +48,7 @@ pub fn texture<const N: usize>(at: [f32; N], octaves: &Octaves, distortion: f32,
     Vec3::new(value, green, blue).extend(value)
 }
 
-/// Where the number `seed` of unrelated noises is taken from.
+/// Offset from which the number `seed` of unrelated noises is taken.
 #[inline(always)]
 fn shift<const N: usize>(seed: usize) -> [f32; N] {
     let seed = seed as f32;

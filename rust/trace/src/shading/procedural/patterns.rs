@@ -13,7 +13,7 @@ fn off_borders(at: Vec3) -> Vec3 {
     (at + 1e-6) * 0.999_999
 }
 
-/// Whether a Checker Texture shows its first colour.
+/// True if a Checker Texture shows its first colour.
 pub fn checker(at: Vec3) -> bool {
     let cell = off_borders(at).floor();
     let is_odd = |x: f32| x as i32 & 1 == 1;
@@ -35,7 +35,7 @@ pub fn gradient(kind: GradientKind, at: Vec3) -> f32 {
     value.clamp(0.0, 1.0)
 }
 
-/// How a wave texture is bent by noise.
+/// Distortion of a wave texture by noise.
 #[derive(Clone, Copy, Debug)]
 pub struct Distortion {
     pub strength: f32,
@@ -111,7 +111,7 @@ pub fn magic(at: Vec3, depth: u32, distortion: f32) -> Vec4 {
     color.extend(color.element_sum() / 3.0)
 }
 
-/// How bricks are laid.
+/// Layout of bricks.
 #[derive(Clone, Copy, Debug)]
 pub struct Bricks {
     pub width: f32,
@@ -128,7 +128,7 @@ pub struct Bricks {
 }
 
 impl Bricks {
-    /// How far a brick's colour is from the first to the second one, and how much mortar covers it.
+    /// Position of a brick's colour between the first and the second one, and coverage by mortar.
     pub fn tint_and_mortar(&self, at: Vec2) -> (f32, f32) {
         let row = (at.y / self.row_height).floor();
         let is_chosen = |frequency: u32| (row as i32).checked_rem(frequency as i32) == Some(0);

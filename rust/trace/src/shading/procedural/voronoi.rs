@@ -14,9 +14,9 @@ pub struct Voronoi {
     pub metric: Metric,
     pub hash: VoronoiHash,
     pub normalize: bool,
-    /// Whether positions are wanted and not colours.
+    /// True if positions are wanted and not colours.
     pub position: bool,
-    /// Whether colours are wanted.
+    /// True if colours are wanted.
     pub colored: bool,
     pub scale: f32,
     pub detail: f32,
@@ -29,7 +29,7 @@ pub struct Voronoi {
     pub randomness: f32,
 }
 
-/// What one octave, or all of them, say about a place.
+/// Result of one octave, or of all of them, at a place.
 #[derive(Clone, Copy, Debug)]
 struct Found<const N: usize> {
     distance: f32,
@@ -72,7 +72,7 @@ impl Voronoi {
         }
     }
 
-    /// Whether there is more than one octave.
+    /// True if there is more than one octave.
     fn is_fractal(&self) -> bool {
         self.detail != 0.0 && self.roughness != 0.0
     }
@@ -214,7 +214,7 @@ impl Voronoi {
         distance
     }
 
-    /// In one dimension, the distance to a middle between the cell's own point and one of its two neighbours.
+    /// Distance, in one dimension, to a middle between the cell's own point and one of its two neighbours.
     fn distance_to_middle<const N: usize>(&self, cell: [f32; N], inside: [f32; N]) -> f32 {
         let mut points = [0.0; 3];
         let mut count = 0;

@@ -5,8 +5,8 @@ use relume_gpu::{Kernel, Matrices, modules};
 use super::super::matrices::{TOLERANCE, constants, error};
 use super::*;
 
-/// What each invocation holds of the matrices: of left factors the row of its number, of right ones where they are, of sums half
-/// of its row. The compiler must not know how much that is, or it takes half a minute to unroll all loops.
+/// Emulation of matrices: each invocation holds of left factors the row of its number, of right ones where they are, of
+/// sums half of its row. The compiler must not know how much that is, or it takes half a minute to unroll all loops.
 const EMULATED: &str = "
     struct Row { values: array<f32, 16> }
     struct Half { values: array<f32, 8> }
@@ -66,7 +66,7 @@ fn emulated_text(name: &str) -> Result<String, GpuError> {
     Ok(text + EMULATED)
 }
 
-/// What matrices a training multiplies by.
+/// Matrices that a training multiplies by.
 #[derive(Clone, Copy, Debug)]
 enum By {
     /// Those of a card, in software.

@@ -1,4 +1,4 @@
-//! What samples on the device are taken from: the scene, and pools of images.
+//! Sources of samples on the device: the scene, and pools of images.
 
 use super::super::pool::DevicePool;
 use super::*;

@@ -6,7 +6,7 @@ use super::*;
 struct DeviceRoom {
     room: SyntheticRoom,
     gpu: Arc<Gpu>,
-    /// Whether targets are not finite from now on: those on the device, or all.
+    /// True if targets are not finite from now on: those on the device, or all.
     spoiled: AtomicBool,
     spoils_all: bool,
 }

@@ -27,13 +27,14 @@ fn tinted(home: &Light, locks: Locks, stops: f32) -> Variable {
     Variable { locks, bounds: variable.bounds.tinted(home, Some(stops)), ..variable }
 }
 
-/// By how many stops the ratio of two channels differs most from what it is at home.
+/// Stops by which the ratio of two channels differs most from what it is at home.
 fn stops_of_color(light: &Light, home: &Light) -> f32 {
     let away = [0, 1, 2].map(|c| (power(light)[c] / power(home)[c]).log2());
     away.into_iter().fold(f32::MIN, f32::max) - away.into_iter().fold(f32::MAX, f32::min)
 }
 
-/// What is found of one light, which starts as the variable has it, by steps and then by a polish, with what is left of the loss.
+/// Solution for one light, which starts as the variable has it, by steps and then by a polish, with what is left of the
+/// loss.
 fn found(wanted: &Light, variable: &Variable, iterations: usize) -> (Light, f64) {
     let base = flat(0.02);
     let goals = [target(picture(&FLOOR, &base, std::slice::from_ref(wanted)))];
@@ -73,7 +74,7 @@ fn strength_ends_at_its_bound_and_the_rest_is_as_good_as_it_can_be_there() {
 }
 
 #[test]
-fn polishing_alone_goes_along_walls() {
+fn polishing_alone_goes_along_bounds() {
     for (lamp, is_turn) in lamps().into_iter().flat_map(|lamp| [(lamp.clone(), true), (lamp, false)]) {
         let locks = Locks { size: true, cone: true, ..Locks::default() };
         let home = Light { shape: disturbed(&lamp).shape, ..lamp.clone() };

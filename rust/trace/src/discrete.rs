@@ -2,7 +2,7 @@
 
 /// Indices with probabilities in proportion to weights.
 #[derive(Clone, Debug)]
-pub(crate) struct Distribution {
+pub(crate) struct Discrete1D {
     /// Cumulative probability up to and including each index; the last is 1.
     cumulative: Vec<f32>,
     /// First index that each of equal parts of 0..1 can give (Chen and Asau 1974, the guide table method), so that a
@@ -10,8 +10,8 @@ pub(crate) struct Distribution {
     guide: Vec<u32>,
 }
 
-impl Distribution {
-    /// Nothing if no weight is above 0. Negative and non-finite weights count as 0.
+impl Discrete1D {
+    /// Distribution of these weights; nothing if none is above 0. Negative and non-finite weights count as 0.
     pub fn new(weights: &[f32]) -> Option<Self> {
         let usable = |weight: f32| if weight.is_finite() { f64::from(weight.max(0.0)) } else { 0.0 };
         let total: f64 = weights.iter().map(|weight| usable(*weight)).sum();
@@ -67,14 +67,14 @@ mod tests {
 
     #[test]
     fn indices_come_as_often_as_their_weights() {
-        let distribution = Distribution::new(&[0.0, 1.0, f32::NAN, 3.0, 0.0]).unwrap();
+        let distribution = Discrete1D::new(&[0.0, 1.0, f32::NAN, 3.0, 0.0]).unwrap();
         let mut counts = [0; 5];
         for step in 0..1000 {
             counts[distribution.sample((step as f32 + 0.5) / 1000.0)] += 1;
         }
         assert_eq!(counts, [0, 250, 0, 750, 0]);
         assert!((distribution.probability(3) - 0.75).abs() < 1e-6);
-        assert!(Distribution::new(&[0.0, -1.0]).is_none());
-        assert!(Distribution::new(&[]).is_none());
+        assert!(Discrete1D::new(&[0.0, -1.0]).is_none());
+        assert!(Discrete1D::new(&[]).is_none());
     }
 }

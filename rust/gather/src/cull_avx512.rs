@@ -1,4 +1,4 @@
-//! The sieve's place on processors with AVX-512: whether segments come within a ball around the light, sixteen
+//! First test of segments on processors with AVX-512, in place of [`crate::cull_avx2`]: which come within a ball around the light, sixteen
 //! packed records at a time and in registers only, for one light. It leaves hardly more than what really comes near, so that
 //! the gather of one light costs this test alone.
 
@@ -12,7 +12,7 @@ use crate::light::{Ball, FAR, Reach};
 
 /// Records at a time.
 const WIDTH: usize = 16;
-/// How many records ahead are fetched.
+/// Number of records between the one tested and the one prefetched.
 const AHEAD: usize = 256;
 /// Bound of the rounding of squared distances and their differences, relative to the largest one.
 const ROUNDING: f32 = 1.5e-6;
@@ -25,7 +25,7 @@ const WHOLE: f32 = 8_388_608.0;
 
 /// A ball that holds all that a light reaches, in the coordinates of a shard.
 #[derive(Debug)]
-pub struct Scan {
+pub struct BallCull {
     step: Vec3,
     /// Lower corner of the position grid and camera, seen from the centre.
     min: Vec3,
@@ -33,7 +33,7 @@ pub struct Scan {
     radius2: f32,
 }
 
-impl Scan {
+impl BallCull {
     /// A ball around what a light reaches, widened by `slack` metres; `None` for a sun, which is everywhere.
     pub fn new(shard: &Shard, reach: &Reach, slack: f32) -> Option<Self> {
         let Ball { center, radius } = reach.ball()?;
@@ -94,7 +94,7 @@ impl Scan {
     }
 }
 
-/// [`Scan`] in registers.
+/// [`BallCull`] in registers.
 struct Constants {
     step: [__m512; 3],
     /// Place of grid coordinates of minus [`WHOLE`].
@@ -145,9 +145,9 @@ impl Constants {
 
     /// Bits of the segments that may come within the ball; `before` holds the end of the record before in its last lane.
     ///
-    /// With the squared distances `a` and `b` of both ends from the centre and their dot product `c`, seen from there, the line
-    /// through them passes the centre at the squared distance `(a b - c^2) / (a + b - 2 c)`, between them where `c` is below
-    /// both `a` and `b`.
+    /// Given the squared distances `a` and `b` of both ends from the centre and their dot product `c`, seen from there,
+    /// the line through them passes the centre at the squared distance `(a b - c^2) / (a + b - 2 c)`, between them
+    /// where `c` is below both `a` and `b`.
     #[inline]
     #[target_feature(enable = "avx512f")]
     fn near(&self, before: &Ends, ends: &Ends) -> u32 {
@@ -266,14 +266,14 @@ mod tests {
             for (share, offset) in [(1e-4, 1.0), (0.01, 1.0), (0.1, 0.5), (0.5, 0.7), (0.01, 30.0)] {
                 let ball = Ball { center: center + random.point(extent * offset), radius: extent * share };
                 let magnitude = center.abs().max_element() + extent * (1.0 + offset) + 5.0;
-                let scan = Scan::new(&shard, &Reach::Ball(ball), 4e-6 * magnitude).unwrap();
+                let cull = BallCull::new(&shard, &Reach::Ball(ball), 4e-6 * magnitude).unwrap();
                 let mut found = vec![0; shard.record_count()];
                 let mut numbers = Vec::new();
                 // In chunks that are not multiples of the width.
                 for first in (0..shard.record_count()).step_by(100) {
                     let chunk = first..shard.record_count().min(first + 100);
                     // SAFETY: AVX-512 has been detected, and with it goes the rest.
-                    let count = unsafe { scan.run(&shard, chunk, &mut found) };
+                    let count = unsafe { cull.run(&shard, chunk, &mut found) };
                     numbers.extend_from_slice(&found[..count]);
                 }
                 let radius = f64::from(ball.radius);

@@ -8,9 +8,9 @@ use super::plate::Plate;
 /// Narrowest cone, as the squared sine of its half angle: below, single precision would miss it.
 const NARROWEST: f32 = 1e-6;
 
-/// What a light is taken for.
+/// Light as the guide sees it.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Aim {
+pub(super) struct GuideTarget {
     pub place: Place,
     /// See [`brightness`].
     pub brightness: f32,
@@ -19,21 +19,21 @@ pub(super) struct Aim {
 
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Place {
-    /// In a ball.
+    /// Light in a ball.
     Ball { center: Vec3, radius: f32 },
-    /// On one side of a plane, in a ball.
+    /// Light on one side of a plane, in a ball.
     Flat { center: Vec3, radius: f32, plate: Plate },
-    /// The same, seen at another place: `seems` takes the way to the centre to that to where it seems to be.
-    Sheared { center: Vec3, radius: f32, plate: Plate, seems: Mat3 },
-    /// In directions around one.
+    /// Plate that is seen at another place: `apparent` takes the way to the centre to the way to where it appears.
+    Sheared { center: Vec3, radius: f32, plate: Plate, apparent: Mat3 },
+    /// Light in directions around one.
     Sky { direction: Vec3, sine_squared: f32 },
 }
 
-/// Where a light shines to.
+/// Directions that a light shines to.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Beam {
     Everywhere,
-    /// From the cosine to the axis on that it has at the rim of the cone.
+    /// Directions from the cosine to the axis on that it has at the rim of the cone.
     Cone {
         axis: Vec3,
         cos: f32,
@@ -44,7 +44,7 @@ pub(super) enum Beam {
     },
 }
 
-/// What directions to a light are drawn from.
+/// Region that directions to a light are drawn from.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Narrow {
     /// A cone of this height around the axis.
@@ -54,18 +54,18 @@ pub(super) enum Narrow {
 }
 
 /// A light as a point sees it.
-pub(super) struct Seen {
+pub(super) struct SeenLight {
     /// Direction to its middle.
     pub axis: Vec3,
-    /// Of the half angle of the cone around it; 1 or more from inside of the ball that holds the light.
+    /// Squared sine of the half angle of the cone around it; 1 or more from inside of the ball that holds the light.
     pub sine_squared: f32,
     /// Solid angle over that of a hemisphere.
     pub height: f32,
     pub narrow: Narrow,
 }
 
-impl Aim {
-    pub fn at(light: &Light) -> Self {
+impl GuideTarget {
+    pub fn new(light: &Light) -> Self {
         let flat = |center: Vec3, radius: f32, plate: Plate| {
             (Place::Flat { center, radius, plate }, Beam::Front { normal: plate.normal })
         };
@@ -82,9 +82,9 @@ impl Aim {
             LightShape::Sheared { center, edge_u, edge_v, is_ellipse, .. } => {
                 let radius = 0.5 * (edge_u.length() + edge_v.length());
                 let plate = Plate::sheared(edge_u, edge_v, is_ellipse);
-                let seems = if is_ellipse { Mat3::IDENTITY } else { seems(edge_u, edge_v) };
+                let apparent = if is_ellipse { Mat3::IDENTITY } else { apparent(edge_u, edge_v) };
                 // What it faces is told by its true place.
-                (Place::Sheared { center, radius, plate, seems }, Beam::Everywhere)
+                (Place::Sheared { center, radius, plate, apparent }, Beam::Everywhere)
             }
             LightShape::Quad { center, edge_u, edge_v, .. } => {
                 let radius = 0.5 * (edge_u.length_squared() + edge_v.length_squared()).sqrt();
@@ -102,22 +102,22 @@ impl Aim {
         Self { place, brightness: brightness(light), beam }
     }
 
-    pub fn seen_from(&self, point: Vec3) -> Seen {
+    pub fn seen_from(&self, point: Vec3) -> SeenLight {
         let (to_center, radius, plate) = match self.place {
-            Place::Sky { direction, sine_squared } => return Seen::in_cone(direction, sine_squared),
+            Place::Sky { direction, sine_squared } => return SeenLight::in_cone(direction, sine_squared),
             Place::Ball { center, radius } => (center - point, radius, None),
             Place::Flat { center, radius, plate } => (center - point, radius, Some(plate)),
-            Place::Sheared { center, radius, plate, seems } => {
-                (seems * (center - point), radius, Some(plate))
+            Place::Sheared { center, radius, plate, apparent } => {
+                (apparent * (center - point), radius, Some(plate))
             }
         };
         let inverse = to_center.length_recip();
-        let ball = Seen::in_cone(to_center * inverse, (radius * inverse).powi(2));
+        let ball = SeenLight::in_cone(to_center * inverse, (radius * inverse).powi(2));
         let Some(plate) = plate else { return ball };
         let height = plate.height(to_center).min(ball.height);
         // Single precision would miss plates that look smaller.
         let is_large = 2.0 * height > NARROWEST;
-        Seen {
+        SeenLight {
             height,
             narrow: if is_large { Narrow::Plate { to_center, plate } } else { ball.narrow },
             ..ball
@@ -125,7 +125,7 @@ impl Aim {
     }
 }
 
-impl Seen {
+impl SeenLight {
     fn in_cone(axis: Vec3, sine_squared: f32) -> Self {
         let narrow = Narrow::Cone(height(sine_squared.clamp(NARROWEST, 1.0)));
         Self { axis, sine_squared, height: height(sine_squared.min(1.0)), narrow }
@@ -133,7 +133,7 @@ impl Seen {
 }
 
 impl Beam {
-    /// Whether a light shines in a direction away from it.
+    /// True if a light shines in a direction away from it.
     pub fn reaches(&self, direction: Vec3) -> bool {
         match self {
             Self::Everywhere => true,
@@ -143,7 +143,7 @@ impl Beam {
     }
 }
 
-/// Of a light's radiance, mean of RGB; of lights that take light away (their power may be negative) as much.
+/// Mean of RGB of a light's radiance; absolute for lights that take light away (their power may be negative).
 pub(super) fn brightness(light: &Light) -> f32 {
     Vec3::from(light.radiance).abs().element_sum() / 3.0
 }
@@ -153,9 +153,9 @@ pub(super) fn height(sine_squared: f32) -> f32 {
     sine_squared * (0.5 + 0.125 * sine_squared)
 }
 
-/// From the way to the centre of a parallelogram to that to where Cycles' sampling puts it: `M M^T` with `M = (u, v, u x v)` for
-/// the unit directions of its edges, as `relume_gather` tells.
-fn seems(edge_u: Vec3, edge_v: Vec3) -> Mat3 {
+/// Matrix from the way to the centre of a parallelogram to the way to where Cycles' sampling puts it: `M M^T` with `M =
+/// (u, v, u x v)` for the unit directions of its edges, as `relume_gather` tells.
+fn apparent(edge_u: Vec3, edge_v: Vec3) -> Mat3 {
     let [u, v] = [edge_u, edge_v].map(Vec3::normalize_or_zero);
     let matrix = Mat3::from_cols(u, v, u.cross(v));
     matrix * matrix.transpose()

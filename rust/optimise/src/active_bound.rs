@@ -1,5 +1,5 @@
-//! Bounds on strength, colour and direction. Those of places and sizes are approached and never met (`variable`); these are walls, at
-//! which a step that leads through ends: a light may start at one, and where none is met all is as without.
+//! Bounds on strength, colour and direction. Those of places and sizes are approached and never met (`variable`); these are hard, and a step
+//! that leads through one ends there: a light may start at one, and inactive ones change nothing.
 
 use crate::problem::Problem;
 use crate::variable::{Bounds, LUMINANCE, Locks, Mapping, PARAMS, Variable, luminance, power};
@@ -8,7 +8,7 @@ use relume_scene::{LANES, Light, LightShape, lane};
 use serde::{Deserialize, Serialize};
 use std::f32::consts::{LN_2, PI};
 
-/// As near to a wall as this, in its units, a light stands at it.
+/// Distance, in the units of a bound, below which a light stands at it.
 const NEAR: f32 = 1e-5;
 
 /// Channels of a colour are taken as this share of its strongest where they are less, so that their ratios are finite.
@@ -16,20 +16,20 @@ const LEAST_CHANNEL: f32 = 1e-4;
 
 /// All directions within an angle of one.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Cap {
+pub struct DirectionCone {
     /// Their middle, of unit length.
     pub axis: Vec3,
     /// Radians, up to pi.
     pub angle: f32,
 }
 
-impl Cap {
+impl DirectionCone {
     pub(crate) fn is_sound(&self) -> bool {
         self.axis.is_normalized() && (0.0..=PI).contains(&self.angle)
     }
 
-    /// Of a uniformly random orientation one whose axis is uniformly random in the cap.
-    pub(crate) fn squeezed(&self, shape: &LightShape) -> LightShape {
+    /// Warps a uniformly random orientation into one whose axis is uniformly random in the cone.
+    pub(crate) fn warped(&self, shape: &LightShape) -> LightShape {
         shape.axis().map_or(*shape, |axis| {
             let sine = (0.5 * self.angle_to(axis)).sin() * (0.5 * self.angle).sin();
             self.turned(shape, axis, 2.0 * sine.asin())
@@ -44,12 +44,12 @@ impl Cap {
     /// A shape, whose axis is given, turned until that is at an angle from the middle.
     fn turned(&self, shape: &LightShape, axis: Vec3, angle: f32) -> LightShape {
         let mut step = [0.0; LANES];
-        step[lane::TURN].copy_from_slice(&(self.out(axis) * (angle - self.angle_to(axis))).to_array());
+        step[lane::TURN].copy_from_slice(&(self.outward(axis) * (angle - self.angle_to(axis))).to_array());
         shape.moved(&step)
     }
 
     /// Rotation vector, of unit length, that takes an axis further from the middle.
-    fn out(&self, axis: Vec3) -> Vec3 {
+    fn outward(&self, axis: Vec3) -> Vec3 {
         self.axis.cross(axis).try_normalize().unwrap_or_else(|| axis.any_orthonormal_vector())
     }
 
@@ -60,14 +60,14 @@ impl Cap {
 
 /// All colours within some stops of one.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Tint {
+pub struct ChromaticityBound {
     /// Their middle: RGB of any brightness, each above 0.
     pub color: [f32; 3],
-    /// By how many stops the ratio of two channels may at most differ from what it is there.
+    /// Stops by which the ratio of two channels may at most differ from what it is there.
     pub stops: f32,
 }
 
-impl Tint {
+impl ChromaticityBound {
     /// Colours within some stops of that of a power; of white where it is black.
     fn around(power: [f32; 3], stops: f32) -> Self {
         Self { color: if luminance(power) > 0.0 { with_all_channels(power) } else { [1.0; 3] }, stops }
@@ -80,27 +80,29 @@ impl Tint {
     }
 
     /// Most that the logarithm of a ratio of channels may differ.
-    fn reach(&self) -> f32 {
+    fn log_range(&self) -> f32 {
         LN_2 * self.stops
     }
 
     /// Logarithm of each channel over the middle's.
-    fn away(&self, power: [f32; 3]) -> [f32; 3] {
+    fn log_ratios(&self, power: [f32; 3]) -> [f32; 3] {
         let power = with_all_channels(power);
         std::array::from_fn(|c| (power[c] / self.color[c]).ln())
     }
 
     /// A power of the same luminance and the nearest of these colours.
     fn within(&self, power: [f32; 3]) -> [f32; 3] {
-        let away = self.away(power);
-        let [low, high] =
-            [away.into_iter().fold(f32::MAX, f32::min), away.into_iter().fold(f32::MIN, f32::max)];
-        if luminance(power) <= 0.0 || high - low <= self.reach() {
+        let log_ratios = self.log_ratios(power);
+        let [low, high] = [
+            log_ratios.into_iter().fold(f32::MAX, f32::min),
+            log_ratios.into_iter().fold(f32::MIN, f32::max),
+        ];
+        if luminance(power) <= 0.0 || high - low <= self.log_range() {
             return power;
         }
-        let (middle, half) = (0.5 * (low + high), 0.5 * self.reach());
+        let (middle, half) = (0.5 * (low + high), 0.5 * self.log_range());
         let held: [f32; 3] =
-            std::array::from_fn(|c| self.color[c] * away[c].clamp(middle - half, middle + half).exp());
+            std::array::from_fn(|c| self.color[c] * log_ratios[c].clamp(middle - half, middle + half).exp());
         held.map(|channel| channel * luminance(power) / luminance(held))
     }
 }
@@ -113,24 +115,24 @@ fn with_all_channels(power: [f32; 3]) -> [f32; 3] {
 impl Bounds {
     /// Bounds that also hold a light's colour within some stops of what it is.
     pub fn tinted(self, light: &Light, stops: Option<f32>) -> Self {
-        Self { color: stops.map(|stops| Tint::around(power(light), stops)), ..self }
+        Self { color: stops.map(|stops| ChromaticityBound::around(power(light), stops)), ..self }
     }
 
     /// Bounds that also hold a light's strength within some stops of what it is, and its direction within an angle, radians.
     pub fn around(self, light: &Light, stops: Option<[f32; 2]>, angle: Option<f32>) -> Self {
         let strength = stops.map(|stops| stops.map(|stops| stops.exp2() * luminance(power(light))));
-        let cap = |angle: f32| Some(Cap { axis: light.shape.axis()?, angle: angle.min(PI) });
-        Self { strength, direction: angle.and_then(cap), ..self }
+        let cone = |angle: f32| Some(DirectionCone { axis: light.shape.axis()?, angle: angle.min(PI) });
+        Self { strength, direction: angle.and_then(cone), ..self }
     }
 
     /// A light as coloured, strong and directed as these bounds allow, what is locked as it is.
     fn within(&self, locks: &Locks, mut light: Light) -> Light {
-        if let (Some(cap), false) = (self.direction, locks.direction) {
-            light.shape = cap.within(&light.shape);
+        if let (Some(cone), false) = (self.direction, locks.direction) {
+            light.shape = cone.within(&light.shape);
         }
-        if let (Some(tint), false) = (self.color, locks.color) {
+        if let (Some(chromaticity), false) = (self.color, locks.color) {
             let power = power(&light);
-            let held = tint.within(power);
+            let held = chromaticity.within(power);
             if held != power {
                 light.radiance = held.map(|power| power / light.shape.extent());
             }
@@ -161,27 +163,27 @@ impl Problem<'_> {
 }
 
 /// A bound by a light's unconstrained values, to first order.
-pub(crate) struct Wall {
-    /// The product of a step with this is how much nearer it comes, radians or natural logarithm of a strength or of a ratio of
+pub(crate) struct ActiveBound {
+    /// The product of a step with this is how much nearer the light comes, radians or natural logarithm of a strength or of a ratio of
     /// channels.
     pub(crate) normal: [f32; PARAMS],
-    /// The step by which what is beyond the wall is brought back, for each of those units.
-    out: [f32; PARAMS],
-    /// How far away the wall is.
+    /// Step by which what is beyond the bound is brought back, for each of those units.
+    outward: [f32; PARAMS],
+    /// Distance of the bound.
     pub(crate) distance: f32,
 }
 
-impl Wall {
-    /// How far a step leads beyond it, in the length of steps; below 0 where it does not.
-    pub(crate) fn passed_by(&self, step: &[f64]) -> f64 {
+impl ActiveBound {
+    /// Distance that a step leads beyond the bound, in the length of steps; below 0 where it does not.
+    pub(crate) fn overshoot(&self, step: &[f64]) -> f64 {
         let nearer: f64 = self.normal.iter().zip(step).map(|(n, s)| f64::from(*n) * s).sum();
         let length = self.normal.iter().map(|n| f64::from(*n).powi(2)).sum::<f64>().sqrt();
         if length > 0.0 { (nearer - f64::from(self.distance)) / length } else { f64::NEG_INFINITY }
     }
 
-    /// Takes from a gradient, against which the light goes, what leads through the wall if it stands there.
-    pub(crate) fn stop(&self, gradient: &mut [f32; PARAMS]) {
-        let pull: f32 = gradient.iter().zip(&self.out).map(|(g, out)| g * out).sum();
+    /// Takes from a gradient, against which the light goes, what leads through the bound if it stands there.
+    pub(crate) fn project(&self, gradient: &mut [f32; PARAMS]) {
+        let pull: f32 = gradient.iter().zip(&self.outward).map(|(g, outward)| g * outward).sum();
         if pull < 0.0 && self.distance < NEAR {
             gradient.iter_mut().zip(&self.normal).for_each(|(slope, normal)| *slope -= pull * normal);
         }
@@ -194,55 +196,59 @@ impl Mapping {
         self.bounds.within(&self.locks, self.free_step(light, delta))
     }
 
-    /// The walls around a light.
-    pub(crate) fn walls(&self, light: &Light) -> impl Iterator<Item = Wall> + use<> {
-        self.wall_of_direction(light)
+    /// Bounds around a light.
+    pub(crate) fn active_bounds(&self, light: &Light) -> impl Iterator<Item = ActiveBound> + use<> {
+        self.direction_bound(light)
             .into_iter()
-            .chain(self.walls_of_strength(light))
-            .chain(self.walls_of_color(light))
+            .chain(self.strength_bounds(light))
+            .chain(self.color_bounds(light))
     }
 
-    fn wall_of_direction(&self, light: &Light) -> Option<Wall> {
-        let cap = self.bounds.direction.filter(|_| !self.locks.direction)?;
+    fn direction_bound(&self, light: &Light) -> Option<ActiveBound> {
+        let cone = self.bounds.direction.filter(|_| !self.locks.direction)?;
         let axis = light.shape.axis()?;
-        let mut out = [0.0; PARAMS];
-        out[lane::TURN].copy_from_slice(&cap.out(axis).to_array());
-        Some(Wall { normal: out, out, distance: cap.angle - cap.angle_to(axis) })
+        let mut outward = [0.0; PARAMS];
+        outward[lane::TURN].copy_from_slice(&cone.outward(axis).to_array());
+        Some(ActiveBound { normal: outward, outward, distance: cone.angle - cone.angle_to(axis) })
     }
 
-    fn walls_of_strength(&self, light: &Light) -> Vec<Wall> {
+    fn strength_bounds(&self, light: &Light) -> Vec<ActiveBound> {
         let strength = luminance(power(light));
         let Some(ends) = self.bounds.strength.filter(|_| !self.locks.strength && strength > 0.0) else {
             return Vec::new();
         };
-        let wall = |(end, sign): (f32, f32)| {
-            let [mut normal, mut out] = [[0.0; PARAMS]; 2];
+        let bound = |(end, sign): (f32, f32)| {
+            let [mut normal, mut outward] = [[0.0; PARAMS]; 2];
             let d_power = LUMINANCE.map(|weight| sign * weight / strength);
             normal[LANES..].copy_from_slice(&self.power_gradient(light, d_power));
-            out[LANES..].copy_from_slice(&self.brightening(light).map(|step| sign * step));
-            Wall { normal, out, distance: sign * (end / strength).ln() }
+            outward[LANES..].copy_from_slice(&self.brightening(light).map(|step| sign * step));
+            ActiveBound { normal, outward, distance: sign * (end / strength).ln() }
         };
-        ends.into_iter().zip([-1.0, 1.0]).map(wall).collect()
+        ends.into_iter().zip([-1.0, 1.0]).map(bound).collect()
     }
 
     /// One for each ratio of two channels, either way.
-    fn walls_of_color(&self, light: &Light) -> Vec<Wall> {
+    fn color_bounds(&self, light: &Light) -> Vec<ActiveBound> {
         let strength = luminance(power(light));
-        let Some(tint) = self.bounds.color.filter(|_| !self.locks.color && strength > 0.0) else {
+        let Some(chromaticity) = self.bounds.color.filter(|_| !self.locks.color && strength > 0.0) else {
             return Vec::new();
         };
-        let (away, power) = (tint.away(power(light)), with_all_channels(power(light)));
-        let wall = |(i, j): (usize, usize)| {
+        let (log_ratios, power) = (chromaticity.log_ratios(power(light)), with_all_channels(power(light)));
+        let bound = |(i, j): (usize, usize)| {
             let mut rates = [0.0; 3];
             (rates[i], rates[j]) = (0.5, -0.5);
             let brighter = (0..3).map(|c| rates[c] * LUMINANCE[c] * power[c]).sum::<f32>() / luminance(power);
             let d_power = std::array::from_fn(|c| 2.0 * rates[c] / power[c]);
-            let [mut normal, mut out] = [[0.0; PARAMS]; 2];
+            let [mut normal, mut outward] = [[0.0; PARAMS]; 2];
             normal[LANES..].copy_from_slice(&self.power_gradient(light, d_power));
-            out[LANES..].copy_from_slice(&self.growth(light, rates.map(|rate| rate - brighter)));
-            Wall { normal, out, distance: tint.reach() - (away[i] - away[j]) }
+            outward[LANES..].copy_from_slice(&self.growth(light, rates.map(|rate| rate - brighter)));
+            ActiveBound {
+                normal,
+                outward,
+                distance: chromaticity.log_range() - (log_ratios[i] - log_ratios[j]),
+            }
         };
-        (0..3).flat_map(|i| (0..3).map(move |j| (i, j))).filter(|(i, j)| i != j).map(wall).collect()
+        (0..3).flat_map(|i| (0..3).map(move |j| (i, j))).filter(|(i, j)| i != j).map(bound).collect()
     }
 }
 

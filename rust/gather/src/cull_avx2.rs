@@ -9,9 +9,9 @@ use relume_dump::{Flags, Shard};
 
 use crate::light::{Plane, Reach};
 
-/// Records that are sieved at a time.
+/// Records that are tested at a time.
 pub const CHUNK: usize = 8192;
-/// How many records ahead are fetched.
+/// Number of records between the one tested and the one prefetched.
 const AHEAD: usize = 1024;
 /// Bytes in front of the codes, of which the last is that of the record before the chunk.
 const LEAD: usize = 32;
@@ -22,7 +22,7 @@ const SIDES: u8 = 0x3f;
 
 /// A box on the grid of a shard.
 #[derive(Debug)]
-pub struct Sieve {
+pub struct BoxCull {
     /// Coordinates from here on are beyond the upper face.
     above: [u16; 3],
     /// Coordinates up to here are beyond the lower face.
@@ -35,20 +35,20 @@ pub struct Sieve {
 
 /// Working memory.
 #[derive(Debug)]
-pub struct SieveWork {
+pub struct CullWork {
     /// After [`LEAD`], a code for each record.
     codes: Box<[u8; LEAD + CHUNK]>,
     /// Numbers of records, and room for what is written too much.
     pub found: Box<[u32; CHUNK + 32]>,
 }
 
-impl Default for SieveWork {
+impl Default for CullWork {
     fn default() -> Self {
         Self { codes: Box::new([0; LEAD + CHUNK]), found: Box::new([0; CHUNK + 32]) }
     }
 }
 
-impl Sieve {
+impl BoxCull {
     /// A box around what a light reaches, widened by `slack` metres; `None` for what is everywhere, as suns.
     pub fn new(shard: &Shard, reach: &Reach, slack: f32) -> Option<Self> {
         let around = |plane: &Plane| {
@@ -70,21 +70,21 @@ impl Sieve {
         let camera = shard.camera_position().as_dvec3();
         let camera_above = camera.cmpgt(center + half).bitmask() as u8;
         let camera_below = camera.cmplt(center - half).bitmask() as u8;
-        let mut sieve =
+        let mut cull =
             Self { above: [0; 3], below: [0; 3], judged: 0, camera: camera_above | camera_below << 3 };
         for axis in 0..3 {
             // Escapes stand at 0 or 65535, whichever side they go to, so these must not be judged by place.
             // Comparisons with NaN, of an axis without extent, judge nothing.
             if upper[axis] <= 65535.0 {
-                sieve.above[axis] = upper[axis].max(1.0) as u16;
-                sieve.judged |= 1 << axis;
+                cull.above[axis] = upper[axis].max(1.0) as u16;
+                cull.judged |= 1 << axis;
             }
             if lower[axis] >= 0.0 {
-                sieve.below[axis] = lower[axis].min(65534.0) as u16;
-                sieve.judged |= 8 << axis;
+                cull.below[axis] = lower[axis].min(65534.0) as u16;
+                cull.judged |= 8 << axis;
             }
         }
-        Some(sieve)
+        Some(cull)
     }
 
     /// The code of one record.
@@ -110,7 +110,7 @@ impl Sieve {
         code & self.judged | if flags.path_start() { START } else { 0 }
     }
 
-    /// Writes the numbers of the records, at most [`CHUNK`], that may touch the box, plus `first`, to [`SieveWork::found`] and
+    /// Writes the numbers of the records, at most [`CHUNK`], that may touch the box, plus `first`, to [`CullWork::found`] and
     /// returns how many these are. `continues` says that the chunk follows the one that `work` was last used for.
     #[target_feature(enable = "avx2,popcnt,bmi1")]
     pub fn run(
@@ -119,7 +119,7 @@ impl Sieve {
         z_flags: &[u32],
         first: u32,
         continues: bool,
-        work: &mut SieveWork,
+        work: &mut CullWork,
     ) -> usize {
         let len = xy.len().min(z_flags.len()).min(CHUNK);
         let codes = work.codes.as_mut_slice();
@@ -128,7 +128,7 @@ impl Sieve {
         self.encode(&xy[..len], &z_flags[..len], &mut codes[LEAD..LEAD + len]);
         let mut count = 0;
         for start in (0..len).step_by(32) {
-            let mut bits = self.pass(&codes[LEAD - 1 + start..][..33]);
+            let mut bits = self.touching(&codes[LEAD - 1 + start..][..33]);
             if len - start < 32 {
                 bits &= (1 << (len - start)) - 1;
             }
@@ -151,7 +151,7 @@ impl Sieve {
 
     /// Bits of the 32 records after the first of 33 codes that may touch the box.
     #[target_feature(enable = "avx2")]
-    fn pass(&self, codes: &[u8]) -> u32 {
+    fn touching(&self, codes: &[u8]) -> u32 {
         let codes: &[u8; 33] = codes.try_into().expect("33 codes");
         // SAFETY: 32 bytes are read from byte 0 and from byte 1 of 33.
         let (before, current) = unsafe {
@@ -220,7 +220,7 @@ struct Constants {
 }
 
 impl Constants {
-    /// [`Sieve::code`] of eight records, in words of 16 bits: the bits of x and z in the low half of 32, those of y and the
+    /// [`BoxCull::code`] of eight records, in words of 16 bits: the bits of x and z in the low half of 32, those of y and the
     /// path start in the high half.
     #[target_feature(enable = "avx2")]
     fn group(&self, xy: &[u32], z_flags: &[u32]) -> __m256i {
@@ -268,12 +268,12 @@ mod tests {
         };
         let (xy, z_flags) = (words(), words());
         for judged in [SIDES, 0, 0b101_010, 0b000_111] {
-            let sieve =
-                Sieve { above: [1, 40_000, 65_535], below: [0, 20_000, 65_534], judged, camera: 0b1001 };
+            let cull =
+                BoxCull { above: [1, 40_000, 65_535], below: [0, 20_000, 65_534], judged, camera: 0b1001 };
             let mut codes = vec![0; xy.len()];
             // SAFETY: AVX2 has been detected.
-            unsafe { sieve.encode(&xy, &z_flags, &mut codes) };
-            let expected: Vec<_> = xy.iter().zip(&z_flags).map(|(&xy, &z)| sieve.code(xy, z)).collect();
+            unsafe { cull.encode(&xy, &z_flags, &mut codes) };
+            let expected: Vec<_> = xy.iter().zip(&z_flags).map(|(&xy, &z)| cull.code(xy, z)).collect();
             assert_eq!(codes, expected);
         }
     }

@@ -2,13 +2,13 @@ use std::ops::Range;
 
 use relume_dump::{Dump, Flags, Pass, Shard};
 
-/// Which paths of every pixel count. The halves are independent estimates of the same image: one can train on the first and
-/// measure on the second, and their difference is a measure of the noise.
+/// Selection of the paths of every pixel that count. The halves are independent estimates of the same image: one can
+/// train on the first and measure on the second, and their difference is a measure of the noise.
 ///
 /// Each pass is cut into its earlier and later paths, not into even and odd ones: in a Sobol sequence all even samples
 /// lie in the same half of the first dimension, while aligned runs are well spread.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Half {
+pub enum SampleSplit {
     /// All paths.
     #[default]
     All,
@@ -18,7 +18,7 @@ pub enum Half {
     Second,
 }
 
-impl Half {
+impl SampleSplit {
     /// Numbers of the paths of a pass that count. Where the number is odd, the one over falls to the second half for even
     /// `first_sample`, else to the first.
     fn paths(self, pass: Pass) -> Range<u32> {
