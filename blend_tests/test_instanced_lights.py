@@ -160,7 +160,7 @@ def test_what_nodes_show_is_listed_below_the_collection_of_the_nodes(scene, live
     scatter(props, bulb())
     live()
     listed = sorted(rows.present_rows(scene), key=lambda row: row.order)
-    assert [(row.kind, row.name, row.depth) for row in listed[:2]] == [(GROUP, "Props", 0), (LIGHT, "Bulb", 1)]
+    assert [(row.kind, row.name, row.depth) for row in listed[:2]] == [(GROUP, "Props", 0), (LIGHT, "Bulb", 0)]
     row(scene, "Props", GROUP).multiplier = 3.0
     assert rows.mix(scene, TWO)["gains"] == {name: [3.0] * 3 for name in TWO}
 

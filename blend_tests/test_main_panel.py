@@ -33,6 +33,7 @@ class Layout:
             words = getattr(words, part)
         self.buttons.append(text or words.get_rna_type().name)
         self.lines.append(self.buttons[-1])
+        return SimpleNamespace()
 
     def row(self, **_settings):
         return self

@@ -6,7 +6,7 @@ import pytest
 import addon
 from addon.core import rows as core
 from addon.core.rows import GROUP, LIGHT, STATIC, WORLD
-from addon.ui import rows
+from addon.ui import mixer, rows
 from addon.ui.start import start
 from fake_live import FakeLive
 from helpers import add, add_light, add_quad, row, update
@@ -21,6 +21,13 @@ def listed(scene):
     """Kind, name and depth of the rows, as the panel lists them."""
     found = sorted(rows.present_rows(scene), key=lambda row: row.order)
     return [(row.kind, row.name, row.depth) for row in found]
+
+
+def shown(scene, grouped=True):
+    """Names of the rows that the list shows."""
+    items = scene.relume_mix.rows
+    there = mixer.shown_rows(items, [item.order for item in items], grouped=grouped)
+    return {item.name for item, is_shown in zip(items, there, strict=True) if is_shown}
 
 
 def collection(scene, name, parent=None):
@@ -62,9 +69,13 @@ def test_collections_with_lights_are_groups(scene):
     add_light(scene, "POINT", "Loose")
     update()
     groups = [(GROUP, "Outer", 0), (GROUP, "Inner", 1)]
-    assert listed(scene) == [*groups, (LIGHT, "Lamp", 2), (LIGHT, "Other", 1), (LIGHT, "Loose", 0), *REST]
+    # Inner has one light: as long as it changes nothing it has no line.
+    assert listed(scene) == [*groups, (LIGHT, "Lamp", 1), (LIGHT, "Other", 1), (LIGHT, "Loose", 0), *REST]
+    assert shown(scene) == {"Outer", "Lamp", "Other", "Loose", "Emissive Materials"}
+    assert shown(scene, grouped=False) == {"Lamp", "Other", "Loose", "Emissive Materials"}
     row(scene, "Outer", GROUP).multiplier = 2.0
     row(scene, "Inner", GROUP).exposure = 1.0
+    assert {"Outer", "Inner"} <= shown(scene, grouped=False), "what changes something is always listed"
     found = rows.mix(scene, ["Lamp", "Other", "Loose"])["gains"]
     assert found == {"Lamp": [4.0] * 3, "Other": [2.0] * 3, "Loose": NEUTRAL}
 
@@ -79,7 +90,7 @@ def test_instanced_collections_are_groups_and_their_lights_follow(scene):
     library.objects.link(loop)
     loop.instance_type, loop.instance_collection = "COLLECTION", library
     update()
-    assert listed(scene) == [(GROUP, "Library", 0), (LIGHT, "Bulb", 1), *REST]
+    assert listed(scene) == [(GROUP, "Library", 0), (LIGHT, "Bulb", 0), *REST]
     row(scene, "Library", GROUP).multiplier = 3.0
     assert rows.mix(scene, ["Bulb", "Bulb#2"])["gains"] == {"Bulb": [3.0] * 3, "Bulb#2": [3.0] * 3}
     row(scene, "Emissive Materials", STATIC).solo = True

@@ -88,7 +88,7 @@ class RelumeRow(bpy.types.PropertyGroup):
     named: BoolProperty(
         name="Named", description="Whether geometry nodes or particles may show this light itself", options={"HIDDEN"}
     )
-    depth: IntProperty(name="Depth", description="Collections around this row", options={"HIDDEN"})
+    depth: IntProperty(name="Depth", description="Collections around this row that have a line", options={"HIDDEN"})
     single: BoolProperty(name="Single", description="Whether a collection has one light alone", options={"HIDDEN"})
     order: IntProperty(name="Order", description="Place in the list", options={"HIDDEN"})
     icon: StringProperty(name="Icon", description="Icon of the row", options={"HIDDEN"})
