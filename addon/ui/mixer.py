@@ -21,6 +21,8 @@ WIDE = 340
 """Width of the sidebar, in pixels of an unscaled screen, from which on rows show the type of their light."""
 INDENT = 0.6
 """Of a row for each collection around it, in the spaces of Blender's layouts."""
+FOLD = 1.2
+"""Indent for the triangle that a light does not have, which its collection has."""
 
 
 def apply_to_lights(scene: bpy.types.Scene) -> None:
@@ -176,7 +178,7 @@ class RELUME_UL_rows(bpy.types.UIList):  # noqa: N801
         """Called by Blender for the rows in sight only."""
         line = layout.row(align=True)
         if row.depth and data.grouped:
-            line.separator(factor=INDENT * row.depth)
+            line.separator(factor=INDENT * row.depth + (0.0 if row.kind == GROUP else FOLD))
         if row.kind == GROUP:
             icon = "DISCLOSURE_TRI_DOWN" if row.open else "DISCLOSURE_TRI_RIGHT"
             line.prop(row, "open", text="", icon=icon, emboss=False)
@@ -190,7 +192,7 @@ class RELUME_UL_rows(bpy.types.UIList):  # noqa: N801
         # What is set in the details alone would otherwise not be seen.
         if row.multiplier != 1.0 or row.use_kelvin:
             line.label(text="", icon="DOT")
-        _cell(line, 1.7).prop(row, "exposure", text="")
+        _cell(line, 1.9).prop(row, "exposure", text="")
         _cell(line, 0.6).prop(row, "color", text="")
         locks.draw_lock(line, context.scene, row)
 
