@@ -166,6 +166,12 @@ CASES = {
     "color of numbers as a number": lambda t: glow(
         t, muted_maths(t, node(t, "ShaderNodeCombineColor", {0: half(t), 1: 0.1, 2: 0.9}).outputs[0])
     ),
+    "vector as a truth": lambda t: glow(
+        t,
+        passed(
+            t, ("Bool", "Bool"), node(t, "ShaderNodeVectorMath", {0: (0.2, -0.9, 0.1), 1: (0.1, 0.0, 0.0)}).outputs[0]
+        ),
+    ),
     "vector of a constant as a number": lambda t: glow(t, muted_maths(t, combined(t, red(t)))),
     "reroute to color": lambda t: glow(t, reroute(t)),
     "reroute to number": lambda t: glow(t, reroute(t), "Strength"),

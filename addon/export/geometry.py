@@ -11,7 +11,7 @@ import numpy as np
 
 from .arrays import LAYOUTS, stored
 from .late_mesh import FinishMesh, late_mesh
-from .materials import FACTOR
+from .materials import ANY_UV_MAP, FACTOR
 
 UNREAD = {"INT16_2D", "INT32_2D"}
 """Types of attributes that Cycles does not read."""
@@ -89,6 +89,8 @@ class GeometryExporter:
             return None
         found = (*arrays["color_attributes"], *arrays["uv_maps"])
         self.attributes[number] = {name.removesuffix(FACTOR) for name in found}
+        if arrays["uv_maps"]:
+            self.attributes[number].add(ANY_UV_MAP)
         return number
 
 

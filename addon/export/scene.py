@@ -19,7 +19,7 @@ from .late_mesh import FinishMesh
 from .left_out import warn_about_mesh, warn_about_scene
 from .lights import LightExporter
 from .linking import LightLinking, receiver_names
-from .materials import MaterialExporter, asked_attributes
+from .materials import ANY_UV_MAP, MaterialExporter, asked_attributes
 from .world import WorldRenderError, export_world
 from .world_graph import WorldGraph
 
@@ -251,6 +251,8 @@ class _SceneExporter:
             for name in sorted(asked.keys() - self.geometry.attributes[mesh]):
                 where = asked.pop(name)  # Said once for each material.
                 what = f"its vertices, corners and faces have no attribute '{name}'; taken as 0"
+                if name == ANY_UV_MAP:
+                    what = "its mesh has no UV map, and the normal map bends light otherwise than in Cycles; unwrap it"
                 self.builder.warn(f"object '{obj.name}', {where}: {what}")
 
 

@@ -9,7 +9,7 @@ LIMIT = 0.08
 ERRORS = 4.0
 """How many standard errors a difference must exceed."""
 
-DARK, BLACK = 0.5, 1e-4
+DARK, BLACK = 0.5, 1e-3
 """What is added to a block's value before it is compared: a share of the mean of its picture, and a radiance. What
 lights a block that is darker are rare paths, whose noise two pictures do not show."""
 

@@ -1,6 +1,6 @@
 """Material node trees to the JSON form of `relume_scene::Material`."""
 
 from .exporter import MaterialExporter, asked_attributes
-from .values import FACTOR
+from .values import ANY_UV_MAP, FACTOR
 
-__all__ = ["FACTOR", "MaterialExporter", "asked_attributes"]
+__all__ = ["ANY_UV_MAP", "FACTOR", "MaterialExporter", "asked_attributes"]

@@ -286,7 +286,7 @@ class Translation:
         """A link's value after it has passed a socket of another type. `is_narrowed`: it becomes a number later, which
         differs for colours and vectors."""
         if to == "BOOLEAN" and IS_INLINED:
-            return self._math("GREATER_THAN", link)
+            return self._math("GREATER_THAN", self._length(link) if kind == "VECTOR" else link)
         if to in {"INT", "BOOLEAN"} and kind not in {"INT", "BOOLEAN"}:
             return self._math("TRUNC", link)
         if to == "VALUE" and kind in {"RGBA", "VECTOR"}:
@@ -304,6 +304,10 @@ class Translation:
         settings = {"data": "color", "blend": "MIX", "clamp_factor": True, "clamp_result": False}
         mix = {"type": "mix", **settings, "factor": 0.0, "a": link, "b": [0.0] * 3}
         return {"node": self.emit(mix), "output": "color"}
+
+    def _length(self, link: dict[str, Any]) -> dict[str, Any]:
+        settings = {"operation": "LENGTH", "b": [0.0] * 3, "c": [0.0] * 3, "scale": 1.0}
+        return {"node": self.emit({"type": "vector_math", "a": link, **settings}), "output": "value"}
 
     def _as_vector(self, link: dict[str, Any]) -> dict[str, Any]:
         settings = {"operation": "ADD", "b": [0.0] * 3, "c": [0.0] * 3, "scale": 1.0}

@@ -22,6 +22,8 @@ Field = tuple[str, str | int, Any]
 
 FACTOR = "\tfactor"
 """Behind the name of an attribute that is asked for as one number."""
+ANY_UV_MAP = "\tUV map"
+"""Name under which a normal map asks for the first UV map."""
 UP = [0.0, 0.0, 1.0]
 INTERPOLATION = {"Linear": "linear", "Closest": "closest", "Cubic": "cubic", "Smart": "cubic"}
 
@@ -340,6 +342,8 @@ def _normal_map(t: Translation, source: Source) -> Any:
             color = _with_green_flipped(t, color)
         strength = t.value(node, "Strength", source.context, 1.0)
         settings = {"space": node.space.lower(), "uv_map": node.uv_map}
+        if IS_INLINED and settings == {"space": "tangent", "uv_map": ""}:
+            t.attributes[ANY_UV_MAP] = node.name  # Before Blender 5.0 it is known what Cycles takes without one.
         return {"type": "normal_map", **settings, "strength": strength, "color": color}
 
     return {"node": t.once(source, description), "output": "normal"}
