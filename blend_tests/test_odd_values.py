@@ -27,6 +27,16 @@ def one_place(tree):
     return node(tree, "ShaderNodeCombineXYZ", {0: -0.5, 1: -0.5, 2: -0.5}).outputs[0]
 
 
+def curved(tree):
+    """A curve beyond its end, which is steep there."""
+    made = node(tree, "ShaderNodeRGBCurve", {1: (1.4, 1.1, -0.3, 1.0)})
+    made.mapping.use_clip, made.mapping.extend = False, "EXTRAPOLATED"
+    for position, value in ((0.3, 0.5), (0.8, 0.3)):
+        made.mapping.curves[1].points.new(position, value)
+    made.mapping.update()
+    return made.outputs[0]
+
+
 def checker_at_one_place(tree):
     """A texture whose mapping panel moves it."""
     made = node(tree, "ShaderNodeTexChecker", {"Vector": one_place(tree), "Color1": (0.8, 0.2, 0.1, 1.0)})
@@ -72,6 +82,7 @@ CASES = {
         tree, "ShaderNodeTexBrick", {"Mortar Smooth": -0.5, "Vector": one_place(tree)}
     ).outputs[1],
     "bump of a constant normal": lambda tree: node(tree, "ShaderNodeBump", {"Normal": one_place(tree)}).outputs[0],
+    "curve beyond its end": curved,
     "mapping panel at one place": checker_at_one_place,
     "mapping of no size": moved((0.4, 0.2, 0.1), (0.0, 0.0, 0.0)),
     "constant mapping of no size": moved((0.4, 0.2, 0.1), (0.0, 0.0, 0.0), rotation=(0.1, 0.2, 0.3)),

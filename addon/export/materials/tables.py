@@ -30,6 +30,15 @@ def rgb_curves(mapping: bpy.types.CurveMapping) -> dict[str, Any]:
     return _table(low, high, entry, mapping)
 
 
+def rgb_curves_at(mapping: bpy.types.CurveMapping, color: list[float]) -> list[float]:
+    """A colour after it has passed RGB curves."""
+    mapping.initialize()
+    *channels, combined = mapping.curves
+    return [
+        mapping.evaluate(curve, mapping.evaluate(combined, value)) for curve, value in zip(channels, color, strict=True)
+    ]
+
+
 def float_curve(mapping: bpy.types.CurveMapping) -> dict[str, Any]:
     """The JSON form of `Curve` for a float curve, equal in all channels."""
     mapping.initialize()

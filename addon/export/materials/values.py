@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from .coordinates import texture_vector
 from .graph import IS_INLINED, convert
 from .procedural import TEXTURES
-from .tables import color_ramp, float_curve, rgb_curves
+from .tables import color_ramp, float_curve, rgb_curves, rgb_curves_at
 
 if TYPE_CHECKING:
     import bpy
@@ -276,8 +276,13 @@ def _color_ramp(t: Translation, source: Source) -> Any:
 def _rgb_curves(t: Translation, source: Source) -> Any:
     node = source.node
 
+    factor, color = t.value(node, 0, source.context, 1.0), t.value(node, 1, source.context)
+    # Blender, which computes constants itself from 5.0 on, knows curves beyond their ends, of which Cycles has a table.
+    if IS_INLINED and isinstance(factor, float) and isinstance(color, list) and t.is_constant(color):
+        curved = rgb_curves_at(node.mapping, color)
+        return [before + factor * (after - before) for before, after in zip(color, curved, strict=True)]
+
     def description() -> dict[str, Any]:
-        factor, color = t.value(node, 0, source.context, 1.0), t.value(node, 1, source.context)
         return {"type": "rgb_curves", "factor": factor, "color": color, "curves": rgb_curves(node.mapping)}
 
     return {"node": t.once(source, description), "output": "color"}
@@ -342,6 +347,8 @@ def _normal_map(t: Translation, source: Source) -> Any:
             color = _with_green_flipped(t, color)
         strength = t.value(node, "Strength", source.context, 1.0)
         settings = {"space": node.space.lower(), "uv_map": node.uv_map}
+        if node.space.startswith("BLENDER_"):
+            t.name(f"node '{node.name}': where this old space turns normals away from the camera, Cycles is brighter")
         if IS_INLINED and settings == {"space": "tangent", "uv_map": ""}:
             t.attributes[ANY_UV_MAP] = node.name  # Before Blender 5.0 it is known what Cycles takes without one.
         return {"type": "normal_map", **settings, "strength": strength, "color": color}
