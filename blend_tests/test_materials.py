@@ -17,7 +17,7 @@ VALUE_NODES = {
     "ShaderNodeTexCoord": ({}, "Object", "texture_coordinate", "vector"),
     "ShaderNodeUVMap": ({}, "UV", "uv_map", "vector"),
     "ShaderNodeMapping": ({}, "Vector", "mapping", "vector"),
-    "ShaderNodeNormalMap": ({"space": "BLENDER_OBJECT"}, "Normal", "normal_map", "normal"),
+    "ShaderNodeNormalMap": ({"space": "OBJECT"}, "Normal", "normal_map", "normal"),
     "ShaderNodeBump": ({"invert": True}, "Normal", "bump", "normal"),
     "ShaderNodeVertexColor": ({"layer_name": "Paint"}, "Color", "color_attribute", "color"),
     "ShaderNodeMath": ({"operation": "PINGPONG"}, "Value", "math", "value"),
@@ -84,6 +84,8 @@ def test_value_nodes_round_trip(tree, kind):
         setattr(node, key, value)
     if kind == "ShaderNodeTexImage":
         node.image = bpy.data.images.new("Brick", 4, 2)
+    if kind == "ShaderNodeRGBCurve":  # Of a constant there would be another.
+        tree.links.new(tree.nodes.new("ShaderNodeTexCoord").outputs["UV"], node.inputs["Color"])
     bpy.data.objects["Wall"].data.color_attributes.new("Paint", "FLOAT_COLOR", "POINT")
     diffuse_with(tree, output, node.outputs[socket])
     material, warnings, _ = export()
