@@ -27,6 +27,8 @@ TYPED = dict(zip("0123456789.-", "ZERO ONE TWO THREE FOUR FIVE SIX SEVEN EIGHT N
 """Keys of signs."""
 ROW_PIXELS = 14
 """Less than the height of a button."""
+EDGE_PIXELS = 24
+"""Above the lower edge of a region, where a click drags the edge instead."""
 SEARCHES = 3
 """For a button, before it is not there."""
 
@@ -343,7 +345,7 @@ class Driver:
     def _search_shown(self, what, across, seen, below=math.inf):
         """The same in what is shown of the side bar, below a height in the window."""
         region = self.region("UI")
-        for y in range(min(below, region.y + region.height) - ROW_PIXELS, region.y, -ROW_PIXELS):
+        for y in range(min(below, region.y + region.height) - ROW_PIXELS, region.y + EDGE_PIXELS, -ROW_PIXELS):
             yield from self.move_mouse(region.x + across * region.width, y)
             button = self._button_under_mouse()
             seen[button] = None
