@@ -239,6 +239,19 @@ def test_ramps_and_curves_are_baked_as_blender_evaluates_them(tree):
     assert nodes[1]["curves"]["table"][128][0] == pytest.approx(expected, abs=1e-6)
 
 
+def test_a_chain_of_curves_is_followed_once(tree):
+    """Each feeds both inputs of the next: were none remembered, there would be two to the power of forty ways."""
+    tree, output, export = tree
+    socket = tree.nodes.new("ShaderNodeTexCoord").outputs["UV"]
+    for _ in range(40):
+        curves = tree.nodes.new("ShaderNodeRGBCurve")
+        for target in curves.inputs:
+            tree.links.new(socket, target)
+        socket = curves.outputs[0]
+    diffuse_with(tree, output, socket)
+    assert sum(node["type"] == "rgb_curves" for node in export()[0]["nodes"]) == 40
+
+
 def test_unsupported_nodes_are_named_with_object_material_and_node(tree):
     tree, output, export = tree
     wireframe = tree.nodes.new("ShaderNodeWireframe")

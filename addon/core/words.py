@@ -73,7 +73,7 @@ class Kind(NamedTuple):
     """Warnings that say the same of several things."""
 
     title: str
-    """What they say, with how many there are; the sentence itself of a single one."""
+    """Sentence without names, after how many there are; the whole sentence of a single one."""
     names: tuple[str, ...]
     """Names in each of them; none of a single one."""
 

@@ -28,7 +28,7 @@ POLL_SECONDS = 0.1
 MOST_CHANGES = 6
 """Changes that are listed one by one."""
 MOST_WARNINGS = 20
-"""The same of warnings, and of names of one kind: hundreds of lights can each have one, and what is listed is laid out
+"""Warnings that are listed, and names of one kind: hundreds of lights can each have one, and what is listed is laid out
 whenever it is drawn."""
 
 

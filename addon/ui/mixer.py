@@ -20,7 +20,7 @@ from .panel import RelumePanel
 WIDE = 340
 """Width of the sidebar, in pixels of an unscaled screen, from which on rows show the type of their light."""
 INDENT = 0.6
-"""Of a row for each collection around it, in the spaces of Blender's layouts."""
+"""Indent of a row for each collection around it, in the spaces of Blender's layouts."""
 FOLD = 1.2
 """Indent for the triangle that a light does not have, which its collection has."""
 

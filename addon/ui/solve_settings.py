@@ -1,5 +1,5 @@
-"""What a scene remembers about solving: the brush and its strokes, regions with goals of their own, the target picture,
-what may move and how hard to try. `scene.relume_solve`, and `locks` of each row."""
+"""Settings that a scene keeps about solving: the brush and its strokes, regions with goals of their own, the target
+picture, what may move and how hard to try. `scene.relume_solve`, and `locks` of each row."""
 
 from __future__ import annotations
 
@@ -286,7 +286,7 @@ class RelumeRegion(HowMuch, Place, bpy.types.PropertyGroup):
     goal: EnumProperty(name="Goal", description="What the picture is to do there", items=MEANING_ITEMS, update=_redraw)
 
     def meaning(self) -> core.Meaning:
-        """What is asked of the region."""
+        """Goal that is asked of the region."""
         return self.meaning_of(self.goal)
 
 

@@ -245,7 +245,7 @@ def showing(kind):
 
 
 def is_refusal(error):
-    """Whether an error is the add-on's own word on why it refuses a scene."""
+    """True if an error is the add-on's own word on why it refuses a scene."""
     return type(error).__name__ == "ExportError" or str(error) == why_no_picture(bpy.context.scene)
 
 

@@ -10,8 +10,8 @@ ERRORS = 4.0
 """How many standard errors a difference must exceed."""
 
 DARK, BLACK = 0.5, 1e-3
-"""What is added to a block's value before it is compared: a share of the mean of its picture, and a radiance. What
-lights a block that is darker are rare paths, whose noise two pictures do not show."""
+"""Share of the mean of its picture, and radiance, that are added to a block's value before it is compared. Darker
+blocks are lit by rare paths, whose noise two pictures do not show."""
 
 
 def block_means(image, fold=np.mean):

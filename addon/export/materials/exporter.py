@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -323,6 +323,13 @@ class Translation:
             )
             return neutral
         return translate(self, source)
+
+    def value_once(self, source: Source, compute: Callable[[], Any]) -> Any:
+        """Value of a node, computed the first time: its inputs lead to all that is before it."""
+        key: Key = (*_key(source), "value")
+        if key not in self.done:
+            self.done[key] = compute()
+        return self.done[key]
 
     def once(self, source: Source, description: Any, part: str = "") -> int:
         """Number of a node that several outputs share; `description` makes it the first time. `part` tells several

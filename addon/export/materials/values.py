@@ -276,16 +276,19 @@ def _color_ramp(t: Translation, source: Source) -> Any:
 def _rgb_curves(t: Translation, source: Source) -> Any:
     node = source.node
 
-    factor, color = t.value(node, 0, source.context, 1.0), t.value(node, 1, source.context)
-    # Blender, which computes constants itself from 5.0 on, knows curves beyond their ends, of which Cycles has a table.
-    if IS_INLINED and isinstance(factor, float) and isinstance(color, list) and t.is_constant(color):
-        curved = rgb_curves_at(node.mapping, color)
-        return [before + factor * (after - before) for before, after in zip(color, curved, strict=True)]
+    def value() -> Any:
+        factor, color = t.value(node, 0, source.context, 1.0), t.value(node, 1, source.context)
+        # Blender computes constants itself from 5.0 on. It knows curves beyond their ends, of which Cycles has a table.
+        if IS_INLINED and isinstance(factor, float) and isinstance(color, list) and t.is_constant(color):
+            curved = rgb_curves_at(node.mapping, color)
+            return [before + factor * (after - before) for before, after in zip(color, curved, strict=True)]
+        curves = rgb_curves(node.mapping)
+        return {
+            "node": t.emit({"type": "rgb_curves", "factor": factor, "color": color, "curves": curves}),
+            "output": "color",
+        }
 
-    def description() -> dict[str, Any]:
-        return {"type": "rgb_curves", "factor": factor, "color": color, "curves": rgb_curves(node.mapping)}
-
-    return {"node": t.once(source, description), "output": "color"}
+    return t.value_once(source, value)
 
 
 def _float_curve(t: Translation, source: Source) -> Any:
