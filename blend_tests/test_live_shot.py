@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from addon.commands import run
-from addon.engine.reading.render_depsgraph import ExportCancelled
 from addon.engine.shot import options, record, shot
 from addon.engine.shot.options import remembered_bake
+from addon.export.stop import ExportCancelled
 from addon.ui import handlers
 from addon.ui.start import start
 from helpers import SECONDS, add_light, settled, until, update
@@ -269,7 +269,7 @@ def test_rebake_that_is_cancelled_while_reading_keeps_the_bake(studio, tmp_path,
 
 def test_a_file_that_cannot_be_opened_leaves_the_bakes(studio, tmp_path, monkeypatch):
     opened = []
-    monkeypatch.setattr(handlers, "settle_settings", lambda: opened.append(bpy.context.scene))
+    monkeypatch.setattr(handlers, "preferences", lambda: opened.append(bpy.context.scene))
     (tmp_path / "broken.blend").write_text("no file of Blender")
     with pytest.raises(RuntimeError):
         bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "broken.blend"))

@@ -22,8 +22,8 @@ from ..core.rows import NEUTRAL
 from ..core.words import grouped, listed
 from ..export import ExportOptions, trace_settings
 from ..export.camera import film_border, film_size, why_no_picture
+from ..export.stop import ExportCancelled
 from .native import native
-from .reading.render_depsgraph import ExportCancelled
 from .reading.scene import scene_of_depsgraph
 from .shot import shot as shots
 from .shot.checks import folders_in_use

@@ -12,7 +12,7 @@ from bpy.app.handlers import persistent
 
 from ..core.bake_folder import is_bake
 from ..engine.native import NativeModuleError
-from ..engine.reading.render_depsgraph import settle_settings, show_settings
+from ..engine.reading.render_depsgraph import note_render_slot, remove_copies
 from ..engine.reading.scene_lights import Description
 from ..engine.shot import shot as shots
 from ..engine.shot.checks import folders_in_use
@@ -221,7 +221,7 @@ def on_undo(*_arguments) -> None:
     """Undo and redo may have changed anything, in every scene."""
     global _was_given
     _was_given = True
-    settle_settings()
+    remove_copies()
     _remember_bakes()
     for shot in shots.all_open():
         shot.changes.mark_all()
@@ -247,7 +247,6 @@ def read_forgotten() -> None:
 @persistent
 def on_save_pre(*_arguments) -> None:
     """The file is about to be written."""
-    show_settings()
     _remember_bakes()
     for scene in bpy.data.scenes:
         shot = shots.of(scene)
@@ -264,12 +263,6 @@ def _remember_bakes() -> None:
 
 
 @persistent
-def on_save_post(*_arguments) -> None:
-    """The file was written, or could not be."""
-    settle_settings()
-
-
-@persistent
 def on_load_pre(*_arguments) -> None:
     """Closes all shots before another file is opened."""
     close_all()
@@ -279,7 +272,6 @@ def on_load_pre(*_arguments) -> None:
 def on_load_post(*_arguments) -> None:
     """A file was opened, or could not be and the one before stays. Its bakes are opened a moment later, when it is on
     screen."""
-    settle_settings()
     chosen = preferences()
     if not bpy.app.background and chosen is not None and chosen.open_bakes:
         bpy.app.timers.register(open_bakes, first_interval=0.1)
@@ -335,8 +327,7 @@ HANDLERS = {
     "undo_post": on_undo,
     "redo_post": on_undo,
     "save_pre": on_save_pre,
-    "save_post": on_save_post,
-    "save_post_fail": on_save_post,
+    "render_init": note_render_slot,
     "load_pre": on_load_pre,
     "load_post": on_load_post,
     "load_post_fail": on_load_post,

@@ -10,18 +10,13 @@ import bpy
 
 from ...export import ExportOptions, export_scene
 from ...export.left_out import left_to_blender
+from ...export.stop import ExportCancelled, Stop
+from ...export.view_layer import render_layer
 from ...export.working_space import LINEAR_REC709, working_space
 from ..native import native
 from ..workers import mesh_worker
 from ..world import worlds
-from .render_depsgraph import (
-    ExportCancelled,
-    RenderTask,
-    Stop,
-    render_layer,
-    start_with_render_depsgraph,
-    with_render_depsgraph,
-)
+from .render_depsgraph import RenderTask, start_with_render_depsgraph, with_render_depsgraph
 
 
 def load_scene(scene: bpy.types.Scene, options: ExportOptions | None = None) -> Any:

@@ -19,8 +19,9 @@ from ...core.status import is_unfinished, lacks_samples
 from ...core.words import Kind, by_kind, grouped
 from ...export import ExportOptions, trace_settings
 from ...export.linking import receiver_names
+from ...export.stop import ExportCancelled
 from ..native import native
-from ..reading.render_depsgraph import CONTEXT_BYTES, ExportCancelled, RenderTask
+from ..reading.render_depsgraph import CONTEXT_BYTES, RenderTask
 from ..reading.scene import load_scene_async
 from ..reading.scene_lights import Description, SceneLights
 from ..staleness import fingerprints

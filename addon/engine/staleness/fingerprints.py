@@ -24,11 +24,11 @@ from ...export.instancers import node_inputs, objects_in
 from ...export.materials.graph import used_tree
 from ...export.plain import plain
 from ...export.scene import shadow_terminator
+from ...export.view_layer import render_layer
 from ...export.working_space import working_space
 from ...export.world import export_world, world_of
 from ...export.world_graph import WorldGraph
 from ..native import native
-from ..reading.render_depsgraph import render_layer
 from .dependencies import dependencies_of, image_nodes, may_instance
 from .node_fingerprints import drawn_curves, group, hashed, ramp, tree, values
 from .shape_fingerprints import DATA, shape

@@ -12,7 +12,7 @@ from typing import Any
 from ...core import array_file
 from ...export.geometry import mesh_arrays
 from ...export.late_mesh import FinishMesh, LateMesh, finished
-from ..reading.render_depsgraph import ExportCancelled, Stop
+from ...export.stop import ExportCancelled, Stop
 from . import helper
 
 KIND = "mesh"

@@ -11,11 +11,12 @@ from typing import Any
 import bpy
 
 from ...export.images import ImageExporter
+from ...export.stop import ExportCancelled
+from ...export.view_layer import render_layer
 from ...export.working_space import working_space
 from ...export.world import WorldRenderError, export_world
 from ...export.world_graph import WorldGraph
 from ..native import native
-from ..reading.render_depsgraph import ExportCancelled, render_layer
 from . import worlds
 
 

@@ -17,10 +17,10 @@ import bpy
 import numpy as np
 
 from ...export.images import is_as_in_file
+from ...export.stop import ExportCancelled, Stop
 from ...export.working_space import working_space
 from ...export.world import WorldRenderError
 from ...export.world_graph import WorldGraph
-from ..reading.render_depsgraph import ExportCancelled, Stop
 from ..workers.process import Worker, blender_command, private_folder, telling_little_room
 
 COMMAND = "render-world"
