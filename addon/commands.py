@@ -19,9 +19,11 @@ import bpy
 from .core import command_line
 from .core.bake_folder import OTHER_WORLD, camera_of, clear, clear_paths, is_bake, size_of
 from .core.progress import Pace, Reporter, clock
-from .engine import baked_state, helper, mesh_worker, pictures, record, view_worker, world_render, worlds
 from .engine.native import native
-from .engine.scene import load_scene
+from .engine.reading.scene import load_scene
+from .engine.shot import baked_state, record
+from .engine.workers import helper, mesh_worker, pictures, view_worker
+from .engine.world import world_render, worlds
 from .export import ExportError, ExportOptions, trace_settings, write_view_table
 from .viewport import driver_cache
 
@@ -211,7 +213,7 @@ def _scene_of_bake(options: argparse.Namespace, rest: list[str], reporter: Repor
 
 def verify(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
     """Renders the open scene with Cycles and compares it with a picture."""
-    from .engine import cycles_reference
+    from .engine.cycles import reference as cycles_reference
 
     pace = Pace()
 

@@ -73,7 +73,7 @@ def lit(scene, registered, tmp_path):
 @pytest.fixture
 def views_here(monkeypatch):
     """No other Blender colours views."""
-    from addon.engine import view_worker
+    from addon.engine.workers import view_worker
     from addon.viewport import view_table
     from views import ColouredHere
 
@@ -174,7 +174,7 @@ def painted(baked):
 @pytest.fixture
 def studio(scene, tmp_path):
     """The add-on enabled with the real native module, a plane and a light, a folder, no time for training."""
-    from addon.engine import options
+    from addon.engine.shot import options
     from helpers import add_light, add_material, add_quad
 
     bpy.ops.preferences.addon_enable(module="addon")

@@ -8,8 +8,8 @@ import numpy as np
 from mathutils import Matrix
 
 from addon.core.rows import LIGHT
-from addon.engine import shot
-from addon.engine.scene import load_scene
+from addon.engine.reading.scene import load_scene
+from addon.engine.shot import shot
 from addon.export import ExportOptions
 from addon.ui import handlers, rows
 

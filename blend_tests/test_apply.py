@@ -10,7 +10,7 @@ import relume
 from addon.apply.lights import scaled
 from addon.apply.writable import RefusedError
 from addon.core.rows import GROUP, STATIC, WORLD, Row
-from addon.engine.scene import load_scene
+from addon.engine.reading.scene import load_scene
 from addon.ui import mixer, rows
 from helpers import add_light, add_material, add_quad, add_world, background, row, update
 

@@ -12,10 +12,10 @@ import relume
 import addon
 from addon.core.bake_folder import clear, is_bake, size_of
 from addon.core.disk import free_space
-from addon.engine import background, shot
-from addon.engine.checks import ProblemError, disk_space
-from addon.engine.options import options_of, remembered_bake
-from addon.engine.process import Worker
+from addon.engine.shot import background, shot
+from addon.engine.shot.checks import ProblemError, disk_space
+from addon.engine.shot.options import options_of, remembered_bake
+from addon.engine.workers.process import Worker
 from addon.ui import background as ui
 from addon.ui import handlers
 from addon.ui.start import start

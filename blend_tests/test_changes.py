@@ -7,8 +7,10 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.engine import fingerprints, record, shot, worlds
-from addon.engine.staleness import StalenessTracker
+from addon.engine.shot import record, shot
+from addon.engine.staleness import fingerprints
+from addon.engine.staleness.tracker import StalenessTracker
+from addon.engine.world import worlds
 from addon.ui import handlers
 from addon.ui.start import start
 from fake_live import FakeLive

@@ -3,7 +3,7 @@
 import bpy
 import pytest
 
-from addon.engine import shot
+from addon.engine.shot import shot
 from addon.ui import handlers
 from addon.ui.start import start
 from fake_live import FakeLive

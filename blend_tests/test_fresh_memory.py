@@ -9,8 +9,9 @@ import time
 import pytest
 
 from addon.core.fresh_memory import FreshMemory
-from addon.engine import helper, shot, view_worker
-from addon.engine.render_depsgraph import CONTEXT_BYTES
+from addon.engine.reading.render_depsgraph import CONTEXT_BYTES
+from addon.engine.shot import shot
+from addon.engine.workers import helper, view_worker
 from addon.export.view_transform import view_settings
 from addon.ui.start import start
 from helpers import SECONDS

@@ -10,7 +10,7 @@ import pytest
 
 from addon.core import status
 from addon.core.bake_folder import is_bake
-from addon.engine import background, options, shot
+from addon.engine.shot import background, options, shot
 from addon.ui import background as ui
 from addon.ui import handlers
 from addon.ui.start import start

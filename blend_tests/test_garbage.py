@@ -4,8 +4,8 @@ import gc
 
 import pytest
 
-from addon.engine import shot
-from addon.engine.garbage import gc_freeze, gc_unfreeze
+from addon.engine.shot import shot
+from addon.engine.shot.garbage import gc_freeze, gc_unfreeze
 from addon.ui.start import start
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from addon.engine import helper, view_worker
-from addon.engine.view_worker import ViewWorker, file_of, tables_of
+from addon.engine.workers import helper, view_worker
+from addon.engine.workers.view_worker import ViewWorker, file_of, tables_of
 from addon.export.color_table import COARSE, FINE
 from addon.export.view_transform import view_settings
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from mathutils import Matrix
 
-from addon.engine import fingerprints, shot
-from addon.engine.staleness import StalenessTracker
+from addon.engine.shot import shot
+from addon.engine.staleness import fingerprints
+from addon.engine.staleness.tracker import StalenessTracker
 from addon.export.instancers import Instancers
 from addon.ui import handlers
 from addon.ui.start import start

@@ -9,7 +9,7 @@ import pytest
 
 from addon.apply.writable import RefusedError
 from addon.core.rows import GROUP, LIGHT
-from addon.engine import shot
+from addon.engine.shot import shot
 from addon.ui import handlers, mixer, rows
 from addon.ui.start import start
 from helpers import add, add_quad, exported, render_cycles, row, said, settled, until, update

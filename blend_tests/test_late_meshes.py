@@ -8,9 +8,9 @@ import pytest
 import relume
 
 from addon.core import array_file
-from addon.engine import helper
-from addon.engine.mesh_worker import finishing
-from addon.engine.render_depsgraph import ExportCancelled, with_render_depsgraph
+from addon.engine.reading.render_depsgraph import ExportCancelled, with_render_depsgraph
+from addon.engine.workers import helper
+from addon.engine.workers.mesh_worker import finishing
 from addon.export import ExportOptions, export_scene, late_mesh
 from addon.export.geometry import mesh_arrays
 from helpers import add, add_material

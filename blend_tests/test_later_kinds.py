@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from addon.core import bake_goal, status
-from addon.engine import options, shot
+from addon.engine.shot import options, shot
 from addon.ui import handlers
 from addon.ui.start import start
 from fake_live import FakeLive
@@ -75,7 +75,7 @@ def test_nothing_is_learned_for_what_is_only_tried(lit, ready):
 
 def test_it_waits_for_a_job_in_the_same_folder(lit, ready, monkeypatch):
     job = SimpleNamespace(is_running=True, folder=shot.of(lit).folder)
-    monkeypatch.setattr("addon.engine.background._jobs", [job])
+    monkeypatch.setattr("addon.engine.shot.background._jobs", [job])
     ready.tell(unlearned=["quad"])
     handlers.tick()
     assert not learned(ready)

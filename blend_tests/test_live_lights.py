@@ -8,8 +8,8 @@ import bpy
 import pytest
 import relume
 
-from addon.engine import shot
-from addon.engine.render_depsgraph import with_render_depsgraph
+from addon.engine.reading.render_depsgraph import with_render_depsgraph
+from addon.engine.shot import shot
 from addon.export import ExportOptions, export_scene
 from addon.ui import handlers
 from addon.ui.start import start

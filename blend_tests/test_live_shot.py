@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from addon.commands import run
-from addon.engine import options, record, shot
-from addon.engine.options import remembered_bake
-from addon.engine.render_depsgraph import ExportCancelled
+from addon.engine.reading.render_depsgraph import ExportCancelled
+from addon.engine.shot import options, record, shot
+from addon.engine.shot.options import remembered_bake
 from addon.ui import handlers
 from addon.ui.start import start
 from helpers import SECONDS, add_light, settled, until, update
@@ -259,7 +259,7 @@ def test_rebake_that_is_cancelled_while_reading_keeps_the_bake(studio, tmp_path,
         done(None, ExportCancelled("cancelled"))
 
     with monkeypatch.context() as patched:
-        patched.setattr("addon.engine.shot.load_scene_async", cancelled)
+        patched.setattr("addon.engine.shot.shot.load_scene_async", cancelled)
         assert bpy.ops.relume.start() == {"FINISHED"}
     found = shot.of(studio)
     assert found.status["state"] == "cancelled" and not found.is_busy
@@ -280,7 +280,7 @@ def test_what_goes_wrong_while_reading_is_one_line(studio, monkeypatch):
     def broken(_scene, _options, done):
         done(None, RuntimeError("object 'Sofa' is broken"))
 
-    monkeypatch.setattr("addon.engine.shot.load_scene_async", broken)
+    monkeypatch.setattr("addon.engine.shot.shot.load_scene_async", broken)
     with pytest.raises(RuntimeError, match="object 'Sofa' is broken"):
         bpy.ops.relume.start()
     assert shot.of(studio) is None and remembered_bake(studio) is None
@@ -288,7 +288,7 @@ def test_what_goes_wrong_while_reading_is_one_line(studio, monkeypatch):
 
 def test_a_shot_is_not_baked_twice_at_once(studio, monkeypatch):
     job = SimpleNamespace(is_running=True, folder=options.bake_folder(studio))
-    monkeypatch.setattr("addon.engine.background._jobs", [job])
+    monkeypatch.setattr("addon.engine.shot.background._jobs", [job])
     with pytest.raises(RuntimeError, match="baked in the background"):
         bpy.ops.relume.start()
     job.is_running = False

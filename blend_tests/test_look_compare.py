@@ -8,7 +8,7 @@ import pytest
 from addon.core import receivers
 from addon.core.looks import Look, match
 from addon.core.rows import Row
-from addon.engine import shot
+from addon.engine.shot import shot
 from addon.ui import compare, handlers, looks
 from addon.ui.start import start
 from addon.viewport import compare as pairs

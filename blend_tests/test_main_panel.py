@@ -10,7 +10,7 @@ import pytest
 from addon.core import bake_goal, status
 from addon.core.bake_folder import MANIFEST
 from addon.core.polled_cache import PolledCache
-from addon.engine import options, shot
+from addon.engine.shot import options, shot
 from addon.ui import handlers, main_panel
 from addon.ui.start import start
 from fake_live import FakeLive

@@ -3,8 +3,9 @@
 import bpy
 import pytest
 
-from addon.engine import scene_lights, shot
-from addon.engine.scene_lights import SceneLights
+from addon.engine.reading import scene_lights
+from addon.engine.reading.scene_lights import SceneLights
+from addon.engine.shot import shot
 from addon.ui import handlers, rows
 from addon.ui.start import start
 from fake_live import FakeLive

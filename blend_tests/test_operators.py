@@ -14,7 +14,10 @@ import relume
 from solve_steps import LINE, solve
 
 from addon.core import strokes as core
-from addon.engine import background, cycles_reference, devices, shot, verify
+from addon.engine import devices
+from addon.engine.cycles import reference as cycles_reference
+from addon.engine.cycles import verify
+from addon.engine.shot import background, shot
 from addon.ui import background as background_ui
 from addon.ui import compare, handlers, locks, looks, mixer, preferences, regions, rows, scribble_tool, solving, target
 from addon.ui import start as starting

@@ -12,9 +12,10 @@ import pytest
 
 from addon.core import bake_cache, disk
 from addon.core.bake_folder import MANIFEST
-from addon.engine import background, cache, devices, options
-from addon.engine.checks import ProblemError, folders_in_use
+from addon.engine import devices
 from addon.engine.native import NativeModuleError, native
+from addon.engine.shot import background, cache, options
+from addon.engine.shot.checks import ProblemError, folders_in_use
 from addon.ui import preferences, timers
 from addon.ui.preferences import RELUME_OT_count_cache
 from addon.ui.start import start

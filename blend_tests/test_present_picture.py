@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from solve_steps import begin
 
-from addon.engine import shot
+from addon.engine.shot import shot
 from addon.ui import compare, handlers, looks, verify
 from addon.ui.start import start
 from fake_live import FakeLive

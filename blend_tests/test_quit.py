@@ -13,7 +13,7 @@ import bpy
 import pytest
 
 from addon.core import status
-from addon.engine import options, shot
+from addon.engine.shot import options, shot
 from addon.ui import handlers
 from helpers import SECONDS, settled, until
 

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from addon.engine import shot
+from addon.engine.shot import shot
 from addon.ui import handlers, redraws
 from addon.ui.start import start
 from fake_live import FakeLive

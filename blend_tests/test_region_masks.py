@@ -3,7 +3,7 @@
 import bpy
 import pytest
 
-from addon.engine.region_masks import Seen, masks, not_shown
+from addon.engine.solve.region_masks import Seen, masks, not_shown
 from addon.ui import solving
 from fake_solve import FakeJob
 from helpers import add, add_material, add_quad, update

@@ -4,9 +4,9 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.engine.engine_name import address_of_engine, set_engine_unseen
-from addon.engine.render_depsgraph import MARK, ExportCancelled, RelumeExportEngine, with_render_depsgraph
-from addon.engine.scene import load_scene, load_scene_async, scene_of_depsgraph
+from addon.engine.reading.engine_name import address_of_engine, set_engine_unseen
+from addon.engine.reading.render_depsgraph import MARK, ExportCancelled, RelumeExportEngine, with_render_depsgraph
+from addon.engine.reading.scene import load_scene, load_scene_async, scene_of_depsgraph
 from addon.export import ExportError, ExportOptions
 from helpers import add_light, add_quad, render_cycles
 

@@ -13,10 +13,11 @@ import relume
 import addon
 from addon.commands import run
 from addon.core.pass_names import light_passes
-from addon.engine import background, render_engine
-from addon.engine.options import remember_bake
+from addon.engine import render_engine
+from addon.engine.reading.scene import load_scene
 from addon.engine.render_engine import ALBEDO_HERE
-from addon.engine.scene import load_scene
+from addon.engine.shot import background
+from addon.engine.shot.options import remember_bake
 from addon.export.camera import film_border
 from addon.ui import render as ui
 from addon.ui import rows

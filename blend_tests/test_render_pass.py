@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from addon.core.pass_names import only
-from addon.engine import shot
+from addon.engine.shot import shot
 from addon.ui import handlers, render_pass
 from addon.ui.start import start
 from fake_live import FakeLive

@@ -10,7 +10,7 @@ from solve_steps import LINE, begin, finish, state_of, target_image
 
 import addon
 from addon.core.solve import SolveError
-from addon.engine import shot
+from addon.engine.shot import shot
 from addon.ui import locks, looks, solve_operators, solve_panel, solving
 from fake_live import FakeLive
 from fake_solve import FakeJob, light

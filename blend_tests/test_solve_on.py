@@ -9,7 +9,9 @@ import pytest
 
 from addon.core.solve import SolveError, moved_out_of_sight, samples_towards
 from addon.core.status import out_of_sight
-from addon.engine import new_paths, shot, solve
+from addon.engine.shot import shot
+from addon.engine.solve import handle as solve
+from addon.engine.solve import new_paths
 from addon.ui import solving
 from addon.ui.start import start
 from helpers import add_world, settled, until

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.engine.pictures import Reading
+from addon.engine.workers.pictures import Reading
 from addon.export.target import read_mask, read_target, taken
 
 SIZE = (64, 48)

@@ -8,7 +8,7 @@ import relume
 from solve_steps import LINE, read, state_of, target_image
 
 from addon.core.solve import SolveError
-from addon.engine import shot
+from addon.engine.shot import shot
 from addon.ui import handlers, solving, target
 from addon.viewport import compare as pairs
 from fake_live import FakeLive

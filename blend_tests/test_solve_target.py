@@ -4,7 +4,7 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.engine.region_masks import Seen, masks
+from addon.engine.solve.region_masks import Seen, masks
 from addon.export.target import TargetError, from_srgb, read_mask, read_target, resized, taken, to_srgb
 from addon.export.view_transform import displayed
 from helpers import add, add_material, add_quad

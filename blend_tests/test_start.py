@@ -9,8 +9,8 @@ import bpy
 import pytest
 
 import addon
-from addon.engine import checks, shot
-from addon.engine.checks import ProblemError
+from addon.engine.shot import checks, shot
+from addon.engine.shot.checks import ProblemError
 from addon.ui import handlers
 from addon.ui.start import start
 from fake_live import FakeLive
@@ -82,7 +82,7 @@ def fails_with(number):
         def refuse(**_options):
             raise OSError(number, os.strerror(number))
 
-        monkeypatch.setattr("addon.engine.checks.tempfile.TemporaryFile", refuse)
+        monkeypatch.setattr("addon.engine.shot.checks.tempfile.TemporaryFile", refuse)
         return {errno.ENOSPC: "disk is full", errno.EROFS: "read-only", errno.EACCES: "read-only"}[number]
 
     return mistake

@@ -3,8 +3,10 @@
 import bpy
 import pytest
 
-from addon.engine import background, unsaved_images, verify
-from addon.engine.process import NoCopyError, SavedCopy
+from addon.engine.cycles import verify
+from addon.engine.shot import background
+from addon.engine.workers import unsaved_images
+from addon.engine.workers.process import NoCopyError, SavedCopy
 from helpers import add, add_material, add_quad, add_world
 
 pytestmark = pytest.mark.every_version

@@ -13,10 +13,11 @@ import pytest
 
 import addon
 from addon.core import metrics
-from addon.engine import process, verify
-from addon.engine.cycles_mix import write_mix
-from addon.engine.cycles_reference import JOB
-from addon.engine.verify import Picture, VerifyError
+from addon.engine.cycles import verify
+from addon.engine.cycles.mix import write_mix
+from addon.engine.cycles.reference import JOB
+from addon.engine.cycles.verify import Picture, VerifyError
+from addon.engine.workers import process
 from addon.ui import panel
 from addon.ui import verify as ui
 from addon.viewport import compare

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from addon.engine import shot
+from addon.engine.shot import shot
 from addon.export import write_view_table
 from addon.ui import handlers as ui_handlers
 from addon.ui.start import start

@@ -9,8 +9,8 @@ import gpu
 import numpy as np
 import pytest
 
-from addon.engine import helper, view_worker
-from addon.engine.view_worker import ViewWorker, file_of, programs_of, tables_of
+from addon.engine.workers import helper, view_worker
+from addon.engine.workers.view_worker import ViewWorker, file_of, programs_of, tables_of
 from addon.export import write_view_table
 from addon.export.color_table import COARSE, FINE, color_table
 from addon.export.view_file import stamp

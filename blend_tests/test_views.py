@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.engine import shot
+from addon.engine.shot import shot
 from addon.export import view_transform
 from addon.ui.start import start
 from addon.viewport import compare, handlers, light_marks, overlay, view_table

@@ -12,8 +12,9 @@ import relume
 
 from addon.core import status
 from addon.core.solve import SolveError
-from addon.engine import record, shot, world_change, worlds
-from addon.engine.scene import load_scene
+from addon.engine.reading.scene import load_scene
+from addon.engine.shot import record, shot
+from addon.engine.world import world_change, worlds
 from addon.ui import handlers, solving
 from addon.ui.start import start
 from helpers import add_sky, add_world, settled, sky_file, until, update

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import relume
 
-from addon.engine import worlds
-from addon.engine.render_depsgraph import ExportCancelled
-from addon.engine.scene import load_scene
+from addon.engine.reading.render_depsgraph import ExportCancelled
+from addon.engine.reading.scene import load_scene
+from addon.engine.world import worlds
 from addon.export import trace_settings
 from addon.export.materials.graph import resolve
 from addon.export.world_graph import WorldGraph, WorldReader

@@ -22,13 +22,13 @@ from ..core.rows import NEUTRAL
 from ..core.words import grouped, listed
 from ..export import ExportOptions, trace_settings
 from ..export.camera import film_border, film_size, why_no_picture
-from . import shot as shots
-from .checks import folders_in_use
 from .native import native
-from .options import Options, options_of, remembered_bake
-from .process import private_folder
-from .render_depsgraph import ExportCancelled
-from .scene import scene_of_depsgraph
+from .reading.render_depsgraph import ExportCancelled
+from .reading.scene import scene_of_depsgraph
+from .shot import shot as shots
+from .shot.checks import folders_in_use
+from .shot.options import Options, options_of, remembered_bake
+from .workers.process import private_folder
 
 ENGINE = "RELUME"
 """Identifier for `bpy.types.RenderSettings.engine`."""

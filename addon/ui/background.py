@@ -5,11 +5,11 @@ from __future__ import annotations
 import bpy
 
 from ..core.progress import share_and_words
-from ..engine import background, shot
-from ..engine.checks import ProblemError, check_start
 from ..engine.native import NativeModuleError
-from ..engine.options import remember_bake
-from ..engine.process import NoCopyError
+from ..engine.shot import background, shot
+from ..engine.shot.checks import ProblemError, check_start
+from ..engine.shot.options import remember_bake
+from ..engine.workers.process import NoCopyError
 from ..viewport.views import redraw
 from . import handlers
 from .panel import RelumePanel, message

@@ -12,7 +12,7 @@ from bpy.app.handlers import persistent
 from ..core.looks import match
 from ..core.receivers import with_numbers
 from ..core.rows import mix_for
-from ..engine import shot
+from ..engine.shot import shot
 from ..viewport import compare
 from . import handlers, rows
 from .looks import RelumeLook

@@ -11,12 +11,12 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..core.bake_folder import is_bake
-from ..engine import shot as shots
-from ..engine.checks import folders_in_use
 from ..engine.native import NativeModuleError
-from ..engine.options import FolderError, bake_folder, preferences, remember_bake, remembered_bake
-from ..engine.render_depsgraph import settle_settings, show_settings
-from ..engine.scene_lights import Description
+from ..engine.reading.render_depsgraph import settle_settings, show_settings
+from ..engine.reading.scene_lights import Description
+from ..engine.shot import shot as shots
+from ..engine.shot.checks import folders_in_use
+from ..engine.shot.options import FolderError, bake_folder, preferences, remember_bake, remembered_bake
 from ..viewport.views import redraw
 from . import redraws, render_pass, rows
 

@@ -12,7 +12,7 @@ from ..apply.free_moves import FreeMoves
 from ..core.rows import GROUP, LIGHT
 from ..core.rows import WORLD as WORLD_ROW
 from ..core.solve import WORLD
-from ..engine import shot
+from ..engine.shot import shot
 from ..export.lights import name_of
 from . import looks, rows
 from .solve_settings import MOVES

@@ -17,7 +17,7 @@ from ..apply.writable import RefusedError
 from ..core.looks import Look, LookError, from_json, match, to_json
 from ..core.receivers import with_names
 from ..core.rows import LIGHT
-from ..engine import shot
+from ..engine.shot import shot
 from ..export.light_tree import light_tree
 from ..export.lights import name_of
 from . import handlers, rows, thumbnails

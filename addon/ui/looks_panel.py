@@ -10,7 +10,7 @@ from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 from ..apply.writable import RefusedError
 from ..core.looks import LookError
-from ..engine import shot
+from ..engine.shot import shot
 from ..viewport import compare as pairs
 from . import compare, looks, thumbnails
 from .panel import RelumePanel

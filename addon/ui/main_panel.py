@@ -13,9 +13,9 @@ from ..core.bake_folder import why_no_bake
 from ..core.disk import free_space
 from ..core.polled_cache import Key, PolledCache, Value
 from ..core.words import Kind
-from ..engine import shot
-from ..engine.checks import disk_space
-from ..engine.options import places_of_bake
+from ..engine.shot import shot
+from ..engine.shot.checks import disk_space
+from ..engine.shot.options import places_of_bake
 from ..viewport import handlers as viewport
 from ..viewport.views import redraw
 from . import handlers

@@ -10,8 +10,8 @@ from bpy.props import StringProperty
 from ..apply.lights import apply_mix, show
 from ..apply.writable import RefusedError
 from ..core.rows import GROUP, LIGHT, STATIC, Row, is_neutral
-from ..engine import shot
-from ..engine.visibility import hidden_by
+from ..engine.reading.visibility import hidden_by
+from ..engine.shot import shot
 from ..export.light_tree import light_tree
 from ..export.lights import name_of
 from . import handlers, locks, rows

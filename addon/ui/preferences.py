@@ -7,10 +7,11 @@ import bpy
 from bpy.props import BoolProperty, FloatProperty, IntProperty, StringProperty
 
 from ..core import disk
-from ..engine import cache, devices
-from ..engine.checks import folders_in_use
+from ..engine import devices
 from ..engine.native import NativeModuleError
-from ..engine.options import PACKAGE, cache_folder
+from ..engine.shot import cache
+from ..engine.shot.checks import folders_in_use
+from ..engine.shot.options import PACKAGE, cache_folder
 from . import timers
 
 POLL_SECONDS = 0.1

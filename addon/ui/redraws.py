@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import bpy
 
 from ..core import status
-from ..engine.shot import Shot
+from ..engine.shot.shot import Shot
 from .panel import characters, lines
 
 SHARE = 0.1

@@ -9,7 +9,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatVectorProperty
 
 from ..core import strokes as core
 from ..core.solve import SolveError
-from ..engine.region_masks import KINDS, Seen
+from ..engine.solve.region_masks import KINDS, Seen
 from ..viewport import strokes as drawing
 from ..viewport.views import redraw
 from .scribble_tool import NO_CAMERA_VIEW

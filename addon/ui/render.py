@@ -10,8 +10,10 @@ from bpy.props import BoolProperty, PointerProperty
 
 from ..core.pass_names import LONGEST, longest_in_file
 from ..core.rows import LIGHT
-from ..engine import render_depsgraph, render_engine, shot
+from ..engine import render_engine
+from ..engine.reading import render_depsgraph
 from ..engine.render_engine import ENGINE, PassSettings
+from ..engine.shot import shot
 from ..export.light_tree import light_tree
 from ..export.lights import name_of
 from ..viewport import rendered

@@ -6,8 +6,8 @@ import bpy
 from bpy.props import EnumProperty, PointerProperty, StringProperty
 
 from ..core.pass_names import ALBEDO, COMBINED, DEPTH, NORMAL, STATIC, WORLD, light_passes
-from ..engine import shot
 from ..engine.render_engine import ENGINE
+from ..engine.shot import shot
 from ..viewport.views import redraw
 
 _shown_items: list[tuple[str, str, str, int]] = []

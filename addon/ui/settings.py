@@ -3,7 +3,7 @@
 import bpy
 from bpy.props import BoolProperty, EnumProperty, IntProperty, PointerProperty, StringProperty
 
-from ..engine.options import QUALITIES
+from ..engine.shot.options import QUALITIES
 
 QUALITY_ITEMS = [
     (name, label, f"{samples} paths per pixel: {text}") for name, (label, samples, text) in QUALITIES.items()

@@ -28,8 +28,10 @@ from ..core.solve import SolveError
 from ..core.status import STAGES
 from ..core.strokes import Stroke, goals
 from ..core.words import grouped, listed
-from ..engine import new_paths, region_masks, shot, solve
-from ..engine.pictures import Reading
+from ..engine.shot import shot
+from ..engine.solve import handle as solve
+from ..engine.solve import new_paths, region_masks
+from ..engine.workers.pictures import Reading
 from ..export.lights import name_of
 from ..export.target import resized
 from ..viewport import compare as pairs

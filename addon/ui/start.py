@@ -7,10 +7,10 @@ import bpy
 from bpy.props import BoolProperty, StringProperty
 
 from ..core.bake_folder import is_bake
-from ..engine import shot
-from ..engine.checks import ProblemError, check_start
 from ..engine.native import NativeModuleError
-from ..engine.options import Options, bake_folder, remember_bake, remembered_bake
+from ..engine.shot import shot
+from ..engine.shot.checks import ProblemError, check_start
+from ..engine.shot.options import Options, bake_folder, remember_bake, remembered_bake
 from . import handlers
 
 FAILURES = (ProblemError, NativeModuleError, RuntimeError, ValueError, OSError)

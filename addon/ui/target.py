@@ -21,8 +21,8 @@ from bpy_extras.io_utils import ImportHelper
 from ..core.background_call import run_in_thread
 from ..core.bake_folder import size_of
 from ..core.solve import SolveError
-from ..engine import shot
-from ..engine.pictures import Read, Reading, is_in_memory
+from ..engine.shot import shot
+from ..engine.workers.pictures import Read, Reading, is_in_memory
 from ..viewport import compare as pairs
 from ..viewport.views import redraw
 from . import timers

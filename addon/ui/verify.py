@@ -9,8 +9,9 @@ from bpy.app.handlers import persistent
 from bpy.props import EnumProperty, IntProperty, PointerProperty
 
 from ..core.progress import share_and_words
-from ..engine import shot, verify
-from ..engine.process import NoCopyError
+from ..engine.cycles import verify
+from ..engine.shot import shot
+from ..engine.workers.process import NoCopyError
 from ..export.lights import name_of
 from ..viewport import compare
 from ..viewport.views import redraw

@@ -14,7 +14,7 @@ MODES = ("WIPE", "A", "B", "DIFFERENCE")
 
 @dataclass(frozen=True)
 class Pair:
-    """Frames as `engine.shot` gives them; B is None for the live picture."""
+    """Frames as `engine.shot.shot` gives them; B is None for the live picture."""
 
     a: Any
     b: Any | None

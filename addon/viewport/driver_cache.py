@@ -16,8 +16,8 @@ import bpy
 import gpu
 import numpy as np
 
-from ..engine import view_worker
-from ..engine.options import user_folder
+from ..engine.shot.options import user_folder
+from ..engine.workers import view_worker
 from ..export.camera import film_size
 from ..export.false_color import LEVELS
 from . import precompilation, shader

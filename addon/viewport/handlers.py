@@ -14,8 +14,8 @@ import gpu
 from bpy.app.handlers import persistent
 from gpu_extras.batch import batch_for_shader
 
-from ..engine import helper, view_worker
-from ..engine import shot as shots
+from ..engine.shot import shot as shots
+from ..engine.workers import helper, view_worker
 from . import compare, driver_cache, light_marks, overlay, precompilation, texture, view_files, view_table
 from .overlay import Show
 from .view_files import NEXT_TURN_SECONDS

@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 import gpu
 
-from ..engine import shot as shots
+from ..engine.shot import shot as shots
 from . import camera_frame, compare, shader, texture
 from .camera_frame import Rectangle
 from .view_table import View

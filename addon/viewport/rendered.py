@@ -9,7 +9,7 @@ import gpu
 from gpu_extras.batch import batch_for_shader
 
 from ..core.pass_names import COMBINED
-from ..engine import shot as shots
+from ..engine.shot import shot as shots
 from . import camera_frame, texture
 from .camera_frame import Rectangle
 

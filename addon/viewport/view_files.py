@@ -8,8 +8,8 @@ from weakref import WeakKeyDictionary
 
 import bpy
 
-from ..engine import view_worker
-from ..engine.shot import Shot
+from ..engine.shot.shot import Shot
+from ..engine.workers import view_worker
 from ..export.view_file import is_current, stamp
 from ..export.view_transform import view_key, view_settings
 

@@ -1,7 +1,7 @@
 """Tables for shaders from scene-linear pixels to what the scene's view shows (`export.color_table`).
 
-A Blender in the background colours the entries (`engine.view_worker`), so that the window never stands still: first a
-coarse table, then a fine one. The plain sRGB curve needs no table."""
+A Blender in the background colours the entries (`engine.workers.view_worker`), so that the window never stands still:
+first a coarse table, then a fine one. The plain sRGB curve needs no table."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 
 from ..core.fresh_memory import FreshMemory
-from ..engine import view_worker
+from ..engine.workers import view_worker
 from ..export import false_color
 from ..export.color_table import COARSE, FINE, LOG_MAX, Table, color_table
 from ..export.view_transform import SHAPER_MIN, SHAPER_OFFSET, is_srgb_view, view_key, view_settings

@@ -30,7 +30,7 @@ def will_ask_again():
 def settled(driver):
     """Waits for the full picture of what the scene has now; for scenarios without an artist."""
     yield from driver.drawn()  # What scripts edit is noticed then.
-    shot = addon("engine.shot").of(driver.window.scene)
+    shot = addon("engine.shot.shot").of(driver.window.scene)
 
     def is_settled():
         return shot.frame is not None and not shot.is_busy and not will_ask_again()
@@ -65,7 +65,7 @@ class Artist:
     @property
     def shot(self):
         """What the add-on has open of the scene."""
-        return addon("engine.shot").of(self.scene)
+        return addon("engine.shot.shot").of(self.scene)
 
     @property
     def state(self):

@@ -21,7 +21,7 @@ import bpy  # noqa: E402
 import relume  # noqa: E402
 from live_table import page  # noqa: E402
 
-from addon.engine.scene import load_scene  # noqa: E402
+from addon.engine.reading.scene import load_scene  # noqa: E402
 from addon.export import ExportOptions, trace_settings  # noqa: E402
 
 REPEATS = 9

@@ -53,7 +53,7 @@ def play(driver):
     obj.data, subdivision.render_levels = ball(), 1
     yield from rebake(driver, artist, waiting, f"{len(obj.data.polygons)} triangles subdivided once")
     obj.data, subdivision.render_levels = shape, level
-    driver.check(addon("engine.helper").shared().is_running, "another Blender has subdivided")
+    driver.check(addon("engine.workers.helper").shared().is_running, "another Blender has subdivided")
     obj.modifiers.new("Triangles", "TRIANGULATE")
     obj.data.shade_smooth()
     yield from rebake(driver, artist, waiting, f"subdivided {level} times and changed after it")

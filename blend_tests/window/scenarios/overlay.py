@@ -28,7 +28,7 @@ class Picture:
         return lambda *_arguments, **_options: 0
 
     def status(self):
-        return json.dumps(addon("engine.shot").EMPTY | {"state": "ready"})
+        return json.dumps(addon("engine.shot.shot").EMPTY | {"state": "ready"})
 
     def frame(self, newer_than=0):
         return Picture.given if Picture.given and Picture.given.serial > newer_than else None
@@ -283,7 +283,7 @@ def check_many_views(driver):
 def play(driver):
     """See the first line of this file."""
     yield from driver.open("demo.blend")
-    shot = addon("engine.shot")
+    shot = addon("engine.shot.shot")
     shot.native = lambda: SimpleNamespace(Live=Picture)
     Picture.given = frame(1)
     yield from bare_camera_view(driver)

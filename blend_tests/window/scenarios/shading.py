@@ -14,7 +14,7 @@ SETTLE_SECONDS = 8
 
 def play(driver):
     """See the first line of this file."""
-    artist, reading = Artist(driver), addon("engine.render_depsgraph")
+    artist, reading = Artist(driver), addon("engine.reading.render_depsgraph")
     with driver.step("open"):
         yield from artist.open("modern_hall.blend", (240, 136), samples=1, train_seconds=0)
         yield from artist.start()
