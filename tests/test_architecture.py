@@ -1,12 +1,21 @@
 """ARCHITECTURE.md tells the truth: its table of rooms and arrows is what cargo sees."""
 
-import ast
 import json
 import re
 import subprocess
+import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
+
+sys.path.insert(0, str(ROOT / "scripts"))
+from code_map import addon_circles, imports_of  # noqa: E402
+
+# Circles that are still to be untied; none may be added.
+KNOWN_CIRCLES = [
+    [f"addon.export.materials.{name}" for name in ("closures", "coordinates", "exporter", "procedural", "values")],
+    [f"addon.ui.{name}" for name in ("handlers", "rows", "solve_settings", "start", "target")],
+]
 
 
 def arrows_in_table():
@@ -49,19 +58,6 @@ def rooms_of_addon():
     return re.findall(r"`(\w+)` \(", found)
 
 
-def imports_of(path):
-    """Absolute names of the modules that a file imports anywhere, "addon.core.rows", "bpy"."""
-    package = path.relative_to(ROOT).parent.parts
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            base = package[: len(package) - node.level + 1] if node.level else ()
-            module = ".".join([*base, *([node.module] if node.module else [])])
-            # A name may be a module of a package.
-            yield from (f"{module}.{alias.name}" for alias in node.names)
-
-
 def imports_by_room():
     """Room of the add-on -> (file, imported name) of each import in it."""
     rooms = rooms_of_addon()
@@ -85,6 +81,11 @@ def test_arrows_of_the_addon_point_down_the_list():
         for file, name in imports_by_room()[room]:
             parts = name.split(".")
             assert parts[0] != "addon" or parts[1] in allowed, f"{file} imports {name}"
+
+
+def test_modules_of_the_addon_import_in_no_circle():
+    modules, _ = addon_circles()
+    assert modules == KNOWN_CIRCLES
 
 
 def test_core_needs_no_blender():
