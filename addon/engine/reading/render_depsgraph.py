@@ -112,6 +112,7 @@ def with_render_depsgraph(scene: bpy.types.Scene, work: Callable[[bpy.types.Deps
     returns True if it should stop. Returns its result. Blender's window stands still meanwhile."""
     task = RenderTask(scene, work)
     with _engine() as engine, _copied(scene, task, engine) as copy, _render_slot(), _synchronised_layers(copy):
+        # The copy is the context's scene, so that it keeps its own frame.
         with bpy.context.temp_override(scene=copy, view_layer=copy.view_layers[task.layer_name]):
             bpy.ops.render.render()
     return task.result()
@@ -131,10 +132,8 @@ def start_with_render_depsgraph(
     try:
         copy = around.enter_context(_copied(scene, task, around.enter_context(_engine())))
         around.enter_context(_synchronised_layers(copy))
-        layer = copy.view_layers[task.layer_name]
-        override = bpy.context.temp_override(window=_window(), scene=copy, view_layer=layer)
-        with _no_render_window(), _render_slot(), override:
-            bpy.ops.render.render("INVOKE_DEFAULT")
+        with _no_render_window(), _render_slot(), bpy.context.temp_override(window=_window(scene)):
+            bpy.ops.render.render("INVOKE_DEFAULT", scene=copy.name)
     except BaseException:
         around.close()
         raise
@@ -167,8 +166,10 @@ def _is_invoked() -> bool:
     return any(operator.bl_idname == "RENDER_OT_render" for window in windows for operator in window.modal_operators)
 
 
-def _window() -> bpy.types.Window:
-    return bpy.context.window or bpy.context.window_manager.windows[0]
+def _window(scene: bpy.types.Scene) -> bpy.types.Window:
+    """A window that shows the scene: a render takes the frame of its window's scene."""
+    windows = bpy.context.window_manager.windows
+    return next((window for window in windows if window.scene == scene), windows[0])
 
 
 @contextmanager
