@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
-from zlib import crc32
 
 import gpu
 import numpy as np
@@ -197,6 +196,8 @@ def show(one_to_one: bool, compares: bool, has_table: bool) -> Program:
     in `levels`; otherwise `ROWS`. With `compares` there are the sampler `second` and `mode`: SPLIT or DIFFERENCE. All
     in 128 bytes: drivers need not have more."""
     info = gpu.types.GPUShaderCreateInfo()
+    info.vertex_in(0, "VEC2", "position")
+    info.fragment_out(0, "VEC4", "result")
     info.sampler(0, "FLOAT_2D", "first")
     info.sampler(1, "FLOAT_1D", "levels")
     for name in ("frame", "drawn", "region", "numbers", *(() if has_table else ROWS)):
@@ -215,16 +216,11 @@ def show(one_to_one: bool, compares: bool, has_table: bool) -> Program:
     if one_to_one:
         info.define("ONE_TO_ONE")
     is_opengl = gpu.platform.backend_type_get() == "OPENGL"
-    return compile_program(info, VERTEX, KEEP_LOOPS + FRAGMENT if is_opengl else FRAGMENT)
-
-
-@cache
-def first() -> Program:
-    """Draws nothing. NVIDIA's driver takes 30 ms longer for the first program that it does not find on disk, unless
-    that is a small one like this. Its text changes with FRAGMENT, so that it is never found alone."""
-    vertex = "void main() { gl_Position = vec4(position, 0.0, 1.0); }"
-    fragment = f"void main() {{ result = vec4({crc32(FRAGMENT.encode())}.0); }}"
-    return compile_program(gpu.types.GPUShaderCreateInfo(), vertex, fragment)
+    info.vertex_source(VERTEX)
+    info.fragment_source(KEEP_LOOPS + FRAGMENT if is_opengl else FRAGMENT)
+    shader = gpu.shader.create_from_info(info)
+    corners = {"position": [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)]}
+    return Program(shader, batch_for_shader(shader, "TRI_STRIP", corners))
 
 
 def overlay_encoding() -> np.ndarray:
@@ -241,16 +237,4 @@ def overlay_encoding() -> np.ndarray:
 
 def free() -> None:
     """Lets go of the compiled shaders."""
-    first.cache_clear()
     show.cache_clear()
-
-
-def compile_program(info: Any, vertex: str, fragment: str) -> Program:
-    """A program of one `position` in 0..1 and one `result`."""
-    info.vertex_in(0, "VEC2", "position")
-    info.fragment_out(0, "VEC4", "result")
-    info.vertex_source(vertex)
-    info.fragment_source(fragment)
-    shader = gpu.shader.create_from_info(info)
-    corners = {"position": [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)]}
-    return Program(shader, batch_for_shader(shader, "TRI_STRIP", corners))

@@ -23,9 +23,6 @@ Result = TypeVar("Result")
 Stop = Callable[[], bool]
 """Returns True if the work should end."""
 
-CONTEXT_BYTES = 64 << 20
-"""Twice what the graphics context takes that Blender makes for a first render, whatever the engine (26 MB in Mesa's
-OpenGL on the processor): other programs take of it too."""
 POLL_SECONDS = 0.01
 COPY_SECONDS = 0.01
 """Seconds to wait until a render that begins at once has copied its scene's engine, which takes up to 5 ms."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
 from typing import Any
 
 import bpy
@@ -12,7 +11,6 @@ from ...export import ExportOptions, export_scene
 from ...export.left_out import left_to_blender
 from ...export.working_space import LINEAR_REC709, working_space
 from ..native import native
-from ..workers import mesh_worker
 from ..world import worlds
 from .render_depsgraph import (
     ExportCancelled,
@@ -60,14 +58,12 @@ def scene_of_depsgraph(
         builder.warn(note)
     if working_space() != LINEAR_REC709:
         builder.warn(f"working space {working_space()}: image textures and black bodies keep {LINEAR_REC709} primaries")
-    with nullcontext() if bpy.app.background else mesh_worker.finishing(stop) as finish_mesh:
-        export_scene(
-            _Stoppable(builder, stop),
-            depsgraph,
-            options or ExportOptions(),
-            lambda world: worlds.rendered(world, stop),
-            finish_mesh,
-        )
+    export_scene(
+        _Stoppable(builder, stop),
+        depsgraph,
+        options or ExportOptions(),
+        lambda world: worlds.rendered(world, stop),
+    )
     return builder.build()
 
 
