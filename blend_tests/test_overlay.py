@@ -1,5 +1,6 @@
 """Pixels of the overlay equal Blender's own display of the same frame, exactly in the given rectangle."""
 
+import weakref
 from types import SimpleNamespace
 
 import gpu
@@ -202,25 +203,25 @@ def test_another_view_shows_the_same_frame_anew(scene):
         assert_same(inside(drawn(scene, show(picture))), display(scene, picture))
 
 
-def test_a_frame_is_uploaded_once(scene, monkeypatch):
-    uploads, upload = [], texture._upload
-    monkeypatch.setattr(texture, "_upload", lambda size, *more: uploads.append(size) or upload(size, *more))
+def test_a_frame_is_uploaded_once(scene):
     picture = frame()
-    for _ in range(3):
-        drawn(scene, show(picture))
-    assert uploads.count((WIDTH, HEIGHT)) == 1
-    drawn(scene, show(frame(2)))
-    assert uploads.count((WIDTH, HEIGHT)) == 2
+    drawn(scene, show(picture))
+    uploaded = texture.of_frame(picture)
+    drawn(scene, show(picture))
+    assert texture.of_frame(picture) is uploaded
+    assert texture.of_frame(frame(2)) is not uploaded
 
 
 def test_frames_out_of_use_are_let_go(scene):
     first, second = frame(1), frame(2)
     drawn(scene, show(first, second=second))
-    assert len(texture._frames) == 2
+    pixels, uploaded = weakref.ref(first.image), texture.of_frame(second)
+    del first
+    assert pixels() is not None
     texture.keep_only([second])
-    assert [kept for kept, _ in texture._frames.values()] == [second]
+    assert pixels() is None and texture.of_frame(second) is uploaded
     texture.free()
-    assert not texture._frames and not texture._tables
+    assert texture.of_frame(second) is not uploaded
 
 
 def test_blenders_drawing_state_is_as_it_was(scene):
