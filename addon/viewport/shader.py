@@ -1,7 +1,7 @@
 """The shader of the overlay, written for Blender's `gpu` module; compiled at first use.
 
 It puts a scene-linear frame, or two to compare, into the camera's rectangle of a region, in the colours that the
-scene's view shows. In one pass: software graphics would hold up the window between two.
+scene's view shows. In one pass: between two the window's thread would wait.
 """
 
 from __future__ import annotations
@@ -196,8 +196,6 @@ def show(one_to_one: bool, compares: bool, has_table: bool) -> Program:
     in `levels`; otherwise `ROWS`. With `compares` there are the sampler `second` and `mode`: SPLIT or DIFFERENCE. All
     in 128 bytes: drivers need not have more."""
     info = gpu.types.GPUShaderCreateInfo()
-    info.vertex_in(0, "VEC2", "position")
-    info.fragment_out(0, "VEC4", "result")
     info.sampler(0, "FLOAT_2D", "first")
     info.sampler(1, "FLOAT_1D", "levels")
     for name in ("frame", "drawn", "region", "numbers", *(() if has_table else ROWS)):
@@ -216,11 +214,7 @@ def show(one_to_one: bool, compares: bool, has_table: bool) -> Program:
     if one_to_one:
         info.define("ONE_TO_ONE")
     is_opengl = gpu.platform.backend_type_get() == "OPENGL"
-    info.vertex_source(VERTEX)
-    info.fragment_source(KEEP_LOOPS + FRAGMENT if is_opengl else FRAGMENT)
-    shader = gpu.shader.create_from_info(info)
-    corners = {"position": [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)]}
-    return Program(shader, batch_for_shader(shader, "TRI_STRIP", corners))
+    return compile_program(info, VERTEX, KEEP_LOOPS + FRAGMENT if is_opengl else FRAGMENT)
 
 
 def overlay_encoding() -> np.ndarray:
@@ -238,3 +232,14 @@ def overlay_encoding() -> np.ndarray:
 def free() -> None:
     """Lets go of the compiled shaders."""
     show.cache_clear()
+
+
+def compile_program(info: Any, vertex: str, fragment: str) -> Program:
+    """A program of one `position` in 0..1 and one `result`."""
+    info.vertex_in(0, "VEC2", "position")
+    info.fragment_out(0, "VEC4", "result")
+    info.vertex_source(vertex)
+    info.fragment_source(fragment)
+    shader = gpu.shader.create_from_info(info)
+    corners = {"position": [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)]}
+    return Program(shader, batch_for_shader(shader, "TRI_STRIP", corners))
