@@ -87,11 +87,9 @@ def views_here(monkeypatch):
 @pytest.fixture
 def small_tables(views_here, monkeypatch):
     """Tables of a view that take a moment, for what does not depend on their entries."""
-    from addon.export import view_file
-    from addon.viewport import view_table
+    from addon.export import color_table, view_file
 
-    monkeypatch.setattr(view_table, "COARSE", 9)
-    monkeypatch.setattr(view_table, "FINE", 17)
+    monkeypatch.setattr(color_table, "SIZE", 17)
     monkeypatch.setattr(view_file, "SIZE", 17)
 
 

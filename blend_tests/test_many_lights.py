@@ -89,9 +89,9 @@ def test_edits_of_values_do_not_walk_over_the_rows(lit, street, monkeypatch, edi
 def test_rows_that_are_due_again_and_again_leave_turns_to_pictures(lit, street, monkeypatch):
     polled, compared = [], []
     monkeypatch.setattr(shot.Shot, "poll", lambda found: polled.append(found))
-    monkeypatch.setattr(rows, "sync", compared.append)
+    monkeypatch.setattr(rows, "are_due", lambda: True)
+    monkeypatch.setattr(rows, "sync_due", lambda: compared.append(lit) or True)
     for _ in range(6):
-        rows._due.add(lit.session_uid)
         assert handlers.tick(), "polling goes on"
     assert len(polled) == len(compared) == 3
 
@@ -184,18 +184,17 @@ def linked_to_each_other(scene):
 
 
 @pytest.mark.parametrize("change", [nothing, instances_of_others, hidden_lights, linked_to_each_other])
-def test_where_no_light_is_instanced_no_instance_is_looked_at(lit, street, monkeypatch, change):
+def test_where_no_light_is_instanced_lights_are_read_by_themselves(lit, street, monkeypatch, change):
     change(lit)
     depsgraph = bpy.context.evaluated_depsgraph_get()
     by_all, by_themselves = (SceneLights(bpy.context.view_layer.name, ["Plane"]) for _ in range(2))
     with monkeypatch.context() as patch:
         patch.setattr(scene_lights, "may_be_instanced", lambda _: True)
         by_all.read(depsgraph)
-    monkeypatch.setattr(scene_lights, "_shown", None)
     by_themselves.read(depsgraph)
     assert by_themselves.descriptions == by_all.descriptions and len(by_all.descriptions) > MANY / 2
     assert by_themselves.warnings == by_all.warnings
-    assert by_themselves._visibility == by_all._visibility
+    assert not by_themselves.instanced
 
 
 def of_a_collection_around(scene):

@@ -27,7 +27,7 @@ for module in ("cycles", "addon"):
     bpy.ops.preferences.addon_enable(module=module)
 bpy.ops.wm.open_mainfile(filepath=blend)
 
-from addon.engine import options
+from addon.engine.shot import options
 from addon.ui import background, handlers, verify
 from addon.ui.start import start
 from helpers import settled, until

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from contextlib import suppress
+from collections.abc import Collection
 from typing import Any
 
 import bpy
 import numpy as np
 
 from .arrays import LAYOUTS, stored
-from .late_mesh import FinishMesh, late_mesh
 from .materials import ANY_UV_MAP, FACTOR
 
 UNREAD = {"INT16_2D", "INT32_2D"}
@@ -23,67 +21,29 @@ LINEAR_BYTE = np.where(BYTE < 0.04045, BYTE / 12.92, ((BYTE + 0.055) / 1.055) **
 class GeometryExporter:
     """Exports each evaluated mesh once and remembers its number."""
 
-    def __init__(self, builder: Any, depsgraph: bpy.types.Depsgraph, asked: Collection[str], finish: FinishMesh | None):
-        self.builder, self.depsgraph = builder, depsgraph
+    def __init__(self, builder: Any, asked: Collection[str]):
+        self.builder = builder
         self.asked = asked
         """Names of attributes that materials read."""
-        self.finish = finish
-        self.begun: dict[int, Callable[[], dict[str, Any]] | None] = {}
-        """Function that waits for a late mesh, by its object's session uid; None if the mesh is not late."""
-        self.numbers: dict[tuple[str, int], int | None] = {}
-        """Numbers of evaluated meshes by their addresses, and of late ones by their objects."""
+        self.numbers: dict[int, int | None] = {}
+        """Numbers of evaluated meshes by their addresses."""
         self.attributes: dict[int, set[str]] = {}
         """Names of attributes that materials can read, by mesh number."""
 
-    def begin(self) -> None:
-        """Begins to finish all late meshes that are likely to be seen."""
-        if self.finish is not None:
-            for found in self.depsgraph.ids:
-                if isinstance(found, bpy.types.Object) and found.type == "MESH" and not found.hide_render:
-                    self._begun(found)
-
-    def mesh_number(self, instance: bpy.types.DepsgraphObjectInstance) -> int | None:
-        """Number of the mesh of an instance; None if it has no faces, or damaged ones. Evaluated meshes are shared by
-        all instances of one evaluated object and by linked duplicates without modifiers."""
-        obj = instance.object
-        # Curves and text have meshes too.
-        if self.finish is not None and obj.original.type == "MESH" and not _is_part(instance):
-            key = ("object", obj.original.session_uid)
-            if key in self.numbers:
-                return self.numbers[key]
-            arrays = self._late_arrays(obj)
-            if arrays is not None:
-                self.numbers[key] = self._add(obj, obj.original.data.name, arrays)
-                return self.numbers[key]
+    def mesh_number(self, obj: bpy.types.Object) -> int | None:
+        """Number of the mesh of an evaluated object; None if it has no faces, or damaged ones. Evaluated meshes are
+        shared by all instances of one evaluated object and by linked duplicates without modifiers."""
         mesh = obj.data
-        key = ("mesh", mesh.as_pointer())
+        key = mesh.as_pointer()
         if key not in self.numbers:
-            has_faces = len(mesh.polygons) > 0
-            self.numbers[key] = self._add(obj, mesh.name, mesh_arrays(mesh, self.asked)) if has_faces else None
+            self.numbers[key] = self._add(obj, mesh) if len(mesh.polygons) else None
         return self.numbers[key]
 
-    def _late_arrays(self, obj: bpy.types.Object) -> dict[str, Any] | None:
-        """Arrays of a late mesh; None if it is not late, or the other Blender failed and this one finishes it."""
-        wait = self._begun(obj)
-        with suppress(OSError):
-            return wait() if wait is not None else None
-        self.begun[obj.original.session_uid] = None
-        return None
-
-    def _begun(self, obj: bpy.types.Object) -> Callable[[], dict[str, Any]] | None:
-        uid = obj.original.session_uid
-        if uid not in self.begun:
-            self.begun[uid] = None
-            late = late_mesh(obj.original.evaluated_get(self.depsgraph), self.depsgraph.scene_eval.render)
-            if late is not None and self.finish is not None:
-                with suppress(OSError):
-                    self.begun[uid] = self.finish(late, self.asked)
-        return self.begun[uid]
-
-    def _add(self, obj: bpy.types.Object, name: str, arrays: dict[str, Any]) -> int | None:
+    def _add(self, obj: bpy.types.Object, mesh: bpy.types.Mesh) -> int | None:
         """Number of a mesh that an object shows; None, and a warning, of one that is damaged beyond repair."""
+        arrays = mesh_arrays(mesh, self.asked)
         try:
-            number = self.builder.add_mesh(name, **arrays, shown_by=obj.name)
+            number = self.builder.add_mesh(mesh.name, **arrays, shown_by=obj.name)
         except ValueError as error:
             self.builder.warn(f"object '{obj.name}': {error}; left out")
             return None
@@ -92,11 +52,6 @@ class GeometryExporter:
         if arrays["uv_maps"]:
             self.attributes[number].add(ANY_UV_MAP)
         return number
-
-
-def _is_part(instance: bpy.types.DepsgraphObjectInstance) -> bool:
-    """True if an instance shows geometry that its object's own nodes instance, and not the object's mesh."""
-    return instance.is_instance and instance.parent.original == instance.object.original
 
 
 def mesh_arrays(mesh: bpy.types.Mesh, asked: Collection[str] = ()) -> dict[str, Any]:

@@ -15,7 +15,6 @@ from ..core.random_number import MASK, random_of_name
 from .camera import camera_json, film_size
 from .geometry import GeometryExporter
 from .images import ImageExporter
-from .late_mesh import FinishMesh
 from .left_out import warn_about_mesh, warn_about_scene
 from .lights import LightExporter
 from .linking import LightLinking, receiver_names
@@ -65,11 +64,9 @@ def export_scene(
     depsgraph: bpy.types.Depsgraph,
     options: ExportOptions,
     render_world: RenderWorld = _no_render,
-    finish_mesh: FinishMesh | None = None,
 ) -> None:
     """Feeds `builder` (a `relume.SceneBuilder`) with everything that `depsgraph` renders. What a world's nodes do
-    `render_world` finds out where they are more than a colour or an environment texture; `finish_mesh` finishes meshes
-    that would hold up the window, if there is one."""
+    `render_world` finds out where they are more than a colour or an environment texture."""
     if depsgraph.mode != "RENDER":
         raise ExportError("the scene must be evaluated for rendering; start the export from a render engine")
     if not depsgraph.view_layer.use_solid:
@@ -80,7 +77,7 @@ def export_scene(
     camera = _camera_object(depsgraph, options)
     builder.set_camera(camera_json(camera, scene, size))
     warn_about_scene(depsgraph, builder.warn)
-    _SceneExporter(builder, depsgraph, camera, render_world, finish_mesh).run()
+    _SceneExporter(builder, depsgraph, camera, render_world).run()
 
 
 def _camera_object(depsgraph: bpy.types.Depsgraph, options: ExportOptions) -> bpy.types.Object:
@@ -109,7 +106,6 @@ class _SceneExporter:
         depsgraph: bpy.types.Depsgraph,
         camera: bpy.types.Object,
         render_world: RenderWorld,
-        finish_mesh: FinishMesh | None,
     ):
         self.builder = builder
         self.camera = camera
@@ -122,14 +118,13 @@ class _SceneExporter:
         self.lights = LightExporter(
             lambda light: builder.add_light(json.dumps(light)), builder.warn, self.linking, builder.constant_emission
         )
-        self.geometry = GeometryExporter(builder, depsgraph, asked_attributes(), finish_mesh)
+        self.geometry = GeometryExporter(builder, asked_attributes())
         self.known: set[tuple[int, str]] = set()
         """Uids of objects that were met, and in which type: nodes may add others to an object's own."""
         self.shared: dict[tuple[int, int, int], _Shared] = {}
         """Shared properties of instances, by the uids of an object and of its instancer, and its mesh."""
 
     def run(self) -> None:
-        self.geometry.begin()
         for instance in self.depsgraph.object_instances:
             obj = instance.object
             uid = obj.original.session_uid
@@ -151,7 +146,7 @@ class _SceneExporter:
 
     def _export_geometry(self, instance: bpy.types.DepsgraphObjectInstance, uid: int) -> None:
         obj = instance.object
-        mesh = self.geometry.mesh_number(instance)
+        mesh = self.geometry.mesh_number(obj)
         if mesh is None:
             return
         owner = _owner(instance).original

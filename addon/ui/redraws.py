@@ -1,18 +1,15 @@
 """When the 3D views are drawn again: for a new picture at once, for new words as often as drawing is cheap.
 
-To show one region anew Blender puts its whole window together again, which takes software graphics 0.15 s of a core
-that tracing could use.
+To show one region anew Blender puts its whole window together again, which takes time that tracing could use.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-
-import bpy
 
 from ..core import status
 from ..engine.shot.shot import Shot
+from ..viewport import views
 from .panel import characters, lines
 
 SHARE = 0.1
@@ -44,16 +41,16 @@ def follow(shot: Shot, new_picture: bool) -> bool:
     uid, says = shot.scene_uid, _words(shot)
     urgent, before = says[0], _said.get(uid, ((), ()))
     if new_picture:
-        _tag({"WINDOW", "UI"})
+        views.redraw("WINDOW", "UI")
     elif urgent != before[0] or uid in _settling:
-        _tag({"UI"})
+        views.redraw("UI")
     elif says == before:
         return False
     elif time.perf_counter() < _due:
         return True
     else:
         _asked = time.perf_counter()
-        _tag({"UI"})
+        views.redraw("UI")
     _said[uid] = says
     (_settling.add if urgent != before[0] else _settling.discard)(uid)
     return uid in _settling
@@ -61,8 +58,10 @@ def follow(shot: Shot, new_picture: bool) -> bool:
 
 def forget() -> None:
     """Nothing is shown any more."""
+    global _asked, _due
     _said.clear()
     _settling.clear()
+    _asked, _due = None, 0.0
 
 
 def _words(shot: Shot) -> tuple[tuple, tuple]:
@@ -70,18 +69,5 @@ def _words(shot: Shot) -> tuple[tuple, tuple]:
     urgent = (state["state"], state["paused"], state["error"], progress is None, to_come == "", len(shot.notes))
     urgent += ((state["shown"] or {}).get("scale"), *shot.changes.sentences)
     words = status.headline(state), to_come, status.shown(state)
-    urgent += tuple(len(lines(text, characters(bar))) for bar in _regions({"UI"}) for text in words)
+    urgent += tuple(len(lines(text, characters(bar))) for bar in views.regions("UI") for text in words)
     return urgent, (*words, progress)
-
-
-def _tag(kinds: set[str]) -> None:
-    for region in _regions(kinds):
-        region.tag_redraw()
-
-
-def _regions(kinds: set[str]) -> Iterator[bpy.types.Region]:
-    """Those of all 3D views."""
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                yield from (region for region in area.regions if region.type in kinds)

@@ -17,7 +17,7 @@ from . import looks, solving, timers
 
 TICK_SECONDS = 1 / 30
 WORDS_SECONDS = 0.5
-"""Between drawings of nothing but progress: on software graphics each takes a tenth of a second."""
+"""Seconds between drawings of nothing but progress."""
 WORDS_POINTS = 36.0
 """How far under the upper edge of the picture progress is written."""
 

@@ -54,14 +54,6 @@ def draw(context: bpy.types.Context, what: Show, scale: float) -> None:
     gpu.state.blend_set(blend)
 
 
-def draw_nothing() -> None:
-    """Compiles what `draw` needs."""
-    blend = gpu.state.blend_get()
-    gpu.state.blend_set("ALPHA")
-    rings(np.full((1, 2), -100.0), RADIUS_POINTS, np.zeros((1, 4), np.float32))
-    gpu.state.blend_set(blend)
-
-
 def _color(context: bpy.types.Context, light: bpy.types.Object) -> tuple[float, float, float, float]:
     if not light.select_get(view_layer=context.view_layer):
         return PLAIN

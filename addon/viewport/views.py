@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import partial
 
 import bpy
@@ -9,14 +10,19 @@ import bpy
 SETTLE_SECONDS = 0.1
 
 
-def redraw(kind: str = "WINDOW") -> None:
-    """Asks every 3D view of every window to draw itself again, or its side bar ("UI")."""
+def regions(*kinds: str) -> Iterator[bpy.types.Region]:
+    """Regions of these types of all 3D views."""
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
             if area.type == "VIEW_3D":
-                for region in area.regions:
-                    if region.type == kind:
-                        region.tag_redraw()
+                yield from (region for region in area.regions if region.type in kinds)
+
+
+def redraw(*kinds: str) -> None:
+    """Asks every 3D view of every window to draw itself again, or regions of these types, such as the side bar
+    ("UI")."""
+    for region in regions(*kinds or ("WINDOW",)):
+        region.tag_redraw()
 
 
 def settle() -> None:

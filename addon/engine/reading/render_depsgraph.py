@@ -23,7 +23,6 @@ from ...export.view_layer import render_layer
 
 Result = TypeVar("Result")
 
-CONTEXT_BYTES = 64 << 20
 POLL_SECONDS = 0.01
 SWITCH_SECONDS = 0.0002
 """Longest time that Blender's window waits for Python while the work runs on another thread. Python's own 5 ms add up

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
 from typing import Any
 
 import bpy
@@ -14,7 +13,6 @@ from ...export.stop import ExportCancelled, Stop
 from ...export.view_layer import render_layer
 from ...export.working_space import LINEAR_REC709, working_space
 from ..native import native
-from ..workers import mesh_worker
 from ..world import worlds
 from .render_depsgraph import RenderTask, start_with_render_depsgraph, with_render_depsgraph
 
@@ -55,14 +53,12 @@ def scene_of_depsgraph(
         builder.warn(note)
     if working_space() != LINEAR_REC709:
         builder.warn(f"working space {working_space()}: image textures and black bodies keep {LINEAR_REC709} primaries")
-    with nullcontext() if bpy.app.background else mesh_worker.finishing(stop) as finish_mesh:
-        export_scene(
-            _Stoppable(builder, stop),
-            depsgraph,
-            options or ExportOptions(),
-            lambda world: worlds.rendered(world, stop),
-            finish_mesh,
-        )
+    export_scene(
+        _Stoppable(builder, stop),
+        depsgraph,
+        options or ExportOptions(),
+        lambda world: worlds.rendered(world, stop),
+    )
     return builder.build()
 
 

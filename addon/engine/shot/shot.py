@@ -7,21 +7,18 @@ import dataclasses
 import json
 import time
 from collections.abc import Collection
-from functools import partial
 from typing import Any
 
 import bpy
 
-from ...core.background_call import run_in_thread
 from ...core.bake_folder import camera_of, world_map_of
-from ...core.fresh_memory import FreshMemory
 from ...core.status import is_unfinished, lacks_samples
 from ...core.words import Kind, by_kind, grouped
 from ...export import ExportOptions, trace_settings
 from ...export.linking import receiver_names
 from ...export.stop import ExportCancelled
 from ..native import native
-from ..reading.render_depsgraph import CONTEXT_BYTES, RenderTask
+from ..reading.render_depsgraph import RenderTask
 from ..reading.scene import load_scene_async
 from ..reading.scene_lights import Description, SceneLights
 from ..staleness import fingerprints
@@ -29,7 +26,6 @@ from ..staleness.tracker import StalenessTracker
 from ..world import worlds
 from ..world.world_follower import WorldFollower
 from . import record
-from .garbage import gc_freeze, gc_unfreeze
 from .options import Options, options_of, remember_bake, remembered_bake
 from .passes import Passes, Whole
 from .remaining_work import RemainingWork
@@ -85,7 +81,6 @@ class Shot:
         self.is_recorded = kept is not None
         self._remaining = RemainingWork(options)
         self.is_exporting = self._has_ended = False
-        self._memory = run_in_thread(partial(FreshMemory, CONTEXT_BYTES))
         self._task: RenderTask | None = None
         self._world = WorldFollower(self.changes)
         self._read_world = ""
@@ -147,7 +142,6 @@ class Shot:
             shot.frame_before = before.picture if before.camera == shot.camera else None
             before.close()
         _shots[scene.session_uid] = shot
-        gc_freeze()
         return shot
 
     def _export(self, scene: bpy.types.Scene) -> None:
@@ -160,12 +154,6 @@ class Shot:
         """Begins to read the scene in a window, if that was asked for; returns True if it did. Blender's operator that
         begins a render takes its time, and should have a tick to itself."""
         if not self.is_exporting or self._task is not None:
-            return False
-        try:
-            next(self._memory)
-        except StopIteration as end:
-            end.value.give_back()
-        else:
             return False
         self._load(scene)
         return True
@@ -452,7 +440,6 @@ class Shot:
         if self._task is not None:
             self._task.cancel()
         elif self.is_exporting:
-            self._memory.close()
             self._exported(None, ExportCancelled("cancelled"), {})
         self._live.cancel()
 
@@ -460,8 +447,6 @@ class Shot:
         """Ends everything, without waiting unless told to. The folder stays whole."""
         if self.is_open:
             del _shots[self.scene_uid]
-        if not _shots:
-            gc_unfreeze()
         if self._task is not None:
             self._task.cancel()
         self._world.close()

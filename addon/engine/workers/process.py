@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-import gpu
 
 from ...core.disk import free_space, in_words
 from . import unsaved_images
@@ -231,16 +230,9 @@ def blender_command(blend: Path | None, arguments: list[str]) -> list[str]:
     scripts = bpy.context.preferences.filepaths.use_scripts_auto_execute
     drivers = ["--enable-autoexec" if scripts else "--disable-autoexec"]
     return [
-        *(bpy.app.binary_path, "--background", "--factory-startup", *_graphics()),
+        *(bpy.app.binary_path, "--background", "--factory-startup"),
         *(*drivers, *file, "--python", script, "--", *arguments),
     ]
-
-
-def _graphics() -> list[str]:
-    """The graphics library of this window for a Blender that draws: what drivers keep on disk is of one library."""
-    if bpy.app.background or not hasattr(gpu, "init"):
-        return []
-    return ["--gpu-backend", gpu.platform.backend_type_get().lower()]
 
 
 def _script() -> Path:

@@ -1,104 +1,92 @@
-"""View tables (`export.color_table`, `export.view_file`) and shaders (`viewport.driver_cache`), made in another Blender
-(`engine.workers.helper`).
-
-In this one the window would stand still while it reads the files of a view, while it colours, and while the graphics
-driver compiles. A newer job replaces the one before."""
+"""View tables (`export.color_table`) and their files (`export.view_file`), made in a Blender of their own: this one's
+window would stand still while it reads the files of a view and colours."""
 
 from __future__ import annotations
 
+import json
+import tempfile
 import time
-from collections.abc import Callable, Generator, Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import bpy
 import numpy as np
 
-from ...core.background_call import run_in_thread
-from ...core.fresh_memory import FreshMemory
-from ...export.color_table import COARSE, FINE, Table, color_table
+from ...export.color_table import Table, color_table
 from ...export.view_file import write_view_table
 from ...export.view_transform import set_view
-from . import helper
+from .process import Worker, blender_command, private_folder, telling_little_room
 
-KIND = "view"
-POLL_SECONDS = 0.02
+COMMAND = "color-view"
+JOB, RESULT = "job.json", "table.npz"
 SETTLE_SECONDS = 0.2
-"""Seconds between the coarse table and the fine one: while a view is dragged coarse ones follow it."""
-Compile = Callable[[tuple[int, int]], Iterator[None]]
-"""Compiles what draws pictures of a size, a piece at a time."""
+"""Seconds from asking for a job to its start: while a view is dragged no other Blender starts."""
 
 
-def tables_of(view: dict[str, Any]) -> dict[str, Any]:
-    """The job of making the tables of a view (`view_settings`), a coarse one first."""
+def table_of(view: dict[str, Any]) -> dict[str, Any]:
+    """Job of making the table of a view (`view_settings`)."""
     return {"view": view}
 
 
 def file_of(view: dict[str, Any], path: Path, stamp: bytes) -> dict[str, Any]:
-    """The job of writing the file of a view (`export.view_file`)."""
+    """Job of writing the file of a view (`export.view_file`)."""
     return {"view": view, "file": str(path), "stamp": stamp.decode("latin-1")}
 
 
-def programs_of(film: tuple[int, int]) -> dict[str, Any]:
-    """The job of compiling what draws pictures of a size."""
-    return {"programs": film}
-
-
 class ViewWorker:
-    """The window's side, on its thread. Nothing waits here."""
+    """The newest job, which replaces the one before, and the Blender that does it. Nothing waits here."""
 
     def __init__(self) -> None:
-        self._helper: helper.Helper | None = None
         self._job: dict[str, Any] = {}
-        self._number = 0
-        self._told: list[helper.Told] = []
-        self._loading: Generator[None, None, tuple[Table, FreshMemory]] | None = None
-        self.is_finished = False
-        """True if all of the newest job was done and taken."""
+        self._asked = 0.0
+        """Time at which the job was asked for."""
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._worker: Worker | None = None
 
     def ask(self, job: dict[str, Any]) -> None:
-        """Begins a job, unless it is already under way; drops the one before. Raises OSError."""
-        if job == self._job:
-            return
-        self.drop()
-        self._helper = helper.shared()
-        self._number = self._helper.begin(KIND, job)
-        self._job = job
+        """Asks for a job, unless it is already under way; drops the one before."""
+        if job != self._job:
+            self.drop()
+            self._job, self._asked = job, time.monotonic()
 
-    def turn(self) -> tuple[Table, FreshMemory] | None:
-        """A table of the job, better than the one before, if one has come, and as much memory as software graphics
-        take for it: its texels, twice. Raises OSError with why the job failed; it may be asked for again."""
-        if self._helper is None:
-            return None
+    def turn(self) -> Table | None:
+        """Polls the job; returns its table when that is made. Raises OSError with why the job failed. Afterwards it may
+        be asked for again."""
         try:
-            self._told += self._helper.take(self._number)
+            return self._turn()
         except OSError:
             self.drop()
             raise
-        if self._loading is None and self._told:
-            self._take(self._told.pop(0))
-        if self._loading is not None:
-            try:
-                next(self._loading)
-            except StopIteration as end:
-                self._loading = None
-                return end.value
-        return None
 
-    def _take(self, told: helper.Told) -> None:
-        if "table" in told:
-            self._loading = run_in_thread(partial(_load, Path(told["table"])))
-        else:
-            self.drop()
-            self.is_finished = True
+    def _turn(self) -> Table | None:
+        if self._worker is None or self._folder is None:
+            if self._job and time.monotonic() - self._asked >= SETTLE_SECONDS:
+                self._start()
+            return None
+        if not self._worker.ended:
+            return None
+        self._worker.events()
+        if self._worker.code != 0:
+            raise OSError(self._worker.failure())
+        table = None if "file" in self._job else _load(Path(self._folder.name) / RESULT)
+        self.drop()
+        return table
 
-    def drop(self, at_once: bool = False) -> None:
-        """Drops the job; `at_once` if it would take too long to be left alone (`helper`)."""
-        if self._helper is not None:
-            (self._helper.interrupt if at_once else self._helper.drop)(self._number)
-        self._helper, self._job = None, {}
-        self._told, self._loading, self.is_finished = [], None, False
+    def _start(self) -> None:
+        self._folder = private_folder()
+        place = Path(self._folder.name)
+        with telling_little_room(place):
+            (place / JOB).write_text(json.dumps(self._job), encoding="utf-8")
+        self._worker = Worker(blender_command(None, [COMMAND, str(place), "--json"]), place)
+
+    def drop(self) -> None:
+        """Drops the job; nothing stays behind."""
+        worker, folder = self._worker, self._folder
+        self._job, self._worker, self._folder = {}, None, None
+        if worker is not None and folder is not None:
+            worker.end(folder.cleanup)
+        elif folder is not None:
+            folder.cleanup()
 
 
 _shared = ViewWorker()
@@ -109,36 +97,21 @@ def shared() -> ViewWorker:
     return _shared
 
 
-def _load(path: Path) -> tuple[Table, FreshMemory]:
+def _load(path: Path) -> Table:
     with np.load(path) as found:
-        entries, levels = found["table"], found.get("levels")
-    copies = 1 if levels is None else 2  # Without levels its texels are half floats (`viewport.texture.of_table`).
-    return (entries, levels), FreshMemory(copies * entries.nbytes)
+        return found["table"], found.get("levels")
 
 
-def work(compile_programs: Compile, prefix: str, job: dict[str, Any]) -> Iterator[helper.Told]:
-    """Does a job (`helper.Work`). Runs in the other Blender."""
-    if "programs" in job:
-        for _ in compile_programs(tuple(job["programs"])):
-            yield {}
-        return
+def color(place: Path) -> None:
+    """Body of `relume color-view`, which runs in the other Blender: does the job of a folder."""
+    job = json.loads((place / JOB).read_text(encoding="utf-8"))
     scene = bpy.context.scene
     set_view(scene, job["view"])
     if "file" in job:
         write_view_table(scene, Path(job["file"]), job["stamp"].encode("latin-1"))
         return
-    yield {"table": _save(f"{prefix}coarse.npz", color_table(scene, COARSE))}
-    until = time.monotonic() + SETTLE_SECONDS
-    while time.monotonic() < until:
-        time.sleep(POLL_SECONDS)
-        yield {}
-    yield {"table": _save(f"{prefix}fine.npz", color_table(scene, FINE))}
-
-
-def _save(path: str, table: Table) -> str:
-    entries, levels = table
+    table, levels = color_table(scene)
     if levels is None:
-        np.savez(path, table=entries)
+        np.savez(place / RESULT, table=table)
     else:
-        np.savez(path, table=entries, levels=levels)
-    return path
+        np.savez(place / RESULT, table=table, levels=levels)

@@ -74,9 +74,8 @@ def rectangle(driver, window=None):
 def shown(driver, name=None):
     """What the screen shows in the camera's frame, 0..1, bottom row first."""
     yield from driver.drawn()
-    view_table, warm_up = addon("viewport.view_table"), addon("viewport.precompilation")
+    view_table = addon("viewport.view_table")
     yield from driver.until(lambda: view_table.is_complete(bpy.context.scene), "the view's table", 300)
-    yield from driver.until(warm_up.is_ready, "what draws pictures", 300)
     yield from driver.drawn()
     left, top, right, bottom = rectangle(driver)
     return driver.photo(name)[top:bottom, left:right][::-1] / 255.0
