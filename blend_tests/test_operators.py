@@ -18,10 +18,12 @@ from addon.engine import devices
 from addon.engine.cycles import reference as cycles_reference
 from addon.engine.cycles import verify
 from addon.engine.shot import background, shot
+from addon.engine.solve import solving
 from addon.ui import background as background_ui
-from addon.ui import compare, handlers, locks, looks, mixer, preferences, regions, rows, scribble_tool, solving, target
+from addon.ui import compare, handlers, looks, mixer, preferences, rows
 from addon.ui import start as starting
 from addon.ui import verify as verifying
+from addon.ui.solve import locks, operators, regions, results, scribble_tool, target
 from addon.viewport import compare as pairs
 from fake_live import FakeLive
 from fake_solve import FakeJob, light
@@ -241,7 +243,7 @@ def with_pair(scene):
 
 def while_solving(scene):
     regions.remove_region(scene)  # That without a mask.
-    solving.begin(scene)
+    operators.begin(scene)
 
 
 def solved(scene):
@@ -384,9 +386,9 @@ CASES = {
     ),
     "clear_target": (nothing, lambda scene, _: target.clear(scene), {}),
     "show_target": (nothing, lambda scene, _: shown_target(scene), {}),
-    "apply_solved": (solved, lambda scene, _: solving.apply(scene, looks.active_look(scene)), {}),
+    "apply_solved": (solved, lambda scene, _: results.apply(scene, looks.active_look(scene)), {}),
     "paste_target": (nothing, lambda _scene, _: ended(target.paste(bpy.context)), {}),
-    "solve": (nothing, lambda scene, _: solving.solve_at_once(scene), {}),
+    "solve": (nothing, lambda scene, _: operators.begin(scene).run_to_end(), {}),
     "cancel_solve": (while_solving, lambda scene, _: solving.running(scene).cancel(), {}),
     "background_start": (nothing, lambda scene, _: background_ui.start(scene), {}),
     "background_cancel": (baking_beside, lambda _scene, _: background.all_jobs()[0].cancel(), {"number": 0}),

@@ -39,6 +39,11 @@ def light_tree(scene: bpy.types.Scene) -> list[Line]:
     return list(walk.lines(scene.collection, 0))
 
 
+def light_objects(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """Light objects of the light tree, each of which has a row."""
+    return [line.block for line in light_tree(scene) if line.kind == LIGHT]
+
+
 class _Walk:
     def __init__(self, top: bpy.types.Collection):
         self.paths: dict[bpy.types.Object, list[Path]] = {}

@@ -12,6 +12,7 @@ from bpy.app.handlers import persistent
 from ..core.looks import match
 from ..core.receivers import with_numbers
 from ..core.rows import mix_for
+from ..core.status import is_final
 from ..engine.shot import shot
 from ..viewport import compare
 from . import handlers, rows
@@ -98,12 +99,6 @@ def request_of(scene: bpy.types.Scene, found: shot.Shot, look: RelumeLook) -> st
     names = [light["name"] for light in lights]
     mix = mix_for(names, values[: len(present)], values[len(present) :], memberships)
     return shot.request_text({"lights": lights, **mix})
-
-
-def is_final(frame: Any) -> bool:
-    """True if no better frame of the same request is to come."""
-    summary = json.loads(frame.summary)
-    return frame.scale == 1 and summary.get("settled", True)
 
 
 def _timer() -> float | None:

@@ -16,9 +16,8 @@ from ..apply.look_lights import light_state, refusals, restore_lights
 from ..apply.writable import RefusedError
 from ..core.looks import Look, LookError, from_json, match, to_json
 from ..core.receivers import with_names
-from ..core.rows import LIGHT
 from ..engine.shot import shot
-from ..export.light_tree import light_tree
+from ..export.light_tree import light_objects
 from ..export.lights import name_of
 from . import handlers, rows, thumbnails
 
@@ -87,7 +86,7 @@ def current(scene: bpy.types.Scene, name: str) -> Look:
     """Rows and lights as they are."""
     rows.sync(scene)
     return Look(
-        name, tuple(row.values() for row in rows.present_rows(scene)), tuple(map(light_state, lights_of(scene)))
+        name, tuple(row.values() for row in rows.present_rows(scene)), tuple(map(light_state, light_objects(scene)))
     )
 
 
@@ -126,7 +125,7 @@ def restore(scene: bpy.types.Scene, look: Look, lights: bool = False) -> Outcome
 
 def _restore_lights(scene: bpy.types.Scene, look: Look) -> None:
     """Makes the lights that the look adds and are not there, then writes all; or raises, and has done nothing."""
-    lights = lights_of(scene)
+    lights = light_objects(scene)
     names = {name_of(obj) for obj in lights}
     added = [state for state in look.lights if state.get("added") and state["name"] not in names]
     reasons = [*refusals(lights, look.lights), *new_lights.refusals(scene, added)]
@@ -134,11 +133,6 @@ def _restore_lights(scene: bpy.types.Scene, look: Look) -> None:
         raise RefusedError(reasons)
     restore_lights([*lights, *new_lights.make(scene, added)], look.lights)
     rows.sync(scene)
-
-
-def lights_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """The light objects that have rows."""
-    return [line.block for line in light_tree(scene) if line.kind == LIGHT]
 
 
 def delete(scene: bpy.types.Scene, place: int) -> None:

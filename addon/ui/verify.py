@@ -11,13 +11,14 @@ from bpy.props import EnumProperty, IntProperty, PointerProperty
 from ..core.progress import share_and_words
 from ..engine.cycles import verify
 from ..engine.shot import shot
+from ..engine.solve import solving
 from ..engine.workers.process import NoCopyError
+from ..export.light_tree import light_objects
 from ..export.lights import name_of
 from ..viewport import compare
 from ..viewport.views import redraw
 from . import compare as comparing
-from . import rows, solving
-from .looks import lights_of
+from . import rows
 from .panel import RelumePanel, message
 
 TICK_SECONDS = 0.25
@@ -60,7 +61,7 @@ def cancel(scene_uid: int) -> None:
 def start(scene: bpy.types.Scene) -> verify.Verification:
     """Renders the present lights and rows with Cycles, and compares. Raises VerifyError, NoCopyError or OSError."""
     found, frame = shot.of(scene), _present_frame(scene)
-    lights = [name_of(obj) for obj in lights_of(scene)]
+    lights = [name_of(obj) for obj in light_objects(scene)]
     running = verify.start(scene, frame, found.camera, scene.relume_verify.samples, rows.mix(scene, lights))
     compare.clear(scene)
     _poll()
