@@ -4,7 +4,7 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.engine.solve.region_masks import Seen, masks
+from addon.engine.solve.region_masks import MaskSubject, masks
 from addon.export.target import TargetError, from_srgb, read_mask, read_target, resized, taken, to_srgb
 from addon.export.view_transform import displayed
 from helpers import add, add_material, add_quad
@@ -149,7 +149,11 @@ def test_objects_and_materials_are_seen_where_they_are(scene, kind):
     right.location, right.pass_index = (1.0, -0.5, 0.0), 7
     bpy.context.view_layer.update()
     seen = all_masks(
-        scene, Seen("OBJECT", "Left"), Seen("OBJECT_INDEX", 7), Seen("MATERIAL", "Red"), Seen("MATERIAL_INDEX", 3)
+        scene,
+        MaskSubject("OBJECT", "Left"),
+        MaskSubject("OBJECT_INDEX", 7),
+        MaskSubject("MATERIAL", "Red"),
+        MaskSubject("MATERIAL_INDEX", 3),
     )
     height, width = seen[0].shape
     places = [np.argwhere(mask).mean(axis=0) / (height, width) for mask in seen]
@@ -162,8 +166,8 @@ def test_objects_and_materials_are_seen_where_they_are(scene, kind):
 
 
 def test_what_is_not_seen_has_an_empty_mask(scene):
-    (mask,) = all_masks(scene, Seen("OBJECT", "Nobody"))
-    assert not mask.any() and str(Seen("OBJECT_INDEX", 7)) == "object index 7"
+    (mask,) = all_masks(scene, MaskSubject("OBJECT", "Nobody"))
+    assert not mask.any() and str(MaskSubject("OBJECT_INDEX", 7)) == "object index 7"
 
 
 def test_without_a_target_there_is_nothing_to_compare(baked):

@@ -132,12 +132,12 @@ class RELUME_PT_background(RelumePanel, bpy.types.Panel):  # noqa: N801
 
 
 CLASSES = (RELUME_OT_background_start, RELUME_OT_background_cancel, RELUME_PT_background)
+_register, _unregister = bpy.utils.register_classes_factory(CLASSES)
 
 
 def register():
     """Adds panel and operators."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+    _register()
 
 
 def unregister():
@@ -145,5 +145,4 @@ def unregister():
     background.close_all()
     if bpy.app.timers.is_registered(_timer):
         bpy.app.timers.unregister(_timer)
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister()

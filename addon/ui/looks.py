@@ -169,12 +169,12 @@ def active_look(scene: bpy.types.Scene) -> RelumeLook | None:
 
 
 CLASSES = (RelumeLook, RelumeLooks)
+_register, _unregister = bpy.utils.register_classes_factory(CLASSES)
 
 
 def register():
     """Adds `scene.relume_looks`."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+    _register()
     bpy.types.Scene.relume_looks = PointerProperty(type=RelumeLooks)
 
 
@@ -182,5 +182,4 @@ def unregister():
     """Takes it away; values stay in the file."""
     thumbnails.free()
     del bpy.types.Scene.relume_looks
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister()

@@ -233,17 +233,16 @@ CLASSES = (
     RELUME_UL_looks,
     RELUME_PT_looks,
 )
+_register, _unregister = bpy.utils.register_classes_factory(CLASSES)
 
 
 def register():
     """Adds panel and operators."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+    _register()
     compare.register()
 
 
 def unregister():
     """Takes them away, and ends comparisons."""
     compare.unregister()
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister()

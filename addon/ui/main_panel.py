@@ -221,17 +221,16 @@ def _draw_some(layout, sentences: list[str], most: int, icon: str = "NONE") -> N
 
 
 CLASSES = (RELUME_OT_unfold_warnings, RELUME_PT_main, RELUME_PT_bake)
+_register, _unregister = bpy.utils.register_classes_factory(CLASSES)
 
 
 def register():
     """Adds the panels."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+    _register()
 
 
 def unregister():
     """Takes them away."""
     if bpy.app.timers.is_registered(_draw_disk_values):  # A disk may never answer.
         bpy.app.timers.unregister(_draw_disk_values)
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister()

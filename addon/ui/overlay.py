@@ -162,12 +162,12 @@ class RELUME_PT_overlay(RelumePanel, bpy.types.Panel):  # noqa: N801
 
 
 CLASSES = (RelumeView, RELUME_GT_wipe, RELUME_GGT_wipe, RELUME_PT_overlay)
+_register, _unregister = bpy.utils.register_classes_factory(CLASSES)
 
 
 def register():
     """Adds `scene.relume_view`, the panel, and what draws in the views."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+    _register()
     bpy.types.Scene.relume_view = PointerProperty(type=RelumeView)
     handlers.register()
 
@@ -176,5 +176,4 @@ def unregister():
     """Takes them away; values stay in the file."""
     handlers.unregister()
     del bpy.types.Scene.relume_view
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister()

@@ -237,19 +237,18 @@ class RELUME_OT_clean_cache(_OnCache, bpy.types.Operator):  # noqa: N801
 
 
 CLASSES = (RelumePreferences, RELUME_OT_find_devices, RELUME_OT_count_cache, RELUME_OT_clean_cache)
+_register, _unregister = bpy.utils.register_classes_factory(CLASSES)
 
 
 def register():
     """Adds the page."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+    _register()
 
 
 def unregister():
     """Takes it away."""
     global _work
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister()
     if bpy.app.timers.is_registered(_timer):
         bpy.app.timers.unregister(_timer)
     if _work is not None:

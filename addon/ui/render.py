@@ -138,14 +138,15 @@ class RELUME_PT_sampling(bpy.types.Panel):  # noqa: N801
 
 
 CLASSES = (RelumeRenderSettings, RELUME_PT_sampling, RELUME_PT_passes)
+_register, _unregister = bpy.utils.register_classes_factory(CLASSES)
 END_SECONDS = 0.1
 
 
 def register():
     """Adds the engine. Panels of Cycles show for it too, so that all properties stay at hand."""
     render_engine.stop_all(False)
-    for cls in (RelumeRenderEngine, *CLASSES):
-        bpy.utils.register_class(cls)
+    bpy.utils.register_class(RelumeRenderEngine)
+    _register()
     render_depsgraph.standing = RelumeRenderEngine
     bpy.types.Scene.relume_render = PointerProperty(type=RelumeRenderSettings)
     _show_panels()
@@ -159,8 +160,7 @@ def unregister():
         bpy.app.timers.unregister(_show_panels)
     _hide_panels()
     del bpy.types.Scene.relume_render
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister()
     render_depsgraph.standing = None
     render_engine.stop_all()
     if _end_engine() is not None:

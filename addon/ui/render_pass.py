@@ -99,17 +99,16 @@ class RELUME_PT_shading_pass(bpy.types.Panel):  # noqa: N801 -- Blender's naming
 
 
 CLASSES = (RelumeShading, RELUME_PT_shading_pass)
+_register, _unregister = bpy.utils.register_classes_factory(CLASSES)
 
 
 def register():
     """Adds the choice to all 3D views."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+    _register()
     bpy.types.View3DShading.relume = PointerProperty(type=RelumeShading)
 
 
 def unregister():
     """Takes it away."""
     del bpy.types.View3DShading.relume
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister()

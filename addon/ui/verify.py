@@ -269,12 +269,12 @@ CLASSES = (
     RELUME_OT_verify_show,
     RELUME_PT_verify,
 )
+_register, _unregister = bpy.utils.register_classes_factory(CLASSES)
 
 
 def register():
     """Adds panel and operators."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+    _register()
     bpy.types.Scene.relume_verify = PointerProperty(type=RelumeVerifySettings)
     bpy.app.handlers.load_pre.append(_on_load_pre)
 
@@ -286,5 +286,4 @@ def unregister():
     if bpy.app.timers.is_registered(_timer):
         bpy.app.timers.unregister(_timer)
     del bpy.types.Scene.relume_verify
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister()
