@@ -113,7 +113,7 @@ def room(registered_for_all_files, others, monkeypatch, tmp_path):
         FakeWorker.made.clear()
         background.close_all()
         verify.close_all()
-        preferences._said.clear()
+        preferences._messages.clear()
         monkeypatch.setattr(devices, "_names", [])
         scene = bpy.context.scene
         scene.render.resolution_x, scene.render.resolution_y = 160, 90
@@ -193,7 +193,7 @@ def state(scene, folder):
             "shot": found and (str(found.folder), found.camera, found.status),
             "images": sorted(image.name for image in bpy.data.images),
             "files": sorted(path.name for path in folder.rglob("*.json") if path.parent.name != "bake"),
-            "said": preferences._said,
+            "said": preferences._messages,
             "devices": devices.names(),
             "target": target_pixels(scene),
             "workers": [(worker.command, worker.ending) for worker in FakeWorker.made],
@@ -296,7 +296,7 @@ def while_verifying(scene):
 
 def verified(scene):
     while_verifying(scene)
-    picture = verify.Picture(np.ones((4, 4, 4), np.float32))
+    picture = verify.ImageFrame(np.ones((4, 4, 4), np.float32))
     found = verify.of(scene)
     found.reference, found.difference = picture, picture
     found.result = {"error": 0.1, "noise": 0.01, "psnr": 30.0}

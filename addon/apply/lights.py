@@ -67,8 +67,8 @@ def apply_mix(
     hidden = [obj for obj in silent.values() if not _is_hidden(obj)]
     writes = [_LightWrite(obj, gains[name], kelvins.get(name)) for name, obj in lights.items() if any(gains[name])]
     world = WorldWrite(scene.world, applied["world"])
-    asked = [*(write.refusal() for write in writes), *map(_hide_refusal, hidden), world.refusal()]
-    reasons = [reason for reason in asked if reason] + _quarrels(writes)
+    refusals = [*(write.refusal() for write in writes), *map(_hide_refusal, hidden), world.refusal()]
+    reasons = [reason for reason in refusals if reason] + _quarrels(writes)
     reasons += [f"light '{name}' {NOT_HIDDEN}" for name in silent if name in shown_anyway]
     if reasons:
         raise RefusedError(reasons)

@@ -29,7 +29,7 @@ def film_border(render: bpy.types.RenderSettings) -> tuple[int, int, int, int]:
 
 
 def why_no_picture(scene: bpy.types.Scene) -> str:
-    """Why there is no picture of a scene, and what to do; empty if there can be one."""
+    """Reason why a scene cannot be rendered, and the way out; empty if it can."""
     render = scene.render
     if min(render.resolution_x, render.resolution_y) * render.resolution_percentage < 100:
         return f"The picture of scene '{scene.name}' has no pixels; raise the resolution or its percentage"

@@ -23,9 +23,12 @@ LINEAR_BYTE = np.where(BYTE < 0.04045, BYTE / 12.92, ((BYTE + 0.055) / 1.055) **
 class GeometryExporter:
     """Exports each evaluated mesh once and remembers its number."""
 
-    def __init__(self, builder: Any, depsgraph: bpy.types.Depsgraph, asked: Collection[str], finish: FinishMesh | None):
+    def __init__(
+        self, builder: Any, depsgraph: bpy.types.Depsgraph, attribute_names: Collection[str], finish: FinishMesh | None
+    ):
+        """`finish` makes late meshes in another Blender; without it this one makes them."""
         self.builder, self.depsgraph = builder, depsgraph
-        self.asked = asked
+        self.attribute_names = attribute_names
         """Names of attributes that materials read."""
         self.finish = finish
         self.begun: dict[int, Callable[[], dict[str, Any]] | None] = {}
@@ -38,9 +41,9 @@ class GeometryExporter:
     def begin(self) -> None:
         """Begins to finish all late meshes that are likely to be seen."""
         if self.finish is not None:
-            for found in self.depsgraph.ids:
-                if isinstance(found, bpy.types.Object) and found.type == "MESH" and not found.hide_render:
-                    self._begun(found)
+            for block in self.depsgraph.ids:
+                if isinstance(block, bpy.types.Object) and block.type == "MESH" and not block.hide_render:
+                    self._begun(block)
 
     def mesh_number(self, instance: bpy.types.DepsgraphObjectInstance) -> int | None:
         """Number of the mesh of an instance; None if it has no faces, or damaged ones. Evaluated meshes are shared by
@@ -59,7 +62,9 @@ class GeometryExporter:
         key = ("mesh", mesh.as_pointer())
         if key not in self.numbers:
             has_faces = len(mesh.polygons) > 0
-            self.numbers[key] = self._add(obj, mesh.name, mesh_arrays(mesh, self.asked)) if has_faces else None
+            self.numbers[key] = (
+                self._add(obj, mesh.name, mesh_arrays(mesh, self.attribute_names)) if has_faces else None
+            )
         return self.numbers[key]
 
     def _late_arrays(self, obj: bpy.types.Object) -> dict[str, Any] | None:
@@ -77,7 +82,7 @@ class GeometryExporter:
             late = late_mesh(obj.original.evaluated_get(self.depsgraph), self.depsgraph.scene_eval.render)
             if late is not None and self.finish is not None:
                 with suppress(OSError):
-                    self.begun[uid] = self.finish(late, self.asked)
+                    self.begun[uid] = self.finish(late, self.attribute_names)
         return self.begun[uid]
 
     def _add(self, obj: bpy.types.Object, name: str, arrays: dict[str, Any]) -> int | None:
@@ -87,8 +92,8 @@ class GeometryExporter:
         except ValueError as error:
             self.builder.warn(f"object '{obj.name}': {error}; left out")
             return None
-        found = (*arrays["color_attributes"], *arrays["uv_maps"])
-        self.attributes[number] = {name.removesuffix(FACTOR) for name in found}
+        names = (*arrays["color_attributes"], *arrays["uv_maps"])
+        self.attributes[number] = {name.removesuffix(FACTOR) for name in names}
         if arrays["uv_maps"]:
             self.attributes[number].add(ANY_UV_MAP)
         return number
@@ -99,9 +104,9 @@ def _is_part(instance: bpy.types.DepsgraphObjectInstance) -> bool:
     return instance.is_instance and instance.parent.original == instance.object.original
 
 
-def mesh_arrays(mesh: bpy.types.Mesh, asked: Collection[str] = ()) -> dict[str, Any]:
-    """The arrays that `SceneBuilder.add_mesh` takes, one copy each; attributes that are `asked` for by name are among
-    the colours. Attributes are read by their stored arrays: `vertices.co` and its like are up to 300 times slower."""
+def mesh_arrays(mesh: bpy.types.Mesh, attribute_names: Collection[str] = ()) -> dict[str, Any]:
+    """The arrays that `SceneBuilder.add_mesh` takes, one copy each; attributes of `attribute_names` are among the
+    colours. Attributes are read by their stored arrays: `vertices.co` and its like are up to 300 times slower."""
     arrays: dict[str, Any] = {
         "positions": _attribute(mesh, "position"),
         "corner_verts": _attribute(mesh, ".corner_vert"),
@@ -114,7 +119,7 @@ def mesh_arrays(mesh: bpy.types.Mesh, asked: Collection[str] = ()) -> dict[str, 
     # Centre and half size, so that generated coordinates are Cycles' after a modifier changed the mesh.
     arrays["texture_space"] = [list(mesh.texspace_location), list(mesh.texspace_size)]
     arrays["color_attributes"] = _color_attributes(mesh, arrays["corner_verts"])
-    for name in sorted(set(asked) - arrays["color_attributes"].keys() - arrays["uv_maps"].keys()):
+    for name in sorted(set(attribute_names) - arrays["color_attributes"].keys() - arrays["uv_maps"].keys()):
         attribute = mesh.attributes.get(name.removesuffix(FACTOR))
         if attribute is not None and _is_readable(attribute):
             colors = _as_colors(attribute, arrays["corner_verts"], arrays["face_starts"])
@@ -179,9 +184,9 @@ def _attribute(mesh: bpy.types.Mesh, name: str) -> np.ndarray:
 
 def _values(attribute: bpy.types.Attribute) -> np.ndarray:
     """A copy of an attribute's values; scene-linear of a colour."""
-    found = stored(attribute.data, *LAYOUTS[attribute.data_type])
+    values = stored(attribute.data, *LAYOUTS[attribute.data_type])
     if attribute.data_type != "BYTE_COLOR":
-        return found.copy()
-    colors = LINEAR_BYTE[found]
-    colors[:, 3] = BYTE[found[:, 3]]
+        return values.copy()
+    colors = LINEAR_BYTE[values]
+    colors[:, 3] = BYTE[values[:, 3]]
     return colors

@@ -26,6 +26,7 @@ class ImageExporter:
     """Exports each image once and remembers its number."""
 
     def __init__(self, builder: Any, frame: int):
+        """Exports to a builder of a scene, at a frame."""
         self.builder = builder
         self.frame = frame
         """Frame of the scene, for images of a sequence."""
@@ -49,8 +50,10 @@ class ImageExporter:
         colors = colors_of_file(image)
         if colors is not None:
             file = image.packed_file.data if image.packed_file else path
-            turn = None if working_space() == LINEAR_REC709 else scene_linear_from_rec709().tolist()
-            number = self.builder.add_texture_file(image.name, file, colors=colors, alpha=alpha, scene_from_rec709=turn)
+            scene_from_rec709 = None if working_space() == LINEAR_REC709 else scene_linear_from_rec709().tolist()
+            number = self.builder.add_texture_file(
+                image.name, file, colors=colors, alpha=alpha, scene_from_rec709=scene_from_rec709
+            )
             if number is not None:
                 if note and image.source == "TILED":
                     self.builder.warn(f"{user}: {note}")
@@ -121,9 +124,9 @@ def path_of(image: bpy.types.Image, settings: bpy.types.ImageUser, frame: int) -
     path = bpy.path.abspath(image.filepath, library=image.library)
     if image.source == "TILED":
         return tile_path(path, image.tiles[0].number)
-    if image.source == "SEQUENCE" and (found := LAST_NUMBER.search(path)):
-        number = str(frame_of(settings, frame)).zfill(len(found[0]))
-        return path[: found.start()] + number + path[found.end() :]
+    if image.source == "SEQUENCE" and (digits := LAST_NUMBER.search(path)):
+        number = str(frame_of(settings, frame)).zfill(len(digits[0]))
+        return path[: digits.start()] + number + path[digits.end() :]
     return path
 
 

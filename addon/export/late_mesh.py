@@ -105,8 +105,8 @@ def _irregular_points(mesh: bpy.types.Mesh) -> float:
     valences = np.bincount(stored(mesh.attributes[".edge_verts"].data, *LAYOUTS["INT32_2D"]).ravel())
     corners = np.diff(stored(mesh.polygons, np.int32), append=len(mesh.loops))
     creases = [stored(mesh.attributes[name].data, *LAYOUTS["FLOAT"]) for name in CREASES if name in mesh.attributes]
-    points = sum(np.sum((found[found != 4] / 4) ** 2.5) for found in (valences, corners))
-    return points + sum(np.count_nonzero(found) for found in creases)
+    points = sum(np.sum((values[values != 4] / 4) ** 2.5) for values in (valences, corners))
+    return points + sum(np.count_nonzero(values) for values in creases)
 
 
 def _plain_mesh(mesh: bpy.types.Mesh) -> dict[str, Any]:
@@ -134,16 +134,18 @@ def _plain_mesh(mesh: bpy.types.Mesh) -> dict[str, Any]:
 
 
 def _build(mesh: bpy.types.Mesh, late: dict[str, Any]) -> None:
-    corners = next(len(found["values"]) for found in late["attributes"] if found["name"] == ".corner_vert")
+    corners = next(
+        len(description["values"]) for description in late["attributes"] if description["name"] == ".corner_vert"
+    )
     mesh.vertices.add(late["vertices"])
     mesh.edges.add(late["edges"])
     mesh.loops.add(corners)
     mesh.polygons.add(len(late["face_starts"]))
     mesh.polygons.foreach_set("loop_start", late["face_starts"])
-    for found in late["attributes"]:
-        attribute = mesh.attributes.get(found["name"])
-        attribute = attribute or mesh.attributes.new(found["name"], found["type"], found["domain"])
-        stored(attribute.data, *LAYOUTS[found["type"]], is_new=True)[...] = found["values"]
+    for description in late["attributes"]:
+        attribute = mesh.attributes.get(description["name"])
+        attribute = attribute or mesh.attributes.new(description["name"], description["type"], description["domain"])
+        stored(attribute.data, *LAYOUTS[description["type"]], is_new=True)[...] = description["values"]
     mesh.update()
     for layer in mesh.uv_layers:
         layer.active_render = layer.name == late["uv_map"]

@@ -45,7 +45,10 @@ def light_objects(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 
 
 class _Walk:
+    """Walk through all collections, which notes where lights are."""
+
     def __init__(self, top: bpy.types.Collection):
+        """Enters the collection `top` and all below it."""
         self.paths: dict[bpy.types.Object, list[Path]] = {}
         self.inside: dict[bpy.types.Collection, dict[bpy.types.ID, None]] = {}
         self.with_lights: set[bpy.types.Collection] = set()
@@ -100,6 +103,7 @@ class _Walk:
                     self._enter_child(inside, block, path)
 
     def lines(self, collection: bpy.types.Collection, depth: int) -> Iterator[Line]:
+        """Lines of the lights and collections in a collection, collections first."""
         inside = [block for block in self.inside[collection] if block not in self.listed]
         for child in inside:
             if isinstance(child, bpy.types.Collection) and child in self.with_lights and child not in self.listed:

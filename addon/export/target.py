@@ -38,7 +38,7 @@ class Picture:
     """True if the picture holds display colours, whatever its bit depth."""
 
 
-def taken(image: bpy.types.Image, room: np.ndarray | None = None) -> Picture:
+def pixels_of(image: bpy.types.Image, room: np.ndarray | None = None) -> Picture:
     """An image's pixels, in an array of that many numbers if there is `room`; Blender reads its file for it if it has
     not yet."""
     width, height = image.size
@@ -63,12 +63,12 @@ def read_target(
         raise TargetError(f"target '{picture.name}' is all black")
     if colors == "LINEAR" or (colors == "AUTO" and not picture.is_display):
         linear = pixels if picture.is_float or picture.is_data else from_srgb(pixels)
-        found = linear, "Target read as scene-linear light", False
+        outcome = linear, "Target read as scene-linear light", False
     else:
         # Blender has made light of pixels with more than 8 bits, by the sRGB curve.
         shown = to_srgb(pixels) if picture.is_float and not picture.is_data else pixels
-        found = (from_srgb(shown), "Target read as plain sRGB", False) if colors == "SRGB" else undone(scene, shown)
-    return np.ascontiguousarray(found[0], np.float32), *found[1:]
+        outcome = (from_srgb(shown), "Target read as plain sRGB", False) if colors == "SRGB" else undone(scene, shown)
+    return np.ascontiguousarray(outcome[0], np.float32), *outcome[1:]
 
 
 def read_mask(picture: Picture, size: tuple[int, int]) -> np.ndarray:
@@ -94,8 +94,8 @@ def undone(scene: bpy.types.Scene, shown: np.ndarray) -> tuple[np.ndarray, str, 
     if plain and name in INVERSES and scene.display_settings.display_device == "sRGB":
         linear = _through_blender(shown**view.gamma, INVERSES[name]) / exposure
         return linear, f"Target read as this scene displays it ({name})", False
-    what = f"{name} with its look, curves or white balance" if name in INVERSES else name
-    return from_srgb(shown), f"Target read as plain sRGB: {what} cannot be undone", True
+    transform = f"{name} with its look, curves or white balance" if name in INVERSES else name
+    return from_srgb(shown), f"Target read as plain sRGB: {transform} cannot be undone", True
 
 
 def from_srgb(encoded: np.ndarray) -> np.ndarray:
@@ -135,9 +135,9 @@ def _fitted(picture: Picture, size: tuple[int, int]) -> np.ndarray:
     if width == 0 or height == 0:
         raise TargetError(f"image '{picture.name}' has no pixels: is its file still there?")
     if abs(width * size[1] / (height * size[0]) - 1.0) > ASPECT_TOLERANCE:
-        wanted = f"{size[0]} x {size[1]}"
+        frame = f"{size[0]} x {size[1]}"
         raise TargetError(
-            f"image '{picture.name}' is {width} x {height} and the camera's frame {wanted}: crop it to the same aspect"
+            f"image '{picture.name}' is {width} x {height} and the camera's frame {frame}: crop it to the same aspect"
         )
     pixels = resized(picture.pixels[::-1], size)
     if channels < 3:

@@ -55,9 +55,9 @@ def _open(job: background.BackgroundBake) -> None:
             job.error = f"it could not be opened: {error}"
 
 
-def _is_free(found: shot.Shot | None, job: background.BackgroundBake) -> bool:
+def _is_free(opened: shot.Shot | None, job: background.BackgroundBake) -> bool:
     """True if a finished bake may replace the one that is shown of its scene."""
-    return found is None or (found.folder == job.folder and not found.is_working)
+    return opened is None or (opened.folder == job.folder and not opened.is_working)
 
 
 def _timer() -> float | None:

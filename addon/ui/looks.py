@@ -16,7 +16,7 @@ from ..apply.look_lights import light_state, refusals, restore_lights
 from ..apply.writable import RefusedError
 from ..core.looks import Look, LookError, from_json, match, to_json
 from ..core.receivers import with_names
-from ..engine.shot import shot
+from ..engine.shot import shot as shots
 from ..export.light_tree import light_objects
 from ..export.lights import name_of
 from . import handlers, rows, thumbnails
@@ -62,23 +62,23 @@ class Outcome:
     """Lights of the scene that the look does not know; they are switched off."""
 
     def __str__(self) -> str:
-        said = []
+        sentences = []
         if self.missing:
-            said.append(f"not in this scene: {', '.join(self.missing)}")
+            sentences.append(f"not in this scene: {', '.join(self.missing)}")
         if self.unknown:
-            said.append(f"not in the look, so switched off: {', '.join(self.unknown)}")
-        return "; ".join(said)
+            sentences.append(f"not in the look, so switched off: {', '.join(self.unknown)}")
+        return "; ".join(sentences)
 
 
 def snapshot(scene: bpy.types.Scene, name: str = "Look") -> RelumeLook:
     """Keeps rows, lights and, if it is there already, their picture."""
     entry = add(scene, current(scene, name))
-    found = shot.of(scene)
-    if found is not None:
-        request = shot.request_text(handlers.content_of(scene, found))
-        entry.request = with_names(request, found.lights.receivers)
-        if found.present_frame is not None:
-            entry.thumbnail = thumbnails.encode(scene, found.present_frame.image)
+    shot = shots.of(scene)
+    if shot is not None:
+        request = shots.request_text(handlers.content_of(scene, shot))
+        entry.request = with_names(request, shot.lights.receivers)
+        if shot.present_frame is not None:
+            entry.thumbnail = thumbnails.encode(scene, shot.present_frame.image)
     return entry
 
 
@@ -105,7 +105,7 @@ def free_name(name: str, others: set[str]) -> str:
     """The name, numbered as Blender does if it is taken."""
     name = name or "Look"
     numbers = (f"{name}.{number:03}" for number in range(1, len(others) + 2))
-    return name if name not in others else next(found for found in numbers if found not in others)
+    return name if name not in others else next(numbered for numbered in numbers if numbered not in others)
 
 
 def restore(scene: bpy.types.Scene, look: Look, lights: bool = False) -> Outcome:
@@ -116,11 +116,11 @@ def restore(scene: bpy.types.Scene, look: Look, lights: bool = False) -> Outcome
     if lights:
         _restore_lights(scene, look)
     present = rows.present_rows(scene)
-    found = match(look, [row.values() for row in present])
-    for row, values in zip(present, found.rows, strict=True):
+    matched = match(look, [row.values() for row in present])
+    for row, values in zip(present, matched.rows, strict=True):
         row.take(values)
     handlers.read_lights(scene)
-    return Outcome(found.missing, found.unknown)
+    return Outcome(matched.missing, matched.unknown)
 
 
 def _restore_lights(scene: bpy.types.Scene, look: Look) -> None:
@@ -144,12 +144,12 @@ def delete(scene: bpy.types.Scene, place: int) -> None:
 
 def export_file(look: Look, path: Path) -> None:
     """Writes a look, whole or not at all. Raises OSError."""
-    part = path.with_name(f".part-{path.name}")
+    partial_file = path.with_name(f".part-{path.name}")
     try:
-        part.write_text(to_json(look), encoding="utf-8")
-        part.replace(path)
+        partial_file.write_text(to_json(look), encoding="utf-8")
+        partial_file.replace(path)
     finally:
-        part.unlink(missing_ok=True)
+        partial_file.unlink(missing_ok=True)
 
 
 def import_file(scene: bpy.types.Scene, path: Path) -> tuple[RelumeLook, Outcome]:
@@ -158,8 +158,8 @@ def import_file(scene: bpy.types.Scene, path: Path) -> tuple[RelumeLook, Outcome
         raise LookError(f"this is not a look: {path.name} is larger than 64 MB")
     look = from_json(path.read_bytes())
     rows.sync(scene)
-    found = match(look, [row.values() for row in rows.present_rows(scene)])
-    return add(scene, look), Outcome(found.missing, found.unknown)
+    matched = match(look, [row.values() for row in rows.present_rows(scene)])
+    return add(scene, look), Outcome(matched.missing, matched.unknown)
 
 
 def active_look(scene: bpy.types.Scene) -> RelumeLook | None:

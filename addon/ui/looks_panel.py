@@ -23,7 +23,7 @@ class _OnLook:
 
     @classmethod
     def poll(cls, context):
-        """Only with a look."""
+        """True if there is a look."""
         return looks.active_look(context.scene) is not None
 
 

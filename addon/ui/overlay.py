@@ -1,4 +1,4 @@
-"""How the relit picture is shown in the 3D view: `scene.relume_view`, its panel, and the line of the wipe."""
+"""Settings of the overlay in the 3D view, `scene.relume_view`: its panel, and the line of the wipe."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..viewport.views import redraw
 from .panel import RelumePanel
 
 GRAB_PIXELS = 8.0
-"""How near to the wipe's line the mouse has to be, at a resolution scale of 1."""
+"""Distance from the wipe's line within which the mouse grabs it, at a resolution scale of 1."""
 
 
 def _redraw(_settings, _context) -> None:
@@ -117,9 +117,9 @@ class RELUME_GGT_wipe(bpy.types.GizmoGroup):  # noqa: N801
 
     @classmethod
     def poll(cls, context):
-        """Only where a line is drawn."""
-        what = overlay.what_to_show(context.scene, context.space_data, context.region, context.region_data)
-        return isinstance(what, overlay.Show) and what.split != overlay.NEVER
+        """True where a line is drawn."""
+        content = overlay.what_to_show(context.scene, context.space_data, context.region, context.region_data)
+        return isinstance(content, overlay.Show) and content.split != overlay.NEVER
 
     def setup(self, context):
         """Called by Blender."""
@@ -166,7 +166,7 @@ _register, _unregister = bpy.utils.register_classes_factory(CLASSES)
 
 
 def register():
-    """Adds `scene.relume_view`, the panel, and what draws in the views."""
+    """Adds `scene.relume_view`, the panel, and the drawing in views."""
     _register()
     bpy.types.Scene.relume_view = PointerProperty(type=RelumeView)
     handlers.register()

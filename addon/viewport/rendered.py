@@ -59,7 +59,7 @@ def _draw_part(picture: gpu.types.GPUTexture, place: Rectangle, part: Rectangle)
 
 
 def why_not(shot: shots.Shot | None, camera: bpy.types.Object | None, frame: Rectangle | None) -> str:
-    """Why there is nothing to draw; empty if there is."""
+    """Reason why there is nothing to draw; empty if there is a picture."""
     if shot is None:
         return 'Press Start in the sidebar\'s tab "Relume" to see the relit picture here'
     if frame is None or camera is None:

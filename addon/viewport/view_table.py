@@ -18,12 +18,12 @@ from ..export.color_table import COARSE, FINE, LOG_MAX, Table, color_table
 from ..export.view_transform import SHAPER_MIN, SHAPER_OFFSET, is_srgb_view, view_key, view_settings
 from ..export.working_space import rec709_from_scene_linear
 
-KEPT = 4
+MOST_TABLES = 4
 """Tables that are kept for views seen before."""
 
-_Kept = tuple[Table, FreshMemory | None]
-_tables: dict[tuple[int, str], _Kept] = {}
-_shown: dict[int, _Kept] = {}
+_KeptTable = tuple[Table, FreshMemory | None]
+_tables: dict[tuple[int, str], _KeptTable] = {}
+_shown: dict[int, _KeptTable] = {}
 """Newest table of each scene, good enough until the next one is there."""
 
 
@@ -47,8 +47,8 @@ class View:
         scaled = np.maximum(np.nan_to_num(colors, posinf=1e30) * self.scale, 0.0)
         if self.table is None:
             return srgb_from_linear(scaled @ self.to_rec709.T) ** self.exponent
-        found = _sample(self.table, scaled)
-        return found if self.levels is None else false_color.look_up(self.levels, found[..., 0])
+        sampled = _sample(self.table, scaled)
+        return sampled if self.levels is None else false_color.look_up(self.levels, sampled[..., 0])
 
 
 def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
@@ -63,16 +63,16 @@ def of(scene: bpy.types.Scene) -> View | None:
     if is_srgb_view(scene):
         exponent = 1.0 / max(settings.gamma, 1e-6)
         return View(None, 2.0**settings.exposure, exponent, to_rec709=rec709_from_scene_linear())
-    kept = _tables.get(_key(scene, FINE))
-    if kept is None:
-        kept = _tables.get(_key(scene, COARSE))
-    if kept is None:
-        kept = _shown.get(scene.session_uid)
-    if kept is None:
+    known = _tables.get(_key(scene, FINE))
+    if known is None:
+        known = _tables.get(_key(scene, COARSE))
+    if known is None:
+        known = _shown.get(scene.session_uid)
+    if known is None:
         return None
-    _shown[scene.session_uid] = kept
+    _shown[scene.session_uid] = known
     _forget(_shown)
-    (entries, levels), memory = kept
+    (entries, levels), memory = known
     return View(entries, 1.0 if settings.use_curve_mapping else 2.0**settings.exposure, 1.0, levels, memory=memory)
 
 
@@ -88,20 +88,20 @@ def work(scene: bpy.types.Scene) -> bool:
     try:
         worker = view_worker.shared()
         worker.ask(view_worker.tables_of(_settings(scene)))
-        found = worker.turn()
+        tables = worker.turn()
     except OSError:
         if bpy.app.is_job_running("RENDER"):  # It would write its pictures with our settings.
             raise
         complete(scene)  # Where there can be no other Blender this one stands still for a moment.
         return True
-    if found is None:
+    if tables is None:
         return False
-    _keep(scene, *found)
+    _keep(scene, *tables)
     return True
 
 
 def complete(scene: bpy.types.Scene) -> View:
-    """The view of a scene in full, at once: for what is not drawn live."""
+    """Full view of a scene, computed at once, for pictures that are not drawn live."""
     if not is_complete(scene):
         _keep(scene, color_table(scene, FINE))
     view = of(scene)
@@ -120,10 +120,10 @@ def _keep(scene: bpy.types.Scene, table: Table, memory: FreshMemory | None = Non
     _forget(_tables)
 
 
-def _forget(kept: dict) -> None:
+def _forget(tables: dict) -> None:
     """Drops the oldest."""
-    while len(kept) > KEPT:
-        del kept[next(iter(kept))]
+    while len(tables) > MOST_TABLES:
+        del tables[next(iter(tables))]
 
 
 def _settings(scene: bpy.types.Scene) -> dict[str, Any]:

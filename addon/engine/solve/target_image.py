@@ -28,13 +28,13 @@ def picture_size(scene: bpy.types.Scene) -> tuple[int, int]:
 
 
 @dataclass(frozen=True)
-class _Kept:
+class _KeptReading:
     key: tuple
     """Values that the pixels depend on, as of `_key`."""
     reading: Reading
 
 
-_readings: dict[int, _Kept] = {}
+_readings: dict[int, _KeptReading] = {}
 """Readings by the session uid of their scene."""
 listeners: list[Callable[[], None]] = []
 """Functions that are called when a reading has ended."""
@@ -48,7 +48,7 @@ def read(scene: bpy.types.Scene) -> None:
         return
     size = picture_size(scene)
     reading = Reading(scene, settings.target, size, settings.target_colors)
-    _readings[scene.session_uid] = _Kept(_key(scene, size), reading)
+    _readings[scene.session_uid] = _KeptReading(_key(scene, size), reading)
     if not bpy.app.background and not bpy.app.timers.is_registered(_timer):
         bpy.app.timers.register(_timer, first_interval=0.0)
 

@@ -39,6 +39,7 @@ class VaryingNodeError(Exception):
     """A shader does not emit the same everywhere; `node` is one that varies."""
 
     def __init__(self, node: bpy.types.Node):
+        """Error about a node whose output varies."""
         super().__init__(f"node '{node.name}' ({node.bl_label}) varies")
         self.node = node
 
@@ -117,6 +118,6 @@ class ConstantTranslation(Translation):
         self.varying[number] = node
         return {"node": number, "output": "position"}
 
-    def name(self, _what: str) -> None:
-        """Refuses what cannot be computed: it varies."""
+    def warn(self, _message: str) -> None:
+        """Raises VaryingNodeError: an input that is not represented is no constant."""
         raise VaryingNodeError(self._present[-1])

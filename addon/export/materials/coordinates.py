@@ -42,8 +42,11 @@ def _mapped(t: Translation, vector: Any, mapping: bpy.types.TexMapping) -> Any:
     """Applies a mapping in Cycles' order: axes are exchanged, then moved. Cycles ignores the limits."""
     if _axes(mapping) != ("X", "Y", "Z"):
         parts = t.emit({"type": "separate_xyz", "vector": vector})
-        found = [{"node": parts, "output": AXES[axis]} if axis in AXES else 0.0 for axis in _axes(mapping)]
-        vector = {"node": t.emit({"type": "combine_xyz"} | dict(zip("xyz", found, strict=True))), "output": "vector"}
+        components = [{"node": parts, "output": AXES[axis]} if axis in AXES else 0.0 for axis in _axes(mapping)]
+        vector = {
+            "node": t.emit({"type": "combine_xyz"} | dict(zip("xyz", components, strict=True))),
+            "output": "vector",
+        }
     settings = {
         "kind": mapping.vector_type.lower(),
         "location": list(mapping.translation),

@@ -36,7 +36,8 @@ def _lock_all_text(move: str) -> str:
 
 
 LOCK_ALL_ITEMS = [(name, name.capitalize(), _lock_all_text(name)) for name in PARAMETERS]
-"""Not in the annotation: Python 3.11, as of Blender 4.2, finds no names of the module in a comprehension there."""
+"""Items of the operator. Not in the annotation: there Python 3.11, as of Blender 4.2, knows no names of the module in a
+comprehension."""
 
 
 def toggle_all(scene: bpy.types.Scene, parameter: str) -> None:

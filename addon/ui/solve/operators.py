@@ -1,4 +1,4 @@
-"""The operators that begin to solve, end it, and write what came of it."""
+"""Operators that begin to solve, cancel it, and apply the result."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ lights of the scene stay as they are until it is applied"""
 
     @classmethod
     def poll(cls, context):
-        """Not while it is solving already."""
+        """True unless lights are being solved already."""
         return solving.running(context.scene) is None
 
     def invoke(self, context, _event):
@@ -64,7 +64,7 @@ lights of the scene stay as they are until it is applied"""
         return {"RUNNING_MODAL"}
 
     def modal(self, context, event):
-        """A step at every tick of the timer; all else goes on to Blender."""
+        """Called by Blender: a step at every tick of the timer; all other events pass through."""
         if not self.solving.is_running:  # Cancelled by the button, or with its file.
             return self._end({"CANCELLED"})
         if event.type == "ESC" and event.value == "PRESS":
@@ -121,7 +121,7 @@ class RELUME_OT_cancel_solve(bpy.types.Operator):  # noqa: N801
 
     @classmethod
     def poll(cls, context):
-        """Only while solving."""
+        """True while lights are being solved."""
         return solving.running(context.scene) is not None
 
     def execute(self, context):
@@ -140,7 +140,7 @@ of the world stays in its row. Strokes and regions are done with and go; the tar
 
     @classmethod
     def poll(cls, context):
-        """Only with a look that was solved."""
+        """True if the active look was solved."""
         look = looks.active_look(context.scene)
         return look is not None and look.solved
 

@@ -1,4 +1,4 @@
-"""The panel of solving."""
+"""Panels of solving."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ class RELUME_OT_remove_region(bpy.types.Operator):  # noqa: N801
 
     @classmethod
     def poll(cls, context):
-        """Only with regions."""
+        """True if there are regions."""
         return len(context.scene.relume_solve.regions) > 0
 
     def execute(self, context):

@@ -140,7 +140,7 @@ class RELUME_OT_clear_strokes(bpy.types.Operator):  # noqa: N801
 
     @classmethod
     def poll(cls, context):
-        """Only with strokes."""
+        """True if there are strokes."""
         return bool(context.scene.relume_solve.strokes)
 
     def execute(self, context):
@@ -157,7 +157,7 @@ class RELUME_OT_pick_brush(bpy.types.Operator):  # noqa: N801
 
     @classmethod
     def poll(cls, context):
-        """Only in a 3D view, in object mode, with a camera."""
+        """True in a 3D view, in object mode, with a camera."""
         return context.region_data is not None and context.mode == "OBJECT" and context.scene.camera is not None
 
     def execute(self, context):

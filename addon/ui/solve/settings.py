@@ -286,7 +286,7 @@ class RelumeRegion(GoalAmount, RegionPlace, bpy.types.PropertyGroup):
 
 
 class RelumeTargetPlace(RegionPlace, bpy.types.PropertyGroup):
-    """Where the target counts; kept in the .blend file."""
+    """Part of the picture where the target counts; kept in the .blend file."""
 
     kind: EnumProperty(
         name="Where",
@@ -299,7 +299,7 @@ class RelumeTargetPlace(RegionPlace, bpy.types.PropertyGroup):
 
 
 class RelumeSolve(GoalAmount, LimitSettings, bpy.types.PropertyGroup):
-    """Kept in the .blend file."""
+    """Settings of a solve; kept in the .blend file."""
 
     meaning: EnumProperty(name="Brush", description="What the picture is to do where you paint", items=MEANING_ITEMS)
     size: IntProperty(

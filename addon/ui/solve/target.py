@@ -191,7 +191,7 @@ class RELUME_OT_clear_target(bpy.types.Operator):  # noqa: N801
 
     @classmethod
     def poll(cls, context):
-        """Only with a target."""
+        """True if there is a target."""
         return context.scene.relume_solve.target is not None
 
     def execute(self, context):
@@ -209,7 +209,7 @@ difference"""
 
     @classmethod
     def poll(cls, context):
-        """Only with an open shot and a target."""
+        """True with an open shot and a target."""
         return super().poll(context) and context.scene.relume_solve.target is not None
 
     def execute(self, context):
