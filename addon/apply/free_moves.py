@@ -47,7 +47,7 @@ class FreeMoves:
 
 
 def _carriers(scene: bpy.types.Scene, lights: set[bpy.types.Object]) -> dict[bpy.types.Object, str]:
-    """Lights that must stay for what hangs on them, and why: geometry, which the bake holds where it is now, and
+    """Lights that must stay because of objects below them, and why: geometry, which the bake holds where it is now, and
     lights that could not be put back into their places."""
     carriers: dict[bpy.types.Object, str] = {}
     for obj in scene.objects:

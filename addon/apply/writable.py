@@ -46,7 +46,7 @@ def _animated(block: bpy.types.ID) -> Iterator[str]:
 
 
 def _curves(action: bpy.types.Action, slot: Any) -> Iterator[str]:
-    """Paths of an action; from Blender 4.4 on those of one slot of it."""
+    """Paths of an action; from Blender 4.4 on, of one of its slots."""
     if bpy.app.version < (4, 4, 0):
         yield from (curve.data_path for curve in action.fcurves)
         return

@@ -19,7 +19,7 @@ def film_size(render: bpy.types.RenderSettings, percentage: int | None = None) -
 
 
 def film_border(render: bpy.types.RenderSettings) -> tuple[int, int, int, int]:
-    """Left, bottom, width and height in pixels of what Blender renders of the whole picture."""
+    """Left, bottom, width and height in pixels of the part of the picture that Blender renders."""
     width, height = film_size(render)
     if not render.use_border:
         return 0, 0, width, height

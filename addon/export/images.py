@@ -98,8 +98,8 @@ def is_in_memory(image: bpy.types.Image) -> bool:
 
 
 def _associate(image: bpy.types.Image, texels: np.ndarray) -> str:
-    """Makes float pixels of straight alpha what Cycles takes them for, in place; what their alpha is then. Those of
-    data are as they are; others count as multiplied by alpha before Blender 5.2, and are multiplied since then."""
+    """Changes float pixels of straight alpha in place to Cycles' reading of them; returns their alpha afterwards. Data
+    stays as it is. Other pixels count as multiplied by alpha before Blender 5.2, and are multiplied since then."""
     if image.colorspace_settings.is_data:
         return "channel_packed"
     if bpy.app.version >= (5, 2, 0):
@@ -120,7 +120,7 @@ def colors_of_file(image: bpy.types.Image) -> str | None:
 
 
 def path_of(image: bpy.types.Image, settings: bpy.types.ImageUser, frame: int) -> str:
-    """Path of the file that a node shows in a frame of the scene; that of the first tile if there are several."""
+    """Path of the file that a node shows in a frame of the scene: the first tile if there are several."""
     path = bpy.path.abspath(image.filepath, library=image.library)
     if image.source == "TILED":
         return tile_path(path, image.tiles[0].number)
@@ -153,7 +153,7 @@ def note_on(image: bpy.types.Image) -> str:
 
 
 def is_as_in_file(image: bpy.types.Image) -> bool:
-    """True if the pixels of an image are those of its one file, which may be packed."""
+    """True if an image shows the pixels of its one file, which may be packed."""
     if image.source != "FILE" or image.is_dirty:
         return False
     return not image.has_data or bool(image.filepath)  # Made in Blender: what is packed may lack the alpha that it has.

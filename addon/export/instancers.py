@@ -169,7 +169,7 @@ class Instancers:
     def _in_block(
         self, block: Block, path: InstancePath, light: bpy.types.Object, by: bpy.types.Object, is_here: Shown
     ) -> Iterator[bool]:
-        """Yields the same as `_instances`, for data-blocks that nodes name."""
+        """Yields like `_instances`, for data-blocks that nodes name."""
         if isinstance(block, bpy.types.Object):
             yield from self._along(block, path, light, is_here)
             return
@@ -183,15 +183,15 @@ class Instancers:
     def _in_whole(
         self, collection: bpy.types.Collection, path: InstancePath, light: bpy.types.Object, by: bpy.types.Object
     ) -> Iterator[bool]:
-        """Yields the same as `_instances`, for a collection that nodes instance as one. Each object that views show
-        there has two numbers: its own, and that of what it instances."""
+        """Yields like `_instances`, for a collection that nodes instance as one. Each object that views show there has
+        two numbers: its own, and one for its instances."""
         if path and (path[0] % 2 == 0) == (len(path) == 1):
             yield from self._in_place(self._seen_in(collection, by), path[0] // 2, path[1:], light)
 
     def _in_place(
         self, objects: list[tuple[bpy.types.Object, bool]], place: int, path: InstancePath, light: bpy.types.Object
     ) -> Iterator[bool]:
-        """Yields the same as `_instances`, for the object in a place."""
+        """Yields like `_instances`, for the object in a place."""
 
         def is_here(obj: bpy.types.Object) -> bool:
             return (obj, True) in objects
@@ -202,8 +202,8 @@ class Instancers:
     def _along(
         self, obj: bpy.types.Object, path: InstancePath, light: bpy.types.Object, is_here: Shown
     ) -> Iterator[bool]:
-        """Yields the same as `_instances`, for an instance of an object, which may be the light itself. A hidden one
-        instances nothing."""
+        """Yields like `_instances`, for an instance of an object, which may be the light itself. A hidden one instances
+        nothing."""
         if path:
             yield from (is_shown and not obj.hide_render for is_shown in self._instances(obj, path, light, is_here))
         elif obj == light:

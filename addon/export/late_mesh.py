@@ -26,7 +26,7 @@ SHADED_FACES = 250_000
 Other meshes share those of the viewport."""
 CREASES = ("crease_edge", "crease_vert")
 TOPOLOGY = (".edge_verts", ".corner_vert", ".corner_edge")
-"""Attributes that are Blender's own and part of a shape; the others of a dot are what is selected."""
+"""Blender's own attributes that are part of a shape; other names with a dot hold selections."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,8 +40,8 @@ class LateMesh:
 
 
 FinishMesh = Callable[[LateMesh, Collection[str]], Callable[[], dict[str, Any]]]
-"""Begins to have a mesh finished and read elsewhere, with the attributes that are asked for; what it gives waits for
-the arrays (`geometry.mesh_arrays`). Both raise OSError."""
+"""Begins to have a mesh finished and read elsewhere, with the named attributes. Returns a function that waits for the
+arrays (`geometry.mesh_arrays`). Both raise OSError."""
 
 
 def late_mesh(obj: bpy.types.Object, render: bpy.types.RenderSettings) -> LateMesh | None:

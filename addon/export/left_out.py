@@ -1,4 +1,4 @@
-"""Names what the settings of a scene, its view layers and its objects ask for and the picture does not have."""
+"""Messages about settings of a scene, its view layers and its objects that the picture does not follow."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def warn_about_scene(depsgraph: bpy.types.Depsgraph, warn: Warn) -> None:
 
 
 def left_to_blender(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> list[str]:
-    """Words for what Blender does in its own renders alone, before or after a layer's picture."""
+    """Sentences about the steps of Blender's own renders, before or after a layer's picture, that are left out."""
     sentences = []
     others = [other.name for other in scene.view_layers if other.use and other != layer]
     if others and not scene.render.use_single_layer:

@@ -62,7 +62,7 @@ class _Walk:
         self.enter(top, ())
 
     def enter(self, collection: bpy.types.Collection, path: Path) -> None:
-        """Finds the lights below a collection. `path` is what leads there, itself included."""
+        """Finds the lights below a collection. `path` has the collections around it, itself included."""
         inside = self.inside.setdefault(collection, {})
         for child in collection.children:
             self._enter_child(inside, child, path)

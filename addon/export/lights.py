@@ -95,8 +95,8 @@ def describe_light(
     warn: Callable[[str], None],
     constant_emission: ConstantEmission,
 ) -> dict[str, Any] | None:
-    """The JSON form of `BlenderLight`; None for a light that cannot be represented. `owner` is what instances it, or
-    the light itself; the camera looks at it."""
+    """JSON form of `BlenderLight`; None for a light that cannot be represented. `owner` is its instancer, or the light
+    itself; the camera looks at it."""
     light = obj.data
     if is_portal(light):
         return None
@@ -146,7 +146,7 @@ def _least_size(world_from_object: Any, camera: bpy.types.Object) -> float:
 
 
 def ray_visibility(obj: bpy.types.Object, owner: bpy.types.Object) -> dict[str, float]:
-    """The JSON form of `Lobes`: of rays that see both a light and what instances it, as in Cycles since its lights are
+    """JSON form of `Lobes`: of rays that see both a light and its instancer, as in Cycles since its lights are
     geometry."""
     if bpy.app.version < (4, 5, 0):
         owner = obj

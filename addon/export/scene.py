@@ -53,7 +53,7 @@ WorldRenderError."""
 
 
 class ExportError(Exception):
-    """The scene cannot be exported; the message says why and what to do."""
+    """The scene cannot be exported; the message has the reason and the way out."""
 
 
 def _no_render(_world: WorldGraph) -> np.ndarray:

@@ -17,7 +17,7 @@ ASPECT_TOLERANCE = 0.01
 INVERSES = {"AgX": "AgX Base sRGB", "Filmic": "Filmic sRGB"}
 """Colour spaces of Blender that undo a view transform on an sRGB display."""
 DISPLAY_FORMATS = {"BMP", "IRIS", "PNG", "JPEG", "JPEG2000", "TARGA", "TARGA_RAW", "WEBP", "TIFF"}
-"""Files with what a display shows, whatever their bits."""
+"""Formats of files with display colours, whatever their bits."""
 
 
 class TargetError(Exception):
@@ -26,7 +26,7 @@ class TargetError(Exception):
 
 @dataclass(frozen=True)
 class Picture:
-    """The pixels of an image data-block, and what they mean."""
+    """Pixels of an image data-block, and their meaning."""
 
     name: str
     pixels: np.ndarray
@@ -54,7 +54,7 @@ def read_target(
     scene: bpy.types.Scene, picture: Picture, colors: str, size: tuple[int, int]
 ) -> tuple[np.ndarray, str, bool]:
     """Reads a target as scene-linear colours [height, width, 3] of width and height `size`, top row first. Also returns
-    how its colours were understood, and True if that is doubtful. `colors` is that of `RelumeSolve.target_colors`.
+    how its colours were understood, and True if that is doubtful. `colors` is one of `RelumeSolve.target_colors`.
     Raises TargetError."""
     pixels = _fitted(picture, size)[..., :3]
     if not np.isfinite(pixels).all():

@@ -47,7 +47,7 @@ def export_world(
     scene: bpy.types.Scene,
     view_layer: bpy.types.ViewLayer,
 ) -> None:
-    """Sets the world of `builder`; what cannot be represented is named."""
+    """Sets the world of `builder` and warns of parts that cannot be represented."""
     world = world_of(scene, view_layer)
     if world is None:
         builder.set_world(BLACK)

@@ -53,7 +53,8 @@ class WorldReader:
     """Follows the nodes of a world, past mixtures of which one side counts only."""
 
     def __init__(self, constant_emission: ConstantEmission | None = None):
-        """`constant_emission` computes what nodes come to; without, only nodes that are constants themselves count."""
+        """`constant_emission` computes the value of nodes; without it only nodes that are constants themselves
+        count."""
         self.uses_light_path = False
         """True if anything depended on the kind of ray that sees the world."""
         self._constant_emission = constant_emission
@@ -149,7 +150,7 @@ class WorldGraph:
         }
 
     def _input(self, socket: bpy.types.NodeSocket, context: Context) -> Any:
-        """A value, a link, or None of what is implied."""
+        """Value of an input, or its link; None if it is implied."""
         source = self._reader.follow(socket, context)
         if isinstance(source, Source) and source.node.bl_idname != "ShaderNodeLightPath":
             return self._link(source)

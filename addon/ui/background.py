@@ -34,7 +34,7 @@ def start(scene: bpy.types.Scene) -> background.BackgroundBake:
 
 
 def tick() -> bool:
-    """One turn of polling; opens what is ready. Whether there is to be another one."""
+    """Polls once and opens finished bakes; returns True if it is to be called again."""
     for job in background.all_jobs():
         if job.poll():
             redraw("UI")
@@ -141,7 +141,7 @@ def register():
 
 
 def unregister():
-    """Takes them away and ends what runs."""
+    """Takes them away and ends all bakes."""
     background.close_all()
     if bpy.app.timers.is_registered(_timer):
         bpy.app.timers.unregister(_timer)

@@ -153,7 +153,7 @@ def export_file(look: Look, path: Path) -> None:
 
 
 def import_file(scene: bpy.types.Scene, path: Path) -> tuple[RelumeLook, Outcome]:
-    """Adds a look from a file; what of it this scene does not have. Raises LookError or OSError."""
+    """Adds a look from a file; the outcome names its parts that this scene lacks. Raises LookError or OSError."""
     if path.stat().st_size > 1 << 26:
         raise LookError(f"this is not a look: {path.name} is larger than 64 MB")
     look = from_json(path.read_bytes())

@@ -1,4 +1,4 @@
-"""The first panel: what is there, what is being done, what is shown, what has changed."""
+"""The first panel: state of the shot, progress, and changes since the bake."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from . import handlers
 from .panel import RelumePanel, message
 
 DISK_SECONDS = 2.0
-"""Between looks at the disk: panels are drawn for every movement of the mouse."""
+"""Seconds between reads of the disk: panels are drawn for every movement of the mouse."""
 POLL_SECONDS = 0.1
-"""Between looks whether it has answered."""
+"""Seconds between checks for the disk's answer."""
 MOST_CHANGES = 6
 """Changes that are listed one by one."""
 MOST_WARNINGS = 20
-"""Warnings that are listed, and names of one kind: hundreds of lights can each have one, and what is listed is laid out
-whenever it is drawn."""
+"""Most warnings in the list, and most names of one kind. Hundreds of lights can each have one, and every drawing lays
+out the whole list."""
 
 
 class RELUME_PT_main(RelumePanel, bpy.types.Panel):  # noqa: N801 -- Blender's naming
-    """Start, progress, and what is shown"""
+    """Start, progress, and a description of the picture"""
 
     bl_idname = "RELUME_PT_main"
     bl_label = "Relume"

@@ -81,7 +81,7 @@ class RELUME_GT_wipe(bpy.types.Gizmo):  # noqa: N801 -- Blender's naming
         """Called by Blender; `viewport.handlers` draws the line."""
 
     def test_select(self, context, location):
-        """Called by Blender: whether the mouse is on the line."""
+        """Called by Blender: 0 if the mouse is on the line, else -1."""
         scene, frame = context.scene, _frame(context)
         if frame is None or not frame.bottom <= location[1] <= frame.top:
             return -1

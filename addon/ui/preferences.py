@@ -63,7 +63,7 @@ def begin(work: Work) -> None:
 
 
 def step() -> bool:
-    """Goes on with the work on the cache folder; whether it has not ended."""
+    """Continues the work on the cache folder; returns True if more is to be done."""
     global _work
     if _work is None:
         return False
@@ -194,7 +194,7 @@ class RELUME_OT_find_devices(timers.WaitingOperator, bpy.types.Operator):  # noq
 
 
 class _OnCache:
-    """Mix-in of operators on the cache folder: one at a time. With a window the page says what came of it."""
+    """Mix-in of operators on the cache folder: one at a time. With a window the page shows the messages."""
 
     @classmethod
     def poll(cls, _context):
@@ -202,7 +202,7 @@ class _OnCache:
         return _work is None
 
     def tell(self):
-        """Reports what came of it, if it has ended."""
+        """Reports the messages, if the work has ended."""
         for kind, words in _messages:
             self.report({kind}, words)
         return {"FINISHED"}

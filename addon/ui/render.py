@@ -58,10 +58,10 @@ class RelumeRenderEngine(bpy.types.RenderEngine):
             self.register_pass(scene, renderlayer, name, channels, letters, kind)
 
     def view_update(self, context, depsgraph):
-        """Called by Blender when the scene has changed; what follows the scene is `handlers`."""
+        """Called by Blender when the scene has changed; `handlers` follows the scene."""
 
     def view_draw(self, context, depsgraph):
-        """Called by Blender to draw a view; draws what is there and computes nothing."""
+        """Called by Blender to draw a view; computes nothing."""
         chosen = render_pass.of(context.space_data)
         if not rendered.draw(self, context, chosen):
             handlers.wake()

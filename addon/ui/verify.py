@@ -52,7 +52,7 @@ def is_waiting(scene: bpy.types.Scene) -> bool:
 
 
 def cancel(scene_uid: int) -> None:
-    """Ends and forgets what runs or waits for a scene."""
+    """Ends and forgets the comparison of a scene, also one that waits."""
     _waiting.discard(scene_uid)
     _refused.pop(scene_uid, None)
     verify.close(scene_uid)
@@ -133,7 +133,7 @@ def tick() -> bool:
 
 
 def _begin_waiting() -> bool:
-    """Begins with what waits and has its picture now. Whether there was any."""
+    """Begins comparisons whose picture has come; returns True if there were any."""
     scenes = {scene.session_uid: scene for scene in bpy.data.scenes}
     ready = [uid for uid in _waiting if uid not in scenes or not _is_on_its_way(scenes[uid])]
     for uid in ready:
@@ -280,7 +280,7 @@ def register():
 
 
 def unregister():
-    """Takes them away and ends what runs."""
+    """Takes them away and ends all comparisons."""
     bpy.app.handlers.load_pre.remove(_on_load_pre)
     _end()
     if bpy.app.timers.is_registered(_timer):

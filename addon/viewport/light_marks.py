@@ -55,7 +55,7 @@ def draw(context: bpy.types.Context, content: Show, scale: float) -> None:
 
 
 def draw_nothing() -> None:
-    """Compiles what `draw` needs."""
+    """Compiles the shaders of `draw`."""
     blend = gpu.state.blend_get()
     gpu.state.blend_set("ALPHA")
     rings(np.full((1, 2), -100.0), RADIUS_POINTS, np.zeros((1, 4), np.float32))

@@ -1,5 +1,5 @@
 """The viewport's shading "Rendered" of Relume's render engine: the newest picture in the camera's frame, scene-linear;
-Blender itself makes display colours of it. Draws what is there and computes nothing."""
+Blender itself makes display colours of it. Nothing is computed here."""
 
 from __future__ import annotations
 

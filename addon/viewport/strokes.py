@@ -1,6 +1,5 @@
-"""Draws the strokes and rectangles of the scribble brush over the camera's frame, a colour for each meaning.
-
-What is drawn is what the solver gets: a picture of how much each place is covered, not the lines of the brush."""
+"""Draws the strokes and rectangles of the scribble brush over the camera's frame, a colour for each meaning. The
+picture shows the solver's input: how much of each place is covered, not the lines of the brush."""
 
 from __future__ import annotations
 
@@ -69,7 +68,7 @@ def draw(
 
 
 def draw_brush(place: tuple[float, float], radius: float, meaning: Meaning, scale: float) -> None:
-    """Draws the brush's rim: light and dark, to be seen on any picture, and in the colour of what it means."""
+    """Draws the brush's rim: light and dark, to be seen on any picture, and in the colour of its meaning."""
     color = (*coverage.display_color(meaning), 1.0)
     blend = gpu.state.blend_get()
     gpu.state.blend_set("ALPHA")
@@ -80,7 +79,7 @@ def draw_brush(place: tuple[float, float], radius: float, meaning: Meaning, scal
 
 
 def draw_no_strokes() -> None:
-    """Compiles what drawing strokes needs."""
+    """Compiles the shaders of strokes."""
     point = Stroke(Meaning(KEEP), 1.0, 1.0, ((0.5, 0.5, 1.0),))
     blend = gpu.state.blend_get()
     gpu.state.blend_set("ALPHA_PREMULT")
@@ -90,7 +89,7 @@ def draw_no_strokes() -> None:
 
 
 def draw_no_rectangles() -> None:
-    """Compiles what drawing rectangles needs."""
+    """Compiles the shaders of rectangles."""
     blend = gpu.state.blend_get()
     gpu.state.blend_set("ALPHA")
     _draw_outline(OUTSIDE, (0.0, 0.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.0))

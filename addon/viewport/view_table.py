@@ -1,4 +1,4 @@
-"""Tables for shaders from scene-linear pixels to what the scene's view shows (`export.color_table`).
+"""Tables for shaders, from scene-linear pixels to the colours of the scene's view (`export.color_table`).
 
 A Blender in the background colours the entries (`engine.workers.view_worker`), so that the window never stands still:
 first a coarse table, then a fine one. The plain sRGB curve needs no table."""

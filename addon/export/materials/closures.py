@@ -62,8 +62,8 @@ def _principled(t: Translation, node: bpy.types.Node, context: Context) -> int:
 
 
 def _warn_of_rough_refraction(t: Translation, node: bpy.types.Node, context: Context) -> None:
-    """Cycles' light samples find refraction where its own rays never go, the more the rougher it is; what comes of both
-    depends on the light."""
+    """Warns of rough refraction. Cycles' light samples reach directions that its own rays never take, the more the
+    rougher it is; the difference depends on the light."""
     roughness = t.value(node, "Roughness", context)
     if isinstance(roughness, float) and roughness > ROUGH_REFRACTION:
         t.warn(f"node '{node.name}': refraction this rough is up to a tenth brighter in Cycles, by lamps behind it")

@@ -1,4 +1,4 @@
-"""Shaders of lamps and worlds that emit the same everywhere. The tracer computes what their nodes come to."""
+"""Shaders of lamps and worlds that emit the same everywhere. The tracer computes the value of their nodes."""
 
 from __future__ import annotations
 
@@ -48,7 +48,8 @@ class ConstantTranslation(Translation):
     """The graph of a lamp or world, in which nodes that vary stand for themselves."""
 
     def __init__(self, compute: ConstantEmission, light_path: Callable[[str], float | None], is_sun: bool = False):
-        """`light_path`: what an output of the Light Path node is for all that the light meets, if it is the same."""
+        """`light_path` gives the value of an output of the Light Path node, if it is the same for all that the light
+        meets."""
         images: Any = None  # Images vary.
         super().__init__(None, images, None, "")
         self.glow = 0.1 if bpy.app.version < (4, 5, 0) else 1.0
@@ -56,7 +57,7 @@ class ConstantTranslation(Translation):
         self.light_path = light_path
         self.is_sun = is_sun
         self.uses_light_path = False
-        """True if anything depended on what sees it."""
+        """True if the value depends on the kind of ray that sees it."""
         self.varying: dict[int, bpy.types.Node] = {}
         self._present: list[bpy.types.Node] = []
         """The nodes in translation."""

@@ -23,8 +23,7 @@ def is_mapped(node: bpy.types.Node) -> bool:
 
 
 def texture_vector(t: Translation, source: Source, implied: dict[str, Any]) -> Any:
-    """The vector that a texture is taken at; None for what it takes where nothing is linked, which is `implied` as a
-    node."""
+    """Vector at which a texture is looked up; None for its default without a link, which is `implied` as a node."""
     node = source.node
     vector = t.value(node, "Vector", source.context, None)
     if not is_mapped(node):

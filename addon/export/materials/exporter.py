@@ -141,7 +141,7 @@ class Translation:
         self.normal: dict[str, Any] | None = None
         """A link to the shading normal, where it is not the mesh's."""
         self.attributes: dict[str, str] = {}
-        """Names of what it asks meshes for, and of a node that does."""
+        """Names of the mesh attributes that it reads, each with a node that does."""
 
     def run(self) -> dict[str, Any]:
         """The JSON form of the material."""
@@ -211,7 +211,7 @@ class Translation:
         self.builder.warn(f"{self.owner}: {message}")
 
     def shader(self, socket: bpy.types.NodeSocket, context: Context) -> int | None:
-        """Number of the closure node that feeds a shader socket; what is no shader is emitted."""
+        """Number of the closure node that feeds a shader socket; a colour or number there is emitted."""
         source = trace(socket, context)
         if isinstance(source, Constant):
             color = constant_of(source, socket)

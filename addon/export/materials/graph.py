@@ -77,7 +77,7 @@ def surface_socket(tree: bpy.types.NodeTree) -> tuple[bpy.types.NodeSocket, Cont
 
 
 def _surface_sockets(tree: bpy.types.NodeTree, context: Context) -> Iterator[tuple[bpy.types.NodeSocket, Context]]:
-    """Surface inputs, those of outputs within groups first, where they count."""
+    """Surface inputs that count; outputs within groups come first."""
     if not IS_INLINED:
         for group in filter(_is_group, tree.nodes):
             if group.node_tree is not None and not group.mute:
@@ -114,7 +114,7 @@ class Source(NamedTuple):
     socket: bpy.types.NodeSocket
     context: Context
     passed: tuple[str, ...] = ()
-    """Types of sockets between it and what it feeds, in the order in which its value passes them."""
+    """Types of sockets between it and the input that it feeds, in the order in which its value passes them."""
 
 
 class Constant(NamedTuple):
@@ -246,7 +246,7 @@ def resolve(socket: bpy.types.NodeSocket, context: Context) -> Source | None:
 
 
 def is_implied(source: Source | Constant, socket: bpy.types.NodeSocket) -> bool:
-    """True if a socket for a normal, tangent or texture vector takes what it takes where nothing is linked."""
+    """True if a socket for a normal, tangent or texture vector has its default without a link."""
     if isinstance(source, Source):
         return False
     if source.owner == socket:
@@ -263,7 +263,8 @@ def constant_value(socket: bpy.types.NodeSocket, context: Context) -> Value | No
 
 
 def constant_of(source: Source | Constant, socket: bpy.types.NodeSocket) -> Value | None:
-    """The value of what feeds `socket` (as `trace` finds it), as `socket` sees it; None if it is no constant."""
+    """Value of the constant that feeds `socket` (as `trace` finds it), as `socket` sees it; None if it is no
+    constant."""
     if isinstance(source, Constant):
         value, kind = source.value, source.kind
     else:

@@ -27,7 +27,7 @@ OUTPUTS = {
 
 
 def _vector(t: Translation, source: Source, name: str, values: dict[str, Any]) -> Any:
-    """The coordinates of a texture; None for what it takes by itself."""
+    """Coordinates of a texture; None for its default."""
     if name == "white_noise":  # It takes none by itself.
         return t.value(source.node, "Vector", source.context, [0.0] * 3)
     own = t.value(source.node, "Vector", source.context, None)

@@ -112,8 +112,8 @@ def _mix(t: Translation, source: Source) -> Any:
     data = "vector_non_uniform" if per_component else output.replace("value", "float")
 
     def socket(identifier: str) -> Any:
-        found = next(socket for socket in node.inputs if socket.identifier == identifier)
-        return t.socket_value(found, source.context)
+        target = next(socket for socket in node.inputs if socket.identifier == identifier)
+        return t.socket_value(target, source.context)
 
     def description() -> dict[str, Any]:
         return {
@@ -165,7 +165,7 @@ def _vector_math(t: Translation, source: Source) -> Any:
 
 
 def _map_range(t: Translation, source: Source) -> Any:
-    """The Map Range node; that of vectors is one for each component."""
+    """The Map Range node; a vector becomes one node for each component."""
     node = source.node
     names = ("value", "from_min", "from_max", "to_min", "to_max", "steps")
     settings = {"type": "map_range", "interpolation": node.interpolation_type, "clamp": node.clamp}

@@ -31,7 +31,7 @@ WORLD_STAYS = (
 
 
 def keep(before: Look, solving: Solving, result: Result) -> Generator[None, None, str]:
-    """Keeps the look `before` a solve and that of its result; returns the UID of the latter, empty if the scene is
+    """Keeps two looks: `before` the solve, and the result. Returns the UID of the latter; empty if the scene is
     gone."""
     small = yield from _thumbnails(solving.scene(), (result.before_frame, result.frame))
     scene = solving.scene()

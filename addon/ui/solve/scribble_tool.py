@@ -1,4 +1,4 @@
-"""The scribble brush: a tool of the 3D view's toolbar that paints, in camera view, what the picture should do."""
+"""The scribble brush: a tool of the 3D view's toolbar that paints goals in camera view."""
 
 from __future__ import annotations
 
@@ -229,7 +229,7 @@ class ScribbleTool(bpy.types.WorkSpaceTool):
 
 
 def _draw() -> None:
-    """Called by Blender for every 3D view, over everything else. Strokes would hide what is compared."""
+    """Called by Blender for every 3D view, over everything else. Draws nothing over a comparison."""
     context = bpy.context
     settings = context.scene.relume_solve
     if not settings.show_strokes or not is_active(context):
