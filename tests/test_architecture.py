@@ -98,3 +98,12 @@ def test_engine_alone_imports_the_native_module():
         room for room, imports in imports_by_room().items() for _, name in imports if name.split(".")[0] == "relume"
     }
     assert importers == {"engine"}
+
+
+def test_a_class_of_the_addon_has_a_name_of_its_own():
+    files = {}
+    for path in sorted((ROOT / "addon").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ClassDef):
+                files.setdefault(node.name.lstrip("_"), []).append(str(path.relative_to(ROOT)))
+    assert {name: places for name, places in files.items() if len(places) > 1} == {}
