@@ -26,14 +26,17 @@ class _LightWrite:
 
     @property
     def changes(self) -> bool:
+        """True if the data gets other values."""
         return self.gain != NEUTRAL or self.kelvin is not None
 
     def refusal(self) -> str | None:
+        """Reason why the data cannot be written; None if it can."""
         paths = ("energy", "color") if self.kelvin is None else ("energy", "color", "use_temperature", "temperature")
         reason = why_not(self.owner.data, *paths) if self.changes else None
         return f"light '{self.owner.name}' {reason}" if reason else None
 
     def write(self) -> None:
+        """Writes energy, colour and temperature."""
         if not self.changes:
             return
         light = self.owner.data

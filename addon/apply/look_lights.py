@@ -152,6 +152,7 @@ class _Restore:
         self.moves = _differ(self.carried, Matrix(self.state["matrix"]))
 
     def refusals(self) -> list[str]:
+        """Reasons why the light cannot be restored."""
         obj, light = self.obj, self.obj.data
         reasons = []
         if self.settings or self.retypes:
@@ -174,6 +175,7 @@ class _Restore:
         return None
 
     def write(self) -> None:
+        """Writes all that differs."""
         obj = self.obj
         if self.retypes:
             obj.data.type = self.state["type"]

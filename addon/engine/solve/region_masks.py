@@ -1,5 +1,5 @@
 """Masks of objects and materials in the picture, by rays of the camera, cast a few at a time so that Blender's window
-goes on. Rays hit what the window shows; they pass through what the camera does not see in renders."""
+goes on. Rays hit surfaces that the window shows; they pass through those that the camera does not see in renders."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ class _Unseen:
 
 
 def _rendered(collections: list[bpy.types.Collection]) -> set[bpy.types.Collection]:
-    """Collections and what is in them, but for those that are left out of renders with all in them."""
+    """Collections and their children, without those that are left out of renders."""
     rendered: set[bpy.types.Collection] = set()
     waiting = list(collections)
     while waiting:
