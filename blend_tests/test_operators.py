@@ -18,10 +18,12 @@ from addon.engine import devices
 from addon.engine.cycles import reference as cycles_reference
 from addon.engine.cycles import verify
 from addon.engine.shot import background, shot
+from addon.engine.solve import solving
 from addon.ui import background as background_ui
-from addon.ui import compare, handlers, locks, looks, mixer, preferences, regions, rows, scribble_tool, solving, target
+from addon.ui import compare, handlers, looks, mixer, preferences, rows
 from addon.ui import start as starting
 from addon.ui import verify as verifying
+from addon.ui.solve import locks, operators, regions, results, scribble_tool, target
 from addon.viewport import compare as pairs
 from fake_live import FakeLive
 from fake_solve import FakeJob, light
@@ -111,7 +113,7 @@ def room(registered_for_all_files, others, monkeypatch, tmp_path):
         FakeWorker.made.clear()
         background.close_all()
         verify.close_all()
-        preferences._said.clear()
+        preferences._messages.clear()
         monkeypatch.setattr(devices, "_names", [])
         scene = bpy.context.scene
         scene.render.resolution_x, scene.render.resolution_y = 160, 90
@@ -191,7 +193,7 @@ def state(scene, folder):
             "shot": found and (str(found.folder), found.camera, found.status),
             "images": sorted(image.name for image in bpy.data.images),
             "files": sorted(path.name for path in folder.rglob("*.json") if path.parent.name != "bake"),
-            "said": preferences._said,
+            "said": preferences._messages,
             "devices": devices.names(),
             "target": target_pixels(scene),
             "workers": [(worker.command, worker.ending) for worker in FakeWorker.made],
@@ -241,7 +243,7 @@ def with_pair(scene):
 
 def while_solving(scene):
     regions.remove_region(scene)  # That without a mask.
-    solving.begin(scene)
+    operators.begin(scene)
 
 
 def solved(scene):
@@ -294,7 +296,7 @@ def while_verifying(scene):
 
 def verified(scene):
     while_verifying(scene)
-    picture = verify.Picture(np.ones((4, 4, 4), np.float32))
+    picture = verify.ImageFrame(np.ones((4, 4, 4), np.float32))
     found = verify.of(scene)
     found.reference, found.difference = picture, picture
     found.result = {"error": 0.1, "noise": 0.01, "psnr": 30.0}
@@ -384,9 +386,9 @@ CASES = {
     ),
     "clear_target": (nothing, lambda scene, _: target.clear(scene), {}),
     "show_target": (nothing, lambda scene, _: shown_target(scene), {}),
-    "apply_solved": (solved, lambda scene, _: solving.apply(scene, looks.active_look(scene)), {}),
+    "apply_solved": (solved, lambda scene, _: results.apply(scene, looks.active_look(scene)), {}),
     "paste_target": (nothing, lambda _scene, _: ended(target.paste(bpy.context)), {}),
-    "solve": (nothing, lambda scene, _: solving.solve_at_once(scene), {}),
+    "solve": (nothing, lambda scene, _: operators.begin(scene).run_to_end(), {}),
     "cancel_solve": (while_solving, lambda scene, _: solving.running(scene).cancel(), {}),
     "background_start": (nothing, lambda scene, _: background_ui.start(scene), {}),
     "background_cancel": (baking_beside, lambda _scene, _: background.all_jobs()[0].cancel(), {"number": 0}),

@@ -134,7 +134,7 @@ def test_the_window_goes_on_while_the_cache_is_counted_and_deleted(chosen, tmp_p
         slow.set()
         while preferences.step():
             time.sleep(0.001)
-        assert preferences._said == said and RELUME_OT_count_cache.poll(None)
+        assert preferences._messages == said and RELUME_OT_count_cache.poll(None)
         slow.clear()
 
 

@@ -331,7 +331,7 @@ def test_each_instance_of_a_light_has_a_socket_where_it_is_known(shot, tmp_path,
         empty.location = (place, 0.0, 2.0)
     passes = render(shot, tmp_path)
     known = SimpleNamespace(lights=SimpleNamespace(descriptions=json.loads(load_scene(shot).lights())))
-    monkeypatch.setattr(ui.shot, "of", lambda _scene: known)
+    monkeypatch.setattr(ui.shots, "of", lambda _scene: known)
     names = []
     engine = SimpleNamespace(register_pass=lambda _scene, _layer, name, *_rest: names.append(name))
     ui.RelumeRenderEngine.update_render_passes(engine, shot, bpy.context.view_layer)

@@ -12,7 +12,7 @@ from addon.core.status import out_of_sight
 from addon.engine.shot import shot
 from addon.engine.solve import handle as solve
 from addon.engine.solve import new_paths
-from addon.ui import solving
+from addon.ui.solve import operators
 from addon.ui.start import start
 from helpers import add_world, settled, until
 
@@ -141,7 +141,7 @@ def test_what_keeps_new_paths_from_being_traced_loses_no_answer(shown, asked):
 
 def test_cancelling_leaves_nothing_behind(shown, asked):
     energy, place = bpy.data.lights["Key"].energy, tuple(bpy.data.objects["Key"].location)
-    found = solving.begin(shown)
+    found = operators.begin(shown)
     until(shown, lambda _: found.step() and len(asked) == 2, "the second part")
     assert asked[1][1].exists()
     found.cancel()

@@ -86,7 +86,7 @@ def test_what_no_render_shows_may_be_painted(scene, image, use):
 
 def test_it_is_said_where_work_begins(lit, image):
     lit.objects["Plane"].data.materials.append(material_of(image))
-    frame = verify.Picture(None)
+    frame = verify.ImageFrame(None)
     with pytest.raises(NoCopyError, match="Poster"):
         verify.Verification(lit, frame, "Camera", 8, {})
     with pytest.raises(RuntimeError, match="image 'Poster' was painted and not saved"):

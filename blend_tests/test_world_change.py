@@ -15,7 +15,8 @@ from addon.core.solve import SolveError
 from addon.engine.reading.scene import load_scene
 from addon.engine.shot import record, shot
 from addon.engine.world import world_change, worlds
-from addon.ui import handlers, solving
+from addon.ui import handlers
+from addon.ui.solve import operators
 from addon.ui.start import start
 from helpers import add_sky, add_world, settled, sky_file, until, update
 
@@ -192,7 +193,7 @@ def test_a_world_that_cannot_be_read_is_named_and_nothing_is_solved(turnable, mo
     tree.links.new(sky.outputs[0], tree.nodes["Background"].inputs["Color"])
     update()
     with pytest.raises(SolveError, match="The world has changed"):
-        solving.begin(scene)
+        operators.begin(scene)
     found = until(scene, lambda found: found.changes.sentences, "what went wrong")
     reason = "Cycles could not render it: no room"
     assert found.changes.sentences == [f"The world changed, and its light could not be gathered: {reason}"]

@@ -1,4 +1,4 @@
-"""Memory of Blender, and memory for what Blender copies out. Blender copies with Python's lock held, and its window
+"""Arrays in Blender's memory, and memory for copies out of it. Blender copies with Python's lock held, and its window
 waits for that lock; numpy lets go of it."""
 
 from __future__ import annotations

@@ -19,8 +19,8 @@ SIZE = 89
 """Entries along an axis: quarter stops, so that the clipping of "Standard" at 1.0 falls on an entry."""
 
 Table = tuple[np.ndarray, np.ndarray | None]
-"""Entries [blue, green, red, 4], spaced as `shaper_axis` up to LOG_MAX, and for a view with jumps display colours
-[LEVELS, 3] of which they are the places, 0..1."""
+"""Entries [blue, green, red, 4], spaced as `shaper_axis` up to LOG_MAX. A view with jumps has display colours [LEVELS,
+3] too, of which the entries are the places, 0..1."""
 
 
 def color_table(scene: bpy.types.Scene) -> Table:

@@ -21,9 +21,9 @@ LINEAR_BYTE = np.where(BYTE < 0.04045, BYTE / 12.92, ((BYTE + 0.055) / 1.055) **
 class GeometryExporter:
     """Exports each evaluated mesh once and remembers its number."""
 
-    def __init__(self, builder: Any, asked: Collection[str]):
+    def __init__(self, builder: Any, attribute_names: Collection[str]):
         self.builder = builder
-        self.asked = asked
+        self.attribute_names = attribute_names
         """Names of attributes that materials read."""
         self.numbers: dict[int, int | None] = {}
         """Numbers of evaluated meshes by their addresses."""
@@ -41,22 +41,22 @@ class GeometryExporter:
 
     def _add(self, obj: bpy.types.Object, mesh: bpy.types.Mesh) -> int | None:
         """Number of a mesh that an object shows; None, and a warning, of one that is damaged beyond repair."""
-        arrays = mesh_arrays(mesh, self.asked)
+        arrays = mesh_arrays(mesh, self.attribute_names)
         try:
             number = self.builder.add_mesh(mesh.name, **arrays, shown_by=obj.name)
         except ValueError as error:
             self.builder.warn(f"object '{obj.name}': {error}; left out")
             return None
-        found = (*arrays["color_attributes"], *arrays["uv_maps"])
-        self.attributes[number] = {name.removesuffix(FACTOR) for name in found}
+        names = (*arrays["color_attributes"], *arrays["uv_maps"])
+        self.attributes[number] = {name.removesuffix(FACTOR) for name in names}
         if arrays["uv_maps"]:
             self.attributes[number].add(ANY_UV_MAP)
         return number
 
 
-def mesh_arrays(mesh: bpy.types.Mesh, asked: Collection[str] = ()) -> dict[str, Any]:
-    """The arrays that `SceneBuilder.add_mesh` takes, one copy each; attributes that are `asked` for by name are among
-    the colours. Attributes are read by their stored arrays: `vertices.co` and its like are up to 300 times slower."""
+def mesh_arrays(mesh: bpy.types.Mesh, attribute_names: Collection[str] = ()) -> dict[str, Any]:
+    """The arrays that `SceneBuilder.add_mesh` takes, one copy each; attributes of `attribute_names` are among the
+    colours. Attributes are read by their stored arrays: `vertices.co` and its like are up to 300 times slower."""
     arrays: dict[str, Any] = {
         "positions": _attribute(mesh, "position"),
         "corner_verts": _attribute(mesh, ".corner_vert"),
@@ -69,7 +69,7 @@ def mesh_arrays(mesh: bpy.types.Mesh, asked: Collection[str] = ()) -> dict[str, 
     # Centre and half size, so that generated coordinates are Cycles' after a modifier changed the mesh.
     arrays["texture_space"] = [list(mesh.texspace_location), list(mesh.texspace_size)]
     arrays["color_attributes"] = _color_attributes(mesh, arrays["corner_verts"])
-    for name in sorted(set(asked) - arrays["color_attributes"].keys() - arrays["uv_maps"].keys()):
+    for name in sorted(set(attribute_names) - arrays["color_attributes"].keys() - arrays["uv_maps"].keys()):
         attribute = mesh.attributes.get(name.removesuffix(FACTOR))
         if attribute is not None and _is_readable(attribute):
             colors = _as_colors(attribute, arrays["corner_verts"], arrays["face_starts"])
@@ -134,9 +134,9 @@ def _attribute(mesh: bpy.types.Mesh, name: str) -> np.ndarray:
 
 def _values(attribute: bpy.types.Attribute) -> np.ndarray:
     """A copy of an attribute's values; scene-linear of a colour."""
-    found = stored(attribute.data, *LAYOUTS[attribute.data_type])
+    values = stored(attribute.data, *LAYOUTS[attribute.data_type])
     if attribute.data_type != "BYTE_COLOR":
-        return found.copy()
-    colors = LINEAR_BYTE[found]
-    colors[:, 3] = BYTE[found[:, 3]]
+        return values.copy()
+    colors = LINEAR_BYTE[values]
+    colors[:, 3] = BYTE[values[:, 3]]
     return colors

@@ -52,7 +52,7 @@ WorldRenderError."""
 
 
 class ExportError(Exception):
-    """The scene cannot be exported; the message says why and what to do."""
+    """The scene cannot be exported; the message has the reason and the way out."""
 
 
 def _no_render(_world: WorldGraph) -> np.ndarray:
@@ -85,9 +85,9 @@ def _camera_object(depsgraph: bpy.types.Depsgraph, options: ExportOptions) -> bp
     camera = scene.objects.get(options.camera) if options.camera else scene.camera
     if camera is None or camera.type != "CAMERA":
         cameras = [obj.name for obj in scene.objects if obj.type == "CAMERA"]
-        wanted = f"camera '{options.camera}' is not in scene '{scene.name}'" if options.camera else "no camera is set"
+        problem = f"camera '{options.camera}' is not in scene '{scene.name}'" if options.camera else "no camera is set"
         have = f"its cameras are: {', '.join(cameras)}" if cameras else "add a camera"
-        raise ExportError(f"{wanted}; {have}")
+        raise ExportError(f"{problem}; {have}")
     return camera.evaluated_get(depsgraph)
 
 
@@ -100,6 +100,8 @@ class _Shared(NamedTuple):
 
 
 class _SceneExporter:
+    """Exports all that one depsgraph holds."""
+
     def __init__(
         self,
         builder: Any,
@@ -125,6 +127,7 @@ class _SceneExporter:
         """Shared properties of instances, by the uids of an object and of its instancer, and its mesh."""
 
     def run(self) -> None:
+        """Exports instances, lights, camera and world."""
         for instance in self.depsgraph.object_instances:
             obj = instance.object
             uid = obj.original.session_uid
@@ -199,9 +202,9 @@ class _SceneExporter:
 
     def _is_new(self, uid: int, kind: str) -> bool:
         """True if an object is met in a type for the first time."""
-        found = (uid, kind) not in self.known
+        is_new = (uid, kind) not in self.known
         self.known.add((uid, kind))
-        return found
+        return is_new
 
     def _warn_about_type(self, obj: bpy.types.Object) -> None:
         warn, name = self.builder.warn, obj.name
@@ -219,8 +222,8 @@ class _SceneExporter:
                 continue
             system = modifier.particle_system
             if system.settings.type == "HAIR" and system.settings.render_type == "PATH" and len(system.particles):
-                what = f"hair of particle system '{system.name}'"
-                self.builder.warn(f"object '{obj.name}': {what} is not supported yet; left out")
+                problem = f"hair of particle system '{system.name}'"
+                self.builder.warn(f"object '{obj.name}': {problem} is not supported yet; left out")
 
     def _warn_about_rays(self, obj: bpy.types.Object) -> None:
         warn, name = self.builder.warn, obj.name
@@ -231,8 +234,10 @@ class _SceneExporter:
         if not obj.visible_shadow:
             warn(f"object '{name}': an object without shadow is not supported; it blocks light")
         elif hidden := [ray for ray in ("diffuse", "glossy", "transmission") if not getattr(obj, f"visible_{ray}")]:
-            what = f"hidden from {' and '.join(hidden)} rays, it casts no shadow on what sends them; Cycles shows one"
-            warn(f"object '{name}': {what}")
+            problem = (
+                f"hidden from {' and '.join(hidden)} rays, it casts no shadow on what sends them; Cycles shows one"
+            )
+            warn(f"object '{name}': {problem}")
 
     def _warn_about_emitter(self, obj: bpy.types.Object) -> None:
         warn, name, linking = self.builder.warn, obj.name, obj.light_linking
@@ -242,13 +247,15 @@ class _SceneExporter:
             warn(f"object '{name}': shadow linking is not representable; every object blocks its light")
 
     def _warn_about_attributes(self, obj: bpy.types.Object, mesh: int, materials: list[int]) -> None:
-        for asked in (self.materials.attributes[number] for number in materials):
-            for name in sorted(asked.keys() - self.geometry.attributes[mesh]):
-                where = asked.pop(name)  # Said once for each material.
-                what = f"its vertices, corners and faces have no attribute '{name}'; taken as 0"
+        for attributes in (self.materials.attributes[number] for number in materials):
+            for name in sorted(attributes.keys() - self.geometry.attributes[mesh]):
+                where = attributes.pop(name)  # Said once for each material.
+                problem = f"its vertices, corners and faces have no attribute '{name}'; taken as 0"
                 if name == ANY_UV_MAP:
-                    what = "its mesh has no UV map, and the normal map bends light otherwise than in Cycles; unwrap it"
-                self.builder.warn(f"object '{obj.name}', {where}: {what}")
+                    problem = (
+                        "its mesh has no UV map, and the normal map bends light otherwise than in Cycles; unwrap it"
+                    )
+                self.builder.warn(f"object '{obj.name}', {where}: {problem}")
 
 
 def _owner(instance: bpy.types.DepsgraphObjectInstance) -> bpy.types.Object:

@@ -14,8 +14,9 @@ from ..engine.reading.visibility import hidden_by
 from ..engine.shot import shot
 from ..export.light_tree import light_tree
 from ..export.lights import name_of
-from . import handlers, locks, rows
+from . import handlers, rows
 from .panel import RelumePanel
+from .solve import locks
 
 WIDE = 340
 """Width of the sidebar, in pixels of an unscaled screen, from which on rows show the type of their light."""

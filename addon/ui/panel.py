@@ -1,4 +1,4 @@
-"""Where all panels of Relume are: the tab "Relume" of the 3D view's sidebar."""
+"""Tab "Relume" of the 3D view's sidebar, which has all panels."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import bpy
 
 
 class RelumePanel:
-    """Mix-in of every panel; `bl_order` decides what is above what."""
+    """Mix-in of every panel; `bl_order` is the order of panels."""
 
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
@@ -30,7 +30,7 @@ def message(layout, text: str, icon: str = "NONE") -> None:
 
 
 def characters(region: bpy.types.Region, with_icon: bool = False) -> int:
-    """How many characters a line of the sidebar can hold."""
+    """Number of characters that a line of the sidebar can hold."""
     scale = bpy.context.preferences.system.ui_scale or 1.0  # Without a window Blender has none.
     width = region.width / scale
     return max(int((width - MARGIN - ICON * with_icon) / CHARACTER), 16)
@@ -38,5 +38,5 @@ def characters(region: bpy.types.Region, with_icon: bool = False) -> int:
 
 def lines(text: str, width: int) -> list[str]:
     """A text in lines of at most `width` characters, between words where that is possible, but not before a "%"."""
-    found = textwrap.wrap(text.replace(" %", f"{UNBROKEN}%"), width) or [""]
-    return [line.replace(UNBROKEN, " ") for line in found]
+    wrapped = textwrap.wrap(text.replace(" %", f"{UNBROKEN}%"), width) or [""]
+    return [line.replace(UNBROKEN, " ") for line in wrapped]

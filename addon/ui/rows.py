@@ -30,7 +30,7 @@ from ..core import rows as core
 from ..core.rows import GROUP, LIGHT, STATIC, WORLD
 from ..export.light_tree import Line, is_light, light_tree
 from ..export.lights import name_of
-from .solve_settings import RelumeLocks
+from .solve.settings import RelumeLocks
 
 VALUES = ("on", "solo", "exposure", "multiplier", "color", "use_kelvin", "kelvin")
 """Properties of a row that the artist sets; the names are those of `core.rows.Row`."""

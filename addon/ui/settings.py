@@ -1,4 +1,4 @@
-"""What a scene remembers about its bake: `scene.relume`."""
+"""Settings of a scene's bake: `scene.relume`."""
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, IntProperty, PointerProperty, StringProperty

@@ -1,4 +1,4 @@
-"""Two frames beside each other, such as those of two looks."""
+"""Two frames beside each other, for example of two looks."""
 
 from __future__ import annotations
 

@@ -225,8 +225,8 @@ def overlay_encoding() -> np.ndarray:
     level = np.arange(256) / 255.0
     linear = np.where(level <= 0.04045, level / 12.92, ((level + 0.055) / 1.055) ** 2.4)
     shown = linear ** (1.0 / 2.2)
-    wanted = np.linspace(0.0, 1.0, ENCODING_ENTRIES)
-    return linear[np.searchsorted((shown[1:] + shown[:-1]) / 2.0, wanted)].astype(np.float32)
+    display = np.linspace(0.0, 1.0, ENCODING_ENTRIES)
+    return linear[np.searchsorted((shown[1:] + shown[:-1]) / 2.0, display)].astype(np.float32)
 
 
 def free() -> None:

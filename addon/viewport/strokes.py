@@ -1,6 +1,5 @@
-"""Draws the strokes and rectangles of the scribble brush over the camera's frame, a colour for each meaning.
-
-What is drawn is what the solver gets: a picture of how much each place is covered, not the lines of the brush."""
+"""Draws the strokes and rectangles of the scribble brush over the camera's frame, a colour for each meaning. The
+picture shows the solver's input: how much of each place is covered, not the lines of the brush."""
 
 from __future__ import annotations
 
@@ -66,7 +65,7 @@ def draw(
 
 
 def draw_brush(place: tuple[float, float], radius: float, meaning: Meaning, scale: float) -> None:
-    """Draws the brush's rim: light and dark, to be seen on any picture, and in the colour of what it means."""
+    """Draws the brush's rim: light and dark, to be seen on any picture, and in the colour of its meaning."""
     color = (*coverage.display_color(meaning), 1.0)
     blend = gpu.state.blend_get()
     gpu.state.blend_set("ALPHA")

@@ -54,16 +54,16 @@ def of_levels(view: View) -> Any:
     return _levels[key][1]
 
 
-def _forget(kept: dict) -> None:
+def _forget(tables: dict) -> None:
     """Drops the oldest."""
-    while len(kept) > TABLES_KEPT:
-        del kept[next(iter(kept))]
+    while len(tables) > TABLES_KEPT:
+        del tables[next(iter(tables))]
 
 
 def keep_only(frames: Iterable[Any]) -> None:
     """Lets go of all other frames; Blender frees their memory."""
-    wanted = {id(frame) for frame in frames}
-    for key in [key for key in _frames if key not in wanted]:
+    kept_ids = {id(frame) for frame in frames}
+    for key in [key for key in _frames if key not in kept_ids]:
         del _frames[key]
 
 

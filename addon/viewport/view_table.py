@@ -1,4 +1,4 @@
-"""Tables for shaders from scene-linear pixels to what the scene's view shows (`export.color_table`).
+"""Tables for shaders, from scene-linear pixels to the colours of the scene's view (`export.color_table`).
 
 A Blender in the background colours the entries (`engine.workers.view_worker`), so that the window never stands still.
 The plain sRGB curve needs no table."""
@@ -17,7 +17,7 @@ from ..export.color_table import LOG_MAX, Table, color_table
 from ..export.view_transform import SHAPER_MIN, SHAPER_OFFSET, is_srgb_view, view_key, view_settings
 from ..export.working_space import rec709_from_scene_linear
 
-KEPT = 4
+MOST_TABLES = 4
 """Tables that are kept for views seen before."""
 
 _tables: dict[str, Table] = {}
@@ -44,8 +44,8 @@ class View:
         scaled = np.maximum(np.nan_to_num(colors, posinf=1e30) * self.scale, 0.0)
         if self.table is None:
             return srgb_from_linear(scaled @ self.to_rec709.T) ** self.exponent
-        found = _sample(self.table, scaled)
-        return found if self.levels is None else false_color.look_up(self.levels, found[..., 0])
+        sampled = _sample(self.table, scaled)
+        return sampled if self.levels is None else false_color.look_up(self.levels, sampled[..., 0])
 
 
 def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
@@ -94,7 +94,7 @@ def work(scene: bpy.types.Scene) -> bool:
 
 
 def complete(scene: bpy.types.Scene) -> View:
-    """The view of a scene in full, at once: for what is not drawn live."""
+    """Full view of a scene, computed at once, for pictures that are not drawn live."""
     if not is_complete(scene):
         _keep(scene, color_table(scene))
     view = of(scene)
@@ -113,10 +113,10 @@ def _keep(scene: bpy.types.Scene, table: Table) -> None:
     _forget(_tables)
 
 
-def _forget(kept: dict) -> None:
+def _forget(tables: dict) -> None:
     """Drops the oldest."""
-    while len(kept) > KEPT:
-        del kept[next(iter(kept))]
+    while len(tables) > MOST_TABLES:
+        del tables[next(iter(tables))]
 
 
 def _settings(scene: bpy.types.Scene) -> dict[str, Any]:

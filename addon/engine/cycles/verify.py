@@ -20,8 +20,8 @@ class VerifyError(Exception):
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
-    """A picture with the fields of a native frame, so that it can be shown and compared as one."""
+class ImageFrame:
+    """Picture with the fields of a native frame, so that it can be shown and compared as one."""
 
     image: np.ndarray
     serial: int = 0
@@ -39,12 +39,12 @@ class Verification:
         if scene.objects.get(camera) is None:
             raise VerifyError(f"camera '{camera}' of the bake is not in the scene")
         self.scene_uid = scene.session_uid
-        self.ours = Picture(np.array(frame.image, np.float32))
+        self.ours = ImageFrame(np.array(frame.image, np.float32))
         self.stage: dict[str, Any] = {"done": 0, "total": 1, "remaining_s": None}
         self.error = ""
         self.result: dict[str, Any] | None = None
-        self.reference: Picture | None = None
-        self.difference: Picture | None = None
+        self.reference: ImageFrame | None = None
+        self.difference: ImageFrame | None = None
         self._copy = SavedCopy(scene)
         try:
             folder = self._copy.folder
@@ -81,8 +81,8 @@ class Verification:
         try:
             if worker.code == 0:
                 self.result = json.loads((folder / RESULT).read_text(encoding="utf-8"))
-                self.reference = Picture(np.load(folder / REFERENCE))
-                self.difference = Picture(np.load(folder / DIFFERENCE))
+                self.reference = ImageFrame(np.load(folder / REFERENCE))
+                self.difference = ImageFrame(np.load(folder / DIFFERENCE))
             else:
                 self.error = worker.failure()
         except (OSError, ValueError) as error:

@@ -1,5 +1,5 @@
-"""Paths that look for lights where a solver has put them. Few of a bake's own paths meet a small light that was moved
-far, so that its picture is noise and the solver cannot tell how well it serves."""
+"""Paths that are guided towards lights where a solver has put them. Few of a bake's own paths meet a small light that
+was moved far: its picture is noise, and the solver cannot measure it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ..shot.shot import Shot
 from .handle import answer
 
 CLEAN_SECONDS = 0.25
-"""Seconds between checks whether cancelled jobs have ended."""
+"""Seconds between checks for the end of cancelled jobs."""
 
 _ending: list[tuple[Any, Path]] = []
 """Cancelled jobs that may still write or read, and the folder that goes when they are done."""
@@ -71,8 +71,9 @@ def _remove(folder: Path) -> None:
 
 
 def bake(scene: bpy.types.Scene, shot: Shot, lights: list[dict[str, Any]], folder: Path) -> Generator[Any, None, bool]:
-    """Bakes a few paths of the shot into the folder which look for these lights besides those of the scene; yields the
-    running job, or None before there is one. False where the scene is no longer that of the shot. Raises SolveError."""
+    """Bakes a few paths of the shot into the folder, guided towards these lights besides those of the scene. Yields the
+    running job, or None before there is one. Returns False if the shot is of another scene by now. Raises
+    SolveError."""
     exported = yield from _export(scene)
     baked = json.loads((shot.folder / MANIFEST).read_text(encoding="utf-8"))["scene_hash"]
     if (exported.hash, exported.world_map) != (baked, shot.status["world_map"]):
@@ -94,15 +95,15 @@ def bake(scene: bpy.types.Scene, shot: Shot, lights: list[dict[str, Any]], folde
 
 
 def _export(scene: bpy.types.Scene) -> Generator[None, None, Any]:
-    found: list[tuple[Any, BaseException | None]] = []
-    task = load_scene_async(scene, None, lambda exported, error: found.append((exported, error)))
+    results: list[tuple[Any, BaseException | None]] = []
+    task = load_scene_async(scene, None, lambda exported, error: results.append((exported, error)))
     try:
-        while not found:
+        while not results:
             yield
     finally:
-        if task is not None and not found:
+        if task is not None and not results:
             task.cancel()
-    exported, error = found[0]
+    exported, error = results[0]
     if error is not None:
         raise SolveError(f"The scene could not be read: {error}") from error
     return exported

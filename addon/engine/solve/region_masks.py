@@ -1,5 +1,5 @@
 """Masks of objects and materials in the picture, by rays of the camera, cast a few at a time so that Blender's window
-goes on. Rays hit what the window shows; they pass through what the camera does not see in renders."""
+goes on. Rays hit surfaces that the window shows; they pass through those that the camera does not see in renders."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ OBJECT, MATERIAL, OBJECT_INDEX, MATERIAL_INDEX = KINDS = ("OBJECT", "MATERIAL", 
 
 
 @dataclass(frozen=True)
-class Seen:
+class MaskSubject:
     """Object, material or index whose mask is asked for."""
 
     kind: str
@@ -35,16 +35,16 @@ class Seen:
     """Name of the object or material, or a pass index."""
 
     def __str__(self) -> str:
-        what = self.kind.lower().replace("_", " ")
-        return f"{what} {self.key}" if isinstance(self.key, int) else f"{what} '{self.key}'"
+        kind = self.kind.lower().replace("_", " ")
+        return f"{kind} {self.key}" if isinstance(self.key, int) else f"{kind} '{self.key}'"
 
 
-def masks(scene_uid: int, wanted: list[Seen], aspect: float) -> Iterator[dict[Seen, np.ndarray] | None]:
+def masks(scene_uid: int, subjects: list[MaskSubject], aspect: float) -> Iterator[dict[MaskSubject, np.ndarray] | None]:
     """Yields None after every slice of work, and masks [height, width, 1] of 0 and 1, top row first, in the end. Scene
     and camera are looked up anew in every slice: undo replaces them. Raises SolveError where the window shows another
     scene by then: Blender evaluates only the one that is shown."""
     width, height = (SIZE, max(round(SIZE / aspect), 1)) if aspect >= 1.0 else (max(round(SIZE * aspect), 1), SIZE)
-    found = {seen: np.zeros((height, width, 1), np.float32) for seen in wanted}
+    masks_by_subject = {subject: np.zeros((height, width, 1), np.float32) for subject in subjects}
     place, end = 0, width * height
     unseen: _Unseen | None = None
     while place < end:
@@ -62,29 +62,29 @@ def masks(scene_uid: int, wanted: list[Seen], aspect: float) -> Iterator[dict[Se
             y, x = divmod(place, width)
             hit = cast((x + 0.5) / width, (y + 0.5) / height)
             if hit is not None:
-                for seen in wanted:
-                    found[seen][y, x, 0] = hit[seen.kind] == seen.key
+                for subject in subjects:
+                    masks_by_subject[subject][y, x, 0] = hit[subject.kind] == subject.key
             place += 1
         yield None
-    yield found
+    yield masks_by_subject
 
 
-def not_shown(scene: bpy.types.Scene, seen: Seen) -> list[str]:
-    """Names of objects that are in renders and have what is asked for, but are hidden in the window, where no ray meets
+def not_shown(scene: bpy.types.Scene, subject: MaskSubject) -> list[str]:
+    """Names of objects that are in renders and have a subject, but are hidden in the window, where no ray meets
     them."""
     unseen = _Unseen(scene)
-    return [obj.name for obj in scene.objects if _has(obj, seen) and unseen.is_only_in_renders(obj)]
+    return [obj.name for obj in scene.objects if _has(obj, subject) and unseen.is_only_in_renders(obj)]
 
 
-def _has(obj: bpy.types.Object, seen: Seen) -> bool:
-    if seen.kind == OBJECT:
-        return obj.name == seen.key
-    if seen.kind == OBJECT_INDEX:
-        return obj.type in GEOMETRY and obj.pass_index == seen.key
+def _has(obj: bpy.types.Object, subject: MaskSubject) -> bool:
+    if subject.kind == OBJECT:
+        return obj.name == subject.key
+    if subject.kind == OBJECT_INDEX:
+        return obj.type in GEOMETRY and obj.pass_index == subject.key
     materials = [slot.material for slot in obj.material_slots if slot.material is not None]
-    if seen.kind == MATERIAL:
-        return any(material.name == seen.key for material in materials)
-    return any(material.pass_index == seen.key for material in materials)
+    if subject.kind == MATERIAL:
+        return any(material.name == subject.key for material in materials)
+    return any(material.pass_index == subject.key for material in materials)
 
 
 class _Unseen:
@@ -121,14 +121,15 @@ class _Unseen:
 
 
 def _rendered(collections: list[bpy.types.Collection]) -> set[bpy.types.Collection]:
-    """Collections and what is in them, but for those that are left out of renders with all in them."""
-    found, waiting = set(), list(collections)
+    """Collections and their children, without those that are left out of renders."""
+    rendered: set[bpy.types.Collection] = set()
+    waiting = list(collections)
     while waiting:
         collection = waiting.pop()
-        if collection not in found and not collection.hide_render:
-            found.add(collection)
+        if collection not in rendered and not collection.hide_render:
+            rendered.add(collection)
             waiting += collection.children
-    return found
+    return rendered
 
 
 def _may_instance(obj: bpy.types.Object) -> bool:

@@ -15,7 +15,7 @@ import bpy
 import numpy as np
 
 from ...core.background_call import run_in_thread
-from ...export.target import Picture, TargetError, read_mask, read_target, taken
+from ...export.target import Picture, TargetError, pixels_of, read_mask, read_target
 from ...export.view_transform import set_view, view_settings
 from .process import Worker, blender_command, private_folder, telling_little_room
 
@@ -108,7 +108,7 @@ def _contents(uid: int) -> Generator[None, None, Picture | bytes | None]:
     count = image.size[0] * image.size[1] * image.channels
     # Written to once: to give a program memory takes the system longer than Blender needs to fill it.
     room = yield from run_in_thread(lambda: np.ones(count, np.float32))
-    return taken(_image(uid), room)
+    return pixels_of(_image(uid), room)
 
 
 def _image(uid: int) -> bpy.types.Image:
@@ -155,4 +155,4 @@ def _picture(place: Path, job: dict[str, Any]) -> Picture:
     if job["space"]:  # Nobody has chosen one before the file is read.
         image.colorspace_settings.name = job["space"]
     image.alpha_mode = job["alpha"]
-    return replace(taken(image), name=job["name"])
+    return replace(pixels_of(image), name=job["name"])

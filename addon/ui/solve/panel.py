@@ -1,4 +1,4 @@
-"""The panel of solving."""
+"""Panels of solving."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ import json
 
 import bpy
 
-from ..core.rows import LIGHT
-from ..viewport import compare as pairs
-from . import limits, locks, looks, regions, rows, scribble_tool, solving, target
-from .panel import RelumePanel, message
-from .solve_settings import strokes_of
+from ...core.rows import LIGHT
+from ...engine.solve import solving
+from ...engine.solve.request import strokes_of
+from ...viewport import compare as pairs
+from .. import looks, rows
+from ..panel import RelumePanel, message
+from . import limits, locks, regions, scribble_tool, target
 
 MORE_FREEDOM = "For more, let more change below: unlock places, loosen limits, or allow new lights"
 
@@ -109,9 +111,9 @@ class RELUME_PT_solve_own_limits(RelumePanel, bpy.types.Panel):  # noqa: N801
 
 
 def _draw_start(layout, scene: bpy.types.Scene) -> None:
-    found = solving.running(scene)
-    if found is not None:
-        share, text = found.progress
+    job = solving.running(scene)
+    if job is not None:
+        share, text = job.progress
         layout.progress(factor=share, text=text)
         layout.operator("relume.cancel_solve", icon="X")
         return
@@ -121,7 +123,7 @@ def _draw_start(layout, scene: bpy.types.Scene) -> None:
 
 
 def _draw_report(layout, scene: bpy.types.Scene) -> None:
-    """What the last solve has reached, beside how it was before, and what to do with it."""
+    """Draws the report of the last solve, the choice of picture, and the button that applies it."""
     report, box = json.loads(scene.relume_solve.report), layout.box()
     box.label(text=report["look"] + (", applied" if report.get("applied") else ""))
     for line in report["lines"]:
@@ -146,14 +148,4 @@ CLASSES = (
     RELUME_PT_solve_own_limits,
 )
 
-
-def register():
-    """Adds the panels."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
-
-
-def unregister():
-    """Takes them away."""
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+register, unregister = bpy.utils.register_classes_factory(CLASSES)

@@ -1,27 +1,41 @@
-"""The operators that begin to solve, end it, and write what came of it."""
+"""Operators that begin to solve, cancel it, and apply the result."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import bpy
 
-from ..apply.writable import RefusedError
-from ..core.looks import LookError
-from ..core.solve import SolveError
-from ..viewport import strokes as drawing
-from ..viewport.handlers import write
-from ..viewport.views import redraw, settle
-from . import looks, solving, timers
+from ...apply.writable import RefusedError
+from ...core.looks import LookError
+from ...core.solve import SolveError
+from ...engine.solve import solving
+from ...engine.solve.solving import Hooks, Solving
+from ...viewport import strokes as drawing
+from ...viewport.handlers import write
+from ...viewport.views import redraw, settle
+from .. import handlers, looks, timers
+from . import results
 
 TICK_SECONDS = 1 / 30
 WORDS_SECONDS = 0.5
 """Seconds between drawings of nothing but progress."""
 WORDS_POINTS = 36.0
-"""How far under the upper edge of the picture progress is written."""
+"""Distance of the progress from the upper edge of the picture."""
 
 _handle: Any = None
+
+
+def begin(scene: bpy.types.Scene) -> Solving:
+    """Begins to solve; to be stepped until it ends. Raises SolveError with one line for the artist."""
+    shot = solving.ready_shot(scene)
+    content = handlers.content_of(scene, shot)
+    before = looks.current(scene, results.BEFORE)
+    hooks = Hooks(handlers.changed, handlers.wake, partial(results.keep, before))
+    return solving.begin(scene, shot, content, hooks)
 
 
 class RELUME_OT_solve(bpy.types.Operator):  # noqa: N801 -- Blender's naming
@@ -34,13 +48,13 @@ lights of the scene stay as they are until it is applied"""
 
     @classmethod
     def poll(cls, context):
-        """Not while it is solving already."""
+        """True unless lights are being solved already."""
         return solving.running(context.scene) is None
 
     def invoke(self, context, _event):
-        """Begins, and goes on by a timer."""
+        """Called by Blender for a button: begins, and goes on by a timer."""
         try:
-            self.solving = solving.begin(context.scene)
+            self.solving = begin(context.scene)
         except SolveError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -50,7 +64,7 @@ lights of the scene stay as they are until it is applied"""
         return {"RUNNING_MODAL"}
 
     def modal(self, context, event):
-        """A step at every tick of the timer; all else goes on to Blender."""
+        """Called by Blender: a step at every tick of the timer; all other events pass through."""
         if not self.solving.is_running:  # Cancelled by the button, or with its file.
             return self._end({"CANCELLED"})
         if event.type == "ESC" and event.value == "PRESS":
@@ -89,7 +103,7 @@ lights of the scene stay as they are until it is applied"""
         """Called by Blender for Repeat Last and for scripts. Without a window solves to the end; in one it begins an
         operator of its own, as a repeated one is kept by Blender and cannot go on by a timer."""
         if bpy.app.background:
-            return told(self, lambda: solving.solve_at_once(context.scene))
+            return report_outcome(self, lambda: begin(context.scene).run_to_end())
         try:
             with context.temp_override(window=context.window or context.window_manager.windows[0]):
                 bpy.ops.relume.solve("INVOKE_DEFAULT")
@@ -107,7 +121,7 @@ class RELUME_OT_cancel_solve(bpy.types.Operator):  # noqa: N801
 
     @classmethod
     def poll(cls, context):
-        """Only while solving."""
+        """True while lights are being solved."""
         return solving.running(context.scene) is not None
 
     def execute(self, context):
@@ -126,19 +140,21 @@ of the world stays in its row. Strokes and regions are done with and go; the tar
 
     @classmethod
     def poll(cls, context):
-        """Only with a look that was solved."""
+        """True if the active look was solved."""
         look = looks.active_look(context.scene)
         return look is not None and look.solved
 
     def execute(self, context):
         """Called by Blender."""
-        outcome = told(self, lambda: "; ".join(solving.apply(context.scene, looks.active_look(context.scene))))
+        outcome = report_outcome(
+            self, lambda: "; ".join(results.apply(context.scene, looks.active_look(context.scene)))
+        )
         settle()
         return outcome
 
 
-def told(operator: bpy.types.Operator, work: Any) -> set[str]:
-    """Does an operator's work; what keeps it from being done, and what else came of it, is said."""
+def report_outcome(operator: bpy.types.Operator, work: Callable[[], str | None]) -> set[str]:
+    """Does an operator's work and reports the words that it returns, or why it failed."""
     try:
         words = work()
     except RefusedError as error:
@@ -154,31 +170,33 @@ def told(operator: bpy.types.Operator, work: Any) -> set[str]:
 
 
 def _draw() -> None:
-    """Called by Blender for every 3D view, over everything else: what is going on, whatever the side bar shows."""
+    """Called by Blender for every 3D view, over everything else: progress, whatever the side bar shows."""
     context = bpy.context
-    found, frame = solving.running(context.scene), drawing.frame_in(context)
-    if found is not None and frame is not None:
+    job, frame = solving.running(context.scene), drawing.frame_in(context)
+    if job is not None and frame is not None:
         top = min(frame.top, context.region.height) - WORDS_POINTS * context.preferences.system.ui_scale
-        write(f"{found.progress[1]}   (Esc cancels)", (frame.left + frame.right) / 2, top)
+        write(f"{job.progress[1]}   (Esc cancels)", (frame.left + frame.right) / 2, top)
 
 
 CLASSES = (RELUME_OT_solve, RELUME_OT_cancel_solve, RELUME_OT_apply_solved)
+_register, _unregister = bpy.utils.register_classes_factory(CLASSES)
 
 
 def register():
-    """Adds the operators, and where there is a window what tells of them."""
+    """Adds the operators, and where there is a window the progress over the view."""
     global _handle
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+    _register()
+    bpy.app.handlers.load_pre.append(solving.cancel_all)
     if not bpy.app.background:
         _handle = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_PIXEL")
 
 
 def unregister():
-    """Takes them away."""
+    """Takes them away and ends all jobs."""
     global _handle
     if _handle is not None:
         bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
         _handle = None
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister()
+    solving.cancel_all()
+    bpy.app.handlers.load_pre.remove(solving.cancel_all)

@@ -2,57 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatVectorProperty
 
-from ..core import strokes as core
-from ..core.solve import SolveError
-from ..engine.solve.region_masks import KINDS, Seen
-from ..viewport import strokes as drawing
-from ..viewport.views import redraw
+from ...core import strokes as core
+from ...engine.solve.request import LEAST
+from ...viewport import strokes as drawing
+from ...viewport.views import redraw
 from .scribble_tool import NO_CAMERA_VIEW
-from .solve_settings import MEANING_ITEMS, PLACE_ITEMS, Place, RelumeRegion
+from .settings import MEANING_ITEMS, PLACE_ITEMS, RegionPlace, RelumeRegion
 
 KIND_ITEMS = [item[:3] for item in PLACE_ITEMS if item[0] != "RECTANGLE"]
 """Places that are chosen; rectangles are drawn."""
-LEAST = 0.005
-"""Width and height that a rectangle has at least, of the picture's."""
 
 
 def add_region(scene: bpy.types.Scene, kind: str) -> RelumeRegion:
-    """A new region that is asked for what the brush means at present."""
+    """Adds a region with the present meaning of the brush as its goal."""
     settings = scene.relume_solve
     region = settings.regions.add()
     region.kind, region.goal = kind, settings.meaning
     region.stops, region.mireds, region.color = settings.stops, settings.mireds, settings.color
     settings.region = len(settings.regions) - 1
     return region
-
-
-def where(
-    region: Place, name: str, who: str = "A region", instead: str = "remove the region"
-) -> tuple[dict[str, Any], bpy.types.Image | Seen | None]:
-    """The region as a request has it; with the image of the mask that it refers to by `name`, or what has to be looked
-    for to make it. Raises SolveError, which says `who` lacks something and what to do `instead` of giving it."""
-    if region.kind == "RECTANGLE":
-        left, top, right, bottom = region.rectangle
-        if right - left < LEAST or bottom - top < LEAST:
-            raise SolveError(f"{who} has a rectangle without size: draw it again or {instead}")
-        return {"rectangle": [left, top, right, bottom]}, None
-    mask = {"mask": name}
-    if region.kind == "MASK":
-        if region.image is None:
-            raise SolveError(f"{who} has no mask: choose an image or {instead}")
-        return mask, region.image
-    assert region.kind in KINDS
-    if region.kind.endswith("INDEX"):
-        return mask, Seen(region.kind, region.index)
-    block = region.object if region.kind == "OBJECT" else region.material
-    if block is None:
-        raise SolveError(f"{who} has no {region.kind.lower()}: choose one or {instead}")
-    return mask, Seen(region.kind, block.name)
 
 
 def remove_region(scene: bpy.types.Scene) -> None:
@@ -103,7 +74,7 @@ class RELUME_OT_remove_region(bpy.types.Operator):  # noqa: N801
 
     @classmethod
     def poll(cls, context):
-        """Only with regions."""
+        """True if there are regions."""
         return len(context.scene.relume_solve.regions) > 0
 
     def execute(self, context):
@@ -135,7 +106,7 @@ class RELUME_OT_draw_rectangle(bpy.types.Operator):  # noqa: N801
         return "Draw in the camera's frame where the target counts" if properties.of_target else cls.__doc__
 
     def invoke(self, context, event):
-        """From a button it waits for the mouse; with the brush in hand it has begun."""
+        """Called by Blender: waits for the mouse from a button; with the brush, the drag has begun."""
         self.frame = drawing.frame_in(context)
         if self.frame is None:
             self.report({"WARNING"}, NO_CAMERA_VIEW)
@@ -167,7 +138,7 @@ class RELUME_OT_draw_rectangle(bpy.types.Operator):  # noqa: N801
         return tuple(min(max(value, 0.0), 1.0) for value in place)
 
     def _outline(self, context, end) -> core.Stroke:
-        """Its four sides as a thin stroke, while it is drawn."""
+        """Four sides of the rectangle as a thin stroke, while it is drawn."""
         (x, y), (u, v) = self.start, end
         corners = ((x, y), (u, y), (u, v), (x, v), (x, y))
         return core.Stroke(context.scene.relume_solve.brush(), LEAST, 1.0, tuple((*corner, 1.0) for corner in corners))
@@ -196,7 +167,7 @@ class RELUME_UL_regions(bpy.types.UIList):  # noqa: N801
 
 
 def draw(layout, scene: bpy.types.Scene) -> None:
-    """Places, and the settings of the active one."""
+    """Draws the list of places and the settings of the active one."""
     settings = scene.relume_solve
     line = layout.row(align=True)
     line.operator("relume.draw_rectangle", text="Rectangle", icon="SELECT_SET")
@@ -219,8 +190,8 @@ def draw(layout, scene: bpy.types.Scene) -> None:
         column.prop(region, "color", text="")
 
 
-def draw_place(column, place: Place) -> None:
-    """How a region is given."""
+def draw_place(column, place: RegionPlace) -> None:
+    """Draws the settings of a region's place."""
     column.prop(place, "kind")
     name = {"MASK": "image", "OBJECT": "object", "MATERIAL": "material"}.get(place.kind)
     if name:
@@ -231,14 +202,4 @@ def draw_place(column, place: Place) -> None:
 
 CLASSES = (RELUME_OT_add_region, RELUME_OT_remove_region, RELUME_OT_draw_rectangle, RELUME_UL_regions)
 
-
-def register():
-    """Adds list and operators."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
-
-
-def unregister():
-    """Takes them away."""
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+register, unregister = bpy.utils.register_classes_factory(CLASSES)

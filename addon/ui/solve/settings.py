@@ -1,9 +1,8 @@
-"""Settings that a scene keeps about solving: the brush and its strokes, regions with goals of their own, the target
-picture, what may move and how hard to try. `scene.relume_solve`, and `locks` of each row."""
+"""Settings of a solve that a scene keeps: the brush and its strokes, regions with goals, the target picture, locks,
+limits and effort. `scene.relume_solve`, and `locks` of each row."""
 
 from __future__ import annotations
 
-import functools
 import math
 
 import bpy
@@ -18,10 +17,11 @@ from bpy.props import (
     StringProperty,
 )
 
-from ..core import strokes as core
-from ..core.solve import Wish
-from ..viewport.views import redraw
-from . import target
+from ...core import strokes as core
+from ...core.solve import EFFORTS, PARAMETERS, SolveOptions
+from ...engine.solve import target_image
+from ...engine.solve.request import WHOLE
+from ...viewport.views import redraw
 
 MEANING_ITEMS = [
     (core.BRIGHTER, "Brighter", "More light here, by so many stops", "LIGHT_SUN", 0),
@@ -40,20 +40,14 @@ PLACE_ITEMS = [
     ("OBJECT_INDEX", "Object Index", "Where objects of a pass index are seen", "LINENUMBERS_ON", 4),
     ("MATERIAL_INDEX", "Material Index", "Where materials of a pass index are seen", "LINENUMBERS_ON", 5),
 ]
-WHOLE = "WHOLE"
-"""The target counts in the whole picture."""
-EFFORTS = {"QUICK": (2, 150), "NORMAL": (4, 300), "THOROUGH": (12, 600)}
-"""Starts and steps of each."""
-MOVES = ("position", "direction", "size", "cone", "color", "strength")
-"""What can be locked of a light; the names are those of a request."""
 
 
 def _redraw(_settings, _context) -> None:
     redraw()
 
 
-def _look_at_target(settings, _context) -> None:
-    target.look_at(settings.id_data)
+def _read_target(settings, _context) -> None:
+    target_image.read(settings.id_data)
 
 
 def _has_size(_settings, obj) -> bool:
@@ -77,11 +71,11 @@ STAY = {
     "max": 1.0,
     "precision": 3,
 }
-"""Settings of what draws lights back."""
+"""Settings of the weight that keeps lights at their present state."""
 
 
-class Limits:
-    """Mix-in of how far what is free may go."""
+class LimitSettings:
+    """Mix-in of the limits of free parameters."""
 
     box: PointerProperty(
         name="Within",
@@ -182,13 +176,14 @@ class Limits:
 
 
 def _is_locked(locks: RelumeLocks) -> bool:
-    return locks.held or not any(getattr(locks, move) for move in MOVES)
+    return locks.held or not any(getattr(locks, name) for name in PARAMETERS)
 
 
-def _lock(locks: RelumeLocks, wanted: bool) -> None:
-    """What was free before is free again once it is unlocked, or else what is free at first."""
-    locks.held = wanted
-    if _is_locked(locks) and not wanted:
+def _set_locked(locks: RelumeLocks, locked: bool) -> None:
+    """Locks or unlocks a light as a whole. Unlocked, it has the free parameters that it had before, or else those of
+    a new row."""
+    locks.held = locked
+    if _is_locked(locks) and not locked:
         locks.color = locks.strength = True
 
 
@@ -196,12 +191,12 @@ def _is_world_locked(settings: RelumeSolve) -> bool:
     return not (settings.world_color or settings.world_strength)
 
 
-def _lock_world(settings: RelumeSolve, wanted: bool) -> None:
-    settings.world_color = settings.world_strength = not wanted
+def _set_world_locked(settings: RelumeSolve, locked: bool) -> None:
+    settings.world_color = settings.world_strength = not locked
 
 
-class RelumeLocks(Limits, bpy.types.PropertyGroup):
-    """What solving may change of a light, and its own limits. Strength and colour are free at first: that is what a
+class RelumeLocks(LimitSettings, bpy.types.PropertyGroup):
+    """Locks of a light's parameters, and its own limits. Strength and colour are free at first: that is what a
     lighting artist dials last and undoes most easily, while places are composed or have a reason in the set."""
 
     held: BoolProperty(name="Held", description="Locked as a whole, whatever else is free", options={"HIDDEN"})
@@ -210,7 +205,7 @@ class RelumeLocks(Limits, bpy.types.PropertyGroup):
         description="Whether solving leaves this light as it is. Unlocked, what is free of it may change, which is "
         "chosen below the list; a bold open lock says that some of it is locked",
         get=_is_locked,
-        set=_lock,
+        set=_set_locked,
     )
     position: BoolProperty(
         name="Position",
@@ -243,8 +238,8 @@ class RelumeLocks(Limits, bpy.types.PropertyGroup):
     stay: FloatProperty(name="Stay Close", **STAY)
 
 
-class HowMuch:
-    """Mix-in of what has a meaning: how much of it."""
+class GoalAmount:
+    """Mix-in of the amount or colour that a goal asks for."""
 
     stops: FloatProperty(
         name="Stops", description=STOPS_TEXT, default=1.0, min=0.05, max=10.0, soft_max=4.0, step=10, precision=2
@@ -257,12 +252,12 @@ class HowMuch:
     )
 
     def meaning_of(self, goal: str) -> core.Meaning:
-        """A meaning with what it has of this."""
+        """Meaning of a goal, with its amount and colour."""
         return core.meaning(goal, getattr(self, core.UNITS.get(goal, ""), 0.0), self.color)
 
 
-class Place:
-    """Mix-in of what is a part of the picture; its `kind` says which of these values count."""
+class RegionPlace:
+    """Mix-in of a part of the picture; its `kind` says which of these values count."""
 
     rectangle: FloatVectorProperty(
         name="Rectangle",
@@ -279,7 +274,7 @@ class Place:
     index: IntProperty(name="Index", description="The pass index", default=1, min=0)
 
 
-class RelumeRegion(HowMuch, Place, bpy.types.PropertyGroup):
+class RelumeRegion(GoalAmount, RegionPlace, bpy.types.PropertyGroup):
     """A region of the picture with a goal, other than strokes; kept in the .blend file."""
 
     kind: EnumProperty(name="Region", description="How the region is given", items=PLACE_ITEMS, update=_redraw)
@@ -290,8 +285,8 @@ class RelumeRegion(HowMuch, Place, bpy.types.PropertyGroup):
         return self.meaning_of(self.goal)
 
 
-class RelumeTargetPlace(Place, bpy.types.PropertyGroup):
-    """Where the target counts; kept in the .blend file."""
+class RelumeTargetPlace(RegionPlace, bpy.types.PropertyGroup):
+    """Part of the picture where the target counts; kept in the .blend file."""
 
     kind: EnumProperty(
         name="Where",
@@ -303,8 +298,8 @@ class RelumeTargetPlace(Place, bpy.types.PropertyGroup):
     )
 
 
-class RelumeSolve(HowMuch, Limits, bpy.types.PropertyGroup):
-    """Kept in the .blend file."""
+class RelumeSolve(GoalAmount, LimitSettings, bpy.types.PropertyGroup):
+    """Settings of a solve; kept in the .blend file."""
 
     meaning: EnumProperty(name="Brush", description="What the picture is to do where you paint", items=MEANING_ITEMS)
     size: IntProperty(
@@ -337,7 +332,7 @@ class RelumeSolve(HowMuch, Limits, bpy.types.PropertyGroup):
         name="Target",
         description="A picture that the shot is to come close to: a paint-over, or a photograph of the same framing",
         type=bpy.types.Image,
-        update=_look_at_target,
+        update=_read_target,
     )
     target_colors: EnumProperty(
         name="Colours",
@@ -357,7 +352,7 @@ class RelumeSolve(HowMuch, Limits, bpy.types.PropertyGroup):
             ("SRGB", "sRGB", "Plain sRGB without a view transform"),
             ("LINEAR", "Scene-Linear", "Light itself, as in an EXR"),
         ],
-        update=_look_at_target,
+        update=_read_target,
     )
     target_exposure: BoolProperty(
         name="Any Exposure",
@@ -382,7 +377,7 @@ class RelumeSolve(HowMuch, Limits, bpy.types.PropertyGroup):
         description="Whether solving leaves the world as it is. Locked at first. Unlocked, its strength and colour may "
         "change; a bold open lock says that one of them is locked",
         get=_is_world_locked,
-        set=_lock_world,
+        set=_set_world_locked,
     )
     add_count: IntProperty(
         name="New Lights", description="So many lights may be added, at most", default=0, min=0, max=32, soft_max=8
@@ -406,7 +401,7 @@ class RelumeSolve(HowMuch, Limits, bpy.types.PropertyGroup):
         description="How much everything that no goal names is to stay as it is, beside the goals. 0: it may change as "
         "it likes",
         subtype="FACTOR",
-        default=Wish.keep_rest,
+        default=SolveOptions.keep_rest,
         min=0.0,
         max=1.0,
     )
@@ -422,36 +417,21 @@ class RelumeSolve(HowMuch, Limits, bpy.types.PropertyGroup):
     report: StringProperty(name="Report", description="What the last solve reached, as JSON", options={"HIDDEN"})
 
     def brush(self) -> core.Meaning:
-        """What the brush means at present."""
+        """Meaning of the brush at present."""
         return self.meaning_of(self.meaning)
 
 
-def strokes_of(scene: bpy.types.Scene) -> tuple[core.Stroke, ...]:
-    """The scene's strokes; none if they cannot be read, such as those of a newer Relume."""
-    return _strokes_in(scene.relume_solve.strokes)
-
-
-@functools.lru_cache(maxsize=8)
-def _strokes_in(text: str) -> tuple[core.Stroke, ...]:
-    """They are asked for at every drawing."""
-    try:
-        return core.from_json(text)
-    except core.StrokeError:
-        return ()
-
-
 CLASSES = (RelumeLocks, RelumeRegion, RelumeTargetPlace, RelumeSolve)
+_register, _unregister = bpy.utils.register_classes_factory(CLASSES)
 
 
 def register():
     """Adds `scene.relume_solve`."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+    _register()
     bpy.types.Scene.relume_solve = PointerProperty(type=RelumeSolve)
 
 
 def unregister():
     """Takes it away; values stay in the file."""
     del bpy.types.Scene.relume_solve
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister()

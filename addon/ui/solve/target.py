@@ -6,10 +6,8 @@ import os
 import shutil
 import subprocess
 import time
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from pathlib import Path
 from types import SimpleNamespace
 
 import bpy
@@ -18,118 +16,28 @@ from bpy.app.handlers import persistent
 from bpy.props import StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ..core.background_call import run_in_thread
-from ..core.bake_folder import size_of
-from ..core.solve import SolveError
-from ..engine.shot import shot
-from ..engine.workers.pictures import Read, Reading, is_in_memory
-from ..viewport import compare as pairs
-from ..viewport.views import redraw
-from . import timers
-from .panel import message
-from .start import ShotOperator
+from ...core.background_call import run_in_thread
+from ...core.solve import SolveError
+from ...engine.solve import target_image
+from ...engine.workers.pictures import Reading
+from ...viewport import compare as pairs
+from ...viewport.views import redraw
+from .. import timers
+from ..panel import message
+from ..start import ShotOperator
 
 POLL_SECONDS = 0.05
-
 NO_CLIPBOARD = (
     "The clipboard holds no picture that this Blender can take (under X11 it needs the program xclip); save it as a "
     "file and open that"
 )
 PNG = b"\x89PNG"
 XCLIP_SECONDS = 1.0
-"""How long the owner of the clipboard may take to answer. It never does if that is a Blender that waits in a script."""
+"""Longest wait for the owner of the clipboard. A Blender that waits in a script never answers."""
 
 
-def picture_size(scene: bpy.types.Scene) -> tuple[int, int]:
-    """Width and height that targets and masks are scaled to: those of the bake, or else of a render."""
-    found, render = shot.of(scene), scene.render
-    size = size_of(found.folder) if found is not None else None
-    if size is not None:
-        return size
-    share = render.resolution_percentage / 100.0
-    return max(round(render.resolution_x * share), 1), max(round(render.resolution_y * share), 1)
-
-
-@dataclass(frozen=True)
-class _Kept:
-    key: tuple
-    """What was read, and how."""
-    reading: Reading
-
-
-_readings: dict[int, _Kept] = {}
-"""By scene."""
 _waiting: dict[int, Iterator[None]] = {}
-"""Scenes whose target is shown as soon as it is read."""
-
-
-def look_at(scene: bpy.types.Scene) -> None:
-    """Begins to read the scene's target, to say whether and how it can be one."""
-    forget(scene.session_uid)
-    settings = scene.relume_solve
-    if settings.target is None:
-        return
-    size = picture_size(scene)
-    reading = Reading(scene, settings.target, size, settings.target_colors)
-    _readings[scene.session_uid] = _Kept(_key(scene, size), reading)
-    _wake()
-
-
-def reading_of(scene: bpy.types.Scene) -> Reading | None:
-    """What is known of the scene's target."""
-    kept, image = _readings.get(scene.session_uid), scene.relume_solve.target
-    return kept.reading if kept and image is not None and kept.key[0] == image.session_uid else None
-
-
-def awaited(scene: bpy.types.Scene) -> Generator[None, None, Read]:
-    """Yields until the scene's target is read; anew, if it may be another picture by now. Raises SolveError."""
-    kept, image = _readings.get(scene.session_uid), scene.relume_solve.target
-    if kept is None or (kept.reading.is_done and is_in_memory(image)) or kept.key != _key(scene, picture_size(scene)):
-        look_at(scene)
-    reading = _readings[scene.session_uid].reading
-    while reading.step():
-        yield
-    if reading.found is None:
-        raise SolveError(reading.error or "The target became another one while it was read: solve again")
-    return reading.found
-
-
-def forget(uid: int) -> None:
-    """Forgets the target of a scene, and ends reading it."""
-    kept = _readings.pop(uid, None)
-    if kept is not None:
-        kept.reading.close()
-
-
-def _key(scene: bpy.types.Scene, size: tuple[int, int]) -> tuple:
-    """All that the light of a target depends on, apart from pixels that were painted."""
-    image, view = scene.relume_solve.target, scene.view_settings
-    path = Path(bpy.path.abspath(image.filepath, library=image.library))
-    changed = path.stat().st_mtime_ns if path.is_file() else 0
-    displayed = (view.view_transform, view.look, view.exposure, view.gamma, view.use_curve_mapping)
-    return image.session_uid, path, changed, scene.relume_solve.target_colors, size, displayed
-
-
-def _wake() -> None:
-    if not bpy.app.background and not bpy.app.timers.is_registered(_timer):
-        bpy.app.timers.register(_timer, first_interval=0.0)
-
-
-def _timer() -> float | None:
-    """Goes on with all that is read or waited for."""
-    goes_on = False
-    for kept in _readings.values():
-        if not kept.reading.is_done:
-            goes_on |= kept.reading.step()
-            if kept.reading.is_done:
-                redraw("UI")
-    for uid, work in list(_waiting.items()):
-        try:
-            next(work)
-            goes_on = True
-        except (StopIteration, SolveError):  # Why not is in the panel.
-            del _waiting[uid]
-    return POLL_SECONDS if goes_on else None
+"""Comparisons that wait for a target to be read, by the session uid of their scene."""
 
 
 def load(scene: bpy.types.Scene, path: str) -> None:
@@ -166,7 +74,7 @@ def _pasted_by_blender(context: bpy.types.Context) -> bpy.types.Image | None:
 
 
 def _png_by_xclip() -> bytes | None:
-    """The file in X11's clipboard, which Blender takes no pictures from."""
+    """PNG file in X11's clipboard, which Blender takes no pictures from."""
     program = shutil.which("xclip")
     if program is None or not os.environ.get("DISPLAY"):
         return None
@@ -213,9 +121,9 @@ def show(scene: bpy.types.Scene) -> Iterator[None]:
     """Yields until the target is read, then shows it as A beside the live picture as B, in the camera's frame. Raises
     SolveError."""
     uid = scene.session_uid
-    found = yield from awaited(scene)
+    picture = yield from target_image.awaited(scene)
     for scene in (scene for scene in bpy.data.scenes if scene.session_uid == uid):
-        pairs.set_pair(scene, frame_of(found.pixels), None, scene.relume_view.compare, ("Target", "Relit"))
+        pairs.set_pair(scene, frame_of(picture.pixels), None, scene.relume_view.compare, ("Target", "Relit"))
 
 
 def frame_of(pixels: np.ndarray) -> SimpleNamespace:
@@ -225,8 +133,18 @@ def frame_of(pixels: np.ndarray) -> SimpleNamespace:
     return SimpleNamespace(image=image, serial=0, scale=1)
 
 
-def told(operator: bpy.types.Operator, work) -> set[str]:
-    """Does an operator's work; what keeps it from being done is said."""
+def _continue_waiting() -> float | None:
+    """Continues all comparisons that wait; returns the seconds until the next call."""
+    for uid, work in list(_waiting.items()):
+        try:
+            next(work)
+        except (StopIteration, SolveError):  # Why not is in the panel.
+            del _waiting[uid]
+    return POLL_SECONDS if _waiting else None
+
+
+def report_failure(operator: bpy.types.Operator, work: Callable[[], object]) -> set[str]:
+    """Does an operator's work and reports why it failed."""
     try:
         work()
     except SolveError as error:
@@ -248,7 +166,7 @@ class RELUME_OT_load_target(ImportHelper, bpy.types.Operator):  # noqa: N801 -- 
 
     def execute(self, context):
         """Called by Blender."""
-        return told(self, lambda: load(context.scene, self.filepath))
+        return report_failure(self, lambda: load(context.scene, self.filepath))
 
 
 class RELUME_OT_paste_target(timers.WaitingOperator, bpy.types.Operator):  # noqa: N801
@@ -273,7 +191,7 @@ class RELUME_OT_clear_target(bpy.types.Operator):  # noqa: N801
 
     @classmethod
     def poll(cls, context):
-        """Only with a target."""
+        """True if there is a target."""
         return context.scene.relume_solve.target is not None
 
     def execute(self, context):
@@ -291,21 +209,22 @@ difference"""
 
     @classmethod
     def poll(cls, context):
-        """Only with an open shot and a target."""
+        """True with an open shot and a target."""
         return super().poll(context) and context.scene.relume_solve.target is not None
 
     def execute(self, context):
         """Called by Blender."""
         work = show(context.scene)
         if bpy.app.background:
-            return told(self, lambda: [time.sleep(POLL_SECONDS) for _ in work])
+            return report_failure(self, lambda: [time.sleep(POLL_SECONDS) for _ in work])
         _waiting[context.scene.session_uid] = work
-        _wake()
+        if not bpy.app.timers.is_registered(_continue_waiting):
+            bpy.app.timers.register(_continue_waiting, first_interval=0.0)
         return {"FINISHED"}
 
 
 def draw(layout, scene: bpy.types.Scene) -> None:
-    """The target and how it is meant."""
+    """Draws the target and its settings."""
     settings = scene.relume_solve
     line = layout.row(align=True)
     line.prop(settings, "target", text="")
@@ -314,7 +233,7 @@ def draw(layout, scene: bpy.types.Scene) -> None:
     if settings.target is None:
         return
     line.operator("relume.clear_target", text="", icon="X")
-    _draw_reading(layout, reading_of(scene))
+    _draw_reading(layout, target_image.reading_of(scene))
     column = layout.column(align=True)
     column.prop(settings, "target_colors")
     column.prop(settings, "target_weight")
@@ -326,7 +245,7 @@ def draw(layout, scene: bpy.types.Scene) -> None:
 
 
 def _draw_reading(layout, reading: Reading | None) -> None:
-    """Whether and how the target can be one."""
+    """Draws how the target was read, or why it cannot be one."""
     if reading is None:
         return
     if not reading.is_done:
@@ -338,28 +257,32 @@ def _draw_reading(layout, reading: Reading | None) -> None:
 
 
 CLASSES = (RELUME_OT_load_target, RELUME_OT_paste_target, RELUME_OT_clear_target, RELUME_OT_show_target)
+_register, _unregister = bpy.utils.register_classes_factory(CLASSES)
+
+
+def _redraw_panels() -> None:
+    redraw("UI")
 
 
 @persistent
 def _forget_all(*_arguments) -> None:
     """Another file is about to be opened, or the add-on is disabled."""
     _waiting.clear()
-    for uid in list(_readings):
-        forget(uid)
+    target_image.forget_all()
 
 
 def register():
     """Adds the operators."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+    _register()
+    target_image.listeners.append(_redraw_panels)
     bpy.app.handlers.load_pre.append(_forget_all)
 
 
 def unregister():
     """Takes them away."""
     bpy.app.handlers.load_pre.remove(_forget_all)
+    target_image.listeners.remove(_redraw_panels)
     _forget_all()
-    if bpy.app.timers.is_registered(_timer):
-        bpy.app.timers.unregister(_timer)
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    if bpy.app.timers.is_registered(_continue_waiting):
+        bpy.app.timers.unregister(_continue_waiting)
+    _unregister()

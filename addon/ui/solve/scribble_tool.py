@@ -1,4 +1,4 @@
-"""The scribble brush: a tool of the 3D view's toolbar that paints, in camera view, what the picture should do."""
+"""The scribble brush: a tool of the 3D view's toolbar that paints goals in camera view."""
 
 from __future__ import annotations
 
@@ -8,21 +8,22 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, StringProperty
 
-from ..core import strokes as core
-from ..viewport import compare as pairs
-from ..viewport import strokes as drawing
-from ..viewport.views import redraw
-from .solve_settings import COLOR_TEXT, MEANING_ITEMS, strokes_of
+from ...core import strokes as core
+from ...engine.solve.request import strokes_of
+from ...viewport import compare as pairs
+from ...viewport import strokes as drawing
+from ...viewport.views import redraw
+from .settings import COLOR_TEXT, MEANING_ITEMS
 
 TOOL = "relume.scribble"
 AFTERWARDS = "builtin.select_box"
 NO_CAMERA_VIEW = "Look through the camera to paint what its picture should do (numpad 0)"
 ERASE_ITEM = (core.ERASE, "Erase", "Takes away what was painted here", "X", 7)
 LIGHTEST = 0.05
-"""Pressure that a pen has at least."""
+"""Least pressure of a pen."""
 
-TARGET_LOOKS = core.meaning(core.COLOR)
-"""The rectangle in which the target counts is drawn as what asks for white."""
+TARGET_MEANING = core.meaning(core.COLOR)
+"""Meaning that the target's rectangle is drawn with: white light."""
 
 _handle: Any = None
 
@@ -34,7 +35,7 @@ def add_stroke(scene: bpy.types.Scene, stroke: core.Stroke) -> None:
 
 
 def is_active(context: bpy.types.Context) -> bool:
-    """Whether the brush is the tool in hand."""
+    """True if the brush is the active tool."""
     tool = context.workspace.tools.from_space_view3d_mode("OBJECT", create=False) if context.workspace else None
     return tool is not None and tool.idname == TOOL and context.mode == "OBJECT"
 
@@ -55,7 +56,7 @@ class RELUME_OT_scribble(bpy.types.Operator):  # noqa: N801 -- Blender's naming
     erase: BoolProperty(name="Erase", description="Take away instead", options={"HIDDEN", "SKIP_SAVE"})
 
     def draw(self, _context):
-        """Called by Blender: what can be changed after the stroke."""
+        """Called by Blender for the panel of the last operation."""
         layout = self.layout
         layout.use_property_split = True
         layout.prop(self, "goal")
@@ -67,7 +68,7 @@ class RELUME_OT_scribble(bpy.types.Operator):  # noqa: N801 -- Blender's naming
         layout.prop(self, "strength")
 
     def invoke(self, context, event):
-        """Begins with the settings of the brush."""
+        """Called by Blender: begins with the settings of the brush."""
         frame = drawing.frame_in(context)
         if frame is None:
             self.report({"WARNING"}, NO_CAMERA_VIEW)
@@ -139,7 +140,7 @@ class RELUME_OT_clear_strokes(bpy.types.Operator):  # noqa: N801
 
     @classmethod
     def poll(cls, context):
-        """Only with strokes."""
+        """True if there are strokes."""
         return bool(context.scene.relume_solve.strokes)
 
     def execute(self, context):
@@ -156,7 +157,7 @@ class RELUME_OT_pick_brush(bpy.types.Operator):  # noqa: N801
 
     @classmethod
     def poll(cls, context):
-        """Only in a 3D view, in object mode, with a camera."""
+        """True in a 3D view, in object mode, with a camera."""
         return context.region_data is not None and context.mode == "OBJECT" and context.scene.camera is not None
 
     def execute(self, context):
@@ -166,7 +167,7 @@ class RELUME_OT_pick_brush(bpy.types.Operator):  # noqa: N801
 
 
 def draw_brush(layout, below, settings) -> None:
-    """What the brush means, and `below` how much of it: the same in the header and in the panel."""
+    """Draws the meaning of the brush, and `below` its amount, in the header or the panel."""
     layout.prop(settings, "meaning", text="")
     unit = core.UNITS.get(settings.meaning)
     if unit:
@@ -228,7 +229,7 @@ class ScribbleTool(bpy.types.WorkSpaceTool):
 
 
 def _draw() -> None:
-    """Called by Blender for every 3D view, over everything else. Strokes would hide what is compared."""
+    """Called by Blender for every 3D view, over everything else. Draws nothing over a comparison."""
     context = bpy.context
     settings = context.scene.relume_solve
     if not settings.show_strokes or not is_active(context):
@@ -237,25 +238,25 @@ def _draw() -> None:
     if frame is not None and (pairs.pair_of(context.scene) is None or drawing.is_painting(context.scene)):
         rectangles = [(it.meaning(), tuple(it.rectangle)) for it in settings.regions if it.kind == "RECTANGLE"]
         if settings.target is not None and settings.target_place.kind == "RECTANGLE":
-            rectangles.append((TARGET_LOOKS, tuple(settings.target_place.rectangle)))
+            rectangles.append((TARGET_MEANING, tuple(settings.target_place.rectangle)))
         drawing.draw(context.scene, frame, strokes_of(context.scene), rectangles)
 
 
 CLASSES = (RELUME_OT_scribble, RELUME_OT_clear_strokes, RELUME_OT_pick_brush)
+_register, _unregister = bpy.utils.register_classes_factory(CLASSES)
 
 
 def register():
-    """Adds operators, and where there is a window the tool and what it draws."""
+    """Adds operators, and where there is a window the tool and its drawing."""
     global _handle
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+    _register()
     if not bpy.app.background:
         bpy.utils.register_tool(ScribbleTool, after={"builtin.annotate"}, separator=True)
         _handle = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_PIXEL")
 
 
 def unregister():
-    """Takes them away; who has the brush in hand gets the ordinary tool."""
+    """Takes them away; the ordinary tool replaces an active brush."""
     global _handle
     if _handle is not None:
         bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
@@ -263,8 +264,7 @@ def unregister():
         _put_down()
         bpy.utils.unregister_tool(ScribbleTool)
     drawing.free()
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister()
 
 
 def _put_down() -> None:
