@@ -131,7 +131,7 @@ def lit_by_two(scene, registered_for_all_files, monkeypatch, tmp_path):
 @pytest.fixture
 def baked(lit_by_two):
     """With a picture."""
-    from addon.ui import handlers
+    from addon.live.scheduler import scheduler
     from addon.ui.start import start
     from fake_live import FakeLive
 
@@ -139,7 +139,7 @@ def baked(lit_by_two):
     live = FakeLive.made[-1]
     live.tell(samples=4, state="ready")
     live.show()
-    handlers.tick()
+    scheduler.tick()
     return lit_by_two
 
 

@@ -5,7 +5,7 @@ import time
 import bpy
 import numpy as np
 
-from addon.ui import handlers
+from addon.live.scheduler import scheduler
 from addon.ui.solve import operators
 from fake_live import FakeLive
 from fake_solve import FakeJob
@@ -54,7 +54,7 @@ def finish(found, live=None):
         if len(live.requests) > before:
             before = len(live.requests)
             live.show(serial=live.newest.serial + 1)
-            handlers.tick()
+            scheduler.tick()
 
 
 def solve(scene, **answer):

@@ -11,7 +11,8 @@ from addon.apply.lights import scaled
 from addon.apply.writable import RefusedError
 from addon.core.rows import GROUP, STATIC, WORLD, Row
 from addon.engine.reading.scene import load_scene
-from addon.ui import mixer, rows
+from addon.live import rows
+from addon.ui import mixer
 from helpers import add_light, add_material, add_quad, add_world, background, row, update
 
 VERSION = bpy.app.version

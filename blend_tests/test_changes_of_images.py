@@ -4,7 +4,7 @@ import bpy
 import pytest
 
 from addon.engine.shot import shot
-from addon.ui import handlers
+from addon.live import handlers
 from addon.ui.start import start
 from fake_live import FakeLive
 from helpers import add_material, add_quad, background, said

@@ -11,7 +11,8 @@ from addon.commands import run
 from addon.engine.shot import options, record, shot
 from addon.engine.shot.options import remembered_bake
 from addon.export.stop import ExportCancelled
-from addon.ui import handlers
+from addon.live import handlers
+from addon.live.scheduler import scheduler
 from addon.ui.start import start
 from helpers import SECONDS, add_light, settled, until, update
 
@@ -49,7 +50,7 @@ def test_reopened_file_shows_the_same_picture(studio, tmp_path):
     scene = bpy.context.scene
     assert shot.all_open() == []
     shot.Shot.open(scene)
-    handlers.read_lights(scene)
+    scheduler.read_lights(scene)
     found = until(scene, settled, "the bake to open")
     assert np.abs(found.frame.image - image).max() < 1e-4
     assert record.read(tmp_path / "bake").camera == "Camera"
@@ -91,7 +92,7 @@ def test_disabled_opened_and_undone_while_baking(studio, tmp_path):
     bpy.data.objects["Key"].location.x = 1.0
     bpy.ops.ed.undo_push(message="two")
     bpy.ops.ed.undo()
-    handlers.tick()
+    scheduler.tick()
     began = time.monotonic()
     bpy.ops.wm.read_homefile(use_empty=True)
     bpy.ops.preferences.addon_disable(module="addon")
@@ -168,7 +169,7 @@ def test_two_scenes_have_shots_of_their_own(studio, tmp_path):
     until(second, settled, "the second scene")
     assert shot.of(studio).folder != shot.of(second).folder
     bpy.data.scenes.remove(second)
-    handlers.tick()
+    scheduler.tick()
     assert [found.scene_uid for found in shot.all_open()] == [studio.session_uid]
 
 

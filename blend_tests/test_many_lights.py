@@ -6,7 +6,8 @@ import pytest
 from addon.engine.reading import scene_lights
 from addon.engine.reading.scene_lights import SceneLights
 from addon.engine.shot import shot
-from addon.ui import handlers, rows
+from addon.live import handlers, rows
+from addon.live.scheduler import scheduler
 from addon.ui.start import start
 from fake_live import FakeLive
 from helpers import add, add_light, row, update
@@ -28,7 +29,7 @@ def street(lit):
     live = FakeLive.made[-1]
     live.tell(state="ready")
     live.show()
-    handlers.tick()
+    scheduler.tick()
     return live
 
 
@@ -92,7 +93,7 @@ def test_rows_that_are_due_again_and_again_leave_turns_to_pictures(lit, street, 
     monkeypatch.setattr(rows, "are_due", lambda: True)
     monkeypatch.setattr(rows, "sync_due", lambda: compared.append(lit) or True)
     for _ in range(6):
-        assert handlers.tick(), "polling goes on"
+        assert scheduler.tick(), "polling goes on"
     assert len(polled) == len(compared) == 3
 
 
@@ -148,7 +149,7 @@ def test_what_is_read_bit_by_bit_is_what_would_be_read_anew(lit, street, monkeyp
         change(lit)
         update()
         while found.lights.is_waiting:
-            handlers.tick()
+            scheduler.tick()
         anew = SceneLights(found.lights.view_layer, found.lights.receivers)
         anew.read(bpy.context.evaluated_depsgraph_get())
         assert found.lights.descriptions == anew.descriptions, f"after change {number}"
@@ -232,7 +233,7 @@ def test_many_lights_are_read_in_turns_and_asked_for_once_all_are(lit, street, m
     turns = 0
     while found.lights.is_waiting:
         assert len(street.requests) == before, "not with some lights moved and others not"
-        assert handlers.tick(), "polling goes on"
+        assert scheduler.tick(), "polling goes on"
         turns += 1
     assert turns >= MANY / 2
     assert len(street.requests) == before + 1
@@ -264,11 +265,11 @@ def test_lights_that_go_while_they_wait_do_no_harm(lit, street, monkeypatch, way
         bpy.ops.ed.undo()
     else:
         bpy.data.objects.remove(bpy.data.objects["Short-lived"])
-        handlers.tick()
+        scheduler.tick()
         update()
     scene = bpy.context.scene
     while shot.of(scene).lights.is_waiting:
-        handlers.tick()
+        scheduler.tick()
     names = [light["name"] for light in street.requests[-1]["lights"]]
     assert len(names) == MANY + 1 and "Short-lived" not in names
 
@@ -276,10 +277,10 @@ def test_lights_that_go_while_they_wait_do_no_harm(lit, street, monkeypatch, way
 def test_rows_are_compared_in_a_turn_after_the_one_that_undoes(street, monkeypatch):
     turns = []
     monkeypatch.setattr(rows, "sync_due", lambda: turns.append("rows") or False)
-    handlers.tick()
+    scheduler.tick()
     assert turns == ["rows"]
     handlers.on_undo()
-    handlers.tick()
+    scheduler.tick()
     assert turns == ["rows"], "this turn reads lights"
-    handlers.tick()
+    scheduler.tick()
     assert turns == ["rows"] * 2

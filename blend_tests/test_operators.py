@@ -19,8 +19,9 @@ from addon.engine.cycles import reference as cycles_reference
 from addon.engine.cycles import verify
 from addon.engine.shot import background, shot
 from addon.engine.solve import solving
+from addon.live.scheduler import scheduler
 from addon.ui import background as background_ui
-from addon.ui import compare, handlers, looks, mixer, preferences, rows
+from addon.ui import compare, looks, mixer, preferences
 from addon.ui import start as starting
 from addon.ui import verify as verifying
 from addon.ui.solve import locks, operators, regions, results, scribble_tool, target
@@ -127,7 +128,7 @@ def room(registered_for_all_files, others, monkeypatch, tmp_path):
         starting.start(scene)
         FakeLive.made[-1].tell(samples=4, samples_total=8, state="cancelled")
         FakeLive.made[-1].show()
-        handlers.tick()
+        scheduler.tick()
         looks.snapshot(scene, "One")
         row(scene, "Key").exposure = 1.0
         bpy.data.objects["Fill"].hide_render = True
@@ -143,7 +144,7 @@ def room(registered_for_all_files, others, monkeypatch, tmp_path):
         image.save()
         scene.relume_solve.target = image
         update()
-        handlers.tick()
+        scheduler.tick()
         return scene
 
     yield make
@@ -221,10 +222,10 @@ def verification(scene):
 
 def rest():
     """Until the picture after the last edit is asked for, which comes a moment later."""
-    handlers.tick()
-    while handlers._resting and shot.all_open():
+    scheduler.tick()
+    while scheduler.settling and shot.all_open():
         time.sleep(0.01)
-        handlers.tick()
+        scheduler.tick()
 
 
 def without_shot(scene):
@@ -233,7 +234,7 @@ def without_shot(scene):
 
 def while_baking(_scene):
     FakeLive.made[-1].tell(state="baking")
-    handlers.tick()
+    scheduler.tick()
 
 
 def with_pair(scene):
@@ -286,7 +287,7 @@ def baking_beside(scene):
 def with_present_picture(_scene):
     rest()
     FakeLive.made[-1].show(serial=FakeLive.made[-1].newest.serial + 1)
-    handlers.tick()
+    scheduler.tick()
 
 
 def while_verifying(scene):
@@ -344,7 +345,7 @@ CASES = {
     "pause": (nothing, lambda scene, _: starting.toggle_pause(scene), {}),
     "cancel": (while_baking, lambda scene, _: starting.cancel(scene), {}),
     "apply_to_lights": (nothing, lambda scene, _: mixer.apply_to_lights(scene), {}),
-    "read_from_lights": (nothing, lambda scene, _: rows.reset(scene), {}),
+    "read_from_lights": (nothing, lambda scene, _: mixer.reset(scene), {}),
     "select_light": (nothing, lambda _scene, _: mixer.select_light(bpy.context, "Key"), {"light": "Key"}),
     "show_light": (nothing, lambda _scene, _: mixer.show_light(bpy.context, "Fill"), {"light": "Fill"}),
     "snapshot": (nothing, lambda scene, _: looks.snapshot(scene), {}),

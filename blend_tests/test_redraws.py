@@ -6,7 +6,8 @@ from types import SimpleNamespace
 import pytest
 
 from addon.engine.shot import shot
-from addon.ui import handlers, redraws
+from addon.live import redraws
+from addon.live.scheduler import TICK_SECONDS, scheduler
 from addon.ui.start import start
 from addon.viewport import views
 from fake_live import FakeLive
@@ -28,12 +29,12 @@ def bake(lit, monkeypatch):
     monkeypatch.setattr(views, "regions", regions)
     found, clock.live = start(lit), FakeLive.made[-1]
     while found.changes.is_pending:
-        handlers.tick()
+        scheduler.tick()
 
-    def turn(seconds=handlers.TICK_SECONDS):
+    def turn(seconds=TICK_SECONDS):
         clock.now += seconds
-        redraws.note_turn(handlers.TICK_SECONDS)
-        return handlers.tick()
+        scheduler.redraws.note_tick(TICK_SECONDS)
+        return scheduler.tick()
 
     clock.turn = turn
     traced(clock, 1)
@@ -54,13 +55,13 @@ def test_progress_takes_its_share_of_the_time_and_the_last_of_it_is_said(bake):
     assert bake.drawn == ["UI"]
     slow = 0.2
     traced(bake, 3)
-    bake.turn(handlers.TICK_SECONDS + slow)
+    bake.turn(TICK_SECONDS + slow)
     start, seconds = bake.now, 0.0
     while bake.drawn == ["UI"]:
         assert bake.turn(), "there is something left to be drawn"
         seconds = bake.now - start
         assert seconds < 10.0
-    assert seconds == pytest.approx(slow / redraws.SHARE, abs=2 * handlers.TICK_SECONDS)
+    assert seconds == pytest.approx(slow / redraws.SHARE, abs=2 * TICK_SECONDS)
     assert bake.drawn == ["UI", "UI"]
 
 

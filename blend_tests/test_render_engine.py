@@ -19,8 +19,8 @@ from addon.engine.render_engine import ALBEDO_HERE
 from addon.engine.shot import background
 from addon.engine.shot.options import remember_bake
 from addon.export.camera import film_border
+from addon.live import rows
 from addon.ui import render as ui
-from addon.ui import rows
 from addon.viewport import rendered
 from addon.viewport.camera_frame import Rectangle
 from exr import read_exr

@@ -10,7 +10,8 @@ from solve_steps import begin
 from addon.core.rows import GROUP, STATIC, WORLD
 from addon.core.solve import SolveError
 from addon.engine.solve.request import free_parameters
-from addon.ui import mixer, rows
+from addon.live import rows
+from addon.ui import mixer
 from addon.ui.solve import locks
 from helpers import add_light, instance_linked_light, row, update
 

@@ -11,7 +11,7 @@ from addon.core.solve import SolveError
 from addon.engine.shot import shot
 from addon.engine.solve import solving
 from addon.engine.solve.target_image import awaited, picture_size, reading_of
-from addon.ui import handlers
+from addon.live.scheduler import scheduler
 from addon.viewport import compare as pairs
 from fake_live import FakeLive
 from fake_solve import FakeJob
@@ -24,7 +24,7 @@ def no_bake(scene):
 
 def no_picture(scene):
     FakeLive.made[-1].tell(samples=0)
-    handlers.tick()
+    scheduler.tick()
     return "Wait for the first picture"
 
 

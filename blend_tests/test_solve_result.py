@@ -12,7 +12,8 @@ from addon.core.looks import from_json
 from addon.core.rows import WORLD
 from addon.core.solve import SolveError
 from addon.engine.solve.request import strokes_of
-from addon.ui import looks, rows
+from addon.live import rows
+from addon.ui import looks
 from addon.ui.solve import operators, results
 from addon.viewport import compare as pairs
 from fake_solve import light

@@ -11,7 +11,7 @@ import pytest
 import addon
 from addon.engine.shot import checks, shot
 from addon.engine.shot.checks import ProblemError
-from addon.ui import handlers
+from addon.live.scheduler import scheduler
 from addon.ui.start import start
 from fake_live import FakeLive
 
@@ -44,14 +44,14 @@ def test_rebake_asks_for_paths_that_look_for_moved_lights(lit):
 
 def test_pause_and_cancel_reach_the_native_module(lit):
     found = start(lit)
-    handlers.tick()
+    scheduler.tick()
     assert bpy.ops.relume.pause() == {"FINISHED"}
-    handlers.tick()
+    scheduler.tick()
     assert found.status["paused"] and bpy.ops.relume.pause() == {"FINISHED"}
-    handlers.tick()
+    scheduler.tick()
     assert not found.status["paused"]
     assert bpy.ops.relume.cancel() == {"FINISHED"}
-    handlers.tick()
+    scheduler.tick()
     assert found.status["state"] == "cancelled"
 
 

@@ -15,9 +15,8 @@ from addon.core.solve import SolveError
 from addon.engine.reading.scene import load_scene
 from addon.engine.shot import record, shot
 from addon.engine.world import world_change, worlds
-from addon.ui import handlers
 from addon.ui.solve import operators
-from addon.ui.start import start
+from addon.ui.start import open_bake, start
 from helpers import add_sky, add_world, settled, sky_file, until, update
 
 
@@ -77,7 +76,7 @@ def test_a_turned_sky_is_shown_without_new_paths_and_found_again(turnable, tmp_p
 
     until(scene, lambda found: found.status["world_is_stored"], "the stored light")
     shot.of(scene).close(5.0)
-    handlers.open_bake(scene)
+    open_bake(scene)
     assert np.abs(picture(scene, "the opened bake") - turned).max() < 1e-3 * turned.max()
     assert not shot.of(scene).is_changing_world
     turn(mapping, 0.0)

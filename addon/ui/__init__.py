@@ -1,8 +1,8 @@
 """Panels in Blender's window, property groups, and operators that call functions of the other packages."""
 
+from ..live import handlers
 from . import (
     background,
-    handlers,
     looks,
     looks_panel,
     main_panel,

@@ -11,8 +11,8 @@ from ..engine.shot.checks import ProblemError, check_start
 from ..engine.shot.options import remember_bake
 from ..engine.workers.process import NoCopyError
 from ..viewport.views import redraw
-from . import handlers
 from .panel import RelumePanel, message
+from .start import open_bake
 
 TICK_SECONDS = 0.25
 STAGES = {
@@ -50,7 +50,7 @@ def _open(job: background.BackgroundBake) -> None:
             continue
         try:
             remember_bake(scene, job.folder)
-            handlers.open_bake(scene)
+            open_bake(scene)
         except (NativeModuleError, RuntimeError, ValueError, OSError) as error:
             job.error = f"it could not be opened: {error}"
 

@@ -14,8 +14,9 @@ from ..core.receivers import with_numbers
 from ..core.rows import mix_for
 from ..core.status import is_final
 from ..engine.shot import shot as shots
+from ..live import rows
+from ..live.scheduler import scheduler
 from ..viewport import compare
-from . import handlers, rows
 from .looks import RelumeLook
 
 STEP_SECONDS = 1 / 30
@@ -45,7 +46,7 @@ class Comparison:
 
     def _ask(self) -> None:
         self.number = self.shot.ask(self.requests[len(self.frames)])
-        handlers.wake()
+        scheduler.wake()
 
     def step(self) -> bool:
         """Advances by one step; returns True if it is to be called again."""
@@ -63,7 +64,7 @@ class Comparison:
             self._ask()
             return True
         compare.set_pair(scene, *[*self.frames, None][:2], scene.relume_view.compare, self.labels)
-        handlers.changed(scene)
+        scheduler.request_picture(scene)
         return False
 
 
@@ -84,7 +85,7 @@ def stop(scene: bpy.types.Scene) -> None:
     """Ends a comparison and shows the live picture alone."""
     _running.pop(scene.session_uid, None)
     compare.clear(scene)
-    handlers.changed(scene)
+    scheduler.request_picture(scene)
 
 
 def request_of(scene: bpy.types.Scene, shot: shots.Shot, look: RelumeLook) -> str:
@@ -93,7 +94,7 @@ def request_of(scene: bpy.types.Scene, shot: shots.Shot, look: RelumeLook) -> st
     if look.request:
         request = json.dumps(json.loads(look.request) | {"interactive": False})
         return with_numbers(request, shot.lights.receivers)
-    lights = handlers.lights_of(scene, shot)
+    lights = scheduler.lights_of(scene, shot)
     present, groups, memberships = rows.plain(scene)
     values = match(look.look(), [*present, *groups]).rows
     names = [light["name"] for light in lights]

@@ -19,7 +19,9 @@ from ..core.receivers import with_names
 from ..engine.shot import shot as shots
 from ..export.light_tree import light_objects
 from ..export.lights import name_of
-from . import handlers, rows, thumbnails
+from ..live import rows
+from ..live.scheduler import scheduler
+from . import thumbnails
 
 
 def _renamed(entry: RelumeLook, _context: Any) -> None:
@@ -75,7 +77,7 @@ def snapshot(scene: bpy.types.Scene, name: str = "Look") -> RelumeLook:
     entry = add(scene, current(scene, name))
     shot = shots.of(scene)
     if shot is not None:
-        request = shots.request_text(handlers.content_of(scene, shot))
+        request = shots.request_text(scheduler.content_of(scene, shot))
         entry.request = with_names(request, shot.lights.receivers)
         if shot.present_frame is not None:
             entry.thumbnail = thumbnails.encode(scene, shot.present_frame.image)
@@ -119,7 +121,7 @@ def restore(scene: bpy.types.Scene, look: Look, lights: bool = False) -> Outcome
     matched = match(look, [row.values() for row in present])
     for row, values in zip(present, matched.rows, strict=True):
         row.take(values)
-    handlers.read_lights(scene)
+    scheduler.read_lights(scene)
     return Outcome(matched.missing, matched.unknown)
 
 

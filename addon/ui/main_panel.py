@@ -16,9 +16,9 @@ from ..core.words import Kind
 from ..engine.shot import shot as shots
 from ..engine.shot.checks import disk_space
 from ..engine.shot.options import places_of_bake
+from ..live import opening
 from ..viewport import handlers as viewport
 from ..viewport.views import redraw
-from . import handlers
 from .panel import RelumePanel, message
 
 DISK_SECONDS = 2.0
@@ -47,7 +47,7 @@ class RELUME_PT_main(RelumePanel, bpy.types.Panel):  # noqa: N801 -- Blender's n
             layout.operator("relume.look_through_camera", icon="OUTLINER_DATA_CAMERA")
         if shot is not None:
             _draw_shot(layout, scene, shot)
-        elif words := handlers.why_not_open(scene):
+        elif words := opening.why_not_open(scene):
             message(layout, words, "ERROR")
         if not _can_start_here(shot):
             return

@@ -16,8 +16,11 @@ from ..engine.render_engine import ENGINE, PassSettings
 from ..engine.shot import shot as shots
 from ..export.light_tree import light_tree
 from ..export.lights import name_of
+from ..live import rows
+from ..live.scheduler import scheduler
 from ..viewport import rendered
-from . import handlers, render_pass, rows
+from ..viewport.views import pass_of
+from . import render_pass
 
 CYCLES_RENDER_PANELS = ("CYCLES_RENDER_PT_light_paths", "CYCLES_RENDER_PT_film", "CYCLES_RENDER_PT_simplify")
 """Panels of Cycles' render settings that concern a bake too; its other panels are for materials, lights and so on."""
@@ -58,13 +61,13 @@ class RelumeRenderEngine(bpy.types.RenderEngine):
             self.register_pass(scene, renderlayer, name, channels, letters, kind)
 
     def view_update(self, context, depsgraph):
-        """Called by Blender when the scene has changed; `handlers` follows the scene."""
+        """Called by Blender when the scene has changed; `live` follows the scene."""
 
     def view_draw(self, context, depsgraph):
         """Called by Blender to draw a view; computes nothing."""
-        chosen = render_pass.of(context.space_data)
+        chosen = pass_of(context.space_data)
         if not rendered.draw(self, context, chosen):
-            handlers.wake()
+            scheduler.wake()
 
 
 def _light_names(scene: bpy.types.Scene) -> list[str]:

@@ -64,20 +64,6 @@ class RelumeShading(bpy.types.PropertyGroup):
     )
 
 
-def of(space: bpy.types.SpaceView3D) -> str:
-    """The pass that a view shows, by its name in final renders."""
-    return space.shading.relume.name_of_pass
-
-
-def wanted(scene: bpy.types.Scene) -> set[str]:
-    """The single passes that views of a scene show."""
-    if scene.render.engine != ENGINE:
-        return set()
-    windows = [window for window in bpy.context.window_manager.windows if window.scene == scene]
-    spaces = [area.spaces.active for window in windows for area in window.screen.areas if area.type == "VIEW_3D"]
-    return {of(space) for space in spaces if space.shading.type == "RENDERED"} - {COMBINED}
-
-
 class RELUME_PT_shading_pass(bpy.types.Panel):  # noqa: N801 -- Blender's naming
     """Which pass this view shows"""
 

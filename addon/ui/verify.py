@@ -15,10 +15,10 @@ from ..engine.solve import solving
 from ..engine.workers.process import NoCopyError
 from ..export.light_tree import light_objects
 from ..export.lights import name_of
+from ..live import rows
 from ..viewport import compare
 from ..viewport.views import redraw
 from . import compare as comparing
-from . import rows
 from .panel import RelumePanel, message
 
 TICK_SECONDS = 0.25

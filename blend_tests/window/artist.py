@@ -24,7 +24,7 @@ def addon(module):
 
 def will_ask_again():
     """Whether a fuller picture of what was edited will be asked for a moment later."""
-    return bool(addon("ui.handlers")._resting)
+    return bool(addon("live.scheduler").scheduler.settling)
 
 
 def settled(driver):

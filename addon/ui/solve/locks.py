@@ -12,7 +12,8 @@ from ...core.rows import GROUP, LIGHT, WORLD
 from ...core.solve import LACKING, PARAMETERS, parameters_of
 from ...export.light_tree import light_objects
 from ...export.lights import name_of
-from .. import rows
+from ...live import rows
+from ..rows import RelumeRow
 
 ICONS = {
     "position": "EMPTY_ARROWS",
@@ -91,7 +92,7 @@ class _ShownLocks:
         return UNLOCKED if len(free) == len(self.parameters) else PARTLY
 
 
-def _locks_of(scene: bpy.types.Scene, row: rows.RelumeRow) -> _ShownLocks | None:
+def _locks_of(scene: bpy.types.Scene, row: RelumeRow) -> _ShownLocks | None:
     """Locks of a row; None if it has none."""
     if row.kind == WORLD:
         return _ShownLocks(scene.relume_solve, "world_", ("color", "strength"))
@@ -101,7 +102,7 @@ def _locks_of(scene: bpy.types.Scene, row: rows.RelumeRow) -> _ShownLocks | None
     return _ShownLocks(row.locks, "", tuple(parameters_of(kind)) if kind else ())
 
 
-def kind_of(row: rows.RelumeRow) -> str | None:
+def kind_of(row: RelumeRow) -> str | None:
     """Type of a row's light; None if it is linked."""
     obj = bpy.data.objects.get((row.name, None))
     return obj.data.type if obj is not None and obj.type == "LIGHT" else None
@@ -151,7 +152,7 @@ as they are. A bold open one: some of them, or something of them, is locked"""
         return {"FINISHED"}
 
 
-def draw_lock(layout, scene: bpy.types.Scene, row: rows.RelumeRow) -> None:
+def draw_lock(layout, scene: bpy.types.Scene, row: RelumeRow) -> None:
     """Draws the lock of a row as a whole, or a gap of the same width where there is none."""
     if row.kind == GROUP:
         icon = _icon_of_group(scene, row.name)
@@ -168,7 +169,7 @@ def draw_lock(layout, scene: bpy.types.Scene, row: rows.RelumeRow) -> None:
     cell.prop(locks.owner, f"{locks.prefix}locked", text="", icon=locks.icon, emboss=False)
 
 
-def draw_parameters(layout, scene: bpy.types.Scene, row: rows.RelumeRow) -> None:
+def draw_parameters(layout, scene: bpy.types.Scene, row: RelumeRow) -> None:
     """Draws the locks of the parameters of a row."""
     locks = _locks_of(scene, row)
     if locks is None or not locks.parameters:

@@ -14,10 +14,11 @@ from ...core.looks import LookError
 from ...core.solve import SolveError
 from ...engine.solve import solving
 from ...engine.solve.solving import Hooks, Solving
+from ...live.scheduler import scheduler
 from ...viewport import strokes as drawing
 from ...viewport.handlers import write
 from ...viewport.views import redraw, settle
-from .. import handlers, looks, timers
+from .. import looks, timers
 from . import results
 
 TICK_SECONDS = 1 / 30
@@ -32,9 +33,9 @@ _handle: Any = None
 def begin(scene: bpy.types.Scene) -> Solving:
     """Begins to solve; to be stepped until it ends. Raises SolveError with one line for the artist."""
     shot = solving.ready_shot(scene)
-    content = handlers.content_of(scene, shot)
+    content = scheduler.content_of(scene, shot)
     before = looks.current(scene, results.BEFORE)
-    hooks = Hooks(handlers.changed, handlers.wake, partial(results.keep, before))
+    hooks = Hooks(scheduler.request_picture, scheduler.wake, partial(results.keep, before))
     return solving.begin(scene, shot, content, hooks)
 
 

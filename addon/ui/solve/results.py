@@ -20,9 +20,11 @@ from ...engine.shot import shot as shots
 from ...engine.solve.solving import Result, Solving
 from ...export.light_tree import light_objects
 from ...export.lights import name_of
+from ...live import rows
+from ...live.scheduler import scheduler
 from ...viewport import compare as pairs
 from ...viewport import view_table
-from .. import handlers, looks, rows, thumbnails
+from .. import looks, thumbnails
 
 SOLVED, BEFORE = "Solve", "Before"
 WORLD_STAYS = (
@@ -77,7 +79,7 @@ def _finish(scene: bpy.types.Scene, before: Look, solving: Solving, result: Resu
     if result.frame is not None:
         labels = (entry.name, before_name)
         pairs.set_pair(scene, result.frame, result.before_frame, scene.relume_view.compare, labels)
-    handlers.changed(scene)
+    scheduler.request_picture(scene)
     return entry.uid
 
 

@@ -268,10 +268,10 @@ def check_many_views(driver):
         is_there = found is not None and all(abs(a - b) <= 1 for a, b in zip(found, expected, strict=True))
         driver.check(is_there, f"the picture is in the second window, which covers the first: {found}, not {expected}")
         Picture.given = flat(40, color=(0.0, 0.0, 0.0))
-        addon("ui.handlers").wake()
+        addon("live.scheduler").scheduler.wake()
         yield from driver.until(lambda: box_of(driver.photo()) is None, "the black picture in the second window")
         Picture.given = flat(41)
-        addon("ui.handlers").wake()
+        addon("live.scheduler").scheduler.wake()
         yield from driver.until(lambda: box_of(driver.photo()) == found, "the picture in the second window again")
         with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
             bpy.ops.wm.window_close()
