@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from addon.core.rows import GROUP, LIGHT, STATIC, WORLD
-from addon.live import handlers
 from addon.ui import compare, looks, mixer
 from addon.ui.start import start
 from addon.viewport import compare as pairs
@@ -86,4 +85,4 @@ def test_looks_are_compared_as_they_looked(shown):
     bpy.context.view_layer.update()
     assert np.abs(picture(shown, "the restored one") - one).max() < 1e-4 * one.max()
     compare.stop(shown)
-    handlers.close_all()
+    scheduler.close_all()

@@ -171,7 +171,7 @@ def test_a_bake_that_cannot_be_opened_with_its_file_is_said(lit, tmp_path, drawn
         raise RuntimeError("Relume was updated\nwhile it was loaded")
 
     with monkeypatch.context() as patched:
-        patched.setattr(handlers, "open_bake", fail)
+        patched.setattr(shot.Shot, "open", fail)
         handlers.open_bakes()
     says = "The bake of this scene could not be opened: Relume was updated while it was loaded"
     assert says in drawn(lit).words and "Traceback" not in capfd.readouterr().err

@@ -6,7 +6,7 @@ import pytest
 import addon
 from addon.core import rows as core
 from addon.core.rows import GROUP, LIGHT, STATIC, WORLD
-from addon.live import rows
+from addon.live import handlers, rows
 from addon.ui import mixer
 from addon.ui.start import start
 from fake_live import FakeLive
@@ -259,7 +259,7 @@ def test_disabled_and_enabled_again(scene):
     row(scene, "Key").exposure = 1.0
     addon.unregister()
     assert not hasattr(scene, "relume_mix")
-    assert rows.on_depsgraph_update not in bpy.app.handlers.depsgraph_update_post
+    assert handlers.on_depsgraph_update not in bpy.app.handlers.depsgraph_update_post
     addon.register()
     assert row(scene, "Key").exposure == 1.0
 

@@ -11,7 +11,7 @@ from ..engine.reading.render_depsgraph import note_render_slot, remove_copies
 from ..engine.shot import shot as shots
 from ..engine.shot.options import preferences, remember_bake, remembered_bake
 from . import opening, rows
-from .scheduler import IDLE_SECONDS, READ_SECONDS, scheduler
+from .scheduler import IDLE_SECONDS, scheduler
 
 EXIT_SECONDS = 5.0
 """Seconds that Blender's exit waits for work to end."""
@@ -29,7 +29,7 @@ def on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) 
         return
     if scene.camera is not None:
         shot.recognises(scene.camera)
-    lights = shot.lights.update(depsgraph, READ_SECONDS)
+    lights = shot.lights.update(depsgraph, scheduler.read_seconds)
     world = shot.changes.mark(scene, list(depsgraph.updates))
     if lights or world:
         scheduler.request_picture(scene, interactive=True)

@@ -27,8 +27,6 @@ FILES_SECONDS = 2.0
 """Seconds between checks of image files."""
 STALENESS_SECONDS = 0.005
 """Seconds in one tick for finding what has changed since the bake."""
-READ_SECONDS = math.inf if bpy.app.background else 0.01
-"""Seconds in one tick for reading lights: without a window there are no ticks."""
 
 
 class Scheduler:
@@ -37,6 +35,8 @@ class Scheduler:
     def __init__(self) -> None:
         self.settling: dict[int, float] = {}
         """Time at which to ask for the full picture, by the uid of each scene with a change in progress."""
+        self.read_seconds = math.inf if bpy.app.background else 0.01
+        """Seconds in one tick for reading lights: without a window there are no ticks."""
         self._deferred: dict[Callable[[], object], float] = {}
         """Times of work that was put off."""
         self._files_due = 0.0
@@ -80,7 +80,7 @@ class Scheduler:
         shot, depsgraph = shots.of(scene), _depsgraph(scene)
         if shot is None:
             return
-        if depsgraph is not None and shot.lights.read(depsgraph, READ_SECONDS):
+        if depsgraph is not None and shot.lights.read(depsgraph, self.read_seconds):
             self.request_picture(scene)
         self.wake()
 
@@ -115,7 +115,7 @@ class Scheduler:
         self._is_running = True
         try:
             self._do_deferred()
-            self._look_at_files()
+            self._is_awake |= self._files_are_due() and self.look_at_files()
             self._is_awake = self._is_awake and self.tick()
         finally:
             self._is_running = False
@@ -134,13 +134,16 @@ class Scheduler:
             del self._deferred[work]
             work()
 
-    def _look_at_files(self) -> None:
-        """Checks if image files have changed since the bake."""
+    def _files_are_due(self) -> bool:
         now = time.monotonic()
-        if self._files_due and self._files_due <= now:
-            self._files_due = now + FILES_SECONDS if shots.all_open() else 0.0
-            if any([shot.changes.mark_files() for shot in shots.all_open()]):
-                self._is_awake = True
+        if not 0.0 < self._files_due <= now:
+            return False
+        self._files_due = now + FILES_SECONDS if shots.all_open() else 0.0
+        return True
+
+    def look_at_files(self) -> bool:
+        """Has image files compared with those of the bake; returns True if there are any."""
+        return any([shot.changes.mark_files() for shot in shots.all_open()])
 
     def tick(self) -> bool:
         """Polls once; returns True if it is to be called again."""
@@ -164,7 +167,7 @@ class Scheduler:
             if opening.open_stored(scene):
                 self.read_lights(scene)
             return True
-        if _read_waiting(scene, shot, READ_SECONDS):
+        if _read_waiting(scene, shot, self.read_seconds):
             self.request_picture(scene, interactive=True)
         serial = shot.serial
         shot.poll()

@@ -69,11 +69,14 @@ class StalenessTracker:
 
         Blender also names what was only evaluated again. For shading that is what uses an edited material. For geometry
         it is what reads collections that were put in order, as Start does, and from 5.3 on what uses an edited
-        material."""
+        material. Where a scene is removed, as after reading, it is all metaballs."""
         around = (bpy.types.Collection, bpy.types.Material)
         names_objects = any(isinstance(update.id, around) for update in updates)
         for update in updates:
             is_object = isinstance(update.id, bpy.types.Object)
+            is_meta = update.id.type == "META" if is_object else isinstance(update.id, bpy.types.MetaBall)
+            if names_objects and is_meta:
+                continue
             reshaped = update.is_updated_geometry and not (names_objects and is_object)
             kinds: tuple[str, ...] = ("material ",) * (update.is_updated_shading and not is_object)
             if update.is_updated_transform or reshaped:

@@ -9,8 +9,9 @@ import bpy
 from ...core.rows import LIGHT
 from ...engine.solve import solving
 from ...engine.solve.request import strokes_of
+from ...live import rows
 from ...viewport import compare as pairs
-from .. import looks, rows
+from .. import looks
 from ..panel import RelumePanel, message
 from . import limits, locks, regions, scribble_tool, target
 
