@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from addon.core.rows import GROUP, LIGHT, STATIC, WORLD
+from addon.live.scheduler import scheduler
 from addon.ui import compare, looks, mixer
 from addon.ui.start import start
 from addon.viewport import compare as pairs
