@@ -14,7 +14,7 @@ use relume_scene::{Light, LightShape};
 use relume_trace::{Control, TraceSettings, Tracer};
 
 use super::{Record, closed_box};
-use crate::SessionError;
+use crate::error::SessionError;
 use crate::live::bench as live_bench;
 use crate::solve::bench as solve_bench;
 

@@ -3,8 +3,10 @@
 mod device;
 mod goals;
 
+use crate::device::compute::Compute;
+use crate::error::SessionError;
 use crate::progress::{Monitor, Stage};
-use crate::{Compute, SessionError, solve};
+use crate::solve;
 use glam::{Affine3A, Vec2, Vec3};
 use relume_dump::MemoryWriter;
 use relume_gather::bench::PAPER;
@@ -282,7 +284,7 @@ pub(crate) fn closed_box((width, height): (usize, usize)) -> Result<Scene, Sessi
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Device;
+    use crate::device::compute::Device;
     use relume_gpu::GpuChoice;
 
     #[test]

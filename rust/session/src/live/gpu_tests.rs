@@ -2,7 +2,8 @@
 
 use super::LiveRequest;
 use super::bench::{LIGHTS, Shot, boxed, bulbs, dragged, still, strength_edit};
-use crate::{Compute, Maker};
+use crate::device::compute::Compute;
+use crate::relight::relighter::Maker;
 use relume_dump::Dump;
 use relume_gpu::{Gpu, GpuChoice};
 use relume_image::Image;

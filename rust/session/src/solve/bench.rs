@@ -6,7 +6,8 @@ use std::ops::ControlFlow;
 use std::time::Instant;
 
 use super::proxy_relight::ProxyRelight;
-use crate::{Proxies, SessionError};
+use crate::error::SessionError;
+use crate::files::proxies::Proxies;
 
 /// Runs, of which the best counts: the first compiles kernels.
 const RUNS: usize = 3;
