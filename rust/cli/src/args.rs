@@ -186,15 +186,15 @@ pub struct RelightArgs {
     /// Bake folder, or a folder of proxies.
     pub bake: PathBuf,
     /// What makes each light's picture.
-    #[arg(long = "with", value_enum, default_value = "auto")]
-    pub with: With,
+    #[arg(long = "with", value_name = "WITH", value_enum, default_value = "auto")]
+    pub method: Method,
     #[command(flatten)]
     pub picture: PictureArgs,
 }
 
 /// What makes a light's picture.
 #[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum With {
+pub enum Method {
     /// Whichever has the lower measured error for this type of light.
     Auto,
     /// The bake.

@@ -32,7 +32,7 @@ mod test_room;
 mod train;
 
 pub use bake::features::{pixel_features, pixel_ray};
-pub use bake::guiding::Guided;
+pub use bake::guiding::GuidingRecord;
 pub use bake::world::WorldAbout;
 pub use bake::{BakeReport, bake, difference};
 pub use device::compute::{Compute, Device};
@@ -52,8 +52,9 @@ pub use files::scene_file::{SceneFile, write_scene};
 pub use files::validate::validate;
 pub use progress::{Cancel, Listener, Monitor, Progress, Stage, StageProgress};
 pub use relight::denoise::Denoise;
-pub use relight::relighter::{Maker, RelightOptions, Relighter, With};
+pub use relight::relighter::{RelightOptions, Relighter};
 pub use relight::relit::{Relit, RelitLight};
+pub use relight::source::{Method, UnitSource};
 pub use solve::{
     Add, Answer, BoundsWish, Freedom, GoalKind, GoalReport, GoalWish, NewKind, Own, Pictures, Preview,
     RegionWish, SoFar, SolveRequest, Solved, Through, Wish, solve_lights,

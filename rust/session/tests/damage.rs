@@ -5,7 +5,7 @@ mod common;
 use common::{RAW, baked, sphere, trained};
 use relume_session::image::{BitDepth, Image, ViewTransform};
 use relume_session::proxy::LightKind;
-use relume_session::{Monitor, RelightOptions, Relighter, VIEW_FILE, With, validate};
+use relume_session::{Method, Monitor, RelightOptions, Relighter, VIEW_FILE, validate};
 use std::path::Path;
 
 const DAMAGES: u64 = 60;
@@ -77,7 +77,7 @@ fn random_damage_is_named_and_stops_nothing_that_can_do_without_the_file() {
         .collect();
     names.sort();
     let light = [sphere("Key", 0.2)];
-    let options = RelightOptions { with: With::Gather, ..RAW };
+    let options = RelightOptions { method: Method::Gather, ..RAW };
     let relit = || Relighter::open(path).and_then(|found| found.relight(&light, &options, &monitor));
     let whole = relit().unwrap().combined();
     let mut random = Random(7);

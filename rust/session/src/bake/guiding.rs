@@ -11,12 +11,14 @@ use relume_scene::{Camera, Light, LightShape};
 use relume_trace::{Guide, TraceSettings, hit_probability};
 use serde::Serialize;
 use serde_json::Value;
+use std::collections::VecDeque;
 use std::io::Write;
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 
 /// The lights that the paths of a bake look for, pass by pass.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Guided {
+pub struct GuidingRecord {
     /// Share of the directions ([`relume_trace::TraceSettings::guiding`]).
     guiding: f32,
     /// In the order of the passes, each time they change.
@@ -30,7 +32,7 @@ struct Since {
     lights: LightSet,
 }
 
-impl Guided {
+impl GuidingRecord {
     /// Reads a bake's record; one that looks for nothing if the folder holds none.
     ///
     /// # Errors
@@ -97,30 +99,38 @@ const WORTH_NEW_PATHS: f32 = 2.0;
 const ENOUGH_HITS: f32 = 8.0;
 
 /// How often the paths of a bake meet lights.
-pub(crate) struct Sight {
+pub(crate) struct GuideCoverage {
     /// Paths of each group of passes, and what they look for.
     guides: Vec<(u32, Option<Guide>)>,
     /// What the latest ones look for.
     lights: Vec<Light>,
     points: Vec<Vec3>,
     guiding: f32,
+    /// Answers about the shapes that were asked for last, newest first.
+    known: Mutex<VecDeque<(LightShape, Option<UnderSampled>)>>,
 }
 
-impl Sight {
+impl GuideCoverage {
     /// From the points that a camera sees.
-    pub fn new(guided: &Guided, manifest: &Manifest, aovs: &Aovs, camera: &Camera) -> Self {
+    pub fn new(guiding_record: &GuidingRecord, manifest: &Manifest, aovs: &Aovs, camera: &Camera) -> Self {
         let mut guides = Vec::<(u32, Option<Guide>)>::new();
         let mut before: Option<&[Light]> = None;
         for (number, pass) in manifest.passes.iter().enumerate() {
-            let lights = guided.lights(number);
+            let lights = guiding_record.lights(number);
             match guides.last_mut().filter(|_| before == Some(lights)) {
                 Some((samples, _)) => *samples += pass.samples,
-                None => guides.push((pass.samples, Guide::new(lights, guided.guiding))),
+                None => guides.push((pass.samples, Guide::new(lights, guiding_record.guiding))),
             }
             before = Some(lights);
         }
         let lights = before.unwrap_or_default().to_vec();
-        Self { guides, lights, points: seen_points(aovs, camera, POINTS), guiding: guided.guiding }
+        Self {
+            guides,
+            lights,
+            points: seen_points(aovs, camera, POINTS),
+            guiding: guiding_record.guiding,
+            known: Mutex::default(),
+        }
     }
 
     fn samples(&self) -> u32 {
@@ -162,34 +172,51 @@ impl Sight {
         })
     }
 
-    /// What there is to say of a light that so few paths meet that its picture is worth nothing.
-    pub fn rare(&self, light: &Light) -> Option<Rare> {
+    /// Light that is met by too few paths for a picture; none if there are enough. Kept, since a drag asks again for each
+    /// picture.
+    pub fn under_sampled(&self, light: &Light) -> Option<UnderSampled> {
+        const KEPT: usize = 256;
+        if light.radiance == [0.0; 3] {
+            return None;
+        }
+        let known = || self.known.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, answer)) = known().iter().find(|(shape, _)| *shape == light.shape) {
+            return *answer;
+        }
+        let answer = self.find_under_sampled(light);
+        let mut known = known();
+        known.push_front((light.shape, answer));
+        known.truncate(KEPT);
+        answer
+    }
+
+    fn find_under_sampled(&self, light: &Light) -> Option<UnderSampled> {
         let hits = self.hits(light).filter(|hits| *hits < LEAST_HITS)?;
         let guiding = if self.guiding > 0.0 { self.guiding } else { TraceSettings::default().guiding };
         // Other lights have their shares of the directions as well.
         let others = self.lights.iter().filter(|other| other.shape != light.shape).cloned();
         let lights: Vec<Light> = others.chain([light.clone()]).collect();
         let hits_of_new = self.hits_with(&lights, light, guiding);
-        let would_be_met = hits_of_new.is_some_and(|hits| hits >= LEAST_HITS);
-        Some(Rare { hits, would_be_met, samples: self.samples().max(FEWEST_SAMPLES) })
+        let guiding_helps = hits_of_new.is_some_and(|hits| hits >= LEAST_HITS);
+        Some(UnderSampled { hits, guiding_helps, samples: self.samples().max(FEWEST_SAMPLES) })
     }
 }
 
 /// A light that hardly any path meets.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Rare {
+pub(crate) struct UnderSampled {
     /// Paths of a lit pixel that do.
     hits: f32,
     /// Whether new paths would, if they looked for it.
-    pub would_be_met: bool,
+    pub guiding_helps: bool,
     samples: u32,
 }
 
-impl Rare {
+impl UnderSampled {
     /// What to tell the user.
     pub fn warning(&self, light: &Light) -> String {
         let advice = match light.shape {
-            _ if self.would_be_met => "bake again (Rebake), and paths look for it there".to_string(),
+            _ if self.guiding_helps => "bake again (Rebake), and paths look for it there".to_string(),
             LightShape::Sun { .. } => {
                 let wide_enough = 2.0 * (LEAST_HITS / self.samples as f32).sqrt().to_degrees();
                 format!("widen it to {wide_enough:.1} degrees, or bake more samples")
@@ -222,7 +249,7 @@ mod tests {
     }
 
     /// A wall 4 m in front of a camera, in passes of 16 and 48 paths.
-    fn sight(guided: &Guided) -> Sight {
+    fn coverage(guiding_record: &GuidingRecord) -> GuideCoverage {
         let camera = Camera {
             world_from_camera: Affine3A::IDENTITY,
             width: 16,
@@ -260,61 +287,73 @@ mod tests {
             world_color: [1.0; 3],
             world_map: String::new(),
         };
-        Sight::new(guided, &manifest, &aovs, &camera)
+        GuideCoverage::new(guiding_record, &manifest, &aovs, &camera)
     }
 
     #[test]
     fn each_pass_counts_with_what_it_looks_for() {
         let light = lamp(0.5, 0.01);
         let hits = |passes: &[(usize, &[Light])]| {
-            let mut guided = Guided::default();
-            passes.iter().for_each(|(pass, lights)| assert!(guided.note(*pass, lights, 0.5)));
-            sight(&guided).hits(&light).unwrap()
+            let mut guiding_record = GuidingRecord::default();
+            passes.iter().for_each(|(pass, lights)| assert!(guiding_record.note(*pass, lights, 0.5)));
+            coverage(&guiding_record).hits(&light).unwrap()
         };
         let all = hits(&[(0, std::slice::from_ref(&light))]);
         let none = hits(&[(0, &[])]);
         let late = hits(&[(0, &[]), (1, std::slice::from_ref(&light))]);
         assert!(all > 100.0 * none);
         assert!((late - (0.25 * none + 0.75 * all)).abs() < 0.02 * all, "{late} of {all}");
-        assert!(sight(&Guided::default()).hits(&light).unwrap() == none);
+        assert!(coverage(&GuidingRecord::default()).hits(&light).unwrap() == none);
     }
 
     #[test]
     fn lights_that_nothing_looks_for_are_named_with_what_helps() {
-        let mut guided = Guided::default();
-        guided.note(0, &[lamp(0.5, 0.01)], 0.25);
-        let sight = sight(&guided);
-        assert!(sight.rare(&lamp(0.5, 0.01)).is_none() && sight.rare(&lamp(-0.8, 0.5)).is_none());
+        let mut guiding_record = GuidingRecord::default();
+        guiding_record.note(0, &[lamp(0.5, 0.01)], 0.25);
+        let coverage = coverage(&guiding_record);
+        assert!(
+            coverage.under_sampled(&lamp(0.5, 0.01)).is_none()
+                && coverage.under_sampled(&lamp(-0.8, 0.5)).is_none()
+        );
         let moved = lamp(-0.8, 0.01);
-        let rare = sight.rare(&moved).unwrap();
-        let warning = rare.warning(&moved);
+        let under_sampled = coverage.under_sampled(&moved).unwrap();
+        let warning = under_sampled.warning(&moved);
         assert!(
             warning.starts_with("light 'lamp -0.8': its direct light is found by one path in"),
             "{warning}"
         );
-        assert!(warning.ends_with("bake again (Rebake), and paths look for it there") && rare.would_be_met);
+        assert!(
+            warning.ends_with("bake again (Rebake), and paths look for it there")
+                && under_sampled.guiding_helps
+        );
         let dust = lamp(-0.8, 1e-5);
-        assert!(sight.rare(&dust).unwrap().warning(&dust).ends_with("make it larger, or bake more samples"));
+        assert!(
+            coverage
+                .under_sampled(&dust)
+                .unwrap()
+                .warning(&dust)
+                .ends_with("make it larger, or bake more samples")
+        );
         let nothing = lamp(-0.8, 1e-12);
-        assert!(sight.rare(&nothing).unwrap().warning(&nothing).contains("found by no path and"));
-        assert!(sight.rare(&Light { radiance: [0.0; 3], ..moved.clone() }).is_none());
-        assert!(sight.would_gain(&[moved], 0.25) && !sight.would_gain(&[lamp(0.5, 0.01)], 0.25));
-        assert!(!sight.would_gain(&[lamp(-0.8, 1.0)], 0.25));
+        assert!(coverage.under_sampled(&nothing).unwrap().warning(&nothing).contains("found by no path and"));
+        assert!(coverage.under_sampled(&Light { radiance: [0.0; 3], ..moved.clone() }).is_none());
+        assert!(coverage.would_gain(&[moved], 0.25) && !coverage.would_gain(&[lamp(0.5, 0.01)], 0.25));
+        assert!(!coverage.would_gain(&[lamp(-0.8, 1.0)], 0.25));
     }
 
     #[test]
     fn new_paths_are_no_advice_where_others_outshine_a_light() {
         let dim = Light { radiance: [1e-10; 3], ..lamp(0.5, 0.01) };
-        let rare = |lights: &[Light]| {
-            let mut guided = Guided::default();
-            guided.note(0, lights, 0.25);
-            sight(&guided).rare(&dim)
+        let under_sampled = |lights: &[Light]| {
+            let mut guiding_record = GuidingRecord::default();
+            guiding_record.note(0, lights, 0.25);
+            coverage(&guiding_record).under_sampled(&dim)
         };
-        assert!(rare(std::slice::from_ref(&dim)).is_none());
-        assert!(rare(&[]).unwrap().would_be_met);
-        let outshone = rare(&[dim.clone(), lamp(-0.8, 1.0)]).unwrap();
+        assert!(under_sampled(std::slice::from_ref(&dim)).is_none());
+        assert!(under_sampled(&[]).unwrap().guiding_helps);
+        let outshone = under_sampled(&[dim.clone(), lamp(-0.8, 1.0)]).unwrap();
         assert!(
-            !outshone.would_be_met
+            !outshone.guiding_helps
                 && outshone.warning(&dim).ends_with("make it larger, or bake more samples")
         );
     }
@@ -322,14 +361,17 @@ mod tests {
     #[test]
     fn records_are_kept_and_their_faults_are_named() {
         let folder = tempfile::tempdir().unwrap();
-        assert_eq!(Guided::of_bake(folder.path()).unwrap(), Guided::default());
-        let mut guided = Guided::default();
-        assert!(guided.note(0, &[lamp(0.0, 0.1)], 0.25));
-        assert!(!guided.note(1, &[lamp(0.0, 0.1)], 0.25));
-        assert!(guided.note(2, &[lamp(1.0, 0.1)], 0.25));
-        assert_eq!((guided.lights(1), guided.lights(7)), (&[lamp(0.0, 0.1)][..], &[lamp(1.0, 0.1)][..]));
-        guided.write(folder.path()).unwrap();
-        assert_eq!(Guided::of_bake(folder.path()).unwrap(), guided);
+        assert_eq!(GuidingRecord::of_bake(folder.path()).unwrap(), GuidingRecord::default());
+        let mut guiding_record = GuidingRecord::default();
+        assert!(guiding_record.note(0, &[lamp(0.0, 0.1)], 0.25));
+        assert!(!guiding_record.note(1, &[lamp(0.0, 0.1)], 0.25));
+        assert!(guiding_record.note(2, &[lamp(1.0, 0.1)], 0.25));
+        assert_eq!(
+            (guiding_record.lights(1), guiding_record.lights(7)),
+            (&[lamp(0.0, 0.1)][..], &[lamp(1.0, 0.1)][..])
+        );
+        guiding_record.write(folder.path()).unwrap();
+        assert_eq!(GuidingRecord::of_bake(folder.path()).unwrap(), guiding_record);
         for (text, fault) in [
             ("{", "EOF"),
             ("{\"guiding\": 7, \"since\": []}", "guiding"),
@@ -337,7 +379,7 @@ mod tests {
             ("{\"guiding\": 0.2, \"since\": [{\"pass\": 0, \"lights\": 5}]}", ""),
         ] {
             std::fs::write(folder.path().join(GUIDED_FILE), text).unwrap();
-            let error = Guided::of_bake(folder.path()).unwrap_err().to_string();
+            let error = GuidingRecord::of_bake(folder.path()).unwrap_err().to_string();
             assert!(error.contains(GUIDED_FILE) && error.contains(fault), "{error}");
         }
     }

@@ -4,7 +4,7 @@ pub(crate) mod features;
 pub(crate) mod guiding;
 pub(crate) mod world;
 
-use crate::bake::guiding::Guided;
+use crate::bake::guiding::GuidingRecord;
 use crate::error::SessionError;
 use crate::files::contents;
 use crate::files::folder_lock::FolderLock;
@@ -130,12 +130,13 @@ pub(crate) fn bake_observed(
     };
     contents::note(&folder.join(Manifest::FILE))?;
     write_lights(&lights, folder)?;
-    let guided = if resume { Guided::of_bake(folder).unwrap_or_default() } else { Guided::default() };
+    let guiding_record =
+        if resume { GuidingRecord::of_bake(folder).unwrap_or_default() } else { GuidingRecord::default() };
     let recorder = GuideRecorder {
         folder,
         guiding: settings.guiding,
         lights: observer.lights,
-        guided: guided.into(),
+        guiding_record: guiding_record.into(),
         is_lost: is_record_lost,
     };
     let sink = ObservedWriter::new(writer, folder, observer.passes)?;
@@ -256,7 +257,7 @@ struct GuideRecorder<'a> {
     folder: &'a Path,
     guiding: f32,
     lights: &'a (dyn Fn() -> Vec<Light> + Sync),
-    guided: Mutex<Guided>,
+    guiding_record: Mutex<GuidingRecord>,
     /// Whether the record of the paths that are there is gone. One of new paths alone would hide that.
     is_lost: bool,
 }
@@ -264,10 +265,10 @@ struct GuideRecorder<'a> {
 impl GuideRecorder<'_> {
     fn lights_of(&self, pass: usize, monitor: &Monitor) -> Vec<Light> {
         let lights = (self.lights)();
-        let mut guided = self.guided.lock().unwrap_or_else(PoisonError::into_inner);
-        if guided.note(pass, &lights, self.guiding)
+        let mut guiding_record = self.guiding_record.lock().unwrap_or_else(PoisonError::into_inner);
+        if guiding_record.note(pass, &lights, self.guiding)
             && !self.is_lost
-            && let Err(error) = guided.write(self.folder)
+            && let Err(error) = guiding_record.write(self.folder)
         {
             monitor.warn(&error.to_string());
         }

@@ -47,6 +47,11 @@ impl DeviceGather {
         &self.gather
     }
 
+    /// Paths per pixel.
+    pub fn samples(&self) -> u32 {
+        self.gather.dump().manifest().samples()
+    }
+
     /// Unit images of some lights.
     pub fn unit_images(
         &self,

@@ -8,7 +8,7 @@ pub const LIGHTS_FILE: &str = "lights.json";
 /// View transform of the scene, unless it is the sRGB curve: a table for
 /// [`relume_image::ViewTransform::read_lut`].
 pub const VIEW_FILE: &str = "view.png";
-/// Lights that the paths are guided towards ([`crate::bake::guiding::Guided`]).
+/// Lights that the paths are guided towards ([`crate::bake::guiding::GuidingRecord`]).
 pub const GUIDED_FILE: &str = "guided.json";
 /// Light of another world than the paths were traced with.
 pub const WORLD_FILE: &str = "world.exr";

@@ -1,6 +1,6 @@
 //! Finds all that is wrong with a bake folder, proxy, light set or scene file.
 
-use crate::bake::guiding::Guided;
+use crate::bake::guiding::GuidingRecord;
 use crate::bake::world::WorldLayer;
 use crate::error::SessionError;
 use crate::files::base_layers;
@@ -71,7 +71,7 @@ fn faults_of_files(folder: &Path, manifest: Option<&Manifest>) -> Vec<String> {
     let files: [(&str, &Check); 8] = [
         (CONTENTS_FILE, &|_| contents::fault(folder).map_or(Ok(()), Err)),
         (LIGHTS_FILE, &|path| whole(LightSet::read(path).map(drop))),
-        (GUIDED_FILE, &|_| whole(Guided::of_bake(folder).map(drop))),
+        (GUIDED_FILE, &|_| whole(GuidingRecord::of_bake(folder).map(drop))),
         (VIEW_FILE, &view),
         (WORLD_FILE, &|_| whole(world())),
         (BASE_FILE, &|_| whole(base_layers::read(folder).map(drop))),

@@ -1,4 +1,4 @@
-use super::compose::with_alpha;
+use crate::relight::frame::with_alpha;
 use relume_dump::Aovs;
 use relume_image::Image;
 use serde::Deserialize;

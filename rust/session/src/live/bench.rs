@@ -1,12 +1,12 @@
 //! What an edit costs.
 
-use super::painter::Painter;
+use super::render_thread::RenderThread;
 use super::shared::Shared;
 use super::{LiveOptions, LiveRequest};
 use crate::bench::closed_box;
 use crate::device::compute::Compute;
 use crate::error::SessionError;
-use crate::relight::relighter::With;
+use crate::relight::source::Method;
 use glam::Vec3;
 use relume_dump::{Dump, MemoryWriter};
 use relume_gpu::Gpu;
@@ -24,21 +24,21 @@ pub fn strength_edit(gpu: &Arc<Gpu>, size: (usize, usize)) -> Result<(f64, f64),
     const EDITS: usize = 20;
     let mut shot = Shot::new(boxed(size, 4)?, Compute::with(Arc::clone(gpu), false));
     let mut lights = bulbs(LIGHTS);
-    shot.paint(still(&lights))?;
+    shot.render(still(&lights))?;
     let before = gpu.bytes_read();
     let start = Instant::now();
     for edit in 0..EDITS {
         lights[0].radiance = [1.0 + edit as f32; 3];
-        shot.paint(dragged(&lights))?;
+        shot.render(dragged(&lights))?;
     }
     let bytes = gpu.bytes_read() - before;
     Ok((start.elapsed().as_secs_f64() / EDITS as f64, bytes as f64 / EDITS as f64))
 }
 
-/// A painter without threads: whoever asks paints.
+/// Render thread without threads: whoever asks paints.
 pub(super) struct Shot {
     pub shared: Arc<Shared>,
-    painter: Painter,
+    render_thread: RenderThread,
 }
 
 impl Shot {
@@ -48,14 +48,14 @@ impl Shot {
             state.dump = Some(dump);
             state.deliveries = 1;
         });
-        let painter = Painter::new(shared.clone(), LiveOptions::default()).on(compute);
-        Self { shared, painter }
+        let render_thread = RenderThread::new(shared.clone(), LiveOptions::default()).on(compute);
+        Self { shared, render_thread }
     }
 
     /// Makes the pictures of a request.
-    pub fn paint(&mut self, request: LiveRequest) -> Result<(), SessionError> {
+    pub fn render(&mut self, request: LiveRequest) -> Result<(), SessionError> {
         self.shared.ask(request);
-        self.painter.paint_next();
+        self.render_thread.render_next();
         self.shared.lock().picture_error.clone().map_or(Ok(()), |error| Err(SessionError::Settings(error)))
     }
 }
@@ -88,7 +88,7 @@ pub(super) fn still(lights: &[Light]) -> LiveRequest {
         static_light: [1.0; 3],
         interactive: false,
         half: None,
-        with: With::Gather,
+        method: Method::Gather,
         aov: None,
         notes: Vec::new(),
     }

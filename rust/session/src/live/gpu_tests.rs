@@ -3,7 +3,7 @@
 use super::LiveRequest;
 use super::bench::{LIGHTS, Shot, boxed, bulbs, dragged, still, strength_edit};
 use crate::device::compute::Compute;
-use crate::relight::relighter::Maker;
+use crate::relight::source::UnitSource;
 use relume_dump::Dump;
 use relume_gpu::{Gpu, GpuChoice};
 use relume_image::Image;
@@ -31,7 +31,7 @@ fn on(gpu: &Arc<Gpu>, dump: &Dump) -> Shot {
 
 impl Shot {
     fn picture(&mut self, request: LiveRequest) -> Image {
-        self.paint(request).unwrap();
+        self.render(request).unwrap();
         self.shared.lock().frame.as_ref().unwrap().image.clone()
     }
 
@@ -41,7 +41,9 @@ impl Shot {
 
     /// Denoised pictures of a light; none where the library is missing.
     fn denoised(&self) -> u64 {
-        u64::from(self.shared.lock().frame.as_ref().unwrap().shown.makers["Bulb 0"] == Maker::GatherDenoised)
+        u64::from(
+            self.shared.lock().frame.as_ref().unwrap().shown.sources["Bulb 0"] == UnitSource::GatherDenoised,
+        )
     }
 
     /// But for that of a denoiser: builds for bare machines have none.
@@ -91,7 +93,7 @@ fn an_edit_copies_one_picture_however_many_lights_there_are() {
     // One is turned on that was not seen before, and has to be denoised: a picture of it, and one of all others.
     lights.push(bulbs(5).remove(1));
     let before = gpu.bytes_read();
-    shot.paint(dragged(&lights)).unwrap();
+    shot.render(dragged(&lights)).unwrap();
     assert_eq!(gpu.bytes_read() - before, (1 + shot.denoised()) * PICTURE);
     assert!(shot.warnings().is_empty());
 }
@@ -134,7 +136,7 @@ fn what_has_no_room_on_the_gpu_is_kept_by_the_cpu() {
     let found = pictures(&mut narrow);
     found.iter().zip(&expected).for_each(|(found, expected)| assert_same(found, expected));
     let before = gpu.bytes_read();
-    narrow.paint(dragged(&lights)).unwrap();
+    narrow.render(dragged(&lights)).unwrap();
     assert_eq!(gpu.bytes_read(), before);
 
     // Memory that is gone when all is there.
@@ -159,14 +161,14 @@ fn units_on_a_gpu_that_was_lost_are_made_anew_by_the_cpu_or_it_is_said() {
     for may_fall_back in [true, false] {
         let gpu = gpu();
         let mut shot = Shot::new(dump.clone(), Compute::with(gpu.clone(), may_fall_back));
-        shot.paint(still(&lights)).unwrap();
+        shot.render(still(&lights)).unwrap();
         gpu.lose();
         if may_fall_back {
             assert_same(&shot.picture(bright.clone()), &expected);
             let warnings = shot.warnings();
             assert!(warnings.len() == 1 && warnings[0].contains("The CPU goes on"), "{warnings:?}");
         } else {
-            let error = shot.paint(bright.clone()).unwrap_err().to_string();
+            let error = shot.render(bright.clone()).unwrap_err().to_string();
             assert!(error.contains("the GPU was lost"), "{error}");
         }
     }

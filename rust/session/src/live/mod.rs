@@ -14,16 +14,13 @@
 
 mod aov;
 pub(crate) mod bench;
-mod compose;
-mod gathered;
-mod painter;
-mod parts;
-mod picture;
+mod layers;
+mod render_thread;
 mod request;
 mod shared;
-mod units;
+mod terms;
 mod view;
-mod work;
+mod work_thread;
 mod world;
 
 use crate::bake::world::forget;
@@ -31,9 +28,9 @@ use crate::device::compute::Device;
 use crate::error::SessionError;
 use crate::progress::Cancel;
 pub use aov::Aov;
-use painter::Painter;
 use relume_scene::Scene;
 use relume_trace::TraceSettings;
+use render_thread::RenderThread;
 pub use request::LiveRequest;
 use shared::Shared;
 pub use shared::{Frame, LiveState, LiveStatus, ProxyStatus, Shown};
@@ -41,7 +38,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
-use work::Work;
+use work_thread::Work;
 pub use world::OtherWorld;
 
 /// Where a live shot computes.
@@ -65,7 +62,7 @@ pub struct Live {
 
 #[derive(Default)]
 struct Threads {
-    painter: Option<JoinHandle<()>>,
+    render: Option<JoinHandle<()>>,
     work: Option<(JoinHandle<()>, Cancel)>,
 }
 
@@ -157,7 +154,7 @@ impl Live {
         self.cancel();
         self.shared.change(|state| state.closed = true);
         let mut threads = self.threads();
-        let handles = [threads.painter.take(), threads.work.take().map(|(handle, _)| handle)];
+        let handles = [threads.render.take(), threads.work.take().map(|(handle, _)| handle)];
         let until = Instant::now() + wait;
         for handle in handles.into_iter().flatten() {
             while !handle.is_finished() && Instant::now() < until {
@@ -179,12 +176,13 @@ impl Live {
                 SessionError::Settings(format!("cannot start a thread: {source}"))
             })
         };
-        if threads.painter.as_ref().is_none_or(JoinHandle::is_finished) {
-            let painter = Painter::new(self.shared.clone(), self.options.clone()).storing_in(&self.folder);
-            threads.painter = Some(spawn("relume-painter", Box::new(move || painter.run()))?);
+        if threads.render.as_ref().is_none_or(JoinHandle::is_finished) {
+            let thread =
+                RenderThread::new(self.shared.clone(), self.options.clone()).storing_in(&self.folder);
+            threads.render = Some(spawn("relume-render", Box::new(move || thread.run()))?);
         }
         let cancel = Cancel::default();
-        let job = work::Job {
+        let job = work_thread::Job {
             work,
             train_seconds,
             folder: self.folder.clone(),

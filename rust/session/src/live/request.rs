@@ -1,6 +1,6 @@
 use super::Aov;
 use crate::files::light_set::{KnownLights, LightSet};
-use crate::relight::relighter::With;
+use crate::relight::source::Method;
 use relume_scene::{Light, MOST_RADIANCE};
 use serde::Deserialize;
 use serde_json::Value;
@@ -20,8 +20,8 @@ pub struct LiveRequest {
     pub interactive: bool,
     /// Whether an interactive picture has half the size; where nothing is said, on machines that are too slow for the full one.
     pub half: Option<bool>,
-    /// What makes the pictures.
-    pub with: With,
+    /// Method that makes the pictures.
+    pub method: Method,
     /// What is shown in place of the lights.
     pub aov: Option<Aov>,
     /// What was changed on reading the lights, in words for the user.
@@ -41,8 +41,8 @@ struct Json<L> {
     #[serde(default)]
     interactive: bool,
     half: Option<bool>,
-    #[serde(default)]
-    with: With,
+    #[serde(default, rename = "with")]
+    method: Method,
     aov: Option<Aov>,
 }
 
@@ -95,7 +95,7 @@ impl LiveRequest {
             }
             None => {}
         }
-        let Json { world, static_light, interactive, half, with, aov, .. } = json;
-        Ok(Self { lights, world, static_light, interactive, half, with, aov, notes })
+        let Json { world, static_light, interactive, half, method, aov, .. } = json;
+        Ok(Self { lights, world, static_light, interactive, half, method, aov, notes })
     }
 }

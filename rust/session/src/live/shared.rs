@@ -1,9 +1,9 @@
 use super::{LiveRequest, OtherWorld};
-use crate::bake::guiding::Guided;
+use crate::bake::guiding::GuidingRecord;
 use crate::bake::world::own_world;
 use crate::files::proxies::{Measured, Proxies};
 use crate::progress::{Cancel, Listener, Progress};
-use crate::relight::relighter::Maker;
+use crate::relight::source::UnitSource;
 use relume_dump::Dump;
 use relume_image::Image;
 use relume_proxy::LightKind;
@@ -103,8 +103,9 @@ pub struct Shown {
     pub scale: usize,
     /// Fewest paths per pixel behind a gathered light.
     pub samples: u32,
-    /// What made each light's part.
-    pub makers: BTreeMap<String, Maker>,
+    /// Source of each light's picture, by its name.
+    #[serde(rename = "makers")]
+    pub sources: BTreeMap<String, UnitSource>,
     /// Whether what was summed over paths is denoised.
     pub denoised: bool,
     /// Whether nothing better will come for this request from what the work has delivered.
@@ -145,7 +146,7 @@ pub(super) struct State {
     /// What is shown in place of the world that its paths were traced with.
     pub world: Option<Arc<OtherWorld>>,
     /// What its paths look for.
-    pub guided: Guided,
+    pub guiding_record: GuidingRecord,
     /// Folder of proxies alone, for a shot without paths.
     pub base: Option<Arc<crate::files::base_layers::BaseLayers>>,
     /// Proxies that the painter has not taken yet.
@@ -163,7 +164,7 @@ pub(super) struct State {
     /// Why there is no picture of it.
     pub picture_error: Option<String>,
     /// Whether the painter makes a picture that the caller waits for.
-    pub painting: bool,
+    pub rendering: bool,
     pub closed: bool,
 }
 
@@ -325,7 +326,7 @@ impl Listener for Gate {
     fn progress(&self, progress: &Progress) {
         let mut state = self.shared.lock();
         state.status.stage = Some(progress.clone());
-        while (state.status.paused || state.painting) && !state.closed && !self.cancel.requested() {
+        while (state.status.paused || state.rendering) && !state.closed && !self.cancel.requested() {
             // Woken by every change; the time limit is for a cancel that nobody announces.
             let waited = self.shared.changed.wait_timeout(state, Duration::from_millis(100));
             state = waited.unwrap_or_else(PoisonError::into_inner).0;

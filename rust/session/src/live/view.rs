@@ -1,19 +1,16 @@
-use super::gathered::Clean;
 use super::shared::State;
 use crate::bake::features::camera;
-use crate::bake::guiding::{Guided, Rare, Sight};
+use crate::bake::guiding::{GuideCoverage, GuidingRecord};
 use crate::device::compute::Compute;
 use crate::device::gather::DeviceGather;
-use crate::device::image::DeviceImage;
 use crate::device::proxies::DeviceProxies;
 use crate::files::base_layers::BaseLayers;
 use crate::files::proxies::Proxies;
 use crate::relight::denoise::Denoise;
+use crate::relight::frame::downsampled;
+use crate::relight::statics::StaticLayer;
 use relume_dump::{AovSums, Aovs, Dump};
 use relume_gather::{DenoiseQuality, Gather};
-use relume_image::Image;
-use relume_scene::{Light, LightShape};
-use std::collections::VecDeque;
 use std::sync::Arc;
 
 /// How well features are denoised that more paths will renew.
@@ -35,34 +32,18 @@ pub(super) struct View {
     /// For the full size, and for half of it.
     pub denoise: [Denoise; 2],
     /// How often the paths meet lights.
-    sight: Option<Sight>,
-    /// What it says of the shapes that were asked for last.
-    rare: VecDeque<(LightShape, Option<Rare>)>,
+    pub coverage: Option<GuideCoverage>,
     /// Paths per pixel behind the features that the denoisers use, and how well those are denoised themselves.
     features: (u32, DenoiseQuality),
     /// What settled pictures are denoised with.
     pub quality: DenoiseQuality,
 }
 
-/// A layer that no light changes.
-pub(super) struct StaticLayer {
-    pub image: DeviceImage,
-    pub clean: Option<Clean>,
-    pub black: bool,
-}
-
-impl StaticLayer {
-    /// Whether it is denoised as well as that, or need not be.
-    pub fn is_done(&self, quality: DenoiseQuality) -> bool {
-        self.black || self.clean.as_ref().is_some_and(|clean| clean.quality >= quality)
-    }
-}
-
 /// What the work has delivered since it was last asked.
 pub(super) struct Delivered {
     deliveries: u64,
     dump: Option<Dump>,
-    guided: Guided,
+    guiding_record: GuidingRecord,
     base: Option<Arc<BaseLayers>>,
     pub proxies: Option<Proxies>,
 }
@@ -72,7 +53,7 @@ impl Delivered {
         Self {
             deliveries: state.deliveries,
             dump: state.dump.clone(),
-            guided: state.guided.clone(),
+            guiding_record: state.guiding_record.clone(),
             base: state.base.clone(),
             proxies: state.proxies.take(),
         }
@@ -82,7 +63,7 @@ impl Delivered {
 impl View {
     /// What there is now; takes over what the previous view knows of the same bake.
     pub fn new(delivered: Delivered, compute: &Compute, before: Option<Self>) -> Option<Self> {
-        let Delivered { deliveries, dump, guided, base, proxies } = delivered;
+        let Delivered { deliveries, dump, guiding_record, base, proxies } = delivered;
         let Some(dump) = dump else {
             let base = base?;
             let proxies = DeviceProxies::new(proxies.unwrap_or_default());
@@ -110,8 +91,9 @@ impl View {
             }
         };
         let camera = camera(dump.manifest()).ok();
-        let sight = camera.map(|camera| Sight::new(&guided, dump.manifest(), &view.aovs, &camera));
-        Some(Self { sight, rare: VecDeque::new(), ..view })
+        let coverage =
+            camera.map(|camera| GuideCoverage::new(&guiding_record, dump.manifest(), &view.aovs, &camera));
+        Some(Self { coverage, ..view })
     }
 
     fn of(
@@ -123,7 +105,7 @@ impl View {
         compute: &Compute,
     ) -> Self {
         let denoise = denoisers(&aovs, compute, PASSING);
-        let statics = static_layers(&aovs);
+        let statics = StaticLayer::of(&aovs);
         let mut view = Self {
             deliveries,
             bake: bake.into(),
@@ -133,8 +115,7 @@ impl View {
             statics,
             proxies,
             denoise,
-            sight: None,
-            rare: VecDeque::new(),
+            coverage: None,
             features: (0, PASSING),
             quality: DenoiseQuality::Balanced,
         };
@@ -155,7 +136,7 @@ impl View {
         view.passes.extend((known..now).map(|pass| gather(dump, pass)));
         view.sums.extend(dump);
         view.aovs = view.sums.means(dump);
-        view.statics = static_layers(&view.aovs);
+        view.statics = StaticLayer::of(&view.aovs);
         // Features settle long before the light does; preparing them costs two denoised pictures.
         const RENEW: u32 = 4;
         if view.samples() >= RENEW * view.features.0 {
@@ -184,21 +165,9 @@ impl View {
         self.quality = DenoiseQuality::Balanced;
     }
 
-    /// What there is to say of a light that hardly any path meets. Kept, since it is asked again for every picture of a drag.
-    pub fn rare(&mut self, light: &Light) -> Option<Rare> {
-        const KEPT: usize = 256;
-        if let Some((_, rare)) = self.rare.iter().find(|(shape, _)| *shape == light.shape) {
-            return *rare;
-        }
-        let rare = self.sight.as_ref()?.rare(light);
-        self.rare.push_front((light.shape, rare));
-        self.rare.truncate(KEPT);
-        rare
-    }
-
     /// Paths per pixel.
     pub fn samples(&self) -> u32 {
-        self.passes.iter().map(pass_samples).sum()
+        self.passes.iter().map(DeviceGather::samples).sum()
     }
 
     /// Whether pictures of half the size are worth making.
@@ -212,20 +181,8 @@ impl View {
     }
 }
 
-pub(super) fn pass_samples(pass: &DeviceGather) -> u32 {
-    pass.gather().dump().manifest().samples()
-}
-
 fn gather(dump: &Dump, pass: usize) -> DeviceGather {
     DeviceGather::new(Gather::new(dump.passes(pass..pass + 1)))
-}
-
-fn static_layers(aovs: &Aovs) -> [StaticLayer; 2] {
-    [&aovs.emission, &aovs.world].map(|image| StaticLayer {
-        image: DeviceImage::Cpu(image.clone()),
-        clean: None,
-        black: image.data.iter().all(|value| *value == 0.0),
-    })
 }
 
 fn denoisers(aovs: &Aovs, compute: &Compute, quality: DenoiseQuality) -> [Denoise; 2] {
@@ -235,12 +192,12 @@ fn denoisers(aovs: &Aovs, compute: &Compute, quality: DenoiseQuality) -> [Denois
 
 fn halved(aovs: &Aovs) -> Aovs {
     Aovs {
-        albedo: half(&aovs.albedo),
-        normal: half(&aovs.normal),
-        depth: half(&aovs.depth),
-        emission: half(&aovs.emission),
-        world: half(&aovs.world),
-        alpha: half(&aovs.alpha),
+        albedo: downsampled(&aovs.albedo),
+        normal: downsampled(&aovs.normal),
+        depth: downsampled(&aovs.depth),
+        emission: downsampled(&aovs.emission),
+        world: downsampled(&aovs.world),
+        alpha: downsampled(&aovs.alpha),
     }
 }
 
@@ -248,26 +205,3 @@ fn halved(aovs: &Aovs) -> Aovs {
 pub(super) fn shown_statics(is_other_world: bool) -> std::ops::RangeTo<usize> {
     if is_other_world { ..1 } else { ..2 }
 }
-
-/// Half of the size by averages of two by two pixels; an odd last column or row is left out, as in
-/// [`relume_proxy::Proxy::coarse_pixels`]. Pictures of a single row or column stay as they are.
-pub(super) fn half(image: &Image) -> Image {
-    if image.width < 2 || image.height < 2 {
-        return image.clone();
-    }
-    let mut out = Image::new(image.width / 2, image.height / 2, image.channels);
-    let row = out.width * out.channels;
-    for (y, target) in out.data.chunks_exact_mut(row).enumerate() {
-        let [upper, lower] = [2 * y, 2 * y + 1]
-            .map(|y| &image.data[y * image.width * image.channels..][..image.width * image.channels]);
-        for (i, value) in target.iter_mut().enumerate() {
-            let (x, c) = (i / image.channels, i % image.channels);
-            let [a, b] = [2 * x, 2 * x + 1].map(|x| x * image.channels + c);
-            *value = 0.25 * (upper[a] + upper[b] + lower[a] + lower[b]);
-        }
-    }
-    out
-}
-
-/// An image that its cache and a frame hold.
-pub(super) type SharedImage = Arc<DeviceImage>;

@@ -1,10 +1,10 @@
-use super::gathered::Gathered;
-use super::view::{View, pass_samples};
+use super::view::View;
 use crate::bake::world::{WorldAbout, WorldLayer};
 use crate::device::compute::Compute;
 use crate::device::image::DeviceImage;
 use crate::error::SessionError;
 use crate::progress::Monitor;
+use crate::relight::gathered::Gathered;
 use relume_gather::{DenoiseQuality, Environment};
 use relume_image::Image;
 use relume_scene::{Scene, Texture, World};
@@ -15,11 +15,11 @@ use std::sync::Arc;
 #[derive(Debug)]
 pub struct OtherWorld {
     about: WorldAbout,
-    source: Source,
+    source: WorldSource,
 }
 
 #[derive(Debug)]
-enum Source {
+enum WorldSource {
     /// To be gathered from the paths; with the digest of its texture.
     Map(Environment, Option<String>),
     /// Gathered before.
@@ -41,21 +41,21 @@ impl OtherWorld {
     /// `world` itself names is not looked at. None of a world whose light lies in a bake folder.
     pub fn with_texture_for(&self, world: &World) -> Option<Self> {
         match &self.source {
-            Source::Map(environment, texture) => {
+            WorldSource::Map(environment, texture) => {
                 Some(Self::mapped(world, environment.with_texture_for(world), texture.clone()))
             }
-            Source::Layer(_) => None,
+            WorldSource::Layer(_) => None,
         }
     }
 
     fn mapped(world: &World, environment: Environment, texture: Option<String>) -> Self {
         let about = WorldAbout { map: world.map(texture.as_deref()), color: world.color };
-        Self { about, source: Source::Map(environment, texture) }
+        Self { about, source: WorldSource::Map(environment, texture) }
     }
 
     /// One whose light lies in a bake folder.
     pub(super) fn stored(layer: WorldLayer) -> Self {
-        Self { about: layer.about.clone(), source: Source::Layer(Box::new(layer)) }
+        Self { about: layer.about.clone(), source: WorldSource::Layer(Box::new(layer)) }
     }
 
     /// Which one it is.
@@ -65,7 +65,7 @@ impl OtherWorld {
 
     /// Whether its light lies in the bake folder already.
     pub(super) fn is_stored(&self) -> bool {
-        matches!(self.source, Source::Layer(_))
+        matches!(self.source, WorldSource::Layer(_))
     }
 
     fn is_black(&self) -> bool {
@@ -92,7 +92,7 @@ impl WorldUnit {
         }
         let mut unit =
             Self { world, bake: view.bake.clone(), gathered: Gathered::default(), stored_samples: 0 };
-        if let Source::Layer(layer) = &unit.world.source {
+        if let WorldSource::Layer(layer) = &unit.world.source {
             let [mean, error] = [&layer.image, &layer.error].map(|image| DeviceImage::Cpu(image.clone()));
             let (passes, samples) = (view.passes.len(), layer.samples);
             unit.gathered = Gathered { mean, error, passes, samples, clean: None };
@@ -118,7 +118,7 @@ impl WorldUnit {
         compute: &Compute,
         monitor: &Monitor,
     ) -> Result<bool, SessionError> {
-        let (Source::Map(environment, _), Some(pass)) =
+        let (WorldSource::Map(environment, _), Some(pass)) =
             (&self.world.source, view.passes.get(self.gathered.passes))
         else {
             return Ok(false);
@@ -128,7 +128,7 @@ impl WorldUnit {
         } else {
             pass.world_image(environment, compute, monitor)?
         };
-        self.gathered.add(DeviceImage::Cpu(image), pass_samples(pass))?;
+        self.gathered.add(DeviceImage::Cpu(image), pass.samples())?;
         Ok(true)
     }
 

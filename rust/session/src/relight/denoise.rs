@@ -70,18 +70,6 @@ impl Denoise {
         self.denoise(images, quality, None).map(drop)
     }
 
-    /// [`Denoise::images`] but those that are black, such as a world's where there is none.
-    ///
-    /// # Errors
-    /// If the denoiser fails.
-    pub fn lit_images(&self, images: &mut [Image], quality: DenoiseQuality) -> Result<(), SessionError> {
-        let is_lit = |image: &&mut Image| image.data.iter().any(|value| *value != 0.0);
-        images
-            .iter_mut()
-            .filter(is_lit)
-            .try_for_each(|image| self.images(std::slice::from_mut(image), quality))
-    }
-
     /// [`Denoise::images`] until `stop`, which is asked from any thread many times a picture, says so. False if it did: the
     /// picture that was worked on and those after it are noisy then.
     ///
@@ -91,9 +79,9 @@ impl Denoise {
         &self,
         images: &mut [Image],
         quality: DenoiseQuality,
-        stop: &Stop<'_>,
+        stop: Option<&Stop<'_>>,
     ) -> Result<bool, SessionError> {
-        self.denoise(images, quality, Some(stop))
+        self.denoise(images, quality, stop)
     }
 
     fn denoise(

@@ -1,8 +1,9 @@
 use crate::bake::features::camera;
-use crate::bake::guiding::{Guided, Sight};
+use crate::bake::guiding::{GuideCoverage, GuidingRecord};
 use crate::bake::world::{WorldAbout, WorldLayer, aovs_of, own_world};
 use crate::device::compute::Compute;
 use crate::device::gather::DeviceGather;
+use crate::device::image::DeviceImage;
 use crate::device::proxies::DeviceProxies;
 use crate::error::SessionError;
 use crate::files::base_layers;
@@ -12,71 +13,50 @@ use crate::files::names::{GUIDED_FILE, VIEW_FILE, WORLD_FILE};
 use crate::files::proxies::Proxies;
 use crate::progress::{Monitor, Stage};
 use crate::relight::denoise::Denoise;
+use crate::relight::gathered::Gathered;
+use crate::relight::notes::LightNotes;
 use crate::relight::relit::{Relit, RelitLight};
-use crate::relight::unit_cache::UnitCache;
+use crate::relight::source::{Method, UnitSource, camera_only};
+use crate::relight::statics::StaticLayer;
+use crate::relight::units::{GROUP, Units};
 use relume_dump::{Aovs, Dump, Manifest};
-use relume_gather::{DenoiseQuality, Environment, Gather, SampleSplit};
+use relume_gather::{Environment, Gather, SampleSplit};
 use relume_image::{Image, ViewTransform};
 use relume_proxy::{GpuProxy, LightKind};
-use relume_scene::{Camera, Light, LobeFactors, Scene, Texture, World};
-use serde::{Deserialize, Serialize};
+use relume_scene::{Camera, Light, Scene, Texture, World};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, OnceLock};
-
-/// What makes a light's picture.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum With {
-    /// For each type of light whichever had the lower error when the proxy was measured; gather where there is no proxy.
-    #[default]
-    Auto,
-    /// The dump.
-    Gather,
-    /// The proxy; lights that no proxy covers are gathered.
-    Proxy,
-}
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// How to relight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RelightOptions {
-    /// What makes the pictures.
-    pub with: With,
-    /// Denoise what is gathered, and the static layers; without a denoiser it is a warning.
+    /// Method that makes the pictures.
+    pub method: Method,
+    /// True to denoise gathered lights and the static layers; without a denoiser the user is warned.
     pub denoise: bool,
 }
 
 impl Default for RelightOptions {
     fn default() -> Self {
-        Self { with: With::Auto, denoise: true }
+        Self { method: Method::Auto, denoise: true }
     }
 }
 
-/// What a picture of a light was made by.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Maker {
-    /// Summed over the dump.
-    Gather,
-    /// Summed over the dump and denoised.
-    GatherDenoised,
-    /// A proxy.
-    Proxy,
-}
-
-/// Turns lights into pictures: from a bake folder with its dump and proxies, or from proxies alone. Keeps each light's
-/// unit image, so that colour, strength and mute only sum anew.
+/// Turns lights into pictures of all paths, from a bake folder with dump and proxies, or from proxies alone. It keeps each
+/// light's unit image, so that another colour, strength or mute is only a new sum.
 pub struct Relighter {
     folder: PathBuf,
     scene_hash: String,
     camera: Camera,
     aovs: Aovs,
     gather: Option<DeviceGather>,
-    sight: Option<Sight>,
+    coverage: Option<GuideCoverage>,
     proxies: DeviceProxies,
     denoise: Denoise,
     compute: Compute,
-    cache: UnitCache,
-    clean_statics: OnceLock<[Image; 2]>,
+    units: Mutex<Units>,
+    /// Static light and world.
+    statics: Mutex<[StaticLayer; 2]>,
     /// The world that is shown; none without a dump.
     world: Option<WorldAbout>,
     /// Files of the folder that could not be used, and what follows, in words for the user.
@@ -115,14 +95,14 @@ impl Relighter {
             without(WORLD_FILE, error);
             None
         });
-        let guided = Guided::of_bake(folder).unwrap_or_else(|error| {
+        let guiding_record = GuidingRecord::of_bake(folder).unwrap_or_else(|error| {
             without(GUIDED_FILE, error);
-            Guided::default()
+            GuidingRecord::default()
         });
         let (aovs, world) = aovs_of(&dump, world);
-        let sight = Sight::new(&guided, manifest, &aovs, &camera);
+        let coverage = GuideCoverage::new(&guiding_record, manifest, &aovs, &camera);
         let new = Self::new(folder, scene_hash, camera, aovs, Some(Gather::new(dump)), proxies);
-        Ok(Self { sight: Some(sight), world: Some(world), damaged, ..new })
+        Ok(Self { coverage: Some(coverage), world: Some(world), damaged, ..new })
     }
 
     fn new(
@@ -134,7 +114,7 @@ impl Relighter {
         proxies: Proxies,
     ) -> Self {
         let denoise = Denoise::new(&aovs, None);
-        let cache = UnitCache::default();
+        let statics = Mutex::new(StaticLayer::of(&aovs));
         let gather = gather.map(DeviceGather::new);
         gather
             .iter()
@@ -146,12 +126,12 @@ impl Relighter {
             camera,
             aovs,
             gather,
-            sight: None,
+            coverage: None,
             proxies: DeviceProxies::new(proxies),
             denoise,
             compute: Compute::default(),
-            cache,
-            clean_statics: OnceLock::new(),
+            units: Mutex::default(),
+            statics,
             world: None,
             damaged: Vec::new(),
         }
@@ -187,14 +167,14 @@ impl Relighter {
     /// Whether hardly any path of the bake meets a light, so that its gathered picture is noise, while new paths would meet it that
     /// look for it ([`relume_trace::TraceSettings::guide_targets`]).
     pub fn misses(&self, light: &Light) -> bool {
-        let rare = self.sight.as_ref().and_then(|sight| sight.rare(light));
-        rare.is_some_and(|rare| rare.would_be_met)
+        let under_sampled = self.coverage.as_ref().and_then(|coverage| coverage.under_sampled(light));
+        under_sampled.is_some_and(|under_sampled| under_sampled.guiding_helps)
     }
 
     /// Those of some lights whose pictures would be gathered from paths that hardly meet them ([`Self::misses`]).
     pub fn rarely_met<'a>(&self, lights: &'a [Light]) -> Vec<&'a Light> {
-        let maker = |light: &Light| self.maker(light, &RelightOptions::default());
-        let is_gathered = |light: &Light| matches!(maker(light), Ok(Maker::GatherDenoised));
+        let source = |light: &Light| self.source(light, &RelightOptions::default());
+        let is_gathered = |light: &Light| matches!(source(light), Ok(UnitSource::GatherDenoised));
         lights.iter().filter(|light| is_gathered(light) && self.misses(light)).collect()
     }
 
@@ -251,9 +231,7 @@ impl Relighter {
         }
         let own = self.gather().map(Gather::dump).filter(|dump| dump.manifest().world_map == map);
         if let Some((world, about)) = own.map(|dump| (dump.aovs().world, own_world(dump.manifest()))) {
-            self.aovs.world = world;
-            self.world = Some(about);
-            self.clean_statics = OnceLock::new();
+            self.replace_world(world, about);
             return Ok(());
         }
         self.set_world(&scene.world, &scene.textures, monitor)?;
@@ -278,10 +256,15 @@ impl Relighter {
             ))
         })?;
         let environment = Environment::new(world, textures)?;
-        self.aovs.world = gather.world_image(&environment, &self.compute, monitor)?;
-        self.world = Some(WorldAbout { color: world.color, ..WorldAbout::default() });
-        self.clean_statics = OnceLock::new();
+        let image = gather.world_image(&environment, &self.compute, monitor)?;
+        self.replace_world(image, WorldAbout { color: world.color, ..WorldAbout::default() });
         Ok(())
+    }
+
+    fn replace_world(&mut self, image: Image, about: WorldAbout) {
+        self.aovs.world = image;
+        self.world = Some(about);
+        self.statics = Mutex::new(StaticLayer::of(&self.aovs));
     }
 
     /// Relights.
@@ -297,10 +280,10 @@ impl Relighter {
         let options = &self.possible(options, monitor);
         let units = self.unit_images(lights, options, monitor)?;
         let lights = lights.iter().zip(units);
-        let lights = lights.map(|(light, (unit, maker))| {
+        let lights = lights.map(|(light, (unit, source))| {
             let mut image = Image::new(unit.width, unit.height, 3);
             image.add_scaled(&unit, &light.radiance);
-            RelitLight { name: light.name.clone(), image, maker }
+            RelitLight { name: light.name.clone(), image, source }
         });
         let [static_light, world] = self.statics(options.denoise)?;
         Ok(Relit {
@@ -321,17 +304,14 @@ impl Relighter {
         self.gather().map_or(0, |gather| gather.dump().manifest().samples())
     }
 
-    /// Static light and world; without noise they are made once.
+    /// Static light and world; denoised ones are kept.
     pub(crate) fn statics(&self, denoise: bool) -> Result<[Image; 2], SessionError> {
         if !denoise {
             return Ok([self.aovs.emission.clone(), self.aovs.world.clone()]);
         }
-        if let Some(clean) = self.clean_statics.get() {
-            return Ok(clean.clone());
-        }
-        let mut statics = [self.aovs.emission.clone(), self.aovs.world.clone()];
-        self.denoise.lit_images(&mut statics, DenoiseQuality::High)?;
-        Ok(self.clean_statics.get_or_init(|| statics).clone())
+        let mut statics = self.statics.lock().unwrap_or_else(PoisonError::into_inner);
+        let [emission, world] = &mut *statics;
+        Ok([emission.final_image(&self.denoise)?, world.final_image(&self.denoise)?])
     }
 
     /// The options without denoising where there is no denoiser, which the user is told.
@@ -343,78 +323,116 @@ impl Relighter {
         RelightOptions { denoise: options.denoise && missing.is_none(), ..*options }
     }
 
-    /// Each light's picture for radiance 1, from the cache or made anew; all that are gathered in one pass.
+    /// Unit images of lights and their sources, from the cache or made now.
     pub(crate) fn unit_images(
         &self,
         lights: &[Light],
         options: &RelightOptions,
         monitor: &Monitor,
-    ) -> Result<Vec<(Arc<Image>, Maker)>, SessionError> {
-        let makers = lights.iter().map(|light| self.maker(light, options)).collect::<Result<Vec<_>, _>>()?;
-        let mut units: Vec<Option<Arc<Image>>> =
-            lights.iter().zip(&makers).map(|(light, maker)| self.cache.get(light, *maker)).collect();
-        let missing: Vec<usize> = (0..lights.len()).filter(|i| units[*i].is_none()).collect();
+    ) -> Result<Vec<(Image, UnitSource)>, SessionError> {
+        let sources = lights.iter().map(|light| self.source(light, options));
+        let sources = sources.collect::<Result<Vec<_>, _>>()?;
+        let mut images = self.finished(lights, &sources)?;
+        let missing: Vec<usize> = (0..lights.len()).filter(|i| images[*i].is_none()).collect();
         let stage = monitor.stage(Stage::Gather, 0, missing.len() as u64);
         let (proxied, gathered): (Vec<usize>, Vec<usize>) =
-            missing.into_iter().partition(|i| makers[*i] == Maker::Proxy);
+            missing.into_iter().partition(|i| sources[*i] == UnitSource::Proxy);
         let views = self.direct_views(proxied.iter().map(|i| &lights[*i]), monitor)?;
         for (i, view) in proxied.into_iter().zip(views) {
             let mut image = self.proxies.unit_image(&lights[i], &self.compute, monitor)?;
-            if let Some(view) = view {
-                image.add_scaled(&view, &[1.0; 3]);
-            }
-            units[i] = Some(self.cache.insert(&lights[i], makers[i], image));
+            view.iter().for_each(|view| image.add_scaled(view, &[1.0; 3]));
+            self.units().of(&lights[i]).keep_proxy(image.clone());
+            images[i] = Some(image);
             stage.advance(1, &lights[i].name);
         }
-        // A few at a time, so that progress shows and memory stays bounded.
-        for group in gathered.chunks(8) {
+        for group in gathered.chunks(GROUP) {
             if monitor.cancelled() {
                 return Err(SessionError::Cancelled);
             }
             let group_lights: Vec<Light> = group.iter().map(|i| lights[*i].clone()).collect();
             self.warn_of(&group_lights, monitor);
-            let mut images = self.gather_images(&group_lights, SampleSplit::All, monitor)?;
-            if options.denoise {
-                self.denoise.images(&mut images, DenoiseQuality::High)?;
-            }
-            for (i, image) in group.iter().zip(images) {
-                units[*i] = Some(self.cache.insert(&lights[*i], makers[*i], image));
+            for (i, image) in group.iter().zip(self.gather_units(&group_lights, options.denoise, monitor)?) {
+                images[*i] = Some(image);
                 stage.advance(1, &lights[*i].name);
             }
         }
-        Ok(units.into_iter().flatten().zip(makers).collect())
+        Ok(images.into_iter().flatten().zip(sources).collect())
     }
 
-    /// Says which lights are hardly met by paths, or too small for the bake, so that their gathered pictures are to be trusted less.
-    pub(crate) fn warn_of(&self, lights: &[Light], monitor: &Monitor) {
-        let rare = |light: &Light| Some(self.sight.as_ref()?.rare(light)?.warning(light));
-        let small = |light: &Light| too_small(self.gather()?, light);
-        lights
-            .iter()
-            .filter_map(rare)
-            .chain(lights.iter().filter_map(small))
-            .for_each(|text| monitor.warn(&text));
+    /// Unit images that are cached.
+    fn finished(&self, lights: &[Light], sources: &[UnitSource]) -> Result<Vec<Option<Image>>, SessionError> {
+        let mut units = self.units();
+        let images = lights.iter().zip(sources).map(|(light, source)| units.finished(light, *source));
+        Ok(images.collect::<Result<_, _>>()?)
     }
 
-    fn maker(&self, light: &Light, options: &RelightOptions) -> Result<Maker, SessionError> {
-        let proxy = self.proxies().covering(light).filter(|proxy| match options.with {
-            With::Gather => false,
-            With::Proxy => true,
-            With::Auto if self.gather.is_none() => true,
-            With::Auto => {
-                proxy.beats_gather(options.denoise, self.samples()) && self.proxies().knowing(light).is_some()
+    /// Gathers unit images and caches them. Not under the lock: a thread that waits for parts of a gather may take up another.
+    fn gather_units(
+        &self,
+        lights: &[Light],
+        denoise: bool,
+        monitor: &Monitor,
+    ) -> Result<Vec<Image>, SessionError> {
+        let denoise = denoise.then_some(&self.denoise);
+        let mut images = Vec::with_capacity(lights.len());
+        for (light, image) in lights.iter().zip(self.gather_images(lights, SampleSplit::All, monitor)?) {
+            let mut gathered = Gathered::default();
+            gathered.add(DeviceImage::Cpu(image), self.samples())?;
+            images.push(gathered.final_image(denoise)?);
+            if denoise.is_some() {
+                gathered.drop_noisy();
             }
-        });
-        match (proxy, &self.gather, options.denoise) {
-            (Some(_), _, _) => Ok(Maker::Proxy),
-            (None, Some(_), true) => Ok(Maker::GatherDenoised),
-            (None, Some(_), false) => Ok(Maker::Gather),
-            (None, None, _) => Err(SessionError::Settings(format!(
+            self.units().of(light).gathered = gathered;
+        }
+        self.units().trim(lights);
+        Ok(images)
+    }
+
+    /// Direct camera views of lights, which proxies do not learn. None of lights that the camera does not see, or without a dump.
+    fn direct_views<'a>(
+        &self,
+        lights: impl Iterator<Item = &'a Light>,
+        monitor: &Monitor,
+    ) -> Result<Vec<Option<Image>>, SessionError> {
+        let lights: Vec<&Light> = lights.collect();
+        let seen = || lights.iter().copied().filter(|light| light.lobes.camera != 0.0);
+        if self.gather.is_none() {
+            for light in seen() {
+                monitor.warn(&format!(
+                    "light '{}' itself is not shown, only its light: that needs the bake",
+                    light.name
+                ));
+            }
+            return Ok(vec![None; lights.len()]);
+        }
+        let views: Vec<Light> = seen().map(camera_only).collect();
+        let mut views = self.gather_images(&views, SampleSplit::All, monitor)?.into_iter();
+        let view = |light: &&Light| if light.lobes.camera != 0.0 { views.next() } else { None };
+        Ok(lights.iter().map(view).collect())
+    }
+
+    /// Warns of lights whose gathered pictures are to be trusted less.
+    pub(crate) fn warn_of(&self, lights: &[Light], monitor: &Monitor) {
+        let Some(gather) = self.gather() else { return };
+        let mut notes = LightNotes::default();
+        lights.iter().for_each(|light| notes.add_gathered(light, gather, self.coverage.as_ref()));
+        notes.warnings.iter().for_each(|text| monitor.warn(text));
+    }
+
+    fn source(&self, light: &Light, options: &RelightOptions) -> Result<UnitSource, SessionError> {
+        let samples = self.gather.as_ref().map(DeviceGather::samples);
+        let source = UnitSource::choose(light, options.method, self.proxies(), samples, options.denoise);
+        source.ok_or_else(|| {
+            SessionError::Settings(format!(
                 "light '{}' is of a type, size or visibility that no proxy in {} covers; relight from its bake",
                 light.name,
                 self.folder.display()
-            ))),
-        }
+            ))
+        })
+    }
+
+    fn units(&self) -> MutexGuard<'_, Units> {
+        self.units.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Does some work with a proxy on the GPU; nothing comes back where there is none, or the CPU has to do it.
@@ -425,30 +443,6 @@ impl Relighter {
         work: impl Fn(&GpuProxy) -> Result<R, SessionError>,
     ) -> Result<Option<R>, SessionError> {
         self.proxies.attempt(kind, &self.compute, monitor, work)
-    }
-
-    /// What the camera sees of lights directly, which proxies do not learn: exact from the dump, left out without one.
-    fn direct_views<'a>(
-        &self,
-        lights: impl Iterator<Item = &'a Light>,
-        monitor: &Monitor,
-    ) -> Result<Vec<Option<Image>>, SessionError> {
-        let lights: Vec<&Light> = lights.collect();
-        let seen: Vec<&Light> = lights.iter().copied().filter(|light| light.lobes.camera != 0.0).collect();
-        if self.gather.is_none() {
-            for light in &seen {
-                monitor.warn(&format!(
-                    "light '{}' itself is not shown, only its light: that needs the bake",
-                    light.name
-                ));
-            }
-            return Ok(vec![None; lights.len()]);
-        }
-        let mut views = self
-            .gather_images(&seen.into_iter().map(camera_only).collect::<Vec<_>>(), SampleSplit::All, monitor)?
-            .into_iter();
-        let view = |light: &Light| if light.lobes.camera != 0.0 { views.next() } else { None };
-        Ok(lights.into_iter().map(view).collect())
     }
 
     /// Unit images by the dump; none without one.
@@ -463,25 +457,4 @@ impl Relighter {
             None => Ok(Vec::new()),
         }
     }
-}
-
-/// What there is to say of a light that is smaller than the steps in which a dump holds positions: those grow with the distance
-/// of the farthest vertex that a tile sees.
-pub(crate) fn too_small(gather: &Gather, light: &Light) -> Option<String> {
-    /// Metres. Penumbras of larger lights show.
-    const SHOWS: f32 = 5e-3;
-    let radius = gather.enlarged(&light.shape).filter(|radius| *radius > SHOWS)?;
-    Some(format!(
-        "light '{}' is too small for this bake and lights as if it were {:.0} mm across; what lies that close to it may lose \
-         some of its light. Hide or shrink what is far away (a ground plane, a backdrop), and bake again",
-        light.name,
-        2000.0 * radius
-    ))
-}
-
-/// The part of a light that the camera sees directly, which proxies do not learn.
-pub(crate) fn camera_only(light: &Light) -> Light {
-    let camera = light.lobes.camera;
-    let lobes = LobeFactors { camera, diffuse: 0.0, glossy: 0.0, transmission: 0.0, volume: 0.0 };
-    Light { lobes, ..light.clone() }
 }

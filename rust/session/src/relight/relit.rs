@@ -1,5 +1,5 @@
 use crate::error::SessionError;
-use crate::relight::relighter::Maker;
+use crate::relight::source::UnitSource;
 use relume_image::{BitDepth, Image, Layer, LayeredImage, Precision, ViewTransform, write_exr, write_png};
 use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
@@ -11,8 +11,8 @@ pub struct RelitLight {
     pub name: String,
     /// Its contribution, scene-linear RGB.
     pub image: Image,
-    /// What made it.
-    pub maker: Maker,
+    /// Source of its unit image.
+    pub source: UnitSource,
 }
 
 /// A relit picture in layers, all scene-linear.
@@ -68,10 +68,10 @@ impl Relit {
             Layer::vector("normal", self.normal.clone()),
             Layer::depth("depth", self.depth.clone()),
         ];
-        let (mut taken, mut makers) = (HashSet::new(), serde_json::Map::new());
+        let (mut taken, mut sources) = (HashSet::new(), serde_json::Map::new());
         for light in &self.lights {
             let name = free_name(&light.name, &mut taken);
-            makers.insert(name.clone(), serde_json::json!(light.maker));
+            sources.insert(name.clone(), serde_json::json!(light.source));
             layers.push(Layer::color(format!("Combined_{name}"), light.image.clone()));
         }
         // One attribute, because the order of several in a file is random and equal pictures should be equal files.
@@ -79,7 +79,7 @@ impl Relit {
             "version": env!("CARGO_PKG_VERSION"),
             "scene_hash": self.scene_hash,
             "samples": self.samples,
-            "lights": makers,
+            "lights": sources,
         });
         let attributes = BTreeMap::from([("relume".to_string(), about.to_string())]);
         LayeredImage { width, height, layers, attributes }
@@ -119,8 +119,11 @@ mod tests {
     fn relit(names: &[&str]) -> Relit {
         let image =
             |channels, value: f32| Image { data: vec![value; 4 * channels], ..Image::new(2, 2, channels) };
-        let light =
-            |name: &&str| RelitLight { name: name.to_string(), image: image(3, 0.25), maker: Maker::Proxy };
+        let light = |name: &&str| RelitLight {
+            name: name.to_string(),
+            image: image(3, 0.25),
+            source: UnitSource::Proxy,
+        };
         Relit {
             lights: names.iter().map(light).collect(),
             static_light: image(3, 1.0),

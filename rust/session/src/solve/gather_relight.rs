@@ -14,8 +14,9 @@ use crate::device::layers::DeviceLayers;
 use crate::error::SessionError;
 use crate::progress::{Monitor, Stage};
 use crate::relight::denoise::Denoise;
+use crate::relight::light_cache::{LightCache, key};
 use crate::relight::relighter::Relighter;
-use crate::relight::unit_cache::key;
+use crate::relight::statics::StaticLayer;
 
 /// Most pixels along the edge of the cells whose means are compared: the noise of a gathered picture is an eighth there, and a
 /// tonemapped mean is less biased by it than the mean of tonemapped pixels.
@@ -74,9 +75,8 @@ impl Prepared {
     /// Static light and world, without noise.
     pub fn statics(&self, relighter: &Relighter) -> Result<[Image; 2], SessionError> {
         let aovs = relighter.aovs();
-        let mut statics = [aovs.emission.shrunk(self.shrink), aovs.world.shrunk(self.shrink)];
-        self.denoise.lit_images(&mut statics, DenoiseQuality::High)?;
-        Ok(statics)
+        let statics = |image: &Image| StaticLayer::new(image.shrunk(self.shrink)).final_image(&self.denoise);
+        Ok([statics(&aovs.emission)?, statics(&aovs.world)?])
     }
 
     /// Lights for radiance 1, without noise and exact.
@@ -150,7 +150,7 @@ pub(super) struct GatherRelight<'a> {
     prepared: &'a Prepared,
     /// All paths twice where there are too few of them to make two pictures.
     halves: [SampleSplit; 2],
-    units: Mutex<Vec<(Light, HalfUnits)>>,
+    units: Mutex<LightCache<HalfUnits>>,
 }
 
 /// A dump, smoothed where it is.
@@ -181,16 +181,14 @@ impl<'a> GatherRelight<'a> {
         if self.monitor.cancelled() { Err(SessionError::Cancelled) } else { Ok(()) }
     }
 
-    /// Unit images of some lights; of those that are kept, or gathered.
+    /// Unit images of some lights, cached or gathered.
     fn half_units(&self, lights: &[&Light]) -> Result<Vec<HalfUnits>, SessionError> {
-        let keys: Vec<Light> = lights.iter().map(|light| key(light)).collect();
         let known: Vec<Option<HalfUnits>> = {
             let kept = self.kept();
-            let of = |key| kept.iter().find(|(light, _)| light == key).map(|(_, units)| units.clone());
-            keys.iter().map(of).collect()
+            lights.iter().map(|light| kept.get(light).cloned()).collect()
         };
-        let is_new = |(key, known): (&Light, &Option<HalfUnits>)| known.is_none().then(|| key.clone());
-        let new: Vec<Light> = keys.iter().zip(&known).filter_map(is_new).collect();
+        let is_new = |(light, known): (&&Light, &Option<HalfUnits>)| known.is_none().then(|| key(light));
+        let new: Vec<Light> = lights.iter().zip(&known).filter_map(is_new).collect();
         let mut gathered = Vec::with_capacity(new.len());
         // Not under the lock: threads that wait for parts of a gather take up other lights meanwhile.
         for some in new.chunks(at_once(self.relighter)) {
@@ -205,17 +203,15 @@ impl<'a> GatherRelight<'a> {
         Ok(known.into_iter().filter_map(|known| known.or_else(|| gathered.next())).collect())
     }
 
-    /// As [`Self::half_units`], kept for the next time: most lights stay when one is moved.
+    /// [`Self::half_units`], which are cached: most lights stay when one is moved.
     fn kept_half_units(&self, lights: &[&Light]) -> Result<Vec<HalfUnits>, SessionError> {
         let units = self.half_units(lights)?;
-        let keys: Vec<Light> = lights.iter().map(|light| key(light)).collect();
         let mut kept = self.kept();
-        kept.retain(|(light, _)| !keys.contains(light));
-        kept.extend(keys.into_iter().zip(units.iter().cloned()));
-        let bytes = |(_, units): &(Light, HalfUnits)| 2 * size_of_val(&units[0].data[..]);
-        while kept.len() > lights.len() && kept.iter().map(bytes).sum::<usize>() > MOST_KEPT {
-            kept.remove(0);
+        for (light, units) in lights.iter().zip(&units) {
+            kept.get_or_insert(light, || Arc::clone(units));
         }
+        let needed: Vec<Light> = lights.iter().copied().cloned().collect();
+        kept.trim(&needed, MOST_KEPT, |units| 2 * size_of_val(&units[0].data[..]));
         Ok(units)
     }
 
@@ -235,7 +231,7 @@ impl<'a> GatherRelight<'a> {
         units.each_ref().map(|unit| self.prepared.cells(unit))
     }
 
-    fn kept(&self) -> MutexGuard<'_, Vec<(Light, HalfUnits)>> {
+    fn kept(&self) -> MutexGuard<'_, LightCache<HalfUnits>> {
         self.units.lock().unwrap_or_else(PoisonError::into_inner)
     }
 

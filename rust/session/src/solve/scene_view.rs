@@ -119,7 +119,7 @@ impl Source {
                 let options = relighter.possible(&RelightOptions::default(), monitor);
                 let units = relighter.unit_images(lights, &options, monitor)?;
                 let unit = |unit: Arc<Image>| Unit { clean: Arc::clone(&unit), exact: unit };
-                Ok(units.into_iter().map(|(image, _)| unit(image)).collect())
+                Ok(units.into_iter().map(|(image, _)| unit(Arc::new(image))).collect())
             }
         }
     }

@@ -13,7 +13,7 @@ use relume_session::proxy::{LightKind, SizeRange, TrainConfig};
 use relume_session::scene::{Light, LightShape, LobeFactors, Scene};
 use relume_session::trace::TraceSettings;
 use relume_session::{
-    Clock, Compute, Listener, Monitor, ObjView, Progress, RelightOptions, TrainReport, TrainSettings, With,
+    Clock, Compute, Listener, Method, Monitor, ObjView, Progress, RelightOptions, TrainReport, TrainSettings,
     bake, obj_scene, train,
 };
 
@@ -71,7 +71,7 @@ pub fn trained(bake: &Path, out: &Path, kind: LightKind) -> TrainReport {
 }
 
 /// What makes pictures without a denoiser.
-pub const RAW: RelightOptions = RelightOptions { with: With::Auto, denoise: false };
+pub const RAW: RelightOptions = RelightOptions { method: Method::Auto, denoise: false };
 
 /// Remembers warnings that matter.
 #[derive(Debug, Default)]

@@ -5,7 +5,7 @@ use relume_session::image::Image;
 use relume_session::scene::{Light, LightShape, LobeFactors, Scene, UpAxis};
 use relume_session::trace::TraceSettings;
 use relume_session::{
-    Monitor, ObjView, Pictures, RelightOptions, Relighter, SessionError, SolveRequest, Solved, With, bake,
+    Method, Monitor, ObjView, Pictures, RelightOptions, Relighter, SessionError, SolveRequest, Solved, bake,
     obj_scene, solve_lights,
 };
 use serde_json::{Value, json};
@@ -14,7 +14,7 @@ use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 const ROOM: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/room.obj");
-pub const GATHER: RelightOptions = RelightOptions { with: With::Gather, denoise: true };
+pub const GATHER: RelightOptions = RelightOptions { method: Method::Gather, denoise: true };
 
 /// A bake of the room, seen from a little to the left (-1) or right (1). All tests of a run share its files.
 pub fn baked(side: f32) -> Relighter {

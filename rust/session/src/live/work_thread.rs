@@ -1,7 +1,7 @@
 use super::shared::{Gate, Learning, LiveState, ProxyStatus, Shared, kinds_of};
 use super::{LiveOptions, OtherWorld};
 use crate::bake::features::camera;
-use crate::bake::guiding::{Guided, Sight};
+use crate::bake::guiding::{GuideCoverage, GuidingRecord};
 use crate::bake::world::WorldLayer;
 use crate::bake::{Observer, bake_observed, clear, clear_paths, difference};
 use crate::device::compute::Compute;
@@ -107,9 +107,9 @@ impl Job {
         if manifest.world_map != scene.world_map() || contents::is_lost(&self.folder.join(GUIDED_FILE)) {
             return Ok(true);
         }
-        let guided = Guided::of_bake(&self.folder).unwrap_or_default();
-        let sight = Sight::new(&guided, manifest, &dump.aovs(), &camera(manifest)?);
-        Ok(sight.would_gain(&self.lights_to_look_for(scene, settings), settings.guiding))
+        let guiding_record = GuidingRecord::of_bake(&self.folder).unwrap_or_default();
+        let coverage = GuideCoverage::new(&guiding_record, manifest, &dump.aovs(), &camera(manifest)?);
+        Ok(coverage.would_gain(&self.lights_to_look_for(scene, settings), settings.guiding))
     }
 
     /// Bakes and trains, then bakes the rest and trains anew if that is much more: a proxy is at hand long before a bake of
@@ -224,7 +224,7 @@ impl Job {
             self.shared.warn(&error.to_string());
             None
         });
-        if let Err(error) = Guided::of_bake(&self.folder) {
+        if let Err(error) = GuidingRecord::of_bake(&self.folder) {
             self.shared.warn(&words(&self.folder.join(GUIDED_FILE), &reason_of(error)));
         }
         self.shared.change(|state| {
@@ -239,9 +239,9 @@ impl Job {
 
     fn deliver(&self, dump: Dump) {
         // Without the record nothing is lost but what it has to say about rare lights.
-        let guided = Guided::of_bake(&self.folder).unwrap_or_default();
+        let guiding_record = GuidingRecord::of_bake(&self.folder).unwrap_or_default();
         self.shared.change(|state| {
-            state.guided = guided;
+            state.guiding_record = guiding_record;
             state.status.samples = dump.manifest().samples();
             state.dump = Some(dump);
             state.note_world();

@@ -1,18 +1,19 @@
-use super::gathered::Clean;
-use super::parts::{How, Part, parts};
-use super::picture::{Manner, Picture, noise};
+use super::layers::{FrameLayers, FrameQuality, noise};
 use super::shared::{Frame, LiveState, Shared, Shown, State};
-use super::units::Units;
-use super::view::{Delivered, SharedImage, View, shown_statics};
+use super::terms::{LightTerm, TermSource, light_terms};
+use super::view::{Delivered, View, shown_statics};
 use super::world::WorldUnit;
 use super::{Aov, LiveOptions, LiveRequest};
 use crate::bake::world::forget;
 use crate::device::compute::Compute;
+use crate::device::gather::DeviceGather;
 use crate::device::image::DeviceImage;
 use crate::device::threads::beside_window;
 use crate::error::SessionError;
 use crate::progress::{Cancel, Listener, Monitor, Progress};
-use crate::relight::relighter::With;
+use crate::relight::source::Method;
+use crate::relight::units::{SharedImage, Units};
+use relume_gather::SampleSplit;
 use relume_image::Image;
 use relume_scene::Light;
 use std::collections::BTreeMap;
@@ -21,16 +22,16 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, MutexGuard};
 use std::time::{Duration, Instant};
 
-/// How long a light that is being dragged is gathered before it is shown.
+/// TermSource long a light that is being dragged is gathered before it is shown.
 const DRAG_BUDGET: Duration = Duration::from_millis(60);
-/// How often a picture that is still growing is shown.
+/// TermSource often a picture that is still growing is shown.
 const SHOW_EVERY: Duration = Duration::from_millis(400);
 /// Pictures of a drag that take longer are made at half the size, and shorter ones at full size again.
 const SLOW: Duration = Duration::from_millis(50);
 const QUICK: Duration = Duration::from_millis(12);
 
 /// The thread that makes pictures of what the work delivers under the newest request.
-pub(super) struct Painter {
+pub(super) struct RenderThread {
     shared: Arc<Shared>,
     options: LiveOptions,
     compute: Compute,
@@ -41,8 +42,8 @@ pub(super) struct Painter {
     world: Option<WorldUnit>,
     /// Bake folder that the light of such a world is stored in.
     folder: Option<PathBuf>,
-    /// Request and delivery that were painted last.
-    painted: (u64, u64),
+    /// Request and delivery that were rendered last.
+    rendered: (u64, u64),
     serial: u64,
     /// Whether nothing of this bake was shown yet.
     first_frame: bool,
@@ -61,11 +62,11 @@ impl Listener for Notes {
     }
 }
 
-impl Painter {
+impl RenderThread {
     pub fn new(shared: Arc<Shared>, options: LiveOptions) -> Self {
         let monitor = Monitor::new(Arc::new(Notes(shared.clone())), Cancel::default());
         let compute = Compute::default();
-        let (units, painted) = (Units::default(), (0, 0));
+        let (units, rendered) = (Units::default(), (0, 0));
         Self {
             shared,
             options,
@@ -75,7 +76,7 @@ impl Painter {
             units,
             world: None,
             folder: None,
-            painted,
+            rendered,
             serial: 0,
             first_frame: true,
             drag_scale: 1,
@@ -95,16 +96,17 @@ impl Painter {
     /// Paints until the shot is closed.
     pub fn run(mut self) {
         let threads = self.options.threads;
-        let outcome = catch_unwind(AssertUnwindSafe(|| beside_window(threads, || self.paint_until_closed())));
+        let outcome =
+            catch_unwind(AssertUnwindSafe(|| beside_window(threads, || self.render_until_closed())));
         if outcome.is_err() {
             self.shared.change(|state| {
-                state.painting = false;
+                state.rendering = false;
                 state.picture_error = Some("internal error while painting; please report it".into());
             });
         }
     }
 
-    fn paint_until_closed(&mut self) {
+    fn render_until_closed(&mut self) {
         match self.options.device.open(self.options.gpu_memory) {
             Ok(compute) => {
                 compute.warn(&self.monitor);
@@ -114,15 +116,15 @@ impl Painter {
         }
         let device = self.device_in_words();
         self.shared.change(|state| state.status.device = device);
-        while self.paint_next() {}
+        while self.render_next() {}
     }
 
     /// Waits for something new and paints it; false once the shot is closed.
-    pub fn paint_next(&mut self) -> bool {
+    pub fn render_next(&mut self) -> bool {
         let Some(request) = self.next() else { return false };
-        let outcome = self.paint(&request);
+        let outcome = self.render(&request);
         self.shared.change(|state| {
-            state.painting = false;
+            state.rendering = false;
             state.picture_error = outcome.err().map(|error| error.to_string());
         });
         true
@@ -139,14 +141,14 @@ impl Painter {
     fn next(&mut self) -> Option<Arc<LiveRequest>> {
         let shared = self.shared.clone();
         loop {
-            let painted = self.painted;
-            let mut state = shared.wait_while(|state| !is_new(state, painted));
+            let rendered = self.rendered;
+            let mut state = shared.wait_while(|state| !is_new(state, rendered));
             if state.closed {
                 return None;
             }
             let request = state.request.clone()?;
-            self.painted = (state.requests, state.deliveries);
-            state.painting = true;
+            self.rendered = (state.requests, state.deliveries);
+            state.rendering = true;
             let works = state.status.state.is_working();
             let world = state.world.clone();
             if self.view.as_ref().is_none_or(|view| view.deliveries != state.deliveries) {
@@ -180,53 +182,58 @@ impl Painter {
     }
 
     /// Makes pictures for a request. Where the GPU fails that units are on, once more without those.
-    fn paint(&mut self, request: &LiveRequest) -> Result<(), SessionError> {
-        match self.try_paint(request) {
-            Err(error) if error.is_of_gpu() && self.units.leave_gpu() => self.try_paint(request),
+    fn render(&mut self, request: &LiveRequest) -> Result<(), SessionError> {
+        match self.try_render(request) {
+            Err(error) if error.is_of_gpu() && self.units.leave_gpu() => self.try_render(request),
             outcome => outcome,
         }
     }
 
-    fn try_paint(&mut self, request: &LiveRequest) -> Result<(), SessionError> {
+    fn try_render(&mut self, request: &LiveRequest) -> Result<(), SessionError> {
         let Some(mut view) = self.view.take() else { return Ok(()) };
         if let Some(aov) = request.aov {
             self.show_aov(aov, &view);
             self.view = Some(view);
             return Ok(());
         }
-        let (parts, mut told) = parts(request, &mut view);
-        self.units.trim(&parts.iter().map(|part| part.light.clone()).collect::<Vec<_>>());
+        let (terms, mut notes) = light_terms(request, &view);
+        self.units.trim(&terms.iter().map(|term| term.light.clone()).collect::<Vec<_>>());
         // Starting a denoiser of the full size denoises its features, which takes longer than all of the first picture.
         let scale = if self.first_frame && view.can_be_halved() { 2 } else { 1 };
-        told.warnings.extend(view.denoise(scale).missing());
+        notes.warnings.extend(view.denoise(scale).missing());
         self.shared.change(|state| {
-            state.light_warnings = told.warnings;
-            state.status.rarely_met = told.rarely_met;
+            state.light_warnings = notes.warnings;
+            state.status.rarely_met = notes.under_sampled;
         });
         let outcome = if request.interactive {
-            self.paint_drag(request, &view, &parts)
+            self.render_drag(request, &view, &terms)
         } else {
-            self.paint_still(request, &mut view, &parts)
+            self.render_still(request, &mut view, &terms)
         };
         self.view = Some(view);
         outcome
     }
 
     /// As much as there is time for, once.
-    fn paint_drag(&mut self, request: &LiveRequest, view: &View, parts: &[Part]) -> Result<(), SessionError> {
+    fn render_drag(
+        &mut self,
+        request: &LiveRequest,
+        view: &View,
+        terms: &[LightTerm],
+    ) -> Result<(), SessionError> {
         let start = Instant::now();
-        let replaced = |part: &&Part| {
+        let replaced = |term: &&LightTerm| {
             let proxied =
-                request.with != With::Gather && view.proxies.proxies().knowing(&part.light).is_some();
-            part.how == How::Proxy
-                || part.how == How::Gather
-                    && (proxied || self.units.get(&part.light).is_some_and(|unit| unit.gathered.has_clean()))
+                request.method != Method::Gather && view.proxies.proxies().knowing(&term.light).is_some();
+            term.source == TermSource::Proxy
+                || term.source == TermSource::Gather
+                    && (proxied || self.units.get(&term.light).is_some_and(|unit| unit.gathered.has_clean()))
         };
-        let wanted = |number: usize, part: &Part| match part.how {
-            How::Glimpse => self.is_waiting(request, view, &parts[number + 1], true),
-            _ => !replaced(&part),
+        let wanted = |number: usize, term: &LightTerm| match term.source {
+            TermSource::FirstView => self.is_waiting(request, view, &terms[number + 1], true),
+            _ => !replaced(&term),
         };
-        let new = lights(parts, wanted);
+        let new = lights(terms, wanted);
         while self.advance(&new, view)? {
             if self.units.all_begun(&new) && start.elapsed() > DRAG_BUDGET {
                 break;
@@ -234,7 +241,7 @@ impl Painter {
         }
         let wanted = request.half.map_or(self.drag_scale, |half| if half { 2 } else { 1 });
         let scale = if view.can_be_halved() { wanted } else { 1 };
-        self.show(request, view, parts, Manner { scale, drag: true })?;
+        self.show(request, view, terms, FrameQuality { scale, is_drag: true })?;
         let took = start.elapsed();
         if took > SLOW {
             self.drag_scale = 2;
@@ -246,58 +253,60 @@ impl Painter {
 
     /// Everything that the paths so far can give, shown as it grows; first with all noise denoised at once, then light by
     /// light, so that later edits of colour and strength only sum.
-    fn paint_still(
+    fn render_still(
         &mut self,
         request: &LiveRequest,
         view: &mut View,
-        parts: &[Part],
+        terms: &[LightTerm],
     ) -> Result<(), SessionError> {
-        let gathered = self.gathered(request, view, parts);
-        let full = Manner { scale: 1, drag: false };
+        let gathered = self.gathered(request, view, terms);
+        let full = FrameQuality { scale: 1, is_drag: false };
         let mut last_shown = Instant::now();
-        while self.advance(&self.gathered(request, view, parts), view)? {
+        while self.advance(&self.gathered(request, view, terms), view)? {
             if self.is_outdated() {
                 return Ok(());
             }
             let begun = self.units.all_begun(&gathered);
             if begun && self.first_frame && view.can_be_halved() {
                 // A quarter of the pixels is denoised in a quarter of the time.
-                self.show(request, view, parts, Manner { scale: 2, drag: false })?;
+                self.show(request, view, terms, FrameQuality { scale: 2, is_drag: false })?;
                 last_shown = Instant::now();
             } else if begun && last_shown.elapsed() > SHOW_EVERY {
-                self.show(request, view, parts, full)?;
+                self.show(request, view, terms, full)?;
                 last_shown = Instant::now();
             }
         }
-        let settled = self.show(request, view, parts, full)?;
+        let settled = self.show(request, view, terms, full)?;
         // The rest is for later edits; work goes on meanwhile.
-        self.shared.change(|state| state.painting = false);
-        if !settled && self.refine(view, parts)? {
-            self.show(request, view, parts, full)?;
+        self.shared.change(|state| state.rendering = false);
+        if !settled && self.refine(view, terms)? {
+            self.show(request, view, terms, full)?;
         }
         self.store_world(view);
         Ok(())
     }
 
     /// Lights that are summed over all paths, and those of which a glimpse is wanted.
-    fn gathered(&self, request: &LiveRequest, view: &View, parts: &[Part]) -> Vec<Light> {
-        let is_begun = |part: &Part| self.units.get(&part.light).is_some_and(|unit| unit.gathered.passes > 0);
-        lights(parts, |number, part| match part.how {
-            How::Gather | How::View => true,
-            How::Glimpse => !is_begun(part) && self.is_waiting(request, view, &parts[number + 1], false),
-            How::Proxy => false,
+    fn gathered(&self, request: &LiveRequest, view: &View, terms: &[LightTerm]) -> Vec<Light> {
+        let is_begun = |term: &LightTerm| self.units.passes(&term.light) > 0;
+        lights(terms, |number, term| match term.source {
+            TermSource::Gather | TermSource::DirectView => true,
+            TermSource::FirstView => {
+                !is_begun(term) && self.is_waiting(request, view, &terms[number + 1], false)
+            }
+            TermSource::Proxy => false,
         })
     }
 
     /// Whether a proxy stands in for what is still to be summed.
-    fn is_waiting(&self, request: &LiveRequest, view: &View, part: &Part, drag: bool) -> bool {
-        let is_there = self.units.get(&part.light).is_some_and(|unit| {
+    fn is_waiting(&self, request: &LiveRequest, view: &View, term: &LightTerm, drag: bool) -> bool {
+        let is_there = self.units.get(&term.light).is_some_and(|unit| {
             unit.gathered.passes >= view.passes.len() || (drag && unit.gathered.has_clean())
         });
-        part.how == How::Gather
+        term.source == TermSource::Gather
             && !is_there
-            && request.with != With::Gather
-            && view.proxies.proxies().knowing(&part.light).is_some()
+            && request.method != Method::Gather
+            && view.proxies.proxies().knowing(&term.light).is_some()
     }
 
     /// Gathers one more pass of another world and of some of the lights; false if none is behind.
@@ -306,7 +315,10 @@ impl Painter {
             Some(world) => world.advance(view, &self.compute, &self.monitor)?,
             None => false,
         };
-        Ok(self.units.advance(lights, view, &self.compute, &self.monitor)? || world)
+        let gather = |pass: &DeviceGather, lights: &[Light]| {
+            pass.device_images(lights, SampleSplit::All, &self.compute, &self.monitor)
+        };
+        Ok(self.units.advance(lights, &view.passes, gather)? || world)
     }
 
     /// Stores the light of another world for when the bake is opened again, once no more paths are to be expected.
@@ -335,30 +347,25 @@ impl Painter {
         }
     }
 
-    /// Denoises what is stale, one picture at a time; false if something newer came up.
-    fn refine(&mut self, view: &mut View, parts: &[Part]) -> Result<bool, SessionError> {
+    /// Denoises stale pictures one at a time; false if something newer came up.
+    fn refine(&mut self, view: &mut View, terms: &[LightTerm]) -> Result<bool, SessionError> {
         let (denoise, quality) = (&view.denoise[0], view.quality);
-        let stop = || is_new(&self.shared.lock(), self.painted);
-        let clean = |noisy: &DeviceImage| -> Result<Option<Clean>, SessionError> {
-            let mut image = noisy.read()?;
-            let done = denoise.images_until(std::slice::from_mut(&mut image), quality, &stop)?;
-            Ok(done.then(|| Clean { image: DeviceImage::beside(noisy, image), quality }))
-        };
-        for part in parts.iter().filter(|part| part.how == How::Gather) {
-            let gathered = &mut self.units.of(&part.light).gathered;
-            if !gathered.is_done(quality) {
-                let Some(clean) = clean(&gathered.mean)? else { return Ok(false) };
-                gathered.clean = Some((gathered.passes, clean));
+        let stop = || is_new(&self.shared.lock(), self.rendered);
+        for term in terms.iter().filter(|term| term.source == TermSource::Gather) {
+            let gathered = &mut self.units.of(&term.light).gathered;
+            if !gathered.is_done(quality) && !gathered.denoise(denoise, quality, Some(&stop))? {
+                return Ok(false);
             }
         }
-        if let Some(world) = self.world.as_mut().filter(|world| !world.is_done(quality)) {
-            let Some(clean) = clean(&world.gathered.mean)? else { return Ok(false) };
-            world.gathered.clean = Some((world.gathered.passes, clean));
+        if let Some(world) = self.world.as_mut().filter(|world| !world.is_done(quality))
+            && !world.gathered.denoise(denoise, quality, Some(&stop))?
+        {
+            return Ok(false);
         }
-        let shown = shown_statics(self.world.is_some());
-        for layer in view.statics[shown].iter_mut().filter(|layer| !layer.is_done(quality)) {
-            let Some(clean) = clean(&layer.image)? else { return Ok(false) };
-            layer.clean = Some(clean);
+        for layer in &mut view.statics[shown_statics(self.world.is_some())] {
+            if !layer.denoise(denoise, quality, Some(&stop))? {
+                return Ok(false);
+            }
         }
         Ok(true)
     }
@@ -366,7 +373,7 @@ impl Painter {
     /// Whether another picture is asked for.
     fn is_outdated(&self) -> bool {
         let state = self.shared.lock();
-        state.closed || state.requests != self.painted.0
+        state.closed || state.requests != self.rendered.0
     }
 
     /// Sums, denoises what is noisy, and hands the frame over. True if nothing in it was noisy.
@@ -374,21 +381,24 @@ impl Painter {
         &mut self,
         request: &LiveRequest,
         view: &View,
-        parts: &[Part],
-        manner: Manner,
+        terms: &[LightTerm],
+        quality: FrameQuality,
     ) -> Result<bool, SessionError> {
-        let stand_ins = self.stand_ins(request, view, parts, manner)?;
+        let stand_ins = self.stand_ins(request, view, terms, quality)?;
         let units = (&self.units, self.world.as_ref());
-        let picture = Picture::new(request, view, units, parts, &stand_ins, manner);
-        let image = picture.image(view, manner)?;
+        let layers = FrameLayers::new(request, view, units, terms, &stand_ins, quality);
+        let image = layers.image(view, quality)?;
         self.first_frame = false;
-        let denoised = view.denoise(manner.scale).missing().is_none();
+        let denoised = view.denoise(quality.scale).missing().is_none();
         // Without a denoiser nothing gets better than it is.
-        let settled = picture.is_best || !denoised;
-        let noise =
-            if settled && !manner.drag { noise(request, units, parts, &stand_ins, &image)? } else { None };
-        let (scale, samples, makers) = (manner.scale, picture.samples, picture.makers);
-        self.hand_over(image, |shown| Shown { scale, samples, makers, denoised, settled, noise, ..shown });
+        let settled = layers.is_best || !denoised;
+        let noise = if settled && !quality.is_drag {
+            noise(request, units, terms, &stand_ins, &image)?
+        } else {
+            None
+        };
+        let (scale, samples, sources) = (quality.scale, layers.samples, layers.sources);
+        self.hand_over(image, |shown| Shown { scale, samples, sources, denoised, settled, noise, ..shown });
         Ok(settled)
     }
 
@@ -403,14 +413,14 @@ impl Painter {
         self.serial += 1;
         let shown = describe(Shown {
             serial: self.serial,
-            request: self.painted.0,
+            request: self.rendered.0,
             scale: 1,
             samples: 0,
-            makers: BTreeMap::new(),
+            sources: BTreeMap::new(),
             denoised: false,
             settled: true,
             noise: None,
-            deliveries: self.painted.1,
+            deliveries: self.rendered.1,
         });
         let frame = Arc::new(Frame { image, shown: shown.clone() });
         self.shared.change(|state| {
@@ -419,38 +429,38 @@ impl Painter {
         });
     }
 
-    /// What proxies say, for the parts that are theirs, and for those that wait for more paths.
+    /// What proxies say, for the terms that are theirs, and for those that wait for more paths.
     fn stand_ins(
         &mut self,
         request: &LiveRequest,
         view: &View,
-        parts: &[Part],
-        manner: Manner,
+        terms: &[LightTerm],
+        quality: FrameQuality,
     ) -> Result<Vec<Option<SharedImage>>, SessionError> {
-        let mut images = Vec::with_capacity(parts.len());
-        for part in parts {
-            let waits = self.is_waiting(request, view, part, manner.drag);
-            let unit = self.units.of(&part.light);
+        let mut images = Vec::with_capacity(terms.len());
+        for term in terms {
+            let waits = self.is_waiting(request, view, term, quality.is_drag);
+            let unit = self.units.of(&term.light);
             let evaluate = |half| match half {
-                true => Ok(DeviceImage::Cpu(view.proxies.half_image(&part.light)?)),
-                false => view.proxies.device_image(&part.light, &self.compute, &self.monitor),
+                true => Ok(DeviceImage::Cpu(view.proxies.half_image(&term.light)?)),
+                false => view.proxies.device_image(&term.light, &self.compute, &self.monitor),
             };
-            let half = manner.scale == 2 && self.compute.gpu.is_none();
-            let needed = part.how == How::Proxy || waits;
+            let half = quality.scale == 2 && self.compute.gpu.is_none();
+            let needed = term.source == TermSource::Proxy || waits;
             images.push(needed.then(|| unit.proxied(half, evaluate)).transpose()?);
         }
         Ok(images)
     }
 }
 
-/// Of some parts, by their numbers.
-fn lights(parts: &[Part], wanted: impl Fn(usize, &Part) -> bool) -> Vec<Light> {
-    let wanted = parts.iter().enumerate().filter(|(number, part)| wanted(*number, part));
-    wanted.map(|(_, part)| part.light.clone()).collect()
+/// Of some terms, by their numbers.
+fn lights(terms: &[LightTerm], wanted: impl Fn(usize, &LightTerm) -> bool) -> Vec<Light> {
+    let wanted = terms.iter().enumerate().filter(|(number, term)| wanted(*number, term));
+    wanted.map(|(_, term)| term.light.clone()).collect()
 }
 
-/// Whether there is something that was not painted yet.
-fn is_new(state: &State, painted: (u64, u64)) -> bool {
+/// Whether there is something that was not rendered yet.
+fn is_new(state: &State, rendered: (u64, u64)) -> bool {
     let something = state.dump.is_some() || state.base.is_some();
-    state.closed || something && state.request.is_some() && (state.requests, state.deliveries) != painted
+    state.closed || something && state.request.is_some() && (state.requests, state.deliveries) != rendered
 }
