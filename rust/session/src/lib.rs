@@ -56,8 +56,9 @@ pub use relight::relighter::{RelightOptions, Relighter};
 pub use relight::relit::{Relit, RelitLight};
 pub use relight::source::{Method, UnitSource};
 pub use solve::{
-    Add, Answer, BoundsWish, Freedom, GoalKind, GoalReport, GoalWish, NewKind, Own, Pictures, Preview,
-    RegionWish, SoFar, SolveRequest, Solved, Through, Wish, solve_lights,
+    Answer, Backend, BoundsOptions, FreeParam, GoalKind, GoalRegion, GoalReport, GoalRequest, InterimLights,
+    NewLightKind, NewLights, PerLightOptions, Pictures, Preview, SolveOptions, SolveRequest, Solved,
+    solve_lights,
 };
 pub use train::measure::{Evaluation, evaluate};
 pub use train::sizes::default_sizes;

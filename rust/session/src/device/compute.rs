@@ -159,29 +159,29 @@ mod tests {
     #[test]
     fn the_cpu_takes_over_in_silence_only_where_there_is_no_card() {
         let warned = |error: &GpuError| {
-            let told = Arc::new(Told::default());
-            let monitor = Monitor::new(told.clone(), Cancel::default());
+            let warnings = Arc::new(Warnings::default());
+            let monitor = Monitor::new(warnings.clone(), Cancel::default());
             let compute = Compute::without_gpu(error);
             compute.warn(&monitor);
             assert!(compute.gpu.is_none());
-            let told = told.0.lock().unwrap();
-            told.clone()
+            let warnings = warnings.0.lock().unwrap();
+            warnings.clone()
         };
         assert!(warned(&GpuError::NoAdapter).is_empty());
         let lacks = "its driver has no push constants";
         let unsuitable = GpuError::Unsuitable { adapter: "A card".into(), missing: lacks.into() };
         for (error, reason) in [(GpuError::NoDriver, "no driver offers it"), (unsuitable, lacks)] {
-            let told = warned(&error);
-            assert!(told.len() == 1 && told[0].contains(reason), "{told:?}");
-            assert!(told[0].ends_with(". The CPU does it"), "{told:?}");
+            let warnings = warned(&error);
+            assert!(warnings.len() == 1 && warnings[0].contains(reason), "{warnings:?}");
+            assert!(warnings[0].ends_with(". The CPU does it"), "{warnings:?}");
         }
     }
 
     /// What the user is warned of.
     #[derive(Default)]
-    struct Told(Mutex<Vec<String>>);
+    struct Warnings(Mutex<Vec<String>>);
 
-    impl Listener for Told {
+    impl Listener for Warnings {
         fn progress(&self, _: &Progress) {}
         fn warning(&self, message: &str) {
             self.0.lock().unwrap().push(message.to_owned());

@@ -56,25 +56,25 @@ impl DeviceGather {
     pub fn unit_images(
         &self,
         lights: &[Light],
-        half: SampleSplit,
+        split: SampleSplit,
         compute: &Compute,
         monitor: &Monitor,
     ) -> Result<Vec<Image>, SessionError> {
-        let work = |on_gpu: &GpuGather, lights: &[PreparedLight]| on_gpu.unit_images(lights, half);
-        self.images(lights, half, compute, monitor, work, |image| image)
+        let work = |on_gpu: &GpuGather, lights: &[PreparedLight]| on_gpu.unit_images(lights, split);
+        self.images(lights, split, compute, monitor, work, |image| image)
     }
 
     /// [`DeviceGather::unit_images`] that stay on the GPU where that makes them and has room. They are there when this returns.
     pub fn device_images(
         &self,
         lights: &[Light],
-        half: SampleSplit,
+        split: SampleSplit,
         compute: &Compute,
         monitor: &Monitor,
     ) -> Result<Vec<DeviceImage>, SessionError> {
-        let work = |on_gpu: &GpuGather, lights: &[PreparedLight]| match on_gpu.gpu_images(lights, half) {
+        let work = |on_gpu: &GpuGather, lights: &[PreparedLight]| match on_gpu.gpu_images(lights, split) {
             Err(GatherError::Gpu(GpuError::OutOfMemory { .. })) => {
-                Ok(on_gpu.unit_images(lights, half)?.into_iter().map(DeviceImage::Cpu).collect())
+                Ok(on_gpu.unit_images(lights, split)?.into_iter().map(DeviceImage::Cpu).collect())
             }
             images => {
                 let images = images?;
@@ -82,14 +82,14 @@ impl DeviceGather {
                 images.into_iter().map(|image| Ok(DeviceImage::made(image)?)).collect()
             }
         };
-        self.images(lights, half, compute, monitor, work, DeviceImage::Cpu)
+        self.images(lights, split, compute, monitor, work, DeviceImage::Cpu)
     }
 
     /// Unit images as the GPU or the CPU gives them.
     fn images<R>(
         &self,
         lights: &[Light],
-        half: SampleSplit,
+        split: SampleSplit,
         compute: &Compute,
         monitor: &Monitor,
         on_gpu: impl Fn(&GpuGather, &[PreparedLight]) -> Result<Vec<R>, GatherError>,
@@ -102,8 +102,8 @@ impl DeviceGather {
             self.sorting.relit(|| self.on_gpu.get());
         }
         let on_cpu = || {
-            let (gather, half) = self.gather.split(half);
-            gather.unit_images(&lights, half).into_iter().map(of_cpu).collect()
+            let (gather, split) = self.gather.split(split);
+            gather.unit_images(&lights, split).into_iter().map(of_cpu).collect()
         };
         Ok(images.unwrap_or_else(on_cpu))
     }

@@ -8,9 +8,9 @@ use crate::progress::Monitor;
 
 /// Something that is put on the GPU when it is first needed, or when that was lost, and given up where the GPU fails and the
 /// CPU may go on.
-pub(crate) struct OnGpu<T>(Mutex<State<T>>);
+pub(crate) struct OnGpu<T>(Mutex<Slot<T>>);
 
-enum State<T> {
+enum Slot<T> {
     NotStarted,
     Ready(Arc<T>),
     GivenUp,
@@ -18,7 +18,7 @@ enum State<T> {
 
 impl<T> Default for OnGpu<T> {
     fn default() -> Self {
-        Self(Mutex::new(State::NotStarted))
+        Self(Mutex::new(Slot::NotStarted))
     }
 }
 
@@ -43,13 +43,13 @@ impl<T> OnGpu<T> {
             || "",
             |compute| {
                 let Some(gpu) = &compute.gpu else {
-                    *state = State::GivenUp;
+                    *state = Slot::GivenUp;
                     return Ok(None);
                 };
                 let result = state.ready(|| make(gpu.clone())).and_then(|ready| ready.map(&work).transpose());
                 result.map_err(E::into).inspect_err(|error| {
                     if error.lost_gpu().is_some() {
-                        *state = State::NotStarted;
+                        *state = Slot::NotStarted;
                     }
                 })
             },
@@ -59,13 +59,13 @@ impl<T> OnGpu<T> {
     /// What is there, for work that must not keep others from theirs.
     pub fn get(&self) -> Option<Arc<T>> {
         match &*self.0.lock().unwrap_or_else(PoisonError::into_inner) {
-            State::Ready(ready) => Some(Arc::clone(ready)),
+            Slot::Ready(ready) => Some(Arc::clone(ready)),
             _ => None,
         }
     }
 }
 
-impl<T> State<T> {
+impl<T> Slot<T> {
     /// Made now if it is needed for the first time; nothing once it has been given up.
     fn ready<E>(&mut self, make: impl FnOnce() -> Result<T, E>) -> Result<Option<&T>, E> {
         if let Self::NotStarted = self {

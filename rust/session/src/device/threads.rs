@@ -2,7 +2,7 @@ use rayon::ThreadPoolBuilder;
 
 /// What threads give way to.
 #[derive(Clone, Copy)]
-enum Before {
+enum GivesWayTo {
     /// Blender's threads, which draw its window.
     Window,
     /// Those, and the threads that make pictures for it.
@@ -18,16 +18,16 @@ pub fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T
 /// As [`on_threads`], on threads that give way to Blender's own, which draw its window: to use every core for the picture of an
 /// edit would hold up the next edit.
 pub fn beside_window<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
-    install(giving_way(threads, Before::Window), work)
+    install(giving_way(threads, GivesWayTo::Window), work)
 }
 
 /// As [`on_threads`], on threads that give way to Blender's own and to those that make pictures for its window. Work that uses
 /// every core would have them wait otherwise.
 pub fn in_background<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
-    install(giving_way(threads, Before::Pictures), work)
+    install(giving_way(threads, GivesWayTo::Pictures), work)
 }
 
-fn giving_way(threads: usize, before: Before) -> ThreadPoolBuilder {
+fn giving_way(threads: usize, before: GivesWayTo) -> ThreadPoolBuilder {
     ThreadPoolBuilder::new().num_threads(threads).start_handler(move |_| before.give_way())
 }
 
@@ -38,7 +38,7 @@ fn install<T: Send>(pool: ThreadPoolBuilder, work: impl FnOnce() -> T + Send) ->
     }
 }
 
-impl Before {
+impl GivesWayTo {
     /// Takes more of niceness, which Linux keeps for each thread: with 5 more, a thread gets a third of what another one gets of a
     /// core that both want; with 10 more, a ninth. A system that refuses has the thread work as it is.
     #[cfg(target_os = "linux")]

@@ -182,7 +182,7 @@ impl Live {
             threads.render = Some(spawn("relume-render", Box::new(move || thread.run()))?);
         }
         let cancel = Cancel::default();
-        let job = work_thread::Job {
+        let job = work_thread::WorkRun {
             work,
             train_seconds,
             folder: self.folder.clone(),

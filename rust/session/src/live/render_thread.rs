@@ -52,9 +52,9 @@ pub(super) struct RenderThread {
 }
 
 /// What the painter's helpers have to say goes to the status.
-struct Notes(Arc<Shared>);
+struct StatusListener(Arc<Shared>);
 
-impl Listener for Notes {
+impl Listener for StatusListener {
     fn progress(&self, _: &Progress) {}
 
     fn warning(&self, message: &str) {
@@ -64,7 +64,7 @@ impl Listener for Notes {
 
 impl RenderThread {
     pub fn new(shared: Arc<Shared>, options: LiveOptions) -> Self {
-        let monitor = Monitor::new(Arc::new(Notes(shared.clone())), Cancel::default());
+        let monitor = Monitor::new(Arc::new(StatusListener(shared.clone())), Cancel::default());
         let compute = Compute::default();
         let (units, rendered) = (Units::default(), (0, 0));
         Self {
@@ -229,18 +229,18 @@ impl RenderThread {
                 || term.source == TermSource::Gather
                     && (proxied || self.units.get(&term.light).is_some_and(|unit| unit.gathered.has_clean()))
         };
-        let wanted = |number: usize, term: &LightTerm| match term.source {
+        let is_needed = |number: usize, term: &LightTerm| match term.source {
             TermSource::FirstView => self.is_waiting(request, view, &terms[number + 1], true),
             _ => !replaced(&term),
         };
-        let new = lights(terms, wanted);
+        let new = lights(terms, is_needed);
         while self.advance(&new, view)? {
             if self.units.all_begun(&new) && start.elapsed() > DRAG_BUDGET {
                 break;
             }
         }
-        let wanted = request.half.map_or(self.drag_scale, |half| if half { 2 } else { 1 });
-        let scale = if view.can_be_halved() { wanted } else { 1 };
+        let scale = request.half.map_or(self.drag_scale, |half| if half { 2 } else { 1 });
+        let scale = if view.can_be_halved() { scale } else { 1 };
         self.show(request, view, terms, FrameQuality { scale, is_drag: true })?;
         let took = start.elapsed();
         if took > SLOW {
@@ -454,9 +454,9 @@ impl RenderThread {
 }
 
 /// Of some terms, by their numbers.
-fn lights(terms: &[LightTerm], wanted: impl Fn(usize, &LightTerm) -> bool) -> Vec<Light> {
-    let wanted = terms.iter().enumerate().filter(|(number, term)| wanted(*number, term));
-    wanted.map(|(_, term)| term.light.clone()).collect()
+fn lights(terms: &[LightTerm], is_needed: impl Fn(usize, &LightTerm) -> bool) -> Vec<Light> {
+    let needed = terms.iter().enumerate().filter(|(number, term)| is_needed(*number, term));
+    needed.map(|(_, term)| term.light.clone()).collect()
 }
 
 /// Whether there is something that was not rendered yet.

@@ -154,7 +154,7 @@ pub(super) struct State {
     /// How all proxies were measured.
     pub measured: Vec<(LightKind, Measured)>,
     /// When lights are learned in the work under way.
-    pub learning: Learning,
+    pub training_plan: TrainingPlan,
     /// Counts what work has delivered.
     pub deliveries: u64,
     pub frame: Option<Arc<Frame>>,
@@ -170,7 +170,7 @@ pub(super) struct State {
 
 /// What is still to be learned in a run of the work thread, and for how long.
 #[derive(Default)]
-pub(super) struct Learning {
+pub(super) struct TrainingPlan {
     /// For each kind of light.
     pub seconds: f64,
     /// Paths per pixel after which all kinds are learned that were not from half as many, in turn.
@@ -269,7 +269,7 @@ impl State {
         let mut list = Vec::new();
         for kind in kinds {
             let mut learned_from = self.learned_from(kind);
-            for samples in self.learning.rounds.iter().copied() {
+            for samples in self.training_plan.rounds.iter().copied() {
                 if !is_enough(learned_from, samples) {
                     learned_from = Some(samples / 2);
                     list.push(samples);
@@ -288,8 +288,9 @@ impl State {
 
     /// Paths per pixel that a kind of light was learned from, the half that it was not measured on, for as long as is asked for.
     fn learned_from(&self, kind: LightKind) -> Option<u32> {
-        let long_enough =
-            |measured: &Measured| measured.seconds.is_none_or(|seconds| seconds >= self.learning.seconds);
+        let long_enough = |measured: &Measured| {
+            measured.seconds.is_none_or(|seconds| seconds >= self.training_plan.seconds)
+        };
         let found = self.measured.iter().filter(|(of, measured)| *of == kind && long_enough(measured));
         found.map(|(_, measured)| measured.samples).max()
     }
@@ -369,13 +370,13 @@ mod tests {
         let mut state =
             State { request: Some(request(vec![sphere.clone(), sun.clone()])), ..State::default() };
         assert!(state.to_learn().is_empty(), "nothing is going on");
-        state.learning = Learning { seconds: 60.0, rounds: [64, 256].into() };
+        state.training_plan = TrainingPlan { seconds: 60.0, rounds: [64, 256].into() };
         assert_eq!(state.to_learn(), [64, 256]);
-        state.learning.rounds = [64, 128].into();
+        state.training_plan.rounds = [64, 128].into();
         assert_eq!(state.to_learn(), [64], "twice as many paths are not worth it");
         state.request = Some(request(vec![sphere.clone(), point, sphere]));
         assert_eq!(state.to_learn(), [64, 64]);
-        state.learning.rounds = [64, 256].into();
+        state.training_plan.rounds = [64, 256].into();
         assert_eq!(state.to_learn(), [64, 64, 256, 256]);
         state.measured = vec![(LightKind::Sphere, measured(32, 60.0))];
         assert_eq!(state.to_learn(), [64, 256, 256], "one is learned");

@@ -13,10 +13,10 @@ pub struct Denoise {
     gpu: Option<String>,
     /// How well albedo and normals are denoised first, if they are.
     features: Option<DenoiseQuality>,
-    device: Mutex<Device>,
+    device: Mutex<DenoiserState>,
 }
 
-enum Device {
+enum DenoiserState {
     NotStarted,
     Ready(Ready),
     Missing(String),
@@ -45,7 +45,7 @@ impl Denoise {
         let hardware = gpu.map(Gpu::summary).filter(|summary| !summary.software);
         let gpu = hardware.map(|summary| summary.pci_bus_id.clone());
         let features = Some(DenoiseQuality::High);
-        Self { aovs: aovs.clone(), gpu, features, device: Mutex::new(Device::NotStarted) }
+        Self { aovs: aovs.clone(), gpu, features, device: Mutex::new(DenoiserState::NotStarted) }
     }
 
     /// The same with albedo and normals denoised that well, or as they are: textures come out softer, the first picture sooner.
@@ -56,7 +56,7 @@ impl Denoise {
     /// Why nothing can be denoised here, in words for the user; none if it can.
     pub fn missing(&self) -> Option<String> {
         match &*self.started() {
-            Device::Missing(reason) => Some(reason.clone()),
+            DenoiserState::Missing(reason) => Some(reason.clone()),
             _ => None,
         }
     }
@@ -91,7 +91,7 @@ impl Denoise {
         stop: Option<&Stop<'_>>,
     ) -> Result<bool, SessionError> {
         let mut device = self.started();
-        let Device::Ready(ready) = &*device else { return Ok(true) };
+        let DenoiserState::Ready(ready) = &*device else { return Ok(true) };
         if !ready.is_gpu {
             return Ok(ready.denoise(images, quality, stop)?);
         }
@@ -103,18 +103,18 @@ impl Denoise {
                 images.clone_from_slice(&noisy);
                 let on_cpu = self.start_on_cpu()?;
                 let result = on_cpu.denoise(images, quality, stop);
-                *device = Device::Ready(on_cpu);
+                *device = DenoiserState::Ready(on_cpu);
                 Ok(result?)
             }
         }
     }
 
-    fn started(&self) -> MutexGuard<'_, Device> {
+    fn started(&self) -> MutexGuard<'_, DenoiserState> {
         let mut device = self.device.lock().unwrap_or_else(PoisonError::into_inner);
-        if matches!(*device, Device::NotStarted) {
+        if matches!(*device, DenoiserState::NotStarted) {
             *device = match self.start() {
-                Ok(ready) => Device::Ready(ready),
-                Err(error) => Device::Missing(error.to_string()),
+                Ok(ready) => DenoiserState::Ready(ready),
+                Err(error) => DenoiserState::Missing(error.to_string()),
             };
         }
         device
@@ -163,10 +163,13 @@ mod tests {
         denoise.images(std::slice::from_mut(&mut expected), DenoiseQuality::Fast).unwrap();
         assert_ne!(expected, noisy);
 
-        *denoise.device.lock().unwrap() = Device::Ready(Ready { is_gpu: true, ..broken });
+        *denoise.device.lock().unwrap() = DenoiserState::Ready(Ready { is_gpu: true, ..broken });
         let mut found = noisy.clone();
         denoise.images(std::slice::from_mut(&mut found), DenoiseQuality::Fast).unwrap();
         assert_eq!(found, expected);
-        assert!(matches!(&*denoise.device.lock().unwrap(), Device::Ready(Ready { is_gpu: false, .. })));
+        assert!(matches!(
+            &*denoise.device.lock().unwrap(),
+            DenoiserState::Ready(Ready { is_gpu: false, .. })
+        ));
     }
 }

@@ -166,16 +166,16 @@ impl Relighter {
 
     /// Whether hardly any path of the bake meets a light, so that its gathered picture is noise, while new paths would meet it that
     /// look for it ([`relume_trace::TraceSettings::guide_targets`]).
-    pub fn misses(&self, light: &Light) -> bool {
+    pub fn is_under_sampled(&self, light: &Light) -> bool {
         let under_sampled = self.coverage.as_ref().and_then(|coverage| coverage.under_sampled(light));
         under_sampled.is_some_and(|under_sampled| under_sampled.guiding_helps)
     }
 
-    /// Those of some lights whose pictures would be gathered from paths that hardly meet them ([`Self::misses`]).
-    pub fn rarely_met<'a>(&self, lights: &'a [Light]) -> Vec<&'a Light> {
+    /// Those of some lights whose pictures would be gathered from paths that hardly meet them ([`Self::is_under_sampled`]).
+    pub fn under_sampled<'a>(&self, lights: &'a [Light]) -> Vec<&'a Light> {
         let source = |light: &Light| self.source(light, &RelightOptions::default());
         let is_gathered = |light: &Light| matches!(source(light), Ok(UnitSource::GatherDenoised));
-        lights.iter().filter(|light| is_gathered(light) && self.misses(light)).collect()
+        lights.iter().filter(|light| is_gathered(light) && self.is_under_sampled(light)).collect()
     }
 
     /// What does it.
@@ -449,11 +449,11 @@ impl Relighter {
     pub(crate) fn gather_images(
         &self,
         lights: &[Light],
-        half: SampleSplit,
+        split: SampleSplit,
         monitor: &Monitor,
     ) -> Result<Vec<Image>, SessionError> {
         match &self.gather {
-            Some(gather) => gather.unit_images(lights, half, &self.compute, monitor),
+            Some(gather) => gather.unit_images(lights, split, &self.compute, monitor),
             None => Ok(Vec::new()),
         }
     }

@@ -7,8 +7,8 @@ use relume_optimise::{Compare, Compared, Goal, Linear, Picture, Relight, Relight
 use relume_scene::{LANES, Light};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use super::look::look;
-use super::scene_view::Unit;
+use super::scene_view::UnitPictures;
+use super::step_targets::step_targets;
 use crate::device::gather::DeviceGather;
 use crate::device::layers::DeviceLayers;
 use crate::error::SessionError;
@@ -27,7 +27,7 @@ const LEAST_CELLS: usize = 512;
 const LEAST_CELLS_OF_PLACE: f32 = 64.0;
 
 /// What solving through a dump needs besides it.
-pub(super) struct Prepared {
+pub(super) struct SolveDump {
     /// The first passes: much softened lights are crossed by so many paths that few of them are enough.
     few: [(f32, DeviceGather); 2],
     denoise: Denoise,
@@ -47,7 +47,7 @@ const MOST_AT_ONCE: usize = 1 << 27;
 /// Pixels that are denoised in a moment, and more than there are cells to be compared: as small are pictures looked at, or as cells.
 const QUICKLY_DENOISED: usize = 40_000;
 
-impl Prepared {
+impl SolveDump {
     /// For goals of the whole size. None without a dump. Without a denoiser, which the user is told, pictures are noisy.
     pub fn new(relighter: &Relighter, goals: &[Goal], monitor: &Monitor) -> Option<Self> {
         let gather = relighter.gather()?;
@@ -85,7 +85,7 @@ impl Prepared {
         relighter: &Relighter,
         lights: &[Light],
         monitor: &Monitor,
-    ) -> Result<Vec<Unit>, SessionError> {
+    ) -> Result<Vec<UnitPictures>, SessionError> {
         let lights: Vec<Light> = lights.iter().map(key).collect();
         let mut units = Vec::with_capacity(lights.len());
         let stage = monitor.stage(Stage::Gather, 0, lights.len() as u64);
@@ -102,7 +102,7 @@ impl Prepared {
         Ok(units
             .into_iter()
             .zip(exact)
-            .map(|(clean, exact)| Unit { clean: Arc::new(clean), exact })
+            .map(|(clean, exact)| UnitPictures { clean: Arc::new(clean), exact })
             .collect())
     }
 
@@ -145,18 +145,18 @@ fn first_passes(gather: &Gather, samples: u32) -> Gather {
 pub(super) struct GatherRelight<'a> {
     relighter: &'a Relighter,
     monitor: &'a Monitor,
-    soft: Soft<'a>,
-    few: Vec<(f32, Soft<'a>)>,
-    prepared: &'a Prepared,
+    soft: SoftDump<'a>,
+    few: Vec<(f32, SoftDump<'a>)>,
+    prepared: &'a SolveDump,
     /// All paths twice where there are too few of them to make two pictures.
     halves: [SampleSplit; 2],
     units: Mutex<LightCache<HalfUnits>>,
 }
 
 /// A dump, smoothed where it is.
-struct Soft<'a>(&'a DeviceGather, SoftGather<'a>);
+struct SoftDump<'a>(&'a DeviceGather, SoftGather<'a>);
 
-impl<'a> Soft<'a> {
+impl<'a> SoftDump<'a> {
     fn new(gather: &'a DeviceGather, cell: usize) -> Self {
         Self(gather, SoftGather::new(gather.gather(), cell))
     }
@@ -167,10 +167,10 @@ type HalfUnits = Arc<[Image; 2]>;
 
 impl<'a> GatherRelight<'a> {
     /// None without a dump.
-    pub fn new(relighter: &'a Relighter, prepared: &'a Prepared, monitor: &'a Monitor) -> Option<Self> {
+    pub fn new(relighter: &'a Relighter, prepared: &'a SolveDump, monitor: &'a Monitor) -> Option<Self> {
         let (gather, cell) = (relighter.device_gather()?, prepared.cell * prepared.shrink);
-        let few = prepared.few.iter().map(|(softness, few)| (*softness, Soft::new(few, cell))).collect();
-        let (soft, units) = (Soft::new(gather, cell), Mutex::default());
+        let few = prepared.few.iter().map(|(softness, few)| (*softness, SoftDump::new(few, cell))).collect();
+        let (soft, units) = (SoftDump::new(gather, cell), Mutex::default());
         let halves = [SampleSplit::First, SampleSplit::Second];
         let has_both = halves.iter().all(|half| half.tile_samples(gather.gather().dump(), 0) > 0);
         let halves = if has_both { halves } else { [SampleSplit::All; 2] };
@@ -236,7 +236,7 @@ impl<'a> GatherRelight<'a> {
     }
 
     /// What a light of this softness is gathered from: few paths while it is soft.
-    fn soft(&self, softness: f32) -> &Soft<'a> {
+    fn soft(&self, softness: f32) -> &SoftDump<'a> {
         let few = self.few.iter().find(|(from, _)| softness >= *from);
         few.map_or(&self.soft, |(_, few)| few)
     }
@@ -249,7 +249,7 @@ impl<'a> GatherRelight<'a> {
         cells: &[u32],
     ) -> Result<relume_gather::Linear, SessionError> {
         self.go_on()?;
-        let Soft(gather, soft) = self.soft(softness);
+        let SoftDump(gather, soft) = self.soft(softness);
         gather.linearise(soft, (light, softness), cells, self.relighter.compute(), self.monitor)
     }
 }
@@ -341,7 +341,7 @@ impl Compare for GatherCompare<'_> {
         lights: &[&Light],
         still: &[[f32; 3]],
         softness: f32,
-        wanted: &[TermTarget],
+        targets: &[TermTarget],
     ) -> Result<Option<Compared>, RelightError> {
         // Exact pictures are denoised.
         if softness == 0.0 {
@@ -349,8 +349,8 @@ impl Compare for GatherCompare<'_> {
         }
         self.relight.go_on()?;
         let GatherRelight { relighter, monitor, .. } = self.relight;
-        let Soft(gather, soft) = self.relight.soft(softness);
-        let goals = (&self.layers, still, &look(wanted));
+        let SoftDump(gather, soft) = self.relight.soft(softness);
+        let goals = (&self.layers, still, &step_targets(targets));
         let compared = gather.compare(soft, (lights, softness), goals, relighter.compute(), monitor)?;
         Ok(compared.map(|of| Compared { loss: of.loss, lights: of.lights, still: of.layers }))
     }

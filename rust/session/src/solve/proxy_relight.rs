@@ -8,7 +8,7 @@ use relume_proxy::{GpuProxy, LightKind, LightParams, Proxy, compare};
 use relume_scene::{LANES, Light, lane};
 use std::sync::Arc;
 
-use super::look::look;
+use super::step_targets::step_targets;
 use crate::files::proxies::Proxies;
 
 /// Proxies, each for its kind of light.
@@ -97,11 +97,11 @@ impl Compare for ProxyCompare<'_> {
         lights: &[&Light],
         still: &[[f32; 3]],
         _: f32,
-        wanted: &[TermTarget],
+        targets: &[TermTarget],
     ) -> Result<Option<Compared>, RelightError> {
         let params = |light: &&Light| Ok((ProxyRelight::params(light)?, light.radiance));
         let lights = lights.iter().map(params).collect::<Result<Vec<_>, RelightError>>()?;
-        let compared = compare(&self.proxies, &self.layers, still, &lights, &look(wanted))?;
+        let compared = compare(&self.proxies, &self.layers, still, &lights, &step_targets(targets))?;
         let by_light = lights.iter().zip(compared.lights);
         let by_light = by_light.map(|((params, _), g)| (by_lane(params, &g.params), g.radiance));
         Ok(Some(Compared { loss: compared.loss, lights: by_light.collect(), still: compared.layers }))

@@ -30,29 +30,31 @@ pub struct SolveRequest {
     /// The lights as they were written.
     pub(crate) described: Vec<Value>,
     /// The rest.
-    pub wish: Wish,
+    pub options: SolveOptions,
 }
 
 /// What may change, and to what end.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Wish {
+pub struct SolveOptions {
     /// What may change, by the light's name; `world` for the world's colour and strength.
-    pub free: HashMap<String, Vec<Freedom>>,
+    pub free: HashMap<String, Vec<FreeParam>>,
     /// Where lights may go.
-    pub bounds: BoundsWish,
+    pub bounds: BoundsOptions,
     /// What is said of single lights, by their names, in place of `bounds` and `stay`; of the world's bounds only `stops` and `tint`.
-    pub each: HashMap<String, Own>,
+    #[serde(rename = "each")]
+    pub per_light: HashMap<String, PerLightOptions>,
     /// New lights.
-    pub add: Option<Add>,
+    pub add: Option<NewLights>,
     /// Whether free lights that do nothing may go.
     pub remove: bool,
     /// What the picture should do.
-    pub goals: Vec<GoalWish>,
+    pub goals: Vec<GoalRequest>,
     /// How much the picture is to stay where no goal says otherwise; 0 for not at all.
     pub keep_rest: f32,
     /// How much lights are drawn to where they are ([`relume_optimise::Variable::stay`]).
-    pub stay: f32,
+    #[serde(rename = "stay")]
+    pub prior_weight: f32,
     /// Starts, of which the best is kept.
     pub starts: usize,
     /// Random places tried for each light of a start.
@@ -70,7 +72,8 @@ pub struct Wish {
     /// Most steps of the polish by exact pictures; 0 for none.
     pub polish: usize,
     /// What makes the gradients.
-    pub through: Through,
+    #[serde(rename = "through")]
+    pub backend: Backend,
     /// Where to start instead of now and in random places: an earlier answer. With 0 steps it is only polished.
     pub from: Option<Answer>,
 }
@@ -96,17 +99,17 @@ fn white() -> [f32; 3] {
     [1.0; 3]
 }
 
-impl Default for Wish {
+impl Default for SolveOptions {
     fn default() -> Self {
         Self {
             free: HashMap::new(),
-            bounds: BoundsWish::default(),
-            each: HashMap::new(),
+            bounds: BoundsOptions::default(),
+            per_light: HashMap::new(),
             add: None,
             remove: false,
             goals: Vec::new(),
             keep_rest: 0.0,
-            stay: 0.0,
+            prior_weight: 0.0,
             starts: 4,
             candidates: 16,
             steps: 300,
@@ -115,7 +118,7 @@ impl Default for Wish {
             learning_rate: 0.05,
             seed: 0,
             polish: 64,
-            through: Through::Auto,
+            backend: Backend::Auto,
             from: None,
         }
     }
@@ -125,7 +128,7 @@ impl Default for Wish {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[expect(missing_docs, reason = "the names of `relume_optimise::Locks`")]
-pub enum Freedom {
+pub enum FreeParam {
     Position,
     Direction,
     Size,
@@ -139,7 +142,7 @@ pub enum Freedom {
 /// colour and direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct BoundsWish {
+pub struct BoundsOptions {
     /// Lower corner.
     pub min: Option<[f32; 3]>,
     /// Upper corner.
@@ -161,7 +164,7 @@ pub struct BoundsWish {
 /// More stops than there are between starlight and the sun.
 const MOST_STOPS: f32 = 64.0;
 
-impl BoundsWish {
+impl BoundsOptions {
     /// These, and those of all lights for what is absent.
     fn or(self, all: Self) -> Self {
         Self {
@@ -196,28 +199,29 @@ impl BoundsWish {
 /// What is said of one light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Own {
+pub struct PerLightOptions {
     /// Where it may go.
-    pub bounds: Option<BoundsWish>,
+    pub bounds: Option<BoundsOptions>,
     /// How much it is drawn to where it is.
-    pub stay: Option<f32>,
+    #[serde(rename = "stay")]
+    pub prior_weight: Option<f32>,
 }
 
 /// Lights that may be added.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Add {
+pub struct NewLights {
     /// At most so many.
     pub count: usize,
     /// What they are.
     #[serde(default, rename = "type")]
-    pub kind: NewKind,
+    pub kind: NewLightKind,
 }
 
 /// Type of an added light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum NewKind {
+pub enum NewLightKind {
     /// A point light as Blender makes it.
     #[default]
     Point,
@@ -232,7 +236,7 @@ pub enum NewKind {
 /// What makes the gradients.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Through {
+pub enum Backend {
     /// The smoothed gather where there is a bake, else proxies.
     #[default]
     Auto,
@@ -245,12 +249,12 @@ pub enum Through {
 /// A goal.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct GoalWish {
+pub struct GoalRequest {
     /// What is asked for.
     pub goal: GoalKind,
     /// The part of the picture; all of it if absent.
     #[serde(default, rename = "where")]
-    pub region: Option<RegionWish>,
+    pub region: Option<GoalRegion>,
     /// Weight beside other goals.
     #[serde(default = "one")]
     pub weight: f32,
@@ -295,7 +299,7 @@ pub enum GoalKind {
 
 /// The union of strokes, a rectangle and a mask.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
-pub struct RegionWish {
+pub struct GoalRegion {
     /// Strokes and rectangle.
     #[serde(flatten)]
     pub drawn: Region,
@@ -307,10 +311,10 @@ pub struct RegionWish {
     pub equals: Option<f32>,
 }
 
-impl Wish {
+impl SolveOptions {
     /// Bounds of a light, or of the world, by its name.
-    pub(super) fn bounds_of(&self, name: &str) -> BoundsWish {
-        self.each.get(name).and_then(|own| own.bounds).unwrap_or_default().or(self.bounds)
+    pub(super) fn bounds_of(&self, name: &str) -> BoundsOptions {
+        self.per_light.get(name).and_then(|per_light| per_light.bounds).unwrap_or_default().or(self.bounds)
     }
 }
 
@@ -322,12 +326,13 @@ impl SolveRequest {
     pub fn parse(text: &str) -> Result<Self, String> {
         let value: Map<String, Value> = serde_json::from_str(text).map_err(|error| error.to_string())?;
         let is_now = |key: &str| ["lights", "gains", "world", "static"].contains(&key);
-        let (mut now, wish): (Map<_, _>, Map<_, _>) = value.into_iter().partition(|(key, _)| is_now(key));
+        let (mut now, options): (Map<_, _>, Map<_, _>) = value.into_iter().partition(|(key, _)| is_now(key));
         let lights = now.entry("lights").or_insert_with(|| Value::Array(Vec::new()));
         let described = lights.get("lights").unwrap_or(lights).as_array().cloned().unwrap_or_default();
         let now = LiveRequest::from_json(Value::Object(now))?;
-        let wish: Wish = serde_json::from_value(Value::Object(wish)).map_err(|error| error.to_string())?;
-        let request = Self { now, described, wish };
+        let options: SolveOptions =
+            serde_json::from_value(Value::Object(options)).map_err(|error| error.to_string())?;
+        let request = Self { now, described, options };
         request.check()?;
         Ok(request)
     }
@@ -345,45 +350,50 @@ impl SolveRequest {
     }
 
     fn check(&self) -> Result<(), String> {
-        let wish = &self.wish;
+        let options = &self.options;
         let known = |name: &str| name == "world" || self.now.lights.iter().any(|light| light.name == name);
-        if let Some(name) = wish.free.keys().find(|name| !known(name)) {
+        if let Some(name) = options.free.keys().find(|name| !known(name)) {
             return Err(format!("\"free\" names '{name}', which is not one of the lights"));
         }
-        for (name, own) in &wish.each {
+        for (name, per_light) in &options.per_light {
             if !known(name) {
                 return Err(format!("\"each\" names '{name}', which is not one of the lights"));
             }
-            let bounds = own.bounds.unwrap_or_default();
-            let BoundsWish { stops, tint, .. } = bounds;
-            if name == "world" && bounds != (BoundsWish { stops, tint, ..BoundsWish::default() }) {
+            let bounds = per_light.bounds.unwrap_or_default();
+            let BoundsOptions { stops, tint, .. } = bounds;
+            if name == "world" && bounds != (BoundsOptions { stops, tint, ..BoundsOptions::default() }) {
                 let reason =
                     "\"each\": the world is nowhere, so its \"bounds\" can only be \"stops\" and \"tint\"";
                 return Err(reason.into());
             }
             bounds.check().map_err(|reason| format!("\"each\": of the bounds of '{name}', {reason}"))?;
-            if !own.stay.is_none_or(|stay| stay.is_finite() && stay >= 0.0) {
+            if !per_light.prior_weight.is_none_or(|stay| stay.is_finite() && stay >= 0.0) {
                 return Err(format!("\"each\": \"stay\" of '{name}' must not be below 0"));
             }
         }
-        wish.bounds.check().map_err(|reason| format!("\"bounds\": {reason}"))?;
-        if wish.from.as_ref().is_some_and(|from| !from.world.iter().all(|value| value.is_finite())) {
+        options.bounds.check().map_err(|reason| format!("\"bounds\": {reason}"))?;
+        if options.from.as_ref().is_some_and(|from| !from.world.iter().all(|value| value.is_finite())) {
             return Err("\"from\": the world's factor must be finite".into());
         }
-        if wish.add.is_some_and(|add| add.count > MOST_NEW) {
+        if options.add.is_some_and(|add| add.count > MOST_NEW) {
             return Err(format!("\"add\" may ask for {MOST_NEW} lights at most"));
         }
-        if wish.starts > 1024 || wish.steps > 100_000 || wish.candidates > 1024 || wish.polish > 10_000 {
+        if options.starts > 1024
+            || options.steps > 100_000
+            || options.candidates > 1024
+            || options.polish > 10_000
+        {
             return Err("\"starts\", \"candidates\", \"steps\" or \"polish\" is too large".into());
         }
-        let finite = [wish.keep_rest, wish.stay, wish.pixel_fraction, wish.learning_rate];
+        let finite = [options.keep_rest, options.prior_weight, options.pixel_fraction, options.learning_rate];
         if !finite.iter().all(|value| value.is_finite() && *value >= 0.0) {
             return Err(
                 "\"keep_rest\", \"stay\", \"pixel_fraction\" and \"learning_rate\" must not be below 0"
                     .into(),
             );
         }
-        wish.goals
+        options
+            .goals
             .iter()
             .enumerate()
             .try_for_each(|(i, goal)| goal.check().map_err(|reason| format!("goal {}: {reason}", i + 1)))
@@ -393,7 +403,7 @@ impl SolveRequest {
 /// More new lights than this cannot be told apart by a picture.
 const MOST_NEW: usize = 64;
 
-impl GoalWish {
+impl GoalRequest {
     fn check(&self) -> Result<(), String> {
         let numbers = [Some(self.weight), self.stops, self.mireds];
         let colors = self.color.iter().flatten().copied();
@@ -427,9 +437,9 @@ mod tests {
             r#""free": {"Key": ["position", "color"]}, "goals": [{"goal": "brighter", "stops": 1,
                 "where": {"rectangle": [0, 0, 1, 1], "mask": "a.png"}}], "add": {"count": 2, "type": "area"}"#,
         );
-        let wish = good.unwrap().wish;
-        assert_eq!(wish.free["Key"], [Freedom::Position, Freedom::Color]);
-        assert_eq!(wish.goals[0].region.as_ref().unwrap().drawn.rectangle, Some([0.0, 0.0, 1.0, 1.0]));
+        let options = good.unwrap().options;
+        assert_eq!(options.free["Key"], [FreeParam::Position, FreeParam::Color]);
+        assert_eq!(options.goals[0].region.as_ref().unwrap().drawn.rectangle, Some([0.0, 0.0, 1.0, 1.0]));
         let fault = |rest: &str| read(rest).unwrap_err();
         assert!(fault(r#""free": {"Kay": []}"#).contains("'Kay'"));
         assert!(fault(r#""goals": [{"goal": "target"}]"#).contains("goal 1: a target needs"));
@@ -447,11 +457,11 @@ mod tests {
     #[test]
     fn what_is_said_of_one_light_is_read_and_its_faults_name_it() {
         let read = |each: &str| SolveRequest::parse(&format!(r#"{{"lights": [{LIGHT}], "each": {each}}}"#));
-        let wish = read(r#"{"Key": {"bounds": {"max": [1, 1, 1.5]}, "stay": 0.5}, "world": {"stay": 1}}"#);
-        let each = wish.unwrap().wish.each;
-        let bounds = BoundsWish { max: Some([1.0, 1.0, 1.5]), ..BoundsWish::default() };
-        assert_eq!(each["Key"], Own { bounds: Some(bounds), stay: Some(0.5) });
-        assert_eq!(each["world"].stay, Some(1.0));
+        let options = read(r#"{"Key": {"bounds": {"max": [1, 1, 1.5]}, "stay": 0.5}, "world": {"stay": 1}}"#);
+        let per_light = options.unwrap().options.per_light;
+        let bounds = BoundsOptions { max: Some([1.0, 1.0, 1.5]), ..BoundsOptions::default() };
+        assert_eq!(per_light["Key"], PerLightOptions { bounds: Some(bounds), prior_weight: Some(0.5) });
+        assert_eq!(per_light["world"].prior_weight, Some(1.0));
         let fault = |each: &str| read(each).unwrap_err();
         assert!(fault(r#"{"Kay": {}}"#).contains("'Kay'"));
         assert!(fault(r#"{"Key": {"stay": -1}}"#).contains("\"stay\" of 'Key'"));
@@ -472,8 +482,8 @@ mod tests {
         ] {
             let of_all = read(&format!(r#""bounds": {bounds}"#)).unwrap_err();
             assert!(of_all.starts_with(&format!("\"bounds\": \"{field}\" must be")), "{of_all}");
-            let own = read(&format!(r#""each": {{"Key": {{"bounds": {bounds}}}}}"#)).unwrap_err();
-            assert!(own.contains(&format!("of 'Key', \"{field}\" must be")), "{own}");
+            let one = read(&format!(r#""each": {{"Key": {{"bounds": {bounds}}}}}"#)).unwrap_err();
+            assert!(one.contains(&format!("of 'Key', \"{field}\" must be")), "{one}");
         }
         assert_eq!(read(r#""bounds": {"stops": [0, 0], "tint": 0, "degrees": 0}"#), Ok(()));
     }

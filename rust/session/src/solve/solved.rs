@@ -5,10 +5,10 @@ use serde_json::{Map, Value, json};
 use std::collections::HashSet;
 use std::time::Instant;
 
-use super::lights::{Source, Unknowns};
-use super::request::{GoalKind, SolveRequest, Through};
-use super::scene_view::{Looks, SceneView, Scenes};
-use super::search::Found;
+use super::lights::{Unknowns, VariableSource};
+use super::request::{Backend, GoalKind, SolveRequest};
+use super::scene_view::{SceneView, Scenes, ViewPictures};
+use super::search::SearchResult;
 use crate::error::SessionError;
 use crate::files::light_set::LightSet;
 use crate::progress::Monitor;
@@ -37,8 +37,9 @@ pub struct Solved {
     /// What the user should know.
     pub warnings: Vec<String>,
     /// Names of lights that were solved and that hardly any path of a bake meets where they are now, so that all that is said of
-    /// them is noise. Bake towards the answer ([`relume_trace::TraceSettings::guide_targets`]) and solve on from it ([`super::Wish::from`]).
-    pub rarely_met: Vec<String>,
+    /// them is noise. Bake towards the answer ([`relume_trace::TraceSettings::guide_targets`]) and solve on from it ([`super::SolveOptions::from`]).
+    #[serde(rename = "rarely_met")]
+    pub under_sampled: Vec<String>,
     /// What is left of the loss.
     pub loss: f64,
     /// The loss at the start that it was found from.
@@ -48,7 +49,8 @@ pub struct Solved {
     /// Of each step of the exploration from there. Each looks at other cells, and lights are softest at the first.
     pub losses: Vec<f64>,
     /// `gather` or `proxy`.
-    pub through: &'static str,
+    #[serde(rename = "through")]
+    pub backend: &'static str,
     /// Time that it took.
     pub seconds: f64,
 }
@@ -69,16 +71,16 @@ pub(super) fn solved(
     request: &SolveRequest,
     unknowns: &Unknowns,
     scenes: &Scenes,
-    found: Found,
-    through: Through,
+    found: SearchResult,
+    backend: Backend,
     begin: Instant,
     monitor: &Monitor,
 ) -> Result<Solved, SessionError> {
-    let mut new = Outcome::new(request, unknowns, &found);
+    let mut new = NewLightSet::new(request, unknowns, &found);
     new.describe(request)?;
     let mut report = Vec::new();
     let mut warnings = new.warnings;
-    let scenes = scenes.told();
+    let scenes = scenes.judging();
     for (number, scene) in scenes.iter().enumerate() {
         scene.relighter.warn_of(&new.lights, monitor);
         let after = scene.picture(&found.lit(), monitor)?;
@@ -87,9 +89,10 @@ pub(super) fn solved(
     }
     report.sort_by_key(|report| report.number);
     let is_solved = |light: &&Light| new.changed.contains(&light.name) || new.added.contains(&light.name);
-    let is_missed = |light: &&Light| scenes.iter().any(|scene| scene.relighter.misses(light));
-    let rarely_met = new.lights.iter().filter(is_solved).filter(is_missed);
-    let rarely_met = rarely_met.map(|light| light.name.clone()).collect();
+    let is_under_sampled =
+        |light: &&Light| scenes.iter().any(|scene| scene.relighter.is_under_sampled(light));
+    let under_sampled = new.lights.iter().filter(is_solved).filter(is_under_sampled);
+    let under_sampled = under_sampled.map(|light| light.name.clone()).collect();
     Ok(Solved {
         lights: LightSet { name: "Solved".into(), lights: new.lights, notes: Vec::new() },
         world: new.world,
@@ -99,18 +102,18 @@ pub(super) fn solved(
         blender: new.blender,
         report,
         warnings,
-        rarely_met,
+        under_sampled,
         loss: found.loss,
         start_loss: found.start_loss,
         start: found.start,
         losses: found.losses,
-        through: if through == Through::Proxy { "proxy" } else { "gather" },
+        backend: if backend == Backend::Proxy { "proxy" } else { "gather" },
         seconds: begin.elapsed().as_secs_f64(),
     })
 }
 
 /// The lights as they should be, and which of them are other than before.
-struct Outcome {
+struct NewLightSet {
     lights: Vec<Light>,
     world: [f32; 3],
     changed: Vec<String>,
@@ -120,8 +123,8 @@ struct Outcome {
     warnings: Vec<String>,
 }
 
-impl Outcome {
-    fn new(request: &SolveRequest, unknowns: &Unknowns, found: &Found) -> Self {
+impl NewLightSet {
+    fn new(request: &SolveRequest, unknowns: &Unknowns, found: &SearchResult) -> Self {
         let (mut lights, world) = unknowns.all_lights(&request.now, &found.lights);
         let mut taken: HashSet<String> = request.now.lights.iter().map(|light| light.name.clone()).collect();
         let (mut changed, mut added, mut gone) = (Vec::new(), Vec::new(), Vec::new());
@@ -129,10 +132,10 @@ impl Outcome {
         for (i, source) in unknowns.sources.iter().enumerate() {
             let is_idle = found.idle.contains(&i);
             match source {
-                Source::World => {}
-                Source::Scene(place) if is_idle => gone.push(*place),
-                Source::Scene(place) => changed.push(lights[*place].name.clone()),
-                Source::New => {
+                VariableSource::World => {}
+                VariableSource::Scene(place) if is_idle => gone.push(*place),
+                VariableSource::Scene(place) => changed.push(lights[*place].name.clone()),
+                VariableSource::New => {
                     if is_idle {
                         gone.push(next_new);
                     } else {
@@ -219,7 +222,7 @@ fn flat(light: &BlenderLight) -> Value {
 
 /// Numbers in the request of a view's goals.
 fn numbers(request: &SolveRequest, view: usize) -> Vec<usize> {
-    let goals = request.wish.goals.iter().enumerate();
+    let goals = request.options.goals.iter().enumerate();
     goals.filter(|(_, goal)| goal.view == view).map(|(number, _)| number).collect()
 }
 
@@ -228,20 +231,20 @@ pub(super) fn reports<'a>(
     request: &SolveRequest,
     view: usize,
     scene: &'a SceneView,
-    after: &'a Looks,
+    after: &'a ViewPictures,
 ) -> impl Iterator<Item = (usize, Report)> + use<'a> {
     let goals = numbers(request, view).into_iter().zip(&scene.goals);
-    goals.map(|(number, goal)| (number, told(goal, &scene.before, after)))
+    goals.map(|(number, goal)| (number, goal_report(goal, &scene.before, after)))
 }
 
 /// What became of a goal, by the picture without noise or by the noisy one, whichever says less good of it.
-fn told(goal: &Goal, before: &Looks, after: &Looks) -> Report {
+fn goal_report(goal: &Goal, before: &ViewPictures, after: &ViewPictures) -> Report {
     let clean = report(goal, &before.clean, &after.clean);
     clean.or_worse(report(goal, &before.exact, &after.exact))
 }
 
 fn in_words(request: &SolveRequest, (number, report): (usize, Report)) -> GoalReport {
-    GoalReport { number, text: text(request.wish.goals[number].goal, number, &report), report }
+    GoalReport { number, text: text(request.options.goals[number].goal, number, &report), report }
 }
 
 fn text(kind: GoalKind, number: usize, report: &Report) -> String {
@@ -283,12 +286,12 @@ fn most(begin: &str, worst: Option<Worst>, [light, warmth, green]: [Sides; 3]) -
     };
     let mireds = (worst.mireds.abs() > TOLD_MIREDS)
         .then(|| format!("{:.0} mireds {}", worst.mireds.abs(), side(worst.mireds, warmth)));
-    let told = [stops(worst.off, light), mireds, stops(worst.green, green)];
-    let told: Vec<String> = told.into_iter().flatten().collect();
-    if told.is_empty() {
+    let differences = [stops(worst.off, light), mireds, stops(worst.green, green)];
+    let differences: Vec<String> = differences.into_iter().flatten().collect();
+    if differences.is_empty() {
         return String::new();
     }
-    format!("{begin} at the {}: {}", place(&worst), told.join(", "))
+    format!("{begin} at the {}: {}", place(&worst), differences.join(", "))
 }
 
 /// Where a tile is, such as "top left".

@@ -53,7 +53,7 @@ pub(crate) fn measure(
     seed: u64,
     monitor: &Monitor,
 ) -> Result<Measured, SessionError> {
-    let compared = held_out.of_half(halves.0);
+    let compared = held_out.of_split(halves.0);
     let comparison =
         Comparison { proxies: std::slice::from_ref(proxy), reference: held_out, compared: Some(&compared) };
     let found = comparison.run((count, LIGHTS_MEASURED_AT_ONCE), seed, None, monitor)?;

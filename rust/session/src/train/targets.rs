@@ -13,7 +13,7 @@ use crate::relight::denoise::Denoise;
 /// Targets of a training, gathered from a dump (paper, section 4.4).
 pub struct DumpTargets<'a> {
     gather: &'a Gather,
-    half: SampleSplit,
+    split: SampleSplit,
     bounds: (Vec3, Vec3),
     denoise: &'a Denoise,
     gpu: Option<&'a GpuTargets>,
@@ -59,18 +59,18 @@ impl GpuTargets {
         pixels: &[u32],
         lights: &[PreparedLight],
         lights_per_pixel: usize,
-        half: SampleSplit,
+        split: SampleSplit,
         out: &Buffer<f32>,
     ) -> Result<(), GatherError> {
         let lights = self.gather.lights(lights)?;
-        self.gather.pixel_targets(pixels, &lights, lights_per_pixel as u32, half, out)
+        self.gather.pixel_targets(pixels, &lights, lights_per_pixel as u32, split, out)
     }
 }
 
 impl<'a> DumpTargets<'a> {
     /// Targets from some of the paths of each pixel. `bounds` is the box of visible positions.
-    pub fn new(gather: &'a Gather, half: SampleSplit, bounds: (Vec3, Vec3), denoise: &'a Denoise) -> Self {
-        Self { gather, half, bounds, denoise, gpu: None }
+    pub fn new(gather: &'a Gather, split: SampleSplit, bounds: (Vec3, Vec3), denoise: &'a Denoise) -> Self {
+        Self { gather, split, bounds, denoise, gpu: None }
     }
 
     /// Lets a GPU gather, if there is one.
@@ -81,8 +81,8 @@ impl<'a> DumpTargets<'a> {
 
     /// The same from other paths of each pixel.
     #[must_use]
-    pub fn of_half(&self, half: SampleSplit) -> Self {
-        Self { half, ..*self }
+    pub fn of_split(&self, split: SampleSplit) -> Self {
+        Self { split, ..*self }
     }
 
     /// The denoiser.
@@ -105,7 +105,7 @@ impl<'a> DumpTargets<'a> {
             |scratch, ((values, pixels), lights)| {
                 for (pixel, values) in pixels.iter().zip(values.chunks_exact_mut(count)) {
                     let (x, y) = self.place(*pixel);
-                    self.gather.pixel_into(x, y, lights, self.half, scratch, values);
+                    self.gather.pixel_into(x, y, lights, self.split, scratch, values);
                 }
             },
         );
@@ -145,7 +145,7 @@ impl TargetSource for DumpTargets<'_> {
                     lights.push(self.prepare(shape)?);
                 }
                 let (x, y) = self.place(*pixel);
-                self.gather.pixel_into(x, y, lights, self.half, scratch, values);
+                self.gather.pixel_into(x, y, lights, self.split, scratch, values);
                 Ok(())
             },
         )
@@ -155,8 +155,8 @@ impl TargetSource for DumpTargets<'_> {
         let lights: Vec<PreparedLight> =
             lights.iter().map(|shape| self.prepare(shape)).collect::<Result<_, _>>()?;
         let mut images = match self.gpu {
-            Some(gpu) => gpu.gather.unit_images(&lights, self.half).map_err(ProxyError::targets)?,
-            None => self.gather.unit_images(&lights, self.half),
+            Some(gpu) => gpu.gather.unit_images(&lights, self.split).map_err(ProxyError::targets)?,
+            None => self.gather.unit_images(&lights, self.split),
         };
         if denoised {
             self.denoise.images(&mut images, DenoiseQuality::Fast).map_err(ProxyError::targets)?;
@@ -175,7 +175,7 @@ impl DeviceTargets for DumpTargets<'_> {
         let lights: Vec<PreparedLight> =
             queries.lights.iter().map(|shape| self.prepare(shape)).collect::<Result<_, _>>()?;
         let count = queries.lights_per_pixel;
-        match gpu.pixel_targets(queries.pixels, &lights, count, self.half, out) {
+        match gpu.pixel_targets(queries.pixels, &lights, count, self.split, out) {
             Err(GatherError::Gpu(GpuError::OutOfMemory { .. })) => {
                 gpu.lacked_room.store(true, Ordering::Relaxed);
                 gpu.gpu.write(out, 0, self.gathered_here(queries, &lights).as_flattened());

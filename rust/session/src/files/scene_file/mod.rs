@@ -12,7 +12,7 @@
 //! | `texture.N` | U8 or F32 | height, width, 4 | RGBA, bottom row first |
 //! | `view` | U8 | bytes | [`crate::files::names::VIEW_FILE`], if there is one |
 //!
-//! Under the metadata key `relume_scene` stands which format it is and of what scene ([`About`]). The description is a tensor of
+//! Under the metadata key `relume_scene` stands which format it is and of what scene ([`SceneHeader`]). The description is a tensor of
 //! its own because headers end at 100 MB, and a forest has more instances than that.
 
 mod read;
@@ -27,7 +27,7 @@ use serde::{Deserialize, Serialize};
 use std::io::Write;
 use std::path::Path;
 
-/// Metadata key of [`About`].
+/// Metadata key of [`SceneHeader`].
 const KEY: &str = "relume_scene";
 /// Version of the format. Raise it when a reader of the old one would misread a new file.
 const FORMAT_VERSION: u32 = 1;
@@ -47,7 +47,7 @@ pub struct SceneFile {
 
 /// Which format a file is of, and of what scene.
 #[derive(Debug, Serialize, Deserialize)]
-struct About {
+struct SceneHeader {
     format_version: u32,
     /// [`Scene::hash`].
     scene_hash: String,

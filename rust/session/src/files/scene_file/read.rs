@@ -1,4 +1,6 @@
-use super::{About, DESCRIPTION, Description, FORMAT_VERSION, KEY, MeshParts, SceneFile, TextureParts, VIEW};
+use super::{
+    DESCRIPTION, Description, FORMAT_VERSION, KEY, MeshParts, SceneFile, SceneHeader, TextureParts, VIEW,
+};
 use crate::bake::check_scene;
 use crate::files::light_set;
 use bytemuck::{Pod, pod_collect_to_vec};
@@ -29,7 +31,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<SceneFile, String> {
     Ok(SceneFile { scene, settings, view })
 }
 
-fn parse_about(json: &str) -> Result<About, String> {
+fn parse_about(json: &str) -> Result<SceneHeader, String> {
     #[derive(Deserialize)]
     struct Version {
         format_version: u32,

@@ -4,7 +4,7 @@ use relume_gpu::compare::{Residual, StepTargets, Term};
 use relume_optimise::{Criterion, TermTarget};
 
 /// What is wanted of some cells.
-pub(super) fn look(targets: &[TermTarget]) -> StepTargets {
+pub(super) fn step_targets(targets: &[TermTarget]) -> StepTargets {
     let mut step = StepTargets::default();
     for target in targets {
         step.terms.push(term(target, step.cells.len()));
