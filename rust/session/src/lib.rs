@@ -10,13 +10,13 @@
 //! solve_lights(&[&relighter], &SolveRequest::parse(json)?, &Pictures::in_folder(folder), &monitor, &|_| ())?.lights
 //! ```
 //!
-//! A bake folder holds the dump (`manifest.json`, `tile_*.safetensors`), the scene's lights ([`LIGHTS_FILE`]), those
-//! that its paths look for ([`GUIDED_FILE`]), the light of another world that is shown ([`WORLD_FILE`]), its view transform ([`VIEW_FILE`], if it is not the sRGB curve) and, once
-//! trained, for each kind of light
-//! `proxy_<kind>.safetensors`, `proxy_<kind>.json` ([`Measured`]), `training_<kind>.safetensors` (to resume from) and
-//! `base.exr` (what relighting needs when the dump is not at hand). [`CONTENTS_FILE`] says which of these it should hold
-//! ([`lost_files`]). Everything is written atomically; long work checks the
-//! cancel flag between units and leaves whole files.
+//! A bake folder holds the dump (`manifest.json`, `tile_*.safetensors`) and small files beside it: lights of the scene
+//! ([`LIGHTS_FILE`]), lights that the paths are guided towards ([`GUIDED_FILE`]), the light of another world
+//! ([`WORLD_FILE`]), the view transform ([`VIEW_FILE`]). A training adds, for each kind of light,
+//! `proxy_<kind>.safetensors`, its errors `proxy_<kind>.json` ([`Measured`]), and `training_<kind>.safetensors` to
+//! resume from. It also writes `base.exr`, which proxies need to relight without the dump. [`CONTENTS_FILE`] lists the
+//! files that the folder should hold ([`lost_files`]). Everything is written atomically; long work checks the cancel
+//! flag between units and leaves whole files.
 
 mod bake;
 pub mod bench;
@@ -29,6 +29,8 @@ mod relight;
 mod solve;
 #[cfg(test)]
 mod test_room;
+#[cfg(test)]
+mod test_warnings;
 mod train;
 
 pub use bake::features::{pixel_features, pixel_ray};

@@ -1,4 +1,4 @@
-//! What makes each light's picture, and what an edit costs.
+//! Sources of each light's picture, and the cost of an edit.
 
 mod common;
 

@@ -1,4 +1,4 @@
-//! What a training tells of itself.
+//! Progress reports of a training.
 
 mod common;
 
@@ -25,7 +25,7 @@ impl Listener for Told {
     fn warning(&self, _: &str) {}
 }
 
-/// What a training on a small bake tells, until it ends or is cancelled.
+/// Progress reports of a training on a small bake, until it ends or is cancelled.
 fn told(settings: &TrainSettings, folder: &Path, cancels_at: fn(&Progress) -> bool) -> Vec<Progress> {
     baked(folder);
     let cancel = Cancel::default();

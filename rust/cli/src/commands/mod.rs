@@ -24,7 +24,7 @@ pub use relight::{gather, relight};
 pub use trace::trace;
 pub use train::train;
 
-/// What every command is given.
+/// Context of every command.
 pub struct Context<'a> {
     pub console: &'a Console,
     pub monitor: &'a Monitor,

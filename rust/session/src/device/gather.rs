@@ -38,7 +38,7 @@ impl DeviceGather {
         }
     }
 
-    /// Lets the GPU's copy be sorted in the background when it is relit often: once nothing else needs the CPU.
+    /// Allows sorting the copy on the GPU in the background after several relights, once nothing else needs the CPU.
     pub fn allow_sorting(&self) {
         self.may_sort.store(true, Ordering::Relaxed);
     }
@@ -79,7 +79,7 @@ impl DeviceGather {
             images => {
                 let images = images?;
                 on_gpu.wait()?;
-                images.into_iter().map(|image| Ok(DeviceImage::made(image)?)).collect()
+                images.into_iter().map(|image| Ok(DeviceImage::from_gpu(image)?)).collect()
             }
         };
         self.images(lights, split, compute, monitor, work, DeviceImage::Cpu)
@@ -108,7 +108,7 @@ impl DeviceGather {
         Ok(images.unwrap_or_else(on_cpu))
     }
 
-    /// What a world gives to the picture.
+    /// Light of a world in the picture.
     pub fn world_image(
         &self,
         environment: &Environment,
@@ -151,7 +151,7 @@ impl DeviceGather {
         self.if_it_gathers_pixels(compute, monitor, work)
     }
 
-    /// Does some work on the GPU if that has room for the parts of the dump that it needs.
+    /// Runs work on the GPU if that has room for the parts of the dump that it needs.
     fn if_it_gathers_pixels<R>(
         &self,
         compute: &Compute,
@@ -186,23 +186,13 @@ impl DeviceGather {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Mutex;
 
     use relume_gpu::GpuChoice;
 
     use super::*;
     use crate::live::bench::{boxed, bulbs};
-    use crate::progress::{Cancel, Listener, Progress};
-
-    #[derive(Default)]
-    struct Warnings(Mutex<Vec<String>>);
-
-    impl Listener for Warnings {
-        fn progress(&self, _: &Progress) {}
-        fn warning(&self, message: &str) {
-            self.0.lock().unwrap().push(message.into());
-        }
-    }
+    use crate::progress::Cancel;
+    use crate::test_warnings::Warnings;
 
     #[test]
     fn smoothed_lights_that_find_no_room_on_the_gpu_are_made_by_the_cpu_which_is_told_once() {

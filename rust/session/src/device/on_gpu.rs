@@ -6,8 +6,8 @@ use crate::device::compute::Compute;
 use crate::error::SessionError;
 use crate::progress::Monitor;
 
-/// Something that is put on the GPU when it is first needed, or when that was lost, and given up where the GPU fails and the
-/// CPU may go on.
+/// Value that is made on the GPU when it is first needed or was lost. It is given up if the GPU fails and the CPU may
+/// take over.
 pub(crate) struct OnGpu<T>(Mutex<Slot<T>>);
 
 enum Slot<T> {
@@ -23,7 +23,7 @@ impl<T> Default for OnGpu<T> {
 }
 
 impl<T> OnGpu<T> {
-    /// Does some work there; nothing comes back where the CPU has to do it.
+    /// Runs work there; none if the CPU has to do it.
     ///
     /// # Errors
     /// If the GPU fails that the user asked for.
@@ -56,7 +56,7 @@ impl<T> OnGpu<T> {
         )
     }
 
-    /// What is there, for work that must not keep others from theirs.
+    /// Value that is there, for work that must not block that of others.
     pub fn get(&self) -> Option<Arc<T>> {
         match &*self.0.lock().unwrap_or_else(PoisonError::into_inner) {
             Slot::Ready(ready) => Some(Arc::clone(ready)),
@@ -66,7 +66,7 @@ impl<T> OnGpu<T> {
 }
 
 impl<T> Slot<T> {
-    /// Made now if it is needed for the first time; nothing once it has been given up.
+    /// Value, made now if it is needed for the first time; none once it was given up.
     fn ready<E>(&mut self, make: impl FnOnce() -> Result<T, E>) -> Result<Option<&T>, E> {
         if let Self::NotStarted = self {
             *self = Self::Ready(Arc::new(make()?));

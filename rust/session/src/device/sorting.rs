@@ -12,8 +12,8 @@ const RELIGHTS: usize = 3;
 /// Share of the free memory that sorted segments may take: proxies and trainings come after them.
 const MOST_MEMORY: f64 = 0.5;
 
-/// Sorts the segments of a dump on the GPU, once it is relit again and again, on a thread of its own; relighting goes on
-/// meanwhile, and reads less for small lights afterwards, where that is measured to be quicker. Ends with its owner.
+/// Sorts the segments of a dump on the GPU, on a thread of its own, once it was relit several times. Relighting goes on
+/// meanwhile. Afterwards small lights read less, where that is measured to be quicker. Ends with its owner.
 #[derive(Default)]
 pub(crate) struct Sorting {
     relights: AtomicUsize,
@@ -34,7 +34,7 @@ impl Sorting {
         *self.thread.lock().unwrap_or_else(PoisonError::into_inner) = thread.ok();
     }
 
-    /// Counts from the start: what was sorted before is lost.
+    /// Restarts the count: all sorting before is lost.
     pub fn begin_again(&self) {
         self.relights.store(0, Ordering::Relaxed);
     }
@@ -47,7 +47,7 @@ impl Sorting {
     }
 }
 
-/// On half of the threads: relighting and Blender need the others. One dump at a time.
+/// Sorts on half of the threads, since relighting and Blender need the others. One dump at a time.
 fn sort(gather: &GpuGather, stop: &AtomicBool) {
     static ONE: Mutex<()> = Mutex::new(());
     let _one = ONE.lock().unwrap_or_else(PoisonError::into_inner);

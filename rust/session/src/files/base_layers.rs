@@ -1,4 +1,4 @@
-//! What a folder of proxies needs beside them, so that it relights without the dump: AOVs, static layers, camera.
+//! Layers beside the proxies of a folder, which relight without the dump: AOVs, static light, camera.
 
 use crate::error::SessionError;
 use crate::files::contents;

@@ -7,7 +7,7 @@ use crate::files::names::{
 use relume_dump::Manifest;
 use std::path::Path;
 
-/// What is said of a damaged file of a folder.
+/// Message about a damaged file of a folder.
 pub(crate) fn words(path: &Path, reason: &str) -> String {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let effect = EFFECTS.iter().find(|(file, _)| *file == name).map_or(OF_PROXIES, |(_, effect)| effect);

@@ -1,4 +1,4 @@
-//! What the add-on writes beside a bake. It alone uses that; here it is only checked.
+//! Files that the add-on writes beside a bake. It alone uses them; here they are only checked.
 
 use crate::files::checksum;
 use serde::Deserialize;

@@ -20,7 +20,7 @@ use relume_image::ViewTransform;
 use relume_proxy::{LightKind, read_info};
 use std::path::Path;
 
-/// Everything that is wrong with a bake folder, proxy, light set or scene file, in words; reads all of it.
+/// Faults of a bake folder, proxy, light set or scene file, all of which is read.
 ///
 /// # Errors
 /// If it is none of these.
@@ -44,13 +44,13 @@ pub fn validate(path: &Path, monitor: &Monitor) -> Result<Vec<String>, SessionEr
     Ok(problems)
 }
 
-/// Of the scene that a folder's proxies should be of.
+/// Scene hash that the proxies of a folder should have.
 fn scene_hash(folder: &Path, manifest: Option<&Manifest>) -> Option<String> {
     let of_base = || base_layers::read(folder).ok().map(|base| base.scene_hash);
     manifest.map(|manifest| manifest.scene_hash.clone()).or_else(of_base)
 }
 
-/// Of the manifest and the shards.
+/// Faults of the manifest and the shards.
 fn faults_of_paths(folder: &Path, manifest: Option<&Manifest>) -> Vec<String> {
     let path = folder.join(Manifest::FILE);
     let altered = (manifest.is_some() && contents::is_altered(&path)).then(|| words(&path, ALTERED));
@@ -63,7 +63,7 @@ const ALTERED: &str = "it is not as Relume wrote it";
 /// Refuses a file that cannot be read.
 type Check<'a> = dyn Fn(&Path) -> Result<(), String> + 'a;
 
-/// Of the small files beside the paths.
+/// Faults of the small files beside the paths.
 fn faults_of_files(folder: &Path, manifest: Option<&Manifest>) -> Vec<String> {
     let whole = |result: Result<(), SessionError>| result.map_err(reason_of);
     let world = || manifest.map_or(Ok(()), |manifest| WorldLayer::of_bake(folder, manifest).map(drop));
@@ -89,7 +89,7 @@ fn fault_of_file(path: &Path, check: &Check) -> Option<String> {
     check(path).err().or_else(altered).map(|reason| words(path, &reason))
 }
 
-/// Of a proxy, its measurement, and the training that it comes from.
+/// Faults of a proxy, its measurement, and its training.
 fn faults_of_proxy(folder: &Path, kind: LightKind, scene_hash: Option<&str>) -> Vec<String> {
     let (proxy, training) = (proxy_path(folder, kind), training_path(folder, kind));
     let hash = match (scene_hash, read_info(&proxy)) {

@@ -27,13 +27,13 @@ use std::sync::Arc;
 /// Paths per pixel that the first training is done on; a sum of whole passes.
 const SAMPLES_TO_TRAIN: u32 = 64;
 
-/// What the work thread does first; training follows.
+/// First task of the work thread; training follows.
 pub(super) enum Work {
-    /// Bakes a scene; `anew` where a whole bake of it is there whose paths do not look for the present lights.
+    /// Bakes a scene. `anew` also replaces a whole bake that is not guided towards the present lights.
     Bake { scene: Arc<Scene>, settings: TraceSettings, anew: bool },
-    /// Takes what the folder holds.
+    /// Opens the bake that the folder holds.
     Open,
-    /// Nothing: the bake is there and shown.
+    /// Only trains: the bake is there and shown.
     Learn,
 }
 
@@ -71,7 +71,7 @@ impl WorkRun {
             shared.status.error = error;
             shared.status.stage = None;
             shared.training_plan = TrainingPlan::default();
-            // The machine: the painter makes better pictures with it now, and stores the light of another world.
+            // The render thread has the machine now: it makes better pictures, and stores the light of another world.
             shared.deliveries += 1;
         });
     }
@@ -94,8 +94,8 @@ impl WorkRun {
         }
     }
 
-    /// Whether the folder holds a whole bake of the scene, and its world or the lights that are shown now would have much less noise
-    /// from paths that look for them, or nobody knows any more what its paths look for.
+    /// True if a whole bake of the scene exists but retracing, guided towards the present lights and world, would cut
+    /// noise enough. Also true if its guiding record is lost.
     fn should_retrace(&self, scene: &Scene, settings: &TraceSettings) -> Result<bool, SessionError> {
         let is_there = self.folder.join(Manifest::FILE).exists();
         let Some(dump) = is_there.then(|| Dump::open(&self.folder)).transpose()? else { return Ok(false) };
@@ -112,8 +112,8 @@ impl WorkRun {
         Ok(coverage.would_gain(&self.guide_targets(scene, settings), settings.guiding))
     }
 
-    /// Bakes and trains, then bakes the rest and trains anew if that is much more: a proxy is at hand long before a bake of
-    /// many samples ends. What is there already stays, even if fewer samples are asked for.
+    /// Bakes and trains, then bakes the rest and trains again if that is much more: a proxy is ready long before a
+    /// large bake ends. Existing samples stay, even if fewer are asked for.
     fn bake(&self, scene: &Scene, settings: &TraceSettings, monitor: &Monitor) -> Result<(), SessionError> {
         if matches!(difference(scene, settings, &self.folder), Ok(Some(Manifest::WORLD_MAP))) {
             clear_paths(&self.folder)?;
@@ -140,7 +140,7 @@ impl WorkRun {
         Ok(())
     }
 
-    /// Begins with something else, of which there is no progress to tell yet.
+    /// Enters a state without any progress yet.
     fn enter(&self, state: LiveState) {
         self.shared.change(|shared| {
             shared.status.state = state;
@@ -148,7 +148,7 @@ impl WorkRun {
         });
     }
 
-    /// Samples of the whole passes that the folder holds of this very bake.
+    /// Samples of the whole passes that the folder holds of this bake.
     fn whole_samples(&self, scene: &Scene, settings: &TraceSettings) -> u32 {
         if !matches!(difference(scene, settings, &self.folder), Ok(None)) {
             return 0;
@@ -184,7 +184,7 @@ impl WorkRun {
         }
     }
 
-    /// The scene's, and those that are shown now where they are other than the scene's: they may have moved since it was read.
+    /// Lights of the scene, and of the newest request where they are elsewhere: they may have moved since it was read.
     fn guide_targets(&self, scene: &Scene, settings: &TraceSettings) -> Vec<Light> {
         let mut lights = scene_guide_targets(scene, settings);
         if let Some(request) = &self.shared.lock().request {
@@ -195,7 +195,7 @@ impl WorkRun {
         lights
     }
 
-    /// Whether the folder holds a whole bake.
+    /// Opens the folder; true if it holds a whole bake.
     fn open(&self) -> Result<bool, SessionError> {
         lost_files(&self.folder).iter().for_each(|text| self.shared.warn(text));
         if !self.folder.join(Manifest::FILE).exists() {
@@ -280,7 +280,7 @@ impl WorkRun {
         of_dump.or_else(|| state.base.as_ref().map(|base| base.scene_hash.clone()))
     }
 
-    /// Says after how many paths per pixel lights will be learned.
+    /// Plans the numbers of paths per pixel after which lights are learned.
     fn plan(&self, rounds: &[u32]) {
         let rounds = rounds.iter().copied().filter(|_| self.train_seconds > 0.0).collect();
         self.shared

@@ -5,13 +5,13 @@ use relume_gpu::Gpu;
 use relume_image::Image;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// A denoiser for pictures of one view, with its albedo and normals. The device starts when it is first needed; where a GPU
-/// cannot do it or fails, the CPU does.
+/// Denoiser for pictures of one view, with its albedo and normals. The device starts when it is first needed. If a GPU
+/// fails, the CPU takes over.
 pub struct Denoise {
     aovs: Aovs,
     /// PCI address of the GPU to denoise on, if the library knows it.
     gpu: Option<String>,
-    /// How well albedo and normals are denoised first, if they are.
+    /// Quality at which albedo and normals are denoised first, if they are.
     features: Option<DenoiseQuality>,
     device: Mutex<DenoiserState>,
 }
@@ -40,7 +40,7 @@ impl Ready {
 }
 
 impl Denoise {
-    /// For pictures with these features; on the given GPU where the library can, else on the CPU.
+    /// Denoiser for pictures with these features; on the given GPU if the library can, else on the CPU.
     pub fn new(aovs: &Aovs, gpu: Option<&Gpu>) -> Self {
         let hardware = gpu.map(Gpu::summary).filter(|summary| !summary.software);
         let gpu = hardware.map(|summary| summary.pci_bus_id.clone());
@@ -48,12 +48,13 @@ impl Denoise {
         Self { aovs: aovs.clone(), gpu, features, device: Mutex::new(DenoiserState::NotStarted) }
     }
 
-    /// The same with albedo and normals denoised that well, or as they are: textures come out softer, the first picture sooner.
+    /// Sets the quality at which albedo and normals are denoised first. None keeps them noisy: textures come out
+    /// softer, the first picture sooner.
     pub fn with_features(self, features: Option<DenoiseQuality>) -> Self {
         Self { features, ..self }
     }
 
-    /// Why nothing can be denoised here, in words for the user; none if it can.
+    /// Reason why nothing can be denoised here, for the user; none if denoising works.
     pub fn missing(&self) -> Option<String> {
         match &*self.started() {
             DenoiserState::Missing(reason) => Some(reason.clone()),
@@ -70,8 +71,8 @@ impl Denoise {
         self.denoise(images, quality, None).map(drop)
     }
 
-    /// [`Denoise::images`] until `stop`, which is asked from any thread many times a picture, says so. False if it did: the
-    /// picture that was worked on and those after it are noisy then.
+    /// [`Denoise::images`] until `stop`, which is asked from any thread many times a picture, returns true. False if it
+    /// did: that picture and those after it are noisy then.
     ///
     /// # Errors
     /// If the denoiser fails.

@@ -25,7 +25,8 @@ use crate::relight::relighter::Relighter;
 /// Most that gradients on the GPU differ from those of the CPU, as a share of the largest of a light (`ARCHITECTURE.md`).
 const BY_GATHER: f32 = 3e-4;
 const BY_PROXY: f32 = 2e-4;
-/// The same of losses. Logarithms of WGSL are good to 2^-21 from 1/2 to 2, and a residual has two, times at most 0.3.
+/// Largest relative difference of losses. Logarithms of WGSL are good to 2^-21 from 1/2 to 2, and a residual has two,
+/// times at most 0.3.
 const LOSS: f64 = 1e-5;
 const RESIDUAL: f64 = 0.6 / (1 << 21) as f64;
 

@@ -17,8 +17,8 @@ pub struct Pictures {
 const SHADOW: f32 = 1.5;
 const STOPS: f32 = 1.0;
 const MIREDS: f32 = 60.0;
-/// What a place that is to stay as it is counts beside others. It may change by a fiftieth, which is a small difference in any other
-/// goal's measure; and strokes also ask, without words, for no other colour or brightness, of which this has to weigh more.
+/// Weight of a place that is to stay as it is. It may change by a fiftieth, which is little in the measure of other
+/// goals. It also has to outweigh that strokes tacitly ask for no other colour or brightness.
 const KEPT: f32 = 10.0;
 
 impl Pictures {
@@ -145,7 +145,7 @@ fn weights(region: &GoalRegion, size: (usize, usize), pictures: &Pictures) -> Re
     Ok(region.drawn.weights(size, mask.as_deref()))
 }
 
-/// To keep what no goal speaks of; none if one speaks of all.
+/// Goal to keep all that no goal speaks of; none if one speaks of all.
 fn rest(goals: &[Goal], (width, height): (usize, usize), weight: f32) -> Option<Goal> {
     let mut free = vec![1.0; width * height];
     for goal in goals {

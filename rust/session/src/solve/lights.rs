@@ -14,7 +14,7 @@ use crate::relight::relighter::Relighter;
 const NEW_CONE: f32 = 0.6;
 const NEW_SUN: f32 = 0.05;
 
-/// What a variable stands for.
+/// Light or world that a variable stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum VariableSource {
     /// A light of the request, by its number.
@@ -25,9 +25,9 @@ pub(super) enum VariableSource {
     New,
 }
 
-/// Where a variable's picture for radiance 1 comes from.
+/// Source of a variable's picture for radiance 1.
 pub(super) enum VariablePicture {
-    /// Its shape may change.
+    /// Solved light whose shape may change: made at each step.
     Moves,
     /// The world's layer.
     World,
@@ -120,12 +120,12 @@ impl Unknowns {
         })
     }
 
-    /// Whether a light of the request is among them.
+    /// True if a light of the request is among them.
     pub fn solves(&self, number: usize) -> bool {
         self.sources.contains(&VariableSource::Scene(number))
     }
 
-    /// Where to start: first with the lights as they are and random new ones, then from random places altogether.
+    /// Starts: first the lights as they are with random new ones, then random places altogether.
     pub fn starts(&self, mut random: Vec<Vec<Light>>) -> Vec<Vec<Light>> {
         for (i, source) in self.sources.iter().enumerate() {
             if *source != VariableSource::New && !random.is_empty() {
@@ -135,7 +135,8 @@ impl Unknowns {
         random
     }
 
-    /// The unknowns as an answer has them. Lights that it left out are dark; its new ones are those that are not there now.
+    /// Values of the unknowns in an earlier answer. Lights that it left out are dark; its new ones are those that are
+    /// not there now.
     ///
     /// # Errors
     /// Names a light that is of another type there.
@@ -162,7 +163,8 @@ impl Unknowns {
         found.collect()
     }
 
-    /// All lights with found ones in their places, new ones without names at the end; and the factor on the world.
+    /// Lights of the request with solved ones in their places, new ones without names at the end; and the factor on the
+    /// world.
     pub fn all_lights(&self, now: &LiveRequest, found: &[Light]) -> (Vec<Light>, [f32; 3]) {
         let (mut lights, mut world) = (now.lights.clone(), now.world);
         for (source, light) in self.sources.iter().zip(found) {
@@ -175,7 +177,7 @@ impl Unknowns {
         (lights, world)
     }
 
-    /// Which may be left out in the end.
+    /// Variables that may be left out in the end.
     pub fn may_go(&self, scene_lights: bool) -> Vec<bool> {
         let may_go = |(source, variable): (&VariableSource, &Variable)| match source {
             VariableSource::New => true,
@@ -208,8 +210,8 @@ impl Unknowns {
     }
 }
 
-/// Those that are wished for, or what the camera sees and a little beyond it (more above and below what is flat), and sizes from a
-/// two-hundredth to a fifth of that; with the light itself.
+/// Bounds that were asked for. By default they hold the visible scene and a little beyond it, more above and below a
+/// flat one. Sizes go from a two-hundredth to a fifth of it. The light itself is always inside.
 fn bounds(options: &BoundsOptions, light: &Light, (low, high): (Vec3, Vec3)) -> Result<Bounds, SessionError> {
     let extent = low.distance(high).max(1e-3);
     let beyond = (0.3 * extent - 0.5 * (high - low)).max(Vec3::splat(0.02 * extent));
@@ -244,8 +246,8 @@ fn locks(free: &[FreeParam]) -> Locks {
     }
 }
 
-/// In the middle of what is seen, of a size that proxies of the bakes know, facing down. A point light is Blender's default, or
-/// a sphere where only those were learned.
+/// Shape of a new light: in the middle of what is seen, of a size that proxies know, facing down. A point light is
+/// Blender's default, or a sphere if only spheres have a proxy.
 fn new_shape(kind: NewLightKind, (low, high): (Vec3, Vec3), views: &[&Relighter]) -> LightShape {
     let (center, extent) = (0.5 * (low + high), low.distance(high).max(1e-3));
     let known =

@@ -1,5 +1,5 @@
-//! Solving lights (paper, sections 5.3 and 6.2): a request in JSON, bakes, and pictures in; lights, what to write into Blender, and
-//! what became of each goal out.
+//! Solving lights (paper, sections 5.3 and 6.2). In: a request in JSON, bakes, pictures. Out: lights, settings to write
+//! into Blender, and a report of each goal.
 
 pub(crate) mod bench;
 mod gather_relight;
@@ -34,22 +34,22 @@ use scene_view::Scenes;
 use search::Search;
 pub use solved::{GoalReport, Solved};
 
-/// Takes what there is so far.
+/// Receives interim lights.
 pub type Preview<'a> = dyn Fn(&InterimLights) + Sync + 'a;
 
-/// The best of a search that goes on.
+/// Best lights of a running search.
 #[derive(Debug, serde::Serialize)]
 pub struct InterimLights {
-    /// All lights, new ones included.
+    /// Lights so far, new ones included.
     pub lights: LightSet,
     /// Factor on the light of the world, linear RGB.
     pub world: [f32; 3],
 }
 
-/// Solves lights as they are seen from one or several bakes of one scene.
+/// Solves lights in the views of one or several bakes of one scene.
 ///
 /// # Errors
-/// If the request cannot be solved, in words that name the goal or the light; [`SessionError::Cancelled`].
+/// If the request cannot be solved, naming the goal or the light; [`SessionError::Cancelled`].
 pub fn solve_lights(
     relighters: &[&Relighter],
     request: &SolveRequest,
@@ -80,7 +80,7 @@ pub fn solve_lights(
     solved::solved(request, &unknowns, &scenes, found, backend, begin, monitor)
 }
 
-/// What makes the gradients for all moving lights, in all views.
+/// Backend that makes the gradients for all moving lights, in all views.
 fn choose_backend(
     relighters: &[&Relighter],
     unknowns: &Unknowns,

@@ -80,7 +80,7 @@ impl Relight for ProxyRelight<'_> {
     }
 }
 
-/// Whether there are some, all on one device.
+/// True if there are some, all on one device.
 fn are_together(proxies: &[&GpuProxy]) -> bool {
     proxies.first().is_some_and(|first| proxies.iter().all(|proxy| Arc::ptr_eq(proxy.gpu(), first.gpu())))
 }
@@ -134,7 +134,7 @@ pub(super) mod tests {
     use relume_proxy::synthetic::SyntheticRoom;
     use relume_proxy::{SizeRange, TrainConfig, Trainer};
 
-    /// Of a picture of 32 x 20 pixels, shortly trained.
+    /// Proxy of a picture of 32 x 20 pixels, shortly trained.
     pub fn trained(kind: LightKind) -> Proxy {
         let source = SyntheticRoom::new(32, 20);
         let mut config = TrainConfig::fast(SizeRange { min: 0.1, max: 0.5 });

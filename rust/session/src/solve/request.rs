@@ -7,7 +7,7 @@ use serde::de::Error as _;
 use serde_json::{Map, Value};
 use std::collections::HashMap;
 
-/// What is to be solved, as it is read from JSON. Places are fractions of the picture, (0, 0) its top left corner.
+/// Request to solve lights, read from JSON. Places are fractions of the picture, (0, 0) its top left corner.
 ///
 /// ```json
 /// { "lights": [...], "gains": {}, "world": [1, 1, 1], "static": [1, 1, 1],
@@ -22,7 +22,8 @@ use std::collections::HashMap;
 ///   "keep_rest": 0.1, "starts": 4, "steps": 300, "seed": 0 }
 /// ```
 ///
-/// The first four say how the picture is now, as in [`LiveRequest::parse`]; lights and values that `free` does not name stay.
+/// The first four describe the present picture, as in [`LiveRequest::parse`]. Lights and values that `free` does not
+/// name stay.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SolveRequest {
     /// The picture as it is.
@@ -33,26 +34,26 @@ pub struct SolveRequest {
     pub options: SolveOptions,
 }
 
-/// What may change, and to what end.
+/// Options of a solve.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SolveOptions {
-    /// What may change, by the light's name; `world` for the world's colour and strength.
+    /// Parameters that may change, by the light's name; `world` has colour and strength.
     pub free: HashMap<String, Vec<FreeParam>>,
-    /// Where lights may go.
+    /// Bounds of all lights.
     pub bounds: BoundsOptions,
-    /// What is said of single lights, by their names, in place of `bounds` and `stay`; of the world's bounds only `stops` and `tint`.
+    /// Bounds and priors of single lights, by name, in place of those of all. The world has only `stops` and `tint`.
     #[serde(rename = "each")]
     pub per_light: HashMap<String, PerLightOptions>,
     /// New lights.
     pub add: Option<NewLights>,
-    /// Whether free lights that do nothing may go.
+    /// True if free lights that do nothing may go.
     pub remove: bool,
-    /// What the picture should do.
+    /// Goals of the picture.
     pub goals: Vec<GoalRequest>,
-    /// How much the picture is to stay where no goal says otherwise; 0 for not at all.
+    /// Weight of the picture staying as it is beside the goals; 0 for none.
     pub keep_rest: f32,
-    /// How much lights are drawn to where they are ([`relume_optimise::Variable::stay`]).
+    /// Weight of lights staying where they are ([`relume_optimise::Variable::prior_weight`]).
     #[serde(rename = "stay")]
     pub prior_weight: f32,
     /// Starts, of which the best is kept.
@@ -65,23 +66,23 @@ pub struct SolveOptions {
     pub pixel_fraction: f32,
     /// Least number of cells, of up to 8 x 8 pixels, that it looks at; below a hundred or so steps are noisy.
     pub least_cells: usize,
-    /// Adam's.
+    /// Learning rate of Adam.
     pub learning_rate: f32,
     /// Seed.
     pub seed: u64,
     /// Most steps of the polish by exact pictures; 0 for none.
     pub polish: usize,
-    /// What makes the gradients.
+    /// Backend of the gradients.
     #[serde(rename = "through")]
     pub backend: Backend,
-    /// Where to start instead of now and in random places: an earlier answer. With 0 steps it is only polished.
+    /// Earlier answer to start from instead of the present lights and random places. With 0 steps it is only polished.
     pub from: Option<Answer>,
 }
 
-/// Of an earlier answer ([`super::Solved`], whose other fields may be there too).
+/// Earlier answer ([`super::Solved`], whose other fields may be present).
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct Answer {
-    /// All lights as they were found.
+    /// Lights of that answer.
     #[serde(deserialize_with = "light_set")]
     pub lights: Vec<Light>,
     /// Factor on the world's light.
@@ -137,27 +138,26 @@ pub enum FreeParam {
     Strength,
 }
 
-/// A box for centres, metres, the sizes between which a light may be, and how far it may go from how strong, coloured and
-/// directed it is. What is absent is as for all lights; if it is absent there, what the camera sees and its parts, and any strength,
-/// colour and direction.
+/// Bounds of a light. An absent bound is that of all lights. Absent there, places and sizes follow the visible scene,
+/// and strength, colour and direction are free.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BoundsOptions {
-    /// Lower corner.
+    /// Lower corner of the box of centres, metres.
     pub min: Option<[f32; 3]>,
-    /// Upper corner.
+    /// Upper corner of the box of centres, metres.
     pub max: Option<[f32; 3]>,
-    /// Smallest and largest radius or edge.
+    /// Smallest and largest radius or edge, metres.
     pub size: Option<[f32; 2]>,
     /// Smallest and largest half angle of a sun, radians.
     pub sun: Option<[f32; 2]>,
     /// Smallest and largest half angle of a spot's cone, radians.
     pub cone: Option<[f32; 2]>,
-    /// Least and most strength (luminance of the power) by how many stops it is above what it is now. New lights have none to go by.
+    /// Least and most strength (luminance of the power), in stops above the present one. New lights have none to go by.
     pub stops: Option<[f32; 2]>,
-    /// By how many stops the ratio of two channels of the colour may at most differ from what it is now; of white, for new lights.
+    /// Largest change in the ratio of two colour channels, in stops, from the present one; from white, for new lights.
     pub tint: Option<f32>,
-    /// Furthest that a spot, an area light or a sun may turn from where it points now, degrees; not for new lights.
+    /// Largest turn of a spot, an area light or a sun from its present direction, degrees; not for new lights.
     pub degrees: Option<f32>,
 }
 
@@ -165,7 +165,7 @@ pub struct BoundsOptions {
 const MOST_STOPS: f32 = 64.0;
 
 impl BoundsOptions {
-    /// These, and those of all lights for what is absent.
+    /// These bounds, with those of all lights for absent ones.
     fn or(self, all: Self) -> Self {
         Self {
             min: self.min.or(all.min),
@@ -179,7 +179,7 @@ impl BoundsOptions {
         }
     }
 
-    /// What is wrong with strength, colour and direction.
+    /// Checks strength, colour and direction.
     fn check(&self) -> Result<(), String> {
         let are_stops = |[low, high]: [f32; 2]| -MOST_STOPS <= low && low <= high && high <= MOST_STOPS;
         if !self.stops.is_none_or(are_stops) {
@@ -196,13 +196,13 @@ impl BoundsOptions {
     }
 }
 
-/// What is said of one light.
+/// Options of one light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PerLightOptions {
-    /// Where it may go.
+    /// Bounds of the light.
     pub bounds: Option<BoundsOptions>,
-    /// How much it is drawn to where it is.
+    /// Weight of the light staying where it is.
     #[serde(rename = "stay")]
     pub prior_weight: Option<f32>,
 }
@@ -211,9 +211,9 @@ pub struct PerLightOptions {
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NewLights {
-    /// At most so many.
+    /// Largest number of new lights.
     pub count: usize,
-    /// What they are.
+    /// Type of the new lights.
     #[serde(default, rename = "type")]
     pub kind: NewLightKind,
 }
@@ -233,7 +233,7 @@ pub enum NewLightKind {
     Sun,
 }
 
-/// What makes the gradients.
+/// Backend that makes the gradients.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Backend {
@@ -250,7 +250,7 @@ pub enum Backend {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GoalRequest {
-    /// What is asked for.
+    /// Kind of goal.
     pub goal: GoalKind,
     /// The part of the picture; all of it if absent.
     #[serde(default, rename = "where")]
@@ -258,22 +258,22 @@ pub struct GoalRequest {
     /// Weight beside other goals.
     #[serde(default = "one")]
     pub weight: f32,
-    /// Which of several views.
+    /// Number of the view, of several.
     #[serde(default)]
     pub view: usize,
-    /// Of `target`: name or path of a picture.
+    /// Name or path of the picture of a `target`.
     #[serde(default)]
     pub image: Option<String>,
-    /// Of `target`: whether its exposure does not matter.
+    /// True if the exposure of a `target` does not matter.
     #[serde(default)]
     pub exposure_invariant: bool,
-    /// Of `brighter`, `darker` and `shadow`: by how many stops.
+    /// Stops of `brighter`, `darker` and `shadow`.
     #[serde(default)]
     pub stops: Option<f32>,
-    /// Of `warmer` and `cooler`: by how many mireds.
+    /// Mireds of `warmer` and `cooler`.
     #[serde(default)]
     pub mireds: Option<f32>,
-    /// Of `color`: linear RGB.
+    /// Linear RGB of `color`.
     #[serde(default)]
     pub color: Option<[f32; 3]>,
 }
@@ -282,7 +282,7 @@ fn one() -> f32 {
     1.0
 }
 
-/// What a goal is.
+/// Kind of a goal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[expect(missing_docs, reason = "their names say it")]
@@ -322,7 +322,7 @@ impl SolveRequest {
     /// Reads a request.
     ///
     /// # Errors
-    /// In words that name the light, the goal or the field.
+    /// Names the light, the goal or the field.
     pub fn parse(text: &str) -> Result<Self, String> {
         let value: Map<String, Value> = serde_json::from_str(text).map_err(|error| error.to_string())?;
         let is_now = |key: &str| ["lights", "gains", "world", "static"].contains(&key);
@@ -343,7 +343,7 @@ impl SolveRequest {
         serde_json::from_value(described.clone()).ok()
     }
 
-    /// Whether a light is a square or a disk in Blender, and is to stay one.
+    /// True if a light is a square or a disk in Blender, and has to stay one.
     pub(super) fn has_one_size(&self, name: &str) -> bool {
         let kind = self.blender_light(name).map(|light| light.kind);
         matches!(kind, Some(BlenderLightKind::Area { shape, .. }) if shape.is_even())

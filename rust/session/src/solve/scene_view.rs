@@ -10,7 +10,7 @@ use crate::error::SessionError;
 use crate::progress::Monitor;
 use crate::relight::relighter::{RelightOptions, Relighter};
 
-/// One view: what is there besides the lights to be solved, in pictures of the size that the solver looks at.
+/// View with all that is there besides the lights to be solved, in pictures of the size that is compared.
 pub(crate) struct SceneView<'a> {
     pub(super) relighter: &'a Relighter,
     pub(super) source: ViewSource,
@@ -19,24 +19,24 @@ pub(crate) struct SceneView<'a> {
     base: Image,
     /// Pictures for radiance 1 of lights of which only colour or strength may change.
     still: Vec<Option<Arc<Image>>>,
-    /// All as it is now.
+    /// Present picture.
     pub(super) before: ViewPictures,
 }
 
 /// A light's picture for radiance 1.
 pub(super) struct UnitPictures {
-    /// Without noise.
+    /// Picture without noise.
     pub clean: Arc<Image>,
-    /// As it was gathered; the clean one where there is no noise.
+    /// Sum as it was gathered; the clean one if it has no noise.
     pub exact: Arc<Image>,
 }
 
 /// A picture of a view.
 #[derive(Default)]
 pub(super) struct ViewPictures {
-    /// Without noise.
+    /// Picture without noise.
     pub clean: Image,
-    /// With the lights that move as they were gathered: noisy, but right on average, which what is denoised is not quite.
+    /// Picture with the moving lights as gathered: noisy, but right on average, unlike denoised ones.
     pub exact: Image,
 }
 
@@ -47,16 +47,16 @@ impl ViewPictures {
     }
 }
 
-/// All views.
+/// Views of the scene.
 pub(super) struct Scenes<'a> {
-    /// By their bakes, where each has one.
+    /// Views by their bakes, if each has one.
     pub gathered: Option<Vec<SceneView<'a>>>,
-    /// By proxies, if lights are solved through them.
+    /// Views by proxies, if lights are solved through them.
     pub proxied: Option<Vec<SceneView<'a>>>,
 }
 
 impl<'a> Scenes<'a> {
-    /// With goals of each view for pictures of the whole size.
+    /// Opens all views, with goals of full size.
     pub fn new(
         relighters: &[&'a Relighter],
         request: &SolveRequest,
@@ -81,15 +81,15 @@ impl<'a> Scenes<'a> {
         Ok(Self { gathered: bakes.map(views).transpose()?, proxied: proxies.map(views).transpose()? })
     }
 
-    /// Those by which is told what became of the goals.
+    /// Views that judge the goals.
     pub fn judging(&self) -> &[SceneView<'a>] {
         self.gathered.as_ref().or(self.proxied.as_ref()).map_or(&[], Vec::as_slice)
     }
 }
 
-/// What makes a view's pictures.
+/// Source of a view's pictures.
 pub(super) enum ViewSource {
-    /// The bake, which looks at smaller ones: what is compared are means of cells, and denoising costs by the pixel.
+    /// Bake, with smaller pictures: means of cells are compared, and denoising costs by the pixel.
     Bake(Box<SolveDump>),
     /// Proxies, and the bake where there is one for what none covers, of each pixel.
     Proxies,
@@ -100,9 +100,8 @@ impl ViewSource {
     fn statics(&self, relighter: &Relighter, monitor: &Monitor) -> Result<[Image; 2], SessionError> {
         match self {
             Self::Bake(prepared) => prepared.statics(relighter),
-            Self::Proxies => {
-                relighter.statics(relighter.possible(&RelightOptions::default(), monitor).denoise)
-            }
+            Self::Proxies => relighter
+                .statics(relighter.without_missing_denoiser(&RelightOptions::default(), monitor).denoise),
         }
     }
 
@@ -116,7 +115,7 @@ impl ViewSource {
         match self {
             Self::Bake(prepared) => prepared.units(relighter, lights, monitor),
             Self::Proxies => {
-                let options = relighter.possible(&RelightOptions::default(), monitor);
+                let options = relighter.without_missing_denoiser(&RelightOptions::default(), monitor);
                 let units = relighter.unit_images(lights, &options, monitor)?;
                 let unit = |unit: Arc<Image>| UnitPictures { clean: Arc::clone(&unit), exact: unit };
                 Ok(units.into_iter().map(|(image, _)| unit(Arc::new(image))).collect())
@@ -185,13 +184,13 @@ impl<'a> SceneView<'a> {
         Ok(sum)
     }
 
-    /// What solves it through its bake, where it looks at that.
+    /// Relighter through its bake, if the view has one.
     pub fn by_gather(&self, monitor: &'a Monitor) -> Option<GatherRelight<'_>> {
         let ViewSource::Bake(prepared) = &self.source else { return None };
         GatherRelight::new(self.relighter, prepared, monitor)
     }
 
-    /// As the solver takes it, whose lights this makes.
+    /// View for the solver, with this relighter of lights.
     pub fn view<'b>(&'b self, relight: &'b dyn Relight) -> View<'b> {
         let still = self.still.iter().map(Option::as_deref).collect();
         View { relight, base: &self.base, still, goals: &self.goals }

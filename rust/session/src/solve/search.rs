@@ -27,19 +27,19 @@ const MOST_REARRANGEMENTS: usize = 3;
 const ARRANGEMENTS_TRIED: usize = 4;
 /// Share of the loss that another arrangement may leave.
 const REARRANGING_PAYS: f64 = 0.8;
-/// Loss from which on a picture is better solved again: differences of a hundredth of white.
+/// Least loss that is worth solving again: differences of a hundredth of white.
 const VISIBLE: f64 = 1e-4;
 
-/// What a search has found.
+/// Result of a search.
 pub(super) struct SearchResult {
-    /// In the order of the unknowns.
+    /// Lights in the order of the unknowns.
     pub lights: Vec<Light>,
     /// Numbers of those that are not needed.
     pub idle: Vec<usize>,
     pub loss: f64,
     pub start_loss: f64,
     pub start: usize,
-    /// Of each step of the exploration from that start, on that step's cells.
+    /// Loss of each step of the exploration from that start, on that step's cells.
     pub losses: Vec<f64>,
 }
 
@@ -151,7 +151,7 @@ impl Search<'_> {
         self.explore_on(scenes, &proxies.collect::<Vec<_>>(), &kinds, None)
     }
 
-    /// Takes hold of the wanted proxies on the GPU, one after the other, then explores.
+    /// Locks proxies on the GPU one after the other, then explores.
     fn explore_on(
         &self,
         scenes: &[SceneView],
@@ -252,7 +252,7 @@ impl Search<'_> {
         Ok(())
     }
 
-    /// Whether each stroke has what was asked for. There is always more to be gained from a target.
+    /// True if each stroke has what was asked for. A target can always be met better.
     fn seems_to_meet_goals(&self, found: &SearchResult) -> Result<bool, SessionError> {
         if self.request.options.goals.iter().any(|goal| goal.goal == GoalKind::Target) {
             return Ok(false);
@@ -266,13 +266,13 @@ impl Search<'_> {
         Ok(true)
     }
 
-    /// Whether it pays to have one of the lights somewhere else.
+    /// Moves one of the lights somewhere else, if that pays.
     fn relocate(&self, problem: &Problem, found: &mut SearchResult) -> Result<bool, SessionError> {
         let others = relocations(problem, &found.lights, ARRANGEMENTS_TRIED, self.request.options.seed)?;
         self.polish_others(problem, found, &others.iter().map(Vec::as_slice).collect::<Vec<_>>())
     }
 
-    /// Whether it pays to regroup the lights and to solve again.
+    /// Regroups the lights and solves again, if that pays.
     fn regroup(&self, problem: &Problem, found: &mut SearchResult) -> Result<bool, SessionError> {
         let [_, softness] = SOFTNESS;
         let others = regroupings(problem, &found.lights, softness, ARRANGEMENTS_TRIED)?;
@@ -348,7 +348,7 @@ fn as_relights<R: Relight>(relights: &[R]) -> Vec<&dyn Relight> {
     relights.iter().map(|relight| relight as &dyn Relight).collect()
 }
 
-/// What is to be polished.
+/// Lights that are to be polished.
 fn candidates<'a>(best: &'a [Light], second: Option<&'a RunnerUp>) -> Vec<&'a [Light]> {
     std::iter::once(best).chain(second.map(|second| &second.lights[..])).collect()
 }

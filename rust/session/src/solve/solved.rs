@@ -20,11 +20,12 @@ const TOLD_MIREDS: f32 = 5.0;
 /// Solved lights.
 #[derive(Clone, Debug, Serialize)]
 pub struct Solved {
-    /// All lights as they should be, gains multiplied in; removed ones are absent.
+    /// Lights of the answer, gains multiplied in; removed ones are absent.
     pub lights: LightSet,
     /// Factor on the world's light.
     pub world: [f32; 3],
-    /// Names of lights that were solved.
+    /// Names of solved lights that hardly any path of a bake meets, so that their pictures are noise. Bake towards the
+    /// answer ([`relume_trace::TraceSettings::guide_targets`]) and solve on from it ([`super::SolveOptions::from`]).
     pub changed: Vec<String>,
     /// Names of new ones.
     pub added: Vec<String>,
@@ -32,21 +33,21 @@ pub struct Solved {
     pub removed: Vec<String>,
     /// Settings of Blender's lights for what was changed or added.
     pub blender: Vec<Value>,
-    /// What became of each goal.
+    /// Report of each goal.
     pub report: Vec<GoalReport>,
-    /// What the user should know.
+    /// Warnings to the user.
     pub warnings: Vec<String>,
-    /// Names of lights that were solved and that hardly any path of a bake meets where they are now, so that all that is said of
-    /// them is noise. Bake towards the answer ([`relume_trace::TraceSettings::guide_targets`]) and solve on from it ([`super::SolveOptions::from`]).
+    /// Names of solved lights that hardly any path of a bake meets, so that their pictures are noise. Bake towards the
+    /// answer ([`relume_trace::TraceSettings::guide_targets`]) and solve on from it ([`super::SolveOptions::from`]).
     #[serde(rename = "rarely_met")]
     pub under_sampled: Vec<String>,
-    /// What is left of the loss.
+    /// Loss at the end.
     pub loss: f64,
     /// The loss at the start that it was found from.
     pub start_loss: f64,
     /// Number of that start; 0 is the lights as they were.
     pub start: usize,
-    /// Of each step of the exploration from there. Each looks at other cells, and lights are softest at the first.
+    /// Loss of each step of the exploration. Each looks at other cells, and lights are softest at the first.
     pub losses: Vec<f64>,
     /// `gather` or `proxy`.
     #[serde(rename = "through")]
@@ -55,10 +56,10 @@ pub struct Solved {
     pub seconds: f64,
 }
 
-/// What became of a goal, and in words.
+/// Report of a goal, with a text.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct GoalReport {
-    /// Its number in the request.
+    /// Number of the goal in the request.
     pub number: usize,
     /// The figures.
     #[serde(flatten)]
@@ -226,7 +227,7 @@ fn numbers(request: &SolveRequest, view: usize) -> Vec<usize> {
     goals.filter(|(_, goal)| goal.view == view).map(|(number, _)| number).collect()
 }
 
-/// What became of the goals that were asked for in one view, with their numbers.
+/// Reports of the goals in one view, with their numbers.
 pub(super) fn reports<'a>(
     request: &SolveRequest,
     view: usize,
@@ -237,7 +238,7 @@ pub(super) fn reports<'a>(
     goals.map(|(number, goal)| (number, goal_report(goal, &scene.before, after)))
 }
 
-/// What became of a goal, by the picture without noise or by the noisy one, whichever says less good of it.
+/// Report of a goal, by the picture without noise or the noisy one, whichever is worse.
 fn goal_report(goal: &Goal, before: &ViewPictures, after: &ViewPictures) -> Report {
     let clean = report(goal, &before.clean, &after.clean);
     clean.or_worse(report(goal, &before.exact, &after.exact))
@@ -276,8 +277,8 @@ fn text(kind: GoalKind, number: usize, report: &Report) -> String {
 /// Two words for what is told of a value: that it is missing, or that there is too much of it.
 type Sides = [&'static str; 2];
 
-/// Where and how a picture differs most from what it should be, such as "; most at the top left: 0.30 stops darker, 40 mireds
-/// warmer"; nothing if nobody sees it. Words for light, warmth and green.
+/// Largest difference of a picture from its goal, such as "; most at the top left: 0.30 stops darker, 40 mireds
+/// warmer". Empty if nobody would see it. The sides are words for light, warmth and green.
 fn most(begin: &str, worst: Option<Worst>, [light, warmth, green]: [Sides; 3]) -> String {
     let Some(worst) = worst else { return String::new() };
     let side = |off: f32, [missing, too_much]: Sides| if off > 0.0 { missing } else { too_much };
@@ -294,7 +295,7 @@ fn most(begin: &str, worst: Option<Worst>, [light, warmth, green]: [Sides; 3]) -
     format!("{begin} at the {}: {}", place(&worst), differences.join(", "))
 }
 
-/// Where a tile is, such as "top left".
+/// Place of a tile, such as "top left".
 fn place(worst: &Worst) -> String {
     let third = |fraction: f32, names: [&'static str; 3]| names[((fraction * 3.0) as usize).min(2)];
     let x = third(worst.x, ["left", "middle", "right"]);

@@ -17,7 +17,7 @@ use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// What to train, and for how long.
+/// Settings of a training.
 #[derive(Clone, Debug)]
 pub struct TrainSettings {
     /// Type of light.
@@ -28,10 +28,10 @@ pub struct TrainSettings {
     pub seed: u64,
     /// Train for so many seconds instead of so many samples: the schedule is stretched to end with them.
     pub seconds: Option<f64>,
-    /// What counts as a second.
+    /// Clock that seconds are counted by.
     pub clock: Clock,
-    /// Train on the earlier half of each pixel's paths and measure on the later half, which is independent of it;
-    /// otherwise train on all paths and measure nothing.
+    /// True to train on the earlier half of the paths and measure on the later, independent half. Else all paths are
+    /// trained on, and nothing is measured.
     pub half_for_measuring: bool,
 }
 
@@ -41,8 +41,8 @@ pub enum Clock {
     /// The clock on the wall.
     #[default]
     Wall,
-    /// Time of this process on all processors, divided by the threads: what a machine without other load would take, if
-    /// all threads are busy.
+    /// Time of this process on all processors, divided by the threads: its time on an idle machine, if all threads are
+    /// busy.
     Processor,
 }
 
@@ -75,7 +75,7 @@ pub struct CurvePoint {
     pub smape: f32,
 }
 
-/// What a training did.
+/// Report of a training.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TrainReport {
     /// The proxy's file.
@@ -86,20 +86,20 @@ pub struct TrainReport {
     pub samples: u64,
     /// Seconds of training in this run, without measuring.
     pub seconds: f64,
-    /// Whether the configured number of samples was reached.
+    /// True if the configured number of samples was reached.
     pub complete: bool,
     /// Held-out error on the way.
     pub curve: Vec<CurvePoint>,
-    /// Bytes of the bake that were copied to a GPU which gathered single pixels of them, in this run; 0 if all of the bake stayed
-    /// there, or the CPU gathered.
+    /// Bytes of the bake copied to a GPU that gathered single pixels, in this run. 0 if the bake stayed there, or the
+    /// CPU gathered.
     pub copied: u64,
     /// The proxy against gathering; none if all paths were trained on, which leaves none to measure on.
     pub measured: Option<Measured>,
 }
 
 /// Trains a proxy on a bake and writes it into `out`, with all that relighting without the bake needs. With `resume` it
-/// goes on where a stopped training was, and ends as if it had never stopped. A GPU that is lost is opened again, once; where it
-/// fails and the CPU may go on, that does so: from a snapshot of a moment before ([`SNAPSHOT_SHARE`]).
+/// goes on with a stopped training, and ends as if that had never stopped. A lost GPU is opened again, once. If it
+/// fails and the CPU may take over, that goes on from a recent snapshot.
 ///
 /// # Errors
 /// [`SessionError::Cancelled`] if stopped, with a checkpoint and a usable proxy written.
@@ -117,7 +117,7 @@ pub fn train(
     compute.attempt(monitor, from, |compute| train_on(compute, &job, &last_try, monitor))
 }
 
-/// [`train`] without another try. `last_try` is what an earlier one left, and is replaced on the way.
+/// [`train`] without another try. An earlier try left `last_try`, which this one replaces.
 fn train_on(
     compute: &Compute,
     job: &TrainJob,

@@ -24,14 +24,13 @@ use std::time::{Duration, Instant};
 /// Time between checkpoints: a graphics card does more in it, and may take the process with it at any time.
 const CHECKPOINT: Duration = Duration::from_secs(60);
 const CHECKPOINT_OF_GPU: Duration = Duration::from_secs(10);
-/// Most of the time of a training on a GPU that may go into snapshots of it, which are all that is left where that is lost.
+/// Largest share of the time on a GPU for snapshots, which alone are left if it is lost.
 const SNAPSHOT_SHARE: f64 = 0.01;
 /// Times that the held-out error is measured on the way.
 const CURVE_POINTS: f64 = 10.0;
 /// Steps of the progress report.
 const TRAIN_UNITS: u64 = 1000;
-/// Pictures made at once to compare with: few are gathered no slower one by one than together, and the first tell how long the
-/// rest will take.
+/// References made at once: few are as quick one by one as together, and the first show how long the rest will take.
 const REFERENCES_AT_ONCE: usize = 2;
 /// Lights of the final comparison.
 const MEASURED_LIGHTS: usize = 16;
@@ -153,24 +152,24 @@ pub(super) struct TrainRun<'a> {
     trainer: Trainer,
     /// Time between checkpoints.
     checkpoint: Duration,
-    /// When a snapshot is due; never on the CPU, which is not lost.
+    /// Time of the next snapshot; none on the CPU, which is never lost.
     next_snapshot: Option<Instant>,
     trained: Duration,
-    /// The part of `trained` that says nothing about the speed: by a try that failed, or before the first batch, when the pool of
-    /// denoised images was filled.
+    /// Part of `trained` that tells nothing about the speed: by a failed try, or while the pool of denoised images was
+    /// filled.
     uncounted: Duration,
-    compared: Compared,
+    comparisons: Comparisons,
     curve: Vec<CurvePoint>,
     /// Samples that an interrupted run had done.
     samples_before: u64,
-    /// Whether a proxy of the scene is there that was measured.
+    /// True if a measured proxy of the scene is there.
     replaces_measured: bool,
     last_try: &'a RefCell<LastTry>,
 }
 
-/// How often the proxy was compared on the way in this try, and how long that took.
+/// Number of comparisons in this try, and their time.
 #[derive(Default)]
-struct Compared {
+struct Comparisons {
     times: u32,
     took: Duration,
 }
@@ -197,14 +196,14 @@ impl<'a> TrainRun<'a> {
             next_snapshot: compute.gpu.as_ref().map(|_| Instant::now()),
             trained,
             uncounted: trained,
-            compared: Compared::default(),
+            comparisons: Comparisons::default(),
             curve,
             replaces_measured: has_measured(job.out, job.settings.kind, &bake.scene_hash),
             last_try,
         })
     }
 
-    /// Makes the pictures that the proxy is compared with on the way, or as many as there is time for before a cancel.
+    /// Makes the pictures that the proxy is compared with on the way, or as many as a cancel leaves time for.
     pub fn make_references(&mut self, targets: &TrainTargets, monitor: &Monitor) -> Result<(), SessionError> {
         self.warn_of_little_memory(targets.on_gpu, monitor);
         if !self.job.settings.half_for_measuring {
@@ -315,8 +314,7 @@ impl<'a> TrainRun<'a> {
         self.trainer.samples() as f64 / self.trainer.config().samples as f64
     }
 
-    /// With a time limit, the number of samples follows the speed so far, so that the rates are at their end when the
-    /// time is.
+    /// Adapts the number of samples to the speed so far under a time limit, so that the schedule ends with it.
     fn fit_schedule_to_time(&mut self) {
         let Some(seconds) = self.job.settings.seconds else { return };
         let (trained, samples) = (self.trained.as_secs_f64(), self.trainer.samples());
@@ -328,16 +326,16 @@ impl<'a> TrainRun<'a> {
         self.trainer.set_samples(samples + ((seconds - trained).max(0.0) * rate) as u64);
     }
 
-    /// What is left of a time limit by the clock, and of comparing, which does not count towards it: that is known from the
-    /// first time on. The pace would tell less: the first steps take longer than the rest.
+    /// Seconds to the end of a time limit by the wall clock, with comparisons, which do not count towards it. The pace
+    /// would tell less: the first steps take longer.
     fn seconds_left(&self) -> Option<f64> {
         let seconds = self.job.settings.seconds.filter(|_| self.job.settings.clock == Clock::Wall)?;
         let times_left = ((1.0 - self.progress()) * CURVE_POINTS).ceil().max(0.0);
-        let each = self.compared.took.as_secs_f64() / f64::from(self.compared.times.max(1));
+        let each = self.comparisons.took.as_secs_f64() / f64::from(self.comparisons.times.max(1));
         Some((seconds - self.trained.as_secs_f64()).max(0.0) + times_left * each)
     }
 
-    /// Whether the last comparison was of the weights as they are.
+    /// True if the last comparison was of the present weights.
     fn has_scores(&self) -> bool {
         self.trainer.scores().is_some_and(|scores| scores.samples == self.trainer.samples())
     }
@@ -345,8 +343,8 @@ impl<'a> TrainRun<'a> {
     fn add_curve_point(&mut self, held_out: &DumpTargets, stage: &StageProgress) -> Result<(), SessionError> {
         let start = Instant::now();
         let scores = self.trainer.validate(held_out)?;
-        self.compared.times += 1;
-        self.compared.took += start.elapsed();
+        self.comparisons.times += 1;
+        self.comparisons.took += start.elapsed();
         let (seconds, samples) = (self.trained.as_secs_f64(), self.trainer.samples());
         self.curve.push(CurvePoint { seconds, samples, psnr: scores.psnr, smape: scores.smape });
         let left = self.seconds_left();
@@ -363,7 +361,7 @@ impl<'a> TrainRun<'a> {
         scores.map(|s| format!(", held out {:.1} dB, SMAPE {:.3}", s.psnr, s.smape)).unwrap_or_default()
     }
 
-    /// The next is due when the time that this one takes is [`SNAPSHOT_SHARE`] of what has passed.
+    /// Keeps a snapshot. The next is due once this one took [`SNAPSHOT_SHARE`] of the time.
     fn keep_snapshot(&mut self) -> Result<(), SessionError> {
         let start = Instant::now();
         let snapshot = Some(self.trainer.snapshot()?);
@@ -372,7 +370,7 @@ impl<'a> TrainRun<'a> {
         Ok(())
     }
 
-    /// The checkpoint, and the proxy as it is now, unless one that was measured would make way for one that was not.
+    /// Writes the checkpoint and the present proxy, unless that would replace a measured one.
     fn save(&mut self) -> Result<(), SessionError> {
         if self.trainer.steps() == 0 {
             return Ok(());
@@ -381,7 +379,7 @@ impl<'a> TrainRun<'a> {
         if self.replaces_measured { Ok(()) } else { self.publish(None) }
     }
 
-    /// The proxy as it is now, with how it was measured. An older measurement was of other weights and goes first.
+    /// Writes the present proxy and its measurement. An older measurement was of other weights and goes first.
     fn publish(&self, measured: Option<&Measured>) -> Result<(), SessionError> {
         let path = measured_path(self.job.out, self.job.settings.kind);
         contents::forget(self.job.out, std::slice::from_ref(&path))?;
@@ -397,7 +395,7 @@ impl<'a> TrainRun<'a> {
     }
 }
 
-/// Whether a folder has a proxy of the scene that was measured.
+/// True if a folder has a measured proxy of the scene.
 fn has_measured(out: &Path, kind: LightKind, scene_hash: &str) -> bool {
     let is_of_scene = |info: ProxyInfo| info.scene_hash == scene_hash;
     measured_path(out, kind).exists() && read_info(&proxy_path(out, kind)).is_ok_and(is_of_scene)

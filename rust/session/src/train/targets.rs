@@ -38,12 +38,12 @@ impl GpuTargets {
         Ok(Self { gpu: Arc::clone(gpu), gather, gathers_pixels, lacked_room: false.into() })
     }
 
-    /// Whether single pixels are gathered there: all of the dump stays there, or there was room to copy those that are asked for.
+    /// True if single pixels are gathered there: the whole dump stays, or there was room to copy parts.
     pub fn gathers_pixels(&self) -> bool {
         self.gathers_pixels
     }
 
-    /// Whether the CPU has gathered single pixels because others had taken the room for them meanwhile.
+    /// True if the CPU had to gather single pixels for lack of room.
     pub fn lacked_room(&self) -> bool {
         self.lacked_room.load(Ordering::Relaxed)
     }
@@ -73,13 +73,13 @@ impl<'a> DumpTargets<'a> {
         Self { gather, split, bounds, denoise, gpu: None }
     }
 
-    /// Lets a GPU gather, if there is one.
+    /// Sets a GPU that gathers, if there is one.
     #[must_use]
     pub fn on(self, gpu: Option<&'a GpuTargets>) -> Self {
         Self { gpu, ..self }
     }
 
-    /// The same from other paths of each pixel.
+    /// Targets from other paths of each pixel.
     #[must_use]
     pub fn of_split(&self, split: SampleSplit) -> Self {
         Self { split, ..*self }
@@ -95,7 +95,7 @@ impl<'a> DumpTargets<'a> {
         self.gpu.filter(|gpu| gpu.gathers_pixels)
     }
 
-    /// What the GPU would have made of these queries, whose lights were prepared.
+    /// Targets that the GPU would have gathered for these queries, with lights prepared.
     fn gathered_here(&self, queries: &GroupQueries<'_>, lights: &[PreparedLight]) -> Vec<[f32; 3]> {
         let (count, group) = (queries.lights_per_pixel, queries.group);
         let mut values = vec![[0.0; 3]; queries.pixels.len() * count];

@@ -1,4 +1,4 @@
-//! What the GPU makes is what the CPU makes, also if it is lost on the way.
+//! GPU and CPU give the same, also if the GPU is lost on the way.
 
 #[path = "../common/mod.rs"]
 mod common;
@@ -38,7 +38,7 @@ fn unshared() -> Compute {
     Compute::with(Gpu::open(&GpuChoice::Best).unwrap(), false)
 }
 
-/// For tests that lose the device which the process shares.
+/// Lock for tests that lose the device which the process shares.
 static SHARED: Mutex<()> = Mutex::new(());
 
 #[test]

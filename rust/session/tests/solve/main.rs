@@ -72,7 +72,7 @@ fn two_views_share_their_lights_and_unneeded_ones_are_dropped() {
     assert!(miss(&solved) < 0.05, "{:?}", solved.lights);
 }
 
-/// How far the first light is from where the key should be, metres.
+/// Distance of the first light from the place of the key, metres.
 fn miss(solved: &Solved) -> f32 {
     let [found, hidden] = [solved.lights.lights[0].shape, key().shape].map(|shape| shape.center().unwrap());
     found.distance(hidden)

@@ -132,7 +132,7 @@ impl Arrays<'_> {
         Ok(Some(png))
     }
 
-    /// All values of a tensor of this type whose rows have this shape, regrouped as `T`.
+    /// Values of a tensor of this type whose rows have this shape, regrouped as `T`.
     fn rows<T: Pod>(&self, name: &str, dtype: Dtype, row: &[usize]) -> Result<Vec<T>, String> {
         let view = self.0.tensor(name).map_err(|_| format!("tensor {name} is missing"))?;
         if view.dtype() != dtype || view.shape().get(1..) != Some(row) {

@@ -87,7 +87,7 @@ impl<'a> Tensors<'a> {
         Ok(())
     }
 
-    /// As many rows of this shape as there are values for.
+    /// Adds a tensor with as many rows of this shape as there are values for.
     fn add<T: NoUninit>(
         &mut self,
         name: String,
