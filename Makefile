@@ -107,6 +107,7 @@ quality: wheel
 bench: wheel
 	@scripts/setup peers
 	@scripts/install-wheel "$(WHEELS)" 4.2
+	$(CARGO) build --release -p relume-bench
 	RELUME_SCENES="$(SCENES)" $(PYTHON) scripts/bench/run.py --peers $(CURDIR)/.venv-peers/bin/python $(BENCH)
 
 # Lights found again, against the paper's and Mitsuba's; SOLVE="--table 3 --scenes cornell_box --runs 1" for less.

@@ -185,7 +185,7 @@ mod tests {
     use relume_gpu::GpuChoice;
 
     use super::*;
-    use crate::live::bench::{boxed, bulbs};
+    use crate::test_box::{boxed, bulbs};
     use crate::{Cancel, Listener, Progress};
 
     #[derive(Default)]

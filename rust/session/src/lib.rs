@@ -20,7 +20,6 @@
 
 mod bake;
 mod base_layers;
-pub mod bench;
 mod checksum;
 mod contents;
 mod damage;
@@ -52,6 +51,8 @@ mod solve;
 mod sorting;
 mod targets;
 #[cfg(test)]
+mod test_box;
+#[cfg(test)]
 mod test_room;
 mod threads;
 mod train;
@@ -82,7 +83,7 @@ pub use sizes::default_sizes;
 use sizes::sizes_with;
 pub use solve::{
     Add, Answer, BoundsWish, Freedom, GoalKind, GoalReport, GoalWish, NewKind, Own, Pictures, Preview,
-    RegionWish, SoFar, SolveRequest, Solved, Through, Wish, solve_lights,
+    ProxyRelight, RegionWish, SoFar, SolveRequest, Solved, Through, Wish, solve_lights,
 };
 pub use targets::{DumpTargets, GpuTargets};
 use threads::beside_window;

@@ -214,11 +214,5 @@ pub(crate) fn prefetch(values: &[f32]) {
     let _ = values;
 }
 
-/// Runs `rounds` rounds of 96 independent fused multiply-adds of 32 lanes and returns their sum: the ceiling that
-/// kernels are measured against.
-pub(crate) fn peak(isa: Isa, rounds: usize) -> f32 {
-    dispatch!(isa, peak(rounds))
-}
-
 #[cfg(test)]
 mod tests;

@@ -1,8 +1,11 @@
 //! Units that stay on the GPU give the pictures of those on the CPU, and little is copied from there.
 
+use super::LiveOptions;
 use super::LiveRequest;
-use super::bench::{LIGHTS, Shot, boxed, bulbs, dragged, still, strength_edit};
-use crate::{Compute, Maker};
+use super::painter::Painter;
+use super::shared::Shared;
+use crate::test_box::{boxed, bulbs};
+use crate::{Compute, Maker, SessionError, With};
 use relume_dump::Dump;
 use relume_gpu::{Gpu, GpuChoice};
 use relume_image::Image;
@@ -28,7 +31,30 @@ fn on(gpu: &Arc<Gpu>, dump: &Dump) -> Shot {
     Shot::new(dump.clone(), Compute::with(Arc::clone(gpu), false))
 }
 
+/// A painter without threads: whoever asks paints.
+struct Shot {
+    shared: Arc<Shared>,
+    painter: Painter,
+}
+
 impl Shot {
+    fn new(dump: Dump, compute: Compute) -> Self {
+        let shared = Arc::new(Shared::default());
+        shared.change(|state| {
+            state.dump = Some(dump);
+            state.deliveries = 1;
+        });
+        let painter = Painter::new(shared.clone(), LiveOptions::default()).on(compute);
+        Self { shared, painter }
+    }
+
+    /// Makes the pictures of a request.
+    fn paint(&mut self, request: LiveRequest) -> Result<(), SessionError> {
+        self.shared.ask(request);
+        self.painter.paint_next();
+        self.shared.lock().picture_error.clone().map_or(Ok(()), |error| Err(SessionError::Settings(error)))
+    }
+
     fn picture(&mut self, request: LiveRequest) -> Image {
         self.paint(request).unwrap();
         self.shared.lock().frame.as_ref().unwrap().image.clone()
@@ -48,6 +74,25 @@ impl Shot {
         let all = self.shared.status().warnings;
         all.into_iter().filter(|text| !text.contains("has no denoiser")).collect()
     }
+}
+
+/// The picture of some lights as good as it gets.
+fn still(lights: &[Light]) -> LiveRequest {
+    LiveRequest {
+        lights: lights.to_vec(),
+        world: [1.0; 3],
+        static_light: [1.0; 3],
+        interactive: false,
+        half: None,
+        with: With::Gather,
+        aov: None,
+        notes: Vec::new(),
+    }
+}
+
+/// One of a drag, of the full size.
+fn dragged(lights: &[Light]) -> LiveRequest {
+    LiveRequest { interactive: true, half: Some(false), ..still(lights) }
 }
 
 /// Sums differ by their order; denoisers take such differences as they are, up to their half floats.
@@ -93,13 +138,6 @@ fn an_edit_copies_one_picture_however_many_lights_there_are() {
     shot.paint(dragged(&lights)).unwrap();
     assert_eq!(gpu.bytes_read() - before, (1 + shot.denoised()) * PICTURE);
     assert!(shot.warnings().is_empty());
-}
-
-#[test]
-fn the_edit_that_is_timed_copies_one_picture() {
-    let (seconds, bytes) = strength_edit(&gpu(), SIZE).unwrap();
-    println!("{} lights: {:.2} ms", LIGHTS, 1e3 * seconds);
-    assert_eq!(bytes, PICTURE as f64);
 }
 
 #[test]

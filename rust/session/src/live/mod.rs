@@ -13,7 +13,6 @@
 //! seen after the first and exact after the last, and no pass is gathered twice.
 
 mod aov;
-pub(crate) mod bench;
 mod compose;
 mod gathered;
 mod painter;

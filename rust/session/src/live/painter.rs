@@ -79,6 +79,7 @@ impl Painter {
     }
 
     /// The same on a device that is open.
+    #[cfg(test)]
     pub fn on(self, compute: Compute) -> Self {
         Self { compute, ..self }
     }

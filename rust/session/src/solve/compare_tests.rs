@@ -16,9 +16,9 @@ use std::sync::{Arc, OnceLock};
 use super::gather_relight::{GatherRelight, Prepared};
 use super::proxy_relight::tests::trained;
 use super::proxy_relight::{ProxyRelight, by_lane};
-use crate::live::bench::{boxed, bulbs};
 use crate::progress::Monitor;
 use crate::relighter::Relighter;
+use crate::test_box::{boxed, bulbs};
 use crate::{Compute, Proxies};
 
 /// Most that gradients on the GPU differ from those of the CPU, as a share of the largest of a light (`ARCHITECTURE.md`).

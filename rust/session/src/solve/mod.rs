@@ -1,7 +1,6 @@
 //! Solving lights (paper, sections 5.3 and 6.2): a request in JSON, bakes, and pictures in; lights, what to write into Blender, and
 //! what became of each goal out.
 
-pub(crate) mod bench;
 mod gather_relight;
 mod goals;
 mod lights;
@@ -25,6 +24,7 @@ use crate::{LightSet, SessionError};
 
 pub use goals::Pictures;
 use lights::Unknowns;
+pub use proxy_relight::ProxyRelight;
 pub use request::{
     Add, Answer, BoundsWish, Freedom, GoalKind, GoalWish, NewKind, Own, RegionWish, SolveRequest, Through,
     Wish,
