@@ -1,6 +1,6 @@
 //! A closed box with lights, for tests.
 
-use crate::SessionError;
+use crate::error::SessionError;
 use glam::{Affine3A, Vec2, Vec3};
 use relume_dump::{Dump, MemoryWriter};
 use relume_scene::{Camera, Input, Instance, Light, LightShape, Material, Mesh, Node, Scene, SceneBuilder};

@@ -1,4 +1,4 @@
-use crate::device_image::DeviceImage;
+use crate::device::image::DeviceImage;
 use rayon::prelude::*;
 use relume_gpu::{GpuError, GpuImage};
 use relume_image::Image;

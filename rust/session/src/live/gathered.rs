@@ -1,4 +1,4 @@
-use crate::device_image::DeviceImage;
+use crate::device::image::DeviceImage;
 use relume_gather::DenoiseQuality;
 use relume_gpu::{Gpu, GpuError};
 

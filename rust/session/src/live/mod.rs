@@ -25,8 +25,10 @@ mod view;
 mod work;
 mod world;
 
-use crate::world_layer::forget;
-use crate::{Cancel, Device, SessionError};
+use crate::bake::world::forget;
+use crate::device::compute::Device;
+use crate::error::SessionError;
+use crate::progress::Cancel;
 pub use aov::Aov;
 use painter::Painter;
 use relume_scene::Scene;

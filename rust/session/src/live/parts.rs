@@ -1,7 +1,7 @@
 use super::LiveRequest;
 use super::view::View;
-use crate::relighter::{camera_only, too_small};
-use crate::{Proxies, With};
+use crate::files::proxies::Proxies;
+use crate::relight::relighter::{With, camera_only, too_small};
 use relume_proxy::LightKind;
 use relume_scene::Light;
 

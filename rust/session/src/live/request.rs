@@ -1,6 +1,6 @@
 use super::Aov;
-use crate::light_set::KnownLights;
-use crate::{LightSet, With};
+use crate::files::light_set::{KnownLights, LightSet};
+use crate::relight::relighter::With;
 use relume_scene::{Light, MOST_RADIANCE};
 use serde::Deserialize;
 use serde_json::Value;

@@ -1,6 +1,9 @@
 use super::{LiveRequest, OtherWorld};
-use crate::world_layer::own_world;
-use crate::{Cancel, Guided, Listener, Maker, Measured, Progress, Proxies};
+use crate::bake::guiding::Guided;
+use crate::bake::world::own_world;
+use crate::files::proxies::{Measured, Proxies};
+use crate::progress::{Cancel, Listener, Progress};
+use crate::relight::relighter::Maker;
 use relume_dump::Dump;
 use relume_image::Image;
 use relume_proxy::LightKind;
@@ -144,7 +147,7 @@ pub(super) struct State {
     /// What its paths look for.
     pub guided: Guided,
     /// Folder of proxies alone, for a shot without paths.
-    pub base: Option<Arc<crate::base_layers::BaseLayers>>,
+    pub base: Option<Arc<crate::files::base_layers::BaseLayers>>,
     /// Proxies that the painter has not taken yet.
     pub proxies: Option<Proxies>,
     /// How all proxies were measured.
@@ -337,7 +340,8 @@ impl Listener for Gate {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{LightSet, MeanQuality};
+    use crate::files::light_set::LightSet;
+    use crate::files::proxies::MeanQuality;
     use glam::Vec3;
     use relume_scene::LightShape;
 

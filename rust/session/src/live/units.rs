@@ -1,8 +1,10 @@
 use super::gathered::Gathered;
 use super::view::{SharedImage, View, pass_samples};
-use crate::device_image::DeviceImage;
-use crate::unit_cache::key;
-use crate::{Compute, Monitor, SessionError};
+use crate::device::compute::Compute;
+use crate::device::image::DeviceImage;
+use crate::error::SessionError;
+use crate::progress::Monitor;
+use crate::relight::unit_cache::key;
 use relume_gather::SampleSplit;
 use relume_gpu::{Gpu, GpuError};
 use relume_scene::Light;

@@ -1,13 +1,14 @@
 use super::gathered::Clean;
 use super::shared::State;
-use crate::base_layers::BaseLayers;
-use crate::denoise::Denoise;
-use crate::device_gather::DeviceGather;
-use crate::device_image::DeviceImage;
-use crate::device_proxies::DeviceProxies;
-use crate::guided::{Rare, Sight};
-use crate::relighter::camera;
-use crate::{Compute, Guided, Proxies};
+use crate::bake::features::camera;
+use crate::bake::guiding::{Guided, Rare, Sight};
+use crate::device::compute::Compute;
+use crate::device::gather::DeviceGather;
+use crate::device::image::DeviceImage;
+use crate::device::proxies::DeviceProxies;
+use crate::files::base_layers::BaseLayers;
+use crate::files::proxies::Proxies;
+use crate::relight::denoise::Denoise;
 use relume_dump::{AovSums, Aovs, Dump};
 use relume_gather::{DenoiseQuality, Gather};
 use relume_image::Image;
@@ -168,7 +169,7 @@ impl View {
         self.features = (self.samples(), quality);
     }
 
-    /// From now on the machine is the painter's: settled pictures are those that [`crate::Relighter`] makes.
+    /// From now on the machine is the painter's: settled pictures are those that [`crate::relight::relighter::Relighter`] makes.
     pub fn rest(&mut self, compute: &Compute) {
         self.passes.iter().for_each(DeviceGather::allow_sorting);
         self.quality = DenoiseQuality::High;

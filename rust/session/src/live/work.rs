@@ -1,14 +1,21 @@
 use super::shared::{Gate, Learning, LiveState, ProxyStatus, Shared, kinds_of};
 use super::{LiveOptions, OtherWorld};
+use crate::bake::features::camera;
+use crate::bake::guiding::{Guided, Sight};
+use crate::bake::world::WorldLayer;
 use crate::bake::{Observer, bake_observed, clear, clear_paths, difference};
-use crate::damage::{reason_of, words};
-use crate::guided::Sight;
-use crate::relighter::camera;
-use crate::world_layer::WorldLayer;
-use crate::{
-    Cancel, Clock, Compute, GUIDED_FILE, Guided, LightSet, Monitor, Proxies, SessionError, TrainSettings,
-    base_layers, contents, in_background, lost_files, sizes_with, train,
-};
+use crate::device::compute::Compute;
+use crate::device::threads::in_background;
+use crate::error::SessionError;
+use crate::files::base_layers;
+use crate::files::contents::{self, lost_files};
+use crate::files::damage::{reason_of, words};
+use crate::files::light_set::LightSet;
+use crate::files::names::GUIDED_FILE;
+use crate::files::proxies::Proxies;
+use crate::progress::{Cancel, Monitor};
+use crate::train::sizes::sizes_with;
+use crate::train::{Clock, TrainSettings, train};
 use relume_dump::{Dump, DumpError, Manifest};
 use relume_proxy::{LightKind, TrainConfig};
 use relume_scene::{Light, Scene};

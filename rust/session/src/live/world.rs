@@ -1,8 +1,10 @@
 use super::gathered::Gathered;
 use super::view::{View, pass_samples};
-use crate::device_image::DeviceImage;
-use crate::world_layer::WorldLayer;
-use crate::{Compute, Monitor, SessionError, WorldAbout};
+use crate::bake::world::{WorldAbout, WorldLayer};
+use crate::device::compute::Compute;
+use crate::device::image::DeviceImage;
+use crate::error::SessionError;
+use crate::progress::Monitor;
 use relume_gather::{DenoiseQuality, Environment};
 use relume_image::Image;
 use relume_scene::{Scene, Texture, World};

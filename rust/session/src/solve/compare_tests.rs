@@ -16,10 +16,11 @@ use std::sync::{Arc, OnceLock};
 use super::gather_relight::{GatherRelight, Prepared};
 use super::proxy_relight::tests::trained;
 use super::proxy_relight::{ProxyRelight, by_lane};
+use crate::device::compute::Compute;
+use crate::files::proxies::Proxies;
 use crate::progress::Monitor;
-use crate::relighter::Relighter;
+use crate::relight::relighter::Relighter;
 use crate::test_box::{boxed, bulbs};
-use crate::{Compute, Proxies};
 
 /// Most that gradients on the GPU differ from those of the CPU, as a share of the largest of a light (`ARCHITECTURE.md`).
 const BY_GATHER: f32 = 3e-4;

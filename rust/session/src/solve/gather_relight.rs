@@ -9,12 +9,13 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::look::look;
 use super::scene_view::Unit;
-use crate::device_gather::DeviceGather;
-use crate::device_layers::DeviceLayers;
+use crate::device::gather::DeviceGather;
+use crate::device::layers::DeviceLayers;
+use crate::error::SessionError;
 use crate::progress::{Monitor, Stage};
-use crate::relighter::Relighter;
-use crate::unit_cache::key;
-use crate::{Denoise, SessionError};
+use crate::relight::denoise::Denoise;
+use crate::relight::relighter::Relighter;
+use crate::relight::unit_cache::key;
 
 /// Most pixels along the edge of the cells whose means are compared: the noise of a gathered picture is an eighth there, and a
 /// tonemapped mean is less biased by it than the mean of tonemapped pixels.

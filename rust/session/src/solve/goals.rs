@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use super::request::{GoalKind, GoalWish, RegionWish};
-use crate::SessionError;
+use crate::error::SessionError;
 
 /// Pictures that a request refers to: by name, or by a path relative to a folder.
 #[derive(Clone, Debug, Default)]

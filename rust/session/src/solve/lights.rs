@@ -5,9 +5,10 @@ use relume_scene::{Light, LightShape, LobeFactors};
 use std::mem::discriminant;
 
 use super::request::{Answer, BoundsWish, Freedom, NewKind, SolveRequest, Through};
+use crate::bake::features::pixel_features;
+use crate::error::SessionError;
 use crate::live::LiveRequest;
-use crate::relighter::Relighter;
-use crate::{SessionError, pixel_features};
+use crate::relight::relighter::Relighter;
 
 /// Half angles of a new spot's cone and of a new sun, radians, from which both can be found that are wider and narrower.
 const NEW_CONE: f32 = 0.6;

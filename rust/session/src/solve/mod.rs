@@ -18,9 +18,10 @@ use relume_proxy::LightKind;
 use relume_scene::Light;
 use std::time::Instant;
 
+use crate::error::SessionError;
+use crate::files::light_set::LightSet;
 use crate::progress::Monitor;
-use crate::relighter::Relighter;
-use crate::{LightSet, SessionError};
+use crate::relight::relighter::Relighter;
 
 pub use goals::Pictures;
 use lights::Unknowns;

@@ -9,7 +9,7 @@ use relume_scene::{LANES, Light, lane};
 use std::sync::Arc;
 
 use super::look::look;
-use crate::Proxies;
+use crate::files::proxies::Proxies;
 
 /// Proxies, each for its kind of light.
 pub struct ProxyRelight<'a> {

@@ -1,4 +1,4 @@
-use crate::LightSet;
+use crate::files::light_set::LightSet;
 use crate::live::LiveRequest;
 use relume_optimise::{Region, Settings};
 use relume_scene::{BlenderLight, BlenderLightKind, Light};

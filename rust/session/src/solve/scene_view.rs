@@ -6,9 +6,9 @@ use std::sync::Arc;
 use super::gather_relight::{GatherRelight, Prepared};
 use super::lights::{Picture, Unknowns};
 use super::{SolveRequest, Through};
-use crate::SessionError;
+use crate::error::SessionError;
 use crate::progress::Monitor;
-use crate::relighter::{RelightOptions, Relighter};
+use crate::relight::relighter::{RelightOptions, Relighter};
 
 /// One view: what is there besides the lights to be solved, in pictures of the size that the solver looks at.
 pub(crate) struct SceneView<'a> {

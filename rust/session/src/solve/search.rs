@@ -15,9 +15,10 @@ use super::request::GoalKind;
 use super::scene_view::{SceneView, Scenes};
 use super::solved::reports;
 use super::{Preview, SoFar, SolveRequest, Wish};
+use crate::error::SessionError;
+use crate::files::light_set::LightSet;
 use crate::progress::{Monitor, Stage};
-use crate::relighter::Relighter;
-use crate::{LightSet, SessionError};
+use crate::relight::relighter::Relighter;
 
 /// Softness of the smoothed gather at the first and the last step.
 const SOFTNESS: [f32; 2] = [0.2, 0.04];

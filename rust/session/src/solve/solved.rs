@@ -9,8 +9,9 @@ use super::lights::{Source, Unknowns};
 use super::request::{GoalKind, SolveRequest, Through};
 use super::scene_view::{Looks, SceneView, Scenes};
 use super::search::Found;
+use crate::error::SessionError;
+use crate::files::light_set::LightSet;
 use crate::progress::Monitor;
-use crate::{LightSet, SessionError};
 
 /// Differences of a part of the picture from which they are told: a fiftieth, what may change on average, and as little warmth.
 const TOLD_STOPS: f32 = 0.03;
