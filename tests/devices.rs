@@ -1,5 +1,7 @@
 //! The program on whatever GPU there is, and where there is none.
 
+#![expect(clippy::unwrap_used, reason = "a panic fails the test")]
+
 mod common;
 
 use common::{one_error, relume, trace_room};

@@ -1,5 +1,7 @@
 //! What makes each light's picture, and what an edit costs.
 
+#![expect(clippy::unwrap_used, reason = "a panic fails the test")]
+
 mod common;
 
 use common::{RAW, Warnings, baked, baked_with, room, sphere, trained, training};

@@ -1,5 +1,7 @@
 //! What a training tells of itself.
 
+#![expect(clippy::unwrap_used, reason = "a panic fails the test")]
+
 mod common;
 
 use common::{baked, training};

@@ -10,7 +10,7 @@ type Print = BTreeMap<String, String>;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-#[allow(dead_code, reason = "read to be checked")]
+#[expect(dead_code, reason = "read to be checked")]
 struct Shot {
     format: String,
     version: u32,
@@ -25,7 +25,7 @@ struct Shot {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-#[allow(dead_code, reason = "read to be checked")]
+#[expect(dead_code, reason = "read to be checked")]
 struct Wanted {
     format: String,
     version: u32,
