@@ -1,5 +1,7 @@
 //! What the GPU makes is what the CPU makes, also if it is lost on the way.
 
+#![expect(clippy::unwrap_used, reason = "a panic fails the test")]
+
 #[path = "../common/mod.rs"]
 mod common;
 mod training;
