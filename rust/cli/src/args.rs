@@ -58,8 +58,6 @@ pub enum Command {
     Validate(PathArgs),
     /// List the GPUs that --device can name.
     Devices,
-    /// Measure the speed of tracer, gather and networks on the CPU, or of what there is of that on a GPU.
-    Bench(BenchArgs),
 }
 
 #[derive(Args, Debug)]
@@ -352,22 +350,6 @@ pub struct OptimiseArgs {
 pub struct PathArgs {
     /// Bake folder, proxy, light set or scene file.
     pub path: PathBuf,
-}
-
-#[derive(Args, Debug)]
-pub struct BenchArgs {
-    /// JSON file to write: a list of flat records. It is written anew after each part.
-    #[arg(long, short)]
-    pub out: Option<PathBuf>,
-    /// Measure this part alone; can be given several times. Without it, all parts; a name that there is not lists them.
-    #[arg(long)]
-    pub part: Vec<String>,
-    /// Measure as little as there can be, in seconds, to see that everything runs: figures called `trial: ...`, which say nothing.
-    #[arg(long)]
-    pub trial: bool,
-    /// Keep what the JSON file holds of other figures.
-    #[arg(long, requires = "out")]
-    pub add: bool,
 }
 
 #[cfg(test)]

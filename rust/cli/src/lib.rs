@@ -76,7 +76,6 @@ fn command(command: Command, context: &commands::Context) -> anyhow::Result<()> 
         Command::Info(args) => commands::info(&args, context),
         Command::Validate(args) => commands::validate(&args, context),
         Command::Devices => commands::devices(context.console),
-        Command::Bench(args) => commands::bench(&args, context),
     }
 }
 

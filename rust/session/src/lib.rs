@@ -19,7 +19,6 @@
 //! flag between units and leaves whole files.
 
 mod bake;
-pub mod bench;
 mod device;
 mod error;
 mod files;
@@ -27,6 +26,8 @@ pub mod live;
 mod progress;
 mod relight;
 mod solve;
+#[cfg(test)]
+mod test_box;
 #[cfg(test)]
 mod test_room;
 #[cfg(test)]
@@ -59,8 +60,8 @@ pub use relight::relit::{Relit, RelitLight};
 pub use relight::source::{Method, UnitSource};
 pub use solve::{
     Answer, Backend, BoundsOptions, FreeParam, GoalKind, GoalRegion, GoalReport, GoalRequest, InterimLights,
-    NewLightKind, NewLights, PerLightOptions, Pictures, Preview, SolveOptions, SolveRequest, Solved,
-    solve_lights,
+    NewLightKind, NewLights, PerLightOptions, Pictures, Preview, ProxyRelight, SolveOptions, SolveRequest,
+    Solved, solve_lights,
 };
 pub use train::measure::{Evaluation, evaluate};
 pub use train::sizes::default_sizes;

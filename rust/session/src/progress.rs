@@ -27,8 +27,6 @@ pub enum Stage {
     Polish,
     /// Checking files.
     Validate,
-    /// Measuring speed.
-    Bench,
 }
 
 /// One report of a running stage.

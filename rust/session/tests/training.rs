@@ -1,5 +1,7 @@
 //! Progress reports of a training.
 
+#![expect(clippy::unwrap_used, reason = "a panic fails the test")]
+
 mod common;
 
 use common::{baked, training};

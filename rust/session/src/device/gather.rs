@@ -190,8 +190,8 @@ mod tests {
     use relume_gpu::GpuChoice;
 
     use super::*;
-    use crate::live::bench::{boxed, bulbs};
     use crate::progress::Cancel;
+    use crate::test_box::{boxed, bulbs};
     use crate::test_warnings::Warnings;
 
     #[test]

@@ -68,25 +68,19 @@ impl Drop for Sorting {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bench::closed_box;
     use crate::device::compute::{Compute, Device};
     use crate::device::gather::DeviceGather;
     use crate::progress::Monitor;
+    use crate::test_box::boxed;
     use glam::Vec3;
-    use relume_dump::{Dump, MemoryWriter};
+    use relume_dump::Dump;
     use relume_gather::Gather;
     use relume_gather::SampleSplit;
     use relume_gpu::GpuChoice;
     use relume_scene::{Light, LightShape};
-    use relume_trace::{Control, TraceSettings, Tracer};
 
     fn dump() -> Dump {
-        let scene = closed_box((24, 16)).expect("a scene");
-        let tracer = Tracer::new(&scene, &TraceSettings { samples: 4, ..TraceSettings::default() });
-        let tracer = tracer.expect("a tracer");
-        let writer = MemoryWriter::new(tracer.manifest()).expect("a dump");
-        tracer.trace(&writer, &Control::default()).expect("traced");
-        writer.snapshot()
+        boxed((24, 16), 4).expect("a dump")
     }
 
     #[test]

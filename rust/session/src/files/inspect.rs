@@ -119,7 +119,7 @@ fn bake_info(folder: &Path) -> Result<Info, SessionError> {
     let all = manifest.tile_count() * manifest.passes.len();
     let mut lost = lost_files(folder);
     let lights = LightSet::of_bake(folder).unwrap_or_else(|error| {
-        lost.push(damage::words(&folder.join(LIGHTS_FILE), &reason_of(error)));
+        lost.push(damage::damage_message(&folder.join(LIGHTS_FILE), &reason_of(error)));
         LightSet::default()
     });
     let (proxies, unusable) = Proxies::open_usable(folder, &manifest.scene_hash);

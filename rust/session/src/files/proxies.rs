@@ -1,5 +1,5 @@
 use crate::error::SessionError;
-use crate::files::damage::words;
+use crate::files::damage::damage_message;
 use crate::files::names::{KINDS, measured_path, proxy_path};
 use relume_proxy::{LightKind, Proxy};
 use relume_scene::{Light, LobeFactors};
@@ -90,7 +90,7 @@ impl Proxies {
                 Ok(Some(trained)) => {
                     let path = measured_path(folder, kind);
                     let measured = read_measured(&path).unwrap_or_else(|reason| {
-                        unusable.push(words(&path, &reason));
+                        unusable.push(damage_message(&path, &reason));
                         None
                     });
                     list.push(TrainedProxy { measured, ..trained });

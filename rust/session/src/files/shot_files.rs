@@ -10,7 +10,7 @@ type Fingerprint = BTreeMap<String, String>;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-#[allow(dead_code, reason = "read to be checked")]
+#[expect(dead_code, reason = "read to be checked")]
 struct ShotRecord {
     format: String,
     version: u32,
@@ -25,7 +25,7 @@ struct ShotRecord {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-#[allow(dead_code, reason = "read to be checked")]
+#[expect(dead_code, reason = "read to be checked")]
 struct BakeGoal {
     format: String,
     version: u32,

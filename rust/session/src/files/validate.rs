@@ -5,7 +5,7 @@ use crate::bake::world::WorldLayer;
 use crate::error::SessionError;
 use crate::files::base_layers;
 use crate::files::contents::{self, lost_files};
-use crate::files::damage::{reason_of, words};
+use crate::files::damage::{damage_message, reason_of};
 use crate::files::inspect::info;
 use crate::files::light_set::LightSet;
 use crate::files::names::{
@@ -53,7 +53,7 @@ fn scene_hash(folder: &Path, manifest: Option<&Manifest>) -> Option<String> {
 /// Faults of the manifest and the shards.
 fn faults_of_paths(folder: &Path, manifest: Option<&Manifest>) -> Vec<String> {
     let path = folder.join(Manifest::FILE);
-    let altered = (manifest.is_some() && contents::is_altered(&path)).then(|| words(&path, ALTERED));
+    let altered = (manifest.is_some() && contents::is_altered(&path)).then(|| damage_message(&path, ALTERED));
     let faults = Dump::validate_dir(folder).unwrap_or_else(|error| vec![error.to_string()]);
     altered.into_iter().chain(faults).collect()
 }
@@ -86,7 +86,7 @@ fn fault_of_file(path: &Path, check: &Check) -> Option<String> {
         return None;
     }
     let altered = || contents::is_altered(path).then(|| ALTERED.to_string());
-    check(path).err().or_else(altered).map(|reason| words(path, &reason))
+    check(path).err().or_else(altered).map(|reason| damage_message(path, &reason))
 }
 
 /// Faults of a proxy, its measurement, and its training.

@@ -13,7 +13,6 @@
 //! pass and exact after the last. No pass is gathered twice.
 
 mod aov;
-pub(crate) mod bench;
 mod layers;
 mod render_thread;
 mod request;

@@ -84,6 +84,7 @@ impl RenderThread {
     }
 
     /// Sets a device that is open.
+    #[cfg(test)]
     pub fn on(self, compute: Compute) -> Self {
         Self { compute, ..self }
     }
@@ -142,7 +143,7 @@ impl RenderThread {
         let shared = self.shared.clone();
         loop {
             let rendered = self.rendered;
-            let mut state = shared.wait_while(|state| !is_new(state, rendered));
+            let mut state = shared.wait_while(|state| !has_news(state, rendered));
             if state.closed {
                 return None;
             }
@@ -350,7 +351,7 @@ impl RenderThread {
     /// Denoises stale pictures one at a time; false if something newer came up.
     fn refine(&mut self, view: &mut BakeView, terms: &[LightTerm]) -> Result<bool, SessionError> {
         let (denoise, quality) = (&view.denoise[0], view.quality);
-        let stop = || is_new(&self.shared.lock(), self.rendered);
+        let stop = || has_news(&self.shared.lock(), self.rendered);
         for term in terms.iter().filter(|term| term.source == TermSource::Gather) {
             let gathered = &mut self.units.of(&term.light).gathered;
             if !gathered.is_done(quality) && !gathered.denoise(denoise, quality, Some(&stop))? {
@@ -398,18 +399,18 @@ impl RenderThread {
             None
         };
         let (scale, samples, sources) = (quality.scale, layers.samples, layers.sources);
-        self.hand_over(image, |shown| Shown { scale, samples, sources, denoised, settled, noise, ..shown });
+        self.publish(image, |shown| Shown { scale, samples, sources, denoised, settled, noise, ..shown });
         Ok(settled)
     }
 
     /// Shows surfaces as the paths met them, whatever the lights are.
     fn show_aov(&mut self, aov: Aov, view: &BakeView) {
         let samples = view.samples();
-        self.hand_over(aov.image(&view.aovs), |shown| Shown { samples, ..shown });
+        self.publish(aov.image(&view.aovs), |shown| Shown { samples, ..shown });
     }
 
     /// Publishes a frame. `describe` changes its defaults: full size, and nothing better to come.
-    fn hand_over(&mut self, image: Image, describe: impl FnOnce(Shown) -> Shown) {
+    fn publish(&mut self, image: Image, describe: impl FnOnce(Shown) -> Shown) {
         self.serial += 1;
         let shown = describe(Shown {
             serial: self.serial,
@@ -460,7 +461,7 @@ fn lights(terms: &[LightTerm], is_needed: impl Fn(usize, &LightTerm) -> bool) ->
 }
 
 /// True if something was not rendered yet.
-fn is_new(state: &State, rendered: (u64, u64)) -> bool {
+fn has_news(state: &State, rendered: (u64, u64)) -> bool {
     let something = state.dump.is_some() || state.base.is_some();
     state.closed || something && state.request.is_some() && (state.requests, state.deliveries) != rendered
 }

@@ -9,7 +9,7 @@ use crate::device::threads::in_background;
 use crate::error::SessionError;
 use crate::files::base_layers;
 use crate::files::contents::{self, lost_files};
-use crate::files::damage::{reason_of, words};
+use crate::files::damage::{damage_message, reason_of};
 use crate::files::light_set::LightSet;
 use crate::files::names::GUIDED_FILE;
 use crate::files::proxies::Proxies;
@@ -225,7 +225,7 @@ impl WorkRun {
             None
         });
         if let Err(error) = GuidingRecord::of_bake(&self.folder) {
-            self.shared.warn(&words(&self.folder.join(GUIDED_FILE), &reason_of(error)));
+            self.shared.warn(&damage_message(&self.folder.join(GUIDED_FILE), &reason_of(error)));
         }
         self.shared.change(|state| {
             state.status.samples_total = dump.manifest().samples();

@@ -7,7 +7,7 @@ use crate::device::image::DeviceImage;
 use crate::device::proxies::DeviceProxies;
 use crate::error::SessionError;
 use crate::files::base_layers;
-use crate::files::damage::{reason_of, words};
+use crate::files::damage::{damage_message, reason_of};
 use crate::files::light_set::LightSet;
 use crate::files::names::{GUIDED_FILE, VIEW_FILE, WORLD_FILE};
 use crate::files::proxies::Proxies;
@@ -90,7 +90,8 @@ impl Relighter {
         let manifest = dump.manifest();
         let (camera, scene_hash) = (camera(manifest)?, manifest.scene_hash.clone());
         let (proxies, mut damaged) = Proxies::open_usable(folder, &scene_hash);
-        let mut without = |name: &str, error| damaged.push(words(&folder.join(name), &reason_of(error)));
+        let mut without =
+            |name: &str, error| damaged.push(damage_message(&folder.join(name), &reason_of(error)));
         let world = WorldLayer::of_bake(folder, manifest).unwrap_or_else(|error| {
             without(WORLD_FILE, error);
             None
@@ -208,7 +209,7 @@ impl Relighter {
             return ViewTransform::Standard;
         }
         ViewTransform::read_lut(&path).unwrap_or_else(|error| {
-            monitor.warn(&words(&path, &error.to_string()));
+            monitor.warn(&damage_message(&path, &error.to_string()));
             ViewTransform::Standard
         })
     }

@@ -18,9 +18,9 @@ use super::proxy_relight::tests::trained;
 use super::proxy_relight::{ProxyRelight, by_lane};
 use crate::device::compute::Compute;
 use crate::files::proxies::Proxies;
-use crate::live::bench::{boxed, bulbs};
 use crate::progress::Monitor;
 use crate::relight::relighter::Relighter;
+use crate::test_box::{boxed, bulbs};
 
 /// Most that gradients on the GPU differ from those of the CPU, as a share of the largest of a light (`ARCHITECTURE.md`).
 const BY_GATHER: f32 = 3e-4;

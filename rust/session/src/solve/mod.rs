@@ -1,7 +1,6 @@
 //! Solving lights (paper, sections 5.3 and 6.2). In: a request in JSON, bakes, pictures. Out: lights, settings to write
 //! into Blender, and a report of each goal.
 
-pub(crate) mod bench;
 mod gather_relight;
 mod goals;
 mod lights;
@@ -26,6 +25,7 @@ use crate::relight::relighter::Relighter;
 
 pub use goals::Pictures;
 use lights::Unknowns;
+pub use proxy_relight::ProxyRelight;
 pub use request::{
     Answer, Backend, BoundsOptions, FreeParam, GoalKind, GoalRegion, GoalRequest, NewLightKind, NewLights,
     PerLightOptions, SolveOptions, SolveRequest,

@@ -12,10 +12,12 @@ use super::step_targets::step_targets;
 use crate::files::proxies::Proxies;
 
 /// Proxies, each for its kind of light.
-pub(super) struct ProxyRelight<'a> {
+pub struct ProxyRelight<'a> {
+    /// Trained proxies.
     pub proxies: &'a Proxies,
     /// The kinds of the lights that move, each with its proxy on the GPU where it is there.
     pub kinds: Vec<(LightKind, Option<&'a GpuProxy>)>,
+    /// Width and height of the picture.
     pub size: (usize, usize),
 }
 

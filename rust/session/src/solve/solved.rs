@@ -256,7 +256,7 @@ fn text(kind: GoalKind, number: usize, report: &Report) -> String {
         GoalKind::Target => {
             let worst = report.worst.filter(|_| !report.met);
             let words = [["too dark", "too bright"], ["too cool", "too warm"], ["too magenta", "too green"]];
-            let most = most("; most is missing", worst, words);
+            let most = largest_difference("; most is missing", worst, words);
             format!("target: {is:.1} dB (was {:.1}), {verdict}{most}", report.before)
         }
         GoalKind::Brighter => format!("brighter: {done:+.2} of {asked:.2} stops, {verdict}"),
@@ -267,7 +267,7 @@ fn text(kind: GoalKind, number: usize, report: &Report) -> String {
         GoalKind::Cooler => format!("cooler: {done:.0} of {asked:.0} mireds, {verdict}"),
         GoalKind::Keep => {
             let words = [["darker", "brighter"], ["cooler", "warmer"], ["more magenta", "greener"]];
-            let most = most("; most", report.worst, words);
+            let most = largest_difference("; most", report.worst, words);
             format!("keep: changed by {:.1} %, {verdict}{most}", 100.0 * is)
         }
     };
@@ -279,7 +279,7 @@ type Sides = [&'static str; 2];
 
 /// Largest difference of a picture from its goal, such as "; most at the top left: 0.30 stops darker, 40 mireds
 /// warmer". Empty if nobody would see it. The sides are words for light, warmth and green.
-fn most(begin: &str, worst: Option<Worst>, [light, warmth, green]: [Sides; 3]) -> String {
+fn largest_difference(begin: &str, worst: Option<Worst>, [light, warmth, green]: [Sides; 3]) -> String {
     let Some(worst) = worst else { return String::new() };
     let side = |off: f32, [missing, too_much]: Sides| if off > 0.0 { missing } else { too_much };
     let stops = |off: f32, sides: Sides| {
@@ -292,11 +292,11 @@ fn most(begin: &str, worst: Option<Worst>, [light, warmth, green]: [Sides; 3]) -
     if differences.is_empty() {
         return String::new();
     }
-    format!("{begin} at the {}: {}", place(&worst), differences.join(", "))
+    format!("{begin} at the {}: {}", tile_position(&worst), differences.join(", "))
 }
 
 /// Place of a tile, such as "top left".
-fn place(worst: &Worst) -> String {
+fn tile_position(worst: &Worst) -> String {
     let third = |fraction: f32, names: [&'static str; 3]| names[((fraction * 3.0) as usize).min(2)];
     let x = third(worst.x, ["left", "middle", "right"]);
     format!("{} {x}", third(worst.y, ["top", "middle", "bottom"]))
