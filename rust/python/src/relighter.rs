@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use relume_session::image::Image;
 use relume_session::scene::Light;
-use relume_session::{Device, LightSet, Monitor, RelightOptions, Relighter, Relit, With};
+use relume_session::{Device, LightSet, Method, Monitor, RelightOptions, Relighter, Relit};
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -69,7 +69,7 @@ impl PyRelighter {
     fn rarely_met(&self, py: Python<'_>, lights: Option<&str>) -> PyResult<Vec<String>> {
         enter_native(py, || -> Result<_, NativeError> {
             let lights = self.lights(lights)?;
-            Ok(self.relighter.rarely_met(&lights).into_iter().map(|light| light.name.clone()).collect())
+            Ok(self.relighter.under_sampled(&lights).into_iter().map(|light| light.name.clone()).collect())
         })
     }
 
@@ -112,13 +112,13 @@ impl PyRelighter {
 }
 
 fn options(maker: &str, denoise: bool) -> Result<RelightOptions, NativeError> {
-    let with = match maker {
-        "auto" => With::Auto,
-        "gather" => With::Gather,
-        "proxy" => With::Proxy,
+    let method = match maker {
+        "auto" => Method::Auto,
+        "gather" => Method::Gather,
+        "proxy" => Method::Proxy,
         _ => return Err(invalid(format!("maker '{maker}' is not auto, gather or proxy"))),
     };
-    Ok(RelightOptions { with, denoise })
+    Ok(RelightOptions { method, denoise })
 }
 
 /// All layers of a relit picture, [height, width, channels], top row first.

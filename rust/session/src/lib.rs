@@ -10,86 +10,63 @@
 //! solve_lights(&[&relighter], &SolveRequest::parse(json)?, &Pictures::in_folder(folder), &monitor, &|_| ())?.lights
 //! ```
 //!
-//! A bake folder holds the dump (`manifest.json`, `tile_*.safetensors`), the scene's lights ([`LIGHTS_FILE`]), those
-//! that its paths look for ([`GUIDED_FILE`]), the light of another world that is shown ([`WORLD_FILE`]), its view transform ([`VIEW_FILE`], if it is not the sRGB curve) and, once
-//! trained, for each kind of light
-//! `proxy_<kind>.safetensors`, `proxy_<kind>.json` ([`Measured`]), `training_<kind>.safetensors` (to resume from) and
-//! `base.exr` (what relighting needs when the dump is not at hand). [`CONTENTS_FILE`] says which of these it should hold
-//! ([`lost_files`]). Everything is written atomically; long work checks the
-//! cancel flag between units and leaves whole files.
+//! A bake folder holds the dump (`manifest.json`, `tile_*.safetensors`) and small files beside it: lights of the scene
+//! ([`LIGHTS_FILE`]), lights that the paths are guided towards ([`GUIDED_FILE`]), the light of another world
+//! ([`WORLD_FILE`]), the view transform ([`VIEW_FILE`]). A training adds, for each kind of light,
+//! `proxy_<kind>.safetensors`, its errors `proxy_<kind>.json` ([`Measured`]), and `training_<kind>.safetensors` to
+//! resume from. It also writes `base.exr`, which proxies need to relight without the dump. [`CONTENTS_FILE`] lists the
+//! files that the folder should hold ([`lost_files`]). Everything is written atomically; long work checks the cancel
+//! flag between units and leaves whole files.
 
 mod bake;
-mod base_layers;
-pub mod bench;
-mod checksum;
-mod contents;
-mod damage;
-mod denoise;
 mod device;
-mod device_gather;
-mod device_image;
-mod device_layers;
-mod device_proxies;
-mod environment;
 mod error;
-mod features;
-mod folder_lock;
-mod guided;
-mod inspect;
-mod light_set;
+mod files;
 pub mod live;
-mod measure;
-mod obj_scene;
-mod on_gpu;
 mod progress;
-mod proxies;
-mod relighter;
-mod relit;
-mod scene_file;
-mod shot_files;
-mod sizes;
+mod relight;
 mod solve;
-mod sorting;
-mod targets;
+#[cfg(test)]
+mod test_box;
 #[cfg(test)]
 mod test_room;
-mod threads;
+#[cfg(test)]
+mod test_warnings;
 mod train;
-mod unit_cache;
-mod validate;
-mod world_layer;
 
-pub use bake::{BakeReport, LIGHTS_FILE, VIEW_FILE, bake, difference};
-pub use contents::{CONTENTS_FILE, lost_files};
-pub use denoise::Denoise;
-pub use device::{Compute, Device};
-pub use environment::environment_texture;
+pub use bake::features::{pixel_features, pixel_ray};
+pub use bake::guiding::GuidingRecord;
+pub use bake::world::WorldAbout;
+pub use bake::{BakeReport, bake, difference};
+pub use device::compute::{Compute, Device};
+pub use device::threads::{in_background, on_threads};
 pub use error::SessionError;
-pub(crate) use features::seen_points;
-pub use features::{pixel_features, pixel_ray};
-pub use folder_lock::{LOCK_FILE, folder_in_use};
-pub use guided::{GUIDED_FILE, Guided};
-pub use inspect::{Info, ProxySummary, info};
-pub use light_set::{KnownLights, LightSet};
-pub use measure::{Evaluation, evaluate};
-pub use obj_scene::{ObjView, obj_scene};
-pub use progress::{Cancel, Listener, Monitor, Progress, Stage, StageProgress};
-pub use proxies::{MeanQuality, Measured, Proxies, TrainedProxy, proxy_path};
-pub use relighter::{Maker, RelightOptions, Relighter, With};
-pub use relit::{Relit, RelitLight};
-pub use scene_file::{SceneFile, write_scene};
-pub use sizes::default_sizes;
-use sizes::sizes_with;
-pub use solve::{
-    Add, Answer, BoundsWish, Freedom, GoalKind, GoalReport, GoalWish, NewKind, Own, Pictures, Preview,
-    RegionWish, SoFar, SolveRequest, Solved, Through, Wish, solve_lights,
+pub use files::contents::lost_files;
+pub use files::environment::environment_texture;
+pub use files::folder_lock::folder_in_use;
+pub use files::inspect::{Info, ProxySummary, info};
+pub use files::light_set::{KnownLights, LightSet};
+pub use files::names::{
+    CONTENTS_FILE, GUIDED_FILE, LIGHTS_FILE, LOCK_FILE, VIEW_FILE, WORLD_FILE, proxy_path,
 };
-pub use targets::{DumpTargets, GpuTargets};
-use threads::beside_window;
-pub use threads::{in_background, on_threads};
+pub use files::obj_scene::{ObjView, obj_scene};
+pub use files::proxies::{MeanQuality, Measured, Proxies, TrainedProxy};
+pub use files::scene_file::{SceneFile, write_scene};
+pub use files::validate::validate;
+pub use progress::{Cancel, Listener, Monitor, Progress, Stage, StageProgress};
+pub use relight::denoise::Denoise;
+pub use relight::relighter::{RelightOptions, Relighter};
+pub use relight::relit::{Relit, RelitLight};
+pub use relight::source::{Method, UnitSource};
+pub use solve::{
+    Answer, Backend, BoundsOptions, FreeParam, GoalKind, GoalRegion, GoalReport, GoalRequest, InterimLights,
+    NewLightKind, NewLights, PerLightOptions, Pictures, Preview, ProxyRelight, SolveOptions, SolveRequest,
+    Solved, solve_lights,
+};
+pub use train::measure::{Evaluation, evaluate};
+pub use train::sizes::default_sizes;
+pub use train::targets::{DumpTargets, GpuTargets};
 pub use train::{Clock, CurvePoint, TrainReport, TrainSettings, train};
-pub use validate::validate;
-pub use world_layer::{WORLD_FILE, WorldAbout};
 
 pub use relume_gpu as gpu;
 pub use relume_image as image;

@@ -1,11 +1,13 @@
 //! Damaged files of a bake are found by name, and stop nothing that can do without them.
 
+#![expect(clippy::unwrap_used, reason = "a panic fails the test")]
+
 mod common;
 
 use common::{RAW, baked, sphere, trained};
 use relume_session::image::{BitDepth, Image, ViewTransform};
 use relume_session::proxy::LightKind;
-use relume_session::{Monitor, RelightOptions, Relighter, VIEW_FILE, With, validate};
+use relume_session::{Method, Monitor, RelightOptions, Relighter, VIEW_FILE, validate};
 use std::path::Path;
 
 const DAMAGES: u64 = 60;
@@ -56,7 +58,7 @@ fn write_view_table(folder: &Path) {
     .unwrap();
 }
 
-/// What the add-on writes beside a bake, with their checksums.
+/// Files that the add-on writes beside a bake, with checksums.
 const SHOT: &str = r#"{"format": "relume-shot", "version": 1, "camera": "Camera", "receivers": ["Floor"], "prints": {"film": {"size": "20 x 16"}}, "maps": {}, "checksum": "7cfb4d28"}"#;
 const WANTED: &str = r#"{"format": "relume-wanted", "version": 1, "samples": 64, "train_seconds": 60.0, "checksum": "b280f39d"}"#;
 
@@ -77,7 +79,7 @@ fn random_damage_is_named_and_stops_nothing_that_can_do_without_the_file() {
         .collect();
     names.sort();
     let light = [sphere("Key", 0.2)];
-    let options = RelightOptions { with: With::Gather, ..RAW };
+    let options = RelightOptions { method: Method::Gather, ..RAW };
     let relit = || Relighter::open(path).and_then(|found| found.relight(&light, &options, &monitor));
     let whole = relit().unwrap().combined();
     let mut random = Random(7);

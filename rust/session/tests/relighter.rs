@@ -1,4 +1,6 @@
-//! What makes each light's picture, and what an edit costs.
+//! Sources of each light's picture, and the cost of an edit.
+
+#![expect(clippy::unwrap_used, reason = "a panic fails the test")]
 
 mod common;
 
@@ -8,14 +10,14 @@ use relume_session::proxy::LightKind;
 use relume_session::scene::{Instance, Light, LightShape, LobeFactors, Mesh, ReceiverSet, Scene};
 use relume_session::trace::TraceSettings;
 use relume_session::{
-    Cancel, Compute, LightSet, Listener, Maker, Monitor, ObjView, Progress, RelightOptions, Relighter, Stage,
-    With, bake, default_sizes, difference, obj_scene, train,
+    Cancel, Compute, LightSet, Listener, Method, Monitor, ObjView, Progress, RelightOptions, Relighter,
+    Stage, UnitSource, bake, default_sizes, difference, obj_scene, train,
 };
 use std::sync::{Arc, Mutex};
 
-fn makers(relighter: &Relighter, lights: &[Light], options: RelightOptions) -> Vec<Maker> {
+fn sources(relighter: &Relighter, lights: &[Light], options: RelightOptions) -> Vec<UnitSource> {
     let relit = relighter.relight(lights, &options, &Monitor::default()).unwrap();
-    relit.lights.iter().map(|light| light.maker).collect()
+    relit.lights.iter().map(|light| light.source).collect()
 }
 
 /// Remembers how many pictures of lights had to be made.
@@ -148,11 +150,12 @@ fn proxies_take_only_what_they_learned() {
     let sun = Light { shape: LightShape::Sun { direction: Vec3::Z, half_angle: 0.1 }, ..usual.clone() };
     let matte = Light { lobes: LobeFactors { glossy: 0.0, ..LobeFactors::default() }, ..usual.clone() };
     let lights = [usual.clone(), huge, matte, linked, sun];
-    let by_proxy = RelightOptions { with: With::Proxy, ..RAW };
-    let expected = [Maker::Proxy, Maker::Gather, Maker::Gather, Maker::Gather, Maker::Gather];
-    assert_eq!(makers(&relighter, &lights, by_proxy), expected);
-    let gathered = RelightOptions { with: With::Gather, ..RAW };
-    assert_eq!(makers(&relighter, &lights, gathered), [Maker::Gather; 5]);
+    let by_proxy = RelightOptions { method: Method::Proxy, ..RAW };
+    let expected =
+        [UnitSource::Proxy, UnitSource::Gather, UnitSource::Gather, UnitSource::Gather, UnitSource::Gather];
+    assert_eq!(sources(&relighter, &lights, by_proxy), expected);
+    let gathered = RelightOptions { method: Method::Gather, ..RAW };
+    assert_eq!(sources(&relighter, &lights, gathered), [UnitSource::Gather; 5]);
 
     // The camera sees the lamp itself as it is gathered, over what the proxy knows.
     let seen = Light { lobes: LobeFactors { camera: 1.0, ..LobeFactors::default() }, ..usual.clone() };
@@ -160,7 +163,7 @@ fn proxies_take_only_what_they_learned() {
         let relit = relighter.relight(std::slice::from_ref(light), options, &Monitor::default()).unwrap();
         relit.lights[0].clone()
     };
-    assert_eq!(picture(&seen, &by_proxy).maker, Maker::Proxy);
+    assert_eq!(picture(&seen, &by_proxy).source, UnitSource::Proxy);
     let lamp = |options: &RelightOptions| {
         let (with, without) = (picture(&seen, options).image.data, picture(&usual, options).image.data);
         with.iter().zip(without).map(|(a, b)| a - b).collect::<Vec<f32>>()
@@ -194,19 +197,19 @@ fn auto_takes_whichever_was_measured_better() {
     let path = out.join("proxy_sphere.json");
     let text = std::fs::read_to_string(&path).unwrap();
     let mut measured: serde_json::Value = serde_json::from_str(&text).unwrap();
-    for (smape, maker) in [(0.01, Maker::Proxy), (1.9, Maker::Gather)] {
+    for (smape, maker) in [(0.01, UnitSource::Proxy), (1.9, UnitSource::Gather)] {
         measured["proxy"]["smape"] = smape.into();
         std::fs::write(&path, measured.to_string()).unwrap();
         let relighter = Relighter::open(out).unwrap();
-        assert_eq!(makers(&relighter, &[sphere("Key", 0.2)], RAW), [maker], "SMAPE {smape}");
+        assert_eq!(sources(&relighter, &[sphere("Key", 0.2)], RAW), [maker], "SMAPE {smape}");
     }
     // An unmeasured proxy beats nothing; a damaged measurement is none.
     std::fs::remove_file(&path).unwrap();
-    assert_eq!(makers(&Relighter::open(out).unwrap(), &[sphere("Key", 0.2)], RAW), [Maker::Gather]);
+    assert_eq!(sources(&Relighter::open(out).unwrap(), &[sphere("Key", 0.2)], RAW), [UnitSource::Gather]);
     std::fs::write(&path, "{").unwrap();
     let unmeasured = Relighter::open(out).unwrap();
     assert!(unmeasured.damaged()[0].contains("proxy_sphere.json is damaged"), "{:?}", unmeasured.damaged());
-    assert_eq!(makers(&unmeasured, &[sphere("Key", 0.2)], RAW), [Maker::Gather]);
+    assert_eq!(sources(&unmeasured, &[sphere("Key", 0.2)], RAW), [UnitSource::Gather]);
 }
 
 #[test]
@@ -218,11 +221,11 @@ fn proxies_travel_without_their_bake() {
         trained(&bake_folder, &proxies, kind);
     }
     let lights = [sphere("Key", 0.2)];
-    let by_proxy = RelightOptions { with: With::Proxy, ..RAW };
+    let by_proxy = RelightOptions { method: Method::Proxy, ..RAW };
     let alone = Relighter::open(&proxies).unwrap();
     assert_eq!(alone.scene_lights().unwrap().lights[0].name, "Own");
     let relit = alone.relight(&lights, &by_proxy, &Monitor::default()).unwrap();
-    assert_eq!(relit.lights[0].maker, Maker::Proxy);
+    assert_eq!(relit.lights[0].source, UnitSource::Proxy);
     assert_eq!(relit.albedo, Relighter::open(&bake_folder).unwrap().aovs().albedo);
 
     let message =

@@ -3,7 +3,7 @@ use super::out_file::check_out;
 use crate::args::{self, GatherArgs, PictureArgs, RelightArgs};
 use relume_session::image::{BitDepth, Precision, ViewTransform};
 use relume_session::scene::World;
-use relume_session::{LightSet, Maker, RelightOptions, Relighter, Stage, With, environment_texture};
+use relume_session::{LightSet, Method, RelightOptions, Relighter, Stage, UnitSource, environment_texture};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -17,25 +17,26 @@ struct Written {
 #[derive(Serialize)]
 struct WrittenLight {
     name: String,
-    maker: Maker,
+    #[serde(rename = "maker")]
+    source: UnitSource,
 }
 
 /// Sums lights over a bake, without a proxy.
 pub fn gather(args: &GatherArgs, context: &Context) -> anyhow::Result<()> {
-    write_picture(&args.bake, With::Gather, &args.picture, context)
+    write_picture(&args.bake, Method::Gather, &args.picture, context)
 }
 
 /// Relights a bake or proxies.
 pub fn relight(args: &RelightArgs, context: &Context) -> anyhow::Result<()> {
-    let with = match args.with {
-        args::With::Auto => With::Auto,
-        args::With::Gather => With::Gather,
-        args::With::Proxy => With::Proxy,
+    let method = match args.method {
+        args::Method::Auto => Method::Auto,
+        args::Method::Gather => Method::Gather,
+        args::Method::Proxy => Method::Proxy,
     };
-    write_picture(&args.bake, with, &args.picture, context)
+    write_picture(&args.bake, method, &args.picture, context)
 }
 
-fn write_picture(bake: &Path, with: With, args: &PictureArgs, context: &Context) -> anyhow::Result<()> {
+fn write_picture(bake: &Path, method: Method, args: &PictureArgs, context: &Context) -> anyhow::Result<()> {
     check_out(&args.out, "exr", "pictures are written as a multi-layer EXR, with a PNG beside it")?;
     let mut relighter = context.relighter(bake, &context.compute()?)?;
     warn_if_unfinished(&relighter, context);
@@ -45,7 +46,7 @@ fn write_picture(bake: &Path, with: With, args: &PictureArgs, context: &Context)
         None => relighter.view(context.monitor),
     };
     let set = light_set(args.lights.as_deref(), &relighter, context)?;
-    let options = RelightOptions { with, denoise: !args.no_denoise };
+    let options = RelightOptions { method, denoise: !args.no_denoise };
     let relit = relighter.relight(&set.lights, &options, context.monitor)?;
 
     let png = args.out.with_extension("png");
@@ -58,15 +59,15 @@ fn write_picture(bake: &Path, with: With, args: &PictureArgs, context: &Context)
     let lights: Vec<WrittenLight> = relit
         .lights
         .iter()
-        .map(|light| WrittenLight { name: light.name.clone(), maker: light.maker })
+        .map(|light| WrittenLight { name: light.name.clone(), source: light.source })
         .collect();
-    let made = |maker| lights.iter().filter(|light| light.maker == maker).count();
+    let by_proxy = lights.iter().filter(|light| light.source == UnitSource::Proxy).count();
     let text = format!(
         "{} and {}: {} lights, {} of them by proxy",
         args.out.display(),
         png.display(),
         lights.len(),
-        made(Maker::Proxy)
+        by_proxy
     );
     context.console.result(&text, &Written { exr: args.out.clone(), png, lights });
     Ok(())

@@ -1,8 +1,13 @@
 //! Units that stay on the GPU give the pictures of those on the CPU, and little is copied from there.
 
+use super::LiveOptions;
 use super::LiveRequest;
-use super::bench::{LIGHTS, Shot, boxed, bulbs, dragged, still, strength_edit};
-use crate::{Compute, Maker};
+use super::render_thread::RenderThread;
+use super::shared::Shared;
+use crate::device::compute::Compute;
+use crate::error::SessionError;
+use crate::relight::source::{Method, UnitSource};
+use crate::test_box::{boxed, bulbs};
 use relume_dump::Dump;
 use relume_gpu::{Gpu, GpuChoice};
 use relume_image::Image;
@@ -28,9 +33,32 @@ fn on(gpu: &Arc<Gpu>, dump: &Dump) -> Shot {
     Shot::new(dump.clone(), Compute::with(Arc::clone(gpu), false))
 }
 
+/// Render thread that renders on the thread of the caller.
+struct Shot {
+    shared: Arc<Shared>,
+    render_thread: RenderThread,
+}
+
 impl Shot {
+    fn new(dump: Dump, compute: Compute) -> Self {
+        let shared = Arc::new(Shared::default());
+        shared.change(|state| {
+            state.dump = Some(dump);
+            state.deliveries = 1;
+        });
+        let render_thread = RenderThread::new(shared.clone(), LiveOptions::default()).on(compute);
+        Self { shared, render_thread }
+    }
+
+    /// Makes the pictures of a request.
+    fn render(&mut self, request: LiveRequest) -> Result<(), SessionError> {
+        self.shared.ask(request);
+        self.render_thread.render_next();
+        self.shared.lock().picture_error.clone().map_or(Ok(()), |error| Err(SessionError::Settings(error)))
+    }
+
     fn picture(&mut self, request: LiveRequest) -> Image {
-        self.paint(request).unwrap();
+        self.render(request).unwrap();
         self.shared.lock().frame.as_ref().unwrap().image.clone()
     }
 
@@ -40,7 +68,9 @@ impl Shot {
 
     /// Denoised pictures of a light; none where the library is missing.
     fn denoised(&self) -> u64 {
-        u64::from(self.shared.lock().frame.as_ref().unwrap().shown.makers["Bulb 0"] == Maker::GatherDenoised)
+        u64::from(
+            self.shared.lock().frame.as_ref().unwrap().shown.sources["Bulb 0"] == UnitSource::GatherDenoised,
+        )
     }
 
     /// But for that of a denoiser: builds for bare machines have none.
@@ -48,6 +78,25 @@ impl Shot {
         let all = self.shared.status().warnings;
         all.into_iter().filter(|text| !text.contains("has no denoiser")).collect()
     }
+}
+
+/// The picture of some lights as good as it gets.
+fn still(lights: &[Light]) -> LiveRequest {
+    LiveRequest {
+        lights: lights.to_vec(),
+        world: [1.0; 3],
+        static_light: [1.0; 3],
+        interactive: false,
+        half: None,
+        method: Method::Gather,
+        aov: None,
+        notes: Vec::new(),
+    }
+}
+
+/// One of a drag, of the full size.
+fn dragged(lights: &[Light]) -> LiveRequest {
+    LiveRequest { interactive: true, half: Some(false), ..still(lights) }
 }
 
 /// Sums differ by their order; denoisers take such differences as they are, up to their half floats.
@@ -90,16 +139,9 @@ fn an_edit_copies_one_picture_however_many_lights_there_are() {
     // One is turned on that was not seen before, and has to be denoised: a picture of it, and one of all others.
     lights.push(bulbs(5).remove(1));
     let before = gpu.bytes_read();
-    shot.paint(dragged(&lights)).unwrap();
+    shot.render(dragged(&lights)).unwrap();
     assert_eq!(gpu.bytes_read() - before, (1 + shot.denoised()) * PICTURE);
     assert!(shot.warnings().is_empty());
-}
-
-#[test]
-fn the_edit_that_is_timed_copies_one_picture() {
-    let (seconds, bytes) = strength_edit(&gpu(), SIZE).unwrap();
-    println!("{} lights: {:.2} ms", LIGHTS, 1e3 * seconds);
-    assert_eq!(bytes, PICTURE as f64);
 }
 
 #[test]
@@ -133,7 +175,7 @@ fn what_has_no_room_on_the_gpu_is_kept_by_the_cpu() {
     let found = pictures(&mut narrow);
     found.iter().zip(&expected).for_each(|(found, expected)| assert_same(found, expected));
     let before = gpu.bytes_read();
-    narrow.paint(dragged(&lights)).unwrap();
+    narrow.render(dragged(&lights)).unwrap();
     assert_eq!(gpu.bytes_read(), before);
 
     // Memory that is gone when all is there.
@@ -158,14 +200,14 @@ fn units_on_a_gpu_that_was_lost_are_made_anew_by_the_cpu_or_it_is_said() {
     for may_fall_back in [true, false] {
         let gpu = gpu();
         let mut shot = Shot::new(dump.clone(), Compute::with(gpu.clone(), may_fall_back));
-        shot.paint(still(&lights)).unwrap();
+        shot.render(still(&lights)).unwrap();
         gpu.lose();
         if may_fall_back {
             assert_same(&shot.picture(bright.clone()), &expected);
             let warnings = shot.warnings();
             assert!(warnings.len() == 1 && warnings[0].contains("The CPU goes on"), "{warnings:?}");
         } else {
-            let error = shot.paint(bright.clone()).unwrap_err().to_string();
+            let error = shot.render(bright.clone()).unwrap_err().to_string();
             assert!(error.contains("the GPU was lost"), "{error}");
         }
     }

@@ -1,13 +1,13 @@
 use super::Aov;
-use crate::light_set::KnownLights;
-use crate::{LightSet, With};
+use crate::files::light_set::{KnownLights, LightSet};
+use crate::relight::source::Method;
 use relume_scene::{Light, MOST_RADIANCE};
 use serde::Deserialize;
 use serde_json::Value;
 use serde_json::value::RawValue;
 use std::collections::HashMap;
 
-/// What picture is asked for.
+/// Request for a picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LiveRequest {
     /// The lights, with their gains multiplied in.
@@ -16,15 +16,15 @@ pub struct LiveRequest {
     pub world: [f32; 3],
     /// Factor on what the scene itself emits.
     pub static_light: [f32; 3],
-    /// Whether something is being dragged: quick before exact, and another request follows.
+    /// True during a drag: quick before exact, and another request follows.
     pub interactive: bool,
-    /// Whether an interactive picture has half the size; where nothing is said, on machines that are too slow for the full one.
+    /// True for half the size during a drag; by default on machines that are too slow for the full one.
     pub half: Option<bool>,
-    /// What makes the pictures.
-    pub with: With,
-    /// What is shown in place of the lights.
+    /// Method that makes the pictures.
+    pub method: Method,
+    /// Feature that is shown in place of the lights.
     pub aov: Option<Aov>,
-    /// What was changed on reading the lights, in words for the user.
+    /// Changes made on reading the lights, for the user.
     pub notes: Vec<String>,
 }
 
@@ -41,8 +41,8 @@ struct Json<L> {
     #[serde(default)]
     interactive: bool,
     half: Option<bool>,
-    #[serde(default)]
-    with: With,
+    #[serde(default, rename = "with")]
+    method: Method,
     aov: Option<Aov>,
 }
 
@@ -55,21 +55,21 @@ impl LiveRequest {
     /// "half": null, "with": "auto", "aov": null}`; the lights are a light set ([`LightSet::parse`]), gains go by their names.
     ///
     /// # Errors
-    /// In words that name the light or the field.
+    /// Names the light or the field.
     pub fn parse(text: &str) -> Result<Self, String> {
         Self::parse_knowing(text, &mut KnownLights::default())
     }
 
-    /// As [`LiveRequest::parse`], quicker where most lights are those of the text before.
+    /// [`LiveRequest::parse`], quicker if most lights are those of the text before.
     ///
     /// # Errors
-    /// As [`LiveRequest::parse`].
+    /// Fails like [`LiveRequest::parse`].
     pub fn parse_knowing(text: &str, known: &mut KnownLights) -> Result<Self, String> {
         let json: Json<&RawValue> = serde_json::from_str(text).map_err(|error| error.to_string())?;
         Self::of(known.parse(json.lights.get())?, json)
     }
 
-    /// As [`LiveRequest::parse`], of a part of some JSON.
+    /// Reads a request that is part of some JSON.
     pub(crate) fn from_json(value: Value) -> Result<Self, String> {
         let mut json: Json<Value> = serde_json::from_value(value).map_err(|error| error.to_string())?;
         Self::of(LightSet::from_json(json.lights.take())?, json)
@@ -95,7 +95,7 @@ impl LiveRequest {
             }
             None => {}
         }
-        let Json { world, static_light, interactive, half, with, aov, .. } = json;
-        Ok(Self { lights, world, static_light, interactive, half, with, aov, notes })
+        let Json { world, static_light, interactive, half, method, aov, .. } = json;
+        Ok(Self { lights, world, static_light, interactive, half, method, aov, notes })
     }
 }

@@ -1,11 +1,19 @@
 mod folders;
 mod world;
 
-use super::units::Units;
-use super::view::{Delivered, View};
+use super::view::{BakeView, Delivered};
 use super::*;
+use crate::bake::bake;
+use crate::device::compute::Compute;
+use crate::device::gather::DeviceGather;
+use crate::files::light_set::LightSet;
+use crate::files::obj_scene::{ObjView, obj_scene};
+use crate::progress::Monitor;
+use crate::relight::frame::with_alpha;
+use crate::relight::relighter::{RelightOptions, Relighter};
+use crate::relight::source::{Method, UnitSource};
+use crate::relight::units::Units;
 use crate::test_room;
-use crate::{Compute, LightSet, Maker, Monitor, ObjView, RelightOptions, Relighter, With, bake, obj_scene};
 use glam::Vec3;
 use relume_dump::Dump;
 use relume_gather::{Gather, SampleSplit};
@@ -33,7 +41,7 @@ fn live(folder: &Path) -> Live {
     Live::new(folder, LiveOptions { device: Device::Cpu, gpu_memory: None, threads: 2 })
 }
 
-/// A bake that is open: pictures from now on are the best that there are of it, since no work goes on beside the painter.
+/// A bake that is open: pictures from now on are the best that there are of it, since no work goes on beside the render thread.
 fn opened(folder: &Path, device: Device) -> Live {
     let live = Live::new(folder, LiveOptions { device, gpu_memory: None, threads: 2 });
     live.open(0.0).unwrap();
@@ -86,10 +94,13 @@ fn a_light_gathered_pass_by_pass_is_the_light_gathered_at_once() {
     let shared = Shared::default();
     shared.change(|state| state.dump = Some(dump));
     let compute = Compute::default();
-    let view = View::new(Delivered::take(&mut shared.lock()), &compute, None).unwrap();
+    let view = BakeView::new(Delivered::take(&mut shared.lock()), &compute, None).unwrap();
     let mut units = Units::default();
     let mut rounds = 0;
-    while units.advance(&lights, &view, &compute, &Monitor::default()).unwrap() {
+    let gather = |pass: &DeviceGather, lights: &[Light]| {
+        pass.device_images(lights, SampleSplit::All, &compute, &Monitor::default())
+    };
+    while units.advance(&lights, &view.passes, gather).unwrap() {
         rounds += 1;
     }
     assert_eq!((rounds, view.samples()), (view.passes.len(), 13));
@@ -104,7 +115,7 @@ fn a_light_gathered_pass_by_pass_is_the_light_gathered_at_once() {
     }
 }
 
-/// What [`Relighter`] makes of lights, for F12 and the command line.
+/// Picture by [`Relighter`], as for F12 and the command line.
 fn relit(folder: &Path, lights: &[Light]) -> Image {
     let lights = request(lights).lights;
     let relit =
@@ -175,7 +186,7 @@ fn frames_grow_settle_and_answer_the_newest_request() {
     let number = live.relight(request(&[lamp(0.5)]));
     let frame = settled(&live, number);
     assert_eq!((frame.shown.samples, frame.shown.scale), (16, 1));
-    assert_eq!(frame.shown.makers["light"], Maker::GatherDenoised);
+    assert_eq!(frame.shown.sources["light"], UnitSource::GatherDenoised);
     assert!(live.frame(frame.shown.serial).is_none());
 
     // Twice the light on top of what the scene itself emits.
@@ -247,7 +258,7 @@ fn training_gives_a_proxy_that_stands_in_while_dragging() {
     moved.lobes.camera = 1.0;
     let number = live.relight(LiveRequest { interactive: true, ..request(std::slice::from_ref(&moved)) });
     let frame = wait("a frame of the drag", || live.frame(0).filter(|frame| frame.shown.request == number));
-    assert_eq!(frame.shown.makers["light"], Maker::Proxy);
+    assert_eq!(frame.shown.sources["light"], UnitSource::Proxy);
     let summed = settled(&live, live.relight(request(&[moved])));
     let [dragged, still] =
         [&frame, &summed].map(|frame| frame.image.data.iter().copied().fold(0.0, f32::max));
@@ -277,15 +288,15 @@ fn training_gives_a_proxy_that_stands_in_while_dragging() {
     ] {
         let light = Light { name: name.into(), ..Light::unit(shape) };
         let frame = settled(&live, live.relight(request(&[light])));
-        assert_eq!(frame.shown.makers[name], Maker::GatherDenoised);
+        assert_eq!(frame.shown.sources[name], UnitSource::GatherDenoised);
         let warnings = live.status().warnings;
         let said = |warning: &String| warning.contains(&format!("'{name}'")) && warning.contains(reason);
         assert!(warnings.iter().any(said), "{warnings:?}");
-        let number = live.relight(LiveRequest { with: With::Proxy, ..request(&[lamp(0.0)]) });
+        let number = live.relight(LiveRequest { method: Method::Proxy, ..request(&[lamp(0.0)]) });
         settled(&live, number);
         assert!(live.status().warnings.is_empty(), "what was said of another light stays");
     }
-    let guess = LiveRequest { with: With::Proxy, ..request(&[lamp(40.0)]) };
+    let guess = LiveRequest { method: Method::Proxy, ..request(&[lamp(40.0)]) };
     settled(&live, live.relight(guess));
     let warnings = live.status().warnings;
     assert!(warnings.iter().any(|warning| warning.contains("is a guess")), "{warnings:?}");
@@ -357,8 +368,8 @@ fn aovs_are_shown_in_place_of_the_lights() {
     for (aov, rgb) in [(Aov::Albedo, &aovs.albedo), (Aov::Normal, &aovs.normal)] {
         let asked = LiveRequest { aov: Some(aov), ..request(&[lamp(0.0)]) };
         let frame = settled(&live, live.relight(asked));
-        assert_eq!(frame.image, super::compose::with_alpha(rgb, &aovs.alpha));
-        assert_eq!((frame.shown.scale, frame.shown.samples, frame.shown.makers.len()), (1, 8, 0));
+        assert_eq!(frame.image, with_alpha(rgb, &aovs.alpha));
+        assert_eq!((frame.shown.scale, frame.shown.samples, frame.shown.sources.len()), (1, 8, 0));
         assert!(!frame.shown.denoised);
     }
     assert_eq!(settled(&live, live.relight(request(&[lamp(0.0)]))).image, lit.image);

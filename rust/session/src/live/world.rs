@@ -1,8 +1,10 @@
-use super::gathered::Gathered;
-use super::view::{View, pass_samples};
-use crate::device_image::DeviceImage;
-use crate::world_layer::WorldLayer;
-use crate::{Compute, Monitor, SessionError, WorldAbout};
+use super::view::BakeView;
+use crate::bake::world::{WorldAbout, WorldLayer};
+use crate::device::compute::Compute;
+use crate::device::image::DeviceImage;
+use crate::error::SessionError;
+use crate::progress::Monitor;
+use crate::relight::gathered::Gathered;
 use relume_gather::{DenoiseQuality, Environment};
 use relume_image::Image;
 use relume_scene::{Scene, Texture, World};
@@ -13,14 +15,14 @@ use std::sync::Arc;
 #[derive(Debug)]
 pub struct OtherWorld {
     about: WorldAbout,
-    source: Source,
+    source: WorldSource,
 }
 
 #[derive(Debug)]
-enum Source {
-    /// To be gathered from the paths; with the digest of its texture.
+enum WorldSource {
+    /// Map to be gathered from the paths, with the digest of its texture.
     Map(Environment, Option<String>),
-    /// Gathered before.
+    /// Light that was gathered before.
     Layer(Box<WorldLayer>),
 }
 
@@ -35,35 +37,35 @@ impl OtherWorld {
         Ok(Self::mapped(&scene.world, environment, texture))
     }
 
-    /// Another world of the same texture, such as one that was turned: nothing of that is read again. The texture that
-    /// `world` itself names is not looked at. None of a world whose light lies in a bake folder.
+    /// World with the same texture, which is not read again, such as a turned one. The texture that `world` names is
+    /// ignored. None for a world whose light lies in a bake folder.
     pub fn with_texture_for(&self, world: &World) -> Option<Self> {
         match &self.source {
-            Source::Map(environment, texture) => {
+            WorldSource::Map(environment, texture) => {
                 Some(Self::mapped(world, environment.with_texture_for(world), texture.clone()))
             }
-            Source::Layer(_) => None,
+            WorldSource::Layer(_) => None,
         }
     }
 
     fn mapped(world: &World, environment: Environment, texture: Option<String>) -> Self {
         let about = WorldAbout { map: world.map(texture.as_deref()), color: world.color };
-        Self { about, source: Source::Map(environment, texture) }
+        Self { about, source: WorldSource::Map(environment, texture) }
     }
 
     /// One whose light lies in a bake folder.
     pub(super) fn stored(layer: WorldLayer) -> Self {
-        Self { about: layer.about.clone(), source: Source::Layer(Box::new(layer)) }
+        Self { about: layer.about.clone(), source: WorldSource::Layer(Box::new(layer)) }
     }
 
-    /// Which one it is.
+    /// Identity of the world.
     pub fn about(&self) -> &WorldAbout {
         &self.about
     }
 
-    /// Whether its light lies in the bake folder already.
+    /// True if its light lies in the bake folder already.
     pub(super) fn is_stored(&self) -> bool {
-        matches!(self.source, Source::Layer(_))
+        matches!(self.source, WorldSource::Layer(_))
     }
 
     fn is_black(&self) -> bool {
@@ -74,7 +76,7 @@ impl OtherWorld {
 /// The light of another world along the passes of a view.
 pub(super) struct WorldUnit {
     world: Arc<OtherWorld>,
-    /// Which bake the passes are of.
+    /// Identity of the bake that the passes are of.
     bake: String,
     pub gathered: Gathered,
     /// Paths per pixel behind what lies in the bake folder.
@@ -82,15 +84,15 @@ pub(super) struct WorldUnit {
 }
 
 impl WorldUnit {
-    /// What there is to show of a world; what was gathered of the same along the same bake stays.
-    pub fn of(world: Arc<OtherWorld>, view: &View, before: Option<Self>) -> Self {
+    /// Unit of a world; sums along the same bake are kept.
+    pub fn of(world: Arc<OtherWorld>, view: &BakeView, before: Option<Self>) -> Self {
         let is_same = |before: &Self| Arc::ptr_eq(&before.world, &world) && before.bake == view.bake;
         if let Some(before) = before.filter(is_same) {
             return before;
         }
         let mut unit =
             Self { world, bake: view.bake.clone(), gathered: Gathered::default(), stored_samples: 0 };
-        if let Source::Layer(layer) = &unit.world.source {
+        if let WorldSource::Layer(layer) = &unit.world.source {
             let [mean, error] = [&layer.image, &layer.error].map(|image| DeviceImage::Cpu(image.clone()));
             let (passes, samples) = (view.passes.len(), layer.samples);
             unit.gathered = Gathered { mean, error, passes, samples, clean: None };
@@ -99,12 +101,12 @@ impl WorldUnit {
         unit
     }
 
-    /// Whether it gives any light.
+    /// True if it gives no light.
     pub fn is_black(&self) -> bool {
         self.world.is_black()
     }
 
-    /// Whether what was gathered is denoised as well as that, or need not be.
+    /// True if the sum is denoised at this quality, or need not be.
     pub fn is_done(&self, quality: DenoiseQuality) -> bool {
         self.is_black() || self.gathered.is_done(quality)
     }
@@ -112,11 +114,11 @@ impl WorldUnit {
     /// Gathers one more pass; false if none is left.
     pub fn advance(
         &mut self,
-        view: &View,
+        view: &BakeView,
         compute: &Compute,
         monitor: &Monitor,
     ) -> Result<bool, SessionError> {
-        let (Source::Map(environment, _), Some(pass)) =
+        let (WorldSource::Map(environment, _), Some(pass)) =
             (&self.world.source, view.passes.get(self.gathered.passes))
         else {
             return Ok(false);
@@ -126,12 +128,12 @@ impl WorldUnit {
         } else {
             pass.world_image(environment, compute, monitor)?
         };
-        self.gathered.add(DeviceImage::Cpu(image), pass_samples(pass))?;
+        self.gathered.add(DeviceImage::Cpu(image), pass.samples())?;
         Ok(true)
     }
 
-    /// Writes what was gathered into the bake's folder, if that is more than lies there. Whether it lies there now.
-    pub fn store(&mut self, view: &View, folder: &Path) -> Result<bool, SessionError> {
+    /// Writes the sum into the bake folder, if it has more samples than there. True if it lies there now.
+    pub fn store(&mut self, view: &BakeView, folder: &Path) -> Result<bool, SessionError> {
         let Some(pass) = view.passes.first().filter(|_| self.gathered.passes > 0) else { return Ok(false) };
         if self.gathered.samples > self.stored_samples {
             let (image, error) = (self.gathered.mean.read()?, self.gathered.error.read()?);
@@ -143,7 +145,7 @@ impl WorldUnit {
         Ok(true)
     }
 
-    /// Whether this is what is to be shown.
+    /// True if this world is to be shown.
     pub fn is_of(&self, world: Option<&Arc<OtherWorld>>) -> bool {
         world.is_some_and(|world| Arc::ptr_eq(world, &self.world))
     }

@@ -1,4 +1,6 @@
-//! What the GPU makes is what the CPU makes, also if it is lost on the way.
+//! GPU and CPU give the same, also if the GPU is lost on the way.
+
+#![expect(clippy::unwrap_used, reason = "a panic fails the test")]
 
 #[path = "../common/mod.rs"]
 mod common;
@@ -11,8 +13,8 @@ use relume_session::live::{Live, LiveOptions, LiveRequest};
 use relume_session::proxy::{GroupQueries, LightKind, TargetMode, TargetSource};
 use relume_session::scene::{Alpha, ColorEncoding, LightShape, Texels, Texture, World};
 use relume_session::{
-    Cancel, Compute, Denoise, Device, DumpTargets, GpuTargets, Listener, Monitor, Pictures, Progress,
-    RelightOptions, Relighter, SessionError, SolveRequest, Stage, TrainReport, TrainSettings, With, evaluate,
+    Cancel, Compute, Denoise, Device, DumpTargets, GpuTargets, Listener, Method, Monitor, Pictures, Progress,
+    RelightOptions, Relighter, SessionError, SolveRequest, Stage, TrainReport, TrainSettings, evaluate,
     solve_lights, train,
 };
 use std::collections::HashMap;
@@ -38,7 +40,7 @@ fn unshared() -> Compute {
     Compute::with(Gpu::open(&GpuChoice::Best).unwrap(), false)
 }
 
-/// For tests that lose the device which the process shares.
+/// Lock for tests that lose the device which the process shares.
 static SHARED: Mutex<()> = Mutex::new(());
 
 #[test]
@@ -50,14 +52,14 @@ fn pictures_of_the_gpu_are_those_of_the_cpu() {
     let has_matrices = compute.gpu.as_ref().unwrap().matrices().is_some();
     let gpu = Relighter::open(folder.path()).unwrap().on(&compute);
     let cpu = Relighter::open(folder.path()).unwrap();
-    for with in [With::Gather, With::Proxy] {
-        let options = RelightOptions { with, denoise: false };
+    for with in [Method::Gather, Method::Proxy] {
+        let options = RelightOptions { method: with, denoise: false };
         let picture = |relighter: &Relighter| {
             relighter.relight(&[sphere("Own", 0.2)], &options, &Monitor::default()).unwrap().combined()
         };
         let (a, b) = (picture(&gpu), picture(&cpu));
         let pairs = || a.data.iter().zip(&b.data);
-        if with == With::Gather {
+        if with == Method::Gather {
             // A segment that grazes the light may be decided otherwise.
             let mean = b.data.iter().sum::<f32>() / b.data.len() as f32;
             let different = pairs().filter(|(a, b)| (*a - *b).abs() > 1e-3 * mean).count();
@@ -149,17 +151,17 @@ fn a_gpu_that_is_lost_between_pictures_is_opened_again_with_its_budget() {
     let warnings = Arc::new(Warnings::default());
     let monitor = Monitor::new(warnings.clone(), Cancel::default());
     let mut relighter = Relighter::open(folder.path()).unwrap().on(&compute);
-    let picture = |relighter: &Relighter, radius: f32, with: With| {
-        let options = RelightOptions { with, denoise: false };
+    let picture = |relighter: &Relighter, radius: f32, with: Method| {
+        let options = RelightOptions { method: with, denoise: false };
         relighter.relight(&[sphere("Own", radius)], &options, &monitor).unwrap().combined()
     };
     let unharmed = Relighter::open(folder.path()).unwrap().on(&unshared());
-    picture(&relighter, 0.25, With::Gather);
-    picture(&relighter, 0.25, With::Proxy);
+    picture(&relighter, 0.25, Method::Gather);
+    picture(&relighter, 0.25, Method::Proxy);
     let mut lost = compute.gpu.unwrap();
     for (times, radius) in [(1, 0.2), (2, 0.15)] {
         lost.lose();
-        for with in [With::Gather, With::Proxy] {
+        for with in [Method::Gather, Method::Proxy] {
             assert!(picture(&relighter, radius, with) == picture(&unharmed, radius, with), "{with:?}");
         }
         // Once for the dump, once for the proxy.
@@ -224,7 +226,7 @@ fn lights_solved_on_the_gpu_are_those_of_the_cpu() {
     }
     let gpu = Relighter::open(folder.path()).unwrap().on(&unshared());
     let cpu = Relighter::open(folder.path()).unwrap();
-    let options = RelightOptions { with: With::Proxy, denoise: false };
+    let options = RelightOptions { method: Method::Proxy, denoise: false };
     let target = cpu.relight(&[sphere("Hidden", 0.2)], &options, &Monitor::default()).unwrap().combined();
     let pictures = Pictures::named(HashMap::from([("target".into(), target)]));
     // One light, and two of different types.
@@ -301,7 +303,7 @@ fn a_solve_on_a_lost_gpu_is_done_by_the_cpu_or_says_so() {
     baked(folder.path());
     trained(folder.path(), folder.path(), LightKind::Sphere);
     let cpu = Relighter::open(folder.path()).unwrap();
-    let options = RelightOptions { with: With::Gather, denoise: false };
+    let options = RelightOptions { method: Method::Gather, denoise: false };
     let target = cpu.relight(&[sphere("Hidden", 0.2)], &options, &Monitor::default()).unwrap().combined();
     let pictures = Pictures::named(HashMap::from([("target".into(), target)]));
     for through in ["gather", "proxy"] {

@@ -5,7 +5,7 @@ use relume_session::image::Image;
 use relume_session::scene::{Light, LightShape, LobeFactors, Scene, UpAxis};
 use relume_session::trace::TraceSettings;
 use relume_session::{
-    Monitor, ObjView, Pictures, RelightOptions, Relighter, SessionError, SolveRequest, Solved, With, bake,
+    Method, Monitor, ObjView, Pictures, RelightOptions, Relighter, SessionError, SolveRequest, Solved, bake,
     obj_scene, solve_lights,
 };
 use serde_json::{Value, json};
@@ -14,7 +14,7 @@ use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 const ROOM: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/room.obj");
-pub const GATHER: RelightOptions = RelightOptions { with: With::Gather, denoise: true };
+pub const GATHER: RelightOptions = RelightOptions { method: Method::Gather, denoise: true };
 
 /// A bake of the room, seen from a little to the left (-1) or right (1). All tests of a run share its files.
 pub fn baked(side: f32) -> Relighter {
@@ -42,8 +42,8 @@ pub fn room(side: f32, world: [f32; 3]) -> Scene {
     obj_scene(Path::new(ROOM), &view).unwrap()
 }
 
-/// Two bakes of the room from the same place: one that is solved with, and one of other and more paths for what it is to look
-/// like, so that their noise is not the same.
+/// Two bakes of the room from the same place: one to solve with, one of more and other paths for the targets. Their
+/// noise differs.
 pub struct Bakes {
     pub own: Relighter,
     pub other: Relighter,
@@ -56,7 +56,7 @@ impl Bakes {
         Self::of("room", &room(0.0, [0.0; 3]), &samples)
     }
 
-    /// Of twice as many pixels along each edge.
+    /// Room with twice as many pixels along each edge.
     pub fn large() -> Self {
         let mut scene = room(0.0, [0.0; 3]);
         (scene.camera.width, scene.camera.height) = (2 * scene.camera.width, 2 * scene.camera.height);

@@ -36,7 +36,7 @@ fn a_turned_world_is_shown_stored_and_taken_back() {
     let folder = tempfile::tempdir().unwrap();
     let (before, turned) = (under_a_sky(0.0, (24, 16)), under_a_sky(3.0, (24, 16)));
     bake(&before, &settings(64), folder.path(), false, &Monitor::default()).unwrap();
-    let stored = folder.path().join(crate::WORLD_FILE);
+    let stored = folder.path().join(crate::files::names::WORLD_FILE);
     let open = || opened(folder.path(), Device::Cpu);
     let shot = open();
     let own = settled(&shot, shot.relight(request(&[])));
@@ -81,7 +81,10 @@ fn a_turned_world_needs_no_texture_again() {
     let read = OtherWorld::new(&before).unwrap();
     let untextured = relume_scene::World { color: [3.0, 0.5, 1.0], texture: None, ..turned.world.clone() };
     let again = read.with_texture_for(&untextured).unwrap();
-    assert_eq!(again.about(), &crate::WorldAbout { map: turned.world_map(), color: [3.0, 0.5, 1.0] });
+    assert_eq!(
+        again.about(),
+        &crate::bake::world::WorldAbout { map: turned.world_map(), color: [3.0, 0.5, 1.0] }
+    );
 
     let folder = tempfile::tempdir().unwrap();
     bake(&before, &settings(16), folder.path(), false, &Monitor::default()).unwrap();
@@ -154,5 +157,5 @@ fn a_bake_under_another_world_keeps_what_it_can() {
     assert_eq!(traced(8, &turned, false), (before.world_map(), 16));
     assert_eq!(traced(16, &turned, true), (turned.world_map(), 16), "a rebake is of the old world");
     assert_eq!(traced(32, &before, false), (before.world_map(), 32), "two worlds in one bake");
-    assert!(!folder.path().join(crate::WORLD_FILE).exists());
+    assert!(!folder.path().join(crate::files::names::WORLD_FILE).exists());
 }

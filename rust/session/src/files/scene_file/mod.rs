@@ -1,0 +1,143 @@
+//! Scene files: a scene as Blender sees it, to be traced where there is no Blender. `safetensors`, with
+//!
+//! | tensor | type | shape | meaning |
+//! |---|---|---|---|
+//! | `description` | U8 | bytes | JSON: all that is no array, [`Description`] |
+//! | `mesh.N.positions` | F32 | vertices, 3 | of mesh N ([`relume_scene::Mesh`]) |
+//! | `mesh.N.triangles` | U32 | triangles, 3 | |
+//! | `mesh.N.corner_normals` | F32 | corners, 3 | no corners if every face is flat |
+//! | `mesh.N.material_slots` | U16 | triangles | none if all are slot 0 |
+//! | `mesh.N.uv_map.K` | F32 | corners, 2 | |
+//! | `mesh.N.color_attribute.K` | F32 | corners, 4 | |
+//! | `texture.N` | U8 or F32 | height, width, 4 | RGBA, bottom row first |
+//! | `view` | U8 | bytes | [`crate::files::names::VIEW_FILE`], if there is one |
+//!
+//! The metadata key `relume_scene` holds the format and scene ([`SceneHeader`]). The description is a tensor of its own
+//! because headers end at 100 MB, which a forest of instances exceeds.
+
+mod read;
+mod write;
+
+use crate::error::SessionError;
+use crate::files::names::VIEW_FILE;
+use relume_image::write_atomically;
+use relume_scene::{Alpha, Camera, ColorEncoding, Instance, Light, Scene, World, glam::Vec3};
+use relume_trace::TraceSettings;
+use serde::{Deserialize, Serialize};
+use std::io::Write;
+use std::path::Path;
+
+/// Metadata key of [`SceneHeader`].
+const KEY: &str = "relume_scene";
+/// Version of the format. Raise it when a reader of the old one would misread a new file.
+const FORMAT_VERSION: u32 = 1;
+const DESCRIPTION: &str = "description";
+const VIEW: &str = "view";
+
+/// A scene with what it is traced with.
+#[derive(Clone, Debug, Default)]
+pub struct SceneFile {
+    /// The scene.
+    pub scene: Scene,
+    /// Render settings.
+    pub settings: TraceSettings,
+    /// View transform: the bytes of [`VIEW_FILE`]; none for the sRGB curve.
+    pub view: Option<Vec<u8>>,
+}
+
+/// Header of a scene file.
+#[derive(Debug, Serialize, Deserialize)]
+struct SceneHeader {
+    format_version: u32,
+    /// [`Scene::hash`].
+    scene_hash: String,
+    /// [`Scene::world_map`].
+    world_map: String,
+}
+
+/// Everything but arrays. Materials are [`relume_scene::Material`], or JSON until they are checked.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Description<M> {
+    working_space: String,
+    camera: Camera,
+    meshes: Vec<MeshParts>,
+    instances: Vec<Instance>,
+    materials: Vec<M>,
+    textures: Vec<TextureParts>,
+    world: World,
+    lights: Vec<Light>,
+    warnings: Vec<String>,
+    settings: TraceSettings,
+}
+
+/// A [`relume_scene::Mesh`] without its arrays.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MeshParts {
+    name: String,
+    texture_space: Option<[Vec3; 2]>,
+    uv_maps: Vec<String>,
+    color_attributes: Vec<String>,
+}
+
+/// A [`relume_scene::Texture`] without its texels.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct TextureParts {
+    name: String,
+    width: usize,
+    height: usize,
+    is_float: bool,
+    encoding: ColorEncoding,
+    alpha: Alpha,
+}
+
+/// Writes a scene with its render settings and view ([`VIEW_FILE`]'s bytes, unless that is the sRGB curve), atomically.
+///
+/// # Errors
+/// If the scene cannot be traced or the file cannot be written; an older file at `path` stays.
+pub fn write_scene(
+    path: &Path,
+    scene: &Scene,
+    settings: &TraceSettings,
+    view: Option<&[u8]>,
+) -> Result<(), SessionError> {
+    let bytes = write::encode(scene, settings, view).map_err(|reason| error(path, reason))?;
+    Ok(write_atomically(path, |writer| writer.write_all(&bytes))?)
+}
+
+impl SceneFile {
+    /// Reads a file that nobody vouches for.
+    ///
+    /// # Errors
+    /// [`SessionError::SceneFile`] names the file, what is wrong, and the part that it is wrong with.
+    pub fn read(path: &Path) -> Result<Self, SessionError> {
+        let bytes = std::fs::read(path).map_err(SessionError::io("read the scene file", path))?;
+        Self::from_bytes(path, &bytes)
+    }
+
+    /// Reads the bytes of a scene file; `name` stands in messages.
+    ///
+    /// # Errors
+    /// Fails like [`SceneFile::read`].
+    pub fn from_bytes(name: &Path, bytes: &[u8]) -> Result<Self, SessionError> {
+        read::decode(bytes).map_err(|reason| error(name, reason))
+    }
+
+    /// Puts the view into a bake folder.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn write_view(&self, folder: &Path) -> Result<(), SessionError> {
+        let Some(view) = &self.view else { return Ok(()) };
+        Ok(write_atomically(&folder.join(VIEW_FILE), |writer| writer.write_all(view))?)
+    }
+}
+
+fn error(path: &Path, reason: String) -> SessionError {
+    SessionError::SceneFile { path: path.to_path_buf(), reason }
+}
+
+#[cfg(test)]
+mod tests;

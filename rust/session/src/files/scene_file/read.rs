@@ -1,0 +1,146 @@
+use super::{
+    DESCRIPTION, Description, FORMAT_VERSION, KEY, MeshParts, SceneFile, SceneHeader, TextureParts, VIEW,
+};
+use crate::bake::check_scene;
+use crate::files::light_set;
+use bytemuck::{Pod, pod_collect_to_vec};
+use relume_image::ViewTransform;
+use relume_scene::{ColorAttribute, Light, Mesh, Scene, SceneBuilder, Texels, Texture, UvMap};
+use relume_trace::TraceSettings;
+use safetensors::SafeTensors;
+use safetensors::tensor::Dtype;
+use serde::Deserialize;
+use serde_json::Value;
+use std::path::Path;
+
+/// Reads a file's bytes. What they hold takes the same way into a scene as what Blender exports.
+pub(super) fn decode(bytes: &[u8]) -> Result<SceneFile, String> {
+    let damaged = |error| format!("damaged or no scene file ({error}); export it again");
+    let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
+    let about = metadata.metadata().as_ref().and_then(|entries| entries.get(KEY));
+    let about = parse_about(about.ok_or("a safetensors file, but no scene file; choose another file")?)?;
+    let arrays = Arrays(SafeTensors::deserialize(bytes).map_err(damaged)?);
+    let (scene, settings) = read_scene(&arrays).map_err(|reason| format!("{reason}; export it again"))?;
+    // A fuzzer never guesses a hash, and would not get past it.
+    if (scene.hash(), scene.world_map()) != (about.scene_hash, about.world_map) && !cfg!(fuzzing) {
+        return Err(
+            "damaged: its content does not match its hash; export it again or restore the file".into()
+        );
+    }
+    let view = arrays.view().map_err(|reason| format!("{reason}; export it again"))?;
+    Ok(SceneFile { scene, settings, view })
+}
+
+fn parse_about(json: &str) -> Result<SceneHeader, String> {
+    #[derive(Deserialize)]
+    struct Version {
+        format_version: u32,
+    }
+    let damaged = |error: serde_json::Error| format!("its header is damaged ({error}); export it again");
+    let version = serde_json::from_str::<Version>(json).map_err(damaged)?.format_version;
+    if version != FORMAT_VERSION {
+        return Err(format!(
+            "written in format {version}, but this Relume reads format {FORMAT_VERSION}; use the version of Relume \
+             that wrote it, or export it again"
+        ));
+    }
+    serde_json::from_str(json).map_err(damaged)
+}
+
+fn read_scene(arrays: &Arrays) -> Result<(Scene, TraceSettings), String> {
+    let json: Vec<u8> = arrays.rows(DESCRIPTION, Dtype::U8, &[])?;
+    let parts: Description<Value> =
+        serde_json::from_slice(&json).map_err(|error| format!("its description is damaged ({error})"))?;
+    let mut builder = SceneBuilder::new(parts.working_space);
+    let refused = |error: relume_scene::BuildError| error.to_string();
+    for (number, texture) in parts.textures.into_iter().enumerate() {
+        builder.add_texture(arrays.texture(number, texture)?).map_err(refused)?;
+    }
+    for material in &parts.materials {
+        builder.add_material(material).map_err(refused)?;
+    }
+    for (number, mesh) in parts.meshes.into_iter().enumerate() {
+        builder.add_mesh(arrays.mesh(number, mesh)?).map_err(refused)?;
+    }
+    for instance in parts.instances {
+        builder.add_instance(instance).map_err(refused)?;
+    }
+    builder.set_world(parts.world).map_err(refused)?;
+    builder.set_camera(parts.camera);
+    check_lights(&parts.lights)?;
+    check_lights(&parts.settings.guide_targets)?;
+    parts.lights.into_iter().for_each(|light| builder.add_light(light));
+    parts.warnings.into_iter().for_each(|warning| builder.warn(warning));
+    let scene = builder.build().map_err(refused)?;
+    check_scene(&scene)?;
+    Ok((scene, parts.settings))
+}
+
+fn check_lights(lights: &[Light]) -> Result<(), String> {
+    let fault =
+        |light: &Light| light_set::check(light).map_err(|reason| format!("light '{}': {reason}", light.name));
+    lights.iter().try_for_each(fault)
+}
+
+/// The tensors of a file, whose sizes are those of the file.
+struct Arrays<'a>(SafeTensors<'a>);
+
+impl Arrays<'_> {
+    fn mesh(&self, number: usize, parts: MeshParts) -> Result<Mesh, String> {
+        let name = |part: &str| format!("mesh.{number}.{part}");
+        let uv_map = |(k, map): (usize, String)| -> Result<_, String> {
+            let coords = self.rows(&name(&format!("uv_map.{k}")), Dtype::F32, &[2])?;
+            Ok(UvMap { name: map, coords })
+        };
+        let color_attribute = |(k, attribute): (usize, String)| -> Result<_, String> {
+            let colors = self.rows(&name(&format!("color_attribute.{k}")), Dtype::F32, &[4])?;
+            Ok(ColorAttribute { name: attribute, colors })
+        };
+        Ok(Mesh {
+            name: parts.name,
+            positions: self.rows(&name("positions"), Dtype::F32, &[3])?,
+            triangles: self.rows(&name("triangles"), Dtype::U32, &[3])?,
+            corner_normals: self.rows(&name("corner_normals"), Dtype::F32, &[3])?,
+            uv_maps: parts.uv_maps.into_iter().enumerate().map(uv_map).collect::<Result<_, _>>()?,
+            color_attributes: parts
+                .color_attributes
+                .into_iter()
+                .enumerate()
+                .map(color_attribute)
+                .collect::<Result<_, _>>()?,
+            material_slots: self.rows(&name("material_slots"), Dtype::U16, &[])?,
+            texture_space: parts.texture_space,
+        })
+    }
+
+    fn texture(&self, number: usize, parts: TextureParts) -> Result<Texture, String> {
+        let TextureParts { name, width, height, is_float, encoding, alpha } = parts;
+        let (tensor, row) = (format!("texture.{number}"), [width, 4]);
+        let texels = match is_float {
+            true => Texels::Float(self.rows(&tensor, Dtype::F32, &row)?),
+            false => Texels::Byte(self.rows(&tensor, Dtype::U8, &row)?),
+        };
+        Ok(Texture { name, width, height, texels, encoding, alpha })
+    }
+
+    fn view(&self) -> Result<Option<Vec<u8>>, String> {
+        if self.0.tensor(VIEW).is_err() {
+            return Ok(None);
+        }
+        let png = self.rows(VIEW, Dtype::U8, &[])?;
+        ViewTransform::decode_lut(Path::new(VIEW), &png).map_err(|error| error.to_string())?;
+        Ok(Some(png))
+    }
+
+    /// Values of a tensor of this type whose rows have this shape, regrouped as `T`.
+    fn rows<T: Pod>(&self, name: &str, dtype: Dtype, row: &[usize]) -> Result<Vec<T>, String> {
+        let view = self.0.tensor(name).map_err(|_| format!("tensor {name} is missing"))?;
+        if view.dtype() != dtype || view.shape().get(1..) != Some(row) {
+            let (dtype_found, shape) = (view.dtype(), view.shape());
+            return Err(format!(
+                "tensor {name} is {dtype_found:?} {shape:?} instead of rows of {dtype:?} {row:?}"
+            ));
+        }
+        Ok(pod_collect_to_vec(view.data()))
+    }
+}

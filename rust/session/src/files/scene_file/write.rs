@@ -1,0 +1,105 @@
+use super::{DESCRIPTION, Description, FORMAT_VERSION, KEY, MeshParts, SceneHeader, TextureParts, VIEW};
+use crate::bake::check_scene;
+use bytemuck::{NoUninit, cast_slice};
+use relume_scene::{Material, Mesh, Scene, Texels, Texture};
+use relume_trace::TraceSettings;
+use safetensors::tensor::{Dtype, TensorView, serialize};
+use std::collections::HashMap;
+
+/// The bytes of a scene's file.
+pub(super) fn encode(
+    scene: &Scene,
+    settings: &TraceSettings,
+    view: Option<&[u8]>,
+) -> Result<Vec<u8>, String> {
+    check_scene(scene)?;
+    let description = serde_json::to_vec(&describe(scene, settings)).map_err(|error| error.to_string())?;
+    // JSON has null for what is not a finite number, and no reader takes that: better said now than on the farm.
+    serde_json::from_slice::<Description<Material>>(&description)
+        .map_err(|error| format!("a value is not a finite number ({error}); correct it in Blender"))?;
+    let mut tensors = Tensors::default();
+    tensors.add(DESCRIPTION.into(), Dtype::U8, &[], &description)?;
+    for (number, mesh) in scene.meshes.iter().enumerate() {
+        tensors.add_mesh(&format!("mesh.{number}"), mesh)?;
+    }
+    for (number, texture) in scene.textures.iter().enumerate() {
+        let (name, row) = (format!("texture.{number}"), [texture.width, 4]);
+        match &texture.texels {
+            Texels::Byte(texels) => tensors.add(name, Dtype::U8, &row, texels)?,
+            Texels::Float(texels) => tensors.add(name, Dtype::F32, &row, texels)?,
+        }
+    }
+    if let Some(view) = view {
+        tensors.add(VIEW.into(), Dtype::U8, &[], view)?;
+    }
+    let (scene_hash, world_map) = (scene.hash(), scene.world_map());
+    let about = SceneHeader { format_version: FORMAT_VERSION, scene_hash, world_map };
+    let about = serde_json::to_string(&about).map_err(|error| error.to_string())?;
+    serialize(tensors.0, Some(HashMap::from([(KEY.to_owned(), about)]))).map_err(|error| error.to_string())
+}
+
+fn describe(scene: &Scene, settings: &TraceSettings) -> Description<Material> {
+    Description {
+        working_space: scene.working_space.clone(),
+        camera: scene.camera.clone(),
+        meshes: scene.meshes.iter().map(mesh_parts).collect(),
+        instances: scene.instances.clone(),
+        materials: scene.materials.clone(),
+        textures: scene.textures.iter().map(texture_parts).collect(),
+        world: scene.world.clone(),
+        lights: scene.lights.clone(),
+        warnings: scene.warnings.clone(),
+        settings: settings.clone(),
+    }
+}
+
+fn mesh_parts(mesh: &Mesh) -> MeshParts {
+    MeshParts {
+        name: mesh.name.clone(),
+        texture_space: mesh.texture_space,
+        uv_maps: mesh.uv_maps.iter().map(|map| map.name.clone()).collect(),
+        color_attributes: mesh.color_attributes.iter().map(|attribute| attribute.name.clone()).collect(),
+    }
+}
+
+fn texture_parts(texture: &Texture) -> TextureParts {
+    let Texture { width, height, encoding, alpha, .. } = *texture;
+    let is_float = matches!(texture.texels, Texels::Float(_));
+    TextureParts { name: texture.name.clone(), width, height, is_float, encoding, alpha }
+}
+
+/// Arrays that lie in the scene, by the names of their tensors.
+#[derive(Default)]
+struct Tensors<'a>(Vec<(String, TensorView<'a>)>);
+
+impl<'a> Tensors<'a> {
+    fn add_mesh(&mut self, name: &str, mesh: &'a Mesh) -> Result<(), String> {
+        self.add(format!("{name}.positions"), Dtype::F32, &[3], &mesh.positions)?;
+        self.add(format!("{name}.triangles"), Dtype::U32, &[3], &mesh.triangles)?;
+        self.add(format!("{name}.corner_normals"), Dtype::F32, &[3], &mesh.corner_normals)?;
+        self.add(format!("{name}.material_slots"), Dtype::U16, &[], &mesh.material_slots)?;
+        for (k, map) in mesh.uv_maps.iter().enumerate() {
+            self.add(format!("{name}.uv_map.{k}"), Dtype::F32, &[2], &map.coords)?;
+        }
+        for (k, attribute) in mesh.color_attributes.iter().enumerate() {
+            self.add(format!("{name}.color_attribute.{k}"), Dtype::F32, &[4], &attribute.colors)?;
+        }
+        Ok(())
+    }
+
+    /// Adds a tensor with as many rows of this shape as there are values for.
+    fn add<T: NoUninit>(
+        &mut self,
+        name: String,
+        dtype: Dtype,
+        row: &[usize],
+        values: &'a [T],
+    ) -> Result<(), String> {
+        let bytes: &[u8] = cast_slice(values);
+        let row_bytes = row.iter().product::<usize>() * dtype.bitsize() / 8;
+        let shape = [&[bytes.len() / row_bytes], row].concat();
+        let view = TensorView::new(dtype, shape, bytes).map_err(|error| format!("{name}: {error}"))?;
+        self.0.push((name, view));
+        Ok(())
+    }
+}

@@ -1,0 +1,467 @@
+use super::layers::{FrameLayers, FrameQuality, noise};
+use super::shared::{Frame, LiveState, Shared, Shown, State};
+use super::terms::{LightTerm, TermSource, light_terms};
+use super::view::{BakeView, Delivered, shown_statics};
+use super::world::WorldUnit;
+use super::{Aov, LiveOptions, LiveRequest};
+use crate::bake::world::forget;
+use crate::device::compute::Compute;
+use crate::device::gather::DeviceGather;
+use crate::device::image::DeviceImage;
+use crate::device::threads::beside_window;
+use crate::error::SessionError;
+use crate::progress::{Cancel, Listener, Monitor, Progress};
+use crate::relight::source::Method;
+use crate::relight::units::{SharedImage, Units};
+use relume_gather::SampleSplit;
+use relume_image::Image;
+use relume_scene::Light;
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, MutexGuard};
+use std::time::{Duration, Instant};
+
+/// Time for which a dragged light is gathered before it is shown.
+const DRAG_BUDGET: Duration = Duration::from_millis(60);
+/// Time between pictures of one that still grows.
+const SHOW_EVERY: Duration = Duration::from_millis(400);
+/// Pictures of a drag that take longer are made at half the size, and shorter ones at full size again.
+const SLOW: Duration = Duration::from_millis(50);
+const QUICK: Duration = Duration::from_millis(12);
+
+/// Thread that renders what the work delivers under the newest request.
+pub(super) struct RenderThread {
+    shared: Arc<Shared>,
+    options: LiveOptions,
+    compute: Compute,
+    monitor: Monitor,
+    view: Option<BakeView>,
+    units: Units,
+    /// World that is shown in place of the paths' own.
+    world: Option<WorldUnit>,
+    /// Bake folder that stores the light of such a world.
+    folder: Option<PathBuf>,
+    /// Request and delivery that were rendered last.
+    rendered: (u64, u64),
+    serial: u64,
+    /// True until something of this bake was shown.
+    first_frame: bool,
+    /// 1, or 2 on machines that are too slow for the full size in a drag.
+    drag_scale: usize,
+}
+
+/// Listener that passes warnings on to the status.
+struct StatusListener(Arc<Shared>);
+
+impl Listener for StatusListener {
+    fn progress(&self, _: &Progress) {}
+
+    fn warning(&self, message: &str) {
+        self.0.warn(message);
+    }
+}
+
+impl RenderThread {
+    pub fn new(shared: Arc<Shared>, options: LiveOptions) -> Self {
+        let monitor = Monitor::new(Arc::new(StatusListener(shared.clone())), Cancel::default());
+        let compute = Compute::default();
+        let (units, rendered) = (Units::default(), (0, 0));
+        Self {
+            shared,
+            options,
+            compute,
+            monitor,
+            view: None,
+            units,
+            world: None,
+            folder: None,
+            rendered,
+            serial: 0,
+            first_frame: true,
+            drag_scale: 1,
+        }
+    }
+
+    /// Sets a device that is open.
+    #[cfg(test)]
+    pub fn on(self, compute: Compute) -> Self {
+        Self { compute, ..self }
+    }
+
+    /// Sets the bake folder in which the light of another world is stored.
+    pub fn storing_in(self, folder: &Path) -> Self {
+        Self { folder: Some(folder.to_path_buf()), ..self }
+    }
+
+    /// Renders until the shot is closed.
+    pub fn run(mut self) {
+        let threads = self.options.threads;
+        let outcome =
+            catch_unwind(AssertUnwindSafe(|| beside_window(threads, || self.render_until_closed())));
+        if outcome.is_err() {
+            self.shared.change(|state| {
+                state.rendering = false;
+                state.picture_error = Some("internal error while rendering; please report it".into());
+            });
+        }
+    }
+
+    fn render_until_closed(&mut self) {
+        match self.options.device.open(self.options.gpu_memory) {
+            Ok(compute) => {
+                compute.warn(&self.monitor);
+                self.compute = compute;
+            }
+            Err(error) => self.monitor.warn(&format!("{error}; pictures are made on the CPU")),
+        }
+        let device = self.device_in_words();
+        self.shared.change(|state| state.status.device = device);
+        while self.render_next() {}
+    }
+
+    /// Waits for something new and renders it; false once the shot is closed.
+    pub fn render_next(&mut self) -> bool {
+        let Some(request) = self.next() else { return false };
+        let outcome = self.render(&request);
+        self.shared.change(|state| {
+            state.rendering = false;
+            state.picture_error = outcome.err().map(|error| error.to_string());
+        });
+        true
+    }
+
+    fn device_in_words(&self) -> String {
+        match &self.compute.gpu {
+            Some(gpu) => gpu.summary().name.clone(),
+            None => format!("CPU, {} threads", rayon::current_num_threads()),
+        }
+    }
+
+    /// Waits for something new and takes it over; none once the shot is closed.
+    fn next(&mut self) -> Option<Arc<LiveRequest>> {
+        let shared = self.shared.clone();
+        loop {
+            let rendered = self.rendered;
+            let mut state = shared.wait_while(|state| !has_news(state, rendered));
+            if state.closed {
+                return None;
+            }
+            let request = state.request.clone()?;
+            self.rendered = (state.requests, state.deliveries);
+            state.rendering = true;
+            let works = state.status.state.is_working();
+            let world = state.world.clone();
+            if self.view.as_ref().is_none_or(|view| view.deliveries != state.deliveries) {
+                self.renew_view(state);
+            }
+            if let Some(view) = &mut self.view {
+                let before = self.world.take();
+                self.world = world.map(|world| WorldUnit::of(world, view, before));
+                match works {
+                    true => view.share_machine(),
+                    false => view.prepare_for_rest(&self.compute),
+                }
+                return Some(request);
+            }
+        }
+    }
+
+    fn renew_view(&mut self, mut state: MutexGuard<State>) {
+        let delivered = Delivered::take(&mut state);
+        drop(state);
+        let before = self.view.take();
+        let known = before.as_ref().map(|view| view.bake.clone());
+        let new_proxies = delivered.proxies.is_some();
+        self.view = BakeView::new(delivered, &self.compute, before);
+        if known != self.view.as_ref().map(|view| view.bake.clone()) {
+            self.units = Units::default();
+            self.first_frame = true;
+        } else if new_proxies {
+            self.units.clear_proxies();
+        }
+    }
+
+    /// Renders a request. If the GPU fails that holds units, it tries once more without those.
+    fn render(&mut self, request: &LiveRequest) -> Result<(), SessionError> {
+        match self.try_render(request) {
+            Err(error) if error.is_of_gpu() && self.units.leave_gpu() => self.try_render(request),
+            outcome => outcome,
+        }
+    }
+
+    fn try_render(&mut self, request: &LiveRequest) -> Result<(), SessionError> {
+        let Some(mut view) = self.view.take() else { return Ok(()) };
+        if let Some(aov) = request.aov {
+            self.show_aov(aov, &view);
+            self.view = Some(view);
+            return Ok(());
+        }
+        let (terms, mut notes) = light_terms(request, &view);
+        self.units.trim(&terms.iter().map(|term| term.light.clone()).collect::<Vec<_>>());
+        // Starting a denoiser of the full size denoises its features, which takes longer than all of the first picture.
+        let scale = if self.first_frame && view.can_be_halved() { 2 } else { 1 };
+        notes.warnings.extend(view.denoise(scale).missing());
+        self.shared.change(|state| {
+            state.light_warnings = notes.warnings;
+            state.status.rarely_met = notes.under_sampled;
+        });
+        let outcome = if request.interactive {
+            self.render_drag(request, &view, &terms)
+        } else {
+            self.render_still(request, &mut view, &terms)
+        };
+        self.view = Some(view);
+        outcome
+    }
+
+    /// Renders one picture of a drag, as good as time allows.
+    fn render_drag(
+        &mut self,
+        request: &LiveRequest,
+        view: &BakeView,
+        terms: &[LightTerm],
+    ) -> Result<(), SessionError> {
+        let start = Instant::now();
+        let replaced = |term: &&LightTerm| {
+            let proxied =
+                request.method != Method::Gather && view.proxies.proxies().knowing(&term.light).is_some();
+            term.source == TermSource::Proxy
+                || term.source == TermSource::Gather
+                    && (proxied || self.units.get(&term.light).is_some_and(|unit| unit.gathered.has_clean()))
+        };
+        let is_needed = |number: usize, term: &LightTerm| match term.source {
+            TermSource::FirstView => self.is_waiting(request, view, &terms[number + 1], true),
+            _ => !replaced(&term),
+        };
+        let new = lights(terms, is_needed);
+        while self.advance(&new, view)? {
+            if self.units.all_begun(&new) && start.elapsed() > DRAG_BUDGET {
+                break;
+            }
+        }
+        let scale = request.half.map_or(self.drag_scale, |half| if half { 2 } else { 1 });
+        let scale = if view.can_be_halved() { scale } else { 1 };
+        self.show(request, view, terms, FrameQuality { scale, is_drag: true })?;
+        let took = start.elapsed();
+        if took > SLOW {
+            self.drag_scale = 2;
+        } else if took < QUICK {
+            self.drag_scale = 1;
+        }
+        Ok(())
+    }
+
+    /// Renders a picture at rest, shown as it grows. At first all noise is denoised at once, then light by light: later
+    /// edits of colour and strength are only sums.
+    fn render_still(
+        &mut self,
+        request: &LiveRequest,
+        view: &mut BakeView,
+        terms: &[LightTerm],
+    ) -> Result<(), SessionError> {
+        let gathered = self.gathered(request, view, terms);
+        let full = FrameQuality { scale: 1, is_drag: false };
+        let mut last_shown = Instant::now();
+        while self.advance(&self.gathered(request, view, terms), view)? {
+            if self.is_outdated() {
+                return Ok(());
+            }
+            let begun = self.units.all_begun(&gathered);
+            if begun && self.first_frame && view.can_be_halved() {
+                // A quarter of the pixels is denoised in a quarter of the time.
+                self.show(request, view, terms, FrameQuality { scale: 2, is_drag: false })?;
+                last_shown = Instant::now();
+            } else if begun && last_shown.elapsed() > SHOW_EVERY {
+                self.show(request, view, terms, full)?;
+                last_shown = Instant::now();
+            }
+        }
+        let settled = self.show(request, view, terms, full)?;
+        // The rest is for later edits; work goes on meanwhile.
+        self.shared.change(|state| state.rendering = false);
+        if !settled && self.refine(view, terms)? {
+            self.show(request, view, terms, full)?;
+        }
+        self.store_world(view);
+        Ok(())
+    }
+
+    /// Lights that are summed over all paths, and those whose direct view is needed at once.
+    fn gathered(&self, request: &LiveRequest, view: &BakeView, terms: &[LightTerm]) -> Vec<Light> {
+        let is_begun = |term: &LightTerm| self.units.passes(&term.light) > 0;
+        lights(terms, |number, term| match term.source {
+            TermSource::Gather | TermSource::DirectView => true,
+            TermSource::FirstView => {
+                !is_begun(term) && self.is_waiting(request, view, &terms[number + 1], false)
+            }
+            TermSource::Proxy => false,
+        })
+    }
+
+    /// True if a proxy stands in for a sum that is not complete.
+    fn is_waiting(&self, request: &LiveRequest, view: &BakeView, term: &LightTerm, drag: bool) -> bool {
+        let is_there = self.units.get(&term.light).is_some_and(|unit| {
+            unit.gathered.passes >= view.passes.len() || (drag && unit.gathered.has_clean())
+        });
+        term.source == TermSource::Gather
+            && !is_there
+            && request.method != Method::Gather
+            && view.proxies.proxies().knowing(&term.light).is_some()
+    }
+
+    /// Gathers one more pass of another world and of some of the lights; false if none is behind.
+    fn advance(&mut self, lights: &[Light], view: &BakeView) -> Result<bool, SessionError> {
+        let world = match &mut self.world {
+            Some(world) => world.advance(view, &self.compute, &self.monitor)?,
+            None => false,
+        };
+        let gather = |pass: &DeviceGather, lights: &[Light]| {
+            pass.device_images(lights, SampleSplit::All, &self.compute, &self.monitor)
+        };
+        Ok(self.units.advance(lights, &view.passes, gather)? || world)
+    }
+
+    /// Stores the light of another world for when the bake is opened again, once no more paths are to be expected.
+    fn store_world(&mut self, view: &BakeView) {
+        let (Some(world), Some(folder)) = (&mut self.world, &self.folder) else { return };
+        let may_store =
+            |state: &State| state.status.state != LiveState::Baking && world.is_of(state.world.as_ref());
+        if !may_store(&self.shared.lock()) {
+            return;
+        }
+        let stored = world.store(view, folder);
+        if let Err(error) = &stored {
+            self.monitor.warn(&error.to_string());
+        }
+        let mut forgotten = Ok(());
+        self.shared.change(|state| {
+            if world.is_of(state.world.as_ref()) {
+                state.status.world_is_stored = stored.is_ok_and(|stored| stored);
+            } else {
+                forgotten = forget(folder);
+            }
+        });
+        // Not before the lock is free, which a warning takes.
+        if let Err(error) = forgotten {
+            self.monitor.warn(&error.to_string());
+        }
+    }
+
+    /// Denoises stale pictures one at a time; false if something newer came up.
+    fn refine(&mut self, view: &mut BakeView, terms: &[LightTerm]) -> Result<bool, SessionError> {
+        let (denoise, quality) = (&view.denoise[0], view.quality);
+        let stop = || has_news(&self.shared.lock(), self.rendered);
+        for term in terms.iter().filter(|term| term.source == TermSource::Gather) {
+            let gathered = &mut self.units.of(&term.light).gathered;
+            if !gathered.is_done(quality) && !gathered.denoise(denoise, quality, Some(&stop))? {
+                return Ok(false);
+            }
+        }
+        if let Some(world) = self.world.as_mut().filter(|world| !world.is_done(quality))
+            && !world.gathered.denoise(denoise, quality, Some(&stop))?
+        {
+            return Ok(false);
+        }
+        for layer in &mut view.statics[shown_statics(self.world.is_some())] {
+            if !layer.denoise(denoise, quality, Some(&stop))? {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    /// True if another picture is asked for.
+    fn is_outdated(&self) -> bool {
+        let state = self.shared.lock();
+        state.closed || state.requests != self.rendered.0
+    }
+
+    /// Sums, denoises what is noisy, and publishes the frame. True if nothing in it was noisy.
+    fn show(
+        &mut self,
+        request: &LiveRequest,
+        view: &BakeView,
+        terms: &[LightTerm],
+        quality: FrameQuality,
+    ) -> Result<bool, SessionError> {
+        let stand_ins = self.stand_ins(request, view, terms, quality)?;
+        let units = (&self.units, self.world.as_ref());
+        let layers = FrameLayers::new(request, view, units, terms, &stand_ins, quality);
+        let image = layers.image(view, quality)?;
+        self.first_frame = false;
+        let denoised = view.denoise(quality.scale).missing().is_none();
+        // Without a denoiser nothing gets better than it is.
+        let settled = layers.is_best || !denoised;
+        let noise = if settled && !quality.is_drag {
+            noise(request, units, terms, &stand_ins, &image)?
+        } else {
+            None
+        };
+        let (scale, samples, sources) = (quality.scale, layers.samples, layers.sources);
+        self.publish(image, |shown| Shown { scale, samples, sources, denoised, settled, noise, ..shown });
+        Ok(settled)
+    }
+
+    /// Shows surfaces as the paths met them, whatever the lights are.
+    fn show_aov(&mut self, aov: Aov, view: &BakeView) {
+        let samples = view.samples();
+        self.publish(aov.image(&view.aovs), |shown| Shown { samples, ..shown });
+    }
+
+    /// Publishes a frame. `describe` changes its defaults: full size, and nothing better to come.
+    fn publish(&mut self, image: Image, describe: impl FnOnce(Shown) -> Shown) {
+        self.serial += 1;
+        let shown = describe(Shown {
+            serial: self.serial,
+            request: self.rendered.0,
+            scale: 1,
+            samples: 0,
+            sources: BTreeMap::new(),
+            denoised: false,
+            settled: true,
+            noise: None,
+            deliveries: self.rendered.1,
+        });
+        let frame = Arc::new(Frame { image, shown: shown.clone() });
+        self.shared.change(|state| {
+            state.frame = Some(frame);
+            state.status.shown = Some(shown);
+        });
+    }
+
+    /// Answers of proxies, for their own terms and for those that wait for more paths.
+    fn stand_ins(
+        &mut self,
+        request: &LiveRequest,
+        view: &BakeView,
+        terms: &[LightTerm],
+        quality: FrameQuality,
+    ) -> Result<Vec<Option<SharedImage>>, SessionError> {
+        let mut images = Vec::with_capacity(terms.len());
+        for term in terms {
+            let waits = self.is_waiting(request, view, term, quality.is_drag);
+            let unit = self.units.of(&term.light);
+            let evaluate = |half| match half {
+                true => Ok(DeviceImage::Cpu(view.proxies.half_image(&term.light)?)),
+                false => view.proxies.device_image(&term.light, &self.compute, &self.monitor),
+            };
+            let half = quality.scale == 2 && self.compute.gpu.is_none();
+            let needed = term.source == TermSource::Proxy || waits;
+            images.push(needed.then(|| unit.proxied(half, evaluate)).transpose()?);
+        }
+        Ok(images)
+    }
+}
+
+/// Lights of some terms, chosen by number and term.
+fn lights(terms: &[LightTerm], is_needed: impl Fn(usize, &LightTerm) -> bool) -> Vec<Light> {
+    let needed = terms.iter().enumerate().filter(|(number, term)| is_needed(*number, term));
+    needed.map(|(_, term)| term.light.clone()).collect()
+}
+
+/// True if something was not rendered yet.
+fn has_news(state: &State, rendered: (u64, u64)) -> bool {
+    let something = state.dump.is_some() || state.base.is_some();
+    state.closed || something && state.request.is_some() && (state.requests, state.deliveries) != rendered
+}

@@ -1,0 +1,336 @@
+use super::shared::{Gate, LiveState, ProxyStatus, Shared, TrainingPlan, kinds_of};
+use super::{LiveOptions, OtherWorld};
+use crate::bake::features::camera;
+use crate::bake::guiding::{GuideCoverage, GuidingRecord};
+use crate::bake::world::WorldLayer;
+use crate::bake::{Observer, bake_observed, clear, clear_paths, difference};
+use crate::device::compute::Compute;
+use crate::device::threads::in_background;
+use crate::error::SessionError;
+use crate::files::base_layers;
+use crate::files::contents::{self, lost_files};
+use crate::files::damage::{damage_message, reason_of};
+use crate::files::light_set::LightSet;
+use crate::files::names::GUIDED_FILE;
+use crate::files::proxies::Proxies;
+use crate::progress::{Cancel, Monitor};
+use crate::train::sizes::sizes_with;
+use crate::train::{Clock, TrainSettings, train};
+use relume_dump::{Dump, DumpError, Manifest};
+use relume_proxy::{LightKind, TrainConfig};
+use relume_scene::{Light, Scene};
+use relume_trace::{TraceSettings, guide_targets as scene_guide_targets};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Paths per pixel that the first training is done on; a sum of whole passes.
+const SAMPLES_TO_TRAIN: u32 = 64;
+
+/// First task of the work thread; training follows.
+pub(super) enum Work {
+    /// Bakes a scene. `anew` also replaces a whole bake that is not guided towards the present lights.
+    Bake { scene: Arc<Scene>, settings: TraceSettings, anew: bool },
+    /// Opens the bake that the folder holds.
+    Open,
+    /// Only trains: the bake is there and shown.
+    Learn,
+}
+
+impl Work {
+    /// The state that it begins in.
+    pub fn first_state(&self) -> LiveState {
+        match self {
+            Self::Bake { .. } | Self::Open => LiveState::Preparing,
+            Self::Learn => LiveState::Training,
+        }
+    }
+}
+
+/// One run of the work thread.
+pub(super) struct WorkRun {
+    pub work: Work,
+    pub train_seconds: f64,
+    pub folder: PathBuf,
+    pub options: LiveOptions,
+    pub shared: Arc<Shared>,
+    pub cancel: Cancel,
+}
+
+impl WorkRun {
+    pub fn run(self) {
+        let outcome = catch_unwind(AssertUnwindSafe(|| in_background(self.options.threads, || self.work())));
+        let (state, error) = match outcome {
+            Ok(Ok(())) => (LiveState::Ready, None),
+            Ok(Err(SessionError::Cancelled)) => (LiveState::Cancelled, None),
+            Ok(Err(error)) => (LiveState::Failed, Some(error.to_string())),
+            Err(_) => (LiveState::Failed, Some("internal error while baking; please report it".into())),
+        };
+        self.shared.change(|shared| {
+            shared.status.state = state;
+            shared.status.error = error;
+            shared.status.stage = None;
+            shared.training_plan = TrainingPlan::default();
+            // The render thread has the machine now: it makes better pictures, and stores the light of another world.
+            shared.deliveries += 1;
+        });
+    }
+
+    fn work(&self) -> Result<(), SessionError> {
+        let gate = Gate { shared: self.shared.clone(), cancel: self.cancel.clone() };
+        let monitor = Monitor::new(Arc::new(gate), self.cancel.clone());
+        match &self.work {
+            Work::Bake { scene, settings, anew } => {
+                if *anew && self.should_retrace(scene, settings)? {
+                    clear_paths(&self.folder)?;
+                }
+                self.bake(scene, settings, &monitor)
+            }
+            Work::Open => {
+                let complete = self.open()?;
+                if complete { self.learn(&monitor) } else { Ok(()) }
+            }
+            Work::Learn => self.learn(&monitor),
+        }
+    }
+
+    /// True if a whole bake of the scene exists but retracing, guided towards the present lights and world, would cut
+    /// noise enough. Also true if its guiding record is lost.
+    fn should_retrace(&self, scene: &Scene, settings: &TraceSettings) -> Result<bool, SessionError> {
+        let is_there = self.folder.join(Manifest::FILE).exists();
+        let Some(dump) = is_there.then(|| Dump::open(&self.folder)).transpose()? else { return Ok(false) };
+        let manifest = dump.manifest();
+        let is_same = manifest.scene_hash == scene.hash() && manifest.samples() >= settings.samples;
+        if !is_same || !dump.missing().is_empty() {
+            return Ok(false);
+        }
+        if manifest.world_map != scene.world_map() || contents::is_lost(&self.folder.join(GUIDED_FILE)) {
+            return Ok(true);
+        }
+        let guiding_record = GuidingRecord::of_bake(&self.folder).unwrap_or_default();
+        let coverage = GuideCoverage::new(&guiding_record, manifest, &dump.aovs(), &camera(manifest)?);
+        Ok(coverage.would_gain(&self.guide_targets(scene, settings), settings.guiding))
+    }
+
+    /// Bakes and trains, then bakes the rest and trains again if that is much more: a proxy is ready long before a
+    /// large bake ends. Existing samples stay, even if fewer are asked for.
+    fn bake(&self, scene: &Scene, settings: &TraceSettings, monitor: &Monitor) -> Result<(), SessionError> {
+        if matches!(difference(scene, settings, &self.folder), Ok(Some(Manifest::WORLD_MAP))) {
+            clear_paths(&self.folder)?;
+        }
+        let there = self.whole_samples(scene, settings);
+        let world = Arc::new(OtherWorld::new(scene)?);
+        self.shared.show_world(world);
+        let total = settings.samples.max(there);
+        self.shared.change(|state| state.status.samples_total = total);
+        let early = Some(SAMPLES_TO_TRAIN).filter(|early| (there + 1..total).contains(early));
+        let rounds: Vec<u32> =
+            early.filter(|_| self.train_seconds > 0.0).into_iter().chain([total]).collect();
+        self.plan(&rounds);
+        for samples in rounds {
+            self.enter(LiveState::Baking);
+            let settings = TraceSettings { samples, threads: 0, ..settings.clone() };
+            self.bake_samples(scene, &settings, monitor)?;
+            self.deliver_proxies();
+            self.train(monitor)?;
+            self.shared.change(|state| {
+                state.training_plan.rounds.pop_front();
+            });
+        }
+        Ok(())
+    }
+
+    /// Enters a state without any progress yet.
+    fn enter(&self, state: LiveState) {
+        self.shared.change(|shared| {
+            shared.status.state = state;
+            shared.status.stage = None;
+        });
+    }
+
+    /// Samples of the whole passes that the folder holds of this bake.
+    fn whole_samples(&self, scene: &Scene, settings: &TraceSettings) -> u32 {
+        if !matches!(difference(scene, settings, &self.folder), Ok(None)) {
+            return 0;
+        }
+        let whole = |dump: Dump| dump.passes(0..dump.complete_passes()).manifest().samples();
+        Dump::open(&self.folder).map_or(0, whole)
+    }
+
+    fn bake_samples(
+        &self,
+        scene: &Scene,
+        settings: &TraceSettings,
+        monitor: &Monitor,
+    ) -> Result<(), SessionError> {
+        let lights = || self.guide_targets(scene, settings);
+        let samples = self.shared.lock().status.samples_total;
+        let observer = Observer { samples, lights: &lights, passes: &|dump| self.deliver(dump) };
+        let bake = || bake_observed(scene, settings, &self.folder, true, monitor, &observer);
+        match bake() {
+            Err(SessionError::Dump(DumpError::OtherBake { difference: Manifest::WORLD_MAP, .. })) => {
+                clear_paths(&self.folder)?;
+                bake().map(drop)
+            }
+            Err(SessionError::Dump(DumpError::OtherBake { .. })) => {
+                clear(&self.folder)?;
+                self.shared.change(|state| {
+                    state.proxies = None;
+                    state.measured.clear();
+                });
+                bake().map(drop)
+            }
+            done => done.map(drop),
+        }
+    }
+
+    /// Lights of the scene, and of the newest request where they are elsewhere: they may have moved since it was read.
+    fn guide_targets(&self, scene: &Scene, settings: &TraceSettings) -> Vec<Light> {
+        let mut lights = scene_guide_targets(scene, settings);
+        if let Some(request) = &self.shared.lock().request {
+            let is_elsewhere = |light: &&Light| lights.iter().all(|known| known.shape != light.shape);
+            let shown: Vec<Light> = request.lights.iter().filter(is_elsewhere).cloned().collect();
+            lights.extend(shown);
+        }
+        lights
+    }
+
+    /// Opens the folder; true if it holds a whole bake.
+    fn open(&self) -> Result<bool, SessionError> {
+        lost_files(&self.folder).iter().for_each(|text| self.shared.warn(text));
+        if !self.folder.join(Manifest::FILE).exists() {
+            let base = Arc::new(base_layers::read(&self.folder)?);
+            self.shared.change(|state| {
+                state.base = Some(base);
+                state.deliveries += 1;
+            });
+            self.deliver_proxies();
+            return Ok(false);
+        }
+        let dump = Dump::open(&self.folder)?;
+        let complete = dump.complete_passes();
+        if let Some((tile, pass)) = dump.lost() {
+            let path = Manifest::shard_path(&self.folder, tile, pass);
+            self.shared.warn(&format!(
+                "{} is missing: the samples from there on are not shown; go on with the bake to trace it again",
+                path.display()
+            ));
+        }
+        if complete == 0 {
+            let reason = format!("{} holds the start of a bake only; bake again", self.folder.display());
+            return Err(SessionError::Settings(reason));
+        }
+        let stored = WorldLayer::of_bake(&self.folder, dump.manifest()).unwrap_or_else(|error| {
+            self.shared.warn(&error.to_string());
+            None
+        });
+        if let Err(error) = GuidingRecord::of_bake(&self.folder) {
+            self.shared.warn(&damage_message(&self.folder.join(GUIDED_FILE), &reason_of(error)));
+        }
+        self.shared.change(|state| {
+            state.status.samples_total = dump.manifest().samples();
+            // One that was asked for meanwhile is newer.
+            state.world = state.world.take().or(stored.map(|layer| Arc::new(OtherWorld::stored(layer))));
+        });
+        self.deliver(dump.passes(0..complete));
+        self.deliver_proxies();
+        Ok(dump.missing().is_empty())
+    }
+
+    fn deliver(&self, dump: Dump) {
+        // Without the record nothing is lost but what it has to say about rare lights.
+        let guiding_record = GuidingRecord::of_bake(&self.folder).unwrap_or_default();
+        self.shared.change(|state| {
+            state.guiding_record = guiding_record;
+            state.status.samples = dump.manifest().samples();
+            state.dump = Some(dump);
+            state.note_world();
+            state.deliveries += 1;
+        });
+    }
+
+    fn deliver_proxies(&self) {
+        let Some(hash) = self.scene_hash() else { return };
+        let (proxies, unusable) = Proxies::open_usable(&self.folder, &hash);
+        unusable.iter().for_each(|problem| self.shared.warn(problem));
+        let status = proxies.iter().filter_map(|trained| {
+            let measured = trained.measured?;
+            let status = ProxyStatus {
+                psnr: measured.proxy.psnr,
+                smape: measured.proxy.smape,
+                gather_smape: measured.gather_denoised.smape,
+            };
+            Some((trained.proxy.info().kind.to_string(), status))
+        });
+        let status = status.collect();
+        let measured =
+            proxies.iter().filter_map(|trained| Some((trained.proxy.info().kind, trained.measured?)));
+        let measured = measured.collect();
+        self.shared.change(|state| {
+            state.status.proxies = status;
+            state.measured = measured;
+            state.proxies = Some(proxies);
+            state.deliveries += 1;
+        });
+    }
+
+    fn scene_hash(&self) -> Option<String> {
+        let state = self.shared.lock();
+        let of_dump = state.dump.as_ref().map(|dump| dump.manifest().scene_hash.clone());
+        of_dump.or_else(|| state.base.as_ref().map(|base| base.scene_hash.clone()))
+    }
+
+    /// Plans the numbers of paths per pixel after which lights are learned.
+    fn plan(&self, rounds: &[u32]) {
+        let rounds = rounds.iter().copied().filter(|_| self.train_seconds > 0.0).collect();
+        self.shared
+            .change(|state| state.training_plan = TrainingPlan { seconds: self.train_seconds, rounds });
+    }
+
+    /// Trains on the whole bake that is shown.
+    fn learn(&self, monitor: &Monitor) -> Result<(), SessionError> {
+        let samples = self.shared.lock().status.samples;
+        self.plan(&[samples]);
+        self.train(monitor)
+    }
+
+    fn train(&self, monitor: &Monitor) -> Result<(), SessionError> {
+        if self.train_seconds == 0.0 {
+            return Ok(());
+        }
+        let compute = self.options.device.open(self.options.gpu_memory)?;
+        let mut seen = Vec::new();
+        // Asked each time: lights of another kind may have been added while one was learned.
+        while let Some(kind) = kinds_of(&self.lights_in_use()?).into_iter().find(|kind| !seen.contains(kind))
+        {
+            seen.push(kind);
+            if !self.shared.lock().is_trained(kind) {
+                self.enter(LiveState::Training);
+                self.train_kind(kind, &compute, monitor)?;
+                self.deliver_proxies();
+            }
+        }
+        Ok(())
+    }
+
+    fn train_kind(&self, kind: LightKind, compute: &Compute, monitor: &Monitor) -> Result<(), SessionError> {
+        let settings = TrainSettings {
+            kind,
+            config: TrainConfig::fast(sizes_with(&self.folder, kind, &self.lights_in_use()?)?),
+            seed: 0,
+            seconds: Some(self.train_seconds),
+            clock: Clock::Wall,
+            half_for_measuring: true,
+        };
+        train(&self.folder, &self.folder, &settings, false, compute, monitor).map(drop)
+    }
+
+    /// The lights that are asked for, and those that the scene came with.
+    fn lights_in_use(&self) -> Result<Vec<Light>, SessionError> {
+        let mut lights: Vec<Light> = LightSet::of_bake(&self.folder)?.lights;
+        if let Some(request) = &self.shared.lock().request {
+            lights.extend(request.lights.iter().cloned());
+        }
+        Ok(lights)
+    }
+}

@@ -1,0 +1,187 @@
+use glam::Vec3;
+use rayon::prelude::*;
+use relume_gather::{DenoiseQuality, Gather, GatherError, GpuGather, PreparedLight, SampleSplit, Scratch};
+use relume_gpu::{Buffer, Gpu, GpuError};
+use relume_image::Image;
+use relume_proxy::{DeviceTargets, GroupQueries, PixelQueries, ProxyError, Rng, TargetSource};
+use relume_scene::{Light, LightShape};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use crate::relight::denoise::Denoise;
+
+/// Targets of a training, gathered from a dump (paper, section 4.4).
+pub struct DumpTargets<'a> {
+    gather: &'a Gather,
+    split: SampleSplit,
+    bounds: (Vec3, Vec3),
+    denoise: &'a Denoise,
+    gpu: Option<&'a GpuTargets>,
+}
+
+/// A dump on a GPU, for targets.
+pub struct GpuTargets {
+    gpu: Arc<Gpu>,
+    gather: GpuGather,
+    gathers_pixels: bool,
+    lacked_room: AtomicBool,
+}
+
+impl GpuTargets {
+    /// Brings a dump there.
+    ///
+    /// # Errors
+    /// If the device was lost.
+    pub fn new(gpu: &Arc<Gpu>, gather: &Gather) -> Result<Self, GatherError> {
+        let gather = GpuGather::new(Arc::clone(gpu), gather)?;
+        let gathers_pixels = gather.gathers_pixels();
+        Ok(Self { gpu: Arc::clone(gpu), gather, gathers_pixels, lacked_room: false.into() })
+    }
+
+    /// True if single pixels are gathered there: the whole dump stays, or there was room to copy parts.
+    pub fn gathers_pixels(&self) -> bool {
+        self.gathers_pixels
+    }
+
+    /// True if the CPU had to gather single pixels for lack of room.
+    pub fn lacked_room(&self) -> bool {
+        self.lacked_room.load(Ordering::Relaxed)
+    }
+
+    /// Bytes of the dump that were copied for single pixels, since it does not stay there.
+    pub fn copied_bytes(&self) -> u64 {
+        self.gather.copied_bytes()
+    }
+
+    /// Gathers pixels under lights that neighbours share.
+    fn pixel_targets(
+        &self,
+        pixels: &[u32],
+        lights: &[PreparedLight],
+        lights_per_pixel: usize,
+        split: SampleSplit,
+        out: &Buffer<f32>,
+    ) -> Result<(), GatherError> {
+        let lights = self.gather.lights(lights)?;
+        self.gather.pixel_targets(pixels, &lights, lights_per_pixel as u32, split, out)
+    }
+}
+
+impl<'a> DumpTargets<'a> {
+    /// Targets from some of the paths of each pixel. `bounds` is the box of visible positions.
+    pub fn new(gather: &'a Gather, split: SampleSplit, bounds: (Vec3, Vec3), denoise: &'a Denoise) -> Self {
+        Self { gather, split, bounds, denoise, gpu: None }
+    }
+
+    /// Sets a GPU that gathers, if there is one.
+    #[must_use]
+    pub fn on(self, gpu: Option<&'a GpuTargets>) -> Self {
+        Self { gpu, ..self }
+    }
+
+    /// Targets from other paths of each pixel.
+    #[must_use]
+    pub fn of_split(&self, split: SampleSplit) -> Self {
+        Self { split, ..*self }
+    }
+
+    /// The denoiser.
+    pub fn denoise(&self) -> &'a Denoise {
+        self.denoise
+    }
+
+    /// The dump on the GPU, if single pixels are gathered there.
+    fn for_pixels(&self) -> Option<&GpuTargets> {
+        self.gpu.filter(|gpu| gpu.gathers_pixels)
+    }
+
+    /// Targets that the GPU would have gathered for these queries, with lights prepared.
+    fn gathered_here(&self, queries: &GroupQueries<'_>, lights: &[PreparedLight]) -> Vec<[f32; 3]> {
+        let (count, group) = (queries.lights_per_pixel, queries.group);
+        let mut values = vec![[0.0; 3]; queries.pixels.len() * count];
+        let groups = values.par_chunks_mut(group * count).zip(queries.pixels.par_chunks(group));
+        groups.zip(lights.par_chunks(count)).for_each_init(
+            Scratch::default,
+            |scratch, ((values, pixels), lights)| {
+                for (pixel, values) in pixels.iter().zip(values.chunks_exact_mut(count)) {
+                    let (x, y) = self.place(*pixel);
+                    self.gather.pixel_into(x, y, lights, self.split, scratch, values);
+                }
+            },
+        );
+        values
+    }
+
+    fn prepare(&self, shape: &LightShape) -> Result<PreparedLight, ProxyError> {
+        self.gather.prepare(&Light::unit(*shape)).map_err(ProxyError::targets)
+    }
+
+    fn place(&self, pixel: u32) -> (usize, usize) {
+        let width = self.gather.dump().manifest().width;
+        (pixel as usize % width, pixel as usize / width)
+    }
+}
+
+impl TargetSource for DumpTargets<'_> {
+    fn bounds(&self) -> (Vec3, Vec3) {
+        self.bounds
+    }
+
+    fn segment_point(&self, pixel: u32, rng: &mut Rng) -> Option<Vec3> {
+        let (x, y) = self.place(pixel);
+        // Some segments end outside of every box; another one will do.
+        const TRIES: usize = 8;
+        (0..TRIES).find_map(|_| self.gather.segment_point(x, y, [rng.next_f32(), rng.next_f32()]))
+    }
+
+    fn pixel_targets(&self, queries: &PixelQueries<'_>, out: &mut [[f32; 3]]) -> Result<(), ProxyError> {
+        let count = queries.lights_per_pixel;
+        let pixels = queries.pixels.par_iter().zip(queries.lights.par_chunks_exact(count));
+        pixels.zip(out.par_chunks_exact_mut(count)).try_for_each_init(
+            || (Scratch::default(), Vec::with_capacity(count)),
+            |(scratch, lights), ((pixel, shapes), values)| {
+                lights.clear();
+                for shape in shapes {
+                    lights.push(self.prepare(shape)?);
+                }
+                let (x, y) = self.place(*pixel);
+                self.gather.pixel_into(x, y, lights, self.split, scratch, values);
+                Ok(())
+            },
+        )
+    }
+
+    fn images(&self, lights: &[LightShape], denoised: bool) -> Result<Vec<Image>, ProxyError> {
+        let lights: Vec<PreparedLight> =
+            lights.iter().map(|shape| self.prepare(shape)).collect::<Result<_, _>>()?;
+        let mut images = match self.gpu {
+            Some(gpu) => gpu.gather.unit_images(&lights, self.split).map_err(ProxyError::targets)?,
+            None => self.gather.unit_images(&lights, self.split),
+        };
+        if denoised {
+            self.denoise.images(&mut images, DenoiseQuality::Fast).map_err(ProxyError::targets)?;
+        }
+        Ok(images)
+    }
+
+    fn on_device(&self) -> Option<&dyn DeviceTargets> {
+        self.for_pixels().map(|_| self as &dyn DeviceTargets)
+    }
+}
+
+impl DeviceTargets for DumpTargets<'_> {
+    fn pixel_targets(&self, queries: &GroupQueries<'_>, out: &Buffer<f32>) -> Result<(), ProxyError> {
+        let gpu = self.for_pixels().ok_or_else(|| ProxyError::targets("the source is not on the device"))?;
+        let lights: Vec<PreparedLight> =
+            queries.lights.iter().map(|shape| self.prepare(shape)).collect::<Result<_, _>>()?;
+        let count = queries.lights_per_pixel;
+        match gpu.pixel_targets(queries.pixels, &lights, count, self.split, out) {
+            Err(GatherError::Gpu(GpuError::OutOfMemory { .. })) => {
+                gpu.lacked_room.store(true, Ordering::Relaxed);
+                gpu.gpu.write(out, 0, self.gathered_here(queries, &lights).as_flattened());
+                Ok(())
+            }
+            result => result.map_err(ProxyError::targets),
+        }
+    }
+}
