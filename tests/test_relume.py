@@ -283,7 +283,7 @@ resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 live = relume.Live(folder, device="cpu")
 scene = lit_plane()
 lights = json.loads(scene.lights())
-lights = [relume.Light(light) for light in lights["lights"]]
+lights = [relume.Light(light) for light in lights]
 live.relight(relume.Request(lights))
 live.bake(scene, SETTINGS_OF_FULL_DISK, train_seconds=0.0)
 while live.status().state not in ("failed", "ready"):
